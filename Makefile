@@ -1,0 +1,52 @@
+# Two commands on a fresh machine (python3 >= 3.11 with venv, make, g++):
+#   make demo    build, install into .venv, run the whole pipeline on the shipped sample
+#   make test    build, install into .venv, run the test suite against the installed wheel
+PYTHON ?= python3
+VENV   ?= .venv
+PYTEST_ARGS ?= -n 2 --dist loadfile
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.vfplan-installed
+SOURCES := pyproject.toml README.md LICENSE \
+           $(shell find vfplan cli schemas samples -type f -not -path '*/__pycache__/*' 2>/dev/null)
+
+.PHONY: demo test test-full lint format install clean
+install: $(STAMP)
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install -q --upgrade pip
+
+$(VENV)/.vfplan-tools: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install -q "scikit-build-core>=1.1" "nanobind>=3.1" cmake ninja
+	touch $@
+
+$(STAMP): $(SOURCES) | $(VENV)/.vfplan-tools
+	rm -rf build/wheel
+	$(BIN)/python -m pip wheel -q --no-build-isolation --no-deps -w build/wheel .
+	$(BIN)/python -m pip install -q --no-deps --force-reinstall build/wheel/*.whl
+	$(BIN)/python -m pip install -q "$$(ls build/wheel/*.whl)[dicom,sign,test]"
+	touch $@
+
+demo: $(STAMP)
+	$(BIN)/vfplan demo -o demo --overwrite
+
+test: $(STAMP)
+	$(BIN)/pytest $(PYTEST_ARGS)
+
+test-full: $(STAMP)
+	$(BIN)/pytest $(PYTEST_ARGS) --full
+
+lint: | $(BIN)/python
+	$(BIN)/python -m pip install -q "ruff>=0.9" "clang-format==23.1.5"
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	find vfplan/native samples tests -name '*.hpp' -o -name '*.cpp' | xargs -r $(BIN)/clang-format --dry-run --Werror
+
+format: | $(BIN)/python
+	$(BIN)/python -m pip install -q "ruff>=0.9" "clang-format==23.1.5"
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+	find vfplan/native samples tests -name '*.hpp' -o -name '*.cpp' | xargs -r $(BIN)/clang-format -i
+
+clean:
+	rm -rf build dist $(VENV)

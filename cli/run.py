@@ -1,0 +1,172 @@
+"""What every command shares at run time: output, errors, exit codes, progress.
+
+A command's body computes and returns a `Report`; this module prints it. The rules (one JSON
+document on stdout and nothing else, one line on stderr for an error, no file left behind) hold for
+every command because they are written once, here.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import logging
+import math
+import os
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import click
+
+from vfplan.errors import OutputError, VfplanError
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a command found: `data` for `--json`, `text` for a person, `exit_code` for a script."""
+
+    data: dict[str, Any]
+    text: str = ""
+    exit_code: int = 0
+    warnings: list[str] = field(default_factory=list)
+
+
+def jsonable(value: Any) -> Any:
+    """The value as JSON holds it: arrays as nested lists, NaN and infinities as `null`."""
+    if isinstance(value, dict):
+        return {str(k): jsonable(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [jsonable(v) for v in value]
+    if hasattr(value, "tolist"):  # NumPy arrays and scalars, without importing NumPy here
+        return jsonable(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.Command]:
+    """A click command whose function returns a `Report`.
+
+    Adds `--json`, `-q` and `-v`, times the call (`elapsed_s`), and turns every `VfplanError` into
+    one line and its exit code.
+    """
+
+    def wrap(function: Callable[..., Report]) -> click.Command:
+        @functools.wraps(function)
+        def body(as_json: bool, quiet: bool, verbose: int, **kwargs: Any) -> None:
+            _configure_log(quiet, verbose)
+            started = time.perf_counter()
+            try:
+                report = function(**kwargs)
+            except VfplanError as error:
+                _fail(error.kind, error.message, error.where, error.exit_code, as_json, verbose)
+            except MemoryError:
+                _fail("MemoryError", "not enough memory for this input", None, 3, as_json, verbose)
+            except BrokenPipeError:
+                sys.exit(1)
+            else:
+                _emit(report, time.perf_counter() - started, as_json, quiet)
+
+        for option in (
+            click.option("-v", "--verbose", count=True, help="More detail; -vv adds tracebacks."),
+            click.option("-q", "--quiet", is_flag=True, help="No report on stdout, errors only."),
+            click.option("--json", "as_json", is_flag=True, help="One JSON document on stdout."),
+        ):
+            body = option(body)
+        return click.command(name, **attrs)(body)
+
+    return wrap
+
+
+def _configure_log(quiet: bool, verbose: int) -> None:
+    by_verbosity = (logging.WARNING, logging.INFO, logging.DEBUG)
+    level = logging.ERROR if quiet else by_verbosity[min(verbose, 2)]
+    logging.basicConfig(level=level, format="vfplan: %(message)s", stream=sys.stderr, force=True)
+
+
+def _emit(report: Report, elapsed: float, as_json: bool, quiet: bool) -> None:
+    for warning in report.warnings:
+        click.echo(f"vfplan: warning: {warning}", err=True)
+    if as_json:
+        data = dict(report.data)
+        if report.warnings:
+            data.setdefault("warnings", report.warnings)
+        data.setdefault("elapsed_s", round(elapsed, 6))
+        click.echo(json.dumps(jsonable(data), indent=2, allow_nan=False))
+    elif not quiet:
+        click.echo(report.text)
+    sys.exit(report.exit_code)
+
+
+def _fail(
+    kind: str, message: str, where: str | None, code: int, as_json: bool, verbose: int
+) -> None:
+    if verbose >= 2:
+        traceback.print_exc()
+    if as_json:
+        error = {"kind": kind, "message": message, "where": where}
+        click.echo(json.dumps({"error": error}, indent=2))
+    line = f"{where}: {message}" if where else message
+    click.echo("vfplan: error: " + " ".join(line.split()), err=True)
+    sys.exit(code)
+
+
+def refuse_existing(*paths: Path | None, overwrite: bool) -> None:
+    """Check every output path before any work is done.
+
+    Raises `OutputError` when a path exists and `overwrite` is false, or its folder is missing.
+    """
+    for path in paths:
+        if path is None:
+            continue
+        if path.exists() and not overwrite:
+            raise OutputError("exists already; give --overwrite to replace it", where=str(path))
+        if path.is_dir():
+            raise OutputError("is a directory; a file is wanted", where=str(path))
+        if not path.parent.is_dir():
+            raise OutputError("its folder does not exist", where=str(path))
+
+
+@contextmanager
+def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
+    """Write several files together: all of them appear, or none.
+
+    Yields one temporary path a given path (same folder, same suffix; `None` stays `None`); moves
+    them into place when the block ends well and deletes them when it does not.
+    """
+    temporaries = tuple(p and _temporary_beside(p) for p in paths)
+    try:
+        yield temporaries
+        for path, temporary in zip(paths, temporaries, strict=True):
+            if path is not None and temporary is not None:
+                os.replace(temporary, path)
+    finally:
+        for temporary in temporaries:
+            if temporary is not None:
+                temporary.unlink(missing_ok=True)
+
+
+def _temporary_beside(path: Path) -> Path:
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    os.unlink(name)  # writers refuse to overwrite; only the name was wanted
+    return Path(name)
+
+
+@contextmanager
+def progress(label: str, total: int) -> Iterator[Callable[[int], None]]:
+    """A bar on stderr for long work: shown on a terminal, silent in a pipe.
+
+    Yields a function that takes the number of steps just done.
+    """
+    if not sys.stderr.isatty():
+        yield lambda n: None
+        return
+    with click.progressbar(length=total, label=label, file=sys.stderr) as bar:
+        yield bar.update

@@ -1,0 +1,1 @@
+"""A runnable sample: a planned slice, its markers and a session that probes the fixture."""

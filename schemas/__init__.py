@@ -1,0 +1,1 @@
+"""JSON schemas and shipped settings: data, read through `importlib.resources`."""

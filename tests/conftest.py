@@ -1,0 +1,104 @@
+"""What all tests share: the data folder, the optional programs, the command line runner."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--full", action="store_true", help="run the long studies as well")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.getoption("--full"):
+        return
+    skip = pytest.mark.skip(reason="long study: run with --full")
+    for item in items:
+        if "full" in item.keywords:
+            item.add_marker(skip)
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The source tree the tests belong to."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of real data with known truth; skips the test where it is not there."""
+    folder = Path(os.environ.get("VFPLAN_TEST_DATA", ROOT.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"no test data: set VFPLAN_TEST_DATA (looked in {folder})")
+    return folder
+
+
+def need_program(program: str, package: str) -> str:
+    """The program's path; skips the test, naming the apt package, where it is absent."""
+    found = shutil.which(program)
+    if found is None:
+        pytest.skip(f"needs apt package {package} ({program} not found)")
+    return found
+
+
+def need_header(header: str, package: str, *folders: str) -> None:
+    """Skip the test, naming the apt package, where a C or C++ header is absent."""
+    places = [f"/usr/include/{header}", *(f"{folder}/{header}" for folder in folders)]
+    if not any(Path(place).exists() for place in places):
+        pytest.skip(f"needs apt package {package} ({header} not found)")
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a command left: exit code, text, and JSON where stdout holds it."""
+
+    code: int
+    stdout: str
+    stderr: str
+
+    @property
+    def json(self) -> Any:
+        """Stdout as one JSON document, NaN and Infinity refused."""
+
+        def refuse(constant: str) -> None:
+            raise ValueError(f"JSON holds {constant}")
+
+        return json.loads(self.stdout, parse_constant=refuse)
+
+    @property
+    def error_line(self) -> str:
+        """The one line on stderr of a failed command."""
+        lines = [line for line in self.stderr.splitlines() if line.strip()]
+        assert len(lines) == 1, self.stderr
+        return lines[0]
+
+
+@pytest.fixture(scope="session")
+def vfplan_cli():
+    """Run the installed `vfplan` in a process of its own: `vfplan_cli("info", path, "--json")`."""
+    program = Path(sys.executable).with_name("vfplan")
+
+    def run(*args: Any, cwd: Path | None = None, env: dict[str, str] | None = None) -> Run:
+        done = subprocess.run(
+            [str(program), *map(str, args)],
+            capture_output=True,
+            text=True,
+            cwd=cwd,
+            env={**os.environ, **(env or {})},
+            timeout=300,
+            check=False,
+        )
+        return Run(done.returncode, done.stdout, done.stderr)
+
+    return run

@@ -1,0 +1,40 @@
+"""vfplan: turn a surgeon's drawing into a virtual fixture a robot can trust.
+
+Names are loaded when they are first used, so that `import vfplan` stays cheap: it loads none of
+OpenCV, scikit-image, SciPy, Matplotlib, PyVista or h5py.
+"""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+from vfplan.errors import VfplanError
+
+# public name -> module that defines it
+_LAZY: dict[str, str] = {}
+_MODULES: tuple[str, ...] = ()
+
+__all__ = ["VfplanError", "__version__", "cmake_dir", *_LAZY, *_MODULES]
+
+
+def cmake_dir() -> Path:
+    """The folder to give CMake, as `vfplan_DIR` or in `CMAKE_PREFIX_PATH`."""
+    return Path(__file__).parent / "share" / "cmake" / "vfplan"
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("vfplan")
+    if name in _LAZY:
+        return getattr(importlib.import_module(_LAZY[name]), name)
+    if name in _MODULES:
+        return importlib.import_module(f"vfplan.{name}")
+    raise AttributeError(f"module 'vfplan' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,202 @@
+"""What a bundle holds, as frozen dataclasses: a part that a scene does not need is `None`.
+
+Nothing here reads, writes or computes; the modules that do all speak in these types.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Frame = Literal["image", "robot_base", "patient_lps"]
+FRAMES: tuple[Frame, ...] = ("image", "robot_base", "patient_lps")
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """How a fixture's points were drawn: in strokes, in order.
+
+    Parameters
+    ----------
+    stroke
+        (N,) int32, the stroke each point belongs to, 0..S-1, never decreasing; within a stroke the
+        points stand in drawing order.
+    closed
+        (S,) bool, whether a stroke's last point joins its first.
+    bridged
+        (N,) bool, points that lie on a bridged pen lift; `None` when nothing was bridged.
+    """
+
+    stroke: NDArray[np.int32]
+    closed: NDArray[np.bool_]
+    bridged: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True)
+class SourceImage:
+    """The slice a curve was drawn on.
+
+    Parameters
+    ----------
+    width_px, height_px
+        Size of the image [px].
+    pixel_spacing_mm
+        (along u, along v) [mm/px]; `None` when nobody knows.
+    """
+
+    width_px: int
+    height_px: int
+    pixel_spacing_mm: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """How the robot shall render the fixture (the paper's Table I).
+
+    Parameters
+    ----------
+    stiffness
+        (3,) K along the axes of the frame [N/m].
+    contact_radius
+        r_c [m].
+    band
+        r2 - r_c = r_c - r1 [m].
+    point_radius
+        r_v [m]; 0 for bare points.
+    ignore_axis
+        (3,) unit vector along which the fixture is infinite and renders no force; `None` in 3-D.
+    """
+
+    stiffness: NDArray[np.float64]
+    contact_radius: float
+    band: float
+    point_radius: float = 0.0
+    ignore_axis: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RegistrationRecord:
+    """The registration that carried the points into the robot's frame, and its error.
+
+    Parameters
+    ----------
+    model
+        "affine", "similarity" or "rigid".
+    source_frame
+        The frame of `source`: "image" [px] or "patient_lps" [m].
+    T_robot_image
+        (3, 3) acting on [u v 1], or (4, 4) acting on [x y z 1]; maps into `robot_base` [m].
+    labels
+        (M,) marker labels.
+    source, target
+        (M, 2|3) marker positions in the source frame and (M, 3) in `robot_base` [m].
+    residuals_m
+        (M,) distance of each marker from where the transform puts it [m].
+    fre_rms_m, loo_rms_m, tre_rms_m
+        Root mean squares [m]: fiducial registration error, leave-one-out, and the target
+        registration error predicted over the curve.
+    covariance
+        (P, P) covariance of the transform's parameters, row-major T; `None` when unknown.
+    tre_m
+        (N,) predicted RMS TRE at each of the fixture's points [m]; `None` when unknown.
+    """
+
+    model: str
+    source_frame: Frame
+    T_robot_image: NDArray[np.float64]
+    labels: tuple[str, ...]
+    source: NDArray[np.float64]
+    target: NDArray[np.float64]
+    residuals_m: NDArray[np.float64]
+    fre_rms_m: float
+    loo_rms_m: float | None = None
+    tre_rms_m: float | None = None
+    covariance: NDArray[np.float64] | None = None
+    tre_m: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a bundle came from; holds no file names, paths or patient identifiers.
+
+    Parameters
+    ----------
+    created_utc
+        ISO 8601, whole seconds, ending in "Z".
+    software
+        "vfplan VERSION".
+    inputs
+        Role ("image", "markers_image", ...) -> SHA-256 of the bytes, lower-case hex.
+    settings
+        The settings in force, by name.
+    history
+        One line for each earlier form of the file (migrations), oldest first.
+    """
+
+    created_utc: str
+    software: str
+    inputs: dict[str, str] = field(default_factory=dict)
+    settings: dict[str, str | float | int | bool] = field(default_factory=dict)
+    history: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Fixture:
+    """A virtual fixture, or a curve on its way to becoming one.
+
+    Parameters
+    ----------
+    frame
+        The frame of `points`: "image" (pixels u, v and 0), "robot_base" or "patient_lps" [m].
+    points
+        (N, 3) float64.
+    provenance
+        Where it came from.
+    sigma
+        (N,) standard deviation of each point across the curve, in the unit of `points`.
+    curve, image, rendering, registration
+        Present when the scene has them.
+    """
+
+    frame: Frame
+    points: NDArray[np.float64]
+    provenance: Provenance
+    sigma: NDArray[np.float64] | None = None
+    curve: Curve | None = None
+    image: SourceImage | None = None
+    rendering: Rendering | None = None
+    registration: RegistrationRecord | None = None
+
+    @property
+    def stiffness(self) -> NDArray[np.float64]:
+        """(3,) K [N/m]."""
+        return self._rendering.stiffness
+
+    @property
+    def contact_radius(self) -> float:
+        """r_c [m]."""
+        return self._rendering.contact_radius
+
+    @property
+    def band(self) -> float:
+        """r2 - r_c [m]."""
+        return self._rendering.band
+
+    @property
+    def point_radius(self) -> float:
+        """r_v [m]."""
+        return self._rendering.point_radius
+
+    @property
+    def ignore_axis(self) -> NDArray[np.float64] | None:
+        """(3,) unit vector, or `None`."""
+        return self._rendering.ignore_axis
+
+    @property
+    def _rendering(self) -> Rendering:
+        if self.rendering is None:
+            raise AttributeError(f"a fixture in frame {self.frame!r} without rendering parameters")
+        return self.rendering

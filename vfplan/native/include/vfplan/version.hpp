@@ -1,0 +1,6 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// The version of vfplan: the only place where it is written.
+#pragma once
+
+#define VFPLAN_VERSION "0.1.0"
