@@ -1,0 +1,1 @@
+"""Pictures, drawn by Matplotlib without a screen; imported only when a picture is asked for."""

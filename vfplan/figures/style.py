@@ -1,0 +1,45 @@
+"""One look for every picture: the paper's colours, sizes that read at page width, PNG output."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+# The paper's Figs. 2, 4 and 6: blue cloud, green HIP, red contact circle, magenta normal.
+CLOUD = "#1f5fbf"
+HIP = "#2ca02c"
+CONTACT = "#d62728"
+PROXY = "#b5179e"
+FORCE = "#222222"
+EPISODE = "#d9f2d9"
+# One colour a rule in every comparison.
+RULE = {"paper": "#e07b00", "robust": "#1f5fbf"}
+
+DPI = 150
+_RC = {
+    "font.size": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "legend.frameon": False,
+}
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """A figure with its own canvas: no pyplot, no global state, no screen."""
+    with mpl.rc_context(_RC):
+        return Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
+
+
+def style():
+    """The `with` block in which axes are made, so that they carry the common look."""
+    return mpl.rc_context(_RC)
+
+
+def save_png(figure: Figure, path: Path) -> None:
+    """Write the figure; the same figure gives the same bytes (no date, no software version)."""
+    figure.savefig(path, format="png", metadata={"Software": None})
