@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import json
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -143,7 +144,7 @@ def probing_session(curve_m: np.ndarray) -> np.ndarray:
     s = np.r_[0, np.cumsum(np.linalg.norm(np.diff(curve_m, axis=0), axis=1))]
     moves = []
     path = np.array(waypoints(s[-1]))
-    for start, end in zip(path, path[1:], strict=False):
+    for start, end in pairwise(path):
         seconds = max(0.4, np.linalg.norm(end - start) / MEAN_SPEED)
         x = np.linspace(0, 1, round(seconds * RATE_HZ), endpoint=False)[:, None]
         moves.append(start + (end - start) * (10 * x**3 - 15 * x**4 + 6 * x**5))
@@ -180,15 +181,15 @@ def main(folder: Path) -> None:
     T = robot_from_image()
     markers = np.array(MARKERS_PX)
     touched = np.c_[markers, np.ones(9)] @ T.T + rng.normal(0, FLE_SIGMA_M, (9, 3))
-    write_csv(folder / "elbow_markers_image.csv", "label,u_px,v_px",
-              [f"x{i + 1},{u:.2f},{v:.2f}" for i, (u, v) in enumerate(markers)])  # fmt: skip
-    write_csv(folder / "elbow_markers_robot.csv", "label,x_m,y_m,z_m",
-              [f"x{i + 1},{x:.6f},{y:.6f},{z:.6f}" for i, (x, y, z) in enumerate(touched)])  # fmt: skip
+    labels = [f"x{i}" for i in range(1, 10)]
+    rows = [f"{name},{u:.2f},{v:.2f}" for name, (u, v) in zip(labels, markers, strict=True)]
+    write_csv(folder / "elbow_markers_image.csv", "label,u_px,v_px", rows)
+    rows = [f"{name},{x:.6f},{y:.6f},{z:.6f}" for name, (x, y, z) in zip(labels, touched, strict=True)]
+    write_csv(folder / "elbow_markers_robot.csv", "label,x_m,y_m,z_m", rows)
 
     curve_m = np.c_[curve, np.ones(len(curve))] @ T.T
-    session = probing_session(curve_m)
-    write_csv(folder / "elbow_session.csv", "t,x,y,z",
-              [f"{t:.3f},{x:.7f},{y:.7f},{z:.7f}" for t, x, y, z in session])  # fmt: skip
+    rows = [f"{t:.3f},{x:.7f},{y:.7f},{z:.7f}" for t, x, y, z in probing_session(curve_m)]
+    write_csv(folder / "elbow_session.csv", "t,x,y,z", rows)
     length = float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
     truth = {
         "T_robot_image": T.tolist(),
