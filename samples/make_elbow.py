@@ -41,7 +41,8 @@ HUMERUS = [(405, -60), (398, 90), (388, 200), (352, 285), (348, 360), (395, 415)
            (508, 370), (506, 300), (484, 220), (490, 90), (502, -60)]  # fmt: skip
 ULNA = [(287, 255), (262, 300), (254, 380), (282, 462), (350, 512), (470, 540), (640, 580),
         (930, 640), (930, 565), (760, 520), (640, 480), (560, 440), (556, 392), (531, 382),
-        (508, 425), (452, 454), (380, 450), (330, 410), (314, 350), (322, 290), (308, 252)]  # fmt: skip
+        (508, 425), (452, 454), (380, 450), (330, 410), (314, 350), (322, 290),
+        (308, 252)]  # fmt: skip
 PLAN = [(252, 226), (236, 262), (231, 318), (229, 380), (245, 440), (282, 492), (342, 530),
         (420, 546), (495, 566), (550, 572), (610, 590), (665, 622), (720, 640), (790, 672),
         (850, 700)]  # fmt: skip
@@ -112,7 +113,7 @@ def draw_markers(image: np.ndarray) -> None:
 
 
 def robot_from_image() -> np.ndarray:
-    """(3, 3) true map on [u v 1] into `robot_base` [m]: the print lies flat, turned by 4 degrees."""
+    """(3, 3) true map on [u v 1] into `robot_base` [m]: the print lies flat, turned by 4°."""
     scale, angle = MM_PER_PX * 1e-3, np.radians(4.0)
     T = np.zeros((3, 3))
     T[:2, 0] = scale * np.array([np.cos(angle), np.sin(angle)])
@@ -181,10 +182,9 @@ def main(folder: Path) -> None:
     T = robot_from_image()
     markers = np.array(MARKERS_PX)
     touched = np.c_[markers, np.ones(9)] @ T.T + rng.normal(0, FLE_SIGMA_M, (9, 3))
-    labels = [f"x{i}" for i in range(1, 10)]
-    rows = [f"{name},{u:.2f},{v:.2f}" for name, (u, v) in zip(labels, markers, strict=True)]
+    rows = [f"x{i},{u:.2f},{v:.2f}" for i, (u, v) in enumerate(markers, start=1)]
     write_csv(folder / "elbow_markers_image.csv", "label,u_px,v_px", rows)
-    rows = [f"{name},{x:.6f},{y:.6f},{z:.6f}" for name, (x, y, z) in zip(labels, touched, strict=True)]
+    rows = [f"x{i},{x:.6f},{y:.6f},{z:.6f}" for i, (x, y, z) in enumerate(touched, start=1)]
     write_csv(folder / "elbow_markers_robot.csv", "label,x_m,y_m,z_m", rows)
 
     curve_m = np.c_[curve, np.ones(len(curve))] @ T.T
