@@ -9,7 +9,7 @@ STAMP  := $(VENV)/.vfplan-installed
 SOURCES := pyproject.toml README.md LICENSE \
            $(shell find vfplan cli schemas samples -type f -not -path '*/__pycache__/*' 2>/dev/null)
 
-.PHONY: demo test test-full lint format install clean
+.PHONY: demo test test-full docs lint format install clean
 install: $(STAMP)
 
 $(BIN)/python:
@@ -35,6 +35,9 @@ test: $(STAMP)
 
 test-full: $(STAMP)
 	$(BIN)/pytest $(PYTEST_ARGS) --full
+
+docs: $(STAMP)
+	$(BIN)/python docs/make_cli.py
 
 lint: | $(BIN)/python
 	$(BIN)/python -m pip install -q "ruff>=0.9" "clang-format==23.1.5"

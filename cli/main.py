@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import json
+import sys
+from collections.abc import Sequence
+from typing import Any, NoReturn
 
 import click
 
@@ -24,10 +28,23 @@ class LazyGroup(click.Group):
             return None
         return importlib.import_module(f"vfplan.cli.{name}").command
 
+    def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> NoReturn:
+        """Run; a usage error is one line on stderr (and JSON on stdout with `--json`), exit 2."""
+        words = list(sys.argv[1:] if args is None else args)
+        extra["standalone_mode"] = False
+        try:
+            code = super().main(words, *rest, **extra)
+        except click.ClickException as error:
+            _usage_error(error, "--json" in words)
+            code = error.exit_code
+        except click.Abort:
+            code = 130  # as a shell reports an interrupt
+        sys.exit(code if isinstance(code, int) else 0)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+        with formatter.section("Commands" if COMMANDS else ""):
+            formatter.write_dl(list(COMMANDS.items()) or [("", "")])
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
@@ -37,3 +54,13 @@ def cli() -> None:
 
     Research software; not a medical device.
     """
+
+
+def _usage_error(error: click.ClickException, as_json: bool) -> None:
+    ctx = getattr(error, "ctx", None)
+    message = " ".join(error.format_message().split())
+    if as_json:
+        body = {"kind": "UsageError", "message": message, "where": ctx and ctx.command_path}
+        click.echo(json.dumps({"error": body}, indent=2))
+    hint = f" (see '{ctx.command_path} --help')" if ctx else ""
+    click.echo(f"vfplan: error: {message}{hint}", err=True)

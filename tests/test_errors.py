@@ -6,7 +6,14 @@ import pytest
 
 from vfplan import errors
 
-CODES = {"InputError": 3, "BundleError": 4, "CheckFailed": 1, "OutputError": 2, "MissingExtra": 2}
+CODES = {
+    "InputError": 3,
+    "BundleError": 4,
+    "CheckFailed": 1,
+    "SettingError": 2,
+    "OutputError": 2,
+    "MissingExtra": 2,
+}
 
 
 def tree():

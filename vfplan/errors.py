@@ -8,7 +8,6 @@ One tree, so that a caller can catch as much or as little as it wants:
     │   ├── CurveError          no planned curve, or one that would have to be guessed
     │   ├── MarkerError         marker files or correspondences that determine no transform
     │   ├── SessionError        a recording of HIP positions that cannot be replayed
-    │   ├── SettingError        a parameter outside its range
     │   └── SceneError          a point cloud the engine cannot render
     ├── BundleError         4   a bundle that had to be loaded and cannot be trusted
     │   ├── CorruptError        the bytes are not what was written
@@ -16,6 +15,7 @@ One tree, so that a caller can catch as much or as little as it wants:
     │   ├── VersionError        a version this program does not read
     │   └── SignatureError      a signature is missing, wrong, or by an unknown key
     ├── CheckFailed         1   a check found something: a gate, a validation, a difference
+    ├── SettingError        2   a parameter outside its range
     ├── OutputError         2   an output path that exists already or cannot be written
     └── MissingExtra        2   an optional dependency that this call needs is not installed
 
@@ -75,10 +75,6 @@ class SessionError(InputError):
     """A recording of HIP positions that cannot be replayed."""
 
 
-class SettingError(InputError, ValueError):
-    """A parameter outside its range."""
-
-
 class SceneError(InputError, ValueError):
     """A point cloud or a HIP path the engine cannot render."""
 
@@ -109,6 +105,12 @@ class CheckFailed(VfplanError):  # noqa: N818 - a verdict, not a malfunction
     """A check found something: a gate that did not hold, an invalid file, a difference."""
 
     exit_code = 1
+
+
+class SettingError(VfplanError, ValueError):
+    """A parameter outside its range."""
+
+    exit_code = 2
 
 
 class OutputError(VfplanError):

@@ -1,0 +1,34 @@
+"""Write docs/cli.md from the commands' own --help:  python docs/make_cli.py"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from vfplan.cli.main import COMMANDS, cli
+
+HEAD = """# Command reference
+
+Written from `--help` by `make docs`; do not edit by hand.
+
+Exit codes: 0 done; 1 a check failed; 2 usage; 3 bad input; 4 a bundle that cannot be trusted.
+With `--json`, stdout holds one JSON document and nothing else; after a failure it is
+`{"error": {"kind", "message", "where"}}`. Every failed command says why in one line on stderr.
+"""
+
+
+def reference() -> str:
+    """The whole page."""
+    parts = [HEAD]
+    width = {"max_content_width": 96, "terminal_width": 96}
+    group = click.Context(cli, info_name="vfplan", **width)
+    parts.append(f"```text\n{cli.get_help(group)}\n```\n")
+    for name in COMMANDS:
+        command = cli.get_command(group, name)
+        ctx = click.Context(command, info_name=name, parent=group, **width)
+        parts.append(f"## vfplan {name}\n\n```text\n{command.get_help(ctx)}\n```\n")
+    return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    Path(__file__).with_name("cli.md").write_text(reference())

@@ -1,0 +1,49 @@
+"""The documentation is true: the reference is current, links lead somewhere, names exist."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+
+import pytest
+from conftest import ROOT
+
+PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")])
+
+
+def load(path):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_command_reference_is_what_help_says():
+    page = (ROOT / "docs" / "cli.md").read_text()
+    assert page == load(ROOT / "docs" / "make_cli.py").reference(), "run `make docs`"
+
+
+def test_every_command_has_help_for_itself_and_each_option():
+    from vfplan.cli.main import COMMANDS, cli
+
+    for name in COMMANDS:
+        command = cli.get_command(None, name)
+        assert command.help, name
+        for parameter in command.params:
+            if parameter.param_type_name == "option":
+                assert parameter.help, f"{name} {parameter.opts}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_links_and_pictures_exist(page):
+    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text()):
+        if "://" not in target:
+            assert (page.parent / target).exists(), f"{page.name} links to {target}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_commands_named_in_the_docs_exist(page):
+    from vfplan.cli.main import COMMANDS
+
+    for name in re.findall(r"^\s*\$ vfplan ([a-z]+)", page.read_text(), re.MULTILINE):
+        assert name in COMMANDS, f"{page.name} calls vfplan {name}"

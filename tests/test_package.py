@@ -1,0 +1,61 @@
+"""The package's face: public names, cheap imports, the folder for CMake."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import vfplan
+
+HEAVY = {"cv2", "skimage", "scipy", "matplotlib", "pyvista", "vtk", "vtkmodules", "h5py", "pydicom"}
+
+
+def loaded_by(code, tmp_path):
+    """Top-level modules that are loaded after running `code` in a fresh interpreter."""
+    code += "; import sys; print(*sorted({m.split('.')[0] for m in sys.modules}))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    return set(done.stdout.splitlines()[-1].split())
+
+
+@pytest.mark.parametrize("name", vfplan.__all__)
+def test_public_name_exists(name):
+    assert getattr(vfplan, name) is not None
+
+
+def test_public_names_are_listed_once_and_shown_by_dir():
+    assert len(set(vfplan.__all__)) == len(vfplan.__all__)
+    assert dir(vfplan) == sorted(vfplan.__all__)
+
+
+def test_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no_such_name"):
+        _ = vfplan.no_such_name
+
+
+def test_import_is_cheap(tmp_path):
+    assert not loaded_by("import vfplan", tmp_path) & HEAVY
+
+
+def test_help_is_cheap(tmp_path):
+    code = (
+        "from click.testing import CliRunner; from vfplan.cli.main import cli; "
+        "assert CliRunner().invoke(cli, ['--help']).exit_code == 0"
+    )
+    assert not loaded_by(code, tmp_path) & HEAVY
+
+
+def test_cmake_folder_holds_the_package_file(tmp_path):
+    assert (vfplan.cmake_dir() / "vfplan-config.cmake").is_file()
+    command = [sys.executable, "-m", "vfplan", "--cmake-dir"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stdout.strip() == str(vfplan.cmake_dir())
+
+
+def test_headers_are_installed_and_the_type_marker_too():
+    package = vfplan.cmake_dir().parents[2]
+    assert (package / "include" / "vfplan" / "version.hpp").is_file()
+    assert (package / "py.typed").is_file()
