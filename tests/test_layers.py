@@ -10,6 +10,8 @@ from conftest import ROOT
 # Lowest first. Modules of one row may not import each other unless named in WITHIN.
 LAYERS = [
     ["errors"],
+    ["checks", "spacing"],
+    ["rendering"],
     ["image", "fixture", "markers", "session"],
     ["extraction", "registration", "bundle", "proxy", "reference", "scenes"],
     ["centreline"],

@@ -13,7 +13,12 @@ from typing import Any
 from vfplan.errors import VfplanError
 
 # public name -> module that defines it
-_LAZY: dict[str, str] = {}
+_LAZY: dict[str, str] = {
+    "ProxyParameters": "vfplan.rendering",
+    "Status": "vfplan.rendering",
+    "Step": "vfplan.rendering",
+    "Trace": "vfplan.rendering",
+}
 _MODULES: tuple[str, ...] = ()
 
 __all__ = ["VfplanError", "__version__", "cmake_dir", *_LAZY, *_MODULES]
