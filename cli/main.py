@@ -12,7 +12,9 @@ import click
 
 # name -> one line for `vfplan --help`, in the order of the work. The module is vfplan.cli.<name>
 # and holds a click command called `command`; loading none of them keeps `--help` fast.
-COMMANDS: dict[str, str] = {}
+COMMANDS: dict[str, str] = {
+    "info": "What a bundle holds.",
+}
 
 
 class LazyGroup(click.Group):

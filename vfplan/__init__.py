@@ -18,6 +18,8 @@ _LAZY: dict[str, str] = {
     "Status": "vfplan.rendering",
     "Step": "vfplan.rendering",
     "Trace": "vfplan.rendering",
+    "read_fixture": "vfplan.bundle",
+    "write_fixture": "vfplan.bundle",
 }
 _MODULES: tuple[str, ...] = ()
 

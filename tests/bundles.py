@@ -1,0 +1,91 @@
+"""Made-up fixtures for the bundle's tests: a minimal one, and one with every part."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vfplan.fixture import (
+    Curve,
+    Fixture,
+    Provenance,
+    RegistrationRecord,
+    Rendering,
+    SourceImage,
+)
+
+PROVENANCE = Provenance(created_utc="2026-01-02T03:04:05Z", software="vfplan 0.1.0")
+
+
+def minimal():
+    """Twelve points, nothing optional."""
+    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    points = np.column_stack([0.4 + 0.002 * np.cos(angle), 0.002 * np.sin(angle), 0.1 + 0 * angle])
+    return Fixture("robot_base", points, PROVENANCE)
+
+
+def full():
+    """An arc and a ring of points in a tilted plane, every optional part present."""
+    arc = np.linspace(0, np.pi, 40)
+    ring = np.linspace(0, 2 * np.pi, 30, endpoint=False)
+    u = np.concatenate([300 + 60 * np.cos(arc), 520 + 20 * np.cos(ring)])
+    v = np.concatenate([400 - 60 * np.sin(arc), 400 + 20 * np.sin(ring)])
+    T = np.array([[5.9e-4, 1e-6, 0.25], [-2e-6, -5.8e-4, 0.31], [3e-5, 4e-5, 0.12]])
+    points = np.column_stack([u, v, np.ones_like(u)]) @ T.T
+    normal = np.cross(T[:, 0], T[:, 1])
+    markers = np.array([(u, v) for v in (100.0, 390.0, 700.0) for u in (80.0, 430.0, 790.0)])
+    target = np.column_stack([markers, np.ones(9)]) @ T.T
+    noise = 3e-4 * np.sin(np.arange(27.0)).reshape(9, 3)
+    residuals = np.linalg.norm(noise, axis=1)
+    n = len(points)
+    return Fixture(
+        frame="robot_base",
+        points=points,
+        provenance=Provenance(
+            created_utc="2026-01-02T03:04:05Z",
+            software="vfplan 0.1.0",
+            inputs={"image": "ab" * 32, "markers": "cd" * 32},
+            settings={"method": "ridge", "tolerance_m": 1e-5, "max_gap_px": 20, "robust": False},
+        ),
+        sigma=np.full(n, 1.2e-5),
+        curve=Curve(
+            stroke=np.repeat([0, 1], [40, 30]).astype(np.int32),
+            closed=np.array([False, True]),
+            bridged=np.arange(n) % 9 == 0,
+        ),
+        image=SourceImage(871, 786, (0.5954, 0.5954)),
+        rendering=Rendering(
+            stiffness=np.array([1000.0, 1000.0, 800.0]),
+            contact_radius=0.005,
+            band=1e-5,
+            point_radius=0.0,
+            ignore_axis=normal / np.linalg.norm(normal),
+        ),
+        registration=RegistrationRecord(
+            model="affine",
+            source_frame="image",
+            T_robot_image=T,
+            labels=tuple(f"x{i + 1}" for i in range(9)),
+            source=markers,
+            target=target + noise,
+            residuals_m=residuals,
+            fre_rms_m=float(np.sqrt(np.mean(residuals**2))),
+            loo_rms_m=5.1e-4,
+            tre_rms_m=2.3e-4,
+            covariance=np.diag(np.geomspace(1e-14, 1e-8, 9)),
+            tre_m=np.linspace(1.9e-4, 2.6e-4, n),
+        ),
+    )
+
+
+def same(a, b, path="fixture"):
+    """Assert that two fixtures hold the same values, bit for bit."""
+    assert type(a) is type(b), path
+    if hasattr(a, "__dataclass_fields__"):
+        for name in a.__dataclass_fields__:
+            same(getattr(a, name), getattr(b, name), f"{path}.{name}")
+    elif isinstance(a, np.ndarray):
+        assert a.dtype == b.dtype, path
+        assert a.shape == b.shape, path
+        assert a.tobytes() == b.tobytes(), path
+    else:
+        assert a == b, path

@@ -1,0 +1,44 @@
+"""`vfplan info`: a page for a person, JSON for a program, one line for a bad file."""
+
+import bundles
+import pytest
+
+import vfplan
+
+
+@pytest.fixture
+def path(tmp_path):
+    vfplan.write_fixture(bundles.full(), tmp_path / "a.h5")
+    return tmp_path / "a.h5"
+
+
+def test_json_names_every_value_by_its_path(vfplan_cli, path):
+    run = vfplan_cli("info", path, "--json")
+    fixture = bundles.full()
+    assert (run.code, run.stderr) == (0, "")
+    assert run.json["format"] == "vfplan-fixture"
+    assert (run.json["frame"], run.json["points"]) == ("robot_base", 70)
+    assert run.json["/rendering/stiffness"] == fixture.stiffness.tolist()
+    assert run.json["/registration/labels"] == list(fixture.registration.labels)
+    assert run.json["/points"]["shape"] == [70, 3]
+
+
+def test_the_page_names_frame_and_size(vfplan_cli, path):
+    run = vfplan_cli("info", path)
+    assert run.code == 0
+    assert "robot_base" in run.stdout
+    assert "70" in run.stdout
+
+
+def test_a_truncated_bundle_is_code_4_and_one_line(vfplan_cli, path):
+    path.write_bytes(path.read_bytes()[:-100])
+    run = vfplan_cli("info", path)
+    assert (run.code, run.stdout) == (4, "")
+    assert str(path) in run.error_line
+
+
+def test_a_missing_file_or_a_directory_is_code_3(vfplan_cli, tmp_path):
+    for path in (tmp_path / "none.h5", tmp_path):
+        run = vfplan_cli("info", path, "--json")
+        assert run.code == 3
+        assert run.json["error"]["kind"] == "InputError"

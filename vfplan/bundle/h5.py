@@ -1,0 +1,15 @@
+"""h5py, imported with every HDF5 plugin switched off.
+
+A plugin is code that libhdf5 loads from a folder named by the environment; "::" tells it to load
+none. libhdf5 reads the variable once, when it starts, so it must be set before h5py is imported.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ["HDF5_PLUGIN_PRELOAD"] = "::"
+
+import h5py
+
+__all__ = ["h5py"]

@@ -1,0 +1,194 @@
+"""Content -> the bytes of an HDF5 file, and bytes -> disk, whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import stat
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vfplan.bundle.content import Content
+from vfplan.bundle.h5 import h5py
+from vfplan.bundle.table import UNITS_OF_FRAME, Row, Table
+from vfplan.errors import InputError, OutputError, UnsafeError
+
+h5a, h5d, h5f, h5g, h5p, h5s, h5t, h5z = (
+    getattr(h5py, name) for name in ("h5a", "h5d", "h5f", "h5g", "h5p", "h5s", "h5t", "h5z")
+)
+NUMBERS = {"f8": h5t.IEEE_F64LE, "i4": h5t.STD_I32LE, "u1": h5t.STD_U8LE}
+CHUNK_BYTES = 1 << 20
+
+
+def to_payload(content: Content, table: Table) -> bytes:
+    """The bytes of an HDF5 file with this content: the same content gives the same bytes.
+
+    Readable by libhdf5 1.10 and later (`libver` v110). No time stamps, no variable-length data;
+    datasets in chunks guarded by fletcher32, everything else guarded by libhdf5's own checksums.
+    """
+    fapl = h5p.create(h5p.FILE_ACCESS)
+    fapl.set_libver_bounds(h5f.LIBVER_V110, h5f.LIBVER_V110)
+    fapl.set_fapl_core(1 << 16, False)
+    fcpl = h5p.create(h5p.FILE_CREATE)
+    fcpl.set_obj_track_times(False)
+    file = h5f.create(b"bundle", h5f.ACC_TRUNC, fcpl=fcpl, fapl=fapl)
+    try:
+        root = h5g.open(file, b"/")
+        groups = {"/": root}
+        used = {r.parent for r in table.rows if r.path in content}
+        for row in table.rows:
+            if row.kind == "group" and row.path != "/" and row.path in used:
+                gcpl = h5p.create(h5p.GROUP_CREATE)
+                gcpl.set_obj_track_times(False)
+                groups[row.path] = h5g.create(root, row.path[1:].encode(), gcpl=gcpl)
+            elif row.path in content:
+                _put(groups[row.parent], row, content)
+        for group in groups.values():
+            group.close()
+        h5f.flush(file)
+        return file.get_file_image()
+    finally:
+        file.close()
+
+
+def _put(group: Any, row: Row, content: Content) -> None:
+    value = content[row.path]
+    if row.kind == "attribute":
+        _attribute(group, row.name, value, row)
+        return
+    data, datatype = _coded(value, row)
+    space = h5s.create_simple(data.shape)
+    dcpl = h5p.create(h5p.DATASET_CREATE)
+    dcpl.set_obj_track_times(False)
+    dcpl.set_chunk(chunk_shape(data.shape, data.dtype.itemsize))
+    dcpl.set_fletcher32()
+    dcpl.set_fill_time(h5d.FILL_TIME_NEVER)
+    dataset = h5d.create(group, row.name.encode(), datatype, space, dcpl=dcpl)
+    dataset.write(h5s.ALL, h5s.ALL, data, mtype=datatype)
+    for name, text in (("unit", unit_of(row, content)), ("frame", frame_of(row, content))):
+        if text is not None:
+            _attribute(dataset, name, text)
+    dataset.close()
+
+
+def chunk_shape(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
+    """Whole rows, as many as fit into 1 MiB."""
+    row_bytes = itemsize * int(np.prod(shape[1:], dtype=np.int64))
+    return (max(1, min(shape[0], CHUNK_BYTES // row_bytes)), *shape[1:])
+
+
+def _attribute(where: Any, name: str, value: Any, row: Row | None = None) -> None:
+    if isinstance(value, str):
+        data, datatype = _texts((value,))
+        data = data.reshape(())
+    else:
+        datatype = NUMBERS[row.type if row else "f8"]
+        data = np.asarray(value, dtype=datatype.dtype)
+    attribute = h5a.create(where, name.encode(), datatype, h5s.create(h5s.SCALAR))
+    attribute.write(data, mtype=datatype)
+    attribute.close()
+
+
+def _coded(value: Any, row: Row) -> tuple[np.ndarray, Any]:
+    if row.type == "text":
+        return _texts(value)
+    datatype = NUMBERS[row.type]
+    return np.ascontiguousarray(value, dtype=datatype.dtype), datatype
+
+
+def _texts(values: tuple[str, ...]) -> tuple[np.ndarray, Any]:
+    coded = [value.encode("utf-8") for value in values]
+    size = max(1, *(len(c) for c in coded)) if coded else 1
+    datatype = h5t.C_S1.copy()
+    datatype.set_size(size)
+    datatype.set_cset(h5t.CSET_UTF8)
+    datatype.set_strpad(h5t.STR_NULLPAD)
+    return np.array(coded, dtype=f"S{size}"), datatype
+
+
+def frame_of(row: Row, content: Content) -> str | None:
+    """The frame to write beside a dataset, "@frame" and "@source_frame" filled in."""
+    if row.frame == "@frame":
+        return content.get("/@frame")
+    if row.frame == "@source_frame":
+        return content.get("/registration@source_frame")
+    return row.frame
+
+
+def unit_of(row: Row, content: Content) -> str | None:
+    """The unit to write beside a dataset, "@frame" and "@source_frame" filled in."""
+    if row.unit is None:
+        return None
+    for name, path in (("@frame", "/@frame"), ("@source_frame", "/registration@source_frame")):
+        if name in row.unit:
+            return row.unit.replace(name, UNITS_OF_FRAME.get(content.get(path, ""), "?"))
+    return row.unit
+
+
+def write_whole(path: Path, data: bytes, *, overwrite: bool) -> None:
+    """Write a file so that, whatever happens, the old one or the new one is there, whole.
+
+    A temporary file in the same folder, fsync, rename, fsync of the folder.
+
+    Raises
+    ------
+    OutputError
+        The path exists and `overwrite` is false, is a directory, or cannot be written.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise OutputError("is a directory; a file is wanted", where=str(path))
+    if path.exists() and not overwrite:
+        raise OutputError("exists already; give --overwrite to replace it", where=str(path))
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    try:
+        _write_synced(temporary, data)
+        if not overwrite and path.exists():
+            raise OutputError("exists already; give --overwrite to replace it", where=str(path))
+        os.replace(temporary, path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        raise OutputError(f"cannot be written: {error.strerror}", where=str(path)) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _write_synced(path: Path, data: bytes) -> None:
+    with open(path, "xb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def read_whole(path: Path, limit: int) -> bytes:
+    """The bytes of a regular file of at most `limit` bytes.
+
+    Raises
+    ------
+    InputError
+        There is no such file, it is a directory or a device, or it cannot be read.
+    UnsafeError
+        It is longer than `limit`.
+    """
+    path = Path(path)
+    try:
+        # Not to hang on a named pipe, which opens only when somebody writes to it.
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise InputError("is not a regular file; a bundle is wanted", where=str(path))
+            data = file.read(limit + 1)
+    except IsADirectoryError:
+        raise InputError("is a directory; a bundle is wanted", where=str(path)) from None
+    except FileNotFoundError:
+        raise InputError("there is no such file", where=str(path)) from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", where=str(path)) from error
+    if len(data) > limit:
+        raise UnsafeError(f"more than {limit} bytes, the most a bundle may have", where=str(path))
+    return data
