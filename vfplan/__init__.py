@@ -20,6 +20,11 @@ _LAZY: dict[str, str] = {
     "Trace": "vfplan.rendering",
     "read_fixture": "vfplan.bundle",
     "write_fixture": "vfplan.bundle",
+    "Extraction": "vfplan.centreline",
+    "PlannedImage": "vfplan.image",
+    "extract_curve": "vfplan.centreline",
+    "read_image": "vfplan.image",
+    "sample_curve": "vfplan.sampling",
 }
 _MODULES: tuple[str, ...] = ()
 

@@ -1,0 +1,161 @@
+"""Pictures with a known centre line, drawn by exact coverage; nothing here uses vfplan.
+
+The pen is a disc swept along the curve, so a pixel's coverage is the share of its square that lies
+within half a pen's width of the curve. It is computed on a 12 x 12 grid inside each pixel near the
+curve, with the distance to the curve's own polyline (vertices every 0.05 px).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+SUB = 12
+
+
+def polyline(points, closed=False, step=0.05):
+    """The points every `step` px of arc along straight segments; (M, 2)."""
+    points = np.asarray(points, float)
+    if closed:
+        points = np.vstack([points, points[:1]])
+    length = np.r_[0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T))]
+    at = np.linspace(0, length[-1], max(2, int(np.ceil(length[-1] / step)) + 1))
+    return np.column_stack([np.interp(at, length, points[:, k]) for k in (0, 1)])
+
+
+def coverage(shape, points, width, closed=False, cap="round"):
+    """(H, W) float64 share of each pixel that a pen of `width` px covers."""
+    dense = polyline(points, closed)
+    near = np.zeros(shape, np.uint8)
+    at = np.rint(dense).astype(int)
+    inside = (at >= 0).all(1) & (at < [shape[1], shape[0]]).all(1)
+    near[at[inside, 1], at[inside, 0]] = 1
+    reach = 2 * int(np.ceil(width / 2 + 1.5)) + 1
+    rows, cols = np.nonzero(cv2.dilate(near, np.ones((reach, reach), np.uint8)))
+    offset = (np.arange(SUB) + 0.5) / SUB - 0.5
+    du, dv = (grid.ravel() for grid in np.meshgrid(offset, offset))
+    u = (cols[:, None] + du).ravel()
+    v = (rows[:, None] + dv).ravel()
+    distance, index = cKDTree(dense).query(np.column_stack([u, v]), workers=1)
+    covered = distance <= width / 2
+    if cap == "butt" and not closed:
+        for end, inner, where in ((0, 8, index == 0), (-1, -9, index == len(dense) - 1)):
+            out = dense[end] - dense[inner]
+            beyond = (u - dense[end, 0]) * out[0] + (v - dense[end, 1]) * out[1] > 0
+            covered &= ~(where & beyond)
+    share = covered.reshape(len(rows), -1).mean(1)
+    result = np.zeros(shape)
+    result[rows, cols] = share
+    return result
+
+
+def blend(background, share, colour, opacity=1.0, gamma=1.0):
+    """Paint `colour` (0..255) over (H, W, 3) float 0..255; `gamma` 2.2 blends in linear light."""
+    a = (share * opacity)[..., None]
+    base, pen = (background / 255.0) ** gamma, (np.asarray(colour) / 255.0) ** gamma
+    return 255.0 * (base * (1 - a) + pen * a) ** (1 / gamma)
+
+
+def to_uint8(picture):
+    return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+
+
+def jpeg(picture, quality, subsampling=cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420):
+    """The picture after JPEG, 4:2:0 by default; (H, W, 3) uint8 RGB in and out."""
+    flags = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, subsampling]
+    ok, data = cv2.imencode(".jpg", picture[..., ::-1], flags)
+    assert ok
+    return cv2.imdecode(data, cv2.IMREAD_COLOR_RGB)
+
+
+def flat(shape, grey=220.0):
+    return np.full((*shape, 3), float(grey))
+
+
+def anatomy(shape, seed=0):
+    """A grey picture with soft blobs, sharp bright edges, dark air and fine noise, like a CT."""
+    rng = np.random.default_rng(seed)
+    h, w = shape
+    grey = cv2.GaussianBlur(rng.normal(0, 1, shape), (0, 0), 25) * 900 + 120
+    rows, cols = np.mgrid[:h, :w]
+    for _ in range(8):
+        centre, size = rng.uniform(0.1, 0.9, 2) * (w, h), rng.uniform(0.04, 0.18) * w
+        ring = np.hypot((cols - centre[0]) * rng.uniform(0.5, 1.5), rows - centre[1])
+        grey = np.where(np.abs(ring - size) < rng.uniform(1, 6), 250.0, grey)
+    grey = cv2.GaussianBlur(np.clip(grey, 5, 255), (0, 0), 0.7) + rng.normal(0, 2, shape)
+    return np.repeat(np.clip(grey, 0, 255)[..., None], 3, axis=2)
+
+
+def wavy(shape, seed=0, closed=False, points=6, margin=0.18, count=4000):
+    """A smooth hand-like curve through random places; (count, 2) px, no self-crossing."""
+    rng = np.random.default_rng(seed)
+    h, w = shape
+    if closed:
+        t = np.linspace(0, 2 * np.pi, count, endpoint=False)
+        radius = np.full(count, 0.30)
+        for k in range(2, points):
+            radius += rng.normal(0, 0.075 / k) * np.cos(k * t + rng.uniform(0, 6.28))
+        return np.column_stack(
+            [w / 2 + rng.uniform(-1, 1) + w * radius * np.cos(t), h / 2 + h * radius * np.sin(t)]
+        )
+    t = np.linspace(0, 1, count)
+    u = w * (margin + (1 - 2 * margin) * t)
+    v = np.full(count, h / 2 + rng.uniform(-1, 1))
+    for k in range(1, points):
+        v += h * rng.normal(0, 0.12 / k) * np.sin(np.pi * k * t + rng.uniform(0, 6.28))
+    angle = rng.uniform(0, 6.28)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    centre = np.array([w / 2, h / 2])
+    return (np.column_stack([u, v]) - centre) @ turn.T * 0.85 + centre
+
+
+@dataclass
+class Error:
+    """How an extracted curve differs from the truth [px]."""
+
+    rms: float
+    worst: float
+    uncovered: float
+    ends: float
+    length_ratio: float
+    z_rms: float
+
+
+def normal_errors(points, truth, closed):
+    """Signed distance of each point from the true curve along its normal [px], (M,)."""
+    dense = polyline(truth, closed, 0.02)
+    distance, index = cKDTree(dense).query(points)
+    index = np.clip(index, 1, len(dense) - 2)
+    tangent = dense[index + 1] - dense[index - 1]
+    offset = points - dense[index]
+    side = np.sign(tangent[:, 0] * offset[:, 1] - tangent[:, 1] * offset[:, 0])
+    return side * distance
+
+
+def compare(stroke, truth, closed=False):
+    """Score a stroke (`points_px`, `sigma_px`, `length_px`) against the true centre line."""
+    points = stroke.points_px
+    error = normal_errors(points, truth, closed)
+    inner = slice(None) if closed else slice(2, -2)
+    dense = polyline(truth, closed, 0.25)
+    uncovered = cKDTree(points).query(dense)[0].max()
+    ends = 0.0
+    if not closed:
+        a, b = points[[0, -1]], dense[[0, -1]]
+        ends = min(
+            np.hypot(*(a - b).T).max(),
+            np.hypot(*(a - b[::-1]).T).max(),
+        )
+    true_length = np.hypot(*np.diff(dense, axis=0).T).sum()
+    z = error[inner] / stroke.sigma_px[inner]
+    return Error(
+        rms=float(np.sqrt(np.mean(error[inner] ** 2))),
+        worst=float(np.abs(error[inner]).max()),
+        uncovered=float(uncovered),
+        ends=float(ends),
+        length_ratio=float(stroke.length_px / true_length),
+        z_rms=float(np.sqrt(np.mean(z**2))),
+    )

@@ -1,0 +1,9 @@
+"""A planned slice -> the surgeon's curve in ordered, sub-pixel points, or a refusal that says why.
+
+curve    the steps from image to `Extraction`
+ridge    the measurement: a pixel path -> the line's centre and its uncertainty
+"""
+
+from vfplan.centreline.curve import METHODS, Extraction, Method, Stroke, extract_curve
+
+__all__ = ["METHODS", "Extraction", "Method", "Stroke", "extract_curve"]

@@ -1,0 +1,257 @@
+"""The planned slice -> the surgeon's curve, in sub-pixel points, or a refusal that says why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.centreline.ridge import Centreline, trace
+from vfplan.errors import CurveError, SettingError
+from vfplan.extraction.candidates import Candidate, candidates_of
+from vfplan.extraction.marks import Mark, find_marks
+from vfplan.extraction.pen import Pen
+from vfplan.image import PlannedImage, as_image
+
+Method = Literal["ridge", "skeleton", "mask"]
+METHODS: tuple[Method, ...] = ("ridge", "skeleton", "mask")
+MIN_LENGTH_PX = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Stroke:
+    """One extracted line.
+
+    Parameters
+    ----------
+    points_px
+        (M, 2) float64 (u, v), in drawing order (an unordered set for method "mask").
+    sigma_px
+        (M,) standard deviation of each point across the line.
+    closed
+        Whether the last point joins the first.
+    bridged
+        (M,) bool, points carried across a pen lift or under something drawn over the line.
+    length_px
+        Arc length, the closing step included.
+    width_px
+        Mean width of the pen.
+    """
+
+    points_px: NDArray[np.float64]
+    sigma_px: NDArray[np.float64]
+    closed: bool
+    bridged: NDArray[np.bool_]
+    length_px: float
+    width_px: float
+
+    @property
+    def ends_px(self) -> NDArray[np.float64]:
+        """(2, 2) first and last point; (0, 2) for a closed line."""
+        return np.zeros((0, 2)) if self.closed else self.points_px[[0, -1]]
+
+
+@dataclass(frozen=True, eq=False)
+class Extraction:
+    """What was found on a slice.
+
+    Parameters
+    ----------
+    mask
+        (H, W) bool, every pixel in the pen's colour.
+    strokes
+        The chosen lines, the longest first.
+    method
+        How they were measured.
+    set_aside
+        Marks in the pen's colour that were not taken for curves, and candidates not chosen: each a
+        dict with `kind`, `box` and `length_px`.
+    warnings
+        What a person should know before trusting the result.
+    """
+
+    mask: NDArray[np.bool_]
+    strokes: tuple[Stroke, ...]
+    method: Method
+    set_aside: tuple[dict, ...] = ()
+    warnings: tuple[str, ...] = field(default=())
+
+
+def extract_curve(
+    image: PlannedImage | NDArray,
+    *,
+    colour: str = "red",
+    method: Method = "ridge",
+    roi: tuple[int, int, int, int] | None = None,
+    stroke: int | Literal["all", "longest"] | None = None,
+    max_gap_px: float = 20.0,
+) -> Extraction:
+    """Extract the planned curve from a slice.
+
+    Parameters
+    ----------
+    image
+        A `PlannedImage`, or an (H, W, 3) array of uint8 or uint16, red first.
+    colour
+        The pen: a CSS colour name or `#rrggbb`.
+    method
+        "ridge" measures the line's centre in coverage, "skeleton" thins the mask to pixels,
+        "mask" takes every pixel of the mask as the paper does.
+    roi
+        (u, v, width, height) px: look only there.
+    stroke
+        Which candidate: its number in the error message, counting from 1; "longest"; "all".
+        `None` wants exactly one candidate.
+    max_gap_px
+        Pen lifts up to this long are bridged where both tangents agree.
+
+    Raises
+    ------
+    CurveError
+        No candidate; several and none chosen; or the chosen one forks or crosses itself.
+    SettingError
+        A parameter outside its range.
+    """
+    planned = as_image(image)
+    _check(method, stroke, max_gap_px)
+    rgb, origin = _region(planned.rgb, roi)
+    marks, mask = find_marks(rgb, Pen.of_colour(colour))
+    candidates = [c for c in candidates_of(marks, max_gap_px) if c.length_px >= MIN_LENGTH_PX]
+    chosen = _choose(candidates, stroke, colour, origin, marks)
+    strokes = tuple(_measure(rgb, c, method, mask, origin) for c in chosen)
+    aside = _set_aside(marks, candidates, chosen, origin)
+    return Extraction(_whole(mask, origin, planned.rgb.shape), strokes, method, aside)
+
+
+def _check(method: str, stroke: int | str | None, max_gap_px: float) -> None:
+    if method not in METHODS:
+        raise SettingError(f"method {method!r} is unknown; allowed: {', '.join(METHODS)}")
+    if stroke not in (None, "all", "longest") and not (isinstance(stroke, int) and stroke >= 1):
+        raise SettingError(f"stroke {stroke!r} is not 'all', 'longest' or a number from 1")
+    if not 0 <= max_gap_px < float("inf"):
+        raise SettingError(f"max gap {max_gap_px} px is not a finite number from 0")
+
+
+def _region(rgb: NDArray, roi: tuple[int, int, int, int] | None) -> tuple[NDArray, tuple[int, int]]:
+    if roi is None:
+        return rgb, (0, 0)
+    u, v, width, height = roi
+    rows, cols = rgb.shape[:2]
+    inside = u >= 0 and v >= 0 and width > 0 and height > 0 and u + width <= cols
+    if not (inside and v + height <= rows):
+        raise SettingError(f"region {u},{v},{width},{height} does not lie in {cols}x{rows} px")
+    return np.ascontiguousarray(rgb[v : v + height, u : u + width]), (u, v)
+
+
+def _whole(mask: NDArray, origin: tuple[int, int], shape: tuple) -> NDArray:
+    if mask.shape == shape[:2]:
+        return mask
+    whole = np.zeros(shape[:2], bool)
+    u, v = origin
+    whole[v : v + mask.shape[0], u : u + mask.shape[1]] = mask
+    return whole
+
+
+def _choose(
+    candidates: list[Candidate],
+    stroke: int | str | None,
+    colour: str,
+    origin: tuple[int, int],
+    marks: list[Mark],
+) -> list[Candidate]:
+    if not candidates:
+        found = f"{len(marks)} marks in {colour}, none of them a line" if marks else f"no {colour}"
+        raise CurveError(f"no planned curve: {found} (a line of {MIN_LENGTH_PX:.0f} px or more)")
+    if stroke is None and len(candidates) > 1:
+        listed = "; ".join(f"{i}: {describe(c, origin)}" for i, c in enumerate(candidates, 1))
+        raise CurveError(
+            f"{len(candidates)} candidates and none was chosen (--stroke all, longest or a "
+            f"number; --roi; --colour): {listed}"
+        )
+    if isinstance(stroke, int) and stroke > len(candidates):
+        raise CurveError(f"no candidate number {stroke}: there are {len(candidates)}")
+    chosen = {"all": candidates, "longest": candidates[:1], None: candidates[:1]}.get(stroke)
+    if chosen is None:
+        chosen = [candidates[int(stroke) - 1]]
+    for candidate in chosen:
+        _refuse_junctions(candidate, origin)
+    return chosen
+
+
+def _refuse_junctions(candidate: Candidate, origin: tuple[int, int]) -> None:
+    if candidate.junctions:
+        u, v = np.mean(candidate.junctions, axis=0) + origin
+        places = ", ".join(
+            f"({a + origin[0]}, {b + origin[1]})" for a, b in candidate.junctions[:8]
+        )
+        raise CurveError(
+            f"the line forks, touches or crosses itself at {places}: which way it runs would be "
+            "a guess",
+            where=f"pixel ({u:.0f}, {v:.0f})",
+        )
+
+
+def describe(candidate: Candidate, origin: tuple[int, int] = (0, 0)) -> str:
+    """One candidate in words: shape, length, width, where from and where to."""
+    size = f"{candidate.length_px:.0f} px long, {candidate.width_px:.1f} px wide"
+    if candidate.junctions:
+        u, v = candidate.junctions[0]
+        return f"forked, {size}, junction at ({u + origin[0]}, {v + origin[1]})"
+    (a, b), (c, d) = candidate.path[[0, -1]] + origin
+    if candidate.closed:
+        return f"closed, {size}, through ({a:.0f}, {b:.0f})"
+    return f"open, {size}, ({a:.0f}, {b:.0f}) to ({c:.0f}, {d:.0f})"
+
+
+def _measure(
+    rgb: NDArray, candidate: Candidate, method: Method, mask: NDArray, origin: tuple[int, int]
+) -> Stroke:
+    if method == "ridge":
+        line = trace(
+            rgb,
+            candidate.path,
+            candidate.closed,
+            candidate.bridged,
+            candidate.mark.pen,
+            candidate.width_px,
+        )
+    elif method == "skeleton":
+        sigma = np.full(len(candidate.path), 0.5)
+        line = Centreline(
+            candidate.path, sigma, candidate.bridged, candidate.closed, candidate.length_px
+        )
+    else:
+        line = _every_pixel(mask, candidate)
+    return Stroke(
+        line.points + origin, line.sigma, line.closed, line.bridged, line.length, candidate.width_px
+    )
+
+
+def _every_pixel(mask: NDArray, candidate: Candidate) -> Centreline:
+    import cv2
+
+    _, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=8)
+    own = {int(labels[m.branches[0].path[0][1], m.branches[0].path[0][0]]) for m in candidate.marks}
+    rows, cols = np.nonzero(np.isin(labels, list(own)))
+    points = np.column_stack([cols, rows]).astype(float)
+    sigma = np.full(len(points), candidate.width_px / np.sqrt(12))
+    none = np.zeros(len(points), bool)
+    return Centreline(points, sigma, none, candidate.closed, candidate.length_px)
+
+
+def _set_aside(
+    marks: list[Mark], candidates: list[Candidate], chosen: list[Candidate], origin: tuple[int, int]
+) -> tuple[dict, ...]:
+    used = {id(m) for c in chosen for m in c.marks}
+    u, v = origin
+    return tuple(
+        {
+            "kind": m.kind,
+            "box": (m.box[0] + u, m.box[1] + v, m.box[2], m.box[3]),
+            "length_px": round(m.length_px, 1),
+        }
+        for m in marks
+        if id(m) not in used and m.kind != "speck"
+    )

@@ -1,0 +1,232 @@
+"""Marks -> candidates: lines joined over pen lifts, told open from closed, in a fixed order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.extraction.marks import Mark
+
+TANGENT_PX = 12.0  # length of line from which an end's direction is taken
+MAX_TURN_DEG = 60.0  # between the directions on both sides of a gap
+MAX_ASIDE_DEG = 45.0  # between a direction and the gap itself
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One line that may be the planned curve.
+
+    Parameters
+    ----------
+    path
+        (M, 2) float64 (u, v), about one point a pixel, gaps filled with straight runs.
+    closed
+        Whether it ends where it began.
+    bridged
+        (M,) bool, points on a bridged gap.
+    marks
+        The marks it was joined from.
+    junctions
+        (u, v) where it forks or crosses itself; it cannot be used when there are any.
+    """
+
+    path: NDArray[np.float64]
+    closed: bool
+    bridged: NDArray[np.bool_]
+    marks: tuple[Mark, ...]
+    junctions: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def length_px(self) -> float:
+        """Along the path, closing step included [px]."""
+        if self.junctions:
+            return self.marks[0].length_px
+        path = np.vstack([self.path, self.path[:1]]) if self.closed else self.path
+        return float(np.hypot(*np.diff(path, axis=0).T).sum())
+
+    @property
+    def width_px(self) -> float:
+        """Mean width of the pen."""
+        return sum(m.area_px for m in self.marks) / sum(m.area_px / m.width_px for m in self.marks)
+
+    @property
+    def mark(self) -> Mark:
+        """The largest of its marks; its pen stands for all."""
+        return max(self.marks, key=lambda m: m.area_px)
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    piece: int
+    last: bool
+    at: NDArray
+    outward: NDArray
+    mark: Mark
+
+
+def candidates_of(marks: list[Mark], max_gap_px: float) -> list[Candidate]:
+    """Join the marks that are lines over gaps of up to `max_gap_px`; the longest comes first.
+
+    A gap is bridged where both tangents agree with each other and with the gap, both pens are the
+    same, and neither end has a second partner nearly as good.
+    """
+    lines = [m for m in marks if m.kind == "curve"]
+    paths = [m.branches[0].path.astype(float) for m in lines]
+    closed = [m.branches[0].closed for m in lines]
+    ends = [e for i, m in enumerate(lines) if not closed[i] for e in _ends(i, paths[i], m)]
+    joins = _joins(ends, paths, max_gap_px)
+    found = [
+        Candidate(path, True, np.zeros(len(path), bool), (mark,))
+        for path, mark, ring in zip(paths, lines, closed, strict=True)
+        if ring
+    ]
+    found += [_chain(c, paths, lines) for c in _chains(len(lines), closed, joins)]
+    found += [
+        Candidate(m.branches[0].path.astype(float), False, np.zeros(0, bool), (m,), m.junctions)
+        for m in marks
+        if m.kind == "junction"
+    ]
+    return sorted((_canonical(c) for c in found), key=_rank)
+
+
+def _rank(candidate: Candidate) -> tuple:
+    return (-candidate.length_px, *candidate.path[0].tolist())
+
+
+def _ends(piece: int, path: NDArray, mark: Mark) -> list[_End]:
+    reach = min(int(TANGENT_PX), len(path) - 1)
+    if reach < 3:
+        return []
+    skip = 1 if reach > 5 else 0  # thinning bends the very last pixel
+    out = []
+    for last, run in ((False, path[skip : reach + 1]), (True, path[::-1][skip : reach + 1])):
+        outward = _direction(run)
+        out.append(_End(piece, last, path[-1 if last else 0], outward, mark))
+    return out
+
+
+def _direction(run: NDArray) -> NDArray:
+    """Unit direction at the first point of a run, pointing away from the rest of it."""
+    t = np.arange(len(run), dtype=float)
+    degree = 2 if len(run) > 7 else 1  # a parabola follows a bend up to the end
+    slope = np.polynomial.polynomial.polyfit(t, run, degree)[1]
+    return -slope / np.hypot(*slope)
+
+
+def _joins(ends: list[_End], paths: list[NDArray], max_gap: float) -> list[tuple[_End, _End]]:
+    costs: dict[tuple[int, int], float] = {}
+    for i, a in enumerate(ends):
+        for j in range(i + 1, len(ends)):
+            cost = _cost(a, ends[j], paths, max_gap)
+            if cost is not None:
+                costs[i, j] = cost
+    joined, used = [], set()
+    for (i, j), cost in sorted(costs.items(), key=lambda item: (item[1], item[0])):
+        rivals = [c for pair, c in costs.items() if pair != (i, j) and set(pair) & {i, j}]
+        if i in used or j in used or any(c < 1.5 * cost for c in rivals):
+            continue
+        used |= {i, j}
+        joined.append((ends[i], ends[j]))
+    return joined
+
+
+def _cost(a: _End, b: _End, paths: list[NDArray], max_gap: float) -> float | None:
+    width = (a.mark.width_px + b.mark.width_px) / 2
+    across = b.at - a.at
+    distance = float(np.hypot(*across))
+    gap = distance - width + 1  # thinning takes about half a width from each end
+    if gap > max_gap or not _same_pen(a.mark, b.mark):
+        return None
+    if a.piece == b.piece and len(paths[a.piece]) < 3 * distance + 10:
+        return None
+    turn = _angle(a.outward, -b.outward)
+    aside = max(_angle(a.outward, across), _angle(-b.outward, across)) if distance > 4 else 0.0
+    if turn > MAX_TURN_DEG or aside > MAX_ASIDE_DEG:
+        return None
+    return distance * (1 + (turn + aside) / 45)
+
+
+def _same_pen(a: Mark, b: Mark) -> bool:
+    hue = _angle(a.pen.along, b.pen.along)
+    strength = a.pen.strength / b.pen.strength
+    width = a.width_px / b.width_px
+    return hue < 20 and 0.5 < strength < 2 and 0.5 < width < 2
+
+
+def _angle(a: NDArray, b: NDArray) -> float:
+    cosine = np.dot(a, b) / (np.linalg.norm(a) * np.linalg.norm(b))
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def _chains(
+    count: int, closed: list[bool], joins: list[tuple[_End, _End]]
+) -> list[tuple[list[tuple[int, bool]], bool]]:
+    """Pieces in order, each with whether it runs backwards; and whether the chain is a ring."""
+    link = {}
+    for a, b in joins:
+        link[a.piece, a.last] = (b.piece, b.last)
+        link[b.piece, b.last] = (a.piece, a.last)
+    chains, seen = [], {i for i in range(count) if closed[i]}
+    starts = [(i, last) for i in range(count) for last in (False, True) if (i, last) not in link]
+    starts += [(i, False) for i in range(count)]  # what is left are rings
+    for piece, entry in starts:
+        if piece in seen:
+            continue
+        chain, ring = [], False
+        while True:
+            seen.add(piece)
+            chain.append((piece, entry))
+            onward = link.get((piece, not entry))
+            if onward is None:
+                break
+            if onward[0] in seen:
+                ring = True
+                break
+            piece, entry = onward
+        chains.append((chain, ring))
+    return chains
+
+
+def _chain(
+    chain: tuple[list[tuple[int, bool]], bool], paths: list[NDArray], lines: list[Mark]
+) -> Candidate:
+    order, ring = chain
+    runs = [paths[i][::-1] if backwards else paths[i] for i, backwards in order]
+    parts, bridged = [runs[0]], [np.zeros(len(runs[0]), bool)]
+    for run in [*runs[1:], *([runs[0][:1]] if ring else [])]:
+        filling = _straight(parts[-1][-1], run[0])
+        body = run if run is not runs[0][:1] else run[:0]
+        if ring and len(run) == 1:
+            body = run[:0]
+        parts += [filling, body]
+        bridged += [np.ones(len(filling), bool), np.zeros(len(body), bool)]
+    marks = tuple(lines[i] for i, _ in order)
+    return Candidate(np.vstack(parts), ring, np.concatenate(bridged), marks)
+
+
+def _straight(a: NDArray, b: NDArray) -> NDArray:
+    steps = max(1, int(np.ceil(np.hypot(*(b - a)))))
+    at = np.arange(1, steps)[:, None] / steps
+    return a + at * (b - a)
+
+
+def _canonical(candidate: Candidate) -> Candidate:
+    """Begin an open line at the end nearer the top left; a ring there, clockwise as seen."""
+    path, bridged = candidate.path, candidate.bridged
+    if candidate.junctions or len(path) < 2:
+        return candidate
+    if candidate.closed:
+        if _signed_area(path) < 0:
+            path, bridged = path[::-1], bridged[::-1]
+        start = int(np.argmin(path.sum(1)))
+        path, bridged = np.roll(path, -start, 0), np.roll(bridged, -start)
+    elif tuple(path[0][::-1] + path[0].sum() * 1e3) > tuple(path[-1][::-1] + path[-1].sum() * 1e3):
+        path, bridged = path[::-1], bridged[::-1]
+    return Candidate(path, candidate.closed, bridged, candidate.marks)
+
+
+def _signed_area(path: NDArray) -> float:
+    after = np.roll(path, -1, 0)
+    return float(np.sum(path[:, 0] * after[:, 1] - after[:, 0] * path[:, 1])) / 2

@@ -1,0 +1,165 @@
+"""Everything drawn in the pen's colour, taken apart and told what it is.
+
+A planned slice may hold more in red than the curve: text, arrows, swatches, panels, frames. Each
+connected mark gets a kind; only those of kind "curve" and "junction" are candidates, the others
+are set aside *and reported*, so that nothing disappears in silence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.extraction.pen import Pen, chroma_at, pen_mask
+from vfplan.extraction.skeleton import Branch, branches_of, thin
+
+FLOOR = 18.0  # chroma below which a pixel is never pen, on 0..255: JPEG noise reaches about 12
+MIN_PIXELS = 6
+MAX_WIDTH_PX = 40.0
+MIN_ASPECT = 4.0  # a line is at least this many times longer than wide
+
+
+@dataclass(frozen=True, eq=False)
+class Mark:
+    """One connected mark in the pen's colour.
+
+    Parameters
+    ----------
+    kind
+        "curve" (a line without forks), "junction" (a line with forks), or what it was taken for:
+        "panel", "frame", "arrow", "text", "speck".
+    pen
+        Its own colour and strength, measured.
+    width_px
+        Its area over its length.
+    branches, junctions
+        Its skeleton, spurs cut off; (u, v) pixels where branches meet.
+    area_px
+        Pixels.
+    box
+        (u, v, width, height) px.
+    """
+
+    kind: str
+    pen: Pen
+    width_px: float
+    branches: tuple[Branch, ...]
+    junctions: tuple[tuple[int, int], ...]
+    area_px: int
+    box: tuple[int, int, int, int]
+
+    @property
+    def length_px(self) -> float:
+        """Of all branches along their pixels."""
+        return sum(branch.length for branch in self.branches)
+
+
+def find_marks(rgb: NDArray, pen: Pen) -> tuple[list[Mark], NDArray[np.bool_]]:
+    """All marks in the pen's colour, and the (H, W) mask they were made from.
+
+    The threshold is half of each mark's own strength, so a thin or transparent line keeps its
+    width whatever stands beside it.
+    """
+    mask, labels, count = _half_strength_mask(rgb, pen)
+    if count == 0:
+        return [], mask
+    top, left, bottom, right = _bounds(mask)
+    crop = np.ascontiguousarray(mask[top:bottom, left:right])
+    pixels = _by_label(labels[top:bottom, left:right], crop, count)
+    bones = _by_label(labels[top:bottom, left:right], thin(crop), count)
+    marks = []
+    for body, bone in zip(pixels, bones, strict=True):
+        if len(body[0]) >= MIN_PIXELS:
+            shift = (top, left)
+            marks.append(_mark(rgb, pen, [body[k] + shift[k] for k in (0, 1)], bone, shift))
+    return marks, mask
+
+
+def _half_strength_mask(rgb: NDArray, pen: Pen) -> tuple[NDArray[np.bool_], NDArray, int]:
+    import cv2
+
+    low = pen_mask(rgb, pen, FLOOR)
+    count, labels = cv2.connectedComponents(low, connectivity=8, ltype=cv2.CV_32S)
+    if count > 1:
+        rows, cols = np.nonzero(low)
+        along, _ = chroma_at(rgb, rows, cols, pen)
+        label = labels[rows, cols]
+        strength = _quantile_by_label(along, label, count, 0.9)
+        low[rows, cols] = along > 0.5 * strength[label]
+        count, labels = cv2.connectedComponents(low, connectivity=8, ltype=cv2.CV_32S)
+    return low.view(bool), labels, count - 1
+
+
+def _quantile_by_label(values: NDArray, label: NDArray, count: int, q: float) -> NDArray:
+    order = np.lexsort((values, label))
+    ends = np.cumsum(np.bincount(label, minlength=count))
+    starts = np.r_[0, ends[:-1]]
+    at = starts + ((ends - starts - 1) * q).astype(np.int64)
+    return values[order][np.clip(at, 0, len(values) - 1)]
+
+
+def _bounds(mask: NDArray) -> tuple[int, int, int, int]:
+    rows, cols = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    return rows[0], cols[0], rows[-1] + 1, cols[-1] + 1
+
+
+def _by_label(labels: NDArray, mask: NDArray, count: int) -> list[tuple[NDArray, NDArray]]:
+    """(rows, cols) of the mask's pixels for each label 1..count, sorted by row, then column."""
+    rows, cols = np.nonzero(mask)
+    label = labels[rows, cols]
+    order = np.argsort(label, kind="stable")
+    ends = np.cumsum(np.bincount(label, minlength=count + 1))
+    cuts = [order[a:b] for a, b in pairwise(ends)]
+    return [(rows[cut], cols[cut]) for cut in cuts]
+
+
+def _mark(rgb: NDArray, pen: Pen, body: list[NDArray], bone: tuple, shift: tuple) -> Mark:
+    rows, cols = body
+    box = (
+        int(cols.min()),
+        int(rows.min()),
+        int(np.ptp(cols)) + 1,
+        int(np.ptp(rows)) + 1,
+    )
+    own = _own_pen(rgb, rows, cols, pen)
+    bone_rows, bone_cols = bone[0] + shift[0], bone[1] + shift[1]
+    width = len(rows) / max(len(bone_rows), 1)
+    branches, junctions = _pruned(bone_rows, bone_cols, rgb.shape[1], width)
+    mark = Mark("", own, width, tuple(branches), tuple(junctions), len(rows), box)
+    kind = _kind(mark)
+    return Mark(kind, own, width, mark.branches, mark.junctions, len(rows), box)
+
+
+def _own_pen(rgb: NDArray, rows: NDArray, cols: NDArray, pen: Pen) -> Pen:
+    along, across = chroma_at(rgb, rows, cols, pen)
+    full = along >= np.quantile(along, 0.6)
+    return Pen.of_chroma(along[full].mean() * pen.along + across[full].mean() * pen.across)
+
+
+def _pruned(
+    rows: NDArray, cols: NDArray, width: int, pen_width: float
+) -> tuple[list[Branch], list[tuple[int, int]]]:
+    """The skeleton without the short spurs that thinning leaves on a line's edge."""
+    while True:
+        branches, junctions = branches_of(rows, cols, width)
+        if not junctions:
+            return branches, junctions
+        spurs = [b for b in branches if any(b.free) and b.length + 1 < 1.5 * pen_width + 2]
+        if not spurs or len(spurs) == len(branches):
+            return branches, junctions
+        shortest = min(spurs, key=lambda b: (b.length, tuple(b.path[0])))
+        gone = {tuple(pixel) for pixel in shortest.path.tolist()}
+        keep = np.array([(u, v) not in gone for u, v in zip(cols, rows, strict=True)])
+        rows, cols = rows[keep], cols[keep]
+
+
+def _kind(mark: Mark) -> str:
+    length = mark.length_px
+    if mark.area_px < MIN_PIXELS or not mark.branches:
+        return "speck"
+    if mark.width_px > MAX_WIDTH_PX or length < MIN_ASPECT * mark.width_px:
+        return "panel" if mark.area_px > 100 else "speck"
+    return "junction" if mark.junctions else "curve"
