@@ -25,8 +25,12 @@ _LAZY: dict[str, str] = {
     "extract_curve": "vfplan.centreline",
     "read_image": "vfplan.image",
     "sample_curve": "vfplan.sampling",
+    "Correspondences": "vfplan.markers",
+    "Registration": "vfplan.registration",
+    "fit_registration": "vfplan.registration",
+    "read_markers": "vfplan.markers",
 }
-_MODULES: tuple[str, ...] = ()
+_MODULES: tuple[str, ...] = ("markers", "registration")
 
 __all__ = ["VfplanError", "__version__", "cmake_dir", *_LAZY, *_MODULES]
 

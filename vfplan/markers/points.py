@@ -1,0 +1,69 @@
+"""Labelled positions, as one marker file holds them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import MarkerError
+
+MarkerFrame = Literal["image", "patient_lps", "robot_base"]
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerPoints:
+    """Labelled positions in one frame.
+
+    Parameters
+    ----------
+    frame
+        "image" [px], "patient_lps" [m] or "robot_base" [m].
+    labels
+        (N,) labels, each once.
+    positions
+        (N, 2) in "image", (N, 3) elsewhere.
+    sigma
+        (N,) or (N, 3) standard deviations [m] an axis; `None` where the file names none.
+    where
+        The file, for messages.
+    """
+
+    frame: MarkerFrame
+    labels: tuple[str, ...]
+    positions: NDArray[np.float64]
+    sigma: NDArray[np.float64] | None = None
+    where: str | None = None
+
+    def __post_init__(self) -> None:
+        if not self.labels:
+            raise MarkerError("holds no marker; at least three are wanted", where=self.where)
+        for label, count in Counter(self.labels).items():
+            if count > 1:
+                raise MarkerError(
+                    f"label {label!r} occurs {count} times; each marker may occur once",
+                    where=self.where,
+                )
+
+
+def number(text: object, what: str, where: str) -> float:
+    """A finite number, or a `MarkerError` that says what was found instead."""
+    try:
+        value = float(text)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise MarkerError(f"{what} is {text!r}; a number is wanted", where=where) from None
+    if not math.isfinite(value):
+        raise MarkerError(f"{what} is {text!r}; a finite number is wanted", where=where)
+    return value
+
+
+def label_of(text: object, what: str, where: str) -> str:
+    """A label without surrounding blanks, or a `MarkerError` where it is empty."""
+    label = str(text).strip() if text is not None else ""
+    if not label:
+        raise MarkerError(f"{what} has no label; every marker needs one", where=where)
+    return label

@@ -1,0 +1,110 @@
+"""Marker tables: CSV with a header that names each column and its unit."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+
+from vfplan.errors import MarkerError
+from vfplan.markers.points import MarkerPoints, label_of, number
+
+IMAGE = ("u_px", "v_px")
+ROBOT = ("x_m", "y_m", "z_m")
+# One standard deviation for a marker, or one an axis; with or without the unit in the name, metres.
+SIGMA = (("sigma_m",), ("sigma",), ("sigma_x_m", "sigma_y_m", "sigma_z_m"))
+ALLOWED = "label,u_px,v_px and/or label,x_m,y_m,z_m, with sigma_m or sigma_x_m,sigma_y_m,sigma_z_m"
+# A column of one of these families that is not understood would be a unit or a frame ignored.
+FAMILIES = ("u", "v", "x", "y", "z", "sigma")
+
+
+def parse_table(text: str, where: str) -> list[MarkerPoints]:
+    """The image side, the robot side, or both, of one CSV.
+
+    Columns: `label`, `u_px,v_px` [px], `x_m,y_m,z_m` [m], and on the robot side `sigma_m` (or
+    `sigma`, one standard deviation an axis [m]) or `sigma_x_m,sigma_y_m,sigma_z_m`. Other columns
+    are notes and are left alone, unless they look like a coordinate in another unit.
+
+    Raises
+    ------
+    MarkerError
+        A missing or doubled column, a missing cell, a value that is not a finite number.
+    """
+    rows = [row for row in csv.reader(io.StringIO(text)) if any(cell.strip() for cell in row)]
+    if not rows:
+        raise MarkerError(f"is empty; a CSV with a header is wanted ({ALLOWED})", where=where)
+    header = [cell.strip().lower() for cell in rows[0]]
+    _check_header(header, where)
+    records = [_record(header, row, f"{where}, row {i}") for i, row in enumerate(rows[1:], start=2)]
+    labels = tuple(
+        label_of(record["label"], f"row {i}", where) for i, record in enumerate(records, start=2)
+    )
+    found = []
+    if IMAGE[0] in header:
+        found.append(
+            MarkerPoints("image", labels, _columns(records, labels, IMAGE, where), where=where)
+        )
+    if ROBOT[0] in header:
+        xyz = _columns(records, labels, ROBOT, where)
+        sigma = _sigma(header, records, labels, where)
+        found.append(MarkerPoints("robot_base", labels, xyz, sigma, where=where))
+    return found
+
+
+def _check_header(header: list[str], where: str) -> None:
+    shown = ",".join(header)
+    for name in header:
+        if name and header.count(name) > 1:
+            raise MarkerError(f"column {name!r} occurs {header.count(name)} times", where=where)
+    if "label" not in header:
+        raise MarkerError(f"no column 'label' in {shown!r}; allowed: {ALLOWED}", where=where)
+    if not set(IMAGE + ROBOT) & set(header):
+        raise MarkerError(f"no coordinates in columns {shown!r}; allowed: {ALLOWED}", where=where)
+    sigmas = [names for names in SIGMA if set(names) & set(header)]
+    for names in (IMAGE, ROBOT, *sigmas):
+        missing = [name for name in names if name not in header]
+        if missing and len(missing) < len(names):
+            raise MarkerError(f"missing column {missing[0]!r} beside {shown!r}", where=where)
+    if len(sigmas) > 1:
+        raise MarkerError(f"more than one kind of sigma in columns {shown!r}", where=where)
+    if sigmas and ROBOT[0] not in header:
+        raise MarkerError(
+            "a sigma [m] belongs to the robot's positions (x_m,y_m,z_m), which are not here",
+            where=where,
+        )
+    known = {*IMAGE, *ROBOT, *(name for names in SIGMA for name in names)}
+    for name in header:
+        if name not in known and name.split("_")[0] in FAMILIES:
+            raise MarkerError(f"column {name!r} is not understood; allowed: {ALLOWED}", where=where)
+
+
+def _record(header: list[str], row: list[str], where: str) -> dict[str, str]:
+    if len(row) != len(header):
+        raise MarkerError(f"{len(row)} cells; the header names {len(header)} columns", where=where)
+    return dict(zip(header, row, strict=True))
+
+
+def _columns(
+    records: list[dict[str, str]], labels: tuple[str, ...], names: tuple[str, ...], where: str
+) -> np.ndarray:
+    values = [
+        [number(record[name].strip(), f"{name} of marker {label!r}", where) for name in names]
+        for label, record in zip(labels, records, strict=True)
+    ]
+    return np.array(values, dtype=float).reshape(len(labels), len(names))
+
+
+def _sigma(
+    header: list[str], records: list[dict[str, str]], labels: tuple[str, ...], where: str
+) -> np.ndarray | None:
+    names = next((names for names in SIGMA if names[0] in header), None)
+    if names is None:
+        return None
+    sigma = _columns(records, labels, names, where)
+    for label, row in zip(labels, sigma, strict=True):
+        if not (row > 0).all():
+            raise MarkerError(
+                f"sigma of marker {label!r} is {row.min():g} m; above 0 is wanted", where=where
+            )
+    return sigma[:, 0] if len(names) == 1 else sigma

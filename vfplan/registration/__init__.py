@@ -1,0 +1,8 @@
+"""Correspondences -> transform, with its error wherever it is used."""
+
+from __future__ import annotations
+
+from vfplan.registration.fit import fit_registration
+from vfplan.registration.result import Registration
+
+__all__ = ["Registration", "fit_registration"]

@@ -1,0 +1,180 @@
+"""The transforms that markers can determine: solving for them, and how errors move them.
+
+All in normalised coordinates: a source point s is centred and scaled to unit RMS radius (metric
+where the model needs it), a target y is centred [m], x~ = [s, 1], and y = M x~ with M (3, k+1).
+
+- affine: M is free; ordinary (or weighted) least squares.
+- similarity: M = [a R | t]; S. Umeyama, "Least-squares estimation of transformation parameters
+  between two point patterns", IEEE PAMI 13 (1991).
+- rigid: a is known. K. S. Arun et al., IEEE PAMI 9 (1987), with Umeyama's sign.
+
+A planar source is embedded at z = 0, so that its rotation is a proper rotation in space.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+ModelName = Literal["affine", "similarity", "rigid"]
+MODELS: tuple[ModelName, ...] = ("affine", "similarity", "rigid")
+
+
+@dataclass(frozen=True)
+class Affine:
+    """Any linear map and a translation: 3 (k + 1) parameters."""
+
+    dimension: int
+    name: ModelName = "affine"
+
+    @property
+    def parameters(self) -> int:
+        """Number of free parameters p."""
+        return 3 * (self.dimension + 1)
+
+    @property
+    def minimal(self) -> int:
+        """Markers that determine the transform without a residual."""
+        return self.dimension + 1
+
+    def solve(self, s: Array, y: Array, w: Array) -> Array:
+        """M (..., 3, k+1) that minimises the weighted squares; s (..., N, k), y and w (..., N, 3).
+
+        By QR, so that the condition number is not squared.
+        """
+        x = homogeneous(s)
+        rows = [_weighted_lstsq(x, y[..., axis], w[..., axis]) for axis in range(3)]
+        return np.stack(rows, axis=-2)
+
+    def tangent(self, m: Array) -> Array:
+        """(3 (k+1), p): how row-major M moves with each parameter."""
+        return np.eye(self.parameters)
+
+
+@dataclass(frozen=True)
+class Orthogonal:
+    """A rotation and a translation; with `scale=None` a scale too (similarity)."""
+
+    dimension: int
+    scale: float | None
+    name: ModelName
+
+    @property
+    def parameters(self) -> int:
+        """Number of free parameters p."""
+        return 7 if self.scale is None else 6
+
+    @property
+    def minimal(self) -> int:
+        """Markers that determine the transform."""
+        return 3
+
+    def solve(self, s: Array, y: Array, w: Array) -> Array:
+        """M (..., 3, k+1) that minimises the weighted squares; s (..., N, k), y and w (..., N, 3).
+
+        Closed form where a marker's three weights are equal; with a weight an axis, Gauss-Newton
+        from the closed form of their means.
+        """
+        m = _procrustes(s, y, w.mean(axis=-1), self.scale)
+        if not np.ptp(w, axis=-1).any():
+            return m
+        batch = m.shape[:-2]
+        flat = (
+            np.broadcast_to(a, (*batch, *a.shape[-2:])).reshape(-1, *a.shape[-2:])
+            for a in (s, y, w, m)
+        )
+        refined = [self._refine(*one) for one in zip(*flat, strict=True)]
+        return np.array(refined).reshape(m.shape)
+
+    def tangent(self, m: Array) -> Array:
+        """(3 (k+1), p): how row-major M moves with a rotation, a translation (and log scale)."""
+        k = self.dimension
+        moves = np.zeros((3, k + 1, self.parameters))
+        for axis in range(3):
+            moves[:, :k, axis] = np.cross(np.eye(3)[axis], m[:, :k], axis=0)
+            moves[axis, k, 3 + axis] = 1.0
+        if self.scale is None:
+            moves[:, :k, 6] = m[:, :k]
+        return moves.reshape(3 * (k + 1), self.parameters)
+
+    def _refine(self, s: Array, y: Array, w: Array, m: Array) -> Array:
+        x = homogeneous(s)
+        for _ in range(50):
+            g = self.tangent(m)
+            root = np.sqrt(w).reshape(-1, 1)
+            residual = (y - x @ m.T).reshape(-1, 1)
+            step = np.linalg.lstsq(root * marker_rows(x) @ g, root * residual, rcond=None)[0][:, 0]
+            m = self._moved(m, step)
+            if np.abs(step[:3]).max() < 1e-15 and np.abs(step[6:]).sum() < 1e-15:
+                break
+        return m
+
+    def _moved(self, m: Array, step: Array) -> Array:
+        k = self.dimension
+        linear = rotation(step[:3]) @ m[:, :k]
+        if self.scale is None:
+            linear = linear * np.exp(step[6])
+        return np.column_stack([linear, m[:, k] + step[3:6]])
+
+
+Model = Affine | Orthogonal
+
+
+def make_model(name: ModelName, dimension: int, metric_scale: float) -> Model:
+    """The model by name; `metric_scale` is metres in one unit of the normalised source."""
+    if name == "affine":
+        return Affine(dimension)
+    return Orthogonal(dimension, None if name == "similarity" else metric_scale, name)
+
+
+def homogeneous(s: Array) -> Array:
+    """[s, 1] along the last axis."""
+    return np.concatenate([s, np.ones((*s.shape[:-1], 1))], axis=-1)
+
+
+def marker_rows(x: Array) -> Array:
+    """(3N, 3 (k+1)): row-major M -> the N predicted positions, from x~ (N, k+1)."""
+    return np.einsum("ab,ni->nabi", np.eye(3), x).reshape(3 * len(x), -1)
+
+
+def rotation(axis_angle: Array) -> Array:
+    """The rotation matrix of a rotation vector [rad] (Rodrigues)."""
+    angle = float(np.linalg.norm(axis_angle))
+    x, y, z = axis_angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    a = np.sinc(angle / np.pi)
+    b = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    return np.eye(3) + a * cross + b * cross @ cross
+
+
+def _weighted_lstsq(x: Array, y: Array, w: Array) -> Array:
+    root = np.sqrt(w)
+    q, r = np.linalg.qr(root[..., None] * x)
+    rhs = np.swapaxes(q, -1, -2) @ (root * y)[..., None]
+    return np.linalg.solve(r, rhs)[..., 0]
+
+
+def _procrustes(s: Array, y: Array, w: Array, scale: float | None) -> Array:
+    """Umeyama's solution, with weights (..., N); a planar source stands at z = 0."""
+    k = s.shape[-1]
+    if k == 2:
+        s = np.concatenate([s, np.zeros((*s.shape[:-1], 1))], axis=-1)
+    total = w.sum(axis=-1)[..., None]
+    s_mean = np.einsum("...n,...nk->...k", w, s) / total
+    y_mean = np.einsum("...n,...nk->...k", w, y) / total
+    s0, y0 = s - s_mean[..., None, :], y - y_mean[..., None, :]
+    u, d, vt = np.linalg.svd(np.einsum("...n,...na,...nb->...ab", w, y0, s0))
+    sign = np.ones_like(d)
+    sign[..., 2] = np.sign(np.linalg.det(u) * np.linalg.det(vt))
+    r = (u * sign[..., None, :]) @ vt
+    if scale is None:
+        size = np.einsum("...n,...na,...na->...", w, s0, s0)
+        r = r * ((d * sign).sum(axis=-1) / size)[..., None, None]
+    else:
+        r = r * scale
+    t = y_mean - np.einsum("...ab,...b->...a", r, s_mean)
+    return np.concatenate([r[..., :k], t[..., None]], axis=-1)

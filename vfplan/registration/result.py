@@ -1,0 +1,191 @@
+"""A registration: the transform, and what is known about its error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vfplan.errors import SettingError
+from vfplan.fixture import Frame, RegistrationRecord
+from vfplan.registration import residuals, tre
+from vfplan.registration.models import Array, ModelName, homogeneous
+from vfplan.registration.residuals import Fit
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """A transform source -> target with its errors; made by `fit_registration`.
+
+    Parameters
+    ----------
+    model
+        "affine", "similarity" or "rigid".
+    labels
+        (N,) labels as given; the markers' indices when none were.
+    source
+        (N, 2) [px] or (N, 3) [m].
+    target
+        (N, 3) [m].
+    fit
+        The solved problem, in normalised coordinates.
+    """
+
+    model: ModelName
+    labels: tuple[str, ...] | tuple[int, ...]
+    source: Array
+    target: Array
+    fit: Fit
+
+    @cached_property
+    def T_target_source(self) -> Array:
+        """(3, 3) acting on [u v 1], or (4, 4) acting on [x y z 1]; the result is [m].
+
+        The planar matrix gives (x, y, z); the 4×4 one gives (x, y, z, 1).
+        """
+        normaliser = self.fit.problem.normaliser
+        top = self.fit.m @ normaliser.matrix
+        top[:, -1] += normaliser.target_centre
+        if top.shape[1] == 3:
+            return top
+        return np.vstack([top, [0.0, 0.0, 0.0, 1.0]])
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(9, 9) or (12, 12) covariance of the first three rows of T, row by row."""
+        carry = np.kron(np.eye(3), self.fit.problem.normaliser.matrix.T)
+        return carry @ self.fit.covariance @ carry.T
+
+    def apply(self, points: ArrayLike) -> Array:
+        """Target positions (M, 3) [m] of source points (M, 2|3).
+
+        A planar registration also takes (M, 3) points whose third coordinate is 0, as a fixture in
+        the frame "image" holds them.
+        """
+        return self._x(points) @ self.fit.m.T + self.fit.problem.normaliser.target_centre
+
+    @property
+    def residual_vectors_m(self) -> Array:
+        """(N, 3) target minus transformed source [m]."""
+        return self.fit.vectors
+
+    @property
+    def residuals_m(self) -> Array:
+        """(N,) length of each marker's residual [m]."""
+        return np.linalg.norm(self.fit.vectors, axis=1)
+
+    @property
+    def used(self) -> np.ndarray:
+        """(N,) bool: the markers the fit rests on; all, unless it was robust."""
+        return self.fit.used
+
+    @property
+    def fre_rms_m(self) -> float:
+        """Fiducial registration error √(Σ|e|²/N) over the markers used [m]."""
+        return float(np.sqrt((self.residuals_m[self.used] ** 2).mean()))
+
+    @property
+    def sigma_m(self) -> float:
+        """σ̂ [m] an axis of a marker of weight 1; √(Σ w e² / ν)."""
+        return float(np.sqrt(self.fit.variance))
+
+    @property
+    def fle_rms_m(self) -> float:
+        """Estimated fiducial localisation error, RMS length [m]; d σ̂² for equal markers."""
+        weights = self.fit.problem.weights[self.used]
+        return float(np.sqrt(self.fit.variance * (1 / weights).sum(axis=1).mean()))
+
+    @property
+    def dof(self) -> int:
+        """ν = 3 N - p."""
+        return self.fit.dof
+
+    @property
+    def condition(self) -> float:
+        """Longest over shortest extent of the markers in the source; 1 is best, no unit."""
+        return self.fit.problem.condition
+
+    @property
+    def leverage(self) -> Array:
+        """(N,) share of each marker in its own prediction, 0..1 for markers used."""
+        return self.fit.leverage
+
+    @cached_property
+    def loo_m(self) -> Array:
+        """(N,) error at each marker of the fit without it [m]; NaN where that is undetermined."""
+        return residuals.leave_one_out(self.fit)
+
+    @property
+    def loo_rms_m(self) -> float | None:
+        """RMS of `loo_m` over the markers used; `None` where one is undetermined."""
+        value = float(np.sqrt((self.loo_m[self.used] ** 2).mean()))
+        return value if np.isfinite(value) else None
+
+    @cached_property
+    def studentised_f(self) -> Array:
+        """(N,) externally studentised F of each marker; NaN where it has no meaning."""
+        return residuals.studentised_f(self.fit)
+
+    @cached_property
+    def outliers(self) -> tuple[str, ...] | tuple[int, ...]:
+        """Labels of markers beyond F_{1-0.05/N; 3, ν-3}, and of those a robust fit left out."""
+        n = int(self.used.sum())
+        flagged = ~self.used
+        for i, f in enumerate(self.studentised_f):
+            dof = self.dof - 3 * bool(self.used[i])
+            if dof > 0 and f > residuals.f_limit(n, dof):
+                flagged[i] = True
+        return tuple(label for label, bad in zip(self.labels, flagged, strict=True) if bad)
+
+    def tre_covariance(self, points: ArrayLike) -> Array:
+        """(M, 3, 3) covariance [m²] of the registration's error at source points."""
+        return tre.tre_covariance(self.fit.covariance, self._x(points))
+
+    def tre_m(self, points: ArrayLike) -> Array:
+        """(M,) predicted RMS target registration error at source points [m]."""
+        return tre.rms(self.tre_covariance(points))
+
+    def tre_rms_m(self, points: ArrayLike) -> float:
+        """Predicted target registration error [m], RMS over source points."""
+        return float(np.sqrt((self.tre_m(points) ** 2).mean()))
+
+    def tre95_m(self, points: ArrayLike) -> Array:
+        """(M,) radius [m] that the error stays within at each point with probability 0.95."""
+        return tre.bound(self.tre_covariance(points), self.dof)
+
+    def record(self, points: ArrayLike | None = None, source_frame: Frame | None = None):
+        """The part of this that a fixture keeps.
+
+        Parameters
+        ----------
+        points
+            The fixture's points in the source frame, for the TRE along them.
+        source_frame
+            "image" or "patient_lps"; by default what the source's dimension says.
+        """
+        frame: Frame = "image" if self.source.shape[1] == 2 else "patient_lps"
+        return RegistrationRecord(
+            model=self.model,
+            source_frame=source_frame or frame,
+            T_robot_image=self.T_target_source,
+            labels=tuple(map(str, self.labels)),
+            source=self.source,
+            target=self.target,
+            residuals_m=self.residuals_m,
+            fre_rms_m=self.fre_rms_m,
+            loo_rms_m=self.loo_rms_m,
+            tre_rms_m=None if points is None else self.tre_rms_m(points),
+            covariance=self.covariance,
+            tre_m=None if points is None else self.tre_m(points),
+        )
+
+    def _x(self, points: ArrayLike) -> Array:
+        array = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        k = self.source.shape[1]
+        if array.ndim == 2 and k == 2 and array.shape[1] == 3 and not array[:, 2].any():
+            array = array[:, :2]
+        if array.ndim != 2 or array.shape[1] != k or not len(array):
+            raise SettingError(f"points have shape {array.shape}; (M, {k}) in the source is wanted")
+        return homogeneous(self.fit.problem.normaliser(array))
