@@ -30,7 +30,7 @@ _LAZY: dict[str, str] = {
     "fit_registration": "vfplan.registration",
     "read_markers": "vfplan.markers",
 }
-_MODULES: tuple[str, ...] = ("markers", "registration")
+_MODULES: tuple[str, ...] = ("markers", "reference", "registration")
 
 __all__ = ["VfplanError", "__version__", "cmake_dir", *_LAZY, *_MODULES]
 
