@@ -54,6 +54,6 @@ def test_a_foreign_file_is_no_bundle(data, tmp_path):
 def test_a_fixture_with_a_point_that_is_not_finite_is_not_written(tmp_path):
     fixture = bundles.minimal()
     fixture.points[3, 1] = np.nan
-    with pytest.raises(BundleError, match="finite"):
+    with pytest.raises(InputError, match="finite"):
         vfplan.write_fixture(fixture, tmp_path / "a.h5")
     assert os.listdir(tmp_path) == []

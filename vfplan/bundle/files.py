@@ -2,47 +2,79 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import BinaryIO
 
-from vfplan.bundle.content import Content, from_content, setting, to_content
+from vfplan.bundle import check, leak
+from vfplan.bundle.content import Content, from_content, to_content
+from vfplan.bundle.disk import opened_file, write_whole
 from vfplan.bundle.findings import Findings
 from vfplan.bundle.parse import parse, peek_version
-from vfplan.bundle.store import read_whole, to_payload, write_whole
-from vfplan.bundle.table import table
-from vfplan.errors import BundleError, CorruptError, VersionError
+from vfplan.bundle.seal import Seal, seal_of, to_block, unseal
+from vfplan.bundle.store import to_payload
+from vfplan.bundle.table import Table, table
+from vfplan.errors import BundleError, CorruptError, InputError, SceneError, VersionError
 from vfplan.fixture import Fixture
 
 FORMAT = "vfplan-fixture"
-VERSION = "0.1"
+VERSION = "1.0"
+MAJOR_MINOR = re.compile(r"(0|[1-9][0-9]{0,4})\.(0|[1-9][0-9]{0,4})")
 
 
 def now_utc() -> str:
     """The time for a bundle's provenance: now, or what SOURCE_DATE_EPOCH says."""
     epoch = os.environ.get("SOURCE_DATE_EPOCH")
-    moment = datetime.now(UTC) if epoch is None else datetime.fromtimestamp(int(epoch), UTC)
+    if epoch is None:
+        moment = datetime.now(UTC)
+    elif epoch.isascii() and epoch.isdigit() and len(epoch) < 12:
+        moment = datetime.fromtimestamp(int(epoch), UTC)
+    else:
+        raise InputError(f"SOURCE_DATE_EPOCH is {epoch!r}; seconds since 1970 wanted")
     return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def write_fixture(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> None:
-    """Write a fixture as a bundle, whole or not at all.
+    """Write a fixture as a sealed, unsigned bundle: whole or not at all.
 
-    The bytes are read back and checked before the file appears under its name.
+    The leak certificate is computed here. The bytes are read back and checked before the file
+    appears under its name.
 
     Raises
     ------
     OutputError
         The path exists and `overwrite` is false, or cannot be written.
-    BundleError
-        The fixture breaks a rule of the format.
+    SceneError
+        The fixture leaks between samples: its own proxy can pass through.
+    InputError
+        The fixture breaks another rule of the format.
     """
-    content = {"/@format": FORMAT, "/@version": VERSION, **to_content(fixture)}
-    payload = to_payload(content, table(VERSION))
-    _checked(payload)
-    write_whole(Path(path), payload, overwrite=overwrite)
+    write_content(completed(to_content(fixture)), Path(path), overwrite=overwrite)
+
+
+def completed(content: Content) -> Content:
+    """A content with what the format adds: head, object id and leak certificate."""
+    head = {"/@format": FORMAT, "/@version": VERSION}
+    content = head | {p: v for p, v in content.items() if p not in head and "/leak" not in p}
+    content["/@id"] = check.object_id(content)
+    if "/rendering@contact_radius_m" in content:
+        content |= leak.certificate(content)
+        if content["/leak@kind"] != "cloud" and not content["/leak@certified"]:
+            raise SceneError(check.leaking(content))
+    return content
+
+
+def write_content(content: Content, path: Path, *, overwrite: bool) -> None:
+    """Seal a content and write it, after reading it back."""
+    payload = to_payload(content, table())
+    try:
+        payload_content(payload, Findings())
+    except BundleError as error:
+        raise InputError(f"no bundle can hold this: {error.message}", where=error.where) from error
+    write_whole(path, [to_block(seal_of(payload)), payload], overwrite=overwrite)
 
 
 def read_fixture(path: str | Path) -> Fixture:
@@ -55,65 +87,83 @@ def read_fixture(path: str | Path) -> Fixture:
     BundleError
         The bundle is corrupt, unsafe, or of a version this program does not read.
     """
-    return from_content(read_content(path))
+    return from_content(read_bundle(path)[0])
 
 
-def read_content(path: str | Path) -> Content:
-    """Every value of a bundle, by its path in the format's table."""
-    try:
-        return _checked(read_whole(Path(path), table(VERSION).limits["payload_bytes"]))
-    except BundleError as error:
-        if error.where is None or not error.where.startswith(str(path)):
-            error.where = str(path) + (f":{error.where}" if error.where else "")
-        raise
+def read_bundle(source: str | Path | bytes) -> tuple[Content, Seal]:
+    """Every value of a bundle, by its path in the format's table, and its seal.
+
+    Raises as `read_fixture` does.
+    """
+    with opened_source(source) as stream:
+        seal, payload = unseal(stream, table().limits["payload_bytes"])
+        return payload_content(payload, Findings()), seal
 
 
-def _checked(payload: bytes) -> Content:
-    found_format, found_version = peek_version(payload)
-    if found_format != FORMAT:
-        raise CorruptError(f"format is {found_format!r}; {FORMAT!r} wanted", where="/@format")
-    if found_version != VERSION:
-        raise VersionError(
-            f"version {found_version!r}; this program reads {VERSION}", where="/@version"
+class opened_source:  # noqa: N801 - used as a function
+    """A binary stream over a path or over bytes; errors raised within name the path."""
+
+    def __init__(self, source: str | Path | bytes) -> None:
+        self.path = None if isinstance(source, bytes) else Path(source)
+        self.stream: BinaryIO = (
+            io.BytesIO(source) if isinstance(source, bytes) else opened_file(Path(source))
         )
-    content = parse(payload, VERSION, Findings())
-    _check_settings(content)
+
+    def __enter__(self) -> BinaryIO:
+        return self.stream
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        self.stream.close()
+        if self.path and isinstance(error, BundleError):
+            error.where = str(self.path) + (f":{error.where}" if error.where else "")
+
+
+def payload_content(payload: bytes, findings: Findings) -> Content:
+    """The checked content of a payload whose seal is known to be good."""
+    version = checked_version(*peek_version(payload))
+    content = parse(payload, table(), findings, newer=version != VERSION)
+    check.check(content, table(), findings)
     return content
 
 
-def _check_settings(content: Content) -> None:
-    if not re.fullmatch(
-        r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", content["/provenance@created_utc"], re.ASCII
-    ):
-        raise CorruptError("is not a UTC time", where="/provenance@created_utc")
-    for one, other in (("input_roles", "input_sha256"), ("setting_names", "setting_values")):
-        pair = [content.get(f"/provenance/{name}") for name in (one, other)]
-        if (pair[0] is None) != (pair[1] is None):
-            raise CorruptError(f"{one} and {other} need each other", where="/provenance")
-    for text in content.get("/provenance/setting_values", ()):
-        setting(text)
+def checked_version(found_format: str, version: str) -> str:
+    """The version, if this program reads it.
 
-
-def describe(path: str | Path) -> dict[str, Any]:
-    """What `vfplan info --json` prints: head, then every value by its path in the table.
-
-    Per-point tables are summed up by their shape and range.
+    Raises
+    ------
+    CorruptError
+        This is no fixture bundle.
+    VersionError
+        Its major version is another; names both and the command that helps.
     """
-    content = read_content(path)
-    described: dict[str, Any] = {
-        "format": content["/@format"],
-        "version": content["/@version"],
-        "frame": content["/@frame"],
-        "points": len(content["/points"]),
-        "seal": {"ok": False, "signed": False, "key_id": None},
-    }
-    for row in table(VERSION).rows:
-        if row.path in content:
-            described[row.path] = _summary(content[row.path], row)
-    return described
+    if found_format != FORMAT:
+        raise CorruptError(f"format is {found_format!r}; {FORMAT!r} wanted", where="/@format")
+    match = MAJOR_MINOR.fullmatch(version)
+    if match is None:
+        raise CorruptError(f"version is {version!r}; MAJOR.MINOR wanted", where="/@version")
+    if match[1] != VERSION.partition(".")[0]:
+        older = int(match[1]) < 1
+        help_ = (
+            "`vfplan migrate OLD.h5 -o NEW.h5` brings it up to date"
+            if older
+            else "`pip install --upgrade vfplan` gets a program that reads it"
+        )
+        raise VersionError(
+            f"version {version}; this program reads versions 1.x (writes {VERSION}); {help_}",
+            where="/@version",
+        )
+    return version
 
 
-def _summary(value: Any, row: Any) -> Any:
-    if not {"N", "K"} & set(row.shape):
-        return list(value) if isinstance(value, tuple) else value
-    return {"shape": list(value.shape), "min": value.min(), "max": value.max()}
+def content_of_0_1(path: str | Path) -> Content:
+    """The content of a bundle of version 0.1, which had no seal: for `migrate` only."""
+    with opened_source(path) as stream:
+        payload = stream.read(table().limits["payload_bytes"] + 1)
+        found_format, version = peek_version(payload)
+        if version != "0.1":
+            checked_version(found_format, version)
+            raise VersionError(f"version {version} without a seal", where="/@version")
+        old: Table = table("0.1")
+        content = parse(payload, old, Findings())
+        check.check(content, old, Findings())
+        return content

@@ -21,7 +21,8 @@ from vfplan.bundle.content import Content
 from vfplan.bundle.findings import Findings
 from vfplan.bundle.h5 import h5py
 from vfplan.bundle.store import NUMBERS, frame_of, unit_of
-from vfplan.bundle.table import Row, Table, table
+from vfplan.bundle.table import Row, Table
+from vfplan.bundle.table import table as current
 from vfplan.errors import BundleError, CorruptError
 
 h5a, h5d, h5f, h5g, h5o, h5p, h5s, h5t, h5z, h5fd = (
@@ -49,7 +50,7 @@ class _Reading:
 
     table: Table
     findings: Findings
-    lenient_names: bool = False
+    newer: bool
     content: Content = field(default_factory=dict)
     sizes: dict[str, int] = field(default_factory=dict)
     budget: int = 0
@@ -91,8 +92,10 @@ def opened(payload: bytes) -> Iterator[Any]:
         file.close()
 
 
-def parse(payload: bytes, version: str, findings: Findings) -> Content:
-    """Everything in a payload that the table of its version knows.
+def parse(payload: bytes, table: Table, findings: Findings, *, newer: bool = False) -> Content:
+    """Everything in a payload that a version's table knows.
+
+    `newer` files may hold unknown names, which are ignored; in others they are errors.
 
     Raises
     ------
@@ -102,7 +105,7 @@ def parse(payload: bytes, version: str, findings: Findings) -> Content:
     check_superblock(payload)
     try:
         with opened(payload) as root:
-            reading = _Reading(table(version), findings, budget=len(payload))
+            reading = _Reading(table, findings, newer, budget=len(payload))
             _read(root, reading)
             return reading.content
     except BundleError:
@@ -114,7 +117,7 @@ def parse(payload: bytes, version: str, findings: Findings) -> Content:
 def peek_version(payload: bytes) -> tuple[str, str]:
     """(format, version) of a payload, before anything else of it is read."""
     check_superblock(payload)
-    rows = {row.path: row for row in table().rows}
+    rows = {row.path: row for row in current().rows}
     try:
         with opened(payload) as root:
             return tuple(_attribute(root, rows[path]) for path in ("/@format", "/@version"))
@@ -138,7 +141,7 @@ def _read(root: Any, reading: _Reading) -> None:
             with _row(row, reading):
                 groups[row.path] = _open(root, row, h5g.GroupID)
                 _check_names(groups[row.path], row.path, reading)
-        elif row.required == "always":
+        elif row.required == "always" or (row.required == "rendering" and "/rendering" in groups):
             reading.findings.error("corrupt.missing", row.path, "is missing")
     # Attributes first: units and frames of datasets depend on them.
     for kind in ("attribute", "dataset"):
@@ -162,7 +165,7 @@ def _take(group: Any, row: Row, reading: _Reading) -> None:
     else:
         there = _linked(group, row.name)
     if not there:
-        if row.required != "optional":
+        if row.required in ("always", "group"):
             raise Wrong("corrupt.missing", "is missing")
         return
     read = _attribute if row.kind == "attribute" else _dataset
@@ -182,7 +185,7 @@ def _check_names(group: Any, path: str, reading: _Reading) -> None:
         kind = group.links.get_info(name).type
         if kind != h5py.h5l.TYPE_HARD:
             raise Wrong("unsafe.link", f"{_shown(name)} is not a hard link; no other is allowed")
-        if _text(name) not in known and not reading.lenient_names:
+        if _text(name) not in known and not reading.newer:
             raise Wrong("unsafe.unknown", f"holds {_shown(name)}, which this format does not have")
     attributes = {r.name for r in reading.table.of("attribute", path)}
     _check_attributes(group, attributes, reading)
@@ -195,7 +198,7 @@ def _check_attributes(where: Any, known: set[str], reading: _Reading) -> None:
         raise Wrong("unsafe.cap", f"{count} attributes; at most {cap} allowed")
     for index in range(count):
         name = h5a.open(where, index=index).name
-        if _text(name) not in known and not reading.lenient_names:
+        if _text(name) not in known and not reading.newer:
             raise Wrong("unsafe.unknown", f"has an attribute {_shown(name)} that this format lacks")
 
 
@@ -242,7 +245,7 @@ def _checked_type(datatype: Any, row: Row) -> Any:
         return NUMBERS[row.type]
     if not isinstance(datatype, h5t.TypeStringID) or datatype.is_variable_str():
         raise Wrong("unsafe.type", "is not a fixed-length string")
-    cap = table().limits["text_bytes"]
+    cap = current().limits["text_bytes"]
     if datatype.get_size() > cap:
         raise Wrong("unsafe.cap", f"is text of {datatype.get_size()} bytes; at most {cap} allowed")
     if datatype.get_strpad() == h5t.STR_SPACEPAD:
@@ -326,9 +329,21 @@ def _check_storage(dataset: Any, shape: tuple[int, ...], itemsize: int, reading:
     if wanted > reading.budget:
         raise Wrong("unsafe.cap", f"claims {wanted} bytes; the file has {reading.budget} left")
     reading.budget -= wanted
+    _check_chunks(dataset, chunk_bytes + FLETCHER_BYTES, wanted, reading)
+
+
+def _check_chunks(dataset: Any, chunk_bytes: int, wanted: int, reading: _Reading) -> None:
+    """All chunks are there, whole, and passed through the filter: none is made up of fill."""
     if dataset.get_storage_size() != wanted:
         found = dataset.get_storage_size()
         raise Wrong("corrupt.storage", f"{found} bytes are stored; {wanted} wanted")
+    count, cap = wanted // chunk_bytes, reading.table.limits["chunks_per_dataset"]
+    if count > cap:
+        raise Wrong("unsafe.cap", f"has {count} chunks; at most {cap} allowed")
+    for index in range(count):
+        chunk = dataset.get_chunk_info(index)
+        if (chunk.filter_mask, chunk.size) != (0, chunk_bytes):
+            raise Wrong("unsafe.filter", f"chunk {index} did not pass fletcher32")
 
 
 def _check_range(value: Any, row: Row, reading: _Reading) -> None:

@@ -1,11 +1,7 @@
-"""Content -> the bytes of an HDF5 file, and bytes -> disk, whole or not at all."""
+"""Content -> the bytes of an HDF5 file."""
 
 from __future__ import annotations
 
-import os
-import secrets
-import stat
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +9,6 @@ import numpy as np
 from vfplan.bundle.content import Content
 from vfplan.bundle.h5 import h5py
 from vfplan.bundle.table import UNITS_OF_FRAME, Row, Table
-from vfplan.errors import InputError, OutputError, UnsafeError
 
 h5a, h5d, h5f, h5g, h5p, h5s, h5t, h5z = (
     getattr(h5py, name) for name in ("h5a", "h5d", "h5f", "h5g", "h5p", "h5s", "h5t", "h5z")
@@ -125,70 +120,3 @@ def unit_of(row: Row, content: Content) -> str | None:
         if name in row.unit:
             return row.unit.replace(name, UNITS_OF_FRAME.get(content.get(path, ""), "?"))
     return row.unit
-
-
-def write_whole(path: Path, data: bytes, *, overwrite: bool) -> None:
-    """Write a file so that, whatever happens, the old one or the new one is there, whole.
-
-    A temporary file in the same folder, fsync, rename, fsync of the folder.
-
-    Raises
-    ------
-    OutputError
-        The path exists and `overwrite` is false, is a directory, or cannot be written.
-    """
-    path = Path(path)
-    if path.is_dir():
-        raise OutputError("is a directory; a file is wanted", where=str(path))
-    if path.exists() and not overwrite:
-        raise OutputError("exists already; give --overwrite to replace it", where=str(path))
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
-    try:
-        _write_synced(temporary, data)
-        if not overwrite and path.exists():
-            raise OutputError("exists already; give --overwrite to replace it", where=str(path))
-        os.replace(temporary, path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-    except OSError as error:
-        raise OutputError(f"cannot be written: {error.strerror}", where=str(path)) from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _write_synced(path: Path, data: bytes) -> None:
-    with open(path, "xb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def read_whole(path: Path, limit: int) -> bytes:
-    """The bytes of a regular file of at most `limit` bytes.
-
-    Raises
-    ------
-    InputError
-        There is no such file, it is a directory or a device, or it cannot be read.
-    UnsafeError
-        It is longer than `limit`.
-    """
-    path = Path(path)
-    try:
-        # Not to hang on a named pipe, which opens only when somebody writes to it.
-        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise InputError("is not a regular file; a bundle is wanted", where=str(path))
-            data = file.read(limit + 1)
-    except IsADirectoryError:
-        raise InputError("is a directory; a bundle is wanted", where=str(path)) from None
-    except FileNotFoundError:
-        raise InputError("there is no such file", where=str(path)) from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", where=str(path)) from error
-    if len(data) > limit:
-        raise UnsafeError(f"more than {limit} bytes, the most a bundle may have", where=str(path))
-    return data

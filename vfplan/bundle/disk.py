@@ -1,0 +1,70 @@
+"""Files, whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from vfplan.errors import InputError, OutputError
+
+
+def write_whole(path: Path, parts: list[bytes], *, overwrite: bool) -> None:
+    """Write a file so that, whatever happens, the old one or the new one is there, whole.
+
+    A temporary file in the same folder, fsync, rename, fsync of the folder.
+
+    Raises
+    ------
+    OutputError
+        The path exists and `overwrite` is false, is a directory, or cannot be written.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise OutputError("is a directory; a file is wanted", where=str(path))
+    if path.exists() and not overwrite:
+        raise OutputError("exists already; give --overwrite to replace it", where=str(path))
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    try:
+        _write_synced(temporary, parts)
+        if not overwrite and path.exists():
+            raise OutputError("exists already; give --overwrite to replace it", where=str(path))
+        os.replace(temporary, path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        raise OutputError(f"cannot be written: {error.strerror}", where=str(path)) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _write_synced(path: Path, parts: list[bytes]) -> None:
+    with open(path, "xb") as file:
+        file.writelines(parts)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def opened_file(path: Path) -> BinaryIO:
+    """A regular file, open for reading.
+
+    Raises `InputError` if there is none, it is a directory or a device, or it cannot be read.
+    """
+    try:
+        # Not to hang on a named pipe, which opens only when somebody writes to it.
+        file = open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")  # noqa: SIM115
+    except IsADirectoryError:
+        raise InputError("is a directory; a bundle is wanted", where=str(path)) from None
+    except FileNotFoundError:
+        raise InputError("there is no such file", where=str(path)) from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read: {error}", where=str(path)) from error
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise InputError("is not a regular file; a bundle is wanted", where=str(path))
+    return file

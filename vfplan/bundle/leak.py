@@ -1,0 +1,177 @@
+"""The leak certificate: could the proxy pass between two samples of the fixture?
+
+The proxy's centre keeps R - band from every point (R = r_c + r_v). It cannot cross a segment whose
+ends are at most 2 (R - band) apart, nor a triangle no point of which is farther than R - band from
+the nearest corner (its covering radius: the circumradius, or less if the triangle is obtuse). Of
+bare points nothing follows: how they connect is not in the file. With an ignored axis everything
+is measured across it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.bundle.content import Content
+
+BLOCK = 1 << 18  # triangles or points at a time, to bound memory
+
+
+def kind_of(content: Content) -> str:
+    """ "mesh", "curve" or "cloud": what the samples are known to lie on."""
+    if "/mesh/triangles" in content:
+        return "mesh"
+    return "curve" if "/curve/stroke" in content else "cloud"
+
+
+def limit_of(content: Content, kind: str) -> float | None:
+    """The largest opening [m] that holds the proxy back; `None` for a bare cloud."""
+    radius = content["/rendering@contact_radius_m"] + content["/rendering@point_radius_m"]
+    reach = radius - content["/rendering@band_m"]
+    return {"curve": 2 * reach, "mesh": reach}.get(kind)
+
+
+def certificate(content: Content) -> Content:
+    """The values of `/leak`, computed from the rest of a bundle's content with `/rendering`."""
+    kind = kind_of(content)
+    points = flattened(content)
+    own = content["/points"]
+    leak: Content = {"/leak@kind": kind}
+    if kind == "curve":
+        largest, index, following = largest_gap(content, points)
+        place = (own[index] + own[following]) / 2
+        leak |= _ends(content, points)
+    elif kind == "mesh":
+        largest, row = largest_cover(content["/mesh/triangles"], points)
+        place = own[content["/mesh/triangles"][row]].mean(axis=0)
+        edges = open_edges(content["/mesh/triangles"])
+        leak |= {"/leak@open_edges": edges} if edges else {}
+    else:
+        largest, index = loneliest(points)
+        place = own[index]
+    limit = limit_of(content, kind)
+    leak["/leak@largest_m"] = float(largest)
+    leak["/leak/place"] = np.ascontiguousarray(place, dtype="<f8")
+    leak["/leak@certified"] = int(limit is not None and largest <= limit)
+    return leak if limit is None else leak | {"/leak@limit_m": float(limit)}
+
+
+def flattened(content: Content) -> NDArray[np.float64]:
+    """(N, 3) points [m], without their part along the ignored axis."""
+    points, axis = content["/points"], content.get("/rendering/ignore_axis")
+    if axis is None:
+        return points
+    return points - (points @ axis)[:, None] * axis
+
+
+def largest_gap(content: Content, points: NDArray[np.float64]) -> tuple[float, int, int]:
+    """(gap [m], index, index) of the widest pair of neighbours along the strokes, closed ones too.
+
+    The first such pair in the order of the points, closing pairs after all others.
+    """
+    stroke, closed = content["/curve/stroke"], content["/curve/closed"].astype(bool)
+    best = (0.0, 0, 0)
+    for start in range(0, len(points) - 1, BLOCK):
+        stop = min(start + BLOCK, len(points) - 1)
+        steps = np.linalg.norm(points[start + 1 : stop + 1] - points[start:stop], axis=1)
+        steps[stroke[start + 1 : stop + 1] != stroke[start:stop]] = 0.0
+        widest = int(np.argmax(steps))
+        if steps[widest] > best[0]:
+            best = (float(steps[widest]), start + widest, start + widest + 1)
+    first, last = stroke_ends(stroke)
+    gaps = np.where(closed, np.linalg.norm(points[last] - points[first], axis=1), 0.0)
+    widest = int(np.argmax(gaps))
+    if gaps[widest] > best[0]:
+        best = (float(gaps[widest]), int(last[widest]), int(first[widest]))
+    return best
+
+
+def stroke_ends(stroke: NDArray[np.int32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Index of the first and of the last point of each stroke."""
+    first = np.flatnonzero(np.diff(stroke, prepend=-1))
+    return first, np.append(first[1:], len(stroke)) - 1
+
+
+def largest_cover(triangles: NDArray[np.int32], points: NDArray[np.float64]) -> tuple[float, int]:
+    """(covering radius [m], row) of the triangle whose inside is farthest from its corners."""
+    best = (0.0, 0)
+    for start in range(0, len(triangles), BLOCK):
+        radii = covering_radius(points[triangles[start : start + BLOCK]])
+        widest = int(np.argmax(radii))
+        if radii[widest] > best[0]:
+            best = (float(radii[widest]), start + widest)
+    return best
+
+
+def covering_radius(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(K,) largest distance of any point of each (3, 3) triangle to its nearest corner.
+
+    With sides a <= b <= c: the circumradius abc / 4A of an acute triangle. In an obtuse one the
+    farthest point lies on the longest side, where the perpendicular bisector of b meets it, at
+    (b / 2) / cos A = b^2 c / (b^2 + c^2 - a^2) from the corner A.
+    """
+    sides = np.stack([np.linalg.norm(corners[:, i] - corners[:, i - 1], axis=1) for i in range(3)])
+    a, b, c = np.sort(sides, axis=0)
+    # Kahan's area, exact for needles.
+    product = (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c))
+    area4 = np.sqrt(np.maximum(product, 0.0))
+    obtuse = a * a + b * b <= c * c
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slanted = b * b * c / (b * b + c * c - a * a)
+        around = a * b * c / area4
+    return np.where(c == 0, 0.0, np.where(obtuse, slanted, around))
+
+
+def open_edges(triangles: NDArray[np.int32]) -> int:
+    """Number of edges that belong to exactly one triangle."""
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    edges = np.sort(edges, axis=1).astype(np.int64)
+    _, counts = np.unique(edges[:, 0] << 32 | edges[:, 1], return_counts=True)
+    return int(np.count_nonzero(counts == 1))
+
+
+def loneliest(points: NDArray[np.float64]) -> tuple[float, int]:
+    """(distance [m], index) of the point farthest from its nearest neighbour; 0 for one point."""
+    if len(points) == 1:
+        return 0.0, 0
+    from scipy.spatial import cKDTree
+
+    distance, _ = cKDTree(points).query(points, k=2)
+    index = int(np.argmax(distance[:, 1]))
+    return float(distance[index, 1]), index
+
+
+def _ends(content: Content, points: NDArray[np.float64]) -> Content:
+    """Open ends, and how far the farthest of them is from any other stroke."""
+    stroke, closed = content["/curve/stroke"], content["/curve/closed"].astype(bool)
+    first, last = stroke_ends(stroke)
+    ends = np.column_stack([first, last])[~closed].ravel()
+    if not len(ends):
+        return {}
+    leak: Content = {"/leak/open_ends": np.ascontiguousarray(content["/points"][ends])}
+    if len(closed) == 1:
+        return leak
+    distance = _to_other_strokes(points, stroke, ends)
+    farthest = int(np.argmax(distance))
+    return leak | {
+        "/leak@between_m": float(distance[farthest]),
+        "/leak/between_place": np.ascontiguousarray(content["/points"][ends[farthest]]),
+    }
+
+
+def _to_other_strokes(
+    points: NDArray[np.float64], stroke: NDArray[np.int32], ends: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(points)
+    distance = np.full(len(ends), np.inf)
+    for row, end in enumerate(ends):
+        count = 8
+        while not np.isfinite(distance[row]):
+            found, index = tree.query(points[end], k=min(count, len(points)))
+            other = stroke[index] != stroke[end]
+            if other.any():
+                distance[row] = found[other].min()
+            count *= 4
+    return distance
