@@ -13,6 +13,9 @@ import click
 # name -> one line for `vfplan --help`, in the order of the work. The module is vfplan.cli.<name>
 # and holds a click command called `command`; loading none of them keeps `--help` fast.
 COMMANDS: dict[str, str] = {
+    "extract": "A planned slice in, its drawn curve out.",
+    "register": "Markers and a curve in, a fixture out.",
+    "plan": "A planned slice and its markers in, a fixture out.",
     "info": "What a bundle holds.",
 }
 
@@ -45,8 +48,8 @@ class LazyGroup(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""
-        with formatter.section("Commands" if COMMANDS else ""):
-            formatter.write_dl(list(COMMANDS.items()) or [("", "")])
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})

@@ -67,3 +67,104 @@ def output(text: str, required: bool = True) -> Callable[[F], F]:
         return click.option("-o", "--output", type=FILE, required=required, help=text)(function)
 
     return wrap
+
+
+def _apply(options: list[Callable[[F], F]]) -> Callable[[F], F]:
+    def wrap(function: F) -> F:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return wrap
+
+
+PIXEL_SPACING = click.option(
+    "--pixel-spacing",
+    "pixel_spacing_mm",
+    type=Numbers(1, 2, metavar="MM[,MM]"),
+    callback=lambda ctx, param, value: value if value is None or len(value) == 2 else value * 2,
+    help="Size of a pixel along u (between columns) and v (between rows); wins over the file's.",
+)
+
+# How the curve is read from the image: `extract` and `plan`.
+CURVE_OPTIONS = [
+    click.option("--colour", default="red", show_default=True, metavar="NAME|#RRGGBB",
+                 help="The planning pen's colour."),
+    PIXEL_SPACING,
+    click.option("--method", type=click.Choice(["ridge", "skeleton", "mask"]), default="ridge",
+                 show_default=True, help="Sub-pixel ridge, bare skeleton, or every mask pixel."),
+    click.option("--roi", type=Numbers(4, metavar="U,V,W,H", positive=False),
+                 help="Look only in this rectangle of pixels."),
+    click.option("--stroke", metavar="all|longest|N", callback=lambda c, p, v: _stroke(c, p, v),
+                 help="Which of several candidates is the curve."),
+    click.option("--max-gap", "max_gap_px", type=click.FloatRange(min=0), default=20.0,
+                 show_default=True, metavar="PX", help="Bridge pen lifts shorter than this."),
+    click.option("--mask-out", type=FILE, metavar="PNG", help="Write the pen's mask."),
+    click.option("--overlay-out", type=FILE, metavar="PNG",
+                 help="Write the slice with the curve found on it."),
+]  # fmt: skip
+
+# How a curve becomes a fixture: `register` and `plan`.
+FIXTURE_OPTIONS = [
+    click.option("--model", type=click.Choice(["affine", "similarity", "rigid"]), default="affine",
+                 show_default=True, help="The transform from image to robot."),
+    click.option("--robust", is_flag=True, help="Find and leave out outlying markers; names them."),
+    click.option("--tolerance", "tolerance_mm", type=Numbers(1, metavar="MM"),
+                 help="How far the sampled fixture may lie from the curve's.  [default: 0.01]"),
+    click.option("--density", "density_per_mm", type=Numbers(1, metavar="PTS_PER_MM"),
+                 help="Points a millimetre, instead of a tolerance."),
+    click.option("--stiffness", type=Numbers(1, 3, metavar="N_PER_M[,Y,Z]"), default="1000",
+                 show_default=True, help="K, one for all axes of the robot's base or one each."),
+    click.option("--contact-radius", "contact_radius_mm", type=Numbers(1, metavar="MM"),
+                 default="5", show_default=True, help="The proxy's radius r_c."),
+    click.option("--point-radius", "point_radius_mm", type=click.FloatRange(min=0), default=0.0,
+                 metavar="MM", help="Radius r_v of each point of the cloud.  [default: 0]"),
+    click.option("--ignore-axis", type=click.Choice(["normal", "x", "y", "z", "none"]),
+                 help="The fixture is infinite along it.  [default: normal, the drawn slice's]"),
+]  # fmt: skip
+
+
+def _stroke(ctx: click.Context, param: click.Parameter, value: str | None) -> str | int | None:
+    if value is None or value in ("all", "longest"):
+        return value
+    if value.isdecimal():
+        return int(value)
+    raise click.BadParameter(f"{value!r} is neither 'all', 'longest' nor a stroke's number")
+
+
+def curve_options(function: F) -> F:
+    """The options of `CURVE_OPTIONS`; collect them with `extract_settings`."""
+    return _apply(CURVE_OPTIONS)(function)
+
+
+def fixture_options(function: F) -> F:
+    """The options of `FIXTURE_OPTIONS`; collect them with `fixture_settings`."""
+    return _apply(FIXTURE_OPTIONS)(function)
+
+
+def extract_settings(given: dict[str, Any], **more: Any) -> Any:
+    """`vfplan.pipeline.ExtractSettings` from a command's arguments."""
+    from vfplan.pipeline import ExtractSettings
+
+    roi = given["roi"] and tuple(round(x) for x in given["roi"])
+    names = ("colour", "pixel_spacing_mm", "method", "stroke", "max_gap_px")
+    return ExtractSettings(**{n: given[n] for n in names}, roi=roi, **more)
+
+
+def fixture_settings(given: dict[str, Any]) -> Any:
+    """`vfplan.pipeline.FixtureSettings` from a command's arguments."""
+    from vfplan.pipeline import FixtureSettings
+
+    if given["tolerance_mm"] and given["density_per_mm"]:
+        raise click.UsageError("--tolerance and --density exclude each other; give one")
+    density = given["density_per_mm"]
+    return FixtureSettings(
+        model=given["model"],
+        robust=given["robust"],
+        tolerance_m=(given["tolerance_mm"] or (0.01,))[0] * 1e-3,
+        density_per_m=density and density[0] * 1e3,
+        stiffness=given["stiffness"],
+        contact_radius=given["contact_radius_mm"][0] * 1e-3,
+        point_radius=given["point_radius_mm"] * 1e-3,
+        ignore_axis=given["ignore_axis"],
+    )

@@ -16,7 +16,7 @@ LAYERS = [
     ["extraction", "registration", "bundle", "proxy", "reference", "scenes"],
     ["centreline"],
     ["sampling"],
-    ["plan", "replay"],
+    ["pipeline", "replay", "robot"],
     ["accuracy", "stability"],
     ["figures", "view3d"],
     ["report"],

@@ -1,0 +1,79 @@
+"""`vfplan extract`: the curve drawn on a slice, in sub-pixel points."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from vfplan.cli.options import FILE, Numbers, curve_options, extract_settings, output
+from vfplan.cli.run import Report, command, outputs, refuse_existing
+
+if TYPE_CHECKING:
+    from vfplan.pipeline import Extracted
+
+
+@command("extract", short_help="A planned slice in, its drawn curve out.")
+@click.argument("image", type=FILE)
+@output("The curve to write: a bundle in the frame of the image.")
+@curve_options
+@click.option(
+    "--density",
+    "density_per_mm",
+    type=Numbers(1, metavar="PTS_PER_MM"),
+    callback=lambda ctx, param, value: value and value[0],
+    help="Points a millimetre; needs a pixel spacing.  [default: one a pixel]",
+)
+def command(
+    image: Path,
+    output: Path,
+    overwrite: bool,
+    mask_out: Path | None,
+    overlay_out: Path | None,
+    density_per_mm: float | None,
+    **given: Any,
+) -> Report:
+    """Extract the curve drawn on IMAGE to sub-pixel points.
+
+    With several candidates and none chosen by --stroke, --roi or --colour, each is described and
+    nothing is written (exit 3).
+    """
+    from vfplan.bundle import write_fixture
+    from vfplan.pipeline import extract
+
+    settings = extract_settings(given, density_per_mm=density_per_mm)
+    refuse_existing(output, mask_out, overlay_out, overwrite=overwrite)
+    extracted = extract(image, settings)
+    with outputs(output, mask_out, overlay_out) as (path, mask, overlay):
+        write_fixture(extracted.fixture, path)
+        write_pictures(extracted, mask, overlay)
+    text = f"{extracted_text(extracted.report)}\nwrote {output}"
+    return Report(extracted.report, text, warnings=list(extracted.warnings))
+
+
+def write_pictures(extracted: Extracted, mask: Path | None, overlay: Path | None) -> None:
+    """Write the pictures that were asked for."""
+    if mask is None and overlay is None:
+        return
+    from vfplan.figures.slice import draw_mask, draw_overlay
+
+    if mask is not None:
+        draw_mask(extracted.extraction, mask)
+    if overlay is not None:
+        draw_overlay(extracted.image, extracted.extraction, overlay)
+
+
+def extracted_text(report: dict[str, Any]) -> str:
+    """The extraction on a few lines."""
+    image = report["image"]
+    lines = [f"{image['width_px']} x {image['height_px']} px, {report['mask_pixels']} in the pen"]
+    for stroke in report["strokes"]:
+        shape = "closed" if stroke["closed"] else "open"
+        length = f"{stroke['length_px']:.1f} px"
+        if stroke["length_mm"] is not None:
+            length += f" ({stroke['length_mm']:.1f} mm)"
+        line = f"  {shape} curve, {length}, {stroke['points']} points"
+        if stroke["bridged_points"]:
+            line += f", {stroke['bridged_points']} of them bridged"
+        lines.append(line)
+    return "\n".join(lines)

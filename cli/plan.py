@@ -1,0 +1,54 @@
+"""`vfplan plan`: from a planned slice and its markers to a fixture, in one step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from vfplan.cli.extract import extracted_text, write_pictures
+from vfplan.cli.options import (
+    FILE,
+    curve_options,
+    extract_settings,
+    fixture_options,
+    fixture_settings,
+    output,
+)
+from vfplan.cli.register import registered_text
+from vfplan.cli.run import Report, command, outputs, refuse_existing
+
+
+@command("plan", short_help="A planned slice and its markers in, a fixture out.")
+@click.argument("image", type=FILE)
+@click.argument("markers", type=FILE)
+@click.argument("markers2", type=FILE, required=False)
+@output("The fixture bundle to write.")
+@curve_options
+@fixture_options
+def command(
+    image: Path,
+    markers: Path,
+    markers2: Path | None,
+    output: Path,
+    overwrite: bool,
+    mask_out: Path | None,
+    overlay_out: Path | None,
+    **given: Any,
+) -> Report:
+    """Extract the curve drawn on IMAGE, register it by MARKERS and write a fixture bundle.
+
+    MARKERS is one CSV (label,u_px,v_px,x_m,y_m,z_m), or two files joined by label: CSV, Slicer
+    .mrk.json or .fcsv.
+    """
+    from vfplan.bundle import write_fixture
+    from vfplan.pipeline import plan
+
+    reading, making = extract_settings(given), fixture_settings(given)
+    refuse_existing(output, mask_out, overlay_out, overwrite=overwrite)
+    made = plan(image, markers, markers2, extraction=reading, settings=making)
+    with outputs(output, mask_out, overlay_out) as (path, mask, overlay):
+        write_fixture(made.fixture, path)
+        write_pictures(made.extracted, mask, overlay)
+    text = f"{extracted_text(made.extracted.report)}\n{registered_text(made.registered.report)}"
+    return Report(made.report, f"{text}\nwrote {output}", warnings=list(made.warnings))

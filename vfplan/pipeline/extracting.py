@@ -1,0 +1,158 @@
+"""Image -> pen coverage -> centre line -> a curve in the image's pixels."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vfplan.errors import SettingError
+from vfplan.fixture import Curve, Fixture, SourceImage
+from vfplan.pipeline.carrying import along
+from vfplan.pipeline.provenance import make_provenance
+from vfplan.pipeline.settings import ExtractSettings
+
+if TYPE_CHECKING:
+    from vfplan.centreline import Extraction, Stroke
+    from vfplan.image import PlannedImage
+
+
+@dataclass(frozen=True, eq=False)
+class Extracted:
+    """A curve in the image's pixels, what it was taken from, and the report for `--json`."""
+
+    fixture: Fixture
+    image: PlannedImage
+    extraction: Extraction
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+
+def extract(path: str | Path, settings: ExtractSettings) -> Extracted:
+    """Read a planned slice and extract its curve.
+
+    Raises `ImageError`, `CurveError` or `SettingError`.
+    """
+    from vfplan.centreline import extract_curve
+    from vfplan.image import read_image
+
+    image = read_image(path, pixel_spacing_mm=settings.pixel_spacing_mm)
+    started = time.perf_counter()
+    extraction = extract_curve(
+        image,
+        colour=settings.colour,
+        method=settings.method,
+        roi=settings.roi,
+        stroke=settings.stroke,
+        max_gap_px=settings.max_gap_px,
+    )
+    if settings.density_per_mm is not None:
+        extraction = resample(extraction, image.pixel_spacing_mm, settings.density_per_mm)
+    elapsed = time.perf_counter() - started
+    fixture = planned_curve(extraction, image, settings)
+    report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
+    return Extracted(fixture, image, extraction, report, tuple(extraction.warnings))
+
+
+def planned_curve(
+    extraction: Extraction, image: PlannedImage, settings: ExtractSettings | None = None
+) -> Fixture:
+    """The extracted strokes as a `Fixture` in frame "image": (u, v, 0) in pixels."""
+    strokes = extraction.strokes
+    points = np.concatenate([s.points_px for s in strokes])
+    return Fixture(
+        frame="image",
+        points=np.c_[points, np.zeros(len(points))],
+        provenance=make_provenance({"image": image.sha256}, settings or ExtractSettings()),
+        sigma=np.concatenate([s.sigma_px for s in strokes]),
+        curve=None if extraction.method == "mask" else _curve(extraction),
+        image=SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm),
+    )
+
+
+def _curve(extraction: Extraction) -> Curve:
+    strokes = extraction.strokes
+    bridged = np.concatenate([s.bridged for s in strokes])
+    counts = [len(s.points_px) for s in strokes]
+    return Curve(
+        stroke=np.repeat(np.arange(len(strokes), dtype=np.int32), counts),
+        closed=np.array([s.closed for s in strokes]),
+        bridged=bridged if bridged.any() else None,
+    )
+
+
+def resample(
+    extraction: Extraction, spacing_mm: tuple[float, float] | None, density_per_mm: float
+) -> Extraction:
+    """The same strokes at a number of points a millimetre instead of one a pixel.
+
+    Raises `SettingError` without a pixel spacing, or for "mask", whose points have no order.
+    """
+    from vfplan.sampling import sample_curve
+
+    if extraction.method == "mask":
+        raise SettingError("a density needs an ordered curve; method 'mask' gives every pixel")
+    if spacing_mm is None:
+        raise SettingError("a density per millimetre needs a pixel spacing; the image has none")
+    unit = np.array([*spacing_mm, 0.0]) * 1e-3
+
+    def thin(stroke: Stroke) -> Stroke:
+        fine = np.c_[stroke.points_px, np.zeros(len(stroke.points_px))] * unit
+        at = sample_curve(
+            fine, stroke.closed, radius_m=1.0, density_per_m=density_per_mm * 1e3
+        ).parameter
+        return replace(
+            stroke,
+            points_px=along(stroke.points_px, at),
+            sigma_px=along(stroke.sigma_px, at),
+            bridged=along(stroke.bridged.astype(float), at) > 0,
+        )
+
+    return replace(extraction, strokes=tuple(map(thin, extraction.strokes)))
+
+
+def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str, Any]:
+    """What `extract --json` reports of a curve, but for the time it took."""
+    spacing = image.pixel_spacing_mm
+    size = {"width_px": image.width_px, "height_px": image.height_px, "pixel_spacing_mm": spacing}
+    points = sum(len(s.points_px) for s in extraction.strokes)
+    ordered = extraction.method != "mask"
+    report: dict[str, Any] = {
+        "image": size,
+        "mask_pixels": int(np.count_nonzero(extraction.mask)),
+        "strokes": [_describe_stroke(s, spacing, ordered) for s in extraction.strokes],
+        "points": points,
+        "spacing_mm": None,
+        "density_per_mm": None,
+    }
+    if extraction.set_aside:
+        report["set_aside"] = list(extraction.set_aside)
+    if spacing is not None:
+        length_mm = sum(s["length_mm"] for s in report["strokes"])
+        report["spacing_mm"] = length_mm / points
+        report["density_per_mm"] = points / length_mm if length_mm else None
+    return report
+
+
+def _describe_stroke(
+    stroke: Stroke, spacing: tuple[float, float] | None, ordered: bool
+) -> dict[str, Any]:
+    length_mm = None
+    if spacing is not None and ordered:
+        points = stroke.points_px
+        ring = np.vstack([points, points[:1]]) if stroke.closed else points
+        length_mm = float(np.linalg.norm(np.diff(ring, axis=0) * spacing, axis=1).sum())
+    elif spacing is not None:
+        length_mm = float(stroke.length_px * np.sqrt(spacing[0] * spacing[1]))
+    return {
+        "length_px": float(stroke.length_px),
+        "length_mm": length_mm,
+        "width_px": float(stroke.width_px),
+        "closed": bool(stroke.closed),
+        "points": len(stroke.points_px),
+        "ends_px": stroke.ends_px if ordered else [],
+        "bridged_points": int(np.count_nonzero(stroke.bridged)),
+    }

@@ -1,0 +1,202 @@
+"""Curve + markers -> transform with its error -> points -> a fixture in the robot's frame."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import CurveError, MarkerError, SettingError
+from vfplan.fixture import Fixture, Provenance, Rendering
+from vfplan.pipeline.carrying import Carried, carry, metres_per_unit
+from vfplan.pipeline.provenance import file_sha256, make_provenance
+from vfplan.pipeline.settings import FixtureSettings
+
+if TYPE_CHECKING:
+    from vfplan.registration import Registration
+
+# An ignored axis further than this from the slice's normal would collapse the curve.
+MAX_IGNORED_TILT_DEG = 45.0
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """A fixture, the registration it rests on, and what was found, as `--json` reports it."""
+
+    fixture: Fixture
+    registration: Registration
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+
+def register(
+    curve: Fixture,
+    markers: str | Path,
+    markers2: str | Path | None = None,
+    settings: FixtureSettings | None = None,
+) -> Planned:
+    """Carry a curve into the robot's frame and sample it for rendering.
+
+    Parameters
+    ----------
+    curve
+        A fixture in frame "image" or "patient_lps" with its strokes.
+    markers, markers2
+        One file with both positions of each marker, or two joined by label.
+    settings
+        The registration, the sampling and the rendering.
+
+    Raises
+    ------
+    MarkerError, CurveError, SettingError
+    """
+    from vfplan.markers import read_markers
+    from vfplan.registration import fit_registration
+
+    settings = settings or FixtureSettings()
+    if curve.frame == "robot_base":
+        raise CurveError("is in frame 'robot_base' already; a curve of an image is wanted")
+    pairs = read_markers(markers, markers2)
+    if pairs.source_frame != curve.frame:
+        raise MarkerError(
+            f"markers are given in frame {pairs.source_frame!r}, the curve in {curve.frame!r}"
+        )
+    started = time.perf_counter()
+    registration = fit_registration(
+        pairs.source,
+        pairs.target,
+        model=settings.model,
+        labels=pairs.labels,
+        pixel_spacing=_spacing_m(curve),
+        sigma=pairs.sigma,
+    )
+    fixture, carried = build_fixture(curve, registration, settings, _hashes(markers, markers2))
+    report = describe(registration, fixture, carried, curve)
+    report["elapsed_s"] = time.perf_counter() - started
+    return Planned(fixture, registration, report)
+
+
+def build_fixture(
+    curve: Fixture,
+    registration: Registration,
+    settings: FixtureSettings,
+    inputs: dict[str, str],
+) -> tuple[Fixture, Carried]:
+    """The fixture, and what became of the curve's points on the way."""
+    carried = carry(curve, registration, settings)
+    fixture = Fixture(
+        frame="robot_base",
+        points=carried.points,
+        provenance=_provenance(curve, settings, inputs),
+        sigma=carried.sigma,
+        curve=carried.curve,
+        image=curve.image,
+        rendering=_rendering(carried.points, settings, registration),
+        registration=registration.record(carried.source, source_frame=curve.frame),
+    )
+    return fixture, carried
+
+
+def _provenance(curve: Fixture, settings: FixtureSettings, inputs: dict[str, str]) -> Provenance:
+    """The curve's provenance, continued."""
+    before = curve.provenance
+    now = make_provenance(before.inputs | inputs, settings)
+    return replace(now, settings=before.settings | now.settings, history=before.history)
+
+
+def _rendering(points: NDArray, settings: FixtureSettings, registration: Registration) -> Rendering:
+    from vfplan.rendering import ProxyParameters
+
+    axis = ignored_axis(settings.ignore_axis, registration)
+    chosen = ProxyParameters.make(
+        points,
+        contact_radius=settings.contact_radius,
+        point_radius=settings.point_radius,
+        stiffness=np.broadcast_to(settings.stiffness, 3),
+        ignore_axis=axis,
+    )
+    return Rendering(
+        stiffness=np.array(np.broadcast_to(settings.stiffness, 3), dtype=float),
+        contact_radius=settings.contact_radius,
+        band=chosen.r2 - chosen.rc,
+        point_radius=settings.point_radius,
+        ignore_axis=axis,
+    )
+
+
+def ignored_axis(choice: str | None, registration: Registration) -> NDArray[np.float64] | None:
+    """(3,) unit vector along which the fixture is infinite; `None` for a fixture in space.
+
+    A drawn slice is extruded along its plane's normal unless told otherwise, as the paper ignores
+    z in Experiment 2; a curve in space is not extruded.
+
+    Raises `SettingError` for an axis that would collapse the slice, or a normal of no slice.
+    """
+    planar = registration.source.shape[1] == 2
+    choice = choice or ("normal" if planar else "none")
+    if choice == "none":
+        return None
+    if not planar:
+        if choice == "normal":
+            raise SettingError("a curve in space has no slice normal; ignore x, y, z or none")
+        return np.eye(3)["xyz".index(choice)]
+    columns = registration.T_target_source[:3, :2]
+    normal = np.cross(columns[:, 0], columns[:, 1])
+    normal /= np.linalg.norm(normal)
+    if choice == "normal":
+        return normal
+    axis = np.eye(3)["xyz".index(choice)]
+    tilt = np.degrees(np.arccos(min(1.0, abs(axis @ normal))))
+    if tilt > MAX_IGNORED_TILT_DEG:
+        raise SettingError(
+            f"ignoring {choice} would collapse the curve: it is {tilt:.1f} degrees from the "
+            f"slice's normal; at most {MAX_IGNORED_TILT_DEG:g} are allowed"
+        )
+    return axis
+
+
+def describe(
+    registration: Registration, fixture: Fixture, carried: Carried, curve: Fixture
+) -> dict[str, Any]:
+    """What `register --json` reports, but for the time it took."""
+    record = fixture.registration
+    report: dict[str, Any] = {
+        "model": record.model,
+        "markers": len(record.labels),
+        "T_robot_image": record.T_robot_image,
+        "fre_rms_m": record.fre_rms_m,
+        "loo_rms_m": record.loo_rms_m,
+        "tre_rms_m": record.tre_rms_m,
+        "residuals": [
+            {"label": label, "residual_m": float(r)}
+            for label, r in zip(record.labels, record.residuals_m, strict=True)
+        ],
+        "outliers": list(registration.outliers),
+        "condition": registration.condition,
+        "scale_m_per_px": metres_per_unit(registration),
+        "points": len(fixture.points),
+        "spacing_m": carried.spacing_m,
+        "left_out": {"points": max(0, len(curve.points) - len(fixture.points))},
+    }
+    if carried.sampling_error_m is not None:
+        report["sampling_error_m"] = carried.sampling_error_m
+    if carried.tight_bends:
+        report["tight_bends"] = [asdict(bend) for bend in carried.tight_bends]
+    if fixture.ignore_axis is not None:
+        report["left_out"]["coordinates"] = 1
+    return report
+
+
+def _spacing_m(curve: Fixture) -> tuple[float, float] | None:
+    spacing = curve.image and curve.image.pixel_spacing_mm
+    return spacing and (spacing[0] * 1e-3, spacing[1] * 1e-3)
+
+
+def _hashes(markers: str | Path, markers2: str | Path | None) -> dict[str, str]:
+    if markers2 is None:
+        return {"markers": file_sha256(markers)}
+    return {"markers": file_sha256(markers), "markers2": file_sha256(markers2)}

@@ -1,0 +1,66 @@
+"""What a user may choose about a plan, with its defaults: the only place they are written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ExtractSettings:
+    """How the curve is taken from the image.
+
+    Parameters
+    ----------
+    colour
+        The pen: a name or "#rrggbb".
+    method
+        "ridge", "skeleton" or "mask" (the paper's: every mask pixel a point).
+    stroke
+        "all", "longest", an index, or `None`: the only one there is.
+    roi
+        (u, v, width, height) [px] to look in; `None`: the whole image.
+    max_gap_px
+        Pen lifts shorter than this are bridged.
+    pixel_spacing_mm
+        (along u, along v); `None`: what the file says.
+    density_per_mm
+        Points a millimetre; `None`: one a pixel.
+    """
+
+    colour: str = "red"
+    method: str = "ridge"
+    stroke: str | int | None = None
+    roi: tuple[int, int, int, int] | None = None
+    max_gap_px: float = 20.0
+    pixel_spacing_mm: tuple[float, float] | None = None
+    density_per_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class FixtureSettings:
+    """How a registered curve becomes a fixture.
+
+    Parameters
+    ----------
+    model, robust
+        The registration; see `vfplan.fit_registration`.
+    tolerance_m
+        How far the union of spheres may lie from the swept curve [m].
+    density_per_m
+        Points a metre; takes the place of the tolerance.
+    stiffness
+        K [N/m], one number or one an axis.
+    contact_radius, point_radius
+        r_c and r_v [m].
+    ignore_axis
+        "normal" (of the slice), "x", "y", "z" or "none"; `None`: the normal where there is one.
+    """
+
+    model: str = "affine"
+    robust: bool = False
+    tolerance_m: float = 1e-5
+    density_per_m: float | None = None
+    stiffness: tuple[float, ...] = (1000.0,)
+    contact_radius: float = 5e-3
+    point_radius: float = 0.0
+    ignore_axis: str | None = None
