@@ -38,6 +38,7 @@ test-full: $(STAMP)
 
 docs: $(STAMP)
 	$(BIN)/python docs/make_cli.py
+	$(BIN)/python docs/make_format.py
 
 lint: | $(BIN)/python
 	$(BIN)/python -m pip install -q "ruff>=0.9" "clang-format==23.1.5"

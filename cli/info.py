@@ -13,11 +13,12 @@ from vfplan.cli.run import command as vfplan_command
 
 @vfplan_command("info", short_help="What a bundle holds.")
 @click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
-def command(fixture: Path) -> Report:
+@click.option("--values", is_flag=True, help="In --json, the per-point tables in full too.")
+def command(fixture: Path, values: bool) -> Report:
     """Show what FIXTURE.h5 holds: frame, points, rendering, registration and provenance."""
     from vfplan.bundle import describe
 
-    data = describe(fixture)
+    data = describe(fixture, values=values)
     return Report(data, _page(data))
 
 

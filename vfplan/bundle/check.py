@@ -54,8 +54,8 @@ def _understood(content: Content, findings: Findings) -> None:
     from vfplan.bundle.table import table
 
     known = {row.path for row in table().rows}
-    for path in content.get("/@must_understand", "").split():
-        if path not in known:
+    for path in content.get("/@must_understand", "").split(" "):
+        if path and path not in known:
             findings.error(
                 "version.must_understand", path, "must be understood, and this program does not"
             )

@@ -6,6 +6,7 @@ does not have has no path.
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any
 
@@ -210,6 +211,6 @@ def setting(text: str) -> str | float | int | bool:
     if len(text) >= 2 and text[0] == text[-1] == '"':
         return text[1:-1]
     match = NUMBER.fullmatch(text)
-    if match is None:
+    if match is None or not math.isfinite(float(text)):
         raise CorruptError(f"{text!r} is not a setting's value", where="/provenance/setting_values")
     return float(text) if match[2] or match[3] else int(text)

@@ -15,6 +15,7 @@ Layout, little-endian, in front of the payload (see docs/format.md):
 from __future__ import annotations
 
 import hashlib
+import re
 import struct
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -29,6 +30,7 @@ BLOCKS = (512, 1024, 2048, 4096)
 HEAD = struct.Struct("<8sHHIQ32s16s64sQHH")
 DIGEST = 32
 SIGNATURE = slice(72, 136)
+CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 DOMAIN = b"vfplan bundle seal 1\0"  # what is signed can be taken for nothing else
 HDF5 = b"\x89HDF\r\n\x1a\n"
 HINT = (
@@ -182,7 +184,7 @@ def _parsed(block: bytes) -> Seal:
         case, serial = (text.decode("utf-8") for text in texts)
     except UnicodeDecodeError:
         raise CorruptError("the seal's texts are not UTF-8") from None
-    if not (case + serial).isprintable():
+    if CONTROL.search(case + serial):
         raise CorruptError("the seal's texts hold control characters")
     if registered > LATEST:
         raise CorruptError(f"registered {registered} s after 1970; at most {LATEST} allowed")

@@ -1,0 +1,122 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// Small checks on text, written to give the same answers as the Python reader.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <string>
+#include <string_view>
+
+namespace vfplan::hdf5 {
+
+/// Valid UTF-8: no overlong form, no surrogate, nothing above U+10FFFF.
+inline bool is_utf8(std::string_view text) {
+    for (std::size_t i = 0; i < text.size();) {
+        const auto lead = static_cast<unsigned char>(text[i]);
+        const int more = lead < 0x80   ? 0
+                         : lead < 0xC2 ? -1
+                         : lead < 0xE0 ? 1
+                         : lead < 0xF0 ? 2
+                         : lead < 0xF5 ? 3
+                                       : -1;
+        if (more < 0 || i + static_cast<std::size_t>(more) >= text.size()) return false;
+        std::uint32_t code = more == 0 ? lead : lead & (0x3Fu >> more);
+        for (int k = 1; k <= more; ++k) {
+            const auto next = static_cast<unsigned char>(text[i + static_cast<std::size_t>(k)]);
+            if ((next & 0xC0) != 0x80) return false;
+            code = code << 6 | (next & 0x3F);
+        }
+        if ((more == 2 && code < 0x800) || (more == 3 && (code < 0x10000 || code > 0x10FFFF)) ||
+            (code >= 0xD800 && code <= 0xDFFF)) {
+            return false;
+        }
+        i += static_cast<std::size_t>(more) + 1;
+    }
+    return true;
+}
+
+/// Whether valid UTF-8 holds one of the control characters U+0000-1F or U+7F-9F.
+inline bool has_control(std::string_view text) {
+    for (std::size_t i = 0; i < text.size(); ++i) {
+        const auto c = static_cast<unsigned char>(text[i]);
+        if (c < 0x20 || c == 0x7F) return true;
+        if (c == 0xC2 && static_cast<unsigned char>(text[i + 1]) < 0xA0) return true;
+    }
+    return false;
+}
+
+inline bool is_digit(char c) { return c >= '0' && c <= '9'; }
+
+/// "YYYY-MM-DDThh:mm:ssZ"
+inline bool is_utc_time(std::string_view text) {
+    constexpr std::string_view form = "0000-00-00T00:00:00Z";
+    if (text.size() != form.size()) return false;
+    for (std::size_t i = 0; i < form.size(); ++i) {
+        if (form[i] == '0' ? !is_digit(text[i]) : text[i] != form[i]) return false;
+    }
+    return true;
+}
+
+/// 64 lower-case hex digits.
+inline bool is_sha256(std::string_view text) {
+    return text.size() == 64 &&
+           text.find_first_not_of("0123456789abcdef") == std::string_view::npos;
+}
+
+/// One or more ASCII letters, digits, '_', '.' or '-'.
+inline bool is_name(std::string_view text) {
+    constexpr std::string_view allowed =
+        "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_.-";
+    return !text.empty() && text.find_first_not_of(allowed) == std::string_view::npos;
+}
+
+/// A JSON number that float64 can hold.
+inline bool is_number(std::string_view text) {
+    std::size_t i = 0;
+    const auto digits = [&] {
+        const std::size_t start = i;
+        while (i < text.size() && is_digit(text[i])) ++i;
+        return i - start;
+    };
+    const auto take = [&](std::string_view any) {
+        const bool there = i < text.size() && any.find(text[i]) != std::string_view::npos;
+        i += there ? 1 : 0;
+        return there;
+    };
+    take("-");
+    const bool zero = i < text.size() && text[i] == '0';
+    const std::size_t whole = digits();
+    if (whole == 0 || (zero && whole > 1)) return false;
+    if (take(".") && digits() == 0) return false;
+    if (take("eE")) {
+        take("+-");
+        if (digits() == 0) return false;
+    }
+    return i == text.size() && std::isfinite(std::strtod(std::string(text).c_str(), nullptr));
+}
+
+/// A setting's value: true, false, a JSON number, or text between double quotes.
+inline bool is_setting(std::string_view text) {
+    return text == "true" || text == "false" ||
+           (text.size() >= 2 && text.front() == '"' && text.back() == '"') || is_number(text);
+}
+
+/// MAJOR and MINOR of a version, each 0..99999 without leading zeros; false if it is none.
+inline bool is_version(std::string_view text, int& major, int& minor) {
+    const std::size_t dot = text.find('.');
+    if (dot == std::string_view::npos) return false;
+    const auto parse = [](std::string_view part, int& value) {
+        if (part.empty() || part.size() > 5 || (part[0] == '0' && part.size() > 1)) return false;
+        value = 0;
+        for (const char c : part) {
+            if (!is_digit(c)) return false;
+            value = 10 * value + (c - '0');
+        }
+        return true;
+    };
+    return parse(text.substr(0, dot), major) && parse(text.substr(dot + 1), minor);
+}
+
+}  // namespace vfplan::hdf5
