@@ -29,11 +29,6 @@ _LAZY: dict[str, str] = {
     "Registration": "vfplan.registration",
     "fit_registration": "vfplan.registration",
     "read_markers": "vfplan.markers",
-    "ExtractSettings": "vfplan.pipeline",
-    "FixtureSettings": "vfplan.pipeline",
-    "extract": "vfplan.pipeline",
-    "plan": "vfplan.pipeline",
-    "register": "vfplan.pipeline",
 }
 _MODULES: tuple[str, ...] = ("markers", "reference", "registration")
 

@@ -14,12 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.extraction.pen import Pen, sample_chroma
+from vfplan.centreline.ends import line_ends
+from vfplan.centreline.profile import Profiles, read_profiles, shading_shift
+from vfplan.centreline.spline import curvature_of, fit_spline, place_knots
+from vfplan.centreline.uncertainty import bridged_sigma, measured_sigma
+from vfplan.extraction.pen import Pen
 
-MARGIN_PX = 2.0  # profiles reach this far beyond the line's edge
-STEP_PX = 0.5
-FOREIGN = 0.35  # of the pen's strength: more than this of another colour hides the line
-KNOTS_PX = (6.0, 8.0, 12.0)
+FIRST_KNOTS_PX = 6.0
+FINE_KNOTS_PX = 7.0  # noise free: every wiggle is the hand's
+COARSE_KNOTS_PX = 14.0  # JPEG's noise hangs together over half a block of 16 px
+CORRELATED = 0.2  # residuals of neighbours this alike are JPEG's, not the pixel grid's
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,73 +68,64 @@ def trace(
     from scipy.ndimage import gaussian_filter1d
 
     smooth = gaussian_filter1d(path, 2.0, axis=0, mode="wrap" if closed else "nearest")
-    gap = _gap_function(smooth, bridged)
-    if not closed:
-        smooth = _extended(smooth, width / 2 + 4)
-    base, pitch = _evenly(smooth, closed)
-    for pass_ in range(2):
-        measured = _measure(rgb, base, closed, pen, width, first=pass_ == 0)
-        valid = measured.valid & ~gap(base)
-        if not closed:
-            start, stop = _line_ends(measured.mass, valid, width)
-            base, measured, valid = _cut(base, measured, valid, start, stop)
-        raw = base + measured.offset[:, None] * _normals(base, closed)
-        knots = KNOTS_PX[0] if pass_ == 0 else _knot_spacing(raw, valid, closed, pitch)
-        curve = _spline(raw, valid, closed, knots, pitch)
-        fitted = curve(np.arange(len(raw)) * pitch)
-        if pass_ == 0:
-            base = fitted if closed else _extended(fitted, width / 2 + 4)
-            base, pitch = _evenly(base, closed)
-    return _result(raw, fitted, valid, closed, knots)
+    gap = _gap_finder(smooth, bridged)
+    base = smooth
+    for knots in (FIRST_KNOTS_PX, None):
+        base, pitch = evenly(base if closed else _extended(base, width / 2 + 4), closed)
+        profiles = read_profiles(rgb, base, normals(base, closed), pen, width)
+        valid = profiles.valid & ~gap(base)
+        if valid.sum() < 8:  # nothing to measure: leave the line where thinning put it
+            return _unmeasured(smooth, bridged, closed, width)
+        s = np.arange(len(base)) * pitch
+        ends = None if closed else line_ends(profiles.mass, valid, width)
+        fitted = _fit(s, base, profiles, valid, closed, knots)
+        stop = s[-1] + pitch if closed else ends[1] * pitch
+        start = 0.0 if closed else ends[0] * pitch
+        base = fitted.spline(np.arange(start, stop, pitch))
+    return _result(fitted, s, valid, closed, start, stop)
 
 
 @dataclass(frozen=True, eq=False)
-class _Measured:
-    offset: NDArray  # (M,) of the line from the path along the normal [px]
-    mass: NDArray  # (M,) coverage summed across the line, 1 in its middle run
-    valid: NDArray  # (M,) the line was seen and nothing foreign hid it
+class _Fitted:
+    spline: object
+    residual: NDArray  # (M,) of the measured points along the normal, 0 where nothing was seen
+    knots: float
 
 
-def _measure(
-    rgb: NDArray, base: NDArray, closed: bool, pen: Pen, width: float, first: bool
-) -> _Measured:
-    half = np.ceil((width / 2 + MARGIN_PX + (1 if first else 0)) / STEP_PX)
-    x = np.arange(-half, half + 1) * STEP_PX
-    normal = _normals(base, closed)
-    u = base[:, :1] + normal[:, :1] * x
-    v = base[:, 1:] + normal[:, 1:] * x
-    along, across = sample_chroma(rgb, u, v, pen)
-    alpha = along / pen.strength
-    foreign = (np.abs(across) > FOREIGN * pen.strength) | (alpha < -FOREIGN)
-    mass = np.clip(alpha, 0, None).sum(1)
-    mass = mass / np.median(mass)
-    core = np.abs(x) <= width / 2 + 0.5
-    valid = (mass > 0.4) & ~foreign[:, core].any(1)
-    offset = _centroid(x, alpha, foreign) if first else _matched(x, alpha, foreign, valid)
-    valid &= np.abs(offset) < width / 2 + 1
-    return _Measured(np.where(valid, offset, 0.0), mass, valid)
+def _fit(
+    s: NDArray, base: NDArray, profiles: Profiles, valid: NDArray, closed: bool, knots: float | None
+) -> _Fitted:
+    """The spline; with `knots` None their distance follows from the residuals' correlation."""
+    normal = normals(base, closed)
+    period = s[-1] + s[1] if closed else None
+    length = period if closed else s[-1]
+    even = FIRST_KNOTS_PX if knots is None else knots
+    flat = np.zeros(len(s))
+    raw = base + profiles.offset[:, None] * normal
+    at = place_knots(s, flat, valid, length, even)
+    spline = fit_spline(s, raw, valid, period, at)
+    if knots is not None:
+        return _Fitted(spline, flat, even)
+    residual = _along_normal(raw - spline(s), normal, valid)
+    raw = raw + shading_shift(profiles, residual, valid, s, period, at)[:, None] * normal
+    widest = COARSE_KNOTS_PX if _correlation(residual, valid) > CORRELATED else FINE_KNOTS_PX
+    at = place_knots(s, curvature_of(spline, s), valid, length, widest)
+    spline = fit_spline(s, raw, valid, period, at)
+    return _Fitted(spline, _along_normal(raw - spline(s), normal, valid), widest)
 
 
-def _centroid(x: NDArray, alpha: NDArray, foreign: NDArray) -> NDArray:
-    weight = np.where(foreign, 0.0, np.clip(alpha, 0, None))
-    return (weight * x).sum(1) / np.maximum(weight.sum(1), 1e-9)
+def _along_normal(offset: NDArray, normal: NDArray, valid: NDArray) -> NDArray:
+    return np.where(valid, (offset * normal).sum(1), 0.0)
 
 
-def _matched(x: NDArray, alpha: NDArray, foreign: NDArray, valid: NDArray) -> NDArray:
-    clean = valid & ~foreign.any(1)
-    profile = alpha[clean].mean(0) if clean.any() else np.exp(-(x**2) / 2)
-    profile = (profile + profile[::-1]) / 2
-    basis = np.column_stack([profile, np.gradient(profile, x), np.ones_like(x)])
-    fit = alpha @ np.linalg.pinv(basis).T
-    for row in np.flatnonzero(valid & foreign.any(1)):
-        seen = ~foreign[row]
-        if seen.sum() > 4:
-            fit[row] = np.linalg.lstsq(basis[seen], alpha[row, seen], rcond=None)[0]
-    scale = np.where(np.abs(fit[:, 0]) > 0.2, fit[:, 0], np.inf)
-    return -fit[:, 1] / scale
+def _correlation(residual: NDArray, valid: NDArray) -> float:
+    """Between the residuals of neighbours, -1..1."""
+    r = residual[valid]
+    return float((r[1:] * r[:-1]).mean() / max((r**2).mean(), 1e-12))
 
 
-def _normals(points: NDArray, closed: bool) -> NDArray:
+def normals(points: NDArray, closed: bool) -> NDArray:
+    """(M, 2) unit normals of a path."""
     if closed:
         tangent = np.roll(points, -1, 0) - np.roll(points, 1, 0)
     else:
@@ -139,35 +134,33 @@ def _normals(points: NDArray, closed: bool) -> NDArray:
     return np.column_stack([-tangent[:, 1], tangent[:, 0]])
 
 
-def _arc(points: NDArray, closed: bool) -> NDArray:
+def arc_length(points: NDArray, closed: bool) -> NDArray:
+    """(M,) or, closed, (M + 1,) arc length at the points [px]."""
     ring = np.vstack([points, points[:1]]) if closed else points
     return np.r_[0.0, np.cumsum(np.hypot(*np.diff(ring, axis=0).T))]
 
 
-def _evenly(points: NDArray, closed: bool) -> tuple[NDArray, float]:
+def evenly(points: NDArray, closed: bool) -> tuple[NDArray, float]:
     """About one point a pixel, at equal steps of arc; and the step."""
-    arc = _arc(points, closed)
+    arc = arc_length(points, closed)
     ring = np.vstack([points, points[:1]]) if closed else points
     count = max(4, round(arc[-1]))
-    at = (
-        np.linspace(0, arc[-1], count, endpoint=False)
-        if closed
-        else np.linspace(0, arc[-1], count + 1)
-    )
-    return np.column_stack([np.interp(at, arc, ring[:, k]) for k in (0, 1)]), arc[-1] / count
+    at = np.linspace(0, arc[-1], count + 1)
+    even = np.column_stack([np.interp(at, arc, ring[:, k]) for k in (0, 1)])
+    return (even[:-1] if closed else even), arc[-1] / count
 
 
 def _extended(points: NDArray, by: float) -> NDArray:
     """The line carried straight on at both ends, so that its true ends can be looked for."""
     steps = np.arange(1, int(np.ceil(by)) + 1)[:, None]
-    reach = min(10, len(points) - 1)
+    reach = min(6, len(points) - 1)
     head = points[0] - points[reach]
     tail = points[-1] - points[-1 - reach]
     head, tail = head / np.hypot(*head), tail / np.hypot(*tail)
     return np.vstack([points[0] + steps[::-1] * head, points, points[-1] + steps * tail])
 
 
-def _gap_function(path: NDArray, bridged: NDArray):
+def _gap_finder(path: NDArray, bridged: NDArray):
     """A function that tells which points lie nearest to a bridged stretch of the path."""
     if not bridged.any():
         return lambda points: np.zeros(len(points), bool)
@@ -177,61 +170,22 @@ def _gap_function(path: NDArray, bridged: NDArray):
     return lambda points: bridged[tree.query(points)[1]]
 
 
-def _line_ends(mass: NDArray, valid: NDArray, width: float) -> tuple[float, float]:
-    """Where the pen was set down and lifted, as float indices into the path.
-
-    The mass across a round cap of radius r falls to one half at 0.87 r beyond the centre line's
-    end, across a straight-cut end at 0.
-    """
-    on = np.flatnonzero(valid)
-    if len(on) < 4:
-        return 0.0, len(mass) - 1.0
-    cap = width / 2 * (1.0 if width < 2.5 else 0.87)
-    ends = []
-    for values, first in ((mass[::-1], len(mass) - 1 - on[-1]), (mass, on[0])):
-        at = first
-        while at > 0 and values[at] > 0.5:
-            at -= 1
-        low, high = values[at], values[min(at + 1, len(values) - 1)]
-        part = (0.5 - low) / (high - low) if high > low else 0.0
-        ends.append(at + np.clip(part, 0, 1) + cap)
-    return ends[1], len(mass) - 1 - ends[0]
-
-
-def _cut(
-    base: NDArray, measured: _Measured, valid: NDArray, start: float, stop: float
-) -> tuple[NDArray, _Measured, NDArray]:
-    """The path between two float indices; the points between keep their measurements."""
-    first, last = int(np.ceil(start)), int(np.floor(stop))
-    keep = slice(max(first, 0), last + 1)
-    part = _Measured(measured.offset[keep], measured.mass[keep], measured.valid[keep])
-    return base[keep], part, valid[keep]
-
-
-def _spline(raw: NDArray, valid: NDArray, closed: bool, spacing: float, pitch: float):
-    """Least-squares cubic spline through the valid points, a knot every `spacing` px."""
-    from scipy.interpolate import make_lsq_spline
-
-    count = len(raw)
-    pad = min(count, int(4 * spacing)) if closed else 0
-    index = np.arange(-pad, count + pad)
-    x, y, w = index * pitch, raw[index % count], valid[index % count].astype(float)
-    inner = np.linspace(x[0], x[-1], max(1, round((x[-1] - x[0]) / spacing)) + 1)
-    # A knot interval without a measurement would leave the spline undetermined.
-    w = np.where(w > 0, w, 1e-3)
-    t = np.r_[[inner[0]] * 3, inner, [inner[-1]] * 3]
-    return make_lsq_spline(x, y, t, 3, w=w)
-
-
-def _knot_spacing(raw: NDArray, valid: NDArray, closed: bool, pitch: float) -> float:
-    return KNOTS_PX[1]
+def _unmeasured(path: NDArray, bridged: NDArray, closed: bool, width: float) -> Centreline:
+    sigma = np.full(len(path), max(0.5, width / 4))
+    return Centreline(path, sigma, bridged, closed, float(arc_length(path, closed)[-1]))
 
 
 def _result(
-    raw: NDArray, fitted: NDArray, valid: NDArray, closed: bool, knots: float
+    fitted: _Fitted, s: NDArray, valid: NDArray, closed: bool, start: float, stop: float
 ) -> Centreline:
-    residual = np.where(valid[:, None], raw - fitted, np.nan)
-    noise = np.sqrt(np.nanmean(np.sum(residual**2, axis=1))) if valid.any() else 1.0
-    sigma = np.where(valid, max(noise, 0.01), 0.5)
-    arc = _arc(fitted, closed)
-    return Centreline(fitted, sigma, ~valid, closed, float(arc[-1]))
+    dense = np.linspace(start, stop, 4 * max(2, round(stop - start)) + 1)
+    curve = fitted.spline(dense)
+    arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(curve, axis=0).T))]
+    count = max(4, round(arc[-1]))
+    at = np.interp(np.linspace(0, arc[-1], count + 1)[: count if closed else None], arc, dense)
+    points = fitted.spline(at)
+    nearest = np.clip(np.rint(at / (s[1] - s[0])).astype(int), 0, len(s) - 1)
+    bridged = ~valid[nearest]
+    sigma = measured_sigma(fitted.residual, valid, fitted.knots)[nearest]
+    sigma = np.hypot(sigma, bridged_sigma(bridged, curvature_of(fitted.spline, at), closed))
+    return Centreline(points, sigma, bridged, closed, float(arc[-1]))

@@ -13,10 +13,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.extraction.pen import Pen, chroma_at, pen_mask
+from vfplan.extraction.pen import Pen, chroma_at, pen_score
 from vfplan.extraction.skeleton import Branch, branches_of, thin
 
 FLOOR = 18.0  # chroma below which a pixel is never pen, on 0..255: JPEG noise reaches about 12
+SMOOTHING_PX = 0.8
 MIN_PIXELS = 6
 MAX_WIDTH_PX = 40.0
 MIN_ASPECT = 4.0  # a line is at least this many times longer than wide
@@ -63,34 +64,38 @@ def find_marks(rgb: NDArray, pen: Pen) -> tuple[list[Mark], NDArray[np.bool_]]:
     The threshold is half of each mark's own strength, so a thin or transparent line keeps its
     width whatever stands beside it.
     """
-    mask, labels, count = _half_strength_mask(rgb, pen)
+    smooth, mask, labels, count = _masks(rgb, pen)
     if count == 0:
         return [], mask
-    top, left, bottom, right = _bounds(mask)
-    crop = np.ascontiguousarray(mask[top:bottom, left:right])
-    pixels = _by_label(labels[top:bottom, left:right], crop, count)
-    bones = _by_label(labels[top:bottom, left:right], thin(crop), count)
-    marks = []
-    for body, bone in zip(pixels, bones, strict=True):
-        if len(body[0]) >= MIN_PIXELS:
-            shift = (top, left)
-            marks.append(_mark(rgb, pen, [body[k] + shift[k] for k in (0, 1)], bone, shift))
+    top, left, bottom, right = _bounds(smooth)
+    window = (slice(top, bottom), slice(left, right))
+    pixels = _by_label(labels[window], mask[window], count)
+    bones = _by_label(labels[window], thin(np.ascontiguousarray(smooth[window])), count)
+    shift = (top, left)
+    marks = [
+        _mark(rgb, pen, body, bone, shift)
+        for body, bone in zip(pixels, bones, strict=True)
+        if len(body[0]) >= MIN_PIXELS and len(bone[0])
+    ]
     return marks, mask
 
 
-def _half_strength_mask(rgb: NDArray, pen: Pen) -> tuple[NDArray[np.bool_], NDArray, int]:
+def _masks(rgb: NDArray, pen: Pen) -> tuple[NDArray, NDArray, NDArray, int]:
+    """The mask of the smoothed picture, which is thinned; that of the picture as it is; labels."""
     import cv2
 
-    low = pen_mask(rgb, pen, FLOOR)
-    count, labels = cv2.connectedComponents(low, connectivity=8, ltype=cv2.CV_32S)
+    score = pen_score(rgb, pen, SMOOTHING_PX)
+    smooth = (score > FLOOR).view(np.uint8)
+    mask = np.zeros(smooth.shape, bool)
+    count, labels = cv2.connectedComponents(smooth, connectivity=8, ltype=cv2.CV_32S)
     if count > 1:
-        rows, cols = np.nonzero(low)
-        along, _ = chroma_at(rgb, rows, cols, pen)
-        label = labels[rows, cols]
-        strength = _quantile_by_label(along, label, count, 0.9)
-        low[rows, cols] = along > 0.5 * strength[label]
-        count, labels = cv2.connectedComponents(low, connectivity=8, ltype=cv2.CV_32S)
-    return low.view(bool), labels, count - 1
+        rows, cols = np.nonzero(smooth)
+        label, level = labels[rows, cols], score[rows, cols]
+        smooth[rows, cols] = level > 0.5 * _quantile_by_label(level, label, count, 0.9)[label]
+        sharp, _ = chroma_at(rgb, rows, cols, pen)
+        mask[rows, cols] = sharp > 0.5 * _quantile_by_label(sharp, label, count, 0.9)[label]
+        count, labels = cv2.connectedComponents(smooth, connectivity=8, ltype=cv2.CV_32S)
+    return smooth.view(bool), mask, labels, count - 1
 
 
 def _quantile_by_label(values: NDArray, label: NDArray, count: int, q: float) -> NDArray:
@@ -116,8 +121,8 @@ def _by_label(labels: NDArray, mask: NDArray, count: int) -> list[tuple[NDArray,
     return [(rows[cut], cols[cut]) for cut in cuts]
 
 
-def _mark(rgb: NDArray, pen: Pen, body: list[NDArray], bone: tuple, shift: tuple) -> Mark:
-    rows, cols = body
+def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple, shift: tuple) -> Mark:
+    rows, cols = body[0] + shift[0], body[1] + shift[1]
     box = (
         int(cols.min()),
         int(rows.min()),
@@ -126,8 +131,11 @@ def _mark(rgb: NDArray, pen: Pen, body: list[NDArray], bone: tuple, shift: tuple
     )
     own = _own_pen(rgb, rows, cols, pen)
     bone_rows, bone_cols = bone[0] + shift[0], bone[1] + shift[1]
-    width = len(rows) / max(len(bone_rows), 1)
-    branches, junctions = _pruned(bone_rows, bone_cols, rgb.shape[1], width)
+    branches, junctions = _pruned(bone_rows, bone_cols, rgb.shape[1], len(rows) / len(bone_rows))
+    # A path along pixels is about 5 % longer than the line; each end is short of half a width.
+    length = sum(b.length for b in branches) / 1.05
+    width = len(rows) / max(length, 1.0)
+    width = len(rows) / (length + width / 2 * sum(map(any, (b.free for b in branches))) + 1)
     mark = Mark("", own, width, tuple(branches), tuple(junctions), len(rows), box)
     kind = _kind(mark)
     return Mark(kind, own, width, mark.branches, mark.junctions, len(rows), box)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from vfplan.errors import SettingError
 
 HUE_GATE_DEG = 32.0  # red to crimson and tomato; yellow and magenta are 60° away
+STRIP_ROWS = 256
 MIN_CHROMA = 30.0  # of a named pen's colour, on the 0..255 scale
 
 
@@ -74,27 +75,28 @@ def parse_colour(colour: str) -> NDArray[np.float64]:
         raise SettingError(f"colour {colour!r} is neither a colour's name nor #rrggbb") from None
 
 
-def pen_mask(rgb: NDArray, pen: Pen, floor: float) -> NDArray[np.uint8]:
-    """(H, W) uint8, 1 where a pixel's chroma is above `floor` and within the hue gate of the pen.
+def pen_score(rgb: NDArray, pen: Pen, sigma_px: float) -> NDArray[np.uint8]:
+    """(H, W) uint8: p · along, smoothed; 0 where the hue is not the pen's.
 
-    Works in strips of rows, so that its memory is one byte a pixel.
+    Smoothing over `sigma_px` keeps the noise of JPEG from fraying the mask; the line itself is
+    measured on the picture as it is. Works in strips of rows: one byte a pixel, and no more.
     """
     import cv2
 
     slope = np.tan(np.radians(HUE_GATE_DEG))
-    scale = 255.0 / np.iinfo(rgb.dtype).max
-    rows = scale * np.array(
-        [pen.along, slope * pen.along - pen.across, slope * pen.along + pen.across]
-    )
-    mask = np.empty(rgb.shape[:2], np.uint8)
-    for top in range(0, rgb.shape[0], 256):
-        strip = cv2.transform(rgb[top : top + 256], rows)  # saturates: negative becomes 0
-        np.logical_and(
-            strip[..., 0] > floor,
-            (strip[..., 1] > 0) & (strip[..., 2] > 0),
-            out=mask[top : top + 256].view(bool),
-        )
-    return mask
+    rows = np.array([pen.along, slope * pen.along - pen.across, slope * pen.along + pen.across])
+    rows *= 255.0 / np.iinfo(rgb.dtype).max
+    height, halo = rgb.shape[0], int(np.ceil(3 * sigma_px))
+    score = np.empty(rgb.shape[:2], np.uint8)
+    for top in range(0, height, STRIP_ROWS):
+        bottom = min(top + STRIP_ROWS, height)
+        first = max(top - halo, 0)
+        strip = cv2.GaussianBlur(rgb[first : min(bottom + halo, height)], (0, 0), sigma_px)
+        # Saturates: what is below 0 becomes 0.
+        parts = cv2.transform(strip[top - first : bottom - first], rows)
+        inside = (parts[..., 1] > 0) & (parts[..., 2] > 0)
+        score[top:bottom] = np.minimum(parts[..., 0], 255) * inside
+    return score
 
 
 def chroma_at(rgb: NDArray, rows: NDArray, cols: NDArray, pen: Pen) -> tuple[NDArray, NDArray]:
@@ -103,10 +105,8 @@ def chroma_at(rgb: NDArray, rows: NDArray, cols: NDArray, pen: Pen) -> tuple[NDA
     return pixels @ pen.along, pixels @ pen.across
 
 
-def sample_chroma(
-    rgb: NDArray, u: NDArray, v: NDArray, pen: Pen
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """p · along and p · across at sub-pixel places, bilinear; outside the image the edge goes on.
+def sample_pixels(rgb: NDArray, u: NDArray, v: NDArray) -> NDArray[np.float64]:
+    """(..., 3) colour on 0..255 at sub-pixel places, bilinear; outside the image the edge goes on.
 
     Only the four pixels around each place are read, so the cost follows the curve, not the image.
     """
@@ -117,8 +117,6 @@ def sample_chroma(
     row = np.minimum(v.astype(np.intp), max(h - 2, 0))
     fu, fv = (u - col)[..., None], (v - row)[..., None]
     right, below = np.minimum(col + 1, w - 1), np.minimum(row + 1, h - 1)
-    both = np.column_stack([pen.along, pen.across]) * (255.0 / np.iinfo(rgb.dtype).max)
     mixed = (1 - fv) * ((1 - fu) * rgb[row, col] + fu * rgb[row, right])
     mixed += fv * ((1 - fu) * rgb[below, col] + fu * rgb[below, right])
-    result = mixed @ both
-    return result[..., 0], result[..., 1]
+    return mixed * (255.0 / np.iinfo(rgb.dtype).max)

@@ -1,0 +1,97 @@
+"""Coverage along the local normals of a path, and how far off the path the line lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.centreline.spline import fit_spline
+from vfplan.extraction.pen import Pen, sample_pixels
+
+MARGIN_PX = 2.0  # profiles reach this far beyond the line's edge
+STEP_PX = 0.5
+FOREIGN = 0.35  # of the pen's strength: more than this of another colour hides the line
+SEEN = 0.4  # of the usual coverage: less is no line
+SHADING_T = 4.0  # a shading effect below this many standard errors is not there
+
+
+@dataclass(frozen=True, eq=False)
+class Profiles:
+    """What was read across the line at each point of a path.
+
+    Parameters
+    ----------
+    offset
+        (M,) of the line from the path along the normal [px]; 0 where not valid.
+    mass
+        (M,) coverage summed across the line, 1 in the middle of its run.
+    valid
+        (M,) bool: the line was seen and nothing foreign hid it.
+    shading
+        (M,) grey just beyond the line on one side minus on the other, -1..1.
+    """
+
+    offset: NDArray[np.float64]
+    mass: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+    shading: NDArray[np.float64]
+
+
+def read_profiles(rgb: NDArray, base: NDArray, normal: NDArray, pen: Pen, width: float) -> Profiles:
+    """Read profiles across a (M, 2) path with (M, 2) unit normals."""
+    half = np.ceil((width / 2 + MARGIN_PX) / STEP_PX)
+    x = np.arange(-half, half + 1) * STEP_PX
+    pixels = sample_pixels(rgb, base[:, :1] + normal[:, :1] * x, base[:, 1:] + normal[:, 1:] * x)
+    alpha = pixels @ pen.along / pen.strength
+    foreign = (np.abs(pixels @ pen.across) > FOREIGN * pen.strength) | (alpha < -FOREIGN)
+    mass = np.clip(alpha, 0, None).sum(1)
+    mass = mass / max(np.median(mass), 1e-9)
+    core = np.abs(x) <= width / 2 + 0.5
+    valid = (mass > SEEN) & ~foreign[:, core].any(1)
+    offset = _matched(x, alpha, foreign, valid)
+    valid &= np.abs(offset) < width / 2 + 1.5
+    grey = pixels.mean(2) / 255
+    shading = grey[:, -3:].mean(1) - grey[:, :3].mean(1)
+    return Profiles(np.where(valid, offset, 0.0), mass, valid, shading)
+
+
+def _matched(x: NDArray, alpha: NDArray, foreign: NDArray, valid: NDArray) -> NDArray:
+    clean = valid & ~foreign.any(1)
+    profile = alpha[clean].mean(0) if clean.any() else np.exp(-(x**2) / 2)
+    profile = (profile + profile[::-1]) / 2
+    basis = np.column_stack([profile, np.gradient(profile, x), np.ones_like(x)])
+    fit = alpha @ np.linalg.pinv(basis).T
+    for row in np.flatnonzero(valid & foreign.any(1)):
+        seen = ~foreign[row]
+        if seen.sum() > 4:
+            fit[row] = np.linalg.lstsq(basis[seen], alpha[row, seen], rcond=None)[0]
+    scale = np.where(fit[:, 0] > 0.2, fit[:, 0], np.inf)
+    return -fit[:, 1] / scale
+
+
+def shading_shift(
+    profiles: Profiles,
+    residual: NDArray,
+    valid: NDArray,
+    s: NDArray,
+    period: float | None,
+    knots: NDArray,
+) -> NDArray:
+    """(M,) correction along the normal for a background brighter on one side than on the other.
+
+    A picture blended in linear light is not linear in its stored values: an edge over bright ground
+    looks wider than one over dark ground and the line seems to lean. How much is learnt from the
+    picture: the part of the residual that follows the fast changes of `shading`. Zero where no such
+    effect stands out.
+    """
+    smooth = fit_spline(s, profiles.shading[:, None], valid, period, knots)(s)[:, 0]
+    fast = np.where(valid, profiles.shading - smooth, 0.0)
+    power = float(fast @ fast)
+    if power < 1e-6 * len(s):
+        return np.zeros(len(s))
+    slope = float(fast @ residual) / power
+    left = residual - slope * fast
+    error = np.sqrt(float(left @ left) / max(valid.sum() - 1, 1) / power)
+    return -slope * profiles.shading if abs(slope) > SHADING_T * error else np.zeros(len(s))

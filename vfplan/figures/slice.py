@@ -1,0 +1,134 @@
+"""Pictures of a planned slice: the pen's mask, and the curve that was found on it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.figures.style import CLOUD, CONTACT, DPI, HIP, new_figure, save_png, style
+
+if TYPE_CHECKING:
+    from vfplan.centreline import Extraction, Stroke
+    from vfplan.fixture import RegistrationRecord
+    from vfplan.image import PlannedImage
+
+BRIDGED = "#e07b00"
+ASIDE = "#7a5195"
+WIDTH_PX = (900, 1600)  # of the picture on the page, smallest and largest
+LEGEND_IN = 0.45
+ARROWS = 6  # a stroke
+SEEN_APART = 4.0  # pixels of the picture between samples that can be told apart
+
+
+def draw_mask(extraction: Extraction, path: Path) -> None:
+    """Write the pen's mask, white on black, at the image's own size (the paper's Fig. 5b)."""
+    import cv2
+
+    from vfplan.errors import OutputError
+
+    ok, data = cv2.imencode(".png", extraction.mask.astype(np.uint8) * 255)
+    if not ok:
+        raise OutputError("the mask cannot be encoded as PNG", where=str(path))
+    Path(path).write_bytes(data.tobytes())
+
+
+def draw_overlay(
+    image: PlannedImage,
+    extraction: Extraction,
+    path: Path,
+    *,
+    markers: RegistrationRecord | None = None,
+) -> None:
+    """Write the slice with what was found on it.
+
+    Drawn: each curve with its start and direction, its samples, bridged parts, marks of the pen's
+    colour that were set aside (with what they were taken for), and the markers where given.
+    """
+    scale = np.clip(image.width_px, *WIDTH_PX) / image.width_px
+    width, height = image.width_px * scale / DPI, image.height_px * scale / DPI
+    figure = new_figure(width, height + LEGEND_IN)
+    figure.set_layout_engine("none")
+    with style():
+        share = height / (height + LEGEND_IN)
+        axes = figure.add_axes((0, 1 - share, 1, share))
+        axes.imshow(_faded(image.rgb), interpolation="nearest")
+        axes.set_axis_off()
+        for number, stroke in enumerate(extraction.strokes, 1):
+            label = str(number) if len(extraction.strokes) > 1 else ""
+            _draw_stroke(axes, stroke, scale, extraction.method == "mask", label)
+        _draw_set_aside(axes, extraction.set_aside)
+        _draw_markers(axes, markers)
+        axes.set_xlim(-0.5, image.width_px - 0.5)
+        axes.set_ylim(image.height_px - 0.5, -0.5)
+        handles, labels = axes.get_legend_handles_labels()
+        once = dict(zip(labels, handles, strict=True))
+        place = {"loc": "center", "bbox_to_anchor": (0.5, (1 - share) / 2), "ncols": len(once)}
+        figure.legend(once.values(), once.keys(), frameon=False, columnspacing=1.2, **place)
+    save_png(figure, path)
+
+
+def _faded(rgb: NDArray) -> NDArray:
+    """The picture as paler grey, so that what is drawn over it stands out."""
+    grey = rgb.astype(np.float32).mean(2) / np.iinfo(rgb.dtype).max
+    return np.repeat((0.25 + 0.7 * grey)[..., None], 3, axis=2)
+
+
+def _draw_stroke(axes: Any, stroke: Stroke, scale: float, unordered: bool, label: str) -> None:
+    points = stroke.points_px
+    if unordered:
+        axes.plot(*points.T, ".", ms=1, color=CLOUD, label="pixels of the mask")
+        return
+    ring = np.vstack([points, points[:1]]) if stroke.closed else points
+    bridged = np.append(stroke.bridged, stroke.bridged[:1]) if stroke.closed else stroke.bridged
+    axes.plot(*ring.T, color=CLOUD, lw=1.2, label="curve", zorder=3)
+    _draw_samples(axes, points, scale)
+    if bridged.any():
+        over = np.where(bridged[:, None], ring, np.nan)
+        axes.plot(*over.T, color=BRIDGED, lw=2.6, label="bridged", zorder=4)
+    _draw_direction(axes, ring)
+    axes.plot(*points[0], "o", ms=7, mfc="none", mec=HIP, mew=2, label="start", zorder=6)
+    if label:
+        where = {"xytext": (8, 8), "textcoords": "offset points", "color": HIP, "weight": "bold"}
+        axes.annotate(label, points[0], **where)
+
+
+def _draw_samples(axes: Any, points: NDArray, scale: float) -> None:
+    apart = np.hypot(*np.diff(points, axis=0).T).mean() * scale if len(points) > 1 else np.inf
+    every = 1 if apart >= SEEN_APART else max(2, round(25 / apart))
+    label = "samples" if every == 1 else f"every {every}th sample"
+    dots = {"ms": 3, "mfc": "white", "mec": CLOUD, "mew": 0.8, "ls": "none"}
+    axes.plot(*points[::every].T, "o", label=label, zorder=4, **dots)
+
+
+def _draw_direction(axes: Any, ring: NDArray) -> None:
+    at = np.linspace(0, len(ring) - 1, ARROWS + 2)[1:-1].astype(int)
+    for i in at:
+        a, b = ring[max(i - 3, 0)], ring[min(i + 3, len(ring) - 1)]
+        look = {"arrowstyle": "-|>", "color": CLOUD, "mutation_scale": 14, "lw": 0}
+        axes.annotate("", xy=b, xytext=a, arrowprops=look, zorder=5)
+    axes.plot([], [], ls="none", marker=">", color=CLOUD, label="direction")
+
+
+def _draw_set_aside(axes: Any, set_aside: tuple[dict, ...]) -> None:
+    from matplotlib.patches import Rectangle
+
+    for mark in set_aside:
+        u, v, width, height = mark["box"]
+        box = {"fill": False, "ec": ASIDE, "lw": 1.2, "ls": "--", "label": "set aside"}
+        axes.add_patch(Rectangle((u - 3, v - 3), width + 5, height + 5, **box))
+        axes.text(u - 3, v - 6, mark["kind"], color=ASIDE, fontsize=7, va="bottom", clip_on=True)
+        for place in mark.get("junctions", ()):
+            axes.plot(*place, "x", ms=8, mew=2, color=CONTACT, label="fork or crossing", zorder=6)
+
+
+def _draw_markers(axes: Any, markers: RegistrationRecord | None) -> None:
+    if markers is None:
+        return
+    places = markers.source[:, :2]
+    axes.plot(*places.T, "+", ms=10, mew=1.5, color=CONTACT, label="marker", zorder=6)
+    for label, place in zip(markers.labels, places, strict=True):
+        where = {"xytext": (4, 4), "textcoords": "offset points", "color": CONTACT}
+        axes.annotate(label, place, fontsize=7, **where)
