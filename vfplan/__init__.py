@@ -22,6 +22,7 @@ _LAZY: dict[str, str] = {
     "write_fixture": "vfplan.bundle",
     "Extraction": "vfplan.centreline",
     "PlannedImage": "vfplan.image",
+    "ProxyEngine": "vfplan.proxy",
     "extract_curve": "vfplan.centreline",
     "read_image": "vfplan.image",
     "sample_curve": "vfplan.sampling",
