@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vfplan.errors import SettingError
+from vfplan.registration.geometry import check_handedness
 from vfplan.registration.models import ModelName
 from vfplan.registration.problem import make_problem
 from vfplan.registration.residuals import solve
@@ -23,6 +25,7 @@ def fit_registration(
     labels: Sequence[str] | None = None,
     pixel_spacing: float | tuple[float, float] | None = None,
     sigma: ArrayLike | None = None,
+    seen_from: ArrayLike | None = None,
 ) -> Registration:
     """Fit the transform source -> target that markers determine, with its error everywhere.
 
@@ -45,22 +48,41 @@ def fit_registration(
     sigma
         (N,) or (N, 3) standard deviation of each target position an axis [m]. Only ratios count:
         the size of the error is estimated from the residuals.
+    seen_from
+        (3,) direction in the target frame from which a planar image is looked at, u to the right
+        and v down; a mirrored set of markers is then refused. Without it a mirrored planar set
+        cannot be told from one that is turned over; a mirrored 3-D set is always refused.
 
     Raises
     ------
     MarkerError
         Positions that determine no transform: non-finite, too few, coincident, collinear (or for a
-        3-D affine coplanar).
+        3-D affine coplanar), mirrored.
     SettingError
-        An unknown model, a pixel spacing that is missing or out of range, or more markers than a
-        robust search allows.
+        An unknown model, a direction without length, a pixel spacing that is missing or out of
+        range, or more markers than a robust search allows.
     """
     given = tuple(labels) if labels is not None else tuple(range(len(np.atleast_1d(source))))
+    facing = _direction(seen_from, "seen_from")
     problem = make_problem(source, target, model, pixel_spacing, sigma, given)
+    fit = solve(problem, agreeing(problem) if robust else None)
+    check_handedness(fit, facing)
+    spacing = None if pixel_spacing is None else problem.normaliser.spacing
     return Registration(
         model,
         given,
         np.array(source, dtype=np.float64),
         np.array(target, dtype=np.float64),
-        solve(problem, agreeing(problem) if robust else None),
+        fit,
+        robust,
+        spacing,
     )
+
+
+def _direction(value: ArrayLike | None, name: str) -> np.ndarray | None:
+    if value is None:
+        return None
+    array = np.array(value, dtype=np.float64)
+    if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
+        raise SettingError(f"{name} is {value!r}; three finite numbers, not all 0, are wanted")
+    return array

@@ -47,8 +47,14 @@ class Affine:
         By QR, so that the condition number is not squared.
         """
         x = homogeneous(s)
-        rows = [_weighted_lstsq(x, y[..., axis], w[..., axis]) for axis in range(3)]
-        return np.stack(rows, axis=-2)
+        if not np.ptp(w, axis=-1).any():
+            return np.swapaxes(_weighted_lstsq(x, y, w[..., 0]), -1, -2)
+        axes = [_weighted_lstsq(x, y[..., a : a + 1], w[..., a]) for a in range(3)]
+        return np.swapaxes(np.concatenate(axes, axis=-1), -1, -2)
+
+    def through(self, s: Array, y: Array) -> Array:
+        """M (..., 3, k+1) through exactly k + 1 markers."""
+        return np.swapaxes(np.linalg.solve(homogeneous(s), y), -1, -2)
 
     def tangent(self, m: Array) -> Array:
         """(3 (k+1), p): how row-major M moves with each parameter."""
@@ -89,6 +95,10 @@ class Orthogonal:
         )
         refined = [self._refine(*one) for one in zip(*flat, strict=True)]
         return np.array(refined).reshape(m.shape)
+
+    def through(self, s: Array, y: Array) -> Array:
+        """M (..., 3, k+1) that fits three markers best, as if they were equally good."""
+        return _procrustes(s, y, np.ones(y.shape[:-1]), self.scale)
 
     def tangent(self, m: Array) -> Array:
         """(3 (k+1), p): how row-major M moves with a rotation, a translation (and log scale)."""
@@ -152,10 +162,10 @@ def rotation(axis_angle: Array) -> Array:
 
 
 def _weighted_lstsq(x: Array, y: Array, w: Array) -> Array:
-    root = np.sqrt(w)
-    q, r = np.linalg.qr(root[..., None] * x)
-    rhs = np.swapaxes(q, -1, -2) @ (root * y)[..., None]
-    return np.linalg.solve(r, rhs)[..., 0]
+    """(..., k+1, D) for x (..., N, k+1), y (..., N, D), w (..., N)."""
+    root = np.sqrt(w)[..., None]
+    q, r = np.linalg.qr(root * x)
+    return np.linalg.solve(r, np.swapaxes(q, -1, -2) @ (root * y))
 
 
 def _procrustes(s: Array, y: Array, w: Array, scale: float | None) -> Array:

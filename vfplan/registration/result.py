@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Frame, RegistrationRecord
-from vfplan.registration import residuals, tre
+from vfplan.registration import band, residuals, tre
+from vfplan.registration.geometry import Geometry, geometry
 from vfplan.registration.models import Array, ModelName, homogeneous
 from vfplan.registration.residuals import Fit
 
@@ -31,6 +32,10 @@ class Registration:
         (N, 3) [m].
     fit
         The solved problem, in normalised coordinates.
+    robust
+        Whether markers that do not agree were left out.
+    pixel_spacing
+        (2,) known metres a pixel along u and v; `None` when unknown or the source is 3-D.
     """
 
     model: ModelName
@@ -38,6 +43,8 @@ class Registration:
     source: Array
     target: Array
     fit: Fit
+    robust: bool = False
+    pixel_spacing: Array | None = None
 
     @cached_property
     def T_target_source(self) -> Array:
@@ -155,7 +162,24 @@ class Registration:
         """(M,) radius [m] that the error stays within at each point with probability 0.95."""
         return tre.bound(self.tre_covariance(points), self.dof)
 
-    def record(self, points: ArrayLike | None = None, source_frame: Frame | None = None):
+    def tre95_curve_m(self, points: ArrayLike) -> Array:
+        """(M,) radius [m] that the error stays within at all these points at once, with 0.95.
+
+        The pointwise bound holds at each point with probability 0.95, hence along a whole curve
+        less often; this one is wider by the one factor that makes up for it.
+        """
+        x = self._x(points)
+        pointwise = tre.bound(tre.tre_covariance(self.fit.covariance, x), self.dof)
+        return pointwise * band.curve_factor(self.fit.covariance, x, pointwise, self.dof)
+
+    @cached_property
+    def geometry(self) -> Geometry:
+        """Scale, anisotropy, shear and normal of the transform."""
+        return geometry(self.T_target_source, self.pixel_spacing)
+
+    def record(
+        self, points: ArrayLike | None = None, source_frame: Frame | None = None
+    ) -> RegistrationRecord:
         """The part of this that a fixture keeps.
 
         Parameters
@@ -181,11 +205,15 @@ class Registration:
             tre_m=None if points is None else self.tre_m(points),
         )
 
-    def _x(self, points: ArrayLike) -> Array:
+    def normalised(self, points: ArrayLike) -> Array:
+        """(M, k) source points in the fit's own coordinates: centred, of unit RMS radius."""
         array = np.atleast_2d(np.asarray(points, dtype=np.float64))
         k = self.source.shape[1]
         if array.ndim == 2 and k == 2 and array.shape[1] == 3 and not array[:, 2].any():
             array = array[:, :2]
         if array.ndim != 2 or array.shape[1] != k or not len(array):
             raise SettingError(f"points have shape {array.shape}; (M, {k}) in the source is wanted")
-        return homogeneous(self.fit.problem.normaliser(array))
+        return self.fit.problem.normaliser(array)
+
+    def _x(self, points: ArrayLike) -> Array:
+        return homogeneous(self.normalised(points))

@@ -15,16 +15,16 @@ import numpy as np
 
 from vfplan.errors import SettingError
 from vfplan.registration import residuals
-from vfplan.registration.models import Array, homogeneous
+from vfplan.registration.models import Array
 from vfplan.registration.problem import Problem
 
 MAX_SUBSETS = 500_000
-_CHUNK = 20_000
+_CHUNK = 10_000
 _BEST = 10  # starts that are concentrated to the end
 
 
-def agreeing(problem: Problem) -> np.ndarray:
-    """(N,) bool: the markers that a robust fit rests on.
+def agreeing(problem: Problem, alpha: float = 0.05) -> np.ndarray:
+    """(N,) bool: the markers that a robust fit rests on; `alpha` as in `residuals.f_limit`.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def agreeing(problem: Problem) -> np.ndarray:
     _, core = min(concentrated, key=lambda found: (found[0], found[1]))
     used = np.zeros(n, dtype=bool)
     used[list(core)] = True
-    return _grow(problem, used)
+    return _grow(problem, used, alpha)
 
 
 def _half(n: int, problem: Problem) -> int:
@@ -61,8 +61,8 @@ def _best_subsets(problem: Problem, half: int) -> list[tuple[float, tuple[int, .
         index = index[_spans(problem, index)]
         if not len(index):
             continue
-        m = problem.model.solve(problem.s[index], problem.y[index], problem.weights[index])
-        score = np.sort(_squares(problem, m), axis=1)[:, :half].sum(axis=1)
+        m = problem.model.through(problem.s[index], problem.y[index])
+        score = np.partition(_squares(problem, m), half - 1, axis=1)[:, :half].sum(axis=1)
         order = np.argsort(score, kind="stable")[:_BEST]
         best += [(float(score[i]), tuple(index[i].tolist())) for i in order]
     return best
@@ -71,14 +71,15 @@ def _best_subsets(problem: Problem, half: int) -> list[tuple[float, tuple[int, .
 def _spans(problem: Problem, index: np.ndarray) -> np.ndarray:
     """Subsets that are not themselves collinear (3-D affine: coplanar)."""
     s = problem.s[index]
-    extent = np.linalg.svd(s - s.mean(axis=1, keepdims=True), compute_uv=False)
+    edges = s - s.mean(axis=1, keepdims=True)
+    squared = np.linalg.eigvalsh(np.swapaxes(edges, 1, 2) @ edges)[:, ::-1]
     rank = problem.model.dimension if problem.model.name == "affine" else 2
-    return extent[:, rank - 1] > 1e-3
+    return squared[:, rank - 1] > 1e-6
 
 
 def _squares(problem: Problem, m: Array) -> Array:
     """(..., N) weighted squared residuals of every marker under M (..., 3, k+1)."""
-    error = problem.y - np.einsum("...ak,nk->...na", m, homogeneous(problem.s))
+    error = problem.y - problem.x @ np.swapaxes(m, -1, -2)
     return (problem.weights * error**2).sum(axis=-1)
 
 
@@ -95,12 +96,12 @@ def _concentrate(problem: Problem, subset: np.ndarray, half: int) -> tuple[float
     return float(score), tuple(nearest.tolist())
 
 
-def _grow(problem: Problem, used: np.ndarray) -> np.ndarray:
+def _grow(problem: Problem, used: np.ndarray, alpha: float) -> np.ndarray:
     while not used.all():
         fit = residuals.solve(problem, used)
         f = np.where(used, np.inf, residuals.studentised_f(fit))
         nearest = int(np.argmin(f))
-        if f[nearest] > residuals.f_limit(len(used), fit.dof):
+        if f[nearest] > residuals.f_limit(len(used), fit.dof, alpha):
             break
         used = used.copy()
         used[nearest] = True
