@@ -16,6 +16,7 @@ COMMANDS: dict[str, str] = {
     "extract": "A planned slice in, its drawn curve out.",
     "register": "Markers and a curve in, a fixture out.",
     "plan": "A planned slice and its markers in, a fixture out.",
+    "replay": "Replay a session against a fixture.",
     "info": "What a bundle holds.",
 }
 

@@ -12,7 +12,7 @@ LAYERS = [
     ["errors"],
     ["checks", "spacing"],
     ["rendering"],
-    ["image", "fixture", "markers", "session"],
+    ["image", "fixture", "markers", "session", "robot"],
     ["extraction", "registration", "bundle", "proxy", "reference", "scenes"],
     ["centreline"],
     ["sampling"],

@@ -30,8 +30,15 @@ _LAZY: dict[str, str] = {
     "Registration": "vfplan.registration",
     "fit_registration": "vfplan.registration",
     "read_markers": "vfplan.markers",
+    "Replay": "vfplan.replay",
+    "Session": "vfplan.session",
+    "read_result": "vfplan.session",
+    "read_session": "vfplan.session",
+    "write_result": "vfplan.session",
+    "Robot": "vfplan.robot",
+    "read_robot": "vfplan.robot",
 }
-_MODULES: tuple[str, ...] = ("markers", "reference", "registration")
+_MODULES: tuple[str, ...] = ("markers", "reference", "registration", "replay")
 
 __all__ = ["VfplanError", "__version__", "cmake_dir", *_LAZY, *_MODULES]
 

@@ -1,0 +1,44 @@
+"""Fixtures and sessions that the replay tests share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vfplan.fixture import Curve, Fixture, Provenance, Rendering
+from vfplan.session import Session
+
+BORN = Provenance("2026-01-01T00:00:00Z", "vfplan 0")
+
+
+def fixture_of(points, *, axis=(0.0, 0.0, 1.0), stiffness=1000.0, curve=True, rv=0.0, band=1e-5):
+    """A fixture of points in the robot's frame; planar unless `axis` is `None`."""
+    points = np.asarray(points, float)
+    return Fixture(
+        "robot_base",
+        points,
+        BORN,
+        curve=Curve(np.zeros(len(points), np.int32), np.array([False])) if curve else None,
+        rendering=Rendering(
+            np.broadcast_to(np.asarray(stiffness, float), 3).copy(),
+            5e-3,
+            band,
+            rv,
+            None if axis is None else np.asarray(axis, float),
+        ),
+    )
+
+
+def line(length=0.1, spacing=0.5e-3):
+    """A straight planned curve along x."""
+    x = np.arange(0.0, length, spacing)
+    return np.stack([x, 0 * x, 0 * x], axis=1)
+
+
+def probing(seconds=3.0, rate=1000.0, deepest=1e-3, seed=None):
+    """A hand that slides along x and presses into the line once every 1.5 s."""
+    t = np.arange(round(seconds * rate)) / rate
+    y = 0.015 - (0.015 - deepest) * np.sin(2 * np.pi * t / 1.5) ** 2
+    hip = np.stack([0.02 + 0.02 * t, y, 0.001 * np.sin(t)], axis=1)
+    if seed is not None:
+        hip += np.random.default_rng(seed).normal(0, 1e-5, hip.shape)
+    return Session(t, hip)

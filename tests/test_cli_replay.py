@@ -1,0 +1,103 @@
+"""`vfplan replay`: its report, its files, its exit codes, and what it does not load."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+from replays import fixture_of, line, probing
+
+import vfplan
+
+PAPER = ("--rule", "paper", "--engine", "reference")
+KEYS = {
+    "rule", "ticks", "duration_s", "contact_ticks", "episodes", "penetration_max_m",
+    "penetration_rms_m", "overlap_max_m", "force_max_n", "force_rms_n", "force_step_max_n",
+    "clearance_min_m", "entrenched_ticks", "energy_j", "states", "scene", "left_out", "step_us",
+    "elapsed_s",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("replay")
+    vfplan.write_fixture(fixture_of(line()), folder / "line.h5")
+    session = probing()
+    rows = np.column_stack((session.time, session.hip)).tolist()
+    text = "\n".join(["t,x,y,z", *(",".join(map(repr, row)) for row in rows)])
+    (folder / "session.csv").write_text(text)
+    return folder / "line.h5", folder / "session.csv"
+
+
+def test_report_has_the_promised_keys_and_files(vfplan_cli, files, tmp_path):
+    out, table = tmp_path / "r.h5", tmp_path / "r.csv"
+    run = vfplan_cli("replay", *files, *PAPER, "-o", out, "--csv", table, "--json")
+    assert run.code == 0, run.stderr
+    found = run.json
+    assert set(found) >= KEYS
+    assert set(found["states"]) == {"-1", "0", "1", "2"}
+    assert set(found["step_us"]) == {"median", "p99", "p999", "max"}
+    assert set(found["scene"]) >= {"planar", "points", "point_radius_m"}
+    assert len(found["fixture"]["sha256"]) == len(found["session"]["sha256"]) == 64
+    with h5py.File(out) as file:
+        assert file.attrs["format"] == "vfplan-result"
+        assert file["force"].shape == (3000, 3)
+        force = np.linalg.norm(file["force"][:], axis=1)
+    assert force.max() == pytest.approx(found["force_max_n"], rel=1e-12)
+    assert len(table.read_text().splitlines()) == 3001
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["r.csv", "r.h5"]
+
+
+def test_short_report(vfplan_cli, files):
+    run = vfplan_cli("replay", *files, *PAPER)
+    assert run.code == 0
+    assert "4 episodes" in run.stdout
+    assert run.stderr == ""
+
+
+def test_nothing_is_overwritten(vfplan_cli, files, tmp_path):
+    out = tmp_path / "r.h5"
+    out.write_bytes(b"mine")
+    run = vfplan_cli("replay", *files, *PAPER, "-o", out)
+    assert (run.code, out.read_bytes()) == (2, b"mine")
+    assert vfplan_cli("replay", *files, *PAPER, "-o", out, "--overwrite").code == 0
+    assert vfplan.read_result(out)[1]["rule"] == "paper"
+
+
+@pytest.mark.parametrize(
+    "text", ["", "t,x,y,z\n0,1,2,3\n", "t,x,y\n0,1,2\n", "t,x,y,z\n0,1,2,3\n1,nan,2,3\n"]
+)
+def test_bad_session_leaves_nothing(vfplan_cli, files, tmp_path, text):
+    session = tmp_path / "s.csv"
+    session.write_text(text)
+    run = vfplan_cli("replay", files[0], session, *PAPER, "-o", tmp_path / "r.h5")
+    assert run.code == 3
+    assert "s.csv" in run.error_line
+    assert [p.name for p in tmp_path.iterdir()] == ["s.csv"]
+
+
+def test_corrupt_bundle_is_4_and_missing_is_3(vfplan_cli, files, tmp_path):
+    broken = tmp_path / "line.h5"
+    data = bytearray(files[0].read_bytes())
+    data[len(data) // 2] ^= 1
+    broken.write_bytes(data)
+    assert vfplan_cli("replay", broken, files[1], *PAPER).code == 4
+    assert vfplan_cli("replay", tmp_path / "no.h5", files[1], *PAPER).code == 3
+    assert vfplan_cli("replay", files[0], tmp_path / "no.csv", *PAPER).code == 3
+
+
+def test_replay_loads_no_picture_library(files, tmp_path):
+    code = (
+        "import sys; from click.testing import CliRunner; from vfplan.cli.main import cli; "
+        f"r = CliRunner().invoke(cli, ['replay', *{[str(f) for f in files]!r}, *{PAPER!r}]); "
+        "assert r.exit_code == 0, r.output; "
+        "print(*{m.split('.')[0] for m in sys.modules})"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    heavy = {"cv2", "skimage", "matplotlib", "pyvista", "vtk", "vtkmodules", "scipy"}
+    assert not set(done.stdout.split()) & heavy

@@ -1,0 +1,75 @@
+"""Robot files: the shipped one is good, and anything the schema does not allow is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from importlib.resources import files
+
+import pytest
+
+from vfplan.errors import SettingError
+from vfplan.robot import Robot, read_robot
+
+GOOD = """format = "vfplan-robot"
+version = "1.0"
+name = "mine"
+mass_kg = 2
+damping_n_s_per_m = 0.0
+rate_hz = 500.0
+"""
+
+
+def test_shipped_robot_and_none():
+    franka = read_robot("franka")
+    assert (franka.name, franka.rate_hz, franka.force_limit_n) == ("franka", 1000.0, 20.0)
+    assert franka.lost_packets_limit == 20
+    assert read_robot("none") is None
+    assert read_robot(None) is None
+
+
+def test_a_file_of_ones_own(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(GOOD)
+    assert read_robot(path) == Robot("mine", 2, 0.0, 500.0)
+
+
+def test_schema_and_type_name_the_same_things():
+    schema = json.loads((files("vfplan.schemas") / "robot-1.0.json").read_text())
+    names = set(schema["properties"]) - {"format", "version"}
+    assert names == {field.name for field in dataclasses.fields(Robot)}
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("mass_kg = 0", "mass_kg is 0; more than 0"),
+        ("mass_kg = nan", "a finite number"),
+        ('mass_kg = "1"', "a number wanted"),
+        ("delay_ticks = 1.5", "a integer wanted|an integer wanted"),
+        ("delay_ticks = -1", "0 to 1000"),
+        ("delay_ticks = true", "integer wanted"),
+        ("weight = 1", "'weight' is unknown"),
+        ('version = "2.0"', "'1.0' wanted"),
+        ('name = ""', "some text wanted"),
+    ],
+)
+def test_what_the_schema_does_not_allow(tmp_path, line, message):
+    key = line.split()[0]
+    lines = [kept for kept in GOOD.splitlines() if not kept.startswith(f"{key} ")]
+    path = tmp_path / "robot.toml"
+    path.write_text("\n".join([*lines, line]))
+    with pytest.raises(SettingError, match=message):
+        read_robot(path)
+
+
+def test_missing_key_file_and_bad_toml(tmp_path):
+    path = tmp_path / "robot.toml"
+    path.write_text(GOOD.replace("rate_hz = 500.0\n", ""))
+    with pytest.raises(SettingError, match="rate_hz is missing"):
+        read_robot(path)
+    path.write_text("= 3")
+    with pytest.raises(SettingError, match="not a robot file"):
+        read_robot(path)
+    with pytest.raises(SettingError, match="franka, none or a robot file"):
+        read_robot(tmp_path / "no.toml")

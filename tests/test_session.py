@@ -1,0 +1,260 @@
+"""Sessions in, results out: what is read is what was written, and bad recordings are refused."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+
+from vfplan.errors import InputError, OutputError, SessionError, SettingError, VersionError
+from vfplan.session import (
+    BLOCK,
+    CsvWriter,
+    ResultWriter,
+    Session,
+    TickBlock,
+    open_session,
+    read_result,
+    read_session,
+    resampled,
+)
+
+
+def recording(ticks, seed=1):
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.uniform(0.5e-3, 1.5e-3, ticks))
+    return time, rng.normal(0.4, 0.05, (ticks, 3))
+
+
+def write_csv(path, time, hip, header="t,x,y,z"):
+    lines = [",".join(map(repr, row)) for row in np.column_stack((time, hip)).tolist()]
+    path.write_text("\n".join([header, *lines]) + "\n")
+    return path
+
+
+def write_all(folder, time, hip):
+    with h5py.File(folder / "s.h5", "w") as file:
+        file["time"], file["hip"] = time, hip
+    np.savez(folder / "s.npz", time=time, hip=hip)
+    np.savez_compressed(folder / "packed.npz", time=time, hip=hip)
+    write_csv(folder / "s.csv", time, hip)
+    return [folder / name for name in ("s.h5", "s.npz", "packed.npz", "s.csv")]
+
+
+@pytest.mark.parametrize("ticks", [2, 999, BLOCK, 2 * BLOCK + 7])
+def test_every_format_gives_the_same_bits(tmp_path, ticks):
+    time, hip = recording(ticks)
+    for path in write_all(tmp_path, time, hip):
+        session = read_session(path)
+        np.testing.assert_array_equal(session.time, time, err_msg=path.name)
+        np.testing.assert_array_equal(session.hip, hip, err_msg=path.name)
+        assert len(session.sha256) == 64
+        assert session.frame == "robot_base"
+
+
+def test_blocks_are_of_one_size_whatever_the_file(tmp_path):
+    time, hip = recording(2 * BLOCK + 7)
+    for path in write_all(tmp_path, time, hip):
+        sizes = [len(time) for time, _ in open_session(path).blocks()]
+        assert sizes == [BLOCK, BLOCK, 7], path.name
+
+
+def test_millimetres_and_column_order(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text("force,z,y,x,t\n9,3,2,1,0\n9,6,5,4,0.001\n")
+    session = read_session(path, units="mm")
+    np.testing.assert_allclose(session.hip, [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]], rtol=1e-15)
+    assert session.notes["ignored_columns"] == ["force"]
+
+
+def test_csv_with_blanks_crlf_and_no_last_newline(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_bytes(b"\xef\xbb\xbft, x, y, z\r\n0, 1,2 ,3\r\n\r\n0.5,4,5,6")
+    np.testing.assert_array_equal(read_session(path).hip, [[1, 2, 3], [4, 5, 6]])
+
+
+ROW = "0,1,2,3\n"
+BAD_CSV = {
+    "empty": ("", "empty"),
+    "header only": ("t,x,y,z\n", "0 samples; 2"),
+    "one row": ("t,x,y,z\n" + ROW, "1 sample; 2"),
+    "no header": (ROW + "1,2,3,4\n", "column 't' occurs 0 times"),
+    "missing column": ("t,x,y\n0,1,2\n1,2,3\n", "column 'z' occurs 0 times"),
+    "column twice": ("t,x,y,z,x\n0,1,2,3,4\n", "column 'x' occurs 2 times"),
+    "NaN": ("t,x,y,z\n" + ROW + "1,nan,2,3\n", "sample 1 is not finite"),
+    "infinite": ("t,x,y,z\n" + ROW + "1,inf,2,3\n", "sample 1 is not finite"),
+    "overflow": ("t,x,y,z\n" + ROW + "1,1e999,2,3\n", "sample 1 is not finite"),
+    "time back": ("t,x,y,z\n1,1,2,3\n0.5,1,2,3\n", "time does not increase: 0.5 s at sample 1"),
+    "time stands": ("t,x,y,z\n1,1,2,3\n1,1,2,3\n", "time does not increase"),
+    "short line": ("t,x,y,z\n" + ROW + "1,2,3\n", "3 fields; 4"),
+    "long line": ("t,x,y,z\n" + ROW + "1,2,3,4,5\n", "5 fields; 4"),
+    "words": ("t,x,y,z\n" + ROW + "1,two,3,4\n", "is not 4 numbers"),
+    "empty field": ("t,x,y,z\n" + ROW + "1,,3,4\n", "is not 4 numbers"),
+    "comma for newline": ("t,x,y,z\n" + "0,1,2,3,1,2,3,4\n", "8 fields; 4"),
+    "semicolons": ("t;x;y;z\n0;1;2;3\n", "column 't' occurs 0 times"),
+    "binary": ("\x00\x01\x02\n", "column 't' occurs 0 times"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_CSV)
+def test_bad_csv_is_refused(tmp_path, name):
+    text, message = BAD_CSV[name]
+    path = tmp_path / "s.csv"
+    path.write_text(text)
+    with pytest.raises(SessionError, match=message) as caught:
+        read_session(path)
+    assert caught.value.where.startswith("s.csv")
+
+
+def test_bad_line_is_named(tmp_path):
+    path = write_csv(tmp_path / "s.csv", *recording(50_000))
+    lines = path.read_text().split("\n")
+    lines[40_000] = "1,2,x,4"
+    path.write_text("\n".join(lines))
+    with pytest.raises(SessionError, match="'1,2,x,4'") as caught:
+        read_session(path)
+    assert caught.value.where == "s.csv, line 40001"
+
+
+def test_time_going_back_between_blocks_is_seen(tmp_path):
+    time, hip = recording(BLOCK + 3)
+    time[BLOCK] = time[BLOCK - 1]
+    for path in write_all(tmp_path, time, hip):
+        with pytest.raises(SessionError, match=f"at sample {BLOCK} "):
+            read_session(path)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"time": np.arange(3.0)}, "no (dataset|array) 'hip'"),
+        ({"time": np.arange(3.0), "hip": np.zeros((3, 2))}, r"hip \(3, 2\)"),
+        ({"time": np.arange(4.0), "hip": np.zeros((3, 3))}, r"time has shape \(4,\)"),
+        ({"time": np.arange(3.0), "hip": np.zeros((3, 3), complex)}, "real numbers wanted"),
+        ({"time": np.zeros(0), "hip": np.zeros((0, 3))}, "0 samples; 2"),
+        ({"time": np.arange(3.0), "hip": np.full((3, 3), np.nan)}, "sample 0 is not finite"),
+    ],
+)
+def test_bad_arrays_are_refused(tmp_path, arrays, message):
+    np.savez(tmp_path / "s.npz", **arrays)
+    with h5py.File(tmp_path / "s.h5", "w") as file:
+        for name, values in arrays.items():
+            file[name] = values
+    for name in ("s.npz", "s.h5"):
+        with pytest.raises(SessionError, match=message):
+            read_session(tmp_path / name)
+
+
+def test_pickled_and_cut_archives_are_refused(tmp_path):
+    np.savez(tmp_path / "p.npz", time=np.array([object()]), hip=np.zeros((1, 3)))
+    with pytest.raises(SessionError, match="real numbers"):
+        read_session(tmp_path / "p.npz")
+    path = tmp_path / "s.npz"
+    np.savez(path, time=np.arange(100.0), hip=np.zeros((100, 3)))
+    path.write_bytes(path.read_bytes()[:900])
+    with pytest.raises(SessionError, match="cannot be read as"):
+        read_session(path)
+
+
+def test_hdf5_that_points_elsewhere_is_refused(tmp_path):
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["hip"] = np.zeros((3, 3))
+    with h5py.File(tmp_path / "s.h5", "w") as file:
+        file["time"] = np.arange(3.0)
+        file["hip"] = h5py.ExternalLink("other.h5", "/hip")
+    with pytest.raises(SessionError, match="no dataset 'hip'"):
+        read_session(tmp_path / "s.h5")
+
+
+def test_a_file_may_state_its_frame_and_units(tmp_path):
+    with h5py.File(tmp_path / "s.h5", "w") as file:
+        file["time"], file["hip"] = np.arange(3.0), np.ones((3, 3))
+        file.attrs["units"], file.attrs["frame"] = "mm", "robot_base"
+    with pytest.raises(SessionError, match="the file says units = 'mm', the call 'm'"):
+        read_session(tmp_path / "s.h5")
+    assert read_session(tmp_path / "s.h5", units="mm").hip[0, 0] == 1e-3
+
+
+def test_missing_file_directory_and_unknown_unit(tmp_path):
+    with pytest.raises(SessionError, match="no such file"):
+        read_session(tmp_path / "none.csv")
+    with pytest.raises(SessionError, match="is a directory"):
+        read_session(tmp_path)
+    with pytest.raises(SettingError, match="unit 'inch'"):
+        read_session(tmp_path / "none.csv", units="inch")
+
+
+def test_session_checks_its_arrays():
+    with pytest.raises(SessionError, match=r"hip \(3, 2\)"):
+        Session(np.arange(3.0), np.zeros((3, 2)))
+    with pytest.raises(SessionError, match="does not increase"):
+        Session(np.zeros(3), np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize("rate", [100.0, 1000.0, 1234.5])
+def test_resampling_is_linear_and_does_not_depend_on_blocks(rate):
+    time, hip = recording(2 * BLOCK + 100)
+    session = resampled(Session(time, hip), rate).load()
+    ticks = int(np.floor((time[-1] - time[0]) * rate + 1e-9)) + 1
+    np.testing.assert_allclose(session.time, time[0] + np.arange(ticks) / rate, rtol=1e-12)
+    for i in range(3):
+        np.testing.assert_allclose(session.hip[:, i], np.interp(session.time, time, hip[:, i]))
+    with pytest.raises(SettingError, match="rate 0"):
+        resampled(session, 0.0)
+
+
+def ticks_of(count, seed=2):
+    rng = np.random.default_rng(seed)
+    time, hip = recording(count)
+    rows = [rng.normal(size=(count, 3)) for _ in range(3)]
+    state = rng.integers(-1, 3, count).astype(np.int8)
+    return TickBlock(time, hip, *rows, state, rng.random(count), rng.random(count))
+
+
+def test_result_file_reads_back(tmp_path):
+    path = tmp_path / "r.h5"
+    block = ticks_of(BLOCK + 10)
+    with ResultWriter(path, {"rule": "robust", "scene": {"points": 3}, "none": None}) as writer:
+        writer.append(block)
+        writer.append(block)
+    with h5py.File(path) as file:
+        assert file.attrs["format"] == "vfplan-result"
+        assert "none" not in file.attrs
+        shapes = {name: d.shape for name, d in file.items()}
+        assert file["state"].dtype == np.int8
+    n = 2 * len(block)
+    vectors = dict.fromkeys(("hip", "proxy", "normal", "force"), (n, 3))
+    rows = dict.fromkeys(("time", "state", "penetration", "overlap"), (n,))
+    assert shapes == vectors | rows
+    found, attrs = read_result(path)
+    assert attrs["rule"] == "robust"
+    for name in shapes:
+        once = getattr(block, name)
+        np.testing.assert_array_equal(getattr(found, name), np.concatenate((once, once)))
+
+
+def test_result_is_not_overwritten_and_others_are_not_read(tmp_path):
+    path = tmp_path / "r.h5"
+    with ResultWriter(path, {}) as writer:
+        writer.append(ticks_of(5))
+    with pytest.raises(OutputError, match="cannot be written"):
+        ResultWriter(path, {})
+    with h5py.File(path, "a") as file:
+        file.attrs["version"] = "2.0"
+    with pytest.raises(VersionError, match=r"result version 2.0"):
+        read_result(path)
+    with h5py.File(path, "a") as file:
+        file.attrs["format"] = "other"
+    with pytest.raises(InputError, match="format is 'other'"):
+        read_result(path)
+
+
+def test_csv_of_ticks_reads_back_to_the_same_bits(tmp_path):
+    block = ticks_of(20)
+    with CsvWriter(tmp_path / "r.csv") as writer:
+        writer.append(block)
+    rows = np.loadtxt(tmp_path / "r.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(rows[:, 0], block.time)
+    np.testing.assert_array_equal(rows[:, 10:13], block.force)
+    np.testing.assert_array_equal(rows[:, 13], block.state)
+    np.testing.assert_array_equal(rows[:, 15], block.overlap)

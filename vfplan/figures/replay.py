@@ -1,0 +1,196 @@
+"""A replay in two pictures: over time (the paper's Figs. 4a, 6a) and in space (4b, 6b)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from numpy.typing import NDArray
+
+from vfplan.figures.style import (
+    CLOUD,
+    CONTACT,
+    EPISODE,
+    FORCE,
+    HIP,
+    PROXY,
+    new_figure,
+    save_png,
+    style,
+)
+from vfplan.replay import Replay
+from vfplan.replay.quantities import row_norms
+
+Array = NDArray[np.float64]
+
+MM = 1e3
+# Contact circles and normals are drawn this often [Hz], as in the paper.
+MARK_HZ = 10.0
+
+
+def draw_timeline(replayed: Replay, path: Path) -> None:
+    """Force, penetration and overlap over time, contact episodes shaded, as a PNG."""
+    save_png(timeline(replayed), path)
+
+
+def draw_scene(replayed: Replay, path: Path, *, mark_hz: float = MARK_HZ) -> None:
+    """Cloud, HIP and proxy path, contact circles and normals, as a PNG.
+
+    A planar fixture is drawn in its plane, any other in perspective.
+    """
+    save_png(scene(replayed, mark_hz=mark_hz), path)
+
+
+def timeline(replayed: Replay) -> Figure:
+    """The figure of `draw_timeline`."""
+    ticks = replayed.ticks
+    figure = new_figure(7.0, 4.6)
+    with style():
+        top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 1))
+    for axis, name in enumerate("xyz"):
+        top.plot(ticks.time, ticks.force[:, axis], lw=0.8, label=f"$F_{name}$")
+    top.plot(ticks.time, row_norms(ticks.force), color=FORCE, lw=1.2, label="$|F|$")
+    top.set_ylabel("force on the hand [N]")
+    middle.plot(ticks.time, MM * ticks.penetration, color=PROXY, lw=1.1, label="|proxy − HIP|")
+    middle.plot(ticks.time, MM * ticks.overlap, color=CONTACT, lw=1.1, label="beyond the cloud")
+    middle.set_ylabel("depth [mm]")
+    bottom.step(ticks.time, ticks.state, where="post", color=CLOUD, lw=0.8)
+    bottom.set_yticks([-1, 0, 1, 2], ["no neighbour", "free", "contact", "entrenched"])
+    bottom.set_xlabel("time [s]")
+    bottom.margins(x=0)
+    for axes in (top, middle, bottom):
+        shade_episodes(axes, replayed)
+    for axes in (top, middle):
+        axes.legend(ncols=4, loc="upper right", fontsize=8)
+        axes.margins(y=0.25)
+    count = len(replayed.metrics["episodes"])
+    top.set_title(f"{count} contact episode{'s' * (count != 1)}, rule {replayed.rule}", loc="left")
+    return figure
+
+
+def shade_episodes(axes: Axes, replayed: Replay) -> None:
+    """Mark the spans of contact."""
+    for episode in replayed.metrics["episodes"]:
+        axes.axvspan(episode["start_s"], episode["end_s"], color=EPISODE, lw=0, zorder=0)
+
+
+def scene(replayed: Replay, *, mark_hz: float = MARK_HZ) -> Figure:
+    """The figure of `draw_scene`."""
+    if replayed.fixture.ignore_axis is None:
+        return _scene_3d(replayed, mark_hz)
+    return _scene_2d(replayed, mark_hz)
+
+
+def plane_basis(axis: Array) -> Array:
+    """(3, 2) orthonormal right-handed basis of the plane across `axis`, near x, y or z.
+
+    The first vector is the frame's x axis brought into the plane (y where x is the ignored one).
+    """
+    start = np.eye(3)[0 if abs(axis[0]) < 0.9 else 1]
+    first = start - (start @ axis) * axis
+    first /= np.linalg.norm(first)
+    # Looking against the axis' largest component keeps the picture unmirrored.
+    towards = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
+    return np.stack([first, np.cross(towards, first)], axis=1)
+
+
+def marked(replayed: Replay, mark_hz: float) -> NDArray[np.intp]:
+    """Indices of ticks in contact, `mark_hz` of them a second at most."""
+    ticks = replayed.ticks
+    slot = np.floor((ticks.time - ticks.time[0]) * mark_hz).astype(np.int64)
+    held = np.flatnonzero(ticks.penetration > 1e-6)
+    _, first = np.unique(slot[held], return_index=True)
+    return held[first]
+
+
+def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
+    ticks, fixture = replayed.ticks, replayed.fixture
+    assert fixture.ignore_axis is not None
+    basis = plane_basis(fixture.ignore_axis)
+    cloud, hip, proxy, normal = (
+        MM * a @ basis for a in (fixture.points, ticks.hip, ticks.proxy, ticks.normal)
+    )
+    figure = new_figure(7.0, 6.0)
+    with style():
+        axes = figure.subplots()
+    axes.plot(*cloud.T, ".", ms=1.5, color=CLOUD, label=f"cloud, {len(cloud)} points", zorder=2)
+    axes.plot(*hip.T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
+    axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy", zorder=4)
+    picks = marked(replayed, mark_hz)
+    radius = MM * fixture.contact_radius
+    circles = [Circle(tuple(c), radius) for c in proxy[picks]]
+    axes.add_collection(
+        PatchCollection(circles, facecolor="none", edgecolor=CONTACT, lw=0.6, alpha=0.7)
+    )
+    arrows = normal[picks] / MM * radius
+    axes.quiver(
+        *proxy[picks].T, *arrows.T, angles="xy", scale_units="xy", scale=1,
+        color=PROXY, width=0.0025, zorder=5,
+    )  # fmt: skip
+    axes.plot([], [], "o", mfc="none", mec=CONTACT, label=f"contact circle, {mark_hz:g} Hz")
+    axes.set_aspect("equal")
+    _frame_path(axes, hip[picks] if len(picks) else hip, cloud, 4 * radius)
+    names = "xyz" if np.allclose(np.abs(basis).max(axis=0), 1) else None
+    labels = (
+        [names[i] for i in np.abs(basis).argmax(axis=0)]
+        if names
+        else ["in plane, 1", "in plane, 2"]
+    )
+    axes.set_xlabel(f"{labels[0]} [mm]")
+    axes.set_ylabel(f"{labels[1]} [mm]")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, markerscale=3)
+    return figure
+
+
+def _frame_path(axes: Axes, path: Array, cloud: Array, margin: float) -> None:
+    """Show the whole cloud, or where the contacts are when that is a small part of it."""
+    low, high = path.min(axis=0) - margin, path.max(axis=0) + margin
+    if (high - low).max() > 0.5 * np.ptp(cloud, axis=0).max():
+        low = np.minimum(low, cloud.min(axis=0) - margin)
+        high = np.maximum(high, cloud.max(axis=0) + margin)
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+
+
+def _scene_3d(replayed: Replay, mark_hz: float) -> Figure:
+    ticks, fixture = replayed.ticks, replayed.fixture
+    figure = new_figure(7.0, 6.0)
+    with style():
+        axes = figure.add_subplot(projection="3d")
+    thin = max(1, len(fixture.points) // 4000)
+    axes.plot(*(MM * fixture.points[::thin]).T, ".", ms=1.0, color=CLOUD, alpha=0.4, label="cloud")
+    axes.plot(*(MM * ticks.hip).T, ".", ms=1.5, color=HIP, label="HIP")
+    axes.plot(*(MM * ticks.proxy).T, "-", lw=0.9, color=PROXY, label="proxy")
+    picks = marked(replayed, mark_hz)
+    axes.quiver(
+        *(MM * ticks.proxy[picks]).T,
+        *(MM * fixture.contact_radius * ticks.normal[picks]).T,
+        color=PROXY,
+        lw=0.8,
+    )
+    for k in picks:
+        axes.plot(
+            *(MM * _ring(ticks.proxy[k], ticks.normal[k], fixture.contact_radius)).T,
+            color=CONTACT,
+            lw=0.5,
+        )
+    axes.set_xlabel("x [mm]")
+    axes.set_ylabel("y [mm]")
+    axes.set_zlabel("z [mm]")
+    axes.set_aspect("equal")
+    axes.legend(loc="upper left", fontsize=8)
+    return figure
+
+
+def _ring(centre: Array, normal: Array, radius: float) -> Array:
+    """(33, 3) the great circle about `centre` whose plane holds `normal`."""
+    if not normal.any():
+        return np.full((33, 3), np.nan)
+    side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    side /= np.linalg.norm(side)
+    turn = np.linspace(0, 2 * np.pi, 33)[:, None]
+    return centre + radius * (np.cos(turn) * normal + np.sin(turn) * side)

@@ -1,0 +1,138 @@
+"""What is measured at each tick, as pure functions of positions, normals and forces.
+
+Tick k holds the HIP x_k, the proxy p_k, the normal n_k (pointing out of the fixture) and the force
+F_k = K (p_k - x_k) on the hand, which acts from t_k until t_{k+1}. Forward differences are written
+Δx_k = x_{k+1} - x_k; the last tick of a session has no successor and its Δ are zero.
+Every quantity is defined here, once; docs/replay.md says the same in words.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.session import TickBlock
+
+Array = NDArray[np.float64]
+
+# The proxy counts as held away from the HIP beyond this [m]: p + (x - p) need not give x exactly.
+HELD_M = 1e-9
+
+
+def row_norms(vectors: Array) -> Array:
+    """(n,) Euclidean lengths of (n, 3) vectors."""
+    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+
+
+def dots(a: Array, b: Array) -> Array:
+    """(n,) scalar products of the rows of two (n, 3) arrays."""
+    return np.einsum("ij,ij->i", a, b)
+
+
+def penetration(hip: Array, proxy: Array) -> Array:
+    """(n,) |p_k - x_k| [m]: how far the hand has pushed past where the proxy was stopped."""
+    return row_norms(proxy - hip)
+
+
+def overlap(hip: Array, proxy: Array, normal: Array, contact_radius: float) -> Array:
+    """(n,) max(0, n·(p - x) - r_c) [m]: how far the HIP is beyond the cloud's own surface.
+
+    The cloud's surface is that of the balls of radius r_v about its points; the proxy rests r_c
+    above it (R - r_v = r_c).
+    """
+    return np.maximum(0.0, dots(normal, proxy - hip) - contact_radius)
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Consecutive ticks, each with what changes until the next one.
+
+    Parameters
+    ----------
+    first
+        Index of the first tick in the session.
+    ticks
+        n ticks.
+    hand
+        (n, 3) where the hand really was [m]; `ticks.hip` unless a lossy link lay between.
+    dt, dhand, dproxy, dhip, dforce
+        Forward differences of time, hand, proxy, HIP and force: (n,) [s], (n, 3) [m] and [N].
+    """
+
+    first: int
+    ticks: TickBlock
+    hand: Array
+    dt: Array
+    dhand: Array
+    dproxy: Array
+    dhip: Array
+    dforce: Array
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+    @cached_property
+    def held(self) -> NDArray[np.bool_]:
+        """(n,) whether the fixture pushes: |p - x| above 1 nm. This is what *contact* means."""
+        return self.ticks.penetration > HELD_M
+
+    @cached_property
+    def force_n(self) -> Array:
+        """(n,) |F_k| [N]."""
+        return row_norms(self.ticks.force)
+
+    @cached_property
+    def force_step_n(self) -> Array:
+        """(n,) |F_{k+1} - F_k| [N]."""
+        return row_norms(self.dforce)
+
+    @cached_property
+    def work_j(self) -> Array:
+        """(n,) F_k · Δx_k [J], with the hand's own motion: above 0 the hand receives energy."""
+        return dots(self.ticks.force, self.dhand)
+
+    @cached_property
+    def hold_j(self) -> Array:
+        """(n,) ½ Δe_k · ΔF_k with e = p - x [J]: what holding F_k over the tick adds, never < 0."""
+        return 0.5 * dots(self.dproxy - self.dhip, self.dforce)
+
+    @cached_property
+    def impulse_ns(self) -> Array:
+        """(n, 3) F_k Δt_k [N·s]."""
+        return self.ticks.force * self.dt[:, None]
+
+    @cached_property
+    def speed(self) -> Array:
+        """(n,) |Δx_k| / Δt_k of the HIP [m/s]; 0 at the last tick."""
+        step = row_norms(self.dhip)
+        return np.divide(step, self.dt, out=np.zeros_like(step), where=self.dt > 0)
+
+    @cached_property
+    def sliding(self) -> tuple[Array, Array, Array]:
+        """Normal force, tangential drag and tangential path, each (n,).
+
+        N_k = n·F [N]; drag D_k = -F·Δx_t/|Δx_t| [N], above 0 where the tangential part of the
+        force opposes the HIP's tangential motion Δx_t = Δx - (n·Δx) n; path |Δx_t| [m]. Zero where
+        the fixture does not push.
+        """
+        normal, force = self.ticks.normal, self.ticks.force
+        along = self.dhip - dots(normal, self.dhip)[:, None] * normal
+        path = np.where(self.held, row_norms(along), 0.0)
+        press = np.where(self.held, dots(normal, force), 0.0)
+        drag = np.divide(-dots(force, along), path, out=np.zeros_like(path), where=path > 0)
+        return press, drag, path
+
+    @cached_property
+    def lag_m(self) -> Array:
+        """(n,) how far the proxy trails behind the HIP along the HIP's tangential motion [m].
+
+        (x - p)·Δx_t/|Δx_t|; below 0 where it runs ahead, 0 where the HIP does not slide.
+        """
+        normal = self.ticks.normal
+        along = self.dhip - dots(normal, self.dhip)[:, None] * normal
+        path = np.where(self.held, row_norms(along), 0.0)
+        behind = dots(self.ticks.hip - self.ticks.proxy, along)
+        return np.divide(behind, path, out=np.zeros_like(path), where=path > 0)

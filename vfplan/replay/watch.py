@@ -1,0 +1,142 @@
+"""How a session was sampled: its rate, gaps, jitter, repeats and speed."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.replay.findings import finding
+
+Array = NDArray[np.float64]
+
+GAP = 1.5  # an interval longer than this many nominal ones misses samples
+LISTED = 20  # gaps reported one by one
+# Faster than this no hand moves a tool [m/s]: the position jumped.
+JUMP_M_S = 20.0
+
+
+class SessionWatch:
+    """Gather what a session's time stamps and positions say of its recording.
+
+    The nominal interval is the median over the first block. Jitter is the RMS deviation from it
+    of the intervals that are no gaps.
+    """
+
+    def __init__(self) -> None:
+        self._last: tuple[float, Array] | None = None
+        self._nominal = 0.0
+        self._count = 0
+        self._intervals = 0
+        self._even = 0
+        self._jitter2 = 0.0
+        self._dt_max = 0.0
+        self._missing = 0
+        self._gap_count = 0
+        self._gaps: list[dict[str, float]] = []
+        self._repeats = 0
+        self._run = 0
+        self._longest = 0
+        self._speed = (0.0, 0)
+        self._jumps: list[int] = []
+        self._jump_count = 0
+
+    def update(self, time: Array, hip: Array) -> None:
+        """Take in the next samples."""
+        first = self._count
+        self._count += len(time)
+        if self._last is not None:
+            time = np.concatenate(([self._last[0]], time))
+            hip = np.concatenate((self._last[1][None], hip))
+            first -= 1
+        self._last = float(time[-1]), hip[-1].copy()
+        if len(time) < 2:
+            return
+        dt = np.diff(time)
+        if not self._nominal:
+            self._nominal = float(np.median(dt))
+        self._watch_time(dt, time)
+        self._watch_place(dt, np.diff(hip, axis=0), first)
+
+    def _watch_time(self, dt: Array, time: Array) -> None:
+        gap = dt > GAP * self._nominal
+        self._intervals += len(dt)
+        self._even += int(np.count_nonzero(~gap))
+        self._jitter2 += float(((dt[~gap] - self._nominal) ** 2).sum())
+        self._dt_max = max(self._dt_max, float(dt.max()))
+        for k in np.flatnonzero(gap):
+            lost = round(dt[k] / self._nominal) - 1
+            self._missing += lost
+            self._gap_count += 1
+            if len(self._gaps) < LISTED:
+                self._gaps.append(
+                    {"t_s": float(time[k]), "length_s": float(dt[k]), "missing": int(lost)}
+                )
+
+    def _watch_place(self, dt: Array, step: Array, first: int) -> None:
+        still = (step == 0).all(axis=1)
+        self._repeats += int(np.count_nonzero(still))
+        for same, length in _runs(still):
+            self._run = self._run + length if same else 0
+            self._longest = max(self._longest, self._run)
+        speed = np.linalg.norm(step, axis=1) / dt
+        k = int(np.argmax(speed))
+        if speed[k] > self._speed[0]:
+            self._speed = float(speed[k]), first + k + 1
+        jumps = first + 1 + np.flatnonzero(speed > JUMP_M_S)
+        self._jump_count += len(jumps)
+        self._jumps += [int(j) for j in jumps[: LISTED - len(self._jumps)]]
+
+    @property
+    def duration_s(self) -> float:
+        """A guess of one interval after the other [s], for progress."""
+        return self._nominal * self._count
+
+    def report(self) -> dict[str, Any]:
+        """The `session` part of a replay's report."""
+        data: dict[str, Any] = {
+            "samples": self._count,
+            "rate_hz": 1.0 / self._nominal,
+            "dt_nominal_s": self._nominal,
+            "dt_max_s": self._dt_max,
+            "jitter_rms_s": float(np.sqrt(self._jitter2 / max(1, self._even))),
+            "gaps": self._gap_count,
+            "missing_samples": self._missing,
+            "repeats": self._repeats,
+            "repeats_longest": self._longest,
+            "speed_max_m_s": self._speed[0],
+            "speed_max_tick": self._speed[1],
+        }
+        if self._gaps:
+            data["gap_list"] = self._gaps
+        if self._jump_count:
+            data["jumps"] = self._jump_count
+            data["jump_ticks"] = self._jumps
+        return data
+
+    def findings(self) -> list[dict[str, str]]:
+        """What a person should look at."""
+        found = []
+        if self._gap_count:
+            message = (
+                f"{self._gap_count} gaps, about {self._missing} samples missing; the longest "
+                f"interval is {self._dt_max:.6g} s of {self._nominal:.6g} s"
+            )
+            found.append(finding("session-gap", "warning", message))
+        if self._jump_count:
+            speed, tick = self._speed
+            message = (
+                f"{self._jump_count} jumps faster than {JUMP_M_S:g} m/s; the fastest is "
+                f"{speed:.6g} m/s at tick {tick}"
+            )
+            found.append(finding("session-jump", "error", message))
+        return found
+
+
+def _runs(flags: NDArray[np.bool_]) -> list[tuple[bool, int]]:
+    """Runs of equal flags: (flag, length)."""
+    cuts = np.flatnonzero(np.diff(flags)) + 1
+    edges = np.concatenate(([0], cuts, [len(flags)]))
+    return [(bool(flags[a]), b - a) for a, b in pairwise(edges.tolist())]

@@ -1,0 +1,37 @@
+"""Recordings of HIP positions in, replay results out.
+
+`read_session` gives a whole recording, `open_session` a stream of blocks that never holds more
+than a few of them; `ResultWriter` writes a result as it comes.
+"""
+
+from __future__ import annotations
+
+from vfplan.session.read import open_session, read_session
+from vfplan.session.resample import resampled
+from vfplan.session.result import (
+    RESULT_FORMAT,
+    RESULT_VERSION,
+    ResultWriter,
+    TickBlock,
+    read_result,
+    write_result,
+)
+from vfplan.session.ticksfile import CsvWriter
+from vfplan.session.types import BLOCK, Session, SessionStream, Source
+
+__all__ = [
+    "BLOCK",
+    "RESULT_FORMAT",
+    "RESULT_VERSION",
+    "CsvWriter",
+    "ResultWriter",
+    "Session",
+    "SessionStream",
+    "Source",
+    "TickBlock",
+    "open_session",
+    "read_result",
+    "read_session",
+    "resampled",
+    "write_result",
+]

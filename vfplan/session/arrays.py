@@ -1,0 +1,134 @@
+"""Sessions as `time` (T,) and `hip` (T, 3): in HDF5, and in NumPy's `.npz`."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import h5py
+import numpy as np
+
+from vfplan.errors import SessionError
+from vfplan.session.types import BLOCK, Array, Pair
+
+_NAMES = ("time", "hip")
+
+
+def _check_shapes(time: Any, hip: Any, where: str) -> int:
+    """The length T; raises `SessionError` unless time is (T,) and hip (T, 3), both real numbers."""
+    if len(time[0]) != 1 or tuple(hip[0]) != (*time[0], 3):
+        raise SessionError(
+            f"time has shape {tuple(time[0])} and hip {tuple(hip[0])}; (T,) and (T, 3) wanted",
+            where=where,
+        )
+    for name, (_, dtype) in zip(_NAMES, (time, hip), strict=True):
+        if dtype.kind not in "fiu":
+            raise SessionError(f"{name} has type {dtype}; real numbers wanted", where=where)
+    return int(time[0][0])
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except (OSError, RuntimeError, KeyError) as error:
+        raise SessionError(f"cannot be read as HDF5: {error}", where=path.name) from None
+
+
+def hdf5_header(path: Path) -> tuple[int, dict[str, str]]:
+    """The length T and the text attributes of the root (`units`, `frame` when they are there).
+
+    Raises
+    ------
+    SessionError
+        Not HDF5, a dataset missing, or wrong shapes or types.
+    """
+    with _opened(path) as file:
+        pair = [_dataset(file, name, path.name) for name in _NAMES]
+        length = _check_shapes(*((d.shape, d.dtype) for d in pair), where=path.name)
+        text = {k: v for k, v in file.attrs.items() if isinstance(v, str)}
+    return length, text
+
+
+def _dataset(file: h5py.File, name: str, where: str) -> h5py.Dataset:
+    # A link to another file is never followed: a session is one file.
+    if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+        held = ", ".join(sorted(file)) or "nothing"
+        raise SessionError(
+            f"has no dataset {name!r} (holds {held[:80]}); time, hip wanted", where=where
+        )
+    found = file[name]
+    if not isinstance(found, h5py.Dataset) or found.external or found.is_virtual:
+        raise SessionError(f"{name!r} is not a plain dataset; time, hip wanted", where=where)
+    return found
+
+
+def read_hdf5(path: Path, factor: float) -> Iterator[Pair]:
+    """Yield (time [s], hip [m]) piece by piece."""
+    with _opened(path) as file:
+        time, hip = (_dataset(file, name, path.name) for name in _NAMES)
+        for start in range(0, len(time), BLOCK):
+            part = slice(start, start + BLOCK)
+            yield np.asarray(time[part], float), np.asarray(hip[part], float) * factor
+
+
+def npz_header(path: Path) -> int:
+    """The length T; raises `SessionError` as `hdf5_header` does."""
+    with _npz_members(path) as members:
+        heads = [(shape, dtype) for _, shape, dtype in members]
+        return _check_shapes(*heads, where=path.name)
+
+
+def read_npz(path: Path, factor: float) -> Iterator[Pair]:
+    """Yield (time [s], hip [m]) piece by piece, without ever holding the arrays whole."""
+    with _npz_members(path) as ((time, shape, time_type), (hip, _, hip_type)):
+        for start in range(0, shape[0], BLOCK):
+            rows = min(BLOCK, shape[0] - start)
+            yield (
+                _values(time, rows, time_type, path.name),
+                _values(hip, rows * 3, hip_type, path.name).reshape(-1, 3) * factor,
+            )
+
+
+@contextmanager
+def _npz_members(path: Path) -> Iterator[tuple[tuple[IO[bytes], tuple[int, ...], np.dtype], ...]]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = set(archive.namelist())
+            for name in _NAMES:
+                if f"{name}.npy" not in names:
+                    held = ", ".join(sorted(n.removesuffix(".npy") for n in names)) or "nothing"
+                    raise SessionError(
+                        f"has no array {name!r} (holds {held[:80]}); time, hip wanted",
+                        where=path.name,
+                    )
+            yield tuple(_member(archive.open(f"{name}.npy"), name, path.name) for name in _NAMES)
+    except (OSError, zipfile.BadZipFile, EOFError, ValueError) as error:
+        raise SessionError(f"cannot be read as .npz: {error}", where=path.name) from None
+
+
+def _member(
+    stream: IO[bytes], name: str, where: str
+) -> tuple[IO[bytes], tuple[int, ...], np.dtype]:
+    version = np.lib.format.read_magic(stream)
+    reader = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }.get(version)
+    if reader is None:
+        raise SessionError(f"{name} is in .npy version {version}; 1.0 or 2.0 wanted", where=where)
+    shape, fortran, dtype = reader(stream)
+    if fortran and len(shape) > 1:
+        raise SessionError(f"{name} is stored by columns; C order wanted", where=where)
+    return stream, shape, dtype
+
+
+def _values(stream: IO[bytes], count: int, dtype: np.dtype, where: str) -> Array:
+    data = stream.read(count * dtype.itemsize)
+    if len(data) != count * dtype.itemsize:
+        raise SessionError("ends before its last sample", where=where)
+    return np.frombuffer(data, dtype).astype(np.float64)

@@ -1,0 +1,85 @@
+"""Open a session file by what it is: CSV, HDF5 or `.npz`."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from pathlib import Path
+
+from vfplan.errors import SessionError
+from vfplan.session.arrays import hdf5_header, npz_header, read_hdf5, read_npz
+from vfplan.session.csvfile import WANTED, csv_columns, read_csv
+from vfplan.session.types import Session, SessionStream, unit_factor
+
+_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+_ZIP_MAGIC = b"PK\x03\x04"
+
+
+def read_session(path: str | Path, *, units: str = "m", frame: str = "robot_base") -> Session:
+    """Read a whole recording of HIP positions.
+
+    Parameters
+    ----------
+    path
+        CSV with a header that names t (s), x, y, z; or HDF5 or `.npz` with `time` (T,) and
+        `hip` (T, 3).
+    units
+        Of the positions in the file: "m" or "mm".
+    frame
+        The frame the positions are in.
+
+    Raises
+    ------
+    SessionError
+        The file is missing, is none of these, or holds fewer than two samples, a value that is
+        not finite, or a time that does not increase.
+    """
+    return open_session(path, units=units, frame=frame).load()
+
+
+def open_session(path: str | Path, *, units: str = "m", frame: str = "robot_base") -> SessionStream:
+    """Open a recording to be read block by block; as `read_session` otherwise."""
+    path = Path(path)
+    factor = unit_factor(units)
+    magic = _first_bytes(path)
+    digest = _sha256(path)
+    notes: dict[str, object] = {}
+    if magic.startswith(_HDF5_MAGIC):
+        length, attrs = hdf5_header(path)
+        _agree(attrs, {"units": units, "frame": frame}, path.name)
+        read, kind = functools.partial(read_hdf5, path, factor), "hdf5"
+    elif magic.startswith(_ZIP_MAGIC):
+        length = npz_header(path)
+        read, kind = functools.partial(read_npz, path, factor), "npz"
+    else:
+        aside = [name for name in csv_columns(path) if name not in WANTED]
+        if aside:
+            notes["ignored_columns"] = aside
+        length = None
+        read, kind = functools.partial(read_csv, path, factor), "csv"
+    notes = {"format": kind, "units": units, **notes}
+    return SessionStream(read, path.name, frame, digest, notes, length)
+
+
+def _first_bytes(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(8)
+    except OSError as error:
+        reason = (error.strerror or "cannot be read").lower()
+        raise SessionError(f"{reason}; a session file wanted", where=str(path)) from None
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _agree(stated: dict[str, str], asked: dict[str, str], where: str) -> None:
+    """What a file says of itself is never overruled in silence."""
+    for name, wanted in asked.items():
+        if stated.get(name, wanted) != wanted:
+            raise SessionError(
+                f"the file says {name} = {stated[name]!r}, the call {wanted!r}; they must agree",
+                where=where,
+            )

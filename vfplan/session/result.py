@@ -1,0 +1,230 @@
+"""Replay results: HDF5 with `format = "vfplan-result"`, one row a tick, written as it comes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import InputError, OutputError, VersionError
+from vfplan.session.types import BLOCK, Array
+
+RESULT_FORMAT = "vfplan-result"
+RESULT_VERSION = "1.0"
+
+# name -> (columns, type, unit)
+_TABLE: dict[str, tuple[tuple[int, ...], str, str]] = {
+    "time": ((), "<f8", "s"),
+    "hip": ((3,), "<f8", "m"),
+    "proxy": ((3,), "<f8", "m"),
+    "normal": ((3,), "<f8", "1"),
+    "force": ((3,), "<f8", "N"),
+    "state": ((), "|i1", "1"),
+    "penetration": ((), "<f8", "m"),
+    "overlap": ((), "<f8", "m"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class TickBlock:
+    """A run of consecutive ticks of a replay, one row each.
+
+    Parameters
+    ----------
+    time, hip
+        (n,) [s] and (n, 3) [m], as the controller had them.
+    proxy, normal, force
+        (n, 3) at the end of each tick [m], [1], [N].
+    state
+        (n,) int8, -1, 0, 1 or 2.
+    penetration
+        (n,) |proxy - hip| [m].
+    overlap
+        (n,) how far the HIP is beyond the cloud's own surface [m], never below 0.
+    """
+
+    time: Array
+    hip: Array
+    proxy: Array
+    normal: Array
+    force: Array
+    state: NDArray[np.int8]
+    penetration: Array
+    overlap: Array
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+class Result(Protocol):
+    """What `write_result` writes; a `Replay` is one."""
+
+    @property
+    def ticks(self) -> TickBlock:
+        """One row a tick."""
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The root attributes."""
+
+
+def joined(blocks: list[TickBlock]) -> TickBlock:
+    """Blocks one after the other, as one."""
+    names = [field.name for field in fields(TickBlock)]
+    return TickBlock(**{n: np.concatenate([getattr(b, n) for b in blocks]) for n in names})
+
+
+class ResultWriter:
+    """Write a result file block by block; use as a context manager.
+
+    Parameters
+    ----------
+    path
+        A file that does not exist yet.
+    attrs
+        Root attributes beyond `format` and `version`; a dict or list is kept as JSON text.
+    groups
+        Where results go: "" for the root, or names of groups (a second rule, for instance).
+
+    Raises
+    ------
+    OutputError
+        The file exists or cannot be made.
+    """
+
+    def __init__(
+        self, path: str | Path, attrs: dict[str, Any], *, groups: tuple[str, ...] = ("",)
+    ) -> None:
+        try:
+            self._file = h5py.File(path, "x", libver=("v110", "v110"))
+        except OSError as error:
+            raise OutputError(f"cannot be written: {error}", where=str(path)) from None
+        self._file.attrs["format"] = RESULT_FORMAT
+        self._file.attrs["version"] = RESULT_VERSION
+        self.set(attrs)
+        for name in groups:
+            _create(self._file.require_group(name) if name else self._file)
+
+    def set(self, attrs: dict[str, Any]) -> None:
+        """Set root attributes; `None` is left out."""
+        for name, value in attrs.items():
+            if value is not None:
+                kept = json.dumps(value) if isinstance(value, (dict, list, tuple)) else value
+                self._file.attrs[name] = kept
+
+    def append(self, block: TickBlock, group: str = "") -> None:
+        """Add a block of ticks."""
+        place = self._file[group] if group else self._file
+        for name in _TABLE:
+            dataset = place[name]
+            size = len(dataset)
+            dataset.resize(size + len(block), axis=0)
+            dataset[size:] = getattr(block, name)
+
+    def __enter__(self) -> ResultWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._file.close()
+
+
+def _create(place: h5py.Group) -> None:
+    for name, (columns, dtype, unit) in _TABLE.items():
+        dataset = place.create_dataset(
+            name,
+            (0, *columns),
+            dtype,
+            maxshape=(None, *columns),
+            chunks=(BLOCK, *columns),
+            fletcher32=True,
+        )
+        dataset.attrs["unit"] = unit
+
+
+def write_result(replayed: Result, path: str | Path) -> None:
+    """Write a whole result at once: its ticks, and what `ResultWriter` takes as attributes."""
+    with ResultWriter(path, replayed.record) as writer:
+        writer.append(replayed.ticks)
+
+
+def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[str, Any]]:
+    """Read a result file whole.
+
+    Returns
+    -------
+    The ticks, and the root attributes.
+
+    Raises
+    ------
+    InputError
+        Not a result file, or a dataset is missing or has the wrong shape.
+    VersionError
+        A major version that this program does not read.
+    """
+    blocks = list(result_blocks(path, group=group))
+    with _opened(path) as file:
+        attrs = dict(file.attrs)
+    if not blocks:
+        raise InputError("a result without ticks", where=Path(path).name)
+    return joined(blocks), attrs
+
+
+def result_blocks(path: str | Path, *, group: str = "") -> Iterator[TickBlock]:
+    """Read a result file block by block; raises as `read_result`."""
+    with _opened(path) as file:
+        place = file[group] if group else file
+        datasets = {name: _checked(place, name, Path(path).name) for name in _TABLE}
+        length = len(datasets["time"])
+        for start in range(0, length, BLOCK):
+            part = slice(start, start + BLOCK)
+            yield TickBlock(**{name: d[part] for name, d in datasets.items()})
+
+
+class _opened:  # noqa: N801 - used as a `with` statement reads
+    def __init__(self, path: str | Path) -> None:
+        self._path = Path(path)
+
+    def __enter__(self) -> h5py.File:
+        where = self._path.name
+        try:
+            self._file = h5py.File(self._path, "r")
+        except OSError as error:
+            raise InputError(f"cannot be read as HDF5: {error}", where=where) from None
+        found = self._file.attrs.get("format")
+        if found != RESULT_FORMAT:
+            self._file.close()
+            raise InputError(f"format is {found!r}; {RESULT_FORMAT!r} wanted", where=where)
+        version = str(self._file.attrs.get("version"))
+        if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
+            self._file.close()
+            raise VersionError(
+                f"result version {version}; this program reads {RESULT_VERSION}", where=where
+            )
+        return self._file
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+
+
+def _checked(place: h5py.Group, name: str, where: str) -> h5py.Dataset:
+    columns = _TABLE[name][0]
+    link = place.get(name, getlink=True)
+    dataset = place[name] if isinstance(link, h5py.HardLink) else None
+    length = len(place["time"]) if "time" in place else 0
+    if not isinstance(dataset, h5py.Dataset) or dataset.shape != (length, *columns):
+        shape = None if dataset is None else getattr(dataset, "shape", None)
+        wanted = ", ".join(map(str, ("T", *columns)))
+        raise InputError(f"{name} has shape {shape}; ({wanted}) wanted", where=where)
+    return dataset

@@ -1,0 +1,208 @@
+"""A recording of HIP positions: in memory, or as a stream of blocks read from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import SessionError, SettingError
+
+Array = NDArray[np.float64]
+Pair = tuple[Array, Array]  # time (n,) [s], hip (n, 3) [m]
+
+UNITS = {"m": 1.0, "mm": 1e-3}
+# Every consumer sees blocks of this many ticks, however the file was cut: sums then run in the same
+# order on every run, and memory does not grow with the session.
+BLOCK = 16384
+
+
+class Source(Protocol):
+    """What can be replayed: a `Session`, or a `SessionStream` that reads as it goes."""
+
+    name: str
+    frame: str
+    sha256: str | None
+    notes: dict[str, object]
+
+    @property
+    def ticks(self) -> int | None:
+        """The number of samples; `None` when only reading to the end tells."""
+
+    def blocks(self, size: int = BLOCK) -> Iterator[Pair]:
+        """Blocks of `size` ticks (the last one shorter), checked."""
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A recording of HIP positions in memory.
+
+    Parameters
+    ----------
+    time
+        (T,) [s], strictly increasing, T >= 2.
+    hip
+        (T, 3) HIP positions in `frame` [m], finite.
+    frame
+        The frame of `hip`.
+    name
+        What to call it in messages and reports; never a path.
+    sha256
+        Of the file it came from; `None` for arrays.
+    notes
+        What the reader did that the caller should know of, e.g. columns it left aside.
+
+    Raises
+    ------
+    SessionError
+        Wrong shapes, fewer than two samples, a value that is not finite, time that does not
+        increase.
+    """
+
+    time: Array
+    hip: Array
+    frame: str = "robot_base"
+    name: str = "session"
+    sha256: str | None = None
+    notes: dict[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        time = np.ascontiguousarray(self.time, dtype=np.float64)
+        hip = np.ascontiguousarray(self.hip, dtype=np.float64)
+        if time.ndim != 1 or hip.shape != (*time.shape, 3):
+            raise SessionError(
+                f"time has shape {time.shape} and hip {hip.shape}; (T,) and (T, 3) wanted",
+                where=self.name,
+            )
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "hip", hip)
+        for _ in checked(iter([(time, hip)]), self.name):
+            pass
+
+    @property
+    def ticks(self) -> int:
+        """T."""
+        return len(self.time)
+
+    def blocks(self, size: int = BLOCK) -> Iterator[Pair]:
+        """Blocks of `size` ticks, the last one shorter."""
+        for start in range(0, len(self.time), size):
+            yield self.time[start : start + size], self.hip[start : start + size]
+
+
+@dataclass(frozen=True, eq=False)
+class SessionStream:
+    """A recording that is read block by block, each time `blocks` is called.
+
+    Parameters
+    ----------
+    read
+        Opens the file and yields pieces of any length: (time [s], hip [m]).
+    name, frame, sha256, notes
+        As in `Session`.
+    length
+        The number of samples when the file says it.
+    """
+
+    read: Callable[[], Iterator[Pair]]
+    name: str
+    frame: str = "robot_base"
+    sha256: str | None = None
+    notes: dict[str, object] = field(default_factory=dict)
+    length: int | None = None
+
+    @property
+    def ticks(self) -> int | None:
+        """The number of samples; `None` when only reading to the end tells."""
+        return self.length
+
+    def blocks(self, size: int = BLOCK) -> Iterator[Pair]:
+        """Blocks of `size` ticks (the last one shorter), checked.
+
+        Raises
+        ------
+        SessionError
+            As for `Session`, naming the sample.
+        """
+        return checked(regrouped(self.read(), size), self.name)
+
+    def load(self) -> Session:
+        """Everything in memory."""
+        pieces = list(self.blocks())
+        return Session(
+            np.concatenate([time for time, _ in pieces]),
+            np.concatenate([hip for _, hip in pieces]),
+            frame=self.frame,
+            name=self.name,
+            sha256=self.sha256,
+            notes=self.notes,
+        )
+
+
+def unit_factor(units: str) -> float:
+    """Metres in one of `units` ("m" or "mm"); raises `SettingError` for anything else."""
+    if units not in UNITS:
+        raise SettingError(f"unit {units!r} of positions; {' or '.join(UNITS)} wanted")
+    return UNITS[units]
+
+
+def regrouped(pieces: Iterable[Pair], size: int) -> Iterator[Pair]:
+    """The same samples in blocks of exactly `size`, the last one shorter."""
+    times: list[Array] = []
+    hips: list[Array] = []
+    held = 0
+    for time, hip in pieces:
+        start = 0
+        while start < len(time):
+            take = min(size - held, len(time) - start)
+            times.append(time[start : start + take])
+            hips.append(hip[start : start + take])
+            held += take
+            start += take
+            if held == size:
+                yield _joined(times, hips)
+                times, hips, held = [], [], 0
+    if held:
+        yield _joined(times, hips)
+
+
+def _joined(times: list[Array], hips: list[Array]) -> Pair:
+    if len(times) == 1:
+        return times[0], hips[0]
+    return np.concatenate(times), np.concatenate(hips)
+
+
+def checked(blocks: Iterable[Pair], where: str) -> Iterator[Pair]:
+    """Pass blocks on while they are finite and their time increases; at least two samples."""
+    count = 0
+    last = -np.inf
+    for time, hip in blocks:
+        _check_finite(time, hip, count, where)
+        with_last = np.concatenate(([last], time))
+        stuck = np.flatnonzero(~(np.diff(with_last) > 0))
+        if len(stuck):
+            k = int(stuck[0])
+            raise SessionError(
+                f"time does not increase: {with_last[k + 1]:.9g} s at sample {count + k} follows "
+                f"{with_last[k]:.9g} s; every time stamp must be above the one before",
+                where=where,
+            )
+        count += len(time)
+        last = time[-1]
+        yield time, hip
+    if count < 2:
+        raise SessionError(f"holds {count} sample{'s'[count == 1 :]}; 2 at least", where=where)
+
+
+def _check_finite(time: Array, hip: Array, count: int, where: str) -> None:
+    bad = ~(np.isfinite(time) & np.isfinite(hip).all(axis=1))
+    if bad.any():
+        k = int(np.flatnonzero(bad)[0])
+        x, y, z = hip[k]
+        raise SessionError(
+            f"sample {count + k} is not finite: t = {time[k]} s, hip = ({x}, {y}, {z}) m",
+            where=where,
+        )
