@@ -38,7 +38,7 @@ _LAZY: dict[str, str] = {
     "Robot": "vfplan.robot",
     "read_robot": "vfplan.robot",
 }
-_MODULES: tuple[str, ...] = ("markers", "reference", "registration", "replay")
+_MODULES: tuple[str, ...] = ("markers", "reference", "registration", "replay", "scenes")
 
 __all__ = ["VfplanError", "__version__", "cmake_dir", *_LAZY, *_MODULES]
 
