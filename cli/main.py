@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import keyword
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
@@ -17,7 +18,15 @@ COMMANDS: dict[str, str] = {
     "register": "Markers and a curve in, a fixture out.",
     "plan": "A planned slice and its markers in, a fixture out.",
     "replay": "Replay a session against a fixture.",
+    "validate": "Everything that is wrong with a bundle.",
     "info": "What a bundle holds.",
+    "migrate": "Bring an old bundle up to date, in a new file.",
+    "keygen": "Make a key pair for signing bundles.",
+    "sign": "Approve a bundle with a private key.",
+    "verify": "Check a bundle's signature.",
+    "diff": "What differs between two bundles.",
+    "import": "A bundle from any point cloud or mesh.",
+    "export": "A bundle's points as PLY, CSV or .mrk.json.",
 }
 
 
@@ -32,7 +41,9 @@ class LazyGroup(click.Group):
         """Import and return one command; `None` for an unknown name."""
         if name not in COMMANDS:
             return None
-        return importlib.import_module(f"vfplan.cli.{name}").command
+        # A command named like a Python keyword has an underscore after its module's name.
+        module = f"{name}_" if keyword.iskeyword(name) else name
+        return importlib.import_module(f"vfplan.cli.{module}").command
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> NoReturn:
         """Run; a usage error is one line on stderr (and JSON on stdout with `--json`), exit 2."""

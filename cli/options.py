@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
+import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import click
 
@@ -168,3 +170,66 @@ def fixture_settings(given: dict[str, Any]) -> Any:
         point_radius=given["point_radius_mm"] * 1e-3,
         ignore_axis=given["ignore_axis"],
     )
+
+
+class Duration(click.ParamType):
+    """A length of time, e.g. `90s`, `30min`, `12h` or `2d`, as seconds."""
+
+    name = "duration"
+    UNITS: ClassVar = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """The name shown in the help."""
+        return "TIME"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Parse; a usage error (exit 2) names the value found and what is allowed."""
+        if isinstance(value, float):
+            return value
+        match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(s|min|h|d)", str(value))
+        if match is None:
+            self.fail(f"{value!r} is not a time; 90s, 30min, 12h and 2d are", param, ctx)
+        return float(match[1]) * self.UNITS[match[2]]
+
+
+def signature(keys_option: str = "--require-signature", required: bool = False) -> Callable[[F], F]:
+    """What a bundle's signature must satisfy; the command gets `trust`, a `Trust` or `None`."""
+
+    def wrap(function: F) -> F:
+        @functools.wraps(function)
+        def body(
+            keys: Path | None,
+            case: str | None,
+            robot_serial: str | None,
+            max_age: float | None,
+            **kwargs: Any,
+        ) -> Any:
+            if keys is None:
+                if (case, robot_serial, max_age) != (None, None, None):
+                    raise click.UsageError(
+                        f"--case, --robot-serial and --max-age need {keys_option} KEYS"
+                    )
+                return function(trust=None, **kwargs)
+            from vfplan.bundle import Trust, read_keys
+
+            return function(trust=Trust(read_keys(keys), case, robot_serial, max_age), **kwargs)
+
+        for option in (
+            click.option("--max-age", type=Duration(), help="How long ago it was registered."),
+            click.option("--robot-serial", help="The robot it must be signed for."),
+            click.option("--case", help="The case token it must be signed for."),
+            click.option(
+                keys_option,
+                "keys",
+                type=FILE,
+                required=required,
+                metavar="KEYS",
+                help="File of trusted public keys (PEM); refuse what none of them signed.",
+            ),
+        ):
+            body = option(body)
+        return body  # type: ignore[return-value]
+
+    return wrap

@@ -159,6 +159,8 @@ class Fixture:
         (N,) standard deviation of each point across the curve, in the unit of `points`.
     curve, image, rendering, registration
         Present when the scene has them.
+    mesh
+        (K, 3) int32, rows of `points` that form the triangles of an imported surface.
     """
 
     frame: Frame
@@ -169,6 +171,7 @@ class Fixture:
     image: SourceImage | None = None
     rendering: Rendering | None = None
     registration: RegistrationRecord | None = None
+    mesh: NDArray[np.int32] | None = None
 
     @property
     def stiffness(self) -> NDArray[np.float64]:

@@ -5,7 +5,30 @@
 docs/format.md is the normative text, schemas/bundle-1.0.json its machine-readable twin.
 """
 
+from vfplan.bundle.clouds import import_cloud
+from vfplan.bundle.compare import diff
 from vfplan.bundle.describe import describe
-from vfplan.bundle.files import read_bundle, read_fixture, write_fixture
+from vfplan.bundle.exporting import export
+from vfplan.bundle.files import read_bundle, read_fixture, require_signature, write_fixture
+from vfplan.bundle.findings import Issue
+from vfplan.bundle.migration import migrate
+from vfplan.bundle.signing import Trust, keygen, read_keys, sign
+from vfplan.bundle.validation import validate
 
-__all__ = ["describe", "read_bundle", "read_fixture", "write_fixture"]
+__all__ = [
+    "Issue",
+    "Trust",
+    "describe",
+    "diff",
+    "export",
+    "import_cloud",
+    "keygen",
+    "migrate",
+    "read_bundle",
+    "read_fixture",
+    "read_keys",
+    "require_signature",
+    "sign",
+    "validate",
+    "write_fixture",
+]

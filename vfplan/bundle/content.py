@@ -33,6 +33,8 @@ def to_content(fixture: Fixture) -> Content:
         content["/sigma"] = _f8(fixture.sigma)
     if fixture.curve is not None:
         content |= _curve(fixture.curve)
+    if fixture.mesh is not None:
+        content["/mesh/triangles"] = np.ascontiguousarray(fixture.mesh, dtype="<i4")
     if fixture.image is not None:
         content |= _image(fixture.image)
     if fixture.rendering is not None:
@@ -53,6 +55,7 @@ def from_content(content: Content) -> Fixture:
         image=_to_image(content) if "/image@width_px" in content else None,
         rendering=_to_rendering(content) if "/rendering/stiffness" in content else None,
         registration=_to_registration(content) if "/registration@model" in content else None,
+        mesh=content.get("/mesh/triangles"),
     )
 
 

@@ -11,7 +11,7 @@ from typing import BinaryIO
 from vfplan.errors import InputError, OutputError
 
 
-def write_whole(path: Path, parts: list[bytes], *, overwrite: bool) -> None:
+def write_whole(path: Path, parts: list[bytes], *, overwrite: bool, mode: int = 0o666) -> None:
     """Write a file so that, whatever happens, the old one or the new one is there, whole.
 
     A temporary file in the same folder, fsync, rename, fsync of the folder.
@@ -28,7 +28,7 @@ def write_whole(path: Path, parts: list[bytes], *, overwrite: bool) -> None:
         raise OutputError("exists already; give --overwrite to replace it", where=str(path))
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     try:
-        _write_synced(temporary, parts)
+        _write_synced(temporary, parts, mode)
         if not overwrite and path.exists():
             raise OutputError("exists already; give --overwrite to replace it", where=str(path))
         os.replace(temporary, path)
@@ -43,8 +43,10 @@ def write_whole(path: Path, parts: list[bytes], *, overwrite: bool) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def _write_synced(path: Path, parts: list[bytes]) -> None:
-    with open(path, "xb") as file:
+def _write_synced(path: Path, parts: list[bytes], mode: int) -> None:
+    # O_EXCL: never through a link that somebody put there.
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
+    with open(descriptor, "wb") as file:
         file.writelines(parts)
         file.flush()
         os.fsync(file.fileno())

@@ -15,6 +15,7 @@ from vfplan.bundle.disk import opened_file, write_whole
 from vfplan.bundle.findings import Findings
 from vfplan.bundle.parse import parse, peek_version
 from vfplan.bundle.seal import Seal, seal_of, to_block, unseal
+from vfplan.bundle.signing import Trust, check_trust, read_keys
 from vfplan.bundle.store import to_payload
 from vfplan.bundle.table import Table, table
 from vfplan.errors import BundleError, CorruptError, InputError, SceneError, VersionError
@@ -77,27 +78,65 @@ def write_content(content: Content, path: Path, *, overwrite: bool) -> None:
     write_whole(path, [to_block(seal_of(payload)), payload], overwrite=overwrite)
 
 
-def read_fixture(path: str | Path) -> Fixture:
+def read_fixture(path: str | Path, *, trust: Trust | None = None) -> Fixture:
     """Read a bundle; either the whole of it is sound or nothing is returned.
+
+    With `trust`, the bytes that are read must also be signed by one of its keys, for its case and
+    robot, and not too long ago.
 
     Raises
     ------
     InputError
         There is no such file.
     BundleError
-        The bundle is corrupt, unsafe, or of a version this program does not read.
+        The bundle is corrupt, unsafe, of a version this program does not read, or not signed as
+        demanded.
     """
-    return from_content(read_bundle(path)[0])
+    return from_content(read_bundle(path, trust=trust)[0])
 
 
-def read_bundle(source: str | Path | bytes) -> tuple[Content, Seal]:
+def read_bundle(source: str | Path | bytes, *, trust: Trust | None = None) -> tuple[Content, Seal]:
     """Every value of a bundle, by its path in the format's table, and its seal.
 
     Raises as `read_fixture` does.
     """
     with opened_source(source) as stream:
-        seal, payload = unseal(stream, table().limits["payload_bytes"])
+        seal, payload = _trusted(stream, trust)
         return payload_content(payload, Findings()), seal
+
+
+def _trusted(stream: BinaryIO, trust: Trust | None) -> tuple[Seal, bytes]:
+    seal, payload = unseal(stream, table().limits["payload_bytes"])
+    if trust is not None:
+        check_trust(seal, trust)
+    return seal, payload
+
+
+def require_signature(
+    source: str | Path | bytes,
+    keys: str | Path,
+    *,
+    case: str | None = None,
+    robot_serial: str | None = None,
+    max_age: float | None = None,
+) -> Seal:
+    """The seal of a bundle that is sound and signed by a key of the file `keys`.
+
+    To load what was checked, and not what the file holds a moment later, give a `Trust` to
+    `read_fixture` instead. `max_age` is in seconds since the registration.
+
+    Raises as `read_fixture` does, and `MissingExtra` without the extra `[sign]`.
+    """
+    trust = Trust(read_keys(keys), case, robot_serial, max_age)
+    return read_bundle(source, trust=trust)[1]
+
+
+def checked_payload(source: str | Path) -> bytes:
+    """The payload of a sound bundle. Raises as `read_fixture` does."""
+    with opened_source(source) as stream:
+        _, payload = unseal(stream, table().limits["payload_bytes"])
+        payload_content(payload, Findings())
+        return payload
 
 
 class opened_source:  # noqa: N801 - used as a function

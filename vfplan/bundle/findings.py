@@ -45,6 +45,10 @@ class Findings:
             raise kind(message, where=location)
         self.issues.append(Issue(location, code, "error", message))
 
+    def warning(self, code: str, location: str, message: str) -> None:
+        """Report something that is probably a mistake but breaks no rule."""
+        self.issues.append(Issue(location, code, "warning", message))
+
     def note(self, code: str, location: str, message: str) -> None:
         """Report something a person should know that does not make the bundle invalid."""
         self.issues.append(Issue(location, code, "note", message))

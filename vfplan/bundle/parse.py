@@ -34,6 +34,8 @@ SUPERBLOCK = 48  # bytes of a version 2 or 3 superblock
 NOWHERE = b"\xff" * 8
 CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 FLETCHER_BYTES = 4
+# What h5py raises when libhdf5 finds something wrong.
+LIBRARY_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError)
 
 
 class Wrong(Exception):  # noqa: N818 - carries a finding to the loop over rows, never leaves here
@@ -110,7 +112,7 @@ def parse(payload: bytes, table: Table, findings: Findings, *, newer: bool = Fal
             return reading.content
     except BundleError:
         raise
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError) as error:
+    except LIBRARY_ERRORS as error:
         raise CorruptError(f"libhdf5 cannot read it: {_first_line(error)}") from error
 
 
@@ -123,7 +125,7 @@ def peek_version(payload: bytes) -> tuple[str, str]:
             return tuple(_attribute(root, rows[path]) for path in ("/@format", "/@version"))
     except Wrong as wrong:
         raise CorruptError(wrong.message, where="/") from None
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError) as error:
+    except LIBRARY_ERRORS as error:
         raise CorruptError(f"libhdf5 cannot read it: {_first_line(error)}") from error
 
 
@@ -157,6 +159,8 @@ def _row(row: Row, reading: _Reading) -> Iterator[None]:
         yield
     except Wrong as wrong:
         reading.findings.error(wrong.code, row.path, wrong.message)
+    except LIBRARY_ERRORS as error:
+        reading.findings.error("corrupt.hdf5", row.path, f"cannot be read: {_first_line(error)}")
 
 
 def _take(group: Any, row: Row, reading: _Reading) -> None:

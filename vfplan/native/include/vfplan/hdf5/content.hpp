@@ -21,6 +21,7 @@ struct Value {
     std::vector<std::uint8_t> u1;
     std::vector<std::string> text;
 
+    bool operator==(const Value&) const = default;
     [[nodiscard]] const std::string& string() const { return text.front(); }
     [[nodiscard]] double number() const { return f8.front(); }
 };
@@ -28,6 +29,7 @@ struct Value {
 /// Everything a bundle holds, by its path in the format.
 class Content {
   public:
+    bool operator==(const Content&) const = default;
     [[nodiscard]] bool has(std::string_view path) const { return values_.contains(path); }
     [[nodiscard]] const Value& at(std::string_view path) const {
         return values_.find(path)->second;

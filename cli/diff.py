@@ -1,0 +1,61 @@
+"""`vfplan diff`: what differs between two bundles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from vfplan.cli.options import FILE
+from vfplan.cli.run import Report
+from vfplan.cli.run import command as vfplan_command
+
+
+@vfplan_command("diff", short_help="What differs between two bundles.")
+@click.argument("a", type=FILE, metavar="A.h5")
+@click.argument("b", type=FILE, metavar="B.h5")
+@click.argument("session", type=FILE, required=False)
+def command(a: Path, b: Path, session: Path | None) -> Report:
+    """List what differs between A.h5 and B.h5; exit 1 if anything does.
+
+    With a SESSION both are replayed, and the first tick at which proxy or force differ is named.
+    """
+    from vfplan.bundle import diff
+
+    differences = diff(a, b)
+    data: dict[str, Any] = {"differences": differences}
+    lines = [_line(difference) for difference in differences] or ["the contents are the same"]
+    if session is not None:
+        data |= _replayed(a, b, session)
+        tick = data["first_tick"]
+        lines.append(
+            "both render the session alike"
+            if tick is None
+            else f"first tick that differs: {tick}, t = {data['first_tick_time_s']:.6g} s; at most"
+            f" {data['proxy_max_m']:.3g} m and {data['force_max_n']:.3g} N apart"
+        )
+    found = bool(differences) or data.get("first_tick") is not None
+    return Report(data, "\n".join(lines), exit_code=int(found))
+
+
+def _line(difference: dict[str, Any]) -> str:
+    rest = ", ".join(f"{k} {v}" for k, v in difference.items() if k not in ("path", "what"))
+    return f"{difference['path']}: {difference['what']}" + (f" ({rest})" if rest else "")
+
+
+def _replayed(a: Path, b: Path, session: Path) -> dict[str, Any]:
+    from vfplan.bundle import read_fixture
+    from vfplan.bundle.compare import first_tick
+    from vfplan.replay import replay
+    from vfplan.session import read_session
+
+    recorded = read_session(session)
+    one, other = (replay(read_fixture(path), recorded).trace for path in (a, b))
+    proxy_tick, proxy_max = first_tick(one.proxy, other.proxy)
+    force_tick, force_max = first_tick(one.force, other.force)
+    ticks = [tick for tick in (proxy_tick, force_tick) if tick is not None]
+    data = {"first_tick": min(ticks, default=None), "proxy_max_m": proxy_max}
+    data |= {"force_max_n": force_max, "ticks": len(recorded.time)}
+    if ticks:
+        data["first_tick_time_s"] = float(recorded.time[min(ticks)])
+    return data

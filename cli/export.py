@@ -1,0 +1,24 @@
+"""`vfplan export`: a bundle's points for other tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from vfplan.cli.options import FILE, output
+from vfplan.cli.run import Report, refuse_existing
+from vfplan.cli.run import command as vfplan_command
+
+
+@vfplan_command("export", short_help="A bundle's points as PLY, CSV or .mrk.json.")
+@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
+@output("Where to: its ending, .ply, .csv or .mrk.json, says the form.")
+def command(fixture: Path, output: Path, overwrite: bool) -> Report:
+    """Write the points of FIXTURE.h5 as .ply or .csv [m], or its strokes as .mrk.json [mm]."""
+    refuse_existing(output, overwrite=overwrite)
+    from vfplan.bundle import export, read_fixture
+
+    data = read_fixture(fixture)
+    export(data, output, overwrite=overwrite)
+    report = {"output": str(output), "points": len(data.points), "frame": data.frame}
+    return Report(report, f"wrote {len(data.points)} points of frame {data.frame} to {output}")

@@ -1,0 +1,106 @@
+"""`vfplan import`: a bundle from any point cloud or mesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from vfplan.cli.options import FILE, Numbers, output
+from vfplan.cli.run import Report, outputs, refuse_existing
+from vfplan.cli.run import command as vfplan_command
+
+AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
+
+
+def _millimetres(name: str, default: str, text: str) -> click.Option:
+    kind = Numbers(1, metavar="MM", positive=name != "--point-radius")
+    return click.option(name, type=kind, default=default, show_default=True, help=text)
+
+
+@vfplan_command("import", short_help="A bundle from any point cloud or mesh.")
+@click.argument("cloud", type=FILE, metavar="CLOUD.ply|stl|csv|npy")
+@click.option(
+    "--units",
+    type=click.Choice(["m", "cm", "mm", "um", "in"]),
+    required=True,
+    help="Unit of the file's numbers; files do not say.",
+)
+@click.option(
+    "--frame",
+    type=click.Choice(["robot_base", "patient_lps"]),
+    default="robot_base",
+    show_default=True,
+    help="Frame of the file's numbers.",
+)
+@click.option(
+    "--curve",
+    type=click.Choice(["open", "closed"]),
+    help="The points are one curve, in order; otherwise a bare cloud, which nothing certifies.",
+)
+@click.option(
+    "--spacing", type=Numbers(1, metavar="MM"), help="Longest edge of a mesh.  [default: R/10]"
+)
+@click.option(
+    "--stiffness",
+    type=Numbers(1, 3, metavar="N_PER_M[,Y,Z]", positive=False),
+    default="1000",
+    show_default=True,
+    help="K along the axes of the frame.",
+)
+@_millimetres("--contact-radius", "5", "The proxy's radius r_c.")
+@_millimetres("--point-radius", "0", "Radius r_v of each point.")
+@click.option(
+    "--ignore-axis",
+    type=click.Choice(list(AXES)),
+    default="none",
+    show_default=True,
+    help="The fixture is infinite along it.",
+)
+@output("The fixture bundle.")
+def command(
+    cloud: Path,
+    units: str,
+    frame: str,
+    curve: str | None,
+    spacing: tuple[float] | None,
+    stiffness: tuple[float, ...],
+    contact_radius: tuple[float],
+    point_radius: tuple[float],
+    ignore_axis: str,
+    output: Path,
+    overwrite: bool,
+) -> Report:
+    """Make a fixture bundle of the points in CLOUD; a mesh is sampled and certified."""
+    refuse_existing(output, overwrite=overwrite)
+    from vfplan.bundle import import_cloud, read_bundle, write_fixture
+
+    fixture = import_cloud(
+        cloud,
+        units=units,
+        frame=frame,
+        curve=curve,
+        spacing=spacing and spacing[0] * 1e-3,
+        stiffness=stiffness if len(stiffness) == 3 else stiffness[0],
+        contact_radius=contact_radius[0] * 1e-3,
+        point_radius=point_radius[0] * 1e-3,
+        ignore_axis=AXES[ignore_axis],
+    )
+    with outputs(output) as (path,):
+        write_fixture(fixture, path)
+        content, _ = read_bundle(path)
+    data = {
+        "output": str(output),
+        "points": len(fixture.points),
+        "triangles": 0 if fixture.mesh is None else len(fixture.mesh),
+        "band_m": fixture.band,
+        "leak": {p: content[p] for p in content if p.startswith("/leak@")},
+        "extent_m": [fixture.points.min(axis=0), fixture.points.max(axis=0)],
+    }
+    size = ", ".join(f"{1e3 * (b - a):.1f}" for a, b in zip(*data["extent_m"], strict=True))
+    certified = "certified" if content["/leak@certified"] else "not certified"
+    text = (
+        f"{data['points']} points, {data['triangles']} triangles, {size} mm across;"
+        f" {content['/leak@kind']}, {certified}: largest opening"
+        f" {1e3 * content['/leak@largest_m']:.3f} mm\nwrote {output}"
+    )
+    return Report(data, text)

@@ -1,0 +1,21 @@
+"""`vfplan keygen`: a key pair for approving bundles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from vfplan.cli.options import output
+from vfplan.cli.run import Report, refuse_existing
+from vfplan.cli.run import command as vfplan_command
+
+
+@vfplan_command("keygen", short_help="Make a key pair for signing bundles.")
+@output("The private key, for its owner only; the public key gets the suffix .pub.")
+def command(output: Path, overwrite: bool) -> Report:
+    """Make an Ed25519 key pair: a private key to sign with, a public key for robots to trust."""
+    refuse_existing(output, output.with_suffix(".pub"), overwrite=overwrite)
+    from vfplan.bundle import keygen
+
+    public, key_id = keygen(output, overwrite=overwrite)
+    data = {"private_key": str(output), "public_key": str(public), "key_id": key_id}
+    return Report(data, f"key {key_id}: {output} (keep it secret) and {public} (hand it out)")

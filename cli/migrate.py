@@ -1,0 +1,27 @@
+"""`vfplan migrate`: bring an old bundle up to date."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from vfplan.cli.options import FILE, output
+from vfplan.cli.run import Report, refuse_existing
+from vfplan.cli.run import command as vfplan_command
+
+
+@vfplan_command("migrate", short_help="Bring an old bundle up to date, in a new file.")
+@click.argument("old", type=FILE, metavar="OLD.h5")
+@output("The new bundle.")
+def command(old: Path, output: Path, overwrite: bool) -> Report:
+    """Write the content of OLD.h5, a bundle of version 0.1, as a sealed bundle of version 1.0.
+
+    OLD.h5 stays as it is; the new bundle's provenance tells of the migration.
+    """
+    refuse_existing(output, overwrite=overwrite)
+    from vfplan.bundle import migrate
+
+    content = migrate(old, output, overwrite=overwrite)
+    line = content["/provenance/history"][-1]
+    data = {"output": str(output), "version": content["/@version"], "history": line}
+    return Report(data, f"{line}\nwrote {output}")

@@ -1,0 +1,30 @@
+"""`vfplan validate`: everything that is wrong with a bundle."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+from vfplan.cli.options import FILE
+from vfplan.cli.run import Report
+from vfplan.cli.run import command as vfplan_command
+
+
+@vfplan_command("validate", short_help="Everything that is wrong with a bundle.")
+@click.argument("fixture", type=FILE, metavar="FILE.h5")
+def command(fixture: Path) -> Report:
+    """List every issue of FILE.h5, not the first one only; exit 1 if any is an error."""
+    from vfplan.bundle import validate
+
+    issues = validate(fixture)
+    valid = not any(issue.severity == "error" for issue in issues)
+    lines = [f"{i.severity}: {i.location}: {i.message} [{i.code}]" for i in issues]
+    counts = Counter(issue.severity for issue in issues)
+    found = (
+        ", ".join(f"{n} {severity}{'s' * (n > 1)}" for severity, n in counts.items()) or "no issues"
+    )
+    lines.append(f"{fixture} is {'valid' if valid else 'NOT valid'}: {found}")
+    data = {"valid": valid, "issues": [asdict(issue) for issue in issues]}
+    return Report(data, "\n".join(lines), exit_code=0 if valid else 1)

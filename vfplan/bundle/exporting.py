@@ -1,0 +1,102 @@
+"""Points and curves for people's other tools: PLY, CSV and Slicer's .mrk.json."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vfplan.bundle.disk import write_whole
+from vfplan.errors import InputError
+from vfplan.fixture import Fixture
+
+MRK_SCHEMA = (
+    "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/"
+    "Schema/markups-schema-v1.0.3.json#"
+)
+SUFFIXES = (".ply", ".csv", ".mrk.json")
+
+
+def export(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> None:
+    """Write the points as .ply or .csv, or the strokes as .mrk.json, by the name's ending.
+
+    PLY and CSV keep the bundle's unit (m; px in the frame image). Slicer knows millimetres and
+    patient axes only: points of the frame robot_base are written as they are, in mm, labelled LPS.
+
+    Raises
+    ------
+    InputError
+        Another ending, or pixels or a cloud without strokes as .mrk.json.
+    OutputError
+        The path exists and `overwrite` is false, or cannot be written.
+    """
+    name = Path(path).name.lower()
+    suffix = next((s for s in SUFFIXES if name.endswith(s)), None)
+    if suffix is None:
+        raise InputError(f"ends in none of {', '.join(SUFFIXES)}", where=str(path))
+    text = {".ply": _ply, ".csv": _csv, ".mrk.json": _mrk}[suffix](fixture)
+    write_whole(Path(path), [text], overwrite=overwrite)
+
+
+def _ply(fixture: Fixture) -> bytes:
+    unit = "px" if fixture.frame == "image" else "m"
+    head = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"comment frame {fixture.frame}, unit {unit}",
+        f"element vertex {len(fixture.points)}",
+        *(f"property double {axis}" for axis in "xyz"),
+    ]
+    if fixture.mesh is not None:
+        head += [f"element face {len(fixture.mesh)}", "property list uchar int vertex_indices"]
+    body = np.ascontiguousarray(fixture.points, dtype="<f8").tobytes()
+    if fixture.mesh is not None:
+        faces = np.empty(len(fixture.mesh), dtype=[("n", "u1"), ("v", "<i4", 3)])
+        faces["n"], faces["v"] = 3, fixture.mesh
+        body += faces.tobytes()
+    return "\n".join([*head, "end_header", ""]).encode() + body
+
+
+def _csv(fixture: Fixture) -> bytes:
+    unit = "px" if fixture.frame == "image" else "m"
+    columns: dict[str, Any] = {f"{a}_{unit}": fixture.points[:, i] for i, a in enumerate("xyz")}
+    if fixture.sigma is not None:
+        columns[f"sigma_{unit}"] = fixture.sigma
+    if fixture.curve is not None:
+        columns["stroke"] = fixture.curve.stroke
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _mrk(fixture: Fixture) -> bytes:
+    if fixture.frame == "image":
+        raise InputError("pixels cannot be written as .mrk.json, which holds mm: register first")
+    if fixture.curve is None:
+        raise InputError("a cloud without strokes cannot be written as .mrk.json; .ply can")
+    markups = [
+        _markup(fixture.points[fixture.curve.stroke == number] * 1000, number, bool(closed))
+        for number, closed in enumerate(fixture.curve.closed)
+    ]
+    for markup in markups:
+        markup["description"] = f"frame {fixture.frame}"
+    return (json.dumps({"@schema": MRK_SCHEMA, "markups": markups}, indent=1) + "\n").encode()
+
+
+def _markup(points_mm: np.ndarray, number: int, closed: bool) -> dict[str, Any]:
+    return {
+        "type": "ClosedCurve" if closed else "Curve",
+        "coordinateSystem": "LPS",
+        "coordinateUnits": "mm",
+        "controlPoints": [
+            {
+                "id": str(i + 1),
+                "label": f"stroke{number}-{i + 1}",
+                "position": point,
+                "positionStatus": "defined",
+            }
+            for i, point in enumerate(points_mm.tolist())
+        ],
+    }

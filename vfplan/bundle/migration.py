@@ -1,0 +1,51 @@
+"""Forward, never back: an old bundle's content in a new file of this version."""
+
+from __future__ import annotations
+
+import hashlib
+from importlib.metadata import version as installed_version
+from pathlib import Path
+
+from vfplan.bundle.content import Content
+from vfplan.bundle.disk import opened_file
+from vfplan.bundle.files import (
+    VERSION,
+    completed,
+    content_of_0_1,
+    now_utc,
+    write_content,
+)
+from vfplan.bundle.seal import MAGIC
+from vfplan.errors import InputError
+
+HISTORY = "/provenance/history"
+
+
+def migrate(old: str | Path, new: str | Path, *, overwrite: bool = False) -> Content:
+    """Write the content of an older bundle as one of this version; the old file is not touched.
+
+    What is kept is kept bit for bit; the migration, with the SHA-256 of the old file, is added to
+    `/provenance/history`. Returns the new content.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or it has the present version already.
+    BundleError
+        It is not sound.
+    SceneError
+        The old fixture leaks between samples, which the old version did not check.
+    """
+    with opened_file(Path(old)) as file:
+        if file.read(len(MAGIC)) == MAGIC:
+            raise InputError("has a seal, so it needs no migration", where=str(old))
+    content = content_of_0_1(old)
+    with opened_file(Path(old)) as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    line = (
+        f"{now_utc()} vfplan {installed_version('vfplan')}: migrated from"
+        f" {content['/@version']} to {VERSION}, SHA-256 {digest}"
+    )
+    content = completed(content | {HISTORY: (*content.get(HISTORY, ()), line)})
+    write_content(content, Path(new), overwrite=overwrite)
+    return content
