@@ -13,7 +13,7 @@ LAYERS = [
     ["checks", "spacing"],
     ["rendering"],
     ["image", "fixture", "markers", "session", "robot"],
-    ["extraction", "registration", "bundle", "proxy", "reference", "scenes"],
+    ["extraction", "registration", "marker_finding", "bundle", "proxy", "reference", "scenes"],
     ["centreline"],
     ["sampling"],
     ["pipeline", "replay", "robot"],
