@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from vfplan.centreline.ridge import Centreline, trace
 from vfplan.errors import CurveError, SettingError
 from vfplan.extraction.candidates import Candidate, candidates_of
+from vfplan.extraction.kinds import MIN_LENGTH_PX, tell_apart
 from vfplan.extraction.marks import Mark, find_marks
 from vfplan.extraction.pen import Pen
 from vfplan.image import PlannedImage, as_image
 
 Method = Literal["ridge", "skeleton", "mask"]
 METHODS: tuple[Method, ...] = ("ridge", "skeleton", "mask")
-MIN_LENGTH_PX = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,10 +118,10 @@ def extract_curve(
     _check(method, stroke, max_gap_px)
     rgb, origin = _region(planned.rgb, roi)
     marks, mask = find_marks(rgb, Pen.of_colour(colour))
-    candidates = [c for c in candidates_of(marks, max_gap_px) if c.length_px >= MIN_LENGTH_PX]
-    chosen = _choose(candidates, stroke, colour, origin, marks)
+    candidates, others = tell_apart(candidates_of(marks, max_gap_px), mask)
+    chosen = _choose(candidates, stroke, colour, origin, _set_aside(marks, others, [], origin))
     strokes = tuple(_measure(rgb, c, method, mask, origin) for c in chosen)
-    aside = _set_aside(marks, candidates, chosen, origin)
+    aside = _set_aside(marks, [*candidates, *others], chosen, origin)
     return Extraction(_whole(mask, origin, planned.rgb.shape), strokes, method, aside)
 
 
@@ -159,11 +159,10 @@ def _choose(
     stroke: int | str | None,
     colour: str,
     origin: tuple[int, int],
-    marks: list[Mark],
+    aside: tuple[dict, ...],
 ) -> list[Candidate]:
     if not candidates:
-        found = f"{len(marks)} marks in {colour}, none of them a line" if marks else f"no {colour}"
-        raise CurveError(f"no planned curve: {found} (a line of {MIN_LENGTH_PX:.0f} px or more)")
+        raise CurveError(f"no planned curve: {_inventory(aside, colour)}")
     if stroke is None and len(candidates) > 1:
         listed = "; ".join(f"{i}: {describe(c, origin)}" for i, c in enumerate(candidates, 1))
         raise CurveError(
@@ -178,6 +177,15 @@ def _choose(
     for candidate in chosen:
         _refuse_junctions(candidate, origin)
     return chosen
+
+
+def _inventory(aside: tuple[dict, ...], colour: str) -> str:
+    """What there is in the pen's colour, when none of it is a line."""
+    if not aside:
+        return f"nothing in {colour} is a line of {MIN_LENGTH_PX:.0f} px or more"
+    shown = [f"{a['kind']} at ({a['box'][0]}, {a['box'][1]})" for a in aside[:6]]
+    more = f" and {len(aside) - 6} more" if len(aside) > 6 else ""
+    return f"all that is {colour} was set aside: {', '.join(shown)}{more}"
 
 
 def _refuse_junctions(candidate: Candidate, origin: tuple[int, int]) -> None:
@@ -242,16 +250,20 @@ def _every_pixel(mask: NDArray, candidate: Candidate) -> Centreline:
 
 
 def _set_aside(
-    marks: list[Mark], candidates: list[Candidate], chosen: list[Candidate], origin: tuple[int, int]
+    marks: list[Mark], lines: list[Candidate], chosen: list[Candidate], origin: tuple[int, int]
 ) -> tuple[dict, ...]:
-    used = {id(m) for c in chosen for m in c.marks}
+    """What was not used, with its place: panels, and lines of other kinds or not chosen."""
     u, v = origin
-    return tuple(
-        {
-            "kind": m.kind,
-            "box": (m.box[0] + u, m.box[1] + v, m.box[2], m.box[3]),
-            "length_px": round(m.length_px, 1),
-        }
+    aside = [
+        {"kind": m.kind, "box": (m.box[0] + u, m.box[1] + v, *m.box[2:]), "area_px": m.area_px}
         for m in marks
-        if id(m) not in used and m.kind != "speck"
-    )
+        if m.kind == "panel"
+    ]
+    for line in lines:
+        if line.kind != "speck" and not any(line is c for c in chosen):
+            box = (line.box[0] + u, line.box[1] + v, *line.box[2:])
+            entry = {"kind": line.kind, "box": box, "length_px": round(line.length_px, 1)}
+            if line.junctions:
+                entry["junctions"] = [(a + u, b + v) for a, b in line.junctions]
+            aside.append(entry)
+    return tuple(aside)

@@ -13,6 +13,8 @@ from vfplan.extraction.pen import Pen, sample_pixels
 MARGIN_PX = 2.0  # profiles reach this far beyond the line's edge
 STEP_PX = 0.5
 FOREIGN = 0.35  # of the pen's strength: more than this of another colour hides the line
+RISE = 0.2  # of full coverage, past the line's edge: a neighbour
+DOUBLE = 0.85  # of its maximum: a mean profile lower than this in its middle is two lines
 SEEN = 0.4  # of the usual coverage: less is no line
 SHADING_T = 4.0  # a shading effect below this many standard errors is not there
 
@@ -31,12 +33,15 @@ class Profiles:
         (M,) bool: the line was seen and nothing foreign hid it.
     shading
         (M,) grey just beyond the line on one side minus on the other, -1..1.
+    double
+        Whether these are two lines side by side.
     """
 
     offset: NDArray[np.float64]
     mass: NDArray[np.float64]
     valid: NDArray[np.bool_]
     shading: NDArray[np.float64]
+    double: bool
 
 
 def read_profiles(rgb: NDArray, base: NDArray, normal: NDArray, pen: Pen, width: float) -> Profiles:
@@ -46,27 +51,57 @@ def read_profiles(rgb: NDArray, base: NDArray, normal: NDArray, pen: Pen, width:
     pixels = sample_pixels(rgb, base[:, :1] + normal[:, :1] * x, base[:, 1:] + normal[:, 1:] * x)
     alpha = pixels @ pen.along / pen.strength
     foreign = (np.abs(pixels @ pen.across) > FOREIGN * pen.strength) | (alpha < -FOREIGN)
-    mass = np.clip(alpha, 0, None).sum(1)
+    foreign |= _beyond_valley(alpha, x, width)
+    mass = np.where(foreign, 0.0, np.clip(alpha, 0, None)).sum(1)
     mass = mass / max(np.median(mass), 1e-9)
     core = np.abs(x) <= width / 2 + 0.5
     valid = (mass > SEEN) & ~foreign[:, core].any(1)
-    offset = _matched(x, alpha, foreign, valid)
+    mean = _mean_profile(alpha, valid[:, None] & ~foreign)
+    offset = _matched(x, alpha, valid[:, None] & ~foreign, mean)
     valid &= np.abs(offset) < width / 2 + 1.5
     grey = pixels.mean(2) / 255
     shading = grey[:, -3:].mean(1) - grey[:, :3].mean(1)
-    return Profiles(np.where(valid, offset, 0.0), mass, valid, shading)
+    outer = np.r_[0:3, -3:0]
+    bare = ~foreign[:, outer].any(1) & (np.abs(alpha[:, outer]) < RISE).all(1)
+    shading = np.where(bare, shading, 0.0)  # another mark's darkness is no background
+    return Profiles(np.where(valid, offset, 0.0), mass, valid, shading, is_double(mean))
 
 
-def _matched(x: NDArray, alpha: NDArray, foreign: NDArray, valid: NDArray) -> NDArray:
-    clean = valid & ~foreign.any(1)
-    profile = alpha[clean].mean(0) if clean.any() else np.exp(-(x**2) / 2)
-    profile = (profile + profile[::-1]) / 2
+def _beyond_valley(alpha: NDArray, x: NDArray, width: float) -> NDArray[np.bool_]:
+    """Where, going outward from the line's edge, coverage rises again: another line."""
+    beyond = np.zeros(alpha.shape, bool)
+    for side in (x >= width / 2, x <= -width / 2):
+        outward = np.flatnonzero(side)[:: 1 if x[side][0] > 0 else -1]
+        run = alpha[:, outward]
+        rises = run - np.minimum.accumulate(run, axis=1) > RISE
+        for row in np.flatnonzero(rises.any(1)):
+            bottom = int(np.argmin(run[row, : np.argmax(rises[row])]))
+            beyond[row, outward[bottom + 1 :]] = True
+    return beyond
+
+
+def is_double(alpha_mean: NDArray) -> bool:
+    """Whether the mean profile has a valley in its middle: two lines side by side, or a hollow one.
+
+    A single pen's profile is highest in the middle.
+    """
+    centre = len(alpha_mean) // 2
+    return bool(alpha_mean[centre] < DOUBLE * alpha_mean.max())
+
+
+def _mean_profile(alpha: NDArray, seen: NDArray) -> NDArray[np.float64]:
+    """(K,) the pen's own profile: the mean over the line, made symmetric."""
+    profile = np.where(seen, alpha, 0.0).sum(0) / np.maximum(seen.sum(0), 1)
+    return (profile + profile[::-1]) / 2
+
+
+def _matched(x: NDArray, alpha: NDArray, seen: NDArray, profile: NDArray) -> NDArray:
+    """(M,) the line's offset [px]: the shift of the profile that fits best, with what is seen."""
     basis = np.column_stack([profile, np.gradient(profile, x), np.ones_like(x)])
     fit = alpha @ np.linalg.pinv(basis).T
-    for row in np.flatnonzero(valid & foreign.any(1)):
-        seen = ~foreign[row]
-        if seen.sum() > 4:
-            fit[row] = np.linalg.lstsq(basis[seen], alpha[row, seen], rcond=None)[0]
+    for row in np.flatnonzero(seen.any(1) & ~seen.all(1)):
+        if seen[row].sum() > 4:
+            fit[row] = np.linalg.lstsq(basis[seen[row]], alpha[row, seen[row]], rcond=None)[0]
     scale = np.where(fit[:, 0] > 0.2, fit[:, 0], np.inf)
     return -fit[:, 1] / scale
 

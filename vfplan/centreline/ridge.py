@@ -10,6 +10,7 @@ the hand and not the noise.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from vfplan.centreline.ends import line_ends
 from vfplan.centreline.profile import Profiles, read_profiles, shading_shift
 from vfplan.centreline.spline import curvature_of, fit_spline, place_knots
 from vfplan.centreline.uncertainty import bridged_sigma, measured_sigma
+from vfplan.errors import CurveError
 from vfplan.extraction.pen import Pen
 
 FIRST_KNOTS_PX = 6.0
@@ -64,16 +66,25 @@ def trace(
         (M, 2) pixel path, whether it is a ring, and (M,) which points lie on a gap.
     pen, width
         The pen and the line's width [px].
+
+    Raises
+    ------
+    CurveError
+        The line is two lines side by side.
     """
     from scipy.ndimage import gaussian_filter1d
 
     smooth = gaussian_filter1d(path, 2.0, axis=0, mode="wrap" if closed else "nearest")
     gap = _gap_finder(smooth, bridged)
     base = smooth
+    # Far enough to see the line end, and no further: what lies beyond may be red as well.
+    beyond = width / 2 + 2
     for knots in (FIRST_KNOTS_PX, None):
-        base, pitch = evenly(base if closed else _extended(base, width / 2 + 4), closed)
+        base, pitch = evenly(base if closed else _extended(base, beyond), closed)
         profiles = read_profiles(rgb, base, normals(base, closed), pen, width)
         valid = profiles.valid & ~gap(base)
+        if profiles.double:
+            _refuse_double(base[len(base) // 2], width)
         if valid.sum() < 8:  # nothing to measure: leave the line where thinning put it
             return _unmeasured(smooth, bridged, closed, width)
         s = np.arange(len(base)) * pitch
@@ -82,7 +93,15 @@ def trace(
         stop = s[-1] + pitch if closed else ends[1] * pitch
         start = 0.0 if closed else ends[0] * pitch
         base = fitted.spline(np.arange(start, stop, pitch))
-    return _result(fitted, s, valid, closed, start, stop)
+    return _result(fitted, s, valid, closed, start, stop, rgb.shape)
+
+
+def _refuse_double(place: NDArray, width: float) -> NoReturn:
+    raise CurveError(
+        f"two lines run side by side, or the pen's outline alone is drawn, {width:.0f} px across: "
+        "which of them is meant would be a guess",
+        where=f"pixel ({place[0]:.0f}, {place[1]:.0f})",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,10 +195,18 @@ def _unmeasured(path: NDArray, bridged: NDArray, closed: bool, width: float) -> 
 
 
 def _result(
-    fitted: _Fitted, s: NDArray, valid: NDArray, closed: bool, start: float, stop: float
+    fitted: _Fitted,
+    s: NDArray,
+    valid: NDArray,
+    closed: bool,
+    start: float,
+    stop: float,
+    shape: tuple[int, ...],
 ) -> Centreline:
     dense = np.linspace(start, stop, 4 * max(2, round(stop - start)) + 1)
     curve = fitted.spline(dense)
+    if not closed:
+        dense, curve = _inside(dense, curve, shape)
     arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(curve, axis=0).T))]
     count = max(4, round(arc[-1]))
     at = np.interp(np.linspace(0, arc[-1], count + 1)[: count if closed else None], arc, dense)
@@ -189,3 +216,11 @@ def _result(
     sigma = measured_sigma(fitted.residual, valid, fitted.knots)[nearest]
     sigma = np.hypot(sigma, bridged_sigma(bridged, curvature_of(fitted.spline, at), closed))
     return Centreline(points, sigma, bridged, closed, float(arc[-1]))
+
+
+def _inside(dense: NDArray, curve: NDArray, shape: tuple[int, ...]) -> tuple[NDArray, NDArray]:
+    """Without what lies beyond the image's border, where a line may run off."""
+    limit = np.array([shape[1], shape[0]]) - 0.5
+    on = np.flatnonzero(((curve >= -0.5) & (curve <= limit)).all(1))
+    keep = slice(on[0], on[-1] + 1)
+    return dense[keep], curve[keep]

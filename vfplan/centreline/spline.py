@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-CLOSEST_PX = 5.0
+CLOSEST_PX = 3.5
 BEND_SHARE = 0.5  # of the radius of curvature: the knots' distance in a bend
 
 

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from vfplan.extraction.marks import Mark
 
-TANGENT_PX = 12.0  # length of line from which an end's direction is taken
+TANGENT_PX = 14.0  # length of line from which an end's direction is taken
 MAX_TURN_DEG = 60.0  # between the directions on both sides of a gap
 MAX_ASIDE_DEG = 45.0  # between a direction and the gap itself
+PIXEL_NOISE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,8 @@ class Candidate:
         The marks it was joined from.
     junctions
         (u, v) where it forks or crosses itself; it cannot be used when there are any.
+    kind
+        "curve", "junction", or what it was taken for instead.
     """
 
     path: NDArray[np.float64]
@@ -37,6 +40,24 @@ class Candidate:
     bridged: NDArray[np.bool_]
     marks: tuple[Mark, ...]
     junctions: tuple[tuple[int, int], ...] = ()
+    kind: str = "curve"
+
+    @property
+    def is_candidate(self) -> bool:
+        """Whether it may be the planned curve."""
+        return self.kind in ("curve", "junction")
+
+    @property
+    def pixels(self) -> NDArray[np.int64]:
+        """(M, 2) skeleton pixels (u, v) of all its marks, in no order across marks."""
+        return np.vstack([b.path for m in self.marks for b in m.branches])
+
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        """(u, v, width, height) of all its marks [px]."""
+        boxes = np.array([m.box for m in self.marks])
+        low, high = boxes[:, :2].min(0), (boxes[:, :2] + boxes[:, 2:]).max(0)
+        return tuple(int(x) for x in (*low, *(high - low)))
 
     @property
     def length_px(self) -> float:
@@ -84,7 +105,14 @@ def candidates_of(marks: list[Mark], max_gap_px: float) -> list[Candidate]:
     ]
     found += [_chain(c, paths, lines) for c in _chains(len(lines), closed, joins)]
     found += [
-        Candidate(m.branches[0].path.astype(float), False, np.zeros(0, bool), (m,), m.junctions)
+        Candidate(
+            m.branches[0].path.astype(float),
+            False,
+            np.zeros(0, bool),
+            (m,),
+            m.junctions,
+            "junction",
+        )
         for m in marks
         if m.kind == "junction"
     ]
@@ -99,7 +127,7 @@ def _ends(piece: int, path: NDArray, mark: Mark) -> list[_End]:
     reach = min(int(TANGENT_PX), len(path) - 1)
     if reach < 3:
         return []
-    skip = 1 if reach > 5 else 0  # thinning bends the very last pixel
+    skip = reach // 6  # thinning, and what hides the line, bend its last pixels
     out = []
     for last, run in ((False, path[skip : reach + 1]), (True, path[::-1][skip : reach + 1])):
         outward = _direction(run)
@@ -139,13 +167,16 @@ def _cost(a: _End, b: _End, paths: list[NDArray], max_gap: float) -> float | Non
     gap = distance - width + 1  # thinning takes about half a width from each end
     if gap > max_gap or not _same_pen(a.mark, b.mark):
         return None
+    if min(len(paths[a.piece]), len(paths[b.piece])) + width < gap:
+        return None
     if a.piece == b.piece and len(paths[a.piece]) < 3 * distance + 10:
         return None
+    doubt = np.degrees(np.arctan2(PIXEL_NOISE, distance))  # a pixel aside is an angle, up close
     turn = _angle(a.outward, -b.outward)
-    aside = max(_angle(a.outward, across), _angle(-b.outward, across)) if distance > 4 else 0.0
+    aside = max(_angle(a.outward, across), _angle(-b.outward, across)) - doubt
     if turn > MAX_TURN_DEG or aside > MAX_ASIDE_DEG:
         return None
-    return distance * (1 + (turn + aside) / 45)
+    return distance * (1 + (turn + max(aside, 0.0)) / 45)
 
 
 def _same_pen(a: Mark, b: Mark) -> bool:

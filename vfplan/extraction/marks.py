@@ -19,8 +19,12 @@ from vfplan.extraction.skeleton import Branch, branches_of, thin
 FLOOR = 18.0  # chroma below which a pixel is never pen, on 0..255: JPEG noise reaches about 12
 SMOOTHING_PX = 0.8
 MIN_PIXELS = 6
-MAX_WIDTH_PX = 40.0
-MIN_ASPECT = 4.0  # a line is at least this many times longer than wide
+PANEL_PIXELS = 100
+MAX_WIDTH_PX = 30.0  # of a pen
+MIN_ASPECT = 4.0  # a line is at least this many times longer than wide,
+BROAD_PX, BROAD_ASPECT = 10.0, 8.0  # and a broad one more;
+DASH_ASPECT = 1.8  # of a dash, which may belong to a dashed line
+FILLED = 0.35  # of its box: more is a panel with holes
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,9 +169,15 @@ def _pruned(
 
 
 def _kind(mark: Mark) -> str:
-    length = mark.length_px
     if mark.area_px < MIN_PIXELS or not mark.branches:
         return "speck"
-    if mark.width_px > MAX_WIDTH_PX or length < MIN_ASPECT * mark.width_px:
-        return "panel" if mark.area_px > 100 else "speck"
+    aspect = mark.length_px / mark.width_px
+    filled = mark.area_px > FILLED * mark.box[2] * mark.box[3]
+    broad = mark.width_px > BROAD_PX
+    small = mark.area_px <= PANEL_PIXELS
+    least = DASH_ASPECT if small else BROAD_ASPECT if broad else MIN_ASPECT
+    if mark.width_px > MAX_WIDTH_PX or aspect < least:
+        return "speck" if small else "panel"
+    if broad and filled and mark.junctions:
+        return "panel"
     return "junction" if mark.junctions else "curve"

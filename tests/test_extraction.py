@@ -1,0 +1,317 @@
+"""Which curve: what is set aside, bridged, kept apart or refused."""
+
+from __future__ import annotations
+
+import functools
+
+import cv2
+import numpy as np
+import pytest
+from drawing import anatomy, blend, compare, coverage, flat, jpeg, polyline, to_uint8, wavy
+
+import vfplan
+from vfplan.errors import CurveError, ImageError, SettingError
+
+RED = (255, 0, 0)
+SHAPE = (400, 480)
+
+
+@functools.cache
+def slice_with_curve(closed):
+    picture = anatomy(SHAPE, 3)
+    curve = wavy(SHAPE, 11, closed, margin=0.2)
+    return to_uint8(blend(picture, coverage(SHAPE, curve, 3, closed), RED)), curve
+
+
+def pen(*parts, width=3, closed=False, background=None):
+    share = np.zeros(SHAPE)
+    for part in parts:
+        share = np.maximum(share, coverage(SHAPE, np.asarray(part, float), width, closed))
+    return to_uint8(blend(flat(SHAPE) if background is None else background, share, RED))
+
+
+def text(image):
+    cv2.putText(image, "L 12 mm", (8, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, RED, 1, cv2.LINE_AA)
+    cv2.putText(image, "R", (450, 390), cv2.FONT_HERSHEY_SIMPLEX, 0.9, RED, 2, cv2.LINE_AA)
+
+
+def arrow(image):
+    cv2.arrowedLine(image, (20, 20), (80, 50), RED, 3, cv2.LINE_AA, 0, 0.25)
+
+
+def filled_arrow(image):
+    cv2.line(image, (20, 20), (70, 45), RED, 3, cv2.LINE_AA)
+    cv2.fillConvexPoly(image, np.array([[84, 52], [62, 50], [70, 34]]), RED, cv2.LINE_AA)
+
+
+def swatch(image):
+    cv2.rectangle(image, (10, 10), (34, 26), RED, -1)
+
+
+def legend_line(image):
+    cv2.line(image, (10, 380), (40, 380), RED, 3)
+
+
+def panel(image):
+    cv2.rectangle(image, (5, 5), (75, 55), (255, 110, 120), -1)
+
+
+def panel_with_text(image):
+    cv2.rectangle(image, (5, 5), (85, 55), RED, -1)
+    cv2.putText(image, "CASE", (12, 38), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (255, 255, 255), 2)
+
+
+def frame(image):
+    cv2.rectangle(image, (8, 8), (90, 50), RED, 3)
+
+
+def frame_round_the_image(image):
+    cv2.rectangle(image, (1, 1), (SHAPE[1] - 2, SHAPE[0] - 2), RED, 2)
+
+
+def crosses_and_dots(image):
+    for k in range(3):
+        cv2.drawMarker(image, (20 + 40 * k, 20), RED, cv2.MARKER_CROSS, 18, 2, cv2.LINE_AA)
+        cv2.circle(image, (20 + 40 * k, 380), 5, RED, -1, cv2.LINE_AA)
+
+
+def rings(image):
+    for k in range(3):
+        cv2.circle(image, (20 + 40 * k, 20), 8, RED, 2, cv2.LINE_AA)
+
+
+def markers_and_labels(image):
+    for k, (u, v) in enumerate([(40, 40), (240, 60), (430, 350)]):
+        cv2.drawMarker(image, (u, v), (0, 220, 255), cv2.MARKER_CROSS, 14, 1)
+        place = (u + 8, v - 8)
+        cv2.putText(image, f"x{k}", place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 0), 1)
+
+
+ORNAMENTS = [
+    text, arrow, filled_arrow, swatch, legend_line, panel, panel_with_text, frame,
+    frame_round_the_image, crosses_and_dots, rings, markers_and_labels,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("quality", [None, 80], ids=["png", "jpeg80"])
+@pytest.mark.parametrize("ornament", ORNAMENTS, ids=lambda f: f.__name__)
+def test_what_is_no_curve_is_set_aside_and_reported(ornament, quality):
+    image, curve = slice_with_curve(True)
+    image = image.copy()
+    ornament(image)
+    extraction = vfplan.extract_curve(jpeg(image, quality) if quality else image)
+    (stroke,) = extraction.strokes
+    error = compare(stroke, curve, True)
+    assert error.worst < 0.8
+    assert error.uncovered < 2
+    if ornament is not markers_and_labels:
+        assert extraction.set_aside
+        assert all(mark["kind"] != "curve" for mark in extraction.set_aside)
+
+
+def two_strokes():
+    ring = 40 + 25 * np.column_stack([np.cos(T), np.sin(T)])
+    image, _ = slice_with_curve(False)
+    share = coverage(SHAPE, ring, 3, True)
+    return to_uint8(blend(image.astype(float), share, RED))
+
+
+T = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+
+
+def test_several_candidates_are_described_and_none_is_chosen():
+    with pytest.raises(CurveError, match="2 candidates") as caught:
+        vfplan.extract_curve(two_strokes())
+    message = str(caught.value)
+    assert "1: open" in message
+    assert "2: closed" in message
+    assert "--stroke" in message
+
+
+def test_a_stroke_is_chosen_by_number_length_region_or_all():
+    image = two_strokes()
+    assert [s.closed for s in vfplan.extract_curve(image, stroke="all").strokes] == [False, True]
+    assert [s.closed for s in vfplan.extract_curve(image, stroke="longest").strokes] == [False]
+    assert [s.closed for s in vfplan.extract_curve(image, stroke=2).strokes] == [True]
+    (ring,) = vfplan.extract_curve(image, roi=(5, 5, 75, 75)).strokes
+    assert ring.closed
+    assert np.allclose(ring.points_px.mean(0), 40, atol=0.2)
+    with pytest.raises(CurveError, match="there are 2"):
+        vfplan.extract_curve(image, stroke=3)
+
+
+def test_the_colour_tells_two_pens_apart():
+    image, curve = slice_with_curve(False)
+    ring = 40 + 25 * np.column_stack([np.cos(T), np.sin(T)])
+    both = to_uint8(blend(image.astype(float), coverage(SHAPE, ring, 3, True), (0, 0, 255)))
+    (red,) = vfplan.extract_curve(both).strokes
+    (blue,) = vfplan.extract_curve(both, colour="#0000ff").strokes
+    assert compare(red, curve).rms < 0.03
+    assert blue.closed
+
+
+@pytest.mark.parametrize("colour", ["lime", "blue", "magenta", "yellow", "cyan", "darkorange"])
+def test_any_named_colour(colour):
+    from matplotlib.colors import to_rgb
+
+    _, curve = slice_with_curve(False)
+    rgb = 255 * np.array(to_rgb(colour))
+    image = to_uint8(blend(anatomy(SHAPE, 3), coverage(SHAPE, curve, 3), rgb))
+    (stroke,) = vfplan.extract_curve(image, colour=colour).strokes
+    assert compare(stroke, curve).rms < 0.03
+
+
+@pytest.mark.parametrize("colour", ["grey", "white", "#808080", "no-such-colour", "#12"])
+def test_a_colour_that_is_none_is_refused(colour):
+    with pytest.raises(SettingError, match="colour"):
+        vfplan.extract_curve(slice_with_curve(False)[0], colour=colour)
+
+
+def with_gap(gap):
+    curve = slice_with_curve(False)[1]
+    arc = np.r_[0, np.cumsum(np.hypot(*np.diff(curve, axis=0).T))]
+    hidden = np.flatnonzero(np.abs(arc - 0.4 * arc[-1]) < gap / 2)
+    return pen(curve[: hidden[0]], curve[hidden[-1] + 1 :]), curve
+
+
+@pytest.mark.parametrize("gap", [5, 10, 15, 20])
+def test_short_pen_lifts_are_bridged_and_marked(gap):
+    image, curve = with_gap(gap)
+    (stroke,) = vfplan.extract_curve(image).strokes
+    error = compare(stroke, curve)
+    assert error.worst < 0.8
+    assert 0 < stroke.bridged.sum() <= gap + 2
+    if gap > 8:
+        assert stroke.sigma_px[stroke.bridged].max() > 2 * np.median(stroke.sigma_px)
+
+
+def test_long_pen_lifts_are_not_bridged_unless_allowed():
+    image, _ = with_gap(35)
+    with pytest.raises(CurveError, match="2 candidates"):
+        vfplan.extract_curve(image)
+    assert len(vfplan.extract_curve(image, max_gap_px=40).strokes) == 1
+    image, _ = with_gap(10)
+    with pytest.raises(CurveError, match="2 candidates"):
+        vfplan.extract_curve(image, max_gap_px=2)
+
+
+def test_tangents_that_disagree_are_not_bridged():
+    image = pen([[50, 200], [250, 200]], [[256, 206], [256, 380]])
+    with pytest.raises(CurveError, match="2 candidates"):
+        vfplan.extract_curve(image)
+
+
+def test_a_ring_with_a_pen_lift_is_closed():
+    ring = np.column_stack([240 + 100 * np.cos(T), 200 + 100 * np.sin(T)])
+    (stroke,) = vfplan.extract_curve(pen(ring[5:-5])).strokes
+    assert stroke.closed
+    assert stroke.bridged.any()
+    assert compare(stroke, ring, True).worst < 0.3
+
+
+def test_a_dashed_line_is_one_curve():
+    curve = slice_with_curve(False)[1]
+    arc = np.r_[0, np.cumsum(np.hypot(*np.diff(curve, axis=0).T))]
+    dashes = [curve[(arc >= a) & (arc < a + 14)] for a in np.arange(0, arc[-1] - 14, 22)]
+    (stroke,) = vfplan.extract_curve(pen(*dashes)).strokes
+    assert compare(stroke, curve[arc < arc[-1] - 20]).uncovered < 3
+
+
+@pytest.mark.parametrize(
+    ("name", "parts", "place"),
+    [
+        ("crossing", [[[60, 80], [300, 300]], [[300, 80], [60, 300]]], (180, 190)),
+        ("fork", [[[60, 200], [400, 210]], [[230, 205], [240, 60]]], (230, 205)),
+        ("lollipop", [np.column_stack([240 + 60 * np.cos(T), 150 + 60 * np.sin(T)]),
+                      [[300, 150], [310, 350]]], (300, 150)),
+    ],
+)  # fmt: skip
+def test_forks_and_crossings_are_refused_with_their_pixel(name, parts, place):
+    with pytest.raises(CurveError, match="forks, touches or crosses") as caught:
+        vfplan.extract_curve(pen(*map(polyline, parts)))
+    u, v = (float(x) for x in caught.value.where[len("pixel (") : -1].split(","))
+    assert np.hypot(u - place[0], v - place[1]) < 25
+
+
+def test_a_figure_of_eight_is_refused():
+    eight = np.column_stack([240 + 120 * np.sin(T), 200 + 80 * np.sin(2 * T)])
+    with pytest.raises(CurveError, match="crosses itself"):
+        vfplan.extract_curve(pen(eight, closed=True))
+
+
+def test_two_lines_a_pixel_apart_are_refused():
+    line = np.column_stack([np.linspace(50, 430, 300), 200 + 10 * np.sin(np.linspace(0, 6, 300))])
+    with pytest.raises(CurveError, match="side by side"):
+        vfplan.extract_curve(pen(line, line + np.array([0, 4])))
+
+
+@pytest.mark.parametrize("apart", [6, 8, 12])
+def test_a_hairpin_is_followed_round_its_bend(apart):
+    bend = np.linspace(0, np.pi, 50)
+    turn = np.column_stack([300 + apart / 2 * np.sin(bend), 200 - apart / 2 * np.cos(bend)])
+    curve = np.vstack([[[100, 200 - apart / 2]], turn, [[100, 200 + apart / 2]]])
+    (stroke,) = vfplan.extract_curve(pen(curve)).strokes
+    error = compare(stroke, curve)
+    assert error.rms < 0.03
+    assert error.uncovered < 2
+
+
+def test_nothing_red_and_only_text():
+    with pytest.raises(CurveError, match="no planned curve"):
+        vfplan.extract_curve(to_uint8(flat(SHAPE)))
+    image = to_uint8(flat(SHAPE))
+    cv2.putText(image, "HELLO PLAN", (30, 90), cv2.FONT_HERSHEY_SIMPLEX, 1, RED, 2, cv2.LINE_AA)
+    with pytest.raises(CurveError, match="set aside: text"):
+        vfplan.extract_curve(image)
+
+
+def test_a_line_that_leaves_the_image_ends_at_its_border():
+    image = pen([[-20, 100], [250, 190]])
+    (stroke,) = vfplan.extract_curve(image).strokes
+    assert -0.5 <= stroke.points_px.min() < 1
+
+
+def test_a_marker_over_the_line_is_bridged():
+    image, curve = slice_with_curve(False)
+    image = image.copy()
+    for k in (1000, 2500):
+        place = tuple(int(x) for x in np.rint(curve[k]))
+        cv2.drawMarker(image, place, (0, 220, 255), cv2.MARKER_CROSS, 14, 1)
+    (stroke,) = vfplan.extract_curve(image).strokes
+    assert stroke.bridged.any()
+    error = compare(stroke, curve)
+    assert error.rms < 0.06
+    assert error.worst < 0.8
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"method": "guess"}, {"stroke": 0}, {"stroke": "some"}, {"max_gap_px": -1.0},
+        {"max_gap_px": float("nan")}, {"roi": (0, 0, 9999, 5)}, {"roi": (-1, 0, 5, 5)},
+        {"roi": (0, 0, 0, 5)},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_settings_out_of_range_are_refused(wrong):
+    with pytest.raises(SettingError):
+        vfplan.extract_curve(slice_with_curve(False)[0], **wrong)
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind"), [((5, 5), "f8"), ((5, 5, 4), "u1"), ((0, 3, 3), "u1"), ((5, 5, 3), "f4")]
+)
+def test_arrays_of_another_kind_are_refused(shape, kind):
+    with pytest.raises(ImageError, match="red first"):
+        vfplan.extract_curve(np.zeros(shape, kind))
+
+
+def test_methods_by_name():
+    image, curve = slice_with_curve(False)
+    ridge, skeleton, mask = (
+        vfplan.extract_curve(image, method=m) for m in ("ridge", "skeleton", "mask")
+    )
+    assert len(mask.strokes[0].points_px) == np.count_nonzero(mask.mask)
+    assert np.array_equal(mask.mask, ridge.mask)
+    assert compare(ridge.strokes[0], curve).rms < 0.03
+    assert 0.2 < compare(skeleton.strokes[0], curve).rms < 0.6
