@@ -27,6 +27,7 @@ COMMANDS: dict[str, str] = {
     "diff": "What differs between two bundles.",
     "import": "A bundle from any point cloud or mesh.",
     "export": "A bundle's points as PLY, CSV or .mrk.json.",
+    "demo": "The whole pipeline on the shipped sample.",
 }
 
 

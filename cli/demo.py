@@ -1,0 +1,104 @@
+"""`vfplan demo`: the whole pipeline on the shipped sample, no network, no screen."""
+
+from __future__ import annotations
+
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any
+
+import click
+from vfplan.cli.options import FILE
+from vfplan.cli.run import Report, command, outputs, refuse_existing
+
+# Left behind in the folder, in the order of the story.
+FILES = ("mask.png", "overlay.png", "fixture.h5", "result.h5", "force.png", "scene.png")
+
+
+@command("demo", short_help="The whole pipeline on the shipped sample.")
+@click.option(
+    "-o",
+    "--output",
+    type=FILE,
+    default="vfplan-demo",
+    show_default=True,
+    metavar="DIR",
+    help="The folder to fill; made when it is not there.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace output files that exist.")
+def command(output: Path, overwrite: bool) -> Report:
+    """Plan a fixture on a drawn elbow slice, replay a probing session against it, draw both.
+
+    Leaves the pen's mask, the overlay, the fixture bundle, the replay's result, a plot of force
+    and penetration over time, and a picture of cloud, paths, contact circles and normals.
+    """
+    targets = [output / name for name in FILES]
+    made_folder = not output.exists()
+    output.mkdir(parents=True, exist_ok=True)
+    try:
+        refuse_existing(*targets, overwrite=overwrite)
+        with outputs(*targets) as temporary, as_file(files("vfplan.samples")) as sample:
+            planned, metrics = run_sample(sample, *temporary)
+    finally:
+        if made_folder and not any(output.iterdir()):
+            output.rmdir()
+    data = {**planned, "replay": metrics, "files": list(FILES)}
+    return Report(data, story(planned, metrics, output))
+
+
+def run_sample(
+    sample: Path, mask: Path, overlay: Path, fixture: Path, result: Path, force: Path, scene: Path
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The pipeline on the sample's files; the reports of planning and of replaying."""
+    from vfplan.figures.replay import draw_scene, draw_timeline
+    from vfplan.figures.slice import draw_mask, draw_overlay
+    from vfplan.replay import replay
+    from vfplan.session import read_session, write_result
+
+    from vfplan.bundle import write_fixture
+    from vfplan.pipeline import ExtractSettings, plan
+
+    made = plan(
+        sample / "elbow.png",
+        sample / "elbow_markers_image.csv",
+        sample / "elbow_markers_robot.csv",
+        extraction=ExtractSettings(pixel_spacing_mm=(0.5, 0.5)),
+    )
+    write_fixture(made.fixture, fixture)
+    replayed = replay(made.fixture, read_session(sample / "elbow_session.csv"))
+    write_result(replayed, result)
+    seen = made.extracted
+    draw_mask(seen.extraction, mask)
+    draw_overlay(seen.image, seen.extraction, overlay, markers=made.fixture.registration)
+    draw_timeline(replayed, force)
+    draw_scene(replayed, scene)
+    return made.report, replayed.metrics
+
+
+def story(planned: dict[str, Any], metrics: dict[str, Any], folder: Path) -> str:
+    """What the demo did, with the numbers it found."""
+    image, stroke = planned["extract"]["image"], planned["extract"]["strokes"][0]
+    register = planned["register"]
+    worst = max(r["residual_m"] for r in register["residuals"])
+
+    def mm(metres: float) -> str:
+        return f"{metres * 1e3:.3f} mm"
+
+    lines = [
+        f"A red curve was drawn on an elbow slice of {image['width_px']} x {image['height_px']} px.",
+        f"  The pen covers {planned['extract']['mask_pixels']} pixels; its centre line is "
+        f"{stroke['length_px']:.1f} px ({stroke['length_mm']:.1f} mm) long.",
+        f"{register['markers']} markers tie the slice to the robot ({register['model']}).",
+        f"  FRE {mm(register['fre_rms_m'])} rms, worst marker {mm(worst)}; "
+        f"predicted TRE of the curve {mm(register['tre_rms_m'])} rms.",
+        f"The fixture has {register['points']} points, {mm(register['spacing_m'])} apart.",
+        f"  {register['left_out']['points']} points were left out; that moves its surface by at "
+        f"most {register['sampling_error_m'] * 1e6:.1f} um.",
+        f"A hand probed it from both sides for {metrics['duration_s']:.1f} s.",
+        f"  {len(metrics['episodes'])} contacts in {metrics['ticks']} ticks; it went up to "
+        f"{mm(metrics['penetration_max_m'])} past the proxy and was pushed back with up to "
+        f"{metrics['force_max_n']:.2f} N.",
+        f"  The proxy never came nearer to a point than R {metrics['clearance_min_m'] * 1e6:+.1f} "
+        f"um; the force changed by at most {metrics['force_step_max_n']:.3f} N a tick.",
+        f"Left in {folder}: {', '.join(FILES)}",
+    ]
+    return "\n".join(lines)
