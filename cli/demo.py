@@ -49,13 +49,12 @@ def run_sample(
     sample: Path, mask: Path, overlay: Path, fixture: Path, result: Path, force: Path, scene: Path
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """The pipeline on the sample's files; the reports of planning and of replaying."""
+    from vfplan.bundle import write_fixture
     from vfplan.figures.replay import draw_scene, draw_timeline
     from vfplan.figures.slice import draw_mask, draw_overlay
+    from vfplan.pipeline import ExtractSettings, plan
     from vfplan.replay import replay
     from vfplan.session import read_session, write_result
-
-    from vfplan.bundle import write_fixture
-    from vfplan.pipeline import ExtractSettings, plan
 
     made = plan(
         sample / "elbow.png",
@@ -84,7 +83,7 @@ def story(planned: dict[str, Any], metrics: dict[str, Any], folder: Path) -> str
         return f"{metres * 1e3:.3f} mm"
 
     lines = [
-        f"A red curve was drawn on an elbow slice of {image['width_px']} x {image['height_px']} px.",
+        f"A red curve stands on an elbow slice of {image['width_px']} x {image['height_px']} px.",
         f"  The pen covers {planned['extract']['mask_pixels']} pixels; its centre line is "
         f"{stroke['length_px']:.1f} px ({stroke['length_mm']:.1f} mm) long.",
         f"{register['markers']} markers tie the slice to the robot ({register['model']}).",
