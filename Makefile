@@ -38,6 +38,7 @@ test-full: $(STAMP)
 
 docs: $(STAMP)
 	$(BIN)/python docs/make_cli.py
+	$(BIN)/python docs/make_pictures.py
 	$(BIN)/python docs/make_format.py
 
 lint: | $(BIN)/python

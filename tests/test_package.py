@@ -26,6 +26,16 @@ def test_public_name_exists(name):
     assert getattr(vfplan, name) is not None
 
 
+@pytest.mark.parametrize(
+    "name",
+    ["ProxyEngine", "read_fixture", "write_fixture", "extract_curve", "fit_registration", "plan",
+     "replay", "VfplanError"],
+)  # fmt: skip
+def test_promised_name_is_public_and_callable(name):
+    assert name in vfplan.__all__
+    assert callable(getattr(vfplan, name))
+
+
 def test_public_names_are_listed_once_and_shown_by_dir():
     assert len(set(vfplan.__all__)) == len(vfplan.__all__)
     assert dir(vfplan) == sorted(vfplan.__all__)
