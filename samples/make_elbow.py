@@ -27,7 +27,7 @@ from scipy.spatial import cKDTree
 WIDTH, HEIGHT = 871, 786
 MM_PER_PX = 0.5  # the print's scale
 LENGTH_PX = 2204 / 5.3 / MM_PER_PX  # so long is a curve of 2204 points at 5.3 points/mm
-PEN_PX = 2.6487  # what makes 5.3 mask pixels to a millimetre of curve
+PEN_PX = 2.6488  # what makes 5.3 mask pixels to a millimetre of curve
 PEN_COLOUR = (226, 26, 32)
 FLE_SIGMA_M = 0.2e-3  # how well a marker is touched with the robot's tip, each axis
 RATE_HZ = 1000.0

@@ -1,0 +1,170 @@
+"""`vfplan plan`, `extract` and `register` as scripts meet them: exit codes, JSON, no litter."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import vfplan
+
+SAMPLES = ROOT / "samples"
+IMAGE = SAMPLES / "elbow.png"
+PIXELS = SAMPLES / "elbow_markers_image.csv"
+ROBOT = SAMPLES / "elbow_markers_robot.csv"
+
+REGISTER_KEYS = {
+    "model", "markers", "T_robot_image", "fre_rms_m", "loo_rms_m", "tre_rms_m", "residuals",
+    "outliers", "condition", "scale_m_per_px", "points", "spacing_m",
+    "sampling_error_m", "left_out", "elapsed_s",
+}  # fmt: skip
+EXTRACT_KEYS = {
+    "image", "mask_pixels", "strokes", "points", "spacing_mm", "density_per_mm", "elapsed_s",
+}  # fmt: skip
+
+
+def test_plan_writes_a_fixture_and_reports_both_steps(vfplan_cli, tmp_path):
+    path = tmp_path / "f.h5"
+    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", path, "--pixel-spacing", 0.5, "--json")
+    assert run.code == 0, run.stderr
+    assert set(run.json["extract"]) >= EXTRACT_KEYS
+    assert set(run.json["register"]) >= REGISTER_KEYS
+    fixture = vfplan.read_fixture(path)
+    assert fixture.points.shape == (run.json["register"]["points"], 3)
+    assert fixture.frame == "robot_base"
+    assert fixture.stiffness.tolist() == [1000.0] * 3
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_extract_then_register_is_plan(vfplan_cli, tmp_path, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    curve, two, one = (tmp_path / name for name in ("c.h5", "two.h5", "one.h5"))
+    run = vfplan_cli("extract", IMAGE, "-o", curve, "--pixel-spacing", 0.5, "--json")
+    assert run.code == 0, run.stderr
+    assert set(run.json) >= EXTRACT_KEYS
+    assert vfplan.read_fixture(curve).frame == "image"
+    assert vfplan_cli("register", curve, PIXELS, ROBOT, "-o", two).code == 0
+    assert vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", one, "--pixel-spacing", 0.5).code == 0
+    a, b = vfplan.read_fixture(one), vfplan.read_fixture(two)
+    assert np.array_equal(a.points, b.points)
+    assert a.provenance.settings == b.provenance.settings
+
+
+def test_options_reach_the_bundle(vfplan_cli, tmp_path):
+    path = tmp_path / "f.h5"
+    run = vfplan_cli(
+        *("plan", IMAGE, PIXELS, ROBOT, "-o", path, "--stiffness", "500,600,700"),
+        *("--contact-radius", 4, "--point-radius", 1, "--ignore-axis", "z", "--density", 2, "-q"),
+    )
+    assert (run.code, run.stdout) == (0, "")
+    fixture = vfplan.read_fixture(path)
+    assert fixture.stiffness.tolist() == [500, 600, 700]
+    assert (fixture.contact_radius, fixture.point_radius) == (4e-3, 1e-3)
+    assert fixture.ignore_axis.tolist() == [0, 0, 1]
+
+
+def test_existing_output_is_kept_unless_told_otherwise(vfplan_cli, tmp_path):
+    path = tmp_path / "f.h5"
+    path.write_text("precious")
+    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", path)
+    assert run.code == 2
+    assert "--overwrite" in run.error_line
+    assert path.read_text() == "precious"
+    assert vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", path, "--overwrite").code == 0
+    assert vfplan.read_fixture(path).frame == "robot_base"
+
+
+def grey(tmp_path):
+    import cv2
+
+    path = tmp_path / "grey.png"
+    cv2.imwrite(str(path), np.full((60, 60, 3), 128, np.uint8))
+    return path
+
+
+def marker_files(tmp_path, change):
+    lines = ROBOT.read_text().splitlines()
+    path = tmp_path / "robot.csv"
+    path.write_text("\n".join(change(lines)) + "\n")
+    return path
+
+
+BAD = {
+    "no red in the image": (lambda t: (grey(t), PIXELS, ROBOT), 3),
+    "a directory for an image": (lambda t: (t, PIXELS, ROBOT), 3),
+    "a missing image": (lambda t: (t / "none.png", PIXELS, ROBOT), 3),
+    "no image at all": (lambda t: (PIXELS, PIXELS, ROBOT), 3),
+    "two markers": (lambda t: (IMAGE, PIXELS, marker_files(t, lambda x: x[:3])), 3),
+    "a missing label": (lambda t: (IMAGE, PIXELS, marker_files(t, lambda x: x[:-1])), 3),
+    "a missing column": (
+        lambda t: (
+            IMAGE,
+            PIXELS,
+            marker_files(t, lambda x: [line.rsplit(",", 1)[0] for line in x]),
+        ),
+        3,
+    ),
+    "NaN": (lambda t: (IMAGE, PIXELS, marker_files(t, lambda x: [*x[:-1], "x9,nan,0,0"])), 3),
+    "text for a number": (
+        lambda t: (IMAGE, PIXELS, marker_files(t, lambda x: [*x[:-1], "x9,a,0,0"])),
+        3,
+    ),
+    "the same side twice": (lambda t: (IMAGE, ROBOT, ROBOT), 3),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_clear_line_and_leaves_nothing(vfplan_cli, tmp_path, case):
+    make, code = BAD[case]
+    folder = tmp_path / "out"
+    folder.mkdir()
+    args = ("plan", *make(tmp_path), "-o", folder / "f.h5", "--mask-out", folder / "m.png")
+    run = vfplan_cli(*args)
+    assert run.code == code, run.stderr
+    assert run.stdout == ""
+    assert run.error_line.startswith("vfplan: error: ")
+    assert not any(folder.iterdir())
+    again = vfplan_cli(*args, "--json")
+    assert again.code == code
+    assert set(again.json["error"]) == {"kind", "message", "where"}
+
+
+def test_three_collinear_markers_are_refused(vfplan_cli, tmp_path):
+    rows = [f"x{i},{100 * i},{50 * i},{0.1 * i},{0.05 * i},0" for i in range(1, 4)]
+    path = tmp_path / "m.csv"
+    path.write_text("label,u_px,v_px,x_m,y_m,z_m\n" + "\n".join(rows))
+    run = vfplan_cli("plan", IMAGE, path, "-o", tmp_path / "f.h5")
+    assert run.code == 3
+    assert "line" in run.error_line or "marker" in run.error_line
+    assert not (tmp_path / "f.h5").exists()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--stiffness", "-1"),
+        ("--stiffness", "1,2"),
+        ("--contact-radius", "nan"),
+        ("--pixel-spacing", "a"),
+        ("--tolerance", "0.01", "--density", "2"),
+        ("--ignore-axis", "w"),
+        ("--ignore-axis", "x"),
+        ("--stroke", "first"),
+        ("--no-such-option",),
+    ],
+    ids=" ".join,
+)
+def test_bad_options_exit_2(vfplan_cli, tmp_path, options):
+    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", tmp_path / "f.h5", *options, "--json")
+    assert run.code == 2, run.stderr
+    assert json.loads(run.stdout)["error"]["message"]
+    assert run.error_line.startswith("vfplan: error: ")
+    assert not any(tmp_path.iterdir())
+
+
+def test_no_traceback_unless_asked(vfplan_cli, tmp_path):
+    args = ("plan", tmp_path, PIXELS, ROBOT, "-o", tmp_path / "f.h5")
+    assert "Traceback" not in vfplan_cli(*args).stderr
+    assert "Traceback" in vfplan_cli(*args, "-vv").stderr
