@@ -25,6 +25,7 @@ COMMANDS: dict[str, str] = {
     "sign": "Approve a bundle with a private key.",
     "verify": "Check a bundle's signature.",
     "diff": "What differs between two bundles.",
+    "bench": "Error against run time, for every stage.",
     "import": "A bundle from any point cloud or mesh.",
     "export": "A bundle's points as PLY, CSV or .mrk.json.",
     "demo": "The whole pipeline on the shipped sample.",

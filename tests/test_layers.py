@@ -10,7 +10,7 @@ from conftest import ROOT
 # Lowest first. Modules of one row may not import each other unless named in WITHIN.
 LAYERS = [
     ["errors"],
-    ["checks", "spacing"],
+    ["checks", "choosing", "spacing"],
     ["rendering"],
     ["image", "fixture", "markers", "session", "robot"],
     ["extraction", "registration", "marker_finding", "bundle", "proxy", "reference", "scenes"],

@@ -1,0 +1,130 @@
+"""`vfplan bench`: error against run time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+from vfplan.cli.options import FILE, Numbers
+from vfplan.cli.run import Report, command, outputs, progress, refuse_existing
+
+STAGES = ("extract", "sample", "register", "proxy", "plan")
+
+
+@command("bench", short_help="Error against run time, for every stage.")
+@click.argument("stage", type=click.Choice([*STAGES, "all"]), default="all")
+@click.option("-o", "--output", type=FILE, metavar="DIR",
+              help="Folder for bench.json, bench.csv and one diagram a stage.")  # fmt: skip
+@click.option("--overwrite", is_flag=True, help="Replace output files that exist.")
+@click.option("--quick", is_flag=True, help="Under a minute, instead of under ten.")
+@click.option("--peer", "peers", multiple=True, metavar="CMD",
+              help="An outside program to run beside the engines: CMD FOLDER reads points.csv, "
+              "path.csv and settings.csv there and writes proxies.csv.")  # fmt: skip
+@click.option("--tolerance", "tolerance_mm", type=Numbers(1, metavar="MM"), default="0.01",
+              show_default=True, help="What the chosen settings are to keep.")  # fmt: skip
+@click.option("--from", "source", type=FILE, metavar="JSON",
+              help="Measure nothing: draw again what a bench.json holds.")  # fmt: skip
+def command(
+    stage: str,
+    output: Path | None,
+    overwrite: bool,
+    quick: bool,
+    peers: tuple[str, ...],
+    tolerance_mm: tuple[float, ...],
+    source: Path | None,
+) -> Report:
+    """Measure STAGE (all of them by default) against known truth, and draw error over time."""
+    from vfplan.accuracy import Peer, bench, read_document
+
+    stages = STAGES if stage == "all" else (stage,)
+    document = None if source is None else read_document(source)
+    if document is not None:
+        stages = tuple(s for s in stages if s in document["stages"])
+    files = _files(output, stages)
+    _refuse(output, files, overwrite)
+    if document is None:
+        with _bars() as tell:
+            document = bench(
+                stages,
+                quick=quick,
+                tolerance_m=tolerance_mm[0] * 1e-3,
+                peers=[Peer(word) for word in peers],
+                progress=tell,
+            )
+    if output is not None:
+        _write(document, stages, files)
+    text = "\n".join(_text(document, stages))
+    absent = [p["message"] for p in document["peers"] if not p["ran"]]
+    return Report(document, text + (f"\nwrote {output}/" if output else ""), warnings=absent)
+
+
+def _files(output: Path | None, stages: tuple[str, ...]) -> list[Path]:
+    if output is None:
+        return []
+    names = ["bench.json", "bench.csv", *(f"bench_{stage}.png" for stage in stages)]
+    return [output / name for name in names]
+
+
+def _refuse(output: Path | None, files: list[Path], overwrite: bool) -> None:
+    """As for every output; the folder itself may be new, its parent may not."""
+    if output is None:
+        return
+    if output.is_dir():
+        refuse_existing(*files, overwrite=overwrite)
+    else:
+        refuse_existing(output, overwrite=False)
+
+
+def _write(document: dict[str, Any], stages: tuple[str, ...], files: list[Path]) -> None:
+    from vfplan.accuracy import write_csv, write_json
+    from vfplan.figures.accuracy import draw_stage
+
+    files[0].parent.mkdir(exist_ok=True)
+    with outputs(*files) as (table, rows, *pictures):
+        write_json(document, table)
+        write_csv(document, rows)
+        for stage, picture in zip(stages, pictures, strict=True):
+            draw_stage(document, stage, picture)
+
+
+@contextmanager
+def _bars() -> Iterator[Any]:
+    """One bar a scene on a terminal."""
+    with ExitStack() as stack:
+        seen: list[str] = []
+
+        def tell(label: str, done: int, total: int) -> None:
+            if [label] != seen:
+                stack.close()
+                seen[:] = [label]
+                tell.advance = stack.enter_context(progress(label, total))
+            elif done:
+                tell.advance(1)
+
+        yield tell
+
+
+def _text(document: dict[str, Any], stages: tuple[str, ...]) -> Iterator[str]:
+    """The front of every scene, cheapest first, and what the tolerance chose."""
+    for stage in stages:
+        own = [r for r in document["results"] if r["stage"] == stage]
+        for scene in dict.fromkeys(r["scene"] for r in own):
+            yield f"{stage}: {scene}"
+            here = [r for r in own if r["scene"] == scene and (r["pareto"] or r.get("chosen"))]
+            for r in sorted(here, key=lambda r: r["time_us_median"]):
+                yield "  " + _line(r)
+    yield f"{document['elapsed_s']:.0f} s on {document['machine']['processor']}"
+
+
+def _line(result: dict[str, Any]) -> str:
+    scale, unit = (1e6, "um") if result["unit"] == "m" else (1.0, "px")
+    settings = " ".join(f"{k}={v:.4g}" if isinstance(v, float) else f"{k}={v}"
+                        for k, v in result["settings"].items())  # fmt: skip
+    marks = ("*" if result["pareto"] else " ") + ("<" if result.get("chosen") else " ")
+    return (
+        f"{marks} {result['time_us_median']:10.1f} us  {scale * result['error_rms']:10.4g} {unit}"
+        f"  {result['method']}  {settings}"
+    )

@@ -1,0 +1,297 @@
+"""The bench's own parts against known truth; the whole run is in test_cli_bench.py."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import ROOT, need_header, need_program
+from scipy.spatial import cKDTree
+
+from vfplan.accuracy import Peer, bench, pictures, read_document, write_json
+from vfplan.accuracy.baselines import NearestPointPenalty
+from vfplan.accuracy.cases import Case, cases, chosen_points
+from vfplan.accuracy.proxy import judge
+from vfplan.accuracy.record import Errors, Result, Trial, mark_pareto, non_dominated
+from vfplan.accuracy.registering import apply, markers_px, true_map
+from vfplan.accuracy.runner import run_trials
+from vfplan.accuracy.sampling import lines, planned_surface, surface_error
+from vfplan.choosing import choose
+from vfplan.errors import InputError, SettingError
+from vfplan.reference import PaperProxy
+from vfplan.rendering import ProxyParameters
+from vfplan.scenes import SCENES
+
+R = 5e-3
+
+
+def dominated(row, rows):
+    return any(
+        all(o <= r for o, r in zip(other, row, strict=True)) and tuple(other) != tuple(row)
+        for other in rows
+    )
+
+
+def test_front_is_what_nothing_dominates():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        rows = rng.integers(0, 6, (rng.integers(1, 30), 2)).astype(float)
+        expected = [not dominated(row, rows) for row in rows]
+        assert non_dominated(rows).tolist() == expected
+
+
+def test_fronts_do_not_mix_scenes():
+    records = [
+        {"stage": "s", "scene": scene, "error_rms": error, "time_us_median": time}
+        for scene, error, time in (("a", 1, 1), ("a", 2, 2), ("b", 3, 3), ("b", 3, 3), ("b", 2, 9))
+    ]
+    mark_pareto(records)
+    assert [r["pareto"] for r in records] == [True, False, True, True, True]
+
+
+def trial(times, **more):
+    queue = iter(times)
+    return Trial("scene", "m", {}, lambda: (0.0, np.array(next(queue), float)),
+                 lambda a: Errors.of([3.0, 4.0]), "m", **more)  # fmt: skip
+
+
+def test_result_reports_medians_tails_and_spread():
+    (result,) = run_trials("s", [trial([[99], [1, 2, 3], [2, 3, 4], [3, 4, 500]])], 3)
+    record = result.record()
+    assert record["error_rms"] == pytest.approx(np.sqrt(12.5))
+    assert record["error_max"] == 4
+    assert record["time_us_median"] == 3, "the first round only warms up"
+    assert record["time_us_max"] == 500
+    assert (record["time_us_low"], record["time_us_high"]) == (2.5, 3.5)
+    assert record["repeats"] == 3
+    assert "chosen" not in record
+
+
+def test_rounds_are_interleaved():
+    seen = []
+
+    def noting(name):
+        return Trial("s", name, {}, lambda: (seen.append(name), np.ones(1)),
+                     lambda a: Errors(0, 0), "m")  # fmt: skip
+
+    run_trials("s", [noting(n) for n in "abc"], 4)
+    rounds = [sorted(seen[i : i + 3]) for i in range(0, 15, 3)]
+    assert rounds == [list("abc")] * 5
+
+
+@pytest.mark.parametrize("width", [1.5, 3.0, 4.7])
+def test_pen_covers_its_area(width):
+    line = np.column_stack([np.linspace(20.3, 80.1, 2000), np.linspace(30.2, 41.7, 2000)])
+    share = pictures.coverage((70, 100), line, width)
+    length = np.hypot(*(line[-1] - line[0]))
+    assert share.sum() == pytest.approx(length * width + np.pi * width**2 / 4, rel=5e-3)
+    assert 0 <= share.min() < share.max() <= 1
+
+
+def test_scaled_picture_has_its_line_where_the_truth_says():
+    drawing = pictures.Drawing(pen_px=4.0, scale=1.5)
+    picture = drawing.picture().astype(float)
+    assert picture.shape == (720, 960, 3)
+    red = picture[..., 0] - picture[..., 1:].mean(axis=2)
+    v, u = np.nonzero(red > 90)
+    places = pictures.from_pixels(np.column_stack([u, v]).astype(float), 1.5)
+    away, _ = cKDTree(pictures.curve()).query(places)
+    assert away.max() < 4 / 2 + 0.7
+
+
+def test_pixels_scale_about_the_corner_of_the_image():
+    places = np.array([[-0.5, -0.5], [10.0, 3.25]])
+    scaled = pictures.to_pixels(places, 1.5)
+    assert scaled[0] == pytest.approx([-0.5, -0.5])
+    assert pictures.from_pixels(scaled, 1.5) == pytest.approx(places)
+
+
+def test_surface_error_of_a_line_is_the_dimple():
+    line = lines()[0]
+    assert line.name == "line"
+    h = 1e-3
+    points = np.column_stack([np.arange(101) * h, np.zeros(101), np.zeros(101)])
+    gap = surface_error(points, planned_surface(line))
+    assert gap.max() == pytest.approx(np.hypot(R, h / 2) - R, rel=1e-3)
+
+
+def test_planned_surface_is_nowhere_nearer_than_R():
+    for line in lines():
+        away, _ = cKDTree(line.fine).query(planned_surface(line))
+        assert away.min() > R * (1 - 2e-5)
+        assert away.max() < R * (1 + 1e-5)
+
+
+def test_registration_truth_is_a_scaled_rotation_until_it_is_stretched():
+    T = true_map()
+    assert T[:, 0] @ T[:, 1] == pytest.approx(0, abs=1e-18)
+    assert np.linalg.norm(T[:, 0]) == pytest.approx(np.linalg.norm(T[:, 1]))
+    stretched = true_map(1.01)
+    assert np.linalg.norm(stretched[:, 0]) == pytest.approx(1.01 * np.linalg.norm(T[:, 0]))
+    assert apply(T, np.zeros((1, 2)))[0] == pytest.approx(T[:, 2])
+    assert markers_px(9).shape == (9, 2)
+
+
+def test_exact_proxy_has_no_error():
+    case = next(cases(True))
+    errors = judge(case, case.scene.points, case.truth, {})
+    assert errors.rms == errors.max == 0
+    assert errors.more["force_rms_n"] == 0
+    assert errors.more["surface_error_m"] < 1e-12
+    assert errors.more["lag_rms_m"] < 1e-12
+
+
+def test_force_error_is_the_stiffness_times_that_of_the_proxy():
+    scene = SCENES["segment"]()
+    hips = scene.path("above", 0.2)
+    case = Case("segment", scene, hips)
+    shifted = case.truth + np.array([0, 1e-5, 0])
+    errors = judge(case, scene.points, shifted, {})
+    assert errors.rms == pytest.approx(1e-5)
+    assert errors.more["force_rms_n"] == pytest.approx(1e-2)
+
+
+def test_penalty_pushes_out_of_the_nearest_ball_and_through_on_the_other_side():
+    points = SCENES["segment"]().points
+    field = NearestPointPenalty(points, contact_radius=R)
+    step = field.step(np.array([0.0, 2e-3, 0.0]))
+    assert step.proxy == pytest.approx([0, R, 0])
+    assert step.force == pytest.approx([0, 3, 0])
+    assert field.step(np.array([0.0, -2e-3, 0.0])).force == pytest.approx([0, -3, 0])
+    assert not field.step(np.array([0.0, 6e-3, 0.0])).force.any()
+
+
+@pytest.mark.parametrize("name", ["sheet", "circle", "sphere", "omega", "segment"])
+def test_chosen_cloud_has_dimples_within_their_share(name):
+    choice = choose(1e-5, R)
+    scene = SCENES[name]()
+    cloud = chosen_points(scene, choice)
+    spread = np.linalg.norm(cloud - cloud[:1], axis=1)
+    near, _ = cKDTree(cloud).query(cloud[np.argsort(spread)[:400]], k=2)
+    allowed = choice.surface_spacing_m if name in ("sheet", "sphere") else choice.spacing_m
+    assert near[:, 1].max() <= 1.1 * allowed
+    assert len(cloud) > 50
+
+
+PEER = """
+import sys, pathlib, csv
+folder = pathlib.Path(sys.argv[1])
+rows = [[float(x) for x in row] for row in list(csv.reader(open(folder / "path.csv")))[1:]]
+names = dict(list(csv.reader(open(folder / "settings.csv")))[1:])
+assert float(names["contact_radius"]) == 0.005
+{body}
+"""
+WRITES = """
+with open(folder / "proxies.csv", "w") as out:
+    out.write("x,y,z,us\\n")
+    for x, y, z in rows:
+        out.write(f"{x!r},{y!r},{z + %s!r},1.5\\n")
+"""
+
+
+def python_peer(folder, body):
+    program = folder / "peer.py"
+    program.write_text(PEER.replace("{body}", body))
+    return Peer(f"{sys.executable} {program}")
+
+
+def test_peer_gets_the_scene_and_answers(tmp_path):
+    hips = np.random.default_rng(1).normal(size=(20, 3))
+    points = np.zeros((1, 3))
+    par = ProxyParameters.make(points, rule="paper", ignore_axis="y")
+    proxy, us = python_peer(tmp_path, WRITES % "0.25").run(points, hips, par)
+    assert proxy == pytest.approx(hips + np.array([0, 0, 0.25])), (
+        "along the ignored axis: the HIP's own"
+    )
+    assert (us == 1.5).all()
+
+
+@pytest.mark.parametrize(
+    ("body", "says"),
+    [
+        ("sys.exit('out of paper')", "exit code 1: out of paper"),
+        ("pass", "proxies.csv"),
+        (WRITES % "float('nan')", "finite"),
+        (WRITES.replace("in rows", "in rows[1:]") % "0", "(19, 4)"),
+    ],
+)
+def test_peer_that_fails_is_named(tmp_path, body, says):
+    par = ProxyParameters.make(np.zeros((1, 3)), rule="paper")
+    with pytest.raises(SettingError) as error:
+        python_peer(tmp_path, body).run(np.zeros((1, 3)), np.zeros((20, 3)), par)
+    assert says in str(error.value)
+    assert str(error.value).startswith("peer ")
+
+
+def test_peer_that_is_no_program():
+    with pytest.raises(SettingError, match="no such program"):
+        bench(["proxy"], peers=[Peer("/nowhere/peer")])
+
+
+@pytest.fixture(scope="session")
+def nanoflann_peer(tmp_path_factory):
+    """The shipped peer, built on apt's nanoflann."""
+    need_header("nanoflann.hpp", "libnanoflann-dev")
+    compiler = need_program("g++", "g++")
+    import subprocess
+
+    program = tmp_path_factory.mktemp("peer") / "nanoflann_peer"
+    source = ROOT / "samples" / "peer" / "nanoflann_peer.cpp"
+    flags = ["-std=c++20", "-O2", "-Wall", "-Wextra", "-Werror"]
+    subprocess.run([compiler, *flags, "-o", program, source], check=True)
+    return Peer(str(program))
+
+
+@pytest.mark.parametrize("name", ["segment", "circle"])
+def test_nanoflann_peer_moves_as_the_reference_does(nanoflann_peer, name):
+    scene = replace(SCENES[name](), spacing=1e-3)
+    hips = scene.path(next(iter(scene.routes)), 0.2)
+    reference = PaperProxy(scene.points, ignore_axis=scene.ignore_axis)
+    reference.reset(hips[0])
+    expected = reference.run(hips).proxy
+    proxy, us = nanoflann_peer.run(scene.points, hips, reference.parameters)
+    assert np.abs(proxy - expected).max() < 1e-9
+    assert (us > 0).all()
+
+
+def test_document_survives_the_disk(tmp_path):
+    path = tmp_path / "bench.json"
+    document = {
+        "format": "vfplan-bench", "version": "1.0", "results": [{"error_rms": np.float64(1e-9)}],
+        "tolerance_m": 1e-5, "budget_us": 1000.0, "machine": {"clock_us": float("nan")},
+        "peers": [],
+    }  # fmt: skip
+    write_json(document, path)
+    again = read_document(path)
+    assert again["results"] == [{"error_rms": 1e-9}]
+    assert again["machine"] == {"clock_us": None}
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("{", "is not JSON"),
+        ("[]", "format None"),
+        ('{"format": "vfplan-bench", "version": "2.0"}', "version '2.0'"),
+        ('{"format": "vfplan-bench", "version": "1.3"}', "lacks results"),
+    ],
+)
+def test_a_document_that_is_none_is_refused(tmp_path, text, says):
+    path = tmp_path / "bench.json"
+    path.write_text(text)
+    with pytest.raises(InputError) as error:
+        read_document(path)
+    assert says in str(error.value)
+
+
+def test_unknown_stage_is_refused():
+    with pytest.raises(SettingError, match="paint"):
+        bench(["extract", "paint"])
+
+
+def test_result_knows_its_trial():
+    t = trial([[1.0]], chosen=True, peer=True)
+    record = Result("s", t, Errors(1.0, 2.0, {"points": 3}), [np.array([1.0])]).record()
+    assert record["chosen"] is True
+    assert record["peer"] is True
+    assert record["points"] == 3

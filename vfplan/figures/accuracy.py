@@ -1,0 +1,191 @@
+"""Work-precision diagrams of a bench: error down, time across, drawn from its JSON alone.
+
+One figure a stage, one panel a scene, one curve a method. The grey staircase is the Pareto front;
+the star is what the tolerance chose; dotted lines are the tolerance and the budget of a tick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
+
+from vfplan.figures.style import RULE, new_figure, save_png, style
+
+COLUMNS = 4
+TITLES = {
+    "extract": "extract: the drawn line, one call a slice",
+    "sample": "sample: surface of the cloud, one tick of the engine on it",
+    "register": "register: target registration error, one fit",
+    "proxy": "proxy: against the exact proxy, one tick",
+    "plan": "plan: slice and markers to fixture, one call",
+}
+TICK_STAGES = ("sample", "proxy")  # their time is that of a tick: the 1 ms budget applies
+SCALE = {"px": (1.0, "px"), "m": (1e6, "µm")}
+FLOOR = {"px": 1e-6, "m": 1e-7}  # smallest error drawn [px, µm]; below it is rounding
+FIXED = {
+    "robust": (RULE["robust"], "o"),
+    "paper": (RULE["paper"], "s"),
+    "ridge": (RULE["robust"], "o"),
+    "by curvature": (RULE["robust"], "o"),
+    "affine": (RULE["robust"], "o"),
+}
+_COLOURS = ("#2a9d4e", "#8c564b", "#7f7f7f", "#17a2b8", "#9467bd", "#d4a200", "#c2185b", "#556b2f")
+_MARKERS = "^vDPX<>ph"
+
+
+def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
+    """The diagram of one stage of a bench document, as a PNG."""
+    save_png(diagram(document, stage), path)
+
+
+def stages_of(document: dict[str, Any]) -> tuple[str, ...]:
+    """The stages that a document holds results of, in its order."""
+    return tuple(dict.fromkeys(r["stage"] for r in document["results"]))
+
+
+def diagram(document: dict[str, Any], stage: str) -> Figure:
+    """The figure of `draw_stage`."""
+    results = [r for r in document["results"] if r["stage"] == stage]
+    scenes = list(dict.fromkeys(r["scene"] for r in results))
+    looks = dict(_looks(list(dict.fromkeys(r["method"] for r in results if not r.get("chosen")))))
+    columns = min(COLUMNS, len(scenes))
+    rows = -(-len(scenes) // columns)
+    figure = new_figure(max(5.0, 2.6 * columns + 0.4), 2.5 * rows + 1.1)
+    with style():
+        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    for axes, scene in zip(panels.flat, scenes, strict=False):
+        _panel(axes, [r for r in results if r["scene"] == scene], looks, document, stage)
+        axes.set_title(scene, fontsize=8.5)
+    for axes in list(panels.flat)[len(scenes) :]:
+        axes.remove()
+    for k in range(columns):
+        lowest = panels[(len(scenes) - 1 - k) // columns, k]
+        lowest.set_xlabel(f"median time [{_clock(stage)[1]}]", fontsize=8.5)
+        lowest.tick_params(labelbottom=True)
+    for axes in panels[:, 0]:
+        axes.set_ylabel(f"RMS error [{SCALE[results[0]['unit']][1]}]", fontsize=8.5)
+    _limits(panels[0, 0], results, document, stage)
+    figure.suptitle(TITLES.get(stage, stage), x=0.01, ha="left", fontsize=10)
+    figure.legend(
+        handles=_legend(looks, document, stage, results),
+        loc="outside lower center",
+        ncols=min(4, 2 + columns),
+        fontsize=7.5,
+    )
+    return figure
+
+
+def _looks(methods: list[str]) -> Iterator[tuple[str, tuple[str, str]]]:
+    spare = zip(cycle(_COLOURS), cycle(_MARKERS), strict=False)
+    for method in methods:
+        yield method, FIXED.get(method) or next(spare)
+
+
+def _panel(
+    axes: Axes, results: list[dict[str, Any]], looks: dict, document: dict[str, Any], stage: str
+) -> None:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_minor_formatter(NullFormatter())
+    _front(axes, results, stage)
+    for method, (colour, marker) in looks.items():
+        own = [r for r in results if r["method"] == method and not r.get("chosen")]
+        _curve(axes, own, colour, marker, stage)
+    for r in results:
+        if r.get("chosen"):
+            _star(axes, r, stage)
+    if results[0]["unit"] == "m" and stage != "register":
+        axes.axhline(document["tolerance_m"] * 1e6, color="black", ls=":", lw=1.0)
+    if stage in TICK_STAGES:
+        axes.axvline(document["budget_us"] * _clock(stage)[0], color="#c1121f", ls=":", lw=1.0)
+
+
+def _clock(stage: str) -> tuple[float, str]:
+    """Factor from microseconds, and the unit's name."""
+    return (1e-3, "ms") if stage in ("extract", "plan") else (1.0, "µs")
+
+
+def _place(result: dict[str, Any], stage: str, error: str = "error_rms") -> tuple[float, float]:
+    unit = result["unit"]
+    across = result["time_us_median"] * _clock(stage)[0]
+    return across, max(result[error] * SCALE[unit][0], FLOOR[unit])
+
+
+def _star(axes: Axes, result: dict[str, Any], stage: str) -> None:
+    """The chosen settings: RMS at the star, the maximum at the end of the line above it."""
+    (x, y), (_, top) = _place(result, stage), _place(result, stage, "error_max")
+    axes.plot([x, x], [y, top], "-", color="black", lw=0.8, zorder=5)
+    axes.plot([x], [top], "_", color="black", ms=6, zorder=5)
+    axes.plot([x], [y], "*", ms=12, mfc="#ffd400", mec="black", mew=0.8, zorder=6)
+
+
+def _curve(axes: Axes, results: list[dict[str, Any]], colour: str, marker: str, stage: str) -> None:
+    """A method's settings from the cheapest to the dearest, with the spread of the repeats."""
+    if not results:
+        return
+    results = sorted(results, key=lambda r: r["time_us_median"])
+    x, y = np.array([_place(r, stage) for r in results]).T
+    factor = _clock(stage)[0]
+    low = x - factor * np.array([r["time_us_low"] for r in results])
+    high = factor * np.array([r["time_us_high"] for r in results]) - x
+    axes.errorbar(
+        x, y, xerr=np.maximum([low, high], 0), color=colour, marker=marker, ms=4, lw=1.0,
+        elinewidth=0.7, zorder=4,
+    )  # fmt: skip
+
+
+def _front(axes: Axes, results: list[dict[str, Any]], stage: str) -> None:
+    """The staircase under which nothing was measured."""
+    corners = sorted(_place(r, stage) for r in results if r["pareto"])
+    if not corners:
+        return
+    x, y = np.array(corners).T
+    axes.step(
+        np.r_[x, x[-1] * 1e6], np.r_[y, y[-1]], where="post", color="#c8c8c8", lw=4, zorder=1,
+        solid_capstyle="butt",
+    )  # fmt: skip
+
+
+def _limits(axes: Axes, results: list[dict[str, Any]], document: dict, stage: str) -> None:
+    """All panels share one window: every result, the tolerance and the budget, with a margin."""
+    x, y = np.array([_place(r, stage) for r in results]).T
+    top = max(_place(r, stage, "error_max" if r.get("chosen") else "error_rms")[1] for r in results)
+    ends = [x.min(), x.max()]
+    if stage in TICK_STAGES:
+        ends.append(document["budget_us"])
+    levels = [y.min(), top]
+    if results[0]["unit"] == "m" and stage != "register":
+        levels.append(document["tolerance_m"] * 1e6)
+    for set_limits, values in ((axes.set_xlim, ends), (axes.set_ylim, levels)):
+        low, high = np.log10(min(values)), np.log10(max(values))
+        spare = max(0.08 * (high - low), 0.5 * (1 - (high - low)), 0.05)
+        set_limits(10 ** (low - spare), 10 ** (high + spare))
+
+
+def _legend(
+    looks: dict, document: dict[str, Any], stage: str, results: list[dict[str, Any]]
+) -> list[Line2D]:
+    handles = [
+        Line2D([], [], color=colour, marker=marker, ms=4, lw=1.0, label=method)
+        for method, (colour, marker) in looks.items()
+    ]
+    handles.append(Line2D([], [], color="#c8c8c8", lw=4, label="Pareto front"))
+    if any(r.get("chosen") for r in results):
+        star = {"ls": "", "marker": "*", "ms": 11, "mfc": "#ffd400", "mec": "black"}
+        handles.append(Line2D([], [], label="chosen", **star))
+    if results[0]["unit"] == "m" and stage != "register":
+        label = f"tolerance {document['tolerance_m'] * 1e6:g} µm"
+        handles.append(Line2D([], [], color="black", ls=":", label=label))
+    if stage in TICK_STAGES:
+        label = f"budget {document['budget_us']:g} µs"
+        handles.append(Line2D([], [], color="#c1121f", ls=":", label=label))
+    return handles
