@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from vfplan.rendering import ProxyParameters
+from vfplan.replay.watch import JUMP_M_S
+from vfplan.robot import Robot
 
 # Rounding in the independent measurement of clearance [m].
 _ROUNDING_M = 1e-9
@@ -13,6 +15,45 @@ _ROUNDING_M = 1e-9
 def finding(code: str, severity: str, message: str) -> dict[str, str]:
     """One finding: "info", "warning" or "error"."""
     return {"code": code, "severity": severity, "message": message}
+
+
+def session_findings(session: dict[str, Any], robot: Robot | None) -> list[dict[str, str]]:
+    """What the recording itself shows; `session` as `SessionWatch.report` gives it."""
+    found = []
+    nominal = session["dt_nominal_s"]
+    if session["gaps"]:
+        message = (
+            f"{session['gaps']} gaps, about {session['missing_samples']} samples missing; the "
+            f"longest interval is {session['dt_max_s']:.6g} s of {nominal:.6g} s"
+        )
+        found.append(finding("session-gap", "warning", message))
+    if "jumps" in session:
+        message = (
+            f"{session['jumps']} jumps faster than {JUMP_M_S:g} m/s; the fastest is "
+            f"{session['speed_max_m_s']:.6g} m/s at tick {session['speed_max_tick']}"
+        )
+        found.append(finding("session-jump", "error", message))
+    if "ignored_columns" in session:
+        names = ", ".join(session["ignored_columns"])
+        found.append(finding("session-columns", "info", f"columns not used: {names}"))
+    if robot is not None and not 0.9 < session["rate_hz"] / robot.rate_hz < 1.1:
+        message = (
+            f"recorded at {session['rate_hz']:.6g} Hz, the robot runs at {robot.rate_hz:g} Hz; "
+            "--rate resamples"
+        )
+        found.append(finding("session-rate", "warning", message))
+    return found
+
+
+def link_findings(link: dict[str, Any]) -> list[dict[str, str]]:
+    """What a lossy link did that a robot does not forgive."""
+    if not link.get("robot_stops"):
+        return []
+    message = (
+        f"{link['lost_longest']} packets lost in a row from tick {link['lost_longest_tick']}; "
+        f"the robot stops after {link['lost_limit']}"
+    )
+    return [finding("robot-stops", "error", message)]
 
 
 def findings(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[str, str]]:
@@ -43,6 +84,14 @@ def findings(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[s
                 "too-fast",
                 "warning",
                 f"{report['too_fast_ticks']} ticks too fast for rule {parameters.rule!r}",
+            )
+        )
+    if report["bad_hip_ticks"]:
+        found.append(
+            finding(
+                "hip-out-of-range",
+                "error",
+                f"{report['bad_hip_ticks']} ticks farther than 1e6 m: the engine held its answer",
             )
         )
     active = [e["index"] for e in report["episodes"] if not e["passive"]]

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from vfplan.fixture import Fixture
 from vfplan.rendering import ProxyParameters, Status
+from vfplan.replay.checks import RobotWatch
 from vfplan.replay.clearance import Clearance
 from vfplan.replay.episodes import JOIN_S, Episodes
 from vfplan.replay.quantities import Steps, row_norms
 from vfplan.replay.ruler import CurveRuler
+from vfplan.robot import Robot
 
 STATES = (-1, 0, 1, 2)
 
@@ -26,13 +28,20 @@ class Metrics:
         The fixture that is replayed.
     parameters
         The engine's, as it runs them.
+    robot
+        Whose limits to watch, or `None`.
     join_s
         Runs of contact closer than this [s] are one episode.
     """
 
     def __init__(
-        self, fixture: Fixture, parameters: ProxyParameters, join_s: float = JOIN_S
+        self,
+        fixture: Fixture,
+        parameters: ProxyParameters,
+        robot: Robot | None = None,
+        join_s: float = JOIN_S,
     ) -> None:
+        self._robot = None if robot is None else RobotWatch(robot)
         self._parameters = parameters
         self._ruler = CurveRuler.of(fixture)
         self._clearance = Clearance(fixture)
@@ -60,6 +69,8 @@ class Metrics:
         start = self._span[0] if self._span else float(ticks.time[0])
         self._span = (start, float(ticks.time[-1] + steps.dt[-1]))
         self._clearance.update(ticks.proxy)
+        if self._robot is not None:
+            self._robot.update(steps)
         self._episodes.update(steps)
         for i, state in enumerate(STATES):
             there = ticks.state == state
@@ -120,6 +131,7 @@ class Metrics:
             "force_step_max_n": self._worst_step[0],
             "force_step_max_tick": self._worst_step[1],
             "clearance_min_m": self._clearance.minimum_m,
+            "bad_hip_ticks": self._status["bad_hip"],
             "inside_ticks": self._status["inside"],
             "too_fast_ticks": self._too_fast(),
             "entrenched_ticks": int(self._states[STATES.index(2)]),
@@ -134,6 +146,8 @@ class Metrics:
             data["slide_m"] = sums["slide"]
             data["lag_max_m"] = peaks["lag"]
             data["lag_rms_m"] = float(np.sqrt(sums["lag2_path"] / sums["slide"]))
+        if self._robot is not None:
+            data["robot"] = self._robot.report()
         return data
 
     def _too_fast(self) -> int:

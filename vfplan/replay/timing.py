@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.rendering import Trace
+
 _PER_OCTAVE = 64  # bins of 1.1 %
 _LOWEST_S = 1e-9
 _BINS = 40 * _PER_OCTAVE  # to 1000 s
-_GROUP = 32  # ticks timed together: the clock's own cost is then below 1 %
+_GROUP = 32  # ticks timed together: what Python adds is then below 0.1 µs a tick
 
 
 class StepTimes:
@@ -23,24 +25,23 @@ class StepTimes:
     def __init__(self) -> None:
         self._bins = np.zeros(_BINS, dtype=np.int64)
         self._max_s = 0.0
+        self.ticks = 0
 
-    def run(self, engine: Any, hip: NDArray[np.float64]) -> Any:
+    def run(self, engine: Any, hip: NDArray[np.float64]) -> Trace:
         """`engine.run(hip)`, timed."""
-        from vfplan.rendering import Trace
-
-        parts, seconds = [], []
+        self.ticks += len(hip)
+        if not len(hip):
+            return engine.run(hip)
+        parts, seconds, counts = [], [], []
         for start in range(0, len(hip), _GROUP):
             group = hip[start : start + _GROUP]
             began = time.perf_counter()
             parts.append(engine.run(group))
             seconds.append((time.perf_counter() - began) / len(group))
-        self._count(np.array(seconds), np.diff([*range(0, len(hip), _GROUP), len(hip)]))
-        return Trace(
-            *(
-                np.concatenate([getattr(part, name) for part in parts])
-                for name in ("proxy", "normal", "force", "state", "status")
-            )
-        )
+            counts.append(len(group))
+        self._count(np.array(seconds), np.array(counts))
+        names = ("proxy", "normal", "force", "state", "status")
+        return Trace(*(np.concatenate([getattr(part, n) for part in parts]) for n in names))
 
     def _count(self, seconds: NDArray[np.float64], ticks: NDArray[np.int64]) -> None:
         bins = np.log2(np.maximum(seconds, _LOWEST_S) / _LOWEST_S) * _PER_OCTAVE
@@ -50,10 +51,9 @@ class StepTimes:
     def report(self) -> dict[str, float]:
         """Median, 99th and 99.9th percentile, and maximum [µs]."""
         total = np.cumsum(self._bins)
-        quantiles = {"median": 0.5, "p99": 0.99, "p999": 0.999}
-        report = {}
-        for name, q in quantiles.items():
-            k = int(np.searchsorted(total, q * total[-1]))
-            report[name] = float(_LOWEST_S * 2 ** ((k + 0.5) / _PER_OCTAVE) * 1e6)
         top = self._max_s * 1e6
-        return {**{name: min(value, top) for name, value in report.items()}, "max": top}
+        report = {}
+        for name, q in {"median": 0.5, "p99": 0.99, "p999": 0.999}.items():
+            k = int(np.searchsorted(total, q * total[-1]))
+            report[name] = min(top, float(_LOWEST_S * 2 ** ((k + 0.5) / _PER_OCTAVE) * 1e6))
+        return {**report, "max": top}

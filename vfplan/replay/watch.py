@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.replay.findings import finding
-
 Array = NDArray[np.float64]
 
 GAP = 1.5  # an interval longer than this many nominal ones misses samples
@@ -89,11 +87,6 @@ class SessionWatch:
         self._jump_count += len(jumps)
         self._jumps += [int(j) for j in jumps[: LISTED - len(self._jumps)]]
 
-    @property
-    def duration_s(self) -> float:
-        """A guess of one interval after the other [s], for progress."""
-        return self._nominal * self._count
-
     def report(self) -> dict[str, Any]:
         """The `session` part of a replay's report."""
         data: dict[str, Any] = {
@@ -115,24 +108,6 @@ class SessionWatch:
             data["jumps"] = self._jump_count
             data["jump_ticks"] = self._jumps
         return data
-
-    def findings(self) -> list[dict[str, str]]:
-        """What a person should look at."""
-        found = []
-        if self._gap_count:
-            message = (
-                f"{self._gap_count} gaps, about {self._missing} samples missing; the longest "
-                f"interval is {self._dt_max:.6g} s of {self._nominal:.6g} s"
-            )
-            found.append(finding("session-gap", "warning", message))
-        if self._jump_count:
-            speed, tick = self._speed
-            message = (
-                f"{self._jump_count} jumps faster than {JUMP_M_S:g} m/s; the fastest is "
-                f"{speed:.6g} m/s at tick {tick}"
-            )
-            found.append(finding("session-jump", "error", message))
-        return found
 
 
 def _runs(flags: NDArray[np.bool_]) -> list[tuple[bool, int]]:

@@ -16,6 +16,7 @@ from vfplan.session.result import (
     read_result,
     write_result,
 )
+from vfplan.session.ros import RosOptions
 from vfplan.session.ticksfile import CsvWriter
 from vfplan.session.types import BLOCK, Session, SessionStream, Source
 
@@ -25,6 +26,7 @@ __all__ = [
     "RESULT_VERSION",
     "CsvWriter",
     "ResultWriter",
+    "RosOptions",
     "Session",
     "SessionStream",
     "Source",

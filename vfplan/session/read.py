@@ -1,4 +1,4 @@
-"""Open a session file by what it is: CSV, HDF5 or `.npz`."""
+"""Open a session file by what it is: CSV, HDF5, `.npz` or a ROS bag."""
 
 from __future__ import annotations
 
@@ -6,41 +6,65 @@ import functools
 import hashlib
 from pathlib import Path
 
-from vfplan.errors import SessionError
+from vfplan.errors import SessionError, SettingError
 from vfplan.session.arrays import hdf5_header, npz_header, read_hdf5, read_npz
 from vfplan.session.csvfile import WANTED, csv_columns, read_csv
+from vfplan.session.ros import RosOptions, bag_header, bag_sha256, is_bag, read_bag
 from vfplan.session.types import Session, SessionStream, unit_factor
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _ZIP_MAGIC = b"PK\x03\x04"
 
 
-def read_session(path: str | Path, *, units: str = "m", frame: str = "robot_base") -> Session:
+def read_session(
+    path: str | Path,
+    *,
+    units: str = "m",
+    frame: str = "robot_base",
+    ros: RosOptions | None = None,
+) -> Session:
     """Read a whole recording of HIP positions.
 
     Parameters
     ----------
     path
-        CSV with a header that names t (s), x, y, z; or HDF5 or `.npz` with `time` (T,) and
-        `hip` (T, 3).
+        CSV with a header that names t (s), x, y, z; HDF5 or `.npz` with `time` (T,) and
+        `hip` (T, 3); or a ROS 1 or ROS 2 bag.
     units
         Of the positions in the file: "m" or "mm".
     frame
         The frame the positions are in.
+    ros
+        For a ROS bag: which topic, which field, and where the tool's tip is.
 
     Raises
     ------
     SessionError
         The file is missing, is none of these, or holds fewer than two samples, a value that is
         not finite, or a time that does not increase.
+    MissingExtra
+        A ROS bag, and the library `rosbags` is not installed.
     """
-    return open_session(path, units=units, frame=frame).load()
+    return open_session(path, units=units, frame=frame, ros=ros).load()
 
 
-def open_session(path: str | Path, *, units: str = "m", frame: str = "robot_base") -> SessionStream:
+def open_session(
+    path: str | Path,
+    *,
+    units: str = "m",
+    frame: str = "robot_base",
+    ros: RosOptions | None = None,
+) -> SessionStream:
     """Open a recording to be read block by block; as `read_session` otherwise."""
     path = Path(path)
     factor = unit_factor(units)
+    if is_bag(path):
+        chosen, notes = bag_header(path, ros or RosOptions())
+        read = functools.partial(read_bag, path, factor, chosen)
+        notes = {"format": "ros", "units": units, **notes}
+        return SessionStream(read, path.name, frame, bag_sha256(path), notes)
+    if ros is not None:
+        raise SettingError("topic, field and tool tip are for ROS bags", where=path.name)
     magic = _first_bytes(path)
     digest = _sha256(path)
     notes: dict[str, object] = {}
