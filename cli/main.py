@@ -28,6 +28,7 @@ COMMANDS: dict[str, str] = {
     "bench": "Error against run time, for every stage.",
     "import": "A bundle from any point cloud or mesh.",
     "export": "A bundle's points as PLY, CSV or .mrk.json.",
+    "view": "A fixture and a replay in three dimensions.",
     "demo": "The whole pipeline on the shipped sample.",
 }
 

@@ -8,112 +8,198 @@ from typing import Any
 
 import click
 from vfplan.cli import options
+from vfplan.cli.options import FILE, Numbers
+from vfplan.cli.replay_text import replay_text
 from vfplan.cli.run import Report, outputs, progress, refuse_existing
 from vfplan.cli.run import command as vfplan_command
 
 
+class Bound(click.ParamType):
+    """`NAME=NUMBER`: a number of the report and its limit."""
+
+    name = "bound"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """The name shown in the help."""
+        return "NAME=NUMBER"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, float]:
+        """Parse; a usage error (exit 2) names the value found and what is allowed."""
+        if isinstance(value, tuple):
+            return value
+        name, _, number = str(value).partition("=")
+        try:
+            limit = float(number)
+        except ValueError:
+            self.fail(f"{value!r}; NAME=NUMBER wanted, e.g. force_max_n=20", param, ctx)
+        if not abs(limit) < float("inf"):
+            self.fail(f"{value!r}; a finite number wanted", param, ctx)
+        return name, limit
+
+
+OPTIONS = [
+    click.option("--csv", "csv_out", type=FILE, help="Per-tick result as CSV."),
+    click.option("--report", type=FILE, metavar="DIR",
+                 help="Folder for one self-contained HTML report with pictures."),
+    click.option("--image", type=FILE, metavar="IMAGE",
+                 help="The planned slice: the report maps depth back onto it."),
+    click.option("--rule", type=click.Choice(["robust", "paper", "both"]), default="robust",
+                 show_default=True, help="How the proxy moves; `both`: side by side."),
+    click.option("--engine", type=click.Choice(["native", "reference"]), default="native",
+                 show_default=True, help="The controller's own core, or the paper's algorithms in "
+                 "NumPy (rule `paper` only)."),
+    click.option("--units", type=click.Choice(["m", "mm"]), default="m", show_default=True,
+                 help="Unit of the session's positions."),
+    click.option("--frame", default="robot_base", show_default=True,
+                 help="Frame of the session's positions."),
+    click.option("--topic", help="ROS bag: the topic; needed when several hold positions."),
+    click.option("--field", help="ROS bag: the message's field, e.g. pose or O_T_EE."),
+    click.option("--tool-tip", type=Numbers(3, metavar="X,Y,Z", positive=False),
+                 help="ROS bag: the tip in the pose's frame [m]."),
+    click.option("--rate", "rate_hz", type=Numbers(1, metavar="HZ"),
+                 help="Resample the session by straight lines."),
+    click.option("--robot", default="none", show_default=True, metavar="franka|none|FILE",
+                 help="Hold forces, force steps and speeds against a robot's limits."),
+    click.option("--at-most", type=Bound(), multiple=True,
+                 help="A check: this number of the report is no larger. Repeatable."),
+    click.option("--at-least", type=Bound(), multiple=True,
+                 help="A check: this number of the report is no smaller. Repeatable."),
+    click.option("--drop", type=click.FloatRange(0, 1, max_open=True), metavar="P",
+                 help="Lossy link: probability that a packet is lost."),
+    click.option("--jitter", type=click.FloatRange(0), metavar="MS",
+                 help="Lossy link: samples are up to this much older than their stamp."),
+    click.option("--delay", type=click.IntRange(0), metavar="TICKS",
+                 help="Lossy link: samples arrive this many ticks late."),
+    click.option("--quantise", type=click.FloatRange(0, min_open=True), metavar="UM",
+                 help="Lossy link: positions are rounded to multiples of this."),
+    click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
+                 help="Lossy link: seed of its random numbers."),
+]  # fmt: skip
+
+
+def _with_options(function: Any) -> Any:
+    for option in reversed(OPTIONS):
+        function = option(function)
+    return function
+
+
 @vfplan_command("replay", short_help="Replay a session against a fixture.")
-@click.argument("fixture", type=options.FILE)
-@click.argument("session", type=options.FILE)
+@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
+@click.argument("session", type=FILE, metavar="SESSION")
 @options.output("Per-tick result, HDF5.", required=False)
-@click.option("--csv", "csv_out", type=options.FILE, help="Per-tick result as CSV.")
-@click.option(
-    "--rule",
-    type=click.Choice(["robust", "paper", "both"]),
-    default="robust",
-    show_default=True,
-    help="How the proxy moves; `both` replays the two side by side.",
-)
-@click.option(
-    "--engine",
-    type=click.Choice(["native", "reference"]),
-    default="native",
-    show_default=True,
-    help="The controller's own core, or the paper's algorithms in NumPy (rule `paper` only).",
-)
-@click.option(
-    "--units",
-    type=click.Choice(["m", "mm"]),
-    default="m",
-    show_default=True,
-    help="Unit of the session's positions.",
-)
-@click.option(
-    "--frame", default="robot_base", show_default=True, help="Frame of the session's positions."
-)
+@_with_options
+@options.signature()
 def command(
     fixture: Path,
     session: Path,
     output: Path | None,
     csv_out: Path | None,
+    report: Path | None,
     overwrite: bool,
-    rule: str,
-    engine: str,
-    units: str,
-    frame: str,
+    **given: Any,
 ) -> Report:
-    """Replay SESSION (a recording of HIP positions) against FIXTURE, tick by tick.
+    """Replay SESSION (a recording of HIP positions) against FIXTURE.h5, tick by tick.
 
+    SESSION is a CSV with a header t,x,y,z, an HDF5 or .npz file with time and hip, or a ROS bag.
     Reports contact episodes, forces, penetration, energy and timing; every number is defined in
-    docs/replay.md.
+    docs/replay.md. Exit 1 when a limit that was given does not hold; the files are written then
+    too, as the record of it.
     """
-    from vfplan.replay import replay
-    from vfplan.session import open_session
-
     refuse_existing(output, csv_out, overwrite=overwrite)
-    source = open_session(session, units=units, frame=frame)
-    with (
-        outputs(output, csv_out) as (result_path, csv_path),
-        progress("replay", source.ticks or 0) as done,
-        ExitStack() as files,
-    ):
-        sinks = [lambda rule, block: done(len(block))]
-        sinks += _files(files, result_path, csv_path, rule)
-        replayed = replay(fixture, source, rule=rule, engine=engine, keep=0, sinks=sinks)
-    return Report(replayed.metrics, replay_text(replayed.metrics))
+    if report is not None:
+        _refuse_folder(report, overwrite)
+    elif given["image"] is not None:
+        raise click.UsageError("--image is for the pictures of --report DIR")
+    with outputs(output, csv_out) as (result_path, csv_path):
+        replayed = _replayed(fixture, session, (result_path, csv_path), report is not None, given)
+        if report is not None:
+            from vfplan.report import write_report
+
+            write_report(replayed, report, image=given["image"], overwrite=overwrite)
+    return Report(
+        replayed.metrics, replay_text(replayed.metrics), exit_code=int(not replayed.passed)
+    )
 
 
-def _files(files: ExitStack, result: Path | None, table: Path | None, rule: str) -> list[Any]:
-    """Sinks that write the result and the CSV; closed with `files`."""
+def _refuse_folder(folder: Path, overwrite: bool) -> None:
+    from vfplan.errors import OutputError
+
+    if folder.is_dir() and any(folder.iterdir()) and not overwrite:
+        raise OutputError("is not empty; give --overwrite to replace it", where=str(folder))
+    if not folder.is_dir():
+        refuse_existing(folder, overwrite=False)
+
+
+def _replayed(
+    fixture: Path,
+    session: Path,
+    paths: tuple[Path | None, Path | None],
+    pictures: bool,
+    given: dict[str, Any],
+) -> Any:
+    from vfplan.replay import Link, replay
+    from vfplan.robot import read_robot
+
+    source = _source(session, given)
+    link = Link(
+        drop=given["drop"],
+        jitter_s=None if given["jitter"] is None else given["jitter"] / 1e3,
+        delay_ticks=given["delay"],
+        quantum_m=None if given["quantise"] is None else given["quantise"] / 1e6,
+        seed=given["seed"],
+    )
+    bounds = [(*bound, "at_most") for bound in given["at_most"]]
+    bounds += [(*bound, "at_least") for bound in given["at_least"]]
+    rule = given["rule"]
+    with progress("replay", source.ticks or 0) as done, ExitStack() as files:
+        first = "robust" if rule == "both" else rule
+        writer, sinks = _files(files, *paths, rule)
+        replayed = replay(
+            fixture,
+            source,
+            rule=rule,
+            engine=given["engine"],
+            robot=read_robot(given["robot"]),
+            link=link,
+            limits=tuple((name, sense, limit) for name, limit, sense in bounds),
+            keep=65536 if pictures else 0,
+            sinks=[*sinks, lambda name, block: done(len(block) if name == first else 0)],
+            trust=given["trust"],
+        )
+        if writer is not None:
+            writer.set(replayed.record)
+    return replayed
+
+
+def _source(session: Path, given: dict[str, Any]) -> Any:
+    from vfplan.session import RosOptions, open_session, resampled
+
+    ros = RosOptions(given["topic"], given["field"], given["tool_tip"])
+    asked = ros if ros != RosOptions() else None
+    source = open_session(session, units=given["units"], frame=given["frame"], ros=asked)
+    return resampled(source, given["rate_hz"][0]) if given["rate_hz"] else source
+
+
+def _files(
+    files: ExitStack, result: Path | None, table: Path | None, rule: str
+) -> tuple[Any, list[Any]]:
+    """The result's writer, and sinks that fill it and the CSV; closed with `files`.
+
+    With rule `both` the paper's ticks go to the group `paper`, and the CSV holds the robust ones.
+    """
     from vfplan.session import CsvWriter, ResultWriter
 
     sinks: list[Any] = []
+    second = "paper" if rule == "both" else None
+    writer = None
     if result is not None:
-        groups = ("", "paper") if rule == "both" else ("",)
-        writer = files.enter_context(ResultWriter(result, {"rule": rule}, groups=groups))
-        second = {"paper": "paper"} if rule == "both" else {}
-        sinks.append(lambda name, block: writer.append(block, second.get(name, "")))
+        groups = ("",) if second is None else ("", second)
+        writer = files.enter_context(ResultWriter(result, {}, groups=groups))
+        append = writer.append
+        sinks.append(lambda name, block: append(block, second if name == second else ""))
     if table is not None:
         lines = files.enter_context(CsvWriter(table))
-        first = "robust" if rule == "both" else rule
-        sinks.append(lambda name, block: lines.append(block) if name == first else None)
-    return sinks
-
-
-def replay_text(found: dict[str, Any]) -> str:
-    """The short report a person reads."""
-    lines = [
-        f"rule {found['rule']}: {found['ticks']} ticks, {found['duration_s']:.3f} s, "
-        f"{found['contact_ticks']} in contact, {len(found['episodes'])} episodes",
-        f"penetration  max {1e3 * found['penetration_max_m']:.3f} mm, "
-        f"rms {1e3 * found['penetration_rms_m']:.3f} mm; "
-        f"overlap max {1e3 * found['overlap_max_m']:.3f} mm",
-        f"force        max {found['force_max_n']:.3f} N, rms {found['force_rms_n']:.3f} N, "
-        f"step max {found['force_step_max_n']:.3f} N",
-        f"clearance    min {1e3 * found['clearance_min_m']:.4f} mm; "
-        f"{found['entrenched_ticks']} ticks entrenched",
-        f"energy       {found['energy_j']:.6f} J to the hand, "
-        f"{found['energy_hold_j']:.6f} J of it from sampling",
-        "time a tick  {median:.2f} µs median, {p999:.2f} µs p99.9, {max:.2f} µs max".format(
-            **found["step_us"]
-        ),
-    ]
-    for episode in found["episodes"][:20]:
-        lines.append(
-            f"  episode {episode['index']}: {episode['start_s']:.3f}-{episode['end_s']:.3f} s, "
-            f"{1e3 * episode['penetration_max_m']:.3f} mm deep, {episode['force_max_n']:.3f} N"
-        )
-    if len(found["episodes"]) > 20:
-        lines.append(f"  and {len(found['episodes']) - 20} more (--json has all)")
-    lines += [f"{f['severity']}: {f['code']}: {f['message']}" for f in found["findings"]]
-    return "\n".join(lines)
+        sinks.append(lambda name, block: None if name == second else lines.append(block))
+    return writer, sinks

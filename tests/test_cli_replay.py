@@ -101,3 +101,34 @@ def test_replay_loads_no_picture_library(files, tmp_path):
     )
     heavy = {"cv2", "skimage", "matplotlib", "pyvista", "vtk", "vtkmodules", "scipy"}
     assert not set(done.stdout.split()) & heavy
+
+
+def test_report_folder(vfplan_cli, files, tmp_path):
+    run = vfplan_cli("replay", *files, "--report", tmp_path / "out", "--json")
+    assert run.code == 0, run.stderr
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["index.html"]
+    assert vfplan_cli("replay", *files, "--report", tmp_path / "out").code == 2
+    assert vfplan_cli("replay", *files, "--report", tmp_path / "out", "--overwrite").code == 0
+    assert vfplan_cli("replay", *files, "--image", tmp_path / "no.png").code == 2
+    bad = tmp_path / "bad.csv"
+    bad.write_text("t,x,y,z\n")
+    assert vfplan_cli("replay", files[0], bad, "--report", tmp_path / "none").code == 3
+    assert not (tmp_path / "none").exists()
+
+
+def test_signature_can_be_demanded(vfplan_cli, files, tmp_path):
+    pytest.importorskip("cryptography")
+    key, signed = tmp_path / "key.pem", tmp_path / "signed.h5"
+    made = vfplan_cli("keygen", "-o", key, "--json")
+    assert made.code == 0, made.stderr
+    public = key.with_suffix(".pub.pem") if key.with_suffix(".pub.pem").exists() else None
+    public = public or next(p for p in tmp_path.iterdir() if p != key)
+    assert vfplan_cli("sign", files[0], "--key", key, "--case", "C1", "-o", signed).code == 0
+    demand = ("--require-signature", public)
+    assert vfplan_cli("replay", files[0], files[1], *demand).code == 4
+    assert vfplan_cli("replay", signed, files[1], *demand, "--case", "C2").code == 4
+    run = vfplan_cli("replay", signed, files[1], *demand, "--case", "C1", "--json")
+    assert run.code == 0, run.stderr
+    assert run.json["fixture"]["signed"] is True
+    assert run.json["fixture"]["signature_checked"] is True
+    assert vfplan_cli("replay", signed, files[1], "--case", "C1").code == 2

@@ -16,7 +16,7 @@ LAYERS = [
     ["extraction", "registration", "marker_finding", "bundle", "proxy", "reference", "scenes"],
     ["centreline"],
     ["sampling"],
-    ["pipeline", "replay", "robot"],
+    ["pipeline", "replay"],
     ["accuracy", "stability"],
     ["figures", "view3d"],
     ["report"],

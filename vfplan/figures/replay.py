@@ -52,6 +52,8 @@ def timeline(replayed: Replay) -> Figure:
     with style():
         top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 1))
     for axis, name in enumerate("xyz"):
+        if not ticks.force[:, axis].any():
+            continue
         top.plot(ticks.time, ticks.force[:, axis], lw=0.8, label=f"$F_{name}$")
     top.plot(ticks.time, row_norms(ticks.force), color=FORCE, lw=1.2, label="$|F|$")
     top.set_ylabel("force on the hand [N]")
@@ -65,8 +67,7 @@ def timeline(replayed: Replay) -> Figure:
     for axes in (top, middle, bottom):
         shade_episodes(axes, replayed)
     for axes in (top, middle):
-        axes.legend(ncols=4, loc="upper right", fontsize=8)
-        axes.margins(y=0.25)
+        axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize=8)
     count = len(replayed.metrics["episodes"])
     top.set_title(f"{count} contact episode{'s' * (count != 1)}, rule {replayed.rule}", loc="left")
     return figure

@@ -12,8 +12,9 @@ from typing import Any
 
 from vfplan.replay.core import Replay, replay, result_record
 from vfplan.replay.engines import ENGINES, RULES
+from vfplan.replay.faults import Link
 
-__all__ = ["ENGINES", "RULES", "Replay", "replay", "result_record"]
+__all__ = ["ENGINES", "RULES", "Link", "Replay", "replay", "result_record"]
 
 
 class _Replaying(ModuleType):

@@ -53,6 +53,11 @@ class Replay:
     other: Replay | None = field(default=None, repr=False)
 
     @property
+    def trace(self) -> TickBlock:
+        """The ticks: `trace.proxy`, `.normal`, `.force` (T, 3), `.state` (T,)."""
+        return self.ticks
+
+    @property
     def record(self) -> dict[str, Any]:
         """What a result file keeps beside the ticks."""
         return result_record(self.metrics)

@@ -1,0 +1,116 @@
+"""What `vfplan replay` tells a person."""
+
+from __future__ import annotations
+
+from typing import Any
+
+EPISODES = 20  # listed; --json has all
+
+
+def replay_text(found: dict[str, Any]) -> str:
+    """The short report."""
+    lines = [_head(found), *_numbers(found)]
+    if "paper" in found:
+        lines += ["rule paper, side by side:", *("  " + text for text in _numbers(found["paper"]))]
+        lines.append(_apart("the rules", found["apart"]))
+    if "link" in found:
+        lines.append(_link(found["link"]))
+    if "robot" in found:
+        lines.append(_robot(found["robot"]))
+    lines += [_episode(episode) for episode in found["episodes"][:EPISODES]]
+    if len(found["episodes"]) > EPISODES:
+        lines.append(f"  and {len(found['episodes']) - EPISODES} more (--json has all)")
+    lines += [f"{f['severity']}: {f['code']}: {f['message']}" for f in found["findings"]]
+    lines += [_check(check) for check in found.get("checks", [])]
+    return "\n".join(lines)
+
+
+def _head(found: dict[str, Any]) -> str:
+    session = found["session"]
+    return (
+        f"rule {found['rule']}: {found['ticks']} ticks at {session['rate_hz']:.6g} Hz, "
+        f"{found['duration_s']:.3f} s, {found['contact_ticks']} in contact, "
+        f"{len(found['episodes'])} episodes"
+    )
+
+
+def _numbers(found: dict[str, Any]) -> list[str]:
+    lines = [
+        f"penetration  max {_mm(found['penetration_max_m'])}, "
+        f"rms {_mm(found['penetration_rms_m'])}; overlap max {_mm(found['overlap_max_m'])}",
+        f"force        max {found['force_max_n']:.3f} N, rms {found['force_rms_n']:.3f} N, "
+        f"step max {found['force_step_max_n']:.3f} N",
+        f"clearance    min {1e6 * found['clearance_min_m']:.2f} µm (band "
+        f"{1e6 * found['scene']['band_m']:.1f} µm); {found['entrenched_ticks']} ticks entrenched",
+        f"energy       {1e3 * found['energy_j']:.4f} mJ to the hand, of it "
+        f"{1e3 * found['energy_hold_j']:.4f} mJ by sampling",
+    ]
+    if "friction" in found:
+        lines.append(
+            f"sliding      {_mm(found['slide_m'])}, apparent friction {found['friction']:.5f}, "
+            f"lag rms {1e6 * found['lag_rms_m']:.2f} µm"
+        )
+    times = found["step_us"]
+    lines.append(
+        f"time a tick  {times['median']:.2f} µs median, {times['p999']:.2f} µs p99.9, "
+        f"{times['max']:.2f} µs max"
+    )
+    return lines
+
+
+def _mm(metres: float) -> str:
+    return f"{1e3 * metres:.3f} mm"
+
+
+def _apart(who: str, apart: dict[str, Any]) -> str:
+    if not apart["span_count"]:
+        return f"{who} never part by more than {1e6 * apart['threshold_m']:.0f} µm"
+    return (
+        f"{who} part {apart['span_count']} times, first at tick {apart['first_tick']} "
+        f"({apart['first_s']:.3f} s); at most {_mm(apart['proxy_max_m'])} and "
+        f"{apart['force_max_n']:.3f} N apart"
+    )
+
+
+def _link(link: dict[str, Any]) -> str:
+    names = ("drop", "jitter_s", "delay_ticks", "quantum_m", "seed")
+    faults = ", ".join(f"{name} {link[name]:g}" for name in names if name in link)
+    perfect = link["perfect"]
+    lost = f"; {link['lost']} packets lost, {link['lost_longest']} in a row" * ("lost" in link)
+    return (
+        f"lossy link   {faults}{lost}; over a perfect link: force max "
+        f"{perfect['force_max_n']:.3f} N, energy {1e3 * perfect['energy_j']:.4f} mJ; forces differ "
+        f"by up to {link['apart']['force_max_n']:.3f} N"
+    )
+
+
+def _robot(robot: dict[str, Any]) -> str:
+    units = {"force": "N", "force_step": "N a tick", "speed": "m/s"}
+    keys = {
+        "force": "force_limit_n",
+        "force_step": "force_step_limit_n",
+        "speed": "speed_limit_m_s",
+    }
+    parts = [
+        f"{name.replace('_', ' ')} over {robot[keys[name]]:g} {unit} in "
+        f"{robot[f'{name}_over_ticks']} ticks"
+        for name, unit in units.items()
+        if keys[name] in robot
+    ]
+    return f"robot {robot['name']}: " + ", ".join(parts)
+
+
+def _episode(episode: dict[str, Any]) -> str:
+    along = episode.get("deepest_along")
+    place = "" if along is None else f", at {1e3 * along['s_m']:.1f} mm of stroke {along['stroke']}"
+    return (
+        f"  episode {episode['index']}: {episode['start_s']:.3f}-{episode['end_s']:.3f} s, "
+        f"{_mm(episode['penetration_max_m'])} deep{place}, {episode['force_max_n']:.3f} N"
+    )
+
+
+def _check(check: dict[str, Any]) -> str:
+    sense = "at_most" if "at_most" in check else "at_least"
+    verdict = "pass" if check["pass"] else "FAIL"
+    words = sense.replace("_", " ")
+    return f"{verdict}: {check['name']} is {check['value']:.6g}, {words} {check[sense]:g} wanted"

@@ -1,0 +1,70 @@
+"""`vfplan view`: a fixture and a replay in three dimensions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from vfplan.cli.options import FILE, Numbers
+from vfplan.cli.run import Report, outputs, refuse_existing
+from vfplan.cli.run import command as vfplan_command
+
+
+@vfplan_command("view", short_help="A fixture and a replay in three dimensions.")
+@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
+@click.argument("result", type=FILE, required=False, metavar="[RESULT.h5]")
+@click.option("--screenshot", type=FILE, metavar="PNG", help="Write one view; needs no screen.")
+@click.option("--movie", type=FILE, metavar="GIF", help="Write the replay; needs no screen.")
+@click.option(
+    "--at",
+    "at_s",
+    type=Numbers(1, metavar="S", positive=False),
+    help="The time shown by --screenshot.  [default: the deepest tick]",
+)
+@click.option(
+    "--frames",
+    type=click.IntRange(1, 2000),
+    default=120,
+    show_default=True,
+    help="Frames of --movie.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace output files that exist.")  # fmt: skip
+def command(
+    fixture: Path,
+    result: Path | None,
+    screenshot: Path | None,
+    movie: Path | None,
+    at_s: tuple[float] | None,
+    frames: int,
+    overwrite: bool,
+) -> Report:
+    """Show FIXTURE.h5, and with RESULT.h5 (of `replay -o`) HIP, proxy, contact sphere and force.
+
+    Opens a window with a time slider, unless --screenshot or --movie is given: those need no
+    screen, only an OpenGL library (Debian: libosmesa6).
+    """
+    if movie is not None and result is None:
+        raise click.UsageError("--movie needs RESULT.h5")
+    if at_s is not None and (screenshot is None or result is None):
+        raise click.UsageError("--at needs --screenshot and RESULT.h5")
+    refuse_existing(screenshot, movie, overwrite=overwrite)
+    from vfplan.bundle import read_fixture
+    from vfplan.session import read_result
+
+    cloud = read_fixture(fixture)
+    ticks = None if result is None else read_result(result)[0]
+    from vfplan import view3d
+
+    if screenshot is None and movie is None:
+        view3d.show(cloud, ticks)
+    with outputs(screenshot, movie) as (picture, film):
+        if picture is not None:
+            view3d.draw_view(cloud, picture, ticks=ticks, at_s=at_s[0] if at_s else None)
+        if film is not None:
+            view3d.draw_movie(cloud, film, ticks, frames=frames)
+    written = [str(path) for path in (screenshot, movie) if path is not None]
+    data: dict[str, Any] = {"points": len(cloud.points), "files": written}
+    if ticks is not None:
+        data["ticks"] = len(ticks)
+    return Report(data, "\n".join(f"wrote {name}" for name in written))

@@ -1,0 +1,120 @@
+"""How deep the hand went along the planned curve: as a plot, and on the slice it was drawn on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from vfplan.errors import InputError
+from vfplan.figures.style import CLOUD, PROXY, new_figure, save_png, style
+from vfplan.fixture import Fixture
+from vfplan.image import PlannedImage
+from vfplan.replay import Replay
+from vfplan.replay.quantities import HELD_M
+from vfplan.replay.ruler import CurveRuler
+
+Array = NDArray[np.float64]
+MM = 1e3
+
+
+def draw_depth(replayed: Replay, path: Path) -> None:
+    """Deepest penetration along the planned curve, as a PNG."""
+    save_png(depth_plot(replayed), path)
+
+
+def draw_slice_depth(replayed: Replay, image: PlannedImage, path: Path) -> None:
+    """The slice with the planned curve on it, coloured by the deepest penetration, as a PNG."""
+    save_png(slice_depth(replayed, image), path)
+
+
+def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
+    """The curve's ruler and (N,) the deepest penetration held at each planned point [m].
+
+    A tick counts for the planned point nearest to its proxy; 0 where the hand never pressed.
+
+    Raises
+    ------
+    InputError
+        The fixture was not drawn as a curve.
+    """
+    ruler = CurveRuler.of(replayed.fixture)
+    if ruler is None:
+        raise InputError("a cloud that was not drawn as a curve has no depth along it")
+    ticks = replayed.ticks
+    held = ticks.penetration > HELD_M
+    depth = np.zeros(len(ruler.points))
+    np.maximum.at(depth, ruler.nearest(ticks.proxy[held]), ticks.penetration[held])
+    return ruler, depth
+
+
+def image_places(fixture: Fixture) -> Array:
+    """(N, 2) where the planned points lie on the slice, (u, v) [px].
+
+    The least-squares inverse of the registration's 2-D -> 3-D map; exact for points it made.
+
+    Raises
+    ------
+    InputError
+        The fixture was not registered from an image.
+    """
+    record = fixture.registration
+    if record is None or record.T_robot_image.shape != (3, 3):
+        raise InputError("the fixture holds no registration from an image's pixels")
+    T_robot_image = record.T_robot_image
+    rest = fixture.points - T_robot_image[:, 2]
+    return np.linalg.lstsq(T_robot_image[:, :2], rest.T, rcond=None)[0].T
+
+
+def depth_plot(replayed: Replay) -> Figure:
+    """The figure of `draw_depth`."""
+    ruler, depth = depth_along(replayed)
+    figure = new_figure(7.0, 2.6)
+    with style():
+        axes = figure.subplots()
+    for stroke in np.unique(ruler.stroke):
+        part = ruler.stroke == stroke
+        where, deep = MM * ruler.arclength[part], MM * depth[part]
+        axes.fill_between(where, deep, color=PROXY, alpha=0.25, lw=0)
+        axes.plot(where, deep, lw=0.9, color=PROXY, label=f"stroke {stroke}")
+    axes.set_xlabel("along the planned curve [mm]")
+    axes.set_ylabel("deepest penetration [mm]")
+    axes.set_ylim(bottom=0)
+    axes.margins(x=0)
+    if len(np.unique(ruler.stroke)) > 1:
+        axes.legend(fontsize=8)
+    return figure
+
+
+def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
+    """The figure of `draw_slice_depth`.
+
+    Raises
+    ------
+    InputError
+        Another image than the one the fixture was planned on.
+    """
+    planned = replayed.fixture.provenance.inputs.get("image")
+    if planned is not None and planned != image.sha256:
+        raise InputError(
+            f"the image's SHA-256 is {image.sha256[:12]}..., the fixture was planned on "
+            f"{planned[:12]}...; the same image wanted"
+        )
+    _, depth = depth_along(replayed)
+    places = image_places(replayed.fixture)
+    height, width = image.rgb.shape[:2]
+    figure = new_figure(7.0, max(3.0, 7.0 * height / width - 0.4))
+    with style():
+        axes = figure.subplots()
+    grey = np.asarray(image.rgb, float).mean(axis=2)
+    axes.imshow(grey, cmap="gray", vmax=1.25 * max(1.0, grey.max()), interpolation="nearest")
+    pressed = depth > 0
+    axes.plot(*places[~pressed].T, ".", ms=1.2, color=CLOUD)
+    shown = axes.scatter(
+        *places[pressed].T, c=MM * depth[pressed], s=14, cmap="autumn_r", vmin=0, zorder=3
+    )
+    figure.colorbar(shown, ax=axes, label="deepest penetration [mm]", shrink=0.8)
+    axes.set_axis_off()
+    return figure

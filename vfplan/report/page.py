@@ -1,0 +1,124 @@
+"""The page: verdict, numbers, pictures, scrubber, episodes, settings."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import os
+import shutil
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from vfplan.errors import OutputError
+from vfplan.figures.depth import depth_plot, slice_depth
+from vfplan.figures.replay import scene, timeline
+from vfplan.figures.style import save_png
+from vfplan.replay import Replay
+from vfplan.report.scrubber import scrubber_data
+from vfplan.report.tables import checks, episodes, findings, settings, summary
+
+# The page may show what it carries and fetch nothing.
+_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+
+
+def write_report(
+    replayed: Replay, folder: Path, *, image: Path | None = None, overwrite: bool = False
+) -> Path:
+    """Write `folder/index.html`, a page that needs nothing else.
+
+    Parameters
+    ----------
+    replayed
+        A replay that kept ticks.
+    folder
+        Made when it is not there; with `overwrite` its `index.html` is replaced.
+    image
+        The planned slice, to map depth back onto it.
+
+    Raises
+    ------
+    InputError
+        An image that is not the one the fixture was planned on.
+    """
+    folder = Path(folder)
+    if (folder / "index.html").exists() and not overwrite:
+        raise OutputError("exists already; give --overwrite", where=str(folder / "index.html"))
+    text = page(replayed, image=image)
+    made = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    temporary = folder / f".index-{os.getpid()}.html"
+    try:
+        temporary.write_text(text, encoding="utf-8")
+        temporary.replace(folder / "index.html")
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        if made:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise OutputError(f"cannot be written: {error.strerror}", where=str(folder)) from None
+    return folder / "index.html"
+
+
+def page(replayed: Replay, *, image: Path | None = None) -> str:
+    """The HTML text of the report."""
+    found = replayed.metrics
+    parts = files("vfplan.report")
+    # "</" inside the data would end the script element.
+    data = json.dumps(scrubber_data(replayed), allow_nan=False).replace("</", "<\\/")
+    title = f"Replay of {escape(found['session']['name'])}"
+    body = "\n".join(
+        [
+            f"<header><h1>{title}</h1>{_verdict(found)}</header>",
+            _section("Summary", summary(found) + checks(found) + findings(found)),
+            _section("Over time", _picture(timeline(replayed), "force and depth over time")),
+            _section("Frame by frame", (parts / "scrubber.html").read_text("utf-8")),
+            *_places(replayed, image),
+            _section("Contact episodes", episodes(found)),
+            _section("What was replayed", settings(found, replayed.fixture)),
+        ]
+    )
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{title}</title>"
+        f"<style>{(parts / 'style.css').read_text('utf-8')}</style></head><body>\n{body}\n"
+        f'<script type="application/json" id="data">{data}</script>'
+        f"<script>{(parts / 'scrubber.js').read_text('utf-8')}</script></body></html>\n"
+    )
+
+
+def _verdict(found: dict[str, Any]) -> str:
+    if "checks" not in found:
+        return '<p class="verdict none">no limits given</p>'
+    failed = sum(not check["pass"] for check in found["checks"])
+    if failed:
+        return f'<p class="verdict fail">FAIL: {failed} of {len(found["checks"])} limits</p>'
+    return f'<p class="verdict pass">PASS: all {len(found["checks"])} limits hold</p>'
+
+
+def _places(replayed: Replay, image: Path | None) -> list[str]:
+    shown = [_section("In space", _picture(scene(replayed), "cloud, paths, contact circles"))]
+    if replayed.fixture.curve is not None and replayed.metrics["contact_ticks"]:
+        pictures = _picture(depth_plot(replayed), "depth along the planned curve")
+        if image is not None:
+            from vfplan.image import read_image
+
+            pictures += _picture(slice_depth(replayed, read_image(image)), "depth on the slice")
+        shown.append(_section("Along the planned curve", pictures))
+    return shown
+
+
+def _section(title: str, content: str) -> str:
+    return f"<section><h2>{escape(title)}</h2>{content}</section>"
+
+
+def _picture(figure: Figure, text: str) -> str:
+    held = io.BytesIO()
+    save_png(figure, held)
+    data = base64.b64encode(held.getvalue()).decode("ascii")
+    return f'<img alt="{escape(text)}" src="data:image/png;base64,{data}">'

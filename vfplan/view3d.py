@@ -1,0 +1,270 @@
+"""Three-dimensional views by PyVista: on a screen, or without one as PNG and GIF.
+
+VTK ends the whole process where it finds no OpenGL library, so the ways to render are first tried
+in a process of their own.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import MissingExtra, SettingError
+from vfplan.fixture import Fixture
+from vfplan.session import TickBlock
+
+Array = NDArray[np.float64]
+
+CLOUD, HIP, CONTACT, PROXY, FORCE = "#1f5fbf", "#2ca02c", "#d62728", "#b5179e", "#222222"
+# What VTK may render into without a screen, and the Debian package each one needs.
+WINDOWS = {"vtkOSOpenGLRenderWindow": "libosmesa6", "vtkEGLRenderWindow": "libegl1"}
+_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
+_PROBE = (
+    "import pyvista as pv; p = pv.Plotter(off_screen={off}, window_size=(32, 32)); "
+    "p.add_mesh(pv.Sphere(), color='red'); p.show(auto_close=False, interactive=False); "
+    "image = p.screenshot(return_img=True); print('drawn', int(image.max()) > int(image.min()))"
+)
+
+
+@functools.cache
+def offscreen_window() -> str | None:
+    """The VTK window class that renders here without a screen; `None` where none does."""
+    return next((name for name in WINDOWS if _draws({_VARIABLE: name}, off=True)), None)
+
+
+def _draws(env: dict[str, str], *, off: bool) -> bool:
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _PROBE.format(off=off)],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            env={**os.environ, **env},
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return done.returncode == 0 and "drawn True" in done.stdout
+
+
+def _pyvista(*, screen: bool) -> Any:
+    """PyVista, ready to render; raises `MissingExtra` where it would crash."""
+    if screen:
+        if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+            raise MissingExtra("no screen here; --screenshot PNG and --movie GIF work without one")
+        if not _draws({}, off=False):
+            raise MissingExtra("no OpenGL for this screen; Debian's package libgl1 has it")
+    else:
+        window = offscreen_window()
+        if window is None:
+            packages = " or ".join(WINDOWS.values())
+            raise MissingExtra(
+                f"no OpenGL library that renders without a screen; Debian's {packages} helps "
+                f"(apt install {WINDOWS['vtkOSOpenGLRenderWindow']})"
+            )
+        os.environ[_VARIABLE] = window  # VTK reads it when it is first imported
+    import pyvista
+
+    return pyvista
+
+
+def draw_view(
+    fixture: Fixture,
+    path: Path,
+    *,
+    ticks: TickBlock | None = None,
+    at_s: float | None = None,
+    size: tuple[int, int] = (1200, 900),
+) -> None:
+    """Write one view as a PNG, without a screen.
+
+    Parameters
+    ----------
+    fixture
+        Its cloud.
+    ticks
+        A replay's ticks; `None`: the cloud alone.
+    at_s
+        The time shown [s]; `None`: the deepest tick.
+    size
+        (width, height) [px].
+
+    Raises
+    ------
+    MissingExtra
+        Nothing here can render; the message names the package that helps.
+    SettingError
+        A time outside the replay.
+    """
+    stage = Stage(_pyvista(screen=False), fixture, ticks, size=size, off_screen=True)
+    stage.show_tick(stage.tick_at(at_s))
+    stage.plotter.show(auto_close=False, interactive=False)
+    stage.plotter.screenshot(str(path))
+    stage.plotter.close()
+
+
+def draw_movie(
+    fixture: Fixture,
+    path: Path,
+    ticks: TickBlock,
+    *,
+    frames: int = 120,
+    fps: float = 20.0,
+    size: tuple[int, int] = (640, 480),
+) -> None:
+    """Write the replay as an animated GIF, without a screen; raises as `draw_view`.
+
+    Frames are evenly spaced in time; `fps` frames are shown a second.
+    """
+    from PIL import Image
+
+    stage = Stage(_pyvista(screen=False), fixture, ticks, size=size, off_screen=True)
+    stage.show_tick(0)
+    stage.plotter.show(auto_close=False, interactive=False)
+    shots = []
+    for time in np.linspace(ticks.time[0], ticks.time[-1], max(1, min(frames, len(ticks)))):
+        stage.show_tick(stage.tick_at(float(time)))
+        shots.append(Image.fromarray(stage.plotter.screenshot(return_img=True)))
+    stage.plotter.close()
+    first, *rest = (shot.quantize(64) for shot in shots)
+    first.save(
+        path, format="GIF", save_all=True, append_images=rest, duration=round(1000 / fps), loop=0
+    )
+
+
+def show(fixture: Fixture, ticks: TickBlock | None = None) -> None:
+    """Open a window: turn and zoom by mouse, move through time by the slider.
+
+    Raises `MissingExtra` where there is no screen or no OpenGL.
+    """
+    stage = Stage(_pyvista(screen=True), fixture, ticks, size=(1200, 900), off_screen=False)
+    stage.show_tick(stage.tick_at(None))
+    if ticks is not None:
+        stage.plotter.add_slider_widget(
+            lambda time: stage.show_tick(stage.tick_at(time)),
+            (float(ticks.time[0]), float(ticks.time[-1])),
+            value=float(ticks.time[stage.tick_at(None)]),
+            title="time [s]",
+        )
+    stage.plotter.show()
+
+
+class Stage:
+    """The cloud and paths, and the parts that move with time.
+
+    Parameters
+    ----------
+    pyvista
+        The module, imported when it is known to work.
+    fixture, ticks, size, off_screen
+        As for `draw_view`.
+    """
+
+    def __init__(
+        self,
+        pyvista: Any,
+        fixture: Fixture,
+        ticks: TickBlock | None,
+        *,
+        size: tuple[int, int],
+        off_screen: bool,
+    ) -> None:
+        self._pv = pyvista
+        self._fixture = fixture
+        self._ticks = ticks
+        self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=size)
+        self.plotter.set_background("white")
+        self._add_cloud()
+        if ticks is not None:
+            for path, colour, width in ((ticks.hip, HIP, 2), (ticks.proxy, PROXY, 3)):
+                if len(path) > 1:
+                    line = pyvista.lines_from_points(path)
+                    self.plotter.add_mesh(line, color=colour, line_width=width, opacity=0.6)
+        self.plotter.add_axes()
+        self._look()
+
+    def _add_cloud(self) -> None:
+        fixture = self._fixture
+        self.plotter.add_mesh(
+            self._pv.PolyData(fixture.points),
+            color=CLOUD,
+            point_size=5.0,
+            render_points_as_spheres=True,
+            opacity=0.7 if len(fixture.points) > 5000 else 1.0,
+        )
+        if fixture.rendering is None or fixture.ignore_axis is None or fixture.curve is None:
+            return
+        # A planar fixture goes on along its ignored axis: show a strip of it.
+        up = 2 * fixture.contact_radius * fixture.ignore_axis
+        for stroke in range(len(fixture.curve.closed)):
+            line = fixture.points[fixture.curve.stroke == stroke]
+            if len(line) > 1:
+                grid = np.stack([line - up, line + up], axis=1)
+                strip = self._pv.StructuredGrid(*(grid[..., i][None] for i in range(3)))
+                self.plotter.add_mesh(strip, color=CLOUD, opacity=0.15)
+
+    def _look(self) -> None:
+        fixture = self._fixture
+        middle = fixture.points.mean(axis=0)
+        spread = max(float(np.ptp(fixture.points, axis=0).max()), 1e-3)
+        thin = np.linalg.eigh(np.cov((fixture.points - middle).T + 1e-12))[1][:, 0]
+        if self._ticks is not None:
+            thin = thin * (1 if (self._ticks.hip - middle).mean(axis=0) @ thin >= 0 else -1)
+        side = np.cross(thin, np.eye(3)[np.argmin(np.abs(thin))])
+        self.plotter.camera_position = [
+            tuple(
+                middle + 2.0 * spread * (0.75 * thin + 0.55 * side + 0.35 * np.cross(thin, side))
+            ),
+            tuple(middle),
+            tuple(thin),
+        ]
+        self.plotter.reset_camera()
+        self.plotter.camera.zoom(1.3)
+
+    def tick_at(self, time: float | None) -> int:
+        """The tick at a time, or the deepest one."""
+        if self._ticks is None:
+            if time is not None:
+                raise SettingError("a time needs a result to show")
+            return 0
+        if time is None:
+            return int(np.argmax(self._ticks.penetration))
+        first, last = self._ticks.time[0], self._ticks.time[-1]
+        if not first <= time <= last:
+            raise SettingError(f"time {time:g} s; {first:g} to {last:g} s wanted")
+        return int(np.searchsorted(self._ticks.time, time, "right")) - 1
+
+    def show_tick(self, tick: int) -> None:
+        """Put HIP, proxy, contact sphere, normal and force where they were."""
+        if self._ticks is None:
+            return
+        ticks, radius = self._ticks, self._fixture.contact_radius
+        hip, proxy = ticks.hip[tick], ticks.proxy[tick]
+        pv, add = self._pv, self.plotter.add_mesh
+        add(pv.Sphere(radius=0.12 * radius, center=hip), color=HIP, name="hip")
+        add(pv.Sphere(radius=0.12 * radius, center=proxy), color=PROXY, name="proxy")
+        add(pv.Sphere(radius=radius, center=proxy), color=CONTACT, opacity=0.25, name="contact")
+        self._arrow("normal", proxy, ticks.normal[tick] * 2.0 * radius, PROXY)
+        peak = np.sqrt((ticks.force**2).sum(axis=1).max())
+        self._arrow("force", hip, ticks.force[tick] / max(peak, 1e-12) * 1.4 * radius, FORCE)
+        force = float(np.sqrt((ticks.force[tick] ** 2).sum()))
+        depth = 1e3 * ticks.penetration[tick]
+        text = f"t = {ticks.time[tick]:.3f} s   force {force:.3f} N   depth {depth:.3f} mm"
+        self.plotter.add_text(text, font_size=10, color="black", name="readout")
+
+    def _arrow(self, name: str, start: Array, vector: Array, colour: str) -> None:
+        length = float(np.sqrt((vector**2).sum()))
+        if length < 1e-9:
+            self.plotter.remove_actor(name)
+            return
+        arrow = self._pv.Arrow(
+            start=start, direction=vector, scale=length, shaft_radius=0.025, tip_radius=0.07
+        )
+        self.plotter.add_mesh(arrow, color=colour, name=name)
