@@ -123,6 +123,23 @@ FIXTURE_OPTIONS = [
                  metavar="MM", help="Radius r_v of each point of the cloud.  [default: 0]"),
     click.option("--ignore-axis", type=click.Choice(["normal", "x", "y", "z", "none"]),
                  help="The fixture is infinite along it.  [default: normal, the drawn slice's]"),
+    click.option("--seen-from", type=Numbers(3, metavar="X,Y,Z", positive=False),
+                 help="Direction in the robot's frame from which the slice is looked at; refuses "
+                 "mirrored markers."),
+    click.option("--max-tre", "max_tre_mm", type=Numbers(1, metavar="MM"),
+                 help="Write nothing (exit 1) unless the registration error stays below this over "
+                 "the whole curve (95 % bound)."),
+    click.option("--margin", type=click.Choice(["tre95"]),
+                 help="Add that bound as a safety margin.  [default: none]"),
+    click.option("--margin-side", type=click.Choice(["both", "left", "right", "inside", "outside"]),
+                 default="both", show_default=True,
+                 help="Add it to the point radius, or move the curve to one side (left and right "
+                 "of the drawing's direction)."),
+    click.option("--find-markers", is_flag=True,
+                 help="Take the markers' pixels from the crosses or dots drawn near the given "
+                 "ones; says how far each moved."),
+    click.option("--picture-out", type=FILE, metavar="PNG",
+                 help="Write the slice with the residuals and the error along the curve."),
 ]  # fmt: skip
 
 
@@ -169,6 +186,11 @@ def fixture_settings(given: dict[str, Any]) -> Any:
         contact_radius=given["contact_radius_mm"][0] * 1e-3,
         point_radius=given["point_radius_mm"] * 1e-3,
         ignore_axis=given["ignore_axis"],
+        seen_from=given["seen_from"],
+        max_tre_m=given["max_tre_mm"] and given["max_tre_mm"][0] * 1e-3,
+        margin=given["margin"],
+        margin_side=given["margin_side"],
+        find_markers=given["find_markers"],
     )
 
 

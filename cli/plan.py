@@ -15,7 +15,7 @@ from vfplan.cli.options import (
     fixture_settings,
     output,
 )
-from vfplan.cli.register import registered_text
+from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.run import Report, command, outputs, refuse_existing
 
 
@@ -34,6 +34,7 @@ def command(
     overwrite: bool,
     mask_out: Path | None,
     overlay_out: Path | None,
+    picture_out: Path | None,
     **given: Any,
 ) -> Report:
     """Extract the curve drawn on IMAGE, register it by MARKERS and write a fixture bundle.
@@ -45,10 +46,14 @@ def command(
     from vfplan.pipeline import plan
 
     reading, making = extract_settings(given), fixture_settings(given)
-    refuse_existing(output, mask_out, overlay_out, overwrite=overwrite)
+    refuse_existing(output, mask_out, overlay_out, picture_out, overwrite=overwrite)
     made = plan(image, markers, markers2, extraction=reading, settings=making)
-    with outputs(output, mask_out, overlay_out) as (path, mask, overlay):
+    given_paths = (output, mask_out, overlay_out, picture_out)
+    with outputs(*given_paths) as (path, mask, overlay, picture):
         write_fixture(made.fixture, path)
         write_pictures(made.extracted, mask, overlay)
+        write_registration_picture(
+            made.registered, made.extracted.fixture, made.extracted.image, picture
+        )
     text = f"{extracted_text(made.extracted.report)}\n{registered_text(made.registered.report)}"
     return Report(made.report, f"{text}\nwrote {output}", warnings=list(made.warnings))

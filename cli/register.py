@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from vfplan.cli.options import FILE, fixture_options, fixture_settings, output
 from vfplan.cli.run import Report, command, outputs, refuse_existing
+
+if TYPE_CHECKING:
+    from vfplan.fixture import Fixture
+    from vfplan.image import PlannedImage
+    from vfplan.pipeline import Planned
 
 
 @command("register", short_help="Markers and a curve in, a fixture out.")
@@ -15,9 +20,22 @@ from vfplan.cli.run import Report, command, outputs, refuse_existing
 @click.argument("markers", type=FILE)
 @click.argument("markers2", type=FILE, required=False)
 @output("The fixture bundle to write.")
+@click.option(
+    "--image",
+    type=FILE,
+    metavar="IMAGE",
+    help="The slice the curve was drawn on: for --find-markers, and under --picture-out.",
+)
 @fixture_options
 def command(
-    curve: Path, markers: Path, markers2: Path | None, output: Path, overwrite: bool, **given: Any
+    curve: Path,
+    markers: Path,
+    markers2: Path | None,
+    output: Path,
+    overwrite: bool,
+    image: Path | None,
+    picture_out: Path | None,
+    **given: Any,
 ) -> Report:
     """Register CURVE.h5 to the robot by MARKERS and write a fixture bundle.
 
@@ -25,36 +43,111 @@ def command(
     .mrk.json or .fcsv.
     """
     from vfplan.bundle import read_fixture, write_fixture
+    from vfplan.image import read_image
     from vfplan.pipeline import register
 
     settings = fixture_settings(given)
-    refuse_existing(output, overwrite=overwrite)
-    planned = register(read_fixture(curve), markers, markers2, settings)
-    with outputs(output) as (path,):
+    if settings.find_markers and image is None:
+        raise click.UsageError("--find-markers needs --image, the slice the markers are drawn on")
+    refuse_existing(output, picture_out, overwrite=overwrite)
+    drawn = read_fixture(curve)
+    slice_ = None if image is None else read_image(image)
+    planned = register(drawn, markers, markers2, settings, image=slice_)
+    with outputs(output, picture_out) as (path, picture):
         write_fixture(planned.fixture, path)
+        write_registration_picture(planned, drawn, slice_, picture)
     text = f"{registered_text(planned.report)}\nwrote {output}"
     return Report(planned.report, text, warnings=list(planned.warnings))
 
 
+def write_registration_picture(
+    planned: Planned, curve: Fixture, image: PlannedImage | None, picture: Path | None
+) -> None:
+    """Write the registration's picture where one was asked for."""
+    if picture is None:
+        return
+    from vfplan.figures.registration import draw_registration
+
+    draw_registration(planned.registration, curve, picture, image=image)
+
+
 def registered_text(report: dict[str, Any]) -> str:
-    """The registration on a few lines."""
-
-    def mm(metres: float | None) -> str:
-        return "unknown" if metres is None else f"{metres * 1e3:.3f} mm"
-
-    worst = max(report["residuals"], key=lambda r: r["residual_m"])
+    """The registration on a screen."""
     lines = [
-        f"{report['model']} registration from {report['markers']} markers",
-        f"  FRE {mm(report['fre_rms_m'])} rms, worst {worst['label']} {mm(worst['residual_m'])}",
-        f"  leave-one-out {mm(report['loo_rms_m'])} rms",
-        f"  predicted TRE over the curve {mm(report['tre_rms_m'])} rms",
+        f"{report['model']} registration from {report['markers']} markers: "
+        f"FRE {_mm(report['fre_rms_m'])} rms, leave-one-out {_mm(report['loo_rms_m'])} rms",
+        f"  localisation error (FLE) about {_mm(report['fle_rms_m'])} a marker",
+        *_marker_lines(report),
+        *_error_lines(report["tre"]),
+        *_geometry_lines(report),
+        f"{report['points']} points, {_mm(report['spacing_m'])} apart",
     ]
-    if report["outliers"]:
-        lines.append(f"  outliers: {', '.join(map(str, report['outliers']))}")
-    lines.append(f"{report['points']} points, {mm(report['spacing_m'])} apart")
     if "sampling_error_m" in report:
         lines[-1] += (
             f"; {report['left_out']['points']} points left out, which adds at most "
             f"{report['sampling_error_m'] * 1e6:.1f} um to the surface"
         )
+    if "margin" in report:
+        lines.append(_margin_line(report["margin"]))
     return "\n".join(lines)
+
+
+def _mm(metres: float | None) -> str:
+    return "unknown" if metres is None else f"{metres * 1e3:.3f} mm"
+
+
+def _marker_lines(report: dict[str, Any]) -> list[str]:
+    width = max(6, *(len(str(marker["label"])) for marker in report["residuals"]))
+    lines = [f"  {'marker':<{width}}  residual  leave-one-out  leverage       F  [mm]"]
+    moved = {marker["label"]: marker["moved_px"] for marker in report.get("markers_found", ())}
+    reasons = {suspect["label"]: suspect["reason"] for suspect in report["suspects"]}
+    for marker in report["residuals"]:
+        label = marker["label"]
+        line = (
+            f"  {label!s:<{width}}  {_number(marker['residual_m'], 8, 1e3)}  "
+            f"{_number(marker['loo_m'], 13, 1e3)}  {_number(marker['leverage'], 8)}  "
+            f"{_number(marker['f'], 6, digits=1)}"
+        )
+        if label in moved:
+            line += f"  found {moved[label]:.2f} px away"
+        if label in reasons:
+            line += f"  suspect: {reasons[label]}"
+        lines.append(line)
+    return lines
+
+
+def _number(value: float, width: int, scale: float = 1.0, digits: int = 3) -> str:
+    known = value == value and abs(value) != float("inf")
+    return f"{value * scale:{width}.{digits}f}" if known else f"{'-':>{width}}"
+
+
+def _error_lines(tre: dict[str, Any]) -> list[str]:
+    place = ", ".join(f"{x:.1f}" for x in tre["worst_source"])
+    return [
+        f"  predicted TRE over the curve {_mm(tre['rms_m'])} rms, at most {_mm(tre['max_rms_m'])}",
+        f"  95 % bound: {_mm(tre['bound95_max_m'])} at its worst point ({place}), "
+        f"{_mm(tre['curve95_max_m'])} for the whole curve at once",
+    ]
+
+
+def _geometry_lines(report: dict[str, Any]) -> list[str]:
+    if "scale_m_per_px" not in report:
+        return [f"  scale {report['scale']:.6f}"]
+    faces = ", ".join(f"{x:+.3f}" for x in report["image_faces"])
+    line = (
+        f"  {report['scale_m_per_px'] * 1e3:.5f} mm/px, anisotropy {report['anisotropy']:.2%}, "
+        f"shear {report['shear']:+.2%}; the image faces ({faces})"
+    )
+    if "spacing_departure" in report:
+        shares = ", ".join(f"{share:+.2%}" for share in report["spacing_departure"])
+        line += f"; departs {shares} from the known spacing"
+    return [line]
+
+
+def _margin_line(margin: dict[str, Any]) -> str:
+    if margin["side"] == "both":
+        return f"margin: {_mm(margin['largest_m'])} added to the point radius"
+    return (
+        f"margin: the curve moved {_mm(margin['smallest_m'])} to {_mm(margin['largest_m'])} "
+        f"to the {margin['side']}, {margin['samples_dropped']} samples dropped in tight bends"
+    )

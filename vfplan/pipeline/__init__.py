@@ -73,7 +73,9 @@ def plan(
     Raises
     ------
     ImageError, CurveError, MarkerError, SettingError
+    CheckFailed
+        The registration's error may be larger than `settings.max_tre_m`.
     """
     extracted = extract(image, extraction or ExtractSettings())
-    registered = register(extracted.fixture, markers, markers2, settings)
+    registered = register(extracted.fixture, markers, markers2, settings, image=extracted.image)
     return Plan(registered.fixture, extracted, registered)

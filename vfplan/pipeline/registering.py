@@ -11,12 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, MarkerError, SettingError
-from vfplan.fixture import Fixture, Provenance, Rendering
-from vfplan.pipeline.carrying import Carried, carry, metres_per_unit
+from vfplan.fixture import Fixture, Frame, Provenance, Rendering
+from vfplan.pipeline.carrying import Carried, carry
+from vfplan.pipeline.margin import add_margin
 from vfplan.pipeline.provenance import file_sha256, make_provenance
 from vfplan.pipeline.settings import FixtureSettings
 
 if TYPE_CHECKING:
+    from vfplan.image import PlannedImage
+    from vfplan.marker_finding import FoundMarker
+    from vfplan.markers import Correspondences
     from vfplan.registration import Registration
 
 # An ignored axis further than this from the slice's normal would collapse the curve.
@@ -38,6 +42,8 @@ def register(
     markers: str | Path,
     markers2: str | Path | None = None,
     settings: FixtureSettings | None = None,
+    *,
+    image: PlannedImage | None = None,
 ) -> Planned:
     """Carry a curve into the robot's frame and sample it for rendering.
 
@@ -49,15 +55,57 @@ def register(
         One file with both positions of each marker, or two joined by label.
     settings
         The registration, the sampling and the rendering.
+    image
+        The slice the curve was drawn on; needed to find the markers in it.
 
     Raises
     ------
     MarkerError, CurveError, SettingError
+    CheckFailed
+        The registration's error may be larger than `settings.max_tre_m`.
     """
-    from vfplan.markers import read_markers
     from vfplan.registration import fit_registration
+    from vfplan.registration.diagnosis import check_max_tre, diagnose, target_error
+    from vfplan.registration.report import describe as describe_registration
 
     settings = settings or FixtureSettings()
+    pairs = _pairs(curve, markers, markers2)
+    started = time.perf_counter()
+    found = _find(pairs, curve, image) if settings.find_markers else ()
+    if found:
+        pairs = replace(pairs, source=np.array([marker.position_px for marker in found]))
+    registration = fit_registration(
+        pairs.source,
+        pairs.target,
+        model=settings.model,
+        robust=settings.robust,
+        labels=pairs.labels,
+        pixel_spacing=_spacing_m(curve) if pairs.source_frame == "image" else None,
+        sigma=pairs.sigma,
+        seen_from=settings.seen_from,
+    )
+    error = target_error(registration, curve.points)
+    if settings.max_tre_m is not None:
+        check_max_tre(error, settings.max_tre_m)
+    diagnosis = diagnose(registration)
+    guarded, making, margin = add_margin(curve, registration, settings)
+    fixture, carried = build_fixture(
+        guarded, registration, making, _hashes(markers, markers2), frame=pairs.target_frame
+    )
+    report = describe_registration(registration, curve.points, diagnosis=diagnosis, error=error)
+    report |= describe_fixture(fixture, carried, curve)
+    if found:
+        report["markers_found"] = [asdict(marker) for marker in found]
+    if margin is not None:
+        report["margin"] = margin.report
+    report["elapsed_s"] = time.perf_counter() - started
+    warnings = (*diagnosis.warnings, *error.warnings, *_frame_warning(pairs))
+    return Planned(fixture, registration, report, warnings)
+
+
+def _pairs(curve: Fixture, markers: str | Path, markers2: str | Path | None) -> Correspondences:
+    from vfplan.markers import read_markers
+
     if curve.frame == "robot_base":
         raise CurveError("is in frame 'robot_base' already; a curve of an image is wanted")
     pairs = read_markers(markers, markers2)
@@ -65,19 +113,30 @@ def register(
         raise MarkerError(
             f"markers are given in frame {pairs.source_frame!r}, the curve in {curve.frame!r}"
         )
-    started = time.perf_counter()
-    registration = fit_registration(
-        pairs.source,
-        pairs.target,
-        model=settings.model,
-        labels=pairs.labels,
-        pixel_spacing=_spacing_m(curve),
-        sigma=pairs.sigma,
-    )
-    fixture, carried = build_fixture(curve, registration, settings, _hashes(markers, markers2))
-    report = describe(registration, fixture, carried, curve)
-    report["elapsed_s"] = time.perf_counter() - started
-    return Planned(fixture, registration, report)
+    return pairs
+
+
+def _find(
+    pairs: Correspondences, curve: Fixture, image: PlannedImage | None
+) -> tuple[FoundMarker, ...]:
+    from vfplan.marker_finding import find_markers
+
+    if pairs.source_frame != "image":
+        raise SettingError("markers can be found in an image only; these are given in 3-D")
+    if image is None:
+        raise SettingError("to find the markers the image is needed, which was not given")
+    known = curve.provenance.inputs.get("image")
+    if known and image.sha256 and known != image.sha256:
+        raise SettingError(
+            "the image given is not the one the curve was drawn on (SHA-256 differs)"
+        )
+    return find_markers(image.rgb, pairs.labels, pairs.source)
+
+
+def _frame_warning(pairs: Correspondences) -> tuple[str, ...]:
+    if pairs.target_frame == "robot_base":
+        return ()
+    return (f"the target markers, and so the fixture, are in {pairs.target_frame}, not robot_base",)
 
 
 def build_fixture(
@@ -85,11 +144,12 @@ def build_fixture(
     registration: Registration,
     settings: FixtureSettings,
     inputs: dict[str, str],
+    frame: Frame = "robot_base",
 ) -> tuple[Fixture, Carried]:
     """The fixture, and what became of the curve's points on the way."""
     carried = carry(curve, registration, settings)
     fixture = Fixture(
-        frame="robot_base",
+        frame=frame,
         points=carried.points,
         provenance=_provenance(curve, settings, inputs),
         sigma=carried.sigma,
@@ -159,25 +219,9 @@ def ignored_axis(choice: str | None, registration: Registration) -> NDArray[np.f
     return axis
 
 
-def describe(
-    registration: Registration, fixture: Fixture, carried: Carried, curve: Fixture
-) -> dict[str, Any]:
-    """What `register --json` reports, but for the time it took."""
-    record = fixture.registration
+def describe_fixture(fixture: Fixture, carried: Carried, curve: Fixture) -> dict[str, Any]:
+    """What `register --json` reports of the fixture's points."""
     report: dict[str, Any] = {
-        "model": record.model,
-        "markers": len(record.labels),
-        "T_robot_image": record.T_robot_image,
-        "fre_rms_m": record.fre_rms_m,
-        "loo_rms_m": record.loo_rms_m,
-        "tre_rms_m": record.tre_rms_m,
-        "residuals": [
-            {"label": label, "residual_m": float(r)}
-            for label, r in zip(record.labels, record.residuals_m, strict=True)
-        ],
-        "outliers": list(registration.outliers),
-        "condition": registration.condition,
-        "scale_m_per_px": metres_per_unit(registration),
         "points": len(fixture.points),
         "spacing_m": carried.spacing_m,
         "left_out": {"points": max(0, len(curve.points) - len(fixture.points))},

@@ -54,6 +54,18 @@ class FixtureSettings:
         r_c and r_v [m].
     ignore_axis
         "normal" (of the slice), "x", "y", "z" or "none"; `None`: the normal where there is one.
+    seen_from
+        (3,) direction in the robot's frame from which the slice is looked at; refuses mirrored
+        markers. `None`: not checked.
+    max_tre_m
+        The gate: largest registration error allowed anywhere on the curve (95 % bound) [m].
+    margin
+        "tre95" adds that bound as a safety margin; `None`: no margin.
+    margin_side
+        "both": it is added to the point radius; "left", "right", "inside" or "outside": the curve
+        moves there.
+    find_markers
+        Take the markers' pixels from the crosses or dots drawn near the given ones.
     """
 
     model: str = "affine"
@@ -64,3 +76,8 @@ class FixtureSettings:
     contact_radius: float = 5e-3
     point_radius: float = 0.0
     ignore_axis: str | None = None
+    seen_from: tuple[float, float, float] | None = None
+    max_tre_m: float | None = None
+    margin: str | None = None
+    margin_side: str = "both"
+    find_markers: bool = False

@@ -1,0 +1,203 @@
+"""A picture of a registration: residuals on the slice, and the predicted error along the curve."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import SettingError
+from vfplan.figures.style import CONTACT, DPI, FORCE, HIP, new_figure, save_png, style
+
+if TYPE_CHECKING:
+    from vfplan.fixture import Fixture
+    from vfplan.image import PlannedImage
+    from vfplan.registration import Registration
+
+Array = NDArray[np.float64]
+WIDTH_PX = 900.0
+STRIP_IN = 0.9  # under the slice: scale bars and legend
+MAX_DRAWN = 2000  # points of the band
+NICE = (1, 2, 5)
+
+
+def draw_registration(
+    registration: Registration,
+    curve: Fixture,
+    path: Path,
+    *,
+    image: PlannedImage | None = None,
+) -> None:
+    """Write the slice with each marker's residual as an arrow and the error band along the curve.
+
+    The arrows and the band are drawn larger than life; the picture states by how much, and a bar
+    beside it shows the length of one residual unit. The arrow goes from where the transform puts
+    the marker (seen in the image) to where it was measured; a residual across the slice's plane
+    cannot be drawn there and is written beside its marker.
+
+    Raises `SettingError` for a registration in 3-D, which has no slice to draw on.
+    """
+    if registration.source.shape[1] != 2:
+        raise SettingError("a registration in 3-D has no slice to draw on")
+    width, height = _size(registration, curve, image)
+    scale = WIDTH_PX / width / DPI
+    figure = new_figure(width * scale + 1.1, height * scale + STRIP_IN)
+    figure.set_layout_engine("none")
+    total = (width * scale + 1.1, height * scale + STRIP_IN)
+    with style():
+        place = (0, STRIP_IN / total[1], width * scale / total[0], height * scale / total[1])
+        axes = figure.add_axes(place)
+        _draw_slice(axes, image, width, height)
+        arrows = _exaggeration(_in_plane_px(registration), 0.07 * width)
+        _draw_band(axes, figure, registration, curve, width, total)
+        _draw_markers(axes, registration, arrows)
+        _draw_scale(axes, registration, width, height, arrows)
+        handles, labels = axes.get_legend_handles_labels()
+        once = dict(zip(labels, handles, strict=True))
+        figure.legend(
+            once.values(), once.keys(), loc="lower left", ncols=len(once), columnspacing=1.2
+        )
+    save_png(figure, path)
+
+
+def _size(
+    registration: Registration, curve: Fixture, image: PlannedImage | None
+) -> tuple[float, float]:
+    if image is not None:
+        return float(image.width_px), float(image.height_px)
+    if curve.image is not None:
+        return float(curve.image.width_px), float(curve.image.height_px)
+    reach = np.vstack([registration.source, curve.points[:, :2]]).max(axis=0)
+    return float(reach[0] * 1.1), float(reach[1] * 1.1)
+
+
+def _draw_slice(axes: Any, image: PlannedImage | None, width: float, height: float) -> None:
+    if image is not None:
+        grey = image.rgb.astype(np.float32).mean(axis=2) / np.iinfo(image.rgb.dtype).max
+        axes.imshow(0.35 + 0.6 * grey, cmap="gray", vmin=0, vmax=1, interpolation="bilinear")
+    axes.set_axis_off()
+    axes.set_aspect("equal")
+    axes.set_xlim(-0.5, width - 0.5)
+    axes.set_ylim(height - 0.5, -0.5)
+
+
+def _in_plane_px(registration: Registration) -> Array:
+    """(N, 2) residuals carried back into the image [px]."""
+    linear = registration.T_target_source[:3, :2]
+    return registration.residual_vectors_m @ np.linalg.pinv(linear).T
+
+
+def _exaggeration(lengths_px: Array, wanted_px: float) -> float:
+    """A round factor (1, 2, 5, 10, ...) that makes the longest about as long as wanted."""
+    longest = float(np.linalg.norm(lengths_px, axis=-1).max()) if lengths_px.size else 0.0
+    if not longest > 0:
+        return 1.0
+    factor = wanted_px / longest
+    power = 10.0 ** np.floor(np.log10(max(factor, 1.0)))
+    return max(power * n for n in NICE if power * n <= max(factor, 1.0))
+
+
+def _draw_band(
+    axes: Any,
+    figure: Any,
+    registration: Registration,
+    curve: Fixture,
+    width: float,
+    total: tuple[float, float],
+) -> None:
+    """The predicted RMS TRE as colour, and the 95 % band for the whole curve as width."""
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    start, end = _segments(curve)
+    points = curve.points[:, :2]
+    tre_mm = registration.tre_m(points) * 1e3
+    half_px = registration.tre95_curve_m(points) / registration.geometry.scale
+    factor = _exaggeration(half_px[:, None], 0.02 * width)
+    a, b = points[start], points[end]
+    across = np.column_stack([-(b - a)[:, 1], (b - a)[:, 0]])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    out_a = across * half_px[start, None] * factor
+    out_b = across * half_px[end, None] * factor
+    quads = np.stack([a - out_a, a + out_a, b + out_b, b - out_b], axis=1)
+    low, high = tre_mm.min(), max(tre_mm.max(), tre_mm.min() + 1e-9)
+    look = {"cmap": "viridis", "clim": (low, high)}
+    middle = (tre_mm[start] + tre_mm[end]) / 2
+    axes.add_collection(PolyCollection(quads, array=middle, alpha=0.45, lw=0, **look))
+    line = LineCollection(np.stack([a, b], axis=1), array=middle, lw=2.0, **look)
+    axes.add_collection(line)
+    bar = figure.add_axes((1 - 0.92 / total[0], 0.3, 0.18 / total[0], 0.5))
+    figure.colorbar(line, cax=bar).set_label("predicted TRE [mm rms]")
+    bar.grid(False)
+    axes.plot([], [], lw=6, alpha=0.45, color="#21918c", label=f"95 % band, drawn {factor:g}x")
+
+
+def _segments(curve: Fixture) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Indices of both ends of the straight pieces to draw; closed strokes are closed."""
+    count = len(curve.points)
+    stroke = np.zeros(count, int) if curve.curve is None else curve.curve.stroke
+    closed = [False] if curve.curve is None else curve.curve.closed
+    every = max(1, count // MAX_DRAWN)
+    ends: list[tuple[int, int]] = []
+    for k, ring in enumerate(closed):
+        own = np.flatnonzero(stroke == k)
+        kept = np.unique(np.append(own[::every], own[-1:]))
+        ends += zip(kept[:-1], kept[1:], strict=True)
+        if ring and len(kept) > 1:
+            ends.append((kept[-1], kept[0]))
+    pairs = np.array(ends, dtype=np.intp).reshape(-1, 2)
+    apart = np.linalg.norm(curve.points[pairs[:, 0]] - curve.points[pairs[:, 1]], axis=1)
+    return pairs[apart > 0, 0], pairs[apart > 0, 1]
+
+
+def _draw_markers(axes: Any, registration: Registration, factor: float) -> None:
+    predicted = registration.source
+    arrow = _in_plane_px(registration) * factor
+    used = registration.used
+    axes.plot(*predicted[used].T, "+", ms=9, mew=1.4, color=HIP, label="marker")
+    if not used.all():
+        axes.plot(*predicted[~used].T, "x", ms=9, mew=1.6, color=FORCE, label="left out")
+    flags = [label in registration.outliers for label in registration.labels]
+    for start, vector, flag in zip(predicted, arrow, flags, strict=True):
+        look = {"arrowstyle": "-|>", "color": CONTACT, "lw": 2.4 if flag else 1.4, "shrinkA": 0}
+        axes.annotate("", xy=start + vector, xytext=start, arrowprops={**look, "shrinkB": 0})
+    axes.plot([], [], color=CONTACT, lw=1.4, label=f"residual, drawn {factor:g}x")
+    across = registration.residual_vectors_m @ registration.geometry.normal * 1e3
+    for label, place, off, flag in zip(registration.labels, predicted, across, flags, strict=True):
+        text = f"{label}  {off:+.2f}" + ("  outlier" if flag else "")
+        where = {"xytext": (6, -11), "textcoords": "offset points", "fontsize": 7}
+        where["bbox"] = {"fc": "white", "ec": "none", "alpha": 0.6, "pad": 0.8}
+        axes.annotate(text, place, color=CONTACT if flag else FORCE, **where)
+
+
+def _draw_scale(
+    axes: Any,
+    registration: Registration,
+    width: float,
+    height: float,
+    arrows: float,
+) -> None:
+    """Two bars under the slice: a length in the slice, and a length of the residuals."""
+    scale_mm = registration.geometry.scale * 1e3
+    for left, drawn, what in ((0.02, 1.0, "in the slice"), (0.36, arrows, "of a residual")):
+        length = _nice_below(0.15 * width * scale_mm / drawn)
+        px = length * drawn / scale_mm
+        y = height * (1 + 0.28 * STRIP_IN * DPI / WIDTH_PX * width / height)
+        bar = {"color": FORCE, "lw": 2.5, "clip_on": False, "solid_capstyle": "butt"}
+        axes.plot([left * width, left * width + px], [y, y], **bar)
+        axes.text(
+            left * width + px + 0.01 * width,
+            y,
+            f"{length:g} mm {what}",
+            va="center",
+            fontsize=8,
+            clip_on=False,
+        )
+    note = "beside each marker: residual across the slice [mm]"
+    axes.text(0.70 * width, y, note, va="center", fontsize=7, clip_on=False)
+
+
+def _nice_below(value: float) -> float:
+    power = 10.0 ** np.floor(np.log10(value))
+    return max(power * n for n in NICE if power * n <= value)
