@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -143,7 +144,7 @@ def _segments(curve: Fixture) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     for k, ring in enumerate(closed):
         own = np.flatnonzero(stroke == k)
         kept = np.unique(np.append(own[::every], own[-1:]))
-        ends += zip(kept[:-1], kept[1:], strict=True)
+        ends += itertools.pairwise(kept)
         if ring and len(kept) > 1:
             ends.append((kept[-1], kept[0]))
     pairs = np.array(ends, dtype=np.intp).reshape(-1, 2)

@@ -20,7 +20,7 @@ Side = Literal["both", "left", "right", "inside", "outside"]
 SIDES: tuple[Side, ...] = ("both", "left", "right", "inside", "outside")
 # A moved point nearer to the drawn curve than this share of its margin lies inside a bend.
 _KEPT = 0.98
-_TANGENT = 2  # samples to both sides over which the direction is taken
+ARC_STEP = 0.1  # radians between the samples of an arc around a corner
 
 
 @dataclass(frozen=True)
@@ -79,71 +79,94 @@ def add_margin(
         largest = float(bound.max())
         thicker = replace(settings, point_radius=settings.point_radius + largest)
         return curve, thicker, Margin("both", largest, largest)
-    moved, kept = _moved(curve, registration, bound, settings.margin_side)
-    margin = Margin(
-        settings.margin_side, float(bound.max()), float(bound.min()), int((~kept).sum())
-    )
+    moved, dropped = _moved(curve, registration, bound, settings.margin_side)
+    margin = Margin(settings.margin_side, float(bound.max()), float(bound.min()), dropped)
     return moved, settings, margin
 
 
 def _moved(
     curve: Fixture, registration: Registration, bound: Array, side: Side
-) -> tuple[Fixture, NDArray[np.bool_]]:
-    """The curve with every sample moved to one side, and which samples were kept."""
+) -> tuple[Fixture, int]:
+    """The curve moved to one side, and how many of its samples were dropped."""
     if registration.source.shape[1] != 2 or curve.curve is None:
         raise SettingError(
             f"a margin on side {side!r} needs an ordered curve drawn in a plane; use side 'both'"
         )
     a = registration.T_target_source[:3, :2]
-    points, kept = curve.points.copy(), np.zeros(len(curve.points), dtype=bool)
+    back = np.linalg.pinv(a).T
+    places, samples, dropped = [], [], 0
     for k, closed in enumerate(curve.curve.closed):
         own = np.flatnonzero(curve.curve.stroke == k)
         drawn = curve.points[own, :2]
-        across = _to_side(drawn, bool(closed), side, a)
-        shift = across * bound[own, None]
-        moved = drawn + shift @ np.linalg.pinv(a).T
-        good = _clear(drawn @ a.T, bool(closed), drawn @ a.T + shift, bound[own])
+        line = drawn @ a.T
+        index, across = _to_side(line, bool(closed), _turn(drawn, bool(closed), side, a))
+        moved = line[index] + across * bound[own[index], None]
+        good = _clear(line, bool(closed), moved, bound[own[index]])
         if good.sum() < 2:
             raise CurveError(
                 f"a margin of {bound.max() * 1e3:.3f} mm to the {side} leaves nothing of stroke {k}"
             )
-        points[own, :2] = moved
-        kept[own] = good
+        dropped += len(own) - len(np.unique(index[good]))
+        places.append(moved[good] @ back)
+        samples.append(own[index[good]])
+    taken = np.concatenate(samples)
+    points = curve.points[taken]
+    points[:, :2] = np.concatenate(places)
     bridged = curve.curve.bridged
-    stroke = Curve(
-        curve.curve.stroke[kept],
-        curve.curve.closed,
-        None if bridged is None else bridged[kept],
+    strokes = Curve(
+        curve.curve.stroke[taken], curve.curve.closed, None if bridged is None else bridged[taken]
     )
-    sigma = None if curve.sigma is None else curve.sigma[kept]
-    return replace(curve, points=points[kept], sigma=sigma, curve=stroke), kept
+    sigma = None if curve.sigma is None else curve.sigma[taken]
+    return replace(curve, points=points, sigma=sigma, curve=strokes), dropped
 
 
-def _to_side(drawn: Array, closed: bool, side: Side, a: Array) -> Array:
-    """(M, 3) unit vectors in the slice's plane, across the curve, to the side asked for.
+def _turn(drawn: Array, closed: bool, side: Side, a: Array) -> Array:
+    """(3,) axis about which a quarter turn takes the curve's direction to the side asked for.
 
     Left and right are those of who follows the drawn curve from its start, seen in the image (u to
     the right, v down).
     """
-    if len(drawn) < 2:
-        raise CurveError("a stroke of one sample has no sides; use margin side 'both'")
-    if closed:
-        step = np.roll(drawn, -_TANGENT, axis=0) - np.roll(drawn, _TANGENT, axis=0)
-    else:
-        index = np.arange(len(drawn))
-        ahead = np.minimum(index + _TANGENT, len(drawn) - 1)
-        step = drawn[ahead] - drawn[np.maximum(index - _TANGENT, 0)]
     if side in ("inside", "outside"):
         if not closed:
             raise SettingError(f"an open curve has no {side}; margin side left, right or both")
         u, v = drawn.T
         clockwise = (u * np.roll(v, -1) - v * np.roll(u, -1)).sum() > 0
         side = "right" if clockwise == (side == "inside") else "left"
-    tangent = step @ a.T
     normal = np.cross(a[:, 0], a[:, 1])
-    left = np.cross(tangent, normal)
-    left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), np.finfo(float).tiny)
-    return left if side == "left" else -left
+    normal /= np.linalg.norm(normal)
+    return normal if side == "right" else -normal
+
+
+def _to_side(line: Array, closed: bool, axis: Array) -> tuple[NDArray[np.intp], Array]:
+    """Directions to the side: the sample each belongs to (K,), and a vector (K, 3).
+
+    A sample where the curve hardly turns has one, as long as keeps its neighbours' straight pieces
+    at full distance; one where it turns sharply away has several unit ones, an arc around it.
+    """
+    steps = np.diff(np.vstack([line, line[:1]]) if closed else line, axis=0)
+    length = np.linalg.norm(steps, axis=1)
+    if not (length > 0).any():
+        raise CurveError("a stroke without length has no sides; use margin side 'both'")
+    alive = np.flatnonzero(length > 0)
+    ahead = alive[np.minimum(np.searchsorted(alive, np.arange(len(line))), len(alive) - 1)]
+    before = alive[np.maximum(np.searchsorted(alive, np.arange(len(line)), "left") - 1, 0)]
+    if closed:
+        before = np.where(np.arange(len(line)) <= alive[0], alive[-1], before)
+    across = np.cross(axis, steps / np.maximum(length, np.finfo(float).tiny)[:, None])
+    first, last = across[before], across[ahead]
+    # Positive where the curve turns away from the side, so that the moved one has to open up.
+    angle = -np.arctan2(np.cross(first, last) @ axis, (first * last).sum(axis=1))
+    count = np.where(angle > ARC_STEP, np.ceil(angle / ARC_STEP).astype(int) + 1, 1)
+    index = np.repeat(np.arange(len(line)), count)
+    place = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
+    part = np.where(count[index] > 1, place / np.maximum(count[index] - 1, 1), 0.5)
+    turned = -part * angle[index]
+    vectors = (
+        first[index] * np.cos(turned)[:, None]
+        + np.cross(axis, first[index]) * np.sin(turned)[:, None]
+    )
+    mitre = np.where(count == 1, 1 / np.cos(np.clip(angle, -ARC_STEP, ARC_STEP) / 2), 1.0)
+    return index, vectors * mitre[index, None]
 
 
 def _clear(drawn: Array, closed: bool, moved: Array, bound: Array) -> NDArray[np.bool_]:
