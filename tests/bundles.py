@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from vfplan.fixture import (
@@ -23,7 +25,56 @@ def minimal():
     return Fixture("robot_base", points, PROVENANCE)
 
 
-def full():
+def small():
+    """The minimal one with rendering parameters: small enough for a sweep over every byte."""
+    rendering = Rendering(np.array([1000.0, 1000.0, 800.0]), contact_radius=0.005, band=1e-5)
+    return replace(minimal(), rendering=rendering)
+
+
+def large(count=100_000):
+    """A closed curve of many points, in several chunks."""
+    angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    points = np.column_stack([0.4 + 0.1 * np.cos(angle), 0.1 * np.sin(angle), 0.1 + 0 * angle])
+    curve = Curve(np.zeros(count, np.int32), np.array([True]))
+    return replace(small(), points=points, sigma=np.full(count, 1e-5), curve=curve)
+
+
+def sheet():
+    """A square of triangles, 3 mm a side of each, with an open rim."""
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(8) * 0.003, np.arange(8) * 0.003))
+    corner = (np.arange(7)[:, None] * 8 + np.arange(7)).ravel()
+    lower = np.column_stack([corner, corner + 1, corner + 8])
+    upper = np.column_stack([corner + 1, corner + 9, corner + 8])
+    points = np.column_stack([x, y, 0 * x])
+    return replace(small(), points=points, mesh=np.vstack([lower, upper]).astype(np.int32))
+
+
+def pixels():
+    """A curve of the frame image, not registered yet."""
+    base = whole()
+    points = np.column_stack([base.sigma * 0 + 300, np.arange(70.0), np.zeros(70)])
+    return replace(base, frame="image", points=points, rendering=None, registration=None)
+
+
+def patient():
+    """Points of a 3-D registration from a navigation system's axes."""
+    T = np.eye(4)
+    T[:3, 3] = (0.4, -0.1, 0.2)
+    markers = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1], [0.1, 0.1, 0.1]])
+    record = RegistrationRecord(
+        model="rigid",
+        source_frame="patient_lps",
+        T_robot_image=T,
+        labels=("a", "b", "c", "d", "e"),
+        source=markers,
+        target=markers + T[:3, 3],
+        residuals_m=np.zeros(5),
+        fre_rms_m=0.0,
+    )
+    return replace(small(), registration=record)
+
+
+def whole():
     """An arc and a ring of points in a tilted plane, every optional part present."""
     arc = np.linspace(0, np.pi, 40)
     ring = np.linspace(0, 2 * np.pi, 30, endpoint=False)
@@ -89,3 +140,21 @@ def same(a, b, path="fixture"):
         assert a.tobytes() == b.tobytes(), path
     else:
         assert a == b, path
+
+
+def largest():
+    """As many points as a bundle may hold, with every per-point table."""
+    count = 4_000_000
+    base = large(count)
+    return replace(
+        base,
+        curve=replace(base.curve, bridged=np.zeros(count, bool)),
+        rendering=replace(base.rendering, ignore_axis=np.array([0.0, 0.0, 1.0])),
+        registration=replace(patient().registration, tre_m=np.full(count, 1e-4)),
+    )
+
+
+def largest_cloud():
+    """As many points as a bundle may hold, bare, at random in a cube."""
+    points = np.random.default_rng(0).uniform(-0.2, 0.2, (4_000_000, 3))
+    return replace(small(), points=points, sigma=np.full(len(points), 1e-5))

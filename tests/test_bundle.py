@@ -9,7 +9,7 @@ import pytest
 import vfplan
 from vfplan.errors import BundleError, InputError, OutputError
 
-MAKE = {"minimal": bundles.minimal, "everything": bundles.full}
+MAKE = {"minimal": bundles.minimal, "everything": bundles.whole}
 
 
 @pytest.mark.parametrize("make", MAKE.values(), ids=MAKE)
@@ -27,7 +27,7 @@ def test_the_same_fixture_gives_the_same_bytes(make, tmp_path):
 
 def test_an_existing_file_is_kept_unless_told_otherwise(tmp_path):
     path = tmp_path / "a.h5"
-    vfplan.write_fixture(bundles.full(), path)
+    vfplan.write_fixture(bundles.whole(), path)
     before = path.read_bytes()
     with pytest.raises(OutputError, match="exists"):
         vfplan.write_fixture(bundles.minimal(), path)

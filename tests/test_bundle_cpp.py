@@ -2,42 +2,95 @@
 
 import importlib.util
 import json
-import os
 import subprocess
 
 import bundles
+import damage
+import hostile
 import pytest
 from conftest import ROOT, need_header, need_program
 
 import vfplan
+from vfplan.bundle import read_bundle
+from vfplan.errors import BundleError
+
+MAKE = ("minimal", "small", "whole", "sheet", "pixels", "patient")
 
 
-@pytest.fixture(scope="session")
-def bundle_info(tmp_path_factory):
-    """The sample program samples/bundle_info, built against the installed package."""
+def build(source, folder, target):
+    """Build a program against the installed package by CMake."""
     need_header("hdf5.h", "libhdf5-dev", "/usr/include/hdf5/serial")
     need_header("openssl/evp.h", "libssl-dev")
     need_program("g++", "g++")
-    build = tmp_path_factory.mktemp("bundle_info")
-    source = ROOT / "samples" / "bundle_info"
     for command in (
-        ["cmake", "-S", source, "-B", build, f"-Dvfplan_DIR={vfplan.cmake_dir()}"],
-        ["cmake", "--build", build],
+        ["cmake", "-S", source, "-B", folder, f"-Dvfplan_DIR={vfplan.cmake_dir()}"],
+        ["cmake", "--build", folder],
     ):
         done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
-    return build / "bundle_info"
+    return folder / target
 
 
-@pytest.mark.parametrize("make", [bundles.minimal, bundles.full], ids=["minimal", "everything"])
-def test_json_equals_that_of_vfplan_info(make, bundle_info, vfplan_cli, tmp_path):
-    path = tmp_path / "a.h5"
-    vfplan.write_fixture(make(), path)
+@pytest.fixture(scope="module")
+def bundle_info(tmp_path_factory):
+    """The sample program samples/bundle_info."""
+    folder = tmp_path_factory.mktemp("bundle_info")
+    return build(ROOT / "samples" / "bundle_info", folder, "bundle_info")
+
+
+@pytest.fixture(scope="module")
+def bundle_sweep(tmp_path_factory):
+    """tests/native/bundle_sweep.cpp: many damaged files in one process."""
+    folder = tmp_path_factory.mktemp("bundle_sweep")
+    (folder / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.24)\nproject(sweep LANGUAGES C CXX)\n"
+        "set(CMAKE_BUILD_TYPE Release)\nfind_package(vfplan REQUIRED COMPONENTS hdf5)\n"
+        f"add_executable(bundle_sweep {ROOT}/tests/native/bundle_sweep.cpp)\n"
+        "target_link_libraries(bundle_sweep PRIVATE vfplan::hdf5)\n"
+    )
+    program = build(folder, folder / "build", "bundle_sweep")
+
+    def run(*words, text=None):
+        command = [*map(str, (program, *words))]
+        done = subprocess.run(
+            command, input=text, capture_output=True, text=True, check=False, timeout=300
+        )
+        assert done.returncode == 0, f"died of {done.returncode}: {done.stderr}"
+        return done.stdout.strip("\n")
+
+    return run
+
+
+@pytest.fixture
+def write(tmp_path):
+    """A bundle of one of the made-up fixtures, by its name."""
+
+    def to_file(name):
+        vfplan.write_fixture(getattr(bundles, name)(), tmp_path / f"{name}.h5")
+        return tmp_path / f"{name}.h5"
+
+    return to_file
+
+
+@pytest.mark.parametrize("name", MAKE)
+def test_json_equals_that_of_vfplan_info(name, bundle_info, vfplan_cli, write):
+    path = write(name)
     for options in ([], ["--values"]):
         theirs = vfplan_cli("info", path, "--json", *options).json
         theirs.pop("elapsed_s")
         ours = subprocess.run([bundle_info, path, *options], capture_output=True, check=True)
         assert json.loads(ours.stdout) == theirs
+
+
+@pytest.mark.parametrize("what", ["missing", "corrupt"])
+def test_the_program_fails_with_the_same_exit_code(what, bundle_info, vfplan_cli, tmp_path):
+    path = tmp_path / "a.h5"
+    if what == "corrupt":
+        path.write_bytes(b"VFPLSEAL" + bytes(600))
+    theirs = vfplan_cli("info", path, "--json")
+    ours = subprocess.run([bundle_info, path], capture_output=True, check=False)
+    assert ours.returncode == theirs.code
+    assert json.loads(ours.stdout)["error"]["kind"] == theirs.json["error"]["kind"]
 
 
 def test_constants_are_those_of_the_schema():
@@ -54,5 +107,50 @@ def test_a_program_that_asks_for_no_hdf5_needs_none(tmp_path):
         "if(TARGET vfplan::hdf5 OR HDF5_FOUND)\n  message(FATAL_ERROR found)\nendif()\n"
     )
     command = ["cmake", "-S", tmp_path, "-B", tmp_path / "b", f"-Dvfplan_DIR={vfplan.cmake_dir()}"]
-    done = subprocess.run([*map(str, command)], capture_output=True, check=False, env=os.environ)
+    done = subprocess.run([*map(str, command)], capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def python_verdict(data):
+    try:
+        read_bundle(data)
+    except BundleError as error:
+        return f"{error.kind} {error.where or ''}"
+    return "ok"
+
+
+def test_both_readers_judge_the_hostile_corpus_alike(bundle_sweep, tmp_path):
+    """The same verdict, the same kind of error, at the same place."""
+    wanted, paths = [], []
+    for name, data, _ in hostile.files():
+        (tmp_path / name).write_bytes(data)
+        paths.append(str(tmp_path / name))
+        wanted.append(f"{name}: {python_verdict(data)}")
+    found = bundle_sweep("verdicts", text="\n".join(paths) + "\n").split("\n")
+    names = [path.rpartition("/")[2] for path in paths]
+    assert [f"{n}: {v}" for n, v in zip(names, found, strict=True)] == wanted
+
+
+@pytest.mark.parametrize(("name", "step"), [("whole", 1), ("large", 40_009)])
+def test_a_flipped_bit_is_refused_by_the_seal(name, step, bundle_sweep, write):
+    assert set(bundle_sweep("flips", write(name), 0, step)) == {"."}
+
+
+@pytest.mark.parametrize(("name", "step"), [("whole", 1), ("large", 40_009)])
+def test_a_flipped_bit_under_a_good_seal_is_refused_or_harmless(name, step, bundle_sweep, write):
+    assert set(bundle_sweep("flips", write(name), 0, step, "reseal")) <= {".", "="}
+
+
+@pytest.mark.parametrize("again", [[], ["reseal"]], ids=["as_is", "resealed"])
+def test_every_prefix_is_refused(again, bundle_sweep, write):
+    assert set(bundle_sweep("prefixes", write("whole"), 0, 1, *again)) == {"."}
+
+
+def test_both_readers_judge_every_resealed_flip_alike(bundle_sweep, write):
+    path = write("small")
+    data = path.read_bytes()
+    wanted = read_bundle(data)[0]
+    ours = "".join(
+        damage.verdict(damage.flipped(data, i, True), wanted) for i in range(0, len(data), 7)
+    )
+    assert ours == bundle_sweep("flips", path, 0, 7, "reseal")

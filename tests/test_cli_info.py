@@ -8,13 +8,13 @@ import vfplan
 
 @pytest.fixture
 def path(tmp_path):
-    vfplan.write_fixture(bundles.full(), tmp_path / "a.h5")
+    vfplan.write_fixture(bundles.whole(), tmp_path / "a.h5")
     return tmp_path / "a.h5"
 
 
 def test_json_names_every_value_by_its_path(vfplan_cli, path):
     run = vfplan_cli("info", path, "--json")
-    fixture = bundles.full()
+    fixture = bundles.whole()
     assert (run.code, run.stderr) == (0, "")
     assert run.json["format"] == "vfplan-fixture"
     assert (run.json["frame"], run.json["points"]) == ("robot_base", 70)

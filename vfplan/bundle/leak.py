@@ -9,6 +9,8 @@ is measured across it.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,7 +36,7 @@ def limit_of(content: Content, kind: str) -> float | None:
 def certificate(content: Content) -> Content:
     """The values of `/leak`, computed from the rest of a bundle's content with `/rendering`."""
     kind = kind_of(content)
-    points = flattened(content)
+    points = Across(content)
     own = content["/points"]
     leak: Content = {"/leak@kind": kind}
     if kind == "curve":
@@ -56,15 +58,25 @@ def certificate(content: Content) -> Content:
     return leak if limit is None else leak | {"/leak@limit_m": float(limit)}
 
 
-def flattened(content: Content) -> NDArray[np.float64]:
-    """(N, 3) points [m], without their part along the ignored axis."""
-    points, axis = content["/points"], content.get("/rendering/ignore_axis")
-    if axis is None:
-        return points
-    return points - (points @ axis)[:, None] * axis
+class Across:
+    """A fixture's points without their part along the ignored axis, a block at a time."""
+
+    def __init__(self, content: Content) -> None:
+        self.points: NDArray[np.float64] = content["/points"]
+        self.axis: NDArray[np.float64] | None = content.get("/rendering/ignore_axis")
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __getitem__(self, rows: Any) -> NDArray[np.float64]:
+        """(..., 3) positions [m] of these rows."""
+        chosen = self.points[rows]
+        if self.axis is None:
+            return chosen
+        return chosen - (chosen @ self.axis)[..., None] * self.axis
 
 
-def largest_gap(content: Content, points: NDArray[np.float64]) -> tuple[float, int, int]:
+def largest_gap(content: Content, points: Across) -> tuple[float, int, int]:
     """(gap [m], index, index) of the widest pair of neighbours along the strokes, closed ones too.
 
     The first such pair in the order of the points, closing pairs after all others.
@@ -73,7 +85,7 @@ def largest_gap(content: Content, points: NDArray[np.float64]) -> tuple[float, i
     best = (0.0, 0, 0)
     for start in range(0, len(points) - 1, BLOCK):
         stop = min(start + BLOCK, len(points) - 1)
-        steps = np.linalg.norm(points[start + 1 : stop + 1] - points[start:stop], axis=1)
+        steps = np.linalg.norm(np.diff(points[start : stop + 1], axis=0), axis=1)
         steps[stroke[start + 1 : stop + 1] != stroke[start:stop]] = 0.0
         widest = int(np.argmax(steps))
         if steps[widest] > best[0]:
@@ -88,7 +100,8 @@ def largest_gap(content: Content, points: NDArray[np.float64]) -> tuple[float, i
 
 def stroke_ends(stroke: NDArray[np.int32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Index of the first and of the last point of each stroke."""
-    first = np.flatnonzero(np.diff(stroke, prepend=-1))
+    first = np.flatnonzero(stroke[1:] != stroke[:-1]) + 1
+    first = np.append(0, first)
     return first, np.append(first[1:], len(stroke)) - 1
 
 
@@ -130,18 +143,25 @@ def open_edges(triangles: NDArray[np.int32]) -> int:
     return int(np.count_nonzero(counts == 1))
 
 
-def loneliest(points: NDArray[np.float64]) -> tuple[float, int]:
+def loneliest(points: Across) -> tuple[float, int]:
     """(distance [m], index) of the point farthest from its nearest neighbour; 0 for one point."""
     if len(points) == 1:
         return 0.0, 0
     from scipy.spatial import cKDTree
 
-    distance, _ = cKDTree(points).query(points, k=2)
-    index = int(np.argmax(distance[:, 1]))
-    return float(distance[index, 1]), index
+    tree = cKDTree(points[:], balanced_tree=False, compact_nodes=False)
+    order = tree.indices  # neighbours follow each other: the tree stays in the cache
+    best = (0.0, 0)
+    for start in range(0, len(order), BLOCK):
+        rows = order[start : start + BLOCK]
+        distance = tree.query(tree.data[rows], k=[2], workers=-1)[0][:, 0]
+        farthest = int(np.argmax(distance))
+        if distance[farthest] > best[0]:
+            best = (float(distance[farthest]), int(rows[farthest]))
+    return best
 
 
-def _ends(content: Content, points: NDArray[np.float64]) -> Content:
+def _ends(content: Content, points: Across) -> Content:
     """Open ends, and how far the farthest of them is from any other stroke."""
     stroke, closed = content["/curve/stroke"], content["/curve/closed"].astype(bool)
     first, last = stroke_ends(stroke)
@@ -160,11 +180,11 @@ def _ends(content: Content, points: NDArray[np.float64]) -> Content:
 
 
 def _to_other_strokes(
-    points: NDArray[np.float64], stroke: NDArray[np.int32], ends: NDArray[np.intp]
+    points: Across, stroke: NDArray[np.int32], ends: NDArray[np.intp]
 ) -> NDArray[np.float64]:
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(points)
+    tree = cKDTree(points[:])
     distance = np.full(len(ends), np.inf)
     for row, end in enumerate(ends):
         count = 8

@@ -355,9 +355,9 @@ def _check_range(value: Any, row: Row, reading: _Reading) -> None:
         if row.allowed and value not in row.allowed:
             raise Wrong("corrupt.value", f"is {value!r}; {' or '.join(row.allowed)} allowed")
         return
-    if not np.all(np.isfinite(value)):
+    low, high = np.min(value), np.max(value)  # NaN if there is one
+    if not (np.isfinite(low) and np.isfinite(high)):
         raise Wrong("corrupt.value", "holds a number that is not finite")
-    low, high = np.min(value), np.max(value)
     unit = unit_of(row, reading.content)
     cap = (row.max_abs or {}).get(unit, np.inf)
     least, most = max(-cap, -np.inf if row.min is None else row.min), cap

@@ -35,6 +35,7 @@ def validate(source: str | Path | bytes) -> list[Issue]:
             _seal_notes(seal, findings)
             version = checked_version(*peek_version(payload))
             content = parse(payload, table(), findings, newer=version != VERSION)
+            del payload  # the certificate needs the memory
             check.check(content, table(), findings)
         except BundleError as error:
             findings.error(f"{_head(error)}.bundle", error.where or "/", error.message)

@@ -1,0 +1,163 @@
+"""Files that want to do harm: refused with a reason, quickly, in little memory, without a crash."""
+
+import os
+import random
+import signal
+import sys
+import time
+from pathlib import Path
+
+import bundles
+import damage
+import hostile
+import pytest
+
+import vfplan
+from vfplan.bundle import read_bundle, validate
+from vfplan.errors import BundleError
+
+MOST_SECONDS, MOST_MIB = 10, 512
+
+
+@pytest.fixture(scope="module")
+def corpus():
+    return list(hostile.files())
+
+
+@pytest.fixture(scope="module")
+def sealed_bytes(tmp_path_factory):
+    """The bytes of a bundle of one of the made-up fixtures, by its name."""
+    folder = tmp_path_factory.mktemp("bundles")
+
+    def of(name):
+        path = folder / f"{name}.h5"
+        if not path.exists():
+            vfplan.write_fixture(getattr(bundles, name)(), path)
+        return path.read_bytes()
+
+    return of
+
+
+def test_the_corpus_is_refused_with_a_reason_in_time_and_memory(corpus):
+    """One process reads the whole corpus; its peak memory bounds that of each file."""
+
+    def work():
+        problems = []
+        for name, data, sound in corpus:
+            started = time.monotonic()
+            try:
+                read_bundle(data)
+                read = True
+            except BundleError as error:
+                read = False
+                if not error.message:
+                    problems.append(f"{name}: no reason")
+            if read != sound:
+                problems.append(f"{name}: read {read}")
+            if time.monotonic() - started > MOST_SECONDS:
+                problems.append(f"{name}: {time.monotonic() - started} s")
+        return "\n".join(problems)
+
+    problems, peak = damage.in_child(work)
+    assert problems == ""
+    assert peak < MOST_MIB
+
+
+def test_validate_finds_an_error_in_each_file_of_the_corpus(corpus):
+    def work():
+        wrong = []
+        for name, data, sound in corpus:
+            valid = not any(issue.severity == "error" for issue in validate(data))
+            wrong += [name] if valid != sound else []
+        return " ".join(wrong)
+
+    assert damage.in_child(work)[0] == ""
+
+
+def test_nothing_of_another_file_is_opened(tmp_path):
+    """A secret beside the bundle is not read, whichever way the bundle points at it."""
+    secret = tmp_path / "secret.h5"
+    secret.write_bytes(b"\0" * 560)
+    before = secret.stat().st_atime_ns
+    os.utime(secret, ns=(0, 0))
+    for function in (
+        lambda f: f.create_dataset("leak/x", (70,), "<f8", external=[(str(secret), 0, 560)]),
+        lambda f: f.__setitem__("x", hostile.h5py.ExternalLink(str(secret), "/")),
+    ):
+        with pytest.raises(BundleError):
+            read_bundle(damage.sealed(hostile.changed(function)))
+    assert secret.stat().st_atime_ns == 0 != before
+
+
+def sweep(data, cases):
+    wanted = read_bundle(data)[0]
+    text, _ = damage.in_child(lambda: "".join(damage.verdict(case, wanted) for case in cases))
+    return text
+
+
+@pytest.mark.parametrize(("name", "step"), [("whole", 1), ("large", 40_009)])
+def test_a_flipped_bit_is_refused_by_the_seal(name, step, sealed_bytes):
+    data = sealed_bytes(name)
+    cases = (damage.flipped(data, i, False) for i in range(0, len(data), step))
+    assert set(sweep(data, cases)) == {"."}
+
+
+@pytest.mark.parametrize(("name", "step"), [("small", 1), ("whole", 13), ("large", 40_009)])
+def test_a_flipped_bit_under_a_good_seal_is_refused_or_harmless(name, step, sealed_bytes):
+    data = sealed_bytes(name)
+    cases = (damage.flipped(data, i, True) for i in range(0, len(data), step))
+    assert set(sweep(data, cases)) <= {".", "="}
+
+
+@pytest.mark.full
+def test_every_flipped_bit_under_a_good_seal_is_refused_or_harmless(sealed_bytes):
+    data = sealed_bytes("whole")
+    cases = (damage.flipped(data, i, True) for i in range(len(data)))
+    assert set(sweep(data, cases)) <= {".", "="}
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["as_is", "resealed"])
+def test_every_prefix_is_refused(again, sealed_bytes):
+    data = sealed_bytes("whole")
+    assert set(sweep(data, (damage.cut(data, i, again) for i in range(len(data))))) == {"."}
+
+
+def test_25_kills_while_writing_leave_the_old_file_or_the_new_one(tmp_path):
+    path = tmp_path / "a.h5"
+    old, new = bundles.large(20_000), bundles.large(30_000)
+    vfplan.write_fixture(old, path)
+    draw = random.Random(4)
+    for _ in range(25):
+        child = os.fork()
+        if child == 0:
+            while True:
+                for fixture in (new, old):
+                    vfplan.write_fixture(fixture, path, overwrite=True)
+        time.sleep(draw.uniform(0.0, 0.08))
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        assert len(vfplan.read_fixture(path).points) in (20_000, 30_000)
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [
+        ("largest", "info"),
+        ("largest", "validate"),
+        pytest.param("largest_cloud", "info", marks=pytest.mark.full),
+        pytest.param("largest_cloud", "validate", marks=pytest.mark.full),
+    ],
+)
+def test_four_million_points_are_read_within_bounds(name, command, tmp_path_factory):
+    """The largest files the format allows, each command in a process of its own."""
+    path = tmp_path_factory.getbasetemp() / f"{name}.h5"
+    if not path.exists():
+        damage.in_child(lambda: vfplan.write_fixture(getattr(bundles, name)(), path) or "")
+    program = Path(sys.executable).with_name("vfplan")
+    started = time.monotonic()
+    child = os.posix_spawn(program, [program, command, path, "-q"], os.environ)
+    _, status, usage = os.wait4(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 0
+    assert usage.ru_maxrss / 1024 < MOST_MIB
+    if command == "info":
+        assert time.monotonic() - started < MOST_SECONDS
