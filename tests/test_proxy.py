@@ -1,0 +1,221 @@
+"""The native engine: the reference's equal on the paper's rule; safe and exact on its own."""
+
+import threading
+
+import numpy as np
+import pytest
+
+import vfplan
+from vfplan.errors import SceneError, SettingError
+from vfplan.rendering import Status
+
+R = 5e-3
+
+
+def sheet(side=0.04, spacing=5e-4):
+    g = np.arange(-side / 2, side / 2 + spacing / 2, spacing)
+    x, y = np.meshgrid(g, g)
+    return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+
+
+def dust(n=2000, half=0.02, seed=1):
+    return np.random.default_rng(seed).uniform(-half, half, (n, 3))
+
+
+CLOUDS = {
+    "sheet": sheet(),
+    "dust": dust(),
+    "few": dust(7),
+    "one": np.zeros((1, 3)),
+    "duplicates": np.repeat(dust(300), 3, axis=0),
+    "far away": sheet() + np.array([900.0, -400.0, 5.0]),
+}
+
+
+@pytest.mark.parametrize("name", CLOUDS)
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"ignore_axis": "z"}, {"ignore_axis": (1, 2, 3)}, {"point_radius": 2e-3}, {"gain": 0.5}],
+    ids=str,
+)
+def test_paper_is_the_reference_from_any_common_state(name, settings):
+    cloud = CLOUDS[name]
+    centre = cloud.mean(axis=0)
+    rng = np.random.default_rng(7)
+    engine = vfplan.ProxyEngine(cloud, rule="paper", stiffness=(900, 1000, 1100), **settings)
+    reference = vfplan.reference.PaperProxy(cloud, stiffness=(900, 1000, 1100), **settings)
+    for _ in range(60):
+        start = centre + rng.uniform(-0.02, 0.02, 3)
+        if rng.random() < 0.5:  # touching a point
+            away = rng.normal(size=3)
+            start = cloud[rng.integers(len(cloud))] + away / np.linalg.norm(away) * R
+        hip = start + rng.normal(0, 0.004, 3)
+        engine.reset(start)
+        reference.reset(start)
+        ours, theirs = engine.step(hip), reference.step(hip)
+        assert ours.state == theirs.state
+        np.testing.assert_allclose(ours.proxy, theirs.proxy, rtol=0, atol=1e-9)
+        # far from the origin the coordinates themselves are rounded to 1e-13 m
+        atol = 1e-9 + 1e-10 * np.abs(centre).max()
+        np.testing.assert_allclose(ours.normal, theirs.normal, rtol=0, atol=atol)
+        np.testing.assert_allclose(ours.force, theirs.force, rtol=0, atol=2e-6)
+
+
+def press_and_slide(ticks=2000):
+    t = np.arange(ticks) * 1e-3
+    hip = np.column_stack([0.015 * np.sin(2 * t), 0.01 * np.cos(3 * t), 0.012 - 0.02 * t])
+    hip[:, 2] = np.maximum(hip[:, 2], -0.006)
+    return hip
+
+
+def test_slides_on_a_sheet_without_lag_and_without_sinking():
+    engine = vfplan.ProxyEngine(sheet())
+    hips = press_and_slide()
+    trace = engine.run(hips)
+    touching = trace.state == 1
+    assert touching.mean() > 0.5
+    assert np.abs(trace.proxy - hips)[touching][:, :2].max() < 1e-7
+    assert np.abs(trace.proxy[touching, 2] - R).max() < 1e-6
+    assert engine.distance(trace.proxy).min() >= R - engine.parameters.band
+
+
+def test_lets_go_perpendicularly():
+    z = np.r_[np.linspace(0.01, -0.005, 100), np.linspace(-0.005, 0.03, 100)]
+    hips = np.column_stack([0 * z, 0 * z, z])
+    trace = vfplan.ProxyEngine(sheet()).run(hips)
+    assert np.abs(trace.force).max() > 5
+    assert np.array_equal(trace.proxy[z > R + 1e-5], hips[z > R + 1e-5])
+    assert np.array_equal(trace.force[-1], np.zeros(3))
+
+
+@pytest.mark.parametrize("rule", ["paper", "robust"])
+@pytest.mark.parametrize("axis", [None, "z", (1, 2, 3)], ids=str)
+def test_widths_and_searches_give_the_same_path(rule, axis):
+    cloud, hips = dust(4000), press_and_slide(800)
+    traces = [
+        vfplan.ProxyEngine(cloud, rule=rule, ignore_axis=axis, simd_width=w).run(hips)
+        for w in (2, 4, 8)
+    ]
+    for trace in traces[1:]:
+        assert trace.proxy.tobytes() == traces[0].proxy.tobytes()
+        assert trace.force.tobytes() == traces[0].force.tobytes()
+
+
+def test_run_is_step_by_step_and_repeats_to_the_bit():
+    cloud, hips = dust(), press_and_slide(300)
+    one, other = vfplan.ProxyEngine(cloud), vfplan.ProxyEngine(cloud)
+    steps = [one.step(h) for h in hips]
+    trace, microseconds = other.run_timed(hips)
+    assert np.array([s.proxy for s in steps]).tobytes() == trace.proxy.tobytes()
+    assert np.array([s.force for s in steps]).tobytes() == trace.force.tobytes()
+    assert [s.state for s in steps] == trace.state.tolist()
+    assert microseconds.shape == (300,)
+    assert (microseconds > 0).all()
+
+
+@pytest.mark.parametrize("rule", ["paper", "robust"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e7])
+def test_a_bad_hip_is_a_status(rule, bad):
+    engine = vfplan.ProxyEngine(sheet(), rule=rule)
+    first = engine.step([0, 0, bad])
+    assert first.status == Status.BAD_HIP
+    assert np.isnan(first.proxy).all()
+    engine.reset([0, 0, 0.01])
+    engine.step([0, 0, 0.001])
+    before = engine.step([0, 0, 0.001])
+    step = engine.step([bad, 0, 0])
+    assert step.status == Status.BAD_HIP
+    assert np.array_equal(step.proxy, before.proxy)
+    assert np.array_equal(step.force, before.force)
+    assert engine.step([0, 0, 0.001]).status == Status.OK
+
+
+@pytest.mark.parametrize("depth", [0.0, 1e-3, 4.9e-3])
+def test_a_start_inside_is_reported_and_ramps_out(depth):
+    engine = vfplan.ProxyEngine(sheet())
+    hip = np.array([1e-4, 2e-4, R - depth if depth else 0.0])
+    engine.reset(hip)
+    trace = engine.run(np.tile(hip, (600, 1)))
+    assert trace.status[0] == Status.INSIDE
+    assert trace.state[0] == 2
+    assert trace.status[-1] == Status.OK
+    force = np.r_[np.zeros((1, 3)), trace.force]
+    assert np.linalg.norm(np.diff(force, axis=0), axis=1).max() < 0.1
+    assert abs(abs(trace.proxy[-1, 2]) - R) < 2e-5
+    assert np.abs(np.diff(trace.proxy[-100:], axis=0)).max() == 0
+
+
+def test_stiffness_and_ignored_axis():
+    cloud = sheet()
+    hip = np.array([0.001, 0.002, 0.001])
+    forces = {}
+    for axis in (None, "x", (1, 1, 0)):
+        engine = vfplan.ProxyEngine(cloud, stiffness=(500, 1000, 2000), ignore_axis=axis)
+        engine.reset([0.001, 0.002, 0.02])
+        step = engine.step(hip)
+        forces[axis] = step.force
+        along = {None: [0, 0, 0], "x": [1, 0, 0], (1, 1, 0): [1, 1, 0]}[axis]
+        assert abs(step.force @ along) < 1e-12
+        assert abs((step.proxy - hip) @ along) < 1e-15
+    np.testing.assert_allclose(forces[None], [0, 0, 8], atol=1e-3)
+    np.testing.assert_allclose(forces["x"], [0, 0, 8], atol=1e-3)
+
+
+def test_two_threads_run_at_once():
+    cloud, hips = dust(), press_and_slide(500)
+    alone = vfplan.ProxyEngine(cloud).run(hips).proxy
+    out = {}
+    threads = [
+        threading.Thread(target=lambda i=i: out.update({i: vfplan.ProxyEngine(cloud).run(hips)}))
+        for i in range(2)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert all(np.array_equal(out[i].proxy, alone) for i in range(2))
+
+
+def test_left_out_says_what_the_scene_does_not_need():
+    assert vfplan.ProxyEngine(CLOUDS["few"], ignore_axis="z").left_out == {
+        "coordinates": 7,
+        "point_radius": 1,
+        "stiffness_axes": 2,
+        "grid": 1,
+    }
+    engine = vfplan.ProxyEngine(sheet(), point_radius=1e-3, stiffness=(1, 2, 3))
+    assert engine.left_out == {}
+
+
+@pytest.mark.parametrize(
+    ("settings", "error"),
+    [
+        ({"search": "tree"}, SettingError),
+        ({"max_iterations": 0}, SettingError),
+        ({"max_iterations": 2.5}, SettingError),
+        ({"simd_width": 3}, SettingError),
+        ({"contact_radius": -1.0}, SettingError),
+        ({"band": 0.01}, SettingError),
+        ({"stiffness": 0.0}, SettingError),
+    ],
+    ids=str,
+)
+def test_settings_out_of_range(settings, error):
+    with pytest.raises(error):
+        vfplan.ProxyEngine(sheet(), **settings)
+
+
+@pytest.mark.parametrize(
+    "points", [np.zeros((0, 3)), np.zeros((3, 2)), [[0, 0, np.nan]], [["a", "b", "c"]], 1.0]
+)
+def test_points_that_are_no_cloud(points):
+    with pytest.raises(SceneError):
+        vfplan.ProxyEngine(points)
+
+
+def test_paths_that_are_none():
+    engine = vfplan.ProxyEngine(sheet())
+    for hips in (np.zeros(3), np.zeros((4, 2))):
+        with pytest.raises(SceneError):
+            engine.run(hips)
+    assert len(engine.run(np.zeros((0, 3)))) == 0

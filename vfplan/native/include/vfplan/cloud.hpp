@@ -1,0 +1,107 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// The cloud: one array a coordinate, in an order of the owner's choice, and the box around it.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <stdexcept>
+#include <vector>
+
+#include "vfplan/lanes.hpp"
+#include "vfplan/vec.hpp"
+
+namespace vfplan {
+
+inline constexpr double largest_coordinate = 1e6;  // [m]; beyond it float64 loses the nanometre
+
+template <int D>
+struct Box {
+    Vec<D> low, high;
+
+    /// Part [a, b] of the way from x along the unit vector `way`, up to `most`, that lies within
+    /// `margin` of the box; false when none does.
+    bool clip(const Vec<D>& x, const Vec<D>& way, double most, double margin, double& a,
+              double& b) const noexcept {
+        a = 0;
+        b = most;
+        for (int k = 0; k < D; ++k) {
+            const double to_low = low.c[k] - margin - x.c[k];
+            const double to_high = high.c[k] + margin - x.c[k];
+            if (way.c[k] == 0) {
+                if (to_low > 0 || to_high < 0) return false;
+                continue;
+            }
+            const double s = to_low / way.c[k], t = to_high / way.c[k];
+            a = std::max(a, std::min(s, t));
+            b = std::min(b, std::max(s, t));
+        }
+        return a <= b;
+    }
+};
+
+/// Points in arrays that may be read seven doubles past the end, as Span asks.
+template <int D>
+class Cloud {
+  public:
+    static constexpr std::size_t spare = 8;
+
+    Cloud() = default;
+    explicit Cloud(std::size_t n) : n_(n) {
+        for (auto& axis : axes_) axis.assign(n + spare, detail::far_away);
+    }
+
+    std::size_t size() const noexcept { return n_; }
+    void set(std::size_t i, const Vec<D>& p) noexcept {
+        for (int k = 0; k < D; ++k) axes_[k][i] = p.c[k];
+    }
+    Vec<D> operator[](std::size_t i) const noexcept {
+        Vec<D> p;
+        for (int k = 0; k < D; ++k) p.c[k] = axes_[k][i];
+        return p;
+    }
+    Span<D> span(std::size_t begin, std::size_t end) const noexcept {
+        Span<D> s;
+        for (int k = 0; k < D; ++k) s.c[k] = axes_[k].data() + begin;
+        s.n = end - begin;
+        return s;
+    }
+    double* axis(int k) noexcept { return axes_[k].data(); }
+    std::size_t bytes() const noexcept { return D * sizeof(double) * axes_[0].capacity(); }
+
+    Box<D> box() const noexcept {
+        Box<D> b;
+        for (int k = 0; k < D; ++k) {
+            const auto [low, high] = std::minmax_element(axes_[k].begin(), axes_[k].begin() + n_);
+            b.low.c[k] = *low;
+            b.high.c[k] = *high;
+        }
+        return b;
+    }
+
+  private:
+    std::size_t n_ = 0;
+    std::vector<double> axes_[D];
+};
+
+/// n points of three coordinates each, as seen in `space`. Throws std::invalid_argument on an empty
+/// cloud, more than 2^32 - 1 points, or a coordinate that is not finite or beyond 1e6 m.
+template <class S>
+Cloud<S::dimension> make_cloud(const S& space, const double* xyz, std::size_t n) {
+    if (n == 0) throw std::invalid_argument("vfplan: a cloud needs at least one point");
+    if (n >= std::numeric_limits<std::uint32_t>::max())
+        throw std::invalid_argument("vfplan: at most 2^32 - 2 points");
+    Cloud<S::dimension> cloud(n);
+    for (std::size_t i = 0; i < n; ++i) {
+        const Vec3 p{{xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}};
+        for (int k = 0; k < 3; ++k)
+            if (!(std::abs(p.c[k]) <= largest_coordinate))
+                throw std::invalid_argument("vfplan: points must be finite and within 1e6 m");
+        cloud.set(i, space.across(p));
+    }
+    return cloud;
+}
+
+}  // namespace vfplan

@@ -1,0 +1,182 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// A uniform grid over the cloud. Points are stored in the order of their cells, so that the cells
+// of one row are one stretch of memory. The table of cells takes O(N) whatever the cloud's extent:
+// all cells of the box where they are few, only the occupied ones where the box is mostly empty.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <numeric>
+
+#include "vfplan/cloud.hpp"
+
+namespace vfplan {
+
+template <int D>
+class Grid {
+  public:
+    /// `cell`: side of a cell [m], about a third of the radius that will be asked for.
+    Grid(const Cloud<D>& cloud, double cell) : box_(cloud.box()) {
+        double extent = 0;
+        for (int k = 0; k < D; ++k) extent = std::max(extent, box_.high.c[k] - box_.low.c[k]);
+        cell_ = std::max(cell, extent / most_cells_an_axis);
+        double cells = 1;
+        for (int k = 0; k < D; ++k) {
+            count_[k] = index(box_.high.c[k], k) + 1;
+            cells *= static_cast<double>(count_[k]);
+        }
+        dense_ = cells <= 2.0 * static_cast<double>(cloud.size()) + 64;
+        dense_ ? fill_dense(cloud, static_cast<std::size_t>(cells)) : fill_sparse(cloud);
+    }
+
+    const Box<D>& box() const noexcept { return box_; }
+    const Cloud<D>& cloud() const noexcept { return cloud_; }
+    double cell() const noexcept { return cell_; }
+    std::size_t cells() const noexcept { return start_.size() - 1; }
+    std::size_t bytes() const noexcept {
+        return cloud_.bytes() + start_.capacity() * sizeof(std::uint32_t) +
+               keys_.capacity() * sizeof(std::uint64_t);
+    }
+
+    /// Calls f(Span) for stretches that together hold every point within `reach` of x (and more).
+    template <class F>
+    void visit(const Vec<D>& x, double reach, F&& f) const noexcept {
+        if constexpr (D == 2) {
+            visit_rows(x, reach, 0, 0, f);
+        } else {
+            std::int64_t first, last;
+            if (!range(x, reach, 2, first, last)) return;
+            for (auto z = first; z <= last; ++z) {
+                const double left = reach * reach - square_to_cell(x, z, 2);
+                if (left >= 0) visit_rows(x, std::sqrt(left), z, first, f);
+            }
+        }
+    }
+
+  private:
+    static constexpr double most_cells_an_axis = 1 << 20;
+
+    std::int64_t index(double c, int k) const noexcept {
+        return static_cast<std::int64_t>(std::floor((c - box_.low.c[k]) / cell_));
+    }
+    /// Cells of axis k that [x - reach, x + reach] touches; one more each way against rounding.
+    bool range(const Vec<D>& x, double reach, int k, std::int64_t& first,
+               std::int64_t& last) const noexcept {
+        const double most = static_cast<double>(count_[k]);
+        const double at = (x.c[k] - box_.low.c[k]) / cell_, around = reach / cell_ + 1e-6;
+        if (at + around < 0 || at - around > most) return false;
+        first = static_cast<std::int64_t>(std::clamp(std::floor(at - around), 0.0, most - 1));
+        last = static_cast<std::int64_t>(std::clamp(std::floor(at + around), 0.0, most - 1));
+        return true;
+    }
+    double square_to_cell(const Vec<D>& x, std::int64_t i, int k) const noexcept {
+        const double low = box_.low.c[k] + static_cast<double>(i) * cell_;
+        const double slack = 1e-6 * cell_;
+        const double gap = std::max({low - x.c[k], x.c[k] - low - cell_, slack}) - slack;
+        return gap * gap;
+    }
+
+    template <class F>
+    void visit_rows(const Vec<D>& x, double reach, std::int64_t z, std::int64_t,
+                    F&& f) const noexcept {
+        std::int64_t first, last, from, to;
+        if (!range(x, reach, 1, first, last)) return;
+        std::size_t hint = 0;
+        for (auto y = first; y <= last; ++y) {
+            const double left = reach * reach - square_to_cell(x, y, 1);
+            if (left < 0 || !range(x, std::sqrt(left), 0, from, to)) continue;
+            const std::uint64_t row = key(0, y, z);
+            const auto a = row + static_cast<std::uint64_t>(from);
+            const auto b = row + static_cast<std::uint64_t>(to);
+            std::size_t i = a, j = b + 1;
+            if (!dense_) {
+                const auto begin = keys_.begin() + static_cast<std::ptrdiff_t>(hint);
+                const auto low = std::lower_bound(begin, keys_.end(), a);
+                auto high = low;
+                while (high != keys_.end() && *high <= b) ++high;
+                i = static_cast<std::size_t>(low - keys_.begin());
+                j = static_cast<std::size_t>(high - keys_.begin());
+                hint = i;
+            }
+            if (start_[i] < start_[j]) f(cloud_.span(start_[i], start_[j]));
+        }
+    }
+
+    std::uint64_t key(std::int64_t x, std::int64_t y, std::int64_t z) const noexcept {
+        return static_cast<std::uint64_t>((z * (D == 3 ? count_[1] : 1) + y) * count_[0] + x);
+    }
+    std::uint64_t key(const Vec<D>& p) const noexcept {
+        std::int64_t i[3] = {};
+        for (int k = 0; k < D; ++k)
+            i[k] = std::clamp<std::int64_t>(index(p.c[k], k), 0, count_[k] - 1);
+        return key(i[0], i[1], i[2]);
+    }
+
+    void fill_dense(const Cloud<D>& from, std::size_t cells) {
+        const std::size_t n = from.size();
+        start_.assign(cells + 1, 0);
+        std::vector<std::uint32_t> home(n);
+        for (std::size_t i = 0; i < n; ++i) {
+            home[i] = static_cast<std::uint32_t>(key(from[i]));
+            ++start_[home[i] + 1];
+        }
+        std::partial_sum(start_.begin(), start_.end(), start_.begin());
+        cloud_ = Cloud<D>(n);
+        for (std::size_t i = 0; i < n; ++i) cloud_.set(start_[home[i]]++, from[i]);
+        for (std::size_t c = cells; c > 0; --c) start_[c] = start_[c - 1];
+        start_[0] = 0;
+    }
+
+    void fill_sparse(const Cloud<D>& from) {
+        const std::size_t n = from.size();
+        std::vector<std::pair<std::uint64_t, std::uint32_t>> order(n);
+        for (std::size_t i = 0; i < n; ++i)
+            order[i] = {key(from[i]), static_cast<std::uint32_t>(i)};
+        std::sort(order.begin(), order.end());
+        std::size_t cells = 0;
+        for (std::size_t i = 0; i < n; ++i) cells += i == 0 || order[i].first != order[i - 1].first;
+        keys_.reserve(cells);
+        start_.reserve(cells + 1);
+        cloud_ = Cloud<D>(n);
+        for (std::size_t i = 0; i < n; ++i) {
+            if (i == 0 || order[i].first != order[i - 1].first) {
+                keys_.push_back(order[i].first);
+                start_.push_back(static_cast<std::uint32_t>(i));
+            }
+            cloud_.set(i, from[order[i].second]);
+        }
+        start_.push_back(static_cast<std::uint32_t>(n));
+    }
+
+    Box<D> box_;
+    Cloud<D> cloud_;
+    double cell_ = 0;
+    std::array<std::int64_t, D> count_{};
+    bool dense_ = true;
+    std::vector<std::uint32_t> start_;  // of each cell, and one behind the last
+    std::vector<std::uint64_t> keys_;   // of the occupied cells, where not all have an entry
+};
+
+/// All of a cloud too small to be worth a grid.
+template <int D>
+class Everything {
+  public:
+    Everything(const Cloud<D>& cloud, double) : box_(cloud.box()), cloud_(cloud) {}
+
+    const Box<D>& box() const noexcept { return box_; }
+    const Cloud<D>& cloud() const noexcept { return cloud_; }
+    std::size_t cells() const noexcept { return 0; }
+    std::size_t bytes() const noexcept { return cloud_.bytes(); }
+
+    template <class F>
+    void visit(const Vec<D>&, double, F&& f) const noexcept {
+        f(cloud_.span(0, cloud_.size()));
+    }
+
+  private:
+    Box<D> box_;
+    Cloud<D> cloud_;
+};
+
+}  // namespace vfplan

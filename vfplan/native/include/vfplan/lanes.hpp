@@ -1,0 +1,163 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// Eight points at a time, whatever the processor: the loops over points exist once, in lanes.inl,
+// and are compiled for the baseline and, on x86-64, for AVX2 and AVX-512. The width is chosen once,
+// when an engine is made. All widths keep eight partial sums, add them in one order and use only
+// correctly rounded operations, so they give the same bits.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+
+#include "vfplan/vec.hpp"
+
+#if defined(__x86_64__) && defined(__GNUC__)
+#include <immintrin.h>
+#define VFPLAN_X86 1
+#else
+#define VFPLAN_X86 0
+#endif
+
+namespace vfplan {
+
+/// How many float64 the processor's registers are asked to hold; `automatic`: the most it has.
+enum class Width { automatic = 0, two = 2, four = 4, eight = 8 };
+
+/// Points stored as one array a coordinate. Seven doubles behind the last may be read.
+template <int D>
+struct Span {
+    const double* c[D] = {};
+    std::size_t n = 0;
+};
+
+/// What eq. (1) adds up, and the nearest distance on the way.
+template <int D>
+struct NormalSum {
+    Vec<D> sum;
+    double weights = 0;
+    double nearest2 = std::numeric_limits<double>::infinity();
+};
+
+/// Sums of the special case 2 of Algorithm 2, and the first contact of eq. (3).
+struct FreeSum {
+    double to_proxy = 0, to_hip = 0, count = 0;
+    double first = std::numeric_limits<double>::infinity();
+};
+
+/// A straight way from `from` along the unit vector `way`; see Kernels::meet.
+template <int D>
+struct Ray {
+    Vec<D> from, way;
+    double outer2;  ///< R²: a sphere met steeply stops the proxy here
+    double inner2;  ///< a sphere grazed stops it only here
+    double steep2;  ///< (sine of the angle to the surface · R)² above which a meeting is steep
+};
+
+/// Weighted moments of points in the frame of a patch: heights z over lateral s.
+template <int D>
+struct Moments {
+    double w = 0, z = 0, s[D - 1] = {}, sz[D - 1] = {}, ss[D == 3 ? 3 : 1] = {};
+};
+
+/// Which points count for a patch, and how much; see Kernels::patch.
+template <int D>
+struct Patch {
+    Vec<D> at, up, side[D - 1];
+    double height;   ///< subtracted from z
+    double least2;   ///< weight 1 at this squared distance ...
+    double most2;    ///< ... and 0 from this one on
+    double cosine2;  ///< points further off `up` do not count
+};
+
+/// The loops over points, for one width.
+template <int D>
+struct Kernels {
+    /// Copies the points of `in` within sqrt(reach2) of x to `out`; returns how many.
+    std::size_t (*gather)(const Span<D>& in, const Vec<D>& x, double reach2, double* const* out);
+    /// Smallest squared distance to x.
+    double (*nearest2)(const Span<D>& in, const Vec<D>& x);
+    /// Eqs. (1) and (2).
+    void (*normal)(const Span<D>& in, const Vec<D>& x, double r1, double r3, NormalSum<D>& to);
+    /// State 0: eq. (3) and mean distances over the points within sqrt(reach2).
+    void (*free)(const Span<D>& in, const Vec<D>& x, const Vec<D>& hip, const Vec<D>& way,
+                 double reach2, double radius2, FreeSum& to);
+    /// Eq. (7): largest root over the points within sqrt(entrenched2).
+    double (*out)(const Span<D>& in, const Vec<D>& x, const Vec<D>& n, double entrenched2,
+                  double radius2);
+    /// How far a ray gets before it meets a sphere; infinity when it meets none.
+    double (*meet)(const Span<D>& in, const Ray<D>& ray);
+    /// Numbers of the points within sqrt(reach2), at most `room`; returns how many there are.
+    std::size_t (*within)(const Span<D>& in, const Vec<D>& x, double reach2, std::uint32_t* to,
+                          std::size_t room);
+    void (*patch)(const Span<D>& in, const Patch<D>& patch, Moments<D>& to);
+};
+
+namespace detail {
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpsabi"
+#endif
+
+inline constexpr double far_away = 1e15;  // coordinate of a lane without a point
+inline constexpr double lane_numbers[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+
+#define VFPLAN_LANES 2
+namespace lanes2 {
+#include "vfplan/lanes.inl"
+}
+#undef VFPLAN_LANES
+
+#if VFPLAN_X86
+#pragma GCC push_options
+#pragma GCC target("avx2")
+#define VFPLAN_LANES 4
+namespace lanes4 {
+#include "vfplan/lanes.inl"
+}
+#undef VFPLAN_LANES
+#pragma GCC pop_options
+
+#pragma GCC push_options
+#pragma GCC target("avx2,avx512f,avx512dq,avx512vl,prefer-vector-width=512")
+#define VFPLAN_LANES 8
+namespace lanes8 {
+#include "vfplan/lanes.inl"
+}
+#undef VFPLAN_LANES
+#pragma GCC pop_options
+#endif
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+}  // namespace detail
+
+/// The widest the processor at hand can run.
+inline Width widest() noexcept {
+#if VFPLAN_X86
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512vl"))
+        return Width::eight;
+    if (__builtin_cpu_supports("avx2")) return Width::four;
+#endif
+    return Width::two;
+}
+
+/// The loops for a width; one that the processor lacks falls back to the widest it has.
+template <int D>
+Kernels<D> kernels(Width width = Width::automatic) noexcept {
+    const Width most = widest();
+    if (width == Width::automatic || static_cast<int>(width) > static_cast<int>(most)) width = most;
+#if VFPLAN_X86
+    if (width == Width::eight) return detail::lanes8::table<D>();
+    if (width == Width::four) return detail::lanes4::table<D>();
+#endif
+    return detail::lanes2::table<D>();
+}
+
+}  // namespace vfplan

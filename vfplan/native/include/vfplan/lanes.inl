@@ -1,0 +1,368 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// The loops over points, eight at a time. Included by lanes.hpp once for each width; VFPLAN_LANES
+// says how wide the registers are, in float64.
+
+#define VFPLAN_INLINE [[gnu::always_inline]] inline
+
+using Native = double __attribute__((vector_size(8 * VFPLAN_LANES)));
+using NativeMask = long long __attribute__((vector_size(8 * VFPLAN_LANES)));
+inline constexpr int parts = 8 / VFPLAN_LANES;
+
+struct Mask {
+    NativeMask v[parts];
+};
+
+struct Lanes {
+    Native v[parts];
+};
+
+#define VFPLAN_EACH for (int i = 0; i < parts; ++i)
+#define VFPLAN_ARITHMETIC(op)                       \
+    VFPLAN_INLINE Lanes operator op(Lanes a, Lanes b) { \
+        VFPLAN_EACH a.v[i] = a.v[i] op b.v[i];      \
+        return a;                                   \
+    }                                               \
+    VFPLAN_INLINE Lanes operator op(Lanes a, double b) { \
+        VFPLAN_EACH a.v[i] = a.v[i] op b;           \
+        return a;                                   \
+    }                                               \
+    VFPLAN_INLINE Lanes operator op(double a, Lanes b) { \
+        VFPLAN_EACH b.v[i] = a op b.v[i];           \
+        return b;                                   \
+    }
+VFPLAN_ARITHMETIC(+)
+VFPLAN_ARITHMETIC(-)
+VFPLAN_ARITHMETIC(*)
+#undef VFPLAN_ARITHMETIC
+
+#define VFPLAN_COMPARISON(op)                      \
+    VFPLAN_INLINE Mask operator op(Lanes a, Lanes b) { \
+        Mask m;                                    \
+        VFPLAN_EACH m.v[i] = a.v[i] op b.v[i];     \
+        return m;                                  \
+    }                                              \
+    VFPLAN_INLINE Mask operator op(Lanes a, double b) { \
+        Mask m;                                    \
+        VFPLAN_EACH m.v[i] = a.v[i] op b;          \
+        return m;                                  \
+    }
+VFPLAN_COMPARISON(<)
+VFPLAN_COMPARISON(<=)
+VFPLAN_COMPARISON(>)
+VFPLAN_COMPARISON(>=)
+#undef VFPLAN_COMPARISON
+
+VFPLAN_INLINE Mask operator&(Mask a, Mask b) {
+    VFPLAN_EACH a.v[i] &= b.v[i];
+    return a;
+}
+VFPLAN_INLINE Mask operator|(Mask a, Mask b) {
+    VFPLAN_EACH a.v[i] |= b.v[i];
+    return a;
+}
+VFPLAN_INLINE Lanes operator-(Lanes a) {
+    VFPLAN_EACH a.v[i] = -a.v[i];
+    return a;
+}
+VFPLAN_INLINE Lanes& operator+=(Lanes& a, Lanes b) { return a = a + b; }
+VFPLAN_INLINE Lanes& operator-=(Lanes& a, Lanes b) { return a = a - b; }
+
+VFPLAN_INLINE Lanes all(double x) {
+    Lanes a;
+    VFPLAN_EACH a.v[i] = Native{} + x;
+    return a;
+}
+VFPLAN_INLINE Lanes load(const double* p) {
+    Lanes a;  // part by part: one copy of the whole would go through narrower registers
+    VFPLAN_EACH std::memcpy(&a.v[i], p + VFPLAN_LANES * i, sizeof(Native));
+    return a;
+}
+VFPLAN_INLINE Lanes choose(Mask m, Lanes a, Lanes b) {
+    VFPLAN_EACH a.v[i] = m.v[i] ? a.v[i] : b.v[i];
+    return a;
+}
+VFPLAN_INLINE Lanes smaller(Lanes a, Lanes b) { return choose(a < b, a, b); }
+VFPLAN_INLINE Lanes larger(Lanes a, Lanes b) { return choose(a > b, a, b); }
+
+VFPLAN_INLINE Lanes root(Lanes a) {
+#if VFPLAN_LANES == 8
+    a.v[0] = (Native)_mm512_maskz_sqrt_pd(0xff, (__m512d)a.v[0]);
+#elif VFPLAN_LANES == 4
+    VFPLAN_EACH a.v[i] = (Native)_mm256_sqrt_pd((__m256d)a.v[i]);
+#elif VFPLAN_X86
+    VFPLAN_EACH a.v[i] = (Native)_mm_sqrt_pd((__m128d)a.v[i]);
+#else
+    VFPLAN_EACH for (int j = 0; j < VFPLAN_LANES; ++j) a.v[i][j] = std::sqrt(a.v[i][j]);
+#endif
+    return a;
+}
+
+// 1/sqrt(a) to 2e-14: correctly rounded float32 operations, then one step of Newton's. Nothing here
+// depends on a processor's own approximation.
+VFPLAN_INLINE Lanes inverse_root(Lanes a) {
+    Lanes y;
+#if VFPLAN_LANES == 8
+    const __m256 f = _mm512_maskz_cvtpd_ps(0xff, (__m512d)a.v[0]);
+    y.v[0] = (Native)_mm512_maskz_cvtps_pd(0xff, _mm256_div_ps(_mm256_set1_ps(1), _mm256_sqrt_ps(f)));
+#elif VFPLAN_LANES == 4
+    const __m256 f = _mm256_set_m128(_mm256_cvtpd_ps((__m256d)a.v[1]),
+                                     _mm256_cvtpd_ps((__m256d)a.v[0]));
+    const __m256 g = _mm256_div_ps(_mm256_set1_ps(1), _mm256_sqrt_ps(f));
+    y.v[0] = (Native)_mm256_cvtps_pd(_mm256_castps256_ps128(g));
+    y.v[1] = (Native)_mm256_cvtps_pd(_mm256_extractf128_ps(g, 1));
+#elif VFPLAN_X86
+    for (int i = 0; i < parts; i += 2) {
+        const __m128 f = _mm_movelh_ps(_mm_cvtpd_ps((__m128d)a.v[i]),
+                                       _mm_cvtpd_ps((__m128d)a.v[i + 1]));
+        const __m128 g = _mm_div_ps(_mm_set1_ps(1), _mm_sqrt_ps(f));
+        y.v[i] = (Native)_mm_cvtps_pd(g);
+        y.v[i + 1] = (Native)_mm_cvtps_pd(_mm_movehl_ps(g, g));
+    }
+#else
+    VFPLAN_EACH for (int j = 0; j < VFPLAN_LANES; ++j) y.v[i][j] =
+        1.0f / std::sqrt(static_cast<float>(a.v[i][j]));
+#endif
+    return y * (1.5 - 0.5 * a * y * y);
+}
+
+VFPLAN_INLINE unsigned bits(Mask m) {
+    unsigned b = 0;
+#if VFPLAN_LANES == 8
+    b = _mm512_movepi64_mask((__m512i)m.v[0]);
+#elif VFPLAN_LANES == 4
+    VFPLAN_EACH b |= static_cast<unsigned>(_mm256_movemask_pd((__m256d)m.v[i])) << (4 * i);
+#elif VFPLAN_X86
+    VFPLAN_EACH b |= static_cast<unsigned>(_mm_movemask_pd((__m128d)m.v[i])) << (2 * i);
+#else
+    VFPLAN_EACH for (int j = 0; j < VFPLAN_LANES; ++j) b |=
+        static_cast<unsigned>(m.v[i][j] & 1) << (VFPLAN_LANES * i + j);
+#endif
+    return b;
+}
+
+VFPLAN_INLINE double sum(Lanes a) {
+    double v[8];
+    VFPLAN_EACH std::memcpy(v + VFPLAN_LANES * i, &a.v[i], sizeof(Native));
+    return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
+}
+
+VFPLAN_INLINE double least(Lanes a) {
+    double v[8];
+    VFPLAN_EACH std::memcpy(v + VFPLAN_LANES * i, &a.v[i], sizeof(Native));
+    double m = v[0];
+    for (int i = 1; i < 8; ++i) m = v[i] < m ? v[i] : m;
+    return m;
+}
+
+// Points i .. i+7 of a span relative to x; lanes without a point are far away.
+template <int D>
+struct Block {
+    Lanes d[D];
+    Lanes d2;
+
+    VFPLAN_INLINE void read(const Span<D>& in, std::size_t i, const Vec<D>& x) {
+        const std::size_t left = in.n - i;
+        for (int k = 0; k < D; ++k) d[k] = load(in.c[k] + i) - x.c[k];
+        if (left < 8) {
+            const Mask there = load(lane_numbers) < static_cast<double>(left);
+            for (int k = 0; k < D; ++k) d[k] = choose(there, d[k], all(far_away));
+        }
+        d2 = d[0] * d[0];
+        for (int k = 1; k < D; ++k) d2 += d[k] * d[k];
+    }
+    VFPLAN_INLINE Lanes along(const Vec<D>& v) const {
+        Lanes a = d[0] * v.c[0];
+        for (int k = 1; k < D; ++k) a += d[k] * v.c[k];
+        return a;
+    }
+};
+
+template <int D>
+std::size_t gather(const Span<D>& in, const Vec<D>& x, double reach2, double* const* out) {
+    std::size_t n = 0;
+    for (std::size_t i = 0; i < in.n; i += 8) {
+        Block<D> b;
+        b.read(in, i, x);
+        unsigned m = bits(b.d2 <= reach2);
+#if VFPLAN_LANES == 8
+        if (m == 0) continue;
+        for (int k = 0; k < D; ++k) {
+            const __m512d v = _mm512_loadu_pd(in.c[k] + i);
+            _mm512_storeu_pd(out[k] + n, _mm512_maskz_compress_pd(static_cast<__mmask8>(m), v));
+        }
+        n += static_cast<std::size_t>(__builtin_popcount(m));
+#else
+        for (; m != 0; m &= m - 1, ++n) {
+            const auto j = i + static_cast<std::size_t>(__builtin_ctz(m));
+            for (int k = 0; k < D; ++k) out[k][n] = in.c[k][j];
+        }
+#endif
+    }
+    return n;
+}
+
+template <int D>
+double nearest2(const Span<D>& in, const Vec<D>& x) {
+    Lanes m = all(std::numeric_limits<double>::infinity());
+    for (std::size_t i = 0; i < in.n; i += 8) {
+        Block<D> b;
+        b.read(in, i, x);
+        m = smaller(b.d2, m);
+    }
+    return least(m);
+}
+
+template <int D>
+void normal(const Span<D>& in, const Vec<D>& x, double r1, double r3, NormalSum<D>& to) {
+    const double scale = 1 / (r3 - r1);
+    const Lanes one = all(1.0), zero = all(0.0);
+    Lanes s[D] = {}, weights = zero, near = all(to.nearest2);
+    for (std::size_t i = 0; i < in.n; i += 8) {
+        Block<D> b;
+        b.read(in, i, x);
+        near = smaller(b.d2, near);
+        const Lanes inverse = inverse_root(b.d2);
+        Lanes t = (b.d2 * inverse - r1) * scale;
+        t = larger(t, zero);
+        t = smaller(t, one);
+        const Lanes q = 1.0 - t, q2 = q * q;
+        const Lanes phi = (1.0 + 4.0 * t) * (q2 * q2);
+        weights += phi;
+        const Lanes w = phi * inverse;
+        for (int k = 0; k < D; ++k) s[k] -= w * b.d[k];
+    }
+    for (int k = 0; k < D; ++k) to.sum.c[k] += sum(s[k]);
+    to.weights += sum(weights);
+    to.nearest2 = least(near);
+}
+
+template <int D>
+void free(const Span<D>& in, const Vec<D>& x, const Vec<D>& hip, const Vec<D>& way, double reach2,
+          double radius2, FreeSum& to) {
+    const Lanes zero = all(0.0), never = all(std::numeric_limits<double>::infinity());
+    const Vec<D> u = hip - x;
+    Lanes to_proxy = zero, to_hip = zero, count = zero, first = never;
+    for (std::size_t i = 0; i < in.n; i += 8) {
+        Block<D> b;
+        b.read(in, i, x);
+        const Mask near = b.d2 < reach2;
+        if (bits(near) == 0) continue;
+        Lanes h2 = (b.d[0] - u.c[0]) * (b.d[0] - u.c[0]);
+        for (int k = 1; k < D; ++k) h2 += (b.d[k] - u.c[k]) * (b.d[k] - u.c[k]);
+        to_proxy += choose(near, root(b.d2), zero);
+        to_hip += choose(near, root(h2), zero);
+        count += choose(near, all(1.0), zero);
+        const Lanes ahead = b.along(way);
+        const Lanes inside = ahead * ahead - b.d2 + radius2;
+        const Mask hit = near & (inside >= 0.0);
+        if (bits(hit) == 0) continue;
+        const Lanes d0 = ahead - root(choose(hit, inside, zero));
+        first = choose(hit & (d0 >= 0.0) & (d0 < first), d0, first);
+    }
+    to.to_proxy += sum(to_proxy);
+    to.to_hip += sum(to_hip);
+    to.count += sum(count);
+    const double f = least(first);
+    to.first = f < to.first ? f : to.first;
+}
+
+template <int D>
+double out(const Span<D>& in, const Vec<D>& x, const Vec<D>& n, double entrenched2,
+           double radius2) {
+    const Lanes zero = all(0.0);
+    Lanes most = all(-std::numeric_limits<double>::infinity());
+    for (std::size_t i = 0; i < in.n; i += 8) {
+        Block<D> b;
+        b.read(in, i, x);
+        const Mask inside = b.d2 < entrenched2;
+        if (bits(inside) == 0) continue;
+        const Lanes ahead = b.along(n);
+        const Lanes under = ahead * ahead + (radius2 - b.d2);
+        const Lanes d = ahead + root(choose(inside, under, zero));
+        most = choose(inside & (d > most), d, most);
+    }
+    return -least(-most);
+}
+
+template <int D>
+double meet(const Span<D>& in, const Ray<D>& ray) {
+    const Lanes zero = all(0.0);
+    Lanes first = all(std::numeric_limits<double>::infinity());
+    for (std::size_t i = 0; i < in.n; i += 8) {
+        Block<D> b;
+        b.read(in, i, ray.from);
+        const Lanes ahead = b.along(ray.way);
+        const Lanes outer = ahead * ahead - b.d2 + ray.outer2;
+        const Mask front = (ahead > 0.0) & (outer > 0.0);
+        if (bits(front) == 0) continue;
+        const Lanes inner = ahead * ahead - b.d2 + ray.inner2;
+        const Mask steep = (outer > ray.steep2) & (b.d2 > ray.outer2);
+        const Mask hit = front & (steep | (inner > 0.0));
+        if (bits(hit) == 0) continue;
+        const Lanes under = choose(steep, outer, inner);
+        Lanes s = ahead - root(choose(hit, under, zero));
+        s = larger(s, zero);
+        first = choose(hit & (s < first), s, first);
+    }
+    return least(first);
+}
+
+template <int D>
+std::size_t within(const Span<D>& in, const Vec<D>& x, double reach2, std::uint32_t* to,
+                   std::size_t room) {
+    std::size_t n = 0;
+    for (std::size_t i = 0; i < in.n; i += 8) {
+        Block<D> b;
+        b.read(in, i, x);
+        for (unsigned m = bits(b.d2 <= reach2); m != 0; m &= m - 1, ++n)
+            if (n < room)
+                to[n] = static_cast<std::uint32_t>(i) +
+                        static_cast<std::uint32_t>(__builtin_ctz(m));
+    }
+    return n;
+}
+
+template <int D>
+void patch(const Span<D>& in, const Patch<D>& p, Moments<D>& to) {
+    const Lanes zero = all(0.0);
+    const double scale = 1 / (p.most2 - p.least2);
+    Lanes W = zero, Z = zero, S[D - 1] = {}, SZ[D - 1] = {}, SS[D == 3 ? 3 : 1] = {};
+    for (std::size_t i = 0; i < in.n; i += 8) {
+        Block<D> b;
+        b.read(in, i, p.at);
+        const Lanes up = -b.along(p.up);
+        const Mask counts = (b.d2 < p.most2) & (up > 0.0) & (up * up > p.cosine2 * b.d2);
+        if (bits(counts) == 0) continue;
+        Lanes q = (p.most2 - b.d2) * scale;
+        q = choose(counts, smaller(q, all(1.0)), zero);
+        const Lanes w = q * q;
+        const Lanes z = choose(counts, up - p.height, zero);
+        Lanes s[D - 1];
+        for (int k = 0; k < D - 1; ++k) {
+            s[k] = choose(counts, -b.along(p.side[k]), zero);
+            S[k] += w * s[k];
+            SZ[k] += w * s[k] * z;
+            SS[k] += w * s[k] * s[k];
+        }
+        if constexpr (D == 3) SS[2] += w * s[0] * s[1];
+        W += w;
+        Z += w * z;
+    }
+    to.w += sum(W);
+    to.z += sum(Z);
+    for (int k = 0; k < D - 1; ++k) {
+        to.s[k] += sum(S[k]);
+        to.sz[k] += sum(SZ[k]);
+        to.ss[k] += sum(SS[k]);
+    }
+    if constexpr (D == 3) to.ss[2] += sum(SS[2]);
+}
+
+template <int D>
+Kernels<D> table() {
+    return {gather<D>, nearest2<D>, normal<D>, free<D>, out<D>, meet<D>, within<D>, patch<D>};
+}
+
+#undef VFPLAN_EACH
+#undef VFPLAN_INLINE

@@ -1,0 +1,99 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// The points around the proxy, gathered once and kept while the proxy stays near enough: within a
+// tick and over many ticks.
+#pragma once
+
+#include "vfplan/grid.hpp"
+
+namespace vfplan {
+
+/// Points near a place, from a Grid. A neighbourhood too crowded for the list is read from the
+/// grid.
+template <int D>
+class Neighbours {
+  public:
+    using Source = Grid<D>;
+    static constexpr std::size_t most = 8192;  // points in the list
+
+    /// `reach`: the largest radius that is asked for often; `skin`: how far x may go meanwhile.
+    Neighbours(const Cloud<D>& cloud, double reach, double skin, const Kernels<D>& kernels)
+        : source_(cloud, reach / 3),
+          held_(std::clamp<std::size_t>(cloud.size() / 4, 1024, most)),
+          radius_(reach + skin),
+          kernels_(kernels) {}
+
+    const Source& source() const noexcept { return source_; }
+    std::size_t bytes() const noexcept { return source_.bytes() + held_.bytes(); }
+
+    /// Calls f(Span) for stretches that together hold every point within `reach` of x (and more).
+    template <class F>
+    void visit(const Vec<D>& x, double reach, F&& f) noexcept {
+        if (reach > radius_) return source_.visit(x, reach, f);
+        if (!(norm(x - centre_) + reach <= radius_) || !valid_) gather(x);
+        if (crowded_) return source_.visit(x, reach, f);
+        f(held_.span(0, count_));
+    }
+
+  private:
+    void gather(const Vec<D>& x) noexcept {
+        centre_ = x;
+        valid_ = true;
+        crowded_ = false;
+        count_ = 0;
+        const double reach2 = radius_ * radius_ * (1 + 1e-12);
+        source_.visit(x, radius_, [&](const Span<D>& span) noexcept {
+            if (crowded_ || count_ + span.n > held_.size()) {
+                crowded_ = crowded_ || !squeeze(span, reach2);
+                return;
+            }
+            count_ += take(span, reach2);
+        });
+    }
+    std::size_t take(const Span<D>& span, double reach2) noexcept {
+        double* to[D];
+        for (int k = 0; k < D; ++k) to[k] = held_.axis(k) + count_;
+        return kernels_.gather(span, centre_, reach2, to);
+    }
+    /// A stretch that may not fit as a whole, eight points at a time; false when it does not.
+    bool squeeze(Span<D> span, double reach2) noexcept {
+        while (span.n > 0) {
+            Span<D> part = span;
+            part.n = std::min<std::size_t>(span.n, 8);
+            if (count_ + part.n > held_.size()) return false;
+            count_ += take(part, reach2);
+            for (int k = 0; k < D; ++k) span.c[k] += part.n;
+            span.n -= part.n;
+        }
+        return true;
+    }
+
+    Source source_;
+    Cloud<D> held_;
+    double radius_;
+    Kernels<D> kernels_;
+    Vec<D> centre_;
+    std::size_t count_ = 0;
+    bool valid_ = false, crowded_ = false;
+};
+
+/// The same calls on a small cloud: always all of it.
+template <int D>
+class AllPoints {
+  public:
+    using Source = Everything<D>;
+
+    AllPoints(const Cloud<D>& cloud, double, double, const Kernels<D>&) : source_(cloud, 0) {}
+
+    const Source& source() const noexcept { return source_; }
+    std::size_t bytes() const noexcept { return source_.bytes(); }
+    template <class F>
+    void visit(const Vec<D>& x, double reach, F&& f) noexcept {
+        source_.visit(x, reach, f);
+    }
+
+  private:
+    Source source_;
+};
+
+}  // namespace vfplan

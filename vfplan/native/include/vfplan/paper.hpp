@@ -1,0 +1,144 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// The paper's rule, Algorithms 1-4 with equations (1)-(7), as the NumPy reference reads it. It
+// keeps the paper's failures; the robust rule cures them.
+#pragma once
+
+#include "vfplan/neighbours.hpp"
+#include "vfplan/parameters.hpp"
+#include "vfplan/status.hpp"
+
+namespace vfplan {
+
+/// What a rule says of a tick, in the space it works in.
+template <int D>
+struct Tick {
+    Vec<D> normal;
+    State state = State::no_neighbour;
+    std::uint8_t status = ok;
+};
+
+template <int D, template <int> class Search>
+class PaperRule {
+  public:
+    static constexpr int dimension = D;
+
+    PaperRule(const Cloud<D>& cloud, const Parameters& p, const Kernels<D>& kernels)
+        : p_(p),
+          kernels_(kernels),
+          reach_(p.outer_radius + p.point_radius),
+          neighbours_(cloud, reach_, 0.06 * reach_, kernels) {}
+
+    void reset() noexcept {}
+    Search<D>& neighbours() noexcept { return neighbours_; }
+
+    /// Algorithm 1, one servo loop.
+    Tick<D> operator()(Vec<D>& proxy, const Vec<D>& hip) noexcept {
+        Tick<D> tick;
+        const NormalSum<D> near = look(proxy);
+        const double de = std::sqrt(near.nearest2);
+        const double rv = p_.point_radius, r1 = p_.r1();
+        if (!(de < reach_)) {  // Algorithm 4, no neighbour: s = P_HIP - P_proxy
+            proxy = hip;
+            return tick;
+        }
+        const double length = norm(near.sum);
+        if (length > cancelled * near.weights) tick.normal = (1 / length) * near.sum;
+        const Vec<D> u = hip - proxy;
+        if (de < r1 + rv) {
+            tick.state = State::entrenched;
+            proxy = proxy + leave(proxy, tick.normal) * tick.normal;
+        } else if (de <= p_.r2() + rv) {
+            tick.state = State::in_contact;
+            proxy = proxy + contact_step(u, tick.normal);
+        } else {
+            tick.state = State::free_motion;
+            proxy = proxy + free_step(proxy, hip, u, tick.normal);
+        }
+        return tick;
+    }
+
+  private:
+    static constexpr double cancelled = 1e-12;  // of the weights: a sum below it has no direction
+    static constexpr double tiny2 = 1e-30;      // [m²]; below it float32 does not hold the square
+
+    /// Eqs. (1) and (2), and the nearest point.
+    NormalSum<D> look(const Vec<D>& proxy) noexcept {
+        NormalSum<D> near;
+        neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
+            kernels_.normal(s, proxy, p_.r1(), p_.outer_radius, near);
+        });
+        if (near.nearest2 < tiny2) look_closely(proxy, near);
+        return near;
+    }
+    /// The same where a point lies so near that its square would underflow: one by one.
+    void look_closely(const Vec<D>& proxy, NormalSum<D>& near) noexcept {
+        near.sum = {};
+        near.weights = 0;
+        neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
+            for (std::size_t i = 0; i < s.n; ++i) {
+                Vec<D> away = proxy;
+                for (int k = 0; k < D; ++k) away.c[k] -= s.c[k][i];
+                const double r = norm(away);
+                if (!(r > 0)) continue;
+                const double t = std::clamp((r - p_.r1()) / (p_.outer_radius - p_.r1()), 0.0, 1.0);
+                const double q = 1 - t, phi = (1 + 4 * t) * (q * q * q * q);
+                near.sum = near.sum + (phi / r) * away;
+                near.weights += phi;
+            }
+        });
+    }
+
+    /// Eqs. (4), (5): along u_p, at most xi r1.
+    Vec<D> tangential(const Vec<D>& u, const Vec<D>& n) const noexcept {
+        const Vec<D> up = u - dot(n, u) * n;
+        return along(up, step_size(up));
+    }
+    double step_size(const Vec<D>& up) const noexcept {
+        return p_.gain * std::min(norm(up), p_.r1());
+    }
+
+    /// Algorithm 3, eq. (6).
+    Vec<D> contact_step(const Vec<D>& u, const Vec<D>& n) const noexcept {
+        const double into = dot(n, u);
+        const Vec<D> up = u - into * n;
+        return along(into < 0 ? up : u, step_size(up));
+    }
+
+    /// Algorithm 2.
+    Vec<D> free_step(const Vec<D>& proxy, const Vec<D>& hip, const Vec<D>& u,
+                     const Vec<D>& n) noexcept {
+        const double length = norm(u), R = p_.R();
+        if (length == 0) return {};
+        const Vec<D> way = (1 / length) * u;
+        FreeSum sum;
+        neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
+            kernels_.free(s, proxy, hip, way, reach_ * reach_, R * R, sum);
+        });
+        const bool hip_inside = dot(n, u) < 0;
+        const double d = std::min(sum.first, length);
+        if (!hip_inside && sum.to_hip / sum.count > sum.to_proxy / sum.count) return u;
+        if (d == 0 && hip_inside) return tangential(u, n);
+        return (d / length) * u;
+    }
+
+    /// Eq. (7): the way out along n.
+    double leave(const Vec<D>& proxy, const Vec<D>& n) noexcept {
+        const double R = p_.R(), inside = p_.r1() + p_.point_radius;
+        double most = 0;
+        bool any = false;
+        neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
+            const double d = kernels_.out(s, proxy, n, inside * inside, R * R);
+            most = any ? std::max(most, d) : d;
+            any = true;
+        });
+        return std::isfinite(most) ? most : 0;
+    }
+
+    Parameters p_;
+    Kernels<D> kernels_;
+    double reach_;
+    Search<D> neighbours_;
+};
+
+}  // namespace vfplan

@@ -1,0 +1,53 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// Table I of the paper, in SI.
+#pragma once
+
+#include <optional>
+#include <stdexcept>
+#include <string>
+
+#include "vfplan/vec.hpp"
+
+namespace vfplan {
+
+enum class Rule { robust, paper };
+enum class Search { automatic, grid, brute };
+
+struct Parameters {
+    double contact_radius = 5e-3;  ///< r_c [m]
+    double band = 1e-5;            ///< r2 - r_c = r_c - r1 [m]; at least the cloud's dimple depth
+    double point_radius = 0;       ///< r_v [m]
+    double outer_radius = 1e-2;    ///< r3 [m]
+    double gain = 1;               ///< xi of eq. (5)
+    Vec3 stiffness{{1000, 1000, 1000}};  ///< diagonal of K [N/m]
+    std::optional<Vec3> ignore_axis;     ///< unit vector along which the fixture is infinite
+    Rule rule = Rule::robust;
+    Search search = Search::automatic;
+    int max_iterations = 16;  ///< of the robust rule, a tick
+
+    double r1() const noexcept { return contact_radius - band; }
+    double r2() const noexcept { return contact_radius + band; }
+    /// R = r_c + r_v, where the proxy rests on a point.
+    double R() const noexcept { return contact_radius + point_radius; }
+};
+
+/// Throws std::invalid_argument on a value outside its range.
+inline void check(const Parameters& p) {
+    const auto must = [](bool holds, const char* what) {
+        if (!holds) throw std::invalid_argument(std::string("vfplan: ") + what);
+    };
+    const auto positive = [](double x) { return std::isfinite(x) && x > 0; };
+    must(positive(p.contact_radius), "contact_radius must be finite and above 0");
+    must(positive(p.band) && p.band <= p.contact_radius, "band must be in (0, contact_radius]");
+    must(p.r1() < p.r2(), "band: r1 must be less than r2");
+    must(std::isfinite(p.point_radius) && p.point_radius >= 0, "point_radius must be at least 0");
+    must(std::isfinite(p.outer_radius) && p.outer_radius > p.r2(), "outer_radius must exceed r2");
+    must(p.gain > 0 && p.gain <= 1, "gain must be in (0, 1]");
+    for (int k = 0; k < 3; ++k) must(positive(p.stiffness[k]), "stiffness must be above 0");
+    if (p.ignore_axis)
+        must(std::abs(norm(*p.ignore_axis) - 1) < 1e-9, "ignore_axis must be a unit vector");
+    must(p.max_iterations >= 1, "max_iterations must be at least 1");
+}
+
+}  // namespace vfplan

@@ -1,0 +1,220 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// The default rule. The proxy never enters a sphere of radius R - band around a point, slides on
+// the surfaces that the points sample, is held by every wall of a corner, and lets go.
+//
+// An iteration: find the surfaces that touch; fit each one's normal; take the step towards the HIP
+// that keeps to all of them at height R; go along it until a sphere is met.
+#pragma once
+
+#include "vfplan/cone.hpp"
+#include "vfplan/contacts.hpp"
+#include "vfplan/escape.hpp"
+#include "vfplan/paper.hpp"
+#include "vfplan/surface.hpp"
+#include "vfplan/travel.hpp"
+
+namespace vfplan {
+
+template <int D, template <int> class SearchOf>
+class RobustRule {
+  public:
+    using Search = SearchOf<D>;
+    static constexpr int dimension = D;
+
+    RobustRule(const Cloud<D>& cloud, const Parameters& p, const Kernels<D>& kernels)
+        : p_(p),
+          kernels_(kernels),
+          R_(p.R()),
+          safe2_((R_ - p.band) * (R_ - p.band)),
+          shell_(R_ + 2 * p.band),
+          grain_(std::sqrt(p.band / R_)),
+          window_(std::min(8 * grain_, 1.7) * R_),
+          lean_(std::cos(std::min(1.3 * std::sqrt(2.0) * grain_, 0.5))),
+          soft_{R_, R_ - p.band * (1 - 1e-3), std::min(6 * grain_, 0.5)},
+          hard_{R_, R_ - p.band * (1 - 1e-3), 0},
+          neighbours_(cloud, std::max(1.21 * R_, reach()), 0.15 * R_, kernels),
+          travel_(kernels, R_),
+          escape_(kernels, R_),
+          contacts_(shell_, std::cos(std::min(2 * grain_, 0.3)),
+                    std::cos(std::min(6 * grain_, 0.9))) {}
+
+    Search& neighbours() noexcept { return neighbours_; }
+    void reset() noexcept {
+        escape_.stop();
+        known_ = false;
+        held_ = false;
+        count_ = 0;
+    }
+
+    /// One servo loop.
+    Tick<D> operator()(Vec<D>& proxy, const Vec<D>& hip) noexcept {
+        Tick<D> tick;
+        if (!held_ && !enter(proxy, hip, tick)) return tick;
+        const Vec<D> start = proxy;
+        tick.status = limit;
+        for (int i = 0; i < p_.max_iterations; ++i)
+            if (!advance(proxy, hip, tick)) {
+                tick.status &= static_cast<std::uint8_t>(~limit);
+                break;
+            }
+        double near2 = nearest2(proxy, shell_);
+        if (!(near2 >= safe2_)) {  // cannot happen; if it does, stay where it was safe
+            proxy = start;
+            near2 = nearest2(proxy, shell_);
+            tick.status |= limit;
+        }
+        describe(proxy, near2, tick);
+        return tick;
+    }
+
+  private:
+    double reach() const noexcept {
+        return std::max(shell_, std::sqrt(shell_ * shell_ + window_ * window_));
+    }
+
+    /// Makes sure that the proxy is outside, as the guarantee needs; false while it is on its way
+    /// out.
+    bool enter(Vec<D>& proxy, const Vec<D>& hip, Tick<D>& tick) noexcept {
+        if (!escape_.active()) {
+            if (nearest2(proxy, shell_) >= safe2_) return held_ = true;
+            escape_.begin(neighbours_, hip);
+        }
+        held_ = escape_.step(neighbours_, hip, proxy);
+        tick.state = State::entrenched;
+        tick.normal = escape_.way();
+        tick.status = inside;
+        return false;
+    }
+
+    /// One iteration; false when the proxy has come to rest.
+    bool advance(Vec<D>& x, const Vec<D>& hip, Tick<D>& tick) noexcept {
+        const Vec<D> u = hip - x;
+        const double distance = norm(u);
+        if (!(distance > 0)) return false;
+        look(x);
+        bool out_of_reach = false;
+        if (count_ == 0) {
+            const double s =
+                travel_(neighbours_, x, (1 / distance) * u, distance, hard_, out_of_reach);
+            if (s >= distance) {
+                x = hip;
+                return false;
+            }
+            x = x + (s / distance) * u;
+            return true;
+        }
+        const Vec<D> v = project(u, wall_, count_, 1e-6 * p_.band);
+        const double length = norm(v);
+        push_ = v - u;
+        if (!(length > rest())) return false;
+        const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, out_of_reach);
+        const Vec<D> y = s < length ? x + (s / length) * v : v == u ? hip : x + v;
+        // Where two walls hold it: descend or stay. Their sampled normals alone would let it
+        // wander.
+        if (count_ > 1 && !(norm(hip - y) < distance)) return false;
+        x = y;
+        (void)tick;
+        return s > 1e-3 * rest() && !(x == hip);
+    }
+    double rest() const noexcept { return 1e-2 * p_.band; }
+
+    /// The surfaces that touch the proxy at x, and how far each one asks it to move.
+    void look(const Vec<D>& x) noexcept {
+        if (known_ && x == looked_at_) return;
+        known_ = true;
+        looked_at_ = x;
+        contacts_.clear();
+        neighbours_.visit(x, shell_, [&](const Span<D>& s) noexcept {
+            std::uint32_t which[room];
+            const std::size_t n = kernels_.within(s, x, shell_ * shell_, which, room);
+            for (std::size_t i = 0; i < std::min(n, room); ++i) touch(s, which[i], x);
+            if (n > room)  // a crowd of points: go through all of them
+                for (std::size_t i = which[room - 1] + 1; i < s.n; ++i) touch(s, i, x);
+        });
+        contacts_.group();
+        Wall<D> before[Contacts<D>::most];
+        std::copy(wall_, wall_ + count_, before);
+        const int had = std::exchange(count_, contacts_.count());
+        for (int j = 0; j < count_; ++j) wall_[j] = wall(x, contacts_[j], before, had);
+    }
+    void touch(const Span<D>& s, std::size_t i, const Vec<D>& x) noexcept {
+        Vec<D> away = x;
+        for (int k = 0; k < D; ++k) away.c[k] -= s.c[k][i];
+        if (dot(away, away) <= shell_ * shell_) contacts_.add(away);
+    }
+
+    /// The normal of one surface, and the height that is missing to R above its nearest point.
+    Wall<D> wall(const Vec<D>& x, const Contact<D>& c, const Wall<D>* before, int had) noexcept {
+        Vec<D> base = c.direction;
+        double near = std::cos(0.5);
+        for (int j = 0; j < had; ++j) {
+            const double cosine = dot(before[j].n, c.direction);
+            if (cosine > near) near = cosine, base = before[j].n;
+        }
+        base = within_cone(base, c.direction, lean_);
+        Patch<D> patch;
+        patch.at = x;
+        patch.up = base;
+        frame(base, patch.side);
+        patch.height = c.r;
+        patch.least2 = c.r * c.r;
+        patch.most2 = patch.least2 + window_ * window_;
+        patch.cosine2 = R_ * R_ / (R_ * R_ + window_ * window_);
+        Moments<D> m;
+        neighbours_.visit(x, std::sqrt(patch.most2),
+                          [&](const Span<D>& s) noexcept { kernels_.patch(s, patch, m); });
+        Wall<D> w;
+        w.n = within_cone(plane_normal(patch, m), c.direction, lean_);
+        w.t = std::clamp(R_ - c.r * dot(c.nearest, w.n), -2 * p_.band, 2 * p_.band);
+        return w;
+    }
+
+    double nearest2(const Vec<D>& x, double reach) noexcept {
+        double least = std::numeric_limits<double>::infinity();
+        neighbours_.visit(x, reach, [&](const Span<D>& s) noexcept {
+            least = std::min(least, kernels_.nearest2(s, x));
+        });
+        return least;
+    }
+
+    void describe(const Vec<D>& x, double near2, Tick<D>& tick) noexcept {
+        const double touching = R_ + p_.band, near = p_.outer_radius + p_.point_radius;
+        if (near2 <= touching * touching || (known_ && x == looked_at_ && count_ > 0)) {
+            tick.state = State::in_contact;
+            look(x);
+            if (count_ == 1) tick.normal = wall_[0].n;
+            if (count_ > 1) {
+                Vec<D> n = push_;
+                if (!(norm(n) > rest())) {
+                    n = {};
+                    for (int j = 0; j < count_; ++j) n = n + wall_[j].n;
+                }
+                tick.normal = along(n, 1);
+            }
+        } else if (near2 < near * near || nearest2(x, near) < near * near) {
+            tick.state = State::free_motion;
+        }
+    }
+
+    static constexpr std::size_t room = 256;
+
+    Parameters p_;
+    Kernels<D> kernels_;
+    double R_, safe2_, shell_;
+    double grain_;   // sqrt(band / R): half the spacing that the band covers, seen from R
+    double window_;  // lateral radius of the plane fit [m]
+    double lean_;    // cosine of the angle a normal may lean from the contact's direction
+    Obstacles soft_, hard_;
+    Search neighbours_;
+    Travel<D, Search> travel_;
+    Escape<D, Search> escape_;
+    Contacts<D> contacts_;
+    Wall<D> wall_[Contacts<D>::most];
+    int count_ = 0;
+    Vec<D> looked_at_, push_;
+    bool known_ = false;  // wall_ belongs to looked_at_
+    bool held_ = false;   // outside the fixture since the last reset
+};
+
+}  // namespace vfplan
