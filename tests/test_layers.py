@@ -12,6 +12,7 @@ LAYERS = [
     ["errors"],
     ["checks", "choosing", "spacing"],
     ["rendering"],
+    ["dicom"],
     ["image", "fixture", "markers", "session", "robot"],
     ["extraction", "registration", "marker_finding", "bundle", "proxy", "reference", "scenes"],
     ["centreline"],

@@ -1,4 +1,4 @@
-"""Read a planned slice: PNG, JPEG, TIFF or BMP -> PlannedImage.
+"""Read a planned slice: PNG, JPEG, TIFF, BMP or DICOM -> PlannedImage.
 
 Pixels: u to the right, v down, and the *centre* of the top-left pixel is (0, 0).
 """
@@ -6,13 +6,19 @@ Pixels: u to the right, v down, and the *centre* of the top-left pixel is (0, 0)
 from __future__ import annotations
 
 import hashlib
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.dicom import is_dicom, read_dicom
 from vfplan.errors import ImageError
+
+PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +33,14 @@ class PlannedImage:
         (along u, between columns; along v, between rows) [mm/px]; `None` when nobody knows.
     sha256
         Of the file's bytes, lower-case hex; of the pixels for an array that came from no file.
+    T_patient_image
+        (4, 3) mapping [u v 1] to the patient's LPS frame [m]; DICOM only, `None` when unknown.
     """
 
     rgb: NDArray[np.uint8] | NDArray[np.uint16]
     pixel_spacing_mm: tuple[float, float] | None = None
     sha256: str = ""
+    T_patient_image: NDArray[np.float64] | None = None
 
     @property
     def width_px(self) -> int:
@@ -61,28 +70,41 @@ def as_image(image: PlannedImage | NDArray) -> PlannedImage:
 
 
 def read_image(
-    path: str | Path, *, pixel_spacing_mm: tuple[float, float] | None = None
+    path: str | Path,
+    *,
+    frame: int | None = None,
+    pixel_spacing_mm: tuple[float, float] | None = None,
+    imager_spacing: bool = False,
 ) -> PlannedImage:
     """Read a planned slice.
 
     Parameters
     ----------
     path
-        A PNG (8 or 16 bit, palette, alpha), JPEG, TIFF or BMP file. EXIF orientation is applied;
-        transparent pixels are laid over black.
+        A PNG (8 or 16 bit, palette, alpha), JPEG, TIFF or BMP file, or DICOM with the `dicom`
+        extra. EXIF orientation is applied; transparent pixels are laid over black.
+    frame
+        Which frame of a multi-frame DICOM or page of a TIFF, from 1; needed when there are several.
     pixel_spacing_mm
         (along u, along v) [mm/px], when the caller knows; it wins over the file's own.
+    imager_spacing
+        Accept DICOM's ImagerPixelSpacing, which is measured at the detector, not in the patient.
 
     Raises
     ------
     ImageError
         The file is missing, not an image, damaged, or of a kind that is not supported.
+    MissingExtra
+        A DICOM file, and pydicom is not installed.
     """
     data = _bytes(Path(path))
     where = str(path)
+    sha256 = hashlib.sha256(data).hexdigest()
+    if is_dicom(data):
+        rgb, spacing, place = read_dicom(data, where, frame, imager_spacing)
+        return PlannedImage(rgb, pixel_spacing_mm or spacing, sha256, place)
     _refuse_truncated(data, where)
-    rgb = _decode(data, where)
-    return PlannedImage(rgb, pixel_spacing_mm, hashlib.sha256(data).hexdigest())
+    return PlannedImage(_decode(data, where, frame), pixel_spacing_mm, sha256)
 
 
 def _bytes(path: Path) -> bytes:
@@ -101,28 +123,92 @@ def _bytes(path: Path) -> bytes:
 
 def _refuse_truncated(data: bytes, where: str) -> None:
     # Decoders fill what is missing with grey and say nothing.
-    if data.startswith(b"\x89PNG") and b"IEND" not in data[-64:]:
+    if data.startswith(PNG) and b"IEND" not in data[-64:]:
         raise ImageError("the PNG is cut short: it has no IEND chunk", where=where)
-    if data.startswith(b"\xff\xd8") and b"\xff\xd9" not in data[-4096:]:
+    if data.startswith(JPEG) and b"\xff\xd9" not in data[-4096:]:
         raise ImageError("the JPEG is cut short: it has no end-of-image marker", where=where)
 
 
-def _decode(data: bytes, where: str) -> NDArray:
+def _decode(data: bytes, where: str, frame: int | None) -> NDArray:
     import cv2
 
     buffer = np.frombuffer(data, np.uint8)
     try:
-        raw = cv2.imdecode(buffer, cv2.IMREAD_UNCHANGED)
-        if raw is None:
-            raise ImageError("is not an image that can be read (PNG, JPEG, TIFF, BMP)", where=where)
-        if raw.ndim == 3 and raw.shape[2] == 4:
-            return _over_black(raw)
-        rgb = cv2.imdecode(buffer, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_ANYDEPTH)
+        with _native_stderr_silenced():
+            if _is_opaque(data) and frame in (None, 1):  # EXIF orientation is applied here
+                rgb = cv2.imdecode(buffer, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_ANYDEPTH)
+            else:
+                rgb = _page(cv2.imdecodemulti(buffer, cv2.IMREAD_UNCHANGED)[1], where, frame)
+                rgb = _upright(rgb, data)
     except cv2.error as error:
         raise ImageError(f"cannot be decoded: {error.err}", where=where) from None
+    if rgb is None:
+        raise ImageError(
+            "is not an image that can be read (PNG, JPEG, TIFF, BMP, DICOM)", where=where
+        )
     if rgb.dtype not in (np.uint8, np.uint16):
         raise ImageError(f"has {rgb.dtype} samples; 8 or 16 bits are wanted", where=where)
     return rgb
+
+
+def _is_opaque(data: bytes) -> bool:
+    """A JPEG, or a PNG without alpha: neither has pages either."""
+    if data.startswith(PNG):
+        return data[25] in (0, 2, 3) and b"tRNS" not in data[: data.find(b"IDAT")]
+    return data.startswith(JPEG)
+
+
+def _page(pages: Sequence[NDArray], where: str, frame: int | None) -> NDArray | None:
+    import cv2
+
+    if not pages:
+        return None
+    if frame is None and len(pages) > 1:
+        raise ImageError(
+            f"has {len(pages)} pages; choose one, 1 to {len(pages)} (--frame)", where=where
+        )
+    if not 1 <= (frame or 1) <= len(pages):
+        raise ImageError(f"has no page {frame}; it has {len(pages)}, from 1", where=where)
+    page = pages[(frame or 1) - 1]
+    if page.ndim == 3 and page.shape[2] == 4:
+        return _over_black(page)
+    return cv2.cvtColor(page, cv2.COLOR_GRAY2RGB if page.ndim == 2 else cv2.COLOR_BGR2RGB)
+
+
+def _upright(rgb: NDArray | None, data: bytes) -> NDArray | None:
+    """A PNG with alpha, turned as its EXIF says (OpenCV does so for the others)."""
+    if rgb is None or not data.startswith(PNG):
+        return rgb
+    import io
+
+    from PIL import Image
+
+    orientation = Image.open(io.BytesIO(data)).getexif().get(0x0112, 1)
+    if orientation in (5, 6, 7, 8):
+        rgb = rgb.transpose(1, 0, 2)
+    if orientation in (2, 3, 6, 7):
+        rgb = rgb[:, ::-1]
+    if orientation in (3, 4, 7, 8):
+        rgb = rgb[::-1]
+    return np.ascontiguousarray(rgb)
+
+
+@contextmanager
+def _native_stderr_silenced() -> Iterator[None]:
+    """Keep libpng and others from writing to stderr; what they say is in the error raised."""
+    try:
+        saved = os.dup(2)
+    except OSError:  # there is no stderr
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(nowhere)
 
 
 def _over_black(bgra: NDArray) -> NDArray:

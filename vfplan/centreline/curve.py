@@ -118,6 +118,8 @@ def extract_curve(
     _check(method, stroke, max_gap_px)
     rgb, origin = _region(planned.rgb, roi)
     marks, mask = find_marks(rgb, Pen.of_colour(colour))
+    if not marks:
+        _refuse_grey(rgb)
     candidates, others = tell_apart(candidates_of(marks, max_gap_px), mask)
     chosen = _choose(candidates, stroke, colour, origin, _set_aside(marks, others, [], origin))
     strokes = tuple(_measure(rgb, c, method, mask, origin) for c in chosen)
@@ -177,6 +179,14 @@ def _choose(
     for candidate in chosen:
         _refuse_junctions(candidate, origin)
     return chosen
+
+
+def _refuse_grey(rgb: NDArray) -> None:
+    if np.array_equal(rgb[..., 0], rgb[..., 1]) and np.array_equal(rgb[..., 0], rgb[..., 2]):
+        raise CurveError(
+            "no planned curve: the image is grey, so no pen can be told from it; a curve drawn as "
+            "vectors can be given beside it (--curve)"
+        )
 
 
 def _inventory(aside: tuple[dict, ...], colour: str) -> str:

@@ -1,0 +1,148 @@
+"""Every kind of image that may hold a planned slice, and every way it may be broken."""
+
+from __future__ import annotations
+
+import io
+
+import cv2
+import numpy as np
+import pytest
+from drawing import blend, compare, coverage, flat, to_uint8, wavy
+from PIL import Image
+
+import vfplan
+from vfplan.errors import ImageError
+
+SHAPE = (150, 220)
+CURVE = wavy(SHAPE, 4, margin=0.25)
+PICTURE = to_uint8(blend(flat(SHAPE, 180), coverage(SHAPE, CURVE, 3), (230, 20, 40)))
+
+
+def saved(tmp_path, form, image=None, **options):
+    path = tmp_path / f"slice.{form.lower()}"
+    (Image.fromarray(PICTURE) if image is None else image).save(path, form, **options)
+    return path
+
+
+@pytest.mark.parametrize("form", ["PNG", "TIFF", "BMP"])
+def test_lossless_formats_hold_the_same_pixels(tmp_path, form):
+    read = vfplan.read_image(saved(tmp_path, form))
+    assert np.array_equal(read.rgb, PICTURE)
+    assert (read.width_px, read.height_px) == SHAPE[::-1]
+    assert read.pixel_spacing_mm is None
+
+
+def test_jpeg_is_close(tmp_path):
+    read = vfplan.read_image(saved(tmp_path, "JPEG", quality=95))
+    assert np.abs(read.rgb.astype(int) - PICTURE).mean() < 3
+
+
+@pytest.mark.parametrize("form", ["png", "tiff"])
+def test_sixteen_bits_are_kept_and_extracted_alike(tmp_path, form):
+    fine = blend(flat(SHAPE, 180), coverage(SHAPE, CURVE, 3), (230, 20, 40)) * 257
+    path = tmp_path / f"slice.{form}"
+    assert cv2.imwrite(str(path), np.rint(fine[..., ::-1]).astype(np.uint16))
+    read = vfplan.read_image(path)
+    assert read.rgb.dtype == np.uint16
+    (deep,) = vfplan.extract_curve(read).strokes
+    assert compare(deep, CURVE).rms < 0.03
+
+
+def test_palette(tmp_path):
+    few = Image.fromarray(PICTURE).quantize(64)
+    read = vfplan.read_image(saved(tmp_path, "PNG", few))
+    assert np.array_equal(read.rgb, np.array(few.convert("RGB")))
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "LA", "P"])
+def test_transparent_pixels_lie_over_black(tmp_path, mode):
+    alpha = np.full(SHAPE, 255, np.uint8)
+    alpha[:20] = 0
+    if mode == "P":
+        image = Image.fromarray(PICTURE).quantize(16)
+        image = Image.fromarray(np.where(alpha == 0, 0, np.array(image)).astype(np.uint8), "P")
+        image.putpalette(list(range(48)))
+        path = saved(tmp_path, "PNG", image, transparency=0)
+        assert not vfplan.read_image(path).rgb[:20].any()
+        return
+    image = Image.fromarray(PICTURE if mode == "RGBA" else PICTURE[..., 0])
+    image.putalpha(Image.fromarray(alpha))
+    read = vfplan.read_image(saved(tmp_path, "PNG", image)).rgb
+    assert read.shape == (*SHAPE, 3)
+    assert not read[:20].any()
+    expected = PICTURE[20:] if mode == "RGBA" else np.repeat(PICTURE[20:, :, :1], 3, 2)
+    assert np.array_equal(read[20:], expected)
+
+
+def test_a_drawing_on_a_transparent_layer_is_measured_exactly(tmp_path):
+    share = coverage(SHAPE, CURVE, 3)
+    layer = np.dstack([np.full((*SHAPE, 3), (255, 0, 0)), 255 * share])
+    path = saved(tmp_path, "PNG", Image.fromarray(to_uint8(layer)))
+    (stroke,) = vfplan.extract_curve(vfplan.read_image(path)).strokes
+    assert compare(stroke, CURVE).rms < 0.03
+
+
+@pytest.mark.parametrize("form", ["JPEG", "PNG", "TIFF", "RGBA"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_exif_orientation_is_applied(tmp_path, form, orientation):
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    image = Image.fromarray(PICTURE)
+    if form == "RGBA":
+        image.putalpha(255)
+    path = saved(tmp_path, "PNG" if form == "RGBA" else form, image, exif=exif)
+    from PIL import ImageOps
+
+    upright = np.array(ImageOps.exif_transpose(Image.open(path)).convert("RGB")).astype(int)
+    read = vfplan.read_image(path).rgb
+    assert read.shape == upright.shape
+    assert np.abs(read - upright).mean() < 3
+
+
+def test_pages_of_a_tiff_are_chosen(tmp_path):
+    pages = [Image.fromarray(255 - PICTURE)]
+    path = saved(tmp_path, "TIFF", save_all=True, append_images=pages)
+    with pytest.raises(ImageError, match="2 pages"):
+        vfplan.read_image(path)
+    assert np.array_equal(vfplan.read_image(path, frame=2).rgb, 255 - PICTURE)
+    with pytest.raises(ImageError, match="no page 3"):
+        vfplan.read_image(path, frame=3)
+
+
+@pytest.mark.parametrize("form", ["PNG", "JPEG", "TIFF", "BMP"])
+@pytest.mark.parametrize("kept", [0.0, 0.05, 0.5, 0.9, 0.98])
+def test_truncated_files_are_refused(tmp_path, form, kept, capfd):
+    path = saved(tmp_path, form)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(kept * len(data))])
+    with pytest.raises(ImageError):
+        vfplan.read_image(path)
+    assert capfd.readouterr().err == ""
+
+
+def test_what_is_no_image_is_refused(tmp_path):
+    with pytest.raises(ImageError, match="no such file"):
+        vfplan.read_image(tmp_path / "absent.png")
+    with pytest.raises(ImageError, match="directory"):
+        vfplan.read_image(tmp_path)
+    text = tmp_path / "slice.png"
+    text.write_text("not a picture")
+    with pytest.raises(ImageError, match="not an image"):
+        vfplan.read_image(text)
+    floats = io.BytesIO()
+    Image.fromarray(np.zeros((8, 8), np.float32)).save(floats, "TIFF")
+    text.write_bytes(floats.getvalue())
+    with pytest.raises(ImageError, match="8 or 16 bits"):
+        vfplan.read_image(text)
+
+
+def test_the_hash_is_that_of_the_file(tmp_path):
+    import hashlib
+
+    path = saved(tmp_path, "PNG")
+    assert vfplan.read_image(path).sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_the_callers_spacing_wins(tmp_path):
+    read = vfplan.read_image(saved(tmp_path, "PNG"), pixel_spacing_mm=(0.5, 0.6))
+    assert read.pixel_spacing_mm == (0.5, 0.6)

@@ -1,0 +1,176 @@
+"""Read a planned slice from DICOM, with the `dicom` extra (pydicom).
+
+A surgeon's drawing comes as a colour secondary capture; a grey slice holds no pen, but gives a
+vector curve its place (`T_patient_image`). Names, dates and other identifiers are not read.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import ImageError, MissingExtra
+
+COLOUR = {"RGB", "PALETTE COLOR"}
+GREY = {"MONOCHROME1", "MONOCHROME2"}
+
+
+def is_dicom(data: bytes) -> bool:
+    """Whether the bytes begin as a DICOM file does (PS3.10 §7.1)."""
+    return data[128:132] == b"DICM"
+
+
+def read_dicom(
+    data: bytes, where: str, frame: int | None, imager_spacing: bool
+) -> tuple[NDArray, tuple[float, float] | None, NDArray | None]:
+    """Pixels, spacing and place of a DICOM file's bytes.
+
+    Parameters
+    ----------
+    data, where
+        The file's bytes and its name for messages.
+    frame
+        Which frame, from 1; needed when there are several.
+    imager_spacing
+        Take ImagerPixelSpacing (at the detector, not in the patient) where PixelSpacing is absent.
+
+    Returns
+    -------
+    rgb, pixel_spacing_mm, T_patient_image
+        (H, W, 3) uint8 or uint16; (along u, along v) [mm/px] or `None`; (4, 3) mapping [u v 1] to
+        the patient's LPS frame [m], or `None`.
+
+    Raises
+    ------
+    ImageError
+        Not an image, damaged, or of a kind that is not supported.
+    MissingExtra
+        pydicom is not installed.
+    """
+    with _quiet(where):
+        dataset = _dataset(data, where)
+        rgb = _pixels(dataset, where, _frame_index(dataset, frame, where))
+        spacing = _spacing(dataset, where, imager_spacing)
+        return rgb, spacing, _place(dataset, spacing)
+
+
+@contextmanager
+def _quiet(where: str) -> Iterator[None]:
+    """Silence pydicom's warnings and turn whatever it raises into an `ImageError`."""
+    log = logging.getLogger("pydicom")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except (ImageError, MissingExtra, MemoryError):
+        raise
+    except Exception as error:  # a file from outside: pydicom raises all kinds
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ImageError(f"the DICOM file cannot be read: {reason}", where=where) from None
+    finally:
+        log.setLevel(level)
+
+
+def _dataset(data: bytes, where: str) -> Any:
+    try:
+        import pydicom
+    except ModuleNotFoundError:
+        raise MissingExtra(
+            "reading DICOM needs pydicom: pip install 'vfplan[dicom]'", where=where
+        ) from None
+    dataset = pydicom.dcmread(io.BytesIO(data))
+    if not any(name in dataset for name in ("PixelData", "FloatPixelData", "DoubleFloatPixelData")):
+        kind = dataset.get("Modality") or "no image"
+        raise ImageError(f"the DICOM file holds no pixels ({kind})", where=where)
+    return dataset
+
+
+def _frame_index(dataset: Any, frame: int | None, where: str) -> int:
+    count = int(dataset.get("NumberOfFrames") or 1)
+    if frame is None and count > 1:
+        raise ImageError(f"has {count} frames; choose one, 1 to {count} (--frame)", where=where)
+    chosen = 1 if frame is None else frame
+    if not 1 <= chosen <= count:
+        raise ImageError(f"has no frame {chosen}; it has {count}, numbered from 1", where=where)
+    return chosen - 1
+
+
+def _pixels(dataset: Any, where: str, index: int) -> NDArray:
+    from pydicom.pixels import apply_color_lut, pixel_array
+
+    kind = str(dataset.get("PhotometricInterpretation", ""))
+    if not (kind in COLOUR | GREY or kind.startswith("YBR")):
+        raise ImageError(f"PhotometricInterpretation {kind!r} is not supported", where=where)
+    bits = int(dataset.BitsAllocated)
+    if bits not in (8, 16) and kind not in GREY:
+        raise ImageError(f"has {bits} bits a sample; 8 or 16 are wanted", where=where)
+    pixels = pixel_array(dataset, index=index)  # YBR becomes RGB here
+    if kind in GREY:
+        return _windowed(dataset, pixels, kind == "MONOCHROME1")
+    if kind == "PALETTE COLOR":
+        pixels = apply_color_lut(pixels, dataset)
+        stored = 8 * pixels.itemsize
+    else:
+        stored = int(dataset.get("BitsStored") or bits)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype.kind != "u":
+        raise ImageError(f"its pixels are {pixels.shape} of {pixels.dtype}", where=where)
+    shift = 8 * pixels.itemsize - stored
+    return np.ascontiguousarray(pixels << shift if shift else pixels)
+
+
+def _windowed(dataset: Any, stored: NDArray, inverted: bool) -> NDArray[np.uint8]:
+    """(H, W, 3) grey as it is shown: rescaled, then windowed, or stretched where no window is."""
+    from pydicom.pixels import apply_modality_lut, apply_windowing
+
+    values = apply_modality_lut(stored, dataset).astype(np.float64)
+    if "WindowCenter" in dataset and "WindowWidth" in dataset:
+        values = apply_windowing(values, dataset)
+    low, high = float(values.min()), float(values.max())
+    shown = (values - low) / ((high - low) or 1.0)
+    grey = np.rint(255 * (1 - shown if inverted else shown)).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=2)
+
+
+def _spacing(dataset: Any, where: str, imager: bool) -> tuple[float, float] | None:
+    """(along u, along v) [mm]; DICOM writes the distance between *rows* first (PS3.3 10.7.1.3)."""
+    names = ("PixelSpacing", "ImagerPixelSpacing") if imager else ("PixelSpacing",)
+    for name in names:
+        value = dataset.get(name) or _shared(dataset, "PixelMeasuresSequence", name)
+        if value is None:
+            continue
+        numbers = [float(x) for x in (value if hasattr(value, "__len__") else [value])]
+        if len(numbers) != 2 or not all(0 < x < float("inf") for x in numbers):
+            raise ImageError(f"{name} is {numbers}; two numbers above 0 are wanted", where=where)
+        return numbers[1], numbers[0]
+    return None
+
+
+def _place(dataset: Any, spacing: tuple[float, float] | None) -> NDArray | None:
+    """(4, 3) T_patient_image [m] from position and orientation (PS3.3 C.7.6.2.1.1)."""
+    corner = dataset.get("ImagePositionPatient")
+    axes = dataset.get("ImageOrientationPatient")
+    if corner is None or axes is None or spacing is None or len(corner) != 3 or len(axes) != 6:
+        return None
+    along_u, along_v = np.reshape([float(x) for x in axes], (2, 3))
+    T_patient_image = np.zeros((4, 3))
+    T_patient_image[:3, 0] = along_u * spacing[0] * 1e-3
+    T_patient_image[:3, 1] = along_v * spacing[1] * 1e-3
+    T_patient_image[:3, 2] = [float(x) * 1e-3 for x in corner]
+    T_patient_image[3, 2] = 1
+    return T_patient_image if np.isfinite(T_patient_image).all() else None
+
+
+def _shared(dataset: Any, group: str, name: str) -> Any:
+    """A value of an enhanced multi-frame object's shared functional groups."""
+    shared = dataset.get("SharedFunctionalGroupsSequence") or [{}]
+    inner = shared[0].get(group) or [{}]
+    return inner[0].get(name)
