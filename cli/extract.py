@@ -9,6 +9,8 @@ import click
 from vfplan.cli.options import FILE, Numbers, curve_options, extract_settings, output
 from vfplan.cli.run import Report, command, outputs, refuse_existing
 
+from vfplan.errors import SettingError
+
 if TYPE_CHECKING:
     from vfplan.pipeline import Extracted
 
@@ -35,6 +37,9 @@ def command(
 ) -> Report:
     """Extract the curve drawn on IMAGE to sub-pixel points.
 
+    IMAGE is a PNG, JPEG, TIFF, BMP or DICOM file; or, alone, a vector curve: a Slicer .mrk.json
+    Curve or ClosedCurve, or a CSV u_px,v_px.
+
     With several candidates and none chosen by --stroke, --roi or --colour, each is described and
     nothing is written (exit 3).
     """
@@ -43,7 +48,7 @@ def command(
 
     settings = extract_settings(given, density_per_mm=density_per_mm)
     refuse_existing(output, mask_out, overlay_out, overwrite=overwrite)
-    extracted = extract(image, settings)
+    extracted = extract(image, settings, curve=given["curve"])
     with outputs(output, mask_out, overlay_out) as (path, mask, overlay):
         write_fixture(extracted.fixture, path)
         write_pictures(extracted, mask, overlay)
@@ -57,7 +62,11 @@ def write_pictures(extracted: Extracted, mask: Path | None, overlay: Path | None
         return
     from vfplan.figures.slice import draw_mask, draw_overlay
 
+    if extracted.image is None or extracted.extraction is None:
+        raise SettingError("a vector curve given alone has no image to draw it on")
     if mask is not None:
+        if extracted.extraction.method == "vector":
+            raise SettingError("a vector curve has no mask; leave --mask-out out")
         draw_mask(extracted.extraction, mask)
     if overlay is not None:
         draw_overlay(extracted.image, extracted.extraction, overlay)
@@ -65,15 +74,20 @@ def write_pictures(extracted: Extracted, mask: Path | None, overlay: Path | None
 
 def extracted_text(report: dict[str, Any]) -> str:
     """The extraction on a few lines."""
-    image = report["image"]
-    lines = [f"{image['width_px']} x {image['height_px']} px, {report['mask_pixels']} in the pen"]
+    lines = []
+    if "image" in report:
+        size = "{width_px} x {height_px} px".format(**report["image"])
+        pen = f", {report['mask_pixels']} in the pen" if "mask_pixels" in report else ""
+        lines.append(size + pen)
     for stroke in report["strokes"]:
         shape = "closed" if stroke["closed"] else "open"
-        length = f"{stroke['length_px']:.1f} px"
-        if stroke["length_mm"] is not None:
-            length += f" ({stroke['length_mm']:.1f} mm)"
-        line = f"  {shape} curve, {length}, {stroke['points']} points"
-        if stroke["bridged_points"]:
+        px, mm = stroke.get("length_px"), stroke.get("length_mm")
+        lengths = [f"{px:.1f} px" if px is not None else "", f"{mm:.1f} mm" if mm else ""]
+        line = f"  {shape} curve, {' = '.join(filter(None, lengths))}, {stroke['points']} points"
+        if stroke.get("bridged_points"):
             line += f", {stroke['bridged_points']} of them bridged"
         lines.append(line)
+    for mark in report.get("set_aside", ()):
+        u, v, width, height = mark["box"]
+        lines.append(f"  set aside: {mark['kind']}, {width} x {height} px at ({u}, {v})")
     return "\n".join(lines)

@@ -101,6 +101,12 @@ CURVE_OPTIONS = [
                  help="Which of several candidates is the curve."),
     click.option("--max-gap", "max_gap_px", type=click.FloatRange(min=0), default=20.0,
                  show_default=True, metavar="PX", help="Bridge pen lifts shorter than this."),
+    click.option("--curve", type=FILE, metavar="FILE",
+                 help="A curve drawn on the image as vectors: Slicer .mrk.json or CSV u_px,v_px."),
+    click.option("--frame", type=click.IntRange(min=1), metavar="N",
+                 help="Which frame of a multi-frame DICOM or page of a TIFF."),
+    click.option("--imager-spacing", is_flag=True, default=None,
+                 help="Accept DICOM's ImagerPixelSpacing, which is not the patient's."),
     click.option("--mask-out", type=FILE, metavar="PNG", help="Write the pen's mask."),
     click.option("--overlay-out", type=FILE, metavar="PNG",
                  help="Write the slice with the curve found on it."),
@@ -166,7 +172,8 @@ def extract_settings(given: dict[str, Any], **more: Any) -> Any:
     from vfplan.pipeline import ExtractSettings
 
     roi = given["roi"] and tuple(round(x) for x in given["roi"])
-    names = ("colour", "pixel_spacing_mm", "method", "stroke", "max_gap_px")
+    names = ("colour", "pixel_spacing_mm", "method", "stroke", "max_gap_px", "frame")
+    more["imager_spacing"] = given["imager_spacing"] or None
     return ExtractSettings(**{n: given[n] for n in names}, roi=roi, **more)
 
 

@@ -47,7 +47,7 @@ def command(
 
     reading, making = extract_settings(given), fixture_settings(given)
     refuse_existing(output, mask_out, overlay_out, picture_out, overwrite=overwrite)
-    made = plan(image, markers, markers2, extraction=reading, settings=making)
+    made = plan(image, markers, markers2, extraction=reading, settings=making, curve=given["curve"])
     given_paths = (output, mask_out, overlay_out, picture_out)
     with outputs(*given_paths) as (path, mask, overlay, picture):
         write_fixture(made.fixture, path)

@@ -15,7 +15,7 @@ LAYERS = [
     ["dicom"],
     ["image", "fixture", "markers", "session", "robot"],
     ["extraction", "registration", "marker_finding", "bundle", "proxy", "reference", "scenes"],
-    ["centreline"],
+    ["centreline", "vector"],
     ["sampling"],
     ["pipeline", "replay"],
     ["accuracy", "stability"],

@@ -4,6 +4,13 @@ curve    the steps from image to `Extraction`
 ridge    the measurement: a pixel path -> the line's centre and its uncertainty
 """
 
-from vfplan.centreline.curve import METHODS, Extraction, Method, Stroke, extract_curve
+from vfplan.centreline.curve import (
+    METHODS,
+    Extraction,
+    Method,
+    Stroke,
+    extract_curve,
+    vector_stroke,
+)
 
-__all__ = ["METHODS", "Extraction", "Method", "Stroke", "extract_curve"]
+__all__ = ["METHODS", "Extraction", "Method", "Stroke", "extract_curve", "vector_stroke"]

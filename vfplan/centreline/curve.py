@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.centreline.ridge import Centreline, trace
+from vfplan.centreline.ridge import Centreline, drawn_length, trace
 from vfplan.errors import CurveError, SettingError
 from vfplan.extraction.candidates import Candidate, candidates_of
 from vfplan.extraction.kinds import MIN_LENGTH_PX, tell_apart
@@ -29,7 +29,7 @@ class Stroke:
     points_px
         (M, 2) float64 (u, v), in drawing order (an unordered set for method "mask").
     sigma_px
-        (M,) standard deviation of each point across the line.
+        (M,) standard deviation of each point across the line; `None` for a vector curve.
     closed
         Whether the last point joins the first.
     bridged
@@ -37,15 +37,15 @@ class Stroke:
     length_px
         Arc length, the closing step included.
     width_px
-        Mean width of the pen.
+        Mean width of the pen; `None` for a vector curve.
     """
 
     points_px: NDArray[np.float64]
-    sigma_px: NDArray[np.float64]
+    sigma_px: NDArray[np.float64] | None
     closed: bool
     bridged: NDArray[np.bool_]
     length_px: float
-    width_px: float
+    width_px: float | None
 
     @property
     def ends_px(self) -> NDArray[np.float64]:
@@ -74,7 +74,7 @@ class Extraction:
 
     mask: NDArray[np.bool_]
     strokes: tuple[Stroke, ...]
-    method: Method
+    method: Method | Literal["vector"]
     set_aside: tuple[dict, ...] = ()
     warnings: tuple[str, ...] = field(default=())
 
@@ -125,6 +125,27 @@ def extract_curve(
     strokes = tuple(_measure(rgb, c, method, mask, origin) for c in chosen)
     aside = _set_aside(marks, [*candidates, *others], chosen, origin)
     return Extraction(_whole(mask, origin, planned.rgb.shape), strokes, method, aside)
+
+
+def vector_stroke(points_px: NDArray, closed: bool, image: PlannedImage, where: str) -> Extraction:
+    """A curve that was drawn as vectors on an image, as an `Extraction` with an empty mask.
+
+    Raises `CurveError` when it does not lie in the image.
+    """
+    limit = np.array([image.width_px, image.height_px]) - 0.5
+    outside = ((points_px < -0.5) | (points_px > limit)).any(1)
+    if outside.any():
+        u, v = points_px[np.argmax(outside)]
+        raise CurveError(
+            f"leaves the image of {image.width_px}x{image.height_px} px at ({u:.1f}, {v:.1f})",
+            where=where,
+        )
+    ring = np.vstack([points_px, points_px[:1]]) if closed else points_px
+    length = float(np.hypot(*np.diff(ring, axis=0).T).sum())
+    none = np.zeros(len(points_px), bool)
+    stroke = Stroke(points_px, None, closed, none, length, None)
+    mask = np.zeros(image.rgb.shape[:2], bool)
+    return Extraction(mask, (stroke,), "vector")
 
 
 def _check(method: str, stroke: int | str | None, max_gap_px: float) -> None:
@@ -237,9 +258,8 @@ def _measure(
         )
     elif method == "skeleton":
         sigma = np.full(len(candidate.path), 0.5)
-        line = Centreline(
-            candidate.path, sigma, candidate.bridged, candidate.closed, candidate.length_px
-        )
+        length = drawn_length(candidate.path, candidate.closed)
+        line = Centreline(candidate.path, sigma, candidate.bridged, candidate.closed, length)
     else:
         line = _every_pixel(mask, candidate)
     return Stroke(
@@ -256,7 +276,8 @@ def _every_pixel(mask: NDArray, candidate: Candidate) -> Centreline:
     points = np.column_stack([cols, rows]).astype(float)
     sigma = np.full(len(points), candidate.width_px / np.sqrt(12))
     none = np.zeros(len(points), bool)
-    return Centreline(points, sigma, none, candidate.closed, candidate.length_px)
+    length = drawn_length(candidate.path, candidate.closed)
+    return Centreline(points, sigma, none, candidate.closed, length)
 
 
 def _set_aside(

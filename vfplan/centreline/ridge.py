@@ -159,6 +159,15 @@ def arc_length(points: NDArray, closed: bool) -> NDArray:
     return np.r_[0.0, np.cumsum(np.hypot(*np.diff(ring, axis=0).T))]
 
 
+def drawn_length(path: NDArray, closed: bool) -> float:
+    """Length of a line along its pixels, the staircase smoothed away [px]."""
+    from scipy.ndimage import gaussian_filter1d
+
+    smooth = gaussian_filter1d(path, 3.0, axis=0, mode="wrap" if closed else "nearest")
+    cut = 0.0 if closed else float(np.hypot(*(smooth - path)[[0, -1]].T).sum())
+    return float(arc_length(smooth, closed)[-1]) + cut
+
+
 def evenly(points: NDArray, closed: bool) -> tuple[NDArray, float]:
     """About one point a pixel, at equal steps of arc; and the step."""
     arc = arc_length(points, closed)

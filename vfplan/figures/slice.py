@@ -71,9 +71,10 @@ def draw_overlay(
 
 
 def _faded(rgb: NDArray) -> NDArray:
-    """The picture as paler grey, so that what is drawn over it stands out."""
-    grey = rgb.astype(np.float32).mean(2) / np.iinfo(rgb.dtype).max
-    return np.repeat((0.25 + 0.7 * grey)[..., None], 3, axis=2)
+    """The picture with its grey paler and its colours kept: the pen shows beside what was found."""
+    picture = rgb.astype(np.float32) / np.iinfo(rgb.dtype).max
+    grey = picture.mean(2, keepdims=True)
+    return np.clip(0.25 + 0.7 * grey + 0.8 * (picture - grey), 0, 1)
 
 
 def _draw_stroke(axes: Any, stroke: Stroke, scale: float, unordered: bool, label: str) -> None:
@@ -83,7 +84,7 @@ def _draw_stroke(axes: Any, stroke: Stroke, scale: float, unordered: bool, label
         return
     ring = np.vstack([points, points[:1]]) if stroke.closed else points
     bridged = np.append(stroke.bridged, stroke.bridged[:1]) if stroke.closed else stroke.bridged
-    axes.plot(*ring.T, color=CLOUD, lw=1.2, label="curve", zorder=3)
+    axes.plot(*ring.T, color=CLOUD, lw=1.0, label="curve", zorder=3)
     _draw_samples(axes, points, scale)
     if bridged.any():
         over = np.where(bridged[:, None], ring, np.nan)
@@ -130,5 +131,6 @@ def _draw_markers(axes: Any, markers: RegistrationRecord | None) -> None:
     places = markers.source[:, :2]
     axes.plot(*places.T, "+", ms=10, mew=1.5, color=CONTACT, label="marker", zorder=6)
     for label, place in zip(markers.labels, places, strict=True):
-        where = {"xytext": (4, 4), "textcoords": "offset points", "color": CONTACT}
-        axes.annotate(label, place, fontsize=7, **where)
+        # Below on the left: a slice's own labels mostly stand above on the right.
+        where = {"xytext": (-5, -5), "textcoords": "offset points", "ha": "right", "va": "top"}
+        axes.annotate(label, place, fontsize=7, color=CONTACT, **where)

@@ -40,15 +40,9 @@ def parse_mrk_json(text: str, where: str) -> MarkerPoints:
         Not JSON, another schema, an unknown unit or coordinate system, a position that is not
         three finite numbers.
     """
-    document = _json(text, where)
-    schema = document.get("@schema")
-    if not isinstance(schema, str) or not SCHEMA.match(schema):
-        raise MarkerError(
-            f"@schema is {schema!r}; Slicer's markups schema v1 is wanted", where=where
-        )
     labels: list[str] = []
     positions: list[np.ndarray] = []
-    for markup in _fiducials(document, where):
+    for markup in _fiducials(markups_of(text, where), where):
         scale = _metres(markup.get("coordinateUnits", "mm"), where) * _lps(markup, where)
         for point in _list(markup, "controlPoints", where):
             if point.get("positionStatus", "defined") != "defined":
@@ -61,8 +55,29 @@ def parse_mrk_json(text: str, where: str) -> MarkerPoints:
     )
 
 
-def _fiducials(document: dict[str, Any], where: str) -> list[dict[str, Any]]:
-    markups = _list(document, "markups", where)
+def markups_of(text: str, where: str) -> list[dict[str, Any]]:
+    """The markups of a Slicer `.mrk.json`, of whatever type; raises `MarkerError` if it is none."""
+    document = _json(text, where)
+    schema = document.get("@schema")
+    if not isinstance(schema, str) or not SCHEMA.match(schema):
+        raise MarkerError(
+            f"@schema is {schema!r}; Slicer's markups schema v1 is wanted", where=where
+        )
+    return _list(document, "markups", where)
+
+
+def lps_points(markup: dict[str, Any], where: str) -> np.ndarray:
+    """(P, 3) defined control points of one markup, in LPS [m]; labels do not matter."""
+    scale = _metres(markup.get("coordinateUnits", "mm"), where) * _lps(markup, where)
+    points = [
+        _position(point.get("position"), str(point.get("id")), where) * scale
+        for point in _list(markup, "controlPoints", where)
+        if point.get("positionStatus", "defined") == "defined"
+    ]
+    return np.array(points).reshape(-1, 3)
+
+
+def _fiducials(markups: list[dict[str, Any]], where: str) -> list[dict[str, Any]]:
     fiducials = [markup for markup in markups if markup.get("type") == "Fiducial"]
     if not fiducials:
         types = ", ".join(repr(markup.get("type")) for markup in markups) or "nothing"

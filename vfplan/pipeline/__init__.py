@@ -57,6 +57,7 @@ def plan(
     markers2: str | Path | None = None,
     *,
     extraction: ExtractSettings | None = None,
+    curve: str | Path | None = None,
     settings: FixtureSettings | None = None,
 ) -> Plan:
     """From a planned slice and its markers to a fixture in the robot's frame.
@@ -67,6 +68,8 @@ def plan(
         The slice with the curve drawn on it.
     markers, markers2
         One file with both positions of each marker, or two joined by label.
+    curve
+        A vector curve drawn on the slice, instead of a pen's.
     extraction, settings
         How the curve is read, and how it becomes a fixture.
 
@@ -76,6 +79,6 @@ def plan(
     CheckFailed
         The registration's error may be larger than `settings.max_tre_m`.
     """
-    extracted = extract(image, extraction or ExtractSettings())
+    extracted = extract(image, extraction or ExtractSettings(), curve=curve)
     registered = register(extracted.fixture, markers, markers2, settings, image=extracted.image)
     return Plan(registered.fixture, extracted, registered)

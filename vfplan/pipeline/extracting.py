@@ -22,26 +22,64 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Extracted:
-    """A curve in the image's pixels, what it was taken from, and the report for `--json`."""
+    """A curve, what it was taken from, and the report for `--json`.
+
+    A vector curve given alone comes from no image: `image` and `extraction` are `None`.
+    """
 
     fixture: Fixture
-    image: PlannedImage
-    extraction: Extraction
+    image: PlannedImage | None
+    extraction: Extraction | None
     report: dict[str, Any]
     warnings: tuple[str, ...] = ()
 
 
-def extract(path: str | Path, settings: ExtractSettings) -> Extracted:
+def extract(
+    path: str | Path, settings: ExtractSettings, *, curve: str | Path | None = None
+) -> Extracted:
     """Read a planned slice and extract its curve.
+
+    Parameters
+    ----------
+    path
+        The slice; or, alone, a Slicer `.mrk.json` curve in the patient's frame.
+    settings
+        How the curve is read.
+    curve
+        A vector curve drawn on the slice, taken instead of a pen's: `.mrk.json` (a DICOM slice
+        says where it lies) or CSV `u_px,v_px`.
 
     Raises `ImageError`, `CurveError` or `SettingError`.
     """
-    from vfplan.centreline import extract_curve
     from vfplan.image import read_image
+    from vfplan.vector import is_vector
 
-    image = read_image(path, pixel_spacing_mm=settings.pixel_spacing_mm)
+    if is_vector(path):
+        return _vector_alone(path, settings)
+    image = read_image(
+        path,
+        frame=settings.frame,
+        pixel_spacing_mm=settings.pixel_spacing_mm,
+        imager_spacing=bool(settings.imager_spacing),
+    )
     started = time.perf_counter()
-    extraction = extract_curve(
+    inputs = {"image": image.sha256}
+    if curve is None:
+        extraction = _drawn_with_a_pen(image, settings)
+    else:
+        extraction, inputs["curve"] = _drawn_as_vectors(image, curve)
+    if settings.density_per_mm is not None:
+        extraction = resample(extraction, image.pixel_spacing_mm, settings.density_per_mm)
+    elapsed = time.perf_counter() - started
+    fixture = planned_curve(extraction, image, settings, inputs=inputs)
+    report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
+    return Extracted(fixture, image, extraction, report, tuple(extraction.warnings))
+
+
+def _drawn_with_a_pen(image: PlannedImage, settings: ExtractSettings) -> Extraction:
+    from vfplan.centreline import extract_curve
+
+    return extract_curve(
         image,
         colour=settings.colour,
         method=settings.method,
@@ -49,16 +87,54 @@ def extract(path: str | Path, settings: ExtractSettings) -> Extracted:
         stroke=settings.stroke,
         max_gap_px=settings.max_gap_px,
     )
-    if settings.density_per_mm is not None:
-        extraction = resample(extraction, image.pixel_spacing_mm, settings.density_per_mm)
-    elapsed = time.perf_counter() - started
-    fixture = planned_curve(extraction, image, settings)
-    report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
-    return Extracted(fixture, image, extraction, report, tuple(extraction.warnings))
+
+
+def _drawn_as_vectors(image: PlannedImage, path: str | Path) -> tuple[Extraction, str]:
+    from vfplan.centreline import vector_stroke
+    from vfplan.vector import onto_slice, read_vector_curve
+
+    curve = read_vector_curve(path)
+    placed = onto_slice(curve, image.T_patient_image, str(path))
+    return vector_stroke(placed.fine(1.0), curve.closed, image, str(path)), curve.sha256
+
+
+def _vector_alone(path: str | Path, settings: ExtractSettings) -> Extracted:
+    """A curve in the patient's frame [m], or in the pixels of an image that is not given."""
+    from vfplan.vector import FINE_M, read_vector_curve
+
+    started = time.perf_counter()
+    curve = read_vector_curve(path)
+    flat = curve.points.shape[1] == 2
+    density = settings.density_per_mm
+    if flat and density is not None:
+        raise SettingError("a density per millimetre needs a pixel spacing, and so an image")
+    step = 1.0 if flat else FINE_M if density is None else 1e-3 / density
+    points = curve.fine(step)
+    points = np.c_[points, np.zeros(len(points))] if flat else points
+    fixture = Fixture(
+        frame="image" if flat else "patient_lps",
+        points=points,
+        provenance=make_provenance({"curve": curve.sha256}, settings),
+        curve=Curve(np.zeros(len(points), np.int32), np.array([curve.closed])),
+    )
+    ring = np.vstack([points, points[:1]]) if curve.closed else points
+    length = float(np.linalg.norm(np.diff(ring, axis=0), axis=1).sum())
+    stroke = {"length_px": length} if flat else {"length_mm": length * 1e3}
+    report: dict[str, Any] = {
+        "frame": fixture.frame,
+        "strokes": [stroke | {"closed": curve.closed, "points": len(points)}],
+        "points": len(points),
+        "elapsed_s": time.perf_counter() - started,
+    }
+    return Extracted(fixture, None, None, report)
 
 
 def planned_curve(
-    extraction: Extraction, image: PlannedImage, settings: ExtractSettings | None = None
+    extraction: Extraction,
+    image: PlannedImage,
+    settings: ExtractSettings | None = None,
+    *,
+    inputs: dict[str, str] | None = None,
 ) -> Fixture:
     """The extracted strokes as a `Fixture` in frame "image": (u, v, 0) in pixels."""
     strokes = extraction.strokes
@@ -66,8 +142,12 @@ def planned_curve(
     return Fixture(
         frame="image",
         points=np.c_[points, np.zeros(len(points))],
-        provenance=make_provenance({"image": image.sha256}, settings or ExtractSettings()),
-        sigma=np.concatenate([s.sigma_px for s in strokes]),
+        provenance=make_provenance(
+            inputs or {"image": image.sha256}, settings or ExtractSettings()
+        ),
+        sigma=None
+        if extraction.method == "vector"
+        else np.concatenate([s.sigma_px for s in strokes]),
         curve=None if extraction.method == "mask" else _curve(extraction),
         image=SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm),
     )
@@ -107,7 +187,7 @@ def resample(
         return replace(
             stroke,
             points_px=along(stroke.points_px, at),
-            sigma_px=along(stroke.sigma_px, at),
+            sigma_px=None if stroke.sigma_px is None else along(stroke.sigma_px, at),
             bridged=along(stroke.bridged.astype(float), at) > 0,
         )
 
@@ -120,9 +200,10 @@ def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str
     size = {"width_px": image.width_px, "height_px": image.height_px, "pixel_spacing_mm": spacing}
     points = sum(len(s.points_px) for s in extraction.strokes)
     ordered = extraction.method != "mask"
+    drawn = {} if extraction.method == "vector" else {"mask_pixels": int(extraction.mask.sum())}
     report: dict[str, Any] = {
         "image": size,
-        "mask_pixels": int(np.count_nonzero(extraction.mask)),
+        **drawn,
         "strokes": [_describe_stroke(s, spacing, ordered) for s in extraction.strokes],
         "points": points,
         "spacing_mm": None,
@@ -147,10 +228,11 @@ def _describe_stroke(
         length_mm = float(np.linalg.norm(np.diff(ring, axis=0) * spacing, axis=1).sum())
     elif spacing is not None:
         length_mm = float(stroke.length_px * np.sqrt(spacing[0] * spacing[1]))
+    width = {} if stroke.width_px is None else {"width_px": float(stroke.width_px)}
     return {
         "length_px": float(stroke.length_px),
         "length_mm": length_mm,
-        "width_px": float(stroke.width_px),
+        **width,
         "closed": bool(stroke.closed),
         "points": len(stroke.points_px),
         "ends_px": stroke.ends_px if ordered else [],

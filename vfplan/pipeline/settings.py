@@ -25,6 +25,10 @@ class ExtractSettings:
         (along u, along v); `None`: what the file says.
     density_per_mm
         Points a millimetre; `None`: one a pixel.
+    frame
+        Which frame or page of the file, from 1; `None`: the only one there is.
+    imager_spacing
+        Accept DICOM's ImagerPixelSpacing, measured at the detector; `None`: do not.
     """
 
     colour: str = "red"
@@ -34,6 +38,8 @@ class ExtractSettings:
     max_gap_px: float = 20.0
     pixel_spacing_mm: tuple[float, float] | None = None
     density_per_mm: float | None = None
+    frame: int | None = None
+    imager_spacing: bool | None = None
 
 
 @dataclass(frozen=True)
