@@ -132,8 +132,12 @@ def test_broken_slicer_files_are_refused(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "x,y\n1,2\n", "u_px,v_px\n", "u_px,v_px\n1,2\n1,2\n", "u_px,v_px\n1\n2,3\n",
-             "u_px,v_px\n1,nan\n2,3\n", "u_px,v_px\na,b\n"],
+    "text",
+    [
+        "", "x,y\n1,2\n", "label,u_px,v_px\nx1,1,2\nx2,3,4\n", "u_px,v_px\n",
+        "u_px,v_px\n1,2\n1,2\n", "u_px,v_px\n1\n2,3\n", "u_px,v_px\n1,nan\n2,3\n",
+        "u_px,v_px\na,b\n",
+    ],
 )  # fmt: skip
 def test_broken_polylines_are_refused(tmp_path, text):
     path = tmp_path / "c.csv"

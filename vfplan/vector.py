@@ -133,13 +133,14 @@ def _slicer(text: str, where: str) -> tuple[NDArray, bool, bool]:
 def _polyline(text: str, where: str) -> tuple[NDArray, bool, bool]:
     rows = [row for row in csv.reader(io.StringIO(text)) if any(cell.strip() for cell in row)]
     header = [name.strip() for name in rows[0]] if rows else []
-    if not {"u_px", "v_px"} <= set(header):
+    if header != ["u_px", "v_px"]:  # exactly: with a label it is a list of markers
         found = ",".join(header)[:60]
-        raise CurveError(f"its header is {found!r}; u_px,v_px is wanted", where=where)
-    columns = [header.index(name) for name in ("u_px", "v_px")]
+        raise CurveError(
+            f"is no image, and as a curve its header is {found!r}; u_px,v_px is wanted", where=where
+        )
     try:
-        points = np.array([[float(row[c]) for c in columns] for row in rows[1:]])
-    except (ValueError, IndexError):
+        points = np.array([[float(u), float(v)] for u, v in rows[1:]])
+    except ValueError:
         raise CurveError("holds a row without two numbers", where=where) from None
     points = points.reshape(-1, 2)
     closed = len(points) > 3 and bool(np.array_equal(points[0], points[-1]))
