@@ -27,6 +27,20 @@ def main() -> None:
         for name in ("scene", "force"):
             picture = Path(folder, f"{name}.png").read_bytes()
             (PICTURES / f"demo_{name}.png").write_bytes(picture)
+    draw_registration()
+
+
+def draw_registration() -> None:
+    """The registration's picture, from the shipped sample."""
+    samples = Path(__file__).parents[1] / "samples"
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(sys.executable).with_name("vfplan")
+        files = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
+        plan = [program, "plan", *(samples / name for name in files), "-o", f"{folder}/f.h5"]
+        more = ["--pixel-spacing", "0.5", "--picture-out", f"{folder}/p.png", "-q"]
+        subprocess.run([*plan, *more], check=True)
+        target = str(PICTURES / "registration.jpg")
+        cv2.imwrite(target, cv2.imread(f"{folder}/p.png"), [cv2.IMWRITE_JPEG_QUALITY, 85])
 
 
 if __name__ == "__main__":
