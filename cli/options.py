@@ -118,7 +118,8 @@ FIXTURE_OPTIONS = [
                  show_default=True, help="The transform from image to robot."),
     click.option("--robust", is_flag=True, help="Find and leave out outlying markers; names them."),
     click.option("--tolerance", "tolerance_mm", type=Numbers(1, metavar="MM"),
-                 help="How far the sampled fixture may lie from the curve's.  [default: 0.01]"),
+                 help="How far the rendered surface may lie from the drawn one's; spacing, "
+                 "band and iteration limit follow from it.  [default: 0.01]"),
     click.option("--density", "density_per_mm", type=Numbers(1, metavar="PTS_PER_MM"),
                  help="Points a millimetre, instead of a tolerance."),
     click.option("--stiffness", type=Numbers(1, 3, metavar="N_PER_M[,Y,Z]"), default="1000",

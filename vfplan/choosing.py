@@ -64,6 +64,11 @@ class Choice:
     max_iterations: int
 
     @property
+    def lag_m(self) -> float:
+        """What of the tolerance the iteration limit may use [m]."""
+        return LAG_SHARE / BAND_SHARE * self.band_m
+
+    @property
     def surface_spacing_m(self) -> float:
         """Side of a square grid on a plane with the same dimples, h²/4R deep [m]."""
         return self.spacing_m / math.sqrt(2)

@@ -68,6 +68,8 @@ class Rendering:
         r_v [m]; 0 for bare points.
     ignore_axis
         (3,) unit vector along which the fixture is infinite and renders no force; `None` in 3-D.
+    max_iterations
+        The most iterations of a tick; `None`: the engine's own limit.
     """
 
     stiffness: NDArray[np.float64]
@@ -75,6 +77,7 @@ class Rendering:
     band: float
     point_radius: float = 0.0
     ignore_axis: NDArray[np.float64] | None = None
+    max_iterations: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +200,11 @@ class Fixture:
     def ignore_axis(self) -> NDArray[np.float64] | None:
         """(3,) unit vector, or `None`."""
         return self._rendering.ignore_axis
+
+    @property
+    def max_iterations(self) -> int | None:
+        """The most iterations of a tick, or `None`."""
+        return self._rendering.max_iterations
 
     @property
     def _rendering(self) -> Rendering:

@@ -114,6 +114,8 @@ def _rendering(rendering: Rendering) -> Content:
     }
     if rendering.ignore_axis is not None:
         content["/rendering/ignore_axis"] = _f8(rendering.ignore_axis)
+    if rendering.max_iterations is not None:
+        content["/rendering@max_iterations"] = int(rendering.max_iterations)
     return content
 
 
@@ -124,6 +126,7 @@ def _to_rendering(content: Content) -> Rendering:
         band=content["/rendering@band_m"],
         point_radius=content["/rendering@point_radius_m"],
         ignore_axis=content.get("/rendering/ignore_axis"),
+        max_iterations=content.get("/rendering@max_iterations"),
     )
 
 

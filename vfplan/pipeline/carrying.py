@@ -48,14 +48,24 @@ class Carried:
     tight_bends: tuple[TightBend, ...] = ()
 
 
-def carry(curve: Fixture, registration: Registration, settings: FixtureSettings) -> Carried:
-    """Carry a curve into the registration's target frame; sample it where it is ordered."""
+def carry(
+    curve: Fixture,
+    registration: Registration,
+    settings: FixtureSettings,
+    tolerance_m: float | None = None,
+) -> Carried:
+    """Carry a curve into the registration's target frame; sample it where it is ordered.
+
+    `tolerance_m` is what the spacing alone may use; `None`: the settings say a density.
+    """
     if curve.curve is None:
         points = registration.apply(curve.points)
         sigma = None if curve.sigma is None else curve.sigma * metres_per_unit(registration)
         return Carried(points, curve.points, cloud_spacing(points, settings.contact_radius), sigma)
     members = [curve.curve.stroke == k for k in range(len(curve.curve.closed))]
-    samples = [_sample(curve, k, own, registration, settings) for k, own in enumerate(members)]
+    samples = [
+        _sample(curve, k, own, registration, settings, tolerance_m) for k, own in enumerate(members)
+    ]
     pairs = list(zip(members, samples, strict=True))
     counts = [len(s.points) for s in samples]
     length = sum(_length(s, bool(c)) for s, c in zip(samples, curve.curve.closed, strict=True))
@@ -105,6 +115,7 @@ def _sample(
     members: NDArray[np.bool_],
     registration: Registration,
     settings: FixtureSettings,
+    tolerance_m: float | None,
 ) -> Sampled:
     from vfplan.sampling import sample_curve
 
@@ -112,7 +123,7 @@ def _sample(
         registration.apply(curve.points[members]),
         bool(curve.curve.closed[k]),
         radius_m=settings.contact_radius + settings.point_radius,
-        tolerance_m=settings.tolerance_m,
+        tolerance_m=settings.tolerance_m if tolerance_m is None else tolerance_m,
         density_per_m=settings.density_per_m,
     )
 

@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.fixture import Fixture, Frame, Provenance, Rendering
 from vfplan.pipeline.carrying import Carried, carry
+from vfplan.pipeline.chosen import as_settings, choice_of, costs, describe_choice, left_out
 from vfplan.pipeline.margin import add_margin
 from vfplan.pipeline.provenance import file_sha256, make_provenance
 from vfplan.pipeline.settings import FixtureSettings
 
 if TYPE_CHECKING:
+    from vfplan.choosing import Choice
     from vfplan.image import PlannedImage
     from vfplan.marker_finding import FoundMarker
     from vfplan.markers import Correspondences
@@ -93,7 +95,7 @@ def register(
         guarded, registration, making, _hashes(markers, markers2), frame=pairs.target_frame
     )
     report = describe_registration(registration, curve.points, diagnosis=diagnosis, error=error)
-    report |= describe_fixture(fixture, carried, curve)
+    report |= describe_fixture(fixture, carried, guarded, making)
     if found:
         report["markers_found"] = [asdict(marker) for marker in found]
     if margin is not None:
@@ -147,7 +149,9 @@ def build_fixture(
     frame: Frame = "robot_base",
 ) -> tuple[Fixture, Carried]:
     """The fixture, and what became of the curve's points on the way."""
-    carried = carry(curve, registration, settings)
+    choice = choice_of(curve, settings)
+    tolerance = choice and choice.sampling_tolerance_m
+    carried = carry(curve, registration, settings, tolerance)
     fixture = Fixture(
         frame=frame,
         points=carried.points,
@@ -155,10 +159,12 @@ def build_fixture(
         sigma=carried.sigma,
         curve=carried.curve,
         image=curve.image,
-        rendering=_rendering(carried.points, settings, registration),
+        rendering=_rendering(carried.points, settings, registration, choice),
         registration=registration.record(carried.source, source_frame=curve.frame),
     )
-    return fixture, carried
+    given = fixture.provenance.settings
+    found = as_settings(choice, left_out(fixture, carried, curve, choice))
+    return replace(fixture, provenance=replace(fixture.provenance, settings=given | found)), carried
 
 
 def _provenance(curve: Fixture, settings: FixtureSettings, inputs: dict[str, str]) -> Provenance:
@@ -168,13 +174,19 @@ def _provenance(curve: Fixture, settings: FixtureSettings, inputs: dict[str, str
     return replace(now, settings=before.settings | now.settings, history=before.history)
 
 
-def _rendering(points: NDArray, settings: FixtureSettings, registration: Registration) -> Rendering:
+def _rendering(
+    points: NDArray,
+    settings: FixtureSettings,
+    registration: Registration,
+    choice: Choice | None,
+) -> Rendering:
     from vfplan.rendering import ProxyParameters
 
     axis = ignored_axis(settings.ignore_axis, registration)
     chosen = ProxyParameters.make(
         points,
         contact_radius=settings.contact_radius,
+        band=choice and choice.band_m,
         point_radius=settings.point_radius,
         stiffness=np.broadcast_to(settings.stiffness, 3),
         ignore_axis=axis,
@@ -182,9 +194,10 @@ def _rendering(points: NDArray, settings: FixtureSettings, registration: Registr
     return Rendering(
         stiffness=np.array(np.broadcast_to(settings.stiffness, 3), dtype=float),
         contact_radius=settings.contact_radius,
-        band=chosen.r2 - chosen.rc,
+        band=chosen.band,
         point_radius=settings.point_radius,
         ignore_axis=axis,
+        max_iterations=choice and choice.max_iterations,
     )
 
 
@@ -219,19 +232,24 @@ def ignored_axis(choice: str | None, registration: Registration) -> NDArray[np.f
     return axis
 
 
-def describe_fixture(fixture: Fixture, carried: Carried, curve: Fixture) -> dict[str, Any]:
+def describe_fixture(
+    fixture: Fixture, carried: Carried, curve: Fixture, settings: FixtureSettings
+) -> dict[str, Any]:
     """What `register --json` reports of the fixture's points."""
+    choice = choice_of(curve, settings)
+    counts = left_out(fixture, carried, curve, choice)
     report: dict[str, Any] = {
         "points": len(fixture.points),
         "spacing_m": carried.spacing_m,
-        "left_out": {"points": max(0, len(curve.points) - len(fixture.points))},
+        "left_out": counts,
+        "left_out_costs": costs(counts, fixture, carried, choice),
     }
+    if choice is not None:
+        report["chosen"] = describe_choice(choice, carried)
     if carried.sampling_error_m is not None:
         report["sampling_error_m"] = carried.sampling_error_m
     if carried.tight_bends:
         report["tight_bends"] = [asdict(bend) for bend in carried.tight_bends]
-    if fixture.ignore_axis is not None:
-        report["left_out"]["coordinates"] = 1
     return report
 
 

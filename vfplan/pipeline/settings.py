@@ -51,7 +51,8 @@ class FixtureSettings:
     model, robust
         The registration; see `vfplan.fit_registration`.
     tolerance_m
-        How far the union of spheres may lie from the swept curve [m].
+        How far the rendered surface may lie from the drawn one [m]; `vfplan.choosing` takes
+        spacing, band and iteration limit from it.
     density_per_m
         Points a metre; takes the place of the tolerance.
     stiffness

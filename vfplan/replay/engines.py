@@ -46,4 +46,6 @@ def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
 
     # The paper's rule keeps its own band.
     band = None if rule == "paper" else fixture.band
+    if fixture.max_iterations is not None:
+        settings["max_iterations"] = fixture.max_iterations
     return ProxyEngine(fixture.points, rule=rule, band=band, **settings)

@@ -28,6 +28,7 @@ struct Rendering {
     std::array<double, 3> stiffness{};                      // N/m
     double contact_radius = 0, band = 0, point_radius = 0;  // m
     std::optional<std::array<double, 3>> ignore_axis;       // unit vector
+    std::optional<int> max_iterations;                      // of a tick; else the engine's own
 };
 
 /// What a controller needs of a bundle, as plain arrays.
@@ -79,6 +80,9 @@ inline Fixture to_fixture(Bundle bundle) {
         rendering.point_radius = content.at("/rendering@point_radius_m").number();
         if (const Value* axis = content.find("/rendering/ignore_axis")) {
             rendering.ignore_axis = {axis->f8[0], axis->f8[1], axis->f8[2]};
+        }
+        if (const Value* most = content.find("/rendering@max_iterations")) {
+            rendering.max_iterations = most->i4.front();
         }
         fixture.rendering = rendering;
         fixture.certified = content.at("/leak@certified").u1.front() != 0;

@@ -62,7 +62,7 @@ inline constexpr std::array<Size, 11> sizes{
     Size{'E', 200000},
 };
 
-inline constexpr std::array<Row, 55> rows{
+inline constexpr std::array<Row, 56> rows{
     Row{"/", Kind::group, Type::none, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity},
     Row{"/@format", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "vfplan-fixture", -infinity, infinity, -infinity, infinity, infinity},
     Row{"/@version", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity},
@@ -87,6 +87,7 @@ inline constexpr std::array<Row, 55> rows{
     Row{"/rendering@contact_radius_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", -infinity, 1.0, 0.0, infinity, infinity},
     Row{"/rendering@band_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", -infinity, 1.0, 0.0, infinity, infinity},
     Row{"/rendering@point_radius_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", 0.0, 1.0, -infinity, infinity, infinity},
+    Row{"/rendering@max_iterations", Kind::attribute, Type::i4, Required::optional, {"", ""}, "1", "", "", 1.0, 10000.0, -infinity, infinity, infinity},
     Row{"/registration", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity},
     Row{"/registration@model", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "affine|similarity|rigid", -infinity, infinity, -infinity, infinity, infinity},
     Row{"/registration@source_frame", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "image|patient_lps", -infinity, infinity, -infinity, infinity, infinity},
