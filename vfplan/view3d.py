@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MissingExtra, SettingError
 from vfplan.fixture import Fixture
+from vfplan.replay.overview import contact_marks
 from vfplan.session import TickBlock
 
 Array = NDArray[np.float64]
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 CLOUD, HIP, CONTACT, PROXY, FORCE = "#1f5fbf", "#2ca02c", "#d62728", "#b5179e", "#222222"
 # What VTK may render into without a screen, and the Debian package each one needs.
 WINDOWS = {"vtkOSOpenGLRenderWindow": "libosmesa6", "vtkEGLRenderWindow": "libegl1"}
+_CLOUD = 5000  # points drawn: of more, every n-th
 _VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 _PROBE = (
     "import pyvista as pv; p = pv.Plotter(off_screen={off}, window_size=(32, 32)); "
@@ -81,6 +83,7 @@ def draw_view(
     *,
     ticks: TickBlock | None = None,
     at_s: float | None = None,
+    mark_hz: float | None = None,
     size: tuple[int, int] = (1200, 900),
 ) -> None:
     """Write one view as a PNG, without a screen.
@@ -93,6 +96,8 @@ def draw_view(
         A replay's ticks; `None`: the cloud alone.
     at_s
         The time shown [s]; `None`: the deepest tick.
+    mark_hz
+        Instead of one tick, contact circles and normals so often a second (the paper's Fig. 4b).
     size
         (width, height) [px].
 
@@ -104,7 +109,10 @@ def draw_view(
         A time outside the replay.
     """
     stage = Stage(_pyvista(screen=False), fixture, ticks, size=size, off_screen=True)
-    stage.show_tick(stage.tick_at(at_s))
+    if mark_hz is not None and ticks is not None:
+        stage.show_marks(contact_marks(ticks, mark_hz))
+    else:
+        stage.show_tick(stage.tick_at(at_s))
     stage.plotter.show(auto_close=False, interactive=False)
     stage.plotter.screenshot(str(path))
     stage.plotter.close()
@@ -183,21 +191,21 @@ class Stage:
         self.plotter.set_background("white")
         self._add_cloud()
         if ticks is not None:
-            for path, colour, width in ((ticks.hip, HIP, 2), (ticks.proxy, PROXY, 3)):
+            for path, colour, width in ((ticks.hip, HIP, 3), (ticks.proxy, PROXY, 3)):
                 if len(path) > 1:
                     line = pyvista.lines_from_points(path)
-                    self.plotter.add_mesh(line, color=colour, line_width=width, opacity=0.6)
+                    self.plotter.add_mesh(line, color=colour, line_width=width, opacity=0.8)
         self.plotter.add_axes()
         self._look()
 
     def _add_cloud(self) -> None:
         fixture = self._fixture
+        thin = -(-len(fixture.points) // _CLOUD)
         self.plotter.add_mesh(
-            self._pv.PolyData(fixture.points),
+            self._pv.PolyData(fixture.points[::thin]),
             color=CLOUD,
-            point_size=5.0,
+            point_size=5.0 if thin == 1 else 3.0,
             render_points_as_spheres=True,
-            opacity=0.7 if len(fixture.points) > 5000 else 1.0,
         )
         if fixture.rendering is None or fixture.ignore_axis is None or fixture.curve is None:
             return
@@ -226,7 +234,7 @@ class Stage:
             tuple(thin),
         ]
         self.plotter.reset_camera()
-        self.plotter.camera.zoom(1.3)
+        self.plotter.camera.zoom(1.1)
 
     def tick_at(self, time: float | None) -> int:
         """The tick at a time, or the deepest one."""
@@ -258,6 +266,21 @@ class Stage:
         depth = 1e3 * ticks.penetration[tick]
         text = f"t = {ticks.time[tick]:.3f} s   force {force:.3f} N   depth {depth:.3f} mm"
         self.plotter.add_text(text, font_size=10, color="black", name="readout")
+
+    def show_marks(self, marks: NDArray[np.intp]) -> None:
+        """Contact circles, in the plane of normal and motion, and normals at some ticks."""
+        if self._ticks is None:
+            return
+        ticks, radius = self._ticks, self._fixture.contact_radius
+        for k in marks:
+            normal, proxy = ticks.normal[k], ticks.proxy[k]
+            if not normal.any():
+                continue
+            ahead = ticks.proxy[min(k + 50, len(ticks) - 1)] - proxy
+            across = np.cross(normal, ahead if np.abs(ahead).max() > 1e-6 else np.eye(3)[0])
+            ring = self._pv.Polygon(center=proxy, radius=radius, normal=across, n_sides=48)
+            self.plotter.add_mesh(ring.extract_feature_edges(), color=CONTACT, line_width=2.5)
+            self._arrow(f"normal {k}", proxy, 1.4 * radius * normal, PROXY)
 
     def _arrow(self, name: str, start: Array, vector: Array, colour: str) -> None:
         length = float(np.sqrt((vector**2).sum()))

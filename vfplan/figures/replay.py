@@ -23,6 +23,7 @@ from vfplan.figures.style import (
     style,
 )
 from vfplan.replay import Replay
+from vfplan.replay.overview import contact_marks
 from vfplan.replay.quantities import row_norms
 
 Array = NDArray[np.float64]
@@ -99,15 +100,6 @@ def plane_basis(axis: Array) -> Array:
     return np.stack([first, np.cross(towards, first)], axis=1)
 
 
-def marked(replayed: Replay, mark_hz: float) -> NDArray[np.intp]:
-    """Indices of ticks in contact, `mark_hz` of them a second at most."""
-    ticks = replayed.ticks
-    slot = np.floor((ticks.time - ticks.time[0]) * mark_hz).astype(np.int64)
-    held = np.flatnonzero(ticks.penetration > 1e-6)
-    _, first = np.unique(slot[held], return_index=True)
-    return held[first]
-
-
 def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
     ticks, fixture = replayed.ticks, replayed.fixture
     assert fixture.ignore_axis is not None
@@ -115,14 +107,16 @@ def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
     cloud, hip, proxy, normal = (
         MM * a @ basis for a in (fixture.points, ticks.hip, ticks.proxy, ticks.normal)
     )
-    figure = new_figure(7.0, 6.0)
+    radius = MM * fixture.contact_radius
+    low, high = _window(hip, cloud, 2.5 * radius)
+    tall = 5.9 * (high[1] - low[1]) / (high[0] - low[0])
+    figure = new_figure(7.0, float(np.clip(tall, 1.8, 8.0)) + 0.9)
     with style():
         axes = figure.subplots()
     axes.plot(*cloud.T, ".", ms=1.5, color=CLOUD, label=f"cloud, {len(cloud)} points", zorder=2)
     axes.plot(*hip.T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
     axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy", zorder=4)
-    picks = marked(replayed, mark_hz)
-    radius = MM * fixture.contact_radius
+    picks = contact_marks(replayed.ticks, mark_hz)
     circles = [Circle(tuple(c), radius) for c in proxy[picks]]
     axes.add_collection(
         PatchCollection(circles, facecolor="none", edgecolor=CONTACT, lw=0.6, alpha=0.7)
@@ -132,9 +126,11 @@ def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
         *proxy[picks].T, *arrows.T, angles="xy", scale_units="xy", scale=1,
         color=PROXY, width=0.0025, zorder=5,
     )  # fmt: skip
-    axes.plot([], [], "o", mfc="none", mec=CONTACT, label=f"contact circle, {mark_hz:g} Hz")
+    label = f"contact circle, {mark_hz:g} Hz"
+    axes.plot([], [], "o", ms=3, mfc="none", mec=CONTACT, label=label)
     axes.set_aspect("equal")
-    _frame_path(axes, hip[picks] if len(picks) else hip, cloud, 4 * radius)
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
     names = "xyz" if np.allclose(np.abs(basis).max(axis=0), 1) else None
     labels = (
         [names[i] for i in np.abs(basis).argmax(axis=0)]
@@ -143,18 +139,18 @@ def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
     )
     axes.set_xlabel(f"{labels[0]} [mm]")
     axes.set_ylabel(f"{labels[1]} [mm]")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8, markerscale=3)
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize=8, markerscale=2.5)
     return figure
 
 
-def _frame_path(axes: Axes, path: Array, cloud: Array, margin: float) -> None:
-    """Show the whole cloud, or where the contacts are when that is a small part of it."""
-    low, high = path.min(axis=0) - margin, path.max(axis=0) + margin
-    if (high - low).max() > 0.5 * np.ptp(cloud, axis=0).max():
-        low = np.minimum(low, cloud.min(axis=0) - margin)
-        high = np.maximum(high, cloud.max(axis=0) + margin)
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
+def _window(path: Array, cloud: Array, margin: float) -> tuple[Array, Array]:
+    """The corners of what to show: cloud and path, but of a path that strays only its near part."""
+    low, high = cloud.min(axis=0) - margin, cloud.max(axis=0) + margin
+    reach = 0.5 * (high - low).max()
+    near = path[((path >= low - reach) & (path <= high + reach)).all(axis=1)]
+    if len(near):
+        low, high = np.minimum(low, near.min(axis=0)), np.maximum(high, near.max(axis=0))
+    return low, high
 
 
 def _scene_3d(replayed: Replay, mark_hz: float) -> Figure:
@@ -166,7 +162,7 @@ def _scene_3d(replayed: Replay, mark_hz: float) -> Figure:
     axes.plot(*(MM * fixture.points[::thin]).T, ".", ms=1.0, color=CLOUD, alpha=0.4, label="cloud")
     axes.plot(*(MM * ticks.hip).T, ".", ms=1.5, color=HIP, label="HIP")
     axes.plot(*(MM * ticks.proxy).T, "-", lw=0.9, color=PROXY, label="proxy")
-    picks = marked(replayed, mark_hz)
+    picks = contact_marks(replayed.ticks, mark_hz)
     axes.quiver(
         *(MM * ticks.proxy[picks]).T,
         *(MM * fixture.contact_radius * ticks.normal[picks]).T,

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import fields
 
 import numpy as np
+from numpy.typing import NDArray
 
+from vfplan.replay.quantities import HELD_M
 from vfplan.session import TickBlock
 from vfplan.session.result import joined
 
@@ -68,3 +70,11 @@ def thinned(block: TickBlock, stride: int) -> TickBlock:
     rows = depth.reshape(-1, stride)
     picks = rows.argmax(axis=1) + np.arange(len(rows)) * stride
     return TickBlock(**{name: getattr(block, name)[picks] for name in _NAMES})
+
+
+def contact_marks(ticks: TickBlock, rate_hz: float) -> NDArray[np.intp]:
+    """Indices of ticks in contact, at most `rate_hz` of them a second: the first of each slot."""
+    slot = np.floor((ticks.time - ticks.time[0]) * rate_hz).astype(np.int64)
+    held = np.flatnonzero(ticks.penetration > HELD_M)
+    _, first = np.unique(slot[held], return_index=True)
+    return held[first]

@@ -13,13 +13,14 @@ from vfplan.rendering import Trace
 _PER_OCTAVE = 64  # bins of 1.1 %
 _LOWEST_S = 1e-9
 _BINS = 40 * _PER_OCTAVE  # to 1000 s
-_GROUP = 32  # ticks timed together: what Python adds is then below 0.1 µs a tick
+_GROUP = 32  # ticks timed together where the engine does not time each
 
 
 class StepTimes:
     """A histogram of the engine's time per tick, each bin 1.1 % wide.
 
-    Ticks are timed in groups of 32; a group's mean stands for each of its ticks.
+    The native engine times each tick itself. Of another engine, ticks are timed in groups of 32,
+    and a group's mean stands for each of them.
     """
 
     def __init__(self) -> None:
@@ -32,21 +33,15 @@ class StepTimes:
         self.ticks += len(hip)
         if not len(hip):
             return engine.run(hip)
-        parts, seconds, counts = [], [], []
-        for start in range(0, len(hip), _GROUP):
-            group = hip[start : start + _GROUP]
-            began = time.perf_counter()
-            parts.append(engine.run(group))
-            seconds.append((time.perf_counter() - began) / len(group))
-            counts.append(len(group))
-        self._count(np.array(seconds), np.array(counts))
-        names = ("proxy", "normal", "force", "state", "status")
-        return Trace(*(np.concatenate([getattr(part, n) for part in parts]) for n in names))
-
-    def _count(self, seconds: NDArray[np.float64], ticks: NDArray[np.int64]) -> None:
+        if hasattr(engine, "run_timed"):
+            trace, seconds = engine.run_timed(hip)
+        else:
+            trace, seconds = _in_groups(engine, hip)
         bins = np.log2(np.maximum(seconds, _LOWEST_S) / _LOWEST_S) * _PER_OCTAVE
-        np.add.at(self._bins, np.minimum(bins.astype(np.int64), _BINS - 1), ticks)
+        bins = np.minimum(bins.astype(np.int64), _BINS - 1)
+        self._bins += np.bincount(bins, minlength=_BINS)
         self._max_s = max(self._max_s, float(seconds.max()))
+        return trace
 
     def report(self) -> dict[str, float]:
         """Median, 99th and 99.9th percentile, and maximum [µs]."""
@@ -57,3 +52,14 @@ class StepTimes:
             k = int(np.searchsorted(total, q * total[-1]))
             report[name] = min(top, float(_LOWEST_S * 2 ** ((k + 0.5) / _PER_OCTAVE) * 1e6))
         return {**report, "max": top}
+
+
+def _in_groups(engine: Any, hip: NDArray[np.float64]) -> tuple[Trace, NDArray[np.float64]]:
+    parts, seconds = [], np.empty(len(hip))
+    for start in range(0, len(hip), _GROUP):
+        group = slice(start, start + _GROUP)
+        began = time.perf_counter()
+        parts.append(engine.run(hip[group]))
+        seconds[group] = (time.perf_counter() - began) / len(hip[group])
+    names = ("proxy", "normal", "force", "state", "status")
+    return Trace(*(np.concatenate([getattr(part, n) for part in parts]) for n in names)), seconds

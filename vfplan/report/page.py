@@ -7,6 +7,7 @@ import io
 import json
 import os
 import shutil
+import tempfile
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -16,7 +17,7 @@ from matplotlib.figure import Figure
 
 from vfplan.errors import OutputError
 from vfplan.figures.depth import depth_plot, slice_depth
-from vfplan.figures.replay import scene, timeline
+from vfplan.figures.replay import MARK_HZ, scene, timeline
 from vfplan.figures.style import save_png
 from vfplan.replay import Replay
 from vfplan.report.scrubber import scrubber_data
@@ -102,7 +103,7 @@ def _verdict(found: dict[str, Any]) -> str:
 
 
 def _places(replayed: Replay, image: Path | None) -> list[str]:
-    shown = [_section("In space", _picture(scene(replayed), "cloud, paths, contact circles"))]
+    shown = [_section("In space", _in_space(replayed))]
     if replayed.fixture.curve is not None and replayed.metrics["contact_ticks"]:
         pictures = _picture(depth_plot(replayed), "depth along the planned curve")
         if image is not None:
@@ -113,12 +114,30 @@ def _places(replayed: Replay, image: Path | None) -> list[str]:
     return shown
 
 
+def _in_space(replayed: Replay) -> str:
+    """In its plane, or by PyVista; by Matplotlib where PyVista cannot render."""
+    words = "cloud, HIP and proxy path, contact circles and normals at 10 Hz"
+    if replayed.fixture.ignore_axis is None:
+        from vfplan import view3d
+
+        if view3d.offscreen_window() is not None:
+            with tempfile.TemporaryDirectory() as folder:
+                path = Path(folder) / "view.png"
+                view3d.draw_view(replayed.fixture, path, ticks=replayed.ticks, mark_hz=MARK_HZ)
+                return _embedded(path.read_bytes(), words)
+    return _picture(scene(replayed), words)
+
+
 def _section(title: str, content: str) -> str:
     return f"<section><h2>{escape(title)}</h2>{content}</section>"
 
 
-def _picture(figure: Figure, text: str) -> str:
+def _picture(figure: Figure, words: str) -> str:
     held = io.BytesIO()
     save_png(figure, held)
-    data = base64.b64encode(held.getvalue()).decode("ascii")
-    return f'<img alt="{escape(text)}" src="data:image/png;base64,{data}">'
+    return _embedded(held.getvalue(), words)
+
+
+def _embedded(png: bytes, words: str) -> str:
+    data = base64.b64encode(png).decode("ascii")
+    return f'<img alt="{escape(words)}" src="data:image/png;base64,{data}">'

@@ -1,0 +1,118 @@
+"""The paper's two experiments, with a scripted hand: `python -m vfplan.samples.experiments -o DIR`.
+
+Experiment 1 probes both sides of a square of 40 401 points, Experiment 2 a curve of about 2204
+points (5.3 a millimetre) planned on the shipped elbow slice. The hand that the paper recorded is
+not published; these presses and slides are scripted, so the pictures show the same things, not the
+same numbers.
+"""
+
+from __future__ import annotations
+
+import argparse
+from importlib.resources import files
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.fixture import Fixture, Provenance, Rendering
+from vfplan.replay import replay
+from vfplan.session import Session, read_session
+
+Array = NDArray[np.float64]
+
+
+def square() -> Fixture:
+    """Experiment 1: x, z = 0.4 to 0.5 m at y = 0.1 m, a point every 0.5 mm."""
+    from vfplan.rendering import ProxyParameters
+
+    side = np.linspace(0.4, 0.5, 201)
+    x, z = np.meshgrid(side, side, indexing="ij")
+    points = np.stack([x.ravel(), np.full(x.size, 0.1), z.ravel()], axis=1)
+    chosen = ProxyParameters.make(points)  # 12.5 µm: the dimple between four points
+    rendering = Rendering(chosen.stiffness, chosen.rc, chosen.band)
+    return Fixture("robot_base", points, Provenance("2026-01-01T00:00:00Z", "vfplan"),
+                   rendering=rendering)  # fmt: skip
+
+
+def probing_hand(rate: float = 1000.0) -> Session:
+    """A hand that presses and slides on the front, goes around the edge, and does so on the back.
+
+    Way points joined by minimum-jerk moves; no move is faster than 0.25 m/s.
+    """
+    stops = [(0.43, 0.125, 0.45)]
+    for side, presses in ((1, (4e-3, 7e-3, 9e-3)), (-1, (3e-3, 8e-3))):
+        surface = 0.1 + side * 5e-3
+        for k, deep in enumerate(presses):
+            x = 0.425 + 0.022 * k
+            stops += [
+                (x, surface + side * 0.01, 0.47),
+                (x, surface - side * deep, 0.46),
+                (x + 0.012, surface - side * 0.6 * deep, 0.43),
+                (x + 0.012, surface + side * 0.012, 0.43),
+            ]
+        if side == 1:
+            stops += [(0.53, 0.12, 0.44), (0.53, 0.08, 0.44)]
+    return Session(*minimum_jerk(np.array(stops), rate), name="probing both sides")
+
+
+def minimum_jerk(stops: Array, rate: float, speed: float = 0.25) -> tuple[Array, Array]:
+    """Time (T,) [s] and positions (T, 3) [m] through way points, at rest in each of them.
+
+    10 s³ - 15 s⁴ + 6 s⁵ (Flash & Hogan 1985), whose greatest speed is 1.875 times the mean.
+    """
+    parts = [stops[:1]]
+    for start, end in pairwise(stops):
+        ticks = max(100, round(1.875 * np.linalg.norm(end - start) / speed * rate))
+        s = (np.arange(1, ticks + 1) / ticks)[:, None]
+        parts.append(start + (10 * s**3 - 15 * s**4 + 6 * s**5) * (end - start))
+    hip = np.concatenate(parts)
+    return np.arange(len(hip)) / rate, hip
+
+
+def planned_curve() -> Fixture:
+    """Experiment 2: the elbow's curve, 5.3 points a millimetre, infinite along its normal."""
+    from vfplan.pipeline import ExtractSettings, FixtureSettings, plan
+
+    sample = files("vfplan.samples")
+    return plan(
+        sample / "elbow.png",
+        sample / "elbow_markers_image.csv",
+        sample / "elbow_markers_robot.csv",
+        extraction=ExtractSettings(pixel_spacing_mm=(0.5, 0.5)),
+        settings=FixtureSettings(density_per_m=5300.0),
+    ).fixture
+
+
+def main() -> None:
+    """Draw the paper's Figs. 4a, 4b, 6a and 6b."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    folder = parser.parse_args().output
+    folder.mkdir(parents=True, exist_ok=True)
+    from vfplan import view3d
+    from vfplan.figures.replay import draw_scene, draw_timeline
+
+    hand = read_session(files("vfplan.samples") / "elbow_session.csv")
+    for name, fixture, session in (
+        ("experiment-1", square(), probing_hand()),
+        ("experiment-2", planned_curve(), hand),
+    ):
+        found = replay(fixture, session)
+        draw_timeline(found, folder / f"{name}-force.png")
+        space = folder / f"{name}-scene.png"
+        if fixture.ignore_axis is None and view3d.offscreen_window() is not None:
+            view3d.draw_view(fixture, space, ticks=found.ticks, mark_hz=10.0, size=(1000, 750))
+        else:
+            draw_scene(found, space)
+        m = found.metrics
+        print(
+            f"{name}: {len(fixture.points)} points, {m['ticks']} ticks, {len(m['episodes'])} "
+            f"contacts, {m['force_max_n']:.2f} N, {1e3 * m['penetration_max_m']:.2f} mm, "
+            f"clearance {1e6 * m['clearance_min_m']:.2f} µm"
+        )
+
+
+if __name__ == "__main__":
+    main()
