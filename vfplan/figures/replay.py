@@ -149,7 +149,8 @@ def _window(path: Array, cloud: Array, margin: float) -> tuple[Array, Array]:
     reach = 0.5 * (high - low).max()
     near = path[((path >= low - reach) & (path <= high + reach)).all(axis=1)]
     if len(near):
-        low, high = np.minimum(low, near.min(axis=0)), np.maximum(high, near.max(axis=0))
+        low = np.minimum(low, near.min(axis=0) - 0.3 * margin)
+        high = np.maximum(high, near.max(axis=0) + 0.3 * margin)
     return low, high
 
 

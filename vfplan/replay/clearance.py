@@ -16,8 +16,8 @@ _STRIDE = 64  # far ticks looked at together
 class Clearance:
     """Keep the minimum of |p_i - proxy| - R over all points and ticks [m].
 
-    Points lie in cells as wide as R, sorted by cell; the ticks of a block are grouped by cell, and
-    each group is compared with its own and the neighbouring cells. A tick with nothing there is
+    Points lie in cells a little wider than R, sorted by cell; a block's ticks are grouped by cell,
+    and each group is compared with its own and the neighbouring cells. A tick with nothing there is
     farther than one cell from the cloud; it is measured in full only while no nearer tick is known.
 
     Parameters
@@ -29,7 +29,8 @@ class Clearance:
     def __init__(self, fixture: Fixture) -> None:
         self._radius = fixture.contact_radius + fixture.point_radius
         self._axis = fixture.ignore_axis
-        self._cell = self._radius
+        # A little wider than R: a proxy in contact then is near, and far ticks need no look.
+        self._cell = 1.1 * self._radius
         points = flattened(fixture.points, self._axis)
         self._corner = points.min(axis=0)
         self._shape = ((points.max(axis=0) - self._corner) // self._cell).astype(np.int64) + 1

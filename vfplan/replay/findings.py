@@ -64,7 +64,7 @@ def findings(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[s
         found.append(
             finding(
                 "proxy-inside",
-                "error",
+                "warning" if report["inside_ticks"] else "error",
                 f"the proxy came {-clearance:.3g} m inside the fixture; the band is "
                 f"{parameters.band:.3g} m",
             )
@@ -79,13 +79,14 @@ def findings(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[s
             )
         )
     if report["too_fast_ticks"]:
-        found.append(
-            finding(
-                "too-fast",
-                "warning",
-                f"{report['too_fast_ticks']} ticks too fast for rule {parameters.rule!r}",
-            )
-        )
+        count, rule = report["too_fast_ticks"], parameters.rule
+        why = {
+            "paper": f"the HIP moved more than r1 = {1e3 * parameters.r1:.3g} mm, as far as the "
+            "proxy may",
+            "robust": "the engine used up its iterations; the proxy is safe and follows later",
+        }
+        severity = "warning" if rule == "paper" else "info"
+        found.append(finding("too-fast", severity, f"in {count} ticks {why[rule]}"))
     if report["bad_hip_ticks"]:
         found.append(
             finding(

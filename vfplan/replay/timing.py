@@ -34,7 +34,8 @@ class StepTimes:
         if not len(hip):
             return engine.run(hip)
         if hasattr(engine, "run_timed"):
-            trace, seconds = engine.run_timed(hip)
+            trace, micros = engine.run_timed(hip)
+            seconds = 1e-6 * micros
         else:
             trace, seconds = _in_groups(engine, hip)
         bins = np.log2(np.maximum(seconds, _LOWEST_S) / _LOWEST_S) * _PER_OCTAVE
