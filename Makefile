@@ -9,7 +9,7 @@ STAMP  := $(VENV)/.vfplan-installed
 SOURCES := pyproject.toml README.md LICENSE \
            $(shell find vfplan cli schemas samples -type f -not -path '*/__pycache__/*' 2>/dev/null)
 
-.PHONY: demo test test-full docs lint format install clean
+.PHONY: demo test test-full docs pictures lint format install clean
 install: $(STAMP)
 
 $(BIN)/python:
@@ -38,8 +38,10 @@ test-full: $(STAMP)
 
 docs: $(STAMP)
 	$(BIN)/python docs/make_cli.py
-	$(BIN)/python docs/make_pictures.py
 	$(BIN)/python docs/make_format.py
+
+pictures: $(STAMP)
+	$(BIN)/python docs/make_pictures.py
 
 lint: | $(BIN)/python
 	$(BIN)/python -m pip install -q "ruff>=0.9" "clang-format==23.1.5"
