@@ -1,0 +1,105 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// The loop's clock, its log, and what it says of itself. All memory is taken before the first tick.
+#pragma once
+
+#include <sys/mman.h>
+#include <time.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <cstdio>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "vfplan/status.hpp"
+
+namespace controller {
+
+/// Absolute deadlines, one period apart; in simulated time it never waits.
+class Clock {
+  public:
+    Clock(double period, bool simulated) : period_ns_(std::int64_t(period * 1e9)) {
+        simulated_ = simulated;
+        clock_gettime(CLOCK_MONOTONIC, &next_);
+    }
+    /// Waits for the next tick; true when the one before ended too late for it.
+    bool wait() {
+        if (simulated_) return false;
+        next_.tv_nsec += period_ns_;
+        for (; next_.tv_nsec >= 1'000'000'000; next_.tv_nsec -= 1'000'000'000) ++next_.tv_sec;
+        timespec now{};
+        clock_gettime(CLOCK_MONOTONIC, &now);
+        const bool late = now.tv_sec > next_.tv_sec ||
+                          (now.tv_sec == next_.tv_sec && now.tv_nsec > next_.tv_nsec);
+        if (late)
+            next_ = now;  // go on from here: no burst to catch up
+        else
+            clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next_, nullptr);
+        return late;
+    }
+
+  private:
+    std::int64_t period_ns_;
+    bool simulated_;
+    timespec next_{};
+};
+
+/// Time and answer of every tick, written to disk only after the loop.
+class Log {
+  public:
+    struct Row {
+        double t;
+        vfplan::Vec3 hip;
+        vfplan::Step step;
+        double step_us;
+    };
+
+    explicit Log(std::size_t ticks) { rows_.reserve(ticks); }
+    void add(const Row& row) { rows_.push_back(row); }
+
+    /// A session: t, x, y, z as `vfplan replay` reads them, and what was answered, to the last bit.
+    void write(const std::string& path) const {
+        std::FILE* file = std::fopen(path.c_str(), "wx");
+        if (file == nullptr) throw std::runtime_error(path + ": exists or cannot be written");
+        std::fputs("t,x,y,z,proxy_x,proxy_y,proxy_z,force_x,force_y,force_z,state,status\n", file);
+        for (const Row& r : rows_) {
+            std::fprintf(file, "%.17g", r.t);
+            for (const vfplan::Vec3* v : {&r.hip, &r.step.proxy, &r.step.force})
+                for (int k = 0; k < 3; ++k) std::fprintf(file, ",%.17g", (*v)[k]);
+            std::fprintf(file, ",%d,%u\n", int(r.step.state), unsigned(r.step.status));
+        }
+        const bool bad = std::ferror(file) != 0;
+        if (std::fclose(file) != 0 || bad) {
+            std::remove(path.c_str());
+            throw std::runtime_error(path + ": write failed");
+        }
+    }
+
+    void report(std::size_t missed) const {
+        std::vector<double> us;
+        std::size_t contact = 0;
+        double strongest = 0;
+        for (const Row& r : rows_) {
+            us.push_back(r.step_us);
+            contact += r.step.state >= vfplan::State::in_contact;
+            strongest = std::max(strongest, norm(r.step.force));
+        }
+        std::sort(us.begin(), us.end());
+        const auto at = [&us](double share) {
+            return us[std::min(us.size() - 1, std::size_t(share * double(us.size())))];
+        };
+        std::printf("ticks %zu, in contact %zu, force up to %.3f N\n", us.size(), contact,
+                    strongest);
+        std::printf("step [us]: p50 %.3f  p99 %.3f  p99.9 %.3f  max %.3f\n", at(0.5), at(0.99),
+                    at(0.999), us.back());
+        std::printf("missed deadlines: %zu of %zu\n", missed, us.size());
+    }
+
+  private:
+    std::vector<Row> rows_;
+};
+
+}  // namespace controller

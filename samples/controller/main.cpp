@@ -1,0 +1,160 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// A 1 kHz controller on a simulated arm. What a real one does differently stands in
+// docs/controller.md: where the tip's position comes from, and where the force goes.
+#include <charconv>
+#include <iostream>
+#include <map>
+#include <variant>
+
+#include "arm.hpp"
+#include "hand.hpp"
+#include "loop.hpp"
+#include "vfplan/engine.hpp"
+#include "vfplan/hdf5/fixture.hpp"
+
+namespace {
+
+using namespace controller;
+using Form = std::variant<Impedance, Admittance, Velocity>;
+
+constexpr double period = 1e-3;  // [s]
+constexpr const char* usage =
+    "usage: controller FIXTURE.h5 [--form impedance|admittance|velocity] [--rule robust|paper]\n"
+    "                  [--seconds S=5] [--log SESSION.csv] [--simulated-time]\n";
+
+struct UsageError : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
+struct Options {
+    std::string fixture, log;
+    Form form = Impedance{};
+    vfplan::Rule rule = vfplan::Rule::robust;
+    double seconds = 5;
+    bool simulated_time = false;
+};
+
+template <class T>
+T choose(const std::map<std::string, T>& allowed, const std::string& option,
+         const std::string& value) {
+    const auto found = allowed.find(value);
+    if (found != allowed.end()) return found->second;
+    std::string names;
+    for (const auto& [name, unused] : allowed) names += (names.empty() ? "" : ", ") + name;
+    throw UsageError(option + " " + value + ": allowed are " + names);
+}
+
+double positive(const std::string& option, const std::string& value) {
+    double number = 0;
+    const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), number);
+    if (error != std::errc{} || end != value.data() + value.size() ||
+        !(number > 0 && number <= 3600))
+        throw UsageError(option + " " + value + ": allowed is above 0 and at most 3600");
+    return number;
+}
+
+Options parse(const std::vector<std::string>& args) {
+    Options o;
+    for (std::size_t i = 0; i < args.size(); ++i) {
+        const auto value = [&] {
+            if (i + 1 == args.size()) throw UsageError(args[i] + ": a value is missing");
+            return args[++i];
+        };
+        if (args[i] == "--form")
+            o.form = choose<Form>({{"impedance", Impedance{}},
+                                   {"admittance", Admittance{}},
+                                   {"velocity", Velocity{}}},
+                                  "--form", value());
+        else if (args[i] == "--rule")
+            o.rule = choose<vfplan::Rule>(
+                {{"robust", vfplan::Rule::robust}, {"paper", vfplan::Rule::paper}}, "--rule",
+                value());
+        else if (args[i] == "--seconds")
+            o.seconds = positive("--seconds", value());
+        else if (args[i] == "--log")
+            o.log = value();
+        else if (args[i] == "--simulated-time")
+            o.simulated_time = true;
+        else if (o.fixture.empty() && !args[i].starts_with("--"))
+            o.fixture = args[i];
+        else
+            throw UsageError(args[i] + ": not understood");
+    }
+    if (o.fixture.empty()) throw UsageError("FIXTURE.h5 is missing");
+    return o;
+}
+
+/// Table I as the bundle holds it; the paper's rule keeps its own band, as in `vfplan replay`.
+vfplan::Parameters parameters(const vfplan::hdf5::Fixture& fixture, vfplan::Rule rule) {
+    if (fixture.frame == "image" || !fixture.rendering)
+        throw std::invalid_argument("frame " + fixture.frame +
+                                    " without rendering: a registered fixture is needed");
+    const vfplan::hdf5::Rendering& r = *fixture.rendering;
+    vfplan::Parameters p;
+    p.contact_radius = r.contact_radius;
+    p.band = rule == vfplan::Rule::paper ? vfplan::Parameters{}.band : r.band;
+    p.point_radius = r.point_radius;
+    p.outer_radius = 2 * r.contact_radius;
+    for (int k = 0; k < 3; ++k) p.stiffness[k] = r.stiffness[k];
+    if (r.ignore_axis) {
+        const auto& a = *r.ignore_axis;
+        p.ignore_axis = vfplan::Vec3{{a[0], a[1], a[2]}};
+    }
+    p.rule = rule;
+    return p;
+}
+
+/// The loop: read the tip, render, hand the force to the arm. Nothing in it allocates or waits.
+std::size_t run(vfplan::Engine& engine, const Hand& hand, Form& form, std::size_t ticks,
+                bool simulated_time, Log& log) {
+    Tip tip{hand.start(), {}};
+    engine.reset(tip.position);
+    std::size_t missed = 0;
+    Clock clock(period, simulated_time);
+    for (std::size_t k = 0; k < ticks; ++k) {
+        missed += clock.wait();
+        const double t = double(k) * period;
+        const auto before = std::chrono::steady_clock::now();
+        const vfplan::Step step = engine.step(tip.position);
+        const std::chrono::duration<double, std::micro> took =
+            std::chrono::steady_clock::now() - before;
+        log.add({t, tip.position, step, took.count()});
+        std::visit([&](auto& arm) { arm.tick(tip, hand.force(tip, t), step.force, period); }, form);
+    }
+    return missed;
+}
+
+int control(const Options& o) {
+    // Load, check, copy to plain arrays, close: HDF5 never meets the loop.
+    const vfplan::hdf5::Fixture fixture = vfplan::hdf5::read_fixture(o.fixture);
+    const vfplan::Parameters p = parameters(fixture, o.rule);
+    vfplan::Engine engine(fixture.points.data(), fixture.size(), p);
+    const Hand hand(fixture.points, 4 * p.R(), p.ignore_axis, o.seconds);
+    const auto ticks = std::size_t(o.seconds / period + 0.5);
+    Log log(ticks);
+    Form form = o.form;
+    mlockall(MCL_CURRENT | MCL_FUTURE);  // no page faults later; refused without the right to
+    const std::size_t missed = run(engine, hand, form, ticks, o.simulated_time, log);
+    munlockall();
+    if (!o.log.empty()) log.write(o.log);
+    log.report(missed);
+    return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    try {
+        return control(parse({argv + 1, argv + argc}));
+    } catch (const UsageError& error) {
+        std::cerr << error.what() << "\n" << usage;
+        return 2;
+    } catch (const vfplan::hdf5::BundleError& error) {
+        std::cerr << error.what() << "\n";
+        return error.kind() == "InputError" ? 3 : 4;
+    } catch (const std::exception& error) {
+        std::cerr << error.what() << "\n";
+        return 3;
+    }
+}
