@@ -95,6 +95,8 @@ def test_outlier_is_named_and_left_out_only_when_asked(vfplan_cli, curve, tmp_pa
     )
     assert robust.json["outliers"] == ["x4"]
     assert robust.json["robust"] == {"used": 8}
+    settings = vfplan.read_fixture(tmp_path / "b.h5").provenance.settings
+    assert settings["markers_left_out"] == "x4"
     assert robust.json["fre_rms_m"] < 0.3 * run.json["fre_rms_m"]
 
 

@@ -188,6 +188,14 @@ def test_settings_are_checked():
             fit_registration(source, target, **settings)
     with pytest.raises(SettingError, match="not pixels"):
         fit_registration(*solid(), pixel_spacing=1e-3)
+    r = fit_registration(source, target)
+    for points in ([[np.nan, 1]], "x", [[1, 2, 3]], [], np.zeros((2, 2, 2))):
+        with pytest.raises(SettingError, match="points"):
+            r.tre95_m(points)
+    with pytest.raises(MarkerError, match="rows of equal length"):
+        fit_registration([[1, 2], [3]], target)
+    with pytest.raises(MarkerError, match="sigma is not numbers"):
+        fit_registration(source, target, sigma="x")
     with pytest.raises(MarkerError, match="occurs more than once"):
         fit_registration(source, target, labels=["a"] * 9)
 

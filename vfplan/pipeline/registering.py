@@ -94,6 +94,7 @@ def register(
     fixture, carried = build_fixture(
         guarded, registration, making, _hashes(markers, markers2), frame=pairs.target_frame
     )
+    fixture = _note_left_out(fixture, registration)
     report = describe_registration(registration, curve.points, diagnosis=diagnosis, error=error)
     report |= describe_fixture(fixture, carried, guarded, making)
     if found:
@@ -172,6 +173,16 @@ def _provenance(curve: Fixture, settings: FixtureSettings, inputs: dict[str, str
     before = curve.provenance
     now = make_provenance(before.inputs | inputs, settings)
     return replace(now, settings=before.settings | now.settings, history=before.history)
+
+
+def _note_left_out(fixture: Fixture, registration: Registration) -> Fixture:
+    """The bundle says which markers its registration does not rest on."""
+    if registration.used.all():
+        return fixture
+    pairs = zip(registration.labels, registration.used, strict=True)
+    names = ",".join(str(label) for label, used in pairs if not used)
+    settings = fixture.provenance.settings | {"markers_left_out": names}
+    return replace(fixture, provenance=replace(fixture.provenance, settings=settings))
 
 
 def _rendering(

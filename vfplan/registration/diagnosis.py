@@ -96,7 +96,8 @@ class TargetError:
 def diagnose(registration: Registration) -> Diagnosis:
     """Everything the markers say against themselves; nothing is repaired or dropped."""
     fit, labels = registration.fit, registration.labels
-    pair = layout.swapped_labels(fit)
+    everyone = fit if fit.used.all() else residuals.solve(fit.problem)
+    pair = layout.swapped_labels(everyone)
     swapped = None if pair is None else (labels[pair[0]], labels[pair[1]])
     labellings = layout.symmetries(fit)
     unchecked = tuple(

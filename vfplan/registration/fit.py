@@ -7,13 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vfplan.errors import SettingError
+from vfplan.errors import MarkerError, SettingError
 from vfplan.registration.geometry import check_handedness
+from vfplan.registration.layout import swapped_labels
 from vfplan.registration.models import ModelName
 from vfplan.registration.problem import make_problem
-from vfplan.registration.residuals import solve
+from vfplan.registration.residuals import Fit, solve
 from vfplan.registration.result import Registration
 from vfplan.registration.robust import agreeing
+
+# RMS extent of the layout's narrow direction over the error of a marker.
+MIN_EXTENT = 3.0
 
 
 def fit_registration(
@@ -57,26 +61,44 @@ def fit_registration(
     ------
     MarkerError
         Positions that determine no transform: non-finite, too few, coincident, collinear (or for a
-        3-D affine coplanar), mirrored.
+        3-D affine coplanar), mirrored, or not explained by any transform.
     SettingError
         An unknown model, a direction without length, a pixel spacing that is missing or out of
         range, or more markers than a robust search allows.
     """
-    given = tuple(labels) if labels is not None else tuple(range(len(np.atleast_1d(source))))
     facing = _direction(seen_from, "seen_from")
-    problem = make_problem(source, target, model, pixel_spacing, sigma, given)
+    problem = make_problem(source, target, model, pixel_spacing, sigma, labels)
     fit = solve(problem, agreeing(problem) if robust else None)
     check_handedness(fit, facing)
+    _check_explained(fit)
     spacing = None if pixel_spacing is None else problem.normaliser.spacing
     return Registration(
         model,
-        given,
+        tuple(range(len(problem.s)) if labels is None else labels),
         np.array(source, dtype=np.float64),
         np.array(target, dtype=np.float64),
         fit,
         robust,
         spacing,
     )
+
+
+def _check_explained(fit: Fit) -> None:
+    """Refuse a transform that is not larger than its own error across the layout.
+
+    Markers that coincide or lie on a line to within their error, labels all wrong, a wrong unit.
+    Two labels exchanged are left to the diagnosis, which names them.
+    """
+    used = fit.problem.s[fit.used]
+    moved = (used - used.mean(axis=0)) @ fit.m[:, :-1].T
+    extent = float(np.linalg.svd(moved, compute_uv=False)[1] / np.sqrt(len(used)))
+    error = float(np.sqrt(fit.variance))
+    if extent < MIN_EXTENT * error and swapped_labels(fit) is None:
+        raise MarkerError(
+            f"the transform does not explain the markers: they spread {extent * 1e3:.3g} mm across "
+            f"the layout and miss their places by {error * 1e3:.3g} mm an axis; at most a third is "
+            "allowed (wrong labels or units, or markers on a line or in one place?)"
+        )
 
 
 def _direction(value: ArrayLike | None, name: str) -> np.ndarray | None:

@@ -91,7 +91,7 @@ def make_problem(
     model: ModelName,
     pixel_spacing: float | tuple[float, float] | None,
     sigma: ArrayLike | None,
-    names: Sequence[str],
+    labels: Sequence[str] | None,
 ) -> Problem:
     """Check everything that can be wrong with the markers, then normalise them.
 
@@ -106,6 +106,7 @@ def make_problem(
         raise SettingError(f"model is {model!r}; allowed: {', '.join(MODELS)}")
     raw = _positions(source, "source", (2, 3))
     target_m = _positions(target, "target", (3,))
+    names = tuple(range(len(raw))) if labels is None else tuple(labels)
     _check_pairs(raw, target_m, names)
     spacing = _spacing(pixel_spacing, raw.shape[1], model)
     _check_count(len(raw), make_model(model, raw.shape[1], 1.0))
@@ -224,7 +225,10 @@ def _weights(
 ) -> tuple[NDArray[np.float64], float | None]:
     if sigma is None:
         return np.ones((n, 3)), None
-    array = np.array(sigma, dtype=float)
+    try:
+        array = np.array(sigma, dtype=float)
+    except (TypeError, ValueError):
+        raise MarkerError("sigma is not numbers in rows of equal length") from None
     if array.shape not in ((n,), (n, 3)):
         raise MarkerError(f"sigma has shape {array.shape}; ({n},) or ({n}, 3) is wanted")
     table = np.broadcast_to(array.reshape(n, -1), (n, 3))

@@ -207,12 +207,17 @@ class Registration:
 
     def normalised(self, points: ArrayLike) -> Array:
         """(M, k) source points in the fit's own coordinates: centred, of unit RMS radius."""
-        array = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        try:
+            array = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        except (TypeError, ValueError):
+            raise SettingError("points are not numbers in rows of equal length") from None
         k = self.source.shape[1]
         if array.ndim == 2 and k == 2 and array.shape[1] == 3 and not array[:, 2].any():
             array = array[:, :2]
         if array.ndim != 2 or array.shape[1] != k or not len(array):
             raise SettingError(f"points have shape {array.shape}; (M, {k}) in the source is wanted")
+        if not np.isfinite(array).all():
+            raise SettingError("points hold NaN or infinity; finite numbers are wanted")
         return self.fit.problem.normaliser(array)
 
     def _x(self, points: ArrayLike) -> Array:
