@@ -35,7 +35,7 @@ R = 5e-3
 STIFFNESS = 1000.0
 SPACINGS = {True: (1e-3, 0.5e-3), False: (2e-3, 1e-3, 0.5e-3, 0.25e-3)}
 # Looking at every point in every tick is left out beyond so many points x ticks.
-NUMPY_WORK = 4e7
+NUMPY_WORK, BRUTE_WORK = 4e7, 4e8
 HELD_M = 0.1e-3  # a HIP further than this behind the surface has a normal to speak of
 
 Make = Callable[[Array, str | None], Any]
@@ -94,8 +94,12 @@ def _limited(n: int) -> Method:
 METHODS: dict[str, Method] = {
     "robust": Method(_native()),
     **{f"robust, {n} iteration{'s' * (n > 1)}": _limited(n) for n in (1, 2, 4, 8)},
+    "robust, every point": Method(_native(search="brute"), BRUTE_WORK, (("search", "brute"),)),
     "robust, not planar": Method(_native(), settings=(("planar", False),), in_space=True),
     "paper": Method(_native(rule="paper")),
+    "paper, every point": Method(
+        _native(rule="paper", search="brute"), BRUTE_WORK, (("search", "brute"),), True
+    ),
     "paper in NumPy": Method(_reference, NUMPY_WORK),
     "nearest-point penalty": Method(_penalty),
 }
