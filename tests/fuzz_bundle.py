@@ -15,6 +15,12 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+if __name__ == "__main__":
+    import atheris
+
+    with atheris.instrument_imports(include=["vfplan.bundle"]):
+        pass
+
 import damage
 
 from vfplan.bundle import read_bundle, validate
@@ -145,7 +151,6 @@ def main() -> None:
     def mutate(data, max_size, number):
         return mutated(data if len(data) > 64 else seed, random.Random(number))[:max_size]
 
-    atheris.instrument_all()
     atheris.Setup(sys.argv, attempt, custom_mutator=mutate)
     atheris.Fuzz()
 

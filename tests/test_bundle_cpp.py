@@ -2,10 +2,12 @@
 
 import importlib.util
 import json
+import random
 import subprocess
 
 import bundles
 import damage
+import fuzz_bundle
 import hostile
 import pytest
 from conftest import ROOT, need_header, need_program
@@ -129,6 +131,17 @@ def test_both_readers_judge_the_hostile_corpus_alike(bundle_sweep, tmp_path):
     found = bundle_sweep("verdicts", text="\n".join(paths) + "\n").split("\n")
     names = [path.rpartition("/")[2] for path in paths]
     assert [f"{n}: {v}" for n, v in zip(names, found, strict=True)] == wanted
+
+
+def test_both_readers_judge_mutated_files_alike(bundle_sweep, tmp_path):
+    """Files whose object headers were edited and carry good checksums; one crash fails it all."""
+    good, wanted, paths = hostile.sound(), [], []
+    for number in range(400):
+        data = damage.sealed(fuzz_bundle.mutated(good, random.Random(number)))
+        (tmp_path / str(number)).write_bytes(data)
+        paths.append(str(tmp_path / str(number)))
+        wanted.append(python_verdict(data))
+    assert bundle_sweep("verdicts", text="\n".join(paths) + "\n").split("\n") == wanted
 
 
 @pytest.mark.parametrize(("name", "step"), [("whole", 1), ("large", 40_009)])

@@ -20,6 +20,7 @@ import numpy as np
 from vfplan.bundle.content import Content
 from vfplan.bundle.findings import Findings
 from vfplan.bundle.h5 import h5py
+from vfplan.bundle.skeleton import check_skeleton
 from vfplan.bundle.store import NUMBERS, frame_of, unit_of
 from vfplan.bundle.table import Row, Table
 from vfplan.bundle.table import table as current
@@ -97,14 +98,14 @@ def opened(payload: bytes) -> Iterator[Any]:
 def parse(payload: bytes, table: Table, findings: Findings, *, newer: bool = False) -> Content:
     """Everything in a payload that a version's table knows.
 
-    `newer` files may hold unknown names, which are ignored; in others they are errors.
+    The payload must have passed `peek_version`, which looks at its bones. `newer` files may hold
+    unknown names, which are ignored; in others they are errors.
 
     Raises
     ------
     BundleError
         With strict findings, at the first thing that is wrong.
     """
-    check_superblock(payload)
     try:
         with opened(payload) as root:
             reading = _Reading(table, findings, newer, budget=len(payload))
@@ -117,8 +118,9 @@ def parse(payload: bytes, table: Table, findings: Findings, *, newer: bool = Fal
 
 
 def peek_version(payload: bytes) -> tuple[str, str]:
-    """(format, version) of a payload, before anything else of it is read."""
+    """(format, version) of a payload, after superblock and object headers were looked at."""
     check_superblock(payload)
+    check_skeleton(payload, current())
     rows = {row.path: row for row in current().rows}
     try:
         with opened(payload) as root:

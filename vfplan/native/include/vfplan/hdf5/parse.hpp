@@ -24,6 +24,7 @@
 #include "vfplan/hdf5/error.hpp"
 #include "vfplan/hdf5/handle.hpp"
 #include "vfplan/hdf5/schema.hpp"
+#include "vfplan/hdf5/skeleton.hpp"
 #include "vfplan/hdf5/text.hpp"
 
 namespace vfplan::hdf5 {
@@ -530,6 +531,7 @@ inline bool check_version(hid_t root) {
 /// Everything in a payload whose seal is known to be good. The bytes are used in place.
 inline Content parse(std::span<unsigned char> payload) {
     detail::check_superblock(payload);
+    check_skeleton(payload);
     harden();
     const Handle file(H5LTopen_file_image(
         payload.data(), payload.size(), H5LT_FILE_IMAGE_DONT_COPY | H5LT_FILE_IMAGE_DONT_RELEASE));

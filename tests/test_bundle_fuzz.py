@@ -1,0 +1,46 @@
+"""The fuzz target, for a bounded time: nothing but `BundleError` may come out of the reader."""
+
+import random
+import subprocess
+import sys
+from pathlib import Path
+
+import damage
+import fuzz_bundle
+import hostile
+import pytest
+
+RUNS = 200
+
+
+def test_the_mutator_knows_the_checksums():
+    """Repairing a sound file changes nothing: every checksum computed here is libhdf5's own."""
+    good = hostile.sound()
+    assert len(list(fuzz_bundle.checked_spans(good))) > 20
+    assert fuzz_bundle.repaired(good) == good
+
+
+def test_mutated_files_raise_bundle_errors_only():
+    good = hostile.sound()
+
+    def work():
+        verdicts = [
+            fuzz_bundle.attempt(fuzz_bundle.mutated(good, random.Random(1_000_000 + number)))
+            for number in range(RUNS)
+        ]
+        return f"{sum(verdicts)} {len(verdicts)}"
+
+    read, runs = map(int, damage.in_child(work)[0].split())
+    assert runs == RUNS
+    assert 0 < read < runs  # some edits fall on bytes that mean nothing
+
+
+def test_the_fuzz_target_runs_under_atheris(tmp_path):
+    pytest.importorskip("atheris")
+    command = [sys.executable, Path(fuzz_bundle.__file__), "-runs=60", "-seed=1"]
+    command += [tmp_path, "-timeout=10", "-rss_limit_mb=2048"]
+    done = subprocess.run(
+        [*map(str, command)], capture_output=True, text=True, cwd=tmp_path, timeout=200, check=False
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert "Done 60" in done.stderr
