@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.centreline.spline import fit_spline
 from vfplan.extraction.pen import Pen, sample_pixels
 
 MARGIN_PX = 2.0  # profiles reach this far beyond the line's edge
@@ -16,7 +15,9 @@ FOREIGN = 0.35  # of the pen's strength: more than this of another colour hides 
 RISE = 0.2  # of full coverage, past the line's edge: a neighbour
 DOUBLE = 0.85  # of its maximum: a mean profile lower than this in its middle is two lines
 SEEN = 0.4  # of the usual coverage: less is no line
-SHADING_T = 4.0  # a shading effect below this many standard errors is not there
+SHADING_T = 5.0  # a shading effect below this many standard errors is not there,
+SHADING_DOUBT = 0.4  # share of the correction that may be wrong
+SHADING_MOST = 0.4  # and linear light shifts no edge by more, from black to white [px]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,26 +108,30 @@ def _matched(x: NDArray, alpha: NDArray, seen: NDArray, profile: NDArray) -> NDA
 
 
 def shading_shift(
-    profiles: Profiles,
-    residual: NDArray,
-    valid: NDArray,
-    s: NDArray,
-    period: float | None,
-    knots: NDArray,
-) -> NDArray:
-    """(M,) correction along the normal for a background brighter on one side than on the other.
+    shading: NDArray, fast: NDArray, residual: NDArray, valid: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(M,) correction along the normal, and its doubt, for a background brighter on one side.
 
-    A picture blended in linear light is not linear in its stored values: an edge over bright ground
-    looks wider than one over dark ground and the line seems to lean. How much is learnt from the
-    picture: the part of the residual that follows the fast changes of `shading`. Zero where no such
-    effect stands out.
+    A picture blended in linear light is not linear in its stored values: an edge over bright
+    ground looks wider than one over dark ground and the line seems to lean. How much is learnt
+    from the picture: the part of the residual that follows the fast changes of `shading`. Zero
+    where no such effect stands out.
+
+    Parameters
+    ----------
+    shading, fast
+        (M,) the grey's difference across the line, and its part that a smooth line cannot follow.
+    residual, valid
+        (M,) measured offsets minus the smooth line [px], and where there are any.
     """
-    smooth = fit_spline(s, profiles.shading[:, None], valid, period, knots)(s)[:, 0]
-    fast = np.where(valid, profiles.shading - smooth, 0.0)
     power = float(fast @ fast)
-    if power < 1e-6 * len(s):
-        return np.zeros(len(s))
+    none = np.zeros(len(fast))
+    if power < 1e-5 * len(fast):
+        return none, none
     slope = float(fast @ residual) / power
     left = residual - slope * fast
     error = np.sqrt(float(left @ left) / max(valid.sum() - 1, 1) / power)
-    return -slope * profiles.shading if abs(slope) > SHADING_T * error else np.zeros(len(s))
+    if SHADING_T * error < abs(slope) < SHADING_MOST:
+        return -slope * shading, np.abs(shading) * np.hypot(error, SHADING_DOUBT * slope)
+    doubt = min(max(abs(slope), error), SHADING_MOST / 4)
+    return none, np.abs(shading) * doubt

@@ -9,6 +9,7 @@ the hand and not the noise.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -106,9 +107,8 @@ def _refuse_double(place: NDArray, width: float) -> NoReturn:
 
 @dataclass(frozen=True, eq=False)
 class _Fitted:
-    spline: object
-    residual: NDArray  # (M,) of the measured points along the normal, 0 where nothing was seen
-    knots: float
+    spline: Callable[[NDArray], NDArray]
+    sigma: NDArray  # (M,) of the spline at the measured points [px]
 
 
 def _fit(
@@ -122,15 +122,23 @@ def _fit(
     flat = np.zeros(len(s))
     raw = base + profiles.offset[:, None] * normal
     at = place_knots(s, flat, valid, length, even)
-    spline = fit_spline(s, raw, valid, period, at)
+    spline = fit_spline(s, np.column_stack([raw, profiles.shading]), valid, period, at)
     if knots is not None:
-        return _Fitted(spline, flat, even)
-    residual = _along_normal(raw - spline(s), normal, valid)
-    raw = raw + shading_shift(profiles, residual, valid, s, period, at)[:, None] * normal
-    widest = COARSE_KNOTS_PX if _correlation(residual, valid) > CORRELATED else FINE_KNOTS_PX
+        return _Fitted(lambda x: spline(x)[:, :2], flat)
+    smooth = spline(s)
+    residual = _along_normal(raw - smooth[:, :2], normal, valid)
+    fast = np.where(valid, profiles.shading - smooth[:, 2], 0.0)
+    shift, doubt = shading_shift(profiles.shading, fast, residual, valid)
+    raw = raw + shift[:, None] * normal
+    alike = _correlation(residual, valid)
+    widest = COARSE_KNOTS_PX if alike > CORRELATED else FINE_KNOTS_PX
     at = place_knots(s, curvature_of(spline, s), valid, length, widest)
     spline = fit_spline(s, raw, valid, period, at)
-    return _Fitted(spline, _along_normal(raw - spline(s), normal, valid), widest)
+    residual = _along_normal(raw - spline(s), normal, valid)
+    sigma = np.hypot(
+        measured_sigma(residual, valid, alike if widest == FINE_KNOTS_PX else 1), doubt
+    )
+    return _Fitted(spline, sigma)
 
 
 def _along_normal(offset: NDArray, normal: NDArray, valid: NDArray) -> NDArray:
@@ -222,8 +230,9 @@ def _result(
     points = fitted.spline(at)
     nearest = np.clip(np.rint(at / (s[1] - s[0])).astype(int), 0, len(s) - 1)
     bridged = ~valid[nearest]
-    sigma = measured_sigma(fitted.residual, valid, fitted.knots)[nearest]
-    sigma = np.hypot(sigma, bridged_sigma(bridged, curvature_of(fitted.spline, at), closed))
+    sigma = np.hypot(
+        fitted.sigma[nearest], bridged_sigma(bridged, curvature_of(fitted.spline, at), closed)
+    )
     return Centreline(points, sigma, bridged, closed, float(arc[-1]))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 CLOSEST_PX = 3.5
+WRAP_PX = 100.0  # a knot's influence fades by a factor of about 4 each knot further
 BEND_SHARE = 0.5  # of the radius of curvature: the knots' distance in a bend
 
 
@@ -35,8 +36,8 @@ def fit_spline(s: NDArray, points: NDArray, valid: NDArray, period: float | None
 
     x, y = s[valid], points[valid]
     inner = knots
-    if period is not None:  # wrapped by a third on both sides, so that the seam is as smooth
-        reach = period / 3
+    if period is not None:  # wrapped on both sides, so that the seam is as smooth as the rest
+        reach = min(period / 3, WRAP_PX)
         before, after = x > x[0] + period - reach, x < x[0] + reach
         x = np.r_[x[before] - period, x, x[after] + period]
         y = np.vstack([y[before], y, y[after]])

@@ -5,19 +5,36 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-FLOOR_PX = 0.008
+FLOOR_PX = 0.0045
 WINDOW_PX = 61  # of line over which the noise is taken for the same
+# A spline's error over its residual's RMS, found by drawing curves with known truth (the study is
+# in docs/extraction.md): `LEAST` + `SLOPE` times the correlation of neighbouring residuals for the
+# pixel grid's noise, `COARSE` for JPEG's, and more where JPEG's noise is past `NOISY_PX`: there it
+# hangs together over longer stretches than the spline can average.
+LEAST, SLOPE, COARSE = 0.46, 0.32, 0.72
+NOISY_PX, NOISIER = 0.12, 2.0
 
 
-def measured_sigma(residual: NDArray, valid: NDArray, knots: float) -> NDArray:
-    """(M,) standard deviation of the fitted line where it was seen [px]."""
+def measured_sigma(residual: NDArray, valid: NDArray, alike: float) -> NDArray:
+    """(M,) standard deviation of the fitted line where it was seen [px].
+
+    Parameters
+    ----------
+    residual, valid
+        (M,) measured offset minus the spline [px], and where there is any.
+    alike
+        Correlation of neighbouring residuals; 1 for a spline with coarse knots.
+    """
     from scipy.ndimage import uniform_filter1d
 
     power = uniform_filter1d(np.where(valid, residual**2, 0.0), WINDOW_PX, mode="nearest")
     share = uniform_filter1d(valid.astype(float), WINDOW_PX, mode="nearest")
     local = power / np.maximum(share, 0.05)
     whole = np.mean(residual[valid] ** 2)
-    ratio = 0.73 if knots > 10 else 0.6
+    if alike == 1:
+        ratio = COARSE * (1 + NOISIER * max(0.0, float(np.sqrt(whole)) - NOISY_PX))
+    else:
+        ratio = float(np.clip(LEAST + SLOPE * alike, 0.3, 0.7))
     return np.sqrt(ratio**2 * (local + whole) / 2 + FLOOR_PX**2)
 
 

@@ -68,38 +68,53 @@ def find_marks(rgb: NDArray, pen: Pen) -> tuple[list[Mark], NDArray[np.bool_]]:
     The threshold is half of each mark's own strength, so a thin or transparent line keeps its
     width whatever stands beside it.
     """
-    smooth, mask, labels, count = _masks(rgb, pen)
-    if count == 0:
+    smooth, mask, where, label = _masks(rgb, pen)
+    if not len(label):
         return [], mask
-    top, left, bottom, right = _bounds(smooth)
+    count = int(label.max())
+    top, left, bottom, right = _bounds(where, rgb.shape[1])
     window = (slice(top, bottom), slice(left, right))
-    pixels = _by_label(labels[window], mask[window], count)
-    bones = _by_label(labels[window], thin(np.ascontiguousarray(smooth[window])), count)
-    shift = (top, left)
+    bone = np.flatnonzero(thin(smooth[window]))
+    rows, cols = np.divmod(bone, right - left)
+    bone = (rows + top) * rgb.shape[1] + cols + left
+    bones = _by_label(bone, label[np.searchsorted(where, bone)], count, rgb.shape[1])
+    drawn = mask.ravel()[where]
+    bodies = _by_label(where[drawn], label[drawn], count, rgb.shape[1])
     marks = [
-        _mark(rgb, pen, body, bone, shift)
-        for body, bone in zip(pixels, bones, strict=True)
+        _mark(rgb, pen, body, bone)
+        for body, bone in zip(bodies, bones, strict=True)
         if len(body[0]) >= MIN_PIXELS and len(bone[0])
     ]
     return marks, mask
 
 
-def _masks(rgb: NDArray, pen: Pen) -> tuple[NDArray, NDArray, NDArray, int]:
-    """The mask of the smoothed picture, which is thinned; that of the picture as it is; labels."""
-    import cv2
+def _masks(rgb: NDArray, pen: Pen) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """The smoothed picture's mask, to be thinned, and that of the picture as it is.
 
+    Then, of the smoothed mask's pixels, the flat indices in order and the connected mark of each,
+    from 1: few numbers in place of a label for every pixel of the image.
+    """
     score = pen_score(rgb, pen, SMOOTHING_PX)
     smooth = (score > FLOOR).view(np.uint8)
     mask = np.zeros(smooth.shape, bool)
-    count, labels = cv2.connectedComponents(smooth, connectivity=8, ltype=cv2.CV_32S)
-    if count > 1:
-        rows, cols = np.nonzero(smooth)
-        label, level = labels[rows, cols], score[rows, cols]
-        smooth[rows, cols] = level > 0.5 * _quantile_by_label(level, label, count, 0.9)[label]
-        sharp, _ = chroma_at(rgb, rows, cols, pen)
-        mask[rows, cols] = sharp > 0.5 * _quantile_by_label(sharp, label, count, 0.9)[label]
-        count, labels = cv2.connectedComponents(smooth, connectivity=8, ltype=cv2.CV_32S)
-    return smooth.view(bool), mask, labels, count - 1
+    where, label = _labelled(smooth)
+    if len(label):
+        count = int(label.max()) + 1
+        level = score.ravel()[where]
+        keep = level > 0.5 * _quantile_by_label(level, label, count, 0.9)[label]
+        smooth.ravel()[where] = keep
+        sharp, _ = chroma_at(rgb, *np.divmod(where, rgb.shape[1]), pen)
+        mask.ravel()[where] = sharp > 0.5 * _quantile_by_label(sharp, label, count, 0.9)[label]
+        where, label = _labelled(smooth)
+    return smooth.view(bool), mask, where, label
+
+
+def _labelled(mask: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    import cv2
+
+    _, labels = cv2.connectedComponents(mask, connectivity=8, ltype=cv2.CV_32S)
+    where = np.flatnonzero(mask)
+    return where, labels.ravel()[where]
 
 
 def _quantile_by_label(values: NDArray, label: NDArray, count: int, q: float) -> NDArray:
@@ -110,23 +125,22 @@ def _quantile_by_label(values: NDArray, label: NDArray, count: int, q: float) ->
     return values[order][np.clip(at, 0, len(values) - 1)]
 
 
-def _bounds(mask: NDArray) -> tuple[int, int, int, int]:
-    rows, cols = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
-    return rows[0], cols[0], rows[-1] + 1, cols[-1] + 1
+def _bounds(where: NDArray, width: int) -> tuple[int, int, int, int]:
+    rows, cols = np.divmod(where, width)
+    return int(rows[0]), int(cols.min()), int(rows[-1]) + 1, int(cols.max()) + 1
 
 
-def _by_label(labels: NDArray, mask: NDArray, count: int) -> list[tuple[NDArray, NDArray]]:
-    """(rows, cols) of the mask's pixels for each label 1..count, sorted by row, then column."""
-    rows, cols = np.nonzero(mask)
-    label = labels[rows, cols]
+def _by_label(where: NDArray, label: NDArray, count: int, width: int) -> list[tuple]:
+    """(rows, cols) of the pixels of each label 1..count, sorted by row, then column."""
+    rows, cols = np.divmod(where, width)
     order = np.argsort(label, kind="stable")
     ends = np.cumsum(np.bincount(label, minlength=count + 1))
     cuts = [order[a:b] for a, b in pairwise(ends)]
     return [(rows[cut], cols[cut]) for cut in cuts]
 
 
-def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple, shift: tuple) -> Mark:
-    rows, cols = body[0] + shift[0], body[1] + shift[1]
+def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple) -> Mark:
+    rows, cols = body
     box = (
         int(cols.min()),
         int(rows.min()),
@@ -134,8 +148,7 @@ def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple, shift: tuple) -> Mar
         int(np.ptp(rows)) + 1,
     )
     own = _own_pen(rgb, rows, cols, pen)
-    bone_rows, bone_cols = bone[0] + shift[0], bone[1] + shift[1]
-    branches, junctions = _pruned(bone_rows, bone_cols, rgb.shape[1], len(rows) / len(bone_rows))
+    branches, junctions = _pruned(*bone, rgb.shape[1], len(rows) / len(bone[0]))
     # A path along pixels is about 5 % longer than the line; each end is short of half a width.
     length = sum(b.length for b in branches) / 1.05
     width = len(rows) / max(length, 1.0)
