@@ -23,6 +23,8 @@ STAGES = ("extract", "sample", "register", "proxy", "plan")
 @click.option("--peer", "peers", multiple=True, metavar="CMD",
               help="An outside program to run beside the engines: CMD FOLDER reads points.csv, "
               "path.csv and settings.csv there and writes proxies.csv.")  # fmt: skip
+@click.option("--surface", type=FILE, metavar="MESH",
+              help="A bone's surface (STL, PLY; mm) as one more scene of proxy.")  # fmt: skip
 @click.option("--tolerance", "tolerance_mm", type=Numbers(1, metavar="MM"), default="0.01",
               show_default=True, help="What the chosen settings are to keep.")  # fmt: skip
 @click.option("--from", "source", type=FILE, metavar="JSON",
@@ -33,6 +35,7 @@ def command(
     overwrite: bool,
     quick: bool,
     peers: tuple[str, ...],
+    surface: Path | None,
     tolerance_mm: tuple[float, ...],
     source: Path | None,
 ) -> Report:
@@ -52,6 +55,7 @@ def command(
                 quick=quick,
                 tolerance_m=tolerance_mm[0] * 1e-3,
                 peers=[Peer(word) for word in peers],
+                surface=surface,
                 progress=tell,
             )
     if output is not None:

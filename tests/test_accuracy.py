@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from vfplan.accuracy import Peer, bench, pictures, read_document, write_json
 from vfplan.accuracy.baselines import NearestPointPenalty
 from vfplan.accuracy.cases import Case, cases, chosen_points
+from vfplan.accuracy.mesh import Bone, nearest_on
 from vfplan.accuracy.proxy import judge
 from vfplan.accuracy.record import Errors, Result, Trial, mark_pareto, non_dominated
 from vfplan.accuracy.registering import apply, markers_px, true_map
@@ -295,3 +296,47 @@ def test_result_knows_its_trial():
     assert record["chosen"] is True
     assert record["peer"] is True
     assert record["points"] == 3
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    """A sphere of 40 mm as an ASCII STL in millimetres, longer along x."""
+    from scipy.spatial import ConvexHull
+
+    points = SCENES["sphere"](spacing=3e-3, radius=40e-3).points * [1.3, 1, 1] * 1e3
+    path = tmp_path_factory.mktemp("mesh") / "ball.stl"
+    with path.open("w") as file:
+        file.write("solid ball\n")
+        for triangle in points[ConvexHull(points).simplices]:
+            file.write("facet normal 0 0 0\nouter loop\n")
+            file.writelines(f"vertex {x} {y} {z}\n" for x, y, z in triangle)
+            file.write("endloop\nendfacet\n")
+        file.write("endsolid\n")
+    return path
+
+
+def test_nearest_place_of_a_triangle_by_brute_force():
+    rng = np.random.default_rng(4)
+    corners = rng.normal(size=(30, 3, 3))
+    weights = rng.dirichlet([0.5, 0.5, 0.5], 60_000)
+    for x in rng.normal(size=(4, 3)) * 2:
+        nearest, flat = nearest_on(corners, x)
+        exact = np.linalg.norm(x - nearest, axis=1)
+        for triangle, found in zip(corners, exact, strict=True):
+            sampled = np.linalg.norm(x - weights @ triangle, axis=1).min()
+            assert found <= sampled + 1e-12
+            assert sampled - found < 0.05
+        across = np.einsum("mki,mi->mk", flat, x - nearest)
+        assert np.abs(across).max() < 1e-9, "flat directions are across the distance"
+
+
+def test_a_mesh_is_a_scene_with_an_exact_proxy(ball):
+    bone = Bone(source=ball, spacing=1e-3)
+    hips = bone.path("press and slide", 0.5)
+    proxy = bone.truth(hips)
+    assert bone.clearance(proxy[::5]).min() > R * (1 - 1e-9)
+    pressed = np.linalg.norm(proxy - hips, axis=1)
+    assert 1e-3 < pressed.max() < 4e-3
+    engine = PaperProxy(bone.points)
+    engine.reset(hips[0])
+    assert np.abs(engine.run(hips).proxy - proxy).max() < 2e-3

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 from vfplan.accuracy.document import FORMAT, VERSION
@@ -35,6 +36,7 @@ def bench(
     quick: bool = False,
     tolerance_m: float = TOLERANCE_M,
     peers: Sequence[Peer] = (),
+    surface: Path | None = None,
     progress: Callable[[str, int, int], None] = lambda label, done, total: None,
 ) -> dict[str, Any]:
     """Measure error against run time.
@@ -49,6 +51,8 @@ def bench(
         For the settings that are chosen by it [m].
     peers
         Outside programs for stage "proxy".
+    surface
+        A mesh file (PLY or STL, mm), e.g. a bone's: one more scene of stage "proxy".
     progress
         Told the scene at work, how many of its runs are done, and of how many.
 
@@ -69,7 +73,7 @@ def bench(
     began = time.perf_counter()
     records: list[dict[str, Any]] = []
     for stage in wanted:
-        for trials in _scenes(stage, quick, tolerance_m, peers):
+        for trials in _scenes(stage, quick, tolerance_m, peers, surface):
             records += _measure(stage, trials, REPEATS[quick], progress)
     mark_pareto(records)
     return {
@@ -96,11 +100,15 @@ def _checked(stages: Iterable[Stage]) -> tuple[Stage, ...]:
 
 
 def _scenes(
-    stage: Stage, quick: bool, tolerance_m: float, peers: Sequence[Peer]
+    stage: Stage,
+    quick: bool,
+    tolerance_m: float,
+    peers: Sequence[Peer],
+    surface: Path | None,
 ) -> Iterator[list[Trial]]:
     module = import_module(f"vfplan.accuracy.{_MODULES[stage]}")
     if stage == "proxy":
-        return module.scenes(quick, tolerance_m, peers)
+        return module.scenes(quick, tolerance_m, peers, surface)
     return module.scenes(quick, tolerance_m)
 
 

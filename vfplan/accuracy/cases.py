@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -59,13 +60,19 @@ class Case:
         return self.with_scene(replace(self.scene, spacing=spacing))
 
 
-def cases(quick: bool) -> Iterator[Case]:
-    """All cases, the cheap ones first."""
+def cases(quick: bool, surface: Path | None = None) -> Iterator[Case]:
+    """All cases, the cheap ones first; `surface`: a mesh file to be one more."""
     for name, route in QUICK if quick else FULL:
         scene = SCENES[name]()
         yield Case(f"{name}, {route}", scene, _path(scene.path(route, SPEED_M_S), quick))
     if not quick:
         yield experiment_2()
+    if surface is not None:
+        from vfplan.accuracy.mesh import Bone
+
+        bone = Bone(source=surface)
+        hips = bone.path("press and slide", SPEED_M_S)
+        yield Case(f"{surface.stem}, press and slide", bone, hips)
 
 
 def _path(hips: Array, quick: bool) -> Array:
@@ -108,7 +115,7 @@ def elbow_curve() -> Array:
 
 
 def experiment_2() -> Case:
-    """The shipped elbow, probed by the shipped session; every fourth tick is a tick here."""
+    """The shipped elbow, probed by the shipped session."""
     text = (files("vfplan.samples") / "elbow_session.csv").read_text().splitlines()[1:]
     hips = np.array([[float(x) for x in line.split(",")[1:]] for line in text])
     return Case("experiment-2, session", Elbow(), hips)

@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -105,9 +106,11 @@ METHODS: dict[str, Method] = {
 }
 
 
-def scenes(quick: bool, tolerance_m: float, peers: Sequence[Peer] = ()) -> Iterator[list[Trial]]:
+def scenes(
+    quick: bool, tolerance_m: float, peers: Sequence[Peer] = (), surface: Path | None = None
+) -> Iterator[list[Trial]]:
     """The trials of each scene and route."""
-    for case in cases(quick):
+    for case in cases(quick, surface):
         yield list(_trials(case, quick, tolerance_m, peers))
 
 

@@ -44,7 +44,7 @@ def stack(looks: list[Look]) -> Look:
     return Look(*(np.concatenate(parts) for parts in zip(*looks, strict=True)))
 
 
-def _from_nearest(x: Vector, nearest: Vector, flat: Vector) -> Look:
+def from_nearest(x: Vector, nearest: Vector, flat: Vector) -> Look:
     """Distance to the nearest points; `flat` (M, k, 3): directions along which it is straight."""
     away = x - nearest
     distance = np.linalg.norm(away, axis=1)
@@ -69,7 +69,7 @@ class Segments:
         inner = (t > 0) & (t < 1)
         unit = along / np.sqrt(np.where(square > 0, square, 1.0))[:, None]
         nearest = self.a + np.clip(t, 0, 1)[:, None] * along
-        return _from_nearest(x, nearest, (unit * inner[:, None])[:, None, :])
+        return from_nearest(x, nearest, (unit * inner[:, None])[:, None, :])
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class Rectangles:
             nearest = nearest + np.clip(t, 0, 1)[:, None] * side
             inner = ((t > 0) & (t < 1))[:, None]
             flat.append(side / np.sqrt(square)[:, None] * inner)
-        return _from_nearest(x, nearest, np.stack(flat, axis=1))
+        return from_nearest(x, nearest, np.stack(flat, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ class Spheres:
 
     def look(self, x: Vector) -> Look:
         """See `Pieces.look`."""
-        outside = _from_nearest(x, self.centre, np.zeros((len(self.centre), 0, 3)))
+        outside = from_nearest(x, self.centre, np.zeros((len(self.centre), 0, 3)))
         side = np.where(outside.distance >= self.radius, 1.0, -1.0)
         return Look(
             side * (outside.distance - self.radius),
@@ -144,7 +144,7 @@ class Arcs:
         nearest[:, 1] = self.centre[:, 1] + self.radius * np.sin(to)
         flat = np.zeros((len(self.radius), 1, 3))
         flat[:, 0, 2] = 1.0
-        look = _from_nearest(np.array([x[0], x[1], 0.0]), nearest, flat)
+        look = from_nearest(np.array([x[0], x[1], 0.0]), nearest, flat)
         # On the arc itself the distance is that from the centre, less the radius.
         r = np.hypot(away[:, 0], away[:, 1])
         curved = look.distance / np.where(r > 0, r, 1.0) * np.where(r >= self.radius, 1.0, -1.0)
