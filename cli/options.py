@@ -88,6 +88,11 @@ PIXEL_SPACING = click.option(
     help="Size of a pixel along u (between columns) and v (between rows); wins over the file's.",
 )
 
+ROBOT = click.option(
+    "--robot", metavar="NAME|FILE",
+    help="A shipped robot (franka) or a robot file (schemas/robot-1.0.json).",
+)  # fmt: skip
+
 # How the curve is read from the image: `extract` and `plan`.
 CURVE_OPTIONS = [
     click.option("--colour", default="red", show_default=True, metavar="NAME|#RRGGBB",

@@ -122,6 +122,47 @@ class RegistrationRecord:
 
 
 @dataclass(frozen=True)
+class StabilityVerdict:
+    """The stability gate's verdict on a fixture's K with one robot.
+
+    Parameters
+    ----------
+    robot
+        Its name.
+    mass_kg, damping_n_s_per_m, rate_hz, delay_ticks
+        What was simulated.
+    k_n_per_m
+        The K judged: the largest in any direction that the fixture renders [N/m].
+    k_max_n_per_m
+        The largest stable K found in closed loop [N/m].
+    k_linear_bound_n_per_m
+        b / (T/2 + t_d) [N/m].
+    margin
+        What K is multiplied by before it is held against `k_max_n_per_m`.
+    """
+
+    robot: str
+    mass_kg: float
+    damping_n_s_per_m: float
+    rate_hz: float
+    delay_ticks: int
+    k_n_per_m: float
+    k_max_n_per_m: float
+    k_linear_bound_n_per_m: float
+    margin: float
+
+    @property
+    def k_pass_n_per_m(self) -> float:
+        """The largest K that passes [N/m]."""
+        return self.k_max_n_per_m / self.margin
+
+    @property
+    def stable(self) -> bool:
+        """Whether K passes."""
+        return self.k_n_per_m <= self.k_pass_n_per_m
+
+
+@dataclass(frozen=True)
 class Provenance:
     """Where a bundle came from; holds no file names, paths or patient identifiers.
 
@@ -160,7 +201,7 @@ class Fixture:
         Where it came from.
     sigma
         (N,) standard deviation of each point across the curve, in the unit of `points`.
-    curve, image, rendering, registration
+    curve, image, rendering, registration, stability
         Present when the scene has them.
     mesh
         (K, 3) int32, rows of `points` that form the triangles of an imported surface.
@@ -174,6 +215,7 @@ class Fixture:
     image: SourceImage | None = None
     rendering: Rendering | None = None
     registration: RegistrationRecord | None = None
+    stability: StabilityVerdict | None = None
     mesh: NDArray[np.int32] | None = None
 
     @property

@@ -34,6 +34,8 @@ class Robot:
         Resolution of a measured position [m].
     force_limit_n, force_step_limit_n
         Largest force at the tip, and largest change of it from one tick to the next [N].
+    friction_n
+        Coulomb friction along each axis at the tip [N].
     speed_limit_m_s, acceleration_limit_m_s2
         Largest speed and acceleration of the tip.
     lost_packets_limit
@@ -48,6 +50,7 @@ class Robot:
     quantum_m: float | None = None
     force_limit_n: float | None = None
     force_step_limit_n: float | None = None
+    friction_n: float | None = None
     speed_limit_m_s: float | None = None
     acceleration_limit_m_s2: float | None = None
     lost_packets_limit: int | None = None

@@ -20,6 +20,7 @@ from vfplan.fixture import (
     RegistrationRecord,
     Rendering,
     SourceImage,
+    StabilityVerdict,
 )
 
 Content = dict[str, Any]
@@ -41,6 +42,8 @@ def to_content(fixture: Fixture) -> Content:
         content |= _rendering(fixture.rendering)
     if fixture.registration is not None:
         content |= _registration(fixture.registration)
+    if fixture.stability is not None:
+        content |= {path: getattr(fixture.stability, name) for path, name in _STABILITY}
     return content | _provenance(fixture.provenance)
 
 
@@ -55,6 +58,7 @@ def from_content(content: Content) -> Fixture:
         image=_to_image(content) if "/image@width_px" in content else None,
         rendering=_to_rendering(content) if "/rendering/stiffness" in content else None,
         registration=_to_registration(content) if "/registration@model" in content else None,
+        stability=_to_stability(content) if "/stability@robot" in content else None,
         mesh=content.get("/mesh/triangles"),
     )
 
@@ -163,6 +167,27 @@ def _registration(record: RegistrationRecord) -> Content:
 
 def _to_registration(content: Content) -> RegistrationRecord:
     return RegistrationRecord(**{field: content.get(path) for path, field in _REGISTRATION})
+
+
+# (path, field) of the stability gate's verdict
+_STABILITY = tuple(
+    (f"/stability@{field}", field)
+    for field in (
+        "robot",
+        "mass_kg",
+        "damping_n_s_per_m",
+        "rate_hz",
+        "delay_ticks",
+        "k_n_per_m",
+        "k_max_n_per_m",
+        "k_linear_bound_n_per_m",
+        "margin",
+    )
+)
+
+
+def _to_stability(content: Content) -> StabilityVerdict:
+    return StabilityVerdict(**{field: content[path] for path, field in _STABILITY})
 
 
 def _provenance(provenance: Provenance) -> Content:

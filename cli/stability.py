@@ -1,0 +1,156 @@
+"""`vfplan stability`: closed loop, passivity and extreme cases, and the gate on K."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+from vfplan.cli import options
+from vfplan.cli.run import Report, command, jsonable, outputs, progress, refuse_existing
+
+from vfplan.errors import OutputError
+
+PARTS = ("closed-loop", "map", "passivity")
+REPORT, TABLE, MAP, PASSIVITY = FILES = (
+    "stability.json", "cases.csv", "stability_map.png", "passivity.png",
+)  # fmt: skip
+
+_above = click.FloatRange(min=0, min_open=True)
+
+
+@command("stability", short_help="Is K stable with this robot? Closed loop and extreme cases.")
+@click.argument("fixture", type=options.FILE, required=False)
+@options.ROBOT
+@click.option(
+    "--mass", "mass_kg", type=_above, metavar="KG", help="Moving mass at the tip.  [default: 1]"
+)
+@click.option(
+    "--damping",
+    "damping_n_s_per_m",
+    type=click.FloatRange(min=0),
+    metavar="N_S_PER_M",
+    help="Viscous damping at the tip.  [default: 5]",
+)
+@click.option("--rate", "rate_hz", type=_above, metavar="HZ", help="Control rate.  [default: 1000]")
+@click.option(
+    "--delay-ticks",
+    type=click.IntRange(0, 1000),
+    metavar="N",
+    help="Ticks between a position and its force.  [default: 0]",
+)
+@click.option("--friction", "friction_n", type=_above, metavar="N", help="Coulomb friction.")
+@click.option(
+    "--quantum", "quantum_m", type=_above, metavar="M", help="Resolution of a measured position."
+)
+@click.option("--force-limit", "force_limit_n", type=_above, metavar="N", help="Largest force.")
+@click.option(
+    "--force-step-limit",
+    "force_step_limit_n",
+    type=_above,
+    metavar="N",
+    help="Largest change of force in a tick.",
+)
+@click.option(
+    "--stiffness",
+    type=_above,
+    metavar="N_PER_M",
+    help="The K to judge.  [default: the bundle's, or 1000]",
+)
+@click.option(
+    "--margin",
+    type=click.FloatRange(min=1),
+    default=1.25,
+    show_default=True,
+    help="K times this must be stable.",
+)
+@click.option(
+    "--part", "parts", multiple=True, type=click.Choice(PARTS), help="Only this part (repeatable)."
+)
+@click.option("--full", is_flag=True, help="Also the long runs (many minutes).")
+@click.option("--jobs", type=click.IntRange(1, 64), default=2, show_default=True, help="Processes.")
+@click.option(
+    "-o",
+    "--output",
+    type=options.FILE,
+    metavar="DIR",
+    help="Write the report, the tables and the pictures there.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace output files that exist.")  # fmt: skip
+def command(
+    fixture: Path | None,
+    robot: str | None,
+    stiffness: float | None,
+    margin: float,
+    parts: tuple[str, ...],
+    full: bool,
+    jobs: int,
+    output: Path | None,
+    overwrite: bool,
+    **given: Any,
+) -> Report:
+    """Judge the K of FIXTURE (or --stiffness) in closed loop with a robot, and try the engine.
+
+    Exit 1 when K times the margin is not stable, or a case did not come out as it should; the
+    report is written all the same.
+    """
+    from vfplan.bundle import read_fixture
+    from vfplan.stability import prepare
+
+    _check_folder(output, overwrite)
+    prepared = prepare(
+        None if fixture is None else read_fixture(fixture),
+        chosen_robot(robot, given),
+        stiffness=stiffness,
+        margin=margin,
+        full=full,
+        parts=parts,
+    )
+    with progress("stability", len(prepared.tasks)) as done:
+        found = prepared.run(jobs, done)
+    data, text = found.as_dict(), found.as_text()
+    if output is not None:
+        _write(output, found)
+        text += f"\nwrote {output}"
+    return Report(data, text, exit_code=0 if found.good else 1)
+
+
+def chosen_robot(choice: str | None, given: dict[str, Any]) -> Any:
+    """The robot that `--robot` names, with what single options say instead."""
+    from vfplan.robot import read_robot
+    from vfplan.stability import DEFAULT_ROBOT
+
+    robot = read_robot(choice) or DEFAULT_ROBOT
+    return replace(robot, **{name: value for name, value in given.items() if value is not None})
+
+
+def _check_folder(folder: Path | None, overwrite: bool) -> None:
+    """Refuse a folder that cannot take the files, before any work is done."""
+    if folder is None:
+        return
+    if folder.exists() and not folder.is_dir():
+        raise OutputError("is a file; a folder is wanted", where=str(folder))
+    if folder.is_dir():
+        refuse_existing(*(folder / name for name in FILES), overwrite=overwrite)
+    elif not folder.parent.is_dir():
+        raise OutputError("its folder does not exist", where=str(folder))
+
+
+def _write(folder: Path, found: Any) -> None:
+    """The report and the table; a picture where there is something to draw."""
+    from vfplan.figures.stability import draw_map, draw_passivity
+
+    kinds = {row.case.partition("/")[0] for row in found.rows}
+    folder.mkdir(exist_ok=True)
+    chart = folder / MAP if "map" in kinds else None
+    passivity = folder / PASSIVITY if "passivity" in kinds else None
+    paths = (folder / REPORT, folder / TABLE, chart, passivity)
+    with outputs(*paths) as (report, table, chart_file, passivity_file):
+        report.write_text(json.dumps(jsonable(found.as_dict()), indent=2) + "\n", "utf-8")
+        table.write_text(found.as_csv(), "utf-8")
+        if chart_file is not None:
+            draw_map(found.rows, chart_file)
+        if passivity_file is not None:
+            draw_passivity(found.rows, passivity_file)

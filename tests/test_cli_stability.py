@@ -1,0 +1,96 @@
+"""`vfplan stability` as a user runs it, and the gate of `vfplan plan`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bundles import PROVENANCE, pixels, whole
+
+from vfplan.bundle import read_fixture, write_fixture
+from vfplan.errors import CheckFailed
+from vfplan.fixture import Fixture
+from vfplan.robot import Robot
+from vfplan.stability import exact_bound, gate
+from vfplan.stability.largest import plant_of
+
+ROBOT = Robot("test", 1.0, 5.0, 1000.0, delay_ticks=1)
+KEYS = {"cases", "k_max_n_per_m", "k_linear_bound_n_per_m", "stable", "left_out", "elapsed_s"}
+
+
+@pytest.fixture
+def dot(tmp_path):
+    """A bundle of one point in space: few scenes to run."""
+    path = tmp_path / "dot.h5"
+    rendering = replace(whole().rendering, ignore_axis=None)
+    fixture = Fixture("robot_base", np.array([[0.4, 0.0, 0.2]]), PROVENANCE, rendering=rendering)
+    write_fixture(fixture, path)
+    return path
+
+
+def test_study_of_a_point(vfplan_cli, dot, tmp_path):
+    folder = tmp_path / "report"
+    options = ("--part", "closed-loop", "--part", "passivity")
+    run = vfplan_cli("stability", dot, *options, "-o", folder, "--json")
+    assert run.json.keys() >= KEYS
+    assert run.json["stable"] is True
+    assert run.json["k_linear_bound_n_per_m"] == pytest.approx(10_000)
+    loops = [row for row in run.json["cases"] if row["case"].startswith("closed-loop/")]
+    assert {row["scene"] for row in loops} == {"point", "bundle"}
+    robust = [row["measured"] for row in loops if row["rule"] == "robust"]
+    assert run.json["k_max_n_per_m"] == min(robust)
+    assert "closed-loop/flat" in run.json["left_out"]
+    for row in run.json["cases"]:
+        assert row.keys() >= {"case", "outcome", "detail", "limit", "measured"}
+    assert {p.name for p in folder.iterdir()} == {"stability.json", "cases.csv", "passivity.png"}
+    again = vfplan_cli("stability", dot, "--part", "closed-loop", "-o", folder)
+    assert again.code == 2
+    assert "overwrite" in again.error_line
+
+
+def test_a_stiffness_beyond_the_bound_exits_1_and_names_what_passes(vfplan_cli, dot):
+    options = ("--robot", "franka", "--stiffness", 3000, "--part", "closed-loop", "--json")
+    run = vfplan_cli("stability", dot, *options)
+    assert run.code == 1
+    assert run.json["stable"] is False
+    assert run.json["k_pass_n_per_m"] == pytest.approx(3338 / 1.25, rel=0.03)
+    assert run.json["robot"]["delay_ticks"] == 1
+
+
+def test_options_win_over_the_robot(vfplan_cli, dot):
+    options = ("--robot", "franka", "--delay-ticks", 0, "--damping", 20, "--rate", 500)
+    run = vfplan_cli("stability", dot, *options, "--part", "closed-loop", "--json")
+    assert run.json["k_linear_bound_n_per_m"] == pytest.approx(20 * 500 * 2)
+
+
+def test_no_damping_bears_no_stiffness(vfplan_cli, dot):
+    run = vfplan_cli("stability", dot, "--damping", 0, "--part", "closed-loop", "--json")
+    assert (run.code, run.json["k_max_n_per_m"], run.json["stable"]) == (1, 0, False)
+
+
+def test_bad_input(vfplan_cli, tmp_path):
+    assert vfplan_cli("stability", tmp_path / "none.h5").code in (3, 4)
+    assert vfplan_cli("stability", "--mass", -1).code == 2
+    curve = tmp_path / "curve.h5"
+    write_fixture(pixels(), curve)
+    run = vfplan_cli("stability", curve)
+    assert run.code == 3
+    assert "robot_base" in run.error_line
+
+
+def test_verdict_is_stored_and_read_back(tmp_path):
+    fixture = whole()
+    found = gate(fixture, ROBOT)
+    assert found.stable
+    assert found.k_max_n_per_m >= 0.95 * exact_bound(plant_of(ROBOT), 1)
+    path = tmp_path / "fixture.h5"
+    write_fixture(replace(fixture, stability=found), path)
+    assert read_fixture(path).stability == found
+
+
+def test_gate_refuses_with_the_largest_k_that_passes():
+    fixture = replace(whole(), points=whole().points[:1], sigma=None, curve=None)
+    stiff = replace(fixture.rendering, stiffness=fixture.rendering.stiffness * 4)
+    with pytest.raises(CheckFailed, match=r"allowed with a margin of 1\.25 is 2[67]\d\d N/m"):
+        gate(replace(fixture, rendering=stiff), ROBOT)

@@ -1,0 +1,90 @@
+"""The exact discretisation and the bounds on K, against mpmath and closed forms."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+
+from vfplan.errors import SettingError
+from vfplan.stability import Plant, exact_bound, linear_bound, spectral_radius
+from vfplan.stability.theory import closed_loop
+
+PLANTS = [
+    Plant(1.0, 5.0, 1e-3),
+    Plant(1.0, 5.0, 1e-3, hand=2000.0),
+    Plant(0.05, 80.0, 1e-2),
+    Plant(20.0, 1e-6, 1e-5),
+    Plant(1.0, 0.0, 1e-3),
+]
+
+
+def exact_transition(plant):
+    """The same motion in 50 digits, from the state matrix itself."""
+    with mpmath.workdps(50):
+        m, b, k, t = map(mpmath.mpf, (plant.mass, plant.damping, plant.hand, plant.period))
+        rate = mpmath.matrix([[0, 1, 0], [-k / m, -b / m, 1 / m], [0, 0, 0]])
+        moved = mpmath.expm(rate * t)
+        return np.array([[float(moved[i, j]) for j in (1, 2)] for i in (0, 1)])
+
+
+@pytest.mark.parametrize("plant", PLANTS, ids=str)
+def test_transition_is_exact(plant):
+    np.testing.assert_allclose(plant.transition(), exact_transition(plant), rtol=1e-14)
+
+
+def test_two_half_ticks_are_a_tick():
+    plant = Plant(1.3, 7.0, 2e-3)
+    half = plant.transition(1e-3)
+    x, v = half @ [0.4, 3.0]
+    dx, v = half @ [v, 3.0]
+    np.testing.assert_allclose([x + dx, v], plant.transition() @ [0.4, 3.0], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("damping", "delay", "bound"),
+    [(5, 0, 10_008), (5, 1, 3_338), (20, 0, 40_134), (20, 1, 13_407), (1, 0, 2_000), (1, 1, 667)],
+)
+def test_bounds_known_from_the_literature(damping, delay, bound):
+    plant = Plant(1.0, damping, 1e-3)
+    assert exact_bound(plant, delay) == pytest.approx(bound, rel=2.5e-4)
+    assert linear_bound(plant, delay) == pytest.approx(damping / (1e-3 * (0.5 + delay)))
+
+
+def test_exact_bound_without_delay_in_closed_form():
+    # Jury's criterion for z² + (xf K - 1 - E) z + E + K (vf xv - xf vv): the last is 1 at the edge.
+    plant = Plant(0.7, 9.0, 1.5e-3)
+    (xv, xf), (vv, vf) = plant.transition()
+    assert exact_bound(plant) == pytest.approx((1 - vv) / (vf * xv - xf * vv), rel=1e-9)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 2, 7])
+def test_exact_bound_in_higher_precision(delay):
+    def radius(plant, stiffness, delay_ticks):
+        with mpmath.workdps(40):
+            rows = closed_loop(plant, stiffness, delay_ticks).tolist()
+            eigenvalues = mpmath.eig(mpmath.matrix(rows), left=False, right=False)
+            return float(max(abs(value) for value in eigenvalues))
+
+    plant = Plant(1.0, 5.0, 1e-3)
+    edge = exact_bound(plant, delay)
+    assert radius(plant, edge * (1 - 1e-6), delay) < 1 < radius(plant, edge * (1 + 1e-6), delay)
+
+
+def test_bound_grows_with_damping_and_falls_with_delay():
+    bounds = [exact_bound(Plant(1.0, b, 1e-3), d) for d in (0, 1, 2) for b in (1, 5, 20)]
+    table = np.array(bounds).reshape(3, 3)
+    assert (np.diff(table, axis=1) > 0).all()
+    assert (np.diff(table, axis=0) < 0).all()
+
+
+def test_no_damping_no_stable_spring():
+    plant = Plant(1.0, 0.0, 1e-3)
+    assert exact_bound(plant) == 0.0
+    assert spectral_radius(plant, 1.0) >= 1.0
+
+
+@pytest.mark.parametrize("wrong", [{"mass": 0}, {"damping": -1}, {"period": 0}, {"hand": np.nan}])
+def test_plants_outside_their_range_are_refused(wrong):
+    with pytest.raises(SettingError):
+        Plant(**wrong)

@@ -1,0 +1,77 @@
+"""The gate: is a fixture's K safe with a robot?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vfplan.errors import CheckFailed, SceneError
+from vfplan.fixture import Fixture, StabilityVerdict
+from vfplan.robot import Robot
+from vfplan.stability.closedloop import closed_loop_bundle
+from vfplan.stability.largest import plant_of
+from vfplan.stability.rows import Row
+from vfplan.stability.theory import linear_bound
+
+MARGIN = 1.25  # K may be at most k_max / MARGIN
+
+
+def felt_stiffness(fixture: Fixture) -> float:
+    """The largest stiffness in any direction that the fixture renders [N/m]: of P K P.
+
+    Raises
+    ------
+    SceneError
+        A curve that is no fixture yet.
+    """
+    if fixture.frame != "robot_base" or fixture.rendering is None:
+        raise SceneError(
+            f"frame {fixture.frame!r}"
+            f"{'' if fixture.rendering else ' without rendering parameters'}: a fixture in"
+            " 'robot_base' that a robot can render is wanted"
+        )
+    axis = fixture.ignore_axis
+    across = np.eye(3) if axis is None else np.eye(3) - np.outer(axis, axis)
+    return float(np.linalg.eigvalsh(across @ np.diag(fixture.stiffness) @ across).max())
+
+
+def judge(robot: Robot, stiffness: float, rows: list[Row], margin: float) -> StabilityVerdict:
+    """The verdict on K [N/m] from closed-loop rows."""
+    measured = [row.measured for row in rows if row.measured is not None]
+    return StabilityVerdict(
+        robot=robot.name,
+        mass_kg=robot.mass_kg,
+        damping_n_s_per_m=robot.damping_n_s_per_m,
+        rate_hz=robot.rate_hz,
+        delay_ticks=robot.delay_ticks,
+        k_n_per_m=stiffness,
+        k_max_n_per_m=min(measured, default=0.0),
+        k_linear_bound_n_per_m=linear_bound(plant_of(robot), robot.delay_ticks),
+        margin=margin,
+    )
+
+
+def gate(fixture: Fixture, robot: Robot, margin: float = MARGIN) -> StabilityVerdict:
+    """Run the loop on the fixture's own points and judge its K.
+
+    Raises
+    ------
+    CheckFailed
+        K times the margin exceeds the largest stable stiffness; the message has the largest K
+        that passes.
+    """
+    stiffness = felt_stiffness(fixture)
+    row = closed_loop_bundle(fixture, "robust", robot, stiffness)
+    found = judge(robot, stiffness, [row], margin)
+    if not found.stable:
+        raise CheckFailed(refusal(found))
+    return found
+
+
+def refusal(found: StabilityVerdict) -> str:
+    """Why a verdict is no, in one line."""
+    return (
+        f"K = {found.k_n_per_m:g} N/m with robot {found.robot!r} (m = {found.mass_kg:g} kg,"
+        f" b = {found.damping_n_s_per_m:g} N·s/m, {found.rate_hz:g} Hz, delay {found.delay_ticks}"
+        f" ticks): the loop is stable up to {found.k_max_n_per_m:.0f} N/m; allowed with a margin of"
+        f" {found.margin:g} is {found.k_pass_n_per_m:.0f} N/m"
+    )

@@ -1,0 +1,143 @@
+"""The largest stable stiffness, found by bisection on an energy criterion.
+
+A mass at rest against the fixture is struck lightly. The energy above rest (kinetic, spring and
+hand together) dies down in a stable loop and grows in an unstable one: the loop counts as stable
+when the mean over the last eighth of the run is no more than the mean over the first eighth and
+than twice what the blow brought in.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vfplan.proxy import ProxyEngine
+from vfplan.rendering import Rule
+from vfplan.robot import Robot
+from vfplan.stability.contacts import Contact
+from vfplan.stability.loop import Engine, Hand, settle, simulate
+from vfplan.stability.theory import Plant, exact_bound, spectral_radius
+
+DEPTH = 0.05  # how deep the hand presses, in R
+BLOW = 0.2  # how far the blow carries the mass, in depths
+HAND = 0.2  # stiffness of a hand that also holds sideways, in K
+RESOLUTION = 2.5e-3  # of the bisection, relative
+REACH = 16.0  # how far above theory the search goes
+
+
+@dataclass(frozen=True)
+class Largest:
+    """The largest stable stiffness of one contact.
+
+    Parameters
+    ----------
+    measured
+        [N/m]; the last K that was stable, within `RESOLUTION`.
+    exact
+        [N/m], spectral radius of plant and spring.
+    beyond
+        Still stable at `REACH` times `exact`, where the search ended.
+    """
+
+    measured: float
+    exact: float
+    beyond: bool = False
+
+    @property
+    def ratio(self) -> float:
+        """measured / exact."""
+        return self.measured / self.exact
+
+
+def plant_of(robot: Robot, hand: float = 0.0) -> Plant:
+    """The robot's moving mass as theory sees it: no friction, no limits, no quantum."""
+    return Plant(robot.mass_kg, robot.damping_n_s_per_m, 1 / robot.rate_hz, hand)
+
+
+def engine_for(contact: Contact, rule: Rule, band: float | None = None) -> ProxyEngine:
+    """An engine of 1 N/m on the contact's cloud."""
+    return ProxyEngine(
+        contact.points,
+        contact_radius=contact.radius,
+        band=band,
+        stiffness=1.0,
+        rule=rule,
+        ignore_axis=contact.ignore_axis,
+    )
+
+
+def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> Largest:
+    """Bisect for the largest K at which a struck mass comes to rest.
+
+    Parameters
+    ----------
+    engine
+        Of stiffness 1 N/m, on the contact's cloud.
+    """
+    share = HAND if contact.held else 0.0
+    exact = exact_bound(plant_of(robot), robot.delay_ticks, share)
+    if exact == 0.0:
+        return Largest(0.0, 0.0)
+    ticks = run_length(robot, exact)
+    low, high = _bracket(contact, robot, engine, exact, ticks)
+    if math.isinf(high):
+        return Largest(low, exact, beyond=True)
+    while high > (1 + RESOLUTION) * low:
+        middle = math.sqrt(low * high)
+        if is_stable(contact, robot, engine, middle, ticks):
+            low = middle
+        else:
+            high = middle
+    return Largest(low, exact)
+
+
+def _bracket(
+    contact: Contact, robot: Robot, engine: Engine, exact: float, ticks: int
+) -> tuple[float, float]:
+    """A stable K and an unstable one, a factor of 2 apart; infinite where none is unstable.
+
+    The first guess is off the theory's bound, so that agreement is found and not put in.
+    """
+    low = 0.61 * exact
+    if is_stable(contact, robot, engine, low, ticks):
+        while low < REACH * exact:
+            if not is_stable(contact, robot, engine, 2 * low, ticks):
+                return low, 2 * low
+            low *= 2
+        return low, math.inf
+    while low > 1e-3 * exact:
+        low /= 2
+        if is_stable(contact, robot, engine, low, ticks):
+            return low, 2 * low
+    return 0.0, 0.0
+
+
+def run_length(robot: Robot, exact: float) -> int:
+    """Ticks in which a K half a percent too large raises the energy by five percent."""
+    grows = spectral_radius(plant_of(robot), 1.005 * exact, robot.delay_ticks)
+    ticks = math.log(1.05) / (2 * math.log(grows)) if grows > 1 else math.inf
+    period = 2 * math.pi * math.sqrt(robot.mass_kg / exact) * robot.rate_hz
+    return int(min(max(ticks, 16 * period, 400), 20_000))
+
+
+def is_stable(contact: Contact, robot: Robot, engine: Engine, stiffness: float, ticks: int) -> bool:
+    """The energy criterion of this module at one K [N/m]."""
+    hand = pressing_hand(contact, stiffness)
+    rest = settle(engine, hand, stiffness, contact.start)
+    inward = contact.inward / np.linalg.norm(contact.inward)
+    total = stiffness + hand.stiffness
+    blow = BLOW * DEPTH * contact.radius * math.sqrt(total / robot.mass_kg)
+    motion = simulate(engine, robot, hand, stiffness, rest, blow * inward, ticks)
+    brought = 0.5 * robot.mass_kg * blow * blow
+    above = motion.energy - (motion.energy[0] - brought)
+    first, last = above[: ticks // 8].mean(), above[-(ticks // 8) :].mean()
+    return bool(last <= first and last <= 2 * brought)
+
+
+def pressing_hand(contact: Contact, stiffness: float) -> Hand:
+    """A hand that presses `DEPTH` R deep into each wall at this K [N/m]."""
+    depth = DEPTH * contact.radius * contact.inward
+    share = HAND if contact.held else 0.0
+    return Hand(stiffness * depth, share * stiffness, contact.touch + depth)
