@@ -55,10 +55,12 @@ struct Ray {
     double steep2;  ///< (sine of the angle to the surface · R)² above which a meeting is steep
 };
 
-/// Weighted moments of points in the frame of a patch: heights z over lateral s.
+/// Normal equations of a weighted fit of heights: z over [1 s ss] or [1 s t ss tt st], s and t the
+/// lateral positions. The upper triangle, row by row.
 template <int D>
 struct Moments {
-    double w = 0, z = 0, s[D - 1] = {}, sz[D - 1] = {}, ss[D == 3 ? 3 : 1] = {};
+    static constexpr int terms = D == 2 ? 3 : 6;
+    double a[terms * (terms + 1) / 2] = {}, z[terms] = {};
 };
 
 /// Which points count for a patch, and how much; see Kernels::patch.
@@ -66,6 +68,7 @@ template <int D>
 struct Patch {
     Vec<D> at, up, side[D - 1];
     double height;   ///< subtracted from z
+    double scale;    ///< 1 / length unit of s, t and z
     double least2;   ///< weight 1 at this squared distance ...
     double most2;    ///< ... and 0 from this one on
     double cosine2;  ///< points further off `up` do not count

@@ -325,38 +325,36 @@ std::size_t within(const Span<D>& in, const Vec<D>& x, double reach2, std::uint3
 
 template <int D>
 void patch(const Span<D>& in, const Patch<D>& p, Moments<D>& to) {
-    const Lanes zero = all(0.0);
-    const double scale = 1 / (p.most2 - p.least2);
-    Lanes W = zero, Z = zero, S[D - 1] = {}, SZ[D - 1] = {}, SS[D == 3 ? 3 : 1] = {};
+    constexpr int terms = Moments<D>::terms, pairs = terms * (terms + 1) / 2;
+    const Lanes zero = all(0.0), one = all(1.0);
+    const double fall = 1 / (p.most2 - p.least2);
+    Lanes a[pairs], z[terms];
+    for (auto& v : a) v = zero;
+    for (auto& v : z) v = zero;
     for (std::size_t i = 0; i < in.n; i += 8) {
         Block<D> b;
         b.read(in, i, p.at);
+        const Mask near = b.d2 < p.most2;
+        if (bits(near) == 0) continue;
         const Lanes up = -b.along(p.up);
-        const Mask counts = (b.d2 < p.most2) & (up > 0.0) & (up * up > p.cosine2 * b.d2);
-        if (bits(counts) == 0) continue;
-        Lanes q = (p.most2 - b.d2) * scale;
-        q = choose(counts, smaller(q, all(1.0)), zero);
+        const Mask counts = near & (up > 0.0) & (up * up > p.cosine2 * b.d2);
+        const Lanes q = choose(counts, smaller((p.most2 - b.d2) * fall, one), zero);
         const Lanes w = q * q;
-        const Lanes z = choose(counts, up - p.height, zero);
-        Lanes s[D - 1];
-        for (int k = 0; k < D - 1; ++k) {
-            s[k] = choose(counts, -b.along(p.side[k]), zero);
-            S[k] += w * s[k];
-            SZ[k] += w * s[k] * z;
-            SS[k] += w * s[k] * s[k];
+        Lanes f[terms];
+        f[0] = one;
+        for (int k = 0; k < D - 1; ++k)
+            f[1 + k] = choose(counts, -b.along(p.side[k]) * p.scale, zero);
+        for (int k = 0; k < D - 1; ++k) f[D + k] = f[1 + k] * f[1 + k];
+        if constexpr (D == 3) f[5] = f[1] * f[2];
+        const Lanes height = choose(counts, (up - p.height) * p.scale, zero);
+        for (int r = 0, n = 0; r < terms; ++r) {
+            const Lanes wf = w * f[r];
+            z[r] += wf * height;
+            for (int c = r; c < terms; ++c, ++n) a[n] += wf * f[c];
         }
-        if constexpr (D == 3) SS[2] += w * s[0] * s[1];
-        W += w;
-        Z += w * z;
     }
-    to.w += sum(W);
-    to.z += sum(Z);
-    for (int k = 0; k < D - 1; ++k) {
-        to.s[k] += sum(S[k]);
-        to.sz[k] += sum(SZ[k]);
-        to.ss[k] += sum(SS[k]);
-    }
-    if constexpr (D == 3) to.ss[2] += sum(SS[2]);
+    for (int n = 0; n < pairs; ++n) to.a[n] += sum(a[n]);
+    for (int r = 0; r < terms; ++r) to.z[r] += sum(z[r]);
 }
 
 template <int D>

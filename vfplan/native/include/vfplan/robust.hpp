@@ -29,8 +29,8 @@ class RobustRule {
           safe2_((R_ - p.band) * (R_ - p.band)),
           shell_(R_ + 2 * p.band),
           grain_(std::sqrt(p.band / R_)),
-          window_(std::min(8 * grain_, 1.7) * R_),
-          lean_(std::cos(std::min(1.3 * std::sqrt(2.0) * grain_, 0.5))),
+          window_(std::min((D == 2 ? 6.2 : 4.4) * grain_, 1.7) * R_),
+          lean_(std::min(1.3 * std::sqrt(2.0) * grain_, 0.45)),
           soft_{R_, R_ - p.band * (1 - 1e-3), std::min(6 * grain_, 0.5)},
           hard_{R_, R_ - p.band * (1 - 1e-3), 0},
           neighbours_(cloud, std::max(1.21 * R_, reach()), 0.15 * R_, kernels),
@@ -52,12 +52,12 @@ class RobustRule {
         Tick<D> tick;
         if (!held_ && !enter(proxy, hip, tick)) return tick;
         const Vec<D> start = proxy;
-        tick.status = limit;
-        for (int i = 0; i < p_.max_iterations; ++i)
-            if (!advance(proxy, hip, tick)) {
-                tick.status &= static_cast<std::uint8_t>(~limit);
-                break;
-            }
+        most_ = norm(hip - proxy) + p_.band * (1 - 1e-3);
+        if (!set_free(proxy, hip)) {
+            tick.status = limit;
+            for (int i = 0; i < p_.max_iterations && tick.status == limit; ++i)
+                if (!advance(proxy, hip)) tick.status = ok;
+        }
         double near2 = nearest2(proxy, shell_);
         if (!(near2 >= safe2_)) {  // cannot happen; if it does, stay where it was safe
             proxy = start;
@@ -87,8 +87,22 @@ class RobustRule {
         return false;
     }
 
+    /// Where nothing lies on the straight way, the proxy goes with the HIP, whatever it touches.
+    bool set_free(Vec<D>& x, const Vec<D>& hip) noexcept {
+        const Vec<D> u = hip - x;
+        const double distance = norm(u);
+        if (!(distance > 0)) return true;
+        look(x);
+        for (int j = 0; j < count_; ++j)
+            if (contacts_[j].r <= R_ && dot(contacts_[j].nearest, u) < 0) return false;
+        bool out_of_reach = false;
+        const double s = travel_(neighbours_, x, (1 / distance) * u, distance, hard_, out_of_reach);
+        x = s >= distance ? hip : count_ == 0 ? x + (s / distance) * u : x;
+        return s >= distance;
+    }
+
     /// One iteration; false when the proxy has come to rest.
-    bool advance(Vec<D>& x, const Vec<D>& hip, Tick<D>& tick) noexcept {
+    bool advance(Vec<D>& x, const Vec<D>& hip) noexcept {
         const Vec<D> u = hip - x;
         const double distance = norm(u);
         if (!(distance > 0)) return false;
@@ -104,6 +118,8 @@ class RobustRule {
             x = x + (s / distance) * u;
             return true;
         }
+        // |proxy - HIP| never grows by more than the band in a tick: a lift has to wait.
+        if (count_ == 1) wall_[0].t = std::min(wall_[0].t, most_ + dot(wall_[0].n, u));
         const Vec<D> v = project(u, wall_, count_, 1e-6 * p_.band);
         const double length = norm(v);
         push_ = v - u;
@@ -112,9 +128,8 @@ class RobustRule {
         const Vec<D> y = s < length ? x + (s / length) * v : v == u ? hip : x + v;
         // Where two walls hold it: descend or stay. Their sampled normals alone would let it
         // wander.
-        if (count_ > 1 && !(norm(hip - y) < distance)) return false;
+        if (!(norm(hip - y) < (count_ > 1 ? distance : most_ + 1e-3 * p_.band))) return false;
         x = y;
-        (void)tick;
         return s > 1e-3 * rest() && !(x == hip);
     }
     double rest() const noexcept { return 1e-2 * p_.band; }
@@ -133,10 +148,8 @@ class RobustRule {
                 for (std::size_t i = which[room - 1] + 1; i < s.n; ++i) touch(s, i, x);
         });
         contacts_.group();
-        Wall<D> before[Contacts<D>::most];
-        std::copy(wall_, wall_ + count_, before);
-        const int had = std::exchange(count_, contacts_.count());
-        for (int j = 0; j < count_; ++j) wall_[j] = wall(x, contacts_[j], before, had);
+        count_ = contacts_.count();
+        for (int j = 0; j < count_; ++j) wall_[j] = wall(x, contacts_[j]);
     }
     void touch(const Span<D>& s, std::size_t i, const Vec<D>& x) noexcept {
         Vec<D> away = x;
@@ -145,27 +158,24 @@ class RobustRule {
     }
 
     /// The normal of one surface, and the height that is missing to R above its nearest point.
-    Wall<D> wall(const Vec<D>& x, const Contact<D>& c, const Wall<D>* before, int had) noexcept {
-        Vec<D> base = c.direction;
-        double near = std::cos(0.5);
-        for (int j = 0; j < had; ++j) {
-            const double cosine = dot(before[j].n, c.direction);
-            if (cosine > near) near = cosine, base = before[j].n;
-        }
-        base = within_cone(base, c.direction, lean_);
+    Wall<D> wall(const Vec<D>& x, const Contact<D>& c) noexcept {
         Patch<D> patch;
         patch.at = x;
-        patch.up = base;
-        frame(base, patch.side);
+        patch.up = c.direction;
+        frame(patch.up, patch.side);
         patch.height = c.r;
+        patch.scale = 1 / window_;
         patch.least2 = c.r * c.r;
         patch.most2 = patch.least2 + window_ * window_;
-        patch.cosine2 = R_ * R_ / (R_ * R_ + window_ * window_);
+        patch.cosine2 = R_ * R_ / (R_ * R_ + 2 * window_ * window_);
         Moments<D> m;
         neighbours_.visit(x, std::sqrt(patch.most2),
                           [&](const Span<D>& s) noexcept { kernels_.patch(s, patch, m); });
         Wall<D> w;
-        w.n = within_cone(plane_normal(patch, m), c.direction, lean_);
+        const Fit<D> f = fit(patch, m);
+        // Points on one side of the foot only: the surface ends here, and the proxy turns round its rim.
+        const double whole = std::clamp((0.5 - f.off) / 0.2, 0.0, 1.0);
+        w.n = lean_at_most(f.n, c.direction, whole * lean_);
         w.t = std::clamp(R_ - c.r * dot(c.nearest, w.n), -2 * p_.band, 2 * p_.band);
         return w;
     }
@@ -203,8 +213,8 @@ class RobustRule {
     Kernels<D> kernels_;
     double R_, safe2_, shell_;
     double grain_;   // sqrt(band / R): half the spacing that the band covers, seen from R
-    double window_;  // lateral radius of the plane fit [m]
-    double lean_;    // cosine of the angle a normal may lean from the contact's direction
+    double window_;  // lateral radius of the fit, a good two spacings [m]
+    double lean_;    // sine of the angle that a normal leans from the contact's on a surface
     Obstacles soft_, hard_;
     Search neighbours_;
     Travel<D, Search> travel_;
@@ -213,6 +223,7 @@ class RobustRule {
     Wall<D> wall_[Contacts<D>::most];
     int count_ = 0;
     Vec<D> looked_at_, push_;
+    double most_ = 0;     // |proxy - HIP| that this tick may end with
     bool known_ = false;  // wall_ belongs to looked_at_
     bool held_ = false;   // outside the fixture since the last reset
 };

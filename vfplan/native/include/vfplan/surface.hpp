@@ -25,39 +25,82 @@ void frame(const Vec<D>& up, Vec<D> (&side)[D - 1]) noexcept {
     }
 }
 
-/// Unit normal of the plane through the points behind `m`, taken in the frame of `p`. Across a
-/// direction in which the points do not extend (a curve in space) it stays as it is.
+/// Turns the slopes of a quadric right under the proxy into those at its foot, where the normal goes
+/// through the proxy: m -> (1 + 2 h Q)⁻¹ m for bends Q and height h.
 template <int D>
-Vec<D> plane_normal(const Patch<D>& p, const Moments<D>& m) noexcept {
-    constexpr double ridge = 1e-3;
-    if (!(m.w > 0)) return p.up;
-    double a[D - 1], ss[D - 1];
-    for (int k = 0; k < D - 1; ++k) {
-        a[k] = m.sz[k] - m.s[k] * m.z / m.w;
-        ss[k] = m.ss[k] - m.s[k] * m.s[k] / m.w;
-    }
-    Vec<D> n = p.up;
+void to_foot(double* x, double h) noexcept {
+    constexpr double least = 0.2;  // of 1 + h κ: a hollow nearly as narrow as the proxy
     if constexpr (D == 2) {
-        if (ss[0] > 0) n = n - (a[0] / (ss[0] * (1 + ridge))) * p.side[0];
+        x[1] /= std::max(1 + 2 * h * x[2], least);
     } else {
-        const double st = m.ss[2] - m.s[0] * m.s[1] / m.w, r = ridge * (ss[0] + ss[1]);
-        const double g = ss[0] + r, h = ss[1] + r, det = g * h - st * st;
-        if (det > 0)
-            n = n - ((a[0] * h - a[1] * st) / det) * p.side[0] -
-                ((a[1] * g - a[0] * st) / det) * p.side[1];
+        const double a = 1 + 2 * h * x[3], b = 1 + 2 * h * x[4], c = h * x[5];
+        const double det = a * b - c * c;
+        if (!(a > least && b > least && det > least * least)) return;
+        const double s = (b * x[1] - c * x[2]) / det, t = (a * x[2] - c * x[1]) / det;
+        x[1] = s;
+        x[2] = t;
     }
-    return along(n, 1);
 }
 
-/// n, turned towards the unit vector `axis` where it is off by more than the angle of `cosine`.
 template <int D>
-Vec<D> within_cone(const Vec<D>& n, const Vec<D>& axis, double cosine) noexcept {
+struct Fit {
+    Vec<D> n;        ///< unit normal
+    double off = 0;  ///< how far the points' centre is from the foot [length unit of the patch]
+};
+
+/// The quadric through the points behind `m`, over the proxy, in the frame of `p`. Across a direction
+/// in which the points do not extend (a curve in space) the normal stays `p.up`.
+template <int D>
+Fit<D> fit(const Patch<D>& p, const Moments<D>& m) noexcept {
+    constexpr int terms = Moments<D>::terms;
+    constexpr double flat = 1e-7, bent = 1e-4;  // ridges: slopes only if seen, bends only if needed
+    const double weight = m.a[0];
+    if (!(weight > 0)) return {p.up};
+    double l[terms][terms] = {}, d[terms], x[terms];
+    for (int r = 0, n = 0; r < terms; ++r)  // the lower triangle of the normal equations
+        for (int c = r; c < terms; ++c, ++n) l[c][r] = m.a[n];
+    for (int r = 1; r < terms; ++r)  // st counts half: so the frame's turn does not matter
+        l[r][r] += weight * (r < D ? flat : r < 5 ? bent : 0.5 * bent);
+    for (int j = 0; j < terms; ++j) {  // L D Lᵀ
+        d[j] = l[j][j];
+        for (int k = 0; k < j; ++k) d[j] -= l[j][k] * l[j][k] * d[k];
+        if (!(d[j] > 0)) return {p.up};
+        for (int i = j + 1; i < terms; ++i) {
+            for (int k = 0; k < j; ++k) l[i][j] -= l[i][k] * l[j][k] * d[k];
+            l[i][j] /= d[j];
+        }
+    }
+    for (int i = 0; i < terms; ++i) {
+        x[i] = m.z[i];
+        for (int k = 0; k < i; ++k) x[i] -= l[i][k] * x[k];
+    }
+    for (int i = terms - 1; i >= 0; --i) {
+        x[i] /= d[i];
+        for (int k = i + 1; k < terms; ++k) x[i] -= l[k][i] * x[k];
+    }
+    const double h = p.height * p.scale;
+    to_foot<D>(x, h);
+    Vec<D> n = p.up;
+    double off2 = 0;
+    for (int k = 0; k < D - 1; ++k) {
+        n = n - x[1 + k] * p.side[k];
+        const double off = m.a[1 + k] / weight + h * x[1 + k];
+        off2 += off * off;
+    }
+    return {along(n, 1), std::sqrt(off2)};
+}
+
+/// n where it leans no more than the angle of sine `lean` from the unit vector `axis`; `axis` itself
+/// from twice that on, for then the proxy rests on an edge, not on a surface; gradually between.
+template <int D>
+Vec<D> lean_at_most(const Vec<D>& n, const Vec<D>& axis, double lean) noexcept {
     const double c = dot(n, axis);
-    if (c >= cosine) return n;
     const Vec<D> off = n - c * axis;
-    const double length = norm(off);
-    if (!(length > 1e-9)) return axis;
-    return cosine * axis + (std::sqrt(1 - cosine * cosine) / length) * off;
+    const double sine = norm(off);
+    if (c > 0 && sine <= lean) return n;
+    if (!(c > 0) || sine >= 2 * lean) return axis;
+    const double s = 2 * lean - sine;
+    return std::sqrt(1 - s * s) * axis + (s / sine) * off;
 }
 
 }  // namespace vfplan
