@@ -173,8 +173,9 @@ class RobustRule {
                           [&](const Span<D>& s) noexcept { kernels_.patch(s, patch, m); });
         Wall<D> w;
         const Fit<D> f = fit(patch, m);
-        // Points on one side of the foot only: the surface ends here, and the proxy turns round its rim.
-        const double whole = std::clamp((0.5 - f.off) / 0.2, 0.0, 1.0);
+        // Points on one side of the foot only: the surface ends here, and the proxy turns round its
+        // rim.
+        const double whole = std::clamp((0.38 - f.off) / 0.2, 0.0, 1.0);
         w.n = lean_at_most(f.n, c.direction, whole * lean_);
         w.t = std::clamp(R_ - c.r * dot(c.nearest, w.n), -2 * p_.band, 2 * p_.band);
         return w;

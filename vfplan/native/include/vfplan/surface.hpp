@@ -25,8 +25,8 @@ void frame(const Vec<D>& up, Vec<D> (&side)[D - 1]) noexcept {
     }
 }
 
-/// Turns the slopes of a quadric right under the proxy into those at its foot, where the normal goes
-/// through the proxy: m -> (1 + 2 h Q)⁻¹ m for bends Q and height h.
+/// Turns the slopes of a quadric right under the proxy into those at its foot, where the normal
+/// goes through the proxy: m -> (1 + 2 h Q)⁻¹ m for bends Q and height h.
 template <int D>
 void to_foot(double* x, double h) noexcept {
     constexpr double least = 0.2;  // of 1 + h κ: a hollow nearly as narrow as the proxy
@@ -48,8 +48,8 @@ struct Fit {
     double off = 0;  ///< how far the points' centre is from the foot [length unit of the patch]
 };
 
-/// The quadric through the points behind `m`, over the proxy, in the frame of `p`. Across a direction
-/// in which the points do not extend (a curve in space) the normal stays `p.up`.
+/// The quadric through the points behind `m`, over the proxy, in the frame of `p`. Across a
+/// direction in which the points do not extend (a curve in space) the normal stays `p.up`.
 template <int D>
 Fit<D> fit(const Patch<D>& p, const Moments<D>& m) noexcept {
     constexpr int terms = Moments<D>::terms;
@@ -90,8 +90,9 @@ Fit<D> fit(const Patch<D>& p, const Moments<D>& m) noexcept {
     return {along(n, 1), std::sqrt(off2)};
 }
 
-/// n where it leans no more than the angle of sine `lean` from the unit vector `axis`; `axis` itself
-/// from twice that on, for then the proxy rests on an edge, not on a surface; gradually between.
+/// n where it leans no more than the angle of sine `lean` from the unit vector `axis`; `axis`
+/// itself from twice that on, for then the proxy rests on an edge, not on a surface; gradually
+/// between.
 template <int D>
 Vec<D> lean_at_most(const Vec<D>& n, const Vec<D>& axis, double lean) noexcept {
     const double c = dot(n, axis);
