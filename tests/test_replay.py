@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
+from conftest import ROOT
 from replays import fixture_of, line, probing
 
 import vfplan
@@ -101,12 +105,17 @@ def test_episodes_are_what_numpy_finds(pressed):
 
 
 def test_energy_splits_into_sampling_and_the_proxy(pressed):
-    # F·Δx = -ΔV + ½ Δe·KΔe + F·Δp with e = p - x and V = ½ e·Ke, which is 0 at both ends.
+    # With F̄ the mean of F_k and F_{k+1}: F̄·Δx = F̄·Δp - ΔV exactly, V = ½ (p-x)·K(p-x), and V is 0
+    # at both ends. So what holding does not explain, the proxy did.
     t, m = pressed.ticks, pressed.metrics
-    by_proxy = (t.force[:-1] * np.diff(t.proxy, axis=0)).sum()
+    mean = 0.5 * (t.force[:-1] + t.force[1:])
+    by_proxy = (mean * np.diff(t.proxy, axis=0)).sum()
     assert m["energy_j"] - m["energy_hold_j"] == pytest.approx(by_proxy, rel=1e-6, abs=1e-12)
     assert m["energy_hold_j"] > 0
     assert all(e["passive"] for e in m["episodes"])
+    # Every part of the loss or gain lies in an episode.
+    for name in ("energy_j", "energy_hold_j"):
+        assert sum(e[name] for e in m["episodes"]) == pytest.approx(m[name], rel=1e-9), name
 
 
 def test_blocks_do_not_change_the_numbers(pressed, monkeypatch):
@@ -128,7 +137,9 @@ def test_blocks_do_not_change_the_numbers(pressed, monkeypatch):
     for name, value in pressed.metrics.items():
         if isinstance(value, float):
             assert other.metrics[name] == pytest.approx(value, rel=1e-9, abs=1e-15), name
-    assert len(other.metrics["episodes"]) == 4
+    for mine, theirs in zip(other.metrics["episodes"], pressed.metrics["episodes"], strict=True):
+        for name in ("ticks", "dwell_s", "energy_j", "energy_hold_j", "energy_peak_j", "slide_m"):
+            assert mine[name] == pytest.approx(theirs[name], rel=1e-9, abs=1e-15), name
 
 
 def test_the_same_replay_gives_the_same_bits(pressed):
@@ -200,6 +211,31 @@ def test_wrong_calls_are_refused():
     curve = Fixture("image", line(), fixture.provenance)
     with pytest.raises(InputError, match="vfplan register"):
         replay(curve, Session(session.time, session.hip, frame="image"), **PAPER)
+
+
+@pytest.mark.full
+def test_memory_does_not_grow_with_the_session(tmp_path):
+    def peak_kb(blocks):
+        code = (
+            "import numpy as np, resource\n"
+            "from replays import *\n"
+            "from vfplan.replay import replay\n"
+            "from vfplan.session import SessionStream\n"
+            "def read():\n"
+            f"    for k in range({blocks}):\n"
+            "        s = probing(16.384)\n"
+            "        yield s.time + 16.384 * k, s.hip\n"
+            "found = replay(fixture_of(line()), SessionStream(read, 'long'), keep=0)\n"
+            f"assert found.metrics['ticks'] == 16384 * {blocks}\n"
+            "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+            cwd=ROOT / "tests",
+        )  # fmt: skip
+        return int(done.stdout)
+
+    assert peak_kb(200) < peak_kb(4) + 20_000  # 3.3 million ticks against 65 thousand
 
 
 def test_the_package_is_the_call(pressed):

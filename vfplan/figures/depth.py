@@ -18,6 +18,7 @@ from vfplan.replay.ruler import CurveRuler
 
 Array = NDArray[np.float64]
 MM = 1e3
+_SLIDE = 50  # planned points: the proxy that passes more in a tick left the curve between
 
 
 def draw_depth(replayed: Replay, path: Path) -> None:
@@ -33,7 +34,8 @@ def draw_slice_depth(replayed: Replay, image: PlannedImage, path: Path) -> None:
 def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
     """The curve's ruler and (N,) the deepest penetration held at each planned point [m].
 
-    A tick counts for the planned point nearest to its proxy; 0 where the hand never pressed.
+    A tick counts for the planned point nearest to its proxy, and a slide from one tick to the next
+    for the points between; 0 where the hand never pressed.
 
     Raises
     ------
@@ -45,8 +47,15 @@ def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
         raise InputError("a cloud that was not drawn as a curve has no depth along it")
     ticks = replayed.ticks
     held = ticks.penetration > HELD_M
+    deep, point = ticks.penetration[held], ruler.nearest(ticks.proxy[held])
     depth = np.zeros(len(ruler.points))
-    np.maximum.at(depth, ruler.nearest(ticks.proxy[held]), ticks.penetration[held])
+    np.maximum.at(depth, point, deep)
+    next_tick = np.diff(np.flatnonzero(held)) == 1
+    same_stroke = ruler.stroke[point[1:]] == ruler.stroke[point[:-1]]
+    slid = np.abs(np.diff(point))
+    for k in np.flatnonzero(next_tick & same_stroke & (slid > 1) & (slid <= _SLIDE)):
+        low, high = sorted((point[k], point[k + 1]))
+        depth[low:high] = np.maximum(depth[low:high], min(deep[k], deep[k + 1]))
     return ruler, depth
 
 

@@ -52,9 +52,10 @@ def timeline(replayed: Replay) -> Figure:
     figure = new_figure(7.0, 4.6)
     with style():
         top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 1))
+    peak = row_norms(ticks.force).max()
     for axis, name in enumerate("xyz"):
-        if not ticks.force[:, axis].any():
-            continue
+        if np.abs(ticks.force[:, axis]).max() <= 1e-6 * peak:
+            continue  # nothing to see
         top.plot(ticks.time, ticks.force[:, axis], lw=0.8, label=f"$F_{name}$")
     top.plot(ticks.time, row_norms(ticks.force), color=FORCE, lw=1.2, label="$|F|$")
     top.set_ylabel("force on the hand [N]")

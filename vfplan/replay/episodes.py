@@ -110,6 +110,7 @@ class Episodes:
     def __init__(self, join_s: float = JOIN_S) -> None:
         self._join_s = join_s
         self._speed: float | None = None  # of the step that led to the next tick
+        self._entry = 0.0  # energy by holding, of that step; 0 within a contact
         self.found: list[Episode] = []
 
     def update(self, steps: Steps) -> None:
@@ -120,6 +121,7 @@ class Episodes:
         for start, end in zip(starts, ends, strict=True):
             self._add(self._run(steps, int(start), int(end)))
         self._speed = float(steps.speed[-1])
+        self._entry = 0.0 if steps.held[-1] else float(steps.hold_j[-1])
 
     def _add(self, run: Episode) -> None:
         if self.found and run.start_s - self.found[-1].end_s <= self._join_s:
@@ -131,19 +133,22 @@ class Episodes:
         part, ticks = slice(start, end), steps.ticks
         deep = start + int(np.argmax(ticks.penetration[part]))
         running = np.cumsum(steps.work_j[part])
+        # The step into contact loads the spring, though its force was still 0.
+        entry = float(steps.hold_j[start - 1]) if start else self._entry
         press, drag, path = (column[part] for column in steps.sliding)
+        # Copies: a view would keep its whole block in memory.
         return Episode(
             start_tick=steps.first + start,
             end_tick=steps.first + end - 1,
             start_s=float(ticks.time[start]),
             end_s=float(ticks.time[end - 1] + steps.dt[end - 1]),
             speed_at_touch=float(steps.speed[start - 1]) if start else self._speed,
-            touch=ticks.proxy[start],
-            leave=ticks.proxy[end - 1],
+            touch=ticks.proxy[start].copy(),
+            leave=ticks.proxy[end - 1].copy(),
             deepest_tick=steps.first + deep,
             deepest_s=float(ticks.time[deep]),
-            deepest_hip=ticks.hip[deep],
-            deepest_proxy=ticks.proxy[deep],
+            deepest_hip=ticks.hip[deep].copy(),
+            deepest_proxy=ticks.proxy[deep].copy(),
             penetration=float(ticks.penetration[deep]),
             overlap=float(ticks.overlap[part].max()),
             force=float(steps.force_n[part].max()),
@@ -153,7 +158,7 @@ class Episodes:
             impulse=steps.impulse_ns[part].sum(axis=0),
             energy=float(running[-1]),
             energy_peak=max(0.0, float(running.max())),
-            hold=float(steps.hold_j[part].sum()),
+            hold=entry + float(steps.hold_j[part].sum()),
             drag_work=float((drag * path).sum()),
             press_path=float((press * path).sum()),
             path=float(path.sum()),

@@ -96,8 +96,12 @@ class Steps:
 
     @cached_property
     def hold_j(self) -> Array:
-        """(n,) ½ Δe_k · ΔF_k with e = p - x [J]: what holding F_k over the tick adds, never < 0."""
-        return 0.5 * dots(self.dproxy - self.dhip, self.dforce)
+        """(n,) -½ ΔF_k · Δx_k [J]: what holding F_k over the tick adds.
+
+        Against a force that changes evenly from F_k to F_{k+1} while the hand moves; above 0 for a
+        spring, loading and unloading alike.
+        """
+        return -0.5 * dots(self.dforce, self.dhand)
 
     @cached_property
     def impulse_ns(self) -> Array:

@@ -51,6 +51,14 @@ def _table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
     return f'<table class="{kind}">{thead}<tbody>{lines}</tbody></table>'
 
 
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    if isinstance(value, list):
+        return ", ".join(_shown(part) for part in value)
+    return str(value)
+
+
 def summary(found: dict[str, Any]) -> str:
     """The main numbers; with two rules a column each."""
     columns = [found] if "paper" not in found else [found, found["paper"]]
@@ -128,6 +136,6 @@ def settings(found: dict[str, Any], fixture: Fixture) -> str:
     text = ""
     for group, values in groups.items():
         flat = {k: v for k, v in values.items() if not isinstance(v, (dict, list)) or len(v) <= 3}
-        rows = [[escape(str(k)), f"<code>{escape(str(v))}</code>"] for k, v in flat.items()]
+        rows = [[escape(str(k)), f"<code>{escape(_shown(v))}</code>"] for k, v in flat.items()]
         text += f"<h3>{escape(group.replace('_', ' '))}</h3>" + _table([], rows, "settings")
     return text
