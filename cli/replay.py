@@ -153,7 +153,7 @@ def _replayed(
     bounds = [(*bound, "at_most") for bound in given["at_most"]]
     bounds += [(*bound, "at_least") for bound in given["at_least"]]
     rule = given["rule"]
-    with progress("replay", source.ticks or 0) as done, ExitStack() as files:
+    with progress("replay", source.ticks or _guess(session)) as done, ExitStack() as files:
         first = "robust" if rule == "both" else rule
         writer, sinks = _files(files, *paths, rule)
         replayed = replay(
@@ -171,6 +171,11 @@ def _replayed(
         if writer is not None:
             writer.set(replayed.record)
     return replayed
+
+
+def _guess(session: Path) -> int:
+    """About how many ticks a text file holds; the bar only."""
+    return max(1, session.stat().st_size // 40)
 
 
 def _source(session: Path, given: dict[str, Any]) -> Any:

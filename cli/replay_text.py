@@ -40,7 +40,7 @@ def _numbers(found: dict[str, Any]) -> list[str]:
         f"rms {_mm(found['penetration_rms_m'])}; overlap max {_mm(found['overlap_max_m'])}",
         f"force        max {found['force_max_n']:.3f} N, rms {found['force_rms_n']:.3f} N, "
         f"step max {found['force_step_max_n']:.3f} N",
-        f"clearance    min {1e6 * found['clearance_min_m']:.2f} µm (band "
+        f"clearance    min {round(1e6 * found['clearance_min_m'], 2) + 0.0:.2f} µm (band "
         f"{1e6 * found['scene']['band_m']:.1f} µm); {found['entrenched_ticks']} ticks entrenched",
         f"energy       {1e3 * found['energy_j']:.4f} mJ to the hand, of it "
         f"{1e3 * found['energy_hold_j']:.4f} mJ by sampling",
@@ -53,7 +53,7 @@ def _numbers(found: dict[str, Any]) -> list[str]:
     times = found["step_us"]
     lines.append(
         f"time a tick  {times['median']:.2f} µs median, {times['p999']:.2f} µs p99.9, "
-        f"{times['max']:.2f} µs max"
+        f"{times['max']:.2f} µs max; all of it {found['real_time_factor']:.0f} times real time"
     )
     return lines
 

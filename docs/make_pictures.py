@@ -1,4 +1,4 @@
-"""Draw the README's pictures from the demo:  python docs/make_pictures.py
+"""Draw the README's and the pages' pictures:  python docs/make_pictures.py
 
 The slice is a photograph-like picture and goes to JPEG; the plot stays a PNG.
 """
@@ -28,6 +28,20 @@ def main() -> None:
             picture = Path(folder, f"{name}.png").read_bytes()
             (PICTURES / f"demo_{name}.png").write_bytes(picture)
     draw_registration()
+    draw_experiments()
+
+
+def draw_experiments() -> None:
+    """The paper's two experiments; the slice, a photograph-like picture, goes to JPEG."""
+    with tempfile.TemporaryDirectory() as folder:
+        call = [sys.executable, "-m", "vfplan.samples.experiments", "-o", folder]
+        subprocess.run(call, check=True, cwd=folder)
+        for path in Path(folder).glob("experiment-*.png"):
+            if "slice" in path.name:
+                target = str(PICTURES / path.with_suffix(".jpg").name)
+                cv2.imwrite(target, cv2.imread(str(path)), [cv2.IMWRITE_JPEG_QUALITY, 85])
+            else:
+                (PICTURES / path.name).write_bytes(path.read_bytes())
 
 
 def draw_registration() -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.replay import replay
-from vfplan.session import Session, read_session
+from vfplan.session import Session
 
 Array = NDArray[np.float64]
 
@@ -86,15 +86,17 @@ def planned_curve() -> Fixture:
 
 
 def main() -> None:
-    """Draw the paper's Figs. 4a, 4b, 6a and 6b."""
+    """Draw the paper's Figs. 4a, 4b, 6a and 6b, and depth on the slice."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     folder = parser.parse_args().output
     folder.mkdir(parents=True, exist_ok=True)
     from vfplan import view3d
+    from vfplan.figures.depth import draw_slice_depth
     from vfplan.figures.replay import draw_scene, draw_timeline
+    from vfplan.image import read_image
 
-    hand = read_session(files("vfplan.samples") / "elbow_session.csv")
+    hand = Path(str(files("vfplan.samples") / "elbow_session.csv"))
     for name, fixture, session in (
         ("experiment-1", square(), probing_hand()),
         ("experiment-2", planned_curve(), hand),
@@ -107,11 +109,14 @@ def main() -> None:
         else:
             draw_scene(found, space)
         m = found.metrics
+        clearance = round(1e6 * m["clearance_min_m"], 2) + 0.0  # not -0.0
         print(
             f"{name}: {len(fixture.points)} points, {m['ticks']} ticks, {len(m['episodes'])} "
             f"contacts, {m['force_max_n']:.2f} N, {1e3 * m['penetration_max_m']:.2f} mm, "
-            f"clearance {1e6 * m['clearance_min_m']:.2f} µm"
+            f"clearance {clearance:.2f} µm"
         )
+    slice_ = read_image(files("vfplan.samples") / "elbow.png")
+    draw_slice_depth(found, slice_, folder / "experiment-2-slice.png")
 
 
 if __name__ == "__main__":

@@ -72,14 +72,12 @@ class Clearance:
     def _around(self, cell: NDArray[np.int64]) -> Array:
         low = np.maximum(cell - 1, 0)
         high = np.minimum(cell + 1, self._shape - 1)
-        spans = []
-        for x in range(low[0], high[0] + 1):
-            for y in range(low[1], high[1] + 1):
-                first = self._keys(np.array([[x, y, low[2]], [x, y, high[2]]]))
-                a = np.searchsorted(self._sorted, first[0], "left")
-                b = np.searchsorted(self._sorted, first[1], "right")
-                if b > a:
-                    spans.append(self._points[a:b])
+        x, y = (np.arange(low[i], high[i] + 1) for i in range(2))
+        _, ny, nz = self._shape
+        rows = ((x[:, None] * ny + y) * nz).ravel()  # cells along z lie side by side
+        first = np.searchsorted(self._sorted, rows + low[2], "left")
+        last = np.searchsorted(self._sorted, rows + high[2], "right")
+        spans = [self._points[a:b] for a, b in zip(first, last, strict=True) if b > a]
         return np.concatenate(spans) if spans else np.empty((0, 3))
 
     def _take(self, places: Array, candidates: Array) -> None:

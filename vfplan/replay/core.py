@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -119,6 +120,7 @@ def replay(
     InputError, SettingError, BundleError
         A fixture that cannot be replayed, an unknown rule or engine, a bad bundle.
     """
+    began = clock.perf_counter()
     fixture, record = _loaded(fixture, trust)
     source = open_session(session) if isinstance(session, (str, Path)) else session
     _same_frame(fixture, source)
@@ -141,6 +143,7 @@ def replay(
     record |= {"session": _seen(source, watch)}
     if clean is not None:
         record["link"] = _link_report(link, runs[0], clean, link_apart, robot)
+    record["elapsed_s"] = clock.perf_counter() - began
     done = [_result(fixture, run, engine, record, watch, robot, limits) for run in runs]
     if len(done) == 1:
         return done[0]
@@ -235,6 +238,7 @@ def _result(
             *findings(found, run.engine.parameters),
         ],
     }
+    metrics["real_time_factor"] = found["duration_s"] / record["elapsed_s"]
     asked = (*limits, *(robot_limits(robot) if robot is not None else ()))
     if asked:
         metrics["checks"] = check_limits(metrics, asked)
