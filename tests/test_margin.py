@@ -114,6 +114,18 @@ def test_a_bend_tighter_than_the_margin_loses_its_inner_points():
     assert distance.min() > 0.995 * registration.tre95_curve_m(corner).min()
 
 
+def test_a_smooth_bend_stays_smooth():
+    """A circle drawn with 0.15 rad a sample moves to a circle, sample by sample."""
+    t = np.linspace(0, 2 * np.pi, 42, endpoint=False)
+    ring = drawn(np.c_[400 + 12 * np.cos(t), 380 + 12 * np.sin(t)], closed=True)
+    registration = registered("similarity")
+    out, _, _ = moved(ring, "outside", registration)
+    assert len(out.points) == 42
+    radius = np.hypot(*(out.points[:, :2] - [400, 380]).T) * registration.geometry.scale
+    expected = 12 * registration.geometry.scale + registration.tre95_curve_m(ring.points)
+    np.testing.assert_allclose(radius, expected, atol=3e-6)
+
+
 def test_what_belongs_to_a_sample_stays_with_it():
     curve = replace(
         CLOCKWISE,

@@ -20,7 +20,8 @@ Side = Literal["both", "left", "right", "inside", "outside"]
 SIDES: tuple[Side, ...] = ("both", "left", "right", "inside", "outside")
 # A moved point nearer to the drawn curve than this share of its margin lies inside a bend.
 _KEPT = 0.98
-ARC_STEP = 0.1  # radians between the samples of an arc around a corner
+CORNER = 0.5  # radians turned at one sample: more is a corner, less a smooth bend
+ARC_STEP = 0.15  # radians between the samples of an arc around a corner
 
 
 @dataclass(frozen=True)
@@ -156,7 +157,7 @@ def _to_side(line: Array, closed: bool, axis: Array) -> tuple[NDArray[np.intp], 
     first, last = across[before], across[ahead]
     # Positive where the curve turns away from the side, so that the moved one has to open up.
     angle = -np.arctan2(np.cross(first, last) @ axis, (first * last).sum(axis=1))
-    count = np.where(angle > ARC_STEP, np.ceil(angle / ARC_STEP).astype(int) + 1, 1)
+    count = np.where(angle > CORNER, np.ceil(angle / ARC_STEP).astype(int) + 1, 1)
     index = np.repeat(np.arange(len(line)), count)
     place = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)
     part = np.where(count[index] > 1, place / np.maximum(count[index] - 1, 1), 0.5)
@@ -165,7 +166,7 @@ def _to_side(line: Array, closed: bool, axis: Array) -> tuple[NDArray[np.intp], 
         first[index] * np.cos(turned)[:, None]
         + np.cross(axis, first[index]) * np.sin(turned)[:, None]
     )
-    mitre = np.where(count == 1, 1 / np.cos(np.clip(angle, -ARC_STEP, ARC_STEP) / 2), 1.0)
+    mitre = np.where(count == 1, 1 / np.cos(np.clip(angle, -CORNER, CORNER) / 2), 1.0)
     return index, vectors * mitre[index, None]
 
 
