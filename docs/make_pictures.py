@@ -29,6 +29,7 @@ def main() -> None:
             (PICTURES / f"demo_{name}.png").write_bytes(picture)
     draw_registration()
     draw_experiments()
+    draw_extraction()
 
 
 def draw_experiments() -> None:
@@ -55,6 +56,26 @@ def draw_registration() -> None:
         subprocess.run([*plan, *more], check=True)
         target = str(PICTURES / "registration.jpg")
         cv2.imwrite(target, cv2.imread(f"{folder}/p.png"), [cv2.IMWRITE_JPEG_QUALITY, 85])
+
+
+def draw_extraction() -> None:
+    """The sample's mask, and an overlay of the sample with other red marks drawn on it."""
+    sample = Path(__file__).parents[1] / "samples" / "elbow.png"
+    red = (0, 0, 255)
+    busy = cv2.imread(str(sample))
+    cv2.putText(busy, "PLAN A", (30, 760), cv2.FONT_HERSHEY_SIMPLEX, 1, red, 2, cv2.LINE_AA)
+    cv2.arrowedLine(busy, (840, 200), (770, 260), red, 3, cv2.LINE_AA, 0, 0.25)
+    cv2.rectangle(busy, (30, 30), (60, 50), red, -1)
+    cv2.rectangle(busy, (30, 560), (150, 640), red, 2)
+    with tempfile.TemporaryDirectory() as folder:
+        picture = f"{folder}/busy.png"
+        cv2.imwrite(picture, busy)
+        program = Path(sys.executable).with_name("vfplan")
+        more = ["--mask-out", f"{folder}/m.png", "--overlay-out", f"{folder}/o.png", "-q"]
+        subprocess.run([program, "extract", picture, "-o", f"{folder}/c.h5", *more], check=True)
+        (PICTURES / "extraction_mask.png").write_bytes(Path(folder, "m.png").read_bytes())
+        target = str(PICTURES / "extraction_overlay.jpg")
+        cv2.imwrite(target, cv2.imread(f"{folder}/o.png"), [cv2.IMWRITE_JPEG_QUALITY, 85])
 
 
 if __name__ == "__main__":

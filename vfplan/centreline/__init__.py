@@ -10,7 +10,16 @@ from vfplan.centreline.curve import (
     Method,
     Stroke,
     extract_curve,
+    load_libraries,
     vector_stroke,
 )
 
-__all__ = ["METHODS", "Extraction", "Method", "Stroke", "extract_curve", "vector_stroke"]
+__all__ = [
+    "METHODS",
+    "Extraction",
+    "Method",
+    "Stroke",
+    "extract_curve",
+    "load_libraries",
+    "vector_stroke",
+]

@@ -127,6 +127,12 @@ def extract_curve(
     return Extraction(_whole(mask, origin, planned.rgb.shape), strokes, method, aside)
 
 
+def load_libraries() -> None:
+    """Import what extraction needs, so that a measured time holds none of it."""
+    import cv2  # noqa: F401
+    import skimage.morphology  # noqa: F401
+
+
 def vector_stroke(points_px: NDArray, closed: bool, image: PlannedImage, where: str) -> Extraction:
     """A curve that was drawn as vectors on an image, as an `Extraction` with an empty mask.
 

@@ -16,9 +16,10 @@ if TYPE_CHECKING:
     from vfplan.image import PlannedImage
 
 BRIDGED = "#e07b00"
-ASIDE = "#7a5195"
+ASIDE = "#e58cff"
 WIDTH_PX = (900, 1600)  # of the picture on the page, smallest and largest
 LEGEND_IN = 0.45
+LEGEND = {"fontsize": 7.5, "columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5}
 ARROWS = 6  # a stroke
 SEEN_APART = 4.0  # pixels of the picture between samples that can be told apart
 
@@ -66,7 +67,7 @@ def draw_overlay(
         handles, labels = axes.get_legend_handles_labels()
         once = dict(zip(labels, handles, strict=True))
         place = {"loc": "center", "bbox_to_anchor": (0.5, (1 - share) / 2), "ncols": len(once)}
-        figure.legend(once.values(), once.keys(), frameon=False, columnspacing=1.2, **place)
+        figure.legend(once.values(), once.keys(), frameon=False, **place, **LEGEND)
     save_png(figure, path)
 
 
@@ -84,7 +85,7 @@ def _draw_stroke(axes: Any, stroke: Stroke, scale: float, unordered: bool, label
         return
     ring = np.vstack([points, points[:1]]) if stroke.closed else points
     bridged = np.append(stroke.bridged, stroke.bridged[:1]) if stroke.closed else stroke.bridged
-    axes.plot(*ring.T, color=CLOUD, lw=1.0, label="curve", zorder=3)
+    axes.plot(*ring.T, color=CLOUD, lw=0.7, label="curve", zorder=3)
     _draw_samples(axes, points, scale)
     if bridged.any():
         over = np.where(bridged[:, None], ring, np.nan)
@@ -121,7 +122,7 @@ def _draw_set_aside(axes: Any, set_aside: tuple[dict, ...]) -> None:
         box = {"fill": False, "ec": ASIDE, "lw": 1.2, "ls": "--", "label": "set aside"}
         axes.add_patch(Rectangle((u - 3, v - 3), width + 5, height + 5, **box))
         axes.text(u - 3, v - 6, mark["kind"], color=ASIDE, fontsize=7, va="bottom", clip_on=True)
-        for place in mark.get("junctions", ()):
+        for place in mark.get("junctions", ()) if mark["kind"] == "junction" else ():
             axes.plot(*place, "x", ms=8, mew=2, color=CONTACT, label="fork or crossing", zorder=6)
 
 

@@ -51,6 +51,7 @@ def extract(
 
     Raises `ImageError`, `CurveError` or `SettingError`.
     """
+    from vfplan.centreline import load_libraries
     from vfplan.image import read_image
     from vfplan.vector import is_vector
 
@@ -62,6 +63,8 @@ def extract(
         pixel_spacing_mm=settings.pixel_spacing_mm,
         imager_spacing=bool(settings.imager_spacing),
     )
+    if curve is None:
+        load_libraries()
     started = time.perf_counter()
     inputs = {"image": image.sha256}
     if curve is None:
