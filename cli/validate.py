@@ -22,9 +22,8 @@ def command(fixture: Path) -> Report:
     valid = not any(issue.severity == "error" for issue in issues)
     lines = [f"{i.severity}: {i.location}: {i.message} [{i.code}]" for i in issues]
     counts = Counter(issue.severity for issue in issues)
-    found = (
-        ", ".join(f"{n} {severity}{'s' * (n > 1)}" for severity, n in counts.items()) or "no issues"
-    )
+    grave = [(severity, counts[severity]) for severity in ("error", "warning", "note")]
+    found = ", ".join(f"{n} {severity}{'s' * (n > 1)}" for severity, n in grave if n) or "no issues"
     lines.append(f"{fixture} is {'valid' if valid else 'NOT valid'}: {found}")
     data = {"valid": valid, "issues": [asdict(issue) for issue in issues]}
     return Report(data, "\n".join(lines), exit_code=0 if valid else 1)

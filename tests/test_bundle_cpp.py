@@ -95,11 +95,14 @@ def test_the_program_fails_with_the_same_exit_code(what, bundle_info, vfplan_cli
     assert json.loads(ours.stdout)["error"]["kind"] == theirs.json["error"]["kind"]
 
 
-def test_constants_are_those_of_the_schema():
+def test_constants_and_documentation_are_those_of_the_schema():
     spec = importlib.util.spec_from_file_location("make_format", ROOT / "docs" / "make_format.py")
     make_format = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(make_format)
     assert make_format.HEADER.read_text() == make_format.header(), "run `make docs`"
+    text = make_format.PAGE.read_text()
+    assert text == make_format.page(text), "run `make docs`"
+    assert make_format.rows_table() in text
 
 
 def test_a_program_that_asks_for_no_hdf5_needs_none(tmp_path):

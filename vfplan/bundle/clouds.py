@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
 from importlib.metadata import version as installed_version
 from pathlib import Path
 from typing import Any
@@ -40,8 +41,9 @@ def import_cloud(
     Parameters
     ----------
     path
-        PLY and STL may hold triangles: they are refined until no edge is longer than `spacing`,
-        and kept, so that the fixture can be certified. CSV: columns x, y, z. NPY: (N, 3).
+        PLY and STL (read in float32 precision) may hold triangles: they are refined until no edge
+        is longer than `spacing`, and kept, so that the fixture can be certified. CSV: columns x,
+        y, z. NPY: (N, 3).
     units
         Unit of the file's numbers, a key of `METRES`.
     curve
@@ -146,9 +148,16 @@ def _csv(path: Path) -> tuple[Points, None]:
             first = file.readline().split(",")
         named = not _is_number(first[0])
         columns = _columns([name.strip().lower() for name in first]) if named else (0, 1, 2)
-        points = np.loadtxt(
-            path, delimiter=",", skiprows=int(named), usecols=columns, ndmin=2, encoding="utf-8-sig"
-        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # an empty table is refused below
+            points = np.loadtxt(
+                path,
+                delimiter=",",
+                skiprows=int(named),
+                usecols=columns,
+                ndmin=2,
+                encoding="utf-8-sig",
+            )
     except (ValueError, IndexError, UnicodeDecodeError) as error:
         raise InputError(f"cannot be read as x,y,z: {error}", where=str(path)) from error
     return points.reshape(-1, 3), None

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import BinaryIO
 
-from vfplan.errors import CorruptError, InputError, UnsafeError, VersionError
+from vfplan.errors import CorruptError, SettingError, UnsafeError, VersionError
 
 MAGIC = b"VFPLSEAL"
 SEAL_VERSION = 1
@@ -93,14 +93,16 @@ def seal_of(payload: bytes) -> Seal:
 def to_block(seal: Seal) -> bytes:
     """The user block: 512 bytes, or the next power of two that fits.
 
-    Raises `InputError` when case token and serial together do not fit into 4096 bytes.
+    Raises `SettingError` when case token and serial together do not fit into 4096 bytes.
     """
     case, serial = seal.case.encode(), seal.robot_serial.encode()
     needed = HEAD.size + len(case) + len(serial) + DIGEST
     length = next((block for block in BLOCKS if block >= needed), None)
     if length is None:
         room = BLOCKS[-1] - HEAD.size - DIGEST
-        raise InputError(f"case and serial have {len(case + serial)} bytes; at most {room} allowed")
+        raise SettingError(
+            f"case and serial have {len(case + serial)} bytes; at most {room} allowed"
+        )
     head = HEAD.pack(
         MAGIC,
         SEAL_VERSION,

@@ -1,0 +1,72 @@
+"""`vfplan diff`: what differs between two bundles, and from which tick on it matters."""
+
+from dataclasses import replace
+
+import bundles
+import numpy as np
+import pytest
+
+import vfplan
+from vfplan.bundle.compare import first_tick
+
+
+@pytest.fixture
+def pair(tmp_path):
+    one = bundles.whole()
+    other = replace(one, rendering=replace(one.rendering, stiffness=np.array([1000.0, 900, 800])))
+    for name, fixture in (("a", one), ("b", other)):
+        vfplan.write_fixture(fixture, tmp_path / f"{name}.h5")
+    return tmp_path
+
+
+def test_the_same_bundle_does_not_differ(vfplan_cli, pair):
+    run = vfplan_cli("diff", pair / "a.h5", pair / "a.h5", "--json")
+    assert (run.code, run.json["differences"]) == (0, [])
+
+
+def test_a_difference_is_named_by_its_path_and_size(vfplan_cli, pair):
+    run = vfplan_cli("diff", pair / "a.h5", pair / "b.h5", "--json")
+    assert run.code == 1
+    (found,) = run.json["differences"]
+    assert found == {
+        "path": "/rendering/stiffness",
+        "what": "value",
+        "count": 1,
+        "first_index": [1],
+        "max_abs": 100.0,
+    }
+
+
+def test_parts_that_only_one_has_are_named(vfplan_cli, pair):
+    vfplan.write_fixture(bundles.minimal(), pair / "c.h5")
+    found = vfplan_cli("diff", pair / "a.h5", pair / "c.h5", "--json").json["differences"]
+    assert {"path": "/sigma", "what": "only in A"} in found
+    assert {"path": "/points", "what": "shape", "a": [70, 3], "b": [12, 3]} in found
+
+
+def test_first_tick_is_the_first_row_that_differs():
+    a = np.zeros((5, 3))
+    b = a.copy()
+    b[3] = (0, 3, 4)
+    assert first_tick(a, b) == (3, 5.0)
+    assert first_tick(a, a) == (None, 0.0)
+
+
+def test_a_session_tells_when_the_difference_is_felt(vfplan_cli, pair):
+    """A dive onto the arc from above: free at first, pressed upon later."""
+    time = np.arange(400) * 1e-3
+    points = bundles.whole().points
+    axis = bundles.whole().rendering.ignore_axis
+    along = points[20] - points[19]
+    normal = np.cross(axis, along / np.linalg.norm(along))
+    depth = np.linspace(-0.02, 0.004, 400)
+    hip = points[20] - np.sign(normal[1]) * depth[:, None] * normal * -1
+    lines = [f"{t},{x},{y},{z}" for t, (x, y, z) in zip(time, hip, strict=True)]
+    (pair / "s.csv").write_text("\n".join(["t,x,y,z", *lines]))
+    run = vfplan_cli("diff", pair / "a.h5", pair / "b.h5", pair / "s.csv", "--json")
+    assert run.code == 1, run.stderr
+    assert 0 < run.json["first_tick"] < 400
+    assert run.json["first_tick_time_s"] == pytest.approx(run.json["first_tick"] * 1e-3)
+    assert run.json["force_max_n"] > 0
+    same = vfplan_cli("diff", pair / "a.h5", pair / "a.h5", pair / "s.csv", "--json")
+    assert (same.code, same.json["first_tick"]) == (0, None)

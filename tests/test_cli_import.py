@@ -1,0 +1,142 @@
+"""`vfplan import` and `export`: other people's files in and out."""
+
+import json
+
+import bundles
+import numpy as np
+import pytest
+
+import vfplan
+from vfplan.bundle import export, import_cloud
+from vfplan.bundle.clouds import refined
+from vfplan.bundle.leak import covering_radius, largest_cover
+
+TETRAHEDRON = np.array([[0, 0, 0], [30, 0, 0], [0, 30, 0], [0, 0, 30]], dtype=float)
+FACES = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)]
+
+
+@pytest.fixture
+def stl(tmp_path):
+    """A tetrahedron of 30 mm edges, as ASCII STL in mm."""
+    lines = ["solid t"]
+    for face in FACES:
+        corners = [f"vertex {x} {y} {z}" for x, y, z in TETRAHEDRON[list(face)]]
+        lines += ["facet normal 0 0 0", "outer loop", *corners, "endloop", "endfacet"]
+    (tmp_path / "t.stl").write_text("\n".join([*lines, "endsolid t"]))
+    return tmp_path / "t.stl"
+
+
+def test_a_mesh_is_refined_certified_and_in_metres(stl, vfplan_cli, tmp_path):
+    run = vfplan_cli("import", stl, "--units", "mm", "-o", tmp_path / "a.h5", "--json")
+    assert run.code == 0, run.stderr
+    assert run.json["leak"]["/leak@certified"] == 1
+    assert run.json["extent_m"] == [[0, 0, 0], [0.03, 0.03, 0.03]]
+    fixture = vfplan.read_fixture(tmp_path / "a.h5")
+    edges = np.linalg.norm(np.diff(fixture.points[fixture.mesh], axis=1), axis=2)
+    assert edges.max() <= 5e-4
+    assert fixture.band >= 1e-5
+
+
+def test_refining_keeps_the_surface(stl):
+    """Area, rim and position stay; every point lies on one of the four planes."""
+    points, triangles = refined(TETRAHEDRON / 1000, np.array(FACES), 2e-3)
+    a, b, c = points[triangles].transpose(1, 0, 2)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    assert area == pytest.approx(3 * 0.03**2 / 2 + np.sqrt(3) / 4 * 2 * 0.03**2, rel=1e-12)
+    x, y, z = points.T
+    off = np.min(np.abs([x, y, z, (x + y + z - 0.03) / np.sqrt(3)]), axis=0)
+    assert off.max() < 1e-15
+    from vfplan.bundle.leak import open_edges
+
+    assert open_edges(triangles) == 0
+
+
+def test_covering_radius_is_that_of_a_fine_search():
+    """Against the largest distance to the nearest corner over a grid inside each triangle."""
+    draw = np.random.default_rng(3)
+    corners = draw.normal(size=(60, 3, 3))
+    corners[::4, 2] = corners[::4, 0] * 0.45 + corners[::4, 1] * 0.55 + 0.05  # obtuse needles
+    u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, 300), np.linspace(0, 1, 300)))
+    weights = np.column_stack([1 - u, u * (1 - v), u * v])
+    found = covering_radius(corners)
+    for triangle, radius in zip(corners, found, strict=True):
+        inside = weights @ triangle
+        nearest = np.min([np.linalg.norm(inside - c, axis=1) for c in triangle], axis=0).max()
+        assert nearest <= radius * (1 + 1e-9)
+        assert nearest == pytest.approx(radius, rel=0.02)
+
+
+def test_largest_cover_of_a_coarse_sheet_leaks(tmp_path):
+    fixture = bundles.replace(bundles.sheet(), points=bundles.sheet().points * 5)
+    assert largest_cover(fixture.mesh, fixture.points)[0] == pytest.approx(0.0075 * np.sqrt(2))
+    with pytest.raises(vfplan.errors.SceneError, match="leaks"):
+        vfplan.write_fixture(fixture, tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npy", ".ply"])
+def test_points_come_back(suffix, vfplan_cli, tmp_path):
+    points = bundles.minimal().points
+    path = tmp_path / f"c{suffix}"
+    if suffix == ".npy":
+        np.save(path, points)
+    else:
+        export(bundles.minimal(), path)
+    run = vfplan_cli("import", path, "--units", "m", "-o", tmp_path / "a.h5", "--json")
+    assert run.code == 0, run.stderr
+    assert run.json["leak"]["/leak@kind"] == "cloud"
+    found = vfplan.read_fixture(tmp_path / "a.h5").points
+    # The PLY reader keeps float32.
+    assert np.abs(found - points).max() <= (3e-8 if suffix == ".ply" else 0)
+
+
+def test_a_curve_with_a_gap_wider_than_the_proxy_is_not_written(vfplan_cli, tmp_path):
+    (tmp_path / "c.csv").write_text("x,y,z\n0,0,0\n5,0,0\n16,0,0\n")
+    words = ["--units", "mm", "--curve", "open", "-o", tmp_path / "a.h5"]
+    run = vfplan_cli("import", tmp_path / "c.csv", *words)
+    assert (run.code, (tmp_path / "a.h5").exists()) == (3, False)
+    assert "0.011 m" in run.error_line
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.csv", "x,y\n1,2\n"),
+        ("a.csv", "x,y,z\n1,2,nan\n"),
+        ("a.csv", "x,y,z\n"),
+        ("a.csv", "x,y,z\n1,2,three\n"),
+        ("a.npy", "no array"),
+        ("a.ply", "no mesh"),
+        ("a.stl", ""),
+        ("a.obj", "v 0 0 0\n"),
+    ],
+)
+def test_what_cannot_be_read_is_code_3_in_one_line(name, text, vfplan_cli, tmp_path):
+    (tmp_path / name).write_text(text)
+    run = vfplan_cli("import", tmp_path / name, "--units", "mm", "-o", tmp_path / "out.h5")
+    assert (run.code, (tmp_path / "out.h5").exists()) == (3, False)
+    assert run.error_line
+
+
+def test_units_must_be_said(stl, vfplan_cli, tmp_path):
+    assert vfplan_cli("import", stl, "-o", tmp_path / "a.h5").code == 2
+
+
+def test_strokes_become_slicer_curves_in_mm(vfplan_cli, tmp_path):
+    vfplan.write_fixture(bundles.whole(), tmp_path / "a.h5")
+    assert vfplan_cli("export", tmp_path / "a.h5", "-o", tmp_path / "c.mrk.json").code == 0
+    markups = json.loads((tmp_path / "c.mrk.json").read_text())["markups"]
+    assert [m["type"] for m in markups] == ["Curve", "ClosedCurve"]
+    positions = [p["position"] for m in markups for p in m["controlPoints"]]
+    assert np.allclose(np.array(positions) / 1000, bundles.whole().points, atol=1e-15)
+
+
+def test_pixels_do_not_become_millimetres(vfplan_cli, tmp_path):
+    vfplan.write_fixture(bundles.pixels(), tmp_path / "a.h5")
+    run = vfplan_cli("export", tmp_path / "a.h5", "-o", tmp_path / "c.mrk.json")
+    assert (run.code, (tmp_path / "c.mrk.json").exists()) == (3, False)
+
+
+def test_the_femur_is_certified(shared_data, tmp_path):
+    fixture = import_cloud(next((shared_data / "clouds").glob("*.stl")), units="mm", spacing=4e-3)
+    vfplan.write_fixture(fixture, tmp_path / "a.h5")
+    assert 0.3 < np.ptp(fixture.points, axis=0).max() < 0.5

@@ -1,0 +1,56 @@
+"""`vfplan validate`: every issue, with place, code and severity; exit 1 if one is an error."""
+
+import bundles
+import damage
+import hostile
+
+import vfplan
+
+
+def test_a_sound_bundle_is_valid_and_says_what_it_is_not(vfplan_cli, tmp_path):
+    vfplan.write_fixture(bundles.whole(), tmp_path / "a.h5")
+    run = vfplan_cli("validate", tmp_path / "a.h5", "--json")
+    assert run.code == 0
+    assert run.json["valid"]
+    codes = {issue["code"] for issue in run.json["issues"]}
+    assert codes == {"seal.unsigned", "leak.open_ends", "leak.between"}
+    assert {issue["severity"] for issue in run.json["issues"]} == {"note"}
+
+
+def test_every_issue_is_found_not_the_first_one(vfplan_cli, tmp_path):
+    def harm(f):
+        hostile.text(f["points"], "unit", "mm")
+        f["sigma"][3] = -1
+        hostile.text(f["provenance"], "created_utc", "yesterday")
+        f["registration/labels"][1] = b"x1"
+
+    (tmp_path / "a.h5").write_bytes(damage.sealed(hostile.changed(harm)))
+    run = vfplan_cli("validate", tmp_path / "a.h5", "--json")
+    assert run.code == 1
+    assert not run.json["valid"]
+    found = {(i["location"], i["code"]) for i in run.json["issues"] if i["severity"] == "error"}
+    assert found == {
+        ("/points", "corrupt.unit"),
+        ("/sigma", "corrupt.range"),
+        ("/provenance@created_utc", "corrupt.value"),
+        ("/registration/labels", "corrupt.value"),
+    }
+    assert "NOT valid: 4 errors" in vfplan_cli("validate", tmp_path / "a.h5").stdout
+
+
+def test_a_file_that_is_no_bundle_is_invalid_and_a_missing_one_bad_input(vfplan_cli, tmp_path):
+    (tmp_path / "a.h5").write_text("label,u_px\n")
+    run = vfplan_cli("validate", tmp_path / "a.h5", "--json")
+    assert (run.code, run.json["valid"]) == (1, False)
+    assert vfplan_cli("validate", tmp_path / "none.h5").code == 3
+
+
+def test_wrong_residuals_and_a_path_are_warned_of(vfplan_cli, tmp_path):
+    fixture = bundles.whole()
+    fixture.registration.residuals_m[2] += 1e-4
+    fixture.provenance.settings["source"] = "/home/someone/slice.png"
+    vfplan.write_fixture(fixture, tmp_path / "a.h5")
+    run = vfplan_cli("validate", tmp_path / "a.h5", "--json")
+    assert run.code == 0
+    warned = {i["code"] for i in run.json["issues"] if i["severity"] == "warning"}
+    assert warned == {"registration.residuals", "provenance.path"}
