@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -129,8 +130,9 @@ def extract_curve(
 
 def load_libraries() -> None:
     """Import what extraction needs, so that a measured time holds none of it."""
-    import cv2  # noqa: F401
-    import skimage.morphology  # noqa: F401
+    for name in ("cv2", "scipy.interpolate", "scipy.ndimage", "scipy.spatial"):
+        importlib.import_module(name)
+    importlib.import_module("skimage.morphology").skeletonize  # noqa: B018 - loaded when named
 
 
 def vector_stroke(points_px: NDArray, closed: bool, image: PlannedImage, where: str) -> Extraction:
