@@ -93,10 +93,11 @@ def test_corrupt_bundle_is_4_and_missing_is_3(vfplan_cli, files, tmp_path):
     assert vfplan_cli("replay", files[0], tmp_path / "no.csv", *PAPER).code == 3
 
 
-def test_replay_loads_no_picture_library(files, tmp_path):
+@pytest.mark.parametrize("how", [NATIVE, PAPER])
+def test_replay_loads_no_picture_library(files, tmp_path, how):
     code = (
         "import sys; from click.testing import CliRunner; from vfplan.cli.main import cli; "
-        f"r = CliRunner().invoke(cli, ['replay', *{[str(f) for f in files]!r}, *{PAPER!r}]); "
+        f"r = CliRunner().invoke(cli, ['replay', *{[str(f) for f in files]!r}, *{how!r}]); "
         "assert r.exit_code == 0, r.output; "
         "print(*{m.split('.')[0] for m in sys.modules})"
     )
@@ -136,3 +137,24 @@ def test_signature_can_be_demanded(vfplan_cli, files, tmp_path):
     assert run.json["fixture"]["signed"] is True
     assert run.json["fixture"]["signature_checked"] is True
     assert vfplan_cli("replay", signed, files[1], "--case", "C1").code == 2
+
+
+def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
+    names = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
+    image, *markers = (root / "samples" / name for name in names)
+    fixture = tmp_path / "f.h5"
+    made = vfplan_cli("plan", image, *markers, "--pixel-spacing", "0.5", "-o", fixture)
+    assert made.code == 0, made.stderr
+    call = ("replay", fixture, root / "samples" / "elbow_session.csv", "--report")
+    run = vfplan_cli(*call, tmp_path / "one", "--image", image, "--json")
+    assert run.code == 0, run.stderr
+    rendering = vfplan.read_fixture(fixture).rendering
+    assert run.json["scene"]["band_m"] == rendering.band
+    assert run.json["scene"].get("max_iterations") == rendering.max_iterations
+    assert "depth on the slice" in (tmp_path / "one" / "index.html").read_text()
+    other = tmp_path / "other.png"
+    other.write_bytes(image.read_bytes() + b" ")
+    refused = vfplan_cli(*call, tmp_path / "two", "--image", other)
+    assert refused.code == 3
+    assert "the same image wanted" in refused.error_line
+    assert not (tmp_path / "two").exists()

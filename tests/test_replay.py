@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 
@@ -196,6 +197,22 @@ def test_gaps_repeats_and_jumps_are_reported():
     assert seen["jump_ticks"] == [1990, 1991]
     codes = {f["code"] for f in found["findings"]}
     assert {"session-gap", "session-jump"} <= codes
+
+
+def test_the_engine_is_set_as_the_fixture_says():
+    fixture = fixture_of(line(), band=7e-6, stiffness=(800.0, 900.0, 1000.0), rv=1e-3)
+    rendering = dataclasses.replace(fixture.rendering, max_iterations=3)
+    fixture = dataclasses.replace(fixture, rendering=rendering)
+    session = probing(1.0)
+    engine = vfplan.ProxyEngine(
+        line(), band=7e-6, stiffness=(800.0, 900.0, 1000.0), point_radius=1e-3, ignore_axis="z",
+        max_iterations=3,
+    )  # fmt: skip
+    engine.reset(session.hip[0])
+    found = replay(fixture, session)
+    np.testing.assert_array_equal(found.ticks.force, engine.run(session.hip).force)
+    scene = found.metrics["scene"]
+    assert (scene["max_iterations"], scene["band_m"], scene["point_radius_m"]) == (3, 7e-6, 1e-3)
 
 
 def test_wrong_calls_are_refused():

@@ -8,7 +8,7 @@ from importlib.resources import files
 
 import pytest
 
-from vfplan.errors import SettingError
+from vfplan.errors import InputError
 from vfplan.robot import Robot, read_robot
 
 GOOD = """format = "vfplan-robot"
@@ -46,7 +46,7 @@ def test_schema_and_type_name_the_same_things():
         ("mass_kg = 0", "mass_kg is 0; more than 0"),
         ("mass_kg = nan", "a finite number"),
         ('mass_kg = "1"', "a number wanted"),
-        ("delay_ticks = 1.5", "a integer wanted|an integer wanted"),
+        ("delay_ticks = 1.5", "integer wanted"),
         ("delay_ticks = -1", "0 to 1000"),
         ("delay_ticks = true", "integer wanted"),
         ("weight = 1", "'weight' is unknown"),
@@ -59,17 +59,17 @@ def test_what_the_schema_does_not_allow(tmp_path, line, message):
     lines = [kept for kept in GOOD.splitlines() if not kept.startswith(f"{key} ")]
     path = tmp_path / "robot.toml"
     path.write_text("\n".join([*lines, line]))
-    with pytest.raises(SettingError, match=message):
+    with pytest.raises(InputError, match=message):
         read_robot(path)
 
 
 def test_missing_key_file_and_bad_toml(tmp_path):
     path = tmp_path / "robot.toml"
     path.write_text(GOOD.replace("rate_hz = 500.0\n", ""))
-    with pytest.raises(SettingError, match="rate_hz is missing"):
+    with pytest.raises(InputError, match="rate_hz is missing"):
         read_robot(path)
     path.write_text("= 3")
-    with pytest.raises(SettingError, match="not a robot file"):
+    with pytest.raises(InputError, match="not a robot file"):
         read_robot(path)
-    with pytest.raises(SettingError, match="franka, none or a robot file"):
+    with pytest.raises(InputError, match="franka, none or a robot file"):
         read_robot(tmp_path / "no.toml")

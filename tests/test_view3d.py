@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import missing_package
 from PIL import Image
 from replays import fixture_of, line, probing
 
@@ -15,7 +16,7 @@ from vfplan.replay import replay
 
 def need_gl():
     if view3d.offscreen_window() is None:
-        pytest.skip("needs apt package libosmesa6 (no OpenGL without a screen)")
+        missing_package("libosmesa6", "OpenGL without a screen")
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from vfplan.errors import SettingError
+from vfplan.errors import InputError
 
 SHIPPED = ("franka",)
 
@@ -66,7 +66,7 @@ def read_robot(choice: str | Path | None) -> Robot | None:
 
     Raises
     ------
-    SettingError
+    InputError
         A file that cannot be read, is not TOML, or is not what the schema says.
     """
     if choice is None or str(choice) == "none":
@@ -78,7 +78,7 @@ def read_robot(choice: str | Path | None) -> Robot | None:
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise SettingError(f"not a robot file: {error}", where=str(choice)) from None
+        raise InputError(f"not a robot file: {error}", where=str(choice)) from None
     check_robot(values, where=str(choice))
     return Robot(**{k: v for k, v in values.items() if k not in ("format", "version")})
 
@@ -88,24 +88,24 @@ def _text(path: Path) -> str:
         return path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "is not text"
-        raise SettingError(
+        raise InputError(
             f"{reason.lower()}; {', '.join(SHIPPED)}, none or a robot file wanted", where=str(path)
         ) from None
 
 
 def check_robot(values: dict[str, Any], *, where: str) -> None:
-    """Raise `SettingError` for the first thing that `schemas/robot-1.0.json` does not allow."""
+    """Raise `InputError` for the first thing that `schemas/robot-1.0.json` does not allow."""
     schema = json.loads((files("vfplan.schemas") / "robot-1.0.json").read_text("utf-8"))
     known = schema["properties"]
     for name in schema["required"]:
         if name not in values:
-            raise SettingError(f"{name} is missing; a robot file must say it", where=where)
+            raise InputError(f"{name} is missing; a robot file must say it", where=where)
     for name, value in values.items():
         if name not in known:
-            raise SettingError(f"{name!r} is unknown; {', '.join(known)} are known", where=where)
+            raise InputError(f"{name!r} is unknown; {', '.join(known)} are known", where=where)
         fault = _fault(value, known[name])
         if fault:
-            raise SettingError(f"{name} is {value!r}; {fault} wanted", where=where)
+            raise InputError(f"{name} is {value!r}; {fault} wanted", where=where)
 
 
 def _fault(value: Any, rule: dict[str, Any]) -> str | None:

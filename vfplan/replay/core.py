@@ -210,6 +210,8 @@ def _scene(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any]:
         "stiffness_n_per_m": parameters.stiffness.tolist(),
         "frame": fixture.frame,
     }
+    if fixture.max_iterations is not None and parameters.rule == "robust":
+        scene["max_iterations"] = fixture.max_iterations
     if fixture.ignore_axis is not None:
         scene["ignore_axis"] = fixture.ignore_axis.tolist()
     return scene
