@@ -215,6 +215,15 @@ def test_the_engine_is_set_as_the_fixture_says():
     assert (scene["max_iterations"], scene["band_m"], scene["point_radius_m"]) == (3, 7e-6, 1e-3)
 
 
+def test_a_session_in_other_units_is_noticed():
+    session = probing(0.2)
+    far = replay(fixture_of(line()), Session(session.time, 1e3 * session.hip + 5)).metrics
+    assert "never-near" in {f["code"] for f in far["findings"]}
+    assert far["contact_ticks"] == 0
+    near = replay(fixture_of(line()), session).metrics
+    assert "never-near" not in {f["code"] for f in near["findings"]}
+
+
 def test_wrong_calls_are_refused():
     fixture, session = fixture_of(line()), probing()
     with pytest.raises(SettingError, match="rule 'fast'"):

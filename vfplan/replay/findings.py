@@ -10,6 +10,8 @@ from vfplan.robot import Robot
 
 # Rounding in the independent measurement of clearance [m].
 _ROUNDING_M = 1e-9
+# A session that stays farther than this from the fixture is likely in other units or another frame.
+FAR_M = 0.5
 
 
 def finding(code: str, severity: str, message: str) -> dict[str, str]:
@@ -69,6 +71,12 @@ def findings(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[s
                 f"{parameters.band:.3g} m",
             )
         )
+    if clearance > FAR_M:
+        message = (
+            f"the tool never came nearer to the cloud than {clearance:.3g} m: are units and frame "
+            "the fixture's?"
+        )
+        found.append(finding("never-near", "warning", message))
     if report["inside_ticks"]:
         found.append(
             finding(
