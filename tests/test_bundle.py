@@ -1,6 +1,9 @@
 """The bundle on disk: what is written is what is read, and nothing else is read."""
 
 import os
+import subprocess
+import sys
+from dataclasses import replace
 
 import bundles
 import numpy as np
@@ -57,3 +60,52 @@ def test_a_fixture_with_a_point_that_is_not_finite_is_not_written(tmp_path):
     with pytest.raises(InputError, match="finite"):
         vfplan.write_fixture(fixture, tmp_path / "a.h5")
     assert os.listdir(tmp_path) == []
+
+
+WRONG = {
+    "flat points": lambda f: replace(f, points=f.points[:, :2]),
+    "no points": lambda f: replace(f, points=f.points[:0]),
+    "one sigma too few": lambda f: replace(f, sigma=f.sigma[1:]),
+    "sigma not finite": lambda f: replace(f, sigma=f.sigma * np.nan),
+    "a stroke too many": lambda f: replace(f, curve=replace(f.curve, stroke=f.curve.stroke + 1)),
+    "strokes of another length": lambda f: replace(
+        f, curve=replace(f.curve, stroke=f.curve.stroke[1:])
+    ),
+    "two stiffnesses": lambda f: replace(f, rendering=replace(f.rendering, stiffness=np.ones(2))),
+    "negative stiffness": lambda f: replace(
+        f, rendering=replace(f.rendering, stiffness=-np.ones(3))
+    ),
+    "band as wide as R": lambda f: replace(f, rendering=replace(f.rendering, band=0.005)),
+    "axis of length 2": lambda f: replace(
+        f, rendering=replace(f.rendering, ignore_axis=np.array([0.0, 0, 2]))
+    ),
+    "points in mm": lambda f: replace(f, points=f.points * 1e3),
+    "unknown frame": lambda f: replace(f, frame="world"),
+    "a triangle of points that are not there": lambda f: replace(
+        f, curve=None, mesh=np.array([[0, 1, 70]], dtype=np.int32)
+    ),
+    "a time of no form": lambda f: replace(f, provenance=replace(f.provenance, created_utc="now")),
+    "a setting that is a list": lambda f: replace(
+        f, provenance=replace(f.provenance, settings={"a": [1]})
+    ),
+    "a name with a blank": lambda f: replace(
+        f, provenance=replace(f.provenance, settings={"a b": 1})
+    ),
+}
+
+
+@pytest.mark.parametrize("change", WRONG.values(), ids=WRONG)
+def test_a_fixture_that_breaks_a_rule_is_refused_and_nothing_is_left(change, tmp_path):
+    with pytest.raises(InputError):
+        vfplan.write_fixture(change(bundles.whole()), tmp_path / "a.h5")
+    assert os.listdir(tmp_path) == []
+
+
+def test_no_plugin_can_be_loaded():
+    """A fresh process: the variable is set before h5py, and h5py is not loaded without need."""
+    code = (
+        "import sys, os, vfplan; assert 'h5py' not in sys.modules; import vfplan.bundle;"
+        "assert os.environ['HDF5_PLUGIN_PRELOAD'] == '::'"
+    )
+    env = os.environ | {"HDF5_PLUGIN_PRELOAD": "/tmp/plugins"}
+    subprocess.run([sys.executable, "-c", code], check=True, env=env)

@@ -136,6 +136,31 @@ def test_both_readers_judge_the_hostile_corpus_alike(bundle_sweep, tmp_path):
     assert [f"{n}: {v}" for n, v in zip(names, found, strict=True)] == wanted
 
 
+@pytest.mark.parametrize(
+    ("file", "words", "code"),
+    [
+        ("1.0-signed.h5", ["case 17", "R-0042", 10**10], "ok"),
+        ("1.0-signed.h5", ["case 18", "R-0042", 10**10], "signature.case"),
+        ("1.0-signed.h5", ["case 17", "R-0043", 10**10], "signature.robot"),
+        ("1.0-signed.h5", ["case 17", "R-0042", 60], "signature.age"),
+        ("1.0-everything.h5", ["case 17", "R-0042", 10**10], "signature.missing"),
+    ],
+)
+def test_a_signature_is_demanded_in_cpp_too(file, words, code, bundle_sweep):
+    folder = ROOT / "tests" / "data" / "bundles"
+    assert bundle_sweep("verify", folder / file, folder / "signed.pub", *words) == code
+
+
+def test_a_forged_signature_does_not_hold_in_cpp_either(bundle_sweep, tmp_path):
+    folder = ROOT / "tests" / "data" / "bundles"
+    signed = (folder / "1.0-signed.h5").read_bytes()
+    forged = damage.resealed(signed[:72] + bytes(64) + signed[136:], damaged_block=True)
+    (tmp_path / "a.h5").write_bytes(forged)
+    words = ["case 17", "R-0042", 10**10]
+    found = bundle_sweep("verify", tmp_path / "a.h5", folder / "signed.pub", *words)
+    assert found == "signature.wrong"
+
+
 def test_both_readers_judge_mutated_files_alike(bundle_sweep, tmp_path):
     """Files whose object headers were edited and carry good checksums; one crash fails it all."""
     good, wanted, paths = hostile.sound(), [], []

@@ -3,6 +3,7 @@
 // The C++ reader against damaged files, many in one process:
 //
 //   bundle_sweep verdicts            paths on stdin; for each a line "KIND where" or "ok"
+//   bundle_sweep verify FILE KEYS CASE SERIAL MAX_AGE_S     prints "ok", or the code
 //   bundle_sweep flips FILE FIRST STEP [reseal]     one bit of every STEP-th byte
 //   bundle_sweep prefixes FILE FIRST STEP [reseal]  every STEP-th length
 //
@@ -55,12 +56,25 @@ int verdicts() {
     return 0;
 }
 
+int verify(const std::string& path, char** words) {
+    try {
+        const vfplan::hdf5::Trust trust{vfplan::hdf5::read_keys(words[0]), words[1], words[2],
+                                        std::chrono::seconds(std::stol(words[3]))};
+        vfplan::hdf5::read_fixture(path, &trust);
+        std::cout << "ok" << std::endl;
+    } catch (const vfplan::hdf5::BundleError& error) {
+        std::cout << error.code << std::endl;
+    }
+    return 0;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
     const std::string mode = argc > 1 ? argv[1] : "";
     if (mode == "verdicts") return verdicts();
     if (argc < 5) return 2;
+    if (mode == "verify") return argc == 7 ? verify(argv[2], argv + 3) : 2;
     const Bytes good = vfplan::hdf5::read_file(argv[2]);
     Bytes copy = good;
     const auto wanted = vfplan::hdf5::read_bundle(copy).content;

@@ -9,6 +9,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
+
 from vfplan.bundle import check, leak
 from vfplan.bundle.content import Content, from_content, to_content
 from vfplan.bundle.disk import opened_file, write_whole
@@ -60,12 +62,37 @@ def completed(content: Content) -> Content:
     """A content with what the format adds: head, object id and leak certificate."""
     head = {"/@format": FORMAT, "/@version": VERSION}
     content = head | {p: v for p, v in content.items() if p not in head and "/leak" not in p}
+    _check_arrays(content)
     content["/@id"] = check.object_id(content)
     if "/rendering@contact_radius_m" in content:
         content |= leak.certificate(content)
         if content["/leak@kind"] != "cloud" and not content["/leak@certified"]:
             raise SceneError(check.leaking(content))
     return content
+
+
+def _check_arrays(content: Content) -> None:
+    """Refuse arrays of another shape than the format's, before anything is computed from them."""
+    sizes: dict[str, int] = {}
+    for row in table().of("dataset"):
+        if row.path not in content:
+            continue
+        shape = np.shape(content[row.path])
+        same = len(shape) == len(row.shape) and all(
+            found == (wanted if isinstance(wanted, int) else sizes.setdefault(wanted, found))
+            for found, wanted in zip(shape, row.shape, strict=True)
+        )
+        if not same or 0 in shape:
+            wanted = ", ".join(str(sizes.get(str(s), s)) for s in row.shape)
+            raise InputError(f"has shape {shape}; ({wanted}) wanted", where=row.path)
+        if row.type == "f8" and not np.all(np.isfinite(content[row.path])):
+            raise InputError("holds a number that is not finite", where=row.path)
+    stroke = content.get("/curve/stroke")
+    if stroke is not None and (stroke.min() < 0 or stroke.max() >= sizes["S"]):
+        raise InputError(f"names strokes that are not 0 to {sizes['S'] - 1}", where="/curve/stroke")
+    triangles = content.get("/mesh/triangles")
+    if triangles is not None and (triangles.min() < 0 or triangles.max() >= sizes["N"]):
+        raise InputError("names points that are not there", where="/mesh/triangles")
 
 
 def write_content(content: Content, path: Path, *, overwrite: bool) -> None:
