@@ -109,3 +109,9 @@ def test_no_plugin_can_be_loaded():
     )
     env = os.environ | {"HDF5_PLUGIN_PRELOAD": "/tmp/plugins"}
     subprocess.run([sys.executable, "-c", code], check=True, env=env)
+
+
+def test_plugins_are_off_even_if_h5py_was_there_first():
+    code = "import h5py; import vfplan.bundle; assert h5py.h5pl.size() == 0"
+    env = os.environ | {"HDF5_PLUGIN_PATH": "/tmp/plugins"}
+    subprocess.run([sys.executable, "-c", code], check=True, env=env)
