@@ -54,6 +54,7 @@ class RobustRule {
         const Vec<D> start = proxy;
         most_ = norm(hip - proxy) + p_.band * (1 - 1e-3);
         if (!set_free(proxy, hip)) {
+            blocked_ = false;
             tick.status = limit;
             for (int i = 0; i < p_.max_iterations && tick.status == limit; ++i)
                 if (!advance(proxy, hip)) tick.status = ok;
@@ -120,9 +121,11 @@ class RobustRule {
         }
         // |proxy - HIP| never grows by more than the band in a tick: a lift has to wait.
         if (count_ == 1) wall_[0].t = std::min(wall_[0].t, most_ + dot(wall_[0].n, u));
-        const Vec<D> v = project(u, wall_, count_, 1e-6 * p_.band);
+        // Blocked below R, as in a hollow, where the way ahead rises: up first, on in the next.
+        const bool lift = std::exchange(blocked_, false) && count_ == 1 && wall_[0].t > rest();
+        const Vec<D> v = lift ? wall_[0].t * wall_[0].n : project(u, wall_, count_, 1e-6 * p_.band);
         const double length = norm(v);
-        push_ = v - u;
+        if (!lift) push_ = v - u;
         if (!(length > rest())) return false;
         const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, out_of_reach);
         const Vec<D> y = s < length ? x + (s / length) * v : v == u ? hip : x + v;
@@ -130,7 +133,8 @@ class RobustRule {
         // wander.
         if (!(norm(hip - y) < (count_ > 1 ? distance : most_ + 1e-3 * p_.band))) return false;
         x = y;
-        return s > 1e-3 * rest() && !(x == hip);
+        blocked_ = !lift && s < length && count_ == 1 && wall_[0].t > rest();
+        return (blocked_ || s > 1e-3 * rest()) && !(x == hip);
     }
     double rest() const noexcept { return 1e-2 * p_.band; }
 
@@ -224,9 +228,10 @@ class RobustRule {
     Wall<D> wall_[Contacts<D>::most];
     int count_ = 0;
     Vec<D> looked_at_, push_;
-    double most_ = 0;     // |proxy - HIP| that this tick may end with
-    bool known_ = false;  // wall_ belongs to looked_at_
-    bool held_ = false;   // outside the fixture since the last reset
+    double most_ = 0;       // |proxy - HIP| that this tick may end with
+    bool known_ = false;    // wall_ belongs to looked_at_
+    bool blocked_ = false;  // the last iteration was stopped below R
+    bool held_ = false;     // outside the fixture since the last reset
 };
 
 }  // namespace vfplan
