@@ -42,6 +42,7 @@ docs: $(STAMP)
 
 pictures: $(STAMP)
 	$(BIN)/python docs/make_pictures.py
+	$(BIN)/python docs/draw_algorithm.py
 
 lint: | $(BIN)/python
 	$(BIN)/python -m pip install -q "ruff>=0.9" "clang-format==23.1.5"
