@@ -13,7 +13,7 @@ from vfplan.cli.run import Report, command, jsonable, outputs, progress, refuse_
 
 from vfplan.errors import OutputError
 
-PARTS = ("closed-loop", "map", "passivity")
+PARTS = ("closed-loop", "map", "passivity", "extremes", "precision")
 REPORT, TABLE, MAP, PASSIVITY = FILES = (
     "stability.json", "cases.csv", "stability_map.png", "passivity.png",
 )  # fmt: skip

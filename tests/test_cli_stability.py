@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -94,3 +95,31 @@ def test_gate_refuses_with_the_largest_k_that_passes():
     stiff = replace(fixture.rendering, stiffness=fixture.rendering.stiffness * 4)
     with pytest.raises(CheckFailed, match=r"allowed with a margin of 1\.25 is 2[67]\d\d N/m"):
         gate(replace(fixture, rendering=stiff), ROBOT)
+
+
+@pytest.fixture(scope="module")
+def sample():
+    return files("vfplan.samples")
+
+
+def plan(vfplan_cli, sample, output, *options):
+    names = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
+    return vfplan_cli("plan", *(sample / name for name in names), "-o", output, *options, "--json")
+
+
+def test_plan_stores_the_verdict(vfplan_cli, sample, tmp_path):
+    output = tmp_path / "fixture.h5"
+    run = plan(vfplan_cli, sample, output, "--robot", "franka")
+    assert run.code == 0, run.stderr
+    stored = read_fixture(output).stability
+    assert stored.robot == "franka"
+    assert stored.stable
+    assert run.json["stability"]["k_max_n_per_m"] == stored.k_max_n_per_m
+
+
+def test_plan_refuses_what_is_not_stable_and_writes_nothing(vfplan_cli, sample, tmp_path):
+    output = tmp_path / "fixture.h5"
+    run = plan(vfplan_cli, sample, output, "--robot", "franka", "--stiffness", 5000)
+    assert run.code == 1
+    assert "allowed with a margin of 1.25" in run.error_line
+    assert not list(tmp_path.iterdir())

@@ -5,7 +5,7 @@ Nothing here reads, writes or computes; the modules that do all speak in these t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -135,8 +135,6 @@ class StabilityVerdict:
         The K judged: the largest in any direction that the fixture renders [N/m].
     k_max_n_per_m
         The largest stable K found in closed loop [N/m].
-    k_linear_bound_n_per_m
-        b / (T/2 + t_d) [N/m].
     margin
         What K is multiplied by before it is held against `k_max_n_per_m`.
     """
@@ -148,8 +146,12 @@ class StabilityVerdict:
     delay_ticks: int
     k_n_per_m: float
     k_max_n_per_m: float
-    k_linear_bound_n_per_m: float
     margin: float
+
+    @property
+    def k_linear_bound_n_per_m(self) -> float:
+        """b / (T/2 + t_d) [N/m]."""
+        return self.damping_n_s_per_m * self.rate_hz / (0.5 + self.delay_ticks)
 
     @property
     def k_pass_n_per_m(self) -> float:
@@ -160,6 +162,11 @@ class StabilityVerdict:
     def stable(self) -> bool:
         """Whether K passes."""
         return self.k_n_per_m <= self.k_pass_n_per_m
+
+    def as_dict(self) -> dict[str, str | float | bool]:
+        """As a report holds it."""
+        derived = ("k_linear_bound_n_per_m", "k_pass_n_per_m", "stable")
+        return asdict(self) | {name: getattr(self, name) for name in derived}
 
 
 @dataclass(frozen=True)

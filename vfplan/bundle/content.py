@@ -43,7 +43,7 @@ def to_content(fixture: Fixture) -> Content:
     if fixture.registration is not None:
         content |= _registration(fixture.registration)
     if fixture.stability is not None:
-        content |= {path: getattr(fixture.stability, name) for path, name in _STABILITY}
+        content |= _stability(fixture.stability)
     return content | _provenance(fixture.provenance)
 
 
@@ -58,7 +58,7 @@ def from_content(content: Content) -> Fixture:
         image=_to_image(content) if "/image@width_px" in content else None,
         rendering=_to_rendering(content) if "/rendering/stiffness" in content else None,
         registration=_to_registration(content) if "/registration@model" in content else None,
-        stability=_to_stability(content) if "/stability@robot" in content else None,
+        stability=_to_stability(content),
         mesh=content.get("/mesh/triangles"),
     )
 
@@ -169,25 +169,29 @@ def _to_registration(content: Content) -> RegistrationRecord:
     return RegistrationRecord(**{field: content.get(path) for path, field in _REGISTRATION})
 
 
-# (path, field) of the stability gate's verdict
-_STABILITY = tuple(
-    (f"/stability@{field}", field)
-    for field in (
-        "robot",
-        "mass_kg",
-        "damping_n_s_per_m",
-        "rate_hz",
-        "delay_ticks",
-        "k_n_per_m",
-        "k_max_n_per_m",
-        "k_linear_bound_n_per_m",
-        "margin",
-    )
+# The numbers of `/rendering/stability`, in order.
+_STABILITY = (
+    "mass_kg",
+    "damping_n_s_per_m",
+    "rate_hz",
+    "delay_ticks",
+    "k_n_per_m",
+    "k_max_n_per_m",
+    "margin",
 )
 
 
-def _to_stability(content: Content) -> StabilityVerdict:
-    return StabilityVerdict(**{field: content[path] for path, field in _STABILITY})
+def _stability(verdict: StabilityVerdict) -> Content:
+    numbers = [getattr(verdict, field) for field in _STABILITY]
+    return {"/rendering@robot": verdict.robot, "/rendering/stability": _f8(numbers)}
+
+
+def _to_stability(content: Content) -> StabilityVerdict | None:
+    if not {"/rendering@robot", "/rendering/stability"} <= content.keys():
+        return None
+    numbers = dict(zip(_STABILITY, content["/rendering/stability"].tolist(), strict=True))
+    numbers["delay_ticks"] = round(numbers["delay_ticks"])
+    return StabilityVerdict(content["/rendering@robot"], **numbers)
 
 
 def _provenance(provenance: Provenance) -> Content:

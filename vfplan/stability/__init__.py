@@ -10,7 +10,7 @@ docs/stability.md has the derivations, the tables and the pictures.
 
 from __future__ import annotations
 
-from vfplan.stability.gate import gate, refusal
+from vfplan.stability.gate import approved, gate, refusal
 from vfplan.stability.loop import Hand, Motion, settle, simulate
 from vfplan.stability.rows import Row
 from vfplan.stability.study import DEFAULT_ROBOT, PARTS, Prepared, Study, prepare
@@ -25,6 +25,7 @@ __all__ = [
     "Prepared",
     "Row",
     "Study",
+    "approved",
     "exact_bound",
     "gate",
     "linear_bound",

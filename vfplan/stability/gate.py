@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from vfplan.errors import CheckFailed, SceneError
 from vfplan.fixture import Fixture, StabilityVerdict
 from vfplan.robot import Robot
 from vfplan.stability.closedloop import closed_loop_bundle
-from vfplan.stability.largest import plant_of
 from vfplan.stability.rows import Row
-from vfplan.stability.theory import linear_bound
 
 MARGIN = 1.25  # K may be at most k_max / MARGIN
 
@@ -45,7 +45,6 @@ def judge(robot: Robot, stiffness: float, rows: list[Row], margin: float) -> Sta
         delay_ticks=robot.delay_ticks,
         k_n_per_m=stiffness,
         k_max_n_per_m=min(measured, default=0.0),
-        k_linear_bound_n_per_m=linear_bound(plant_of(robot), robot.delay_ticks),
         margin=margin,
     )
 
@@ -65,6 +64,11 @@ def gate(fixture: Fixture, robot: Robot, margin: float = MARGIN) -> StabilityVer
     if not found.stable:
         raise CheckFailed(refusal(found))
     return found
+
+
+def approved(fixture: Fixture, robot: Robot, margin: float = MARGIN) -> Fixture:
+    """The fixture with the gate's verdict in it; raises as `gate` does."""
+    return replace(fixture, stability=gate(fixture, robot, margin))
 
 
 def refusal(found: StabilityVerdict) -> str:

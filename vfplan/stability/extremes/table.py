@@ -1,7 +1,7 @@
 """The table of extreme cases: what is tried, and what must come of it.
 
-The expectation is data, written before the run. A case either gives the right value within `limit`, or
-is refused by one of the named errors, or may do either where both stand.
+The expectation is data, written before the run. A case either gives the right value within
+`limit`, or is refused by one of the named errors, or may do either where both stand.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ CLOUDS = (
     _outside("collinear", "cloud", "blob", kind="collinear"),
     _outside("coplanar", "cloud", "blob", kind="coplanar"),
     _outside("dust, 1e5 points in 1 cm³", "cloud", "blob", kind="dust"),
-    _outside("1e7 points", "cloud", "sheet", side_points=3163, full=True),
+    _outside("1e7 points", "cloud", "sheet", side_points=3163),
     _outside("1e6 points", "cloud", "sheet", side_points=1000),
     _refused("no point", "cloud", "blob", "SceneError", kind="none"),
     _refused("a point at NaN", "cloud", "blob", "SceneError", kind="nan"),
@@ -104,7 +104,7 @@ CLOUDS = (
 SETTINGS = (
     _outside("band 1 nm", "setting", "walk", band=1e-9),
     _outside("band 1 pm", "setting", "walk", band=1e-12),
-    _outside("band = r_c (r1 = 0)", "setting", "walk", band=5e-3),
+    _outside("band = r_c (r1 = 0)", "setting", "walk", band=5e-3, outer_radius=11e-3),
     _refused("band 0", "setting", "walk", "SettingError", band=0.0),
     _refused("band above r_c", "setting", "walk", "SettingError", band=5.1e-3),
     _outside("r3 one part in 1e12 above r2", "setting", "walk", outer_over_r2=1 + 1e-12),
@@ -127,10 +127,8 @@ SETTINGS = (
 )  # fmt: skip
 
 HIPS = (
-    Extreme("at rest for 1e6 ticks", "hip", "no drift at all", "rest", {"ticks": 1_000_000}, 0.0,
-            "m of drift"),
     Extreme("at rest for 1e7 ticks", "hip", "no drift at all", "rest", {"ticks": 10_000_000}, 0.0,
-            "m of drift", full=True),
+            "m of drift"),
     _outside("jumps 1000 km and back", "hip", "jump", distance=9e5),
     _outside("1000 m/s through the wall", "hip", "pierce", speed=1e3, rate=1000.0),
     *(_outside(f"{rate:g} Hz", "hip", "pierce", speed=0.2, rate=rate)

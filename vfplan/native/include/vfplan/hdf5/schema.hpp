@@ -62,7 +62,7 @@ inline constexpr std::array<Size, 11> sizes{
     Size{'E', 200000},
 };
 
-inline constexpr std::array<Row, 66> rows{
+inline constexpr std::array<Row, 58> rows{
     Row{"/", Kind::group, Type::none, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity},
     Row{"/@format", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "vfplan-fixture", -infinity, infinity, -infinity, infinity, infinity},
     Row{"/@version", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity},
@@ -88,6 +88,8 @@ inline constexpr std::array<Row, 66> rows{
     Row{"/rendering@band_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", -infinity, 1.0, 0.0, infinity, infinity},
     Row{"/rendering@point_radius_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", 0.0, 1.0, -infinity, infinity, infinity},
     Row{"/rendering@max_iterations", Kind::attribute, Type::i4, Required::optional, {"", ""}, "1", "", "", 1.0, 10000.0, -infinity, infinity, infinity},
+    Row{"/rendering@robot", Kind::attribute, Type::text, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity},
+    Row{"/rendering/stability", Kind::dataset, Type::f8, Required::optional, {"7", ""}, "kg, N s/m, Hz, 1, N/m, N/m, 1", "", "", 0.0, infinity, -infinity, infinity, infinity},
     Row{"/registration", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity},
     Row{"/registration@model", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "affine|similarity|rigid", -infinity, infinity, -infinity, infinity, infinity},
     Row{"/registration@source_frame", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "image|patient_lps", -infinity, infinity, -infinity, infinity, infinity},
@@ -111,16 +113,6 @@ inline constexpr std::array<Row, 66> rows{
     Row{"/leak@between_m", Kind::attribute, Type::f8, Required::optional, {"", ""}, "m", "", "", 0.0, infinity, -infinity, infinity, infinity},
     Row{"/leak/between_place", Kind::dataset, Type::f8, Required::optional, {"3", ""}, "@frame", "@frame", "", -infinity, infinity, -infinity, 100.0, infinity},
     Row{"/leak@open_edges", Kind::attribute, Type::i4, Required::optional, {"", ""}, "1", "", "", 1.0, infinity, -infinity, infinity, infinity},
-    Row{"/stability", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity},
-    Row{"/stability@robot", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity},
-    Row{"/stability@mass_kg", Kind::attribute, Type::f8, Required::group, {"", ""}, "kg", "", "", -infinity, infinity, 0.0, infinity, infinity},
-    Row{"/stability@damping_n_s_per_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "N s/m", "", "", 0.0, infinity, -infinity, infinity, infinity},
-    Row{"/stability@rate_hz", Kind::attribute, Type::f8, Required::group, {"", ""}, "Hz", "", "", -infinity, infinity, 0.0, infinity, infinity},
-    Row{"/stability@delay_ticks", Kind::attribute, Type::i4, Required::group, {"", ""}, "1", "", "", 0.0, 1000.0, -infinity, infinity, infinity},
-    Row{"/stability@k_n_per_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "N/m", "", "", 0.0, infinity, -infinity, infinity, infinity},
-    Row{"/stability@k_max_n_per_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "N/m", "", "", 0.0, infinity, -infinity, infinity, infinity},
-    Row{"/stability@k_linear_bound_n_per_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "N/m", "", "", 0.0, infinity, -infinity, infinity, infinity},
-    Row{"/stability@margin", Kind::attribute, Type::f8, Required::group, {"", ""}, "1", "", "", 1.0, infinity, -infinity, infinity, infinity},
     Row{"/provenance", Kind::group, Type::none, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity},
     Row{"/provenance@created_utc", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity},
     Row{"/provenance@software", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity},
