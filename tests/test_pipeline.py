@@ -62,7 +62,8 @@ def test_sample_fixture_lies_on_the_true_curve_within_the_registration_error():
 def test_sample_reproduces_the_papers_cloud():
     made = elbow(extraction=ExtractSettings(method="mask", pixel_spacing_mm=(0.5, 0.5)))
     assert len(made.fixture.points) == made.report["extract"]["mask_pixels"]
-    assert len(made.fixture.points) in range(2200, 2209)
+    assert len(made.fixture.points) == 2204
+    assert made.report["extract"]["density_per_mm"] == pytest.approx(5.3, rel=0.01)
     assert made.fixture.curve is None
 
 
