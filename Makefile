@@ -10,7 +10,7 @@ SOURCES := pyproject.toml README.md LICENSE \
            $(shell find vfplan cli schemas samples -type f -not -path '*/__pycache__/*' 2>/dev/null)
 
 .PHONY: demo test test-full docs pictures lint format install clean
-install: $(STAMP)
+install: $(VENV)/.vfplan-test
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -24,23 +24,28 @@ $(STAMP): $(SOURCES) | $(VENV)/.vfplan-tools
 	rm -rf build/wheel
 	$(BIN)/python -m pip wheel -q --no-build-isolation --no-deps -w build/wheel .
 	$(BIN)/python -m pip install -q --no-deps --force-reinstall build/wheel/*.whl
-	$(BIN)/python -m pip install -q "$$(ls build/wheel/*.whl)[dicom,sign,test]"
+	$(BIN)/python -m pip install -q "$$(ls build/wheel/*.whl)"
+	touch $@
+
+# What the tests need on top: the extras of the same wheel.
+$(VENV)/.vfplan-test: $(STAMP)
+	$(BIN)/python -m pip install -q "$$(ls build/wheel/*.whl)[dicom,sign,ros,test]"
 	touch $@
 
 demo: $(STAMP)
 	$(BIN)/vfplan demo -o demo --overwrite
 
-test: $(STAMP)
+test: $(VENV)/.vfplan-test
 	$(BIN)/pytest $(PYTEST_ARGS)
 
-test-full: $(STAMP)
+test-full: $(VENV)/.vfplan-test
 	$(BIN)/pytest $(PYTEST_ARGS) --full
 
-docs: $(STAMP)
+docs: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_cli.py
 	$(BIN)/python docs/make_format.py
 
-pictures: $(STAMP)
+pictures: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_pictures.py
 	$(BIN)/python docs/draw_algorithm.py
 
