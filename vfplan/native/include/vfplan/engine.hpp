@@ -72,7 +72,7 @@ class BasicEngine {
 class Engine {
   public:
     /// Points of this many or fewer are looked through one by one: measured, a grid costs more.
-    static constexpr std::size_t small_cloud = 192;
+    static constexpr std::size_t small_cloud = 64;
 
     /// `xyz`: n points [m], x y z of each in turn. Throws std::invalid_argument.
     Engine(const double* xyz, std::size_t n, const Parameters& p, Width width = Width::automatic) {

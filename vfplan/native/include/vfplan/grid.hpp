@@ -72,8 +72,8 @@ class Grid {
     }
     double square_to_cell(const Vec<D>& x, std::int64_t i, int k) const noexcept {
         const double low = box_.low.c[k] + static_cast<double>(i) * cell_;
-        const double slack = 1e-6 * cell_;
-        const double gap = std::max({low - x.c[k], x.c[k] - low - cell_, slack}) - slack;
+        const double high = std::min(low + cell_, box_.high.c[k]), slack = 1e-6 * cell_;
+        const double gap = std::max({low - x.c[k], x.c[k] - high, slack}) - slack;
         return gap * gap;
     }
 

@@ -238,11 +238,29 @@ void normal(const Span<D>& in, const Vec<D>& x, double r1, double r3, NormalSum<
 }
 
 template <int D>
-void free(const Span<D>& in, const Vec<D>& x, const Vec<D>& hip, const Vec<D>& way, double reach2,
-          double radius2, FreeSum& to) {
-    const Lanes zero = all(0.0), never = all(std::numeric_limits<double>::infinity());
+double first(const Span<D>& in, const Vec<D>& x, const Vec<D>& way, double reach2,
+             double radius2) {
+    const Lanes zero = all(0.0);
+    Lanes least_root = all(std::numeric_limits<double>::infinity());
+    for (std::size_t i = 0; i < in.n; i += 8) {
+        Block<D> b;
+        b.read(in, i, x);
+        const Lanes ahead = b.along(way);
+        const Lanes inside = ahead * ahead - b.d2 + radius2;
+        const Mask hit = (b.d2 < reach2) & (inside >= 0.0) & (ahead >= 0.0);
+        if (bits(hit) == 0) continue;
+        const Lanes d0 = ahead - root(choose(hit, inside, zero));
+        least_root = choose(hit & (d0 >= 0.0) & (d0 < least_root), d0, least_root);
+    }
+    return least(least_root);
+}
+
+template <int D>
+void distances(const Span<D>& in, const Vec<D>& x, const Vec<D>& hip, double reach2,
+               Distances& to) {
+    const Lanes zero = all(0.0), one = all(1.0);
     const Vec<D> u = hip - x;
-    Lanes to_proxy = zero, to_hip = zero, count = zero, first = never;
+    Lanes to_proxy = zero, to_hip = zero, count = zero;
     for (std::size_t i = 0; i < in.n; i += 8) {
         Block<D> b;
         b.read(in, i, x);
@@ -252,19 +270,11 @@ void free(const Span<D>& in, const Vec<D>& x, const Vec<D>& hip, const Vec<D>& w
         for (int k = 1; k < D; ++k) h2 += (b.d[k] - u.c[k]) * (b.d[k] - u.c[k]);
         to_proxy += choose(near, root(b.d2), zero);
         to_hip += choose(near, root(h2), zero);
-        count += choose(near, all(1.0), zero);
-        const Lanes ahead = b.along(way);
-        const Lanes inside = ahead * ahead - b.d2 + radius2;
-        const Mask hit = near & (inside >= 0.0);
-        if (bits(hit) == 0) continue;
-        const Lanes d0 = ahead - root(choose(hit, inside, zero));
-        first = choose(hit & (d0 >= 0.0) & (d0 < first), d0, first);
+        count += choose(near, one, zero);
     }
     to.to_proxy += sum(to_proxy);
     to.to_hip += sum(to_hip);
     to.count += sum(count);
-    const double f = least(first);
-    to.first = f < to.first ? f : to.first;
 }
 
 template <int D>
@@ -359,7 +369,8 @@ void patch(const Span<D>& in, const Patch<D>& p, Moments<D>& to) {
 
 template <int D>
 Kernels<D> table() {
-    return {gather<D>, nearest2<D>, normal<D>, free<D>, out<D>, meet<D>, within<D>, patch<D>};
+    return {gather<D>, nearest2<D>, normal<D>, first<D>, distances<D>,
+            out<D>,    meet<D>,     within<D>, patch<D>};
 }
 
 #undef VFPLAN_EACH

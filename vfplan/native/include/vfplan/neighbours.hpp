@@ -16,9 +16,11 @@ class Neighbours {
     using Source = Grid<D>;
     static constexpr std::size_t most = 8192;  // points in the list
 
-    /// `reach`: the largest radius that is asked for often; `skin`: how far x may go meanwhile.
-    Neighbours(const Cloud<D>& cloud, double reach, double skin, const Kernels<D>& kernels)
-        : source_(cloud, reach / 3),
+    /// `reach`: the largest radius that is asked for often; `skin`: how far x may go meanwhile;
+    /// `cell`: side of the grid's cells [m].
+    Neighbours(const Cloud<D>& cloud, double reach, double skin, double cell,
+               const Kernels<D>& kernels)
+        : source_(cloud, cell),
           held_(std::clamp<std::size_t>(cloud.size() / 4, 1024, most)),
           radius_(reach + skin),
           kernels_(kernels) {}
@@ -83,7 +85,8 @@ class AllPoints {
   public:
     using Source = Everything<D>;
 
-    AllPoints(const Cloud<D>& cloud, double, double, const Kernels<D>&) : source_(cloud, 0) {}
+    AllPoints(const Cloud<D>& cloud, double, double, double, const Kernels<D>&)
+        : source_(cloud, 0) {}
 
     const Source& source() const noexcept { return source_; }
     std::size_t bytes() const noexcept { return source_.bytes(); }

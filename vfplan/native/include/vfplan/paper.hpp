@@ -27,7 +27,7 @@ class PaperRule {
         : p_(p),
           kernels_(kernels),
           reach_(p.outer_radius + p.point_radius),
-          neighbours_(cloud, reach_, 0.06 * reach_, kernels) {}
+          neighbours_(cloud, reach_, 0.05 * reach_, reach_ / 4, kernels) {}
 
     void reset() noexcept {}
     Search<D>& neighbours() noexcept { return neighbours_; }
@@ -111,15 +111,24 @@ class PaperRule {
         const double length = norm(u), R = p_.R();
         if (length == 0) return {};
         const Vec<D> way = (1 / length) * u;
-        FreeSum sum;
+        double d = std::numeric_limits<double>::infinity();
         neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
-            kernels_.free(s, proxy, hip, way, reach_ * reach_, R * R, sum);
+            d = std::min(d, kernels_.first(s, proxy, way, reach_ * reach_, R * R));
         });
+        if (d >= length) return u;  // nothing in the way: special case 2 would change nothing
         const bool hip_inside = dot(n, u) < 0;
-        const double d = std::min(sum.first, length);
-        if (!hip_inside && sum.to_hip / sum.count > sum.to_proxy / sum.count) return u;
+        if (!hip_inside && moves_away(proxy, hip)) return u;
         if (d == 0 && hip_inside) return tangential(u, n);
         return (d / length) * u;
+    }
+
+    /// Special case 2: the in-neighbour points are further from the HIP than from the proxy.
+    bool moves_away(const Vec<D>& proxy, const Vec<D>& hip) noexcept {
+        Distances sum;
+        neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
+            kernels_.distances(s, proxy, hip, reach_ * reach_, sum);
+        });
+        return sum.to_hip / sum.count > sum.to_proxy / sum.count;
     }
 
     /// Eq. (7): the way out along n.

@@ -33,7 +33,7 @@ class RobustRule {
           lean_(std::min(1.3 * std::sqrt(2.0) * grain_, 0.45)),
           soft_{R_, R_ - p.band * (1 - 1e-3), std::min(6 * grain_, 0.5)},
           hard_{R_, R_ - p.band * (1 - 1e-3), 0},
-          neighbours_(cloud, std::max(1.21 * R_, reach()), 0.15 * R_, kernels),
+          neighbours_(cloud, std::max(1.21 * R_, reach()), 0.15 * R_, 0.4 * R_, kernels),
           travel_(kernels, R_),
           escape_(kernels, R_),
           contacts_(shell_, std::cos(std::min(2 * grain_, 0.3)),
@@ -53,11 +53,12 @@ class RobustRule {
         if (!held_ && !enter(proxy, hip, tick)) return tick;
         const Vec<D> start = proxy;
         most_ = norm(hip - proxy) + p_.band * (1 - 1e-3);
+        far_ = false;
         if (!set_free(proxy, hip)) {
             blocked_ = false;
             tick.status = limit;
-            for (int i = 0; i < p_.max_iterations && tick.status == limit; ++i)
-                if (!advance(proxy, hip)) tick.status = ok;
+            for (int i = 0; i < p_.max_iterations && tick.status == limit && !far_; ++i)
+                if (!advance(proxy, hip) && !far_) tick.status = ok;
         }
         double near2 = nearest2(proxy, shell_);
         if (!(near2 >= safe2_)) {  // cannot happen; if it does, stay where it was safe
@@ -96,8 +97,7 @@ class RobustRule {
         look(x);
         for (int j = 0; j < count_; ++j)
             if (contacts_[j].r <= R_ && dot(contacts_[j].nearest, u) < 0) return false;
-        bool out_of_reach = false;
-        const double s = travel_(neighbours_, x, (1 / distance) * u, distance, hard_, out_of_reach);
+        const double s = travel_(neighbours_, x, (1 / distance) * u, distance, hard_, far_);
         x = s >= distance ? hip : count_ == 0 ? x + (s / distance) * u : x;
         return s >= distance;
     }
@@ -108,10 +108,8 @@ class RobustRule {
         const double distance = norm(u);
         if (!(distance > 0)) return false;
         look(x);
-        bool out_of_reach = false;
         if (count_ == 0) {
-            const double s =
-                travel_(neighbours_, x, (1 / distance) * u, distance, hard_, out_of_reach);
+            const double s = travel_(neighbours_, x, (1 / distance) * u, distance, hard_, far_);
             if (s >= distance) {
                 x = hip;
                 return false;
@@ -127,7 +125,7 @@ class RobustRule {
         const double length = norm(v);
         if (!lift) push_ = v - u;
         if (!(length > rest())) return false;
-        const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, out_of_reach);
+        const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, far_);
         const Vec<D> y = s < length ? x + (s / length) * v : v == u ? hip : x + v;
         // Where two walls hold it: descend or stay. Their sampled normals alone would let it
         // wander.
@@ -231,6 +229,7 @@ class RobustRule {
     double most_ = 0;       // |proxy - HIP| that this tick may end with
     bool known_ = false;    // wall_ belongs to looked_at_
     bool blocked_ = false;  // the last iteration was stopped below R
+    bool far_ = false;      // the way of this tick is longer than a tick may look at
     bool held_ = false;     // outside the fixture since the last reset
 };
 

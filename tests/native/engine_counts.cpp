@@ -1,0 +1,88 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// Counts the loops over points that each state runs, by rules whose loops count themselves: the
+// same code as shipped, with another table of loops. A line a rule, dimension, state and loop:
+//
+//     RULE DIMENSION STATE TICKS LOOP CALLS POINTS
+#include <cstdio>
+#include <cstring>
+
+#include "scenes.hpp"
+#include "vfplan/engine.hpp"
+
+namespace {
+
+constexpr int loops = 9;
+constexpr const char* names[loops] = {"gather", "nearest2", "normal", "first", "distances",
+                                      "out",    "meet",     "within", "patch"};
+struct Count {
+    long calls, points;
+} counts[loops];
+
+/// Loop number I of the real table, counted.
+template <int I, int D, class R, class... A>
+struct Counted {
+    static inline R (*real)(const vfplan::Span<D>&, A...) = nullptr;
+    static R call(const vfplan::Span<D>& in, A... a) {
+        ++counts[I].calls;
+        counts[I].points += static_cast<long>(in.n);
+        return real(in, a...);
+    }
+};
+
+template <int I, int D, class R, class... A>
+void count(R (*&loop)(const vfplan::Span<D>&, A...)) {
+    Counted<I, D, R, A...>::real = loop;
+    loop = Counted<I, D, R, A...>::call;
+}
+
+template <int D>
+vfplan::Kernels<D> counting() {
+    auto k = vfplan::kernels<D>();
+    count<0>(k.gather);
+    count<1>(k.nearest2);
+    count<2>(k.normal);
+    count<3>(k.first);
+    count<4>(k.distances);
+    count<5>(k.out);
+    count<6>(k.meet);
+    count<7>(k.within);
+    count<8>(k.patch);
+    return k;
+}
+
+template <class RuleOf, class Space>
+void play(const char* name, Space space, const scenes::Points& xyz) {
+    constexpr int D = Space::dimension;
+    const auto cloud = vfplan::make_cloud(space, xyz.data(), xyz.size() / 3);
+    RuleOf rule(cloud, {}, counting<D>());
+    scenes::Path path(xyz);
+    Count by_state[4][loops] = {};
+    long ticks[4] = {};
+    vfplan::Vec<D> proxy = space.across({{0.05, 0.05, 0.05}});
+    for (long t = 0; t < 20000; ++t) {
+        std::memset(counts, 0, sizeof counts);
+        const auto tick = rule(proxy, space.across(path(t)));
+        const int state = static_cast<int>(tick.state) + 1;
+        ++ticks[state];
+        for (int i = 0; i < loops; ++i) {
+            by_state[state][i].calls += counts[i].calls;
+            by_state[state][i].points += counts[i].points;
+        }
+    }
+    for (int s = 0; s < 4; ++s)
+        for (int i = 0; i < loops; ++i)
+            std::printf("%s %d %d %ld %s %ld %ld\n", name, D, s - 1, ticks[s], names[i],
+                        by_state[s][i].calls, by_state[s][i].points);
+}
+
+}  // namespace
+
+int main() {
+    const auto sheet = scenes::sheet(81, 5e-4), circle = scenes::circle(377, 0.03);
+    const vfplan::Slice slice(vfplan::Vec3{{0, 0, 1}});
+    play<vfplan::PaperRule<3, vfplan::Neighbours>>("paper", vfplan::Space{}, sheet);
+    play<vfplan::RobustRule<3, vfplan::Neighbours>>("robust", vfplan::Space{}, sheet);
+    play<vfplan::PaperRule<2, vfplan::AllPoints>>("paper", slice, circle);
+    play<vfplan::RobustRule<2, vfplan::AllPoints>>("robust", slice, circle);
+}

@@ -1,0 +1,87 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+//   engine_ticks TICKS
+//
+// TICKS ticks of both rules over all scenes: none may allocate, answer with a number that is not
+// finite, use up its iterations in rest, or leave the proxy inside. A line a scene; exit status 1
+// names the first failure.
+#include <cstdio>
+#include <cstdlib>
+#include <new>
+
+#include "scenes.hpp"
+#include "vfplan/engine.hpp"
+
+static long allocations = 0;
+
+void* operator new(std::size_t n) {
+    ++allocations;
+    if (void* p = std::malloc(n ? n : 1)) return p;
+    throw std::bad_alloc();
+}
+void operator delete(void* p) noexcept { std::free(p); }
+void operator delete(void* p, std::size_t) noexcept { std::free(p); }
+
+namespace {
+
+[[noreturn]] void fail(const std::string& scene, const char* what, long tick, double value) {
+    std::printf("%s: %s at tick %ld: %g\n", scene.c_str(), what, tick, value);
+    std::exit(1);
+}
+
+double nearest(const scenes::Scene& s, const vfplan::Vec3& x) {
+    double least = 1e300;
+    for (std::size_t i = 0; i < s.points.size(); i += 3) {
+        const double dx = s.points[i] - x[0], dy = s.points[i + 1] - x[1];
+        const double dz = s.planar ? 0 : s.points[i + 2] - x[2];
+        least = std::min(least, dx * dx + dy * dy + dz * dz);
+    }
+    return std::sqrt(least);
+}
+
+void play(const scenes::Scene& scene, vfplan::Rule rule, long ticks) {
+    vfplan::Parameters p;
+    p.rule = rule;
+    p.point_radius = scene.point_radius;
+    p.band = rule == vfplan::Rule::paper ? 1e-5 : 2e-5;
+    if (scene.planar) p.ignore_axis = vfplan::Vec3{{0, 0, 1}};
+    vfplan::Engine engine(scene.points.data(), scene.points.size() / 3, p);
+    scenes::Path path(scene.points);
+    long contacts = 0, inside = 0;
+    const long before = allocations;
+    bool was_outside = false;
+    for (long t = 0; t < ticks; ++t) {
+        vfplan::Vec3 hip = path(t);
+        const bool bad = t % 997 == 996;
+        if (bad) hip[1] = std::nan("");
+        const vfplan::Step s = engine.step(hip);
+        if (bad != (s.status == vfplan::bad_hip)) fail(scene.name, "bad HIP", t, s.status);
+        for (int k = 0; k < 3; ++k)
+            if (!std::isfinite(s.proxy[k] + s.normal[k] + s.force[k]))
+                fail(scene.name, "not finite", t, s.proxy[k]);
+        contacts += s.state == vfplan::State::in_contact;
+        const bool is_inside = s.status & vfplan::inside;
+        inside += is_inside;
+        if (rule == vfplan::Rule::robust && (t % 61 == 0 || is_inside)) {
+            const double missing = p.R() - p.band - nearest(scene, s.proxy);
+            if (!is_inside && missing > 1e-12) fail(scene.name, "inside", t, missing);
+            if (is_inside && was_outside) fail(scene.name, "fell inside", t, missing);
+        }
+        was_outside = was_outside || !is_inside;
+    }
+    if (allocations != before)
+        fail(scene.name, "allocations", ticks, static_cast<double>(allocations - before));
+    std::printf("%-28s %-6s %ld ticks, %.0f %% in contact, %ld inside, no allocation\n",
+                scene.name.c_str(), rule == vfplan::Rule::paper ? "paper" : "robust", ticks,
+                100.0 * static_cast<double>(contacts) / static_cast<double>(ticks), inside);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    const long ticks = argc > 1 ? std::atol(argv[1]) : 100000;
+    const auto list = scenes::all();
+    const long each = ticks / static_cast<long>(2 * list.size()) + 1;
+    for (const auto& scene : list)
+        for (auto rule : {vfplan::Rule::paper, vfplan::Rule::robust}) play(scene, rule, each);
+}

@@ -1,0 +1,127 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// Clouds and HIP paths for the native tests, all from one small generator with a fixed seed.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "vfplan/vec.hpp"
+
+namespace scenes {
+
+using Points = std::vector<double>;  // x y z of each in turn
+
+struct Random {
+    std::uint64_t state;
+    double operator()(double low, double high) {
+        state = state * 6364136223846793005ull + 1442695040888963407ull;
+        return low + (high - low) * static_cast<double>(state >> 11) * 0x1p-53;
+    }
+};
+
+inline void add(Points& p, double x, double y, double z) { p.insert(p.end(), {x, y, z}); }
+
+/// Square sheet in the plane z = 0 with n × n points.
+inline Points sheet(int n, double h) {
+    Points p;
+    for (int i = 0; i < n; ++i)
+        for (int j = 0; j < n; ++j) add(p, (i - n / 2) * h, (j - n / 2) * h, 0);
+    return p;
+}
+
+inline Points corner(int n, double h) {
+    Points p;
+    for (int i = 0; i < n; ++i)
+        for (int j = 0; j < n; ++j) {
+            add(p, i * h, j * h, 0);
+            add(p, 0, i * h, j * h);
+            add(p, i * h, 0, j * h);
+        }
+    return p;
+}
+
+inline Points double_sheet(int n, double h, double gap) {
+    Points p = sheet(n, h), q = p;
+    for (std::size_t i = 2; i < q.size(); i += 3) q[i] += gap;
+    p.insert(p.end(), q.begin(), q.end());
+    return p;
+}
+
+inline Points dust(int n, double half) {
+    Random r{7};
+    Points p;
+    for (int i = 0; i < n; ++i) add(p, r(-half, half), r(-half, half), r(-half, half));
+    return p;
+}
+
+inline Points circle(int n, double radius) {
+    Points p;
+    for (int i = 0; i < n; ++i) {
+        const double t = 2 * 3.141592653589793 * i / n;
+        add(p, radius * std::cos(t), radius * std::sin(t), 0);
+    }
+    return p;
+}
+
+struct Scene {
+    std::string name;
+    Points points;
+    bool planar;
+    double point_radius;
+};
+
+inline std::vector<Scene> all() {
+    Points twice = dust(300, 0.02);
+    twice.insert(twice.end(), twice.begin(), twice.end());
+    return {
+        {"sheet", sheet(81, 5e-4), false, 0},
+        {"coarse sheet, thick points", sheet(31, 2e-3), false, 6e-3},
+        {"three walls", corner(50, 5e-4), false, 0},
+        {"double sheet", double_sheet(61, 5e-4, 6e-3), false, 0},
+        {"dust", dust(3000, 0.05), false, 0},
+        {"dense dust", dust(3000, 0.01), false, 0},
+        {"duplicates", twice, false, 1e-3},
+        {"one point", {0, 0, 0}, false, 0},
+        {"circle, planar", circle(377, 0.03), true, 0},
+        {"dust, planar", dust(200, 0.05), true, 2e-3},
+        {"kilometre", {0, 0, 0, 1000, 0, 0, 0, 1000, 0, 0, 0, 1e-3}, false, 0},
+    };
+}
+
+/// A path of pieces: pressing and sliding, jumps, lifting, standing still, hitting points exactly.
+class Path {
+  public:
+    explicit Path(const Points& points) : points_(points) {}
+
+    vfplan::Vec3 operator()(long tick) {
+        if (tick % 200 == 0) {
+            kind_ = static_cast<int>(random_(0, 6));
+            goal_ = near(0.012);
+            if (kind_ == 3) at_ = near(0.3);
+            if (kind_ == 4) at_ = near(0);
+        }
+        const double share = kind_ == 0 ? 0.02 : kind_ == 1 ? 0.3 : 0;
+        for (int k = 0; k < 3; ++k) at_[k] += share * (goal_[k] - at_[k]);
+        if (kind_ == 5) at_[static_cast<std::size_t>(tick % 3)] += 1e-4;
+        return at_;
+    }
+
+  private:
+    vfplan::Vec3 near(double around) {
+        const auto i =
+            static_cast<std::size_t>(random_(0, static_cast<double>(points_.size() / 3)));
+        vfplan::Vec3 p;
+        for (std::size_t k = 0; k < 3; ++k) p[k] = points_[3 * i + k] + random_(-around, around);
+        return p;
+    }
+
+    const Points& points_;
+    Random random_{42};
+    vfplan::Vec3 at_{{0.05, 0.05, 0.05}}, goal_;
+    int kind_ = 0;
+};
+
+}  // namespace scenes

@@ -1,0 +1,102 @@
+"""The engine's headers without Python: g++ alone builds them; a tick is fit for a controller."""
+
+import subprocess
+from collections import defaultdict
+
+import pytest
+from conftest import ROOT, need_header, need_program
+
+INCLUDE = ROOT / "vfplan" / "native" / "include"
+NATIVE = ROOT / "tests" / "native"
+# As the exported CMake target compiles, and every warning an error.
+FLAGS = ["-std=c++20", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+HEADERS = sorted(p.name for p in (INCLUDE / "vfplan").glob("*.hpp"))
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory):
+    """Compile tests/native/NAME.cpp with g++; returns the program."""
+    compiler = need_program("g++", "g++")
+    folder = tmp_path_factory.mktemp("native")
+
+    def run(name, *flags):
+        program = folder / (name + "".join(flags).replace("/", "_").replace("=", "_"))
+        command = [compiler, *FLAGS, *flags, f"-I{INCLUDE}", str(NATIVE / f"{name}.cpp")]
+        done = subprocess.run([*command, "-o", str(program)], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return program
+
+    return run
+
+
+def output(program, *args):
+    done = subprocess.run([program, *map(str, args)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_each_header_stands_alone(tmp_path):
+    compiler = need_program("g++", "g++")
+    every = tmp_path / "every.cpp"
+    for name in HEADERS:
+        every.write_text(f'#include "vfplan/{name}"\nint main() {{}}\n')
+        command = [compiler, *FLAGS, "-fsyntax-only", f"-I{INCLUDE}", str(every)]
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+
+
+def test_a_user_writes_a_dozen_lines(build):
+    assert output(build("dozen_lines", "-O1")) == "5.000 4.000\n"
+
+
+def test_a_million_ticks_allocate_nothing(build):
+    lines = output(build("engine_ticks", "-O2"), 1_000_000).splitlines()
+    assert len(lines) >= 20
+    assert all(line.endswith("no allocation") for line in lines)
+
+
+@pytest.mark.parametrize("sanitizer", ["address,undefined"])
+def test_sanitizers_find_nothing(build, sanitizer):
+    # One width: the others read the same memory, and would take minutes to compile.
+    flags = ["-O0", "-DVFPLAN_NARROW", f"-fsanitize={sanitizer}", "-fno-sanitize-recover=all"]
+    program = build("engine_ticks", *flags)
+    output(program, 40_000)
+
+
+def test_each_state_runs_only_the_loops_it_needs(build):
+    """Counted by the engine's own loops, wrapped: what a state does not use is not run."""
+    calls, points, ticks = defaultdict(int), defaultdict(int), {}
+    for line in output(build("engine_counts", "-O1")).splitlines():
+        rule, dimension, state, count, loop, called, seen = line.split()
+        key = rule, int(dimension), int(state)
+        ticks[key] = int(count)
+        calls[*key, loop], points[*key, loop] = int(called), int(seen)
+    for (rule, dimension, state), count in ticks.items():
+        at = rule, dimension, state
+        if rule == "paper":
+            for loop in ("first", "distances"):  # roots, mean distances
+                assert calls[*at, loop] == 0 or state == 0
+            assert calls[*at, "distances"] <= calls[*at, "first"]
+            assert calls[*at, "out"] == 0 or state == 2
+            for loop in ("meet", "within", "patch", "nearest2"):
+                assert calls[*at, loop] == 0
+        else:
+            for loop in ("normal", "first", "distances", "out"):
+                assert calls[*at, loop] == 0
+        if dimension == 2:  # a small cloud: no grid, no list
+            assert calls[*at, "gather"] == 0
+        elif state == 1:  # the list serves many ticks and many loops
+            assert calls[*at, "gather"] < count
+    # Far from the cloud no point is looked at by the paper's rule's sums.
+    assert points["paper", 3, -1, "normal"] < 10 * ticks["paper", 3, -1]
+    # Free motion needs no surfaces.
+    assert calls["robust", 3, -1, "patch"] < 0.01 * ticks["robust", 3, -1]
+
+
+def test_speed_benchmark_runs(build):
+    """Ratios are for docs/engine.md; here only that the program works and agrees with itself."""
+    need_header("nanoflann.hpp", "libnanoflann-dev")
+    text = output(build("engine_speed", "-O2"), "--brief")
+    for word in ("brute force", "nanoflann", "paper", "robust"):
+        assert word in text
+    assert "DISAGREE" not in text
