@@ -120,15 +120,22 @@ def _text(document: dict[str, Any], stages: tuple[str, ...]) -> Iterator[str]:
             here = [r for r in own if r["scene"] == scene and (r["pareto"] or r.get("chosen"))]
             for r in sorted(here, key=lambda r: r["time_us_median"]):
                 yield "  " + _line(r)
+    for r in document.get("refused", ()):
+        if r["stage"] in stages:
+            yield f"refused: {r['scene']}: {r['method']} {_pairs(r['settings'])}: {r['message']}"
     yield f"{document['elapsed_s']:.0f} s on {document['machine']['processor']}"
 
 
 def _line(result: dict[str, Any]) -> str:
     scale, unit = (1e6, "um") if result["unit"] == "m" else (1.0, "px")
-    settings = " ".join(f"{k}={v:.4g}" if isinstance(v, float) else f"{k}={v}"
-                        for k, v in result["settings"].items())  # fmt: skip
     marks = ("*" if result["pareto"] else " ") + ("<" if result.get("chosen") else " ")
     return (
         f"{marks} {result['time_us_median']:10.1f} us  {scale * result['error_rms']:10.4g} {unit}"
-        f"  {result['method']}  {settings}"
+        f"  {result['method']}  {_pairs(result['settings'])}"
+    )
+
+
+def _pairs(settings: dict[str, Any]) -> str:
+    return " ".join(
+        f"{k}={v:.4g}" if isinstance(v, float) else f"{k}={v}" for k, v in settings.items()
     )

@@ -13,12 +13,12 @@ from vfplan.accuracy.baselines import NearestPointPenalty
 from vfplan.accuracy.cases import Case, cases, chosen_points
 from vfplan.accuracy.mesh import Bone, nearest_on
 from vfplan.accuracy.proxy import judge
-from vfplan.accuracy.record import Errors, Result, Trial, mark_pareto, non_dominated
+from vfplan.accuracy.record import Errors, Result, Trial, judge_chosen, mark_pareto, non_dominated
 from vfplan.accuracy.registering import apply, markers_px, true_map
 from vfplan.accuracy.runner import run_trials
 from vfplan.accuracy.sampling import lines, planned_surface, surface_error
 from vfplan.choosing import choose
-from vfplan.errors import InputError, SettingError
+from vfplan.errors import CurveError, InputError, SettingError
 from vfplan.reference import PaperProxy
 from vfplan.rendering import ProxyParameters
 from vfplan.scenes import SCENES
@@ -50,6 +50,22 @@ def test_fronts_do_not_mix_scenes():
     assert [r["pareto"] for r in records] == [True, False, True, True, True]
 
 
+def test_chosen_is_judged_by_what_else_keeps_the_tolerance():
+    def record(time, rms, surface, **more):
+        return {"stage": "proxy", "scene": "a", "error_rms": rms, "error_max": 9.0,
+                "surface_error_m": surface, "time_us_median": time, **more}  # fmt: skip
+
+    records = [record(1.0, 2.0, 0.1), record(2.0, 0.1, 2.0), record(4.0, 0.5, 0.5),
+               record(6.0, 0.9, 0.9, chosen=True)]  # fmt: skip
+    judge_chosen(records, 1.0)
+    assert records[-1]["meets_tolerance"] is True
+    assert records[-1]["time_over_cheapest"] == 1.5
+    assert "meets_tolerance" not in records[0]
+    judge_chosen(records, 0.01)
+    assert records[-1]["meets_tolerance"] is False
+    assert records[-1]["time_over_cheapest"] is None
+
+
 def trial(times, **more):
     queue = iter(times)
     return Trial("scene", "m", {}, lambda: (0.0, np.array(next(queue), float)),
@@ -57,7 +73,8 @@ def trial(times, **more):
 
 
 def test_result_reports_medians_tails_and_spread():
-    (result,) = run_trials("s", [trial([[99], [1, 2, 3], [2, 3, 4], [3, 4, 500]])], 3)
+    (result,), refused = run_trials("s", [trial([[99], [1, 2, 3], [2, 3, 4], [3, 4, 500]])], 3)
+    assert not refused
     record = result.record()
     assert record["error_rms"] == pytest.approx(np.sqrt(12.5))
     assert record["error_max"] == 4
@@ -66,6 +83,19 @@ def test_result_reports_medians_tails_and_spread():
     assert (record["time_us_low"], record["time_us_high"]) == (2.5, 3.5)
     assert record["repeats"] == 3
     assert "chosen" not in record
+
+
+def test_a_refusal_is_noted_and_the_others_go_on():
+    def refuse():
+        raise CurveError("no line")
+
+    bad = Trial("s", "b", {"scale": 0.5}, refuse, lambda a: Errors(0, 0), "px")
+    results, refused = run_trials("s", [bad, trial([[1]] * 3)], 2)
+    assert [r.trial.method for r in results] == ["m"]
+    assert [r.record() for r in refused] == [
+        {"stage": "s", "scene": "s", "method": "b", "settings": {"scale": 0.5},
+         "message": "no line"}
+    ]  # fmt: skip
 
 
 def test_rounds_are_interleaved():

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 from vfplan.accuracy.document import FORMAT, VERSION
 from vfplan.accuracy.machine import describe_machine
 from vfplan.accuracy.peers import Peer, nanoflann_hint
-from vfplan.accuracy.record import Trial, mark_pareto
+from vfplan.accuracy.record import Refusal, Result, Trial, judge_chosen, mark_pareto
 from vfplan.accuracy.runner import run_trials
 from vfplan.choosing import choose
 from vfplan.errors import SettingError
@@ -72,10 +72,14 @@ def bench(
         peer.check()
     began = time.perf_counter()
     records: list[dict[str, Any]] = []
+    refused: list[dict[str, Any]] = []
     for stage in wanted:
         for trials in _scenes(stage, quick, tolerance_m, peers, surface):
-            records += _measure(stage, trials, REPEATS[quick], progress)
+            results, refusals = _measure(stage, trials, REPEATS[quick], progress)
+            records += [result.record() for result in results]
+            refused += [refusal.record() for refusal in refusals]
     mark_pareto(records)
+    judge_chosen(records, tolerance_m)
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -85,6 +89,7 @@ def bench(
         "budget_us": BUDGET_US,
         "chosen": {name: getattr(choice, name) for name in choice.__dataclass_fields__},
         "results": records,
+        **({"refused": refused} if refused else {}),
         "peers": _peers(peers, "proxy" in wanted),
         "machine": describe_machine(),
         "elapsed_s": time.perf_counter() - began,
@@ -114,7 +119,7 @@ def _scenes(
 
 def _measure(
     stage: Stage, trials: list[Trial], repeats: int, progress: Callable[[str, int, int], None]
-) -> list[dict[str, Any]]:
+) -> tuple[list[Result], list[Refusal]]:
     label, total, done = f"{stage}: {trials[0].scene}", len(trials) * (1 + repeats), 0
 
     def advance(n: int) -> None:
@@ -123,7 +128,7 @@ def _measure(
         progress(label, done, total)
 
     progress(label, 0, total)
-    return [result.record() for result in run_trials(stage, trials, repeats, advance)]
+    return run_trials(stage, trials, repeats, advance)
 
 
 def _peers(peers: Sequence[Peer], wanted: bool) -> list[dict[str, Any]]:

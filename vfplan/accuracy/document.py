@@ -16,6 +16,7 @@ COLUMNS = (
     "time_us_low", "time_us_high", "time_us_p99", "time_us_p999", "time_us_max", "repeats",
     "pareto", "chosen", "peer", "points", "force_rms_n", "force_max_n", "surface_error_m",
     "inside_m", "clearance_min_m", "lag_rms_m", "friction",
+    "meets_tolerance", "time_over_cheapest",
 )  # fmt: skip
 _NEEDED = ("results", "tolerance_m", "budget_us", "machine", "peers")
 

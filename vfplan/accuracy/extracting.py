@@ -15,6 +15,7 @@ import numpy as np
 from vfplan.accuracy import pictures
 from vfplan.accuracy.pictures import Drawing
 from vfplan.accuracy.record import Array, Errors, Trial, timed
+from vfplan.errors import CurveError
 
 SCALES = {True: (0.5, 1.0), False: (0.5, 0.75, 1.0, 1.5, 2.0)}
 PENS = {True: (3.0,), False: (1.5, 3.0, 5.0)}
@@ -77,6 +78,8 @@ def _hue_and_thinning(picture: Any) -> Array:
 
     hue, saturation, value = cv2.split(cv2.cvtColor(picture, cv2.COLOR_RGB2HSV))
     mask = ((hue < 10) | (hue > 170)) & (saturation > 100) & (value > 80)
+    if not mask.any():
+        raise CurveError("no pixel passes the gate on hue")
     v, u = np.nonzero(skeletonize(mask))
     return np.column_stack([u, v]).astype(float)
 

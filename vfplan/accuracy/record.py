@@ -63,6 +63,21 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
+class Refusal:
+    """A trial whose method found its input unusable, and said so."""
+
+    stage: str
+    trial: Trial
+    message: str
+
+    def record(self) -> dict[str, Any]:
+        """As the JSON holds it."""
+        t = self.trial
+        names = {"scene": t.scene, "method": t.method, "settings": t.settings}
+        return {"stage": self.stage, **names, "message": self.message}
+
+
+@dataclass(frozen=True, eq=False)
 class Result:
     """A measured trial.
 
@@ -134,6 +149,25 @@ def mark_pareto(records: list[dict[str, Any]]) -> None:
         values = np.array([[r["error_rms"], r["time_us_median"]] for r in group])
         for record, front in zip(group, non_dominated(values), strict=True):
             record["pareto"] = bool(front)
+
+
+def judge_chosen(records: list[dict[str, Any]], tolerance_m: float) -> None:
+    """Say of each chosen record whether it keeps the tolerance, and how far from cheapest it is.
+
+    `meets_tolerance`: `error_rms` and the surface's error (`surface_error_m`; where there is none,
+    `error_max`) are within it. `time_over_cheapest`: its median time over that of the cheapest
+    record of its stage and scene that meets the tolerance too; `None` where none does.
+    """
+    for chosen in (r for r in records if r.get("chosen") and r["stage"] in ("sample", "proxy")):
+        rivals = [r for r in records if all(r[k] == chosen[k] for k in ("stage", "scene"))]
+        within = [r["time_us_median"] for r in rivals if _within(r, tolerance_m)]
+        chosen["meets_tolerance"] = _within(chosen, tolerance_m)
+        chosen["time_over_cheapest"] = chosen["time_us_median"] / min(within) if within else None
+
+
+def _within(record: dict[str, Any], tolerance_m: float) -> bool:
+    worst = record.get("surface_error_m", record["error_max"])
+    return bool(max(worst, record["error_rms"]) <= tolerance_m)
 
 
 def non_dominated(values: Array) -> NDArray[np.bool_]:

@@ -6,15 +6,16 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from vfplan.accuracy.record import Errors, Result, Trial
+from vfplan.accuracy.record import Errors, Refusal, Result, Trial
+from vfplan.errors import InputError
 
 Advance = Callable[[int], None]
 
 
 def run_trials(
     stage: str, trials: Sequence[Trial], repeats: int, advance: Advance = lambda n: None
-) -> list[Result]:
-    """Measure the trials of one scene.
+) -> tuple[list[Result], list[Refusal]]:
+    """Measure the trials of one scene: their results, and the trials that refused their input.
 
     Every round runs each trial once, in another order each time; the first round warms caches up
     and gives the answers to score, and is not timed.
@@ -31,13 +32,17 @@ def run_trials(
         Told 1 after every round of a trial.
     """
     rng = np.random.default_rng(0)
-    errors: list[Errors] = []
-    for trial in trials:
-        errors.append(trial.score(trial.run()[0]))
+    errors: dict[int, Errors] = {}
+    refused: list[Refusal] = []
+    for i, trial in enumerate(trials):
+        try:
+            errors[i] = trial.score(trial.run()[0])
+        except InputError as error:
+            refused.append(Refusal(stage, trial, error.message))
         advance(1)
-    times: list[list[np.ndarray]] = [[] for _ in trials]
+    times: dict[int, list[np.ndarray]] = {i: [] for i in errors}
     for _ in range(repeats):
-        for i in rng.permutation(len(trials)):
+        for i in rng.permutation(list(errors)):
             times[i].append(trials[i].run()[1])
             advance(1)
-    return [Result(stage, t, e, us) for t, e, us in zip(trials, errors, times, strict=True)]
+    return [Result(stage, trials[i], errors[i], times[i]) for i in errors], refused
