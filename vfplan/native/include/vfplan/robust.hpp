@@ -7,6 +7,8 @@
 // that keeps to all of them at height R; go along it until a sphere is met.
 #pragma once
 
+#include <utility>
+
 #include "vfplan/cone.hpp"
 #include "vfplan/contacts.hpp"
 #include "vfplan/escape.hpp"
