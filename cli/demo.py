@@ -90,8 +90,7 @@ def story(planned: dict[str, Any], metrics: dict[str, Any], folder: Path) -> str
         f"  FRE {mm(register['fre_rms_m'])} rms, worst marker {mm(worst)}; "
         f"predicted TRE of the curve {mm(register['tre_rms_m'])} rms.",
         f"The fixture has {register['points']} points, {mm(register['spacing_m'])} apart.",
-        f"  {register['left_out']['points']} points were left out; that moves its surface by at "
-        f"most {register['sampling_error_m'] * 1e6:.1f} um.",
+        f"  Sampling moves its surface by at most {register['sampling_error_m'] * 1e6:.1f} um.",
         f"A hand probed it from both sides for {metrics['duration_s']:.1f} s.",
         f"  {len(metrics['episodes'])} contacts in {metrics['ticks']} ticks; it went up to "
         f"{mm(metrics['penetration_max_m'])} past the proxy and was pushed back with up to "
