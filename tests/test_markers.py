@@ -238,6 +238,19 @@ def test_two_files_for_one_side_and_one_file_for_two(write):
         read_markers(both, robot)
 
 
+def test_a_table_may_end_its_lines_with_cr_alone(write):
+    table = "label,u_px,v_px,x_m,y_m,z_m\ra,1,2,3,4,5\rb,6,7,8,9,10\r"
+    pairs = read_markers(write("old.csv", table))
+    assert pairs.labels == ("a", "b")
+    assert pairs.target[1].tolist() == [8, 9, 10]
+
+
+@pytest.mark.parametrize("cell", ['"x1,1,2,3,4,5', "a" * 200_000])
+def test_text_that_is_no_csv_is_refused_and_not_guessed(write, cell):
+    with pytest.raises(MarkerError, match=r"bad\.csv: is no CSV: "):
+        read_markers(write("bad.csv", f"label,u_px,v_px,x_m,y_m,z_m\n{cell}\nx2,1,2,3,4,5\n"))
+
+
 def test_unreadable_files(write, tmp_path):
     robot = write("r.csv", ROBOT)
     for path, message in (

@@ -65,6 +65,11 @@ def test_polyline_open_and_closed(tmp_path):
     assert len(ring.fine(1.0)) == 160
 
 
+def test_a_polyline_may_end_its_lines_with_cr_alone(tmp_path):
+    (tmp_path / "c.csv").write_bytes(b"u_px,v_px\r1,2\r3,4\r")
+    assert read_vector_curve(tmp_path / "c.csv").points.tolist() == [[1, 2], [3, 4]]
+
+
 def test_a_curve_alone_is_in_the_patients_frame(tmp_path):
     made = extract(slicer(tmp_path, RING_MM, "ClosedCurve"), ExtractSettings())
     assert made.fixture.frame == "patient_lps"
@@ -136,7 +141,7 @@ def test_broken_slicer_files_are_refused(tmp_path, text):
     [
         "", "x,y\n1,2\n", "label,u_px,v_px\nx1,1,2\nx2,3,4\n", "u_px,v_px\n",
         "u_px,v_px\n1,2\n1,2\n", "u_px,v_px\n1\n2,3\n", "u_px,v_px\n1,nan\n2,3\n",
-        "u_px,v_px\na,b\n",
+        "u_px,v_px\na,b\n", 'u_px,v_px\n"1,2\n3,4\n',
     ],
 )  # fmt: skip
 def test_broken_polylines_are_refused(tmp_path, text):

@@ -5,9 +5,7 @@ Nothing is measured here: the points are taken as given, and no standard deviati
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -131,7 +129,9 @@ def _slicer(text: str, where: str) -> tuple[NDArray, bool, bool]:
 
 
 def _polyline(text: str, where: str) -> tuple[NDArray, bool, bool]:
-    rows = [row for row in csv.reader(io.StringIO(text)) if any(cell.strip() for cell in row)]
+    from vfplan.markers.points import table_rows
+
+    rows = table_rows(text, where)
     header = [name.strip() for name in rows[0]] if rows else []
     if header != ["u_px", "v_px"]:  # exactly: with a label it is a list of markers
         found = ",".join(header)[:60]

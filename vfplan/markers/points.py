@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections import Counter
 from dataclasses import dataclass
@@ -48,6 +50,18 @@ class MarkerPoints:
                     f"label {label!r} occurs {count} times; each marker may occur once",
                     where=self.where,
                 )
+
+
+def table_rows(text: str, where: str) -> list[list[str]]:
+    """The rows of a CSV that hold anything, whichever of LF, CRLF and CR ends its lines.
+
+    Raises `MarkerError` where the text is no CSV.
+    """
+    try:
+        rows = list(csv.reader(io.StringIO(text, newline=None), strict=True))
+    except csv.Error as error:
+        raise MarkerError(f"is no CSV: {error}", where=where) from None
+    return [row for row in rows if any(cell.strip() for cell in row)]
 
 
 def number(text: object, what: str, where: str) -> float:

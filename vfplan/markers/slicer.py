@@ -7,7 +7,6 @@ signs of x and y.
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import MarkerError
-from vfplan.markers.points import MarkerPoints, label_of, number
+from vfplan.markers.points import MarkerPoints, label_of, number, table_rows
 
 SCHEMA = re.compile(r".*markups-schema-v1\.[0-9]+\.[0-9]+\.json#*$", re.IGNORECASE)
 # Metres in one unit, by the code that a file may hold (plain, or as a UCUM code).
@@ -150,7 +149,7 @@ def parse_fcsv(text: str, where: str) -> MarkerPoints:
     columns = FCSV_COLUMNS if slicer4 else SLICER3_COLUMNS
     _check_columns(header.get("columns"), columns, where)
     sign = _fcsv_sign(header, slicer4, where)
-    rows = csv.reader(line for line in lines if line and not line.startswith("#"))
+    rows = table_rows("\n".join(line for line in lines if not line.startswith("#")), where)
     labels, positions = [], []
     for i, row in enumerate(rows, start=1):
         place = f"{where}, point {i}"

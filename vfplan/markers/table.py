@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import csv
-import io
-
 import numpy as np
 
 from vfplan.errors import MarkerError
-from vfplan.markers.points import MarkerPoints, label_of, number
+from vfplan.markers.points import MarkerPoints, label_of, number, table_rows
 
 IMAGE = ("u_px", "v_px")
 ROBOT = ("x_m", "y_m", "z_m")
@@ -31,7 +28,7 @@ def parse_table(text: str, where: str) -> list[MarkerPoints]:
     MarkerError
         A missing or doubled column, a missing cell, a value that is not a finite number.
     """
-    rows = [row for row in csv.reader(io.StringIO(text)) if any(cell.strip() for cell in row)]
+    rows = table_rows(text, where)
     if not rows:
         raise MarkerError(f"is empty; a CSV with a header is wanted ({ALLOWED})", where=where)
     header = [cell.strip().lower() for cell in rows[0]]
