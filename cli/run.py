@@ -64,12 +64,15 @@ def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.
             started = time.perf_counter()
             try:
                 report = function(**kwargs)
-            except VfplanError as error:
-                _fail(error.kind, error.message, error.where, error.exit_code, as_json, verbose)
-            except MemoryError:
-                _fail("MemoryError", "not enough memory for this input", None, 3, as_json, verbose)
             except BrokenPipeError:
                 sys.exit(1)
+            except VfplanError as error:
+                _fail(error.kind, error.message, error.where, error.exit_code, as_json, verbose)
+            except OSError as error:  # a device, a name or a folder that nobody foresaw
+                reason = error.strerror or type(error).__name__
+                _fail("OSError", reason, error.filename, 3, as_json, verbose)
+            except MemoryError:
+                _fail("MemoryError", "not enough memory for this input", None, 3, as_json, verbose)
             else:
                 _emit(report, time.perf_counter() - started, as_json, quiet)
 
@@ -120,15 +123,22 @@ def _fail(
 def refuse_existing(*paths: Path | None, overwrite: bool) -> None:
     """Check every output path before any work is done.
 
-    Raises `OutputError` when a path exists and `overwrite` is false, or its folder is missing.
+    Raises `OutputError` when a path exists and `overwrite` is false, its folder is missing, or two
+    outputs share one path, of which only the last would remain; or a path is no plain file.
     """
+    seen: set[Path] = set()
     for path in paths:
         if path is None:
             continue
+        if path.resolve() in seen:
+            raise OutputError("is given for two outputs; each needs its own", where=str(path))
+        seen.add(path.resolve())
         if path.exists() and not overwrite:
             raise OutputError("exists already; give --overwrite to replace it", where=str(path))
         if path.is_dir():
             raise OutputError("is a directory; a file is wanted", where=str(path))
+        if path.exists() and not path.is_file():  # moving a file there would unmake a device
+            raise OutputError("is a device or a pipe; a file is wanted", where=str(path))
         if not path.parent.is_dir():
             raise OutputError("its folder does not exist", where=str(path))
 
@@ -139,13 +149,20 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
 
     Yields one temporary path a given path (same folder, same suffix; `None` stays `None`); moves
     them into place when the block ends well and deletes them when it does not.
+
+    Raises `OutputError` where the system lets a file not be made or written.
     """
-    temporaries = tuple(p and _temporary_beside(p) for p in paths)
+    temporaries: tuple[Path | None, ...] = ()
     try:
+        temporaries = tuple(p and _temporary_beside(p) for p in paths)
         yield temporaries
         for path, temporary in zip(paths, temporaries, strict=True):
             if path is not None and temporary is not None:
                 os.replace(temporary, path)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        where = next((str(p) for p in paths if p is not None), None)
+        raise OutputError(f"cannot be written: {reason}", where=where) from error
     finally:
         for temporary in temporaries:
             if temporary is not None:

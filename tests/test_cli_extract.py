@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import cv2
 import numpy as np
 import pytest
@@ -105,6 +107,34 @@ def test_bad_input_is_exit_3_and_usage_exit_2(vfplan_cli, image, tmp_path):
     out.write_text("mine")
     assert vfplan_cli("extract", image, "-o", out).code == 2
     assert out.read_text() == "mine"
+
+
+def test_outputs_that_cannot_be_written_are_exit_2_in_one_line(vfplan_cli, image, tmp_path):
+    for out in ("/proc/curve.h5", tmp_path / ("x" * 250 + ".h5")):
+        done = vfplan_cli("extract", image, "-o", out, "--json", "-q")
+        assert done.code == 2
+        assert done.json["error"]["kind"] == "OutputError"
+        assert done.stderr.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == [image.name]
+
+
+def test_two_outputs_of_one_name_are_refused(vfplan_cli, image, tmp_path):
+    out = tmp_path / "c.h5"
+    again = tmp_path / "." / "c.h5"
+    for option in ("--mask-out", "--overlay-out"):
+        done = vfplan_cli("extract", image, "-o", out, option, again)
+        assert done.code == 2
+        assert "two outputs" in done.stderr
+    assert not out.exists()
+
+
+def test_an_output_never_takes_a_devices_place(vfplan_cli, image, tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    done = vfplan_cli("extract", image, "-o", pipe, "--overwrite")
+    assert done.code == 2
+    assert "a file is wanted" in done.error_line
+    assert pipe.is_fifo()
 
 
 def test_vector_curves(vfplan_cli, image, tmp_path):
