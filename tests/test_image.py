@@ -120,6 +120,20 @@ def test_truncated_files_are_refused(tmp_path, form, kept, capfd):
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.parametrize("at", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("damage", ["cut short, end marker kept", "marker in the data"])
+def test_a_jpeg_that_its_decoder_would_fill_in_is_refused(tmp_path, at, damage, capfd):
+    path = saved(tmp_path, "JPEG")
+    data = path.read_bytes()
+    start = data.index(b"\xff\xda")  # what comes after is the picture
+    cut = start + int(at * (len(data) - start))
+    rest = data[cut + 4 :] if damage == "marker in the data" else b""
+    path.write_bytes(data[:cut] + (b"\xff\xc1xx" + rest if rest else b"\xff\xd9"))
+    with pytest.raises(ImageError, match="the JPEG is damaged: "):
+        vfplan.read_image(path)
+    assert capfd.readouterr().err == ""
+
+
 def test_what_is_no_image_is_refused(tmp_path):
     with pytest.raises(ImageError, match="no such file"):
         vfplan.read_image(tmp_path / "absent.png")

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Sequence
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from vfplan.dicom import is_dicom, read_dicom
 from vfplan.errors import ImageError
 
 PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
+LIBJPEG_DAMAGE = ("Corrupt JPEG data", "Premature end of JPEG", "Invalid SOS", "Inconsistent prog")
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +137,13 @@ def _decode(data: bytes, where: str, frame: int | None) -> NDArray:
 
     buffer = np.frombuffer(data, np.uint8)
     try:
-        with _native_stderr_silenced():
+        with _native_stderr() as said:
             if _is_opaque(data) and frame in (None, 1):  # EXIF orientation is applied here
                 rgb = cv2.imdecode(buffer, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_ANYDEPTH)
             else:
                 rgb = _page(cv2.imdecodemulti(buffer, cv2.IMREAD_UNCHANGED)[1], where, frame)
                 rgb = _upright(rgb, data)
+            _refuse_damaged(data, said(), where)
     except cv2.error as error:
         raise ImageError(f"cannot be decoded: {error.err}", where=where) from None
     if rgb is None:
@@ -149,6 +153,13 @@ def _decode(data: bytes, where: str, frame: int | None) -> NDArray:
     if rgb.dtype not in (np.uint8, np.uint16):
         raise ImageError(f"has {rgb.dtype} samples; 8 or 16 bits are wanted", where=where)
     return rgb
+
+
+def _refuse_damaged(data: bytes, said: str, where: str) -> None:
+    # libjpeg makes up what it cannot decode, says so, and calls it a success.
+    damage = next((x for x in said.splitlines() if x.startswith(LIBJPEG_DAMAGE)), None)
+    if damage and data.startswith(JPEG):
+        raise ImageError(f"the JPEG is damaged: {damage}", where=where)
 
 
 def _is_opaque(data: bytes) -> bool:
@@ -193,22 +204,35 @@ def _upright(rgb: NDArray | None, data: bytes) -> NDArray | None:
     return np.ascontiguousarray(rgb)
 
 
+def _scratch() -> BinaryIO:
+    """A nameless file; in memory where the system can, so that no folder need be writable."""
+    if hasattr(os, "memfd_create"):
+        return os.fdopen(os.memfd_create("native stderr"), "w+b")
+    return cast("BinaryIO", tempfile.TemporaryFile())
+
+
 @contextmanager
-def _native_stderr_silenced() -> Iterator[None]:
-    """Keep libpng and others from writing to stderr; what they say is in the error raised."""
-    try:
-        saved = os.dup(2)
-    except OSError:  # there is no stderr
-        yield
-        return
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        yield
-    finally:
-        os.dup2(saved, 2)
-        os.close(saved)
-        os.close(nowhere)
+def _native_stderr() -> Iterator[Callable[[], str]]:
+    """Keep libpng, libjpeg and others off stderr; yields a function that tells what they said."""
+    with _scratch() as log:
+
+        def said() -> str:
+            log.seek(0)
+            return log.read().decode(errors="replace")
+
+        try:
+            saved = os.dup(2)
+        except OSError:  # there is no stderr
+            saved = None
+        try:
+            os.dup2(log.fileno(), 2)
+            yield said
+        finally:
+            if saved is None:
+                os.close(2)
+            else:
+                os.dup2(saved, 2)
+                os.close(saved)
 
 
 def _over_black(bgra: NDArray) -> NDArray:
