@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
+from conftest import ROOT
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from vfplan.errors import SettingError
 from vfplan.sampling import sample_curve
+from vfplan.spacing import MOST_POINTS
 
 R = 5e-3
 PIXEL = 0.6e-3
@@ -74,6 +78,55 @@ def test_the_promise_holds_and_is_not_wasteful(name, tolerance):
     measured = deviation(fine, closed, sampled)
     assert measured <= tolerance * 1.02
     assert measured >= 0.3 * tolerance
+
+
+def dimple(fine, closed, sampled):
+    """How deep a ray from the curve along its normal may end below R in the union [m]."""
+    ring = np.vstack([fine, fine[:1]]) if closed else fine
+    spline = CubicSpline(np.arange(len(ring)), ring, bc_type="periodic" if closed else "not-a-knot")
+    at = np.linspace(0, len(ring) - 1, 4001)
+    tangent = spline(at, 1)
+    normal = np.cross(tangent, [0, 0, 1.0])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    to_centre = sampled.points[None] - spline(at)[:, None]
+    deepest = 0.0
+    for side in (normal, -normal):
+        along = np.einsum("mnk,mk->mn", to_centre, side)
+        inside = along**2 - (to_centre**2).sum(2) + R**2
+        reach = np.where(inside >= 0, along + np.sqrt(np.maximum(inside, 0)), 0.0)
+        deepest = max(deepest, R - float(reach.max(1).min()))
+    return deepest
+
+
+@pytest.mark.parametrize("name", ["line", "circle 20 mm", "gentle wave"])
+@pytest.mark.parametrize("tolerance", [1e-5, 2e-4, 1e-3, 4e-3])
+def test_the_promise_holds_where_spheres_barely_meet(name, tolerance):
+    """There h²/8R is too little: at h = 1.8 R the dimple is 0.56 R deep, and h²/8R only 0.4 R."""
+    fine, closed = CURVES[name]
+    sampled = sample_curve(fine, closed, radius_m=R, tolerance_m=tolerance)
+    assert sampled.sampling_error_m <= tolerance * (1 + 1e-9)
+    assert dimple(fine, closed, sampled) <= sampled.sampling_error_m * 1.001
+
+
+@pytest.mark.parametrize("gap", [0.5, 1.0, 1.9])
+def test_the_bound_holds_at_any_density(gap):
+    fine, closed = CURVES["line"]
+    sampled = sample_curve(fine, closed, radius_m=R, density_per_m=1 / (gap * R))
+    measured = dimple(fine, closed, sampled)
+    assert measured == pytest.approx(sampled.sampling_error_m, rel=0.01)
+
+
+def test_spheres_that_do_not_meet_cost_the_whole_radius():
+    sampled = sample_curve(*CURVES["line"], radius_m=R, density_per_m=1 / (3 * R))
+    assert sampled.sampling_error_m == pytest.approx(R)
+
+
+@pytest.mark.parametrize("asked", [{"density_per_m": 1e12}, {"tolerance_m": 1e-18}], ids=str)
+def test_more_points_than_a_bundle_holds_are_refused_at_once(asked):
+    sizes = json.loads((ROOT / "schemas" / "bundle-1.0.json").read_text())["sizes"]
+    assert sizes["N"]["max"] == MOST_POINTS
+    with pytest.raises(SettingError, match="at most 4000000"):
+        sample_curve(*CURVES["line"], radius_m=R, **asked)
 
 
 def test_the_straight_formula_alone_breaks_it_at_a_tight_bend():

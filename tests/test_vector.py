@@ -142,6 +142,7 @@ def test_broken_slicer_files_are_refused(tmp_path, text):
         "", "x,y\n1,2\n", "label,u_px,v_px\nx1,1,2\nx2,3,4\n", "u_px,v_px\n",
         "u_px,v_px\n1,2\n1,2\n", "u_px,v_px\n1\n2,3\n", "u_px,v_px\n1,nan\n2,3\n",
         "u_px,v_px\na,b\n", 'u_px,v_px\n"1,2\n3,4\n',
+        "u_px,v_px\n1,1\n1e300,2\n",
     ],
 )  # fmt: skip
 def test_broken_polylines_are_refused(tmp_path, text):
@@ -149,6 +150,11 @@ def test_broken_polylines_are_refused(tmp_path, text):
     path.write_text(text)
     with pytest.raises(CurveError):
         read_vector_curve(path)
+
+
+def test_a_curve_of_too_many_points_is_refused_before_it_takes_the_memory(tmp_path):
+    with pytest.raises(CurveError, match="at most 4000000"):
+        extract(polyline(tmp_path, [(0, 0), (5e8, 0)]), ExtractSettings())
 
 
 def test_a_missing_or_binary_file_is_refused(tmp_path):

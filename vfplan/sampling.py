@@ -2,9 +2,17 @@
 
 A sphere of radius R on every point stands for the tube that the same sphere sweeps along the curve.
 Between two points a distance h apart the union falls short of the tube by the dimple depth; on the
-convex side of a bend of curvature κ by about h²/8 · (1/R + |κ|). So a tolerance τ allows
+convex side of a bend of curvature κ by at most
 
-    h(s) = √(8 τ / (1/R + |κ(s)|)).
+    d = R − √(R² − h²/4) + |κ| h²/8,
+
+the dimple of a straight line and the sagitta of the bend; R and the sagitta once the spheres no
+longer meet. For small h that is h²/8 · (1/R + |κ|). A tolerance τ allows
+
+    h(s) = √(8 τ / (1/(R − τ/2) + |κ(s)|)),
+
+with which d ≤ τ exactly, since R − √(R² − h²/4) = h²/4 / (R + √(R² − h²/4)) and the root is at
+least R − τ; spheres that do not touch hold no tolerance, so τ counts up to R.
 
 The straight-line formula alone, κ = 0, misses by a factor of 3.5 at a 2 mm bend (R = 5 mm).
 """
@@ -18,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
+from vfplan.spacing import MOST_POINTS
 
 DENSE = 4  # steps in each interval of the fine curve
 
@@ -95,14 +104,15 @@ def sample_curve(
     Raises
     ------
     SettingError
-        A radius, tolerance or density that is not positive and finite; fewer than two points, or
-        points that are not finite.
+        A radius, tolerance or density that is not positive and finite, or that takes more points
+        than a bundle holds; fewer than two points, or points that are not finite.
     """
     points = _checked(points_m, radius_m, tolerance_m, density_per_m)
     curve = _Fine.of(points, closed)
     if density_per_m is None:
+        kept = min(tolerance_m, radius_m)
         wanted = _least_nearby(
-            np.sqrt(8 * tolerance_m / (1 / radius_m + curve.kappa)), curve.arc, closed
+            np.sqrt(8 * kept / (1 / (radius_m - kept / 2) + curve.kappa)), curve.arc, closed
         )
     else:
         wanted = np.full(len(curve.arc), 1 / density_per_m)
@@ -177,6 +187,11 @@ def _places(arc: NDArray, wanted: NDArray, closed: bool) -> NDArray:
     density = 1 / wanted
     steps = np.diff(arc)
     count = np.r_[0.0, np.cumsum(steps * np.maximum(density[1:], density[:-1]))]
+    if not count[-1] < MOST_POINTS:
+        raise SettingError(
+            f"the spacing asked for takes {count[-1]:.3g} points over {arc[-1]:.3g} m; at most "
+            f"{MOST_POINTS} fit into a bundle"
+        )
     whole = max(1, int(np.ceil(count[-1] - 1e-9)))
     if closed:
         whole = max(3, whole)
@@ -185,9 +200,10 @@ def _places(arc: NDArray, wanted: NDArray, closed: bool) -> NDArray:
 
 
 def _bound(at: NDArray, gaps: NDArray, curve: _Fine, radius: float) -> float:
-    """h²/8 · (1/R + |κ|), the largest over all gaps [m]."""
+    """R − √(R² − h²/4) + |κ| h²/8, the largest over all gaps [m]."""
     gap = np.minimum(np.searchsorted(at, curve.arc, side="right") - 1, len(gaps) - 1)
-    return float((gaps[gap] ** 2 / 8 * (1 / radius + curve.kappa)).max())
+    dimple = radius - np.sqrt(np.maximum(radius**2 - gaps**2 / 4, 0.0))
+    return float((dimple[gap] + gaps[gap] ** 2 / 8 * curve.kappa).max())
 
 
 def _tight_bends(curve: _Fine, radius: float) -> tuple[TightBend, ...]:

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, MarkerError
+from vfplan.spacing import MOST_POINTS
 
 FINE_M = 2.5e-4  # of a curve in the patient: a point every quarter of a millimetre
 OUT_OF_PLANE_M = 1e-3  # a curve further than this from the slice was not drawn on it
+FURTHEST = 1e9  # pixels or metres; nothing real is, and squares of more overflow in the end
 KINDS = {"Curve": False, "ClosedCurve": True}
 
 
@@ -41,9 +43,16 @@ class VectorCurve:
     sha256: str
 
     def fine(self, step: float) -> NDArray[np.float64]:
-        """(K, 2|3) points along the curve, `step` apart in arc length, ends included."""
+        """(K, 2|3) points along the curve, `step` apart in arc length, ends included.
+
+        Raises `CurveError` where these are more than a bundle holds.
+        """
         ring = np.vstack([self.points, self.points[:1]]) if self.closed else self.points
         at = _chords(ring)
+        if not at[-1] / step < MOST_POINTS:
+            raise CurveError(
+                f"is a curve of {at[-1] / step:.3g} points; at most {MOST_POINTS} fit into a bundle"
+            )
         dense = np.linspace(0, at[-1], max(64, 8 * round(at[-1] / step)) + 1)
         line = self._through(at, ring, dense)
         arc = _chords(line)
@@ -150,6 +159,11 @@ def _polyline(text: str, where: str) -> tuple[NDArray, bool, bool]:
 def _distinct(points: NDArray, closed: bool, where: str) -> NDArray:
     if not np.isfinite(points).all():
         raise CurveError("holds a point that is not finite", where=where)
+    if np.abs(points).max(initial=0.0) > FURTHEST:
+        raise CurveError(
+            f"holds a coordinate of {np.abs(points).max():g}; at most {FURTHEST:g} is allowed",
+            where=where,
+        )
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     points = points[np.r_[True, steps > 0]] if len(points) else points
     least = 3 if closed else 2
