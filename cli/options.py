@@ -55,7 +55,8 @@ class Numbers(click.ParamType):
             self.fail(f"{value!r} has {len(numbers)} numbers; {allowed} wanted", param, ctx)
         # Written so that NaN fails too.
         if not all(abs(x) < float("inf") and (x > 0 or not self.positive) for x in numbers):
-            self.fail(f"{value!r} holds a number that is not finite and positive", param, ctx)
+            wanted = "finite and above 0" if self.positive else "finite"
+            self.fail(f"{value!r} holds a number that is not {wanted}", param, ctx)
         return numbers
 
 
@@ -101,6 +102,7 @@ CURVE_OPTIONS = [
     click.option("--method", type=click.Choice(["ridge", "skeleton", "mask"]), default="ridge",
                  show_default=True, help="Sub-pixel ridge, bare skeleton, or every mask pixel."),
     click.option("--roi", type=Numbers(4, metavar="U,V,W,H", positive=False),
+                 callback=lambda c, p, v: _whole_pixels(v),
                  help="Look only in this rectangle of pixels."),
     click.option("--stroke", metavar="all|longest|N", callback=lambda c, p, v: _stroke(c, p, v),
                  help="Which of several candidates is the curve."),
@@ -163,6 +165,13 @@ def _stroke(ctx: click.Context, param: click.Parameter, value: str | None) -> st
     raise click.BadParameter(f"{value!r} is neither 'all', 'longest' nor a stroke's number")
 
 
+def _whole_pixels(value: tuple[float, ...] | None) -> tuple[int, ...] | None:
+    if value is not None and not all(x.is_integer() for x in value):
+        shown = ",".join(f"{x:g}" for x in value)
+        raise click.BadParameter(f"'{shown}' holds a part of a pixel; whole ones are wanted")
+    return value and tuple(map(int, value))
+
+
 def curve_options(function: F) -> F:
     """The options of `CURVE_OPTIONS`; collect them with `extract_settings`."""
     return _apply(CURVE_OPTIONS)(function)
@@ -177,10 +186,9 @@ def extract_settings(given: dict[str, Any], **more: Any) -> Any:
     """`vfplan.pipeline.ExtractSettings` from a command's arguments."""
     from vfplan.pipeline import ExtractSettings
 
-    roi = given["roi"] and tuple(round(x) for x in given["roi"])
-    names = ("colour", "pixel_spacing_mm", "method", "stroke", "max_gap_px", "frame")
+    names = ("colour", "pixel_spacing_mm", "method", "roi", "stroke", "max_gap_px", "frame")
     more["imager_spacing"] = given["imager_spacing"] or None
-    return ExtractSettings(**{n: given[n] for n in names}, roi=roi, **more)
+    return ExtractSettings(**{n: given[n] for n in names}, **more)
 
 
 def fixture_settings(given: dict[str, Any]) -> Any:

@@ -101,6 +101,10 @@ def test_bad_input_is_exit_3_and_usage_exit_2(vfplan_cli, image, tmp_path):
     assert vfplan_cli("extract", tmp_path, "-o", out).code == 3
     assert vfplan_cli("extract", image, "-o", out, "--colour", "grey").code == 2
     assert vfplan_cli("extract", image, "-o", out, "--roi", "1,2").code == 2
+    part = vfplan_cli("extract", image, "-o", out, "--roi", "0.4,0,100,100")
+    assert (part.code, "whole" in part.error_line) == (2, True)
+    nan = vfplan_cli("extract", image, "-o", out, "--roi", "nan,0,100,100")
+    assert (nan.code, "positive" in nan.error_line) == (2, False)
     assert vfplan_cli("extract", image, "-o", out, "--stroke", "some").code == 2
     assert vfplan_cli("extract", image, "-o", out, "--method", "magic").code == 2
     assert not out.exists()
