@@ -197,6 +197,8 @@ def fixture_settings(given: dict[str, Any]) -> Any:
 
     if given["tolerance_mm"] and given["density_per_mm"]:
         raise click.UsageError("--tolerance and --density exclude each other; give one")
+    if given["margin"] is None and given["margin_side"] != "both":
+        raise click.UsageError("--margin-side adds nothing by itself; give --margin tre95 too")
     density = given["density_per_mm"]
     return FixtureSettings(
         model=given["model"],

@@ -177,6 +177,15 @@ def test_margin_to_both_sides_and_to_one(vfplan_cli, curve, tmp_path):
     assert (run.code, run.json["error"]["kind"]) == (2, "SettingError")
 
 
+def test_a_side_without_a_margin_is_refused(vfplan_cli, curve, tmp_path):
+    """Who names a side wants a margin; a fixture without one would be taken for one with it."""
+    out = tmp_path / "f.h5"
+    run = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", out, "--margin-side", "left")
+    assert run.code == 2
+    assert "--margin tre95" in run.error_line
+    assert not out.exists()
+
+
 def test_markers_are_found_in_the_slice(vfplan_cli, curve, tmp_path):
     head, lines = rows(PIXELS)
     rough = write(
