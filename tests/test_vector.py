@@ -165,6 +165,27 @@ def test_a_missing_or_binary_file_is_refused(tmp_path):
         read_vector_curve(tmp_path / "b.csv")
 
 
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"colour": "blue"}, {"method": "mask"}, {"stroke": 2}, {"roi": (0, 0, 5, 5)},
+        {"max_gap_px": 5.0},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_setting_of_pens_is_refused_and_not_ignored(tmp_path, given):
+    path = polyline(tmp_path, [(5, 5), (50, 5)])
+    for image, curve in ((path, None), (capture(tmp_path), path)):
+        with pytest.raises(SettingError, match="no effect on a vector curve"):
+            extract(image, ExtractSettings(**given), curve=curve)
+
+
+def test_a_setting_of_images_is_refused_for_a_curve_alone(tmp_path):
+    path = polyline(tmp_path, [(5, 5), (50, 5)])
+    with pytest.raises(SettingError, match="pixel_spacing_mm"):
+        extract(path, ExtractSettings(pixel_spacing_mm=(0.5, 0.5)))
+
+
 def test_a_density_for_pixels_alone_is_refused(tmp_path):
     path = polyline(tmp_path, [(5, 5), (50, 5)])
     with pytest.raises(SettingError, match="pixel spacing"):

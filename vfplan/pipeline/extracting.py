@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from vfplan.centreline import Extraction, Stroke
     from vfplan.image import PlannedImage
 
+# Settings that only a pen's drawing, and only an image, can follow.
+OF_A_PEN = ("colour", "method", "stroke", "roi", "max_gap_px")
+OF_AN_IMAGE = ("pixel_spacing_mm", "frame", "imager_spacing")
+
 
 @dataclass(frozen=True, eq=False)
 class Extracted:
@@ -55,7 +59,10 @@ def extract(
     from vfplan.image import read_image
     from vfplan.vector import is_vector
 
+    if curve is not None or is_vector(path):
+        _refuse_settings(settings, OF_A_PEN)
     if is_vector(path):
+        _refuse_settings(settings, OF_AN_IMAGE)
         return _vector_alone(path, settings)
     image = read_image(
         path,
@@ -77,6 +84,14 @@ def extract(
     fixture = planned_curve(extraction, image, settings, inputs=inputs)
     report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
     return Extracted(fixture, image, extraction, report, tuple(extraction.warnings))
+
+
+def _refuse_settings(settings: ExtractSettings, names: tuple[str, ...]) -> None:
+    """A setting that a vector curve leaves without effect would be taken for one that had it."""
+    for name in names:
+        value = getattr(settings, name)
+        if value != getattr(ExtractSettings(), name):
+            raise SettingError(f"{name} {value!r} has no effect on a vector curve; leave it out")
 
 
 def _drawn_with_a_pen(image: PlannedImage, settings: ExtractSettings) -> Extraction:
