@@ -123,9 +123,11 @@ def _fail(
 def refuse_existing(*paths: Path | None, overwrite: bool) -> None:
     """Check every output path before any work is done.
 
-    Raises `OutputError` when a path exists and `overwrite` is false, its folder is missing, or two
-    outputs share one path, of which only the last would remain; or a path is no plain file.
+    Raises `OutputError` when a path exists and `overwrite` is false, its folder is missing, it is
+    no plain file, two outputs share it, of which only the last would remain, or it is also an input
+    of this call: no `--overwrite` allows that.
     """
+    inputs = _inputs(paths)
     seen: set[Path] = set()
     for path in paths:
         if path is None:
@@ -133,6 +135,8 @@ def refuse_existing(*paths: Path | None, overwrite: bool) -> None:
         if path.resolve() in seen:
             raise OutputError("is given for two outputs; each needs its own", where=str(path))
         seen.add(path.resolve())
+        if path.resolve() in inputs:
+            raise OutputError("is an input of this call; another name wanted", where=str(path))
         if path.exists() and not overwrite:
             raise OutputError("exists already; give --overwrite to replace it", where=str(path))
         if path.is_dir():
@@ -141,6 +145,14 @@ def refuse_existing(*paths: Path | None, overwrite: bool) -> None:
             raise OutputError("is a device or a pipe; a file is wanted", where=str(path))
         if not path.parent.is_dir():
             raise OutputError("its folder does not exist", where=str(path))
+
+
+def _inputs(outputs: tuple[Path | None, ...]) -> set[Path]:
+    """The other paths that the running command was called with."""
+    context = click.get_current_context(silent=True)
+    given = [] if context is None else context.params.values()
+    paths = [value for value in given if isinstance(value, Path)]
+    return {path.resolve() for path in paths if not any(path is out for out in outputs)}
 
 
 @contextmanager

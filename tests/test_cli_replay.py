@@ -71,6 +71,18 @@ def test_nothing_is_overwritten(vfplan_cli, files, tmp_path):
     assert vfplan.read_result(out)[1]["rule"] == "paper"
 
 
+def test_inputs_are_never_replaced(vfplan_cli, files, tmp_path):
+    fixture, session = tmp_path / "f.h5", tmp_path / "s.csv"
+    for path, source in zip((fixture, session), files, strict=True):
+        path.write_bytes(source.read_bytes())
+    for option, path in (("-o", fixture), ("-o", session), ("--csv", session)):
+        run = vfplan_cli("replay", fixture, session, option, path, "--overwrite")
+        assert run.code == 2
+        assert "is an input of this call" in run.error_line
+    assert (fixture.read_bytes(), session.read_bytes()) == tuple(p.read_bytes() for p in files)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["f.h5", "s.csv"]
+
+
 @pytest.mark.parametrize(
     "text", ["", "t,x,y,z\n0,1,2,3\n", "t,x,y\n0,1,2\n", "t,x,y,z\n0,1,2,3\n1,nan,2,3\n"]
 )
