@@ -66,7 +66,8 @@ def read_csv(path: Path, factor: float) -> Iterator[Pair]:
 
 def _parse(text: bytes, columns: int, name: str, line: int) -> Array:
     """(n, columns) numbers; a block that is not plain is read again line by line."""
-    body = text.replace(b"\r", b"").rstrip(b"\n")
+    # A carriage return elsewhere than before a newline stays, and makes its line a bad one.
+    body = (text + b"\n").replace(b"\r\n", b"\n").rstrip(b"\n")
     if _plain(body, columns):
         with warnings.catch_warnings():
             # NumPy tells of text it could not read by a DeprecationWarning.
@@ -100,6 +101,8 @@ def _parse_slowly(body: bytes, columns: int, name: str, line: int) -> Array:
         if len(fields) != columns:
             _refuse(f"{len(fields)} fields; {columns} wanted", name, number)
         try:
+            if b"_" in text:  # Python's own notation for long numbers, not a CSV's
+                raise ValueError
             rows.append([float(field) for field in fields])
         except ValueError:
             shown = text[:60].decode("utf-8", "replace")
