@@ -89,6 +89,8 @@ BAD_CSV = {
     "short line": ("t,x,y,z\n" + ROW + "1,2,3\n", "3 fields; 4"),
     "long line": ("t,x,y,z\n" + ROW + "1,2,3,4,5\n", "5 fields; 4"),
     "words": ("t,x,y,z\n" + ROW + "1,two,3,4\n", "is not 4 numbers"),
+    "underscore": ("t,x,y,z\n" + ROW + "1,1_0,3,4\n", "is not 4 numbers"),
+    "lone return": ("t,x,y,z\n" + ROW + "1.0\r5,2,3,4\n", "is not 4 numbers"),
     "empty field": ("t,x,y,z\n" + ROW + "1,,3,4\n", "is not 4 numbers"),
     "comma for newline": ("t,x,y,z\n" + "0,1,2,3,1,2,3,4\n", "8 fields; 4"),
     "semicolons": ("t;x;y;z\n0;1;2;3\n", "column 't' occurs 0 times"),
@@ -156,6 +158,50 @@ def test_pickled_and_cut_archives_are_refused(tmp_path):
         read_session(path)
 
 
+def test_damaged_archives_are_refused(tmp_path):
+    time, hip = recording(500)
+    for name, save in (("s.npz", np.savez), ("packed.npz", np.savez_compressed)):
+        save(tmp_path / name, time=time, hip=hip)
+    plain, packed = ((tmp_path / n).read_bytes() for n in ("s.npz", "packed.npz"))
+    head, entry = plain.find(b"PK\x03\x04"), plain.find(b"PK\x01\x02")
+    encrypted, method, garbled, stream = (bytearray(b) for b in (plain, plain, plain, packed))
+    encrypted[head + 6] |= 1
+    encrypted[entry + 8] |= 1
+    method[head + 8] = method[entry + 10] = 99
+    garbled[plain.find(b"{'descr'") : plain.find(b"'shape'")] = b"{" * 40
+    stream[200:400] = b"\x55" * 200
+    for number, damaged in enumerate((encrypted, method, garbled, stream)):
+        path = tmp_path / f"{number}.npz"
+        path.write_bytes(damaged)
+        with pytest.raises(SessionError, match=r"cannot be read as \.npz|ends before"):
+            read_session(path)
+
+
+def test_empty_dataspace_is_refused(tmp_path):
+    with h5py.File(tmp_path / "s.h5", "w") as file:
+        file["time"] = file["hip"] = h5py.Empty("f8")
+    with pytest.raises(SessionError, match="'time' is not a plain dataset"):
+        read_session(tmp_path / "s.h5")
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "value", "message"),
+    [
+        ("/", "units", np.bytes_("mm"), "units = 'mm' .attribute units of /."),
+        ("hip", "units", "mm", "units = 'mm' .attribute units of /hip."),
+        ("hip", "unit", "mm", "units = 'mm'"),
+        ("hip", "frame", "camera", "frame = 'camera'"),
+        ("time", "unit", "ms", "time unit = 'ms' .*, the call 's'"),
+    ],
+)
+def test_units_are_heeded_wherever_a_file_states_them(tmp_path, place, name, value, message):
+    with h5py.File(tmp_path / "s.h5", "w") as file:
+        file["time"], file["hip"] = np.arange(3.0), np.ones((3, 3))
+        file[place].attrs[name] = value
+    with pytest.raises(SessionError, match=message):
+        read_session(tmp_path / "s.h5")
+
+
 def test_hdf5_that_points_elsewhere_is_refused(tmp_path):
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["hip"] = np.zeros((3, 3))
@@ -170,7 +216,7 @@ def test_a_file_may_state_its_frame_and_units(tmp_path):
     with h5py.File(tmp_path / "s.h5", "w") as file:
         file["time"], file["hip"] = np.arange(3.0), np.ones((3, 3))
         file.attrs["units"], file.attrs["frame"] = "mm", "robot_base"
-    with pytest.raises(SessionError, match="the file says units = 'mm', the call 'm'"):
+    with pytest.raises(SessionError, match=r"the file says units = 'mm' .*, the call 'm'"):
         read_session(tmp_path / "s.h5")
     assert read_session(tmp_path / "s.h5", units="mm").hip[0, 0] == 1e-3
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import lzma
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +18,18 @@ from vfplan.errors import SessionError
 from vfplan.session.types import BLOCK, Array, Pair
 
 _NAMES = ("time", "hip")
+# What zipfile, its decompressors and NumPy's header reader raise on damaged archives.
+_DAMAGED = (
+    OSError,
+    EOFError,
+    ValueError,
+    SyntaxError,
+    RuntimeError,
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    tokenize.TokenError,
+)
 
 
 def _check_shapes(time: Any, hip: Any, where: str) -> int:
@@ -39,8 +54,13 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         raise SessionError(f"cannot be read as HDF5: {error}", where=path.name) from None
 
 
-def hdf5_header(path: Path) -> tuple[int, dict[str, str]]:
-    """The length T and the text attributes of the root (`units`, `frame` when they are there).
+def hdf5_header(path: Path) -> tuple[int, list[tuple[str, str, str]]]:
+    """The length T, and what the file states of itself.
+
+    Returns
+    -------
+    T, and (what, value, where it stands): "units" or "frame" of the root or of `hip`, "time unit"
+    of `time`. Attributes `unit` and `units` mean the same.
 
     Raises
     ------
@@ -50,8 +70,23 @@ def hdf5_header(path: Path) -> tuple[int, dict[str, str]]:
     with _opened(path) as file:
         pair = [_dataset(file, name, path.name) for name in _NAMES]
         length = _check_shapes(*((d.shape, d.dtype) for d in pair), where=path.name)
-        text = {k: v for k, v in file.attrs.items() if isinstance(v, str)}
-    return length, text
+        stated = [
+            *_stated(file, {"units": "units", "unit": "units", "frame": "frame"}),
+            *_stated(pair[1], {"units": "units", "unit": "units", "frame": "frame"}),
+            *_stated(pair[0], {"units": "time unit", "unit": "time unit"}),
+        ]
+    return length, stated
+
+
+def _stated(place: h5py.Group | h5py.Dataset, names: dict[str, str]) -> list[tuple[str, str, str]]:
+    found = []
+    for name, meaning in names.items():
+        if name in place.attrs:
+            value = place.attrs[name]
+            # HDF5 holds text of fixed and of variable length; h5py gives bytes and str.
+            text = value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+            found.append((meaning, text, f"attribute {name} of {place.name}"))
+    return found
 
 
 def _dataset(file: h5py.File, name: str, where: str) -> h5py.Dataset:
@@ -62,7 +97,8 @@ def _dataset(file: h5py.File, name: str, where: str) -> h5py.Dataset:
             f"has no dataset {name!r} (holds {held[:80]}); time, hip wanted", where=where
         )
     found = file[name]
-    if not isinstance(found, h5py.Dataset) or found.external or found.is_virtual:
+    plain = isinstance(found, h5py.Dataset) and found.shape is not None
+    if not plain or found.external or found.is_virtual:
         raise SessionError(f"{name!r} is not a plain dataset; time, hip wanted", where=where)
     return found
 
@@ -107,7 +143,7 @@ def _npz_members(path: Path) -> Iterator[tuple[tuple[IO[bytes], tuple[int, ...],
                         where=path.name,
                     )
             yield tuple(_member(archive.open(f"{name}.npy"), name, path.name) for name in _NAMES)
-    except (OSError, zipfile.BadZipFile, EOFError, ValueError) as error:
+    except _DAMAGED as error:
         raise SessionError(f"cannot be read as .npz: {error}", where=path.name) from None
 
 

@@ -69,8 +69,8 @@ def open_session(
     digest = _sha256(path)
     notes: dict[str, object] = {}
     if magic.startswith(_HDF5_MAGIC):
-        length, attrs = hdf5_header(path)
-        _agree(attrs, {"units": units, "frame": frame}, path.name)
+        length, stated = hdf5_header(path)
+        _agree(stated, {"units": units, "frame": frame, "time unit": "s"}, path.name)
         read, kind = functools.partial(read_hdf5, path, factor), "hdf5"
     elif magic.startswith(_ZIP_MAGIC):
         length = npz_header(path)
@@ -99,11 +99,12 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _agree(stated: dict[str, str], asked: dict[str, str], where: str) -> None:
+def _agree(stated: list[tuple[str, str, str]], asked: dict[str, str], where: str) -> None:
     """What a file says of itself is never overruled in silence."""
-    for name, wanted in asked.items():
-        if stated.get(name, wanted) != wanted:
+    for name, value, place in stated:
+        if value != asked[name]:
             raise SessionError(
-                f"the file says {name} = {stated[name]!r}, the call {wanted!r}; they must agree",
+                f"the file says {name} = {value!r} ({place}), the call {asked[name]!r}; "
+                "they must agree",
                 where=where,
             )
