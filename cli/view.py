@@ -49,11 +49,7 @@ def command(
     if at_s is not None and (screenshot is None or result is None):
         raise click.UsageError("--at needs --screenshot and RESULT.h5")
     refuse_existing(screenshot, movie, overwrite=overwrite)
-    from vfplan.bundle import read_fixture
-    from vfplan.session import read_result
-
-    cloud = read_fixture(fixture)
-    ticks = None if result is None else read_result(result)[0]
+    cloud, ticks = _read(fixture, result)
     from vfplan import view3d
 
     if screenshot is None and movie is None:
@@ -68,3 +64,17 @@ def command(
     if ticks is not None:
         data["ticks"] = len(ticks)
     return Report(data, "\n".join(f"wrote {name}" for name in written))
+
+
+def _read(fixture: Path, result: Path | None) -> tuple[Any, Any]:
+    """The fixture, and the ticks of a result that was made with it."""
+    from vfplan.bundle import read_bundle
+    from vfplan.bundle.content import from_content
+    from vfplan.session import read_result, require_fixture
+
+    content, seal = read_bundle(fixture)
+    if result is None:
+        return from_content(content), None
+    ticks, attrs = read_result(result)
+    require_fixture(attrs, seal.sha256.hex(), result.name)
+    return from_content(content), ticks

@@ -14,6 +14,7 @@ from vfplan.session.result import (
     ResultWriter,
     TickBlock,
     read_result,
+    require_fixture,
     write_result,
 )
 from vfplan.session.ros import RosOptions
@@ -34,6 +35,7 @@ __all__ = [
     "open_session",
     "read_result",
     "read_session",
+    "require_fixture",
     "resampled",
     "write_result",
 ]

@@ -189,7 +189,37 @@ def result_blocks(path: str | Path, *, group: str = "") -> Iterator[TickBlock]:
         length = len(datasets["time"])
         for start in range(0, length, BLOCK):
             part = slice(start, start + BLOCK)
-            yield TickBlock(**{name: d[part] for name, d in datasets.items()})
+            try:
+                block = TickBlock(**{name: d[part] for name, d in datasets.items()})
+            except OSError as error:  # a checksum of HDF5 that does not hold, a file cut short
+                raise InputError(f"cannot be read: {error}", where=Path(path).name) from None
+            yield block
+
+
+def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
+    """Check that a result was made with a bundle.
+
+    Parameters
+    ----------
+    attrs
+        The result's root attributes. One that names no bundle was replayed from arrays: it passes.
+    sha256
+        The bundle's digest, hexadecimal.
+    where
+        The result's name.
+
+    Raises
+    ------
+    InputError
+        Another digest.
+    """
+    made_with = json.loads(attrs.get("fixture", "{}")).get("sha256", sha256)
+    if made_with != sha256:
+        raise InputError(
+            f"was replayed against the fixture with SHA-256 {made_with[:12]}..., this one has "
+            f"{sha256[:12]}...; the same fixture wanted",
+            where=where,
+        )
 
 
 class _opened:  # noqa: N801 - used as a `with` statement reads
