@@ -245,6 +245,8 @@ def test_resampling_is_linear_and_does_not_depend_on_blocks(rate):
     np.testing.assert_allclose(session.time, time[0] + np.arange(ticks) / rate, rtol=1e-12)
     for i in range(3):
         np.testing.assert_allclose(session.hip[:, i], np.interp(session.time, time, hip[:, i]))
+    with pytest.raises(SettingError, match=r"rate 1e\+12 Hz; above 0 and at most 1e\+06"):
+        resampled(Session(time, hip), 1e12)
     with pytest.raises(SettingError, match="rate 0"):
         resampled(session, 0.0)
 

@@ -9,6 +9,8 @@ import numpy as np
 from vfplan.errors import SettingError
 from vfplan.session.types import BLOCK, Pair, SessionStream, Source
 
+FASTEST_HZ = 1e6  # far above any arm's; a rate mistyped by six zeros would fill the memory
+
 
 def resampled(session: Source, rate_hz: float) -> SessionStream:
     """The session at t0, t0 + 1/rate, ... up to its last sample, by linear interpolation.
@@ -23,10 +25,10 @@ def resampled(session: Source, rate_hz: float) -> SessionStream:
     Raises
     ------
     SettingError
-        A rate that is not finite and positive.
+        A rate that is not above 0 and at most 1 MHz.
     """
-    if not 0 < rate_hz < np.inf:
-        raise SettingError(f"rate {rate_hz} Hz; a finite number above 0 wanted")
+    if not 0 < rate_hz <= FASTEST_HZ:
+        raise SettingError(f"rate {rate_hz:g} Hz; above 0 and at most {FASTEST_HZ:g} wanted")
     return SessionStream(
         lambda: _interpolated(session, rate_hz),
         session.name,
