@@ -11,6 +11,8 @@ import vfplan
 from vfplan.rendering import ProxyParameters, dimple_depth
 from vfplan.replay import replay
 from vfplan.scenes import SCENES
+from vfplan.scenes.god_object import follow
+from vfplan.scenes.pieces import Segments
 from vfplan.session import Session, read_session
 
 K = 1000.0
@@ -53,6 +55,29 @@ def test_forces_are_those_of_the_closed_form(name, route):
     assert m["energy_j"] == pytest.approx(work, abs=allowed * path)
     assert m["clearance_min_m"] >= -chosen.band
     assert m["entrenched_ticks"] == 0
+
+
+@pytest.mark.parametrize("depth", [5e-3, 47e-3])
+def test_round_the_end_of_a_curve_the_force_falls_at_once(depth):
+    """The exact proxy drops K (depth + R) in one tick; the robust one the same, a tick later."""
+    x = np.arange(-250, 1) * 0.4e-3
+    points = np.stack([x, 0 * x, 0 * x], axis=1)
+    along = -4e-3 + 1e-4 * np.arange(80)
+    press = np.stack([np.full(400, along[0]), np.linspace(0.02, -depth, 400), np.zeros(400)], 1)
+    hips = np.concatenate((press, np.stack([along, 0 * along - depth, 0 * along], axis=1)))
+    proxy, exact = hips[0], []
+    for hip in hips:
+        proxy = follow((Segments(points[:1], points[-1:]),), proxy, hip, RC)
+        exact.append(K * (proxy - hip))
+    found = replay(fixture_of(points, band=1e-5), Session(np.arange(len(hips)) * 1e-3, hips))
+    falls, ticks = [], []
+    for force in (np.array(exact), found.ticks.force):
+        step = np.linalg.norm(np.diff(force, axis=0), axis=1)
+        falls.append(step.max())
+        ticks.append(int(step.argmax()) + 1)
+    assert falls == pytest.approx([K * (depth + RC)] * 2, abs=0.025)
+    assert found.metrics["force_step_max_n"] == falls[1]
+    assert 0 <= ticks[1] - ticks[0] <= 1
 
 
 @pytest.fixture(scope="module")
