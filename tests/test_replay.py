@@ -224,6 +224,14 @@ def test_a_session_in_other_units_is_noticed():
     assert "never-near" not in {f["code"] for f in near["findings"]}
 
 
+@pytest.mark.parametrize(("factor", "noticed"), [(1.0, False), (1e3, True), (1e-3, True)])
+def test_time_in_other_units_is_noticed(factor, noticed):
+    session = probing(0.2)
+    found = replay(fixture_of(line()), Session(factor * session.time, session.hip)).metrics
+    codes = {f["code"] for f in found["findings"]}
+    assert ("session-time" in codes) == noticed
+
+
 def test_wrong_calls_are_refused():
     fixture, session = fixture_of(line()), probing()
     with pytest.raises(SettingError, match="rule 'fast'"):

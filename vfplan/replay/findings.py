@@ -12,6 +12,8 @@ from vfplan.robot import Robot
 _ROUNDING_M = 1e-9
 # A session that stays farther than this from the fixture is likely in other units or another frame.
 FAR_M = 0.5
+# Rates that a tracked tool is recorded at; outside, the time is likely not in seconds.
+RATES_HZ = (5.0, 50_000.0)
 
 
 def finding(code: str, severity: str, message: str) -> dict[str, str]:
@@ -38,6 +40,13 @@ def session_findings(session: dict[str, Any], robot: Robot | None) -> list[dict[
     if "ignored_columns" in session:
         names = ", ".join(session["ignored_columns"])
         found.append(finding("session-columns", "info", f"columns not used: {names}"))
+    slow, fast = RATES_HZ
+    if not slow <= session["rate_hz"] <= fast:
+        message = (
+            f"{session['rate_hz']:.6g} samples a second; {slow:g} to {fast:g} are usual: is the "
+            "time in seconds?"
+        )
+        found.append(finding("session-time", "warning", message))
     if robot is not None and not 0.9 < session["rate_hz"] / robot.rate_hz < 1.1:
         message = (
             f"recorded at {session['rate_hz']:.6g} Hz, the robot runs at {robot.rate_hz:g} Hz; "
