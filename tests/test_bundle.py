@@ -101,17 +101,20 @@ def test_a_fixture_that_breaks_a_rule_is_refused_and_nothing_is_left(change, tmp
     assert os.listdir(tmp_path) == []
 
 
-def test_no_plugin_can_be_loaded():
+@pytest.mark.parametrize("module", ["vfplan.bundle", "vfplan.session.arrays", "vfplan.session.result"])
+def test_no_plugin_can_be_loaded(module):
     """A fresh process: the variable is set before h5py, and h5py is not loaded without need."""
     code = (
-        "import sys, os, vfplan; assert 'h5py' not in sys.modules; import vfplan.bundle;"
+        "import sys, os, vfplan; assert 'h5py' not in sys.modules;"
+        f"import {module}; assert 'h5py' in sys.modules;"
         "assert os.environ['HDF5_PLUGIN_PRELOAD'] == '::'"
     )
     env = os.environ | {"HDF5_PLUGIN_PRELOAD": "/tmp/plugins"}
     subprocess.run([sys.executable, "-c", code], check=True, env=env)
 
 
-def test_plugins_are_off_even_if_h5py_was_there_first():
-    code = "import h5py; import vfplan.bundle; assert h5py.h5pl.size() == 0"
+@pytest.mark.parametrize("module", ["vfplan.bundle", "vfplan.session.arrays", "vfplan.session.result"])
+def test_plugins_are_off_even_if_h5py_was_there_first(module):
+    code = f"import h5py; import {module}; assert h5py.h5pl.size() == 0"
     env = os.environ | {"HDF5_PLUGIN_PATH": "/tmp/plugins"}
     subprocess.run([sys.executable, "-c", code], check=True, env=env)

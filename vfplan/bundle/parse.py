@@ -19,7 +19,7 @@ import numpy as np
 
 from vfplan.bundle.content import Content
 from vfplan.bundle.findings import Findings
-from vfplan.bundle.h5 import h5py
+from vfplan.hdf5 import h5py
 from vfplan.bundle.skeleton import check_skeleton
 from vfplan.bundle.store import NUMBERS, frame_of, unit_of
 from vfplan.bundle.table import Row, Table

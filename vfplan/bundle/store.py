@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.bundle.content import Content
-from vfplan.bundle.h5 import h5py
+from vfplan.hdf5 import h5py
 from vfplan.bundle.table import UNITS_OF_FRAME, Row, Table
 
 h5a, h5d, h5f, h5g, h5p, h5s, h5t, h5z = (

@@ -11,10 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-import h5py
 import numpy as np
 
 from vfplan.errors import SessionError
+from vfplan.hdf5 import h5py
 from vfplan.session.types import BLOCK, Array, Pair
 
 _NAMES = ("time", "hip")

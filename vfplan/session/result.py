@@ -9,11 +9,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError, OutputError, VersionError
+from vfplan.hdf5 import h5py
 from vfplan.session.types import BLOCK, Array
 
 RESULT_FORMAT = "vfplan-result"

@@ -2,6 +2,7 @@
 
 A plugin is code that libhdf5 loads from a folder named by the environment; "::" tells it to load
 none. libhdf5 reads the variable once, when it starts, so it must be set before h5py is imported.
+Whoever opens an HDF5 file, a bundle, a session or a result, takes h5py from here.
 """
 
 from __future__ import annotations
