@@ -24,6 +24,7 @@ from typing import Any
 
 import click
 
+from vfplan.disk import move_whole
 from vfplan.errors import OutputError, VfplanError
 
 
@@ -160,7 +161,8 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
     """Write several files together: all of them appear, or none.
 
     Yields one temporary path a given path (same folder, same suffix; `None` stays `None`); moves
-    them into place when the block ends well and deletes them when it does not.
+    them into place when the block ends well and deletes them when it does not. A power cut leaves
+    the old file or the new one, whole.
 
     Raises `OutputError` where the system lets a file not be made or written.
     """
@@ -168,9 +170,7 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
     try:
         temporaries = tuple(p and _temporary_beside(p) for p in paths)
         yield temporaries
-        for path, temporary in zip(paths, temporaries, strict=True):
-            if path is not None and temporary is not None:
-                os.replace(temporary, path)
+        move_whole((t, p) for p, t in zip(paths, temporaries, strict=True) if p and t)
     except OSError as error:
         reason = error.strerror or str(error)
         where = next((str(p) for p in paths if p is not None), None)

@@ -101,7 +101,9 @@ def test_a_fixture_that_breaks_a_rule_is_refused_and_nothing_is_left(change, tmp
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize("module", ["vfplan.bundle", "vfplan.session.arrays", "vfplan.session.result"])
+@pytest.mark.parametrize(
+    "module", ["vfplan.bundle", "vfplan.session.arrays", "vfplan.session.result"]
+)
 def test_no_plugin_can_be_loaded(module):
     """A fresh process: the variable is set before h5py, and h5py is not loaded without need."""
     code = (
@@ -113,7 +115,9 @@ def test_no_plugin_can_be_loaded(module):
     subprocess.run([sys.executable, "-c", code], check=True, env=env)
 
 
-@pytest.mark.parametrize("module", ["vfplan.bundle", "vfplan.session.arrays", "vfplan.session.result"])
+@pytest.mark.parametrize(
+    "module", ["vfplan.bundle", "vfplan.session.arrays", "vfplan.session.result"]
+)
 def test_plugins_are_off_even_if_h5py_was_there_first(module):
     code = f"import h5py; import {module}; assert h5py.h5pl.size() == 0"
     env = os.environ | {"HDF5_PLUGIN_PATH": "/tmp/plugins"}

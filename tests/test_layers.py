@@ -10,7 +10,7 @@ from conftest import ROOT
 # Lowest first. Modules of one row may not import each other unless named in WITHIN.
 LAYERS = [
     ["errors"],
-    ["checks", "choosing", "hdf5", "spacing"],
+    ["checks", "choosing", "disk", "hdf5", "spacing"],
     ["rendering"],
     ["dicom"],
     ["image", "fixture", "markers", "session", "robot"],

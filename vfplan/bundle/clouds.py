@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.bundle.disk import opened_file
 from vfplan.bundle.files import now_utc
 from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.table import table
+from vfplan.disk import opened_file
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
 

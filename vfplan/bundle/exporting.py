@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.bundle.disk import write_whole
+from vfplan.disk import write_whole
 from vfplan.errors import InputError
 from vfplan.fixture import Fixture
 

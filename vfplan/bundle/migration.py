@@ -7,7 +7,6 @@ from importlib.metadata import version as installed_version
 from pathlib import Path
 
 from vfplan.bundle.content import Content
-from vfplan.bundle.disk import opened_file
 from vfplan.bundle.files import (
     VERSION,
     completed,
@@ -16,6 +15,7 @@ from vfplan.bundle.files import (
     write_content,
 )
 from vfplan.bundle.seal import MAGIC
+from vfplan.disk import opened_file
 from vfplan.errors import InputError
 
 HISTORY = "/provenance/history"

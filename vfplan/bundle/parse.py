@@ -19,12 +19,12 @@ import numpy as np
 
 from vfplan.bundle.content import Content
 from vfplan.bundle.findings import Findings
-from vfplan.hdf5 import h5py
 from vfplan.bundle.skeleton import check_skeleton
 from vfplan.bundle.store import NUMBERS, frame_of, unit_of
 from vfplan.bundle.table import Row, Table
 from vfplan.bundle.table import table as current
 from vfplan.errors import BundleError, CorruptError
+from vfplan.hdf5 import h5py
 
 h5a, h5d, h5f, h5g, h5o, h5p, h5s, h5t, h5z, h5fd = (
     getattr(h5py, n)

@@ -13,8 +13,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from vfplan.bundle.disk import opened_file, write_whole
 from vfplan.bundle.seal import LATEST, Seal, seal_of, signed_message, to_block
+from vfplan.disk import opened_file, write_whole
 from vfplan.errors import InputError, MissingExtra, SettingError, SignatureError
 
 PEM_END = b"-----END PUBLIC KEY-----"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import stat
+from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO
 
@@ -32,15 +33,43 @@ def write_whole(path: Path, parts: list[bytes], *, overwrite: bool, mode: int = 
         if not overwrite and path.exists():
             raise OutputError("exists already; give --overwrite to replace it", where=str(path))
         os.replace(temporary, path)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        sync(path.parent)
     except OSError as error:
         raise OutputError(f"cannot be written: {error.strerror}", where=str(path)) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def sync(path: Path) -> None:
+    """Wait until a file's bytes, or a folder's names, are on the disk; raises `OSError`."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def move_whole(moves: Iterable[tuple[Path, Path]]) -> None:
+    """Put finished files, (from, to) in the same folder, into place: old or new, whatever happens.
+
+    Every file's bytes are on the disk before the first rename, every rename before this returns.
+
+    Raises
+    ------
+    OutputError
+        A file cannot be put into its place.
+    """
+    pairs = list(moves)
+    try:
+        for temporary, _ in pairs:
+            sync(temporary)
+        for temporary, target in pairs:
+            os.replace(temporary, target)
+        for folder in {target.parent for _, target in pairs}:
+            sync(folder)
+    except OSError as error:
+        where = ", ".join(str(target) for _, target in pairs)
+        raise OutputError(f"cannot be written: {error.strerror}", where=where) from error
 
 
 def _write_synced(path: Path, parts: list[bytes], mode: int) -> None:
