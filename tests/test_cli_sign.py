@@ -9,8 +9,9 @@ import damage
 import pytest
 
 import vfplan
-from vfplan.bundle import Trust, read_bundle, read_keys
-from vfplan.errors import SignatureError
+from vfplan.bundle import Trust, keygen, read_bundle, read_keys
+from vfplan.disk import write_whole
+from vfplan.errors import OutputError, SettingError, SignatureError
 
 
 @pytest.fixture(scope="module")
@@ -138,3 +139,24 @@ def test_max_age_is_a_time_with_a_unit(desk, vfplan_cli):
     run = vfplan_cli("verify", desk / "s.h5", *words)
     assert run.code == 2
     assert "30min" in run.error_line
+
+
+@pytest.mark.parametrize("age", [float("nan"), float("inf"), -1.0])
+def test_an_age_that_nothing_exceeds_is_refused(age):
+    with pytest.raises(SettingError, match="maximum age"):
+        Trust({}, max_age=age)
+
+
+def test_a_failed_new_key_leaves_the_old_pair(tmp_path, monkeypatch):
+    keygen(tmp_path / "a.pem")
+    old = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def fails_for_private(path, parts, **given):
+        if path.suffix == ".pem":
+            raise OutputError("cannot be written: no space", where=str(path))
+        write_whole(path, parts, **given)
+
+    monkeypatch.setattr("vfplan.bundle.signing.write_whole", fails_for_private)
+    with pytest.raises(OutputError):
+        keygen(tmp_path / "a.pem", overwrite=True)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == old

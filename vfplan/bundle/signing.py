@@ -6,6 +6,7 @@ Needs the extra `[sign]` (the package `cryptography`).
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import time
 from dataclasses import dataclass, replace
@@ -34,12 +35,19 @@ class Trust:
         What the bundle must have been signed for; `None`: not checked.
     max_age
         How long ago the patient may have been registered [s]; `None`: not checked.
+
+    Raises `SettingError` when `max_age` is negative or not finite.
     """
 
     keys: dict[bytes, Any]
     case: str | None = None
     robot_serial: str | None = None
     max_age: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse an age that no comparison would ever exceed: NaN, infinite, negative."""
+        if self.max_age is not None and not 0 <= self.max_age < math.inf:
+            raise SettingError(f"maximum age {self.max_age} s; finite and 0 or more wanted")
 
 
 def _ed25519() -> tuple[Any, Any]:
@@ -84,11 +92,15 @@ def keygen(private_path: str | Path, *, overwrite: bool = False) -> tuple[Path, 
     public = key.public_key().public_bytes(
         serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
     )
+    old = public_path.read_bytes() if public_path.is_file() else None
     write_whole(public_path, [public], overwrite=overwrite)
     try:
         write_whole(private_path, [private], overwrite=overwrite, mode=0o600)
     except BaseException:
-        os.unlink(public_path)
+        if old is None:
+            os.unlink(public_path)
+        else:
+            write_whole(public_path, [old], overwrite=True)
         raise
     return public_path, key_id_of(key.public_key()).hex()
 
