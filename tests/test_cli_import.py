@@ -140,3 +140,32 @@ def test_the_femur_is_certified(shared_data, tmp_path):
     fixture = import_cloud(next((shared_data / "clouds").glob("*.stl")), units="mm", spacing=4e-3)
     vfplan.write_fixture(fixture, tmp_path / "a.h5")
     assert 0.3 < np.ptp(fixture.points, axis=0).max() < 0.5
+
+
+BROKEN = {
+    "count.ply": b"ply\nformat ascii 1.0\nelement vertex 99999999999\nproperty float x\n"
+    b"property float y\nproperty float z\nend_header\n0 0 0\n",
+    "short.ply": b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n"
+    b"property float y\nproperty float z\nend_header\n0 0 0\n",
+    "binary.ply": b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\n"
+    b"property float y\nproperty float z\nend_header\n" + bytes(35),
+    "count.stl": bytes(80) + b"\xff\xff\xff\xee" + bytes(50),
+    "short.stl": bytes(80) + b"\2\0\0\0" + bytes(50),
+    "cut.stl": b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n",
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_mesh_shorter_than_its_own_counts_is_code_3(name, vfplan_cli, tmp_path):
+    """VTK, left to itself, crashes or leaves parts of the surface out."""
+    (tmp_path / name).write_bytes(BROKEN[name])
+    run = vfplan_cli("import", tmp_path / name, "--units", "mm", "-o", tmp_path / "a.h5")
+    assert (run.code, (tmp_path / "a.h5").exists()) == (3, False)
+    assert run.error_line
+
+
+@pytest.mark.parametrize(("units", "code"), [("mm", 0), ("m", 3)])
+def test_units_may_not_contradict_the_header(units, code, vfplan_cli, tmp_path):
+    (tmp_path / "a.csv").write_text("x_mm,y_mm,z_mm\n0,0,0\n1,0,0\n")
+    run = vfplan_cli("import", tmp_path / "a.csv", "--units", units, "-o", tmp_path / "a.h5")
+    assert (run.code, (tmp_path / "a.h5").exists()) == (code, code == 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
+from functools import partial
 from importlib.metadata import version as installed_version
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from vfplan.bundle.files import now_utc
 from vfplan.bundle.leak import largest_cover
+from vfplan.bundle.meshfile import check_mesh
 from vfplan.bundle.table import table
 from vfplan.disk import opened_file
 from vfplan.errors import InputError, SceneError, SettingError
@@ -63,7 +65,7 @@ def import_cloud(
     """
     if units not in METRES:
         raise SettingError(f"unit {units!r}; one of {', '.join(METRES)} wanted")
-    points, triangles, digest = _read(Path(path))
+    points, triangles, digest = _read(Path(path), units)
     points = points * METRES[units]
     radius = contact_radius + point_radius
     _check(points, radius, str(path))
@@ -120,8 +122,8 @@ def _check(points: Points, radius: float, where: str) -> None:
         raise SettingError(f"R = contact radius + point radius = {radius} m; more than 0 wanted")
 
 
-def _read(path: Path) -> tuple[Points, Triangles | None, str]:
-    readers = {".ply": _mesh, ".stl": _mesh, ".csv": _csv, ".npy": _npy}
+def _read(path: Path, units: str) -> tuple[Points, Triangles | None, str]:
+    readers = {".ply": _mesh, ".stl": _mesh, ".csv": partial(_csv, units=units), ".npy": _npy}
     if path.suffix.lower() not in readers:
         raise InputError(f"ends in none of {', '.join(readers)}", where=str(path))
     with opened_file(path) as file:
@@ -142,12 +144,12 @@ def _npy(path: Path) -> tuple[Points, None]:
     return points.astype(float), None
 
 
-def _csv(path: Path) -> tuple[Points, None]:
+def _csv(path: Path, units: str) -> tuple[Points, None]:
     try:
         with open(path, encoding="utf-8-sig") as file:
             first = file.readline().split(",")
         named = not _is_number(first[0])
-        columns = _columns([name.strip().lower() for name in first]) if named else (0, 1, 2)
+        columns = _columns([name.strip().lower() for name in first], units) if named else (0, 1, 2)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # an empty table is refused below
             points = np.loadtxt(
@@ -171,10 +173,13 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _columns(names: list[str]) -> tuple[int, ...]:
+def _columns(names: list[str], units: str) -> tuple[int, ...]:
     bare = [name.rpartition("_")[0] or name for name in names]
     if not {"x", "y", "z"} <= set(bare):
         raise ValueError(f"the header names {', '.join(names)}; x, y and z wanted")
+    said = {name[2:] for name in names if name[:2] in ("x_", "y_", "z_")}
+    if said & METRES.keys() - {units}:
+        raise ValueError(f"the header names {', '.join(names)}; {units} was given as their unit")
     return tuple(bare.index(axis) for axis in "xyz")
 
 
@@ -184,6 +189,7 @@ def _mesh(path: Path) -> tuple[Points, Triangles | None]:
     from vtkmodules.vtkIOGeometry import vtkSTLReader
     from vtkmodules.vtkIOPLY import vtkPLYReader
 
+    check_mesh(path)
     vtkObject.GlobalWarningDisplayOff()  # an error is found below, and said in one line
     reader = vtkPLYReader() if path.suffix.lower() == ".ply" else vtkSTLReader()
     reader.SetFileName(str(path))
