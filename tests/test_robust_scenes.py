@@ -202,6 +202,25 @@ def test_same_inputs_give_the_same_bits():
         assert np.array_equal(getattr(one, name)[:400], [getattr(s, name) for s in steps])
 
 
+@pytest.mark.parametrize("rule", ["robust", "paper"])
+def test_reset_leaves_nothing_behind_to_the_bit(rule):
+    """Whatever the engine looked at before, also close by: a replay begins at the reset."""
+    rng = np.random.default_rng(0)
+    points = floor(0.8e-3, 0.015)
+    for _ in range(40):
+        start = points[rng.integers(len(points))] + rng.normal(size=3) * 4e-3
+        hips = start + np.cumsum(rng.normal(size=(100, 3)) * 3e-4, axis=0)
+        fresh = vfplan.ProxyEngine(points, rule=rule)
+        used = vfplan.ProxyEngine(points, rule=rule)
+        used.reset(start + np.array([3e-4, 0, 0]))
+        used.step(start + np.array([3e-4, 1e-4, 0]))
+        for engine in (fresh, used):
+            engine.reset(start)
+        one, two = fresh.run(hips), used.run(hips)
+        for name in ("proxy", "normal", "force", "state", "status"):
+            assert np.array_equal(getattr(one, name), getattr(two, name))
+
+
 # -- 6. starts anywhere ---------------------------------------------------------------------------
 
 

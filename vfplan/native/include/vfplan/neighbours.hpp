@@ -37,6 +37,9 @@ class Neighbours {
         f(held_.span(0, count_));
     }
 
+    /// The next answers depend on nothing asked before.
+    void forget() noexcept { valid_ = false; }
+
   private:
     void gather(const Vec<D>& x) noexcept {
         centre_ = x;
@@ -90,6 +93,7 @@ class AllPoints {
 
     const Source& source() const noexcept { return source_; }
     std::size_t bytes() const noexcept { return source_.bytes(); }
+    void forget() noexcept {}
     template <class F>
     void visit(const Vec<D>& x, double reach, F&& f) noexcept {
         source_.visit(x, reach, f);

@@ -29,7 +29,7 @@ class PaperRule {
           reach_(p.outer_radius + p.point_radius),
           neighbours_(cloud, reach_, 0.05 * reach_, reach_ / 4, kernels) {}
 
-    void reset() noexcept {}
+    void reset() noexcept { neighbours_.forget(); }
     Search<D>& neighbours() noexcept { return neighbours_; }
 
     /// Algorithm 1, one servo loop.

@@ -43,6 +43,7 @@ class RobustRule {
 
     Search& neighbours() noexcept { return neighbours_; }
     void reset() noexcept {
+        neighbours_.forget();
         escape_.stop();
         known_ = false;
         held_ = false;
