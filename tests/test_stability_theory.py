@@ -84,6 +84,22 @@ def test_no_damping_no_stable_spring():
     assert spectral_radius(plant, 1.0) >= 1.0
 
 
+@pytest.mark.parametrize(
+    "wrong", [{"damping": 1e-12}, {"mass": 1e12}, {"mass": 1e-300}, {"damping": 1e300}]
+)
+def test_a_decay_that_float64_cannot_tell_is_refused(wrong):
+    with pytest.raises(
+        SettingError, match=r"damping \* period / mass .*: allowed is at least 1e-09"
+    ):
+        exact_bound(Plant(**wrong))
+
+
+@pytest.mark.parametrize("edge", [{"damping": 1.01e-6}, {"mass": 4.9e6}, {"mass": 1e-14}])
+def test_exact_bound_holds_up_to_the_edges_of_what_is_allowed(edge):
+    plant = Plant(**edge)
+    assert exact_bound(plant) == pytest.approx(linear_bound(plant), rel=3e-4)
+
+
 @pytest.mark.parametrize("wrong", [{"mass": 0}, {"damping": -1}, {"period": 0}, {"hand": np.nan}])
 def test_plants_outside_their_range_are_refused(wrong):
     with pytest.raises(SettingError):

@@ -129,7 +129,8 @@ def number(
     )
     if not holds:
         reason = f" ({why})" if why else ""
-        raise SettingError(f"{name} {found:g} {unit}: allowed is {allowed} {unit}{reason}")
+        unit = f" {unit}" if unit else ""
+        raise SettingError(f"{name} {found:g}{unit}: allowed is {allowed}{unit}{reason}")
     return found
 
 

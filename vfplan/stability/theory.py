@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from vfplan.checks import number
 
+LEAST_DECAY, MOST_DECAY = 1e-9, 1e12  # b T / m: less and more than float64 can tell from 0 and inf
+
 
 @dataclass(frozen=True)
 class Plant:
@@ -100,7 +102,9 @@ def exact_bound(
     hand_share: float = 0.0,
     radius: Callable[[Plant, float, int], float] = spectral_radius,
 ) -> float:
-    """The K [N/m] at which the spectral radius reaches 1, to a relative 1e-10; 0 without damping.
+    """The K [N/m] at which the spectral radius reaches 1; 0 without damping.
+
+    To a relative 1e-10, or 2e-13 m / (b T) if that is more: so much is left of 1 - radius.
 
     Parameters
     ----------
@@ -108,9 +112,16 @@ def exact_bound(
         k_h / K where the hand's spring is scaled with K; 0 for the plant's own.
     radius
         Another way to compute the spectral radius, e.g. in higher precision.
+
+    Raises
+    ------
+    SettingError
+        A decay b T / m a tick that float64 cannot tell from none, or whose exponential overflows.
     """
     if plant.damping == 0.0:
         return 0.0
+    decay = plant.damping * plant.period / plant.mass
+    number("damping * period / mass", decay, "", least=LEAST_DECAY, most=MOST_DECAY)
 
     def holds(k: float) -> bool:
         held = Plant(plant.mass, plant.damping, plant.period, hand_share * k or plant.hand)
