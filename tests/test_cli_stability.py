@@ -70,6 +70,25 @@ def test_no_damping_bears_no_stiffness(vfplan_cli, dot):
     assert (run.code, run.json["k_max_n_per_m"], run.json["stable"]) == (1, 0, False)
 
 
+@pytest.mark.parametrize("value", ["nan", "inf"])
+@pytest.mark.parametrize(
+    "option",
+    ["mass", "damping", "rate", "friction", "quantum", "force-limit", "force-step-limit",
+     "stiffness", "margin"],
+)  # fmt: skip
+def test_figures_that_are_not_finite_are_usage(vfplan_cli, dot, option, value):
+    run = vfplan_cli("stability", dot, f"--{option}", value)
+    assert run.code == 2
+    assert option.split("-")[0] in run.error_line
+    assert value in run.error_line
+
+
+def test_a_decay_that_float64_cannot_tell_is_usage(vfplan_cli, dot):
+    run = vfplan_cli("stability", dot, "--damping", 1e-12)
+    assert run.code == 2
+    assert "allowed is at least 1e-09" in run.error_line
+
+
 def test_bad_input(vfplan_cli, tmp_path):
     assert vfplan_cli("stability", tmp_path / "none.h5").code in (3, 4)
     assert vfplan_cli("stability", "--mass", -1).code == 2

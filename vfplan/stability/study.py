@@ -13,6 +13,7 @@ from functools import partial
 from multiprocessing import get_context
 from typing import Any
 
+from vfplan.checks import number
 from vfplan.fixture import Fixture, StabilityVerdict
 from vfplan.rendering import RULES, Rule
 from vfplan.robot import Robot
@@ -27,6 +28,7 @@ from vfplan.stability.theory import Plant, exact_bound
 
 DEFAULT_ROBOT = Robot("default", mass_kg=1.0, damping_n_s_per_m=5.0, rate_hz=1000.0)
 ROBOT_KEYS = ("robot", "mass_kg", "damping_n_s_per_m", "rate_hz", "delay_ticks")
+LIMITS = {"friction_n": "N", "quantum_m": "m", "force_limit_n": "N", "force_step_limit_n": "N"}
 DEFAULT_STIFFNESS = 1000.0  # [N/m], where there is no bundle to ask
 
 Task = Callable[[], list[Row]]
@@ -166,9 +168,12 @@ def prepare(
     ------
     SceneError
         A curve that is no fixture yet.
+    SettingError
+        A stiffness, a margin or a figure of the robot that is not finite or outside its range.
     """
+    _check(robot, margin)
     felt = DEFAULT_STIFFNESS if fixture is None else felt_stiffness(fixture)
-    stiffness = felt if stiffness is None else stiffness
+    stiffness = felt if stiffness is None else number("stiffness", stiffness, "N/m", above=0.0)
     tasks: list[Task] = []
     left_out: dict[str, str] = {}
     wanted = {"closed-loop", *parts} if parts else set(PARTS)
@@ -178,6 +183,16 @@ def prepare(
             tasks += more
             left_out |= out
     return Prepared(tasks, left_out, robot, stiffness, margin)
+
+
+def _check(robot: Robot, margin: float) -> None:
+    number("margin", margin, "", least=1.0)
+    number("damping_n_s_per_m", robot.damping_n_s_per_m, "N·s/m", least=0.0)
+    number("mass_kg", robot.mass_kg, "kg", above=0.0)
+    number("rate_hz", robot.rate_hz, "Hz", above=0.0)
+    for name, unit in LIMITS.items():
+        if getattr(robot, name) is not None:
+            number(name, getattr(robot, name), unit, above=0.0)
 
 
 def _loops(rows: list[Row]) -> list[Row]:
