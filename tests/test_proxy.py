@@ -194,6 +194,7 @@ def test_left_out_says_what_the_scene_does_not_need():
         ({"max_iterations": 0}, SettingError),
         ({"max_iterations": 2.5}, SettingError),
         ({"simd_width": 3}, SettingError),
+        ({"simd_width": [4]}, SettingError),
         ({"contact_radius": -1.0}, SettingError),
         ({"band": 0.01}, SettingError),
         ({"stiffness": 0.0}, SettingError),

@@ -77,7 +77,7 @@ class ProxyEngine:
             outer_radius=outer_radius,
             gain=gain,
         )
-        if simd_width not in WIDTHS:
+        if not isinstance(simd_width, int | np.integer | None) or simd_width not in WIDTHS:
             raise SettingError(f"simd_width {simd_width!r}: allowed are None, 2, 4, 8")
         native = _native(self.parameters, _iterations(max_iterations), search)
         self._points = len(cloud)
