@@ -4,8 +4,8 @@
 //
 //     vfplan::Parameters p;                       // Table I
 //     vfplan::Engine engine(xyz, n, p);           // allocates; throws std::invalid_argument
-//     engine.reset(hip);                          // optional: else the first HIP is the first
-//     proxy for (;;) force = engine.step(hip).force;    // never allocates, throws, locks or waits
+//     engine.reset(hip);                          // optional: else the first HIP is the start
+//     for (;;) force = engine.step(hip).force;    // never allocates, throws, locks or waits
 //
 // What the scene does not need is left out by type, chosen once when the engine is made.
 #pragma once

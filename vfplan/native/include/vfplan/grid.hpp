@@ -43,13 +43,13 @@ class Grid {
     template <class F>
     void visit(const Vec<D>& x, double reach, F&& f) const noexcept {
         if constexpr (D == 2) {
-            visit_rows(x, reach, 0, 0, f);
+            visit_rows(x, reach, 0, f);
         } else {
             std::int64_t first, last;
             if (!range(x, reach, 2, first, last)) return;
             for (auto z = first; z <= last; ++z) {
                 const double left = reach * reach - square_to_cell(x, z, 2);
-                if (left >= 0) visit_rows(x, std::sqrt(left), z, first, f);
+                if (left >= 0) visit_rows(x, std::sqrt(left), z, f);
             }
         }
     }
@@ -78,8 +78,7 @@ class Grid {
     }
 
     template <class F>
-    void visit_rows(const Vec<D>& x, double reach, std::int64_t z, std::int64_t,
-                    F&& f) const noexcept {
+    void visit_rows(const Vec<D>& x, double reach, std::int64_t z, F&& f) const noexcept {
         std::int64_t first, last, from, to;
         if (!range(x, reach, 1, first, last)) return;
         std::size_t hint = 0;

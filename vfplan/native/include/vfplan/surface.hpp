@@ -1,9 +1,9 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The normal of a sampled surface under the proxy: a plane fitted to the points around its foot.
+// The normal of a sampled surface under the proxy: a quadric fitted to the points around its foot.
 //
 // A mean of directions, eq. (1), leans towards wherever there are more points: away from a wall or
-// a border. A plane does not, whether or not the sampling is even.
+// a border. A fit does not, whether or not the sampling is even.
 #pragma once
 
 #include "vfplan/lanes.hpp"
