@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 from vfplan.cli.options import FILE, Numbers, curve_options, extract_settings, output
-from vfplan.cli.run import Report, command, outputs, refuse_existing
+from vfplan.cli.run import Report, command, outputs, patience, refuse_existing
 
 from vfplan.errors import SettingError
 
@@ -48,7 +48,8 @@ def command(
 
     settings = extract_settings(given, density_per_mm=density_per_mm)
     refuse_existing(output, mask_out, overlay_out, overwrite=overwrite)
-    extracted = extract(image, settings, curve=given["curve"])
+    with patience(f"extracting the curve of {image.name}"):
+        extracted = extract(image, settings, curve=given["curve"])
     with outputs(output, mask_out, overlay_out) as (path, mask, overlay):
         write_fixture(extracted.fixture, path)
         write_pictures(extracted, mask, overlay)

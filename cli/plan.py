@@ -17,7 +17,7 @@ from vfplan.cli.options import (
     output,
 )
 from vfplan.cli.register import registered_text, write_registration_picture
-from vfplan.cli.run import Report, command, outputs, refuse_existing
+from vfplan.cli.run import Report, command, outputs, patience, refuse_existing
 
 
 @command("plan", short_help="A planned slice and its markers in, a fixture out.")
@@ -52,7 +52,10 @@ def command(
 
     reading, making, arm = extract_settings(given), fixture_settings(given), read_robot(robot)
     refuse_existing(output, mask_out, overlay_out, picture_out, overwrite=overwrite)
-    made = plan(image, markers, markers2, extraction=reading, settings=making, curve=given["curve"])
+    with patience(f"planning on {image.name}"):
+        made = plan(
+            image, markers, markers2, extraction=reading, settings=making, curve=given["curve"]
+        )
     fixture, verdict = made.fixture, {}
     if arm is not None:
         from vfplan.stability import approved

@@ -14,6 +14,7 @@ import math
 import os
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -74,6 +75,13 @@ def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.
                 _fail("OSError", reason, error.filename, 3, as_json, verbose)
             except MemoryError:
                 _fail("MemoryError", "not enough memory for this input", None, 3, as_json, verbose)
+            except (click.ClickException, click.Abort):
+                raise
+            except Exception as error:  # nobody foresaw it: still one line, never a traceback
+                what = (
+                    f"unforeseen {type(error).__name__}: {error} (-vv shows where; please report)"
+                )
+                _fail(type(error).__name__, what, None, 3, as_json, verbose)
             else:
                 _emit(report, time.perf_counter() - started, as_json, quiet)
 
@@ -186,6 +194,24 @@ def _temporary_beside(path: Path) -> Path:
     os.close(handle)
     os.unlink(name)  # writers refuse to overwrite; only the name was wanted
     return Path(name)
+
+
+@contextmanager
+def patience(doing: str, after_s: float = 1.0) -> Iterator[None]:
+    """Say on a terminal what is being done when it takes longer than `after_s`; else nothing.
+
+    For work that cannot tell how far it is; `progress` is for work that can.
+    """
+    if not sys.stderr.isatty():
+        yield
+        return
+    timer = threading.Timer(after_s, lambda: click.echo(f"vfplan: {doing} ...", err=True))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 @contextmanager
