@@ -137,14 +137,22 @@ def test_hollows_are_followed_at_any_speed(name, speed):
     assert over.max() <= 10 * band
 
 
+@pytest.mark.parametrize("speed", [0.1, 0.5])
 @pytest.mark.parametrize("route", ["around", "over"])
-def test_hollow_as_narrow_as_the_proxy_holds_it_for_a_moment_at_most(route):
-    """The teapot's spout bends in at about R: up to 3 mm late there, for under 2 % of the ticks."""
-    over, band = excess("teapot", route, 0.5)
-    late = np.mean(over > 10 * band)
-    print(f"teapot {route}: {1e3 * over.max():.2f} mm late, {late:.2%} of ticks")
-    assert late < 0.02
-    assert over.max() < 3.2e-3
+def test_hollow_as_narrow_as_the_proxy_does_not_hold_it(route, speed):
+    """The teapot's spout bends in at about R."""
+    over, band = excess("teapot", route, speed)
+    print(f"teapot {route} at {speed} m/s: {1e6 * over.max():.0f} um late at most")
+    assert over.max() <= 5 * band
+
+
+def test_coarse_channel_is_followed_at_speed():
+    """Askew through a channel sampled at 1 mm, at 2 m/s."""
+    scene = scenes.Channel(spacing=1e-3)
+    hips = scene.path("askew", speed=2.0)
+    pull = np.linalg.norm(play(scene, hips).proxy - hips, axis=1)
+    exact = np.linalg.norm(scene.truth(hips, R) - hips, axis=1)
+    assert np.max(pull - exact) <= 5 * play_band(scene)
 
 
 @pytest.mark.parametrize("speed", [0.02, 0.1, 1.0])

@@ -14,6 +14,7 @@
 #include "vfplan/escape.hpp"
 #include "vfplan/paper.hpp"
 #include "vfplan/surface.hpp"
+#include "vfplan/touched.hpp"
 #include "vfplan/travel.hpp"
 
 namespace vfplan {
@@ -38,6 +39,7 @@ class RobustRule {
           neighbours_(cloud, std::max(1.21 * R_, reach()), 0.15 * R_, 0.4 * R_, kernels),
           travel_(kernels, R_),
           escape_(kernels, R_),
+          touched_(kernels),
           contacts_(shell_, std::cos(std::min(2 * grain_, 0.3)),
                     std::cos(std::min(6 * grain_, 0.9))) {}
 
@@ -48,6 +50,7 @@ class RobustRule {
         known_ = false;
         held_ = false;
         count_ = 0;
+        still_ = 0;
     }
 
     /// One servo loop.
@@ -57,11 +60,14 @@ class RobustRule {
         const Vec<D> start = proxy;
         most_ = norm(hip - proxy) + p_.band * (1 - 1e-3);
         far_ = false;
-        if (!set_free(proxy, hip)) {
+        if (set_free(proxy, hip)) {
+            still_ = 0;
+        } else {
             blocked_ = false;
             tick.status = limit;
             for (int i = 0; i < p_.max_iterations && tick.status == limit && !far_; ++i)
                 if (!advance(proxy, hip) && !far_) tick.status = ok;
+            settle(proxy, start, hip);
         }
         double near2 = nearest2(proxy, shell_);
         if (!(near2 >= safe2_)) {  // cannot happen; if it does, stay where it was safe
@@ -90,6 +96,13 @@ class RobustRule {
         tick.normal = escape_.way();
         tick.status = inside;
         return false;
+    }
+
+    /// Below a HIP that has not moved for a while only a gain counts, so the proxy comes to rest.
+    void settle(Vec<D>& x, const Vec<D>& start, const Vec<D>& hip) noexcept {
+        still_ = hip == last_hip_ ? std::min(still_ + 1, patience) : 0;
+        last_hip_ = hip;
+        if (still_ == patience && !(norm(hip - x) < norm(hip - start) - rest())) x = start;
     }
 
     /// Where nothing lies on the straight way, the proxy goes with the HIP, whatever it touches.
@@ -127,15 +140,33 @@ class RobustRule {
         const Vec<D> v = lift ? wall_[0].t * wall_[0].n : project(u, wall_, count_, 1e-6 * p_.band);
         const double length = norm(v);
         if (!lift) push_ = v - u;
-        if (!(length > rest())) return false;
+        if (!(length > rest())) return count_ > 1 && squeeze(x, hip);
         const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, far_);
         const Vec<D> y = s < length ? x + (s / length) * v : v == u ? hip : x + v;
         // Where two walls hold it: descend or stay. Their sampled normals alone would let it
         // wander.
-        if (!(norm(hip - y) < (count_ > 1 ? distance : most_ + 1e-3 * p_.band))) return false;
+        if (!(norm(hip - y) < (count_ > 1 ? distance : most_ + 1e-3 * p_.band)))
+            return squeeze(x, hip);
+        const bool stuck = s < std::min(length, rest());
+        if (stuck && !(!lift && count_ == 1 && wall_[0].t > rest())) return squeeze(x, hip);
         x = y;
         blocked_ = !lift && s < length && count_ == 1 && wall_[0].t > rest();
-        return (blocked_ || s > 1e-3 * rest()) && !(x == hip);
+        return !(x == hip);
+    }
+
+    /// One iteration past the points that touch, where the fitted surfaces leave no way; false when
+    /// the proxy is at rest among them. Always nearer to the HIP, so it cannot go round in circles.
+    bool squeeze(Vec<D>& x, const Vec<D>& hip) noexcept {
+        const Vec<D> u = hip - x;
+        const Vec<D> v = touched_(neighbours_, x, u, R_ + rest(), 1e-6 * p_.band);
+        const double length = norm(v);
+        // A way as flat as the slopes between samples gains nothing: the proxy would wander on it.
+        if (!(length > std::max(rest(), grain_ * norm(u)))) return false;
+        const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, far_);
+        const Vec<D> y = s < length ? x + (s / length) * v : x + v;
+        if (!(s > rest() && norm(hip - y) < norm(u))) return false;
+        x = y;
+        return true;
     }
     double rest() const noexcept { return 1e-2 * p_.band; }
 
@@ -214,6 +245,7 @@ class RobustRule {
     }
 
     static constexpr std::size_t room = 256;
+    static constexpr int patience = 32;  // ticks
 
     Parameters p_;
     Kernels<D> kernels_;
@@ -225,10 +257,12 @@ class RobustRule {
     Search neighbours_;
     Travel<D, Search> travel_;
     Escape<D, Search> escape_;
+    Touched<D, Search> touched_;
     Contacts<D> contacts_;
     Wall<D> wall_[Contacts<D>::most];
     int count_ = 0;
-    Vec<D> looked_at_, push_;
+    Vec<D> looked_at_, push_, last_hip_;
+    int still_ = 0;         // ticks that the HIP has not moved
     double most_ = 0;       // |proxy - HIP| that this tick may end with
     bool known_ = false;    // wall_ belongs to looked_at_
     bool blocked_ = false;  // the last iteration was stopped below R
