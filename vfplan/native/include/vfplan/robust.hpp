@@ -164,7 +164,9 @@ class RobustRule {
         if (!(length > std::max(rest(), grain_ * norm(u)))) return false;
         const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, far_);
         const Vec<D> y = s < length ? x + (s / length) * v : x + v;
-        if (!(s > rest() && norm(hip - y) < norm(u))) return false;
+        // Between several walls a gain of the band may be no more than sinking through it.
+        const double least = count_ > 1 ? 2 * p_.band : 0;
+        if (!(s > rest() && norm(hip - y) < norm(u) - least)) return false;
         x = y;
         return true;
     }
