@@ -146,6 +146,10 @@ def test_hollow_as_narrow_as_the_proxy_does_not_hold_it(route, speed):
     assert over.max() <= 5 * band
 
 
+@pytest.mark.xfail(
+    strict=True,
+    reason="known fault (docs/engine.md): in a coarse channel at speed the proxy is left behind",
+)
 def test_coarse_channel_is_followed_at_speed():
     """Askew through a channel sampled at 1 mm, at 2 m/s."""
     scene = scenes.Channel(spacing=1e-3)
