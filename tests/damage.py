@@ -63,8 +63,9 @@ def verdict(data: bytes, wanted) -> str:
 
 
 def in_child(work, limit_s: float = 300.0) -> tuple[str, float]:
-    """(what `work` returned as text, peak memory [MiB]) of a forked child.
+    """(what `work` returned as text, memory it added at its peak [MiB]) of a forked child.
 
+    A fork begins with its parent's memory, however much that is: only what comes on top counts.
     A crash, a hang beyond `limit_s` and any exception fail the calling test.
     """
     reader, writer = os.pipe()
@@ -72,9 +73,10 @@ def in_child(work, limit_s: float = 300.0) -> tuple[str, float]:
     if child == 0:
         try:
             os.close(reader)
+            before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
             text = work()
-            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-            os.write(writer, f"{peak}\n".encode())
+            added = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
+            os.write(writer, f"{added}\n".encode())
             with os.fdopen(writer, "w") as file:
                 file.write(text)
             os._exit(0)
@@ -92,5 +94,5 @@ def in_child(work, limit_s: float = 300.0) -> tuple[str, float]:
     _, status = os.waitpid(child, 0)
     assert os.waitstatus_to_exitcode(status) == 0, "the reading process died"
     assert time.monotonic() - started < limit_s
-    peak, _, rest = text.partition("\n")
-    return rest, float(peak)
+    added, _, rest = text.partition("\n")
+    return rest, float(added)

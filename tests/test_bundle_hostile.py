@@ -3,6 +3,7 @@
 import os
 import random
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -17,6 +18,7 @@ from vfplan.bundle import read_bundle, validate
 from vfplan.errors import BundleError
 
 MOST_SECONDS, MOST_MIB = 10, 512
+FRESH_MIB = 150  # what a process has taken before it reads its first file
 
 
 @pytest.fixture(scope="module")
@@ -58,9 +60,9 @@ def test_the_corpus_is_refused_with_a_reason_in_time_and_memory(corpus):
                 problems.append(f"{name}: {time.monotonic() - started} s")
         return "\n".join(problems)
 
-    problems, peak = damage.in_child(work)
+    problems, added = damage.in_child(work)
     assert problems == ""
-    assert peak < MOST_MIB
+    assert added < MOST_MIB - FRESH_MIB
 
 
 def test_validate_finds_an_error_in_each_file_of_the_corpus(corpus):
@@ -154,10 +156,14 @@ def test_four_million_points_are_read_within_bounds(name, command, tmp_path_fact
     if not path.exists():
         damage.in_child(lambda: vfplan.write_fixture(getattr(bundles, name)(), path) or "")
     program = Path(sys.executable).with_name("vfplan")
+    # A process inherits the peak of the one that starts it, so a small one stands between.
+    small = (
+        "import resource, subprocess, sys; code = subprocess.run(sys.argv[1:]).returncode; "
+        "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss); sys.exit(code)"
+    )
     started = time.monotonic()
-    child = os.posix_spawn(program, [program, command, path, "-q"], os.environ)
-    _, status, usage = os.wait4(child, 0)
-    assert os.waitstatus_to_exitcode(status) == 0
-    assert usage.ru_maxrss / 1024 < MOST_MIB
+    words = [sys.executable, "-c", small, program, command, path, "-q"]
+    done = subprocess.run([*map(str, words)], capture_output=True, text=True, check=True)
+    assert int(done.stdout) / 1024 < MOST_MIB
     if command == "info":
         assert time.monotonic() - started < MOST_SECONDS

@@ -181,9 +181,13 @@ def test_diagrams_follow_the_json(quick, vfplan_cli, tmp_path):
 
 def test_refuses_to_overwrite(quick, vfplan_cli):
     folder, _ = quick
-    run = vfplan_cli("bench", "--from", folder / "bench.json", "-o", folder)
+    run = vfplan_cli("bench", "extract", "--quick", "-o", folder)
     assert run.code == 2
     assert "exists already" in run.error_line
+    # Not even with --overwrite may a run replace what it reads.
+    run = vfplan_cli("bench", "--from", folder / "bench.json", "-o", folder, "--overwrite")
+    assert run.code == 2
+    assert "is an input of this call" in run.error_line
 
 
 @pytest.mark.parametrize(
