@@ -68,7 +68,7 @@ def jpeg(picture, quality, subsampling=cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420):
     flags = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, subsampling]
     ok, data = cv2.imencode(".jpg", picture[..., ::-1], flags)
     assert ok
-    return cv2.imdecode(data, cv2.IMREAD_COLOR_RGB)
+    return cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1].copy()
 
 
 def flat(shape, grey=220.0):

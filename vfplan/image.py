@@ -139,7 +139,9 @@ def _decode(data: bytes, where: str, frame: int | None) -> NDArray:
     try:
         with _native_stderr() as said:
             if _is_opaque(data) and frame in (None, 1):  # EXIF orientation is applied here
-                rgb = cv2.imdecode(buffer, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_ANYDEPTH)
+                rgb = cv2.imdecode(buffer, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+                if rgb is not None:  # in place; IMREAD_COLOR_RGB is younger than OpenCV 4.10
+                    cv2.cvtColor(rgb, cv2.COLOR_BGR2RGB, dst=rgb)
             else:
                 rgb = _page(cv2.imdecodemulti(buffer, cv2.IMREAD_UNCHANGED)[1], where, frame)
                 rgb = _upright(rgb, data)
