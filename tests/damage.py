@@ -7,7 +7,6 @@ import os
 import resource
 import signal
 import struct
-import time
 
 import numpy as np
 
@@ -85,7 +84,6 @@ def in_child(work, limit_s: float = 300.0) -> tuple[str, float]:
             os._exit(1)
     os.close(writer)
     signal.alarm(int(limit_s) + 1)
-    started = time.monotonic()
     try:
         with os.fdopen(reader) as file:
             text = file.read()
@@ -93,6 +91,5 @@ def in_child(work, limit_s: float = 300.0) -> tuple[str, float]:
         signal.alarm(0)
     _, status = os.waitpid(child, 0)
     assert os.waitstatus_to_exitcode(status) == 0, "the reading process died"
-    assert time.monotonic() - started < limit_s
     added, _, rest = text.partition("\n")
     return rest, float(added)

@@ -17,7 +17,7 @@ import vfplan
 from vfplan.bundle import read_bundle, validate
 from vfplan.errors import BundleError
 
-MOST_SECONDS, MOST_MIB = 10, 512
+MOST_SECONDS, MOST_MIB = 10, 512  # of processor time, so that a busy machine fails nothing
 FRESH_MIB = 150  # what a process has taken before it reads its first file
 
 
@@ -46,7 +46,7 @@ def test_the_corpus_is_refused_with_a_reason_in_time_and_memory(corpus):
     def work():
         problems = []
         for name, data, sound in corpus:
-            started = time.monotonic()
+            started = time.process_time()
             try:
                 read_bundle(data)
                 read = True
@@ -56,8 +56,8 @@ def test_the_corpus_is_refused_with_a_reason_in_time_and_memory(corpus):
                     problems.append(f"{name}: no reason")
             if read != sound:
                 problems.append(f"{name}: read {read}")
-            if time.monotonic() - started > MOST_SECONDS:
-                problems.append(f"{name}: {time.monotonic() - started} s")
+            if time.process_time() - started > MOST_SECONDS:
+                problems.append(f"{name}: {time.process_time() - started} s")
         return "\n".join(problems)
 
     problems, added = damage.in_child(work)
@@ -159,11 +159,12 @@ def test_four_million_points_are_read_within_bounds(name, command, tmp_path_fact
     # A process inherits the peak of the one that starts it, so a small one stands between.
     small = (
         "import resource, subprocess, sys; code = subprocess.run(sys.argv[1:]).returncode; "
-        "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss); sys.exit(code)"
+        "used = resource.getrusage(resource.RUSAGE_CHILDREN); "
+        "print(used.ru_maxrss, used.ru_utime + used.ru_stime); sys.exit(code)"
     )
-    started = time.monotonic()
     words = [sys.executable, "-c", small, program, command, path, "-q"]
     done = subprocess.run([*map(str, words)], capture_output=True, text=True, check=True)
-    assert int(done.stdout) / 1024 < MOST_MIB
+    peak_kib, seconds = map(float, done.stdout.split())
+    assert peak_kib / 1024 < MOST_MIB
     if command == "info":
-        assert time.monotonic() - started < MOST_SECONDS
+        assert seconds < MOST_SECONDS
