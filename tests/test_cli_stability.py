@@ -40,7 +40,9 @@ def test_study_of_a_point(vfplan_cli, dot, tmp_path):
     loops = [row for row in run.json["cases"] if row["case"].startswith("closed-loop/")]
     assert {row["scene"] for row in loops} == {"point", "bundle"}
     robust = [row["measured"] for row in loops if row["rule"] == "robust"]
+    paper = [row["measured"] for row in loops if row["rule"] == "paper"]
     assert run.json["k_max_n_per_m"] == min(robust)
+    assert run.json["k_max_by_rule_n_per_m"] == {"robust": min(robust), "paper": min(paper)}
     assert "closed-loop/flat" in run.json["left_out"]
     for row in run.json["cases"]:
         assert row.keys() >= {"case", "outcome", "detail", "limit", "measured"}

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mpmath
 import numpy as np
 import pytest
 
 from vfplan import ProxyEngine
 from vfplan.rendering import Trace
-from vfplan.stability.extremes import TABLE, Extreme, chosen, try_extreme
+from vfplan.stability.extremes import TABLE, Extreme, chosen, try_extreme, try_group
 from vfplan.stability.extremes.ground import breach, patch
 from vfplan.stability.precision import paper_tick, precision
 
@@ -92,3 +94,13 @@ def test_ticks_agree_with_mpmath():
                 worst, *(abs(float(a - b)) for a, b in zip(exact(found), tick, strict=True))
             )
     assert worst < 200 * np.spacing(5e-3)
+
+
+def test_the_long_run_takes_the_bundles_own_points():
+    from bundles import whole
+
+    cases, left_out = chosen(fixture := whole(), full=True)
+    assert "extreme/long" not in left_out
+    short = replace(cases["long"][0], args={"ticks": 200_000})
+    [row] = try_group([short], fixture)
+    assert (row.outcome, row.measured) == ("pass", 0.0), row.detail

@@ -74,6 +74,7 @@ class Study:
             "stable": self.verdict.stable,
             "k_n_per_m": self.verdict.k_n_per_m,
             "k_max_n_per_m": self.verdict.k_max_n_per_m,
+            "k_max_by_rule_n_per_m": _smallest(self.rows),
             "k_pass_n_per_m": self.verdict.k_pass_n_per_m,
             "k_linear_bound_n_per_m": self.verdict.k_linear_bound_n_per_m,
             "k_exact_bound_n_per_m": exact_bound(
@@ -195,9 +196,19 @@ def _check(robot: Robot, margin: float) -> None:
             number(name, getattr(robot, name), unit, above=0.0)
 
 
-def _loops(rows: list[Row]) -> list[Row]:
-    """The rows that say what K the default rule bears."""
-    return [row for row in rows if row.values.get("rule") == "robust" and row.unit == "N/m"]
+def _loops(rows: list[Row], rule: Rule = "robust") -> list[Row]:
+    """The rows that say what K a rule bears: the default one, which a controller runs."""
+    return [row for row in rows if row.values.get("rule") == rule and row.unit == "N/m"]
+
+
+def _smallest(rows: list[Row]) -> dict[str, float]:
+    """The smallest K [N/m] that each rule bore over the scenes run."""
+    found = {}
+    for rule in RULES:
+        borne = [row.measured for row in _loops(rows, rule) if row.measured is not None]
+        if borne:
+            found[rule] = min(borne)
+    return found
 
 
 def run_tasks(tasks: list[Task], jobs: int, done: Done) -> list[list[Row]]:

@@ -19,6 +19,7 @@ NOT_OF_A_BUNDLE = {
     "markers": "the bundle is registered already",
     "image": "the bundle is extracted already",
 }
+ON_GROUND = {"hip", "long"}  # groups that are tried on the bundle's own points
 
 
 def chosen(fixture: Fixture | None, full: bool) -> tuple[dict[str, list[Extreme]], dict[str, str]]:
@@ -47,7 +48,7 @@ def try_extreme(case: Extreme, ground: Ground | None = None) -> Row:
     """Try one case and hold what came of it against the table."""
     probe = getattr(importlib.import_module(f"{__name__}.{case.group}"), case.probe)
     args: dict[str, Any] = dict(case.args)
-    if case.group == "hip" and case.probe != "medial":
+    if case.group in ON_GROUND and case.probe != "medial":
         args["ground"] = ground or patch()
     name = f"extreme/{case.group}/{case.name}"
     values = {"expected": case.expected}
