@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 from vfplan.cli.options import FILE, output
-from vfplan.cli.run import Report, refuse_existing
+from vfplan.cli.run import Report, outputs, refuse_existing
 from vfplan.cli.run import command as vfplan_command
 
 
@@ -19,6 +19,7 @@ def command(fixture: Path, output: Path, overwrite: bool) -> Report:
     from vfplan.bundle import export, read_fixture
 
     data = read_fixture(fixture)
-    export(data, output, overwrite=overwrite)
+    with outputs(output) as (path,):
+        export(data, path)
     report = {"output": str(output), "points": len(data.points), "frame": data.frame}
     return Report(report, f"wrote {len(data.points)} points of frame {data.frame} to {output}")

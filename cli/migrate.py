@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 from vfplan.cli.options import FILE, output
-from vfplan.cli.run import Report, refuse_existing
+from vfplan.cli.run import Report, outputs, refuse_existing
 from vfplan.cli.run import command as vfplan_command
 
 
@@ -21,7 +21,8 @@ def command(old: Path, output: Path, overwrite: bool) -> Report:
     refuse_existing(output, overwrite=overwrite)
     from vfplan.bundle import migrate
 
-    content = migrate(old, output, overwrite=overwrite)
+    with outputs(output) as (path,):
+        content = migrate(old, path)
     line = content["/provenance/history"][-1]
     data = {"output": str(output), "version": content["/@version"], "history": line}
     return Report(data, f"{line}\nwrote {output}")

@@ -7,6 +7,7 @@ every command because they are written once, here.
 
 from __future__ import annotations
 
+import errno
 import functools
 import json
 import logging
@@ -18,15 +19,17 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import click
 
-from vfplan.disk import move_whole
+from vfplan.disk import Placed, move_whole
 from vfplan.errors import OutputError, VfplanError
+
+PLACED = "vfplan.cli.placed"  # under this key in click's context: what the command wrote
 
 
 @dataclass(frozen=True)
@@ -63,27 +66,10 @@ def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.
         @functools.wraps(function)
         def body(as_json: bool, quiet: bool, verbose: int, **kwargs: Any) -> None:
             _configure_log(quiet, verbose)
-            started = time.perf_counter()
             try:
-                report = function(**kwargs)
-            except BrokenPipeError:
-                sys.exit(1)
-            except VfplanError as error:
-                _fail(error.kind, error.message, error.where, error.exit_code, as_json, verbose)
-            except OSError as error:  # a device, a name or a folder that nobody foresaw
-                reason = error.strerror or type(error).__name__
-                _fail("OSError", reason, error.filename, 3, as_json, verbose)
-            except MemoryError:
-                _fail("MemoryError", "not enough memory for this input", None, 3, as_json, verbose)
-            except (click.ClickException, click.Abort):
-                raise
-            except Exception as error:  # nobody foresaw it: still one line, never a traceback
-                what = (
-                    f"unforeseen {type(error).__name__}: {error} (-vv shows where; please report)"
-                )
-                _fail(type(error).__name__, what, None, 3, as_json, verbose)
-            else:
-                _emit(report, time.perf_counter() - started, as_json, quiet)
+                _run(lambda: function(**kwargs), as_json, quiet, verbose)
+            finally:
+                _take_back()
 
         for option in (
             click.option("-v", "--verbose", count=True, help="More detail; -vv adds tracebacks."),
@@ -94,6 +80,31 @@ def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.
         return click.command(name, **attrs)(body)
 
     return wrap
+
+
+def _run(work: Callable[[], Report], as_json: bool, quiet: bool, verbose: int) -> None:
+    started = time.perf_counter()
+    try:
+        report = work()
+    except VfplanError as error:
+        _fail(error.kind, error.message, error.where, error.exit_code, as_json, verbose)
+    except OSError as error:  # a device, a name or a folder that nobody foresaw
+        reason = error.strerror or type(error).__name__
+        _fail("OSError", reason, error.filename, 3, as_json, verbose)
+    except MemoryError:
+        _fail("MemoryError", "not enough memory for this input", None, 3, as_json, verbose)
+    except (click.ClickException, click.Abort):
+        raise
+    except Exception as error:  # nobody foresaw it: still one line, never a traceback
+        what = f"unforeseen {type(error).__name__}: {error} (-vv shows where; please report)"
+        _fail(type(error).__name__, what, None, 3, as_json, verbose)
+    try:
+        _emit(report, time.perf_counter() - started, as_json, quiet)
+    except OSError as error:
+        what = f"cannot be written: {error.strerror}; no output file is kept"
+        _fail("OutputError", what, "the report", 2, as_json, verbose)
+    _keep()
+    sys.exit(report.exit_code)
 
 
 def _configure_log(quiet: bool, verbose: int) -> None:
@@ -110,10 +121,12 @@ def _emit(report: Report, elapsed: float, as_json: bool, quiet: bool) -> None:
         if report.warnings:
             data.setdefault("warnings", report.warnings)
         data.setdefault("elapsed_s", round(elapsed, 6))
-        click.echo(json.dumps(jsonable(data), indent=2, allow_nan=False))
+        text = json.dumps(jsonable(data), indent=2, allow_nan=False)
+        if sys.stdout is None:
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+        click.echo(text)
     elif not quiet:
         click.echo(report.text)
-    sys.exit(report.exit_code)
 
 
 def _fail(
@@ -121,12 +134,22 @@ def _fail(
 ) -> None:
     if verbose >= 2:
         traceback.print_exc()
+    line = f"{where}: {message}" if where else message
+    texts = [("vfplan: error: " + " ".join(line.split()), sys.stderr)]
     if as_json:
         error = {"kind": kind, "message": message, "where": where}
-        click.echo(json.dumps({"error": error}, indent=2))
-    line = f"{where}: {message}" if where else message
-    click.echo("vfplan: error: " + " ".join(line.split()), err=True)
+        texts.insert(0, (json.dumps({"error": error}, indent=2), sys.stdout))
+    for text, stream in texts:
+        try:
+            click.echo(text, file=stream)
+        except OSError:  # what is left in it would be tried again at the end, and fail again
+            _silence(stream)
     sys.exit(code)
+
+
+def _silence(stream: TextIO) -> None:
+    with suppress(OSError), open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), stream.fileno())
 
 
 def refuse_existing(*paths: Path | None, overwrite: bool) -> None:
@@ -170,27 +193,59 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
 
     Yields one temporary path a given path (same folder, same suffix; `None` stays `None`); moves
     them into place when the block ends well and deletes them when it does not. A power cut leaves
-    the old file or the new one, whole.
+    the old file or the new one, whole. What exists is replaced only if the running command's
+    `--overwrite` says so; the old files come back when the command's report cannot be written.
 
-    Raises `OutputError` where the system lets a file not be made or written.
+    Raises `OutputError` where the system lets a file not be made or written, or it exists.
     """
     temporaries: tuple[Path | None, ...] = ()
     try:
         temporaries = tuple(p and _temporary_beside(p) for p in paths)
         yield temporaries
-        move_whole((t, p) for p, t in zip(paths, temporaries, strict=True) if p and t)
+        moves = [(t, p) for p, t in zip(paths, temporaries, strict=True) if p and t]
+        _remember(move_whole(moves, overwrite=_overwrite()))
     except OSError as error:
         reason = error.strerror or str(error)
         where = next((str(p) for p in paths if p is not None), None)
         raise OutputError(f"cannot be written: {reason}", where=where) from error
+    except VfplanError as error:
+        for path, temporary in zip(paths, temporaries, strict=True):
+            if temporary is not None and error.where == str(temporary):
+                error.where = str(path)  # the name that the caller knows
+        raise
     finally:
         for temporary in temporaries:
             if temporary is not None:
                 temporary.unlink(missing_ok=True)
 
 
+def _overwrite() -> bool:
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.params.get("overwrite"))
+
+
+def _remember(placed: Placed) -> None:
+    """Keep what the running command wrote in mind until its report is out."""
+    context = click.get_current_context(silent=True)
+    if context is None:
+        placed.keep()
+    else:
+        context.meta.setdefault(PLACED, []).append(placed)
+
+
+def _keep() -> None:
+    for placed in click.get_current_context().meta.pop(PLACED, []):
+        placed.keep()
+
+
+def _take_back() -> None:
+    for placed in reversed(click.get_current_context().meta.pop(PLACED, [])):
+        placed.undo()
+
+
 def _temporary_beside(path: Path) -> Path:
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+    suffix = "".join(path.suffixes)
+    handle, name = tempfile.mkstemp(prefix=".vfplan-", suffix=suffix, dir=path.parent)
     os.close(handle)
     os.unlink(name)  # writers refuse to overwrite; only the name was wanted
     return Path(name)

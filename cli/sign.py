@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 from vfplan.cli.options import FILE, output
-from vfplan.cli.run import Report, refuse_existing
+from vfplan.cli.run import Report, outputs, refuse_existing
 from vfplan.cli.run import command as vfplan_command
 
 
@@ -38,15 +38,15 @@ def command(
     refuse_existing(output, overwrite=overwrite)
     from vfplan.bundle import sign
 
-    seal = sign(
-        fixture,
-        output,
-        key,
-        case=case,
-        robot_serial=robot_serial,
-        registered_utc=registered_at,
-        overwrite=overwrite,
-    )
+    with outputs(output) as (path,):
+        seal = sign(
+            fixture,
+            path,
+            key,
+            case=case,
+            robot_serial=robot_serial,
+            registered_utc=registered_at,
+        )
     return Report(
         {"output": str(output), **seal.describe()}, f"signed {output}, key {seal.key_id.hex()}"
     )

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 import time
+from pathlib import Path
 
 import click
 import pytest
@@ -37,6 +39,36 @@ def test_usage_error_found_late_is_still_one():
     run = CliRunner().invoke(misused, [])
     assert run.exit_code == 2
     assert "exclude each other" in run.stderr
+
+
+@pytest.mark.parametrize("words", [[], ["--json"]], ids=["text", "json"])
+def test_a_report_that_cannot_be_written_leaves_no_file_behind(words, tmp_path):
+    """A full disk under stdout: exit 2, one line, old files as they were, no new one."""
+    import bundles
+
+    import vfplan
+
+    program = Path(sys.executable).with_name("vfplan")
+    vfplan.write_fixture(bundles.whole(), tmp_path / "a.h5")
+    (tmp_path / "old.ply").write_bytes(b"old")
+    for name, more in (("new.ply", []), ("old.ply", ["--overwrite"])):
+        with open("/dev/full", "w") as full:
+            done = subprocess.run(
+                [program, "export", tmp_path / "a.h5", "-o", tmp_path / name, *more, *words],
+                stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+            )  # fmt: skip
+        assert done.returncode == 2, done.stderr
+        assert done.stderr.count("\n") == 1
+        assert "No space left" in done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.h5", "old.ply"]
+    assert (tmp_path / "old.ply").read_bytes() == b"old"
+
+
+def test_an_error_on_a_full_disk_keeps_its_exit_code():
+    program = Path(sys.executable).with_name("vfplan")
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([program, "info", "none.h5", "--json"], stdout=full, stderr=full)
+    assert done.returncode == 3
 
 
 @pytest.mark.parametrize("terminal", [True, False])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
+import shutil
 import stat
 from collections.abc import Iterable
 from pathlib import Path
@@ -11,11 +13,16 @@ from typing import BinaryIO
 
 from vfplan.errors import InputError, OutputError
 
+EXISTS = "exists already; give --overwrite to replace it"
+# What a file system answers that has no hard links.
+NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL)
+
 
 def write_whole(path: Path, parts: list[bytes], *, overwrite: bool, mode: int = 0o666) -> None:
     """Write a file so that, whatever happens, the old one or the new one is there, whole.
 
-    A temporary file in the same folder, fsync, rename, fsync of the folder.
+    A temporary file in the same folder, fsync, rename, fsync of the folder. Without `overwrite` no
+    file is ever replaced, not even one that appears meanwhile.
 
     Raises
     ------
@@ -26,13 +33,11 @@ def write_whole(path: Path, parts: list[bytes], *, overwrite: bool, mode: int = 
     if path.is_dir():
         raise OutputError("is a directory; a file is wanted", where=str(path))
     if path.exists() and not overwrite:
-        raise OutputError("exists already; give --overwrite to replace it", where=str(path))
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+        raise OutputError(EXISTS, where=str(path))
+    temporary = _beside(path, "tmp")
     try:
         _write_synced(temporary, parts, mode)
-        if not overwrite and path.exists():
-            raise OutputError("exists already; give --overwrite to replace it", where=str(path))
-        os.replace(temporary, path)
+        _put(temporary, path, overwrite=overwrite)
         sync(path.parent)
     except OSError as error:
         raise OutputError(f"cannot be written: {error.strerror}", where=str(path)) from error
@@ -49,27 +54,112 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def move_whole(moves: Iterable[tuple[Path, Path]]) -> None:
-    """Put finished files, (from, to) in the same folder, into place: old or new, whatever happens.
+class Placed:
+    """Files that were put into their places together, and can be taken out again.
 
-    Every file's bytes are on the disk before the first rename, every rename before this returns.
+    Until `keep` or `undo` is called, each file that was replaced stays beside the new one under a
+    hidden name.
+    """
+
+    def __init__(self) -> None:
+        self._done: list[tuple[Path, Path | None]] = []
+
+    def put(self, temporary: Path, target: Path, *, overwrite: bool) -> None:
+        """Give a finished file its name; raises `OSError`, or `OutputError` if it exists."""
+        old = _set_aside(target) if overwrite else None
+        try:
+            _put(temporary, target, overwrite=overwrite)
+        except BaseException:
+            if old is not None:
+                old.unlink(missing_ok=True)
+            raise
+        self._done.append((target, old))
+
+    def undo(self) -> None:
+        """Take the new files away and put the old ones back; a second call does nothing."""
+        for target, old in reversed(self._done):
+            if old is None:
+                target.unlink(missing_ok=True)
+            else:
+                os.replace(old, target)
+        self._done.clear()
+
+    def keep(self) -> None:
+        """Let the old files go."""
+        for _, old in self._done:
+            if old is not None:
+                old.unlink(missing_ok=True)
+        self._done.clear()
+
+
+def move_whole(moves: Iterable[tuple[Path, Path]], *, overwrite: bool) -> Placed:
+    """Put finished files, (from, to) in the same folder, into place: all of them or none.
+
+    Every file's bytes are on the disk before the first rename, every rename before this returns;
+    a power cut leaves the old or the new of each, whole. The caller says `keep` or `undo`.
 
     Raises
     ------
     OutputError
-        A file cannot be put into its place.
+        A file cannot be put into its place, or is there already and `overwrite` is false; the
+        others are as they were.
     """
     pairs = list(moves)
+    placed, at = Placed(), pairs[0][1] if pairs else Path()
     try:
-        for temporary, _ in pairs:
+        for temporary, at in pairs:  # noqa: B007 - `at` is named in the error
             sync(temporary)
-        for temporary, target in pairs:
-            os.replace(temporary, target)
+        for temporary, at in pairs:
+            placed.put(temporary, at, overwrite=overwrite)
         for folder in {target.parent for _, target in pairs}:
             sync(folder)
+    except BaseException as error:
+        placed.undo()
+        if isinstance(error, OSError):
+            raise OutputError(f"cannot be written: {error.strerror}", where=str(at)) from error
+        raise
+    return placed
+
+
+def _beside(path: Path, suffix: str) -> Path:
+    return path.with_name(f".vfplan-{secrets.token_hex(8)}.{suffix}")  # never too long a name
+
+
+def _put(temporary: Path, target: Path, *, overwrite: bool) -> None:
+    """Rename; without `overwrite` in one step with the question whether the name is free."""
+    if overwrite:
+        os.replace(temporary, target)
+        return
+    try:
+        try:
+            os.link(temporary, target)  # unlike a rename, never replaces
+        except OSError as error:
+            if error.errno not in NO_LINKS:
+                raise
+            os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC))
+            try:
+                os.replace(temporary, target)
+            except OSError:
+                os.unlink(target)
+                raise
+            return
+    except FileExistsError:
+        raise OutputError(EXISTS, where=str(target)) from None
+    os.unlink(temporary)
+
+
+def _set_aside(target: Path) -> Path | None:
+    """A second name for a file that will be replaced; `None` if there is no file."""
+    if not os.path.lexists(target):
+        return None
+    old = _beside(target, "old")
+    try:
+        os.link(target, old, follow_symlinks=False)
     except OSError as error:
-        where = ", ".join(str(target) for _, target in pairs)
-        raise OutputError(f"cannot be written: {error.strerror}", where=where) from error
+        if error.errno not in NO_LINKS:
+            raise
+        shutil.copy2(target, old, follow_symlinks=False)
+    return old
 
 
 def _write_synced(path: Path, parts: list[bytes], mode: int) -> None:
@@ -88,14 +178,14 @@ def opened_file(path: Path) -> BinaryIO:
     """
     try:
         # Not to hang on a named pipe, which opens only when somebody writes to it.
-        file = open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")  # noqa: SIM115
-    except IsADirectoryError:
-        raise InputError("is a directory; a bundle is wanted", where=str(path)) from None
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except FileNotFoundError:
         raise InputError("there is no such file", where=str(path)) from None
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read: {error}", where=str(path)) from error
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        file.close()
-        raise InputError("is not a regular file; a bundle is wanted", where=str(path))
-    return file
+    mode = os.fstat(descriptor).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(descriptor)
+        what = "a directory" if stat.S_ISDIR(mode) else "not a regular file"
+        raise InputError(f"is {what}; a file is wanted", where=str(path))
+    return open(descriptor, "rb")
