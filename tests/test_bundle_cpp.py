@@ -10,6 +10,7 @@ import damage
 import fuzz_bundle
 import hostile
 import pytest
+import test_cli_sign
 from conftest import ROOT, need_header, need_program
 
 import vfplan
@@ -149,6 +150,14 @@ def test_both_readers_judge_the_hostile_corpus_alike(bundle_sweep, tmp_path):
 def test_a_signature_is_demanded_in_cpp_too(file, words, code, bundle_sweep):
     folder = ROOT / "tests" / "data" / "bundles"
     assert bundle_sweep("verify", folder / file, folder / "signed.pub", *words) == code
+
+
+@pytest.mark.parametrize("name", test_cli_sign.BESIDE)
+def test_a_file_of_keys_holds_the_same_in_cpp(name, bundle_sweep, tmp_path):
+    file = ROOT / "tests" / "data" / "bundles" / "1.0-signed.h5"
+    keys = test_cli_sign.keys_beside(name, tmp_path)
+    wanted = "ok" if test_cli_sign.BESIDE[name][1] is None else "input"
+    assert bundle_sweep("verify", file, keys, "case 17", "R-0042", 10**10) == wanted
 
 
 def test_a_forged_signature_does_not_hold_in_cpp_either(bundle_sweep, tmp_path):

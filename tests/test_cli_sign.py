@@ -3,6 +3,7 @@
 import os
 import stat
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import bundles
 import damage
@@ -10,8 +11,7 @@ import pytest
 
 import vfplan
 from vfplan.bundle import Trust, keygen, read_bundle, read_keys
-from vfplan.disk import write_whole
-from vfplan.errors import OutputError, SettingError, SignatureError
+from vfplan.errors import InputError, OutputError, SettingError, SignatureError
 
 
 @pytest.fixture(scope="module")
@@ -147,16 +147,74 @@ def test_an_age_that_nothing_exceeds_is_refused(age):
         Trust({}, max_age=age)
 
 
-def test_a_failed_new_key_leaves_the_old_pair(tmp_path, monkeypatch):
-    keygen(tmp_path / "a.pem")
+def fails_for(real, ending):
+    def spy(source, target, **given):
+        if str(target).endswith(ending):
+            raise OSError(28, "No space left on device")
+        real(source, target, **given)
+
+    return spy
+
+
+@pytest.mark.parametrize("overwrite", [True, False])
+def test_a_failed_new_key_leaves_what_was_there(overwrite, tmp_path, monkeypatch):
+    """The public key is in its place already when the private one fails."""
+    if overwrite:
+        keygen(tmp_path / "a.pem")
     old = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-
-    def fails_for_private(path, parts, **given):
-        if path.suffix == ".pem":
-            raise OutputError("cannot be written: no space", where=str(path))
-        write_whole(path, parts, **given)
-
-    monkeypatch.setattr("vfplan.bundle.signing.write_whole", fails_for_private)
-    with pytest.raises(OutputError):
-        keygen(tmp_path / "a.pem", overwrite=True)
+    for name in ("replace", "link"):
+        monkeypatch.setattr(os, name, fails_for(getattr(os, name), "a.pem"))
+    with pytest.raises(OutputError, match="No space"):
+        keygen(tmp_path / "a.pem", overwrite=overwrite)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == old
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o666])
+def test_a_private_key_that_others_can_read_signs_nothing(mode, desk, vfplan_cli, tmp_path):
+    key = tmp_path / "open.key"
+    key.write_bytes((desk / "alice.key").read_bytes())
+    key.chmod(mode)
+    run = vfplan_cli("sign", desk / "a.h5", "--key", key, "-o", tmp_path / "x.h5")
+    assert (run.code, (tmp_path / "x.h5").exists()) == (3, False)
+    assert f"{mode:04o}" in run.error_line
+    key.chmod(0o400)
+    assert vfplan_cli("sign", desk / "a.h5", "--key", key, "-o", tmp_path / "x.h5").code == 0
+
+
+# Text beside the key PEM of a file of keys, whether it may stand there, and what is said if not.
+BESIDE = {
+    "blank_lines": (b"\n \t\r\n%s\r\n\n", None),
+    "comments": (b"# alice, until 2027\n%s  # no more\n# end", None),
+    "text_after": (b"%sand bob's, which is elsewhere\n", "line 4"),
+    "text_before": (b"alice\n%s", "line 1"),
+    "half_a_key_after": (b"%s-----BEGIN PUBLIC KEY-----\nMCow\n", "ends within"),
+    "a_damaged_key_first": (
+        b"-----BEGIN PUBLIC KEY-----\nMCow!\n-----END PUBLIC KEY-----\n%s",
+        "cannot be read",
+    ),
+    "a_private_key": (
+        b"%s-----BEGIN PRIVATE KEY-----\nMC4CAQ==\n-----END PRIVATE KEY-----",
+        "line 4",
+    ),
+    "text_on_the_last_line": (b"%s\0", "line 4"),
+}  # fmt: skip
+
+
+def keys_beside(name, folder):
+    """A file of keys with something beside the key."""
+    path = folder / f"{name}.pub"
+    path.write_bytes(BESIDE[name][0] % SIGNED_PUB.read_bytes())
+    return path
+
+
+SIGNED_PUB = Path(__file__).parent / "data" / "bundles" / "signed.pub"
+
+
+@pytest.mark.parametrize("name", BESIDE)
+def test_a_file_of_keys_holds_keys_and_comments_only(name, tmp_path):
+    path, reason = keys_beside(name, tmp_path), BESIDE[name][1]
+    if reason is None:
+        assert len(read_keys(path)) == 1
+    else:
+        with pytest.raises(InputError, match=reason):
+            read_keys(path)

@@ -45,6 +45,24 @@ def write_whole(path: Path, parts: list[bytes], *, overwrite: bool, mode: int = 
         temporary.unlink(missing_ok=True)
 
 
+def write_together(files: list[tuple[Path, bytes, int]], *, overwrite: bool) -> None:
+    """Write several files, each (path, bytes, mode): all of them or none.
+
+    Raises `OutputError` as `move_whole` does.
+    """
+    moves = [(_beside(path, "tmp"), path) for path, _, _ in files]
+    try:
+        for (temporary, at), (_, data, mode) in zip(moves, files, strict=True):
+            try:
+                _write_synced(temporary, [data], mode)
+            except OSError as error:
+                raise OutputError(f"cannot be written: {error.strerror}", where=str(at)) from error
+        move_whole(moves, overwrite=overwrite).keep()
+    finally:
+        for temporary, _ in moves:
+            temporary.unlink(missing_ok=True)
+
+
 def sync(path: Path) -> None:
     """Wait until a file's bytes, or a folder's names, are on the disk; raises `OSError`."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)

@@ -11,8 +11,9 @@ from vfplan.bundle.describe import describe
 from vfplan.bundle.exporting import export
 from vfplan.bundle.files import read_bundle, read_fixture, require_signature, write_fixture
 from vfplan.bundle.findings import Issue
+from vfplan.bundle.keys import keygen, read_keys
 from vfplan.bundle.migration import migrate
-from vfplan.bundle.signing import Trust, keygen, read_keys, sign
+from vfplan.bundle.signing import Trust, sign
 from vfplan.bundle.validation import validate
 
 __all__ = [

@@ -14,9 +14,10 @@ import numpy as np
 from vfplan.bundle import check, leak
 from vfplan.bundle.content import Content, from_content, to_content
 from vfplan.bundle.findings import Findings
+from vfplan.bundle.keys import read_keys
 from vfplan.bundle.parse import parse, peek_version
 from vfplan.bundle.seal import Seal, seal_of, to_block, unseal
-from vfplan.bundle.signing import Trust, check_trust, read_keys
+from vfplan.bundle.signing import Trust, check_trust
 from vfplan.bundle.store import to_payload
 from vfplan.bundle.table import Table, table
 from vfplan.disk import opened_file, write_whole

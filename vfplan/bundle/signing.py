@@ -1,25 +1,22 @@
-"""Approval of a bundle: Ed25519 keys, signatures, and what a robot may demand of them.
+"""Approval of a bundle: signing it, and what a robot may demand of a signature.
 
 Needs the extra `[sign]` (the package `cryptography`).
 """
 
 from __future__ import annotations
 
-import hashlib
 import math
-import os
 import time
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from vfplan.bundle.keys import key_id_of, read_private
 from vfplan.bundle.seal import LATEST, Seal, seal_of, signed_message, to_block
-from vfplan.disk import opened_file, write_whole
-from vfplan.errors import InputError, MissingExtra, SettingError, SignatureError
+from vfplan.disk import write_whole
+from vfplan.errors import SettingError, SignatureError
 
-PEM_END = b"-----END PUBLIC KEY-----"
-KEY_FILE_BYTES = 1 << 20
 CLOCK_SKEW = 60  # s a registration may seem to lie in the future
 
 
@@ -50,102 +47,6 @@ class Trust:
             raise SettingError(f"maximum age {self.max_age} s; finite and 0 or more wanted")
 
 
-def _ed25519() -> tuple[Any, Any]:
-    try:
-        from cryptography.hazmat.primitives import serialization
-        from cryptography.hazmat.primitives.asymmetric import ed25519
-    except ImportError:
-        raise MissingExtra(
-            "signatures need the package cryptography: pip install 'vfplan[sign]'"
-        ) from None
-    return ed25519, serialization
-
-
-def key_id_of(public: Any) -> bytes:
-    """The first 16 bytes of SHA-256 of the raw public key."""
-    return hashlib.sha256(public.public_bytes_raw()).digest()[:16]
-
-
-def keygen(private_path: str | Path, *, overwrite: bool = False) -> tuple[Path, str]:
-    """Make a key pair: PEM files NAME (PKCS 8, for its owner only) and NAME with suffix `.pub`.
-
-    Returns the public key's path and its key id in hex.
-
-    Raises
-    ------
-    OutputError
-        One of the two exists and `overwrite` is false.
-    MissingExtra
-        `cryptography` is not installed.
-    """
-    ed25519, serialization = _ed25519()
-    private_path = Path(private_path)
-    public_path = private_path.with_suffix(".pub")
-    if public_path == private_path:
-        raise SettingError("the private key's name may not end in .pub", where=str(private_path))
-    key = ed25519.Ed25519PrivateKey.generate()
-    private = key.private_bytes(
-        serialization.Encoding.PEM,
-        serialization.PrivateFormat.PKCS8,
-        serialization.NoEncryption(),
-    )
-    public = key.public_key().public_bytes(
-        serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
-    )
-    old = public_path.read_bytes() if public_path.is_file() else None
-    write_whole(public_path, [public], overwrite=overwrite)
-    try:
-        write_whole(private_path, [private], overwrite=overwrite, mode=0o600)
-    except BaseException:
-        if old is None:
-            os.unlink(public_path)
-        else:
-            write_whole(public_path, [old], overwrite=True)
-        raise
-    return public_path, key_id_of(key.public_key()).hex()
-
-
-def _read_pem(path: str | Path) -> bytes:
-    with opened_file(Path(path)) as file:
-        data = file.read(KEY_FILE_BYTES + 1)
-    if len(data) > KEY_FILE_BYTES:
-        raise InputError(f"more than {KEY_FILE_BYTES} bytes; no file of keys", where=str(path))
-    return data
-
-
-def read_keys(path: str | Path) -> dict[bytes, Any]:
-    """The public keys of a file of PEM keys, one after the other, by key id.
-
-    Raises `InputError` when there is no such file, or it holds anything but Ed25519 public keys.
-    """
-    ed25519, serialization = _ed25519()
-    keys = {}
-    for part in _read_pem(path).split(PEM_END)[:-1]:
-        try:
-            key = serialization.load_pem_public_key(part.lstrip() + PEM_END + b"\n")
-        except Exception as error:  # the library raises many kinds for a damaged key
-            raise InputError("holds a public key that cannot be read", where=str(path)) from error
-        if not isinstance(key, ed25519.Ed25519PublicKey):
-            raise InputError("holds a key that is not Ed25519", where=str(path))
-        keys[key_id_of(key)] = key
-    if not keys:
-        raise InputError("holds no public key in PEM form", where=str(path))
-    return keys
-
-
-def _read_private(path: str | Path) -> Any:
-    ed25519, serialization = _ed25519()
-    try:
-        key = serialization.load_pem_private_key(_read_pem(path), password=None)
-    except InputError:
-        raise
-    except Exception as error:  # as above
-        raise InputError("holds no private key in PEM form", where=str(path)) from error
-    if not isinstance(key, ed25519.Ed25519PrivateKey):
-        raise InputError("holds a key that is not Ed25519", where=str(path))
-    return key
-
-
 def sign(
     source: str | Path,
     target: str | Path,
@@ -166,7 +67,9 @@ def sign(
     BundleError
         The bundle is not sound.
     InputError
-        There is no such key, or the time is none.
+        There is no such key, or others than its owner can read it.
+    SettingError
+        The time is none, or a text does not fit into the seal.
     OutputError
         The target exists and `overwrite` is false.
     """
@@ -176,7 +79,7 @@ def sign(
     for what, text in (("case token", case), ("robot serial", robot_serial)):
         if not text.isprintable():
             raise SettingError(f"{what} {text!r} holds control characters")
-    key = _read_private(key_path)
+    key = read_private(key_path)
     payload = checked_payload(source)
     seal = replace(
         seal_of(payload),

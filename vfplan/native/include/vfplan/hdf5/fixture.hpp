@@ -20,6 +20,7 @@
 #include "vfplan/hdf5/parse.hpp"
 #include "vfplan/hdf5/rules.hpp"
 #include "vfplan/hdf5/seal.hpp"
+#include "vfplan/hdf5/trust.hpp"
 
 namespace vfplan::hdf5 {
 

@@ -4,17 +4,13 @@
 #pragma once
 
 #include <openssl/evp.h>
-#include <openssl/pem.h>
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <memory>
-#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -205,84 +201,6 @@ inline Bytes read_file(const std::filesystem::path& path) {
     file.read(reinterpret_cast<char*>(data.data()), static_cast<std::streamsize>(size));
     data.resize(static_cast<std::size_t>(file.gcount()));
     return data;
-}
-
-/// A trusted Ed25519 public key.
-using PublicKey = std::shared_ptr<EVP_PKEY>;
-
-inline std::array<unsigned char, 16> key_id(const PublicKey& key) {
-    std::array<unsigned char, 32> raw{};
-    std::size_t length = raw.size();
-    EVP_PKEY_get_raw_public_key(key.get(), raw.data(), &length);
-    const Digest digest = sha256(raw);
-    std::array<unsigned char, 16> id{};
-    std::copy_n(digest.begin(), id.size(), id.begin());
-    return id;
-}
-
-/// The keys of a file of PEM public keys, one after the other, as `vfplan keygen` writes them.
-inline std::vector<PublicKey> read_keys(const std::filesystem::path& path) {
-    const std::unique_ptr<BIO, int (*)(BIO*)> file(BIO_new_file(path.c_str(), "r"), BIO_free);
-    if (!file) throw BundleError("input", path.string(), "cannot be opened");
-    std::vector<PublicKey> keys;
-    while (EVP_PKEY* key = PEM_read_bio_PUBKEY(file.get(), nullptr, nullptr, nullptr)) {
-        keys.emplace_back(key, EVP_PKEY_free);
-        if (EVP_PKEY_base_id(key) != EVP_PKEY_ED25519) {
-            throw BundleError("input", path.string(), "holds a key that is not Ed25519");
-        }
-    }
-    if (keys.empty()) throw BundleError("input", path.string(), "holds no public key");
-    return keys;
-}
-
-/// What a controller demands of a bundle's signature.
-struct Trust {
-    std::vector<PublicKey> keys;
-    std::optional<std::string> case_token;
-    std::optional<std::string> robot_serial;
-    std::optional<std::chrono::seconds> max_age;  // since the registration
-};
-
-inline bool signature_holds(const Seal& seal, const PublicKey& key) {
-    const std::unique_ptr<EVP_MD_CTX, void (*)(EVP_MD_CTX*)> ctx(EVP_MD_CTX_new(), EVP_MD_CTX_free);
-    return ctx != nullptr &&
-           EVP_DigestVerifyInit(ctx.get(), nullptr, nullptr, nullptr, key.get()) == 1 &&
-           EVP_DigestVerify(ctx.get(), seal.signature.data(), seal.signature.size(),
-                            seal.signed_message.data(), seal.signed_message.size()) == 1;
-}
-
-/// Throws "signature..." unless a trusted key signed this seal for this case, robot and time.
-inline void require_signature(
-    const Seal& seal, const Trust& trust,
-    std::chrono::system_clock::time_point now = std::chrono::system_clock::now()) {
-    if (!seal.is_signed) throw BundleError("signature.missing", "", "is not signed");
-    const auto key = std::find_if(trust.keys.begin(), trust.keys.end(),
-                                  [&](const PublicKey& k) { return key_id(k) == seal.key_id; });
-    if (key == trust.keys.end()) {
-        throw BundleError("signature.key", "",
-                          "signed by key " + to_hex(seal.key_id) + ", which is not trusted");
-    }
-    if (!signature_holds(seal, *key)) {
-        throw BundleError("signature.wrong", "", "the signature does not hold");
-    }
-    if (trust.case_token && *trust.case_token != seal.case_token) {
-        throw BundleError("signature.case", "", "signed for another case");
-    }
-    if (trust.robot_serial && *trust.robot_serial != seal.robot_serial) {
-        throw BundleError("signature.robot", "", "signed for another robot");
-    }
-    if (!trust.max_age) return;
-    if (seal.registered == 0) {
-        throw BundleError("signature.age", "", "no registration time was signed");
-    }
-    const auto age = std::chrono::duration_cast<std::chrono::seconds>(now.time_since_epoch()) -
-                     std::chrono::seconds(static_cast<std::int64_t>(seal.registered));
-    if (age > *trust.max_age) {
-        throw BundleError("signature.age", "", "the registration is too old");
-    }
-    if (age < std::chrono::seconds(-60)) {
-        throw BundleError("signature.age", "", "the registration lies in the future");
-    }
 }
 
 }  // namespace vfplan::hdf5

@@ -1,0 +1,140 @@
+"""Ed25519 keys in PEM files: private ones to sign with, public ones to trust.
+
+Needs the extra `[sign]` (the package `cryptography`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from vfplan.disk import opened_file, write_together
+from vfplan.errors import InputError, MissingExtra, SettingError
+
+KEY_FILE_BYTES = 1 << 20
+BEGIN, END = b"-----BEGIN PUBLIC KEY-----", b"-----END PUBLIC KEY-----"
+
+
+def _ed25519() -> tuple[Any, Any]:
+    try:
+        from cryptography.hazmat.primitives import serialization
+        from cryptography.hazmat.primitives.asymmetric import ed25519
+    except ImportError:
+        raise MissingExtra(
+            "signatures need the package cryptography: pip install 'vfplan[sign]'"
+        ) from None
+    return ed25519, serialization
+
+
+def key_id_of(public: Any) -> bytes:
+    """The first 16 bytes of SHA-256 of the raw public key."""
+    return hashlib.sha256(public.public_bytes_raw()).digest()[:16]
+
+
+def keygen(private_path: str | Path, *, overwrite: bool = False) -> tuple[Path, str]:
+    """Make a key pair: PEM files NAME (PKCS 8, for its owner only) and NAME with suffix `.pub`.
+
+    Both are written or none. Returns the public key's path and its key id in hex.
+
+    Raises
+    ------
+    OutputError
+        One of the two exists and `overwrite` is false, or cannot be written.
+    MissingExtra
+        `cryptography` is not installed.
+    """
+    ed25519, serialization = _ed25519()
+    private_path = Path(private_path)
+    public_path = private_path.with_suffix(".pub")
+    if public_path == private_path:
+        raise SettingError("the private key's name may not end in .pub", where=str(private_path))
+    key = ed25519.Ed25519PrivateKey.generate()
+    private = key.private_bytes(
+        serialization.Encoding.PEM,
+        serialization.PrivateFormat.PKCS8,
+        serialization.NoEncryption(),
+    )
+    public = key.public_key().public_bytes(
+        serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
+    )
+    pair = [(public_path, public, 0o666), (private_path, private, 0o600)]
+    write_together(pair, overwrite=overwrite)
+    return public_path, key_id_of(key.public_key()).hex()
+
+
+def read_keys(path: str | Path) -> dict[bytes, Any]:
+    """The public keys of a file of PEM keys, one after the other, by key id.
+
+    Between them there may be empty lines and comments, lines that begin with `#`.
+
+    Raises `InputError` when there is no such file, or it holds anything but Ed25519 public keys.
+    """
+    ed25519, serialization = _ed25519()
+    keys = {}
+    for block in _blocks(_read_pem(path)[0], str(path)):
+        try:
+            key = serialization.load_pem_public_key(block)
+        except Exception as error:  # the library raises many kinds for a damaged key
+            raise InputError("holds a public key that cannot be read", where=str(path)) from error
+        if not isinstance(key, ed25519.Ed25519PublicKey):
+            raise InputError("holds a key that is not Ed25519", where=str(path))
+        keys[key_id_of(key)] = key
+    if not keys:
+        raise InputError("holds no public key in PEM form", where=str(path))
+    return keys
+
+
+def _blocks(data: bytes, where: str) -> Iterator[bytes]:
+    """The PEM blocks of public keys; nothing but empty lines and comments stands between them."""
+    block: list[bytes] = []
+    for number, raw in enumerate(data.split(b"\n"), start=1):
+        line = raw.strip(b" \t\r")
+        if not block and (not line or line.startswith(b"#")):
+            continue
+        if not block and line != BEGIN:
+            raise InputError(
+                f"line {number} belongs to no public key in PEM form and is no comment (#)",
+                where=where,
+            )
+        block.append(line)
+        if line == END:
+            yield b"\n".join([*block, b""])
+            block.clear()
+    if block:
+        raise InputError("ends within a public key", where=where)
+
+
+def read_private(path: str | Path) -> Any:
+    """The private key of a PEM file that nobody but its owner can read.
+
+    Raises `InputError` when there is no such file, it holds no Ed25519 key, or it belongs to the
+    caller and its mode lets others read or write it.
+    """
+    ed25519, serialization = _ed25519()
+    data, status = _read_pem(path)
+    mode = stat.S_IMODE(status.st_mode)
+    if os.name == "posix" and status.st_uid == os.geteuid() and mode & 0o077:
+        raise InputError(
+            f"others can read or write this private key, its mode is {mode:04o}; 0600 wanted:"
+            " chmod 600, or make a new one if somebody may have copied it",
+            where=str(path),
+        )
+    try:
+        key = serialization.load_pem_private_key(data, password=None)
+    except Exception as error:  # as above
+        raise InputError("holds no private key in PEM form", where=str(path)) from error
+    if not isinstance(key, ed25519.Ed25519PrivateKey):
+        raise InputError("holds a key that is not Ed25519", where=str(path))
+    return key
+
+
+def _read_pem(path: str | Path) -> tuple[bytes, os.stat_result]:
+    with opened_file(Path(path)) as file:
+        data, status = file.read(KEY_FILE_BYTES + 1), os.fstat(file.fileno())
+    if len(data) > KEY_FILE_BYTES:
+        raise InputError(f"more than {KEY_FILE_BYTES} bytes; no file of keys", where=str(path))
+    return data, status

@@ -1,0 +1,144 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// Who vouches for a bundle: trusted keys, and what a controller demands of a signature.
+#pragma once
+
+#include <openssl/evp.h>
+#include <openssl/pem.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <istream>
+#include <memory>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "vfplan/hdf5/error.hpp"
+#include "vfplan/hdf5/seal.hpp"
+
+namespace vfplan::hdf5 {
+
+/// A trusted Ed25519 public key.
+using PublicKey = std::shared_ptr<EVP_PKEY>;
+
+inline std::array<unsigned char, 16> key_id(const PublicKey& key) {
+    std::array<unsigned char, 32> raw{};
+    std::size_t length = raw.size();
+    if (EVP_PKEY_get_raw_public_key(key.get(), raw.data(), &length) != 1) {
+        throw BundleError("signature.key", "", "a trusted key is not Ed25519");
+    }
+    const Digest digest = sha256(raw);
+    std::array<unsigned char, 16> id{};
+    std::copy_n(digest.begin(), id.size(), id.begin());
+    return id;
+}
+
+namespace detail {
+
+/// The next PEM block of a public key in a file of them, or nothing at its end.
+///
+/// Nothing but empty lines and comments (#) may stand outside of a block.
+inline std::string next_key(std::istream& file, const std::string& where) {
+    constexpr std::string_view blank = " \t\r";
+    std::string block;
+    for (std::string line; std::getline(file, line);) {
+        line.erase(line.find_last_not_of(blank) + 1);
+        line.erase(0, line.find_first_not_of(blank));
+        if (block.empty() && (line.empty() || line[0] == '#')) continue;
+        if (block.empty() && line != "-----BEGIN PUBLIC KEY-----") {
+            throw BundleError("input", where, "holds something that is no public key in PEM form");
+        }
+        block += line + '\n';
+        if (line == "-----END PUBLIC KEY-----") return block;
+    }
+    if (!block.empty()) throw BundleError("input", where, "ends within a public key");
+    return block;
+}
+
+}  // namespace detail
+
+/// The keys of a file of PEM public keys, one after the other, as `vfplan keygen` writes them.
+///
+/// Refuses a file that holds anything else but empty lines and comments (#).
+inline std::vector<PublicKey> read_keys(const std::filesystem::path& path) {
+    constexpr std::size_t most = 1 << 20;
+    const Bytes data = read_file(path);
+    if (data.size() > most) throw BundleError("input", path.string(), "is no file of keys");
+    std::istringstream file(std::string(data.begin(), data.end()));
+    std::vector<PublicKey> keys;
+    for (;;) {
+        const std::string block = detail::next_key(file, path.string());
+        if (block.empty()) break;
+        const std::unique_ptr<BIO, int (*)(BIO*)> bio(
+            BIO_new_mem_buf(block.data(), static_cast<int>(block.size())), BIO_free);
+        PublicKey key(PEM_read_bio_PUBKEY(bio.get(), nullptr, nullptr, nullptr), EVP_PKEY_free);
+        if (key == nullptr) {
+            throw BundleError("input", path.string(), "holds a public key that cannot be read");
+        }
+        if (EVP_PKEY_base_id(key.get()) != EVP_PKEY_ED25519) {
+            throw BundleError("input", path.string(), "holds a key that is not Ed25519");
+        }
+        keys.push_back(std::move(key));
+    }
+    if (keys.empty()) throw BundleError("input", path.string(), "holds no public key");
+    return keys;
+}
+
+/// What a controller demands of a bundle's signature.
+struct Trust {
+    std::vector<PublicKey> keys;
+    std::optional<std::string> case_token;
+    std::optional<std::string> robot_serial;
+    std::optional<std::chrono::seconds> max_age;  // since the registration
+};
+
+inline bool signature_holds(const Seal& seal, const PublicKey& key) {
+    const std::unique_ptr<EVP_MD_CTX, void (*)(EVP_MD_CTX*)> ctx(EVP_MD_CTX_new(), EVP_MD_CTX_free);
+    return ctx != nullptr &&
+           EVP_DigestVerifyInit(ctx.get(), nullptr, nullptr, nullptr, key.get()) == 1 &&
+           EVP_DigestVerify(ctx.get(), seal.signature.data(), seal.signature.size(),
+                            seal.signed_message.data(), seal.signed_message.size()) == 1;
+}
+
+/// Throws "signature..." unless a trusted key signed this seal for this case, robot and time.
+inline void require_signature(
+    const Seal& seal, const Trust& trust,
+    std::chrono::system_clock::time_point now = std::chrono::system_clock::now()) {
+    if (!seal.is_signed) throw BundleError("signature.missing", "", "is not signed");
+    const auto key = std::find_if(trust.keys.begin(), trust.keys.end(),
+                                  [&](const PublicKey& k) { return key_id(k) == seal.key_id; });
+    if (key == trust.keys.end()) {
+        throw BundleError("signature.key", "",
+                          "signed by key " + to_hex(seal.key_id) + ", which is not trusted");
+    }
+    if (!signature_holds(seal, *key)) {
+        throw BundleError("signature.wrong", "", "the signature does not hold");
+    }
+    if (trust.case_token && *trust.case_token != seal.case_token) {
+        throw BundleError("signature.case", "", "signed for another case");
+    }
+    if (trust.robot_serial && *trust.robot_serial != seal.robot_serial) {
+        throw BundleError("signature.robot", "", "signed for another robot");
+    }
+    if (!trust.max_age) return;
+    if (seal.registered == 0) {
+        throw BundleError("signature.age", "", "no registration time was signed");
+    }
+    const auto age = std::chrono::duration_cast<std::chrono::seconds>(now.time_since_epoch()) -
+                     std::chrono::seconds(static_cast<std::int64_t>(seal.registered));
+    if (age > *trust.max_age) {
+        throw BundleError("signature.age", "", "the registration is too old");
+    }
+    if (age < std::chrono::seconds(-60)) {
+        throw BundleError("signature.age", "", "the registration lies in the future");
+    }
+}
+
+}  // namespace vfplan::hdf5
