@@ -10,6 +10,7 @@ import io
 
 import bundles
 import damage
+import fuzz_bundle
 import h5py
 import numpy as np
 
@@ -720,6 +721,11 @@ def another_format(f):
 
 
 @case
+def format_of_5000_bytes(f):
+    text(f, "format", "vfplan-fixture".ljust(5000, "x"))
+
+
+@case
 def next_major_version(f):
     text(f, "version", "2.0")
 
@@ -787,6 +793,21 @@ def raw():
     yield "csv", b"x,y,z\n1,2,3\n"
     yield "old_superblock", _written(("earliest", "v110"))
     yield "superblock_extension", _with_extension()
+    yield "base_address_of_no_seal", _based(good, 100)
+    yield "base_address_that_wraps_around", _based(good, 2**64 - 256)
+
+
+def raw_accepted():
+    """(name, payload) of files made byte by byte that must be read all the same."""
+    yield "addresses_relative_to_the_bundle", _based(sound(), 512)
+
+
+def _based(payload: bytes, base: int) -> bytes:
+    """The payload with another base address, and the end of file that fits to it."""
+    data = bytearray(payload)
+    data[12:20] = base.to_bytes(8, "little")
+    data[28:36] = ((base + len(payload)) % 2**64).to_bytes(8, "little")
+    return fuzz_bundle.repaired(bytes(data))
 
 
 def _written(libver) -> bytes:
@@ -820,3 +841,5 @@ def files():
         yield name, damage.sealed(payload), False
     for name, function in ACCEPTED.items():
         yield name, damage.sealed(changed(function)), True
+    for name, payload in raw_accepted():
+        yield name, damage.sealed(payload), True

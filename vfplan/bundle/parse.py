@@ -9,7 +9,6 @@ full size.
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -18,33 +17,33 @@ from typing import Any
 import numpy as np
 
 from vfplan.bundle.content import Content
-from vfplan.bundle.findings import Findings
+from vfplan.bundle.fields import (
+    Wrong,
+    check_range,
+    checked_storage,
+    checked_type,
+    decoded,
+    scalar_attribute,
+)
+from vfplan.bundle.findings import KINDS, Findings
+from vfplan.bundle.seal import BLOCKS
 from vfplan.bundle.skeleton import check_skeleton
-from vfplan.bundle.store import NUMBERS, frame_of, unit_of
+from vfplan.bundle.store import frame_of, unit_of
 from vfplan.bundle.table import Row, Table
 from vfplan.bundle.table import table as current
 from vfplan.errors import BundleError, CorruptError
 from vfplan.hdf5 import h5py
 
-h5a, h5d, h5f, h5g, h5o, h5p, h5s, h5t, h5z, h5fd = (
-    getattr(h5py, n)
-    for n in ("h5a", "h5d", "h5f", "h5g", "h5o", "h5p", "h5s", "h5t", "h5z", "h5fd")
+h5a, h5d, h5f, h5g, h5o, h5p, h5s, h5fd = (
+    getattr(h5py, n) for n in ("h5a", "h5d", "h5f", "h5g", "h5o", "h5p", "h5s", "h5fd")
 )
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SUPERBLOCK = 48  # bytes of a version 2 or 3 superblock
 NOWHERE = b"\xff" * 8
-CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
-FLETCHER_BYTES = 4
+# Relative to the payload, or to the bundle with its seal in front: libhdf5 takes either.
+BASES = (0, *BLOCKS)
 # What h5py raises when libhdf5 finds something wrong.
 LIBRARY_ERRORS = (OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError)
-
-
-class Wrong(Exception):  # noqa: N818 - carries a finding to the loop over rows, never leaves here
-    """A finding about one row."""
-
-    def __init__(self, code: str, message: str) -> None:
-        super().__init__(message)
-        self.code, self.message = code, message
 
 
 @dataclass
@@ -76,7 +75,10 @@ def check_superblock(payload: bytes) -> None:
         )
     if payload[20:28] != NOWHERE:
         raise CorruptError("the superblock has an extension; none is allowed")
-    end = int.from_bytes(payload[28:36], "little") - int.from_bytes(payload[12:20], "little")
+    base = int.from_bytes(payload[12:20], "little")
+    if base not in BASES:
+        raise CorruptError(f"the superblock's base address is {base}; one of {BASES} wanted")
+    end = int.from_bytes(payload[28:36], "little") - base
     if end != len(payload):
         raise CorruptError(f"the superblock claims {end} bytes, {len(payload)} are there")
 
@@ -124,9 +126,9 @@ def peek_version(payload: bytes) -> tuple[str, str]:
     rows = {row.path: row for row in current().rows}
     try:
         with opened(payload) as root:
-            return tuple(_attribute(root, rows[path]) for path in ("/@format", "/@version"))
+            return tuple(scalar_attribute(root, rows[path]) for path in ("/@format", "/@version"))
     except Wrong as wrong:
-        raise CorruptError(wrong.message, where="/") from None
+        raise KINDS[wrong.code.partition(".")[0]](wrong.message, where="/") from None
     except LIBRARY_ERRORS as error:
         raise CorruptError(f"libhdf5 cannot read it: {_first_line(error)}") from error
 
@@ -174,9 +176,11 @@ def _take(group: Any, row: Row, reading: _Reading) -> None:
         if row.required in ("always", "group"):
             raise Wrong("corrupt.missing", "is missing")
         return
-    read = _attribute if row.kind == "attribute" else _dataset
-    value = read(group, row) if row.kind == "attribute" else read(group, row, reading)
-    _check_range(value, row, reading)
+    if row.kind == "attribute":
+        value = scalar_attribute(group, row)
+    else:
+        value = _dataset(group, row, reading)
+    check_range(value, row, reading.content)
     reading.content[row.path] = value
 
 
@@ -230,63 +234,26 @@ def _open(group: Any, row: Row, kind: type) -> Any:
     return thing
 
 
-def _attribute(where: Any, row: Row) -> Any:
-    attribute = h5a.open(where, row.name.encode())
-    if attribute.get_space().get_simple_extent_type() != h5s.SCALAR:
-        raise Wrong("corrupt.shape", "is not a scalar")
-    datatype = _checked_type(attribute.get_type(), row)
-    value = np.empty((), dtype=datatype.dtype)
-    attribute.read(value, mtype=datatype)
-    if row.type == "text":
-        return _decoded(value.tobytes())
-    return value.item()
-
-
-def _checked_type(datatype: Any, row: Row) -> Any:
-    if datatype.committed():
-        raise Wrong("unsafe.type", "has a named datatype; none is allowed")
-    if row.type != "text":
-        if not datatype.equal(NUMBERS[row.type]):
-            raise Wrong("corrupt.type", f"has another type than {row.type}")
-        return NUMBERS[row.type]
-    if not isinstance(datatype, h5t.TypeStringID) or datatype.is_variable_str():
-        raise Wrong("unsafe.type", "is not a fixed-length string")
-    cap = current().limits["text_bytes"]
-    if datatype.get_size() > cap:
-        raise Wrong("unsafe.cap", f"is text of {datatype.get_size()} bytes; at most {cap} allowed")
-    if datatype.get_strpad() == h5t.STR_SPACEPAD:
-        raise Wrong("corrupt.type", "is text padded with blanks; NUL is wanted")
-    return datatype
-
-
-def _decoded(coded: bytes) -> str:
-    try:
-        text = coded.rstrip(b"\0").decode("utf-8")
-    except UnicodeDecodeError:
-        raise Wrong("corrupt.text", "is not UTF-8") from None
-    if CONTROL.search(text):
-        raise Wrong("corrupt.text", "holds control characters")
-    return text
-
-
 def _dataset(group: Any, row: Row, reading: _Reading) -> Any:
     dataset = _open(group, row, h5d.DatasetID)
     own = {"unit": unit_of(row, reading.content), "frame": frame_of(row, reading.content)}
     wanted = {name: text for name, text in own.items() if text is not None}
     _check_attributes(dataset, set(wanted), reading)
     shape = _shape(dataset, row, reading)
-    datatype = _checked_type(dataset.get_type(), row)
-    _check_storage(dataset, shape, datatype.get_size(), reading)
+    datatype = checked_type(dataset.get_type(), row)
+    reading.budget -= checked_storage(
+        dataset, shape, datatype.get_size(), reading.budget, reading.table.limits
+    )
     for name, text in wanted.items():
         if not h5a.exists(dataset, name.encode()):
             raise Wrong("corrupt.missing", f"has no attribute {name!r}")
         plain = Row(f"{row.path}@{name}", "attribute", "always", "", "", type="text")
-        found = _attribute(dataset, plain)
+        found = scalar_attribute(dataset, plain)
         if found != text:
             raise Wrong(f"corrupt.{name}", f"{name} is {found!r}; {text!r} wanted")
     value = np.empty(shape, dtype=datatype.dtype)
     dataset.read(h5s.ALL, h5s.ALL, value, mtype=datatype)
-    return tuple(_decoded(bytes(v)) for v in value) if row.type == "text" else value
+    return tuple(decoded(bytes(v)) for v in value) if row.type == "text" else value
 
 
 def _shape(dataset: Any, row: Row, reading: _Reading) -> tuple[int, ...]:
@@ -315,56 +282,3 @@ def _check_size(size: int, wanted: int | str, reading: _Reading) -> None:
     if reading.sizes.setdefault(wanted, size) != size:
         known = reading.sizes[wanted]
         raise Wrong("corrupt.shape", f"{wanted} is {size} here and {known} elsewhere")
-
-
-def _check_storage(dataset: Any, shape: tuple[int, ...], itemsize: int, reading: _Reading) -> None:
-    dcpl = dataset.get_create_plist()
-    if dcpl.get_layout() != h5d.CHUNKED:
-        raise Wrong("unsafe.layout", "is not stored in chunks; no other layout is allowed")
-    if dcpl.get_external_count():
-        raise Wrong("unsafe.external", "is stored in another file")
-    if dcpl.get_nfilters() != 1 or dcpl.get_filter(0)[0] != h5z.FILTER_FLETCHER32:
-        raise Wrong("unsafe.filter", "must have fletcher32 as its one filter")
-    chunk = dcpl.get_chunk()
-    chunk_bytes = itemsize * int(np.prod(chunk, dtype=object))
-    cap = reading.table.limits["chunk_bytes"]
-    if chunk_bytes > cap:
-        raise Wrong("unsafe.cap", f"has chunks of {chunk_bytes} bytes; at most {cap} allowed")
-    counts = [-(-size // step) for size, step in zip(shape, chunk, strict=True)]
-    wanted = int(np.prod(counts, dtype=object)) * (chunk_bytes + FLETCHER_BYTES)
-    if wanted > reading.budget:
-        raise Wrong("unsafe.cap", f"claims {wanted} bytes; the file has {reading.budget} left")
-    reading.budget -= wanted
-    _check_chunks(dataset, chunk_bytes + FLETCHER_BYTES, wanted, reading)
-
-
-def _check_chunks(dataset: Any, chunk_bytes: int, wanted: int, reading: _Reading) -> None:
-    """All chunks are there, whole, and passed through the filter: none is made up of fill."""
-    if dataset.get_storage_size() != wanted:
-        found = dataset.get_storage_size()
-        raise Wrong("corrupt.storage", f"{found} bytes are stored; {wanted} wanted")
-    count, cap = wanted // chunk_bytes, reading.table.limits["chunks_per_dataset"]
-    if count > cap:
-        raise Wrong("unsafe.cap", f"has {count} chunks; at most {cap} allowed")
-    for index in range(count):
-        chunk = dataset.get_chunk_info(index)
-        if (chunk.filter_mask, chunk.size) != (0, chunk_bytes):
-            raise Wrong("unsafe.filter", f"chunk {index} did not pass fletcher32")
-
-
-def _check_range(value: Any, row: Row, reading: _Reading) -> None:
-    if row.type == "text":
-        if row.allowed and value not in row.allowed:
-            raise Wrong("corrupt.value", f"is {value!r}; {' or '.join(row.allowed)} allowed")
-        return
-    low, high = np.min(value), np.max(value)  # NaN if there is one
-    if not (np.isfinite(low) and np.isfinite(high)):
-        raise Wrong("corrupt.value", "holds a number that is not finite")
-    unit = unit_of(row, reading.content)
-    cap = (row.max_abs or {}).get(unit, np.inf)
-    least, most = max(-cap, -np.inf if row.min is None else row.min), cap
-    most = min(most, np.inf if row.max is None else row.max)
-    if low < least or high > most:
-        raise Wrong("corrupt.range", f"runs from {low} to {high}; {least} to {most} allowed")
-    if row.above is not None and low <= row.above:
-        raise Wrong("corrupt.range", f"is {low}; more than {row.above} wanted")

@@ -33,4 +33,13 @@ class BundleError : public std::runtime_error {
     std::string where;
 };
 
+namespace detail {
+
+[[noreturn]] inline void refuse(const char* code, std::string_view where,
+                                const std::string& message) {
+    throw BundleError(code, std::string(where), message);
+}
+
+}  // namespace detail
+
 }  // namespace vfplan::hdf5

@@ -73,6 +73,11 @@ inline void check_superblock(std::span<const unsigned char> data) {
         corrupt("superblock of another version or other sizes");
     }
     if (number(20) != ~std::uint64_t{0}) corrupt("the superblock has an extension");
+    // Relative to the payload, or to the bundle with its seal in front: libhdf5 takes either.
+    constexpr std::array<std::uint64_t, 5> bases{0, 512, 1024, 2048, 4096};
+    if (std::find(bases.begin(), bases.end(), number(12)) == bases.end()) {
+        corrupt("the superblock has another base address");
+    }
     if (number(28) - number(12) != data.size()) corrupt("the superblock claims another size");
 }
 

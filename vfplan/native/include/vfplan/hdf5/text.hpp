@@ -5,7 +5,8 @@
 
 #include <cmath>
 #include <cstdint>
-#include <cstdlib>
+#include <locale>
+#include <sstream>
 #include <string>
 #include <string_view>
 
@@ -94,7 +95,12 @@ inline bool is_number(std::string_view text) {
         take("+-");
         if (digits() == 0) return false;
     }
-    return i == text.size() && std::isfinite(std::strtod(std::string(text).c_str(), nullptr));
+    if (i != text.size()) return false;
+    std::istringstream stream{std::string(text)};
+    stream.imbue(std::locale::classic());  // whatever the program's locale is
+    double value = 0;
+    stream >> value;
+    return !stream.fail() && std::isfinite(value);
 }
 
 /// A setting's value: true, false, a JSON number, or text between double quotes.
