@@ -143,15 +143,34 @@ class RobustRule {
         if (!(length > rest())) return count_ > 1 && squeeze(x, hip);
         const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, far_);
         const Vec<D> y = s < length ? x + (s / length) * v : v == u ? hip : x + v;
+        const bool stuck = s < std::min(length, rest());
+        if (stuck && count_ > 1 && rise(x, hip, v)) return true;
         // Where two walls hold it: descend or stay. Their sampled normals alone would let it
         // wander.
         if (!(norm(hip - y) < (count_ > 1 ? distance : most_ + 1e-3 * p_.band)))
             return squeeze(x, hip);
-        const bool stuck = s < std::min(length, rest());
         if (stuck && !(!lift && count_ == 1 && wall_[0].t > rest())) return squeeze(x, hip);
         x = y;
         blocked_ = !lift && s < length && count_ == 1 && wall_[0].t > rest();
         return !(x == hip);
+    }
+
+    /// One iteration between several walls where the step v is stopped at once by the points that
+    /// the proxy has sunk among: first up to R above all walls, then on as v asks. False, and
+    /// nothing done, unless both together bring the proxy nearer to the HIP.
+    bool rise(Vec<D>& x, const Vec<D>& hip, const Vec<D>& v) noexcept {
+        const Vec<D> up = project(Vec<D>{}, wall_, count_, 1e-6 * p_.band), on = v - up;
+        if (!(norm(up) > rest() && norm(on) > rest())) return false;
+        const Vec<D> y = moved(moved(x, up), on);
+        if (!(norm(hip - y) < norm(hip - x))) return false;
+        x = y;
+        return true;
+    }
+    /// x after the step v, or after as much of it as is free.
+    Vec<D> moved(const Vec<D>& x, const Vec<D>& v) noexcept {
+        const double length = norm(v);
+        const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, far_);
+        return s < length ? x + (s / length) * v : x + v;
     }
 
     /// One iteration past the points that touch, where the fitted surfaces leave no way; false when
