@@ -119,7 +119,10 @@ def test_a_bad_hip_is_a_status(rule, bad):
     engine = vfplan.ProxyEngine(sheet(), rule=rule)
     first = engine.step([0, 0, bad])
     assert first.status == Status.BAD_HIP
-    assert np.isnan(first.proxy).all()
+    for nothing_yet in (first.proxy, first.normal, first.force):
+        assert nothing_yet.tolist() == [0, 0, 0]
+    assert first.state == -1
+    assert engine.step([0, 0, 0.03]).proxy.tolist() == [0, 0, 0.03]  # the first good one begins
     engine.reset([0, 0, 0.01])
     engine.step([0, 0, 0.001])
     before = engine.step([0, 0, 0.001])

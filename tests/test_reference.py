@@ -207,6 +207,9 @@ def test_stiffness_acts_along_each_axis():
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e7])
 def test_bad_hip_leaves_the_proxy_and_says_so(bad):
     engine = PaperProxy(ORIGIN)
+    first = engine.step([0, bad, 0])
+    assert (first.status, first.state) == (Status.BAD_HIP, -1)
+    assert np.concatenate([first.proxy, first.normal, first.force]).tolist() == [0] * 9
     engine.reset([8e-3, 0, 0])
     good = engine.step([-3e-3, 0, 0])
     step = engine.step([0, bad, 0])

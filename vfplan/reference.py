@@ -106,7 +106,7 @@ class PaperProxy:
 
     def _tick(self, hip: Vector) -> Step:
         if not np.all(np.abs(hip) <= LIMIT):  # NaN, infinite or absurd: stay, say so
-            proxy = np.full(3, np.nan) if self._proxy is None else self._proxy
+            proxy = np.zeros(3) if self._proxy is None else self._proxy
             return Step(proxy, self._normal, self._force, self._state, Status.BAD_HIP)
         if self._proxy is None:
             self._proxy = hip.copy()  # Algorithm 1: P_proxy <- P_HIP

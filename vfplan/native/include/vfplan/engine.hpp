@@ -54,9 +54,7 @@ class BasicEngine {
 
   private:
     Step refuse() noexcept {
-        Step s = last_;
-        if (!placed_)
-            for (int k = 0; k < 3; ++k) s.proxy[k] = std::numeric_limits<double>::quiet_NaN();
+        Step s = last_;  // all 0 before there was any proxy: a controller is never given a NaN
         s.status = bad_hip;
         return s;
     }

@@ -20,7 +20,8 @@ enum class State : std::int8_t {
 /// What a tick has to say beside its result; bits, 0 when all is well.
 enum Status : std::uint8_t {
     ok = 0,
-    bad_hip = 1,  ///< HIP not finite or beyond 1e6 m: the proxy stayed, the force is its last
+    bad_hip = 1,  ///< HIP not finite or beyond 1e6 m: the proxy stayed, the force is its last;
+                  ///< before the first good HIP both are 0
     inside = 2,   ///< the proxy is inside the fixture and on its way out
     limit = 4,    ///< the tick used up its iterations; the proxy is safe and goes on next tick
 };
