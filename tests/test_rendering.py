@@ -79,6 +79,14 @@ def test_dimple_depth_is_the_formula(planar):
         ({"band": 1e-22}, "r1 must be less than r2"),
         ({"outer_radius": 5e-3}, "r3 > r2"),
         ({"band": 5e-3}, "r3 > r2"),
+        ({"contact_radius": 1e-300}, "at least 1e-09"),
+        ({"contact_radius": 0.999e-9}, "contact_radius 9.99e-10 m"),
+        ({"contact_radius": 1e300}, "at most 1e+06"),
+        ({"point_radius": 1e300}, "at most 1e+06"),
+        ({"band": 4.9e-15}, "at least 5e-15"),
+        ({"band": 1e-12, "point_radius": 2.0}, "1e-12 (r_c + r_v)"),
+        ({"band": 5e-324}, "r1 must be less than r2"),
+        ({"outer_radius": 1e300}, "at most 2e+06"),
         ({"gain": 0.0}, "gain 0"),
         ({"gain": 1.5}, "at most 1"),
         ({"stiffness": 0.0}, "[0.0, 0.0, 0.0] N/m"),
@@ -98,6 +106,14 @@ def test_setting_outside_its_range_is_refused(setting, says):
         MAKE(POINT, **setting)
     assert says in str(caught.value)
     assert isinstance(caught.value, VfplanError)
+
+
+def test_the_ends_of_the_ranges_are_taken():
+    for rc in (1e-9, 1e6):
+        for rv in (0.0, 1e6 if rc > 1 else 1e-7):
+            assert MAKE(POINT, contact_radius=rc, point_radius=rv).r3 == 2 * rc
+    assert MAKE(POINT, band=5e-15).band == 5e-15
+    assert MAKE(POINT, outer_radius=2e6).r3 == 2e6
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vfplan.checks import Vector, check_axis, check_points, check_stiffness, number
+from vfplan.checks import LIMIT, Vector, check_axis, check_points, check_stiffness, number
 from vfplan.errors import SettingError
 from vfplan.spacing import cloud_spacing
 
@@ -23,13 +23,23 @@ RULES: tuple[Rule, ...] = get_args(Rule)
 
 PAPER_BAND = 10e-6  # r2 - rc = rc - r1 of Algorithm 1 [m]
 
+# What float64 serves among coordinates of up to 1e6 m. Squares of such radii neither under- nor
+# overflow, in the float32 seeds of the native loops either.
+SMALLEST_RADIUS, LARGEST_RADIUS = 1e-9, LIMIT  # [m]
+# Of R: the square of a distance is rounded to 2e-16 of itself, so that the thousandth of the band
+# which the sweeps keep as their margin is still a few roundings.
+FINEST_BAND = 1e-12
+
 
 class Status(IntFlag):
     """What a tick has to say beside its result; 0 when all is well."""
 
     OK = 0
     BAD_HIP = 1
-    """The HIP was not finite (or beyond 1e6 m): the proxy stayed and the force is its last."""
+    """The HIP was not finite (or beyond 1e6 m): the proxy stayed and the force is its last.
+
+    Before the first good HIP both are 0.
+    """
     INSIDE = 2
     """The proxy is inside the fixture and on its way out."""
     LIMIT = 4
@@ -163,10 +173,10 @@ class ProxyParameters:
         points
             (N, 3) cloud [m]; the default band follows from its spacing.
         contact_radius, point_radius
-            r_c > 0 and r_v >= 0 [m].
+            r_c from 1e-9 to 1e6 and r_v from 0 to 1e6 [m].
         band
-            r2 - r_c = r_c - r1 [m], in (0, r_c]. `None`: the paper's 10 µm, or the cloud's dimple
-            depth if that is more (`default_band`); rule "paper": 10 µm.
+            r2 - r_c = r_c - r1 [m], from 1e-12 (r_c + r_v) to r_c. `None`: the paper's 10 µm, or
+            the cloud's dimple depth if that is more (`default_band`); rule "paper": 10 µm.
         stiffness
             K [N/m] > 0, one number or one an axis.
         rule
@@ -174,7 +184,7 @@ class ProxyParameters:
         ignore_axis
             `None`, "x", "y", "z" or a (3,) direction (normalised here).
         outer_radius
-            r3 [m] > r2; `None`: 2 r_c.
+            r3 [m] > r2, at most 2e6; `None`: 2 r_c.
         gain
             ξ in (0, 1].
 
@@ -189,15 +199,18 @@ class ProxyParameters:
         if rule not in RULES:
             raise SettingError(f"rule {rule!r}: allowed are {', '.join(RULES)}")
         rc = number("contact_radius", contact_radius, "m", above=0.0)
-        rv = number("point_radius", point_radius, "m", least=0.0)
+        rc = number("contact_radius", rc, "m", least=SMALLEST_RADIUS, most=LARGEST_RADIUS)
+        rv = number("point_radius", point_radius, "m", least=0.0, most=LARGEST_RADIUS)
         axis = check_axis(ignore_axis)
         if band is None:
             band = PAPER_BAND if rule == "paper" else default_band(points, rc, rv, axis)
         band = number("band", band, "m", above=0.0, most=rc, why="at most contact_radius")
         if not rc - band < rc + band:
             raise SettingError(f"band {band:g} m: r1 must be less than r2 (r_c = {rc:g} m)")
+        band = number("band", band, "m", least=FINEST_BAND * (rc + rv), why="1e-12 (r_c + r_v)")
         r3 = 2 * rc if outer_radius is None else outer_radius
         r3 = number("outer_radius", r3, "m", above=rc + band, why="r3 > r2")
+        r3 = number("outer_radius", r3, "m", most=2 * LARGEST_RADIUS)
         xi = number("gain", gain, "", above=0.0, most=1.0)
         return cls(rule, rc, band, rv, r3, xi, check_stiffness(stiffness), axis)
 

@@ -73,6 +73,8 @@ CLOUDS = (
     _refused("offset beyond 1000 km", "cloud", "press", "SceneError", offset=1.1e6),
     _press("scene and radius times 1e-6", 1.3e-11, scale=1e-6),
     _press("scene and radius times 1e3", 1.3e-2, scale=1e3),
+    _press("scene and radius times 2e-7, R = 1 nm", 2.6e-12, scale=2e-7),
+    _press("scene and radius times 4e7, R = 200 km", 5.2e2, scale=4e7),
     _outside("cloud of 1 µm", "cloud", "speck", extent=1e-6),
     _outside("cloud of 1 km, 1e6 points", "cloud", "line", count=1_000_001, spacing=1e-3),
     _outside("one point", "cloud", "blob", kind="one"),
@@ -105,6 +107,18 @@ SETTINGS = (
     _outside("band 1 nm", "setting", "walk", band=1e-9),
     _outside("band 1 pm", "setting", "walk", band=1e-12),
     _outside("band = r_c (r1 = 0)", "setting", "walk", band=5e-3, outer_radius=11e-3),
+    # The ends of the ranges and what is beyond them.
+    _outside("band 1e-12 R", "setting", "walk", band=5e-15),
+    _refused("band below 1e-12 R", "setting", "walk", "SettingError", band=4.9e-15),
+    _refused("band denormal", "setting", "walk", "SettingError", band=5e-324),
+    *(
+        _refused(f"r_c = {rc:g} m", "setting", "walk", "SettingError", contact_radius=rc)
+        for rc in (1e-300, 0.99e-9, 1.01e6, 1e300)
+    ),
+    _outside("r_v = 1 km", "setting", "walk", point_radius=1e3),
+    _refused("r_v = 1e300 m", "setting", "walk", "SettingError", point_radius=1e300),
+    _outside("r3 = 2000 km", "setting", "walk", outer_radius=2e6),
+    _refused("r3 = 1e300 m", "setting", "walk", "SettingError", outer_radius=1e300),
     _refused("band 0", "setting", "walk", "SettingError", band=0.0),
     _refused("band above r_c", "setting", "walk", "SettingError", band=5.1e-3),
     _outside("r3 one part in 1e12 above r2", "setting", "walk", outer_over_r2=1 + 1e-12),

@@ -11,6 +11,13 @@
 
 namespace vfplan {
 
+/// Radii that float64 serves among coordinates of up to 1e6 m: their squares neither under- nor
+/// overflow, in the float32 seeds of the loops either (1e-38 to 3e38).
+inline constexpr double smallest_radius = 1e-9, largest_radius = 1e6;  // [m]
+/// Of R. The square of a distance is rounded to 2e-16 of itself, so that the thousandth of the band
+/// which the sweeps keep as their margin is still a few roundings.
+inline constexpr double finest_band = 1e-12;
+
 enum class Rule { robust, paper };
 enum class Search { automatic, grid, brute };
 
@@ -38,11 +45,16 @@ inline void check(const Parameters& p) {
         if (!holds) throw std::invalid_argument(std::string("vfplan: ") + what);
     };
     const auto positive = [](double x) { return std::isfinite(x) && x > 0; };
-    must(positive(p.contact_radius), "contact_radius must be finite and above 0");
+    must(p.contact_radius >= smallest_radius && p.contact_radius <= largest_radius,
+         "contact_radius must be from 1e-9 to 1e6 m");
     must(positive(p.band) && p.band <= p.contact_radius, "band must be in (0, contact_radius]");
     must(p.r1() < p.r2(), "band: r1 must be less than r2");
-    must(std::isfinite(p.point_radius) && p.point_radius >= 0, "point_radius must be at least 0");
-    must(std::isfinite(p.outer_radius) && p.outer_radius > p.r2(), "outer_radius must exceed r2");
+    must(p.point_radius >= 0 && p.point_radius <= largest_radius,
+         "point_radius must be from 0 to 1e6 m");
+    must(p.band >= finest_band * p.R(),
+         "band must be at least 1e-12 (contact_radius + point_radius)");
+    must(p.outer_radius > p.r2() && p.outer_radius <= 2 * largest_radius,
+         "outer_radius must exceed r2 and be at most 2e6 m");
     must(p.gain > 0 && p.gain <= 1, "gain must be in (0, 1]");
     for (int k = 0; k < 3; ++k) must(positive(p.stiffness[k]), "stiffness must be above 0");
     if (p.ignore_axis)
