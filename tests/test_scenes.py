@@ -1,5 +1,7 @@
 """The scenes' truth against closed forms and against brute force; their clouds and paths."""
 
+import json
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -205,7 +207,97 @@ def test_extruded_scenes_have_the_same_truth_in_space():
     assert np.ptp(tall.points[:, 2]) == pytest.approx(0.02)
 
 
-@pytest.mark.parametrize("kind", ["segments", "rectangles", "spheres", "arcs"])
+def loop(rng):
+    """A closed polyline (K, 3) with hollows, narrow places and hooks."""
+    n = rng.integers(5, 30)
+    turn = 2 * np.pi * (np.arange(n) + rng.uniform(-0.3, 0.3, n)) / n
+    flat = rng.uniform(0.012, 0.05, n)[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
+    return np.column_stack([flat, np.zeros(n)])
+
+
+def distance(corners, x):
+    """Of the positions x (T, 2) from a closed polyline, by the textbook."""
+    a, b = corners[:, :2], np.roll(corners, -1, axis=0)[:, :2]
+    t = np.einsum("tkc,kc->tk", x[:, None] - a, b - a) / ((b - a) ** 2).sum(axis=1)
+    nearest = a + np.clip(t, 0, 1)[..., None] * (b - a)
+    return np.linalg.norm(x[:, None] - nearest, axis=2).min(axis=1)
+
+
+def inside(corners, x):
+    """Which positions x (T, 2) a closed polyline encloses: crossings of a ray to the right."""
+    a, b = corners[:, :2], np.roll(corners, -1, axis=0)[:, :2]
+    u, v = x[:, None, 0], x[:, None, 1]
+    spans = (a[:, 1] > v) != (b[:, 1] > v)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = a[:, 0] + (v - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+    return (spans & (u < at)).sum(axis=1) % 2 == 1
+
+
+def follow_closed(corners, start, hips):
+    """Follow HIPs (T, 3) along a closed polyline; check every position on the way."""
+    walls = (pieces.Walls(corners[:, :2], np.roll(corners, -1, axis=0)[:, :2]),)
+    x, side = start, inside(corners, start[None, :2])[0]
+    for hip in hips:
+        way = np.array([x, *god_object.way(walls, x, hip, R)])
+        room = distance(corners, way[:, :2])
+        assert room.min() >= R * (1 - 1e-9)
+        step = np.linalg.norm(np.diff(way, axis=0), axis=1)
+        assert np.all(step < np.maximum(R / 7, room[:-1] - R + 1e-12)), "nothing is jumped over"
+        assert np.all(inside(corners, way[:, :2]) == side)
+        assert np.abs(way[:, 2]).max() < 1e-18, "a drawing has no third direction to leave by"
+        x = way[-1]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_no_path_leads_through_a_closed_polyline(seed):
+    """HIPs up to 140 mm apart, a tick each; the proxy inside or outside to begin with."""
+    rng = np.random.default_rng(seed)
+    corners = loop(rng)
+    places = np.column_stack([rng.uniform(-0.07, 0.07, (300, 2)), np.zeros(300)])
+    free = places[distance(corners, places[:, :2]) > R]
+    enclosed = inside(corners, free[:, :2])
+    start = free[np.argmax(enclosed == (seed % 2 == 0))]
+    follow_closed(corners, start, rng.permutation(places)[:25])
+
+
+def test_a_recording_does_not_lead_through_a_closed_curve(shared_data):
+    """The curve of a planned slice, and a hand that was recorded elsewhere, moved across it."""
+    folder = shared_data / "planned"
+    px = np.loadtxt(folder / "pelvis_b_truth_px.csv", delimiter=",", skiprows=1)[::4]
+    T = np.array(json.loads((folder / "pelvis_b_truth.json").read_text())["T_robot_image_3x3"])
+    corners = np.column_stack([px, np.ones(len(px))]) @ T.T * [1, 1, 0]
+    recording = shared_data / "panda_sessions" / "recording_3.csv"
+    hip = np.loadtxt(recording, delimiter=",", skiprows=1)[:, 1:] * [1, 1, 0]
+    hip = hip[:6000:20] - hip[500] + corners.mean(axis=0)
+    start = np.flatnonzero(distance(corners, hip[:, :2]) > R)[0]
+    assert len(set(inside(corners, hip[start:, :2]))) == 2, "the hand itself goes through"
+    follow_closed(corners, hip[start], hip[start:])
+
+
+@pytest.mark.parametrize(
+    ("name", "route"),
+    [("point", "press"), ("circle", "inside"), ("omega", "beside"), ("sheet", "edge"),
+     ("three-walls", "edge"), ("wedge", "over")],
+)  # fmt: skip
+def test_sensitivity_is_the_slope_of_the_truth(name, route):
+    """Where the truth is smooth, its central differences along the three axes."""
+    scene, e = make(name), 1e-8
+    hips = scene.path(route, speed=1.0)
+    truth = scene.truth(hips, R)
+    found = scene.sensitivity(hips, truth, R)
+    compared = 0
+    for i in range(0, len(hips), max(1, len(hips) // 25)):
+        near = [hips[i] + d for axis in np.eye(3) * e for d in (axis, -axis)]
+        moved = [scene.truth(h[None], R, start=truth[i])[0] for h in near]
+        slopes = np.array([moved[0] - moved[1], moved[2] - moved[3], moved[4] - moved[5]]) / (2 * e)
+        kinks = np.array([moved[0] + moved[1], moved[2] + moved[3], moved[4] + moved[5]])
+        if np.abs(kinks - 2 * truth[i]).max() < 1e-3 * e:
+            compared += 1
+            assert np.linalg.norm(slopes, 2) == pytest.approx(found[i], rel=1e-4)
+    assert compared > 8
+
+
+@pytest.mark.parametrize("kind", ["segments", "walls", "rectangles", "spheres", "arcs"])
 def test_gradients_and_hessians_are_those_of_the_distance(kind):
     rng = np.random.default_rng(2)
     a, b, c = rng.normal(size=(3, 12, 3))
@@ -213,6 +305,7 @@ def test_gradients_and_hessians_are_those_of_the_distance(kind):
     angle = rng.uniform(-3, 3, 12)
     made = {
         "segments": pieces.Segments(a, np.vstack([b[:6], a[6:]])),
+        "walls": pieces.Walls(a[:, :2], np.vstack([b[:6, :2], a[6:, :2]])),
         "rectangles": pieces.Rectangles(a, b, c),
         "spheres": pieces.Spheres(a, rng.uniform(0.5, 3, 12)),
         "arcs": pieces.Arcs(a[:, :2], rng.uniform(0.5, 3, 12), angle, rng.uniform(-0.7, 0.7, 12)),

@@ -15,7 +15,7 @@ import numpy as np
 
 from vfplan.accuracy.record import Array
 from vfplan.errors import InputError
-from vfplan.scenes import Scene, god_object
+from vfplan.scenes import Scene
 from vfplan.scenes.pieces import Look, Pieces, from_nearest
 
 R = 5e-3
@@ -138,26 +138,11 @@ class Bone(Scene):
         ring = points[np.abs(points[:, axis] - centre[axis]) < 5e-3]
         return ring[(ring @ out).argmax()]
 
-    def truth(self, hips: Array, radius: float = R, start: Array | None = None) -> Array:
-        """See `Scene.truth`."""
-        proxy, out = hips[0] if start is None else start, np.empty_like(hips)
-        for i, hip in enumerate(hips):
-            proxy = god_object.follow((self._near(proxy, hip, radius),), proxy, hip, radius)
-            out[i] = proxy
-        return out
-
-    def clearance(self, x: Array) -> Array:
-        """See `Scene.clearance`."""
-        return np.array([self._near(row, row, R).look(row).distance.min() for row in x])
-
-    def _near(self, proxy: Array, hip: Array, radius: float) -> Triangles:
-        reach = 3 * radius + np.linalg.norm(hip - proxy) / 2
-        centre = (proxy + hip) / 2
-        away = np.linalg.norm(self._centres - centre, axis=1)
-        chosen = away < reach + self._sizes
-        if not chosen.any():
-            chosen[away.argmin()] = True
-        return Triangles(self.corners[chosen])
+    def near(self, proxy: Array, hip: Array, radius: float) -> tuple[Pieces, ...]:
+        """See `Scene.near`: those within 3 R of anywhere the proxy may go, and the nearest one."""
+        away = np.linalg.norm(self._centres - hip, axis=1)
+        reach = max(3 * radius + np.linalg.norm(hip - proxy), away.min())
+        return (Triangles(self.corners[away - self._sizes <= reach]),)
 
     @cached_property
     def _centres(self) -> Array:

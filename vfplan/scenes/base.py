@@ -72,12 +72,29 @@ class Scene(ABC):
         """
         path = check_path(hips)
         proxy = path[0] if start is None else np.asarray(start, float)
-        flat = np.array([1.0, 1.0, 0.0 if self.along_z else 1.0])
+        flat = self._flat
         out = np.empty_like(path)
         for i, hip in enumerate(path):
-            proxy = god_object.follow(self.pieces, proxy * flat, hip * flat, radius)
+            here, target = proxy * flat, hip * flat
+            pieces = self.near(here, target, radius)
+            proxy = god_object.follow(pieces, here, target, radius)
             out[i] = proxy + hip * (1 - flat)
         return out
+
+    def sensitivity(self, hips: ArrayLike, truth: Vector, radius: float = 5e-3) -> Vector:
+        """(T,) how far the exact proxy moves for a small step of the HIP, over that step's length.
+
+        See `god_object.sensitivity`; `truth` (T, 3) is that of the HIPs (T, 3).
+        """
+        flat = self._flat
+        return np.array([
+            god_object.sensitivity(self.near(x, hip, radius), x, hip, radius)
+            for x, hip in zip(truth * flat, check_path(hips) * flat, strict=True)
+        ])  # fmt: skip
+
+    def near(self, proxy: Vector, hip: Vector, radius: float) -> tuple[Pieces, ...]:
+        """The pieces that a proxy (3,) can meet on its way towards a HIP (3,); here all of them."""
+        return self.pieces
 
     def force(self, hips: ArrayLike, proxy: Vector, stiffness: ArrayLike = 1000.0) -> Vector:
         """Eq. (8) for HIPs and proxies (T, 3): the exact force (T, 3) [N]."""
@@ -88,8 +105,17 @@ class Scene(ABC):
 
     def clearance(self, x: Vector) -> Vector:
         """(T,) distance of the positions x (T, 3) from the exact geometry [m]."""
-        flat = np.array([1.0, 1.0, 0.0 if self.along_z else 1.0])
-        return np.array([god_object.look(self.pieces, row * flat).distance.min() for row in x])
+        return np.array(
+            [
+                god_object.look(self.near(row, row, 0.0), row).distance.min()
+                for row in x * self._flat
+            ]
+        )
+
+    @property
+    def _flat(self) -> Vector:
+        """(3,) what of a position counts."""
+        return np.array([1.0, 1.0, 0.0 if self.along_z else 1.0])
 
     @property
     def along_z(self) -> bool:

@@ -7,6 +7,8 @@ local minimum, is the truth that the engines are measured against.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from vfplan.checks import Vector
@@ -43,6 +45,16 @@ def follow(pieces: tuple[Pieces, ...], proxy: Vector, hip: Vector, radius: float
     SceneError
         The proxy starts inside the fixture by more than a rounding, or finds no rest.
     """
+    *_, rest = way(pieces, proxy, hip, radius)
+    return rest
+
+
+def way(pieces: tuple[Pieces, ...], proxy: Vector, hip: Vector, radius: float) -> Iterator[Vector]:
+    """The positions (3,) [m] that `follow` goes through, its rest the last.
+
+    Each lies in the free space, less than R / 7 from the one before or no further from it than the
+    fixture is: so nothing is jumped over.
+    """
     scale = 1.0 / radius
     x, target = proxy * scale, hip * scale  # lengths in R: all tolerances are relative
     seen = _look_scaled(pieces, x, scale)
@@ -51,20 +63,64 @@ def follow(pieces: tuple[Pieces, ...], proxy: Vector, hip: Vector, radius: float
         raise SceneError(f"proxy at {where:g} m from the fixture: allowed is R = {radius:g} m")
     stride = STRIDE
     for _ in range(STEPS):
-        seen = _look_scaled(pieces, x, scale)
         reach = max(stride, float(seen.distance.min()) - 1)
         v, weight = _nearest_step(target - x, seen, 2 * reach)
         length = float(np.linalg.norm(v))
         if length < CLOSE:
             y = _newton(pieces, x, target, seen, weight, scale)
             if y is not None and np.linalg.norm(y - x) < 10 * length + SETTLED:
-                return y * radius
+                yield y * radius
+                return
         if length < SETTLED or stride < SETTLED:
-            return x * radius
-        y = _restore(pieces, x + v * min(1.0, reach / length), scale)
-        nearer = np.linalg.norm(y - target) < np.linalg.norm(x - target)
-        x, stride = (y, min(2 * stride, STRIDE)) if nearer else (x, stride / 4)
+            yield x * radius
+            return
+        y, after = _restore(pieces, x + v * min(1.0, reach / length), scale)
+        free = after.distance.min() > 1 - 1e-12  # in a narrow place there may be no way out
+        if free and np.linalg.norm(y - target) < np.linalg.norm(x - target):
+            x, seen, stride = y, after, min(2 * stride, STRIDE)
+            yield x * radius
+        else:
+            stride /= 4
     raise SceneError(f"the exact proxy for hip {hip.tolist()} found no rest in {STEPS} steps")
+
+
+def sensitivity(pieces: tuple[Pieces, ...], proxy: Vector, hip: Vector, radius: float) -> float:
+    """How far the exact proxy moves for a small step of the HIP, at most, over that step's length.
+
+    1 in free motion and on a plane; 1 / (1 - depth/R) on the ball around one point, and without
+    bound as the HIP comes to its centre: there no engine can follow. From the conditions of Karush,
+    Kuhn and Tucker, by the implicit function theorem: 1 over the least eigenvalue of I - Σ f_j H_j
+    in the directions that no touched piece holds.
+
+    Parameters
+    ----------
+    pieces, radius
+        As for `follow`.
+    proxy, hip
+        (3,) the exact proxy of this HIP, and the HIP [m].
+    """
+    from scipy.optimize import nnls
+
+    seen = look(pieces, proxy)
+    held = np.flatnonzero(seen.distance < radius * (1 + 1e-9))
+    pull = proxy - hip
+    if held.size == 0 or np.linalg.norm(pull) < 1e-9 * radius:
+        return 1.0
+    force, _ = nnls(seen.normal[held].T, pull)
+    pushing = force > 1e-9 * force.max(initial=0.0)
+    held, force = held[pushing], force[pushing]
+    free = _complement(seen.normal[held])
+    if not len(free):
+        return 0.0
+    bent = np.eye(3) - np.einsum("k,kij->ij", force, seen.hessian[held])
+    least = np.linalg.eigvalsh(free @ bent @ free.T)[0]
+    return float(1 / least) if least > 0 else np.inf
+
+
+def _complement(rows: Vector) -> Vector:
+    """(K, 3) an orthonormal basis of what is across all rows (M, 3)."""
+    _, size, basis = np.linalg.svd(rows)
+    return basis[int((size > 1e-6).sum()) :]
 
 
 def _look_scaled(pieces: tuple[Pieces, ...], x: Vector, scale: float) -> Look:
@@ -96,15 +152,19 @@ def _nearest_step(w: Vector, seen: Look, reach: float) -> tuple[Vector, Vector]:
     return w - rest[:3] / rest[3] * size, weight
 
 
-def _restore(pieces: tuple[Pieces, ...], x: Vector, scale: float) -> Vector:
-    """Back into the free space by the shortest way; a hollow piece curves into a straight step."""
+def _restore(pieces: tuple[Pieces, ...], x: Vector, scale: float) -> tuple[Vector, Look]:
+    """Back into the free space by the shortest way, and what is seen from there.
+
+    A hollow piece curves into a straight step.
+    """
+    seen = _look_scaled(pieces, x, scale)
     for _ in range(30):
-        seen = _look_scaled(pieces, x, scale)
         if seen.distance.min() >= 1 - 1e-15:
             break
         v, _ = _nearest_step(np.zeros(3), seen, STRIDE)
         x = x + v
-    return x
+        seen = _look_scaled(pieces, x, scale)
+    return x, seen
 
 
 def _newton(pieces, x: Vector, hip: Vector, seen: Look, weight: Vector, scale: float):

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from vfplan.checks import Vector
-from vfplan.scenes.pieces import Arcs, Pieces, Segments
+from vfplan.scenes.pieces import Arcs, Pieces, Walls
 
 STRAIGHT = 1e-12  # an arc that bends less than this share of its chord is a segment
 
@@ -80,10 +80,7 @@ def pieces(runs: tuple[Run, ...]) -> tuple[Pieces, ...]:
     straight = [link for link in links if not link.sweep]
     out: list[Pieces] = []
     if straight:
-        ends = np.zeros((2, len(straight), 3))
-        ends[0, :, :2] = [link.a for link in straight]
-        ends[1, :, :2] = [link.b for link in straight]
-        out.append(Segments(ends[0], ends[1]))
+        out.append(Walls(*(np.array([getattr(link, end) for link in straight]) for end in "ab")))
     cut = [part for link in links if link.sweep for part in _cut(link)]
     if cut:
         centre, radius, start, sweep = zip(*cut, strict=True)

@@ -186,13 +186,20 @@ class Omega(Drawn):
 
     @property
     def routes(self) -> dict[str, Vector]:
-        """Along the line on each side: from the left over it, and inside through its mouth."""
+        """Beside the line, 3 mm off it on its upper side; on the line itself; inside the ring."""
         line = np.vstack([run.sample(1e-3) for run in self.runs])
         ring = self.runs[1].sample(1e-3)
         return {
+            "beside": np.vstack([way((-60, 10)), _in_space(self._above(3e-3)), way((60, 10))]),
             "over": np.vstack([way((-60, 10)), _in_space(line), way((60, 10))]),
             "inside": np.vstack([way((0, -15), (0, 5)), _in_space(ring[5:-5]), way((0, -15))]),
         }
+
+    def _above(self, by: float) -> Vector:
+        """(K, 2) the line moved `by` [m] to its left, what lies nearer to another part left out."""
+        sides = [outside(run.sample(2.5e-4), -by) for run in self.runs]
+        beside = np.vstack(sides)
+        return beside[self.clearance(_in_space(beside)) > (1 - 1e-3) * by]
 
 
 _SPOUT_MM = [(34, 0), (45, 8), (53, 22), (64, 29), (75, 36), (84, 50), (96, 63)]
