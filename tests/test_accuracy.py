@@ -21,7 +21,8 @@ from vfplan.choosing import choose
 from vfplan.errors import CurveError, InputError, SettingError
 from vfplan.reference import PaperProxy
 from vfplan.rendering import ProxyParameters
-from vfplan.scenes import SCENES
+from vfplan.scenes import SCENES, travel
+from vfplan.scenes.base import way
 
 R = 5e-3
 
@@ -51,19 +52,39 @@ def test_fronts_do_not_mix_scenes():
 
 
 def test_chosen_is_judged_by_what_else_keeps_the_tolerance():
-    def record(time, rms, surface, **more):
-        return {"stage": "proxy", "scene": "a", "error_rms": rms, "error_max": 9.0,
-                "surface_error_m": surface, "time_us_median": time, **more}  # fmt: skip
+    def record(time, surface, followed, **more):
+        kept = {"surface_error_m": surface, "inside_m": 0.0, "followed_rms_m": followed}
+        return (
+            {"stage": "proxy", "scene": "a", "time_us_median": time, "error_max": 9.0} | kept | more
+        )
 
-    records = [record(1.0, 2.0, 0.1), record(2.0, 0.1, 2.0), record(4.0, 0.5, 0.5),
-               record(6.0, 0.9, 0.9, chosen=True)]  # fmt: skip
+    records = [record(1.0, 0.1, 2.0), record(2.0, 2.0, 0.1), record(3.0, 0.1, 0.1, inside_m=2.0),
+               record(4.0, 0.5, 0.5), record(6.0, 0.9, 0.9, chosen=True)]  # fmt: skip
     judge_chosen(records, 1.0)
     assert records[-1]["meets_tolerance"] is True
+    assert records[-1]["follows"] is True
     assert records[-1]["time_over_cheapest"] == 1.5
     assert "meets_tolerance" not in records[0]
     judge_chosen(records, 0.01)
     assert records[-1]["meets_tolerance"] is False
+    assert records[-1]["follows"] is False
     assert records[-1]["time_over_cheapest"] is None
+    # One that is off along the surface is compared with what is no further off.
+    records[-1]["followed_rms_m"] = 3.0
+    judge_chosen(records, 1.0)
+    assert records[-1]["meets_tolerance"] is True
+    assert records[-1]["follows"] is False
+    assert records[-1]["time_over_cheapest"] == 6.0
+
+
+def test_a_sampled_surface_is_judged_by_its_worst_place():
+    records = [
+        {"stage": "sample", "scene": "a", "error_max": error, "time_us_median": 1.0, "chosen": True}
+        for error in (0.9, 1.1)
+    ]
+    judge_chosen(records, 1.0)
+    assert [r["meets_tolerance"] for r in records] == [True, False]
+    assert "follows" not in records[0]
 
 
 def trial(times, **more):
@@ -96,6 +117,20 @@ def test_a_refusal_is_noted_and_the_others_go_on():
         {"stage": "s", "scene": "s", "method": "b", "settings": {"scale": 0.5},
          "message": "no line"}
     ]  # fmt: skip
+
+
+def test_slow_trials_sit_out_the_later_rounds():
+    seen = []
+    told = []
+
+    def taking(us):
+        return Trial("s", str(us), {}, lambda: (seen.append(us), np.full(1, us)),
+                     lambda a: Errors(0, 0), "m")  # fmt: skip
+
+    results, _ = run_trials("s", [taking(1.0), taking(1e5), taking(1e6)], 7, told.append)
+    assert [len(r.times) for r in results] == [7, 3, 3]
+    assert [seen.count(us) for us in (1.0, 1e5, 1e6)] == [8, 4, 4]
+    assert sum(told) == 3 * 8, "the bar ends where it should"
 
 
 def test_rounds_are_interleaved():
@@ -180,6 +215,22 @@ def test_force_error_is_the_stiffness_times_that_of_the_proxy():
     errors = judge(case, scene.points, shifted, {})
     assert errors.rms == pytest.approx(1e-5)
     assert errors.more["force_rms_n"] == pytest.approx(1e-2)
+
+
+def test_ticks_that_nothing_can_follow_are_counted_apart():
+    """Towards the centre of a ball, around which the exact proxy turns ever faster."""
+    scene = SCENES["point"]()
+    hips = travel(way((-8, 0.05), (-0.5, 0.05)), 0.1)
+    case = Case("point", scene, hips)
+    depth = R - np.linalg.norm(hips, axis=1)
+    assert case.followable.tolist() == (depth <= R / 2 + 1e-9).tolist()
+    wrong = case.truth + np.where(case.followable, 1e-6, 1e-3)[:, None] * [0, 0, 1]
+    more = judge(case, scene.points, wrong, {}).more
+    assert more["followed_rms_m"] == pytest.approx(1e-6)
+    assert more["followed_ticks"] == case.followable.sum() < more["ticks"] == len(hips)
+    finer = case.at(1e-3)
+    assert finer.followable is case.followable
+    assert finer.truth is case.truth
 
 
 def test_penalty_pushes_out_of_the_nearest_ball_and_through_on_the_other_side():

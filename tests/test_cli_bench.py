@@ -90,10 +90,10 @@ def test_errors_fall_as_settings_tighten(quick):
             of(document, stage="plan", scene=scene, method="ridge"), "tolerance_m", False
         )
         assert all(fine < 1.05 * coarse for coarse, fine in pairwise(errors))
-    for method in ("robust", "paper"):
-        rows = of(document, stage="proxy", scene="circle, outside", method=method)
-        errors = falling(rows, "spacing_m", tightest_last=False)
-        assert all(fine < coarse for coarse, fine in pairwise(errors))
+    for scene in scenes(document, "proxy"):
+        rows = of(document, stage="proxy", scene=scene, method="robust")
+        coarse, fine = falling(rows, "spacing_m", tightest_last=False)
+        assert fine < coarse or fine < 1e-9, "the floor on flat pieces is rounding"
 
 
 def test_only_the_affine_map_follows_a_stretched_print(quick):
@@ -124,25 +124,31 @@ def test_the_engines_of_one_rule_agree_and_the_peer_with_them(quick):
 
 def test_no_baseline_is_as_near_as_the_robust_rule(quick):
     _, document = quick
-    for scene in ("sheet, front", "circle, outside", "corner, floor"):
+    assert len(scenes(document, "proxy")) == 5
+    for scene in scenes(document, "proxy"):
         rows = {
             r["method"]: r
             for r in of(document, stage="proxy", scene=scene)
             if r["settings"].get("spacing_m") == 0.5e-3
         }
-        assert rows["robust"]["error_rms"] < rows["nearest-point penalty"]["error_rms"]
-        assert rows["robust"]["error_rms"] < rows["paper"]["error_rms"]
-        assert rows["robust"]["force_rms_n"] < rows["paper"]["force_rms_n"]
+        for baseline in ("nearest-point penalty", "paper", "paper in NumPy", "nanoflann_peer"):
+            assert rows["robust"]["error_rms"] < rows[baseline]["error_rms"], (scene, baseline)
+            assert rows["robust"]["force_rms_n"] < rows[baseline]["force_rms_n"]
 
 
-def test_the_chosen_settings_keep_the_tolerance(quick):
+def test_the_chosen_settings_keep_the_tolerance_and_lie_near_the_front(quick):
     _, document = quick
+    tolerance = document["tolerance_m"]
     for stage in ("sample", "proxy"):
         for scene in scenes(document, stage):
             (chosen,) = of(document, stage=stage, scene=scene, chosen=True)
             key = "error_max" if stage == "sample" else "surface_error_m"
-            assert chosen[key] <= document["tolerance_m"], scene
-            assert chosen.get("inside_m", 0.0) <= document["tolerance_m"], scene
+            assert chosen[key] <= tolerance, scene
+            assert chosen.get("inside_m", 0.0) <= tolerance, scene
+            assert chosen.get("followed_rms_m", 0.0) <= tolerance, scene
+            assert chosen["meets_tolerance"] is True
+            # A ratio of medians within one run; the worst, about 3, is a sheet: points buy nothing.
+            assert chosen["time_over_cheapest"] < 6, scene
 
 
 def test_files_say_what_the_document_says(quick):

@@ -11,21 +11,23 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vfplan.accuracy.record import Array
-from vfplan.choosing import Choice
+from vfplan.choosing import DEPTH, Choice
 from vfplan.scenes import SCENES, Drawn, Scene
 
 R = 5e-3
 SPEED_M_S = 0.1
 QUICK = (("segment", "above"), ("sheet", "front"), ("circle", "outside"), ("corner", "floor"),
-         ("omega", "over"))  # fmt: skip
+         ("omega", "beside"))  # fmt: skip
 FULL = (("point", "across"), ("segment", "above"), ("sheet", "front"), ("sheet", "back"),
         ("sheet", "edge"), ("double-sheet", "above"), ("circle", "outside"), ("circle", "inside"),
         ("sphere", "outside"), ("sphere", "inside"), ("wedge", "over"), ("corner", "floor"),
-        ("corner", "deep"), ("three-walls", "edge"), ("channel", "through"), ("omega", "over"),
-        ("omega", "inside"), ("teapot", "over"))  # fmt: skip
+        ("corner", "deep"), ("three-walls", "edge"), ("channel", "through"), ("omega", "beside"),
+        ("omega", "over"), ("omega", "inside"), ("teapot", "over"))  # fmt: skip
 QUICK_TICKS = 700
+MOST_SENSITIVE = 1 / (1 - DEPTH) + 1e-9
 
 
 class Case:
@@ -36,24 +38,36 @@ class Case:
     name
         For the reader.
     scene
-        Its geometry; clouds of other spacings share the truth.
+        Its geometry.
     hips
         (T, 3) [m].
-    truth
-        (T, 3) the exact proxy [m]; `None`: ask the scene.
+    origin
+        A case of the same geometry and path: clouds of other spacings share its truth.
     """
 
-    def __init__(self, name: str, scene: Scene, hips: Array, truth: Array | None = None) -> None:
-        self.name, self.scene, self.hips, self._truth = name, scene, hips, truth
+    def __init__(self, name: str, scene: Scene, hips: Array, origin: Case | None = None) -> None:
+        self.name, self.scene, self.hips, self._origin = name, scene, hips, origin
 
     @cached_property
     def truth(self) -> Array:
-        """(T, 3) [m]."""
-        return self.scene.truth(self.hips, R) if self._truth is None else self._truth
+        """(T, 3) the exact proxy [m]."""
+        return self._origin.truth if self._origin else self.scene.truth(self.hips, R)
+
+    @cached_property
+    def followable(self) -> NDArray[np.bool_]:
+        """(T,) where the exact proxy moves by no more than twice what the HIP does.
+
+        `vfplan.choosing` promises no more than that: a HIP at most R/2 behind the sharpest surface.
+        Deeper, the exact proxy runs away from any engine: with the HIP at the centre of the ball
+        around a point it turns round in one tick.
+        """
+        if self._origin:
+            return self._origin.followable
+        return self.scene.sensitivity(self.hips, self.truth, R) <= MOST_SENSITIVE
 
     def with_scene(self, scene: Scene) -> Case:
         """The same path and truth on another cloud of the same geometry."""
-        return Case(self.name, scene, self.hips, self.truth)
+        return Case(self.name, scene, self.hips, self._origin or self)
 
     def at(self, spacing: float) -> Case:
         """The same with points `spacing` apart [m]."""

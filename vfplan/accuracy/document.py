@@ -15,8 +15,8 @@ COLUMNS = (
     "stage", "scene", "method", "settings", "error_rms", "error_max", "unit", "time_us_median",
     "time_us_low", "time_us_high", "time_us_p99", "time_us_p999", "time_us_max", "repeats",
     "pareto", "chosen", "peer", "points", "force_rms_n", "force_max_n", "surface_error_m",
-    "inside_m", "clearance_min_m", "lag_rms_m", "friction",
-    "meets_tolerance", "time_over_cheapest",
+    "inside_m", "followed_rms_m", "followed_ticks", "ticks", "clearance_min_m", "lag_rms_m",
+    "friction", "meets_tolerance", "follows", "time_over_cheapest",
 )  # fmt: skip
 _NEEDED = ("results", "tolerance_m", "budget_us", "machine", "peers")
 

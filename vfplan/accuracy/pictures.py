@@ -7,6 +7,7 @@ a pen's width of the centre line, counted on an 8 x 8 grid inside each pixel nea
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,14 +39,23 @@ class Drawing:
 
     def picture(self) -> NDArray[np.uint8]:
         """(H, W, 3) uint8, red first."""
-        width, height = (round(n * self.scale) for n in SIZE)
-        share = coverage((height, width), to_pixels(curve(), self.scale), self.pen_px * self.scale)
-        grey = _slice((height, width), self.scale)[..., None]
-        painted = grey + share[..., None] * (np.array(PEN) - grey)
-        rgb = np.clip(np.rint(painted), 0, 255).astype(np.uint8)
+        rgb = _painted(self.pen_px, self.scale)
         return rgb if self.quality is None else _jpeg(rgb, self.quality)
 
 
+@lru_cache(maxsize=32)
+def _painted(pen_px: float, scale: float) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8 before any JPEG; kept, since every quality begins with it."""
+    width, height = (round(n * scale) for n in SIZE)
+    share = coverage((height, width), to_pixels(curve(), scale), pen_px * scale)
+    grey = _slice((height, width), scale)[..., None]
+    painted = grey + share[..., None] * (np.array(PEN) - grey)
+    rgb = np.clip(np.rint(painted), 0, 255).astype(np.uint8)
+    rgb.setflags(write=False)
+    return rgb
+
+
+@lru_cache(maxsize=1)
 def curve() -> Array:
     """(M, 2) the true centre line at scale 1 [px], 0.05 px apart: straight, wavy, bent tightly."""
     t = np.linspace(0, 1, 40_001)
@@ -85,6 +95,7 @@ def coverage(shape: tuple[int, int], line: Array, width: float) -> Array:
     return share
 
 
+@lru_cache(maxsize=8)
 def _slice(shape: tuple[int, int], scale: float) -> Array:
     """(H, W) grey 0..255: soft tissue, two bright-rimmed bones, fine noise; the same every time."""
     from scipy.ndimage import gaussian_filter

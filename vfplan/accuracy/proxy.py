@@ -8,6 +8,9 @@ force_rms_n, force_max_n
 surface_error_m
     How far the proxy rests from the planned surface, either way, in contact; what a tolerance is
     about. `inside_m` is the part of it that counts: nearer to the exact geometry than R.
+followed_rms_m, followed_ticks
+    The RMS error over the ticks in which an engine can follow the exact proxy at all
+    (`Case.followable`), and how many of the `ticks` those are.
 clearance_min_m
     min |p_i - proxy| - R over the cloud.
 lag_rms_m, friction
@@ -235,7 +238,17 @@ def judge(case: Case, points: Array, proxy: Array, more: dict[str, Any]) -> Erro
         **_friction(case, proxy),
         "clearance_min_m": _clearance(case, points, proxy),
     }
-    return Errors.of(np.linalg.norm(proxy - truth, axis=1), **figures, **more)
+    off = np.linalg.norm(proxy - truth, axis=1)
+    return Errors.of(off, **_followed(case, off), **figures, **more)
+
+
+def _followed(case: Case, off: Array) -> dict[str, Any]:
+    kept = off[case.followable]
+    return {
+        "ticks": len(off),
+        "followed_ticks": len(kept),
+        "followed_rms_m": float(np.sqrt(np.mean(kept**2))) if len(kept) else 0.0,
+    }
 
 
 def _surface(case: Case, proxy: Array) -> dict[str, Any]:

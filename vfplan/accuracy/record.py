@@ -154,20 +154,34 @@ def mark_pareto(records: list[dict[str, Any]]) -> None:
 def judge_chosen(records: list[dict[str, Any]], tolerance_m: float) -> None:
     """Say of each chosen record whether it keeps the tolerance, and how far from cheapest it is.
 
-    `meets_tolerance`: `error_rms` and the surface's error (`surface_error_m`; where there is none,
-    `error_max`) are within it. `time_over_cheapest`: its median time over that of the cheapest
-    record of its stage and scene that meets the tolerance too; `None` where none does.
+    `meets_tolerance`
+        The surface's error (`surface_error_m` and `inside_m`; in stage sample `error_max`) is
+        within it: what `--tolerance` promises.
+    `follows`
+        Stage proxy: so is the proxy's RMS error, along the surface too, over the ticks that an
+        engine can follow (`followed_rms_m`).
+    `time_over_cheapest`
+        Its median time over that of the cheapest record of its stage and scene that keeps the
+        surface as well and the proxy as near, to the tolerance or as the chosen one does.
     """
     for chosen in (r for r in records if r.get("chosen") and r["stage"] in ("sample", "proxy")):
+        own = chosen.get("followed_rms_m", 0.0)
+        near = max(own, tolerance_m)
         rivals = [r for r in records if all(r[k] == chosen[k] for k in ("stage", "scene"))]
-        within = [r["time_us_median"] for r in rivals if _within(r, tolerance_m)]
-        chosen["meets_tolerance"] = _within(chosen, tolerance_m)
+        within = [
+            r["time_us_median"]
+            for r in rivals
+            if _surface_within(r, tolerance_m) and r.get("followed_rms_m", 0.0) <= near
+        ]
+        chosen["meets_tolerance"] = _surface_within(chosen, tolerance_m)
+        if "followed_rms_m" in chosen:
+            chosen["follows"] = bool(own <= tolerance_m)
         chosen["time_over_cheapest"] = chosen["time_us_median"] / min(within) if within else None
 
 
-def _within(record: dict[str, Any], tolerance_m: float) -> bool:
+def _surface_within(record: dict[str, Any], tolerance_m: float) -> bool:
     worst = record.get("surface_error_m", record["error_max"])
-    return bool(max(worst, record["error_rms"]) <= tolerance_m)
+    return bool(max(worst, record.get("inside_m", 0.0)) <= tolerance_m)
 
 
 def non_dominated(values: Array) -> NDArray[np.bool_]:

@@ -16,7 +16,7 @@ from vfplan.accuracy.record import Array, Errors, Trial
 
 MARKERS = {True: (4, 9, 25), False: (4, 6, 9, 16, 25, 49)}
 NOISE_MM = {True: (0.2,), False: (0.05, 0.2, 1.0)}
-DRAWS = {True: 30, False: 200}
+DRAWS = {True: 30, False: 100}
 SPACING_M = 0.5e-3
 DEFAULT_MARKERS = 9
 # A print that a copier stretched by 1 % in one direction: only the affine map can follow.
