@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vfplan.bundle.content import Content
 
 BLOCK = 1 << 18  # triangles or points at a time, to bound memory
+STEPS = 16  # along a tree's order, to bound the distance to the nearest neighbour
 
 
 def kind_of(content: Content) -> str:
@@ -137,28 +138,84 @@ def covering_radius(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def open_edges(triangles: NDArray[np.int32]) -> int:
     """Number of edges that belong to exactly one triangle."""
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    edges = np.sort(edges, axis=1).astype(np.int64)
-    _, counts = np.unique(edges[:, 0] << 32 | edges[:, 1], return_counts=True)
-    return int(np.count_nonzero(counts == 1))
+    edges = np.empty((3, len(triangles)), dtype=np.int64)  # (lower << 32 | higher) end
+    for row, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
+        np.minimum(triangles[:, i], triangles[:, j], out=edges[row])
+        edges[row] <<= 32
+        edges[row] |= np.maximum(triangles[:, i], triangles[:, j])
+    edges = edges.ravel()
+    edges.sort()
+    again = np.concatenate([[False], edges[1:] == edges[:-1], [False]])
+    return int(np.count_nonzero(~again[1:] & ~again[:-1]))
 
 
 def loneliest(points: Across) -> tuple[float, int]:
-    """(distance [m], index) of the point farthest from its nearest neighbour; 0 for one point."""
+    """(distance [m], index) of the point farthest from its nearest neighbour; 0 for one point.
+
+    The tree's order puts neighbours beside each other, so a few steps along it bound each point's
+    distance from above; only those whose bound exceeds the largest distance found are searched for.
+    """
     if len(points) == 1:
         return 0.0, 0
+    tree, _, rows = _tree(points[:])
+    best = (0.0, 0)
+    for start in range(0, len(rows), BLOCK):
+        block = rows[start : start + BLOCK]
+        first = max(0, start - STEPS)
+        bound = _bounds(points[rows[first : start + BLOCK + STEPS]])[start - first :][: len(block)]
+        waiting = np.argsort(-bound)
+        waiting = waiting[bound[waiting] > best[0]]
+        at, count = 0, 64
+        while at < len(waiting) and bound[waiting[at]] > best[0]:
+            some = block[waiting[at : at + count]]
+            distance = tree.query(points[some], k=[2], workers=-1)[0][:, 0]
+            farthest = int(np.argmax(distance))
+            if distance[farthest] > best[0]:
+                best = (float(distance[farthest]), int(some[farthest]))
+            at, count = at + count, min(2 * count, BLOCK)
+    return best
+
+
+def _tree(points: NDArray[np.float64], kind: NDArray[np.int32] | None = None) -> Any:
+    """(k-d tree, rows of its points, rows of all points in the tree's order).
+
+    The tree holds one point of each place, or two of different `kind`: no tree can part points
+    of one place, and a search among them would look at each.
+    """
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(points[:], balanced_tree=False, compact_nodes=False)
-    order = tree.indices  # neighbours follow each other: the tree stays in the cache
-    best = (0.0, 0)
-    for start in range(0, len(order), BLOCK):
-        rows = order[start : start + BLOCK]
-        distance = tree.query(tree.data[rows], k=[2], workers=-1)[0][:, 0]
-        farthest = int(np.argmax(distance))
-        if distance[farthest] > best[0]:
-            best = (float(distance[farthest]), int(rows[farthest]))
-    return best
+    def plant(some: NDArray[np.float64]) -> Any:
+        return cKDTree(some, leafsize=32, balanced_tree=False, compact_nodes=False)
+
+    tree = plant(points)
+    rows = tree.indices
+    new = np.ones(len(rows), dtype=bool)
+    for start in range(1, len(rows), BLOCK):
+        before, after = rows[start - 1 : start - 1 + BLOCK], rows[start : start + BLOCK]
+        new[start : start + BLOCK] = np.any(points[after] != points[before[: len(after)]], axis=1)
+    if new.all():
+        return tree, slice(None), rows
+    del tree
+    keep = new.copy()
+    if kind is not None:
+        heads = np.flatnonzero(new)
+        run = np.cumsum(new) - 1
+        other = np.flatnonzero(kind[rows] != kind[rows[heads]][run])
+        keep[other[np.unique(run[other], return_index=True)[1]]] = True
+    return plant(points[rows[keep]]), rows[keep], rows
+
+
+def _bounds(ordered: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) distance [m] of each point to the nearest of the next and last few in this order."""
+    x, y, z = np.ascontiguousarray(ordered.T)
+    nearest = np.full(len(ordered), np.inf)
+    for k in range(1, min(STEPS + 1, len(ordered))):
+        square = (x[k:] - x[:-k]) ** 2
+        square += (y[k:] - y[:-k]) ** 2
+        square += (z[k:] - z[:-k]) ** 2
+        np.minimum(nearest[k:], square, out=nearest[k:])
+        np.minimum(nearest[:-k], square, out=nearest[:-k])
+    return np.sqrt(nearest)
 
 
 def _ends(content: Content, points: Across) -> Content:
@@ -182,16 +239,18 @@ def _ends(content: Content, points: Across) -> Content:
 def _to_other_strokes(
     points: Across, stroke: NDArray[np.int32], ends: NDArray[np.intp]
 ) -> NDArray[np.float64]:
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(points[:])
+    """(E,) distance [m] of each of these points to the nearest one of another stroke."""
+    tree, kept, _ = _tree(points[:], stroke)
+    own_stroke = stroke[kept]
     distance = np.full(len(ends), np.inf)
-    for row, end in enumerate(ends):
-        count = 8
-        while not np.isfinite(distance[row]):
-            found, index = tree.query(points[end], k=min(count, len(points)))
-            other = stroke[index] != stroke[end]
-            if other.any():
-                distance[row] = found[other].min()
-            count *= 4
+    waiting, count = np.arange(len(ends)), 8
+    while len(waiting):
+        count = min(count, len(own_stroke))  # two strokes at least, so that count is 2 or more
+        for start in range(0, len(waiting), max(1, BLOCK // count)):
+            some = waiting[start : start + max(1, BLOCK // count)]
+            found, index = tree.query(points[ends[some]], k=count, workers=-1)
+            own = own_stroke[index] == stroke[ends[some], None]
+            distance[some] = np.where(own, np.inf, found).min(axis=1)
+        waiting = waiting[np.isinf(distance[waiting])]
+        count *= 4
     return distance
