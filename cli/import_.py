@@ -72,7 +72,7 @@ def command(
 ) -> Report:
     """Make a fixture bundle of the points in CLOUD; a mesh is sampled and certified."""
     refuse_existing(output, overwrite=overwrite)
-    from vfplan.bundle import import_cloud, read_bundle, write_fixture
+    from vfplan.bundle import import_cloud, read_bundle, size_doubt, write_fixture
 
     fixture = import_cloud(
         cloud,
@@ -103,4 +103,5 @@ def command(
         f" {content['/leak@kind']}, {certified}: largest opening"
         f" {1e3 * content['/leak@largest_m']:.3f} mm\nwrote {output}"
     )
-    return Report(data, text)
+    doubt = size_doubt(fixture.points)
+    return Report(data, text, warnings=[doubt] if doubt else [])

@@ -273,3 +273,16 @@ def test_slicer_markers_in_space(vfplan_cli, tmp_path):
     assert picture.code == 2
     assert "no slice to draw on" in picture.error_line
     assert not (tmp_path / "g.h5").exists()
+
+
+def test_markers_in_centimetres_taken_for_metres_are_doubted(vfplan_cli, curve, tmp_path):
+    """An affine registration fits any scale; the fixture's size tells."""
+    head, lines = rows(ROBOT)
+    scaled = [[line[0], *(100 * float(x) for x in line[1:])] for line in lines]
+    bad = write(tmp_path / "bad.csv", head, scaled)
+    out = tmp_path / "f.h5"
+    words = ["--density", "0.1", "--contact-radius", "500"]
+    run = vfplan_cli("register", curve, PIXELS, bad, "-o", out, *words)
+    assert run.code == 0, run.stderr
+    assert "is a unit wrong?" in run.stderr
+    assert "is a unit wrong?" in vfplan_cli("validate", out).stdout

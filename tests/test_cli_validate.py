@@ -1,8 +1,12 @@
 """`vfplan validate`: every issue, with place, code and severity; exit 1 if one is an error."""
 
+from dataclasses import replace
+
 import bundles
 import damage
 import hostile
+import numpy as np
+import pytest
 
 import vfplan
 
@@ -43,6 +47,22 @@ def test_a_file_that_is_no_bundle_is_invalid_and_a_missing_one_bad_input(vfplan_
     run = vfplan_cli("validate", tmp_path / "a.h5", "--json")
     assert (run.code, run.json["valid"]) == (1, False)
     assert vfplan_cli("validate", tmp_path / "none.h5").code == 3
+
+
+@pytest.mark.parametrize(
+    ("across_m", "moved_m", "doubtful"),
+    [(0.05, 0.4, False), (2.5, 1, False), (50, 0, True), (5e-5, 0.4, True), (0.05, 50, True)],
+)
+def test_a_size_that_a_wrong_unit_gives_is_warned_of(
+    across_m, moved_m, doubtful, vfplan_cli, tmp_path
+):
+    base = bundles.minimal()
+    points = base.points - base.points[0]
+    points = points * across_m / np.ptp(points, axis=0).max() + moved_m
+    vfplan.write_fixture(replace(base, points=points), tmp_path / "a.h5")
+    run = vfplan_cli("validate", tmp_path / "a.h5", "--json")
+    assert run.code == 0
+    assert ("points.size" in {i["code"] for i in run.json["issues"]}) is doubtful
 
 
 def test_wrong_residuals_and_a_path_are_warned_of(vfplan_cli, tmp_path):

@@ -13,6 +13,7 @@ from vfplan.bundle.files import read_bundle, read_fixture, require_signature, wr
 from vfplan.bundle.findings import Issue
 from vfplan.bundle.keys import keygen, read_keys
 from vfplan.bundle.migration import migrate
+from vfplan.bundle.plausible import size_doubt
 from vfplan.bundle.signing import Trust, sign
 from vfplan.bundle.validation import validate
 
@@ -30,6 +31,7 @@ __all__ = [
     "read_keys",
     "require_signature",
     "sign",
+    "size_doubt",
     "validate",
     "write_fixture",
 ]

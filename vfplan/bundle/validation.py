@@ -11,6 +11,7 @@ from vfplan.bundle.content import Content
 from vfplan.bundle.files import VERSION, checked_version, opened_source
 from vfplan.bundle.findings import Findings, Issue
 from vfplan.bundle.parse import parse, peek_version
+from vfplan.bundle.plausible import size_doubt
 from vfplan.bundle.seal import Seal, unseal
 from vfplan.bundle.table import table
 from vfplan.errors import BundleError
@@ -42,6 +43,7 @@ def validate(source: str | Path | bytes) -> list[Issue]:
             return findings.issues
     if findings.valid:
         _certificate(content, findings)
+    _size(content, findings)
     _residuals(content, findings)
     _paths(content, findings)
     return findings.issues
@@ -87,6 +89,15 @@ def _certificate(content: Content, findings: Findings) -> None:
     if "/leak@open_edges" in content:
         count = content["/leak@open_edges"]
         findings.note("leak.open_edges", "/leak@open_edges", f"an open sheet: {count} rim edges")
+
+
+def _size(content: Content, findings: Findings) -> None:
+    """A slip of units, which no rule of the format can see."""
+    if content.get("/@frame") == "image" or "/points" not in content:
+        return
+    doubt = size_doubt(content["/points"])
+    if doubt is not None:
+        findings.warning("points.size", "/points", doubt)
 
 
 def _residuals(content: Content, findings: Findings) -> None:

@@ -66,6 +66,7 @@ def register(
     CheckFailed
         The registration's error may be larger than `settings.max_tre_m`.
     """
+    from vfplan.bundle import size_doubt
     from vfplan.registration import fit_registration
     from vfplan.registration.diagnosis import check_max_tre, diagnose, target_error
     from vfplan.registration.report import describe as describe_registration
@@ -102,7 +103,13 @@ def register(
     if margin is not None:
         report["margin"] = margin.report
     report["elapsed_s"] = time.perf_counter() - started
-    warnings = (*diagnosis.warnings, *error.warnings, *_frame_warning(pairs))
+    doubt = size_doubt(fixture.points)
+    warnings = (
+        *diagnosis.warnings,
+        *error.warnings,
+        *_frame_warning(pairs),
+        *((doubt,) if doubt else ()),
+    )
     return Planned(fixture, registration, report, warnings)
 
 
