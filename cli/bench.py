@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 from vfplan.cli.options import FILE, Numbers
 from vfplan.cli.run import Report, command, outputs, progress, refuse_existing
+
+from vfplan.errors import InputError
 
 STAGES = ("extract", "sample", "register", "proxy", "plan")
 
@@ -43,9 +46,13 @@ def command(
     from vfplan.accuracy import Peer, bench, read_document
 
     stages = STAGES if stage == "all" else (stage,)
+    _refuse_idle(stages, source)
     document = None if source is None else read_document(source)
     if document is not None:
-        stages = tuple(s for s in stages if s in document["stages"])
+        held = {r["stage"] for r in document["results"]}
+        stages = tuple(s for s in stages if s in held)
+        if not stages:
+            raise InputError(f"holds no results of stage {stage}", where=str(source))
     files = _files(output, stages)
     _refuse(output, files, overwrite)
     if document is None:
@@ -63,6 +70,26 @@ def command(
     text = "\n".join(_text(document, stages))
     absent = [p["message"] for p in document["peers"] if not p["ran"]]
     return Report(document, text + (f"\nwrote {output}/" if output else ""), warnings=absent)
+
+
+def _refuse_idle(stages: tuple[str, ...], source: Path | None) -> None:
+    """Options that would have no effect are not taken in silence."""
+    context = click.get_current_context()
+    given = [
+        name
+        for name in ("quick", "peers", "surface", "tolerance_mm")
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    ]
+    if source is not None and given:
+        raise click.UsageError(f"--from measures nothing: {_flags(given)} would have no effect")
+    idle = [name for name in given if name in ("peers", "surface")]
+    if idle and "proxy" not in stages:
+        raise click.UsageError(f"{_flags(idle)} would have no effect: only stage proxy uses that")
+
+
+def _flags(names: list[str]) -> str:
+    flags = {"peers": "--peer", "tolerance_mm": "--tolerance"}
+    return ", ".join(flags.get(name, f"--{name}") for name in names)
 
 
 def _files(output: Path | None, stages: tuple[str, ...]) -> list[Path]:
@@ -86,12 +113,24 @@ def _write(document: dict[str, Any], stages: tuple[str, ...], files: list[Path])
     from vfplan.accuracy import write_csv, write_json
     from vfplan.figures.accuracy import draw_stage
 
-    files[0].parent.mkdir(exist_ok=True)
-    with outputs(*files) as (table, rows, *pictures):
+    with _folder(files[0].parent), outputs(*files) as (table, rows, *pictures):
         write_json(document, table)
         write_csv(document, rows)
         for stage, picture in zip(stages, pictures, strict=True):
             draw_stage(document, stage, picture)
+
+
+@contextmanager
+def _folder(path: Path) -> Iterator[None]:
+    """Make the folder; take it away again when what was to go there fails."""
+    new = not path.exists()
+    path.mkdir(exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        if new:
+            path.rmdir()
+        raise
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from vfplan.accuracy.proxy import judge
 from vfplan.accuracy.record import Errors, Result, Trial, judge_chosen, mark_pareto, non_dominated
 from vfplan.accuracy.registering import apply, markers_px, true_map
 from vfplan.accuracy.runner import run_trials
-from vfplan.accuracy.sampling import lines, planned_surface, surface_error
+from vfplan.accuracy.sampling import METHODS, lines, planned_surface, surface_error
 from vfplan.choosing import choose
 from vfplan.errors import CurveError, InputError, SettingError
 from vfplan.reference import PaperProxy
@@ -181,6 +181,20 @@ def test_surface_error_of_a_line_is_the_dimple():
     assert gap.max() == pytest.approx(np.hypot(R, h / 2) - R, rel=1e-3)
 
 
+@pytest.mark.parametrize("line", lines(), ids=lambda line: line.name)
+def test_sampling_by_curvature_uses_the_tolerance_and_no_more(line):
+    """Even spacing by R alone is wrong by 1 + R/ρ outside of a bend of radius ρ."""
+    bend = {"line": 0, "circle, 30 mm": 1 / 30e-3, "S, 8 mm bends": 1 / 8e-3}.get(
+        line.name, 1 / 2e-3
+    )
+    surface = planned_surface(line)
+    for tolerance in (1e-5, 1e-6, 3e-7, 3e-8):
+        worst = surface_error(METHODS["by curvature"](line, tolerance), surface).max()
+        assert 0.95 * tolerance < worst <= tolerance
+        even = surface_error(METHODS["even, by R alone"](line, tolerance), surface).max()
+        assert even == pytest.approx((1 + R * bend) * tolerance, rel=0.02)
+
+
 def test_planned_surface_is_nowhere_nearer_than_R():
     for line in lines():
         away, _ = cKDTree(line.fine).query(planned_surface(line))
@@ -336,16 +350,23 @@ def test_nanoflann_peer_moves_as_the_reference_does(nanoflann_peer, name):
     assert (us > 0).all()
 
 
+def stored(**more):
+    """A document of one result."""
+    times = dict.fromkeys(("time_us_median", "time_us_low", "time_us_high"), 1.0)
+    result = {"stage": "sample", "scene": "a", "method": "m", "unit": "m", "settings": {},
+              "error_rms": np.float64(1e-9), "error_max": 1, "pareto": True, **times}  # fmt: skip
+    return {
+        "format": "vfplan-bench", "version": "1.0", "stages": ["sample"], "results": [result],
+        "tolerance_m": 1e-5, "budget_us": 1000.0, "machine": {"clock_us": float("nan")},
+        "peers": [], "elapsed_s": 1.0, **more,
+    }  # fmt: skip
+
+
 def test_document_survives_the_disk(tmp_path):
     path = tmp_path / "bench.json"
-    document = {
-        "format": "vfplan-bench", "version": "1.0", "results": [{"error_rms": np.float64(1e-9)}],
-        "tolerance_m": 1e-5, "budget_us": 1000.0, "machine": {"clock_us": float("nan")},
-        "peers": [],
-    }  # fmt: skip
-    write_json(document, path)
+    write_json(stored(), path)
     again = read_document(path)
-    assert again["results"] == [{"error_rms": 1e-9}]
+    assert again["results"] == [stored()["results"][0]]
     assert again["machine"] == {"clock_us": None}
 
 
@@ -355,12 +376,33 @@ def test_document_survives_the_disk(tmp_path):
         ("{", "is not JSON"),
         ("[]", "format None"),
         ('{"format": "vfplan-bench", "version": "2.0"}', "version '2.0'"),
-        ('{"format": "vfplan-bench", "version": "1.3"}', "lacks results"),
+        ('{"format": "vfplan-bench", "version": "1.3"}', "lacks stages, results"),
     ],
 )
 def test_a_document_that_is_none_is_refused(tmp_path, text, says):
     path = tmp_path / "bench.json"
     path.write_text(text)
+    with pytest.raises(InputError) as error:
+        read_document(path)
+    assert says in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("harm", "says"),
+    [
+        (lambda d: d.update(results=[]), "holds no results"),
+        (lambda d: d.update(results=5), "holds no results"),
+        (lambda d: d["results"].append(7), "results[1]: is no result"),
+        (lambda d: d["results"][0].pop("error_rms"), "results[0]: error_rms None"),
+        (lambda d: d["results"][0].update(time_us_low=float("inf")), "time_us_low None"),
+        (lambda d: d["results"][0].update(scene=3), "scene 3: a text"),
+        (lambda d: d["results"][0].update(unit="mile"), "unit or pareto"),
+    ],
+)
+def test_a_damaged_document_is_refused(tmp_path, harm, says):
+    path, document = tmp_path / "bench.json", stored()
+    harm(document)
+    write_json(document, path)
     with pytest.raises(InputError) as error:
         read_document(path)
     assert says in str(error.value)

@@ -185,6 +185,17 @@ def test_diagrams_follow_the_json(quick, vfplan_cli, tmp_path):
     assert (again / name).read_bytes() != (folder / name).read_bytes()
 
 
+def test_a_document_without_the_stage_draws_nothing(quick, vfplan_cli, tmp_path):
+    _, document = quick
+    part = tmp_path / "part.json"
+    part.write_text(json.dumps(document | {"results": of(document, stage="sample")}))
+    run = vfplan_cli("bench", "extract", "--from", part, "-o", tmp_path / "out")
+    assert run.code == 3
+    assert "holds no results of stage extract" in run.error_line
+    assert vfplan_cli("bench", "--from", part, "-o", tmp_path / "out").code == 0
+    assert {p.name for p in (tmp_path / "out").glob("*.png")} == {"bench_sample.png"}
+
+
 def test_refuses_to_overwrite(quick, vfplan_cli):
     folder, _ = quick
     run = vfplan_cli("bench", "extract", "--quick", "-o", folder)
@@ -204,6 +215,10 @@ def test_refuses_to_overwrite(quick, vfplan_cli):
         (("proxy", "--quick", "--peer", "/nowhere/peer"), 2),
         (("--from", "/nowhere/bench.json"), 3),
         (("extract", "-o", "/nowhere/at/all"), 2),
+        (("extract", "--peer", "true"), 2),
+        (("--from", "bench.json", "--quick"), 2),
+        (("--from", "bench.json", "--tolerance", "0.01"), 2),
+        (("proxy", "--quick", "--surface", "/nowhere/bone.stl"), 3),
     ],
 )
 def test_errors_are_one_line_with_their_code(vfplan_cli, arguments, code):

@@ -18,7 +18,9 @@ COLUMNS = (
     "inside_m", "followed_rms_m", "followed_ticks", "ticks", "clearance_min_m", "lag_rms_m",
     "friction", "meets_tolerance", "follows", "time_over_cheapest",
 )  # fmt: skip
-_NEEDED = ("results", "tolerance_m", "budget_us", "machine", "peers")
+_NEEDED = ("stages", "results", "tolerance_m", "budget_us", "machine", "peers", "elapsed_s")
+_TEXTS = ("stage", "scene", "method", "unit")
+_NUMBERS = ("error_rms", "error_max", "time_us_median", "time_us_low", "time_us_high")
 
 
 def write_json(document: dict[str, Any], path: Path) -> None:
@@ -39,7 +41,7 @@ def write_csv(document: dict[str, Any], path: Path) -> None:
 def read_document(path: str | Path) -> dict[str, Any]:
     """Read what `write_json` wrote.
 
-    Raises `InputError` for a file that is missing, no JSON, or no bench of this version.
+    Raises `InputError` for a file that is missing, no JSON, no bench of this version, or damaged.
     """
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8"))
@@ -55,7 +57,25 @@ def read_document(path: str | Path) -> dict[str, Any]:
     missing = [name for name in _NEEDED if name not in document]
     if missing:
         raise InputError(f"lacks {', '.join(missing)}", where=str(path))
+    _check_results(document["results"], str(path))
     return document
+
+
+def _check_results(results: Any, where: str) -> None:
+    """Everything that a diagram is drawn from is there, and a finite number where one is needed."""
+    if not isinstance(results, list) or not results:
+        raise InputError("holds no results", where=where)
+    for i, result in enumerate(results):
+        at = f"{where}: results[{i}]"
+        if not isinstance(result, dict) or not isinstance(result.get("settings"), dict):
+            raise InputError("is no result with its settings", where=at)
+        for name in (*_TEXTS, *_NUMBERS):
+            value, kind = result.get(name), str if name in _TEXTS else (int, float)
+            if isinstance(value, bool) or not isinstance(value, kind):
+                wanted = "a text" if name in _TEXTS else "a number"
+                raise InputError(f"{name} {value!r}: {wanted} is wanted", where=at)
+        if result["unit"] not in ("m", "px") or not isinstance(result.get("pareto"), bool):
+            raise InputError("unit or pareto is none that a bench writes", where=at)
 
 
 def _plain(value: Any) -> Any:
