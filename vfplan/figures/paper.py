@@ -89,6 +89,7 @@ def draw_experiment(run: Replay, numbers: dict[str, Any], path: Path) -> None:
     force.plot(ticks.time, np.linalg.norm(ticks.force, axis=1), color=FORCE, lw=1, label="$|F|$")
     force.set_xlabel("time [s]")
     force.set_ylabel("force on the hand [N]")
+    force.margins(y=0.14)  # room for the legend above the peaks
     force.legend(ncols=4, fontsize=7, loc="upper right")
     force.set_title("(a) VF force; one trial in dark green", loc="left", fontsize=9)
     span = slice(*np.searchsorted(ticks.time, (trial["start_s"] - 0.15, trial["end_s"] + 0.15)))
