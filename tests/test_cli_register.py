@@ -83,7 +83,7 @@ def test_gate(vfplan_cli, curve, tmp_path):
 
 def test_outlier_is_named_and_left_out_only_when_asked(vfplan_cli, curve, tmp_path):
     head, lines = rows(ROBOT)
-    lines[3][1] = float(lines[3][1]) + 0.006
+    lines[3][1] = float(lines[3][1]) + 0.0025
     bad = write(tmp_path / "bad.csv", head, lines)
     run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "a.h5", "--json")
     assert run.json["outliers"] == ["x4"]
@@ -100,11 +100,29 @@ def test_outlier_is_named_and_left_out_only_when_asked(vfplan_cli, curve, tmp_pa
     assert robust.json["fre_rms_m"] < 0.3 * run.json["fre_rms_m"]
 
 
-def test_exchanged_labels_are_diagnosed(vfplan_cli, curve, tmp_path):
+def test_a_gross_outlier_is_refused_unless_left_out(vfplan_cli, curve, tmp_path):
+    head, lines = rows(ROBOT)
+    lines[3][1] = float(lines[3][1]) + 0.006
+    bad = write(tmp_path / "bad.csv", head, lines)
+    run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "a.h5", "--json")
+    assert (run.code, run.json["error"]["kind"]) == (3, "MarkerError")
+    assert "x4 6.2 mm" in run.error_line
+    assert not (tmp_path / "a.h5").exists()
+    robust = vfplan_cli(
+        "register", curve, PIXELS, bad, "-o", tmp_path / "b.h5", "--json", "--robust"
+    )
+    assert robust.json["outliers"] == ["x4"]
+
+
+def test_exchanged_labels_are_refused_and_diagnosed_when_left_out(vfplan_cli, curve, tmp_path):
     head, lines = rows(ROBOT)
     lines[1][0], lines[6][0] = lines[6][0], lines[1][0]
     bad = write(tmp_path / "bad.csv", head, lines)
     run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "a.h5", "--json")
+    assert (run.code, run.json["error"]["kind"]) == (3, "MarkerError")
+    assert "labels of x2 and x7 are exchanged" in run.error_line
+    assert not (tmp_path / "a.h5").exists()
+    run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "a.h5", "--json", "--robust")
     assert run.code == 0
     assert run.json["swapped_labels"] == ["x2", "x7"]
     assert "labels of x2 and x7 seem exchanged" in run.stderr

@@ -6,6 +6,6 @@ the coverage that a blurred cross or a blurred disc would have. The fit's centre
 
 from __future__ import annotations
 
-from vfplan.marker_finding.find import FoundMarker, find_markers
+from vfplan.marker_finding.find import FoundMarker, anything_drawn, find_markers, marker_drawn
 
-__all__ = ["FoundMarker", "find_markers"]
+__all__ = ["FoundMarker", "anything_drawn", "find_markers", "marker_drawn"]

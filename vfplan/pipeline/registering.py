@@ -10,19 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import CurveError, MarkerError, SettingError
+from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Frame, Provenance, Rendering
 from vfplan.pipeline.carrying import Carried, carry
 from vfplan.pipeline.chosen import as_settings, choice_of, costs, describe_choice, left_out
 from vfplan.pipeline.margin import add_margin
+from vfplan.pipeline.matching import match
 from vfplan.pipeline.provenance import file_sha256, make_provenance
 from vfplan.pipeline.settings import FixtureSettings
 
 if TYPE_CHECKING:
     from vfplan.choosing import Choice
     from vfplan.image import PlannedImage
-    from vfplan.marker_finding import FoundMarker
-    from vfplan.markers import Correspondences
     from vfplan.registration import Registration
 
 # An ignored axis further than this from the slice's normal would collapse the curve.
@@ -62,44 +61,33 @@ def register(
 
     Raises
     ------
-    MarkerError, CurveError, SettingError
+    MarkerError
+        Markers that determine no transform, or that are surely wrong; see
+        `vfplan.pipeline.matching.match`.
+    CurveError, SettingError
     CheckFailed
         The registration's error may be larger than `settings.max_tre_m`.
     """
     from vfplan.bundle import size_doubt
-    from vfplan.registration import fit_registration
-    from vfplan.registration.diagnosis import check_max_tre, diagnose, target_error
+    from vfplan.registration.diagnosis import check_max_tre, target_error
     from vfplan.registration.report import describe as describe_registration
 
     settings = settings or FixtureSettings()
-    pairs = _pairs(curve, markers, markers2)
     started = time.perf_counter()
-    found = _find(pairs, curve, image) if settings.find_markers else ()
-    if found:
-        pairs = replace(pairs, source=np.array([marker.position_px for marker in found]))
-    registration = fit_registration(
-        pairs.source,
-        pairs.target,
-        model=settings.model,
-        robust=settings.robust,
-        labels=pairs.labels,
-        pixel_spacing=_spacing_m(curve) if pairs.source_frame == "image" else None,
-        sigma=pairs.sigma,
-        seen_from=settings.seen_from,
-    )
+    matched = match(curve, markers, markers2, settings, image)
+    registration, diagnosis = matched.registration, matched.diagnosis
     error = target_error(registration, curve.points)
     if settings.max_tre_m is not None:
         check_max_tre(error, settings.max_tre_m)
-    diagnosis = diagnose(registration)
     guarded, making, margin = add_margin(curve, registration, settings)
     fixture, carried = build_fixture(
-        guarded, registration, making, _hashes(markers, markers2), frame=pairs.target_frame
+        guarded, registration, making, _hashes(markers, markers2), frame=matched.pairs.target_frame
     )
     fixture = _note_left_out(fixture, registration)
     report = describe_registration(registration, curve.points, diagnosis=diagnosis, error=error)
     report |= describe_fixture(fixture, carried, guarded, making)
-    if found:
-        report["markers_found"] = [asdict(marker) for marker in found]
+    if matched.found:
+        report["markers_found"] = [asdict(marker) for marker in matched.found]
     if margin is not None:
         report["margin"] = margin.report
     report["elapsed_s"] = time.perf_counter() - started
@@ -107,46 +95,10 @@ def register(
     warnings = (
         *diagnosis.warnings,
         *error.warnings,
-        *_frame_warning(pairs),
+        *matched.warnings,
         *((doubt,) if doubt else ()),
     )
     return Planned(fixture, registration, report, warnings)
-
-
-def _pairs(curve: Fixture, markers: str | Path, markers2: str | Path | None) -> Correspondences:
-    from vfplan.markers import read_markers
-
-    if curve.frame == "robot_base":
-        raise CurveError("is in frame 'robot_base' already; a curve of an image is wanted")
-    pairs = read_markers(markers, markers2)
-    if pairs.source_frame != curve.frame:
-        raise MarkerError(
-            f"markers are given in frame {pairs.source_frame!r}, the curve in {curve.frame!r}"
-        )
-    return pairs
-
-
-def _find(
-    pairs: Correspondences, curve: Fixture, image: PlannedImage | None
-) -> tuple[FoundMarker, ...]:
-    from vfplan.marker_finding import find_markers
-
-    if pairs.source_frame != "image":
-        raise SettingError("markers can be found in an image only; these are given in 3-D")
-    if image is None:
-        raise SettingError("to find the markers the image is needed, which was not given")
-    known = curve.provenance.inputs.get("image")
-    if known and image.sha256 and known != image.sha256:
-        raise SettingError(
-            "the image given is not the one the curve was drawn on (SHA-256 differs)"
-        )
-    return find_markers(image.rgb, pairs.labels, pairs.source)
-
-
-def _frame_warning(pairs: Correspondences) -> tuple[str, ...]:
-    if pairs.target_frame == "robot_base":
-        return ()
-    return (f"the target markers, and so the fixture, are in {pairs.target_frame}, not robot_base",)
 
 
 def build_fixture(
@@ -269,11 +221,6 @@ def describe_fixture(
     if carried.tight_bends:
         report["tight_bends"] = [asdict(bend) for bend in carried.tight_bends]
     return report
-
-
-def _spacing_m(curve: Fixture) -> tuple[float, float] | None:
-    spacing = curve.image and curve.image.pixel_spacing_mm
-    return spacing and (spacing[0] * 1e-3, spacing[1] * 1e-3)
 
 
 def _hashes(markers: str | Path, markers2: str | Path | None) -> dict[str, str]:

@@ -9,15 +9,12 @@ from numpy.typing import ArrayLike
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.registration.geometry import check_handedness
-from vfplan.registration.layout import swapped_labels
+from vfplan.registration.layout import MIN_EXTENT, extent_and_error, swapped_labels
 from vfplan.registration.models import ModelName
 from vfplan.registration.problem import make_problem
 from vfplan.registration.residuals import Fit, solve
 from vfplan.registration.result import Registration
 from vfplan.registration.robust import agreeing
-
-# RMS extent of the layout's narrow direction over the error of a marker.
-MIN_EXTENT = 3.0
 
 
 def fit_registration(
@@ -89,10 +86,7 @@ def _check_explained(fit: Fit) -> None:
     Markers that coincide or lie on a line to within their error, labels all wrong, a wrong unit.
     Two labels exchanged are left to the diagnosis, which names them.
     """
-    used = fit.problem.s[fit.used]
-    moved = (used - used.mean(axis=0)) @ fit.m[:, :-1].T
-    extent = float(np.linalg.svd(moved, compute_uv=False)[1] / np.sqrt(len(used)))
-    error = float(np.sqrt(fit.variance))
+    extent, error = extent_and_error(fit)
     if extent < MIN_EXTENT * error and swapped_labels(fit) is None:
         raise MarkerError(
             f"the transform does not explain the markers: they spread {extent * 1e3:.3g} mm across "

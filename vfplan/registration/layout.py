@@ -13,14 +13,23 @@ MAX_PAIRS = 5000
 MAX_SYMMETRIC = 60
 # Of the layout's RMS radius: bad residuals must not make every layout look symmetric.
 MAX_TOLERANCE = 0.02
+# RMS extent of the layout's narrow direction over the error of a marker: less explains nothing.
+MIN_EXTENT = 3.0
 
 
-def swapped_labels(fit: Fit) -> tuple[int, int] | None:
+def extent_and_error(fit: Fit) -> tuple[float, float]:
+    """RMS extent [m] across the transformed layout, and the error [m] of a marker an axis."""
+    used = fit.problem.s[fit.used]
+    moved = (used - used.mean(axis=0)) @ fit.m[:, :-1].T
+    extent = np.linalg.svd(moved, compute_uv=False)[1] / np.sqrt(len(used))
+    return float(extent), float(np.sqrt(fit.variance))
+
+
+def swapped_labels(fit: Fit, alpha: float = 0.01) -> tuple[int, int] | None:
     """The two markers whose labels seem exchanged: with them swapped the fit is far better.
 
-    Every pair is tried; the best one counts if the sum of squares falls by more than an F of
-    (ν, ν) degrees of freedom reaches by chance once in a hundred, over all pairs. `None` too where
-    there are more than `MAX_PAIRS` pairs.
+    Every pair is tried; the best one counts if the sum of squares falls by more than F_{1-α/n; ν,ν}
+    for n pairs. `None` too where there are more than `MAX_PAIRS` pairs.
     """
     from scipy.special import fdtri
 
@@ -36,7 +45,7 @@ def swapped_labels(fit: Fit) -> tuple[int, int] | None:
     error = y[:, fit.used] - np.einsum("pak,nk->pna", m, homogeneous(s))
     sse = np.maximum((weights * error**2).sum(axis=(1, 2)), problem.floor_m**2)
     best = int(sse.argmin())
-    limit = fdtri(float(fit.dof), float(fit.dof), 1 - 0.01 / len(pairs))
+    limit = fdtri(float(fit.dof), float(fit.dof), 1 - alpha / len(pairs))
     if fit.variance * fit.dof > limit * sse[best]:
         return int(pairs[best, 0]), int(pairs[best, 1])
     return None
