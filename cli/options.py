@@ -16,6 +16,31 @@ F = TypeVar("F", bound=Callable[..., Any])
 FILE = click.Path(path_type=Path)
 
 
+class Picture(click.Path):
+    """A picture to write: its suffix is the format's, so that no viewer is misled.
+
+    Parameters
+    ----------
+    suffix
+        The one suffix allowed, e.g. ".png"; upper case will do.
+    """
+
+    def __init__(self, suffix: str) -> None:
+        super().__init__(path_type=Path)
+        self.suffix = suffix
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The path; a usage error (exit 2) names the suffix found and the one allowed."""
+        path = Path(str(value))
+        if path.suffix.lower() != self.suffix:
+            found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
+            self.fail(f"{str(value)!r} has {found}; {self.suffix} is wanted", param, ctx)
+        return path
+
+
+PNG, GIF = Picture(".png"), Picture(".gif")
+
+
 class Numbers(click.ParamType):
     """One number, or several separated by commas, e.g. `0.59` or `0.59,0.61`.
 
@@ -89,10 +114,14 @@ PIXEL_SPACING = click.option(
     help="Size of a pixel along u (between columns) and v (between rows); wins over the file's.",
 )
 
-ROBOT = click.option(
-    "--robot", metavar="NAME|FILE",
-    help="A shipped robot (franka) or a robot file (schemas/robot-1.0.json).",
-)  # fmt: skip
+
+def robot(purpose: str = "") -> Callable[[F], F]:
+    """`--robot`: a shipped robot or a file, read by `vfplan.robot.read_robot`; none by default."""
+    known = "A shipped robot (franka), a robot file (schemas/robot-1.0.json), or none."
+    return click.option("--robot", metavar="NAME|FILE", help=f"{purpose} {known}".strip())
+
+
+ROBOT = robot()
 
 # How the curve is read from the image: `extract` and `plan`.
 CURVE_OPTIONS = [
@@ -114,8 +143,8 @@ CURVE_OPTIONS = [
                  help="Which frame of a multi-frame DICOM or page of a TIFF."),
     click.option("--imager-spacing", is_flag=True, default=None,
                  help="Accept DICOM's ImagerPixelSpacing, which is not the patient's."),
-    click.option("--mask-out", type=FILE, metavar="PNG", help="Write the pen's mask."),
-    click.option("--overlay-out", type=FILE, metavar="PNG",
+    click.option("--mask-out", type=PNG, metavar="PNG", help="Write the pen's mask."),
+    click.option("--overlay-out", type=PNG, metavar="PNG",
                  help="Write the slice with the curve found on it."),
 ]  # fmt: skip
 
@@ -152,7 +181,7 @@ FIXTURE_OPTIONS = [
     click.option("--find-markers", is_flag=True,
                  help="Take the markers' pixels from the crosses or dots drawn near the given "
                  "ones; says how far each moved."),
-    click.option("--picture-out", type=FILE, metavar="PNG",
+    click.option("--picture-out", type=PNG, metavar="PNG",
                  help="Write the slice with the residuals and the error along the curve."),
 ]  # fmt: skip
 
@@ -166,8 +195,10 @@ def _stroke(ctx: click.Context, param: click.Parameter, value: str | None) -> st
 
 
 def _whole_pixels(value: tuple[float, ...] | None) -> tuple[int, ...] | None:
-    if value is not None and not all(x.is_integer() for x in value):
+    if value is not None and not all(x.is_integer() and abs(x) < 2**31 for x in value):
         shown = ",".join(f"{x:g}" for x in value)
+        if all(x.is_integer() for x in value):
+            raise click.BadParameter(f"'{shown}' holds a number that no image's pixels reach")
         raise click.BadParameter(f"'{shown}' holds a part of a pixel; whole ones are wanted")
     return value and tuple(map(int, value))
 

@@ -45,11 +45,14 @@ OPTIONS = [
                  help="Folder for one self-contained HTML report with pictures."),
     click.option("--image", type=FILE, metavar="IMAGE",
                  help="The planned slice: the report maps depth back onto it."),
-    click.option("--rule", type=click.Choice(["robust", "paper", "both"]), default="robust",
-                 show_default=True, help="How the proxy moves; `both`: side by side."),
+    click.option("--rule", type=click.Choice(["robust", "paper", "both"]),
+                 callback=lambda ctx, param, value: _rule(ctx, value),
+                 help="How the proxy moves; `both`: side by side.  [default: robust; paper with "
+                 "--engine reference]"),
     click.option("--engine", type=click.Choice(["native", "reference"]), default="native",
-                 show_default=True, help="The controller's own core, or the paper's algorithms in "
-                 "NumPy (rule `paper` only)."),
+                 show_default=True, is_eager=True,
+                 help="The controller's own core, or the paper's algorithms in NumPy, which have "
+                 "the rule `paper` only."),
     click.option("--units", type=click.Choice(["m", "mm"]), default="m", show_default=True,
                  help="Unit of the session's positions."),
     click.option("--frame", default="robot_base", show_default=True,
@@ -60,8 +63,7 @@ OPTIONS = [
                  help="ROS bag: the tip in the pose's frame [m]."),
     click.option("--rate", "rate_hz", type=Numbers(1, metavar="HZ"),
                  help="Resample the session by straight lines."),
-    click.option("--robot", default="none", show_default=True, metavar="franka|none|FILE",
-                 help="Hold forces, force steps and speeds against a robot's limits."),
+    options.robot("Hold forces, force steps and speeds against a robot's limits."),
     click.option("--at-most", type=Bound(), multiple=True,
                  help="A check: this number of the report is no larger. Repeatable."),
     click.option("--at-least", type=Bound(), multiple=True,
@@ -77,6 +79,13 @@ OPTIONS = [
     click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
                  help="Lossy link: seed of its random numbers."),
 ]  # fmt: skip
+
+
+def _rule(ctx: click.Context, value: str | None) -> str:
+    """The rule asked for; without one, the engine's own: the reference has the paper's alone."""
+    if value is not None:
+        return value
+    return "paper" if ctx.params.get("engine") == "reference" else "robust"
 
 
 def _with_options(function: Any) -> Any:
@@ -118,9 +127,8 @@ def command(
             from vfplan.report import write_report
 
             write_report(replayed, report, image=given["image"], overwrite=overwrite)
-    return Report(
-        replayed.metrics, replay_text(replayed.metrics), exit_code=int(not replayed.passed)
-    )
+        text = replay_text(replayed.metrics)
+    return Report(replayed.metrics, text, exit_code=int(not replayed.passed))
 
 
 def _refuse_folder(folder: Path, overwrite: bool) -> None:

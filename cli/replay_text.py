@@ -27,8 +27,9 @@ def replay_text(found: dict[str, Any]) -> str:
 
 def _head(found: dict[str, Any]) -> str:
     session = found["session"]
+    engine = "" if found["engine"] == "native" else f" ({found['engine']} engine)"
     return (
-        f"rule {found['rule']}: {found['ticks']} ticks at {session['rate_hz']:.6g} Hz, "
+        f"rule {found['rule']}{engine}: {found['ticks']} ticks at {session['rate_hz']:.6g} Hz, "
         f"{found['duration_s']:.3f} s, {found['contact_ticks']} in contact, "
         f"{len(found['episodes'])} episodes"
     )
@@ -76,7 +77,9 @@ def _link(link: dict[str, Any]) -> str:
     names = ("drop", "jitter_s", "delay_ticks", "quantum_m", "seed")
     faults = ", ".join(f"{name} {link[name]:g}" for name in names if name in link)
     perfect = link["perfect"]
-    lost = f"; {link['lost']} packets lost, {link['lost_longest']} in a row" * ("lost" in link)
+    lost = ""
+    if "lost" in link:
+        lost = f"; {link['lost']} packets lost, {link['lost_longest']} in a row"
     return (
         f"lossy link   {faults}{lost}; over a perfect link: force max "
         f"{perfect['force_max_n']:.3f} N, energy {1e3 * perfect['energy_j']:.4f} mJ; forces differ "

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import FILE, Numbers
+from vfplan.cli.options import FILE, GIF, PNG, Numbers
 from vfplan.cli.run import Report, outputs, refuse_existing
 from vfplan.cli.run import command as vfplan_command
 
@@ -14,8 +14,8 @@ from vfplan.cli.run import command as vfplan_command
 @vfplan_command("view", short_help="A fixture and a replay in three dimensions.")
 @click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
 @click.argument("result", type=FILE, required=False, metavar="[RESULT.h5]")
-@click.option("--screenshot", type=FILE, metavar="PNG", help="Write one view; needs no screen.")
-@click.option("--movie", type=FILE, metavar="GIF", help="Write the replay; needs no screen.")
+@click.option("--screenshot", type=PNG, metavar="PNG", help="Write one view; needs no screen.")
+@click.option("--movie", type=GIF, metavar="GIF", help="Write the replay; needs no screen.")
 @click.option(
     "--at",
     "at_s",

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import vfplan
 from vfplan.registration.diagnosis import diagnose
-from vfplan.registration.refusal import refuse_sure_faults
+from vfplan.registration.refusal import SURE_EXCHANGE, refuse_sure_faults
 
 PIXEL = 0.6e-3  # m
 NOISE = 0.3e-3  # m an axis
@@ -85,8 +85,20 @@ def row(model: str, n: int, sets: int) -> str:
     return f"| {model} | {n} | {false} of {sets} | {swap / tried:.1%} | {gross / tried:.1%} |"
 
 
+def bound(n: int) -> float:
+    """The most that good markers of any layout are refused as exchanged (affine, equal noise)."""
+    from scipy.special import chndtr, fdtri
+
+    dof, pairs = 3 * n - 9, n * (n - 1) / 2
+    limit = fdtri(dof, dof, 1 - SURE_EXCHANGE / pairs)
+    shift = np.geomspace(dof / 4, dof * 8, 4000)
+    return float(pairs * chndtr(shift / limit, dof, shift).max())
+
+
 if __name__ == "__main__":
     SETS = int(sys.argv[1]) if len(sys.argv) > 1 else 7_000
     for MODEL in ("affine", "similarity", "rigid"):
         for N in (4, 5, 6, 9, 12):
             print(row(MODEL, N, SETS), flush=True)
+    for N in (4, 5, 6):
+        print(f"exchanged labels, {N} good markers: refused in at most {bound(N):.1e} of sets")

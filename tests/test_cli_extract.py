@@ -123,8 +123,8 @@ def test_outputs_that_cannot_be_written_are_exit_2_in_one_line(vfplan_cli, image
 
 
 def test_two_outputs_of_one_name_are_refused(vfplan_cli, image, tmp_path):
-    out = tmp_path / "c.h5"
-    again = tmp_path / "." / "c.h5"
+    out = tmp_path / "c.png"  # a picture's name, or the suffix would be refused before
+    again = tmp_path / "." / "c.png"
     for option in ("--mask-out", "--overlay-out"):
         done = vfplan_cli("extract", image, "-o", out, option, again)
         assert done.code == 2

@@ -115,6 +115,29 @@ BAD = {
 }
 
 
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        (("--mask-out", "m.jpg"), "has suffix '.jpg'; .png is wanted"),
+        (("--overlay-out", "m"), "has no suffix; .png is wanted"),
+        (("--picture-out", "m.tiff"), "has suffix '.tiff'; .png is wanted"),
+        (("--pixel-spacing", "1e300"), "1e-05 to 1000 mm are allowed"),
+        (("--pixel-spacing", "0.5,1e-300"), "1e-05 to 1000 mm are allowed"),
+        (("--contact-radius", "1e300"), "contact radius is 1e+297 m; 1e-05 to 1 m are allowed"),
+        (("--contact-radius", "1e-300"), "contact radius is 1e-303 m; 1e-05 to 1 m are allowed"),
+        (("--point-radius", "1e300"), "point radius is 1e+297 m; 0 to 1 m are allowed"),
+        (("--point-radius", "nan"), "point radius is nan m; 0 to 1 m are allowed"),
+        (("--stiffness", "10,1e300,10"), "stiffness is 1e+300 N/m; 0 to 1e+06 N/m are allowed"),
+        (("--roi", "1e300,0,1,1"), "holds a number that no image's pixels reach"),
+    ],
+)
+def test_settings_out_of_range_are_usage(vfplan_cli, tmp_path, option, message):
+    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", tmp_path / "f.h5", *option)
+    assert run.code == 2
+    assert message in run.error_line
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("case", BAD)
 def test_bad_input_is_one_clear_line_and_leaves_nothing(vfplan_cli, tmp_path, case):
     make, code = BAD[case]

@@ -106,7 +106,7 @@ def test_a_gross_outlier_is_refused_unless_left_out(vfplan_cli, curve, tmp_path)
     bad = write(tmp_path / "bad.csv", head, lines)
     run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "a.h5", "--json")
     assert (run.code, run.json["error"]["kind"]) == (3, "MarkerError")
-    assert "x4 6.2 mm" in run.error_line
+    assert "x4 lies 6.2 mm from where the other markers put it" in run.error_line
     assert not (tmp_path / "a.h5").exists()
     robust = vfplan_cli(
         "register", curve, PIXELS, bad, "-o", tmp_path / "b.h5", "--json", "--robust"

@@ -62,6 +62,25 @@ def test_short_report(vfplan_cli, files):
     assert run.stderr == ""
 
 
+def test_the_reference_engine_implies_the_papers_rule(vfplan_cli, files):
+    run = vfplan_cli("replay", *files, "--engine", "reference")
+    assert run.code == 0, run.stderr
+    assert run.stdout.startswith("rule paper (reference engine): ")
+    found = vfplan_cli("replay", *files, "--engine", "reference", "--json").json
+    assert (found["rule"], found["engine"]) == ("paper", "reference")
+    run = vfplan_cli("replay", *files, "--engine", "reference", "--rule", "robust")
+    assert run.code == 2
+    assert "'paper' only" in run.error_line
+
+
+@pytest.mark.parametrize("fault", [("--quantise", "10"), ("--jitter", "1"), ("--delay", "2")])
+def test_a_link_that_loses_nothing_is_told_too(vfplan_cli, files, fault):
+    run = vfplan_cli("replay", *files, *fault)
+    assert run.code == 0, run.stderr
+    assert "lossy link" in run.stdout
+    assert "packets lost" not in run.stdout
+
+
 def test_nothing_is_overwritten(vfplan_cli, files, tmp_path):
     out = tmp_path / "r.h5"
     out.write_bytes(b"mine")

@@ -251,6 +251,26 @@ def test_text_that_is_no_csv_is_refused_and_not_guessed(write, cell):
         read_markers(write("bad.csv", f"label,u_px,v_px,x_m,y_m,z_m\n{cell}\nx2,1,2,3,4,5\n"))
 
 
+def test_columns_apart_by_other_than_commas_are_said(write):
+    for mark in (";", "\t"):
+        table = write("m.csv", f"label{mark}u_px{mark}v_px\nx1{mark}1{mark}2\n")
+        with pytest.raises(MarkerError, match="not separated by commas"):
+            read_markers(table)
+
+
+def test_a_number_is_only_what_every_program_reads_as_one(write):
+    with pytest.raises(MarkerError, match="'1_0'; a number is wanted"):
+        read_markers(write("m.csv", "label,u_px,v_px\nx1,1_0,2\n"))
+    with pytest.raises(MarkerError, match="True; a number is wanted"):
+        read_markers(write("p.mrk.json", mrk([("x1", [True, 0, 0], "defined")])))
+
+
+def test_a_device_without_an_end_is_refused(tmp_path):
+    (tmp_path / "m.csv").symlink_to("/dev/zero")
+    with pytest.raises(MarkerError, match="is longer than"):
+        read_markers(tmp_path / "m.csv")
+
+
 def test_unreadable_files(write, tmp_path):
     robot = write("r.csv", ROBOT)
     for path, message in (

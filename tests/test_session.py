@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from vfplan.session import (
     open_session,
     read_result,
     read_session,
+    require_fixture,
     resampled,
 )
 
@@ -84,6 +87,9 @@ BAD_CSV = {
     "NaN": ("t,x,y,z\n" + ROW + "1,nan,2,3\n", "sample 1 is not finite"),
     "infinite": ("t,x,y,z\n" + ROW + "1,inf,2,3\n", "sample 1 is not finite"),
     "overflow": ("t,x,y,z\n" + ROW + "1,1e999,2,3\n", "sample 1 is not finite"),
+    "too far": ("t,x,y,z\n" + ROW + "1,1,-1.1e6,3\n", "sample 1 is out of range"),
+    "no clock": ("t,x,y,z\n" + ROW + "1e300,1,2,3\n", "sample 1 is out of range"),
+    "time creeps": ("t,x,y,z\n" + ROW + "1e-300,1,2,3\n", "time does not increase"),
     "time back": ("t,x,y,z\n1,1,2,3\n0.5,1,2,3\n", "time does not increase: 0.5 s at sample 1"),
     "time stands": ("t,x,y,z\n1,1,2,3\n1,1,2,3\n", "time does not increase"),
     "short line": ("t,x,y,z\n" + ROW + "1,2,3\n", "3 fields; 4"),
@@ -264,7 +270,7 @@ def test_result_file_reads_back(tmp_path):
     block = ticks_of(BLOCK + 10)
     with ResultWriter(path, {"rule": "robust", "scene": {"points": 3}, "none": None}) as writer:
         writer.append(block)
-        writer.append(block)
+        writer.append(replace(block, time=block.time + block.time[-1] + 1))
     with h5py.File(path) as file:
         assert file.attrs["format"] == "vfplan-result"
         assert "none" not in file.attrs
@@ -278,7 +284,55 @@ def test_result_file_reads_back(tmp_path):
     assert attrs["rule"] == "robust"
     for name in shapes:
         once = getattr(block, name)
-        np.testing.assert_array_equal(getattr(found, name), np.concatenate((once, once)))
+        again = once + once[-1] + 1 if name == "time" else once
+        np.testing.assert_array_equal(getattr(found, name), np.concatenate((once, again)))
+
+
+def spoil(file, name, row, value):
+    file[name][row] = value
+
+
+SPOILED = {
+    "NaN": (lambda f: spoil(f, "force", 3, np.nan), "force of tick 3 is"),
+    "infinite": (lambda f: spoil(f, "hip", 4, np.inf), "hip of tick 4 is"),
+    "too large to square": (lambda f: spoil(f, "proxy", 5, 1e200), "finite numbers up to 1e"),
+    "no state": (lambda f: spoil(f, "state", 6, 7), r"state of tick 6 is \[7\]; -1, 0, 1 or 2"),
+    "time back": (lambda f: spoil(f, "time", 7, 0.0), "time does not increase at tick 7"),
+    "text": (lambda f: renew(f, "overlap", np.full(20, b"abc")), "overlap has type"),
+    "cut": (lambda f: renew(f, "overlap", np.zeros(19)), r"overlap has shape \(19,\)"),
+}
+
+
+def renew(file, name, values):
+    del file[name]
+    file[name] = values
+
+
+@pytest.mark.parametrize("fault", SPOILED)
+def test_a_result_that_no_replay_gives_is_refused(tmp_path, fault):
+    path = tmp_path / "r.h5"
+    with ResultWriter(path, {}) as writer:
+        writer.append(ticks_of(20))
+    read_result(path)
+    spoiling, message = SPOILED[fault]
+    with h5py.File(path, "a") as file:
+        for name in file:  # the checksum of a chunk that is written again is right again
+            values, unit = file[name][:], file[name].attrs["unit"]
+            renew(file, name, values)
+            file[name].attrs["unit"] = unit
+        spoiling(file)
+    with pytest.raises(InputError, match=message):
+        read_result(path)
+
+
+def test_a_result_names_its_fixture_or_is_refused():
+    require_fixture({"fixture": '{"sha256": "ab"}'}, "ab", "r.h5")
+    require_fixture({}, "ab", "r.h5")
+    with pytest.raises(InputError, match="SHA-256 cd"):
+        require_fixture({"fixture": '{"sha256": "cd"}'}, "ab", "r.h5")
+    for broken in ("{", "[]", 3):
+        with pytest.raises(InputError, match="no record of a fixture"):
+            require_fixture({"fixture": broken}, "ab", "r.h5")
 
 
 def test_result_is_not_overwritten_and_others_are_not_read(tmp_path):

@@ -83,6 +83,10 @@ def test_no_screen_is_said(vfplan_cli, files):
 
 
 def test_wrong_use(vfplan_cli, files, tmp_path):
+    for option, name in (("--screenshot", "m.jpg"), ("--screenshot", "m"), ("--movie", "m.mp4")):
+        run = vfplan_cli("view", *files, option, tmp_path / name)
+        assert run.code == 2
+        assert "is wanted" in run.error_line
     assert vfplan_cli("view", files[0], "--movie", tmp_path / "m.gif").code == 2
     assert vfplan_cli("view", files[0], "--at", "1", "--screenshot", tmp_path / "m.png").code == 2
     assert vfplan_cli("view", tmp_path / "no.h5", "--screenshot", tmp_path / "m.png").code == 3

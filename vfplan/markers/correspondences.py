@@ -74,27 +74,25 @@ def read_markers(path: str | Path, path2: str | Path | None = None) -> Correspon
 
 def _read(path: Path) -> list[MarkerPoints]:
     where = str(path)
+    kind = path.suffix.lower()
+    if kind not in (".json", ".fcsv", ".csv"):
+        raise MarkerError(
+            f"has suffix {path.suffix!r}; .csv, .mrk.json or .fcsv is wanted", where=where
+        )
     text = _text(path)
-    name = path.name.lower()
-    if name.endswith(".json"):
+    if kind == ".json":
         return [parse_mrk_json(text, where)]
-    if name.endswith(".fcsv"):
-        return [parse_fcsv(text, where)]
-    if name.endswith(".csv"):
-        return parse_table(text, where)
-    raise MarkerError(
-        f"has suffix {path.suffix!r}; .csv, .mrk.json or .fcsv is wanted", where=where
-    )
+    return [parse_fcsv(text, where)] if kind == ".fcsv" else parse_table(text, where)
 
 
 def _text(path: Path) -> str:
     where = str(path)
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise MarkerError(
-                f"has {path.stat().st_size} bytes; at most {MAX_BYTES} are read", where=where
-            )
-        return path.read_bytes().decode("utf-8-sig")
+        with path.open("rb") as file:  # a device may have no size, and no end
+            data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            raise MarkerError(f"is longer than {MAX_BYTES} bytes, the most read", where=where)
+        return data.decode("utf-8-sig")
     except OSError as error:
         raise MarkerError(f"cannot be read: {error.strerror}", where=where) from None
     except UnicodeDecodeError:

@@ -67,6 +67,8 @@ def table_rows(text: str, where: str) -> list[list[str]]:
 def number(text: object, what: str, where: str) -> float:
     """A finite number, or a `MarkerError` that says what was found instead."""
     try:
+        if isinstance(text, bool) or "_" in str(text):  # Python takes True, and 1_0 for ten
+            raise ValueError
         value = float(text)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         raise MarkerError(f"{what} is {text!r}; a number is wanted", where=where) from None

@@ -54,6 +54,12 @@ def _check_header(header: list[str], where: str) -> None:
     for name in header:
         if name and header.count(name) > 1:
             raise MarkerError(f"column {name!r} occurs {header.count(name)} times", where=where)
+    if len(header) == 1 and (";" in shown or "\t" in shown):
+        raise MarkerError(
+            f"columns are not separated by commas: {shown!r}; commas, and points in numbers, are "
+            "wanted",
+            where=where,
+        )
     if "label" not in header:
         raise MarkerError(f"no column 'label' in {shown!r}; allowed: {ALLOWED}", where=where)
     if not set(IMAGE + ROBOT) & set(header):

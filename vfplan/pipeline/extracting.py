@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vfplan.errors import SettingError
+from vfplan.errors import ImageError, SettingError
 from vfplan.fixture import Curve, Fixture, SourceImage
 from vfplan.pipeline.carrying import along
 from vfplan.pipeline.provenance import make_provenance
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 # Settings that only a pen's drawing, and only an image, can follow.
 OF_A_PEN = ("colour", "method", "stroke", "roi", "max_gap_px")
 OF_AN_IMAGE = ("pixel_spacing_mm", "frame", "imager_spacing")
+# Size of a pixel [mm]: from a microscope's to one as large as the patient.
+SPACING_MM = (1e-5, 1e3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +72,7 @@ def extract(
         pixel_spacing_mm=settings.pixel_spacing_mm,
         imager_spacing=bool(settings.imager_spacing),
     )
+    _check_spacing(image, asked=settings.pixel_spacing_mm is not None, where=str(path))
     if curve is None:
         load_libraries()
     started = time.perf_counter()
@@ -84,6 +87,14 @@ def extract(
     fixture = planned_curve(extraction, image, settings, inputs=inputs)
     report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
     return Extracted(fixture, image, extraction, report, tuple(extraction.warnings))
+
+
+def _check_spacing(image: PlannedImage, *, asked: bool, where: str) -> None:
+    least, largest = SPACING_MM
+    for spacing in image.pixel_spacing_mm or ():
+        if not least <= spacing <= largest:
+            fault = f"pixel spacing is {spacing:g} mm; {least:g} to {largest:g} mm are allowed"
+            raise SettingError(fault) if asked else ImageError(fault, where=where)
 
 
 def _refuse_settings(settings: ExtractSettings, names: tuple[str, ...]) -> None:

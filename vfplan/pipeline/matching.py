@@ -38,7 +38,7 @@ def _pairs(curve: Fixture, markers: str | Path, markers2: str | Path | None) -> 
     from vfplan.markers import read_markers
 
     if curve.frame == "robot_base":
-        raise CurveError("is in frame 'robot_base' already; a curve of an image is wanted")
+        raise CurveError("the curve is in frame 'robot_base' already; one of an image is wanted")
     pairs = read_markers(markers, markers2)
     if pairs.source_frame != curve.frame:
         raise MarkerError(
@@ -76,7 +76,7 @@ def match(
         registration = _fit(curve, pairs, settings)
         diagnosis = diagnose(registration)
         refuse_sure_faults(registration, diagnosis)
-    warnings = (*_frame_warning(pairs), *origin_warning(pairs))
+    warnings = (*_frame_warning(pairs), *origin_warning(pairs), *_image_warning(curve, image))
     return Matched(pairs, registration, diagnosis, found, warnings)
 
 
@@ -132,6 +132,15 @@ def _frame_warning(pairs: Correspondences) -> tuple[str, ...]:
     if pairs.target_frame == "robot_base":
         return ()
     return (f"the target markers, and so the fixture, are in {pairs.target_frame}, not robot_base",)
+
+
+def _image_warning(curve: Fixture, image: PlannedImage | None) -> tuple[str, ...]:
+    if image is None or _drawn_on(curve, image):
+        return ()
+    return (
+        "the image given is not the file the curve was drawn on (SHA-256 differs): nothing was "
+        "checked against it",
+    )
 
 
 def _spacing_m(curve: Fixture) -> tuple[float, float] | None:

@@ -4,6 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from vfplan.errors import SettingError
+
+# What a bundle can hold and an engine can render; a contact radius below its band of 10 µm cannot.
+CONTACT_RADIUS_M = (1e-5, 1.0)
+POINT_RADIUS_M = (0.0, 1.0)
+STIFFNESS_N_PER_M = (0.0, 1e6)
+
 
 @dataclass(frozen=True)
 class ExtractSettings:
@@ -73,6 +80,11 @@ class FixtureSettings:
         moves there.
     find_markers
         Take the markers' pixels from the crosses or dots drawn near the given ones.
+
+    Raises
+    ------
+    SettingError
+        A radius or a stiffness that no bundle can hold.
     """
 
     model: str = "affine"
@@ -88,3 +100,16 @@ class FixtureSettings:
     margin: str | None = None
     margin_side: str = "both"
     find_markers: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what no bundle can hold, before any work is done; raises `SettingError`."""
+        for name, values, (least, largest), unit in (
+            ("contact radius", (self.contact_radius,), CONTACT_RADIUS_M, "m"),
+            ("point radius", (self.point_radius,), POINT_RADIUS_M, "m"),
+            ("stiffness", self.stiffness, STIFFNESS_N_PER_M, "N/m"),
+        ):
+            for value in values:
+                if not least <= value <= largest:
+                    raise SettingError(
+                        f"{name} is {value:g} {unit}; {least:g} to {largest:g} {unit} are allowed"
+                    )

@@ -68,13 +68,13 @@ def _refuse_gross(registration: Registration) -> None:
         return
     good = residuals.solve(registration.fit.problem, ~bad)
     distance = np.linalg.norm(good.vectors, axis=1) * 1e3
-    named = zip(registration.labels, distance, bad, strict=True)
-    listed = ", ".join(f"{label} {d:.3g} mm" for label, d, out in named if out)
-    what = "marker lies" if bad.sum() == 1 else "markers lie"
+    named = ", ".join(str(registration.labels[i]) for i in np.flatnonzero(bad))
+    away = ", ".join(f"{d:.3g}" for d in distance[bad])
+    verb, them = ("lies", "it") if bad.sum() == 1 else ("lie", "them")
     raise MarkerError(
-        f"{what} far from where the others put them: {listed}; the others agree to "
+        f"{named} {verb} {away} mm from where the other markers put {them}, which agree to "
         f"{np.sqrt(good.variance) * 1e3:.2g} mm an axis; measure again, correct the file, or have "
-        "left out what disagrees with --robust"
+        f"{them} left out with --robust"
     )
 
 

@@ -47,7 +47,7 @@ class Link:
             ("drop", self.drop, lambda v: 0 <= v < 1, "0 to below 1"),
             ("jitter_s", self.jitter_s, lambda v: 0 <= v <= 10, "0 to 10 s"),
             ("delay_ticks", self.delay_ticks, lambda v: 0 <= v <= 100_000, "0 to 100000 ticks"),
-            ("quantum_m", self.quantum_m, lambda v: 0 < v <= 1, "above 0 and at most 1 m"),
+            ("quantum_m", self.quantum_m, lambda v: 1e-12 <= v <= 1, "1e-12 to 1 m"),
             ("seed", self.seed, lambda v: v >= 0, "0 at least"),
         ):
             if value is not None and not good(value):

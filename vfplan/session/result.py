@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,10 +14,14 @@ from numpy.typing import NDArray
 
 from vfplan.errors import InputError, OutputError, VersionError
 from vfplan.hdf5 import h5py
-from vfplan.session.types import BLOCK, Array
+from vfplan.session.closing import Closing
+from vfplan.session.types import BLOCK, LATEST_S, Array
 
 RESULT_FORMAT = "vfplan-result"
 RESULT_VERSION = "1.0"
+
+STATES = (-1, 0, 1, 2)
+LARGEST = LATEST_S  # of any number in a result, so that no square of it overflows
 
 # name -> (columns, type, unit)
 _TABLE: dict[str, tuple[tuple[int, ...], str, str]] = {
@@ -81,7 +85,7 @@ def joined(blocks: list[TickBlock]) -> TickBlock:
     return TickBlock(**{n: np.concatenate([getattr(b, n) for b in blocks]) for n in names})
 
 
-class ResultWriter:
+class ResultWriter(Closing):
     """Write a result file block by block; use as a context manager.
 
     Parameters
@@ -128,17 +132,6 @@ class ResultWriter:
             dataset.resize(size + len(block), axis=0)
             dataset[size:] = getattr(block, name)
 
-    def __enter__(self) -> ResultWriter:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._file.close()
-
 
 def _create(place: h5py.Group) -> None:
     for name, (columns, dtype, unit) in _TABLE.items():
@@ -169,7 +162,8 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
     Raises
     ------
     InputError
-        Not a result file, or a dataset is missing or has the wrong shape.
+        Not a result file, a dataset is missing or has the wrong shape or type, or a value is one
+        that no replay gives.
     VersionError
         A major version that this program does not read.
     """
@@ -183,17 +177,37 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
 
 def result_blocks(path: str | Path, *, group: str = "") -> Iterator[TickBlock]:
     """Read a result file block by block; raises as `read_result`."""
+    where = Path(path).name
+    last = -np.inf
     with _opened(path) as file:
         place = file[group] if group else file
-        datasets = {name: _checked(place, name, Path(path).name) for name in _TABLE}
-        length = len(datasets["time"])
-        for start in range(0, length, BLOCK):
+        datasets = {name: _checked(place, name, where) for name in _TABLE}
+        for start in range(0, len(datasets["time"]), BLOCK):
             part = slice(start, start + BLOCK)
             try:
                 block = TickBlock(**{name: d[part] for name, d in datasets.items()})
             except OSError as error:  # a checksum of HDF5 that does not hold, a file cut short
-                raise InputError(f"cannot be read: {error}", where=Path(path).name) from None
+                raise InputError(f"cannot be read: {error}", where=where) from None
+            _check_values(block, start, last, where)
+            last = block.time[-1]
             yield block
+
+
+def _check_values(block: TickBlock, start: int, last: float, where: str) -> None:
+    """Refuse values that no replay gives: drawn, they would be a picture of something else."""
+    for name in _TABLE:
+        rows = getattr(block, name).reshape(len(block), -1)
+        good = np.isin(rows, STATES) if name == "state" else np.abs(rows) <= LARGEST
+        bad = np.flatnonzero(~good.all(axis=1))  # NaN fails too
+        if len(bad):
+            found = rows[bad[0]].tolist()
+            allowed = "-1, 0, 1 or 2" if name == "state" else f"finite numbers up to {LARGEST:g}"
+            raise InputError(
+                f"{name} of tick {start + bad[0]} is {found}; {allowed} wanted", where=where
+            )
+    stuck = np.flatnonzero(~(np.diff(block.time, prepend=last) > 0))
+    if len(stuck):
+        raise InputError(f"time does not increase at tick {start + stuck[0]}", where=where)
 
 
 def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
@@ -213,7 +227,10 @@ def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
     InputError
         Another digest.
     """
-    made_with = json.loads(attrs.get("fixture", "{}")).get("sha256", sha256)
+    try:
+        made_with = str(json.loads(attrs.get("fixture", "{}")).get("sha256", sha256))
+    except (ValueError, TypeError, AttributeError):
+        raise InputError("attribute fixture is no record of a fixture", where=where) from None
     if made_with != sha256:
         raise InputError(
             f"was replayed against the fixture with SHA-256 {made_with[:12]}..., this one has "
@@ -222,39 +239,37 @@ def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
         )
 
 
-class _opened:  # noqa: N801 - used as a `with` statement reads
-    def __init__(self, path: str | Path) -> None:
-        self._path = Path(path)
-
-    def __enter__(self) -> h5py.File:
-        where = self._path.name
-        try:
-            self._file = h5py.File(self._path, "r")
-        except OSError as error:
-            raise InputError(f"cannot be read as HDF5: {error}", where=where) from None
-        found = self._file.attrs.get("format")
+@contextmanager
+def _opened(path: str | Path) -> Iterator[h5py.File]:
+    where = Path(path).name
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        raise InputError(f"cannot be read as HDF5: {error}", where=where) from None
+    with file:
+        found = file.attrs.get("format")
         if found != RESULT_FORMAT:
-            self._file.close()
             raise InputError(f"format is {found!r}; {RESULT_FORMAT!r} wanted", where=where)
-        version = str(self._file.attrs.get("version"))
+        version = str(file.attrs.get("version"))
         if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
-            self._file.close()
             raise VersionError(
                 f"result version {version}; this program reads {RESULT_VERSION}", where=where
             )
-        return self._file
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
+        yield file
 
 
 def _checked(place: h5py.Group, name: str, where: str) -> h5py.Dataset:
     columns = _TABLE[name][0]
     link = place.get(name, getlink=True)
     dataset = place[name] if isinstance(link, h5py.HardLink) else None
-    length = len(place["time"]) if "time" in place else 0
+    time = place["time"] if isinstance(place.get("time", getlink=True), h5py.HardLink) else None
+    length = time.shape[0] if isinstance(time, h5py.Dataset) and time.shape else 0
+    if isinstance(dataset, h5py.Dataset) and (dataset.external or dataset.is_virtual):
+        raise InputError(f"{name} is kept in another file; one file is wanted", where=where)
     if not isinstance(dataset, h5py.Dataset) or dataset.shape != (length, *columns):
         shape = None if dataset is None else getattr(dataset, "shape", None)
         wanted = ", ".join(map(str, ("T", *columns)))
         raise InputError(f"{name} has shape {shape}; ({wanted}) wanted", where=where)
+    if dataset.dtype.kind not in "fiu":
+        raise InputError(f"{name} has type {dataset.dtype}; real numbers wanted", where=where)
     return dataset

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
+from vfplan.session.closing import Closing
 from vfplan.session.result import TickBlock
 
 HEADER = (
@@ -15,7 +15,7 @@ HEADER = (
 )
 
 
-class CsvWriter:
+class CsvWriter(Closing):
     """Write ticks as CSV, one line a tick; numbers read back to the same bits."""
 
     def __init__(self, path: str | Path) -> None:
@@ -38,14 +38,3 @@ class CsvWriter:
             f"{','.join(map(repr, row))},{state},{depth!r},{over!r}\n"
             for row, state, depth, over in tail
         )
-
-    def __enter__(self) -> CsvWriter:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._file.close()

@@ -18,6 +18,10 @@ UNITS = {"m": 1.0, "mm": 1e-3}
 # Every consumer sees blocks of this many ticks, however the file was cut: sums then run in the same
 # order on every run, and memory does not grow with the session.
 BLOCK = 16384
+# Beyond it no engine answers: float64 loses the nanometre (native core: `largest_coordinate`).
+FARTHEST_M = 1e6
+# Stamps that no clock gives: their differences would overflow, or make speeds that do.
+LATEST_S, SHORTEST_S = 1e20, 1e-9
 
 
 class Source(Protocol):
@@ -45,7 +49,7 @@ class Session:
     time
         (T,) [s], strictly increasing, T >= 2.
     hip
-        (T, 3) HIP positions in `frame` [m], finite.
+        (T, 3) HIP positions in `frame` [m], finite and within 1e6 m.
     frame
         The frame of `hip`.
     name
@@ -58,8 +62,8 @@ class Session:
     Raises
     ------
     SessionError
-        Wrong shapes, fewer than two samples, a value that is not finite, time that does not
-        increase.
+        Wrong shapes, fewer than two samples, a value that is not finite, a position beyond 1e6 m,
+        time that does not increase.
     """
 
     time: Array
@@ -176,13 +180,13 @@ def _joined(times: list[Array], hips: list[Array]) -> Pair:
 
 
 def checked(blocks: Iterable[Pair], where: str) -> Iterator[Pair]:
-    """Pass blocks on while they are finite and their time increases; at least two samples."""
+    """Pass blocks on while each sample is one a robot can have; at least two samples."""
     count = 0
     last = -np.inf
     for time, hip in blocks:
-        _check_finite(time, hip, count, where)
+        _check_samples(time, hip, count, where)
         with_last = np.concatenate(([last], time))
-        stuck = np.flatnonzero(~(np.diff(with_last) > 0))
+        stuck = np.flatnonzero(~(np.diff(with_last) >= SHORTEST_S))
         if len(stuck):
             k = int(stuck[0])
             raise SessionError(
@@ -197,12 +201,17 @@ def checked(blocks: Iterable[Pair], where: str) -> Iterator[Pair]:
         raise SessionError(f"holds {count} sample{'s'[count == 1 :]}; 2 at least", where=where)
 
 
-def _check_finite(time: Array, hip: Array, count: int, where: str) -> None:
-    bad = ~(np.isfinite(time) & np.isfinite(hip).all(axis=1))
-    if bad.any():
-        k = int(np.flatnonzero(bad)[0])
-        x, y, z = hip[k]
-        raise SessionError(
-            f"sample {count + k} is not finite: t = {time[k]} s, hip = ({x}, {y}, {z}) m",
-            where=where,
-        )
+def _check_samples(time: Array, hip: Array, count: int, where: str) -> None:
+    # Written so that NaN fails.
+    good = (np.abs(time) <= LATEST_S) & (np.abs(hip) <= FARTHEST_M).all(axis=1)
+    if good.all():
+        return
+    k = int(np.flatnonzero(~good)[0])
+    x, y, z = hip[k]
+    finite = np.isfinite(time[k]) and np.isfinite(hip[k]).all()
+    fault = "is out of range" if finite else "is not finite"
+    raise SessionError(
+        f"sample {count + k} {fault}: t = {time[k]} s, hip = ({x}, {y}, {z}) m; finite numbers, "
+        f"positions within {FARTHEST_M:g} m wanted",
+        where=where,
+    )
