@@ -1,4 +1,4 @@
-"""Print the second table of docs/registration.md:  python docs/make_refusal_table.py [SETS]
+"""Print a table of docs/registration.md:  python docs/make_refusal_table.py MODEL SETS
 
 Good markers in random layouts: how many sets are refused all the same. The same markers with two
 labels exchanged, or one marker 10 mm off: how many are refused.
@@ -96,9 +96,8 @@ def bound(n: int) -> float:
 
 
 if __name__ == "__main__":
-    SETS = int(sys.argv[1]) if len(sys.argv) > 1 else 7_000
-    for MODEL in ("affine", "similarity", "rigid"):
-        for N in (4, 5, 6, 9, 12):
-            print(row(MODEL, N, SETS), flush=True)
+    MODEL, SETS = sys.argv[1], int(sys.argv[2])
+    for N in (4, 5, 6, 9, 12):
+        print(row(MODEL, N, SETS), flush=True)
     for N in (4, 5, 6):
         print(f"exchanged labels, {N} good markers: refused in at most {bound(N):.1e} of sets")
