@@ -12,7 +12,7 @@ import numpy as np
 
 from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.pipeline.plausible import check_plausible, origin_warning
+from vfplan.pipeline.plausible import check_plausible
 from vfplan.pipeline.settings import FixtureSettings
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def match(
         registration = _fit(curve, pairs, settings)
         diagnosis = diagnose(registration)
         refuse_sure_faults(registration, diagnosis)
-    warnings = (*_frame_warning(pairs), *origin_warning(pairs), *_image_warning(curve, image))
+    warnings = (*_frame_warning(pairs), *_image_warning(curve, image))
     return Matched(pairs, registration, diagnosis, found, warnings)
 
 

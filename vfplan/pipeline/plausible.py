@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 # RMS distance of a layout's markers from their centre [m]: millimetres read as metres are above,
 # metres read as millimetres below.
 LEAST_RADIUS_M, LARGEST_RADIUS_M = 5e-4, 10.0
-# Farther from the origin than any robot reaches; a tracker's frame might still be [m].
-FAR_ORIGIN_M = 10.0
 # Marks that must be drawn at the exchanged places before row and column are called exchanged.
 LEAST_MARKS = 3
 
@@ -44,17 +42,6 @@ def check_plausible(pairs: Correspondences, curve: Fixture, image: PlannedImage 
             f"no marker is drawn where the file has {pairs.labels[0]} and the others, but there "
             "are marks with row and column exchanged: u_px is the column, v_px the row"
         )
-
-
-def origin_warning(pairs: Correspondences) -> tuple[str, ...]:
-    """A sentence when the markers are farther from the frame's origin than a robot reaches."""
-    farthest = float(np.abs(pairs.target).max())
-    if farthest <= FAR_ORIGIN_M:
-        return ()
-    return (
-        f"a marker is {farthest:.4g} m from the origin of {pairs.target_frame} along an axis: is "
-        "every column in metres?",
-    )
 
 
 def _check_size(positions: NDArray[np.float64], what: str) -> None:
