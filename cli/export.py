@@ -16,10 +16,14 @@ from vfplan.cli.run import command as vfplan_command
 def command(fixture: Path, output: Path, overwrite: bool) -> Report:
     """Write the points of FIXTURE.h5 as .ply or .csv [m], or its strokes as .mrk.json [mm]."""
     refuse_existing(output, overwrite=overwrite)
-    from vfplan.bundle import export, read_fixture
+    from vfplan.bundle import export, left_out, read_fixture
 
     data = read_fixture(fixture)
     with outputs(output) as (path,):
         export(data, path)
     report = {"output": str(output), "points": len(data.points), "frame": data.frame}
-    return Report(report, f"wrote {len(data.points)} points of frame {data.frame} to {output}")
+    text = f"wrote {len(data.points)} points of frame {data.frame} to {output}"
+    if missing := left_out(data, output):
+        report["left_out"] = missing
+        text += f"; left out: {', '.join(missing)}"
+    return Report(report, text)

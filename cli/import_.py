@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from vfplan.cli.options import FILE, Numbers, output
 from vfplan.cli.run import Report, outputs, refuse_existing
 from vfplan.cli.run import command as vfplan_command
+
+if TYPE_CHECKING:
+    from vfplan.fixture import Fixture
 
 AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
@@ -72,7 +76,7 @@ def command(
 ) -> Report:
     """Make a fixture bundle of the points in CLOUD; a mesh is sampled and certified."""
     refuse_existing(output, overwrite=overwrite)
-    from vfplan.bundle import import_cloud, read_bundle, size_doubt, write_fixture
+    from vfplan.bundle import import_cloud, read_bundle, write_fixture
 
     fixture = import_cloud(
         cloud,
@@ -103,5 +107,12 @@ def command(
         f" {content['/leak@kind']}, {certified}: largest opening"
         f" {1e3 * content['/leak@largest_m']:.3f} mm\nwrote {output}"
     )
-    doubt = size_doubt(fixture.points)
-    return Report(data, text, warnings=[doubt] if doubt else [])
+    return Report(data, text, warnings=_warnings(fixture))
+
+
+def _warnings(fixture: Fixture) -> list[str]:
+    from vfplan.bundle import size_doubt
+
+    doubt, left_out = size_doubt(fixture.points), fixture.provenance.settings.get("left_out")
+    found = [f"the file says more than points and triangles, which is left out: {left_out}"]
+    return ([doubt] if doubt else []) + (found if left_out else [])

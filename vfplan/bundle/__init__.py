@@ -8,7 +8,7 @@ docs/format.md is the normative text, schemas/bundle-1.0.json its machine-readab
 from vfplan.bundle.clouds import import_cloud
 from vfplan.bundle.compare import diff
 from vfplan.bundle.describe import describe
-from vfplan.bundle.exporting import export
+from vfplan.bundle.exporting import export, left_out
 from vfplan.bundle.files import read_bundle, read_fixture, require_signature, write_fixture
 from vfplan.bundle.findings import Issue
 from vfplan.bundle.keys import keygen, read_keys
@@ -25,6 +25,7 @@ __all__ = [
     "export",
     "import_cloud",
     "keygen",
+    "left_out",
     "migrate",
     "read_bundle",
     "read_fixture",

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import warnings
-from functools import partial
 from importlib.metadata import version as installed_version
 from pathlib import Path
 from typing import Any
@@ -14,16 +14,18 @@ from numpy.typing import NDArray
 
 from vfplan.bundle.files import now_utc
 from vfplan.bundle.leak import largest_cover
-from vfplan.bundle.meshfile import check_mesh
+from vfplan.bundle.meshfile import Mesh, read_mesh
+from vfplan.bundle.refining import refined
 from vfplan.bundle.table import table
 from vfplan.disk import opened_file
-from vfplan.errors import InputError, SceneError, SettingError
+from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+SUFFIXES = (".ply", ".stl", ".csv", ".npy")
+MOST_BYTES = 1 << 31
 LEAST_BAND = 1e-5  # m, the paper's
 Points = NDArray[np.float64]
-Triangles = NDArray[np.int32]
 
 
 def import_cloud(
@@ -43,9 +45,9 @@ def import_cloud(
     Parameters
     ----------
     path
-        PLY and STL (read in float32 precision) may hold triangles: they are refined until no edge
-        is longer than `spacing`, and kept, so that the fixture can be certified. CSV: columns x,
-        y, z. NPY: (N, 3).
+        PLY and STL may hold triangles: they are refined until no edge is longer than `spacing`,
+        and kept, so that the fixture can be certified. CSV: columns x, y, z. NPY: (N, 3). What
+        else the file says (colours, strokes, ...) is left out; `settings["left_out"]` names it.
     units
         Unit of the file's numbers, a key of `METRES`.
     curve
@@ -65,8 +67,8 @@ def import_cloud(
     """
     if units not in METRES:
         raise SettingError(f"unit {units!r}; one of {', '.join(METRES)} wanted")
-    points, triangles, digest = _read(Path(path), units)
-    points = points * METRES[units]
+    found, digest = _read(Path(path), units)
+    points, triangles = found.points * METRES[units], found.triangles
     radius = contact_radius + point_radius
     _check(points, radius, str(path))
     mesh, band = None, LEAST_BAND
@@ -75,6 +77,8 @@ def import_cloud(
         cover, _ = largest_cover(mesh, points)
         band = max(band, float(radius - np.sqrt(max(radius**2 - cover**2, 0.0))))
     settings = {"units": units, "curve": curve or "none"}
+    if found.left_out:
+        settings["left_out"] = _listed(found.left_out)
     return Fixture(
         frame=frame,
         points=points,
@@ -91,6 +95,13 @@ def import_cloud(
             ignore_axis=_unit(ignore_axis),
         ),
     )
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    """Names as one short text without control characters, as the provenance holds it."""
+    text = ", ".join(names)
+    clean = "".join(c if c.isprintable() and c not in "/\\" else "?" for c in text)
+    return clean if len(clean) <= 200 else clean[:200] + "..."
 
 
 def _as_curve(count: int, curve: str | None) -> Curve | None:
@@ -122,47 +133,62 @@ def _check(points: Points, radius: float, where: str) -> None:
         raise SettingError(f"R = contact radius + point radius = {radius} m; more than 0 wanted")
 
 
-def _read(path: Path, units: str) -> tuple[Points, Triangles | None, str]:
-    readers = {".ply": _mesh, ".stl": _mesh, ".csv": partial(_csv, units=units), ".npy": _npy}
-    if path.suffix.lower() not in readers:
-        raise InputError(f"ends in none of {', '.join(readers)}", where=str(path))
+def _read(path: Path, units: str) -> tuple[Mesh, str]:
+    """What a file holds, and the SHA-256 of the very bytes it was read from."""
+    suffix, where = path.suffix.lower(), str(path)
+    if suffix not in SUFFIXES:
+        raise InputError(f"ends in none of {', '.join(SUFFIXES)}", where=where)
     with opened_file(path) as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-    points, triangles = readers[path.suffix.lower()](path)
-    return points, triangles, digest
+        data = file.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES:
+        raise InputError(f"longer than {MOST_BYTES} bytes", where=where)
+    if suffix == ".npy":
+        found = _npy(data, where)
+    elif suffix == ".csv":
+        found = _csv(data, units, where)
+    else:
+        found = read_mesh(data, suffix, where)
+    return found, hashlib.sha256(data).hexdigest()
 
 
-def _npy(path: Path) -> tuple[Points, None]:
+def _npy(data: bytes, where: str) -> Mesh:
+    stream = io.BytesIO(data)
     try:
-        points = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise InputError(f"is no .npy file of numbers: {error}", where=str(path)) from error
-    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
-        raise InputError(
-            f"holds {points.dtype} of shape {points.shape}; numbers (N, 3) wanted", where=str(path)
-        )
-    return points.astype(float), None
+        version = np.lib.format.read_magic(stream)
+        reads = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }
+        shape, fortran, dtype = reads[version](stream)
+    except (ValueError, KeyError, EOFError, SyntaxError, OverflowError) as error:
+        raise InputError(f"is no .npy file of numbers: {error}", where=where) from error
+    if len(shape) != 2 or shape[1] != 3 or dtype.kind not in "fiu":
+        raise InputError(f"holds {dtype} of shape {shape}; numbers (N, 3) wanted", where=where)
+    there, wanted = len(data) - stream.tell(), 3 * shape[0] * dtype.itemsize
+    if there != wanted:
+        raise InputError(f"{there} bytes of data; {wanted} wanted by its header", where=where)
+    points = np.frombuffer(data, dtype, offset=stream.tell())
+    return Mesh(points.reshape(shape, order="F" if fortran else "C").astype(float))
 
 
-def _csv(path: Path, units: str) -> tuple[Points, None]:
+def _csv(data: bytes, units: str, where: str) -> Mesh:
     try:
-        with open(path, encoding="utf-8-sig") as file:
-            first = file.readline().split(",")
+        text = data.decode("utf-8-sig")
+        first = text.partition("\n")[0].split(",")
         named = not _is_number(first[0])
-        columns = _columns([name.strip().lower() for name in first], units) if named else (0, 1, 2)
+        names = [name.strip().lower() for name in first] if named else []
+        columns = _columns(names, units) if named else (0, 1, 2)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # an empty table is refused below
             points = np.loadtxt(
-                path,
-                delimiter=",",
-                skiprows=int(named),
-                usecols=columns,
-                ndmin=2,
-                encoding="utf-8-sig",
+                io.StringIO(text), delimiter=",", skiprows=int(named), usecols=columns, ndmin=2
             )
-    except (ValueError, IndexError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read as x,y,z: {error}", where=str(path)) from error
-    return points.reshape(-1, 3), None
+    except (ValueError, IndexError) as error:
+        raise InputError(f"cannot be read as x,y,z: {error}", where=where) from error
+    left_out = [name for i, name in enumerate(names) if i not in columns]
+    if not named and len(first) > 3:
+        left_out = [f"column {i + 1}" for i in range(3, len(first))]
+    return Mesh(points.reshape(-1, 3), left_out=tuple(left_out))
 
 
 def _is_number(text: str) -> bool:
@@ -181,80 +207,3 @@ def _columns(names: list[str], units: str) -> tuple[int, ...]:
     if said & METRES.keys() - {units}:
         raise ValueError(f"the header names {', '.join(names)}; {units} was given as their unit")
     return tuple(bare.index(axis) for axis in "xyz")
-
-
-def _mesh(path: Path) -> tuple[Points, Triangles | None]:
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkCommonCore import vtkObject
-    from vtkmodules.vtkIOGeometry import vtkSTLReader
-    from vtkmodules.vtkIOPLY import vtkPLYReader
-
-    check_mesh(path)
-    vtkObject.GlobalWarningDisplayOff()  # an error is found below, and said in one line
-    reader = vtkPLYReader() if path.suffix.lower() == ".ply" else vtkSTLReader()
-    reader.SetFileName(str(path))
-    reader.Update()
-    data = reader.GetOutput()
-    if data is None or data.GetNumberOfPoints() == 0:
-        raise InputError("no point can be read from it", where=str(path))
-    points = vtk_to_numpy(data.GetPoints().GetData()).astype(float)
-    faces = data.GetPolys()
-    if faces.GetNumberOfCells() == 0:
-        return points, None
-    if faces.GetMaxCellSize() != 3 or not faces.IsHomogeneous() == 3:
-        raise InputError("holds faces that are not triangles", where=str(path))
-    triangles = vtk_to_numpy(faces.GetConnectivityArray()).reshape(-1, 3).astype(np.int32)
-    return points, triangles
-
-
-def refined(points: Points, triangles: Triangles, spacing: float) -> tuple[Points, Triangles]:
-    """The same surface with no edge longer than `spacing` [m] and without unused points.
-
-    Every longer edge is halved, in both triangles it belongs to, until none is left.
-
-    Raises `SceneError` when that takes more points or triangles than a bundle may hold.
-    """
-    if not (np.isfinite(spacing) and spacing > 0):
-        raise SettingError(f"spacing {spacing} m; more than 0 wanted")
-    caps = table().sizes
-    used, triangles = np.unique(triangles, return_inverse=True)
-    points, triangles = points[used], triangles.reshape(-1, 3).astype(np.int64)
-    while True:
-        edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
-        edges, which = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)
-        length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
-        long = length > spacing
-        if not long.any():
-            return points, triangles.astype(np.int32)
-        middle = np.where(long, len(points) + np.cumsum(long) - 1, -1)
-        points = np.vstack([points, points[edges[long]].mean(axis=1)])
-        triangles = _split(triangles, middle[which.reshape(-1, 3)], points)
-        if len(points) > caps["N"] or len(triangles) > caps["K"]:
-            raise SceneError(
-                f"spacing {spacing} m takes more than {caps['N']} points or {caps['K']} triangles"
-            )
-
-
-def _split(triangles: NDArray[np.int64], middle: NDArray[np.int64], points: Points) -> Any:
-    """Split triangles at the middles (-1: none) of their edges 01, 12, 20."""
-    count = (middle >= 0).sum(axis=1)
-    # Turn each so that a single split is on edge 01 and two splits are on 01 and 12.
-    turn = np.where(count == 1, np.argmax(middle >= 0, axis=1), 0)
-    turn = np.where(count == 2, (np.argmax(middle < 0, axis=1) + 1) % 3, turn)
-    order = (np.arange(3) + turn[:, None]) % 3
-    a, b, c = np.take_along_axis(triangles, order, axis=1).T
-    ab, bc, ca = np.take_along_axis(middle, order, axis=1).T
-    one, two, three = (count == n for n in (1, 2, 3))
-    across = np.linalg.norm(points[a] - points[bc], axis=1)
-    other = np.linalg.norm(points[c] - points[ab], axis=1)
-    short = two & (across <= other)
-    tall = two & ~short
-    pieces = [
-        (count == 0, (a, b, c)),
-        (one, (a, ab, c)), (one, (ab, b, c)),
-        (two, (ab, b, bc)),
-        (short, (a, ab, bc)), (short, (a, bc, c)),
-        (tall, (a, ab, c)), (tall, (ab, bc, c)),
-        (three, (a, ab, ca)), (three, (ab, b, bc)), (three, (ca, bc, c)), (three, (ab, bc, ca)),
-    ]  # fmt: skip
-    return np.concatenate([np.column_stack(corners)[rows] for rows, corners in pieces])

@@ -32,12 +32,32 @@ def export(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> No
     OutputError
         The path exists and `overwrite` is false, or cannot be written.
     """
+    text = {".ply": _ply, ".csv": _csv, ".mrk.json": _mrk}[_suffix(path)](fixture)
+    write_whole(Path(path), [text], overwrite=overwrite)
+
+
+# What of a fixture each form holds besides its points; a mesh's corners are points.
+HELD = {".ply": {"mesh"}, ".csv": {"sigma", "curve"}, ".mrk.json": {"curve"}}
+PARTS = ("sigma", "curve", "mesh", "image", "rendering", "registration", "stability")
+
+
+def left_out(fixture: Fixture, path: str | Path) -> list[str]:
+    """The parts of a fixture that a file of this name does not hold; provenance goes with none."""
+    held = HELD[_suffix(path)]
+    there = [part for part in PARTS if getattr(fixture, part) is not None and part not in held]
+    curve = fixture.curve
+    if curve is not None and "curve" in held:
+        closed = _suffix(path) == ".csv" and bool(np.any(curve.closed))
+        there += ["curve/closed"] * closed + ["curve/bridged"] * (curve.bridged is not None)
+    return there
+
+
+def _suffix(path: str | Path) -> str:
     name = Path(path).name.lower()
     suffix = next((s for s in SUFFIXES if name.endswith(s)), None)
     if suffix is None:
         raise InputError(f"ends in none of {', '.join(SUFFIXES)}", where=str(path))
-    text = {".ply": _ply, ".csv": _csv, ".mrk.json": _mrk}[suffix](fixture)
-    write_whole(Path(path), [text], overwrite=overwrite)
+    return suffix
 
 
 def _ply(fixture: Fixture) -> bytes:

@@ -19,7 +19,7 @@ from vfplan.bundle.parse import parse, peek_version
 from vfplan.bundle.seal import Seal, seal_of, to_block, unseal
 from vfplan.bundle.signing import Trust, check_trust
 from vfplan.bundle.store import to_payload
-from vfplan.bundle.table import Table, table
+from vfplan.bundle.table import table
 from vfplan.disk import opened_file, write_whole
 from vfplan.errors import BundleError, CorruptError, InputError, SceneError, VersionError
 from vfplan.fixture import Fixture
@@ -220,17 +220,3 @@ def checked_version(found_format: str, version: str) -> str:
             where="/@version",
         )
     return version
-
-
-def content_of_0_1(path: str | Path) -> Content:
-    """The content of a bundle of version 0.1, which had no seal: for `migrate` only."""
-    with opened_source(path) as stream:
-        payload = stream.read(table().limits["payload_bytes"] + 1)
-        found_format, version = peek_version(payload)
-        if version != "0.1":
-            checked_version(found_format, version)
-            raise VersionError(f"version {version} without a seal", where="/@version")
-        old: Table = table("0.1")
-        content = parse(payload, old, Findings())
-        check.check(content, old, Findings())
-        return content

@@ -6,17 +6,21 @@ import hashlib
 from importlib.metadata import version as installed_version
 from pathlib import Path
 
+from vfplan.bundle import check
 from vfplan.bundle.content import Content
 from vfplan.bundle.files import (
     VERSION,
+    checked_version,
     completed,
-    content_of_0_1,
     now_utc,
+    opened_source,
     write_content,
 )
+from vfplan.bundle.findings import Findings
+from vfplan.bundle.parse import parse, peek_version
 from vfplan.bundle.seal import MAGIC
-from vfplan.disk import opened_file
-from vfplan.errors import InputError
+from vfplan.bundle.table import table
+from vfplan.errors import InputError, VersionError
 
 HISTORY = "/provenance/history"
 
@@ -36,12 +40,7 @@ def migrate(old: str | Path, new: str | Path, *, overwrite: bool = False) -> Con
     SceneError
         The old fixture leaks between samples, which the old version did not check.
     """
-    with opened_file(Path(old)) as file:
-        if file.read(len(MAGIC)) == MAGIC:
-            raise InputError("has a seal, so it needs no migration", where=str(old))
-    content = content_of_0_1(old)
-    with opened_file(Path(old)) as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    content, digest = _content_of_0_1(old)
     line = (
         f"{now_utc()} vfplan {installed_version('vfplan')}: migrated from"
         f" {content['/@version']} to {VERSION}, SHA-256 {digest}"
@@ -49,3 +48,19 @@ def migrate(old: str | Path, new: str | Path, *, overwrite: bool = False) -> Con
     content = completed(content | {HISTORY: (*content.get(HISTORY, ()), line)})
     write_content(content, Path(new), overwrite=overwrite)
     return content
+
+
+def _content_of_0_1(path: str | Path) -> tuple[Content, str]:
+    """The content of a bundle of version 0.1, which had no seal, and the SHA-256 of its bytes."""
+    with opened_source(path) as stream:
+        payload = stream.read(table().limits["payload_bytes"] + 1)
+        if payload.startswith(MAGIC):
+            raise InputError("has a seal, so it needs no migration", where=str(path))
+        found_format, version = peek_version(payload)
+        if version != "0.1":
+            checked_version(found_format, version)
+            raise VersionError(f"version {version} without a seal", where="/@version")
+        old = table("0.1")
+        content = parse(payload, old, Findings())
+        check.check(content, old, Findings())
+        return content, hashlib.sha256(payload).hexdigest()

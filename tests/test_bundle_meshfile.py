@@ -1,0 +1,207 @@
+"""PLY and STL in every form they come in: the same points and triangles, or a clear refusal."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import struct
+
+import numpy as np
+import pytest
+
+import vfplan
+from vfplan.bundle import import_cloud
+from vfplan.bundle.meshfile import STL_FACET, merged, read_mesh
+from vfplan.errors import InputError
+
+POINTS = np.array([[0, 0, 0], [0.1, 0, 0], [0, 1 / 3, 0], [0, 0, -2.5e-3]])
+FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], dtype=np.int32)
+ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+
+
+def ply(form="ascii", number="double", index="int", length="uchar", line="\n", more=()):
+    """The tetrahedron as PLY; `more` properties of each vertex are 7s."""
+    head = ["ply", f"format {form} 1.0", "comment made for a test", "obj_info none"]
+    head += [f"element vertex {len(POINTS)}", *(f"property {number} {axis}" for axis in "xyz")]
+    head += [f"property uchar {name}" for name in more]
+    head += [f"element face {len(FACES)}", f"property list {length} {index} vertex_indices"]
+    start = line.join([*head, "end_header", ""]).encode()
+    if form == "ascii":
+        rows = [" ".join([*map(repr, p), *["7"] * len(more)]) for p in POINTS.tolist()]
+        rows += ["3 " + " ".join(map(str, face)) for face in FACES.tolist()]
+        return start + line.join([*rows, ""]).encode()
+    order = ORDERS[form]
+    real = {"double": "f8", "float": "f4"}[number]
+    vertex = np.zeros(len(POINTS), [("p", order + real, 3), ("more", "u1", len(more))])
+    vertex["p"], vertex["more"] = POINTS, 7
+    kinds = {"uchar": "u1", "int": "i4", "uint": "u4", "ushort": "u2"}
+    face = np.zeros(len(FACES), [("n", order + kinds[length]), ("v", order + kinds[index], 3)])
+    face["n"], face["v"] = 3, FACES
+    return start + vertex.tobytes() + face.tobytes()
+
+
+FORMS = {
+    "ascii": ply(),
+    "ascii_crlf": ply(line="\r\n"),
+    "ascii_colours": ply(more=("red", "green")),
+    "little": ply("binary_little_endian"),
+    "little_crlf": ply("binary_little_endian", line="\r\n"),
+    "little_wide": ply("binary_little_endian", index="uint", length="int"),
+    "big": ply("binary_big_endian", index="ushort"),
+    "big_colours": ply("binary_big_endian", more=("red", "green", "blue")),
+    "vertex_index": ply().replace(b"vertex_indices", b"vertex_index"),
+    "newline_at_the_end": ply("binary_little_endian") + b"\n",
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_a_ply_file_is_read_bit_for_bit(name):
+    mesh = read_mesh(FORMS[name], ".ply", "a.ply")
+    assert mesh.points.tobytes() == POINTS.tobytes()
+    assert np.array_equal(mesh.triangles, FACES)
+    assert mesh.left_out[:1] == (("vertex.red",) if "colours" in name else ())
+
+
+def test_single_precision_stays_what_it_is():
+    mesh = read_mesh(ply("binary_little_endian", number="float"), ".ply", "a.ply")
+    assert np.array_equal(mesh.points, POINTS.astype(np.float32))
+
+
+QUAD = ply().replace(b"3 0 2 1", b"4 0 2 1 3")
+WRONG_PLY = {
+    "a quadrangle": (QUAD, "quad|length|columns"),
+    "a quadrangle, binary": (
+        ply("binary_little_endian")[: -13 * 4]
+        + struct.pack("<B4i", 4, 0, 2, 1, 3)
+        + ply("binary_little_endian")[-13 * 3 :],
+        "differ in length",
+    ),
+    "a vertex that is not there": (ply().replace(b"3 0 3 2", b"3 0 4 2"), "0 to 4 of 4"),
+    "a negative vertex": (ply().replace(b"3 0 3 2", b"3 0 -1 2"), "-1"),
+    "half a vertex": (ply().replace(b"3 0 3 2", b"3 0 1.5 2"), "vertices"),
+    "a line too few": (ply().rpartition(b"3 0 3 2")[0], "7 lines of data; 8 wanted"),
+    "a line too many": (ply() + b"3 0 1 2\n", "9 lines"),
+    "a byte too few": (ply("binary_little_endian")[:-1], "left"),
+    "a byte too many": (ply("binary_little_endian") + b"\1", "follow"),
+    "no z": (ply().replace(b"double z", b"double w"), "'z'"),
+    "an unknown type": (ply().replace(b"double z", b"quad z"), "'quad'"),
+    "an unknown format": (ply().replace(b"format ascii", b"format xdr"), "'xdr'"),
+    "no end of the header": (ply().replace(b"end_header", b"end"), "end_header"),
+    "a word for a number": (ply().replace(b"0.1", b"one"), "one"),
+    "more than the file can hold": (ply().replace(b"vertex 4", b"vertex 99999"), "99999"),
+    "lists of another name": (ply().replace(b"vertex_indices", b"corners"), None),
+}
+
+
+@pytest.mark.parametrize("name", [n for n, (_, reason) in WRONG_PLY.items() if reason is not None])
+def test_a_ply_file_that_is_not_what_it_says_is_refused(name):
+    data, reason = WRONG_PLY[name]
+    with pytest.raises(InputError, match=reason):
+        read_mesh(data, ".ply", "a.ply")
+
+
+def test_what_is_not_used_is_named(tmp_path, vfplan_cli):
+    mesh = read_mesh(WRONG_PLY["lists of another name"][0], ".ply", "a.ply")
+    assert mesh.triangles is None
+    assert mesh.left_out == ("face.corners",)
+    (tmp_path / "a.csv").write_text("x,y,z,stroke,sigma_m\n0,0,0,0,1e-5\n0.001,0,0,0,1e-5\n")
+    run = vfplan_cli("import", tmp_path / "a.csv", "--units", "m", "-o", tmp_path / "a.h5")
+    assert run.code == 0
+    assert "left out: stroke, sigma_m" in run.stderr
+    settings = vfplan.read_fixture(tmp_path / "a.h5").provenance.settings
+    assert settings["left_out"] == "stroke, sigma_m"
+
+
+def text_stl(points=POINTS, faces=FACES, name="bone", upper=False):
+    lines = [f"solid {name}"]
+    for face in faces:
+        corners = ["vertex " + " ".join(map(repr, points[i].tolist())) for i in face]
+        lines += ["facet normal 0 0 1", "outer loop", *corners, "endloop", "endfacet"]
+    text = "\n".join([*lines, f"endsolid {name}", ""])
+    return (text.upper() if upper else text).encode()
+
+
+def binary_stl(points=POINTS, faces=FACES, head=b""):
+    facets = np.zeros(len(faces), STL_FACET)
+    facets["corners"] = points[faces]
+    return head.ljust(80, b"\0") + struct.pack("<I", len(faces)) + facets.tobytes()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        text_stl(),
+        text_stl(upper=True),
+        text_stl(name="a facet of vertex 1"),
+        text_stl().replace(b"\n", b"\r\n"),
+        text_stl(faces=FACES[:1]) + text_stl(faces=FACES[1:]),
+        binary_stl(),
+        binary_stl(head=b"solid facet"),
+    ],
+    ids=["text", "upper", "name", "crlf", "two solids", "binary", "binary solid"],
+)
+def test_an_stl_file_gives_the_same_surface(data):
+    mesh = read_mesh(data, ".stl", "a.stl")
+    wanted = POINTS if b"vertex" in data.lower() else POINTS.astype(np.float32)
+    assert np.array_equal(mesh.points[mesh.triangles], wanted[FACES])
+    assert len(mesh.points) == 4
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        text_stl()[:-20],
+        text_stl().replace(b"endloop", b"vertex 1 2 3\nendloop", 1),
+        text_stl().replace(b"vertex", b"vortex", 1),
+        text_stl() + b"facet",
+        text_stl().replace(b"-0.0025", b"minus", 1),
+        binary_stl()[:-1],
+        binary_stl() + b"\0",
+        b"",
+    ],
+    ids=["cut", "four corners", "misspelt", "more", "word", "short", "long", "empty"],
+)
+def test_an_stl_file_that_is_not_whole_is_refused(data):
+    with pytest.raises(InputError):
+        read_mesh(data, ".stl", "a.stl")
+
+
+def test_facets_without_area_bound_nothing():
+    faces = np.vstack([FACES, [[1, 1, 2]]])
+    assert len(read_mesh(binary_stl(faces=faces), ".stl", "a.stl").triangles) == 4
+
+
+def test_merging_equals_the_plain_search():
+    draw = np.random.default_rng(2)
+    points = np.round(draw.normal(size=(3000, 3)) * 4) / 4 * draw.choice([-1.0, 1.0], (3000, 1))
+    found, which = merged(points)
+    assert np.array_equal(found[which], points)
+    assert len(found) == len(np.unique(points + 0.0, axis=0))
+    first = [np.flatnonzero((points == p).all(axis=1))[0] for p in found]
+    assert first == sorted(first)
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("kind", ["<f8", ">f8", "<f4", "<i4"])
+def test_arrays_of_every_kind_come_back(order, kind, tmp_path):
+    points = np.asarray(np.arange(30).reshape(10, 3), dtype=kind, order=order)
+    np.save(tmp_path / "a.npy", points)
+    fixture = import_cloud(tmp_path / "a.npy", units="mm")
+    assert np.array_equal(fixture.points, points.astype(float) * 1e-3)
+    digest = hashlib.sha256((tmp_path / "a.npy").read_bytes()).hexdigest()
+    assert fixture.provenance.inputs == {"cloud": digest}
+
+
+def claimed(shape):
+    """An .npy file whose header claims another shape than its 24 bytes have."""
+    stream = io.BytesIO()
+    header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(stream, header)
+    return stream.getvalue() + bytes(24)
+
+
+@pytest.mark.parametrize("shape", [(2, 3), (10**15, 3), (0, 3), (3,), (1, 3, 1), (-1, 3)])
+def test_an_array_that_is_not_as_long_as_it_says_is_refused(shape, tmp_path):
+    (tmp_path / "a.npy").write_bytes(claimed(shape))
+    with pytest.raises(InputError):
+        import_cloud(tmp_path / "a.npy", units="mm")
