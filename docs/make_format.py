@@ -67,7 +67,9 @@ def page(text: str) -> str:
     """The page with the text between its markers replaced."""
     for name, made in (("rows", rows_table()), ("sizes", sizes_table())):
         pattern = rf"(<!-- {name}: made by docs/make_format.py -->\n).*?(\n<!-- end -->)"
-        text = re.sub(pattern, lambda m, made=made: m[1] + made + m[2], text, flags=re.S)
+        text, found = re.subn(pattern, lambda m, made=made: m[1] + made + m[2], text, flags=re.S)
+        if found != 1:
+            raise ValueError(f"{found} places for the table of {name} in the page; 1 wanted")
     return text
 
 

@@ -104,6 +104,7 @@ def test_constants_and_documentation_are_those_of_the_schema():
     text = make_format.PAGE.read_text()
     assert text == make_format.page(text), "run `make docs`"
     assert make_format.rows_table() in text
+    assert make_format.sizes_table() in text
 
 
 def test_a_program_that_asks_for_no_hdf5_needs_none(tmp_path):

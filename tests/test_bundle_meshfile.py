@@ -71,9 +71,9 @@ QUAD = ply().replace(b"3 0 2 1", b"4 0 2 1 3")
 WRONG_PLY = {
     "a quadrangle": (QUAD, "quad|length|columns"),
     "a quadrangle, binary": (
-        ply("binary_little_endian")[: -13 * 4]
+        ply("binary_little_endian")[: -13 * 3]
         + struct.pack("<B4i", 4, 0, 2, 1, 3)
-        + ply("binary_little_endian")[-13 * 3 :],
+        + ply("binary_little_endian")[-13 * 2 :],
         "differ in length",
     ),
     "a vertex that is not there": (ply().replace(b"3 0 3 2", b"3 0 4 2"), "0 to 4 of 4"),
