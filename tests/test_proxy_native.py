@@ -85,12 +85,26 @@ def test_each_state_runs_only_the_loops_it_needs(build):
                 assert calls[*at, loop] == 0
         if dimension == 2:  # a small cloud: no grid, no list
             assert calls[*at, "gather"] == 0
-        elif state == 1:  # the list serves many ticks and many loops
+        elif state == 1 and count > 0:  # the list serves many ticks and many loops
             assert calls[*at, "gather"] < count
     # Far from the cloud no point is looked at by the paper's rule's sums.
     assert points["paper", 3, -1, "normal"] < 10 * ticks["paper", 3, -1]
+    # A radius that covers millions of empty cells: one look at all points, once a tick.
+    assert ticks["wide", 3, 0] > 200
+    assert points["wide", 3, 0, "nearest2"] == 1000 * ticks["wide", 3, 0]
     # Free motion needs no surfaces.
     assert calls["robust", 3, -1, "patch"] < 0.01 * ticks["robust", 3, -1]
+
+
+def test_the_grid_hands_out_all_that_is_near_at_bounded_cost(build):
+    """Against a look at every point; and no question takes more than O(N), however large."""
+    sizes = set()
+    for line in output(build("neighbours", "-O2", "-DVFPLAN_NARROW")).splitlines():
+        *scene, _dimension, radius, size, stretches, seen = line.split()
+        assert int(stretches) <= 1 + int(size) / 32, line
+        assert int(seen) <= int(size), line
+        sizes.add((" ".join(scene), float(radius)))
+    assert len(sizes) >= 130
 
 
 def test_speed_benchmark_runs(build):

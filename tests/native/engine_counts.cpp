@@ -52,15 +52,16 @@ vfplan::Kernels<D> counting() {
 }
 
 template <class RuleOf, class Space>
-void play(const char* name, Space space, const scenes::Points& xyz) {
+void play(const char* name, Space space, const scenes::Points& xyz, long length = 20000,
+          const vfplan::Parameters& parameters = {}) {
     constexpr int D = Space::dimension;
     const auto cloud = vfplan::make_cloud(space, xyz.data(), xyz.size() / 3);
-    RuleOf rule(cloud, {}, counting<D>());
+    RuleOf rule(cloud, parameters, counting<D>());
     scenes::Path path(xyz);
     Count by_state[4][loops] = {};
     long ticks[4] = {};
     vfplan::Vec<D> proxy = space.across({{0.05, 0.05, 0.05}});
-    for (long t = 0; t < 20000; ++t) {
+    for (long t = 0; t < length; ++t) {
         std::memset(counts, 0, sizeof counts);
         const auto tick = rule(proxy, space.across(path(t)));
         const int state = static_cast<int>(tick.state) + 1;
@@ -85,4 +86,9 @@ int main() {
     play<vfplan::RobustRule<3, vfplan::Neighbours>>("robust", vfplan::Space{}, sheet);
     play<vfplan::PaperRule<2, vfplan::AllPoints>>("paper", slice, circle);
     play<vfplan::RobustRule<2, vfplan::AllPoints>>("robust", slice, circle);
+    // Points far apart, and a radius that covers millions of empty cells.
+    vfplan::Parameters wide;
+    wide.outer_radius = 5;
+    const auto dust = scenes::dust(1000, 50);
+    play<vfplan::RobustRule<3, vfplan::Neighbours>>("wide", vfplan::Space{}, dust, 400, wide);
 }

@@ -39,15 +39,23 @@ class Grid {
                keys_.capacity() * sizeof(std::uint64_t);
     }
 
-    /// Calls f(Span) for stretches that together hold every point within `reach` of x (and more).
+    /// Calls f(Span) for stretches that together hold every point within `reach` of x (and more):
+    /// all points at once where that is less work than to walk the rows of cells, most of them
+    /// empty, that a large `reach` covers. So no call costs more than O(N).
     template <class F>
     void visit(const Vec<D>& x, double reach, F&& f) const noexcept {
+        std::int64_t first[D], last[D];
+        double rows = 1;
+        for (int k = 0; k < D; ++k) {
+            if (!range(x, reach, k, first[k], last[k])) return;
+            if (k > 0) rows *= static_cast<double>(last[k] - first[k] + 1);
+        }
+        if (rows * points_a_row > static_cast<double>(cloud_.size()))
+            return f(cloud_.span(0, cloud_.size()));
         if constexpr (D == 2) {
             visit_rows(x, reach, 0, f);
         } else {
-            std::int64_t first, last;
-            if (!range(x, reach, 2, first, last)) return;
-            for (auto z = first; z <= last; ++z) {
+            for (auto z = first[2]; z <= last[2]; ++z) {
                 const double left = reach * reach - square_to_cell(x, z, 2);
                 if (left >= 0) visit_rows(x, std::sqrt(left), z, f);
             }
@@ -56,6 +64,7 @@ class Grid {
 
   private:
     static constexpr double most_cells_an_axis = 1 << 20;
+    static constexpr double points_a_row = 32;  // about as long to look at as a row to find
 
     std::int64_t index(double c, int k) const noexcept {
         return static_cast<std::int64_t>(std::floor((c - box_.low.c[k]) / cell_));
