@@ -32,7 +32,7 @@ class Neighbours {
     template <class F>
     void visit(const Vec<D>& x, double reach, F&& f) noexcept {
         if (reach > radius_) return source_.visit(x, reach, f);
-        if (!(norm(x - centre_) + reach <= radius_) || !valid_) gather(x);
+        if (!(norm(x - centre_) + reach <= radius_) || !valid_) gather(x, reach);
         if (crowded_) return source_.visit(x, reach, f);
         f(held_.span(0, count_));
     }
@@ -41,13 +41,16 @@ class Neighbours {
     void forget() noexcept { valid_ = false; }
 
   private:
-    void gather(const Vec<D>& x) noexcept {
-        centre_ = x;
+    /// Around a place ahead of x, as it went on from the last one: so the list serves longer.
+    void gather(const Vec<D>& x, double reach) noexcept {
+        const Vec<D> way = x - centre_;
+        const double ahead = std::min(norm(way), 0.9 * (radius_ - reach));
+        centre_ = valid_ ? x + along(way, ahead) : x;
         valid_ = true;
         crowded_ = false;
         count_ = 0;
         const double reach2 = radius_ * radius_ * (1 + 1e-12);
-        source_.visit(x, radius_, [&](const Span<D>& span) noexcept {
+        source_.visit(centre_, radius_, [&](const Span<D>& span) noexcept {
             if (crowded_ || count_ + span.n > held_.size()) {
                 crowded_ = crowded_ || !squeeze(span, reach2);
                 return;
