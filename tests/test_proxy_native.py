@@ -77,6 +77,8 @@ def test_each_state_runs_only_the_loops_it_needs(build):
             for loop in ("first", "distances"):  # roots, mean distances
                 assert calls[*at, loop] == 0 or state == 0
             assert calls[*at, "distances"] <= calls[*at, "first"]
+            # A proxy that has not moved still knows its normal; the path stands for half its time.
+            assert calls[*at, "normal"] < 0.9 * count or count < 100
             assert calls[*at, "out"] == 0 or state == 2
             for loop in ("meet", "within", "patch", "nearest2"):
                 assert calls[*at, loop] == 0
@@ -89,6 +91,8 @@ def test_each_state_runs_only_the_loops_it_needs(build):
             assert calls[*at, "gather"] < count
     # Far from the cloud no point is looked at by the paper's rule's sums.
     assert points["paper", 3, -1, "normal"] < 10 * ticks["paper", 3, -1]
+    # Roots are looked for only where a sphere lies within the step.
+    assert calls["paper", 3, 0, "first"] < 0.1 * ticks["paper", 3, 0]
     # A radius that covers millions of empty cells: one look at all points, once a tick.
     assert ticks["wide", 3, 0] > 200
     assert points["wide", 3, 0, "nearest2"] == 1000 * ticks["wide", 3, 0]

@@ -19,7 +19,14 @@ void* operator new(std::size_t n) {
     if (void* p = std::malloc(n ? n : 1)) return p;
     throw std::bad_alloc();
 }
+void* operator new(std::size_t n, std::align_val_t line) {
+    ++allocations;
+    const auto step = static_cast<std::size_t>(line);
+    if (void* p = std::aligned_alloc(step, (n + step) / step * step)) return p;
+    throw std::bad_alloc();
+}
 void operator delete(void* p) noexcept { std::free(p); }
+void operator delete(void* p, std::align_val_t) noexcept { std::free(p); }
 void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
 namespace {

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <new>
 #include <stdexcept>
 #include <vector>
 
@@ -40,6 +41,17 @@ struct Box {
         }
         return a <= b;
     }
+};
+
+/// Memory that begins where a register of 64 bytes does: loads do not straddle cache lines.
+template <class T>
+struct Aligned {
+    using value_type = T;
+    static constexpr std::align_val_t line{64};
+
+    T* allocate(std::size_t n) { return static_cast<T*>(::operator new(n * sizeof(T), line)); }
+    void deallocate(T* p, std::size_t) noexcept { ::operator delete(p, line); }
+    bool operator==(const Aligned&) const noexcept { return true; }
 };
 
 /// Points in arrays that may be read seven doubles past the end, as Span asks.
@@ -83,7 +95,7 @@ class Cloud {
 
   private:
     std::size_t n_ = 0;
-    std::vector<double> axes_[D];
+    std::vector<double, Aligned<double>> axes_[D];
 };
 
 /// n points of three coordinates each, as seen in `space`. Throws std::invalid_argument on an empty

@@ -6,6 +6,7 @@
 // correctly rounded operations, so they give the same bits.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -38,11 +39,11 @@ struct Span {
     std::size_t n = 0;
 };
 
-/// What eq. (1) adds up, and the nearest distance on the way.
+/// What eq. (1) adds up, over how many points, and the nearest distance on the way.
 template <int D>
 struct NormalSum {
     Vec<D> sum;
-    double weights = 0;
+    std::size_t count = 0;
     double nearest2 = std::numeric_limits<double>::infinity();
 };
 

@@ -3,157 +3,7 @@
 // The loops over points, eight at a time. Included by lanes.hpp once for each width; VFPLAN_LANES
 // says how wide the registers are, in float64.
 
-#define VFPLAN_INLINE [[gnu::always_inline]] inline
-
-using Native = double __attribute__((vector_size(8 * VFPLAN_LANES)));
-using NativeMask = long long __attribute__((vector_size(8 * VFPLAN_LANES)));
-inline constexpr int parts = 8 / VFPLAN_LANES;
-
-struct Mask {
-    NativeMask v[parts];
-};
-
-struct Lanes {
-    Native v[parts];
-};
-
-#define VFPLAN_EACH for (int i = 0; i < parts; ++i)
-#define VFPLAN_ARITHMETIC(op)                       \
-    VFPLAN_INLINE Lanes operator op(Lanes a, Lanes b) { \
-        VFPLAN_EACH a.v[i] = a.v[i] op b.v[i];      \
-        return a;                                   \
-    }                                               \
-    VFPLAN_INLINE Lanes operator op(Lanes a, double b) { \
-        VFPLAN_EACH a.v[i] = a.v[i] op b;           \
-        return a;                                   \
-    }                                               \
-    VFPLAN_INLINE Lanes operator op(double a, Lanes b) { \
-        VFPLAN_EACH b.v[i] = a op b.v[i];           \
-        return b;                                   \
-    }
-VFPLAN_ARITHMETIC(+)
-VFPLAN_ARITHMETIC(-)
-VFPLAN_ARITHMETIC(*)
-#undef VFPLAN_ARITHMETIC
-
-#define VFPLAN_COMPARISON(op)                      \
-    VFPLAN_INLINE Mask operator op(Lanes a, Lanes b) { \
-        Mask m;                                    \
-        VFPLAN_EACH m.v[i] = a.v[i] op b.v[i];     \
-        return m;                                  \
-    }                                              \
-    VFPLAN_INLINE Mask operator op(Lanes a, double b) { \
-        Mask m;                                    \
-        VFPLAN_EACH m.v[i] = a.v[i] op b;          \
-        return m;                                  \
-    }
-VFPLAN_COMPARISON(<)
-VFPLAN_COMPARISON(<=)
-VFPLAN_COMPARISON(>)
-VFPLAN_COMPARISON(>=)
-#undef VFPLAN_COMPARISON
-
-VFPLAN_INLINE Mask operator&(Mask a, Mask b) {
-    VFPLAN_EACH a.v[i] &= b.v[i];
-    return a;
-}
-VFPLAN_INLINE Mask operator|(Mask a, Mask b) {
-    VFPLAN_EACH a.v[i] |= b.v[i];
-    return a;
-}
-VFPLAN_INLINE Lanes operator-(Lanes a) {
-    VFPLAN_EACH a.v[i] = -a.v[i];
-    return a;
-}
-VFPLAN_INLINE Lanes& operator+=(Lanes& a, Lanes b) { return a = a + b; }
-VFPLAN_INLINE Lanes& operator-=(Lanes& a, Lanes b) { return a = a - b; }
-
-VFPLAN_INLINE Lanes all(double x) {
-    Lanes a;
-    VFPLAN_EACH a.v[i] = Native{} + x;
-    return a;
-}
-VFPLAN_INLINE Lanes load(const double* p) {
-    Lanes a;  // part by part: one copy of the whole would go through narrower registers
-    VFPLAN_EACH std::memcpy(&a.v[i], p + VFPLAN_LANES * i, sizeof(Native));
-    return a;
-}
-VFPLAN_INLINE Lanes choose(Mask m, Lanes a, Lanes b) {
-    VFPLAN_EACH a.v[i] = m.v[i] ? a.v[i] : b.v[i];
-    return a;
-}
-VFPLAN_INLINE Lanes smaller(Lanes a, Lanes b) { return choose(a < b, a, b); }
-VFPLAN_INLINE Lanes larger(Lanes a, Lanes b) { return choose(a > b, a, b); }
-
-VFPLAN_INLINE Lanes root(Lanes a) {
-#if VFPLAN_LANES == 8
-    a.v[0] = (Native)_mm512_maskz_sqrt_pd(0xff, (__m512d)a.v[0]);
-#elif VFPLAN_LANES == 4
-    VFPLAN_EACH a.v[i] = (Native)_mm256_sqrt_pd((__m256d)a.v[i]);
-#elif VFPLAN_X86
-    VFPLAN_EACH a.v[i] = (Native)_mm_sqrt_pd((__m128d)a.v[i]);
-#else
-    VFPLAN_EACH for (int j = 0; j < VFPLAN_LANES; ++j) a.v[i][j] = std::sqrt(a.v[i][j]);
-#endif
-    return a;
-}
-
-// 1/sqrt(a) to 2e-14: correctly rounded float32 operations, then one step of Newton's. Nothing here
-// depends on a processor's own approximation.
-VFPLAN_INLINE Lanes inverse_root(Lanes a) {
-    Lanes y;
-#if VFPLAN_LANES == 8
-    const __m256 f = _mm512_maskz_cvtpd_ps(0xff, (__m512d)a.v[0]);
-    y.v[0] = (Native)_mm512_maskz_cvtps_pd(0xff, _mm256_div_ps(_mm256_set1_ps(1), _mm256_sqrt_ps(f)));
-#elif VFPLAN_LANES == 4
-    const __m256 f = _mm256_set_m128(_mm256_cvtpd_ps((__m256d)a.v[1]),
-                                     _mm256_cvtpd_ps((__m256d)a.v[0]));
-    const __m256 g = _mm256_div_ps(_mm256_set1_ps(1), _mm256_sqrt_ps(f));
-    y.v[0] = (Native)_mm256_cvtps_pd(_mm256_castps256_ps128(g));
-    y.v[1] = (Native)_mm256_cvtps_pd(_mm256_extractf128_ps(g, 1));
-#elif VFPLAN_X86
-    for (int i = 0; i < parts; i += 2) {
-        const __m128 f = _mm_movelh_ps(_mm_cvtpd_ps((__m128d)a.v[i]),
-                                       _mm_cvtpd_ps((__m128d)a.v[i + 1]));
-        const __m128 g = _mm_div_ps(_mm_set1_ps(1), _mm_sqrt_ps(f));
-        y.v[i] = (Native)_mm_cvtps_pd(g);
-        y.v[i + 1] = (Native)_mm_cvtps_pd(_mm_movehl_ps(g, g));
-    }
-#else
-    VFPLAN_EACH for (int j = 0; j < VFPLAN_LANES; ++j) y.v[i][j] =
-        1.0f / std::sqrt(static_cast<float>(a.v[i][j]));
-#endif
-    return y * (1.5 - 0.5 * a * y * y);
-}
-
-VFPLAN_INLINE unsigned bits(Mask m) {
-    unsigned b = 0;
-#if VFPLAN_LANES == 8
-    b = _mm512_movepi64_mask((__m512i)m.v[0]);
-#elif VFPLAN_LANES == 4
-    VFPLAN_EACH b |= static_cast<unsigned>(_mm256_movemask_pd((__m256d)m.v[i])) << (4 * i);
-#elif VFPLAN_X86
-    VFPLAN_EACH b |= static_cast<unsigned>(_mm_movemask_pd((__m128d)m.v[i])) << (2 * i);
-#else
-    VFPLAN_EACH for (int j = 0; j < VFPLAN_LANES; ++j) b |=
-        static_cast<unsigned>(m.v[i][j] & 1) << (VFPLAN_LANES * i + j);
-#endif
-    return b;
-}
-
-VFPLAN_INLINE double sum(Lanes a) {
-    double v[8];
-    VFPLAN_EACH std::memcpy(v + VFPLAN_LANES * i, &a.v[i], sizeof(Native));
-    return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
-}
-
-VFPLAN_INLINE double least(Lanes a) {
-    double v[8];
-    VFPLAN_EACH std::memcpy(v + VFPLAN_LANES * i, &a.v[i], sizeof(Native));
-    double m = v[0];
-    for (int i = 1; i < 8; ++i) m = v[i] < m ? v[i] : m;
-    return m;
-}
+#include "vfplan/registers.inl"
 
 // Points i .. i+7 of a span relative to x; lanes without a point are far away.
 template <int D>
@@ -213,27 +63,38 @@ double nearest2(const Span<D>& in, const Vec<D>& x) {
     return least(m);
 }
 
+// Eqs. (1) and (2) in two passes over a strip: what waits for square roots and divisions, then what
+// multiplies. In one pass a processor cannot look far enough ahead to do both at once.
+//
+// phi / r of a point at distance r is 2 (5/4 w - q) q^4 (2/r) / w^5 with w = 2 (r3 - r1) and
+// q = 2 (r3 - r) between 0 and w. Twice r and 1/r come from one step of Newton's on 1/r.
 template <int D>
 void normal(const Span<D>& in, const Vec<D>& x, double r1, double r3, NormalSum<D>& to) {
-    const double scale = 1 / (r3 - r1);
-    const Lanes one = all(1.0), zero = all(0.0);
-    Lanes s[D] = {}, weights = zero, near = all(to.nearest2);
-    for (std::size_t i = 0; i < in.n; i += 8) {
-        Block<D> b;
-        b.read(in, i, x);
-        near = smaller(b.d2, near);
-        const Lanes inverse = inverse_root(b.d2);
-        Lanes t = (b.d2 * inverse - r1) * scale;
-        t = larger(t, zero);
-        t = smaller(t, one);
-        const Lanes q = 1.0 - t, q2 = q * q;
-        const Lanes phi = (1.0 + 4.0 * t) * (q2 * q2);
-        weights += phi;
-        const Lanes w = phi * inverse;
-        for (int k = 0; k < D; ++k) s[k] -= w * b.d[k];
+    constexpr std::size_t strip = 256;
+    alignas(64) double squares[strip];
+    alignas(64) float seeds[strip];
+    const double w = 2 * (r3 - r1), scale = 2 / (w * w * w * w * w);
+    const Lanes zero = all(0.0), most = all(w);
+    Lanes s[D] = {}, near = all(to.nearest2);
+    for (std::size_t begin = 0; begin < in.n; begin += strip) {
+        const std::size_t end = std::min(begin + strip, in.n);
+        for (std::size_t i = begin; i < end; i += 8) {
+            Block<D> b;
+            b.read(in, i, x);
+            near = smaller(b.d2, near);
+            store(b.d2, squares + (i - begin));
+            store_seeds(b.d2, seeds + (i - begin));
+        }
+        for (std::size_t i = begin; i < end; i += 8) {
+            const Lanes d2 = load(squares + (i - begin)), y = load_seeds(seeds + (i - begin));
+            const Lanes r = d2 * y, newton = 3.0 - r * y;
+            const Lanes q = smaller(larger(2 * r3 - r * newton, zero), most), q2 = q * q;
+            const Lanes f = (1.25 * w - q) * (y * newton) * (q2 * q2);
+            for (int k = 0; k < D; ++k) s[k] -= f * (load(in.c[k] + i) - x.c[k]);
+        }
     }
-    for (int k = 0; k < D; ++k) to.sum.c[k] += sum(s[k]);
-    to.weights += sum(weights);
+    for (int k = 0; k < D; ++k) to.sum.c[k] += scale * sum(s[k]);
+    to.count += in.n;
     to.nearest2 = least(near);
 }
 

@@ -29,21 +29,22 @@ class PaperRule {
           reach_(p.outer_radius + p.point_radius),
           neighbours_(cloud, reach_, 0.05 * reach_, reach_ / 4, kernels) {}
 
-    void reset() noexcept { neighbours_.forget(); }
+    void reset() noexcept {
+        neighbours_.forget();
+        known_ = false;
+    }
     Search<D>& neighbours() noexcept { return neighbours_; }
 
     /// Algorithm 1, one servo loop.
     Tick<D> operator()(Vec<D>& proxy, const Vec<D>& hip) noexcept {
         Tick<D> tick;
-        const NormalSum<D> near = look(proxy);
-        const double de = std::sqrt(near.nearest2);
+        const auto [normal, de] = look(proxy);
         const double rv = p_.point_radius, r1 = p_.r1();
         if (!(de < reach_)) {  // Algorithm 4, no neighbour: s = P_HIP - P_proxy
             proxy = hip;
             return tick;
         }
-        const double length = norm(near.sum);
-        if (length > cancelled * near.weights) tick.normal = (1 / length) * near.sum;
+        tick.normal = normal;
         const Vec<D> u = hip - proxy;
         if (de < r1 + rv) {
             tick.state = State::entrenched;
@@ -53,7 +54,7 @@ class PaperRule {
             proxy = proxy + contact_step(u, tick.normal);
         } else {
             tick.state = State::free_motion;
-            proxy = proxy + free_step(proxy, hip, u, tick.normal);
+            proxy = proxy + free_step(proxy, hip, u, tick.normal, de);
         }
         return tick;
     }
@@ -62,31 +63,52 @@ class PaperRule {
     static constexpr double cancelled = 1e-12;  // of the weights: a sum below it has no direction
     static constexpr double tiny2 = 1e-30;      // [m²]; below it float32 does not hold the square
 
-    /// Eqs. (1) and (2), and the nearest point.
-    NormalSum<D> look(const Vec<D>& proxy) noexcept {
+    /// What a tick asks of the cloud first: eqs. (1) and (2), and the nearest point.
+    struct Sight {
+        Vec<D> normal;
+        double nearest;
+    };
+
+    /// Where the proxy has not moved since the last tick, the answer stands.
+    const Sight& look(const Vec<D>& proxy) noexcept {
+        if (known_ && proxy == from_) return sight_;
         NormalSum<D> near;
         neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
             kernels_.normal(s, proxy, p_.r1(), p_.outer_radius, near);
         });
-        if (near.nearest2 < tiny2) look_closely(proxy, near);
-        return near;
+        sight_.nearest = std::sqrt(near.nearest2);
+        sight_.normal = sight_.nearest < reach_ ? direction(proxy, near) : Vec<D>{};
+        from_ = proxy;
+        known_ = true;
+        return sight_;
     }
-    /// The same where a point lies so near that its square would underflow: one by one.
-    void look_closely(const Vec<D>& proxy, NormalSum<D>& near) noexcept {
-        near.sum = {};
-        near.weights = 0;
+    /// Along the sum of eq. (1), or 0. No weight exceeds 1: a sum above its share of the number of
+    /// points is above that of the weights too. The upper bound turns away what overflowed.
+    Vec<D> direction(const Vec<D>& proxy, const NormalSum<D>& near) noexcept {
+        const double length = norm(near.sum), most = static_cast<double>(near.count);
+        if (near.nearest2 >= tiny2 && length > cancelled * most && length < 2 * most)
+            return (1 / length) * near.sum;
+        return look_closely(proxy);
+    }
+    /// The same as eq. (1) is written, one point after the other: where it cancels, or where a
+    /// point lies so near that its square would underflow.
+    Vec<D> look_closely(const Vec<D>& proxy) noexcept {
+        Vec<D> sum;
+        double weights = 0;
         neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
             for (std::size_t i = 0; i < s.n; ++i) {
                 Vec<D> away = proxy;
                 for (int k = 0; k < D; ++k) away.c[k] -= s.c[k][i];
                 const double r = norm(away);
-                if (!(r > 0)) continue;
-                const double t = std::clamp((r - p_.r1()) / (p_.outer_radius - p_.r1()), 0.0, 1.0);
+                if (!(r > 0 && r < p_.outer_radius)) continue;
+                const double t = std::max((r - p_.r1()) / (p_.outer_radius - p_.r1()), 0.0);
                 const double q = 1 - t, phi = (1 + 4 * t) * (q * q * q * q);
-                near.sum = near.sum + (phi / r) * away;
-                near.weights += phi;
+                sum = sum + (phi / r) * away;
+                weights += phi;
             }
         });
+        const double length = norm(sum);
+        return length > cancelled * weights ? (1 / length) * sum : Vec<D>{};
     }
 
     /// Eqs. (4), (5): along u_p, at most xi r1.
@@ -106,10 +128,11 @@ class PaperRule {
     }
 
     /// Algorithm 2.
-    Vec<D> free_step(const Vec<D>& proxy, const Vec<D>& hip, const Vec<D>& u,
-                     const Vec<D>& n) noexcept {
+    Vec<D> free_step(const Vec<D>& proxy, const Vec<D>& hip, const Vec<D>& u, const Vec<D>& n,
+                     double de) noexcept {
         const double length = norm(u), R = p_.R();
         if (length == 0) return {};
+        if (de > (R + length) * (1 + 1e-12)) return u;  // no sphere begins within the step
         const Vec<D> way = (1 / length) * u;
         double d = std::numeric_limits<double>::infinity();
         neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
@@ -148,6 +171,9 @@ class PaperRule {
     Kernels<D> kernels_;
     double reach_;
     Search<D> neighbours_;
+    Sight sight_;  // from from_, where known_
+    Vec<D> from_;
+    bool known_ = false;
 };
 
 }  // namespace vfplan
