@@ -212,6 +212,37 @@ void against_others(int rounds, long ticks) {
                 p_us, r_us);
 }
 
+/// What is left of a tick at rest, and what eq. (1) takes of one in contact, over points in a list.
+void parts(int rounds, long ticks) {
+    const auto xyz = scenes::sheet(201, 5e-4);
+    const std::vector<Vec3> still(static_cast<std::size_t>(ticks), Vec3{{1.3e-4, 2.1e-4, 3e-3}});
+    for (auto rule : {vfplan::Rule::paper, vfplan::Rule::robust}) {
+        auto e = engine(xyz, {}, rule);
+        e.reset({{0, 0, 0.02}});
+        std::vector<double> us;
+        for (int r = 0; r < rounds + 1; ++r)  // comes to rest in the first
+            us.push_back(microseconds(still, [&](const Vec3& h) { e.step(h); }));
+        us.erase(us.begin());
+        std::printf("  HIP held still, %-6s       %8.2f\n",
+                    rule == vfplan::Rule::paper ? "paper" : "robust", median(us));
+    }
+    const vfplan::Parameters p;
+    const Vec3 x{{1.3e-4, 2.1e-4, 5e-3}};
+    scenes::Points near;
+    for (std::size_t i = 0; i < xyz.size(); i += 3)
+        if (norm(Vec3{{xyz[i], xyz[i + 1], xyz[i + 2]}} - x) <= 1.05 * p.outer_radius)
+            scenes::add(near, xyz[i], xyz[i + 1], xyz[i + 2]);
+    const auto list = vfplan::make_cloud(vfplan::Space{}, near.data(), near.size() / 3);
+    const auto loops = vfplan::kernels<3>();
+    std::vector<double> us;
+    for (int r = 0; r < rounds; ++r)
+        us.push_back(microseconds(still, [&](const Vec3&) {
+            vfplan::NormalSum<3> sum;
+            loops.normal(list.span(0, list.size()), x, p.r1(), p.outer_radius, sum);
+        }));
+    std::printf("  eq. (1) alone, %4zu points   %8.2f\n", list.size(), median(us));
+}
+
 void tail(long ticks) {
     const auto xyz = scenes::sheet(201, 5e-4);
     const auto path = pressing(ticks);
@@ -321,6 +352,7 @@ int main(int argc, char** argv) {
     const int rounds = brief ? 1 : 7;
     const long ticks = brief ? 400 : 4000;
     against_others(rounds, ticks);
+    parts(rounds, ticks);
     tail(brief ? 1000 : 100000);
     growth(brief, rounds, ticks);
     left_out(rounds, ticks);
