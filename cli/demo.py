@@ -10,6 +10,8 @@ import click
 from vfplan.cli.options import FILE
 from vfplan.cli.run import Report, command, outputs, refuse_existing
 
+from vfplan.errors import OutputError
+
 # Left behind in the folder, in the order of the story.
 FILES = ("mask.png", "overlay.png", "fixture.h5", "result.h5", "force.png", "scene.png")
 
@@ -33,7 +35,11 @@ def command(output: Path, overwrite: bool) -> Report:
     """
     targets = [output / name for name in FILES]
     made_folder = not output.exists()
-    output.mkdir(parents=True, exist_ok=True)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise OutputError(f"{reason}; a folder is wanted", where=str(output)) from None
     try:
         refuse_existing(*targets, overwrite=overwrite)
         with outputs(*targets) as temporary, as_file(files("vfplan.samples")) as sample:

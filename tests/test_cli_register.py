@@ -293,14 +293,39 @@ def test_slicer_markers_in_space(vfplan_cli, tmp_path):
     assert not (tmp_path / "g.h5").exists()
 
 
-def test_markers_in_centimetres_taken_for_metres_are_doubted(vfplan_cli, curve, tmp_path):
-    """An affine registration fits any scale; the fixture's size tells."""
+def test_markers_in_centimetres_taken_for_metres_are_refused(vfplan_cli, curve, tmp_path):
     head, lines = rows(ROBOT)
     scaled = [[line[0], *(100 * float(x) for x in line[1:])] for line in lines]
     bad = write(tmp_path / "bad.csv", head, scaled)
-    out = tmp_path / "f.h5"
-    words = ["--density", "0.1", "--contact-radius", "500"]
-    run = vfplan_cli("register", curve, PIXELS, bad, "-o", out, *words)
+    run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "f.h5")
+    assert run.code == 3
+    assert "m (rms) from their centre" in run.error_line
+    assert not (tmp_path / "f.h5").exists()
+
+
+def test_a_fixture_larger_than_a_patient_is_doubted(vfplan_cli, tmp_path):
+    """An affine registration fits any scale; without a known spacing the size alone tells."""
+    head, lines = rows(ROBOT)
+    scaled = [[line[0], *(20 * float(x) for x in line[1:])] for line in lines]
+    bad = write(tmp_path / "bad.csv", head, scaled)
+    drawn, out = tmp_path / "c.h5", tmp_path / "f.h5"
+    assert vfplan_cli("extract", IMAGE, "-o", drawn).code == 0
+    words = ["--density", "0.5", "--contact-radius", "100"]
+    run = vfplan_cli("register", drawn, PIXELS, bad, "-o", out, *words)
     assert run.code == 0, run.stderr
     assert "is a unit wrong?" in run.stderr
     assert "is a unit wrong?" in vfplan_cli("validate", out).stdout
+
+
+def test_a_fixture_is_made_in_the_robots_frame_only(vfplan_cli, curve, tmp_path):
+    """Slicer's positions of the slice's markers lead into the patient's frame: no fixture's."""
+    from test_markers import mrk
+
+    points = [(label, [1e3 * float(x) for x in xyz], "defined") for label, *xyz in rows(ROBOT)[1]]
+    slicer = tmp_path / "m.mrk.json"
+    slicer.write_text(mrk(points))
+    run = vfplan_cli("register", curve, PIXELS, slicer, "-o", tmp_path / "f.h5")
+    assert run.code == 3
+    assert "made in the robot's frame" in run.error_line
+    assert "m.mrk.json" in run.error_line
+    assert not (tmp_path / "f.h5").exists()

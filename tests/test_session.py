@@ -325,6 +325,13 @@ def test_a_result_that_no_replay_gives_is_refused(tmp_path, fault):
         read_result(path)
 
 
+def test_what_is_no_result_is_said(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        read_result(tmp_path / "none.h5")
+    with pytest.raises(InputError, match="is a directory"):
+        read_result(tmp_path)
+
+
 def test_a_result_names_its_fixture_or_is_refused():
     require_fixture({"fixture": '{"sha256": "ab"}'}, "ab", "r.h5")
     require_fixture({}, "ab", "r.h5")

@@ -80,9 +80,7 @@ def register(
     if settings.max_tre_m is not None:
         check_max_tre(error, settings.max_tre_m)
     guarded, making, margin = add_margin(curve, registration, settings)
-    fixture, carried = build_fixture(
-        guarded, registration, making, _hashes(markers, markers2), frame=matched.pairs.target_frame
-    )
+    fixture, carried = build_fixture(guarded, registration, making, _hashes(markers, markers2))
     fixture = _note_left_out(fixture, registration)
     report = describe_registration(registration, curve.points, diagnosis=diagnosis, error=error)
     report |= describe_fixture(fixture, carried, guarded, making)

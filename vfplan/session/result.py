@@ -242,12 +242,16 @@ def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
 @contextmanager
 def _opened(path: str | Path) -> Iterator[h5py.File]:
     where = Path(path).name
+    if not Path(path).is_file():
+        fault = "is a directory or a device" if Path(path).exists() else "there is no such file"
+        raise InputError(f"{fault}; a result of `vfplan replay -o` wanted", where=where)
     try:
         file = h5py.File(path, "r")
     except OSError as error:
         raise InputError(f"cannot be read as HDF5: {error}", where=where) from None
     with file:
         found = file.attrs.get("format")
+        found = found.decode("utf-8", "replace") if isinstance(found, bytes) else found
         if found != RESULT_FORMAT:
             raise InputError(f"format is {found!r}; {RESULT_FORMAT!r} wanted", where=where)
         version = str(file.attrs.get("version"))
