@@ -168,3 +168,12 @@ def test_units_may_not_contradict_the_header(units, code, vfplan_cli, tmp_path):
     (tmp_path / "a.csv").write_text("x_mm,y_mm,z_mm\n0,0,0\n1,0,0\n")
     run = vfplan_cli("import", tmp_path / "a.csv", "--units", units, "-o", tmp_path / "a.h5")
     assert (run.code, (tmp_path / "a.h5").exists()) == (code, code == 0)
+
+
+def test_pixels_are_no_metres(vfplan_cli, tmp_path):
+    """An exported curve of the image frame says its unit."""
+    vfplan.write_fixture(bundles.pixels(), tmp_path / "p.h5")
+    assert vfplan_cli("export", tmp_path / "p.h5", "-o", tmp_path / "p.csv").code == 0
+    run = vfplan_cli("import", tmp_path / "p.csv", "--units", "mm", "-o", tmp_path / "a.h5")
+    assert (run.code, (tmp_path / "a.h5").exists()) == (3, False)
+    assert "x_px" in run.error_line

@@ -204,6 +204,6 @@ def _columns(names: list[str], units: str) -> tuple[int, ...]:
     if not {"x", "y", "z"} <= set(bare):
         raise ValueError(f"the header names {', '.join(names)}; x, y and z wanted")
     said = {name[2:] for name in names if name[:2] in ("x_", "y_", "z_")}
-    if said & METRES.keys() - {units}:
+    if said & (METRES.keys() | {"px"}) - {units}:
         raise ValueError(f"the header names {', '.join(names)}; {units} was given as their unit")
     return tuple(bare.index(axis) for axis in "xyz")
