@@ -65,6 +65,11 @@ class Case:
             return self._origin.followable
         return self.scene.sensitivity(self.hips, self.truth, R) <= MOST_SENSITIVE
 
+    @cached_property
+    def room(self) -> Array:
+        """(T,) how much further than R the exact proxy is from the geometry [m]."""
+        return self._origin.room if self._origin else self.scene.clearance(self.truth) - R
+
     def with_scene(self, scene: Scene) -> Case:
         """The same path and truth on another cloud of the same geometry."""
         return Case(self.name, scene, self.hips, self._origin or self)

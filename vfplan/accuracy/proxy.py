@@ -252,7 +252,9 @@ def _followed(case: Case, off: Array) -> dict[str, Any]:
 
 
 def _surface(case: Case, proxy: Array) -> dict[str, Any]:
-    off = case.scene.clearance(proxy) - R
+    off = case.room.copy()
+    moved = (proxy != case.truth).any(axis=1)  # elsewhere, as in free motion, the room is known
+    off[moved] = case.scene.clearance(proxy[moved]) - R
     depth = np.linalg.norm(case.truth - case.hips, axis=1)
 
     def worst(mask: Any) -> float:
