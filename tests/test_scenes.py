@@ -297,6 +297,15 @@ def test_sensitivity_is_the_slope_of_the_truth(name, route):
     assert compared > 8
 
 
+@pytest.mark.parametrize("name", ["circle", "wedge", "channel", "omega", "teapot"])
+def test_clearance_of_a_drawing_is_that_of_its_pieces(name):
+    scene = make(name)
+    x = np.random.default_rng(3).uniform(-0.15, 0.15, (300, 3))
+    x[:100] = scene.points[:100] + np.random.default_rng(4).normal(0, 1e-4, (100, 3))
+    one_by_one = [god_object.look(scene.pieces, row * [1, 1, 0]).distance.min() for row in x]
+    assert scene.clearance(x) == pytest.approx(one_by_one, abs=1e-14)
+
+
 @pytest.mark.parametrize("kind", ["segments", "walls", "rectangles", "spheres", "arcs"])
 def test_gradients_and_hessians_are_those_of_the_distance(kind):
     rng = np.random.default_rng(2)

@@ -159,6 +159,10 @@ class Drawn(Scene):
         """The exact outline."""
         return outline.pieces(self.runs)
 
+    def clearance(self, x: Vector) -> Vector:
+        """See `Scene.clearance`; all positions at once."""
+        return outline.distance(self.runs, x[:, :2])
+
     @property
     def ignore_axis(self) -> str | None:
         """ "z" when the cloud is flat."""

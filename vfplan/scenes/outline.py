@@ -41,6 +41,18 @@ class Link:
         angle = self.start + share * self.sweep
         return self.centre + self.radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
+    def distance(self, x: Vector) -> Vector:
+        """(T,) distance of the positions x (T, 2) [m]."""
+        if not self.sweep:
+            along = self.b - self.a
+            t = np.clip((x - self.a) @ along / (along @ along), 0, 1)
+            return np.hypot(*(x - self.a - t[:, None] * along).T)
+        away = x - self.centre
+        turned = (np.arctan2(away[:, 1], away[:, 0]) - self.start) * np.sign(self.sweep)
+        beside = turned % (2 * np.pi) <= abs(self.sweep)
+        ends = np.minimum(np.hypot(*(x - self.a).T), np.hypot(*(x - self.b).T))
+        return np.where(beside, np.abs(np.hypot(*away.T) - self.radius), ends)
+
 
 @dataclass(frozen=True, eq=False)
 class Run:
@@ -64,6 +76,12 @@ class Run:
         for i, link in enumerate(self.links):
             points[which == i] = link.at(np.clip(s[which == i] - edges[i], 0, link.length))
         return points
+
+
+def distance(runs: tuple[Run, ...], x: Vector) -> Vector:
+    """(T,) distance of the positions x (T, 2) from all runs [m]."""
+    links = [link for run in runs for link in run.links]
+    return np.min([link.distance(x) for link in links], axis=0)
 
 
 def sample(runs: tuple[Run, ...], spacing: float) -> Vector:
