@@ -27,8 +27,13 @@ def polyline(points, closed=False, step=0.05):
 
 
 def coverage(shape, points, width, closed=False, cap="round"):
-    """(H, W) float64 share of each pixel that a pen of `width` px covers."""
+    """(H, W) float64 share of each pixel that a pen of `width` px covers.
+
+    An open line ends in a half disc ("round"), at its end ("butt") or half a width on ("square").
+    """
     dense = polyline(points, closed)
+    if cap == "square" and not closed:
+        dense = polyline(_prolonged(dense, width / 2))
     near = np.zeros(shape, np.uint8)
     at = np.rint(dense).astype(int)
     inside = (at >= 0).all(1) & (at < [shape[1], shape[0]]).all(1)
@@ -41,7 +46,7 @@ def coverage(shape, points, width, closed=False, cap="round"):
     v = (rows[:, None] + dv).ravel()
     distance, index = cKDTree(dense).query(np.column_stack([u, v]), workers=1)
     covered = distance <= width / 2
-    if cap == "butt" and not closed:
+    if cap != "round" and not closed:
         for end, inner, where in ((0, 8, index == 0), (-1, -9, index == len(dense) - 1)):
             out = dense[end] - dense[inner]
             beyond = (u - dense[end, 0]) * out[0] + (v - dense[end, 1]) * out[1] > 0
@@ -50,6 +55,12 @@ def coverage(shape, points, width, closed=False, cap="round"):
     result = np.zeros(shape)
     result[rows, cols] = share
     return result
+
+
+def _prolonged(dense, by):
+    head, tail = dense[0] - dense[8], dense[-1] - dense[-9]
+    head, tail = head / np.hypot(*head), tail / np.hypot(*tail)
+    return np.vstack([dense[0] + by * head, dense, dense[-1] + by * tail])
 
 
 def blend(background, share, colour, opacity=1.0, gamma=1.0):

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.centreline.ridge import Centreline, drawn_length, trace
+from vfplan.centreline.path import drawn_length
+from vfplan.centreline.ridge import Centreline, trace
 from vfplan.errors import CurveError, SettingError
 from vfplan.extraction.candidates import Candidate, candidates_of
 from vfplan.extraction.kinds import MIN_LENGTH_PX, tell_apart

@@ -26,6 +26,10 @@ class Profiles:
 
     Parameters
     ----------
+    x
+        (K,) places across the path [px].
+    alpha, seen
+        (M, K) coverage there, and bool, where nothing foreign hid it.
     offset
         (M,) of the line from the path along the normal [px]; 0 where not valid.
     mass
@@ -38,6 +42,9 @@ class Profiles:
         Whether these are two lines side by side.
     """
 
+    x: NDArray[np.float64]
+    alpha: NDArray[np.float64]
+    seen: NDArray[np.bool_]
     offset: NDArray[np.float64]
     mass: NDArray[np.float64]
     valid: NDArray[np.bool_]
@@ -65,7 +72,8 @@ def read_profiles(rgb: NDArray, base: NDArray, normal: NDArray, pen: Pen, width:
     outer = np.r_[0:3, -3:0]
     bare = ~foreign[:, outer].any(1) & (np.abs(alpha[:, outer]) < RISE).all(1)
     shading = np.where(bare, shading, 0.0)  # another mark's darkness is no background
-    return Profiles(np.where(valid, offset, 0.0), mass, valid, shading, is_double(mean))
+    offset = np.where(valid, offset, 0.0)
+    return Profiles(x, alpha, ~foreign, offset, mass, valid, shading, is_double(mean))
 
 
 def _beyond_valley(alpha: NDArray, x: NDArray, width: float) -> NDArray[np.bool_]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.centreline.ends import line_ends
+from vfplan.centreline.path import arc_length, evenly, extended, normals, without_tips
 from vfplan.centreline.profile import Profiles, read_profiles, shading_shift
 from vfplan.centreline.spline import curvature_of, fit_spline, place_knots
 from vfplan.centreline.uncertainty import bridged_sigma, measured_sigma
@@ -26,6 +27,9 @@ from vfplan.extraction.pen import Pen
 FIRST_KNOTS_PX = 6.0
 FINE_KNOTS_PX = 7.0  # noise free: every wiggle is the hand's
 COARSE_KNOTS_PX = 14.0  # JPEG's noise hangs together over half a block of 16 px
+BROAD_PX = 5.0  # a pen this wide hides its ends so well that they are approached twice
+TIP, THIN_PX = 0.4, 2.5  # of the width beyond a thin line's: an end whose profile lacks a side
+LEAST = 8  # profiles from which a line can be measured
 CORRELATED = 0.2  # residuals of neighbours this alike are JPEG's, not the pixel grid's
 
 
@@ -77,24 +81,35 @@ def trace(
 
     smooth = gaussian_filter1d(path, 2.0, axis=0, mode="wrap" if closed else "nearest")
     gap = _gap_finder(smooth, bridged)
-    base = smooth
-    # Far enough to see the line end, and no further: what lies beyond may be red as well.
-    beyond = width / 2 + 2
-    for knots in (FIRST_KNOTS_PX, None):
-        base, pitch = evenly(base if closed else _extended(base, beyond), closed)
+    base, lost = (smooth, 0.0) if closed else without_tips(smooth, width)
+    again = width > BROAD_PX and not closed
+    for knots in [FIRST_KNOTS_PX] * (1 + again) + [None]:
+        # Far enough to see the line end, and no further: what lies beyond may be red as well.
+        beyond = lost + width / 2 + 2
+        base, pitch = evenly(base if closed else extended(base, beyond, width), closed)
         profiles = read_profiles(rgb, base, normals(base, closed), pen, width)
         valid = profiles.valid & ~gap(base)
         if profiles.double:
             _refuse_double(base[len(base) // 2], width)
-        if valid.sum() < 8:  # nothing to measure: leave the line where thinning put it
+        if valid.sum() < LEAST:  # nothing to measure: leave the line where thinning put it
             return _unmeasured(smooth, bridged, closed, width)
         s = np.arange(len(base)) * pitch
-        ends = None if closed else line_ends(profiles.mass, valid, width)
-        fitted = _fit(s, base, profiles, valid, closed, knots)
-        stop = s[-1] + pitch if closed else ends[1] * pitch
-        start = 0.0 if closed else ends[0] * pitch
-        base = fitted.spline(np.arange(start, stop, pitch))
+        start, stop, used = 0.0, s[-1] + pitch, valid
+        if not closed:
+            ends = line_ends(profiles, valid, width)
+            start, stop = pitch * np.array(ends.line)
+            lost = TIP * max(width - THIN_PX, 0.0)
+            used = _between(valid, s, pitch * ends.ink[0] + lost, pitch * ends.ink[1] - lost)
+        fitted = _fit(s, base, profiles, used, closed, knots)
+        inner = (0.0, stop) if closed else s[used][[0, -1]]
+        base = fitted.spline(np.arange(*inner, pitch))
     return _result(fitted, s, valid, closed, start, stop, rgb.shape)
+
+
+def _between(valid: NDArray, s: NDArray, start: float, stop: float) -> NDArray[np.bool_]:
+    """What was seen between `start` and `stop` of arc; all of it when that is next to nothing."""
+    inner = valid & (s >= start) & (s <= stop)
+    return inner if inner.sum() >= LEAST else valid
 
 
 def _refuse_double(place: NDArray, width: float) -> NoReturn:
@@ -149,51 +164,6 @@ def _correlation(residual: NDArray, valid: NDArray) -> float:
     """Between the residuals of neighbours, -1..1."""
     r = residual[valid]
     return float((r[1:] * r[:-1]).mean() / max((r**2).mean(), 1e-12))
-
-
-def normals(points: NDArray, closed: bool) -> NDArray:
-    """(M, 2) unit normals of a path."""
-    if closed:
-        tangent = np.roll(points, -1, 0) - np.roll(points, 1, 0)
-    else:
-        tangent = np.gradient(points, axis=0)
-    tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-12)[:, None]
-    return np.column_stack([-tangent[:, 1], tangent[:, 0]])
-
-
-def arc_length(points: NDArray, closed: bool) -> NDArray:
-    """(M,) or, closed, (M + 1,) arc length at the points [px]."""
-    ring = np.vstack([points, points[:1]]) if closed else points
-    return np.r_[0.0, np.cumsum(np.hypot(*np.diff(ring, axis=0).T))]
-
-
-def drawn_length(path: NDArray, closed: bool) -> float:
-    """Length of a line along its pixels, the staircase smoothed away [px]."""
-    from scipy.ndimage import gaussian_filter1d
-
-    smooth = gaussian_filter1d(path, 3.0, axis=0, mode="wrap" if closed else "nearest")
-    cut = 0.0 if closed else float(np.hypot(*(smooth - path)[[0, -1]].T).sum())
-    return float(arc_length(smooth, closed)[-1]) + cut
-
-
-def evenly(points: NDArray, closed: bool) -> tuple[NDArray, float]:
-    """About one point a pixel, at equal steps of arc; and the step."""
-    arc = arc_length(points, closed)
-    ring = np.vstack([points, points[:1]]) if closed else points
-    count = max(4, round(arc[-1]))
-    at = np.linspace(0, arc[-1], count + 1)
-    even = np.column_stack([np.interp(at, arc, ring[:, k]) for k in (0, 1)])
-    return (even[:-1] if closed else even), arc[-1] / count
-
-
-def _extended(points: NDArray, by: float) -> NDArray:
-    """The line carried straight on at both ends, so that its true ends can be looked for."""
-    steps = np.arange(1, int(np.ceil(by)) + 1)[:, None]
-    reach = min(6, len(points) - 1)
-    head = points[0] - points[reach]
-    tail = points[-1] - points[-1 - reach]
-    head, tail = head / np.hypot(*head), tail / np.hypot(*tail)
-    return np.vstack([points[0] + steps[::-1] * head, points, points[-1] + steps * tail])
 
 
 def _gap_finder(path: NDArray, bridged: NDArray):

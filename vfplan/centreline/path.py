@@ -1,0 +1,69 @@
+"""The geometry of a path: its normals, its length, even steps, what lies beyond its ends."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+# So much of a thinned line's end, in widths beyond a thin line's, may turn to a corner of the pen.
+CROOKED, THIN_PX = 1.25, 2.5
+STRETCH_PX = 9.0  # of line, or a width, from which the bend at an end is taken
+
+
+def normals(points: NDArray, closed: bool) -> NDArray:
+    """(M, 2) unit normals of a path."""
+    if closed:
+        tangent = np.roll(points, -1, 0) - np.roll(points, 1, 0)
+    else:
+        tangent = np.gradient(points, axis=0)
+    tangent /= np.maximum(np.hypot(tangent[:, 0], tangent[:, 1]), 1e-12)[:, None]
+    return np.column_stack([-tangent[:, 1], tangent[:, 0]])
+
+
+def arc_length(points: NDArray, closed: bool) -> NDArray:
+    """(M,) or, closed, (M + 1,) arc length at the points [px]."""
+    ring = np.vstack([points, points[:1]]) if closed else points
+    return np.r_[0.0, np.cumsum(np.hypot(*np.diff(ring, axis=0).T))]
+
+
+def drawn_length(path: NDArray, closed: bool) -> float:
+    """Length of a line along its pixels, the staircase smoothed away [px]."""
+    from scipy.ndimage import gaussian_filter1d
+
+    smooth = gaussian_filter1d(path, 3.0, axis=0, mode="wrap" if closed else "nearest")
+    cut = 0.0 if closed else float(np.hypot(*(smooth - path)[[0, -1]].T).sum())
+    return float(arc_length(smooth, closed)[-1]) + cut
+
+
+def evenly(points: NDArray, closed: bool) -> tuple[NDArray, float]:
+    """About one point a pixel, at equal steps of arc; and the step."""
+    arc = arc_length(points, closed)
+    ring = np.vstack([points, points[:1]]) if closed else points
+    count = max(4, round(arc[-1]))
+    at = np.linspace(0, arc[-1], count + 1)
+    even = np.column_stack([np.interp(at, arc, ring[:, k]) for k in (0, 1)])
+    return (even[:-1] if closed else even), arc[-1] / count
+
+
+def without_tips(path: NDArray, width: float) -> tuple[NDArray, float]:
+    """The path without what thinning bends at its ends, and the length cut off on either side."""
+    cut = max(0, min(int(CROOKED * (width - THIN_PX)), (len(path) - 20) // 2))
+    kept = path[cut : len(path) - cut]
+    return kept, float(arc_length(path[: cut + 1], False)[-1])
+
+
+def extended(points: NDArray, by: float, width: float) -> NDArray:
+    """The line carried on by `by` px at both ends as it bends there."""
+    return np.vstack([_onward(points[::-1], by, width)[::-1], points, _onward(points, by, width)])
+
+
+def _onward(points: NDArray, by: float, width: float) -> NDArray:
+    """(M, 2) steps of 1 px beyond the last point, along the arc of the line's last stretch."""
+    stretch = max(STRETCH_PX, width)
+    reach = min(int(stretch), (len(points) - 1) // 2)
+    near, far = points[-1] - points[-1 - reach], points[-1 - reach] - points[-1 - 2 * reach]
+    turn = np.arctan2(far[0] * near[1] - far[1] * near[0], far @ near) / np.hypot(*near)
+    steps = np.arange(1, int(np.ceil(by)) + 1)
+    bend = np.hypot(*near) / 2 + stretch * (1 - np.exp((0.5 - steps) / stretch))
+    heading = np.arctan2(near[1], near[0]) + turn * bend
+    return points[-1] + np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
