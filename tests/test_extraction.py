@@ -265,6 +265,45 @@ def test_nothing_red_and_only_text():
         vfplan.extract_curve(image)
 
 
+def noises(rng):
+    """Pictures in which nobody drew: coloured noise of several kinds."""
+    grey = np.repeat(rng.integers(60, 200, (*SHAPE, 1)), 3, axis=2)
+    hit, red = rng.random((*SHAPE, 3)), rng.random(SHAPE) < 0.02
+    yield rng.integers(0, 256, (*SHAPE, 3))
+    yield 128 + 30 * rng.standard_normal((*SHAPE, 3))
+    yield 128 + 60 * rng.standard_normal((*SHAPE, 3))
+    yield np.where(hit < 0.05, 0, np.where(hit > 0.95, 255, grey))
+    yield np.where(red[..., None], RED, grey)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_noise_is_no_curve(seed):
+    for picture in map(to_uint8, noises(np.random.default_rng(seed))):
+        for image in (picture, jpeg(picture, 75)):
+            with pytest.raises(CurveError, match="no planned curve"):
+                vfplan.extract_curve(image, stroke="longest")
+
+
+def test_a_picture_full_of_marks_is_refused_at_once():
+    image = to_uint8(flat((900, 900)))
+    image[::12, :, :] = image[:, ::12, :] = 200
+    for v in range(4, 890, 12):
+        for u in range(4, 890, 12):
+            image[v : v + 3, u : u + 3] = RED
+    with pytest.raises(CurveError, match="marks in red"):
+        vfplan.extract_curve(image)
+
+
+def test_a_curve_over_coloured_noise_is_found():
+    picture, curve = anatomy(SHAPE, 3), slice_with_curve(False)[1]
+    picture = blend(picture, coverage(SHAPE, curve, 3), RED)
+    image = to_uint8(picture + 12 * np.random.default_rng(5).standard_normal((*SHAPE, 3)))
+    (stroke,) = vfplan.extract_curve(image).strokes
+    error = compare(stroke, curve)
+    assert error.rms < 0.1
+    assert error.uncovered < 2
+
+
 def test_a_line_that_leaves_the_image_ends_at_its_border():
     image = pen([[-20, 100], [250, 190]])
     (stroke,) = vfplan.extract_curve(image).strokes

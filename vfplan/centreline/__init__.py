@@ -1,6 +1,7 @@
 """A planned slice -> the surgeon's curve in ordered, sub-pixel points, or a refusal that says why.
 
 curve    the steps from image to `Extraction`
+choice   which candidate it is, or why none
 ridge    the measurement: a pixel path -> the line's centre and its uncertainty
 """
 

@@ -9,11 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.centreline.choice import choose, refuse_crowd, refuse_grey, refuse_noise
 from vfplan.centreline.path import drawn_length
 from vfplan.centreline.ridge import Centreline, trace
 from vfplan.errors import CurveError, SettingError
 from vfplan.extraction.candidates import Candidate, candidates_of
-from vfplan.extraction.kinds import MIN_LENGTH_PX, tell_apart
+from vfplan.extraction.kinds import tell_apart
 from vfplan.extraction.marks import Mark, find_marks
 from vfplan.extraction.pen import Pen
 from vfplan.image import PlannedImage, as_image
@@ -121,9 +122,11 @@ def extract_curve(
     rgb, origin = _region(planned.rgb, roi)
     marks, mask = find_marks(rgb, Pen.of_colour(colour))
     if not marks:
-        _refuse_grey(rgb)
+        refuse_grey(rgb)
+    refuse_noise(marks, colour)
     candidates, others = tell_apart(candidates_of(marks, max_gap_px), mask)
-    chosen = _choose(candidates, stroke, colour, origin, _set_aside(marks, others, [], origin))
+    refuse_crowd(candidates, others, marks, colour)
+    chosen = choose(candidates, stroke, colour, origin, _set_aside(marks, others, [], origin))
     strokes = tuple(_measure(rgb, c, method, mask, origin) for c in chosen)
     aside = _set_aside(marks, [*candidates, *others], chosen, origin)
     return Extraction(_whole(mask, origin, planned.rgb.shape), strokes, method, aside)
@@ -184,73 +187,6 @@ def _whole(mask: NDArray, origin: tuple[int, int], shape: tuple) -> NDArray:
     u, v = origin
     whole[v : v + mask.shape[0], u : u + mask.shape[1]] = mask
     return whole
-
-
-def _choose(
-    candidates: list[Candidate],
-    stroke: int | str | None,
-    colour: str,
-    origin: tuple[int, int],
-    aside: tuple[dict, ...],
-) -> list[Candidate]:
-    if not candidates:
-        raise CurveError(f"no planned curve: {_inventory(aside, colour)}")
-    if stroke is None and len(candidates) > 1:
-        listed = "; ".join(f"{i}: {describe(c, origin)}" for i, c in enumerate(candidates, 1))
-        raise CurveError(
-            f"{len(candidates)} candidates and none was chosen (--stroke all, longest or a "
-            f"number; --roi; --colour): {listed}"
-        )
-    if isinstance(stroke, int) and stroke > len(candidates):
-        raise CurveError(f"no candidate number {stroke}: there are {len(candidates)}")
-    chosen = {"all": candidates, "longest": candidates[:1], None: candidates[:1]}.get(stroke)
-    if chosen is None:
-        chosen = [candidates[int(stroke) - 1]]
-    for candidate in chosen:
-        _refuse_junctions(candidate, origin)
-    return chosen
-
-
-def _refuse_grey(rgb: NDArray) -> None:
-    if np.array_equal(rgb[..., 0], rgb[..., 1]) and np.array_equal(rgb[..., 0], rgb[..., 2]):
-        raise CurveError(
-            "no planned curve: the image is grey, so no pen can be told from it; a curve drawn as "
-            "vectors can be given beside it (--curve)"
-        )
-
-
-def _inventory(aside: tuple[dict, ...], colour: str) -> str:
-    """What there is in the pen's colour, when none of it is a line."""
-    if not aside:
-        return f"nothing in {colour} is a line of {MIN_LENGTH_PX:.0f} px or more"
-    shown = [f"{a['kind']} at ({a['box'][0]}, {a['box'][1]})" for a in aside[:6]]
-    more = f" and {len(aside) - 6} more" if len(aside) > 6 else ""
-    return f"all that is {colour} was set aside: {', '.join(shown)}{more}"
-
-
-def _refuse_junctions(candidate: Candidate, origin: tuple[int, int]) -> None:
-    if candidate.junctions:
-        u, v = np.mean(candidate.junctions, axis=0) + origin
-        places = ", ".join(
-            f"({a + origin[0]}, {b + origin[1]})" for a, b in candidate.junctions[:8]
-        )
-        raise CurveError(
-            f"the line forks, touches or crosses itself at {places}: which way it runs would be "
-            "a guess",
-            where=f"pixel ({u:.0f}, {v:.0f})",
-        )
-
-
-def describe(candidate: Candidate, origin: tuple[int, int] = (0, 0)) -> str:
-    """One candidate in words: shape, length, width, where from and where to."""
-    size = f"{candidate.length_px:.0f} px long, {candidate.width_px:.1f} px wide"
-    if candidate.junctions:
-        u, v = candidate.junctions[0]
-        return f"forked, {size}, junction at ({u + origin[0]}, {v + origin[1]})"
-    (a, b), (c, d) = candidate.path[[0, -1]] + origin
-    if candidate.closed:
-        return f"closed, {size}, through ({a:.0f}, {b:.0f})"
-    return f"open, {size}, ({a:.0f}, {b:.0f}) to ({c:.0f}, {d:.0f})"
 
 
 def _measure(

@@ -145,19 +145,31 @@ def _direction(run: NDArray) -> NDArray:
 
 def _joins(ends: list[_End], paths: list[NDArray], max_gap: float) -> list[tuple[_End, _End]]:
     costs: dict[tuple[int, int], float] = {}
-    for i, a in enumerate(ends):
-        for j in range(i + 1, len(ends)):
-            cost = _cost(a, ends[j], paths, max_gap)
-            if cost is not None:
-                costs[i, j] = cost
+    rivals: dict[int, list[tuple[float, tuple[int, int]]]] = {}
+    for pair in _near(ends, max_gap):
+        cost = _cost(ends[pair[0]], ends[pair[1]], paths, max_gap)
+        if cost is not None:
+            costs[pair] = cost
+            for end in pair:
+                rivals.setdefault(end, []).append((cost, pair))
     joined, used = [], set()
-    for (i, j), cost in sorted(costs.items(), key=lambda item: (item[1], item[0])):
-        rivals = [c for pair, c in costs.items() if pair != (i, j) and set(pair) & {i, j}]
-        if i in used or j in used or any(c < 1.5 * cost for c in rivals):
+    for pair, cost in sorted(costs.items(), key=lambda item: (item[1], item[0])):
+        others = [c for end in pair for c, other in rivals[end] if other != pair]
+        if used & set(pair) or any(c < 1.5 * cost for c in others):
             continue
-        used |= {i, j}
-        joined.append((ends[i], ends[j]))
+        used |= set(pair)
+        joined.append((ends[pair[0]], ends[pair[1]]))
     return joined
+
+
+def _near(ends: list[_End], max_gap: float) -> list[tuple[int, int]]:
+    """Pairs of ends that may lie within `max_gap` of each other, in order."""
+    if len(ends) < 2:
+        return []
+    from scipy.spatial import cKDTree
+
+    reach = max_gap + max(e.mark.width_px for e in ends)
+    return sorted(cKDTree([e.at for e in ends]).query_pairs(reach))
 
 
 def _cost(a: _End, b: _End, paths: list[NDArray], max_gap: float) -> float | None:

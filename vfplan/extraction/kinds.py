@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.extraction.candidates import Candidate
+from vfplan.extraction.marks import Mark
 
 MIN_LENGTH_PX = 20.0
 DOMINANT = 4.0
@@ -20,6 +21,7 @@ GLYPH_PX = 100  # height of a letter at most
 SYMBOL_PX = 64  # size of a marker's sign at most
 RULED = 0.8  # of a ruled line's pixels lie in one row or column; the rest are ticks
 TINY_PX, TINY_SHARE = 30.0, 1 / 16  # a stray dash or a lone letter "l"
+CROWD_SHARE = 4.0  # a mark this many times shorter than a line is still of its size
 CURLED = 1.7  # length over diagonal: a half circle has 1.57, the letter S 2
 
 
@@ -41,6 +43,20 @@ def tell_apart(
     named = _texts(named, longest)
     kept = [c for c in named if c.is_candidate]
     return kept, [c for c in named if not c.is_candidate]
+
+
+def crowd_of(line: Candidate, marks: list[Mark], told: list[Candidate]) -> int:
+    """How many specks there are at least a quarter as long as a line's longest mark.
+
+    Noise makes short lines of red, and lines joined from them, among hundreds nearly as long; a
+    drawing does not.
+    """
+    longest = max(m.length_px for m in line.marks)
+    own = {id(m) for c in told if c.kind != "speck" for m in c.marks}
+    return sum(
+        m.kind != "panel" and CROWD_SHARE * m.length_px >= longest and id(m) not in own
+        for m in marks
+    )
 
 
 def _alone(line: Candidate, mask: NDArray) -> str:
@@ -159,22 +175,25 @@ def _half_widths(line: Candidate, mask: NDArray) -> NDArray:
 
 def _texts(candidates: list[Candidate], longest: float) -> list[Candidate]:
     """Name as text what stands in a row with others of its height."""
+    boxes = [c.box for c in candidates]
     glyphs = [
         i
-        for i, c in enumerate(candidates)
-        if 5 <= c.box[3] <= GLYPH_PX
-        and c.length_px < 12 * c.box[3] + 20
+        for i, (c, box) in enumerate(zip(candidates, boxes, strict=True))
+        if 5 <= box[3] <= GLYPH_PX
+        and c.length_px < 12 * box[3] + 20
         and (len(c.marks) == 1 or DOMINANT * c.length_px <= longest)
     ]
     group = list(range(len(candidates)))
     for a in glyphs:
         for b in glyphs:
-            if a < b and _in_a_row(candidates[a].box, candidates[b].box):
+            if a < b and group[a] != group[b] and _in_a_row(boxes[a], boxes[b]):
                 old, new = group[b], group[a]
                 group = [new if g == old else g for g in group]
-    out = list(candidates)
+    out, rows = list(candidates), {}
     for i in glyphs:
-        row = [j for j in glyphs if group[j] == group[i]]
+        rows.setdefault(group[i], []).append(i)
+    for i in glyphs:
+        row = rows[group[i]]
         small = all(DOMINANT * candidates[j].length_px <= longest for j in row)
         if candidates[i].kind != "speck" and (len(row) >= 4 or (len(row) >= 2 and small)):
             out[i] = replace(candidates[i], kind="text")
