@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 CLOSEST_PX = 3.5
+GAP_PX = 2.0  # between neighbouring points: more is a gap
 WRAP_PX = 100.0  # a knot's influence fades by a factor of about 4 each knot further
 BEND_SHARE = 0.5  # of the radius of curvature: the knots' distance in a bend
 
@@ -50,13 +51,19 @@ def fit_spline(s: NDArray, points: NDArray, valid: NDArray, period: float | None
 
 
 def _with_data(inner: NDArray, x: NDArray) -> NDArray:
-    """The knots that leave enough points in every interval to determine the spline."""
-    kept, last = [], 0
+    """The knots that leave enough points in every interval to determine the spline.
+
+    Only the interval over a gap may be empty, between two that are not: so the cubic that crosses
+    it bends as it must, and those on either side follow what was measured there.
+    """
+    kept, last, crossing = [], 0, False
     for knot in inner:
         upto = int(np.searchsorted(x, knot))
-        if upto - last >= 3 and len(x) - upto >= 3:
+        enough = upto - last >= 3
+        beyond = 0 < upto < len(x) and x[upto] - x[upto - 1] > GAP_PX and kept and not crossing
+        if (enough or beyond) and len(x) - upto >= 3:
             kept.append(knot)
-            last = upto
+            last, crossing = upto, not enough
     return np.array(kept)
 
 
