@@ -30,6 +30,10 @@ def test_planned_slices_against_their_truth(shared_data, name):
     assert error.ends < 1.5
     assert abs(error.length_ratio - 1) < 0.01
     assert stroke.bridged.any() == name.startswith("pelvis_c")
+    assert 0.75 <= error.z_rms <= 1.25
+    if stroke.bridged.any():
+        z = normal_errors(stroke.points_px, truth, False) / stroke.sigma_px
+        assert np.sqrt(np.mean(z[stroke.bridged] ** 2)) <= 1.5
 
 
 @pytest.mark.parametrize("closed", [False, True])

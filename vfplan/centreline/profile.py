@@ -11,6 +11,7 @@ from vfplan.extraction.pen import Pen, sample_pixels
 
 MARGIN_PX = 2.0  # profiles reach this far beyond the line's edge
 STEP_PX = 0.5
+INNER_PX = 0.5  # of the profile's middle: it must lie in the image
 FOREIGN = 0.35  # of the pen's strength: more than this of another colour hides the line
 RISE = 0.2  # of full coverage, past the line's edge: a neighbour
 DOUBLE = 0.85  # of its maximum: a mean profile lower than this in its middle is two lines
@@ -36,6 +37,8 @@ class Profiles:
         (M,) coverage summed across the line, 1 in the middle of its run.
     valid
         (M,) bool: the line was seen and nothing foreign hid it.
+    clipped
+        (M,) share of the line's own width that lies outside the image.
     shading
         (M,) grey just beyond the line on one side minus on the other, -1..1.
     double
@@ -48,6 +51,7 @@ class Profiles:
     offset: NDArray[np.float64]
     mass: NDArray[np.float64]
     valid: NDArray[np.bool_]
+    clipped: NDArray[np.float64]
     shading: NDArray[np.float64]
     double: bool
 
@@ -56,24 +60,30 @@ def read_profiles(rgb: NDArray, base: NDArray, normal: NDArray, pen: Pen, width:
     """Read profiles across a (M, 2) path with (M, 2) unit normals."""
     half = np.ceil((width / 2 + MARGIN_PX) / STEP_PX)
     x = np.arange(-half, half + 1) * STEP_PX
-    pixels = sample_pixels(rgb, base[:, :1] + normal[:, :1] * x, base[:, 1:] + normal[:, 1:] * x)
+    u, v = base[:, :1] + normal[:, :1] * x, base[:, 1:] + normal[:, 1:] * x
+    pixels = sample_pixels(rgb, u, v)
     alpha = pixels @ pen.along / pen.strength
+    inside = (np.abs(u - (rgb.shape[1] - 1) / 2) <= rgb.shape[1] / 2) & (
+        np.abs(v - (rgb.shape[0] - 1) / 2) <= rgb.shape[0] / 2
+    )
     foreign = (np.abs(pixels @ pen.across) > FOREIGN * pen.strength) | (alpha < -FOREIGN)
     foreign |= _beyond_valley(alpha, x, width)
     mass = np.where(foreign, 0.0, np.clip(alpha, 0, None)).sum(1)
     mass = mass / max(np.median(mass), 1e-9)
     core = np.abs(x) <= width / 2 + 0.5
-    valid = (mass > SEEN) & ~foreign[:, core].any(1)
-    mean = _mean_profile(alpha, valid[:, None] & ~foreign)
-    offset = _matched(x, alpha, valid[:, None] & ~foreign, mean)
+    valid = (mass > SEEN) & ~foreign[:, core].any(1) & inside[:, np.abs(x) <= INNER_PX].all(1)
+    seen = ~foreign & inside
+    mean = _mean_profile(alpha, valid[:, None] & seen)
+    offset = _matched(x, alpha, valid[:, None] & seen, mean)
     valid &= np.abs(offset) < width / 2 + 1.5
     grey = pixels.mean(2) / 255
     shading = grey[:, -3:].mean(1) - grey[:, :3].mean(1)
     outer = np.r_[0:3, -3:0]
-    bare = ~foreign[:, outer].any(1) & (np.abs(alpha[:, outer]) < RISE).all(1)
+    bare = seen[:, outer].all(1) & (np.abs(alpha[:, outer]) < RISE).all(1)
     shading = np.where(bare, shading, 0.0)  # another mark's darkness is no background
     offset = np.where(valid, offset, 0.0)
-    return Profiles(x, alpha, ~foreign, offset, mass, valid, shading, is_double(mean))
+    clipped = 1 - inside[:, core].mean(1)
+    return Profiles(x, alpha, seen, offset, mass, valid, clipped, shading, is_double(mean))
 
 
 def _beyond_valley(alpha: NDArray, x: NDArray, width: float) -> NDArray[np.bool_]:

@@ -29,6 +29,8 @@ FINE_KNOTS_PX = 7.0  # noise free: every wiggle is the hand's
 COARSE_KNOTS_PX = 14.0  # JPEG's noise hangs together over half a block of 16 px
 BROAD_PX = 5.0  # a pen this wide hides its ends so well that they are approached twice
 TIP, THIN_PX = 0.4, 2.5  # of the width beyond a thin line's: an end whose profile lacks a side
+CLIPPED = 5.0  # a line of which the border cuts off a part is less sure by this times the part
+WHOLE = 0.8  # of the usual coverage: beside a gap, less is no whole profile
 LEAST = 8  # profiles from which a line can be measured
 CORRELATED = 0.2  # residuals of neighbours this alike are JPEG's, not the pixel grid's
 
@@ -94,16 +96,24 @@ def trace(
         if valid.sum() < LEAST:  # nothing to measure: leave the line where thinning put it
             return _unmeasured(smooth, bridged, closed, width)
         s = np.arange(len(base)) * pitch
-        start, stop, used = 0.0, s[-1] + pitch, valid
+        start, stop, used = 0.0, s[-1] + pitch, valid & ~_beside_gaps(profiles.mass, valid, width)
         if not closed:
             ends = line_ends(profiles, valid, width)
             start, stop = pitch * np.array(ends.line)
             lost = TIP * max(width - THIN_PX, 0.0)
-            used = _between(valid, s, pitch * ends.ink[0] + lost, pitch * ends.ink[1] - lost)
+            used = _between(used, s, pitch * ends.ink[0] + lost, pitch * ends.ink[1] - lost)
         fitted = _fit(s, base, profiles, used, closed, knots)
         inner = (0.0, stop) if closed else s[used][[0, -1]]
         base = fitted.spline(np.arange(*inner, pitch))
-    return _result(fitted, s, valid, closed, start, stop, rgb.shape)
+    return _result(fitted, s, valid, used, closed, start, stop, rgb.shape)
+
+
+def _beside_gaps(mass: NDArray, valid: NDArray, width: float) -> NDArray[np.bool_]:
+    """Where a line is lifted or hidden within a width: its profile may lack a side there."""
+    from scipy.ndimage import binary_dilation
+
+    near = binary_dilation(~valid, iterations=max(1, round(width)))
+    return near & (mass < WHOLE)
 
 
 def _between(valid: NDArray, s: NDArray, start: float, stop: float) -> NDArray[np.bool_]:
@@ -153,7 +163,7 @@ def _fit(
     sigma = np.hypot(
         measured_sigma(residual, valid, alike if widest == FINE_KNOTS_PX else 1), doubt
     )
-    return _Fitted(spline, sigma)
+    return _Fitted(spline, sigma * (1 + CLIPPED * profiles.clipped))
 
 
 def _along_normal(offset: NDArray, normal: NDArray, valid: NDArray) -> NDArray:
@@ -185,6 +195,7 @@ def _result(
     fitted: _Fitted,
     s: NDArray,
     valid: NDArray,
+    used: NDArray,
     closed: bool,
     start: float,
     stop: float,
@@ -200,10 +211,18 @@ def _result(
     points = fitted.spline(at)
     nearest = np.clip(np.rint(at / (s[1] - s[0])).astype(int), 0, len(s) - 1)
     bridged = ~valid[nearest]
+    gaps = _with_flanks(bridged, ~used[nearest])
     sigma = np.hypot(
-        fitted.sigma[nearest], bridged_sigma(bridged, curvature_of(fitted.spline, at), closed)
+        fitted.sigma[nearest], bridged_sigma(gaps, curvature_of(fitted.spline, at), closed)
     )
     return Centreline(points, sigma, bridged, closed, float(arc[-1]))
+
+
+def _with_flanks(bridged: NDArray, unused: NDArray) -> NDArray[np.bool_]:
+    """The bridged stretches with the unused points that adjoin them."""
+    from scipy.ndimage import binary_propagation
+
+    return binary_propagation(bridged, mask=bridged | unused)
 
 
 def _inside(dense: NDArray, curve: NDArray, shape: tuple[int, ...]) -> tuple[NDArray, NDArray]:
