@@ -7,7 +7,18 @@ import functools
 import cv2
 import numpy as np
 import pytest
-from drawing import anatomy, blend, compare, coverage, flat, jpeg, polyline, to_uint8, wavy
+from drawing import (
+    anatomy,
+    blend,
+    compare,
+    coverage,
+    flat,
+    jpeg,
+    normal_errors,
+    polyline,
+    to_uint8,
+    wavy,
+)
 
 import vfplan
 from vfplan.errors import CurveError, ImageError, SettingError
@@ -308,6 +319,42 @@ def test_a_line_that_leaves_the_image_ends_at_its_border():
     image = pen([[-20, 100], [250, 190]])
     (stroke,) = vfplan.extract_curve(image).strokes
     assert -0.5 <= stroke.points_px.min() < 1
+
+
+@pytest.mark.parametrize("width", [2, 4])
+def test_a_line_that_touches_the_border_is_measured_by_what_is_seen(width):
+    t = np.linspace(0, 1, 400)
+    curve = np.column_stack([60 + 300 * t, 60 * (2 * t - 1) ** 2])
+    (stroke,) = vfplan.extract_curve(pen(curve, width=width)).strokes
+    error = compare(stroke, curve)
+    assert error.rms < 0.05
+    assert error.worst < 0.2
+    assert error.uncovered < 2
+
+
+def test_beside_a_pen_lift_in_a_bend_the_line_follows_the_ink():
+    way = np.linspace(-1.4, 1.4, 800)
+    bend = np.column_stack([240 + 24 * np.sin(way), 200 - 24 * np.cos(way)])
+    legs = polyline([[150, 330], bend[0]]), polyline([bend[-1], [330, 330]])
+    curve = np.vstack([legs[0], bend[1:-1], legs[1]])
+    middle = len(curve) // 2
+    lift = np.hypot(*(curve - curve[middle]).T) < 6
+    image = pen(curve[: np.argmax(lift)], curve[len(lift) - np.argmax(lift[::-1]) :], width=2)
+    (stroke,) = vfplan.extract_curve(image).strokes
+    error = np.abs(normal_errors(stroke.points_px, curve, False))
+    assert stroke.bridged.any()
+    assert error[stroke.bridged].max() < 0.5
+    assert error[~stroke.bridged][2:-2].max() < 0.2
+
+
+def test_a_small_ring_is_a_curve_and_a_small_rectangle_a_frame():
+    ring = np.column_stack([240.3 + 8 * np.cos(T), 200.1 + 8 * np.sin(T)])
+    (stroke,) = vfplan.extract_curve(pen(ring, width=2, closed=True)).strokes
+    assert stroke.closed
+    image = to_uint8(flat(SHAPE))
+    cv2.rectangle(image, (200, 200), (216, 214), RED, 2)
+    with pytest.raises(CurveError, match="set aside: frame"):
+        vfplan.extract_curve(image)
 
 
 def test_a_marker_over_the_line_is_bridged():

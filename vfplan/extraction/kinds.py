@@ -21,6 +21,7 @@ GLYPH_PX = 100  # height of a letter at most
 SYMBOL_PX = 64  # size of a marker's sign at most
 RULED = 0.8  # of a ruled line's pixels lie in one row or column; the rest are ticks
 TINY_PX, TINY_SHARE = 30.0, 1 / 16  # a stray dash or a lone letter "l"
+RECTANGLE = 0.07  # of its sides: how near to them a small frame runs; a small ring does not
 CROWD_SHARE = 4.0  # a mark this many times shorter than a line is still of its size
 CURLED = 1.7  # length over diagonal: a half circle has 1.57, the letter S 2
 
@@ -105,7 +106,8 @@ def _is_frame(line: Candidate, shape: tuple[int, ...]) -> bool:
     axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     from_side = np.abs(np.abs((path - centre) @ axes.T) - np.array(size) / 2)
     inside = np.abs((path - centre) @ axes.T) <= np.array(size) / 2 + 1
-    on_side = ((from_side <= 1.5) & inside[:, ::-1]).any(1)
+    near = min(1.5, RECTANGLE * min(size))
+    on_side = ((from_side <= near) & inside[:, ::-1]).any(1)
     return bool(on_side.mean() > 0.8)
 
 
