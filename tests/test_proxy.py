@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import vfplan
+from vfplan import _core
 from vfplan.errors import SceneError, SettingError
 from vfplan.rendering import Status
 
@@ -207,6 +208,29 @@ def test_left_out_says_what_the_scene_does_not_need():
 def test_settings_out_of_range(settings, error):
     with pytest.raises(error):
         vfplan.ProxyEngine(sheet(), **settings)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("contact_radius", 0.99e-9),
+        ("contact_radius", 1.01e6),
+        ("point_radius", 1.01e6),
+        ("band", 4.9e-15),
+        ("band", 5e-324),
+        ("outer_radius", 2.01e6),
+        ("outer_radius", np.nan),
+    ],
+)
+def test_the_native_engine_refuses_what_python_does(name, value):
+    """A C++ user has no Python in front."""
+    native = _core.Parameters()
+    native.contact_radius, native.band, native.outer_radius = 5e-3, 1e-5, 1e-2
+    setattr(native, name, value)
+    with pytest.raises(ValueError, match=name):
+        _core.Engine(sheet(), native, 0)
+    with pytest.raises(SettingError, match=name):
+        vfplan.ProxyEngine(sheet(), **({"band": 1e-5} | {name: value}))
 
 
 @pytest.mark.parametrize(
