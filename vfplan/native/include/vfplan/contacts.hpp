@@ -21,54 +21,46 @@ struct Contact {
 template <int D>
 class Contacts {
   public:
-    static constexpr int most = 6, most_leaders = 24;
+    static constexpr int most = 6;        // surfaces
+    static constexpr int most_kept = 24;  // directions; further points join one of them
 
-    /// `shell`: distance up to which a point touches; `apart`: cosine of the angle within which two
-    /// directions count as one, `linked`: within which they belong to one surface.
-    Contacts(double shell, double apart, double linked) noexcept
-        : shell_(shell), apart_(apart), linked_(linked) {}
+    /// `shell`: distance up to which a point touches; `linked`: cosine of the angle within which
+    /// two directions belong to one surface.
+    Contacts(double shell, double linked) noexcept : shell_(shell), linked_(linked) {}
 
-    void clear() noexcept { leaders_ = count_ = 0; }
+    void clear() noexcept { kept_ = count_ = 0; }
     int count() const noexcept { return count_; }
     const Contact<D>& operator[](int i) const noexcept { return contact_[i]; }
 
-    /// A point at `away` = proxy - point.
+    /// A point at `away` = proxy - point. Up to `most_kept` of them, their order does not matter.
     void add(const Vec<D>& away) noexcept {
         const double r = norm(away);
         if (!(r > 0)) return;
         const Vec<D> c = (1 / r) * away;
-        int best = -1;
-        double near = -2;
-        for (int i = 0; i < leaders_; ++i) {
-            const double cosine = dot(c, leader_[i].first);
-            if (cosine > near) near = cosine, best = i;
-        }
-        if (leaders_ < most_leaders && !(near > apart_)) {
-            best = leaders_++;
-            leader_[best] = {c, {}, r, c, best};
-        }
-        Leader& l = leader_[best];
         const double w = shell_ - r;
-        l.sum = l.sum + (w * w) * c;
-        if (r < l.r) l.r = r, l.nearest = c;
+        if (kept_ < most_kept) {
+            direction_[kept_] = c;
+            part_[kept_++] = {r, c, (w * w) * c};
+        } else {
+            include(part_[like(c)], {r, c, (w * w) * c});
+        }
     }
 
-    /// Joins what hangs together.
+    /// Joins what hangs together, however far round it goes.
     void group() noexcept {
-        for (int i = 1; i < leaders_; ++i)
-            for (int j = 0; j < i; ++j)
-                if (dot(leader_[i].first, leader_[j].first) > linked_) join(i, j);
-        Contact<D> all[most_leaders];
-        int found = 0;
-        for (int i = 0; i < leaders_; ++i) {
-            if (leader_[i].surface != i) continue;
-            Contact<D>& c = all[found++];
-            c = {leader_[i].r, leader_[i].nearest, leader_[i].sum};
-            for (int j = i + 1; j < leaders_; ++j) {
-                if (leader_[j].surface != i) continue;
-                c.direction = c.direction + leader_[j].sum;
-                if (leader_[j].r < c.r) c.r = leader_[j].r, c.nearest = leader_[j].nearest;
-            }
+        Contact<D> all[most_kept];
+        int next[most_kept], left = kept_, found = 0;
+        for (int i = 0; i < left; ++i) next[i] = i;
+        while (left > 0) {
+            int chain[most_kept], links = 1;
+            chain[0] = next[--left];
+            Contact<D>& c = all[found++] = part_[chain[0]];
+            for (int i = 0; i < links && left > 0; ++i)
+                for (int j = left - 1; j >= 0; --j) {
+                    if (!(dot(direction_[chain[i]], direction_[next[j]]) > linked_)) continue;
+                    include(c, part_[chain[links++] = next[j]]);
+                    next[j] = next[--left];
+                }
             const double length = norm(c.direction);
             c.direction = length > 0 ? (1 / length) * c.direction : c.nearest;
         }
@@ -79,24 +71,26 @@ class Contacts {
     }
 
   private:
-    struct Leader {
-        Vec<D> first, sum;
-        double r = 0;
-        Vec<D> nearest;
-        int surface = 0;  // number of the first leader of its surface
-    };
-
-    void join(int i, int j) noexcept {
-        const int a = std::min(leader_[i].surface, leader_[j].surface);
-        const int b = std::max(leader_[i].surface, leader_[j].surface);
-        for (int k = 0; k < leaders_; ++k)
-            if (leader_[k].surface == b) leader_[k].surface = a;
+    static void include(Contact<D>& whole, const Contact<D>& part) noexcept {
+        whole.direction = whole.direction + part.direction;
+        if (part.r < whole.r) whole.r = part.r, whole.nearest = part.nearest;
+    }
+    /// A kept direction of the surface that c belongs to, or else the nearest.
+    int like(const Vec<D>& c) const noexcept {
+        int best = 0;
+        double near = -2;
+        for (int i = 0; i < kept_ && !(near > linked_); ++i) {
+            const double cosine = dot(c, direction_[i]);
+            if (cosine > near) near = cosine, best = i;
+        }
+        return best;
     }
 
-    double shell_, apart_, linked_;
-    Leader leader_[most_leaders];
+    double shell_, linked_;
+    Vec<D> direction_[most_kept];
+    Contact<D> part_[most_kept];  // its direction: a sum, not of unit length
     Contact<D> contact_[most];
-    int leaders_ = 0, count_ = 0;
+    int kept_ = 0, count_ = 0;
 };
 
 }  // namespace vfplan

@@ -16,6 +16,7 @@
 #include "vfplan/surface.hpp"
 #include "vfplan/touched.hpp"
 #include "vfplan/travel.hpp"
+#include "vfplan/tuned.hpp"
 
 namespace vfplan {
 
@@ -30,18 +31,18 @@ class RobustRule {
           kernels_(kernels),
           R_(p.R()),
           safe2_((R_ - p.band) * (R_ - p.band)),
-          shell_(R_ + 2 * p.band),
+          shell_(R_ + tuned::deep * p.band),
           grain_(std::sqrt(p.band / R_)),
-          window_(std::min((D == 2 ? 6.2 : 4.4) * grain_, 1.7) * R_),
-          lean_(std::min(1.3 * std::sqrt(2.0) * grain_, 0.45)),
-          soft_{R_, R_ - p.band * (1 - 1e-3), std::min(6 * grain_, 0.5)},
-          hard_{R_, R_ - p.band * (1 - 1e-3), 0},
-          neighbours_(cloud, std::max(1.21 * R_, reach()), 0.15 * R_, 0.4 * R_, kernels),
+          window_(std::min(tuned::window * spacing(), tuned::widest_window) * R_),
+          lean_(std::min(tuned::lean * std::sqrt(2.0) * grain_, tuned::most_lean)),
+          soft_{R_, R_ - p.band * (1 - tuned::margin),
+                std::min(tuned::steep * grain_, tuned::most_steep)},
+          hard_{R_, R_ - p.band * (1 - tuned::margin), 0},
+          neighbours_(cloud, reach(), tuned::skin * R_, tuned::cell * R_, kernels),
           travel_(kernels, R_),
           escape_(kernels, R_),
           touched_(kernels),
-          contacts_(shell_, std::cos(std::min(2 * grain_, 0.3)),
-                    std::cos(std::min(6 * grain_, 0.9))) {}
+          contacts_(shell_, std::cos(std::min(tuned::linked * grain_, tuned::most_linked))) {}
 
     Search& neighbours() noexcept { return neighbours_; }
     void reset() noexcept {
@@ -58,7 +59,7 @@ class RobustRule {
         Tick<D> tick;
         if (!held_ && !enter(proxy, hip, tick)) return tick;
         const Vec<D> start = proxy;
-        most_ = norm(hip - proxy) + p_.band * (1 - 1e-3);
+        most_ = norm(hip - proxy) + p_.band * (1 - tuned::margin);
         far_ = false;
         if (set_free(proxy, hip)) {
             still_ = 0;
@@ -80,8 +81,12 @@ class RobustRule {
     }
 
   private:
+    /// Of the cloud whose dimples are as deep as the band, in R.
+    double spacing() const noexcept { return (D == 2 ? std::sqrt(8.0) : 2.0) * grain_; }
+    /// What is asked of the list of neighbours: a fit's samples, and what a brief sweep may meet.
     double reach() const noexcept {
-        return std::max(shell_, std::sqrt(shell_ * shell_ + window_ * window_));
+        return std::max((1.01 + tuned::brief) * R_,  // 1 % against rounding
+                        std::sqrt(shell_ * shell_ + window_ * window_));
     }
 
     /// Makes sure that the proxy is outside, as the guarantee needs; false while it is on its way
@@ -100,9 +105,9 @@ class RobustRule {
 
     /// Below a HIP that has not moved for a while only a gain counts, so the proxy comes to rest.
     void settle(Vec<D>& x, const Vec<D>& start, const Vec<D>& hip) noexcept {
-        still_ = hip == last_hip_ ? std::min(still_ + 1, patience) : 0;
+        still_ = hip == last_hip_ ? std::min(still_ + 1, tuned::patience) : 0;
         last_hip_ = hip;
-        if (still_ == patience && !(norm(hip - x) < norm(hip - start) - rest())) x = start;
+        if (still_ == tuned::patience && !(norm(hip - x) < norm(hip - start) - rest())) x = start;
     }
 
     /// Where nothing lies on the straight way, the proxy goes with the HIP, whatever it touches.
@@ -137,7 +142,7 @@ class RobustRule {
         if (count_ == 1) wall_[0].t = std::min(wall_[0].t, most_ + dot(wall_[0].n, u));
         // Blocked below R, as in a hollow, where the way ahead rises: up first, on in the next.
         const bool lift = std::exchange(blocked_, false) && count_ == 1 && wall_[0].t > rest();
-        const Vec<D> v = lift ? wall_[0].t * wall_[0].n : project(u, wall_, count_, 1e-6 * p_.band);
+        const Vec<D> v = lift ? wall_[0].t * wall_[0].n : project(u, wall_, count_, slack());
         const double length = norm(v);
         if (!lift) push_ = v - u;
         if (!(length > rest())) return count_ > 1 && squeeze(x, hip);
@@ -147,7 +152,7 @@ class RobustRule {
         if (stuck && count_ > 1 && rise(x, hip, v)) return true;
         // Where two walls hold it: descend or stay. Their sampled normals alone would let it
         // wander.
-        if (!(norm(hip - y) < (count_ > 1 ? distance : most_ + 1e-3 * p_.band)))
+        if (!(norm(hip - y) < (count_ > 1 ? distance : most_ + tuned::margin * p_.band)))
             return squeeze(x, hip);
         if (stuck && !(!lift && count_ == 1 && wall_[0].t > rest())) return squeeze(x, hip);
         x = y;
@@ -159,7 +164,7 @@ class RobustRule {
     /// the proxy has sunk among: first up to R above all walls, then on as v asks. False, and
     /// nothing done, unless both together bring the proxy nearer to the HIP.
     bool rise(Vec<D>& x, const Vec<D>& hip, const Vec<D>& v) noexcept {
-        const Vec<D> up = project(Vec<D>{}, wall_, count_, 1e-6 * p_.band), on = v - up;
+        const Vec<D> up = project(Vec<D>{}, wall_, count_, slack()), on = v - up;
         if (!(norm(up) > rest() && norm(on) > rest())) return false;
         const Vec<D> y = moved(moved(x, up), on);
         if (!(norm(hip - y) < norm(hip - x))) return false;
@@ -177,19 +182,19 @@ class RobustRule {
     /// the proxy is at rest among them. Always nearer to the HIP, so it cannot go round in circles.
     bool squeeze(Vec<D>& x, const Vec<D>& hip) noexcept {
         const Vec<D> u = hip - x;
-        const Vec<D> v = touched_(neighbours_, x, u, R_ + rest(), 1e-6 * p_.band);
+        const Vec<D> v = touched_(neighbours_, x, u, R_ + rest(), slack());
         const double length = norm(v);
         // A way as flat as the slopes between samples gains nothing: the proxy would wander on it.
         if (!(length > std::max(rest(), grain_ * norm(u)))) return false;
-        const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, far_);
-        const Vec<D> y = s < length ? x + (s / length) * v : x + v;
+        const Vec<D> y = moved(x, v);
         // Between several walls a gain of the band may be no more than sinking through it.
-        const double least = count_ > 1 ? 2 * p_.band : 0;
-        if (!(s > rest() && norm(hip - y) < norm(u) - least)) return false;
+        const double least = count_ > 1 ? tuned::deep * p_.band : 0;
+        if (!(norm(y - x) > rest() && norm(hip - y) < norm(u) - least)) return false;
         x = y;
         return true;
     }
-    double rest() const noexcept { return 1e-2 * p_.band; }
+    double rest() const noexcept { return tuned::rest * p_.band; }
+    double slack() const noexcept { return tuned::slack * p_.band; }
 
     /// The surfaces that touch the proxy at x, and how far each one asks it to move.
     void look(const Vec<D>& x) noexcept {
@@ -232,9 +237,11 @@ class RobustRule {
         const Fit<D> f = fit(patch, m);
         // Points on one side of the foot only: the surface ends here, and the proxy turns round its
         // rim.
-        const double whole = std::clamp((0.38 - f.off) / 0.2, 0.0, 1.0);
+        const double whole = std::clamp(
+            (tuned::one_sided - f.off) / (tuned::one_sided - tuned::surrounded), 0.0, 1.0);
         w.n = lean_at_most(f.n, c.direction, whole * lean_);
-        w.t = std::clamp(R_ - c.r * dot(c.nearest, w.n), -2 * p_.band, 2 * p_.band);
+        const double deep = tuned::deep * p_.band;
+        w.t = std::clamp(R_ - c.r * dot(c.nearest, w.n), -deep, deep);
         return w;
     }
 
@@ -266,13 +273,12 @@ class RobustRule {
     }
 
     static constexpr std::size_t room = 256;
-    static constexpr int patience = 32;  // ticks
 
     Parameters p_;
     Kernels<D> kernels_;
     double R_, safe2_, shell_;
-    double grain_;   // sqrt(band / R): half the spacing that the band covers, seen from R
-    double window_;  // lateral radius of the fit, a good two spacings [m]
+    double grain_;   // g of tuned.hpp
+    double window_;  // lateral radius of the fit [m]
     double lean_;    // sine of the angle that a normal leans from the contact's on a surface
     Obstacles soft_, hard_;
     Search neighbours_;

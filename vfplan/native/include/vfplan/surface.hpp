@@ -7,6 +7,7 @@
 #pragma once
 
 #include "vfplan/lanes.hpp"
+#include "vfplan/tuned.hpp"
 
 namespace vfplan {
 
@@ -29,7 +30,7 @@ void frame(const Vec<D>& up, Vec<D> (&side)[D - 1]) noexcept {
 /// goes through the proxy: m -> (1 + 2 h Q)⁻¹ m for bends Q and height h.
 template <int D>
 void to_foot(double* x, double h) noexcept {
-    constexpr double least = 0.2;  // of 1 + h κ: a hollow nearly as narrow as the proxy
+    constexpr double least = tuned::narrowest;
     if constexpr (D == 2) {
         x[1] /= std::max(1 + 2 * h * x[2], least);
     } else {

@@ -4,6 +4,7 @@
 #pragma once
 
 #include "vfplan/neighbours.hpp"
+#include "vfplan/tuned.hpp"
 
 namespace vfplan {
 
@@ -47,7 +48,7 @@ class Travel {
     double first(Search& search, const Ray<D>& ray, double length) const noexcept {
         double s = std::numeric_limits<double>::infinity();
         // Short ways lie in the list around the proxy; long ones are asked around their middle.
-        const bool brief = length <= 0.2 * R_;
+        const bool brief = length <= tuned::brief * R_;
         const Vec<D> around = brief ? ray.from : ray.from + 0.5 * length * ray.way;
         const double reach = R_ + (brief ? length : 0.5 * length);
         const auto look = [&](const Span<D>& span) noexcept {
@@ -57,7 +58,8 @@ class Travel {
             search.visit(around, reach, look);
         else
             search.source().visit(around, reach, look);
-        return s;
+        // A hair before the sphere, so that it is met again and not, by a rounding, entered.
+        return std::max(0.0, s - tuned::hair * R_);
     }
 
     Kernels<D> kernels_;
