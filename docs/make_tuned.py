@@ -185,13 +185,13 @@ MEASURES = {
 def row(title: str, library: ctypes.CDLL) -> str:
     """One line of the table."""
     Varied.library = library
-    return f"{title:24}" + "".join(f"{measure():15.2f}" for measure in MEASURES.values())
+    return f"{title:24}" + "".join(f"{measure():17.2f}" for measure in MEASURES.values())
 
 
 def main(names: list[str]) -> None:
     """Print the table."""
     with tempfile.TemporaryDirectory() as folder:
-        print(" " * 24 + "".join(f"{title:>15}" for title in MEASURES))
+        print(" " * 24 + "".join(f"{title:>17}" for title in MEASURES))
         print(row("as built", build(Path(folder), None, 0)), flush=True)
         for name, value in numbers().items():
             for factor in (0.5, 2.0) if not names or name in names else ():
