@@ -87,9 +87,10 @@ Options parse(const std::vector<std::string>& args) {
 
 /// Table I as the bundle holds it; the paper's rule keeps its own band, as in `vfplan replay`.
 vfplan::Parameters parameters(const vfplan::hdf5::Fixture& fixture, vfplan::Rule rule) {
-    if (fixture.frame == "image" || !fixture.rendering)
+    if (fixture.frame != "robot_base" || !fixture.rendering)
         throw std::invalid_argument("frame " + fixture.frame +
-                                    " without rendering: a registered fixture is needed");
+                                    (fixture.rendering ? "" : " without rendering") +
+                                    ": a fixture registered to robot_base is needed");
     const vfplan::hdf5::Rendering& r = *fixture.rendering;
     vfplan::Parameters p;
     p.contact_radius = r.contact_radius;

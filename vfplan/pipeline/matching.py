@@ -44,12 +44,6 @@ def _pairs(curve: Fixture, markers: str | Path, markers2: str | Path | None) -> 
         raise MarkerError(
             f"markers are given in frame {pairs.source_frame!r}, the curve in {curve.frame!r}"
         )
-    if pairs.target_frame != "robot_base":
-        raise MarkerError(
-            f"the target markers are in {pairs.target_frame!r}; a fixture is made in the robot's "
-            "frame: give their positions there as label,x_m,y_m,z_m",
-            where=str(markers if markers2 is None else markers2),
-        )
     return pairs
 
 
@@ -82,7 +76,8 @@ def match(
         registration = _fit(curve, pairs, settings)
         diagnosis = diagnose(registration)
         refuse_sure_faults(registration, diagnosis)
-    return Matched(pairs, registration, diagnosis, found, _image_warning(curve, image))
+    warnings = (*_frame_warning(pairs), *_image_warning(curve, image))
+    return Matched(pairs, registration, diagnosis, found, warnings)
 
 
 @contextmanager
@@ -131,6 +126,15 @@ def _drawn_on(curve: Fixture, image: PlannedImage | None) -> bool:
     """Whether the image may be the curve's own: nothing says that it is another."""
     known = curve.provenance.inputs.get("image")
     return image is not None and (not known or not image.sha256 or known == image.sha256)
+
+
+def _frame_warning(pairs: Correspondences) -> tuple[str, ...]:
+    if pairs.target_frame == "robot_base":
+        return ()
+    return (
+        f"the target markers, and so the fixture, are in {pairs.target_frame}: no robot renders it "
+        "before it is registered to its own frame",
+    )
 
 
 def _image_warning(curve: Fixture, image: PlannedImage | None) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Curve + markers -> transform with its error -> points -> a fixture in the robot's frame."""
+"""Curve + markers -> transform with its error -> points -> a fixture in the markers' frame."""
 
 from __future__ import annotations
 
@@ -46,7 +46,9 @@ def register(
     *,
     image: PlannedImage | None = None,
 ) -> Planned:
-    """Carry a curve into the robot's frame and sample it for rendering.
+    """Carry a curve into the frame of the target markers and sample it for rendering.
+
+    That is the robot's, or "patient_lps" where the target side is a Slicer file.
 
     Parameters
     ----------
@@ -80,9 +82,12 @@ def register(
     if settings.max_tre_m is not None:
         check_max_tre(error, settings.max_tre_m)
     guarded, making, margin = add_margin(curve, registration, settings)
-    fixture, carried = build_fixture(guarded, registration, making, _hashes(markers, markers2))
+    fixture, carried = build_fixture(
+        guarded, registration, making, _hashes(markers, markers2), matched.pairs.target_frame
+    )
     fixture = _note_left_out(fixture, registration)
     report = describe_registration(registration, curve.points, diagnosis=diagnosis, error=error)
+    report["target_frame"] = fixture.frame
     report |= describe_fixture(fixture, carried, guarded, making)
     if matched.found:
         report["markers_found"] = [asdict(marker) for marker in matched.found]
@@ -106,7 +111,11 @@ def build_fixture(
     inputs: dict[str, str],
     frame: Frame = "robot_base",
 ) -> tuple[Fixture, Carried]:
-    """The fixture, and what became of the curve's points on the way."""
+    """The fixture, and what became of the curve's points on the way.
+
+    Only in the robot's frame a bundle holds its slice and its registration (docs/format.md).
+    """
+    in_robot = frame == "robot_base"
     choice = choice_of(curve, settings)
     tolerance = choice and choice.sampling_tolerance_m
     carried = carry(curve, registration, settings, tolerance)
@@ -116,9 +125,11 @@ def build_fixture(
         provenance=_provenance(curve, settings, inputs),
         sigma=carried.sigma,
         curve=carried.curve,
-        image=curve.image,
+        image=curve.image if in_robot else None,
         rendering=_rendering(carried.points, settings, registration, choice),
-        registration=registration.record(carried.source, source_frame=curve.frame),
+        registration=registration.record(carried.source, source_frame=curve.frame)
+        if in_robot
+        else None,
     )
     given = fixture.provenance.settings
     found = as_settings(choice, left_out(fixture, carried, curve, choice))
