@@ -12,7 +12,7 @@ from vfplan.image import read_image
 from vfplan.pipeline.plausible import rows_and_columns_exchanged
 from vfplan.registration import fit_registration
 from vfplan.registration.diagnosis import diagnose
-from vfplan.registration.refusal import gross_outliers, refuse_sure_faults
+from vfplan.registration.refusal import refuse_sure_faults
 
 SAMPLES = ROOT / "samples"
 
@@ -83,28 +83,21 @@ def test_exchanged_labels_stay_refused_unless_both_are_left_out():
 
 
 @pytest.mark.parametrize("model", ["affine", "similarity", "rigid"])
-def test_gross_outliers_are_refused_unless_left_out(model):
+@pytest.mark.parametrize("off_m", [0.002, 0.01])
+def test_an_outlier_is_warned_of_and_not_refused(model, off_m):
+    """Errors with heavy tails look the same, and they are common."""
     target = planar(grid())
-    target[3] += [0, 0.01, 0]
-    message = refused(grid(), target, model)
-    assert message.startswith("3 lies ")
-    assert "mm from where the other markers put it" in message
-    assert refused(grid(), target, model, robust=True) is None
-    slight = planar(grid())
-    slight[3] += [0, 0.002, 0]
-    assert refused(grid(), slight, model) is None  # an outlier perhaps; it is warned of
+    target[3] += [0, off_m, 0]
+    assert refused(grid(), target, model) is None
+    r = fit_registration(grid(), target, model=model, pixel_spacing=PX)
+    assert r.outliers == (3,)
+    assert any("suspect marker 3" in warning for warning in diagnose(r).warnings)
 
 
-def test_three_labels_in_a_ring_and_two_outliers_that_hide_each_other():
+def test_three_labels_in_a_ring():
     target = planar(grid())
     target[[0, 4, 8]] = target[[4, 8, 0]]
     assert refused(grid(), target) is not None
-    target = planar(grid())
-    target[0] += [0.02, 0, 0]
-    target[8] += [0.02, 0, 0.001]
-    r = fit_registration(grid(), target, model="rigid", pixel_spacing=PX)
-    assert set(np.flatnonzero(gross_outliers(r.fit))) == {0, 8}
-    assert "0, 8 lie 20" in refused(grid(), target, "rigid")
 
 
 @pytest.mark.parametrize("factor", [1e-3, 0.1, 0.4, 2.5, 25.4, 1e3])
@@ -157,7 +150,6 @@ def outlier(rows):
 
 WRONG = {
     "exchanged labels": (exchange, None, "labels of x2 and x6 are exchanged"),
-    "one far out": (outlier, None, "x4 lies 10"),
     "millimetres": (lambda r: [[a, 1e3 * x, 1e3 * y, 1e3 * z] for a, x, y, z in r], None, "10 m"),
     "read as mm": (lambda r: [[a, x / 1e3, y / 1e3, z / 1e3] for a, x, y, z in r], None, "0.0005"),
     "rows for columns": (None, lambda r: [[a, v, u] for a, u, v in r], "row"),
