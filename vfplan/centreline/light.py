@@ -1,0 +1,90 @@
+"""What the picture's brightness adds to a line's offset where its colour is coarse.
+
+JPEG stores colour at half resolution, brightness in full. Where the ground beside the line is
+smooth, brightness less the ground, a straight run from flank to flank, shows the line as well: a
+profile of its own, fitted as that of the coverage is. Both offsets are weighed by their own noise,
+so that bones' edges under the line, and clean colour, leave the colour's offset as it is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+LUMINANCE = np.array([0.299, 0.587, 0.114])
+FLANK_PX = 0.8  # beyond the line's edge begins the ground
+MIDDLE_PX = 0.5
+CLEAR = 2.0  # times its flanks' roughness: a line this much darker or brighter is seen
+GREY_LEVELS = 1.0  # that the ground is rough at least, of 255
+INDEPENDENT = 3.0  # samples that share their noise
+LEAST = 30  # profiles from which the brightness can be judged
+MODEL_PX = 0.02  # what a ground that is not straight under the line may do unseen
+GRID_PX = 0.05  # noise of clean colour: the pixel grid's, which the brightness shares
+TREND_PX = 8.0  # slower changes of the offset are the path's, not noise
+MEDIAN_OF_SQUARE = 0.455  # of a normal variable
+
+
+def with_light(
+    x: NDArray, pixels: NDArray, seen: NDArray, offset: NDArray, width: float
+) -> NDArray[np.float64]:
+    """(M,) offsets with what the brightness adds.
+
+    Parameters
+    ----------
+    x
+        (K,) places across the path [px].
+    pixels, seen
+        (M, K, 3) colours there on 0..255, and where they count; a row that lacks one is left.
+    offset
+        (M,) of the line by its colour [px].
+    width
+        The line's width [px].
+    """
+    left, rough = _without_ground(x, pixels @ LUMINANCE, width)
+    depth = left[:, np.abs(x) <= MIDDLE_PX].mean(1)
+    clear = seen.all(1) & (np.abs(depth) > CLEAR * rough)
+    if clear.sum() < LEAST:
+        return offset
+    light, doubt = _by_light(x, left, rough, np.where(clear, depth, 0.0))
+    clear &= np.abs(light) < 1 + width / 4
+    if clear.sum() < LEAST:
+        return offset
+    trend = _trend(offset)
+    noise = _spread((offset - trend)[seen.any(1)])
+    if noise < GRID_PX:
+        return offset
+    doubt = np.hypot(doubt * _spread(((light - trend) / doubt)[clear]), MODEL_PX)
+    share = np.where(clear, noise**2 / (noise**2 + doubt**2), 0.0)
+    return offset + share * np.where(clear, light - offset, 0.0)
+
+
+def _without_ground(x: NDArray, light: NDArray, width: float) -> tuple[NDArray, NDArray]:
+    """(M, K) brightness less the ground, and (M,) how rough the ground is."""
+    flank = np.abs(x) > width / 2 + FLANK_PX
+    line = np.column_stack([np.ones_like(x), x])
+    left = light - (line @ np.linalg.pinv(line[flank]) @ light[:, flank].T).T
+    return left, np.sqrt((left[:, flank] ** 2).mean(1)) + GREY_LEVELS
+
+
+def _by_light(x: NDArray, left: NDArray, rough: NDArray, depth: NDArray) -> tuple[NDArray, NDArray]:
+    """(M,) offset by brightness, and its standard deviation up to a common factor [px]."""
+    weight = depth / rough**2
+    mean = (weight[:, None] * left).sum(0) / (weight * depth).sum()
+    mean = (mean + mean[::-1]) / 2
+    slope = np.gradient(mean, x)
+    fit = left @ np.linalg.pinv(np.column_stack([mean, slope, np.ones_like(x), x])).T
+    height = np.where(fit[:, 0] * depth > 0, fit[:, 0], np.inf)
+    power = float((slope**2).sum()) / INDEPENDENT
+    doubt = rough / np.maximum(np.abs(depth), 1e-6) / np.sqrt(max(power, 1e-9))
+    return -fit[:, 1] / height, doubt
+
+
+def _trend(offset: NDArray) -> NDArray:
+    from scipy.ndimage import gaussian_filter1d
+
+    return gaussian_filter1d(offset, TREND_PX)
+
+
+def _spread(values: NDArray) -> float:
+    """Standard deviation, whatever a few outliers do."""
+    return float(np.sqrt(np.median(values**2) / MEDIAN_OF_SQUARE)) + 1e-6
