@@ -75,6 +75,7 @@ class RobustRule {
             proxy = start;
             near2 = nearest2(proxy, shell_);
             tick.status |= limit;
+            held_ = near2 >= safe2_;  // else it is taken out, from the next tick on
         }
         describe(proxy, near2, tick);
         return tick;
