@@ -169,14 +169,21 @@ def refuse_existing(*paths: Path | None, overwrite: bool) -> None:
         seen.add(path.resolve())
         if path.resolve() in inputs:
             raise OutputError("is an input of this call; another name wanted", where=str(path))
-        if path.exists() and not overwrite:
-            raise OutputError("exists already; give --overwrite to replace it", where=str(path))
-        if path.is_dir():
-            raise OutputError("is a directory; a file is wanted", where=str(path))
-        if path.exists() and not path.is_file():  # moving a file there would unmake a device
-            raise OutputError("is a device or a pipe; a file is wanted", where=str(path))
-        if not path.parent.is_dir():
-            raise OutputError("its folder does not exist", where=str(path))
+        try:
+            _refuse_place(path, overwrite)
+        except OSError as error:  # a name too long, a folder that may not be looked into
+            raise OutputError(error.strerror or str(error), where=str(path)) from None
+
+
+def _refuse_place(path: Path, overwrite: bool) -> None:
+    if path.exists() and not overwrite:
+        raise OutputError("exists already; give --overwrite to replace it", where=str(path))
+    if path.is_dir():
+        raise OutputError("is a directory; a file is wanted", where=str(path))
+    if path.exists() and not path.is_file():  # moving a file there would unmake a device
+        raise OutputError("is a device or a pipe; a file is wanted", where=str(path))
+    if not path.parent.is_dir():
+        raise OutputError("its folder does not exist", where=str(path))
 
 
 def _inputs(outputs: tuple[Path | None, ...]) -> set[Path]:

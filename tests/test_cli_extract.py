@@ -114,7 +114,7 @@ def test_bad_input_is_exit_3_and_usage_exit_2(vfplan_cli, image, tmp_path):
 
 
 def test_outputs_that_cannot_be_written_are_exit_2_in_one_line(vfplan_cli, image, tmp_path):
-    for out in ("/proc/curve.h5", tmp_path / ("x" * 250 + ".h5")):
+    for out in ("/proc/curve.h5", tmp_path / ("x" * 300 + ".h5")):
         done = vfplan_cli("extract", image, "-o", out, "--json", "-q")
         assert done.code == 2
         assert done.json["error"]["kind"] == "OutputError"

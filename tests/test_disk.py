@@ -134,3 +134,9 @@ def test_a_folder_that_takes_no_file_is_one_clear_error(monkeypatch, tmp_path):
     monkeypatch.setattr("tempfile.mkstemp", refused)
     with pytest.raises(OutputError, match="Permission denied"), outputs(tmp_path / "a.h5"):
         pass
+
+
+def test_a_name_too_long_is_an_output_error(tmp_path):
+    with pytest.raises(OutputError, match="name too long"):
+        write_whole(tmp_path / ("x" * 300), [b"1"], overwrite=False)
+    assert list(tmp_path.iterdir()) == []

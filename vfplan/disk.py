@@ -30,12 +30,12 @@ def write_whole(path: Path, parts: list[bytes], *, overwrite: bool, mode: int = 
         The path exists and `overwrite` is false, is a directory, or cannot be written.
     """
     path = Path(path)
-    if path.is_dir():
-        raise OutputError("is a directory; a file is wanted", where=str(path))
-    if path.exists() and not overwrite:
-        raise OutputError(EXISTS, where=str(path))
     temporary = _beside(path, "tmp")
     try:
+        if path.is_dir():
+            raise OutputError("is a directory; a file is wanted", where=str(path))
+        if path.exists() and not overwrite:
+            raise OutputError(EXISTS, where=str(path))
         _write_synced(temporary, parts, mode)
         _put(temporary, path, overwrite=overwrite)
         sync(path.parent)
