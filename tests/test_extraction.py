@@ -120,6 +120,35 @@ def test_what_is_no_curve_is_set_aside_and_reported(ornament, quality):
         assert all(mark["kind"] != "curve" for mark in extraction.set_aside)
 
 
+def signed(image, u, v):
+    """The image with a cyan plus and its label at a place, as markers are drawn."""
+    for way in ([7, 0], [0, 7]):
+        bar = np.array([u, v]) + np.outer([1, -1], way)
+        image = blend(image, coverage(SHAPE, bar, 2, cap="butt"), (0, 220, 255))
+    image = to_uint8(image)
+    place = (int(u) + 8, int(v) - 6)
+    cv2.putText(image, "x5", place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, (240, 240, 0), 1, cv2.LINE_AA)
+    return image
+
+
+def test_a_sign_over_the_curve_never_costs_half_of_it():
+    """What is left beside the sign may fork like an arrow; it is doubted, not dropped."""
+    t = np.linspace(0, 1, 2000)
+    curve = np.column_stack([40 + 400 * t, 200 + 40 * np.sin(4 * t)])
+    refused = 0
+    for width in (3, 4.5):
+        image = blend(flat(SHAPE, 60.0), coverage(SHAPE, curve, width), RED)
+        for aside in (0, 2, 3, 3.5, 4, 4.5, 6):
+            picture = signed(image, *curve[1000] + [0, aside])
+            try:
+                (stroke,) = vfplan.extract_curve(picture).strokes
+            except CurveError as error:
+                refused += "candidates and none was chosen" in error.message
+                continue
+            assert compare(stroke, curve).uncovered < 3
+    assert 0 < refused < 7
+
+
 def two_strokes():
     ring = 40 + 25 * np.column_stack([np.cos(T), np.sin(T)])
     image, _ = slice_with_curve(False)

@@ -124,7 +124,7 @@ def extract_curve(
     if not marks:
         refuse_grey(rgb)
     refuse_noise(marks, colour)
-    candidates, others = tell_apart(candidates_of(marks, max_gap_px), mask)
+    candidates, others = tell_apart(candidates_of(marks, max_gap_px), mask, max_gap_px)
     refuse_crowd(candidates, others, marks, colour)
     chosen = choose(candidates, stroke, colour, origin, _set_aside(marks, others, [], origin))
     strokes = tuple(_measure(rgb, c, method, mask, origin) for c in chosen)

@@ -135,6 +135,13 @@ def _ends(piece: int, path: NDArray, mark: Mark) -> list[_End]:
     return out
 
 
+def ends_of(line: Candidate) -> list[tuple[NDArray, NDArray]]:
+    """Where an open line ends (u, v) [px], and the unit direction in which it would go on."""
+    if line.closed or line.junctions:
+        return []
+    return [(e.at, e.outward) for e in _ends(0, line.path, line.mark)]
+
+
 def _direction(run: NDArray) -> NDArray:
     """Unit direction at the first point of a run, pointing away from the rest of it."""
     t = np.arange(len(run), dtype=float)

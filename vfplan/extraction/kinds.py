@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.extraction.candidates import Candidate
+from vfplan.extraction.candidates import MAX_TURN_DEG, Candidate, ends_of
 from vfplan.extraction.marks import Mark
 
 MIN_LENGTH_PX = 20.0
@@ -27,7 +27,7 @@ CURLED = 1.7  # length over diagonal: a half circle has 1.57, the letter S 2
 
 
 def tell_apart(
-    candidates: list[Candidate], mask: NDArray[np.bool_]
+    candidates: list[Candidate], mask: NDArray[np.bool_], max_gap_px: float
 ) -> tuple[list[Candidate], list[Candidate]]:
     """Split into what may be the curve and what is set aside, each with its kind.
 
@@ -37,11 +37,14 @@ def tell_apart(
         The longest first.
     mask
         (H, W) bool, the pen's mask.
+    max_gap_px
+        How near to a curve's end an arrow may be the curve's own other part.
     """
     named = [replace(c, kind=_alone(c, mask)) for c in candidates]
     longest = max((c.length_px for c in named if c.kind == "curve"), default=0.0)
     named = [replace(c, kind=_beside(c, longest)) if c.is_candidate else c for c in named]
     named = _texts(named, longest)
+    named = [_doubted(c, named, max_gap_px) if c.kind == "arrow" else c for c in named]
     kept = [c for c in named if c.is_candidate]
     return kept, [c for c in named if not c.is_candidate]
 
@@ -140,6 +143,25 @@ def _is_arrow(line: Candidate, mask: NDArray) -> bool:
     head = half > 1.6 * usual + 0.5
     ends = np.r_[head[: len(head) // 3], head[-(len(head) // 3) :]]
     return bool(ends.sum() >= 3 and ends.sum() == head.sum())
+
+
+def _doubted(arrow: Candidate, told: list[Candidate], max_gap_px: float) -> Candidate:
+    """An arrow no more if it carries on where a curve ends that is not `DOMINANT` times longer.
+
+    A sign drawn over a curve cuts it in two, and the ends beside it fork: such a half looks like
+    an arrow.
+    """
+    pixels = arrow.pixels.astype(float)
+    for line in told:
+        if line.kind != "curve" or line.closed or line.length_px > DOMINANT * arrow.length_px:
+            continue
+        for at, outward in ends_of(line):
+            away = np.hypot(*(pixels - at).T)
+            far = pixels[away.argmax()] - at
+            ahead = far @ outward > np.cos(np.radians(MAX_TURN_DEG)) * np.hypot(*far)
+            if ahead and away.min() <= max_gap_px + line.width_px:
+                return replace(arrow, kind="junction" if arrow.junctions else "curve")
+    return arrow
 
 
 def _straight_on(shaft: NDArray):
