@@ -137,6 +137,7 @@ def experiment_2() -> Case:
     """The shipped elbow, probed by the shipped session."""
     text = (files("vfplan.samples") / "elbow_session.csv").read_text().splitlines()[1:]
     hips = np.array([[float(x) for x in line.split(",")[1:]] for line in text])
+    hips[:, 2] -= elbow_curve()[:, 2].mean()  # scenes have their middle in z = 0
     return Case("experiment-2, session", Elbow(), hips)
 
 
