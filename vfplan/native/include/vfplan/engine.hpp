@@ -31,14 +31,14 @@ class BasicEngine {
     void reset(const Vec3& hip) noexcept {
         rule_.reset();
         last_ = {};
+        placed_ = good(hip);
+        if (!placed_) return;
         last_.proxy = hip;
         proxy_ = space_.across(hip);
-        placed_ = true;
     }
 
     Step step(const Vec3& hip) noexcept {
-        for (int k = 0; k < 3; ++k)
-            if (!(std::abs(hip[k]) <= largest_coordinate)) return refuse();
+        if (!good(hip)) return refuse();
         if (!placed_) reset(hip);
         const Vec<D> h = space_.across(hip);
         const Tick<D> tick = rule_(proxy_, h);
@@ -53,6 +53,11 @@ class BasicEngine {
     RuleOf& rule() noexcept { return rule_; }
 
   private:
+    static bool good(const Vec3& hip) noexcept {
+        for (int k = 0; k < 3; ++k)
+            if (!(std::abs(hip[k]) <= largest_coordinate)) return false;
+        return true;
+    }
     Step refuse() noexcept {
         Step s = last_;  // all 0 before there was any proxy: a controller is never given a NaN
         s.status = bad_hip;
@@ -81,7 +86,8 @@ class Engine {
             choose_rule(Space{}, xyz, n, p, width);
     }
 
-    /// Puts the proxy at `hip` [m], wherever that is.
+    /// Puts the proxy at `hip` [m], wherever that is. A bad HIP (not finite, or beyond 1e6 m)
+    /// leaves it unplaced: the first good one of a step is then its start.
     void reset(const Vec3& hip) noexcept { made_->reset(hip); }
     /// One servo loop.
     Step step(const Vec3& hip) noexcept { return made_->step(hip); }

@@ -74,7 +74,7 @@ class Grid {
                std::int64_t& last) const noexcept {
         const double most = static_cast<double>(count_[k]);
         const double at = (x.c[k] - box_.low.c[k]) / cell_, around = reach / cell_ + 1e-6;
-        if (at + around < 0 || at - around > most) return false;
+        if (!(at + around >= 0 && at - around <= most)) return false;  // NaN: nowhere
         first = static_cast<std::int64_t>(std::clamp(std::floor(at - around), 0.0, most - 1));
         last = static_cast<std::int64_t>(std::clamp(std::floor(at + around), 0.0, most - 1));
         return true;
