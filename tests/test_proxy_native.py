@@ -49,6 +49,16 @@ def test_a_user_writes_a_dozen_lines(build):
     assert output(build("dozen_lines", "-O1")) == "5.000 4.000\n"
 
 
+def test_clang_compiles_the_same(build, tmp_path):
+    """The loops are narrow there; a warning is an error, and the answers are the same."""
+    compiler, program = need_program("clang++", "clang++"), tmp_path / "ticks"
+    source = str(NATIVE / "engine_ticks.cpp")
+    command = [compiler, *FLAGS, "-O1", f"-I{INCLUDE}", source, "-o", str(program)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert output(program, 40_000) == output(build("engine_ticks", "-O2"), 40_000)
+
+
 def test_a_million_ticks_allocate_nothing(build):
     lines = output(build("engine_ticks", "-O2"), 1_000_000).splitlines()
     assert len(lines) >= 20

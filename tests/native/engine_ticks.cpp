@@ -2,6 +2,7 @@
 //
 //   engine_ticks TICKS
 //
+// First a reset to a HIP that is no number, which must count as none at all; then
 // TICKS ticks of both rules over all scenes: none may allocate, answer with a number that is not
 // finite, use up its iterations in rest, or leave the proxy inside. A line a scene; exit status 1
 // names the first failure.
@@ -83,6 +84,30 @@ void play(const scenes::Scene& scene, vfplan::Rule rule, long ticks) {
                 100.0 * static_cast<double>(contacts) / static_cast<double>(ticks), inside);
 }
 
+/// After such a reset an engine is as a new one: nothing until the first good HIP, which is its
+/// start.
+void reset_badly(const scenes::Scene& scene, vfplan::Rule rule, double bad) {
+    vfplan::Parameters p;
+    p.rule = rule;
+    p.band = 2e-5;
+    if (scene.planar) p.ignore_axis = vfplan::Vec3{{0, 0, 1}};
+    vfplan::Engine engine(scene.points.data(), scene.points.size() / 3, p);
+    vfplan::Engine fresh(scene.points.data(), scene.points.size() / 3, p);
+    scenes::Path path(scene.points);
+    for (long t = 0; t < 100; ++t) engine.step(path(t));
+    engine.reset({{bad, 0, 0}});
+    const vfplan::Step nothing = engine.step({{bad, 0, 0}});
+    if (nothing.status != vfplan::bad_hip || norm(nothing.force) + norm(nothing.proxy) != 0)
+        fail(scene.name, "bad reset", 0, nothing.status);
+    for (long t = 100; t < 400; ++t) {
+        const vfplan::Vec3 hip = path(t);
+        const vfplan::Step a = engine.step(hip), b = fresh.step(hip);
+        if (!(a.proxy == b.proxy && a.normal == b.normal && a.force == b.force) ||
+            a.status != b.status || a.state != b.state)
+            fail(scene.name, "bad reset", t, norm(a.proxy - b.proxy));
+    }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -90,5 +115,8 @@ int main(int argc, char** argv) {
     const auto list = scenes::all();
     const long each = ticks / static_cast<long>(2 * list.size()) + 1;
     for (const auto& scene : list)
-        for (auto rule : {vfplan::Rule::paper, vfplan::Rule::robust}) play(scene, rule, each);
+        for (auto rule : {vfplan::Rule::paper, vfplan::Rule::robust}) {
+            for (double bad : {std::nan(""), 1.0 / 0.0, 1e200}) reset_badly(scene, rule, bad);
+            play(scene, rule, each);
+        }
 }

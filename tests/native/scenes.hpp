@@ -53,7 +53,10 @@ inline Points double_sheet(int n, double h, double gap) {
 inline Points dust(int n, double half) {
     Random r{7};
     Points p;
-    for (int i = 0; i < n; ++i) add(p, r(-half, half), r(-half, half), r(-half, half));
+    for (int i = 0; i < n; ++i) {  // one after the other: arguments have no order of their own
+        const double z = r(-half, half), y = r(-half, half), x = r(-half, half);
+        add(p, x, y, z);
+    }
     return p;
 }
 

@@ -21,7 +21,8 @@
 #define VFPLAN_X86 0
 #endif
 // Define VFPLAN_NARROW to compile the baseline only, in a third of the time; the bits are the same.
-#if VFPLAN_X86 && !defined(VFPLAN_NARROW)
+// clang knows no `#pragma GCC target`: it gets the baseline.
+#if VFPLAN_X86 && !defined(VFPLAN_NARROW) && !defined(__clang__)
 #define VFPLAN_WIDE 1
 #else
 #define VFPLAN_WIDE 0
