@@ -176,3 +176,13 @@ def test_the_papers_own_scenes(name):
             proxy = step.proxy
     assert tally.left_out <= 0.01 * tally.ticks
     assert tally.states[1] > 20
+
+
+def test_a_start_on_a_point_across_an_oblique_axis():
+    """The point at the proxy is at distance 0 in both, and adds nothing to eq. (1)."""
+    rng, tally = np.random.default_rng(0), Tally()
+    for _ in range(100):
+        points = rng.uniform(-0.01, 0.01, (rng.integers(2, 80), 3))
+        hip = points[rng.integers(len(points))]
+        tally.compare(points, hip, [hip], ignore_axis=rng.normal(size=3))
+    assert tally.left_out <= 5

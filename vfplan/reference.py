@@ -120,7 +120,11 @@ class PaperProxy:
     def _across(self, x: Vector) -> Vector:
         """P x with P = I - a aᵀ: the part across the ignored axis; x itself without one."""
         a = self.parameters.ignore_axis
-        return x if a is None else x - np.multiply.outer(x @ a, a)
+        if a is None:
+            return x
+        # Not x @ a, which rounds otherwise in a row than alone: on a point the distance is 0.
+        ahead = x[..., 0] * a[0] + x[..., 1] * a[1] + x[..., 2] * a[2]
+        return x - ahead[..., None] * a
 
 
 def main_algorithm(
