@@ -134,6 +134,44 @@ def test_a_bad_hip_is_a_status(rule, bad):
     assert engine.step([0, 0, 0.001]).status == Status.OK
 
 
+def test_nothing_survives_a_reset():
+    """A used engine after reset answers as a fresh one, to the bit; the HIP stays where it was."""
+    rng = np.random.default_rng(7)
+    for _ in range(60):
+        cloud = [sheet(), dust(), rng.uniform(-0.01, 0.01, (rng.integers(1, 70), 3))][
+            rng.integers(3)
+        ]
+        settings = {"point_radius": rng.choice([0, 1e-3]), "rule": rng.choice(["paper", "robust"])}
+        hips = np.cumsum(rng.normal(0, 2e-4, (150, 3)), axis=0) + rng.uniform(-0.01, 0.01, 3)
+        hold, far = np.repeat(hips[-1:], 60, axis=0), [0.3, 0.4, 0.5]
+        used, fresh = (vfplan.ProxyEngine(cloud, **settings) for _ in range(2))
+        used.run(np.vstack([hips, hold]))
+        for engine in (used, fresh):
+            engine.reset(far)
+        a, b = used.run(hold), fresh.run(hold)
+        for name in ("proxy", "normal", "force", "state", "status"):
+            assert np.array_equal(getattr(a, name), getattr(b, name)), name
+
+
+def test_a_normal_is_that_of_the_corner_at_hand():
+    """Pressed into one corner, then only touching another: nothing of the first is left."""
+    grid = np.arange(41) * 0.5e-3
+    x, y = (v.ravel() for v in np.meshgrid(grid, grid))
+    corner = np.vstack([np.column_stack([x, y, 0 * x]), np.column_stack([0 * x, x, y])])
+    away = np.array([0.2, 0, 0.5])
+    engine = vfplan.ProxyEngine(np.vstack([corner, corner * [-1, 1, -1] + away]))
+    first, second = np.array([R, 0.01, R]), away + np.array([-R, 0.01, -R])
+    back = np.array([0.02, 0, 0.02])
+    out = first + back
+    engine.run(np.linspace(out, first - [2e-3, 0, 3e-3], 200))
+    pressed = engine.step(first - [2e-3, 0, 3e-3])
+    np.testing.assert_allclose(pressed.normal, np.array([2, 0, 3]) / 13**0.5, atol=1e-3)
+    engine.run(np.linspace(out, second - back, 2000))
+    trace = engine.run(np.linspace(second - back, second, 30))
+    assert trace.state[-1] == 1
+    np.testing.assert_allclose(trace.normal[-1], [-(0.5**0.5), 0, -(0.5**0.5)], atol=1e-3)
+
+
 @pytest.mark.parametrize("depth", [0.0, 1e-3, 4.9e-3])
 def test_a_start_inside_is_reported_and_ramps_out(depth):
     engine = vfplan.ProxyEngine(sheet())

@@ -177,3 +177,37 @@ def test_the_mask_of_the_sample_never_holds_it():
     print("sample's mask: most a tick could go on [um]", 1e6 * max(over), "of", len(over))
     assert len(over) > 100
     assert max(over) <= 5 * engine.parameters.band
+
+
+def shell():
+    """4000 points on a sphere of 12 mm about the proxy, the HIPs within and beyond."""
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(4000, 3))
+    return points / np.linalg.norm(points, axis=1)[:, None] * 12e-3, rng
+
+
+def test_a_nanometre_of_noise_does_not_wake_it():
+    """The last digit of a sensor: the proxy rests as if the HIP were held to the bit."""
+    points, rng = shell()
+    for _ in range(40):
+        hip = rng.normal(0, 6e-3, 3)
+        engine = vfplan.ProxyEngine(points)
+        engine.run(np.linspace(np.zeros(3), hip, 300))
+        trace = engine.run(hip + rng.uniform(-1e-9, 1e-9, (200, 3)))
+        blocked = np.linalg.norm(trace.proxy[-1] - hip) > 1e-6
+        assert np.ptp(trace.proxy[60:], axis=0).max() <= (0 if blocked else 2e-9)
+        assert not trace.status[60:].any(), "at rest is no limit"
+
+
+def test_a_slow_drift_is_followed():
+    """A HIP under a sheet goes 0.1 mm at 1 nm a tick: never further behind than a few bands."""
+    grid = np.arange(-20, 21) * PIXEL
+    x, y = (v.ravel() for v in np.meshgrid(grid, grid))
+    engine = vfplan.ProxyEngine(np.column_stack([x, y, 0 * x]))
+    hips = np.array([1e-4, 2e-4, 3e-3]) + np.arange(100_000)[:, None] * [1e-9, 0, 0]
+    engine.reset(hips[0] + [0, 0, 0.01])
+    engine.run(np.linspace(hips[0] + [0, 0, 0.01], hips[0], 200))
+    trace = engine.run(hips)
+    behind = np.abs(trace.proxy - hips)[:, :2].max()
+    assert behind <= 2 * engine.parameters.band
+    assert not trace.status.any()

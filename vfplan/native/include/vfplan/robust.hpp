@@ -48,40 +48,50 @@ class RobustRule {
     void reset() noexcept {
         neighbours_.forget();
         escape_.stop();
-        known_ = false;
-        held_ = false;
-        count_ = 0;
-        still_ = 0;
+        now_ = {};
     }
 
     /// One servo loop.
     Tick<D> operator()(Vec<D>& proxy, const Vec<D>& hip) noexcept {
         Tick<D> tick;
-        if (!held_ && !enter(proxy, hip, tick)) return tick;
+        if (!now_.held && !enter(proxy, hip, tick)) return tick;
         const Vec<D> start = proxy;
-        most_ = norm(hip - proxy) + p_.band * (1 - tuned::margin);
-        far_ = false;
+        now_.most = norm(hip - proxy) + p_.band * (1 - tuned::margin);
+        now_.far = false;
         if (set_free(proxy, hip)) {
-            still_ = 0;
+            now_.still = -1;
         } else {
-            blocked_ = false;
+            now_.blocked = false;
             tick.status = limit;
-            for (int i = 0; i < p_.max_iterations && tick.status == limit && !far_; ++i)
-                if (!advance(proxy, hip) && !far_) tick.status = ok;
-            settle(proxy, start, hip);
+            for (int i = 0; i < p_.max_iterations && tick.status == limit && !now_.far; ++i)
+                if (!advance(proxy, hip) && !now_.far) tick.status = ok;
+            if (settle(proxy, start, hip)) tick.status = ok;
         }
         double near2 = nearest2(proxy, shell_);
         if (!(near2 >= safe2_)) {  // cannot happen; if it does, stay where it was safe
             proxy = start;
             near2 = nearest2(proxy, shell_);
             tick.status |= limit;
-            held_ = near2 >= safe2_;  // else it is taken out, from the next tick on
+            now_.held = near2 >= safe2_;  // else it is taken out, from the next tick on
         }
-        describe(proxy, near2, tick);
+        describe(proxy, hip, near2, tick);
         return tick;
     }
 
   private:
+    /// All that one tick leaves to the next; a reset begins a new one.
+    struct Session {
+        Wall<D> wall[Contacts<D>::most];
+        int count = 0;
+        Vec<D> looked_at, still_at;
+        int still = -1;        // ticks that the HIP has been at still_at; -1: it was free
+        double most = 0;       // |proxy - HIP| that this tick may end with
+        bool known = false;    // wall belongs to looked_at
+        bool blocked = false;  // the last iteration was stopped below R
+        bool far = false;      // the way of this tick is longer than a tick may look at
+        bool held = false;     // outside the fixture since the last reset
+    };
+
     /// Of the cloud whose dimples are as deep as the band, in R.
     double spacing() const noexcept { return (D == 2 ? std::sqrt(8.0) : 2.0) * grain_; }
     /// What is asked of the list of neighbours: a fit's samples, and what a brief sweep may meet.
@@ -94,10 +104,10 @@ class RobustRule {
     /// out.
     bool enter(Vec<D>& proxy, const Vec<D>& hip, Tick<D>& tick) noexcept {
         if (!escape_.active()) {
-            if (nearest2(proxy, shell_) >= safe2_) return held_ = true;
+            if (nearest2(proxy, shell_) >= safe2_) return now_.held = true;
             escape_.begin(neighbours_, hip);
         }
-        held_ = escape_.step(neighbours_, hip, proxy);
+        now_.held = escape_.step(neighbours_, hip, proxy);
         tick.state = State::entrenched;
         tick.normal = escape_.way();
         tick.status = inside;
@@ -105,10 +115,15 @@ class RobustRule {
     }
 
     /// Below a HIP that has not moved for a while only a gain counts, so the proxy comes to rest.
-    void settle(Vec<D>& x, const Vec<D>& start, const Vec<D>& hip) noexcept {
-        still_ = hip == last_hip_ ? std::min(still_ + 1, tuned::patience) : 0;
-        last_hip_ = hip;
-        if (still_ == tuned::patience && !(norm(hip - x) < norm(hip - start) - rest())) x = start;
+    /// True where the tick is undone: at rest.
+    bool settle(Vec<D>& x, const Vec<D>& start, const Vec<D>& hip) noexcept {
+        const bool moved = now_.still < 0 || !(norm(hip - now_.still_at) <= tuned::still * p_.band);
+        if (moved) now_.still_at = hip;
+        now_.still = moved ? 0 : std::min(now_.still + 1, tuned::patience);
+        if (now_.still < tuned::patience || norm(hip - x) < norm(hip - start) - rest())
+            return false;
+        x = start;
+        return true;
     }
 
     /// Where nothing lies on the straight way, the proxy goes with the HIP, whatever it touches.
@@ -117,10 +132,10 @@ class RobustRule {
         const double distance = norm(u);
         if (!(distance > 0)) return true;
         look(x);
-        for (int j = 0; j < count_; ++j)
+        for (int j = 0; j < now_.count; ++j)
             if (contacts_[j].r <= R_ && dot(contacts_[j].nearest, u) < 0) return false;
-        const double s = travel_(neighbours_, x, (1 / distance) * u, distance, hard_, far_);
-        x = s >= distance ? hip : count_ == 0 ? x + (s / distance) * u : x;
+        const double s = travel_(neighbours_, x, (1 / distance) * u, distance, hard_, now_.far);
+        x = s >= distance ? hip : now_.count == 0 ? x + (s / distance) * u : x;
         return s >= distance;
     }
 
@@ -130,8 +145,8 @@ class RobustRule {
         const double distance = norm(u);
         if (!(distance > 0)) return false;
         look(x);
-        if (count_ == 0) {
-            const double s = travel_(neighbours_, x, (1 / distance) * u, distance, hard_, far_);
+        if (now_.count == 0) {
+            const double s = travel_(neighbours_, x, (1 / distance) * u, distance, hard_, now_.far);
             if (s >= distance) {
                 x = hip;
                 return false;
@@ -140,24 +155,26 @@ class RobustRule {
             return true;
         }
         // |proxy - HIP| never grows by more than the band in a tick: a lift has to wait.
-        if (count_ == 1) wall_[0].t = std::min(wall_[0].t, most_ + dot(wall_[0].n, u));
+        // What is known of the surfaces at x is left as it is, for the ticks that follow.
+        Wall<D> low = now_.wall[0];
+        low.t = std::min(low.t, now_.most + dot(low.n, u));
         // Blocked below R, as in a hollow, where the way ahead rises: up first, on in the next.
-        const bool lift = std::exchange(blocked_, false) && count_ == 1 && wall_[0].t > rest();
-        const Vec<D> v = lift ? wall_[0].t * wall_[0].n : project(u, wall_, count_, slack());
+        const bool lift = std::exchange(now_.blocked, false) && now_.count == 1 && low.t > rest();
+        const Vec<D> v = lift ? low.t * low.n
+                              : project(u, now_.count == 1 ? &low : now_.wall, now_.count, slack());
         const double length = norm(v);
-        if (!lift) push_ = v - u;
-        if (!(length > rest())) return count_ > 1 && squeeze(x, hip);
-        const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, far_);
+        if (!(length > rest())) return now_.count > 1 && squeeze(x, hip);
+        const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, now_.far);
         const Vec<D> y = s < length ? x + (s / length) * v : v == u ? hip : x + v;
         const bool stuck = s < std::min(length, rest());
-        if (stuck && count_ > 1 && rise(x, hip, v)) return true;
+        if (stuck && now_.count > 1 && rise(x, hip, v)) return true;
         // Where two walls hold it: descend or stay. Their sampled normals alone would let it
         // wander.
-        if (!(norm(hip - y) < (count_ > 1 ? distance : most_ + tuned::margin * p_.band)))
+        if (!(norm(hip - y) < (now_.count > 1 ? distance : now_.most + tuned::margin * p_.band)))
             return squeeze(x, hip);
-        if (stuck && !(!lift && count_ == 1 && wall_[0].t > rest())) return squeeze(x, hip);
+        if (stuck && !(!lift && now_.count == 1 && low.t > rest())) return squeeze(x, hip);
         x = y;
-        blocked_ = !lift && s < length && count_ == 1 && wall_[0].t > rest();
+        now_.blocked = !lift && s < length && now_.count == 1 && low.t > rest();
         return !(x == hip);
     }
 
@@ -165,7 +182,7 @@ class RobustRule {
     /// the proxy has sunk among: first up to R above all walls, then on as v asks. False, and
     /// nothing done, unless both together bring the proxy nearer to the HIP.
     bool rise(Vec<D>& x, const Vec<D>& hip, const Vec<D>& v) noexcept {
-        const Vec<D> up = project(Vec<D>{}, wall_, count_, slack()), on = v - up;
+        const Vec<D> up = project(Vec<D>{}, now_.wall, now_.count, slack()), on = v - up;
         if (!(norm(up) > rest() && norm(on) > rest())) return false;
         const Vec<D> y = moved(moved(x, up), on);
         if (!(norm(hip - y) < norm(hip - x))) return false;
@@ -175,7 +192,7 @@ class RobustRule {
     /// x after the step v, or after as much of it as is free.
     Vec<D> moved(const Vec<D>& x, const Vec<D>& v) noexcept {
         const double length = norm(v);
-        const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, far_);
+        const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, now_.far);
         return s < length ? x + (s / length) * v : x + v;
     }
 
@@ -189,7 +206,7 @@ class RobustRule {
         if (!(length > std::max(rest(), grain_ * norm(u)))) return false;
         const Vec<D> y = moved(x, v);
         // Between several walls a gain of the band may be no more than sinking through it.
-        const double least = count_ > 1 ? tuned::deep * p_.band : 0;
+        const double least = now_.count > 1 ? tuned::deep * p_.band : 0;
         if (!(norm(y - x) > rest() && norm(hip - y) < norm(u) - least)) return false;
         x = y;
         return true;
@@ -199,9 +216,9 @@ class RobustRule {
 
     /// The surfaces that touch the proxy at x, and how far each one asks it to move.
     void look(const Vec<D>& x) noexcept {
-        if (known_ && x == looked_at_) return;
-        known_ = true;
-        looked_at_ = x;
+        if (now_.known && x == now_.looked_at) return;
+        now_.known = true;
+        now_.looked_at = x;
         contacts_.clear();
         neighbours_.visit(x, shell_, [&](const Span<D>& s) noexcept {
             std::uint32_t which[room];
@@ -211,8 +228,8 @@ class RobustRule {
                 for (std::size_t i = which[room - 1] + 1; i < s.n; ++i) touch(s, i, x);
         });
         contacts_.group();
-        count_ = contacts_.count();
-        for (int j = 0; j < count_; ++j) wall_[j] = wall(x, contacts_[j]);
+        now_.count = contacts_.count();
+        for (int j = 0; j < now_.count; ++j) now_.wall[j] = wall(x, contacts_[j]);
     }
     void touch(const Span<D>& s, std::size_t i, const Vec<D>& x) noexcept {
         Vec<D> away = x;
@@ -254,17 +271,18 @@ class RobustRule {
         return least;
     }
 
-    void describe(const Vec<D>& x, double near2, Tick<D>& tick) noexcept {
+    void describe(const Vec<D>& x, const Vec<D>& hip, double near2, Tick<D>& tick) noexcept {
         const double touching = R_ + p_.band, near = p_.outer_radius + p_.point_radius;
-        if (near2 <= touching * touching || (known_ && x == looked_at_ && count_ > 0)) {
+        if (near2 <= touching * touching || (now_.known && x == now_.looked_at && now_.count > 0)) {
             tick.state = State::in_contact;
             look(x);
-            if (count_ == 1) tick.normal = wall_[0].n;
-            if (count_ > 1) {
-                Vec<D> n = push_;
+            if (now_.count == 1) tick.normal = now_.wall[0].n;
+            if (now_.count > 1) {
+                const Vec<D> u = hip - x;
+                Vec<D> n = project(u, now_.wall, now_.count, slack()) - u;
                 if (!(norm(n) > rest())) {
                     n = {};
-                    for (int j = 0; j < count_; ++j) n = n + wall_[j].n;
+                    for (int j = 0; j < now_.count; ++j) n = n + now_.wall[j].n;
                 }
                 tick.normal = along(n, 1);
             }
@@ -287,15 +305,7 @@ class RobustRule {
     Escape<D, Search> escape_;
     Touched<D, Search> touched_;
     Contacts<D> contacts_;
-    Wall<D> wall_[Contacts<D>::most];
-    int count_ = 0;
-    Vec<D> looked_at_, push_, last_hip_;
-    int still_ = 0;         // ticks that the HIP has not moved
-    double most_ = 0;       // |proxy - HIP| that this tick may end with
-    bool known_ = false;    // wall_ belongs to looked_at_
-    bool blocked_ = false;  // the last iteration was stopped below R
-    bool far_ = false;      // the way of this tick is longer than a tick may look at
-    bool held_ = false;     // outside the fixture since the last reset
+    Session now_;
 };
 
 }  // namespace vfplan

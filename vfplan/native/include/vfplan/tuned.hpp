@@ -53,6 +53,9 @@ inline constexpr double slack = 1e-6;
 inline constexpr double hair = 1e-9;
 /// Ticks that the HIP has not moved from where on only a gain counts.
 inline constexpr int patience = 32;
+/// Of the band: how far from where patience began a HIP counts as not moved. Two such ways change
+/// what a step gains by four times as much at most, less than `rest`: no step gains by noise.
+inline constexpr double still = 1e-3;
 
 /// Bands that count as sinking: no contact is further off than this, no lift is longer, and between
 /// several walls the points among which it squeezes must give more.
