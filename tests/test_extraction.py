@@ -149,6 +149,14 @@ def test_a_sign_over_the_curve_never_costs_half_of_it():
     assert 0 < refused < 7
 
 
+def test_a_line_that_ends_in_a_dot_is_no_arrow_beside_another_of_its_length():
+    cut = np.array([[60, 120], [400, 130]])
+    dot = cut[1] + 3 * np.column_stack([np.cos(T), np.sin(T)])
+    image = pen(cut, dot, np.add(cut, [0, 120]))
+    with pytest.raises(CurveError, match="2 candidates and none was chosen"):
+        vfplan.extract_curve(image)
+
+
 def two_strokes():
     ring = 40 + 25 * np.column_stack([np.cos(T), np.sin(T)])
     image, _ = slice_with_curve(False)

@@ -17,6 +17,7 @@ from vfplan.extraction.marks import Mark
 
 MIN_LENGTH_PX = 20.0
 DOMINANT = 4.0
+POINTER = 2.0  # an arrow is at least this many times shorter than the curve it stands beside
 GLYPH_PX = 100  # height of a letter at most
 SYMBOL_PX = 64  # size of a marker's sign at most
 RULED = 0.8  # of a ruled line's pixels lie in one row or column; the rest are ticks
@@ -146,22 +147,32 @@ def _is_arrow(line: Candidate, mask: NDArray) -> bool:
 
 
 def _doubted(arrow: Candidate, told: list[Candidate], max_gap_px: float) -> Candidate:
-    """An arrow no more if it carries on where a curve ends that is not `DOMINANT` times longer.
+    """An arrow no more where no curve is `POINTER` times longer, or where it carries one on.
 
-    A sign drawn over a curve cuts it in two, and the ends beside it fork: such a half looks like
-    an arrow.
+    A straight cut whose pen dwelt at one end looks like an arrow. So does half of a curve that a
+    sign drawn over it cuts in two, for the ends beside the sign fork. An arrow alone stays one.
     """
+    curves = [c for c in told if c.kind == "curve"]
+    if not curves:
+        return arrow
+    pointer = any(c.length_px >= POINTER * arrow.length_px for c in curves)
+    if pointer and not any(_carries_on(arrow, c, max_gap_px) for c in curves):
+        return arrow
+    return replace(arrow, kind="junction" if arrow.junctions else "curve")
+
+
+def _carries_on(arrow: Candidate, line: Candidate, max_gap_px: float) -> bool:
+    """Whether the arrow lies where a line of its own size ends, and leads on."""
+    if line.length_px > DOMINANT * arrow.length_px:
+        return False
     pixels = arrow.pixels.astype(float)
-    for line in told:
-        if line.kind != "curve" or line.closed or line.length_px > DOMINANT * arrow.length_px:
-            continue
-        for at, outward in ends_of(line):
-            away = np.hypot(*(pixels - at).T)
-            far = pixels[away.argmax()] - at
-            ahead = far @ outward > np.cos(np.radians(MAX_TURN_DEG)) * np.hypot(*far)
-            if ahead and away.min() <= max_gap_px + line.width_px:
-                return replace(arrow, kind="junction" if arrow.junctions else "curve")
-    return arrow
+    for at, outward in ends_of(line):
+        away = np.hypot(*(pixels - at).T)
+        far = pixels[away.argmax()] - at
+        ahead = far @ outward > np.cos(np.radians(MAX_TURN_DEG)) * np.hypot(*far)
+        if ahead and away.min() <= max_gap_px + line.width_px:
+            return True
+    return False
 
 
 def _straight_on(shaft: NDArray):
