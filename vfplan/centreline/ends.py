@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from vfplan.centreline.profile import Profiles
 
-# How far the ink runs on beyond the centre line's end [px]. A round cap: half a width and a little,
-# for programs that draw set the pen down early. A flat cut: butt and square caps look the same, and
+# How far the ink runs on beyond the centre line's end [px]. A round cap: half a width and a little
+# (at these widths), for programs that draw may run on by the last step of the hand, 1 to 2 px. A
+# flat cut: butt and square caps look the same, and
 # programs overshoot by up to 2 px, so as far as a butt end allows that is to stay within 1.5 px;
 # less in blurred pictures, whose ends are less sharp.
-EARLY_PX = 0.3
-FLAT_PX, BLURRED_PX = (1.38, 0.95), (0.6, 0.9)
+EARLY_PX = ((2.2, 3.0), (0.45, 0.75))
+FLAT_PX, BLURRED_PX = (1.4, 1.2), (0.6, 0.9)
 BETWEEN_PX = 0.2  # half a round cap, as seen in the coverage summed across the line
 SURE = 2.0  # log odds for each px of width at which the cap's form is settled
 ALIKE = 8.0  # samples of coverage that hang together: interpolated, and JPEG's
@@ -124,7 +125,8 @@ def _beyond(tip: Tip, alpha: NDArray, seen: NDArray, ink: float) -> float:
 def _weighed(tip: Tip, odds: float, peak: float) -> float:
     """The cap's length; `odds` > 0 speaks for a flat one, a round one would end `peak` further."""
     flat = float(np.interp(tip.blur, BLURRED_PX, FLAT_PX))
-    round_cap = max(tip.half + EARLY_PX - peak, flat)
+    early = float(np.interp(2 * tip.half, *EARLY_PX))
+    round_cap = max(tip.half + early - peak, flat)
     unsure = max(tip.half / 2 - BETWEEN_PX, flat)
     return float(np.interp(odds, [-SURE, 0.0, SURE], [round_cap, unsure, flat]))
 
