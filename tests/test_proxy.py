@@ -254,7 +254,7 @@ def test_settings_out_of_range(settings, error):
         ("contact_radius", 0.99e-9),
         ("contact_radius", 1.01e6),
         ("point_radius", 1.01e6),
-        ("band", 4.9e-15),
+        ("band", 4.9e-11),
         ("band", 5e-324),
         ("outer_radius", 2.01e6),
         ("outer_radius", np.nan),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vfplan import ProxyParameters, VfplanError
+from vfplan import ProxyEngine, ProxyParameters, VfplanError, _core
 from vfplan.checks import check_hip, check_path, check_points
 from vfplan.errors import SceneError, SettingError
 from vfplan.rendering import PAPER_BAND, dimple_depth
@@ -83,8 +83,8 @@ def test_dimple_depth_is_the_formula(planar):
         ({"contact_radius": 0.999e-9}, "contact_radius 9.99e-10 m"),
         ({"contact_radius": 1e300}, "at most 1e+06"),
         ({"point_radius": 1e300}, "at most 1e+06"),
-        ({"band": 4.9e-15}, "at least 5e-15"),
-        ({"band": 1e-12, "point_radius": 2.0}, "1e-12 (r_c + r_v)"),
+        ({"band": 4.9e-11}, "at least 5e-11"),
+        ({"band": 1e-8, "point_radius": 2.0}, "1e-8 (r_c + r_v)"),
         ({"band": 5e-324}, "r1 must be less than r2"),
         ({"outer_radius": 1e300}, "at most 2e+06"),
         ({"gain": 0.0}, "gain 0"),
@@ -108,11 +108,36 @@ def test_setting_outside_its_range_is_refused(setting, says):
     assert isinstance(caught.value, VfplanError)
 
 
+@pytest.mark.parametrize("make", [MAKE, ProxyEngine])
+def test_a_band_that_the_coordinates_do_not_resolve_is_refused(make):
+    """1e4 roundings of 1e6 m are 2.2 µm."""
+    far = np.array([[0.0, -1e6, 1.0]])
+    with pytest.raises(SettingError, match=r"1e4 roundings of the largest coordinate, 1e\+06 m"):
+        make(far, band=2.2e-6)
+    make(far, band=2.3e-6)
+    make(far)
+
+
+def test_the_native_engine_refuses_it_too():
+    native = _core.Parameters()
+    native.contact_radius, native.outer_radius, native.band = 5e-3, 1e-2, 2.2e-6
+    far = np.array([[0.0, -1e6, 1.0]])
+    with pytest.raises(ValueError, match="largest coordinate"):
+        _core.Engine(far, native, 0)
+    native.band = 2.3e-6
+    _core.Engine(far, native, 0)
+
+
+def test_the_default_band_is_one_that_serves():
+    """r_v = 1 km: 1e-8 R is more than the paper's 10 µm."""
+    assert MAKE(POINT, point_radius=1e3).band == 1e-8 * (5e-3 + 1e3)
+
+
 def test_the_ends_of_the_ranges_are_taken():
     for rc in (1e-9, 1e6):
         for rv in (0.0, 1e6 if rc > 1 else 1e-7):
             assert MAKE(POINT, contact_radius=rc, point_radius=rv).r3 == 2 * rc
-    assert MAKE(POINT, band=5e-15).band == 5e-15
+    assert MAKE(POINT, band=5e-11).band == 5e-11
     assert MAKE(POINT, outer_radius=2e6).r3 == 2e6
 
 

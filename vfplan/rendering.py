@@ -26,9 +26,11 @@ PAPER_BAND = 10e-6  # r2 - rc = rc - r1 of Algorithm 1 [m]
 # What float64 serves among coordinates of up to 1e6 m. Squares of such radii neither under- nor
 # overflow, in the float32 seeds of the native loops either.
 SMALLEST_RADIUS, LARGEST_RADIUS = 1e-9, LIMIT  # [m]
-# Of R: the square of a distance is rounded to 2e-16 of itself, so that the thousandth of the band
-# which the sweeps keep as their margin is still a few roundings.
-FINEST_BAND = 1e-12
+# Of R: the square of a distance is rounded to 2e-16 of itself, and a step's least counted part is
+# a millionth of the band. Below, the proxy lags and eq. (1) loses its digits.
+FINEST_BAND = 1e-8
+# Roundings of the largest coordinate that a band holds: its hundredth, rest, is a hundred still.
+ROUNDINGS_A_BAND = 1e4
 
 
 class Status(IntFlag):
@@ -175,8 +177,9 @@ class ProxyParameters:
         contact_radius, point_radius
             r_c from 1e-9 to 1e6 and r_v from 0 to 1e6 [m].
         band
-            r2 - r_c = r_c - r1 [m], from 1e-12 (r_c + r_v) to r_c. `None`: the paper's 10 µm, or
-            the cloud's dimple depth if that is more (`default_band`); rule "paper": 10 µm.
+            r2 - r_c = r_c - r1 [m], from 1e-8 (r_c + r_v) to r_c, and at least 2.2e-12 of the
+            largest coordinate. `None`: the paper's 10 µm, or the cloud's dimple depth if that is
+            more (`default_band`); rule "paper": 10 µm.
         stiffness
             K [N/m] > 0, one number or one an axis.
         rule
@@ -207,7 +210,11 @@ class ProxyParameters:
         band = number("band", band, "m", above=0.0, most=rc, why="at most contact_radius")
         if not rc - band < rc + band:
             raise SettingError(f"band {band:g} m: r1 must be less than r2 (r_c = {rc:g} m)")
-        band = number("band", band, "m", least=FINEST_BAND * (rc + rv), why="1e-12 (r_c + r_v)")
+        band = number("band", band, "m", least=FINEST_BAND * (rc + rv), why="1e-8 (r_c + r_v)")
+        far = float(np.abs(points).max())
+        least = ROUNDINGS_A_BAND * float(np.finfo(float).eps) * far
+        why = f"1e4 roundings of the largest coordinate, {far:g} m"
+        band = number("band", band, "m", least=least, why=why)
         r3 = 2 * rc if outer_radius is None else outer_radius
         r3 = number("outer_radius", r3, "m", above=rc + band, why="r3 > r2")
         r3 = number("outer_radius", r3, "m", most=2 * LARGEST_RADIUS)
@@ -239,10 +246,10 @@ def default_band(points: Vector, rc: float, rv: float, axis: Vector | None) -> f
     """The paper's band of 10 µm, or the cloud's dimple depth if that is more [m].
 
     Points further apart than R = r_c + r_v are separate objects here: the proxy goes between them
-    or rests on one. Never more than r_c / 2.
+    or rests on one. Never less than 1e-8 R, nor more than r_c / 2.
     """
     planar = axis is not None
     flat = points - np.outer(points @ axis, axis) if planar else points
     spacing = cloud_spacing(flat, rc + rv)
     dimple = 0.0 if spacing is None else dimple_depth(spacing, rc + rv, planar=planar)
-    return min(max(PAPER_BAND, dimple), rc / 2)
+    return min(max(PAPER_BAND, dimple, FINEST_BAND * (rc + rv)), rc / 2)

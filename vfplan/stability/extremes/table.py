@@ -105,11 +105,11 @@ CLOUDS = (
 
 SETTINGS = (
     _outside("band 1 nm", "setting", "walk", band=1e-9),
-    _outside("band 1 pm", "setting", "walk", band=1e-12),
+    _refused("band 1 pm", "setting", "walk", "SettingError", band=1e-12),
     _outside("band = r_c (r1 = 0)", "setting", "walk", band=5e-3, outer_radius=11e-3),
     # The ends of the ranges and what is beyond them.
-    _outside("band 1e-12 R", "setting", "walk", band=5e-15),
-    _refused("band below 1e-12 R", "setting", "walk", "SettingError", band=4.9e-15),
+    _outside("band 1e-8 R", "setting", "walk", band=5e-11),
+    _refused("band below 1e-8 R", "setting", "walk", "SettingError", band=4.9e-11),
     _refused("band denormal", "setting", "walk", "SettingError", band=5e-324),
     *(
         _refused(f"r_c = {rc:g} m", "setting", "walk", "SettingError", contact_radius=rc)

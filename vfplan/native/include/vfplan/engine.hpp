@@ -144,6 +144,7 @@ class Engine {
     template <class S>
     void choose_rule(S space, const double* xyz, std::size_t n, const Parameters& p, Width width) {
         const auto cloud = make_cloud(space, xyz, n);
+        check_resolved(p, xyz, n);
         const bool brute =
             p.search == Search::brute || (p.search == Search::automatic && n <= small_cloud);
         constexpr int D = S::dimension;

@@ -3,6 +3,10 @@
 // Table I of the paper, in SI.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -14,9 +18,11 @@ namespace vfplan {
 /// Radii that float64 serves among coordinates of up to 1e6 m: their squares neither under- nor
 /// overflow, in the float32 seeds of the loops either (1e-38 to 3e38).
 inline constexpr double smallest_radius = 1e-9, largest_radius = 1e6;  // [m]
-/// Of R. The square of a distance is rounded to 2e-16 of itself, so that the thousandth of the band
-/// which the sweeps keep as their margin is still a few roundings.
-inline constexpr double finest_band = 1e-12;
+/// Of R. The square of a distance is rounded to 2e-16 of itself, and a step's least counted part is
+/// a millionth of the band: below, the proxy lags and eq. (1) loses its digits.
+inline constexpr double finest_band = 1e-8;
+/// Roundings of the largest coordinate that a band holds: its hundredth, rest, is a hundred still.
+inline constexpr double roundings_a_band = 1e4;
 
 enum class Rule { robust, paper };
 enum class Search { automatic, grid, brute };
@@ -52,7 +58,7 @@ inline void check(const Parameters& p) {
     must(p.point_radius >= 0 && p.point_radius <= largest_radius,
          "point_radius must be from 0 to 1e6 m");
     must(p.band >= finest_band * p.R(),
-         "band must be at least 1e-12 (contact_radius + point_radius)");
+         "band must be at least 1e-8 (contact_radius + point_radius)");
     must(p.outer_radius > p.r2() && p.outer_radius <= 2 * largest_radius,
          "outer_radius must exceed r2 and be at most 2e6 m");
     must(p.gain > 0 && p.gain <= 1, "gain must be in (0, 1]");
@@ -60,6 +66,16 @@ inline void check(const Parameters& p) {
     if (p.ignore_axis)
         must(std::abs(norm(*p.ignore_axis) - 1) < 1e-9, "ignore_axis must be a unit vector");
     must(p.max_iterations >= 1, "max_iterations must be at least 1");
+}
+
+/// Throws std::invalid_argument where the coordinates of the n points `xyz` are too large to
+/// resolve the band.
+inline void check_resolved(const Parameters& p, const double* xyz, std::size_t n) {
+    double most = 0;
+    for (std::size_t i = 0; i < 3 * n; ++i) most = std::max(most, std::abs(xyz[i]));
+    if (!(p.band >= roundings_a_band * std::numeric_limits<double>::epsilon() * most))
+        throw std::invalid_argument(
+            "vfplan: band must be at least 2.2e-12 of the largest coordinate: its 1e4 roundings");
 }
 
 }  // namespace vfplan
