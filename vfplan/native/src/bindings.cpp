@@ -4,7 +4,9 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include <atomic>
 #include <chrono>
+#include <stdexcept>
 
 #include "vfplan/engine.hpp"
 #include "vfplan/version.hpp"
@@ -25,9 +27,32 @@ nb::ndarray<nb::numpy, T> array(std::size_t rows, std::size_t columns) {
     return nb::ndarray<nb::numpy, T>(data, columns > 1 ? 2 : 1, shape, owner);
 }
 
+// An engine keeps its proxy from tick to tick: a call while another is under way is refused.
+struct Engine : vfplan::Engine {
+    using vfplan::Engine::Engine;
+    std::atomic_flag busy = ATOMIC_FLAG_INIT;
+};
+
+class Turn {
+  public:
+    explicit Turn(Engine& engine) : engine_(engine) {
+        if (engine_.busy.test_and_set(std::memory_order_acquire))
+            throw std::runtime_error(
+                "this ProxyEngine is in use by another thread: one engine serves one thread, "
+                "make one for each");
+    }
+    ~Turn() { engine_.busy.clear(std::memory_order_release); }
+    Turn(const Turn&) = delete;
+    Turn& operator=(const Turn&) = delete;
+
+  private:
+    Engine& engine_;
+};
+
 vfplan::Vec3 vec(const Row& r) { return {{r(0), r(1), r(2)}}; }
 
-nb::tuple step(vfplan::Engine& engine, const Row& hip) {
+nb::tuple step(Engine& engine, const Row& hip) {
+    const Turn turn(engine);
     const vfplan::Step s = engine.step(vec(hip));
     auto rows = array<double>(3, 3);
     const vfplan::Vec3* from[] = {&s.proxy, &s.normal, &s.force};
@@ -36,7 +61,8 @@ nb::tuple step(vfplan::Engine& engine, const Row& hip) {
 }
 
 // Proxy, normal, force (T, 3), state, status (T,), and the time of each tick [s] when asked for.
-nb::tuple run(vfplan::Engine& engine, const Rows& hips, bool timed) {
+nb::tuple run(Engine& engine, const Rows& hips, bool timed) {
+    const Turn turn(engine);
     const std::size_t n = hips.shape(0);
     auto proxy = array<double>(n, 3), normal = array<double>(n, 3), force = array<double>(n, 3);
     auto state = array<std::int8_t>(n, 1);
@@ -64,7 +90,7 @@ nb::tuple run(vfplan::Engine& engine, const Rows& hips, bool timed) {
     return nb::make_tuple(proxy, normal, force, state, status, seconds);
 }
 
-nb::object distance(const vfplan::Engine& engine, const Rows& points) {
+nb::object distance(const Engine& engine, const Rows& points) {
     const std::size_t n = points.shape(0);
     auto out = array<double>(n, 1);
     double* d = out.data();
@@ -108,21 +134,26 @@ NB_MODULE(_core, m) {
         .def("set_ignore_axis",
              [](vfplan::Parameters& p, const Row& a) { p.ignore_axis = vec(a); });
 
-    nb::class_<vfplan::Engine>(m, "Engine")
+    nb::class_<Engine>(m, "Engine")
         .def(
             "__init__",
-            [](vfplan::Engine* self, const Rows& points, const vfplan::Parameters& p, int width) {
+            [](Engine* self, const Rows& points, const vfplan::Parameters& p, int width) {
                 nb::gil_scoped_release release;
-                new (self) vfplan::Engine(points.data(), points.shape(0), p,
-                                          static_cast<vfplan::Width>(width));
+                new (self)
+                    Engine(points.data(), points.shape(0), p, static_cast<vfplan::Width>(width));
             },
             "points"_a, "parameters"_a, "width"_a = 0)
         .def(
-            "reset", [](vfplan::Engine& e, const Row& hip) { e.reset(vec(hip)); }, "hip"_a)
+            "reset",
+            [](Engine& e, const Row& hip) {
+                const Turn turn(e);
+                e.reset(vec(hip));
+            },
+            "hip"_a)
         .def("step", &step, "hip"_a)
         .def("run", &run, "hips"_a, "timed"_a = false)
         .def("distance", &distance, "points"_a)
-        .def_prop_ro("bytes", &vfplan::Engine::bytes)
-        .def_prop_ro("cells", &vfplan::Engine::cells)
-        .def_prop_ro("planar", &vfplan::Engine::planar);
+        .def_prop_ro("bytes", &Engine::bytes)
+        .def_prop_ro("cells", &Engine::cells)
+        .def_prop_ro("planar", &Engine::planar);
 }
