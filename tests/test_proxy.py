@@ -203,6 +203,105 @@ def test_stiffness_and_ignored_axis():
     np.testing.assert_allclose(forces["x"], [0, 0, 8], atol=1e-3)
 
 
+def filled(dims, half, spacing):
+    """A filled square or cube, as thick as it is wide [m]."""
+    g = np.arange(-half, half + spacing / 2, spacing)
+    axes = [g, g, g if dims == 3 else np.zeros(1)]
+    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+
+
+@pytest.mark.parametrize(("dims", "half"), [(2, 0.12), (2, 0.012), (3, 0.012)])
+def test_a_start_deep_in_a_thick_fixture_is_taken_out(dims, half):
+    """Up to 120 R thick: the spring grows no longer than the way out, and the status ends."""
+    radius = 1e-3
+    engine = vfplan.ProxyEngine(
+        filled(dims, half, 1.3e-3), contact_radius=radius, ignore_axis="z" if dims == 2 else None
+    )
+    hip = np.array([1e-4, 2e-4, 0.0 if dims == 2 else 1e-4])
+    ticks = int(256 * (half / radius + 3)) + 100
+    engine.reset(hip)
+    trace = engine.run(np.tile(hip, (ticks, 1)))
+    spring = np.linalg.norm(trace.proxy - hip, axis=1)
+    assert spring.max() <= half + 2 * radius
+    assert trace.status[0] == Status.INSIDE
+    assert trace.status[-1] == Status.OK
+    assert engine.distance(trace.proxy[-1:])[0] >= radius - engine.parameters.band
+    outside = engine.distance(trace.proxy) >= radius
+    assert np.count_nonzero(outside & (trace.status == Status.INSIDE)) <= 256
+    assert np.abs(np.diff(trace.proxy - hip, axis=0)).max() <= 2 * radius / 256
+
+
+@pytest.mark.parametrize("speed", [2e-5, 1e-4, 1e-3])  # [m] a tick
+@pytest.mark.parametrize("way", [(0, 0, -1), (0, 0, 1), (1, 0, 0), (0.7, 0.1, -0.7)])
+def test_a_hand_that_leaves_by_any_side_feels_no_jump(way, speed):
+    """The HIP starts in a sheet and goes through it, back out, along it or aslant."""
+    engine = vfplan.ProxyEngine(sheet(), stiffness=1000)
+    start = np.array([0, 0, 5e-4])
+    count = int(0.04 / speed)
+    hips = start + np.outer(np.arange(count) * speed, way)
+    hips = np.vstack([hips, np.tile(hips[-1], (600, 1))])
+    engine.reset(start)
+    trace = engine.run(hips)
+    told = trace.status & Status.INSIDE > 0
+    assert told[0]
+    assert not told[-1]
+    force = np.vstack([np.zeros(3), trace.force])
+    steps = np.linalg.norm(np.diff(force, axis=0), axis=1)
+    most = 1000 * (R / 256 + np.linalg.norm(np.diff(hips, axis=0, prepend=start[None]), axis=1))
+    until = np.flatnonzero(told)[-1] + 2  # the tick that ends it too
+    assert (steps - most)[:until].max() < 0.01
+    assert engine.distance(trace.proxy[until - 1 :]).min() >= R - engine.parameters.band
+
+
+def test_a_hand_that_leaves_dust_mostly_feels_no_jump():
+    """Random walks out of dust: where the rule jumps past a point, so does the force, seldom."""
+    rng = np.random.default_rng(5)
+    ticks, beyond = 0, []
+    for seed in range(60):
+        points = dust(int(10 ** rng.uniform(1, 3.5)), 0.03, seed)
+        engine = vfplan.ProxyEngine(points, stiffness=1000)
+        start = points[0] + rng.normal(size=3) * 1e-3
+        walk = np.cumsum(rng.normal(size=(2000, 3)), axis=0)
+        walk *= 10 ** rng.uniform(-5.5, -3) / np.linalg.norm(walk, axis=1, keepdims=True)
+        hips = start + np.cumsum(walk, axis=0)
+        hips = np.vstack([hips, np.tile(hips[-1], (3000, 1))])
+        engine.reset(start)
+        trace = engine.run(hips)
+        told = trace.status & Status.INSIDE > 0
+        assert told[0]
+        end = np.flatnonzero(told)[-1] + 1
+        assert end < len(hips)
+        assert not (~told[:end]).any()
+        out = np.flatnonzero(trace.state != 2)[0]
+        assert engine.distance(trace.proxy[out:]).min() >= R - engine.parameters.band - 1e-11
+        steps = np.linalg.norm(np.diff(trace.force, axis=0, prepend=np.zeros((1, 3))), axis=1)
+        moved = np.linalg.norm(np.diff(hips, axis=0, prepend=start[None]), axis=1)
+        more = (steps - 1000 * (R / 256 + moved))[: end + 1]
+        ticks += len(more)
+        beyond.extend(more[more > 0.01])
+    far = sum(more > 1 for more in beyond)
+    print(f"of {ticks} ticks {len(beyond)} beyond K (R/256 + |dh|), {far} by more than 1 N,")
+    print(f"{max(beyond):.1f} N at most")
+    assert len(beyond) < 0.05 * ticks
+    assert far < 0.005 * ticks
+
+
+def test_one_engine_serves_one_thread():
+    engine = vfplan.ProxyEngine(dust())
+    hips = np.tile([0.03, 0.03, 0.03], (3_000_000, 1))
+    run = threading.Thread(target=engine.run, args=(hips,))
+    run.start()
+    refused = ""
+    while run.is_alive() and not refused:
+        try:
+            engine.step(hips[0])
+        except RuntimeError as error:
+            refused = str(error)
+    run.join()
+    assert "one engine serves one thread" in refused
+    engine.step(hips[0])
+
+
 def test_two_threads_run_at_once():
     cloud, hips = dust(), press_and_slide(500)
     alone = vfplan.ProxyEngine(cloud).run(hips).proxy

@@ -1,63 +1,91 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // A start inside the fixture: the proxy is taken out along the shortest way found, slowly, so that
-// the force ramps; it follows the HIP meanwhile.
+// the force ramps; it follows the HIP meanwhile. Outside, the rule takes over as slowly.
 #pragma once
 
 #include "vfplan/neighbours.hpp"
+#include "vfplan/status.hpp"
 
 namespace vfplan {
 
 template <int D, class Search>
 class Escape {
   public:
-    static constexpr int most_hops = 48;  // from sphere to sphere along one direction
-    static constexpr int most_hops_a_tick = 384;
+    static constexpr int most_hops = 48;             // from sphere to sphere along the way, a tick
+    static constexpr int most_hops_to_choose = 384;  // along all ways together, a tick
+    static constexpr int most_ticks_to_choose = 1024;
     static constexpr double ramp = 1.0 / 256;  // of R, a tick
 
     Escape(const Kernels<D>& kernels, double radius) noexcept : kernels_(kernels), R_(radius) {}
 
     bool active() const noexcept { return active_; }
+    /// Outside, but the rule's own proxy is still further from the last one than a tick may go.
+    bool leads() const noexcept { return leads_; }
     const Vec<D>& way() const noexcept { return way_; }
-    void stop() noexcept { active_ = false; }
+    void stop() noexcept { active_ = leads_ = false; }
 
-    /// The HIP is at h, and the proxy inside: choose the way out.
+    /// The HIP is at h, and the proxy inside: look for the way out, from the next step on.
     void begin(Search& search, const Vec<D>& h) noexcept {
         active_ = true;
+        leads_ = false;
         out_ = 0;
-        last_ = h;
-        budget_ = most_hops_a_tick;
-        double best = std::numeric_limits<double>::infinity();
+        last_ = start_ = h;
         way_ = Vec<D>{};
         way_.c[D - 1] = 1;
-        try_way(search, h, from_nearest(search, h), best);
-        try_way(search, h, -1.0 * way_, best);
-        Vec<D> d;
-        constexpr int ring = D == 3 ? 27 : 9;
-        for (int i = 0; i < ring; ++i) {
-            for (int k = 0, rest = i; k < D; ++k, rest /= 3) d.c[k] = rest % 3 - 1;
-            if (norm(d) > 0) try_way(search, h, along(d, 1), best);
-        }
-        for (int i = 0; i < 2 && std::isfinite(best); ++i)
-            try_way(search, h, from_nearest(search, h + best * way_), best);
+        way_ = nearest_ = from_nearest(search, h);
+        best_ = never;
+        for (double& t : reached_) t = 0;
+        ticks_to_choose_ = most_ticks_to_choose;
     }
 
     /// One tick; true when the proxy has reached the free space.
     bool step(Search& search, const Vec<D>& h, Vec<D>& proxy) noexcept {
-        budget_ = most_hops_a_tick;
-        const double there = exit(search, h, way_, std::numeric_limits<double>::infinity());
-        const double deeper = std::max(0.0, -dot(h - last_, way_));
+        bool out = false;
+        if (ticks_to_choose_ > 0 && !choose(search)) {  // no force before there is a way
+            --ticks_to_choose_;
+            out = hop(search, h, way_) == free;
+        } else {
+            ticks_to_choose_ = 0;
+            out = go(search, h);
+        }
         last_ = h;
-        out_ = std::min(out_ + ramp * R_ + deeper, there);
         proxy = h + out_ * way_;
-        if (out_ < there) return false;
-        active_ = false;
-        return true;
+        active_ = !out;
+        leads_ = out && out_ > 0;
+        lead_ = out_ * way_;
+        pace_ = ramp * R_;
+        return out;
+    }
+
+    /// One tick of `rule(proxy, HIP)` after the way out. Where its proxy is further off than the
+    /// force may change, the rule is given a HIP between the last one it had and h: as near to h as
+    /// keeps the force within the ramp, and at least the ramp nearer than the last.
+    template <class Rule>
+    auto hand_over(const Vec<D>& h, Vec<D>& proxy, Rule&& rule) noexcept {
+        const Vec<D> start = proxy, spring = proxy - last_, lead = lead_;
+        const double most = ramp * R_ + norm(h - last_), left = norm(lead);
+        last_ = h;
+        decltype(rule(proxy, h)) tick;
+        for (const double pace : {left, 2 * pace_, ramp * R_}) {
+            proxy = start;
+            pace_ = std::min(pace, left);
+            lead_ = (1 - pace_ / left) * lead;
+            tick = rule(proxy, h + lead_);
+            if (norm(proxy - h - spring) <= most) break;
+        }
+        leads_ = pace_ < left;
+        if (leads_) tick.status |= inside;
+        return tick;
     }
 
   private:
+    static constexpr int ring = D == 3 ? 27 : 9;
+    static constexpr double never = std::numeric_limits<double>::infinity();
+    static constexpr double free = -never;
+
     Vec<D> from_nearest(Search& search, const Vec<D>& x) noexcept {
-        double least = std::numeric_limits<double>::infinity();
+        double least = never;
         Vec<D> away;
         search.source().visit(x, R_ * (1 + 1e-6), [&](const Span<D>& s) noexcept {
             if (!(kernels_.nearest2(s, x) < least)) return;
@@ -72,34 +100,86 @@ class Escape {
         return r > 0 ? (1 / r) * away : way_;
     }
 
-    void try_way(Search& search, const Vec<D>& h, const Vec<D>& d, double& best) noexcept {
-        const double t = exit(search, h, d, best);
-        if (t < best) best = t, way_ = d;
+    /// From the nearest point, its opposite, and the neighbours of a cube.
+    Vec<D> candidate(int i) const noexcept {
+        if (i < 2) return (i == 0 ? 1.0 : -1.0) * nearest_;
+        Vec<D> d;
+        for (int k = 0, rest = i - 2; k < D; ++k, rest /= 3) d.c[k] = rest % 3 - 1;
+        return norm(d) > 0 ? along(d, 1) : nearest_;
+    }
+
+    /// All ways are followed hop by hop, in turn, so that none uses up the hops of a tick; false
+    /// while the shortest one is not known.
+    bool choose(Search& search) noexcept {
+        int hops = most_hops_to_choose;
+        for (bool open = true; open;) {
+            open = false;
+            for (int i = 0; i < ring + 2; ++i) {
+                if (!(reached_[i] < best_)) continue;
+                if (hops-- == 0) return false;
+                open = true;
+                const Vec<D> d = candidate(i);
+                const double s = hop(search, start_ + reached_[i] * d, d);
+                if (s == free)
+                    best_ = reached_[i], way_ = d;
+                else
+                    reached_[i] += s;
+            }
+        }
+        for (int i = 0; i < 2; ++i) {
+            const Vec<D> d = from_nearest(search, start_ + best_ * way_);
+            const double t = exit(search, start_, d, best_);
+            if (t < best_) best_ = t, way_ = d;
+        }
+        return true;
+    }
+
+    /// One tick along the way; true when that ends outside.
+    bool go(Search& search, const Vec<D>& h) noexcept {
+        const double behind = exit(search, h, way_, out_);
+        if (behind < out_) {  // as when the HIP has come through to the other side
+            out_ = std::max(behind, out_ - ramp * R_);
+        } else {
+            const double most = ramp * R_ + std::max(0.0, -dot(h - last_, way_));
+            const double ahead = exit(search, h + out_ * way_, way_, most);
+            out_ += std::min(ahead, most);
+            if (ahead < most) return true;
+        }
+        return hop(search, h + out_ * way_, way_) == free;
     }
 
     /// Distance from h along d to the free space; infinity beyond `most` or out of hops.
     double exit(Search& search, const Vec<D>& h, const Vec<D>& d, double most) noexcept {
-        constexpr double never = std::numeric_limits<double>::infinity();
-        const double inside2 = R_ * R_ * (1 - 1e-9);
         double t = 0;
-        for (int i = 0; i < most_hops && budget_ > 0 && t < most; ++i, --budget_) {
-            const Vec<D> y = h + t * d;
-            double s = -never;
-            search.source().visit(y, R_, [&](const Span<D>& span) noexcept {
-                s = std::max(s, kernels_.out(span, y, d, inside2, R_ * R_));
-            });
-            if (s == -never) return t;
-            t += s + 1e-12 * R_;
+        for (int i = 0; i < most_hops && t < most; ++i) {
+            const double s = hop(search, h + t * d, d);
+            if (s == free) return t;
+            t += s;
         }
         return never;
     }
 
+    /// Distance from y along d out of all spheres around points that y is in; `free` in none.
+    double hop(Search& search, const Vec<D>& y, const Vec<D>& d) noexcept {
+        const double inside2 = R_ * R_ * (1 - 1e-9);
+        double s = free;
+        search.source().visit(y, R_, [&](const Span<D>& span) noexcept {
+            s = std::max(s, kernels_.out(span, y, d, inside2, R_ * R_));
+        });
+        return s == free ? s : s + 1e-12 * R_;
+    }
+
     Kernels<D> kernels_;
     double R_;
-    bool active_ = false;
+    bool active_ = false, leads_ = false;
     Vec<D> way_, last_;
-    double out_ = 0;
-    int budget_ = 0;
+    Vec<D> lead_;      // from the HIP to the one that the rule is given
+    double pace_ = 0;  // that the last tick took off it
+    double out_ = 0;   // from the HIP to the proxy, along the way
+    Vec<D> start_, nearest_;
+    double reached_[ring + 2] = {};  // along each candidate, from the start
+    double best_ = never;
+    int ticks_to_choose_ = 0;
 };
 
 }  // namespace vfplan

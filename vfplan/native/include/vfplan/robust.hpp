@@ -55,6 +55,15 @@ class RobustRule {
     Tick<D> operator()(Vec<D>& proxy, const Vec<D>& hip) noexcept {
         Tick<D> tick;
         if (!now_.held && !enter(proxy, hip, tick)) return tick;
+        if (!escape_.leads()) return follow(proxy, hip);
+        return escape_.hand_over(hip, proxy,
+                                 [&](Vec<D>& x, const Vec<D>& h) noexcept { return follow(x, h); });
+    }
+
+  private:
+    /// One servo loop of a proxy that is outside.
+    Tick<D> follow(Vec<D>& proxy, const Vec<D>& hip) noexcept {
+        Tick<D> tick;
         const Vec<D> start = proxy;
         now_.most = norm(hip - proxy) + p_.band * (1 - tuned::margin);
         now_.far = false;
@@ -78,7 +87,6 @@ class RobustRule {
         return tick;
     }
 
-  private:
     /// All that one tick leaves to the next; a reset begins a new one.
     struct Session {
         Wall<D> wall[Contacts<D>::most];
