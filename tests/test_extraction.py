@@ -438,3 +438,67 @@ def test_methods_by_name():
     assert np.array_equal(mask.mask, ridge.mask)
     assert compare(ridge.strokes[0], curve).rms < 0.03
     assert 0.2 < compare(skeleton.strokes[0], curve).rms < 0.6
+
+
+def line_at(v, start, stop):
+    return polyline([[start, v], [stop, v]])
+
+
+@pytest.mark.parametrize(("width", "stub"), [(2.2, 4), (3, 2), (3, 4), (5, 2), (5, 6)])
+def test_a_last_bit_beyond_a_pen_lift_is_told(width, stub):
+    image = pen(line_at(200.2, 60, 300), line_at(200.2, 315, 315 + stub), width=width)
+    extraction = vfplan.extract_curve(image)
+    (warning,) = extraction.warnings
+    assert f"px at ({315 + stub / 2:.0f}, 200) lies" in warning
+    gap = float(warning.split(" lies about ")[1].split()[0])
+    assert gap == pytest.approx(15 - width, abs=3)
+    (mark,) = extraction.set_aside
+    assert mark["kind"] == "speck"
+    assert abs(mark["box"][0] + mark["box"][2] / 2 - (315 + stub / 2)) < 2
+
+
+def test_specks_elsewhere_are_not_warned_of():
+    dots = [line_at(v, u, u + 3) for u, v in ((345, 200), (150, 215), (300, 216))]
+    extraction = vfplan.extract_curve(pen(line_at(200, 60, 300), *dots))
+    assert not extraction.warnings
+    assert not extraction.set_aside
+    thin = pen(line_at(200, 60, 300), width=6)
+    thin[199:201, 312:318] = RED
+    assert not vfplan.extract_curve(thin).warnings
+
+
+@pytest.mark.parametrize("method", ["ridge", "skeleton", "mask"])
+def test_a_region_that_cuts_the_curve_is_warned_of(method):
+    image = pen([[-20, 100], [250, 190]])
+    whole = vfplan.extract_curve(image, method=method, roi=(0, 50, 300, 200))
+    assert not whole.warnings
+    cut = vfplan.extract_curve(image, method=method, roi=(0, 50, 200, 200))
+    (warning,) = cut.warnings
+    u, v = (float(x) for x in warning.split("(")[1].split(")")[0].split(","))
+    assert np.hypot(u - 200, v - 173) < 5
+    assert "border of the region 0,50,200,200" in warning
+    twice = vfplan.extract_curve(image, method=method, roi=(60, 50, 140, 200))
+    assert len(twice.warnings) == 2
+
+
+def test_a_curve_that_is_nearly_closed_is_warned_of():
+    ring = np.column_stack([240 + 100 * np.cos(T), 200 + 100 * np.sin(T)])
+    extraction = vfplan.extract_curve(pen(ring[17:-17]))
+    assert not extraction.strokes[0].closed
+    (warning,) = extraction.warnings
+    missing = float(warning.split(": ")[1].split()[0])
+    assert missing == pytest.approx(np.hypot(*(ring[17] - ring[-18])) - 3, abs=3)
+    assert not vfplan.extract_curve(pen(ring[60:-60])).warnings
+    side_by_side = pen([[100, 180], [300, 180], [340, 200], [300, 220], [100, 220]])
+    assert not vfplan.extract_curve(side_by_side).warnings
+
+
+def test_a_ring_that_fades_over_bright_bone_is_not_opened_in_silence():
+    """Half opaque, blended in linear light: over white less than half of the mark's strength."""
+    ring = np.column_stack([240 + 120 * np.cos(T), 200 + 120 * np.sin(T)])
+    ground = flat(SHAPE, 40.0)
+    cv2.circle(ground, (360, 200), 28, (250, 250, 250), -1)
+    share = coverage(SHAPE, ring, 3, True)
+    extraction = vfplan.extract_curve(to_uint8(blend(ground, share, RED, 0.5, 2.2)))
+    (stroke,) = extraction.strokes
+    assert stroke.closed or any("nearly closed" in w for w in extraction.warnings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.centreline.choice import choose, refuse_crowd, refuse_grey, refuse_noise
+from vfplan.centreline.doubts import cut_off, left_over, nearly_closed
 from vfplan.centreline.path import drawn_length
 from vfplan.centreline.ridge import Centreline, trace
 from vfplan.errors import CurveError, SettingError
@@ -70,7 +72,7 @@ class Extraction:
         How they were measured.
     set_aside
         Marks in the pen's colour that were not taken for curves, and candidates not chosen: each a
-        dict with `kind`, `box` and `length_px`.
+        dict with `kind`, `box` and `length_px`. Specks are named just beyond a curve's end only.
     warnings
         What a person should know before trusting the result.
     """
@@ -128,8 +130,14 @@ def extract_curve(
     refuse_crowd(candidates, others, marks, colour)
     chosen = choose(candidates, stroke, colour, origin, _set_aside(marks, others, [], origin))
     strokes = tuple(_measure(rgb, c, method, mask, origin) for c in chosen)
-    aside = _set_aside(marks, [*candidates, *others], chosen, origin)
-    return Extraction(_whole(mask, origin, planned.rgb.shape), strokes, method, aside)
+    told = [*candidates, *others]
+    specks, warnings = left_over(chosen, marks, told, max_gap_px, origin)
+    for line in chosen:
+        warnings += cut_off(line, roi, planned.rgb.shape)
+        warnings += nearly_closed(line, max_gap_px, origin)
+    aside = _set_aside(marks, told, chosen, origin, specks)
+    whole = _whole(mask, origin, planned.rgb.shape)
+    return Extraction(whole, strokes, method, aside, tuple(warnings))
 
 
 def load_libraries() -> None:
@@ -226,9 +234,13 @@ def _every_pixel(mask: NDArray, candidate: Candidate) -> Centreline:
 
 
 def _set_aside(
-    marks: list[Mark], lines: list[Candidate], chosen: list[Candidate], origin: tuple[int, int]
+    marks: list[Mark],
+    lines: list[Candidate],
+    chosen: list[Candidate],
+    origin: tuple[int, int],
+    specks: Sequence[Mark] = (),
 ) -> tuple[dict, ...]:
-    """What was not used, with its place: panels, and lines of other kinds or not chosen."""
+    """What was not used, with its place: panels, lines of other kinds or not chosen, `specks`."""
     u, v = origin
     aside = [
         {"kind": m.kind, "box": (m.box[0] + u, m.box[1] + v, *m.box[2:]), "area_px": m.area_px}
@@ -242,4 +254,9 @@ def _set_aside(
             if line.junctions:
                 entry["junctions"] = [(a + u, b + v) for a, b in line.junctions]
             aside.append(entry)
+    listed = {entry["box"] for entry in aside}
+    for m in specks:
+        box = (m.box[0] + u, m.box[1] + v, *m.box[2:])
+        if box not in listed:
+            aside.append({"kind": "speck", "box": box, "length_px": round(m.length_px, 1)})
     return tuple(aside)

@@ -184,28 +184,30 @@ def _cost(a: _End, b: _End, paths: list[NDArray], max_gap: float) -> float | Non
     across = b.at - a.at
     distance = float(np.hypot(*across))
     gap = distance - width + 1  # thinning takes about half a width from each end
-    if gap > max_gap or not _same_pen(a.mark, b.mark):
+    if gap > max_gap or not same_pen(a.mark, b.mark):
         return None
     if min(len(paths[a.piece]), len(paths[b.piece])) + width < gap:
         return None
     if a.piece == b.piece and len(paths[a.piece]) < 3 * distance + 10:
         return None
     doubt = np.degrees(np.arctan2(PIXEL_NOISE, distance))  # a pixel aside is an angle, up close
-    turn = _angle(a.outward, -b.outward)
-    aside = max(_angle(a.outward, across), _angle(-b.outward, across)) - doubt
+    turn = angle_deg(a.outward, -b.outward)
+    aside = max(angle_deg(a.outward, across), angle_deg(-b.outward, across)) - doubt
     if turn > MAX_TURN_DEG or aside > MAX_ASIDE_DEG:
         return None
     return distance * (1 + (turn + max(aside, 0.0)) / 45)
 
 
-def _same_pen(a: Mark, b: Mark) -> bool:
-    hue = _angle(a.pen.along, b.pen.along)
+def same_pen(a: Mark, b: Mark) -> bool:
+    """Whether two marks are alike in hue, strength and width."""
+    hue = angle_deg(a.pen.along, b.pen.along)
     strength = a.pen.strength / b.pen.strength
     width = a.width_px / b.width_px
     return hue < 20 and 0.5 < strength < 2 and 0.5 < width < 2
 
 
-def _angle(a: NDArray, b: NDArray) -> float:
+def angle_deg(a: NDArray, b: NDArray) -> float:
+    """Between two directions, 0..180."""
     cosine = np.dot(a, b) / (np.linalg.norm(a) * np.linalg.norm(b))
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
