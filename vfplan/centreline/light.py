@@ -16,12 +16,23 @@ FLANK_PX = 0.8  # beyond the line's edge begins the ground
 MIDDLE_PX = 0.5
 CLEAR = 2.0  # times its flanks' roughness: a line this much darker or brighter is seen
 GREY_LEVELS = 1.0  # that the ground is rough at least, of 255
+LAG = 4  # profiles apart, JPEG's noise in colour differs,
+COARSE = 0.004  # by more than this of full coverage
 INDEPENDENT = 3.0  # samples that share their noise
 LEAST = 30  # profiles from which the brightness can be judged
 MODEL_PX = 0.02  # what a ground that is not straight under the line may do unseen
 GRID_PX = 0.05  # noise of clean colour: the pixel grid's, which the brightness shares
 TREND_PX = 8.0  # slower changes of the offset are the path's, not noise
 MEDIAN_OF_SQUARE = 0.455  # of a normal variable
+
+
+def is_coarse(beside: NDArray) -> bool:
+    """Whether (M, 2) coverage off both sides of a line has noise along it, as JPEG's colour has.
+
+    Beside a line drawn and kept without loss there is none, however it was enlarged.
+    """
+    change = beside[LAG:] - beside[:-LAG]
+    return len(change) >= LEAST and _spread(change) > COARSE
 
 
 def with_light(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.centreline.light import with_light
+from vfplan.centreline.light import is_coarse, with_light
 from vfplan.extraction.pen import Pen, sample_pixels
 
 MARGIN_PX = 2.0  # profiles reach this far beyond the line's edge
@@ -15,7 +15,7 @@ STEP_PX = 0.5
 INNER_PX = 0.5  # of the profile's middle: it must lie in the image
 FOREIGN = 0.35  # of the pen's strength: more than this of another colour hides the line
 RISE = 0.2  # of full coverage, past the line's edge: a neighbour
-CLEAN = 0.006  # of coverage beside the line: less, and the colour has no noise of JPEG's
+FAR_PX = 5.0  # beyond a width from the line's middle a pen that was enlarged has faded as well
 DOUBLE = 0.85  # of its maximum: a mean profile lower than this in its middle is two lines
 SEEN = 0.4  # of the usual coverage: less is no line
 SHADING_T = 5.0  # a shading effect below this many standard errors is not there,
@@ -78,7 +78,9 @@ def read_profiles(rgb: NDArray, base: NDArray, normal: NDArray, pen: Pen, width:
     mean = _mean_profile(alpha, valid[:, None] & seen)
     offset = _matched(x, alpha, valid[:, None] & seen, mean)
     valid &= np.abs(offset) < width / 2 + 1.5
-    if np.quantile(np.abs(alpha[:, [0, -1]]), 0.9) > CLEAN:
+    far = np.array([-1.0, 1.0]) * (width + FAR_PX)
+    beside = sample_pixels(rgb, base[:, :1] + normal[:, :1] * far, base[:, 1:] + normal[:, 1:] * far)
+    if is_coarse((beside @ pen.along / pen.strength)[valid]):
         offset = with_light(x, pixels, valid[:, None] & seen, np.where(valid, offset, 0.0), width)
     grey = pixels.mean(2) / 255
     shading = grey[:, -3:].mean(1) - grey[:, :3].mean(1)
