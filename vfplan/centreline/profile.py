@@ -136,10 +136,12 @@ def shading_shift(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(M,) correction along the normal, and its doubt, for a background brighter on one side.
 
-    A picture blended in linear light is not linear in its stored values: an edge over bright
-    ground looks wider than one over dark ground and the line seems to lean. How much is learnt
-    from the picture: the part of the residual that follows the fast changes of `shading`. Zero
-    where no such effect stands out.
+    A picture blended in linear light is not linear in its stored values: coverage rises by a power
+    below 1 of the light, slower the brighter the ground, whatever the pen. An edge over dark ground
+    looks wider than one over bright ground and the line seems to lean to the dark. How much is
+    learnt from the picture: the part of the residual that follows the fast changes of `shading`.
+    Zero where no such effect stands out; one to the bright side has another cause, as a sharpened
+    picture's overshoot cut off at white.
 
     Parameters
     ----------
@@ -155,7 +157,7 @@ def shading_shift(
     slope = float(fast @ residual) / power
     left = residual - slope * fast
     error = np.sqrt(float(left @ left) / max(valid.sum() - 1, 1) / power)
-    if SHADING_T * error < abs(slope) < SHADING_MOST:
+    if SHADING_T * error < -slope < SHADING_MOST:
         return -slope * shading, np.abs(shading) * np.hypot(error, SHADING_DOUBT * slope)
     doubt = min(max(abs(slope), error), SHADING_MOST / 4)
     return none, np.abs(shading) * doubt
