@@ -23,6 +23,7 @@ LEAST = 30  # profiles from which the brightness can be judged
 MODEL_PX = 0.02  # what a ground that is not straight under the line may do unseen
 GRID_PX = 0.05  # noise of clean colour: the pixel grid's, which the brightness shares
 TREND_PX = 8.0  # slower changes of the offset are the path's, not noise
+PULL, BIAS_PX, LOCAL_PX = 2.0, 4.0, 15.0  # times the colour's noise hereabouts, on the mean: bones
 MEDIAN_OF_SQUARE = 0.455  # of a normal variable
 
 
@@ -66,7 +67,8 @@ def with_light(
         return offset
     doubt = np.hypot(doubt * _spread(((light - trend) / doubt)[clear]), MODEL_PX)
     share = np.where(clear, noise**2 / (noise**2 + doubt**2), 0.0)
-    return offset + share * np.where(clear, light - offset, 0.0)
+    pull = share * np.where(clear, light - offset, 0.0)
+    return offset + _limited(pull, np.where(seen.any(1), offset - trend, np.nan), noise)
 
 
 def _without_ground(x: NDArray, light: NDArray, width: float) -> tuple[NDArray, NDArray]:
@@ -88,6 +90,20 @@ def _by_light(x: NDArray, left: NDArray, rough: NDArray, depth: NDArray) -> tupl
     power = float((slope**2).sum()) / INDEPENDENT
     doubt = rough / np.maximum(np.abs(depth), 1e-6) / np.sqrt(max(power, 1e-9))
     return -fit[:, 1] / height, doubt
+
+
+def _limited(pull: NDArray, scatter: NDArray, noise: float) -> NDArray[np.float64]:
+    """(M,) `pull` [px], less where it goes one way for longer than the colour's noise does.
+
+    That is a bone's edge along the line. `scatter` (M,) is the colour's, NaN where not seen.
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    power, share = np.nan_to_num(scatter**2), (~np.isnan(scatter)).astype(float)
+    power, share = (gaussian_filter1d(values, LOCAL_PX) for values in (power, share))
+    most = PULL * np.sqrt((power / np.maximum(share, 0.05) + noise**2) / 2)
+    mean = np.abs(gaussian_filter1d(pull, BIAS_PX))
+    return pull * np.minimum(1.0, most / np.maximum(mean, 1e-9))
 
 
 def _trend(offset: NDArray) -> NDArray:
