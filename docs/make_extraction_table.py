@@ -31,6 +31,7 @@ PICTURES = [
     ("PNG, 35 % opaque", RED, 0.35, 1.0, 1.0, None),
     ("PNG, linear light", RED, 1.0, 2.2, 1.0, None),
     ("PNG, rescaled by 1.37", RED, 1.0, 1.0, 1.37, None),
+    ("PNG, enlarged by 2.5", RED, 1.0, 1.0, 2.5, None),
     ("JPEG 90", RED, 1.0, 1.0, 1.0, 90),
     ("JPEG 75", RED, 1.0, 1.0, 1.0, 75),
     ("JPEG 50", RED, 1.0, 1.0, 1.0, 50),

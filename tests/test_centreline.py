@@ -11,6 +11,7 @@ import pytest
 from drawing import anatomy, blend, compare, coverage, jpeg, normal_errors, to_uint8, wavy
 
 import vfplan
+from vfplan.centreline.profile import shading_shift
 from vfplan.image import read_image
 
 PLANNED = ["pelvis_a.png", "pelvis_b.png", "pelvis_c.png", "pelvis_a_q80.jpg", "pelvis_b_q80.jpg"]
@@ -90,13 +91,13 @@ def test_accuracy_and_an_honest_sigma(name, pen, quality, limits):
         assert 0.7 <= np.sqrt(np.mean([e.z_rms**2 for e in found])) <= 1.35
 
 
-def measured(width, seed, pen, quality, scale=1.0):
+def measured(width, seed, pen, quality, scale=1.0, enlarge=cv2.INTER_LINEAR):
     curve, share = share_of(width, seed)
     look = {"colour": (255, 0, 0)} | pen
     picture = blend(anatomy(SHAPE, seed), share, **look)
     if scale != 1.0:
-        how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-        picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=how)
+        how = cv2.INTER_AREA if scale < 1 else enlarge
+        picture = cv2.resize(to_uint8(picture) if scale >= 2 else picture, None, fx=scale, fy=scale, interpolation=how)
         curve = (curve + 0.5) * scale - 0.5
     image = to_uint8(picture)
     (stroke,) = vfplan.extract_curve(jpeg(image, quality) if quality else image).strokes
@@ -108,6 +109,33 @@ def test_pictures_rescaled_after_drawing(scale):
     found = [measured(4, seed, {"gamma": 2.2}, None, scale) for seed in SEEDS]
     assert np.sqrt(np.mean([e.rms**2 for e in found])) <= 0.03
     assert 0.6 <= np.sqrt(np.mean([e.z_rms**2 for e in found])) <= 1.4
+
+
+@pytest.mark.parametrize("scale", [2.0, 2.5])
+@pytest.mark.parametrize(
+    ("how", "limit"),
+    [(cv2.INTER_LINEAR, 0.03), (cv2.INTER_CUBIC, 0.04), (cv2.INTER_LANCZOS4, 0.05)],
+)
+def test_screen_captures_enlarged_after_drawing(how, limit, scale):
+    """An enlarged pen's soft edge is no JPEG: brightness, and its bones, must stay out."""
+    found = [measured(3, seed, {}, None, scale, how) for seed in SEEDS]
+    assert np.sqrt(np.mean([e.rms**2 for e in found])) <= limit
+    assert np.sqrt(np.mean([e.z_rms**2 for e in found])) <= 1.5
+    assert max(e.worst for e in found) <= 0.3
+
+
+def lean_of(sign):
+    """The correction for offsets that follow fast changes of the ground by 0.1 px, or by -0.1."""
+    rng = np.random.default_rng(5)
+    fast = rng.normal(0, 0.1, 400)
+    residual = sign * 0.1 * fast + rng.normal(0, 0.005, 400)
+    return shading_shift(fast, fast, residual, np.ones(400, bool))[0], fast
+
+
+def test_a_line_leans_to_the_dark_in_linear_light_and_never_to_the_bright():
+    shift, fast = lean_of(-1)
+    np.testing.assert_allclose(shift, 0.1 * fast, atol=0.004)
+    assert not lean_of(+1)[0].any()
 
 
 def arc(angle, bend):
