@@ -97,7 +97,8 @@ def measured(width, seed, pen, quality, scale=1.0, enlarge=cv2.INTER_LINEAR):
     picture = blend(anatomy(SHAPE, seed), share, **look)
     if scale != 1.0:
         how = cv2.INTER_AREA if scale < 1 else enlarge
-        picture = cv2.resize(to_uint8(picture) if scale >= 2 else picture, None, fx=scale, fy=scale, interpolation=how)
+        picture = to_uint8(picture) if scale >= 2 else picture
+        picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=how)
         curve = (curve + 0.5) * scale - 0.5
     image = to_uint8(picture)
     (stroke,) = vfplan.extract_curve(jpeg(image, quality) if quality else image).strokes

@@ -78,8 +78,8 @@ def read_profiles(rgb: NDArray, base: NDArray, normal: NDArray, pen: Pen, width:
     mean = _mean_profile(alpha, valid[:, None] & seen)
     offset = _matched(x, alpha, valid[:, None] & seen, mean)
     valid &= np.abs(offset) < width / 2 + 1.5
-    far = np.array([-1.0, 1.0]) * (width + FAR_PX)
-    beside = sample_pixels(rgb, base[:, :1] + normal[:, :1] * far, base[:, 1:] + normal[:, 1:] * far)
+    off = (width + FAR_PX) * normal
+    beside = sample_pixels(rgb, *np.moveaxis(np.stack([base - off, base + off], 1), 2, 0))
     if is_coarse((beside @ pen.along / pen.strength)[valid]):
         offset = with_light(x, pixels, valid[:, None] & seen, np.where(valid, offset, 0.0), width)
     grey = pixels.mean(2) / 255
