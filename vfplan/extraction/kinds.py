@@ -200,11 +200,13 @@ def _half_widths(line: Candidate, mask: NDArray) -> NDArray:
     """(M,) distance of each path pixel from the mark's edge [px]."""
     import cv2
 
-    u, v, width, height = line.box
-    top, left = max(v - 1, 0), max(u - 1, 0)
-    crop = mask[top : v + height + 1, left : u + width + 1].view(np.uint8)
+    path = line.pixels  # of a faded line, some lie outside the box of its mask
+    left, top = np.maximum(path.min(0) - 1, 0)
+    right, bottom = path.max(0) + 2
+    reach = int(np.ceil(line.width_px))
+    left, top = max(left - reach, 0), max(top - reach, 0)
+    crop = mask[top : bottom + reach, left : right + reach].view(np.uint8)
     distance = cv2.distanceTransform(np.pad(crop, 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
-    path = line.pixels
     return distance[path[:, 1] - top, path[:, 0] - left]
 
 
