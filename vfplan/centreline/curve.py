@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.centreline.choice import choose, refuse_crowd, refuse_grey, refuse_noise
-from vfplan.centreline.doubts import cut_off, left_over, nearly_closed
+from vfplan.centreline.doubts import cut_off, left_over, nearly_closed, side_by_side
 from vfplan.centreline.path import drawn_length
 from vfplan.centreline.ridge import Centreline, trace
 from vfplan.errors import CurveError, SettingError
@@ -115,7 +115,7 @@ def extract_curve(
     Raises
     ------
     CurveError
-        No candidate; several and none chosen; or the chosen one forks or crosses itself.
+        No candidate; several and none chosen; or the chosen one forks, crosses or touches itself.
     SettingError
         A parameter outside its range.
     """
@@ -129,13 +129,15 @@ def extract_curve(
     candidates, others = tell_apart(candidates_of(marks, max_gap_px), mask, max_gap_px)
     refuse_crowd(candidates, others, marks, colour)
     chosen = choose(candidates, stroke, colour, origin, _set_aside(marks, others, [], origin))
-    strokes = tuple(_measure(rgb, c, method, mask, origin) for c in chosen)
+    lines = [_measure(rgb, c, method, mask) for c in chosen]
     told = [*candidates, *others]
     specks, warnings = left_over(chosen, marks, told, max_gap_px, origin)
-    for line in chosen:
+    for line, measured in zip(chosen, lines, strict=True):
+        warnings += side_by_side(measured.widening, origin)
         warnings += cut_off(line, roi, planned.rgb.shape)
         warnings += nearly_closed(line, max_gap_px, origin)
     aside = _set_aside(marks, told, chosen, origin, specks)
+    strokes = tuple(_stroke(*pair, origin) for pair in zip(lines, chosen, strict=True))
     whole = _whole(mask, origin, planned.rgb.shape)
     return Extraction(whole, strokes, method, aside, tuple(warnings))
 
@@ -197,11 +199,9 @@ def _whole(mask: NDArray, origin: tuple[int, int], shape: tuple) -> NDArray:
     return whole
 
 
-def _measure(
-    rgb: NDArray, candidate: Candidate, method: Method, mask: NDArray, origin: tuple[int, int]
-) -> Stroke:
+def _measure(rgb: NDArray, candidate: Candidate, method: Method, mask: NDArray) -> Centreline:
     if method == "ridge":
-        line = trace(
+        return trace(
             rgb,
             candidate.path,
             candidate.closed,
@@ -209,12 +209,14 @@ def _measure(
             candidate.mark.pen,
             candidate.width_px,
         )
-    elif method == "skeleton":
+    if method == "skeleton":
         sigma = np.full(len(candidate.path), 0.5)
         length = drawn_length(candidate.path, candidate.closed)
-        line = Centreline(candidate.path, sigma, candidate.bridged, candidate.closed, length)
-    else:
-        line = _every_pixel(mask, candidate)
+        return Centreline(candidate.path, sigma, candidate.bridged, candidate.closed, length)
+    return _every_pixel(mask, candidate)
+
+
+def _stroke(line: Centreline, candidate: Candidate, origin: tuple[int, int]) -> Stroke:
     return Stroke(
         line.points + origin, line.sigma, line.closed, line.bridged, line.length, candidate.width_px
     )

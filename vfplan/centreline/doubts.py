@@ -1,6 +1,7 @@
-"""What may be missing from a measured curve: a bit beyond its end, what a region cuts, an opening.
+"""What may be wrong with a measured curve: a bit beyond its end, what a region cuts, an opening.
 
-None of it proves the curve wrong, so none of it is refused; each is told with its pixels.
+None of it proves the curve wrong, so it is told with its pixels; only two runs that surely lie side
+by side are refused.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.centreline.doubling import Widening
+from vfplan.errors import CurveError
 from vfplan.extraction.candidates import Candidate, angle_deg, ends_of, same_pen
 from vfplan.extraction.marks import Mark
 
@@ -112,3 +115,17 @@ def nearly_closed(line: Candidate, max_gap_px: float, origin: tuple[int, int]) -
         f"the curve is nearly closed: {missing:.0f} px are missing between ({u:.0f}, {v:.0f}) and "
         f"({p:.0f}, {q:.0f})"
     ]
+
+
+def side_by_side(widest: Widening | None, origin: tuple[int, int]) -> list[str]:
+    """A warning where two runs may lie side by side; raises `CurveError` where they surely do."""
+    if widest is None or not widest.doubted:
+        return []
+    u, v = np.add(widest.place, origin)
+    what = f"the line is {widest.ratio:.2f} times as wide as elsewhere around ({u:.0f}, {v:.0f})"
+    if widest.refused:
+        raise CurveError(
+            f"{what}: it touches itself or another there, and which way it runs would be a guess",
+            where=f"pixel ({u:.0f}, {v:.0f})",
+        )
+    return [f"{what}: if two runs touch there, they are measured midway between them"]

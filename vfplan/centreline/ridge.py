@@ -10,12 +10,13 @@ the hand and not the noise.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.centreline.doubling import Widening, widest_run
 from vfplan.centreline.ends import line_ends
 from vfplan.centreline.path import arc_length, evenly, extended, normals, without_tips
 from vfplan.centreline.profile import Profiles, read_profiles, shading_shift
@@ -51,6 +52,8 @@ class Centreline:
         Whether the last point joins the first.
     length
         Arc length, closing step included [px].
+    widening
+        Its widest run; `None` where its width was not measured.
     """
 
     points: NDArray[np.float64]
@@ -58,6 +61,7 @@ class Centreline:
     bridged: NDArray[np.bool_]
     closed: bool
     length: float
+    widening: Widening | None = None
 
 
 def trace(
@@ -95,6 +99,7 @@ def trace(
             _refuse_double(base[len(base) // 2], width)
         if valid.sum() < LEAST:  # nothing to measure: leave the line where thinning put it
             return _unmeasured(smooth, bridged, closed, width)
+        widest = widest_run(profiles, base, valid, width, closed)
         s = np.arange(len(base)) * pitch
         start, stop, used = 0.0, s[-1] + pitch, valid & ~_beside_gaps(profiles.mass, valid, width)
         if not closed:
@@ -105,7 +110,8 @@ def trace(
         fitted = _fit(s, base, profiles, used, closed, knots)
         inner = (0.0, stop) if closed else s[used][[0, -1]]
         base = fitted.spline(np.arange(*inner, pitch))
-    return _result(fitted, s, valid, used, closed, start, stop, rgb.shape)
+    line = _result(fitted, s, valid, used, closed, start, stop, rgb.shape)
+    return replace(line, widening=widest)
 
 
 def _beside_gaps(mass: NDArray, valid: NDArray, width: float) -> NDArray[np.bool_]:
