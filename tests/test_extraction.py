@@ -543,3 +543,12 @@ def test_one_line_is_never_taken_for_two_runs():
             for picture in (image, jpeg(image, 75)):
                 extraction = vfplan.extract_curve(picture, stroke="longest")
                 assert not any("as wide" in w for w in extraction.warnings)
+
+
+def test_a_line_that_fades_in_linear_light_is_looked_at_whole():
+    """Part of its thinned path lies outside the box of its mask."""
+    shape = (380, 430)
+    half = np.where(np.arange(shape[1]) < shape[1] // 2, 1.0, 0.55)
+    share = coverage(shape, wavy(shape, 3), 5) * half
+    image = to_uint8(blend(anatomy(shape, 3), share, RED, 1, 2.2))
+    assert vfplan.extract_curve(image, stroke="longest").strokes
