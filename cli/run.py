@@ -102,6 +102,8 @@ def _run(work: Callable[[], Report], as_json: bool, quiet: bool, verbose: int) -
         _emit(report, time.perf_counter() - started, as_json, quiet)
     except OSError as error:
         what = f"cannot be written: {error.strerror}; no output file is kept"
+        if not as_json:
+            _silence(sys.stdout)
         _fail("OutputError", what, "the report", 2, as_json, verbose)
     _keep()
     sys.exit(report.exit_code)
@@ -142,12 +144,15 @@ def _fail(
     for text, stream in texts:
         try:
             click.echo(text, file=stream)
-        except OSError:  # what is left in it would be tried again at the end, and fail again
+        except OSError:
             _silence(stream)
     sys.exit(code)
 
 
-def _silence(stream: TextIO) -> None:
+def _silence(stream: TextIO | None) -> None:
+    """Let what is left in a stream that failed go nowhere, or it would fail again at the end."""
+    if stream is None:
+        return
     with suppress(OSError), open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), stream.fileno())
 

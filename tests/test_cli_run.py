@@ -41,8 +41,9 @@ def test_usage_error_found_late_is_still_one():
     assert "exclude each other" in run.stderr
 
 
+@pytest.mark.parametrize("env", [None, {}], ids=["usual", "no_locale"])
 @pytest.mark.parametrize("words", [[], ["--json"]], ids=["text", "json"])
-def test_a_report_that_cannot_be_written_leaves_no_file_behind(words, tmp_path):
+def test_a_report_that_cannot_be_written_leaves_no_file_behind(words, env, tmp_path):
     """A full disk under stdout: exit 2, one line, old files as they were, no new one."""
     import bundles
 
@@ -55,7 +56,7 @@ def test_a_report_that_cannot_be_written_leaves_no_file_behind(words, tmp_path):
         with open("/dev/full", "w") as full:
             done = subprocess.run(
                 [program, "export", tmp_path / "a.h5", "-o", tmp_path / name, *more, *words],
-                stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+                stdout=full, stderr=subprocess.PIPE, text=True, check=False, env=env,
             )  # fmt: skip
         assert done.returncode == 2, done.stderr
         assert done.stderr.count("\n") == 1
