@@ -22,7 +22,7 @@ enum Status : std::uint8_t {
     ok = 0,
     bad_hip = 1,  ///< HIP not finite or beyond 1e6 m: the proxy stayed, the force is its last;
                   ///< before the first good HIP both are 0
-    inside = 2,   ///< the proxy is inside the fixture and on its way out
+    inside = 2,   ///< started inside: the proxy is led out and handed to the rule
     limit = 4,    ///< the tick used up its iterations; the proxy is safe and goes on next tick
 };
 
