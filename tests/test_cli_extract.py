@@ -99,6 +99,8 @@ def test_bad_input_is_exit_3_and_usage_exit_2(vfplan_cli, image, tmp_path):
     out = tmp_path / "c.h5"
     assert vfplan_cli("extract", tmp_path / "absent.png", "-o", out).code == 3
     assert vfplan_cli("extract", tmp_path, "-o", out).code == 3
+    endless = vfplan_cli("extract", "/dev/zero", "-o", out)
+    assert (endless.code, "not a file" in endless.error_line) == (3, True)
     assert vfplan_cli("extract", image, "-o", out, "--colour", "grey").code == 2
     assert vfplan_cli("extract", image, "-o", out, "--roi", "1,2").code == 2
     part = vfplan_cli("extract", image, "-o", out, "--roi", "0.4,0,100,100")

@@ -8,8 +8,13 @@ import os
 import pytest
 from vfplan.cli.run import outputs
 
-from vfplan.disk import move_whole, write_whole
-from vfplan.errors import OutputError
+from vfplan.disk import move_whole, read_whole, write_whole
+from vfplan.errors import ImageError, InputError, MarkerError, OutputError, SessionError
+from vfplan.image import read_image
+from vfplan.markers import read_markers
+from vfplan.robot import read_robot
+from vfplan.session import read_session
+from vfplan.vector import read_vector_curve
 
 
 @pytest.fixture
@@ -140,3 +145,35 @@ def test_a_name_too_long_is_an_output_error(tmp_path):
     with pytest.raises(OutputError, match="name too long"):
         write_whole(tmp_path / ("x" * 300), [b"1"], overwrite=False)
     assert list(tmp_path.iterdir()) == []
+
+
+READERS = [
+    (read_image, ".png", ImageError),
+    (read_vector_curve, ".csv", InputError),
+    (read_vector_curve, ".mrk.json", InputError),
+    (read_markers, ".csv", MarkerError),
+    (read_session, ".csv", SessionError),
+    (read_session, ".bag", SessionError),
+    (read_robot, ".toml", InputError),
+]
+
+
+@pytest.mark.parametrize(("read", "suffix", "kind"), READERS)
+def test_no_reader_waits_for_a_pipe_or_reads_a_device_without_end(tmp_path, read, suffix, kind):
+    pipe, device = tmp_path / f"pipe{suffix}", tmp_path / f"device{suffix}"
+    os.mkfifo(pipe)
+    device.symlink_to("/dev/zero")
+    for path in (pipe, device):
+        with pytest.raises(kind, match="it is a device or a pipe, not a file"):
+            read(path)
+
+
+def test_no_more_is_read_than_allowed(tmp_path):
+    path = tmp_path / "long"
+    path.write_bytes(b"12345")
+    assert read_whole(path, 5) == b"12345"
+    with pytest.raises(InputError, match="longer than 4 bytes"):
+        read_whole(path, 4)
+    os.truncate(path, 2**40)  # refused by its size alone
+    with pytest.raises(ImageError, match="longer than"):
+        read_image(path)

@@ -189,21 +189,33 @@ def _write_synced(path: Path, parts: list[bytes], mode: int) -> None:
         os.fsync(file.fileno())
 
 
-def opened_file(path: Path) -> BinaryIO:
+def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
     """A regular file, open for reading.
 
-    Raises `InputError` if there is none, it is a directory or a device, or it cannot be read.
+    Raises an error of the `kind` given if there is none, it is a directory, a pipe or a device,
+    or it cannot be read.
     """
     try:
         # Not to hang on a named pipe, which opens only when somebody writes to it.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except FileNotFoundError:
-        raise InputError("there is no such file", where=str(path)) from None
+        raise kind("cannot be read: there is no such file", where=str(path)) from None
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read: {error}", where=str(path)) from error
+        reason = getattr(error, "strerror", None) or error
+        raise kind(f"cannot be read: {reason}", where=str(path)) from error
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
         os.close(descriptor)
-        what = "a directory" if stat.S_ISDIR(mode) else "not a regular file"
-        raise InputError(f"is {what}; a file is wanted", where=str(path))
+        what = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
+        raise kind(f"cannot be read: it is {what}, not a file", where=str(path))
     return open(descriptor, "rb")
+
+
+def read_whole(path: Path, most: int, kind: type[InputError] = InputError) -> bytes:
+    """The bytes of a regular file of at most `most` bytes; raises as `opened_file` does."""
+    with opened_file(path, kind) as file:
+        size = os.fstat(file.fileno()).st_size
+        data = b"" if size > most else file.read(most + 1)
+    if max(size, len(data)) > most:
+        raise kind(f"is longer than {most} bytes, the most read", where=str(path))
+    return data

@@ -18,9 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.dicom import is_dicom, read_dicom
+from vfplan.disk import read_whole
 from vfplan.errors import ImageError
 
 PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
+MOST_BYTES = 2**31 - 1  # more the decoders do not take
 LIBJPEG_DAMAGE = ("Corrupt JPEG data", "Premature end of JPEG", "Invalid SOS", "Inconsistent prog")
 
 
@@ -111,14 +113,7 @@ def read_image(
 
 
 def _bytes(path: Path) -> bytes:
-    if path.is_dir():
-        raise ImageError("is a directory; an image file is wanted", where=str(path))
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise ImageError("no such file", where=str(path)) from None
-    except OSError as error:
-        raise ImageError(f"cannot be read: {error.strerror}", where=str(path)) from None
+    data = read_whole(path, MOST_BYTES, ImageError)
     if not data:
         raise ImageError("is empty; an image is wanted", where=str(path))
     return data

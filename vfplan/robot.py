@@ -9,9 +9,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from vfplan.disk import read_whole
 from vfplan.errors import InputError
 
 SHIPPED = ("franka",)
+MAX_BYTES = 2**20
 
 
 @dataclass(frozen=True)
@@ -85,11 +87,11 @@ def read_robot(choice: str | Path | None) -> Robot | None:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "is not text"
+        return read_whole(path, MAX_BYTES).decode("utf-8")
+    except (InputError, UnicodeDecodeError) as error:
+        reason = getattr(error, "message", "is not text")
         raise InputError(
-            f"{reason.lower()}; {', '.join(SHIPPED)}, none or a robot file wanted", where=str(path)
+            f"{reason}; {', '.join(SHIPPED)}, none or a robot file wanted", where=str(path)
         ) from None
 
 

@@ -12,9 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.disk import read_whole
 from vfplan.errors import CurveError, MarkerError
 from vfplan.spacing import MOST_POINTS
 
+MAX_BYTES = 256 * 2**20
 FINE_M = 2.5e-4  # of a curve in the patient: a point every quarter of a millimetre
 OUT_OF_PLANE_M = 1e-3  # a curve further than this from the slice was not drawn on it
 FURTHEST = 1e9  # pixels or metres; nothing real is, and squares of more overflow in the end
@@ -84,11 +86,9 @@ def read_vector_curve(path: str | Path) -> VectorCurve:
         The file is missing, is no such curve, or holds fewer than two different points.
     """
     where = str(path)
+    data = read_whole(Path(path), MAX_BYTES, CurveError)
     try:
-        data = Path(path).read_bytes()
         text = data.decode("utf-8-sig")
-    except OSError as error:
-        raise CurveError(f"cannot be read: {error.strerror}", where=where) from None
     except UnicodeDecodeError:
         raise CurveError("is not text; a .mrk.json or a CSV is wanted", where=where) from None
     try:

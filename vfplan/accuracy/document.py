@@ -8,9 +8,11 @@ import math
 from pathlib import Path
 from typing import Any
 
+from vfplan.disk import read_whole
 from vfplan.errors import InputError
 
 FORMAT, VERSION = "vfplan-bench", "1.0"
+MOST_BYTES = 256 * 2**20
 COLUMNS = (
     "stage", "scene", "method", "settings", "error_rms", "error_max", "unit", "time_us_median",
     "time_us_low", "time_us_high", "time_us_p99", "time_us_p999", "time_us_max", "repeats",
@@ -44,9 +46,7 @@ def read_document(path: str | Path) -> dict[str, Any]:
     Raises `InputError` for a file that is missing, no JSON, no bench of this version, or damaged.
     """
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", where=str(path)) from None
+        document = json.loads(read_whole(Path(path), MOST_BYTES).decode("utf-8"))
     except ValueError as error:
         raise InputError(f"is not JSON: {error}", where=str(path)) from None
     found = document.get("format") if isinstance(document, dict) else None

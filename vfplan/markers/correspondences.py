@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.disk import read_whole
 from vfplan.errors import MarkerError
 from vfplan.markers.points import MarkerFrame, MarkerPoints
 from vfplan.markers.slicer import parse_fcsv, parse_mrk_json
@@ -86,17 +87,10 @@ def _read(path: Path) -> list[MarkerPoints]:
 
 
 def _text(path: Path) -> str:
-    where = str(path)
     try:
-        with path.open("rb") as file:  # a device may have no size, and no end
-            data = file.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            raise MarkerError(f"is longer than {MAX_BYTES} bytes, the most read", where=where)
-        return data.decode("utf-8-sig")
-    except OSError as error:
-        raise MarkerError(f"cannot be read: {error.strerror}", where=where) from None
+        return read_whole(path, MAX_BYTES, MarkerError).decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise MarkerError("is not UTF-8 text", where=where) from None
+        raise MarkerError("is not UTF-8 text", where=str(path)) from None
 
 
 def _single(path: Path) -> MarkerPoints:

@@ -6,6 +6,7 @@ import functools
 import hashlib
 from pathlib import Path
 
+from vfplan.disk import opened_file
 from vfplan.errors import SessionError, SettingError
 from vfplan.session.arrays import hdf5_header, npz_header, read_hdf5, read_npz
 from vfplan.session.csvfile import WANTED, csv_columns, read_csv
@@ -58,6 +59,7 @@ def open_session(
     """Open a recording to be read block by block; as `read_session` otherwise."""
     path = Path(path)
     factor = unit_factor(units)
+    magic = b"" if path.is_dir() and is_bag(path) else _first_bytes(path)
     if is_bag(path):
         chosen, notes = bag_header(path, ros or RosOptions())
         read = functools.partial(read_bag, path, factor, chosen)
@@ -65,7 +67,6 @@ def open_session(
         return SessionStream(read, path.name, frame, bag_sha256(path), notes)
     if ros is not None:
         raise SettingError("topic, field and tool tip are for ROS bags", where=path.name)
-    magic = _first_bytes(path)
     digest = _sha256(path)
     notes: dict[str, object] = {}
     if magic.startswith(_HDF5_MAGIC):
@@ -87,11 +88,11 @@ def open_session(
 
 def _first_bytes(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
+        with opened_file(path, SessionError) as file:
             return file.read(8)
-    except OSError as error:
-        reason = (error.strerror or "cannot be read").lower()
-        raise SessionError(f"{reason}; a session file wanted", where=str(path)) from None
+    except SessionError as error:
+        wanted = "a session file or a ROS bag wanted"
+        raise SessionError(f"{error.message}; {wanted}", where=str(path)) from None
 
 
 def _sha256(path: Path) -> str:
