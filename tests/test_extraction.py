@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 
 import cv2
 import numpy as np
@@ -291,6 +292,12 @@ def test_two_lines_a_pixel_apart_are_refused():
     line = np.column_stack([np.linspace(50, 430, 300), 200 + 10 * np.sin(np.linspace(0, 6, 300))])
     with pytest.raises(CurveError, match="side by side"):
         vfplan.extract_curve(pen(line, line + np.array([0, 4])))
+    with pytest.raises(CurveError, match="side by side") as caught:
+        vfplan.extract_curve(pen(line, line + np.array([0, 4])), roi=(30, 150, 420, 120))
+    place = np.array(re.findall(r"[0-9]+", caught.value.where), float)
+    assert (
+        np.abs(line + np.array([0, 2]) - place).sum(1).min() < 2
+    )  # of the image, not of the region
 
 
 @pytest.mark.parametrize("apart", [6, 8, 12])

@@ -65,7 +65,13 @@ class Centreline:
 
 
 def trace(
-    rgb: NDArray, path: NDArray, closed: bool, bridged: NDArray, pen: Pen, width: float
+    rgb: NDArray,
+    path: NDArray,
+    closed: bool,
+    bridged: NDArray,
+    pen: Pen,
+    width: float,
+    origin: tuple[int, int] = (0, 0),
 ) -> Centreline:
     """Measure the line along a pixel path.
 
@@ -77,6 +83,8 @@ def trace(
         (M, 2) pixel path, whether it is a ring, and (M,) which points lie on a gap.
     pen, width
         The pen and the line's width [px].
+    origin
+        (u, v) of `rgb` in the image that errors speak of [px].
 
     Raises
     ------
@@ -96,7 +104,7 @@ def trace(
         profiles = read_profiles(rgb, base, normals(base, closed), pen, width)
         valid = profiles.valid & ~gap(base)
         if profiles.double:
-            _refuse_double(base[len(base) // 2], width)
+            _refuse_double(base[len(base) // 2] + origin, width)
         if valid.sum() < LEAST:  # nothing to measure: leave the line where thinning put it
             return _unmeasured(smooth, bridged, closed, width)
         widest = widest_run(profiles, base, valid, width, closed)
