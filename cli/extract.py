@@ -90,5 +90,6 @@ def extracted_text(report: dict[str, Any]) -> str:
         lines.append(line)
     for mark in report.get("set_aside", ()):
         u, v, width, height = mark["box"]
-        lines.append(f"  set aside: {mark['kind']}, {width} x {height} px at ({u}, {v})")
+        way = f" (--stroke {mark['stroke']} takes it)" if "stroke" in mark else ""
+        lines.append(f"  set aside: {mark['kind']}, {width} x {height} px at ({u}, {v}){way}")
     return "\n".join(lines)

@@ -16,14 +16,27 @@ DESCRIBED = 8  # candidates at most, in an error message
 
 def choose(
     candidates: list[Candidate],
+    others: list[Candidate],
     stroke: int | str | None,
     colour: str,
     origin: tuple[int, int],
     aside: tuple[dict, ...],
 ) -> list[Candidate]:
-    """The candidates to measure; raises `CurveError` for none, doubt or a junction."""
+    """The lines to measure; raises `CurveError` for none, doubt or a junction.
+
+    A number chooses among the candidates and, counting on, the `others` that were set aside: who
+    names a line has settled what it is. `aside` describes them as the caller's report does.
+    """
+    named = [c for c in others if c.kind != "speck"]
+    numbered = [*candidates, *named]
+    if isinstance(stroke, int) and stroke <= len(numbered):
+        _refuse_junctions(numbered[stroke - 1], origin)
+        return [numbered[stroke - 1]]
     if not candidates:
         raise CurveError(f"no planned curve: {_inventory(aside, colour)}")
+    if isinstance(stroke, int):
+        more = f" and {len(named)} set aside" if named else ""
+        raise CurveError(f"no candidate number {stroke}: there are {len(candidates)}{more}")
     if stroke is None and len(candidates) > 1:
         listed = "; ".join(
             f"{i}: {describe(c, origin)}" for i, c in enumerate(candidates[:DESCRIBED], 1)
@@ -34,14 +47,46 @@ def choose(
             f"{len(candidates)} candidates and none was chosen (--stroke all, longest or a "
             f"number; --roi; --colour): {listed}"
         )
-    if isinstance(stroke, int) and stroke > len(candidates):
-        raise CurveError(f"no candidate number {stroke}: there are {len(candidates)}")
-    chosen = {"all": candidates, "longest": candidates[:1], None: candidates[:1]}.get(stroke)
-    if chosen is None:
-        chosen = [candidates[int(stroke) - 1]]
+    chosen = candidates if stroke == "all" else candidates[:1]
     for candidate in chosen:
         _refuse_junctions(candidate, origin)
     return chosen
+
+
+def against_advice(
+    chosen: list[Candidate], others: list[Candidate], origin: tuple[int, int]
+) -> list[str]:
+    """A warning for a line that was chosen though it looks like something else, and for one set
+    aside that is longer than what was chosen and not drawn round it.
+    """
+    warnings = [
+        f"stroke {_place(c, origin)} looks like {_article(c.kind)}, and is taken because it was "
+        "named"
+        for c in chosen
+        if not c.is_candidate
+    ]
+    for other in others:
+        longer = all(other.length_px > c.length_px and not _round(other, c) for c in chosen)
+        if longer and not any(other is c for c in chosen):
+            warnings.append(
+                f"{_article(other.kind)} {_place(other, origin)}, {other.length_px:.0f} px long, "
+                "was set aside though it is longer than the curve"
+            )
+    return warnings
+
+
+def _round(frame: Candidate, line: Candidate) -> bool:
+    """Whether a line's box encloses that of another."""
+    (u, v, w, h), (a, b, c, d) = frame.box, line.box
+    return u <= a and v <= b and u + w >= a + c and v + h >= b + d
+
+
+def _place(line: Candidate, origin: tuple[int, int]) -> str:
+    return f"at ({line.box[0] + origin[0]}, {line.box[1] + origin[1]})"
+
+
+def _article(kind: str) -> str:
+    return {"text": "text"}.get(kind, f"{'an' if kind == 'arrow' else 'a'} {kind}")
 
 
 def refuse_grey(rgb: NDArray) -> None:
@@ -79,9 +124,15 @@ def _inventory(aside: tuple[dict, ...], colour: str) -> str:
     """What there is in the pen's colour, when none of it is a line."""
     if not aside:
         return f"nothing in {colour} is a line of {MIN_LENGTH_PX:.0f} px or more"
-    shown = [f"{a['kind']} at ({a['box'][0]}, {a['box'][1]})" for a in aside[:6]]
+    order = sorted(aside, key=lambda a: a.get("stroke", MOST_MARKS))
+    shown = [
+        f"{a['kind']} at ({a['box'][0]}, {a['box'][1]})"
+        + (f" [{a['stroke']}]" if "stroke" in a else "")
+        for a in order[:6]
+    ]
     more = f" and {len(aside) - 6} more" if len(aside) > 6 else ""
-    return f"all that is {colour} was set aside: {', '.join(shown)}{more}"
+    way = "; --stroke with its number takes one all the same" if "stroke" in order[0] else ""
+    return f"all that is {colour} was set aside: {', '.join(shown)}{more}{way}"
 
 
 def _refuse_junctions(candidate: Candidate, origin: tuple[int, int]) -> None:

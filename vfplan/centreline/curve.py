@@ -10,7 +10,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.centreline.choice import choose, refuse_crowd, refuse_grey, refuse_noise
+from vfplan.centreline.choice import (
+    against_advice,
+    choose,
+    refuse_crowd,
+    refuse_grey,
+    refuse_noise,
+)
 from vfplan.centreline.doubts import cut_off, left_over, nearly_closed, side_by_side
 from vfplan.centreline.path import drawn_length
 from vfplan.centreline.ridge import Centreline, trace
@@ -72,7 +78,8 @@ class Extraction:
         How they were measured.
     set_aside
         Marks in the pen's colour that were not taken for curves, and candidates not chosen: each a
-        dict with `kind`, `box` and `length_px`. Specks are named just beyond a curve's end only.
+        dict with `kind`, `box`, `length_px` and the number that chooses it, `stroke`. Specks are
+        named just beyond a curve's end only.
     warnings
         What a person should know before trusting the result.
     """
@@ -108,7 +115,8 @@ def extract_curve(
         (u, v, width, height) px: look only there.
     stroke
         Which candidate: its number in the error message, counting from 1; "longest"; "all".
-        `None` wants exactly one candidate.
+        `None` wants exactly one candidate. Numbers beyond the candidates' name lines that were
+        set aside, as `stroke` in their entries says; one of them is taken with a warning.
     max_gap_px
         Pen lifts up to this long are bridged where both tangents agree.
 
@@ -128,12 +136,14 @@ def extract_curve(
     refuse_noise(marks, colour)
     candidates, others = tell_apart(candidates_of(marks, max_gap_px), mask, max_gap_px)
     refuse_crowd(candidates, others, marks, colour)
-    chosen = choose(candidates, stroke, colour, origin, _set_aside(marks, others, [], origin))
-    lines = [_measure(rgb, c, method, mask) for c in chosen]
     told = [*candidates, *others]
-    specks, warnings = left_over(chosen, marks, told, max_gap_px, origin)
+    aside = _set_aside(marks, told, candidates, origin)
+    chosen = choose(candidates, others, stroke, colour, origin, aside)
+    lines = [_measure(rgb, c, method, mask, origin) for c in chosen]
+    specks, found = left_over(chosen, marks, told, max_gap_px, origin)
+    warnings = [*against_advice(chosen, others, origin), *found]
     for line, measured in zip(chosen, lines, strict=True):
-        warnings += side_by_side(measured.widening, origin)
+        warnings += side_by_side(line, measured.widening, origin)
         warnings += cut_off(line, roi, planned.rgb.shape)
         warnings += nearly_closed(line, max_gap_px, origin)
     aside = _set_aside(marks, told, chosen, origin, specks)
@@ -199,7 +209,9 @@ def _whole(mask: NDArray, origin: tuple[int, int], shape: tuple) -> NDArray:
     return whole
 
 
-def _measure(rgb: NDArray, candidate: Candidate, method: Method, mask: NDArray) -> Centreline:
+def _measure(
+    rgb: NDArray, candidate: Candidate, method: Method, mask: NDArray, origin: tuple[int, int]
+) -> Centreline:
     if method == "ridge":
         return trace(
             rgb,
@@ -208,6 +220,7 @@ def _measure(rgb: NDArray, candidate: Candidate, method: Method, mask: NDArray) 
             candidate.bridged,
             candidate.mark.pen,
             candidate.width_px,
+            origin,
         )
     if method == "skeleton":
         sigma = np.full(len(candidate.path), 0.5)
@@ -242,17 +255,21 @@ def _set_aside(
     origin: tuple[int, int],
     specks: Sequence[Mark] = (),
 ) -> tuple[dict, ...]:
-    """What was not used, with its place: panels, lines of other kinds or not chosen, `specks`."""
+    """What was not used, with its place: panels, lines of other kinds or not chosen, `specks`.
+
+    `lines` are all that were told apart, the candidates first.
+    """
     u, v = origin
     aside = [
         {"kind": m.kind, "box": (m.box[0] + u, m.box[1] + v, *m.box[2:]), "area_px": m.area_px}
         for m in marks
         if m.kind == "panel"
     ]
-    for line in lines:
-        if line.kind != "speck" and not any(line is c for c in chosen):
+    for number, line in enumerate((c for c in lines if c.kind != "speck"), 1):
+        if not any(line is c for c in chosen):
             box = (line.box[0] + u, line.box[1] + v, *line.box[2:])
             entry = {"kind": line.kind, "box": box, "length_px": round(line.length_px, 1)}
+            entry["stroke"] = number
             if line.junctions:
                 entry["junctions"] = [(a + u, b + v) for a, b in line.junctions]
             aside.append(entry)

@@ -117,13 +117,16 @@ def nearly_closed(line: Candidate, max_gap_px: float, origin: tuple[int, int]) -
     ]
 
 
-def side_by_side(widest: Widening | None, origin: tuple[int, int]) -> list[str]:
-    """A warning where two runs may lie side by side; raises `CurveError` where they surely do."""
+def side_by_side(line: Candidate, widest: Widening | None, origin: tuple[int, int]) -> list[str]:
+    """A warning where two runs may lie side by side; raises `CurveError` where they surely do.
+
+    An arrow was named by somebody who saw its head.
+    """
     if widest is None or not widest.doubted:
         return []
     u, v = np.add(widest.place, origin)
     what = f"the line is {widest.ratio:.2f} times as wide as elsewhere around ({u:.0f}, {v:.0f})"
-    if widest.refused:
+    if widest.refused and line.kind != "arrow":
         raise CurveError(
             f"{what}: it touches itself or another there, and which way it runs would be a guess",
             where=f"pixel ({u:.0f}, {v:.0f})",
