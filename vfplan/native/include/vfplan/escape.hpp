@@ -4,8 +4,10 @@
 // the force ramps; it follows the HIP meanwhile. Outside, the rule takes over as slowly.
 #pragma once
 
+#include <utility>
+
+#include "vfplan/handover.hpp"
 #include "vfplan/neighbours.hpp"
-#include "vfplan/status.hpp"
 
 namespace vfplan {
 
@@ -20,15 +22,12 @@ class Escape {
     Escape(const Kernels<D>& kernels, double radius) noexcept : kernels_(kernels), R_(radius) {}
 
     bool active() const noexcept { return active_; }
-    /// Outside, but the rule's own proxy is still further from the last one than a tick may go.
-    bool leads() const noexcept { return leads_; }
     const Vec<D>& way() const noexcept { return way_; }
-    void stop() noexcept { active_ = leads_ = false; }
+    void stop() noexcept { active_ = false; }
 
     /// The HIP is at h, and the proxy inside: look for the way out, from the next step on.
     void begin(Search& search, const Vec<D>& h) noexcept {
         active_ = true;
-        leads_ = false;
         out_ = 0;
         last_ = start_ = h;
         way_ = Vec<D>{};
@@ -52,31 +51,13 @@ class Escape {
         last_ = h;
         proxy = h + out_ * way_;
         active_ = !out;
-        leads_ = out && out_ > 0;
-        lead_ = out_ * way_;
-        pace_ = ramp * R_;
         return out;
     }
 
-    /// One tick of `rule(proxy, HIP)` after the way out. Where its proxy is further off than the
-    /// force may change, the rule is given a HIP between the last one it had and h: as near to h as
-    /// keeps the force within the ramp, and at least the ramp nearer than the last.
-    template <class Rule>
-    auto hand_over(const Vec<D>& h, Vec<D>& proxy, Rule&& rule) noexcept {
-        const Vec<D> start = proxy, spring = proxy - last_, lead = lead_;
-        const double most = ramp * R_ + norm(h - last_), left = norm(lead);
-        last_ = h;
-        decltype(rule(proxy, h)) tick;
-        for (const double pace : {left, 2 * pace_, ramp * R_}) {
-            proxy = start;
-            pace_ = std::min(pace, left);
-            lead_ = (1 - pace_ / left) * lead;
-            tick = rule(proxy, h + lead_);
-            if (norm(proxy - h - spring) <= most) break;
-        }
-        leads_ = pace_ < left;
-        if (leads_) tick.status |= inside;
-        return tick;
+    /// Where the proxy, now at x, may go while the rule takes over: the HIP has come to h.
+    Leash<D> leash(const Vec<D>& x, const Vec<D>& h) noexcept {
+        const Vec<D> moved = h - std::exchange(last_, h);
+        return {x + moved, ramp * R_ + norm(moved)};
     }
 
   private:
@@ -171,11 +152,9 @@ class Escape {
 
     Kernels<D> kernels_;
     double R_;
-    bool active_ = false, leads_ = false;
+    bool active_ = false;
     Vec<D> way_, last_;
-    Vec<D> lead_;      // from the HIP to the one that the rule is given
-    double pace_ = 0;  // that the last tick took off it
-    double out_ = 0;   // from the HIP to the proxy, along the way
+    double out_ = 0;  // from the HIP to the proxy, along the way
     Vec<D> start_, nearest_;
     double reached_[ring + 2] = {};  // along each candidate, from the start
     double best_ = never;

@@ -41,6 +41,7 @@ class RobustRule {
           neighbours_(cloud, reach(), tuned::skin * R_, tuned::cell * R_, kernels),
           travel_(kernels, R_),
           escape_(kernels, R_),
+          handover_(R_),
           touched_(kernels),
           contacts_(shell_, std::cos(std::min(tuned::linked * grain_, tuned::most_linked))) {}
 
@@ -48,6 +49,7 @@ class RobustRule {
     void reset() noexcept {
         neighbours_.forget();
         escape_.stop();
+        handover_.stop();
         now_ = {};
     }
 
@@ -55,9 +57,7 @@ class RobustRule {
     Tick<D> operator()(Vec<D>& proxy, const Vec<D>& hip) noexcept {
         Tick<D> tick;
         if (!now_.held && !enter(proxy, hip, tick)) return tick;
-        if (!escape_.leads()) return follow(proxy, hip);
-        return escape_.hand_over(hip, proxy,
-                                 [&](Vec<D>& x, const Vec<D>& h) noexcept { return follow(x, h); });
+        return handover_.active() ? take_over(proxy, hip) : follow(proxy, hip);
     }
 
   private:
@@ -68,12 +68,17 @@ class RobustRule {
         now_.most = norm(hip - proxy) + p_.band * (1 - tuned::margin);
         now_.far = false;
         if (set_free(proxy, hip)) {
+            handover_.pass(proxy);
             now_.still = -1;
         } else {
             now_.blocked = false;
             tick.status = limit;
-            for (int i = 0; i < p_.max_iterations && tick.status == limit && !now_.far; ++i)
+            handover_.pass(proxy);  // it may have gone to the first point on the way
+            for (int i = 0; i < p_.max_iterations && tick.status == limit && !now_.far; ++i) {
                 if (!advance(proxy, hip) && !now_.far) tick.status = ok;
+                handover_.pass(proxy);
+                if (handover_.full()) break;
+            }
             if (settle(proxy, start, hip)) tick.status = ok;
         }
         double near2 = nearest2(proxy, shell_);
@@ -84,6 +89,29 @@ class RobustRule {
             now_.held = near2 >= safe2_;  // else it is taken out, from the next tick on
         }
         describe(proxy, hip, near2, tick);
+        return tick;
+    }
+
+    /// One servo loop of a proxy that has come out and is not yet where the rule would have it.
+    Tick<D> take_over(Vec<D>& proxy, const Vec<D>& hip) noexcept {
+        const Leash<D> leash = escape_.leash(proxy, hip);
+        if (!handover_.leads(hip)) {
+            Vec<D> end = proxy;
+            handover_.plan(hip);
+            const Tick<D> tick = follow(end, hip);
+            handover_.planned();
+            const bool there = end == proxy || handover_.walk(proxy, leash);
+            if (there && tick.status == ok) {
+                handover_.stop();
+                proxy = end;
+                return tick;
+            }
+        } else {
+            handover_.walk(proxy, leash);
+        }
+        Tick<D> tick;
+        tick.status = inside;
+        describe(proxy, hip, nearest2(proxy, shell_), tick);
         return tick;
     }
 
@@ -114,8 +142,10 @@ class RobustRule {
         if (!escape_.active()) {
             if (nearest2(proxy, shell_) >= safe2_) return now_.held = true;
             escape_.begin(neighbours_, hip);
+            handover_.stop();
         }
         now_.held = escape_.step(neighbours_, hip, proxy);
+        if (now_.held && !(proxy == hip)) handover_.begin();
         tick.state = State::entrenched;
         tick.normal = escape_.way();
         tick.status = inside;
@@ -127,7 +157,8 @@ class RobustRule {
     bool settle(Vec<D>& x, const Vec<D>& start, const Vec<D>& hip) noexcept {
         const bool moved = now_.still < 0 || !(norm(hip - now_.still_at) <= tuned::still * p_.band);
         if (moved) now_.still_at = hip;
-        now_.still = moved ? 0 : std::min(now_.still + 1, tuned::patience);
+        const int ticks = handover_.planning() ? tuned::patience : 1;  // a way takes as many
+        now_.still = moved ? 0 : std::min(now_.still + ticks, tuned::patience);
         if (now_.still < tuned::patience || norm(hip - x) < norm(hip - start) - rest())
             return false;
         x = start;
@@ -192,8 +223,9 @@ class RobustRule {
     bool rise(Vec<D>& x, const Vec<D>& hip, const Vec<D>& v) noexcept {
         const Vec<D> up = project(Vec<D>{}, now_.wall, now_.count, slack()), on = v - up;
         if (!(norm(up) > rest() && norm(on) > rest())) return false;
-        const Vec<D> y = moved(moved(x, up), on);
+        const Vec<D> top = moved(x, up), y = moved(top, on);
         if (!(norm(hip - y) < norm(hip - x))) return false;
+        handover_.pass(top);
         x = y;
         return true;
     }
@@ -311,6 +343,7 @@ class RobustRule {
     Search neighbours_;
     Travel<D, Search> travel_;
     Escape<D, Search> escape_;
+    Handover<D> handover_;
     Touched<D, Search> touched_;
     Contacts<D> contacts_;
     Session now_;

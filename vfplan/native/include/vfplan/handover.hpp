@@ -1,0 +1,83 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// From the way out of a fixture to the rule: the proxy goes the rule's own way, but each tick only
+// as far as the force may change. What is left of the way waits for the next tick.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include "vfplan/vec.hpp"
+
+namespace vfplan {
+
+/// A ball that holds the proxy for one tick. Its middle is where the proxy would be had it gone
+/// with the HIP, its radius what K times it may add to the force, or turn it by.
+template <int D>
+struct Leash {
+    Vec<D> middle;
+    double radius;
+
+    /// The part of [0, length] from x, in the ball, along the unit vector `way` that stays in it.
+    double operator()(const Vec<D>& x, const Vec<D>& way, double length) const noexcept {
+        const Vec<D> w = x - middle;
+        const double b = dot(w, way), c = dot(w, w) - radius * radius;
+        return std::clamp(std::sqrt(std::max(0.0, b * b - c)) - b, 0.0, length);
+    }
+};
+
+template <int D>
+class Handover {
+  public:
+    static constexpr int most = 64;           // corners of a way
+    static constexpr double kept = 1.0 / 64;  // of R: a HIP that goes further needs a new way
+
+    explicit Handover(double radius) noexcept : R_(radius) {}
+
+    bool active() const noexcept { return active_; }
+    /// Something of the way is left, and it still leads to the HIP at h.
+    bool leads(const Vec<D>& h) const noexcept {
+        return next_ < count_ && norm(h - hip_) <= kept * R_;
+    }
+
+    void begin() noexcept {
+        active_ = true;
+        next_ = count_ = 0;
+    }
+    void stop() noexcept { active_ = planning_ = false; }
+
+    /// The rule goes to the HIP at h now, and tells each corner that it passes.
+    void plan(const Vec<D>& h) noexcept {
+        hip_ = h;
+        next_ = count_ = 0;
+        planning_ = true;
+    }
+    bool planning() const noexcept { return planning_; }
+    bool full() const noexcept { return planning_ && count_ + 2 > most; }
+    void pass(const Vec<D>& x) noexcept {
+        if (planning_) corner_[count_++] = x;
+    }
+    void planned() noexcept { planning_ = false; }
+
+    /// Goes on from x as far as the leash allows; true at the end of the way.
+    bool walk(Vec<D>& x, const Leash<D>& leash) noexcept {
+        for (; next_ < count_; ++next_) {
+            const Vec<D> leg = corner_[next_] - x;
+            const double length = norm(leg);
+            if (!(length > 0)) continue;
+            const double s = leash(x, (1 / length) * leg, length);
+            x = s < length ? x + (s / length) * leg : corner_[next_];
+            if (s < length) return false;
+        }
+        return true;
+    }
+
+  private:
+    double R_;
+    bool active_ = false, planning_ = false;
+    Vec<D> corner_[most];
+    Vec<D> hip_;  // that the way was made for
+    int next_ = 0, count_ = 0;
+};
+
+}  // namespace vfplan
