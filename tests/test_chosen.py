@@ -6,6 +6,7 @@ from conftest import ROOT
 from scipy.spatial import cKDTree
 
 from vfplan.bundle import read_fixture, write_fixture
+from vfplan.errors import SettingError
 from vfplan.pipeline import ExtractSettings, FixtureSettings, plan
 from vfplan.pipeline.registering import register
 from vfplan.replay.engines import make_engine
@@ -73,6 +74,24 @@ def test_bundle_holds_the_choice(made, tmp_path):
     assert settings["chosen_spacing_m"] == chosen["spacing_m"]
     assert settings["left_out_points"] == made.report["register"]["left_out"]["points"]
     assert settings["left_out_operations_per_tick"] > 0
+
+
+def test_a_tolerance_beyond_what_the_radius_allows_is_said_to_be_cut(made):
+    cut = elbow(tolerance_m=5e-3)
+    chosen = cut.report["register"]["chosen"]
+    assert chosen["tolerance_m"] == 5e-3
+    assert chosen["tolerance_used_m"] == pytest.approx(5 / 64 * R)
+    assert chosen["error_m"]["total"] <= chosen["tolerance_used_m"]
+    assert cut.fixture.provenance.settings["chosen_tolerance_m"] == chosen["tolerance_used_m"]
+    (warning,) = (w for w in cut.warnings if "tolerance" in w)
+    assert "5 mm is more than r_c + r_v allow: 0.3906 mm was used" in warning
+    assert not [w for w in made.warnings if "tolerance" in w]
+    assert made.report["register"]["chosen"]["tolerance_used_m"] == 1e-5
+
+
+def test_a_tolerance_finer_than_the_engine_is_refused():
+    with pytest.raises(SettingError, match="tolerance 9e-08 mm: at least 1e-07 mm"):
+        elbow(tolerance_m=9e-11)
 
 
 def test_density_and_bare_clouds_choose_nothing(made):

@@ -47,6 +47,9 @@ class Choice:
     ----------
     tolerance_m
         How far the proxy may be from where the planned surface puts it [m].
+    kept_m
+        The tolerance that the settings below keep [m]: `tolerance_m`, or `largest_tolerance` where
+        that is less.
     sampling_tolerance_m
         What of it the spacing may use, the dimples' depth [m].
     spacing_m
@@ -58,6 +61,7 @@ class Choice:
     """
 
     tolerance_m: float
+    kept_m: float
     sampling_tolerance_m: float
     spacing_m: float
     band_m: float
@@ -88,7 +92,7 @@ def choose(
     Parameters
     ----------
     tolerance_m
-        τ [m] > 0. More than `largest_tolerance(radius_m)` is treated as that.
+        τ [m] > 0. Of more than `largest_tolerance(radius_m)` only that is used; `kept_m` tells.
     radius_m
         R = r_c + r_v [m].
     planar
@@ -119,6 +123,7 @@ def choose(
     dimple = DIMPLE_SHARE * kept
     return Choice(
         tolerance_m=tolerance_m,
+        kept_m=kept,
         sampling_tolerance_m=dimple,
         spacing_m=math.sqrt(8 * radius_m * dimple),
         band_m=BAND_SHARE * kept,

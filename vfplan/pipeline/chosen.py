@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from vfplan.choosing import Choice, choose
+from vfplan.choosing import BAND_SHARE, Choice, choose
+from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 from vfplan.pipeline.carrying import Carried
 from vfplan.pipeline.settings import FixtureSettings
+from vfplan.rendering import FINEST_BAND
 
 # Operations for one point's squared distance: differences, products, sums.
 OPERATIONS = {3: 8, 2: 5}
@@ -17,13 +19,32 @@ MOST_ITERATIONS = 16  # of the engine, unless told otherwise
 
 
 def choice_of(curve: Fixture, settings: FixtureSettings) -> Choice | None:
-    """What the tolerance asks for; `None` where a density or a bare cloud leaves no choice."""
+    """What the tolerance asks for; `None` where a density or a bare cloud leaves no choice.
+
+    Raises `SettingError` for a tolerance whose band would be finer than the engine takes.
+    """
     if curve.curve is None or settings.density_per_m is not None:
         return None
     radius = settings.contact_radius + settings.point_radius
+    least = FINEST_BAND / BAND_SHARE * radius
+    if settings.tolerance_m < least:
+        raise SettingError(
+            f"tolerance {settings.tolerance_m * 1e3:g} mm: at least {least * 1e3:g} mm is wanted, "
+            f"{FINEST_BAND / BAND_SHARE:g} of r_c + r_v = {radius * 1e3:g} mm"
+        )
     drawn = "normal" if curve.frame == "image" else "none"
     planar = (settings.ignore_axis or drawn) != "none"
     return choose(settings.tolerance_m, radius, planar=planar)
+
+
+def capped(choice: Choice | None) -> tuple[str, ...]:
+    """A warning where less than the tolerance asked for was used."""
+    if choice is None or choice.kept_m == choice.tolerance_m:
+        return ()
+    return (
+        f"the tolerance of {choice.tolerance_m * 1e3:g} mm is more than r_c + r_v allow: "
+        f"{choice.kept_m * 1e3:.4g} mm was used, beyond which the points are bumps",
+    )
 
 
 def describe_choice(choice: Choice, carried: Carried) -> dict[str, Any]:
@@ -31,6 +52,7 @@ def describe_choice(choice: Choice, carried: Carried) -> dict[str, Any]:
     lag = choice.lag_m
     return {
         "tolerance_m": choice.tolerance_m,
+        "tolerance_used_m": choice.kept_m,
         "spacing_m": choice.spacing_m,
         "band_m": choice.band_m,
         "max_iterations": choice.max_iterations,
@@ -113,6 +135,7 @@ def as_settings(choice: Choice | None, counts: dict[str, Any]) -> dict[str, floa
     flat: dict[str, float | int] = {f"left_out_{name}": n for name, n in counts.items()}
     if choice is not None:
         flat |= {
+            "chosen_tolerance_m": choice.kept_m,
             "chosen_spacing_m": choice.spacing_m,
             "chosen_band_m": choice.band_m,
             "chosen_max_iterations": choice.max_iterations,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Frame, Provenance, Rendering
 from vfplan.pipeline.carrying import Carried, carry
-from vfplan.pipeline.chosen import as_settings, choice_of, costs, describe_choice, left_out
+from vfplan.pipeline.chosen import as_settings, capped, choice_of, costs, describe_choice, left_out
 from vfplan.pipeline.margin import add_margin
 from vfplan.pipeline.matching import match
 from vfplan.pipeline.provenance import file_sha256, make_provenance
@@ -99,6 +99,7 @@ def register(
         *diagnosis.warnings,
         *error.warnings,
         *matched.warnings,
+        *capped(choice_of(guarded, making)),
         *((doubt,) if doubt else ()),
     )
     return Planned(fixture, registration, report, warnings)
