@@ -44,13 +44,12 @@ def _line(difference: dict[str, Any]) -> str:
 
 
 def _replayed(a: Path, b: Path, session: Path) -> dict[str, Any]:
-    from vfplan.bundle import read_fixture
     from vfplan.bundle.compare import first_tick
     from vfplan.replay import replay
     from vfplan.session import read_session
 
     recorded = read_session(session)
-    one, other = (replay(read_fixture(path), recorded).trace for path in (a, b))
+    one, other = (replay(path, recorded).trace for path in (a, b))
     proxy_tick, proxy_max = first_tick(one.proxy, other.proxy)
     force_tick, force_max = first_tick(one.force, other.force)
     ticks = [tick for tick in (proxy_tick, force_tick) if tick is not None]

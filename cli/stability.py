@@ -11,7 +11,7 @@ import click
 from vfplan.cli import options
 from vfplan.cli.run import Report, command, jsonable, outputs, progress, refuse_existing
 
-from vfplan.errors import OutputError
+from vfplan.errors import OutputError, at
 
 PARTS = ("closed-loop", "map", "passivity", "extremes", "precision")
 REPORT, TABLE, MAP, PASSIVITY = FILES = (
@@ -100,14 +100,10 @@ def command(
     from vfplan.stability import prepare
 
     _check_folder(output, overwrite)
-    prepared = prepare(
-        None if fixture is None else read_fixture(fixture),
-        chosen_robot(robot, given),
-        stiffness=stiffness,
-        margin=margin,
-        full=full,
-        parts=parts,
-    )
+    arm = chosen_robot(robot, given)
+    judged = None if fixture is None else read_fixture(fixture)
+    with at(str(fixture)):
+        prepared = prepare(judged, arm, stiffness=stiffness, margin=margin, full=full, parts=parts)
     with progress("stability", len(prepared.tasks)) as done:
         found = prepared.run(jobs, done)
     data, text = found.as_dict(), found.as_text()

@@ -65,6 +65,33 @@ def test_a_size_that_a_wrong_unit_gives_is_warned_of(
     assert ("points.size" in {i["code"] for i in run.json["issues"]}) is doubtful
 
 
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"contact_radius": 5e-10, "band": 1e-11}, "contact_radius 5e-10 m"),
+        ({"band": 4e-11}, "band 4e-11 m"),
+        ({"stiffness": np.array([1000.0, 0.0, 1000.0])}, "stiffness"),
+    ],
+)
+def test_what_the_format_allows_and_no_engine_renders_is_warned_of(
+    change, says, vfplan_cli, tmp_path
+):
+    """The format is wider than the engine: the bundle is valid, and nothing replays it."""
+    base = bundles.small()
+    bare = replace(base, rendering=replace(base.rendering, **change))
+    vfplan.write_fixture(bare, tmp_path / "a.h5")
+    run = vfplan_cli("validate", tmp_path / "a.h5", "--json")
+    assert (run.code, run.json["valid"]) == (0, True)
+    (issue,) = (i for i in run.json["issues"] if i["code"] == "rendering.engine")
+    assert (issue["severity"], issue["location"]) == ("warning", "/rendering")
+    assert says in issue["message"]
+    (tmp_path / "s.csv").write_text("t,x,y,z\n0,0.4,0,0.2\n0.001,0.4,0,0.2\n")
+    for words in (["replay", "a.h5", "s.csv"], ["stability", "a.h5"]):
+        refused = vfplan_cli(*words, cwd=tmp_path)
+        assert refused.code == 3
+        assert refused.stderr.startswith("vfplan: error: a.h5: no engine renders it: " + says)
+
+
 def test_wrong_residuals_and_a_path_are_warned_of(vfplan_cli, tmp_path):
     fixture = bundles.whole()
     fixture.registration.residuals_m[2] += 1e-4

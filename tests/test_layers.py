@@ -14,6 +14,7 @@ LAYERS = [
     ["rendering"],
     ["dicom"],
     ["image", "fixture", "markers", "session", "robot"],
+    ["renderable"],
     ["extraction", "registration", "marker_finding", "bundle", "proxy", "reference", "scenes"],
     ["centreline", "vector"],
     ["sampling"],

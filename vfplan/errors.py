@@ -25,6 +25,9 @@ The message says what is wrong, the value found and what is allowed; `where` nam
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class VfplanError(Exception):
     """Base of every error raised for bad input, files and versions.
@@ -57,6 +60,16 @@ class InputError(VfplanError):
     """Bad input: the caller's data cannot be used."""
 
     exit_code = 3
+
+
+@contextmanager
+def at(where: str) -> Iterator[None]:
+    """Errors of input raised inside, if they name no place, name this one."""
+    try:
+        yield
+    except InputError as error:
+        error.where = error.where or where
+        raise
 
 
 class ImageError(InputError):

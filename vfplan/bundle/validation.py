@@ -7,14 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from vfplan.bundle import check, leak
-from vfplan.bundle.content import Content
+from vfplan.bundle.content import Content, from_content
 from vfplan.bundle.files import VERSION, checked_version, opened_source
 from vfplan.bundle.findings import Findings, Issue
 from vfplan.bundle.parse import parse, peek_version
 from vfplan.bundle.plausible import size_doubt
 from vfplan.bundle.seal import Seal, unseal
 from vfplan.bundle.table import table
-from vfplan.errors import BundleError
+from vfplan.errors import BundleError, SceneError
+from vfplan.renderable import check_renderable
 
 RESIDUAL_TOLERANCE_M = 1e-6
 
@@ -43,6 +44,7 @@ def validate(source: str | Path | bytes) -> list[Issue]:
             return findings.issues
     if findings.valid:
         _certificate(content, findings)
+        _rendering(content, findings)
     _size(content, findings)
     _residuals(content, findings)
     _paths(content, findings)
@@ -89,6 +91,16 @@ def _certificate(content: Content, findings: Findings) -> None:
     if "/leak@open_edges" in content:
         count = content["/leak@open_edges"]
         findings.note("leak.open_edges", "/leak@open_edges", f"an open sheet: {count} rim edges")
+
+
+def _rendering(content: Content, findings: Findings) -> None:
+    """The engine's ranges, which are narrower than the format's."""
+    if "/rendering/stiffness" not in content:
+        return
+    try:
+        check_renderable(from_content(content))
+    except SceneError as error:
+        findings.warning("rendering.engine", "/rendering", error.message)
 
 
 def _size(content: Content, findings: Findings) -> None:

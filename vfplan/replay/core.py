@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vfplan.errors import SessionError, SettingError
+from vfplan.errors import SessionError, SettingError, at
 from vfplan.fixture import Fixture
 from vfplan.rendering import ProxyParameters
 from vfplan.replay.apart import Apart
@@ -121,14 +122,15 @@ def replay(
         A fixture that cannot be replayed, an unknown rule or engine, a bad bundle.
     """
     began = clock.perf_counter()
+    place = nullcontext() if isinstance(fixture, Fixture) else at(str(fixture))
     fixture, record = _loaded(fixture, trust)
     source = open_session(session) if isinstance(session, (str, Path)) else session
     _same_frame(fixture, source)
     link = link if link is not None and link.faulty else None
-    runs = [
-        RuleRun(fixture, name, engine, robot=robot, link=link, keep=keep) for name in _rules(rule)
-    ]
-    clean = RuleRun(fixture, runs[0].rule, engine, robot=robot, keep=0) if link else None
+    rules = _rules(rule)
+    with place:
+        runs = [RuleRun(fixture, r, engine, robot=robot, link=link, keep=keep) for r in rules]
+        clean = RuleRun(fixture, rules[0], engine, robot=robot, keep=0) if link else None
     watch, rules_apart, link_apart = SessionWatch(), Apart(), Apart()
     for time, hand in source.blocks():
         watch.update(time, hand)

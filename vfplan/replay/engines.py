@@ -6,6 +6,7 @@ from typing import Any
 
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
+from vfplan.renderable import check_renderable
 
 RULES = ("robust", "paper", "both")
 ENGINES = ("native", "reference")
@@ -17,7 +18,8 @@ def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
     Raises
     ------
     InputError
-        A fixture that is not registered, or says nothing of its rendering.
+        A fixture that is not registered, says nothing of its rendering, or has a rendering that no
+        engine takes.
     SettingError
         An unknown rule or engine, or the reference engine with a rule it does not have.
     """
@@ -30,6 +32,7 @@ def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
             f"a curve in frame {fixture.frame!r} without rendering cannot be replayed; "
             "`vfplan register` makes a fixture of it"
         )
+    check_renderable(fixture)
     settings: dict[str, Any] = {
         "contact_radius": fixture.contact_radius,
         "point_radius": fixture.point_radius,

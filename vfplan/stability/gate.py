@@ -8,6 +8,7 @@ import numpy as np
 
 from vfplan.errors import CheckFailed, SceneError
 from vfplan.fixture import Fixture, StabilityVerdict
+from vfplan.renderable import check_renderable
 from vfplan.robot import Robot
 from vfplan.stability.closedloop import closed_loop_bundle
 from vfplan.stability.rows import Row
@@ -21,7 +22,7 @@ def felt_stiffness(fixture: Fixture) -> float:
     Raises
     ------
     SceneError
-        A curve that is no fixture yet.
+        A curve that is no fixture yet, or a rendering that no engine takes.
     """
     if fixture.frame != "robot_base" or fixture.rendering is None:
         raise SceneError(
@@ -29,6 +30,7 @@ def felt_stiffness(fixture: Fixture) -> float:
             f"{'' if fixture.rendering else ' without rendering parameters'}: a fixture in"
             " 'robot_base' that a robot can render is wanted"
         )
+    check_renderable(fixture)
     axis = fixture.ignore_axis
     across = np.eye(3) if axis is None else np.eye(3) - np.outer(axis, axis)
     return float(np.linalg.eigvalsh(across @ np.diag(fixture.stiffness) @ across).max())
