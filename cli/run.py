@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import click
+from vfplan.cli.stopping import Stopped, stoppable
 
 from vfplan.disk import Placed, move_whole
 from vfplan.errors import OutputError, VfplanError
@@ -66,10 +67,13 @@ def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.
         @functools.wraps(function)
         def body(as_json: bool, quiet: bool, verbose: int, **kwargs: Any) -> None:
             _configure_log(quiet, verbose)
-            try:
-                _run(lambda: function(**kwargs), as_json, quiet, verbose)
-            finally:
-                _take_back()
+            with stoppable() as heeded:
+                try:
+                    _run(lambda: heeded(function(**kwargs)), as_json, quiet, verbose)
+                except Stopped as stop:
+                    _fail("Stopped", str(stop), None, stop.exit_code, as_json, verbose)
+                finally:
+                    _take_back()
 
         for option in (
             click.option("-v", "--verbose", count=True, help="More detail; -vv adds tracebacks."),

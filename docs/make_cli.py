@@ -14,6 +14,12 @@ Written from `--help` by `make docs`; do not edit by hand.
 Exit codes: 0 done; 1 a check failed; 2 usage; 3 bad input; 4 a bundle that cannot be trusted.
 With `--json`, stdout holds one JSON document and nothing else; after a failure it is
 `{"error": {"kind", "message", "where"}}`. Every failed command says why in one line on stderr.
+A command stopped by SIGINT, SIGTERM or SIGHUP keeps no file; it ends with 128 + its number.
+
+Outputs appear whole or not at all. A command that is killed outright (SIGKILL, a power cut) can
+leave hidden files whose names begin with `.vfplan-`: unfinished new files, and second names of
+files that were being replaced. They may be deleted when no command is at work in that folder;
+nothing reads them.
 """
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -63,6 +64,50 @@ def test_a_report_that_cannot_be_written_leaves_no_file_behind(words, env, tmp_p
         assert "No space left" in done.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.h5", "old.ply"]
     assert (tmp_path / "old.ply").read_bytes() == b"old"
+
+
+STOPPED = """
+import os, signal, sys
+from pathlib import Path
+from vfplan.cli.run import Report, command, outputs
+
+class Loud:
+    def __del__(self):
+        os.kill(os.getpid(), int(sys.argv[2]))
+        sum(range(1000))
+
+@command("long")
+def long():
+    with outputs(Path(sys.argv[1])) as (path,):
+        path.write_text("half")
+        if sys.argv[3] == "dropped":
+            Loud()
+        else:
+            os.kill(os.getpid(), int(sys.argv[2]))
+    return Report({})
+
+long(["--json"])
+"""
+
+
+@pytest.mark.parametrize("how", ["raised", "dropped"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_command_told_to_stop_leaves_nothing_behind(number, how, tmp_path):
+    """Also where the signal comes inside a destructor, out of which Python raises nothing."""
+    words = [sys.executable, "-c", STOPPED, tmp_path / "out.h5", str(int(number)), how]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 128 + number
+    assert json.loads(done.stdout)["error"]["kind"] == "Stopped"
+    assert f"stopped by {number.name}" in done.stderr.splitlines()[-1]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_ignored_signal_stays_ignored(tmp_path):
+    script = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)" + STOPPED
+    words = [sys.executable, "-c", script, tmp_path / "out.h5", str(int(signal.SIGHUP)), "raised"]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["out.h5"]
 
 
 def test_an_error_on_a_full_disk_keeps_its_exit_code():

@@ -1,0 +1,62 @@
+"""A command that is told to stop (SIGINT, SIGTERM, SIGHUP) cleans up first, as after an error.
+
+Left alone, Python dies of the last two at once and its unfinished files stay.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import TypeVar
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+# A second signal so soon would cut the cleaning up short; a later one counts again.
+PATIENCE_S = 1.0
+Result = TypeVar("Result")
+
+
+class Stopped(BaseException):
+    """Raised in the main thread where a signal arrives; `exit_code` is the shell's 128 + number."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"stopped by {signal.Signals(number).name}; no output file is kept")
+        self.exit_code = 128 + number
+
+
+@contextmanager
+def stoppable() -> Iterator[Callable[[Result], Result]]:
+    """Raise `Stopped` on a signal inside; one that is ignored, as by nohup, stays so.
+
+    Yields a function that hands its argument back, or raises again if there was a signal: Python
+    drops what is raised while a destructor runs.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda result: result
+        return
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    taken = [n for n in SIGNALS if before[n] in (signal.SIG_DFL, signal.default_int_handler)]
+    came: list[tuple[float, int]] = []
+
+    def stop(number: int, _frame: FrameType | None) -> None:
+        now = time.monotonic()
+        if came and now - came[-1][0] < PATIENCE_S:
+            return
+        came.append((now, number))
+        raise Stopped(number)
+
+    def heeded(result: Result) -> Result:
+        if came:
+            raise Stopped(came[0][1])
+        return result
+
+    for number in taken:
+        signal.signal(number, stop)
+    try:
+        yield heeded
+    finally:
+        for number in taken:
+            signal.signal(number, before[number])
