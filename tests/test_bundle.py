@@ -88,6 +88,9 @@ WRONG = {
     "a setting that is a list": lambda f: replace(
         f, provenance=replace(f.provenance, settings={"a": [1]})
     ),
+    "a label that ends in NUL": lambda f: replace(
+        f, registration=replace(f.registration, labels=("x1\0", *f.registration.labels[1:]))
+    ),
     "a name with a blank": lambda f: replace(
         f, provenance=replace(f.provenance, settings={"a b": 1})
     ),

@@ -167,6 +167,7 @@ BAD_TABLES = {
     "column 'sigma_mm' is not understood": "label,x_m,y_m,z_m,sigma_mm\nx1,1,1,1,1\n",
     "belongs to the robot's positions": "label,u_px,v_px,sigma_m\nx1,1,1,1\n",
     "above 0 is wanted": "label,x_m,y_m,z_m,sigma_m\nx1,1,1,1,0\n",
+    "a control character": "label,u_px,v_px\nx1\0,1,1\n",
     "holds no marker": "label,u_px,v_px\n",
     "is empty": "\n",
 }

@@ -64,6 +64,7 @@ def completed(content: Content) -> Content:
     head = {"/@format": FORMAT, "/@version": VERSION}
     content = head | {p: v for p, v in content.items() if p not in head and "/leak" not in p}
     _check_arrays(content)
+    _check_texts(content)
     content["/@id"] = check.object_id(content)
     if "/rendering@contact_radius_m" in content:
         content |= leak.certificate(content)
@@ -94,6 +95,14 @@ def _check_arrays(content: Content) -> None:
     triangles = content.get("/mesh/triangles")
     if triangles is not None and (triangles.min() < 0 or triangles.max() >= sizes["N"]):
         raise InputError("names points that are not there", where="/mesh/triangles")
+
+
+def _check_texts(content: Content) -> None:
+    """Refuse a text that ends in NUL, which would be read back without it."""
+    for path, value in content.items():
+        for text in value if isinstance(value, tuple) else (value,):
+            if isinstance(text, str) and text.endswith("\0"):
+                raise InputError(f"{text!r} ends in a control character", where=path)
 
 
 def write_content(content: Content, path: Path, *, overwrite: bool) -> None:

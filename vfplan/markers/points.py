@@ -8,6 +8,7 @@ import math
 from collections import Counter
 from dataclasses import dataclass
 from typing import Literal
+from unicodedata import category
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,8 +79,10 @@ def number(text: object, what: str, where: str) -> float:
 
 
 def label_of(text: object, what: str, where: str) -> str:
-    """A label without surrounding blanks, or a `MarkerError` where it is empty."""
+    """A label without surrounding blanks, or a `MarkerError` where no bundle can hold it."""
     label = str(text).strip() if text is not None else ""
     if not label:
         raise MarkerError(f"{what} has no label; every marker needs one", where=where)
+    if any(category(sign) == "Cc" for sign in label):
+        raise MarkerError(f"{what} has the label {label!r}: a control character", where=where)
     return label
