@@ -37,6 +37,30 @@ def test_a_mesh_is_refined_certified_and_in_metres(stl, vfplan_cli, tmp_path):
     assert fixture.band >= 1e-5
 
 
+def test_a_bare_cloud_gets_the_band_that_its_spacing_needs(vfplan_cli, tmp_path):
+    """A ball of radius 30 mm in points about 1.1 mm apart: dimples deeper than the paper's band.
+
+    Within 10 um the proxy would stick in them, 1.2 mm behind the exact one, which is R outside the
+    ball on the line from its centre through the HIP.
+    """
+    k = np.arange(10_000) + 0.5
+    height, turn = 1 - k / 5000, np.pi * (1 + 5**0.5) * k
+    ball = np.column_stack([np.sqrt(1 - height**2) * f(turn) for f in (np.cos, np.sin)] + [height])
+    np.save(tmp_path / "ball.npy", 0.03 * ball)
+    run = vfplan_cli("import", "ball.npy", "--units", "m", "-o", "b.h5", "--json", cwd=tmp_path)
+    fixture = vfplan.read_fixture(tmp_path / "b.h5")
+    assert run.json["band_m"] == fixture.band
+    assert 3e-5 < fixture.band < 1e-4
+    t = np.arange(0, 2, 1e-3)
+    along = np.column_stack([np.sin(0.4 + t), 0.3 * np.sin(3 * t), np.cos(0.4 + t)])
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    deep = np.interp(t, [0, 0.3, 2], [0.036, 0.0305, 0.0305])[:, None]
+    found = vfplan.replay(fixture, vfplan.Session(t, deep * along)).trace
+    exact = along * np.maximum(deep, 0.035)
+    assert np.linalg.norm(found.proxy - exact, axis=1).max() < fixture.band
+    assert np.linalg.norm(found.force - 1000 * (exact - found.hip), axis=1).max() < 0.05
+
+
 def test_refining_keeps_the_surface(stl):
     """Area, rim and position stay; every point lies on one of the four planes."""
     points, triangles = refined(TETRAHEDRON / 1000, np.array(FACES), 2e-3)

@@ -20,11 +20,11 @@ from vfplan.bundle.table import table
 from vfplan.disk import opened_file
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
+from vfplan.rendering import PAPER_BAND, default_band
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")
 MOST_BYTES = 1 << 31
-LEAST_BAND = 1e-5  # m, the paper's
 Points = NDArray[np.float64]
 
 
@@ -56,7 +56,7 @@ def import_cloud(
         Longest edge of a mesh [m]; `None`: a tenth of R.
     stiffness, contact_radius, point_radius, ignore_axis
         As in `Rendering` [N/m, m]; one stiffness serves all axes. The band is the paper's 10 um,
-        or the dimple between a mesh's samples if that is deeper.
+        or the dimple between the samples if that is deeper.
 
     Raises
     ------
@@ -71,11 +71,13 @@ def import_cloud(
     points, triangles = found.points * METRES[units], found.triangles
     radius = contact_radius + point_radius
     _check(points, radius, str(path))
-    mesh, band = None, LEAST_BAND
+    mesh, axis = None, _unit(ignore_axis)
     if triangles is not None and curve is None:
         points, mesh = refined(points, triangles, radius / 10 if spacing is None else spacing)
         cover, _ = largest_cover(mesh, points)
-        band = max(band, float(radius - np.sqrt(max(radius**2 - cover**2, 0.0))))
+        band = max(PAPER_BAND, float(radius - np.sqrt(max(radius**2 - cover**2, 0.0))))
+    else:
+        band = default_band(points, contact_radius, point_radius, axis)
     settings = {"units": units, "curve": curve or "none"}
     if found.left_out:
         settings["left_out"] = _listed(found.left_out)
@@ -92,7 +94,7 @@ def import_cloud(
             contact_radius=contact_radius,
             band=band,
             point_radius=point_radius,
-            ignore_axis=_unit(ignore_axis),
+            ignore_axis=axis,
         ),
     )
 
