@@ -103,10 +103,13 @@ def test_in_a_browser(pressed, written, tmp_path):
         assert all(url.startswith(("file:", "data:")) for url in asked), asked
         assert sum(url.startswith("file:") for url in asked) == 1
         check_scrubber(browser, pressed)
-        printed = browser.do("Page.printToPDF", printBackground=True)
+        printed = browser.do("Page.printToPDF", printBackground=True, preferCSSPageSize=True)
         pdf = base64.b64decode(printed["data"])
         assert pdf.startswith(b"%PDF")
         assert 2 <= pdf.count(b"/Type /Page\n") <= 8
+        boxes = {tuple(map(float, b.split())) for b in re.findall(rb"/MediaBox \[(.*?)\]", pdf)}
+        (a4,) = boxes
+        assert a4 == pytest.approx((0, 0, 210 / 25.4 * 72, 297 / 25.4 * 72), abs=1)
 
 
 def check_scrubber(browser, pressed):

@@ -71,7 +71,8 @@ def timeline(replayed: Replay) -> Figure:
     for axes in (top, middle):
         axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize=8)
     count = len(replayed.metrics["episodes"])
-    top.set_title(f"{count} contact episode{'s' * (count != 1)}, rule {replayed.rule}", loc="left")
+    rule = "robust" if replayed.rule == "both" else replayed.rule  # whose ticks are drawn
+    top.set_title(f"{count} contact episode{'s' * (count != 1)}, rule {rule}", loc="left")
     return figure
 
 

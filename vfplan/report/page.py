@@ -124,20 +124,20 @@ def _in_space(replayed: Replay) -> str:
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "view.png"
                 view3d.draw_view(replayed.fixture, path, ticks=replayed.ticks, mark_hz=MARK_HZ)
-                return _embedded(path.read_bytes(), words)
-    return _picture(scene(replayed), words)
+                return _embedded(path.read_bytes(), words, "tall")
+    return _picture(scene(replayed), words, "tall")
 
 
 def _section(title: str, content: str) -> str:
     return f"<section><h2>{escape(title)}</h2>{content}</section>"
 
 
-def _picture(figure: Figure, words: str) -> str:
+def _picture(figure: Figure, words: str, kind: str = "") -> str:
     held = io.BytesIO()
     save_png(figure, held)
-    return _embedded(held.getvalue(), words)
+    return _embedded(held.getvalue(), words, kind)
 
 
-def _embedded(png: bytes, words: str) -> str:
+def _embedded(png: bytes, words: str, kind: str) -> str:
     data = base64.b64encode(png).decode("ascii")
-    return f'<img alt="{escape(words)}" src="data:image/png;base64,{data}">'
+    return f'<img class="{kind}" alt="{escape(words)}" src="data:image/png;base64,{data}">'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from html import escape
 from typing import Any
 
@@ -52,11 +53,19 @@ def _table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
 
 
 def _shown(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.9g}"
     if isinstance(value, list):
         return ", ".join(_shown(part) for part in value)
     return str(value)
+
+
+def _code(value: Any) -> str:
+    text = _shown(value)
+    kind = "digest" if re.fullmatch("[0-9a-f]{64}", text) else ""  # one line in print
+    return f'<code class="{kind}">{escape(text)}</code>'
 
 
 def summary(found: dict[str, Any]) -> str:
@@ -120,7 +129,7 @@ def episodes(found: dict[str, Any]) -> str:
 
 
 def settings(found: dict[str, Any], fixture: Fixture) -> str:
-    """Provenance and settings, as they are in the JSON report."""
+    """Provenance and settings, by their names in the JSON report."""
     groups: dict[str, Any] = {
         name: found[name]
         for name in ("fixture", "scene", "session", "link", "robot", "left_out")
@@ -136,6 +145,7 @@ def settings(found: dict[str, Any], fixture: Fixture) -> str:
     text = ""
     for group, values in groups.items():
         flat = {k: v for k, v in values.items() if not isinstance(v, (dict, list)) or len(v) <= 3}
-        rows = [[escape(str(k)), f"<code>{escape(_shown(v))}</code>"] for k, v in flat.items()]
-        text += f"<h3>{escape(group.replace('_', ' '))}</h3>" + _table([], rows, "settings")
+        rows = [[escape(str(k)), _code(v)] for k, v in flat.items() if v is not None]
+        shown = f"<h3>{escape(group.replace('_', ' '))}</h3>" + _table([], rows, "settings")
+        text += f'<div class="{"long" if len(rows) > 20 else "group"}">{shown}</div>'
     return text
