@@ -187,6 +187,18 @@ def test_a_start_inside_is_reported_and_ramps_out(depth):
     assert np.abs(np.diff(trace.proxy[-100:], axis=0)).max() == 0
 
 
+def test_a_unit_axis_is_taken_to_the_bit():
+    """A controller renders the bundle's own numbers; scaling them again would move the last bit."""
+    for axis in np.random.default_rng(3).normal(size=(200, 3)):
+        unit = axis / np.linalg.norm(axis)
+        engine = vfplan.ProxyEngine([[0.0, 0, 0]], ignore_axis=unit)
+        assert np.array_equal(engine.parameters.ignore_axis, unit)
+        unit[0] = 0.5  # the caller's own array stays the caller's
+        assert engine.parameters.ignore_axis[0] != 0.5
+        longer = vfplan.ProxyEngine([[0.0, 0, 0]], ignore_axis=3 * axis).parameters.ignore_axis
+        assert np.linalg.norm(longer) == pytest.approx(1, abs=1e-15)
+
+
 def test_stiffness_and_ignored_axis():
     cloud = sheet()
     hip = np.array([0.001, 0.002, 0.001])

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from vfplan.errors import SceneError, SettingError
 
 LIMIT = 1e6  # |coordinate| [m]: beyond it float64 no longer resolves a nanometre
+UNIT = 1e-9  # how far from 1 the length of a unit vector may be, as in parameters.hpp
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 Vector = NDArray[np.float64]
@@ -64,7 +65,11 @@ def check_stiffness(stiffness: float | ArrayLike) -> Vector:
 
 
 def check_axis(axis: str | ArrayLike | None) -> Vector | None:
-    """The ignored axis as a (3,) unit vector, or `None`; else `SettingError`."""
+    """The ignored axis as a (3,) unit vector, or `None`; else `SettingError`.
+
+    One that is of unit length, as a bundle's is, stays as it is to the bit: a controller renders it
+    so, and a replay must do the same.
+    """
     if axis is None:
         return None
     if isinstance(axis, str):
@@ -80,6 +85,8 @@ def check_axis(axis: str | ArrayLike | None) -> Vector | None:
     largest = float(np.max(np.abs(direction)))
     if not (math.isfinite(largest) and largest > 0):
         raise SettingError(f"ignore_axis {direction.tolist()}: must be finite and not zero")
+    if largest < 2 and abs(float(np.linalg.norm(direction)) - 1) < UNIT:
+        return _frozen(direction.copy())
     direction = direction / largest  # first, so that the norm neither over- nor underflows
     return _frozen(direction / np.linalg.norm(direction))
 
