@@ -150,6 +150,20 @@ def test_what_is_no_image_is_refused(tmp_path):
         vfplan.read_image(text)
 
 
+def test_a_curve_is_extracted_from_a_file_an_image_or_its_pixels_alike(tmp_path):
+    path = saved(tmp_path, "PNG")
+    read = vfplan.read_image(path)
+    found = [
+        vfplan.extract_curve(i).strokes[0].points_px for i in (path, str(path), read, read.rgb)
+    ]
+    for other in found[1:]:
+        assert np.array_equal(other, found[0])
+    with pytest.raises(ImageError, match="no such file"):
+        vfplan.extract_curve(tmp_path / "absent.png")
+    with pytest.raises(ImageError, match=r"\(H, W, 3\)"):
+        vfplan.extract_curve(read.rgb[..., 0])
+
+
 def test_the_hash_is_that_of_the_file(tmp_path):
     import hashlib
 

@@ -58,13 +58,15 @@ class PlannedImage:
         return self.rgb.shape[0]
 
 
-def as_image(image: PlannedImage | NDArray) -> PlannedImage:
-    """The image itself, or an (H, W, 3) array of uint8 or uint16 wrapped as one.
+def as_image(image: PlannedImage | NDArray | str | Path) -> PlannedImage:
+    """The image itself, an (H, W, 3) array of uint8 or uint16 wrapped as one, or a file, read.
 
-    Raises `ImageError` for any other shape or type.
+    Raises `ImageError` for any other shape or type, and as `read_image` does.
     """
     if isinstance(image, PlannedImage):
         return image
+    if isinstance(image, (str, Path)):
+        return read_image(image)
     rgb = np.asarray(image)
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype not in (np.uint8, np.uint16) or not rgb.size:
         raise ImageError(
