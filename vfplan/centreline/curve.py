@@ -17,7 +17,7 @@ from vfplan.centreline.choice import (
     refuse_grey,
     refuse_noise,
 )
-from vfplan.centreline.doubts import cut_off, left_over, nearly_closed, side_by_side
+from vfplan.centreline.doubts import cut_off, left_over, nearly_closed, several, side_by_side
 from vfplan.centreline.path import drawn_length
 from vfplan.centreline.ridge import Centreline, trace
 from vfplan.errors import CurveError, SettingError
@@ -143,6 +143,7 @@ def extract_curve(
     specks, found = left_over(chosen, marks, told, max_gap_px, origin)
     warnings = [*against_advice(chosen, others, origin), *found]
     for line, measured in zip(chosen, lines, strict=True):
+        warnings += several(line, measured.single)
         warnings += side_by_side(line, measured.widening, origin)
         warnings += cut_off(line, roi, planned.rgb.shape)
         warnings += nearly_closed(line, max_gap_px, origin)

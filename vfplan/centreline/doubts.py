@@ -117,6 +117,16 @@ def nearly_closed(line: Candidate, max_gap_px: float, origin: tuple[int, int]) -
     ]
 
 
+def several(line: Candidate, single: bool) -> list[str]:
+    """A warning where two lines may lie side by side all along."""
+    if single:
+        return []
+    return [
+        f"the line's profile, {line.width_px:.1f} px wide, sinks in its middle: if it is two lines "
+        "side by side, it is measured midway between them"
+    ]
+
+
 def side_by_side(line: Candidate, widest: Widening | None, origin: tuple[int, int]) -> list[str]:
     """A warning where two runs may lie side by side; raises `CurveError` where they surely do.
 

@@ -52,7 +52,7 @@ def with_light(
     width
         The line's width [px].
     """
-    left, rough = _without_ground(x, pixels @ LUMINANCE, width)
+    left, rough = without_ground(x, pixels @ LUMINANCE, width)
     depth = left[:, np.abs(x) <= MIDDLE_PX].mean(1)
     clear = seen.all(1) & (np.abs(depth) > CLEAR * rough)
     if clear.sum() < LEAST:
@@ -71,7 +71,7 @@ def with_light(
     return offset + _limited(pull, np.where(seen.any(1), offset - trend, np.nan), noise)
 
 
-def _without_ground(x: NDArray, light: NDArray, width: float) -> tuple[NDArray, NDArray]:
+def without_ground(x: NDArray, light: NDArray, width: float) -> tuple[NDArray, NDArray]:
     """(M, K) brightness less the ground, and (M,) how rough the ground is."""
     flank = np.abs(x) > width / 2 + FLANK_PX
     line = np.column_stack([np.ones_like(x), x])

@@ -22,6 +22,7 @@ from vfplan.centreline.path import arc_length, evenly, extended, normals, withou
 from vfplan.centreline.profile import Profiles, read_profiles, shading_shift
 from vfplan.centreline.spline import curvature_of, fit_spline, place_knots
 from vfplan.centreline.uncertainty import bridged_sigma, measured_sigma
+from vfplan.centreline.valley import lines_in
 from vfplan.errors import CurveError
 from vfplan.extraction.pen import Pen
 
@@ -54,6 +55,8 @@ class Centreline:
         Arc length, closing step included [px].
     widening
         Its widest run; `None` where its width was not measured.
+    single
+        Whether its profile is that of one line; if not, two may lie side by side all along.
     """
 
     points: NDArray[np.float64]
@@ -62,6 +65,7 @@ class Centreline:
     closed: bool
     length: float
     widening: Widening | None = None
+    single: bool = True
 
 
 def trace(
@@ -101,10 +105,11 @@ def trace(
         # Far enough to see the line end, and no further: what lies beyond may be red as well.
         beyond = lost + width / 2 + 2
         base, pitch = evenly(base if closed else extended(base, beyond, width), closed)
-        profiles = read_profiles(rgb, base, normals(base, closed), pen, width)
+        seen_along, middle = (base, normals(base, closed)), base[len(base) // 2]
+        profiles = read_profiles(rgb, *seen_along, pen, width)
         valid = profiles.valid & ~gap(base)
         if profiles.double:
-            _refuse_double(base[len(base) // 2] + origin, width)
+            _refuse_double(middle + origin, width)
         if valid.sum() < LEAST:  # nothing to measure: leave the line where thinning put it
             return _unmeasured(smooth, bridged, closed, width)
         widest = widest_run(profiles, base, valid, width, closed)
@@ -118,8 +123,12 @@ def trace(
         fitted = _fit(s, base, profiles, used, closed, knots)
         inner = (0.0, stop) if closed else s[used][[0, -1]]
         base = fitted.spline(np.arange(*inner, pitch))
+    verdict = lines_in(rgb, *seen_along, profiles, valid, width)
+    if verdict == "several":
+        _refuse_double(middle + origin, width)
+    fitted = replace(fitted, sigma=np.hypot(fitted.sigma, widest.doubt))
     line = _result(fitted, s, valid, used, closed, start, stop, rgb.shape)
-    return replace(line, widening=widest)
+    return replace(line, widening=widest, single=verdict == "single")
 
 
 def _beside_gaps(mass: NDArray, valid: NDArray, width: float) -> NDArray[np.bool_]:
