@@ -121,7 +121,8 @@ def _draw_set_aside(axes: Any, set_aside: tuple[dict, ...]) -> None:
         u, v, width, height = mark["box"]
         box = {"fill": False, "ec": ASIDE, "lw": 1.2, "ls": "--", "label": "set aside"}
         axes.add_patch(Rectangle((u - 3, v - 3), width + 5, height + 5, **box))
-        axes.text(u - 3, v - 6, mark["kind"], color=ASIDE, fontsize=7, va="bottom", clip_on=True)
+        name = f"{mark['kind']} [{mark['stroke']}]" if "stroke" in mark else mark["kind"]
+        axes.text(u - 3, v - 6, name, color=ASIDE, fontsize=7, va="bottom", clip_on=True)
         for place in mark.get("junctions", ()) if mark["kind"] == "junction" else ():
             axes.plot(*place, "x", ms=8, mew=2, color=CONTACT, label="fork or crossing", zorder=6)
 
