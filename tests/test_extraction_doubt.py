@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from drawing import blend, compare, coverage, flat, to_uint8
+from drawing import blend, compare, coverage, flat, jpeg, normal_errors, to_uint8, wavy
 
 import vfplan
 from vfplan.errors import CurveError
@@ -83,3 +83,120 @@ def test_what_was_set_aside_though_it_is_longer_is_warned_of():
     assert any("a frame at (99, 79), 677 px long" in warning for warning in found.warnings)
     around = vfplan.extract_curve(drawn(BOX[[0, 1, 2, 3, 0]], 0.5 * WAVE + np.array([100, 75])))
     assert not around.warnings  # a panel's frame, as many slices have
+
+
+def ring_by_hand(drift):
+    """Drawn 6 % past its beginning, beside it; and the ring that lies midway."""
+    turn = np.linspace(0, 2 * np.pi * 1.06, 2000)
+    axes = np.array([110, 90]) + drift * turn[:, None] / (2 * np.pi)
+    return [200, 150] + axes * np.column_stack([np.cos(turn), np.sin(turn)])
+
+
+@pytest.mark.parametrize("width", [2, 3, 5])
+def test_runs_a_pixel_apart_are_warned_of_in_jpeg_and_their_doubt_is_told(width):
+    curve = ring_by_hand(1.0)
+    found = vfplan.extract_curve(jpeg(drawn(curve, width=width), 75))
+    (stroke,) = found.strokes
+    assert any("as wide as elsewhere" in warning for warning in found.warnings)
+    z = np.abs(normal_errors(stroke.points_px, curve, False)) / stroke.sigma_px
+    assert z.max() < 6  # without the doubt, 10 to 14
+
+
+@pytest.mark.parametrize("quality", [None, 90, 75, 50])
+@pytest.mark.parametrize(("count", "width"), [(2, 2.0), (2, 3.0), (3, 2.0), (3, 3.0)])
+def test_lines_half_a_pixel_apart_all_along_are_refused_or_told(count, width, quality):
+    share = [coverage(SHAPE, WAVE + np.array([0, k * (width + 0.5)]), width) for k in range(count)]
+    image = to_uint8(blend(flat(SHAPE, 150.0), np.max(share, axis=0), RED))
+    try:
+        found = vfplan.extract_curve(jpeg(image, quality) if quality else image)
+    except CurveError as error:
+        assert "two lines run side by side" in str(error)  # noqa: PT017 - one of two right answers
+    else:
+        assert quality == 50
+        assert "if it is two lines side by side" in found.warnings[0]
+
+
+def test_a_spiral_with_its_turns_against_each_other_is_refused():
+    turn = np.linspace(0, 6 * np.pi, 4000)[:, None]
+    curve = [200, 150] + (20 + 4 * turn / (2 * np.pi)) * np.hstack([np.cos(turn), np.sin(turn)])
+    for image in (drawn(curve), jpeg(drawn(curve), 75)):
+        with pytest.raises(CurveError, match="two lines run side by side"):
+            vfplan.extract_curve(image)
+
+
+@pytest.mark.parametrize("width", [5, 9, 14])
+@pytest.mark.parametrize("quality", [None, 75, 50])
+def test_a_broad_pen_is_one_line(width, quality):
+    image = drawn(WAVE, width=width)
+    found = vfplan.extract_curve(jpeg(image, quality) if quality else image)
+    assert not found.warnings
+    assert compare(found.strokes[0], WAVE).rms < 0.1
+
+
+def dashed(dash, gap, width=2.5):
+    share, length = np.zeros(SHAPE), 333.0  # of the wave, about
+    for start in np.arange(0, length, dash + gap) / length:
+        part = WAVE[(start <= T) & (start + dash / length >= T)]
+        share = np.maximum(share, coverage(SHAPE, part, width))
+    return to_uint8(blend(flat(SHAPE, 90.0), share, RED))
+
+
+@pytest.mark.parametrize(("dash", "gap"), [(3, 7), (8, 14), (18, 26)])
+def test_dashes_that_are_not_joined_are_told_as_such(dash, gap):
+    with pytest.raises(CurveError, match=r"dots or dashes in red.*--max-gap \(20 px\); draw it"):
+        vfplan.extract_curve(dashed(dash, gap))
+
+
+def bone(*places):
+    """Dark ground with bright round bones."""
+    ground = flat(SHAPE, 40.0)
+    for (u, v), radius in places:
+        cv2.circle(ground, (round(u), round(v)), radius, (250, 250, 250), -1)
+    return cv2.GaussianBlur(ground, (0, 0), 0.8)
+
+
+@pytest.mark.parametrize("opacity", [0.5, 0.6, 0.7])
+@pytest.mark.parametrize("colour", [(255, 64, 64), RED, (220, 20, 60)])
+def test_a_line_that_fades_over_bone_is_followed_to_its_end(colour, opacity):
+    ground = bone((WAVE[0], 28), (WAVE[1000], 24))
+    share = coverage(SHAPE, WAVE, 3)
+    image = to_uint8(blend(ground, share, colour, opacity, 2.2))
+    found = vfplan.extract_curve(image)
+    error = compare(found.strokes[0], WAVE)
+    assert error.uncovered < 2
+    assert error.worst < 0.8
+    assert error.ends < 1.5
+
+
+def test_a_ring_that_fades_over_bone_stays_closed():
+    ring = wavy(SHAPE, 4, closed=True)
+    ground = bone((ring[900], 28), (ring[2500], 9))
+    image = to_uint8(blend(ground, coverage(SHAPE, ring, 3, True), RED, 0.5, 2.2))
+    (stroke,) = vfplan.extract_curve(image).strokes
+    assert stroke.closed
+    assert compare(stroke, ring, True).uncovered < 2
+
+
+def test_what_is_faint_beside_a_line_is_not_followed():
+    """A weaker stroke that does not carry it on; a tinted region leaves what is meant in doubt."""
+    weaker = coverage(SHAPE, [[200, 60], [200, 125]], 3)
+    found = vfplan.extract_curve(drawn(WAVE, background=blend(flat(SHAPE, 90.0), weaker, RED, 0.3)))
+    assert compare(found.strokes[0], WAVE).rms < 0.03
+    assert compare(found.strokes[0], WAVE).ends < 1.5
+    tint = np.zeros(SHAPE)
+    cv2.ellipse(tint, (330, 170), (60, 40), 0, 0, 360, 1.0, -1)
+    with pytest.raises(CurveError, match="as wide as elsewhere"):
+        vfplan.extract_curve(drawn(WAVE, background=blend(flat(SHAPE, 90.0), tint, RED, 0.3)))
+
+
+def test_an_end_under_another_colour_is_warned_of():
+    image = drawn(WAVE)
+    cv2.circle(image, (340, 140), 12, (0, 220, 255), -1, cv2.LINE_AA)
+    (warning,) = vfplan.extract_curve(image).warnings
+    assert "something of another colour begins" in warning
+
+
+def test_candidates_that_end_close_by_are_told_with_the_way_round():
+    image = drawn(WAVE[:900], WAVE[1100:] + np.array([0, 14]))
+    with pytest.raises(CurveError, match=r"1 and 2 end \d+ px apart at .*--stroke all takes both"):
+        vfplan.extract_curve(image)

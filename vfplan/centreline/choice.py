@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError
-from vfplan.extraction.candidates import Candidate
-from vfplan.extraction.kinds import MIN_LENGTH_PX, crowd_of
+from vfplan.extraction.candidates import Candidate, ends_of
+from vfplan.extraction.kinds import MIN_LENGTH_PX, crowd_of, dashes_of
 from vfplan.extraction.marks import Mark
 
 MOST_MARKS, CROWD = 3000, 16  # in all, and specks of the longest line's size: more is noise
+LONGER = 2.5  # times a dash: a mark this long is no other dash
+NEAR_PX = 40.0  # between two candidates' ends: parts of one line, it may be
 DESCRIBED = 8  # candidates at most, in an error message
 
 
@@ -45,12 +47,31 @@ def choose(
             listed += f"; and {len(candidates) - DESCRIBED} shorter ones"
         raise CurveError(
             f"{len(candidates)} candidates and none was chosen (--stroke all, longest or a "
-            f"number; --roi; --colour): {listed}"
+            f"number; --roi; --colour): {listed}{_near_ends(candidates[:DESCRIBED], origin)}"
         )
     chosen = candidates if stroke == "all" else candidates[:1]
     for candidate in chosen:
         _refuse_junctions(candidate, origin)
     return chosen
+
+
+def _near_ends(candidates: list[Candidate], origin: tuple[int, int]) -> str:
+    """What two candidates' ends close by may mean, and the way round it."""
+    ends = [(i, at) for i, c in enumerate(candidates, 1) for at, _ in ends_of(c)]
+    gaps = [
+        (float(np.hypot(*(a - b))), i, j, (a + b) / 2 + origin)
+        for k, (i, a) in enumerate(ends)
+        for j, b in ends[k + 1 :]
+        if i != j
+    ]
+    gap, i, j, (u, v) = min(gaps, key=lambda g: g[:3], default=(np.inf, 0, 0, (0.0, 0.0)))
+    if gap > NEAR_PX:
+        return ""
+    return (
+        f"; {i} and {j} end {gap:.0f} px apart at ({u:.0f}, {v:.0f}): a gap is bridged up to "
+        "--max-gap where both tangents agree, and what is drawn over the line may bend them; "
+        "--stroke all takes both with the gap open"
+    )
 
 
 def against_advice(
@@ -98,26 +119,57 @@ def refuse_grey(rgb: NDArray) -> None:
         )
 
 
-def refuse_noise(marks: list[Mark], colour: str) -> None:
+def refuse_noise(count: int, colour: str) -> None:
     """Raise `CurveError` when there are more marks than anyone draws."""
-    if len(marks) > MOST_MARKS:
+    if count > MOST_MARKS:
         raise CurveError(
-            f"no planned curve: {len(marks)} marks in {colour} (at most {MOST_MARKS}): noise or a "
+            f"no planned curve: {count} marks in {colour} (at most {MOST_MARKS}): noise or a "
             "coloured picture; look in a part of it (--roi)"
         )
 
 
 def refuse_crowd(
-    candidates: list[Candidate], others: list[Candidate], marks: list[Mark], colour: str
+    candidates: list[Candidate],
+    others: list[Candidate],
+    marks: list[Mark],
+    colour: str,
+    max_gap_px: float,
 ) -> None:
     """Raise `CurveError` when the longest line is one among many specks of its size."""
-    count = crowd_of(candidates[0], marks, candidates + others) if candidates else 0
+    told = [*candidates, *others]
+    shaped = [c for c in others if c.kind != "speck"]
+    _refuse_dashes(candidates, shaped, dashes_of(marks, told), colour, max_gap_px)
+    count = len(crowd_of(candidates[0], marks, told)) if candidates else 0
     if count > CROWD:
         raise CurveError(
             f"no planned curve: the longest line in {colour}, {candidates[0].length_px:.0f} px, "
             f"stands among {count} specks of its size (at most {CROWD}): noise or a coloured "
             "picture; look in a part of it (--roi)"
         )
+
+
+def _refuse_dashes(
+    candidates: list[Candidate],
+    others: list[Candidate],
+    dashes: list[Mark],
+    colour: str,
+    max_gap_px: float,
+) -> None:
+    """Raise `CurveError` for dashes that were not joined, when the longest line is but one more."""
+    if not dashes or (others and not candidates):
+        return
+    dash = float(np.median([m.length_px + m.width_px for m in dashes]))
+    if candidates:
+        line = candidates[0]
+        whole = line.length_px >= sum(m.length_px for m in dashes)
+        if whole or max(m.length_px for m in line.marks) > LONGER * dash:
+            return
+    raise CurveError(
+        f"no planned curve: {len(dashes)} dots or dashes in {colour}, about {dash:.0f} px each, "
+        "were not joined: a dashed line is followed where its dashes are longer than its gaps and "
+        f"these no longer than --max-gap ({max_gap_px:g} px); draw it solid, or give it as vectors "
+        "(--curve)"
+    )
 
 
 def _inventory(aside: tuple[dict, ...], colour: str) -> str:

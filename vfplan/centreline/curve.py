@@ -17,7 +17,14 @@ from vfplan.centreline.choice import (
     refuse_grey,
     refuse_noise,
 )
-from vfplan.centreline.doubts import cut_off, left_over, nearly_closed, several, side_by_side
+from vfplan.centreline.doubts import (
+    covered_ends,
+    cut_off,
+    left_over,
+    nearly_closed,
+    several,
+    side_by_side,
+)
 from vfplan.centreline.path import drawn_length
 from vfplan.centreline.ridge import Centreline, trace
 from vfplan.errors import CurveError, SettingError
@@ -130,12 +137,12 @@ def extract_curve(
     planned = as_image(image)
     _check(method, stroke, max_gap_px)
     rgb, origin = _region(planned.rgb, roi)
-    marks, mask = find_marks(rgb, Pen.of_colour(colour))
+    pen = Pen.of_colour(colour)
+    marks, mask = find_marks(rgb, pen, lambda count: refuse_noise(count, colour))
     if not marks:
         refuse_grey(rgb)
-    refuse_noise(marks, colour)
     candidates, others = tell_apart(candidates_of(marks, max_gap_px), mask, max_gap_px)
-    refuse_crowd(candidates, others, marks, colour)
+    refuse_crowd(candidates, others, marks, colour, max_gap_px)
     told = [*candidates, *others]
     aside = _set_aside(marks, told, candidates, origin)
     chosen = choose(candidates, others, stroke, colour, origin, aside)
@@ -143,6 +150,8 @@ def extract_curve(
     specks, found = left_over(chosen, marks, told, max_gap_px, origin)
     warnings = [*against_advice(chosen, others, origin), *found]
     for line, measured in zip(chosen, lines, strict=True):
+        if method == "ridge":
+            warnings += covered_ends(rgb, line, measured.points, origin)
         warnings += several(line, measured.single)
         warnings += side_by_side(line, measured.widening, origin)
         warnings += cut_off(line, roi, planned.rgb.shape)
@@ -222,6 +231,7 @@ def _measure(
             candidate.mark.pen,
             candidate.width_px,
             origin,
+            any(m.faint for m in candidate.marks),
         )
     if method == "skeleton":
         sigma = np.full(len(candidate.path), 0.5)

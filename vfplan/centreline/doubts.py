@@ -12,12 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.centreline.doubling import Widening
+from vfplan.centreline.profile import FOREIGN
 from vfplan.errors import CurveError
 from vfplan.extraction.candidates import Candidate, angle_deg, ends_of, same_pen
 from vfplan.extraction.marks import Mark
+from vfplan.extraction.pen import sample_pixels
 
 AHEAD_DEG = 60.0  # between an end's direction and the way to what may carry it on
 NEAR_GAPS, NEAR_SHARE = 3.0, 0.1  # of the longest gap bridged, of the length: nearly closed
+STRETCH, OVER_PX = 6, 4.0  # points back, px beyond a line's half width: the way ahead of an end
 SMALL = ("speck", "symbol")  # what a last bit of the line is taken for
 
 
@@ -115,6 +118,27 @@ def nearly_closed(line: Candidate, max_gap_px: float, origin: tuple[int, int]) -
         f"the curve is nearly closed: {missing:.0f} px are missing between ({u:.0f}, {v:.0f}) and "
         f"({p:.0f}, {q:.0f})"
     ]
+
+
+def covered_ends(
+    rgb: NDArray, line: Candidate, points: NDArray, origin: tuple[int, int]
+) -> list[str]:
+    """A warning for each end of a measured open line, (M, 2) points, under another colour."""
+    if line.closed or len(points) <= STRETCH:
+        return []
+    pen, warnings = line.mark.pen, []
+    for at, inner in ((points[0], points[STRETCH]), (points[-1], points[-1 - STRETCH])):
+        onward = (at - inner) / np.hypot(*(at - inner))
+        ahead = at + np.arange(1.0, line.width_px + OVER_PX)[:, None] * onward
+        pixels = sample_pixels(rgb, *ahead.T)
+        along, across = pixels @ pen.along, pixels @ pen.across
+        if (np.maximum(np.abs(across), -along) > FOREIGN * pen.strength).sum() >= 2:
+            u, v = at + origin
+            warnings.append(
+                f"the curve ends at ({u:.0f}, {v:.0f}) where something of another colour begins: "
+                "what that hides of it is not followed"
+            )
+    return warnings
 
 
 def several(line: Candidate, single: bool) -> list[str]:

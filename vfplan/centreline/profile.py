@@ -58,8 +58,13 @@ class Profiles:
     double: bool
 
 
-def read_profiles(rgb: NDArray, base: NDArray, normal: NDArray, pen: Pen, width: float) -> Profiles:
-    """Read profiles across a (M, 2) path with (M, 2) unit normals."""
+def read_profiles(
+    rgb: NDArray, base: NDArray, normal: NDArray, pen: Pen, width: float, least: float = SEEN
+) -> Profiles:
+    """Read profiles across a (M, 2) path with (M, 2) unit normals.
+
+    Coverage of less than `least` of the usual is no line.
+    """
     half = np.ceil((width / 2 + MARGIN_PX) / STEP_PX)
     x = np.arange(-half, half + 1) * STEP_PX
     u, v = base[:, :1] + normal[:, :1] * x, base[:, 1:] + normal[:, 1:] * x
@@ -73,7 +78,7 @@ def read_profiles(rgb: NDArray, base: NDArray, normal: NDArray, pen: Pen, width:
     mass = np.where(foreign, 0.0, np.clip(alpha, 0, None)).sum(1)
     mass = mass / max(np.median(mass), 1e-9)
     core = np.abs(x) <= width / 2 + 0.5
-    valid = (mass > SEEN) & ~foreign[:, core].any(1) & inside[:, np.abs(x) <= INNER_PX].all(1)
+    valid = (mass > least) & ~foreign[:, core].any(1) & inside[:, np.abs(x) <= INNER_PX].all(1)
     seen = ~foreign & inside
     mean = _mean_profile(alpha, valid[:, None] & seen)
     offset = _matched(x, alpha, valid[:, None] & seen, mean)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vfplan.centreline.doubling import Widening, widest_run
 from vfplan.centreline.ends import line_ends
 from vfplan.centreline.path import arc_length, evenly, extended, normals, without_tips
-from vfplan.centreline.profile import Profiles, read_profiles, shading_shift
+from vfplan.centreline.profile import SEEN, Profiles, read_profiles, shading_shift
 from vfplan.centreline.spline import curvature_of, fit_spline, place_knots
 from vfplan.centreline.uncertainty import bridged_sigma, measured_sigma
 from vfplan.centreline.valley import lines_in
@@ -33,6 +33,10 @@ BROAD_PX = 5.0  # a pen this wide hides its ends so well that they are approache
 TIP, THIN_PX = 0.4, 2.5  # of the width beyond a thin line's: an end whose profile lacks a side
 CLIPPED = 5.0  # a line of which the border cuts off a part is less sure by this times the part
 WHOLE = 0.8  # of the usual coverage: beside a gap, less is no whole profile
+STEADY_WIDTHS = 4.0  # of a soft pen, whose ends fall off slowly
+STEADY, FAINTER = 15, 0.75  # points; of the usual coverage: a line so faint ends so, too
+MORE_PASSES = 4  # to the end of such a line
+FAINTEST = 0.18  # of it: a line that fades, in linear light, is seen down to here
 LEAST = 8  # profiles from which a line can be measured
 CORRELATED = 0.2  # residuals of neighbours this alike are JPEG's, not the pixel grid's
 
@@ -76,6 +80,7 @@ def trace(
     pen: Pen,
     width: float,
     origin: tuple[int, int] = (0, 0),
+    fades: bool = False,
 ) -> Centreline:
     """Measure the line along a pixel path.
 
@@ -89,6 +94,8 @@ def trace(
         The pen and the line's width [px].
     origin
         (u, v) of `rgb` in the image that errors speak of [px].
+    fades
+        Whether a part of the line is less than half as strong as the rest.
 
     Raises
     ------
@@ -100,13 +107,15 @@ def trace(
     smooth = gaussian_filter1d(path, 2.0, axis=0, mode="wrap" if closed else "nearest")
     gap = _gap_finder(smooth, bridged)
     base, lost = (smooth, 0.0) if closed else without_tips(smooth, width)
-    again = width > BROAD_PX and not closed
-    for knots in [FIRST_KNOTS_PX] * (1 + again) + [None]:
+    passes = [FIRST_KNOTS_PX] * (1 + (width > BROAD_PX and not closed)) + [None]
+    more = MORE_PASSES
+    while passes:
+        knots = passes.pop(0)
         # Far enough to see the line end, and no further: what lies beyond may be red as well.
         beyond = lost + width / 2 + 2
         base, pitch = evenly(base if closed else extended(base, beyond, width), closed)
         seen_along, middle = (base, normals(base, closed)), base[len(base) // 2]
-        profiles = read_profiles(rgb, *seen_along, pen, width)
+        profiles = read_profiles(rgb, *seen_along, pen, width, FAINTEST if fades else SEEN)
         valid = profiles.valid & ~gap(base)
         if profiles.double:
             _refuse_double(middle + origin, width)
@@ -116,10 +125,14 @@ def trace(
         s = np.arange(len(base)) * pitch
         start, stop, used = 0.0, s[-1] + pitch, valid & ~_beside_gaps(profiles.mass, valid, width)
         if not closed:
-            ends = line_ends(profiles, valid, width)
+            even = _evened(profiles, valid, width)
+            ends = line_ends(even, valid, width)
             start, stop = pitch * np.array(ends.line)
             lost = TIP * max(width - THIN_PX, 0.0)
             used = _between(used, s, pitch * ends.ink[0] + lost, pitch * ends.ink[1] - lost)
+            if even is not profiles and more and (ends.ink[0] <= 0 or ends.ink[1] >= len(s) - 1):
+                passes = [FIRST_KNOTS_PX, *(passes or [None])]  # a faint tip thins to less
+                more -= 1
         fitted = _fit(s, base, profiles, used, closed, knots)
         inner = (0.0, stop) if closed else s[used][[0, -1]]
         base = fitted.spline(np.arange(*inner, pitch))
@@ -129,6 +142,23 @@ def trace(
     fitted = replace(fitted, sigma=np.hypot(fitted.sigma, widest.doubt))
     line = _result(fitted, s, valid, used, closed, start, stop, rgb.shape)
     return replace(line, widening=widest, single=verdict == "single")
+
+
+def _evened(profiles: Profiles, valid: NDArray, width: float) -> Profiles:
+    """With the coverage of a line that is fainter for a while raised to its usual strength.
+
+    Where it ends there, it ends at half of its strength there.
+    """
+    from scipy.ndimage import median_filter
+
+    at = np.flatnonzero(valid)
+    size = max(STEADY, 2 * round(STEADY_WIDTHS * width / 2) + 1)
+    strength = median_filter(profiles.mass[at], size=size)
+    if strength[size // 2 : len(at) - size // 2].min(initial=1.0) >= FAINTER:
+        return profiles  # an end falls off, and is not faint
+    strength = np.interp(np.arange(len(valid)), at, strength)
+    scale = np.where(strength < FAINTER, 1 / strength, 1.0)
+    return replace(profiles, alpha=profiles.alpha * scale[:, None], mass=profiles.mass * scale)
 
 
 def _beside_gaps(mass: NDArray, valid: NDArray, width: float) -> NDArray[np.bool_]:

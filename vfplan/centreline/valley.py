@@ -23,6 +23,7 @@ LEAST_PX = 4.0  # narrower is no two lines that could be seen apart
 RUN = 24  # points, about a pixel apart
 COVERAGE, BRIGHTNESS = (0.08, 0.12), (0.08, 0.16)  # of the hill: doubted, refused
 CLEAR = 10.0  # times the ground's roughness over a run: there the brightness counts
+LEAST_GREY = 25.0  # levels between line and ground: JPEG's ringing is no valley in more
 EDGE_PX = 1.0  # of the line left out of the brightness: a dark outline reaches in so far
 
 Verdict = Literal["single", "doubted", "several"]
@@ -55,7 +56,7 @@ def _by_light(rgb: NDArray, at: NDArray, x: NDArray, valid: NDArray, width: floa
     weight = np.where(valid, depth / rough**2, 0.0)
     power = _mean(weight * depth)
     mean = _mean(weight[:, None] * left) / np.maximum(power, 1e-9)[:, None]
-    clear = valid & (power * RUN > CLEAR**2)
+    clear = valid & (power * RUN > CLEAR**2) & (_mean(np.abs(depth)) > LEAST_GREY)
     inner = np.abs(x) <= width / 2 - EDGE_PX
     return float(np.median(_valley(mean[clear][:, inner]))) if clear.sum() >= RUN else 0.0
 

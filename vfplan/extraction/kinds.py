@@ -24,6 +24,7 @@ RULED = 0.8  # of a ruled line's pixels lie in one row or column; the rest are t
 TINY_PX, TINY_SHARE = 30.0, 1 / 16  # a stray dash or a lone letter "l"
 RECTANGLE = 0.07  # of its sides: how near to them a small frame runs; a small ring does not
 CROWD_SHARE = 4.0  # a mark this many times shorter than a line is still of its size
+LEAST_DASHES, DASH_SHARE, ALIKE = 5, 0.8, 1.4  # of one size: this share, within this factor
 CURLED = 1.7  # length over diagonal: a half circle has 1.57, the letter S 2
 
 
@@ -50,18 +51,32 @@ def tell_apart(
     return kept, [c for c in named if not c.is_candidate]
 
 
-def crowd_of(line: Candidate, marks: list[Mark], told: list[Candidate]) -> int:
-    """How many specks there are at least a quarter as long as a line's longest mark.
+def crowd_of(line: Candidate, marks: list[Mark], told: list[Candidate]) -> list[Mark]:
+    """The specks that are at least a quarter as long as a line's longest mark.
 
     Noise makes short lines of red, and lines joined from them, among hundreds nearly as long; a
     drawing does not.
     """
     longest = max(m.length_px for m in line.marks)
+    return [m for m in _loose(marks, told) if CROWD_SHARE * m.length_px >= longest]
+
+
+def dashes_of(marks: list[Mark], told: list[Candidate]) -> list[Mark]:
+    """The specks, if most of them are of one size and width, as the dashes of one line are."""
+    loose = _loose(marks, told)
+    if len(loose) < LEAST_DASHES:
+        return []
+    area = np.array([m.area_px for m in loose])
+    alike = np.abs(np.log(area / np.median(area))) < np.log(ALIKE)
+    if alike.sum() < max(LEAST_DASHES, DASH_SHARE * len(loose)):
+        return []
+    return [m for m, one in zip(loose, alike, strict=True) if one]
+
+
+def _loose(marks: list[Mark], told: list[Candidate]) -> list[Mark]:
+    """The marks that are specks, or part of lines too short to be more."""
     own = {id(m) for c in told if c.kind != "speck" for m in c.marks}
-    return sum(
-        m.kind != "panel" and CROWD_SHARE * m.length_px >= longest and id(m) not in own
-        for m in marks
-    )
+    return [m for m in marks if m.kind != "panel" and id(m) not in own]
 
 
 def _alone(line: Candidate, mask: NDArray) -> str:

@@ -7,12 +7,14 @@ are set aside *and reported*, so that nothing disappears in silence.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.extraction.faint import faint_runs
 from vfplan.extraction.pen import Pen, chroma_at, pen_score
 from vfplan.extraction.skeleton import Branch, branches_of, thin
 
@@ -46,6 +48,8 @@ class Mark:
         Pixels.
     box
         (u, v, width, height) px.
+    faint
+        Whether a part of it was followed below half of its strength.
     """
 
     kind: str
@@ -55,6 +59,7 @@ class Mark:
     junctions: tuple[tuple[int, int], ...]
     area_px: int
     box: tuple[int, int, int, int]
+    faint: bool = False
 
     @property
     def length_px(self) -> float:
@@ -62,51 +67,62 @@ class Mark:
         return sum(branch.length for branch in self.branches)
 
 
-def find_marks(rgb: NDArray, pen: Pen) -> tuple[list[Mark], NDArray[np.bool_]]:
+def find_marks(
+    rgb: NDArray, pen: Pen, check: Callable[[int], None] = lambda count: None
+) -> tuple[list[Mark], NDArray[np.bool_]]:
     """All marks in the pen's colour, and the (H, W) mask they were made from.
 
     The threshold is half of each mark's own strength, so a thin or transparent line keeps its
-    width whatever stands beside it.
+    width whatever stands beside it. `check` is told how many there are before any is looked at,
+    and may raise.
     """
-    smooth, mask, where, label = _masks(rgb, pen)
+    smooth, mask, where, label, faint = _masks(rgb, pen)
     if not len(label):
         return [], mask
     count = int(label.max())
+    drawn = mask.ravel()[where]
+    check(int((np.bincount(label[drawn]) >= MIN_PIXELS).sum()))
     top, left, bottom, right = _bounds(where, rgb.shape[1])
     window = (slice(top, bottom), slice(left, right))
     bone = np.flatnonzero(thin(smooth[window]))
     rows, cols = np.divmod(bone, right - left)
     bone = (rows + top) * rgb.shape[1] + cols + left
     bones = _by_label(bone, label[np.searchsorted(where, bone)], count, rgb.shape[1])
-    drawn = mask.ravel()[where]
     bodies = _by_label(where[drawn], label[drawn], count, rgb.shape[1])
     marks = [
-        _mark(rgb, pen, body, bone)
-        for body, bone in zip(bodies, bones, strict=True)
+        _mark(rgb, pen, body, bone, k in faint)
+        for k, (body, bone) in enumerate(zip(bodies, bones, strict=True), 1)
         if len(body[0]) >= MIN_PIXELS and len(bone[0])
     ]
     return marks, mask
 
 
-def _masks(rgb: NDArray, pen: Pen) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+def _masks(rgb: NDArray, pen: Pen) -> tuple[NDArray, NDArray, NDArray, NDArray, set[int]]:
     """The smoothed picture's mask, to be thinned, and that of the picture as it is.
 
     Then, of the smoothed mask's pixels, the flat indices in order and the connected mark of each,
-    from 1: few numbers in place of a label for every pixel of the image.
+    from 1: few numbers in place of a label for every pixel of the image; and the marks that were
+    followed below their threshold.
     """
     score = pen_score(rgb, pen, SMOOTHING_PX)
     smooth = (score > FLOOR).view(np.uint8)
     mask = np.zeros(smooth.shape, bool)
+    runs: list[NDArray] = []
     where, label = _labelled(smooth)
     if len(label):
         count = int(label.max()) + 1
         level = score.ravel()[where]
-        keep = level > 0.5 * _quantile_by_label(level, label, count, 0.9)[label]
-        smooth.ravel()[where] = keep
+        strong = _quantile_by_label(level, label, count, 0.9)[label]
+        smooth.ravel()[where] = level > 0.5 * strong
         sharp, _ = chroma_at(rgb, *np.divmod(where, rgb.shape[1]), pen)
         mask.ravel()[where] = sharp > 0.5 * _quantile_by_label(sharp, label, count, 0.9)[label]
+        for run in faint_runs(smooth, where, label, level, strong):
+            runs.append(where[run])
+            smooth.ravel()[where[run]] = 1
+            mask.ravel()[where[run]] |= sharp[run] > 0.5 * np.quantile(sharp[run], 0.9)
         where, label = _labelled(smooth)
-    return smooth.view(bool), mask, where, label
+    faint = {int(k) for run in runs for k in label[np.searchsorted(where, run)]}
+    return smooth.view(bool), mask, where, label, faint
 
 
 def _labelled(mask: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
@@ -139,7 +155,7 @@ def _by_label(where: NDArray, label: NDArray, count: int, width: int) -> list[tu
     return [(rows[cut], cols[cut]) for cut in cuts]
 
 
-def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple) -> Mark:
+def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple, faint: bool) -> Mark:
     rows, cols = body
     box = (
         int(cols.min()),
@@ -155,7 +171,7 @@ def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple) -> Mark:
     width = len(rows) / (length + width / 2 * sum(map(any, (b.free for b in branches))) + 1)
     mark = Mark("", own, width, tuple(branches), tuple(junctions), len(rows), box)
     kind = _kind(mark)
-    return Mark(kind, own, width, mark.branches, mark.junctions, len(rows), box)
+    return Mark(kind, own, width, mark.branches, mark.junctions, len(rows), box, faint)
 
 
 def _own_pen(rgb: NDArray, rows: NDArray, cols: NDArray, pen: Pen) -> Pen:
