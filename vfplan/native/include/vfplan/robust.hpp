@@ -13,6 +13,7 @@
 #include "vfplan/contacts.hpp"
 #include "vfplan/escape.hpp"
 #include "vfplan/paper.hpp"
+#include "vfplan/rest.hpp"
 #include "vfplan/surface.hpp"
 #include "vfplan/touched.hpp"
 #include "vfplan/travel.hpp"
@@ -43,6 +44,7 @@ class RobustRule {
           escape_(kernels, R_),
           handover_(R_),
           touched_(kernels),
+          rest_(p.band),
           contacts_(shell_, std::cos(std::min(tuned::linked * grain_, tuned::most_linked))) {}
 
     Search& neighbours() noexcept { return neighbours_; }
@@ -50,6 +52,7 @@ class RobustRule {
         neighbours_.forget();
         escape_.stop();
         handover_.stop();
+        rest_.wake();
         now_ = {};
     }
 
@@ -65,21 +68,29 @@ class RobustRule {
     Tick<D> follow(Vec<D>& proxy, const Vec<D>& hip) noexcept {
         Tick<D> tick;
         const Vec<D> start = proxy;
-        now_.most = norm(hip - proxy) + p_.band * (1 - tuned::margin);
+        const double distance = norm(hip - proxy);
+        now_.most = distance + p_.band * (1 - tuned::margin);
         now_.far = false;
-        if (set_free(proxy, hip)) {
+        if (set_free(proxy, hip, distance)) {
             handover_.pass(proxy);
-            now_.still = -1;
+            rest_.wake();
         } else {
+            const int ticks = handover_.planning() ? tuned::patience : 1;  // a way takes as many
+            const Vec<D>& goal = rest_.goal(hip, distance, ticks);
             now_.blocked = false;
             tick.status = limit;
             handover_.pass(proxy);  // it may have gone to the first point on the way
-            for (int i = 0; i < p_.max_iterations && tick.status == limit && !now_.far; ++i) {
-                if (!advance(proxy, hip) && !now_.far) tick.status = ok;
+            int i = 0;
+            for (; i < p_.max_iterations && tick.status == limit && !now_.far; ++i) {
+                if (!advance(proxy, goal) && !now_.far) tick.status = ok;
                 handover_.pass(proxy);
                 if (handover_.full()) break;
             }
-            if (settle(proxy, start, hip)) tick.status = ok;
+            rest_.ends(proxy, tick.status == ok);
+            if (rest_.undoes(start, proxy, hip, i)) {
+                proxy = start;
+                tick.status = ok;
+            }
         }
         double near2 = nearest2(proxy, shell_);
         if (!(near2 >= safe2_)) {  // cannot happen; if it does, stay where it was safe
@@ -119,8 +130,7 @@ class RobustRule {
     struct Session {
         Wall<D> wall[Contacts<D>::most];
         int count = 0;
-        Vec<D> looked_at, still_at;
-        int still = -1;        // ticks that the HIP has been at still_at; -1: it was free
+        Vec<D> looked_at;
         double most = 0;       // |proxy - HIP| that this tick may end with
         bool known = false;    // wall belongs to looked_at
         bool blocked = false;  // the last iteration was stopped below R
@@ -152,24 +162,10 @@ class RobustRule {
         return false;
     }
 
-    /// Below a HIP that has not moved for a while only a gain counts, so the proxy comes to rest.
-    /// True where the tick is undone: at rest.
-    bool settle(Vec<D>& x, const Vec<D>& start, const Vec<D>& hip) noexcept {
-        const bool moved = now_.still < 0 || !(norm(hip - now_.still_at) <= tuned::still * p_.band);
-        if (moved) now_.still_at = hip;
-        const int ticks = handover_.planning() ? tuned::patience : 1;  // a way takes as many
-        now_.still = moved ? 0 : std::min(now_.still + ticks, tuned::patience);
-        if (now_.still < tuned::patience || norm(hip - x) < norm(hip - start) - rest())
-            return false;
-        x = start;
-        return true;
-    }
-
     /// Where nothing lies on the straight way, the proxy goes with the HIP, whatever it touches.
-    bool set_free(Vec<D>& x, const Vec<D>& hip) noexcept {
-        const Vec<D> u = hip - x;
-        const double distance = norm(u);
+    bool set_free(Vec<D>& x, const Vec<D>& hip, double distance) noexcept {
         if (!(distance > 0)) return true;
+        const Vec<D> u = hip - x;
         look(x);
         for (int j = 0; j < now_.count; ++j)
             if (contacts_[j].r <= R_ && dot(contacts_[j].nearest, u) < 0) return false;
@@ -196,7 +192,9 @@ class RobustRule {
         // |proxy - HIP| never grows by more than the band in a tick: a lift has to wait.
         // What is known of the surfaces at x is left as it is, for the ticks that follow.
         Wall<D> low = now_.wall[0];
-        low.t = std::min(low.t, now_.most + dot(low.n, u));
+        const double margin = tuned::margin * p_.band;
+        const double most = rest_.tired() ? distance - margin : now_.most;
+        low.t = std::min(low.t, most + dot(low.n, u));
         // Blocked below R, as in a hollow, where the way ahead rises: up first, on in the next.
         const bool lift = std::exchange(now_.blocked, false) && now_.count == 1 && low.t > rest();
         const Vec<D> v = lift ? low.t * low.n
@@ -209,10 +207,11 @@ class RobustRule {
         if (stuck && now_.count > 1 && rise(x, hip, v)) return true;
         // Where two walls hold it: descend or stay. Their sampled normals alone would let it
         // wander.
-        if (!(norm(hip - y) < (now_.count > 1 ? distance : now_.most + tuned::margin * p_.band)))
-            return squeeze(x, hip);
+        const double left = norm(hip - y);
+        if (!(left < (now_.count > 1 ? distance : most + margin))) return squeeze(x, hip);
         if (stuck && !(!lift && now_.count == 1 && low.t > rest())) return squeeze(x, hip);
         x = y;
+        rest_.went(left - distance);
         now_.blocked = !lift && s < length && now_.count == 1 && low.t > rest();
         return !(x == hip);
     }
@@ -345,6 +344,7 @@ class RobustRule {
     Escape<D, Search> escape_;
     Handover<D> handover_;
     Touched<D, Search> touched_;
+    Rest<D> rest_;
     Contacts<D> contacts_;
     Session now_;
 };

@@ -56,6 +56,9 @@ inline constexpr int patience = 32;
 /// Of the band: how far from where patience began a HIP counts as not moved. Two such ways change
 /// what a step gains by four times as much at most, less than `rest`: no step gains by noise.
 inline constexpr double still = 1e-3;
+/// Of the band: how far the HIP may go and still be at one place, and by how much lifts may take
+/// the proxy away from it meanwhile, until it has come nearer by a band.
+inline constexpr double around = 4, lifts = 8;
 
 /// Bands that count as sinking: no contact is further off than this, no lift is longer, and between
 /// several walls the points among which it squeezes must give more.
