@@ -139,48 +139,6 @@ def test_a_line_leans_to_the_dark_in_linear_light_and_never_to_the_bright():
     assert not lean_of(+1)[0].any()
 
 
-def arc(angle, bend):
-    """(300, 2) px, 110 px long, at an angle to the pixels' rows, turning by `bend` rad."""
-    heading = angle + bend * np.linspace(-0.5, 0.5, 300)
-    path = np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]), axis=0) * 110 / 300
-    return path - path.mean(0) + (75.3, 75.1)
-
-
-ARCS = [(0.5, -0.8), (2.2, 1.2)]
-
-
-def errors_at_ends(width, cap):
-    """Along the line at both ends of every arc [px], > 0 beyond the end; for each quality."""
-    found = {None: [], 90: [], 75: []}
-    for seed, (angle, bend) in enumerate(ARCS):
-        curve = arc(angle, bend)
-        share = coverage((150, 150), curve, width, cap=cap)
-        picture = to_uint8(blend(anatomy((150, 150), seed), share, (255, 0, 0)))
-        for quality, errors in found.items():
-            image = jpeg(picture, quality) if quality else picture
-            points = vfplan.extract_curve(image).strokes[0].points_px
-            if np.hypot(*(points[0] - curve[0])) > np.hypot(*(points[0] - curve[-1])):
-                points = points[::-1]
-            for end, inner in ((0, 5), (-1, -6)):
-                way = curve[end] - curve[inner]
-                errors.append(float((points[end] - curve[end]) @ way / np.hypot(*way)))
-    return {quality: np.array(errors) for quality, errors in found.items()}
-
-
-@pytest.mark.parametrize("width", [2, 3, 5, 8, 12])
-@pytest.mark.parametrize("cap", ["butt", "round", "square"])
-def test_ends_of_pens_cut_round_and_flat(cap, width):
-    # A square cap looks like a butt cap half a width on: beyond 5 px no picture tells which.
-    hidden = width / 2 - 0.9 if cap == "square" and width > 5 else 0.0
-    found = errors_at_ends(width, cap)
-    assert np.abs(found[None]).max() <= max(1.5, hidden)
-    # JPEG blurs colour, and at 75 so much that the form of a cap is in doubt.
-    assert abs(found[90].mean()) <= max(1.5, hidden + 0.2)
-    assert np.abs(found[90]).max() <= max(1.8, hidden + 0.6)
-    assert abs(found[75].mean()) <= max(1.5, hidden + 0.2)
-    assert np.abs(found[75]).max() <= max(2.3, hidden + 0.6)
-
-
 def symmetric(image):
     """The picture as it is, flipped, turned and transposed, with the map of its pixels back."""
     h, w = image.shape[:2]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.centreline.doubling import Widening, widest_run
-from vfplan.centreline.ends import line_ends
+from vfplan.centreline.ends import ink_ends, line_ends
 from vfplan.centreline.path import arc_length, evenly, extended, normals, without_tips
 from vfplan.centreline.profile import SEEN, Profiles, read_profiles, shading_shift
 from vfplan.centreline.spline import curvature_of, fit_spline, place_knots
@@ -126,14 +126,16 @@ def trace(
         start, stop, used = 0.0, s[-1] + pitch, valid & ~_beside_gaps(profiles.mass, valid, width)
         if not closed:
             even = _evened(profiles, valid, width)
-            ends = line_ends(even, valid, width)
-            start, stop = pitch * np.array(ends.line)
+            ink = ink_ends(even, valid)
             lost = TIP * max(width - THIN_PX, 0.0)
-            used = _between(used, s, pitch * ends.ink[0] + lost, pitch * ends.ink[1] - lost)
-            if even is not profiles and more and (ends.ink[0] <= 0 or ends.ink[1] >= len(s) - 1):
+            used = _between(used, s, pitch * ink[0] + lost, pitch * ink[1] - lost)
+            if even is not profiles and more and (ink[0] <= 0 or ink[1] >= len(s) - 1):
                 passes = [FIRST_KNOTS_PX, *(passes or [None])]  # a faint tip thins to less
                 more -= 1
         fitted = _fit(s, base, profiles, used, closed, knots)
+        if not closed and knots is None:
+            ends = line_ends(rgb, fitted.spline(s), used, even, pen, width)
+            start, stop = pitch * np.array(ends)
         inner = (0.0, stop) if closed else s[used][[0, -1]]
         base = fitted.spline(np.arange(*inner, pitch))
     verdict = lines_in(rgb, *seen_along, profiles, valid, width)
