@@ -103,3 +103,14 @@ def test_an_end_is_found_where_it_was_drawn():
         power = {c: misfit(tip, around, value, trial, c == "round") for c in ("round", "butt")}
         assert trial[np.argmin(power[cap])] == pytest.approx(22.4, abs=0.11)
         assert power[cap].min() < 0.5 * min(p.min() for p in power.values() if p is not power[cap])
+
+
+@pytest.mark.parametrize(("width", "degrees"), [(2.2, 45.0), (2.5, 44.5), (2.5, 44.0), (3, 44.0)])
+def test_a_line_near_45_degrees_keeps_the_ends_that_thinning_eats(width, degrees):
+    turn, along = np.radians(degrees), np.linspace(0, 110, 300)
+    curve = np.column_stack([35.1 + along * np.cos(turn), 34.9 + along * np.sin(turn)])
+    for cap in ("butt", "round"):
+        share = coverage((150, 150), curve, width, cap=cap)
+        picture = to_uint8(blend(anatomy((150, 150), 1), share, (255, 0, 0)))
+        ends = vfplan.extract_curve(picture).strokes[0].points_px[[0, -1]]
+        assert np.hypot(*(ends - curve[[0, -1]]).T).max() <= 1.5

@@ -30,6 +30,7 @@ FIRST_KNOTS_PX = 6.0
 FINE_KNOTS_PX = 7.0  # noise free: every wiggle is the hand's
 COARSE_KNOTS_PX = 14.0  # JPEG's noise hangs together over half a block of 16 px
 BROAD_PX = 5.0  # a pen this wide hides its ends so well that they are approached twice
+LONGER = 16  # times more at most, while an end is not in sight
 TIP, THIN_PX = 0.4, 2.5  # of the width beyond a thin line's: an end whose profile lacks a side
 CLIPPED = 5.0  # a line of which the border cuts off a part is less sure by this times the part
 WHOLE = 0.8  # of the usual coverage: beside a gap, less is no whole profile
@@ -108,7 +109,7 @@ def trace(
     gap = _gap_finder(smooth, bridged)
     base, lost = (smooth, 0.0) if closed else without_tips(smooth, width)
     passes = [FIRST_KNOTS_PX] * (1 + (width > BROAD_PX and not closed)) + [None]
-    more = MORE_PASSES
+    taken = 0
     while passes:
         knots = passes.pop(0)
         # Far enough to see the line end, and no further: what lies beyond may be red as well.
@@ -129,9 +130,10 @@ def trace(
             ink = ink_ends(even, valid)
             lost = TIP * max(width - THIN_PX, 0.0)
             used = _between(used, s, pitch * ink[0] + lost, pitch * ink[1] - lost)
-            if even is not profiles and more and (ink[0] <= 0 or ink[1] >= len(s) - 1):
-                passes = [FIRST_KNOTS_PX, *(passes or [None])]  # a faint tip thins to less
-                more -= 1
+            faint = even is not profiles  # a faint tip thins to less
+            if taken < (MORE_PASSES if faint else LONGER) and _goes_on(ink, valid | faint):
+                passes = [FIRST_KNOTS_PX, *(passes or [None])]
+                taken += 1
         fitted = _fit(s, base, profiles, used, closed, knots)
         if not closed and knots is None:
             ends = line_ends(rgb, fitted.spline(s), used, even, pen, width)
@@ -161,6 +163,11 @@ def _evened(profiles: Profiles, valid: NDArray, width: float) -> Profiles:
     strength = np.interp(np.arange(len(valid)), at, strength)
     scale = np.where(strength < FAINTER, 1 / strength, 1.0)
     return replace(profiles, alpha=profiles.alpha * scale[:, None], mass=profiles.mass * scale)
+
+
+def _goes_on(ink: tuple[float, float], valid: NDArray) -> bool:
+    """Whether an end of the path still lies on the line: thinning eats thin slanting ones."""
+    return bool((valid[0] and ink[0] <= 0) or (valid[-1] and ink[1] >= len(valid) - 1))
 
 
 def _beside_gaps(mass: NDArray, valid: NDArray, width: float) -> NDArray[np.bool_]:
