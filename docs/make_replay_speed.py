@@ -1,7 +1,8 @@
 """Print the speed in docs/replay.md:  python docs/make_replay_speed.py
 
 A minute at 1 kHz, the sample's session to and fro, replayed against the sample's fixture; reading
-the bundle and the CSV and all the numbers of a report are in it. The best of seven runs.
+the bundle and the CSV and all the numbers of a report are in it. The best of forty runs: on a busy
+machine one of them may have had a core to itself.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import vfplan
 from vfplan.pipeline import ExtractSettings, plan
 from vfplan.replay import replay
 
-TICKS, RUNS = 60_000, 7
+TICKS, RUNS = 60_000, 40
 
 
 def prepared(sample: Path, folder: Path) -> tuple[Path, Path]:
