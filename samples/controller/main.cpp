@@ -102,6 +102,7 @@ vfplan::Parameters parameters(const vfplan::hdf5::Fixture& fixture, vfplan::Rule
         const auto& a = *r.ignore_axis;
         p.ignore_axis = vfplan::Vec3{{a[0], a[1], a[2]}};
     }
+    if (r.max_iterations) p.max_iterations = *r.max_iterations;
     p.rule = rule;
     return p;
 }
