@@ -10,11 +10,10 @@
 #include <utility>
 
 #include "vfplan/cone.hpp"
-#include "vfplan/contacts.hpp"
 #include "vfplan/escape.hpp"
 #include "vfplan/paper.hpp"
 #include "vfplan/rest.hpp"
-#include "vfplan/surface.hpp"
+#include "vfplan/surfaces.hpp"
 #include "vfplan/touched.hpp"
 #include "vfplan/travel.hpp"
 #include "vfplan/tuned.hpp"
@@ -32,24 +31,22 @@ class RobustRule {
           kernels_(kernels),
           R_(p.R()),
           safe2_((R_ - p.band) * (R_ - p.band)),
-          shell_(R_ + tuned::deep * p.band),
           grain_(std::sqrt(p.band / R_)),
-          window_(std::min(tuned::window * spacing(), tuned::widest_window) * R_),
-          lean_(std::min(tuned::lean * std::sqrt(2.0) * grain_, tuned::most_lean)),
           soft_{R_, R_ - p.band * (1 - tuned::margin),
                 std::min(tuned::steep * grain_, tuned::most_steep)},
           hard_{R_, R_ - p.band * (1 - tuned::margin), 0},
+          surfaces_(kernels, R_, p.band),
           neighbours_(cloud, reach(), tuned::skin * R_, tuned::cell * R_, kernels),
           travel_(kernels, R_),
           escape_(kernels, R_),
           handover_(R_),
           touched_(kernels),
-          rest_(p.band),
-          contacts_(shell_, std::cos(std::min(tuned::linked * grain_, tuned::most_linked))) {}
+          rest_(p.band) {}
 
     Search& neighbours() noexcept { return neighbours_; }
     void reset() noexcept {
         neighbours_.forget();
+        surfaces_.forget();
         escape_.stop();
         handover_.stop();
         rest_.wake();
@@ -92,10 +89,10 @@ class RobustRule {
                 tick.status = ok;
             }
         }
-        double near2 = nearest2(proxy, shell_);
+        double near2 = nearest2(proxy, surfaces_.shell());
         if (!(near2 >= safe2_)) {  // cannot happen; if it does, stay where it was safe
             proxy = start;
-            near2 = nearest2(proxy, shell_);
+            near2 = nearest2(proxy, surfaces_.shell());
             tick.status |= limit;
             now_.held = near2 >= safe2_;  // else it is taken out, from the next tick on
         }
@@ -122,35 +119,29 @@ class RobustRule {
         }
         Tick<D> tick;
         tick.status = inside;
-        describe(proxy, hip, nearest2(proxy, shell_), tick);
+        describe(proxy, hip, nearest2(proxy, surfaces_.shell()), tick);
         return tick;
     }
 
     /// All that one tick leaves to the next; a reset begins a new one.
     struct Session {
-        Wall<D> wall[Contacts<D>::most];
-        int count = 0;
-        Vec<D> looked_at;
         double most = 0;       // |proxy - HIP| that this tick may end with
-        bool known = false;    // wall belongs to looked_at
         bool blocked = false;  // the last iteration was stopped below R
         bool far = false;      // the way of this tick is longer than a tick may look at
         bool held = false;     // outside the fixture since the last reset
     };
 
-    /// Of the cloud whose dimples are as deep as the band, in R.
-    double spacing() const noexcept { return (D == 2 ? std::sqrt(8.0) : 2.0) * grain_; }
     /// What is asked of the list of neighbours: a fit's samples, and what a brief sweep may meet.
     double reach() const noexcept {
         return std::max((1.01 + tuned::brief) * R_,  // 1 % against rounding
-                        std::sqrt(shell_ * shell_ + window_ * window_));
+                        surfaces_.reach());
     }
 
     /// Makes sure that the proxy is outside, as the guarantee needs; false while it is on its way
     /// out.
     bool enter(Vec<D>& proxy, const Vec<D>& hip, Tick<D>& tick) noexcept {
         if (!escape_.active()) {
-            if (nearest2(proxy, shell_) >= safe2_) return now_.held = true;
+            if (nearest2(proxy, surfaces_.shell()) >= safe2_) return now_.held = true;
             escape_.begin(neighbours_, hip);
             handover_.stop();
         }
@@ -167,10 +158,11 @@ class RobustRule {
         if (!(distance > 0)) return true;
         const Vec<D> u = hip - x;
         look(x);
-        for (int j = 0; j < now_.count; ++j)
-            if (contacts_[j].r <= R_ && dot(contacts_[j].nearest, u) < 0) return false;
+        for (int j = 0; j < count(); ++j)
+            if (surfaces_.contact(j).r <= R_ && dot(surfaces_.contact(j).nearest, u) < 0)
+                return false;
         const double s = travel_(neighbours_, x, (1 / distance) * u, distance, hard_, now_.far);
-        x = s >= distance ? hip : now_.count == 0 ? x + (s / distance) * u : x;
+        x = s >= distance ? hip : count() == 0 ? x + (s / distance) * u : x;
         return s >= distance;
     }
 
@@ -180,7 +172,7 @@ class RobustRule {
         const double distance = norm(u);
         if (!(distance > 0)) return false;
         look(x);
-        if (now_.count == 0) {
+        if (count() == 0) {
             const double s = travel_(neighbours_, x, (1 / distance) * u, distance, hard_, now_.far);
             if (s >= distance) {
                 x = hip;
@@ -191,28 +183,28 @@ class RobustRule {
         }
         // |proxy - HIP| never grows by more than the band in a tick: a lift has to wait.
         // What is known of the surfaces at x is left as it is, for the ticks that follow.
-        Wall<D> low = now_.wall[0];
+        Wall<D> low = walls()[0];
         const double margin = tuned::margin * p_.band;
         const double most = rest_.tired() ? distance - margin : now_.most;
         low.t = std::min(low.t, most + dot(low.n, u));
         // Blocked below R, as in a hollow, where the way ahead rises: up first, on in the next.
-        const bool lift = std::exchange(now_.blocked, false) && now_.count == 1 && low.t > rest();
-        const Vec<D> v = lift ? low.t * low.n
-                              : project(u, now_.count == 1 ? &low : now_.wall, now_.count, slack());
+        const bool lift = std::exchange(now_.blocked, false) && count() == 1 && low.t > rest();
+        const Vec<D> v =
+            lift ? low.t * low.n : project(u, count() == 1 ? &low : walls(), count(), slack());
         const double length = norm(v);
-        if (!(length > rest())) return now_.count > 1 && squeeze(x, hip);
+        if (!(length > rest())) return count() > 1 && squeeze(x, hip);
         const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, now_.far);
         const Vec<D> y = s < length ? x + (s / length) * v : v == u ? hip : x + v;
         const bool stuck = s < std::min(length, rest());
-        if (stuck && now_.count > 1 && rise(x, hip, v)) return true;
+        if (stuck && count() > 1 && rise(x, hip, v)) return true;
         // Where two walls hold it: descend or stay. Their sampled normals alone would let it
         // wander.
         const double left = norm(hip - y);
-        if (!(left < (now_.count > 1 ? distance : most + margin))) return squeeze(x, hip);
-        if (stuck && !(!lift && now_.count == 1 && low.t > rest())) return squeeze(x, hip);
+        if (!(left < (count() > 1 ? distance : most + margin))) return squeeze(x, hip);
+        if (stuck && !(!lift && count() == 1 && low.t > rest())) return squeeze(x, hip);
         x = y;
         rest_.went(left - distance);
-        now_.blocked = !lift && s < length && now_.count == 1 && low.t > rest();
+        now_.blocked = !lift && s < length && count() == 1 && low.t > rest();
         return !(x == hip);
     }
 
@@ -220,7 +212,7 @@ class RobustRule {
     /// the proxy has sunk among: first up to R above all walls, then on as v asks. False, and
     /// nothing done, unless both together bring the proxy nearer to the HIP.
     bool rise(Vec<D>& x, const Vec<D>& hip, const Vec<D>& v) noexcept {
-        const Vec<D> up = project(Vec<D>{}, now_.wall, now_.count, slack()), on = v - up;
+        const Vec<D> up = project(Vec<D>{}, walls(), count(), slack()), on = v - up;
         if (!(norm(up) > rest() && norm(on) > rest())) return false;
         const Vec<D> top = moved(x, up), y = moved(top, on);
         if (!(norm(hip - y) < norm(hip - x))) return false;
@@ -245,7 +237,7 @@ class RobustRule {
         if (!(length > std::max(rest(), grain_ * norm(u)))) return false;
         const Vec<D> y = moved(x, v);
         // Between several walls a gain of the band may be no more than sinking through it.
-        const double least = now_.count > 1 ? tuned::deep * p_.band : 0;
+        const double least = count() > 1 ? tuned::deep * p_.band : 0;
         if (!(norm(y - x) > rest() && norm(hip - y) < norm(u) - least)) return false;
         x = y;
         return true;
@@ -253,54 +245,10 @@ class RobustRule {
     double rest() const noexcept { return tuned::rest * p_.band; }
     double slack() const noexcept { return tuned::slack * p_.band; }
 
-    /// The surfaces that touch the proxy at x, and how far each one asks it to move.
-    void look(const Vec<D>& x) noexcept {
-        if (now_.known && x == now_.looked_at) return;
-        now_.known = true;
-        now_.looked_at = x;
-        contacts_.clear();
-        neighbours_.visit(x, shell_, [&](const Span<D>& s) noexcept {
-            std::uint32_t which[room];
-            const std::size_t n = kernels_.within(s, x, shell_ * shell_, which, room);
-            for (std::size_t i = 0; i < std::min(n, room); ++i) touch(s, which[i], x);
-            if (n > room)  // a crowd of points: go through all of them
-                for (std::size_t i = which[room - 1] + 1; i < s.n; ++i) touch(s, i, x);
-        });
-        contacts_.group();
-        now_.count = contacts_.count();
-        for (int j = 0; j < now_.count; ++j) now_.wall[j] = wall(x, contacts_[j]);
-    }
-    void touch(const Span<D>& s, std::size_t i, const Vec<D>& x) noexcept {
-        Vec<D> away = x;
-        for (int k = 0; k < D; ++k) away.c[k] -= s.c[k][i];
-        if (dot(away, away) <= shell_ * shell_) contacts_.add(away);
-    }
-
-    /// The normal of one surface, and the height that is missing to R above its nearest point.
-    Wall<D> wall(const Vec<D>& x, const Contact<D>& c) noexcept {
-        Patch<D> patch;
-        patch.at = x;
-        patch.up = c.direction;
-        frame(patch.up, patch.side);
-        patch.height = c.r;
-        patch.scale = 1 / window_;
-        patch.least2 = c.r * c.r;
-        patch.most2 = patch.least2 + window_ * window_;
-        patch.cosine2 = R_ * R_ / (R_ * R_ + 2 * window_ * window_);
-        Moments<D> m;
-        neighbours_.visit(x, std::sqrt(patch.most2),
-                          [&](const Span<D>& s) noexcept { kernels_.patch(s, patch, m); });
-        Wall<D> w;
-        const Fit<D> f = fit(patch, m);
-        // Points on one side of the foot only: the surface ends here, and the proxy turns round its
-        // rim.
-        const double whole = std::clamp(
-            (tuned::one_sided - f.off) / (tuned::one_sided - tuned::surrounded), 0.0, 1.0);
-        w.n = lean_at_most(f.n, c.direction, whole * lean_);
-        const double deep = tuned::deep * p_.band;
-        w.t = std::clamp(R_ - c.r * dot(c.nearest, w.n), -deep, deep);
-        return w;
-    }
+    int count() const noexcept { return surfaces_.count(); }
+    const Wall<D>* walls() const noexcept { return surfaces_.walls(); }
+    void look(const Vec<D>& x) noexcept { surfaces_.look(neighbours_, x); }
+    bool looked_at(const Vec<D>& x) const noexcept { return surfaces_.known_at(x); }
 
     double nearest2(const Vec<D>& x, double reach) noexcept {
         double least = std::numeric_limits<double>::infinity();
@@ -312,16 +260,16 @@ class RobustRule {
 
     void describe(const Vec<D>& x, const Vec<D>& hip, double near2, Tick<D>& tick) noexcept {
         const double touching = R_ + p_.band, near = p_.outer_radius + p_.point_radius;
-        if (near2 <= touching * touching || (now_.known && x == now_.looked_at && now_.count > 0)) {
+        if (near2 <= touching * touching || (looked_at(x) && count() > 0)) {
             tick.state = State::in_contact;
             look(x);
-            if (now_.count == 1) tick.normal = now_.wall[0].n;
-            if (now_.count > 1) {
+            if (count() == 1) tick.normal = walls()[0].n;
+            if (count() > 1) {
                 const Vec<D> u = hip - x;
-                Vec<D> n = project(u, now_.wall, now_.count, slack()) - u;
+                Vec<D> n = project(u, walls(), count(), slack()) - u;
                 if (!(norm(n) > rest())) {
                     n = {};
-                    for (int j = 0; j < now_.count; ++j) n = n + now_.wall[j].n;
+                    for (int j = 0; j < count(); ++j) n = n + walls()[j].n;
                 }
                 tick.normal = along(n, 1);
             }
@@ -330,22 +278,18 @@ class RobustRule {
         }
     }
 
-    static constexpr std::size_t room = 256;
-
     Parameters p_;
     Kernels<D> kernels_;
-    double R_, safe2_, shell_;
-    double grain_;   // g of tuned.hpp
-    double window_;  // lateral radius of the fit [m]
-    double lean_;    // sine of the angle that a normal leans from the contact's on a surface
+    double R_, safe2_;
+    double grain_;  // g of tuned.hpp
     Obstacles soft_, hard_;
+    Surfaces<D, Search> surfaces_;
     Search neighbours_;
     Travel<D, Search> travel_;
     Escape<D, Search> escape_;
     Handover<D> handover_;
     Touched<D, Search> touched_;
     Rest<D> rest_;
-    Contacts<D> contacts_;
     Session now_;
 };
 

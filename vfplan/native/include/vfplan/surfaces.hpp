@@ -1,0 +1,107 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// What the proxy touches: the surfaces around it, the normal of each, and how far each one asks it
+// to move.
+#pragma once
+
+#include "vfplan/cone.hpp"
+#include "vfplan/contacts.hpp"
+#include "vfplan/neighbours.hpp"
+#include "vfplan/surface.hpp"
+#include "vfplan/tuned.hpp"
+
+namespace vfplan {
+
+template <int D, class Search>
+class Surfaces {
+  public:
+    Surfaces(const Kernels<D>& kernels, double radius, double band) noexcept
+        : kernels_(kernels),
+          R_(radius),
+          deep_(tuned::deep * band),
+          shell_(R_ + deep_),
+          grain_(std::sqrt(band / R_)),
+          window_(std::min(tuned::window * spacing(), tuned::widest_window) * R_),
+          lean_(std::min(tuned::lean * std::sqrt(2.0) * grain_, tuned::most_lean)),
+          contacts_(shell_, std::cos(std::min(tuned::linked * grain_, tuned::most_linked))) {}
+
+    /// What is asked of the list of neighbours: a fit's samples.
+    double reach() const noexcept { return std::sqrt(shell_ * shell_ + window_ * window_); }
+    /// How far off a point may be and still touch.
+    double shell() const noexcept { return shell_; }
+
+    void forget() noexcept { known_ = false; }
+    /// What is known belongs to x.
+    bool known_at(const Vec<D>& x) const noexcept { return known_ && x == looked_at_; }
+    int count() const noexcept { return count_; }
+    const Wall<D>* walls() const noexcept { return wall_; }
+    const Contact<D>& contact(int j) const noexcept { return contacts_[j]; }
+
+    /// The surfaces that touch the proxy at x.
+    void look(Search& search, const Vec<D>& x) noexcept {
+        if (known_at(x)) return;
+        known_ = true;
+        looked_at_ = x;
+        contacts_.clear();
+        search.visit(x, shell_, [&](const Span<D>& s) noexcept {
+            std::uint32_t which[room];
+            const std::size_t n = kernels_.within(s, x, shell_ * shell_, which, room);
+            for (std::size_t i = 0; i < std::min(n, room); ++i) touch(s, which[i], x);
+            if (n > room)  // a crowd of points: go through all of them
+                for (std::size_t i = which[room - 1] + 1; i < s.n; ++i) touch(s, i, x);
+        });
+        contacts_.group();
+        count_ = contacts_.count();
+        for (int j = 0; j < count_; ++j) wall_[j] = wall(search, x, contacts_[j]);
+    }
+
+  private:
+    static constexpr std::size_t room = 256;
+
+    /// Of the cloud whose dimples are as deep as the band, in R.
+    double spacing() const noexcept { return (D == 2 ? std::sqrt(8.0) : 2.0) * grain_; }
+
+    void touch(const Span<D>& s, std::size_t i, const Vec<D>& x) noexcept {
+        Vec<D> away = x;
+        for (int k = 0; k < D; ++k) away.c[k] -= s.c[k][i];
+        if (dot(away, away) <= shell_ * shell_) contacts_.add(away);
+    }
+
+    /// The normal of one surface, and the height that is missing to R above its nearest point.
+    Wall<D> wall(Search& search, const Vec<D>& x, const Contact<D>& c) const noexcept {
+        Patch<D> patch;
+        patch.at = x;
+        patch.up = c.direction;
+        frame(patch.up, patch.side);
+        patch.height = c.r;
+        patch.scale = 1 / window_;
+        patch.least2 = c.r * c.r;
+        patch.most2 = patch.least2 + window_ * window_;
+        patch.cosine2 = R_ * R_ / (R_ * R_ + 2 * window_ * window_);
+        Moments<D> m;
+        search.visit(x, std::sqrt(patch.most2),
+                     [&](const Span<D>& s) noexcept { kernels_.patch(s, patch, m); });
+        Wall<D> w;
+        const Fit<D> f = fit(patch, m);
+        // Points on one side of the foot only: the surface ends here, and the proxy turns round its
+        // rim.
+        const double whole = std::clamp(
+            (tuned::one_sided - f.off) / (tuned::one_sided - tuned::surrounded), 0.0, 1.0);
+        w.n = lean_at_most(f.n, c.direction, whole * lean_);
+        w.t = std::clamp(R_ - c.r * dot(c.nearest, w.n), -deep_, deep_);
+        return w;
+    }
+
+    Kernels<D> kernels_;
+    double R_, deep_, shell_;
+    double grain_;   // g of tuned.hpp
+    double window_;  // lateral radius of the fit [m]
+    double lean_;    // sine of the angle that a normal leans from the contact's on a surface
+    Contacts<D> contacts_;
+    Wall<D> wall_[Contacts<D>::most];
+    Vec<D> looked_at_;
+    int count_ = 0;
+    bool known_ = false;  // what belongs to looked_at_
+};
+
+}  // namespace vfplan
