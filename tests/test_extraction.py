@@ -339,7 +339,7 @@ def test_noise_is_no_curve(seed):
                 vfplan.extract_curve(image, stroke="longest")
 
 
-def test_a_picture_full_of_marks_is_refused_at_once():
+def test_a_picture_full_of_marks_is_refused_at_once(monkeypatch):
     image = to_uint8(flat((900, 900)))
     image[::12, :, :] = image[:, ::12, :] = 200
     for v in range(4, 890, 12):
@@ -347,6 +347,10 @@ def test_a_picture_full_of_marks_is_refused_at_once():
             image[v : v + 3, u : u + 3] = RED
     with pytest.raises(CurveError, match="marks in red"):
         vfplan.extract_curve(image)
+    with monkeypatch.context() as patch:  # before any of them is looked at
+        patch.setattr("vfplan.extraction.marks.thin", None)
+        with pytest.raises(CurveError, match="marks in red"):
+            vfplan.extract_curve(image)
 
 
 def test_a_curve_over_coloured_noise_is_found():

@@ -24,7 +24,12 @@ MAX_TURN_DEG = 50.0
 
 
 def faint_runs(
-    smooth: NDArray[np.uint8], where: NDArray, label: NDArray, level: NDArray, strong: NDArray
+    smooth: NDArray[np.uint8],
+    pieces: tuple[NDArray, NDArray],
+    where: NDArray,
+    label: NDArray,
+    level: NDArray,
+    strong: NDArray,
 ) -> list[NDArray[np.int64]]:
     """The pixels, as indices into `where`, that carry lines on; a list for each run.
 
@@ -32,6 +37,8 @@ def faint_runs(
     ----------
     smooth
         (H, W) uint8, 1 in the strong mask.
+    pieces
+        The strong mask's flat pixels, in order, and the connected piece of each, from 1.
     where, label, level
         (P,) flat indices of all that has the pen's hue, in order, the connected mark each belongs
         to, and how strong it is.
@@ -39,7 +46,7 @@ def faint_runs(
         (P,) strength of that mark.
     """
     low = level > FAINT * strong
-    firm = _without_islands(smooth, where, label)
+    firm = _without_islands(smooth, where, label, pieces)
     weak = np.flatnonzero(low & (firm.ravel()[where] == 0))
     far = weak[~_near(firm, where[weak])] if len(weak) >= LEAST_PIXELS else weak
     if not LEAST_PIXELS <= len(far) <= MOST_PIXELS:
@@ -55,21 +62,20 @@ def faint_runs(
 
 
 def _without_islands(
-    smooth: NDArray[np.uint8], where: NDArray, label: NDArray
+    smooth: NDArray[np.uint8], where: NDArray, label: NDArray, pieces: tuple[NDArray, NDArray]
 ) -> NDArray[np.uint8]:
     """Without the specks that a line close to the threshold breaks into, beside a larger piece."""
-    import cv2
-
-    _, pieces, stats, _ = cv2.connectedComponentsWithStats(smooth, connectivity=8)
-    piece = pieces.ravel()[where]
-    area = np.where(piece > 0, stats[piece, cv2.CC_STAT_AREA], 0)
+    bright, piece = pieces
+    area = np.bincount(piece)
+    owner = np.zeros(len(area), label.dtype)  # the mark that each piece is of
+    owner[piece] = label[np.searchsorted(where, bright)]
     largest = np.zeros(int(label.max()) + 1, area.dtype)
-    np.maximum.at(largest, label, area)
-    island = (area > 0) & (area < ISLAND_PIXELS) & (largest[label] >= ISLAND_PIXELS)
-    if not island.any():
+    np.maximum.at(largest, owner, area)
+    island = (area < ISLAND_PIXELS) & (largest[owner] >= ISLAND_PIXELS)
+    if not island[piece].any():
         return smooth
     firm = smooth.copy()
-    firm.ravel()[where[island]] = 0
+    firm.ravel()[bright[island[piece]]] = 0
     return firm
 
 

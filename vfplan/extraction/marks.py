@@ -116,11 +116,12 @@ def _masks(rgb: NDArray, pen: Pen) -> tuple[NDArray, NDArray, NDArray, NDArray, 
         smooth.ravel()[where] = level > 0.5 * strong
         sharp, _ = chroma_at(rgb, *np.divmod(where, rgb.shape[1]), pen)
         mask.ravel()[where] = sharp > 0.5 * _quantile_by_label(sharp, label, count, 0.9)[label]
-        for run in faint_runs(smooth, where, label, level, strong):
+        pieces = _labelled(smooth)
+        for run in faint_runs(smooth, pieces, where, label, level, strong):
             runs.append(where[run])
             smooth.ravel()[where[run]] = 1
             mask.ravel()[where[run]] |= sharp[run] > 0.5 * np.quantile(sharp[run], 0.9)
-        where, label = _labelled(smooth)
+        where, label = _labelled(smooth) if runs else pieces
     faint = {int(k) for run in runs for k in label[np.searchsorted(where, run)]}
     return smooth.view(bool), mask, where, label, faint
 
