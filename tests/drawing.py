@@ -57,6 +57,24 @@ def coverage(shape, points, width, closed=False, cap="round"):
     return result
 
 
+def straight_coverage(slope, start, width, turned=False, strips=64):
+    """(2, 2) ends, and exact coverage, of a line over 300 px of columns, or `turned`, of rows.
+
+    It begins at row `start` of column 60 and is cut off upright. `coverage` counts samples, 12 in a
+    row: too few for a line nearly along one.
+    """
+    shape, columns = (420, 420), (60, 360)
+    share = np.zeros(shape)
+    row = np.arange(shape[0])[:, None]
+    for strip in (np.arange(strips) + 0.5) / strips - 0.5:
+        u = np.arange(shape[1]) + strip
+        middle, half = start + slope * (u - columns[0]), width / 2 * np.hypot(1, slope)
+        inside = np.minimum(row + 0.5, middle + half) - np.maximum(row - 0.5, middle - half)
+        share += np.clip(inside, 0, 1) * ((u > columns[0]) & (u < columns[1])) / strips
+    ends = np.array([[columns[0], start], [columns[1], start + slope * 300]])
+    return (ends[:, ::-1], share.T) if turned else (ends, share)
+
+
 def _prolonged(dense, by):
     head, tail = dense[0] - dense[8], dense[-1] - dense[-9]
     head, tail = head / np.hypot(*head), tail / np.hypot(*tail)
@@ -138,12 +156,13 @@ class Error:
 def normal_errors(points, truth, closed):
     """Signed distance of each point from the true curve along its normal [px], (M,)."""
     dense = polyline(truth, closed, 0.02)
-    distance, index = cKDTree(dense).query(points)
-    index = np.clip(index, 1, len(dense) - 2)
+    index = np.clip(cKDTree(dense).query(points)[1], 1, len(dense) - 2)
     tangent = dense[index + 1] - dense[index - 1]
+    tangent /= np.hypot(tangent[:, 0], tangent[:, 1])[:, None]
     offset = points - dense[index]
-    side = np.sign(tangent[:, 0] * offset[:, 1] - tangent[:, 1] * offset[:, 0])
-    return side * distance
+    across = tangent[:, 0] * offset[:, 1] - tangent[:, 1] * offset[:, 0]
+    along = (tangent * offset).sum(1)  # up to half a step between vertices; more beyond an end
+    return np.where(np.abs(along) < 0.02, across, np.copysign(np.hypot(across, along), across))
 
 
 def compare(stroke, truth, closed=False):
