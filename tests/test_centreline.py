@@ -91,6 +91,15 @@ def test_accuracy_and_an_honest_sigma(name, pen, quality, limits):
         assert 0.7 <= np.sqrt(np.mean([e.z_rms**2 for e in found])) <= 1.35
 
 
+@pytest.mark.parametrize(("width", "limit"), [(3, 0.13), (5, 0.10)])
+def test_a_dark_pale_pen_in_jpeg(width, limit):
+    """Little of its colour is left: the knots stand farther apart. Closed ones: no ends."""
+    look = {"colour": (178, 34, 34), "opacity": 0.6}
+    found = [measured(width, seed, look, 75) for seed in (2, 4)]
+    assert np.sqrt(np.mean([e.rms**2 for e in found])) <= limit
+    assert 0.7 <= np.sqrt(np.mean([e.z_rms**2 for e in found])) <= 1.35
+
+
 def measured(width, seed, pen, quality, scale=1.0, enlarge=cv2.INTER_LINEAR):
     curve, share = share_of(width, seed)
     look = {"colour": (255, 0, 0)} | pen

@@ -36,6 +36,14 @@ def is_coarse(beside: NDArray) -> bool:
     return len(change) >= LEAST and _spread(change) > COARSE
 
 
+def is_tinted(beside: NDArray) -> bool:
+    """Whether (M, 2) coverage off both sides of a line is not nought, as it is in clean pictures.
+
+    JPEG's noise beside a line along its blocks does not change along the line.
+    """
+    return len(beside) >= LEAST and _spread(beside) > COARSE
+
+
 def with_light(
     x: NDArray, pixels: NDArray, seen: NDArray, offset: NDArray, width: float
 ) -> NDArray[np.float64]:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.centreline.light import is_coarse, with_light
+from vfplan.centreline.light import is_coarse, is_tinted, with_light
+from vfplan.centreline.phase import Grid, inward_lean, phase_shift
 from vfplan.extraction.pen import Pen, sample_pixels
 
 MARGIN_PX = 2.0  # profiles reach this far beyond the line's edge
@@ -45,6 +46,10 @@ class Profiles:
         (M,) grey just beyond the line on one side minus on the other, -1..1.
     double
         Whether these are two lines side by side.
+    noisy
+        Whether the colour beside the line has noise, as JPEG's has.
+    redrawn
+        Whether the line, drawn anew, explained what was read, and the grid's share was taken off.
     """
 
     x: NDArray[np.float64]
@@ -56,14 +61,24 @@ class Profiles:
     clipped: NDArray[np.float64]
     shading: NDArray[np.float64]
     double: bool
+    noisy: bool
+    redrawn: bool
 
 
 def read_profiles(
-    rgb: NDArray, base: NDArray, normal: NDArray, pen: Pen, width: float, least: float = SEEN
+    rgb: NDArray,
+    base: NDArray,
+    normal: NDArray,
+    pen: Pen,
+    width: float,
+    least: float = SEEN,
+    bend: NDArray | None = None,
 ) -> Profiles:
     """Read profiles across a (M, 2) path with (M, 2) unit normals.
 
-    Coverage of less than `least` of the usual is no line.
+    Coverage of less than `least` of the usual is no line. With the path's (M,) curvature, `bend`
+    [1/px], the offsets are freed of what the pixel grid and blur in bends add: for a path that is
+    already on the line.
     """
     half = np.ceil((width / 2 + MARGIN_PX) / STEP_PX)
     x = np.arange(-half, half + 1) * STEP_PX
@@ -81,11 +96,17 @@ def read_profiles(
     valid = (mass > least) & ~foreign[:, core].any(1) & inside[:, np.abs(x) <= INNER_PX].all(1)
     seen = ~foreign & inside
     mean = _mean_profile(alpha, valid[:, None] & seen)
-    offset = _matched(x, alpha, valid[:, None] & seen, mean)
-    valid &= np.abs(offset) < width / 2 + 1.5
     off = (width + FAR_PX) * normal
     beside = sample_pixels(rgb, *np.moveaxis(np.stack([base - off, base + off], 1), 2, 0))
-    if is_coarse((beside @ pen.along / pen.strength)[valid]):
+    beside = (beside @ pen.along / pen.strength)[valid]
+    coarse = is_coarse(beside)
+    offset, redrawn = _matched(x, alpha, valid[:, None] & seen, mean), False
+    if bend is not None:
+        whole, path = valid & seen.all(1), (base, normal, bend)
+        error, redrawn = _reading_error(x, alpha, whole, offset, path, width, coarse)
+        offset = offset - error
+    valid &= np.abs(offset) < width / 2 + 1.5
+    if coarse:
         offset = with_light(x, pixels, valid[:, None] & seen, np.where(valid, offset, 0.0), width)
     grey = pixels.mean(2) / 255
     shading = grey[:, -3:].mean(1) - grey[:, :3].mean(1)
@@ -94,7 +115,19 @@ def read_profiles(
     shading = np.where(bare, shading, 0.0)  # another mark's darkness is no background
     offset = np.where(valid, offset, 0.0)
     clipped = 1 - inside[:, core].mean(1)
-    return Profiles(x, alpha, seen, offset, mass, valid, clipped, shading, is_double(mean))
+    return Profiles(
+        x=x,
+        alpha=alpha,
+        seen=seen,
+        offset=offset,
+        mass=mass,
+        valid=valid,
+        clipped=clipped,
+        shading=shading,
+        double=is_double(mean),
+        noisy=coarse or is_tinted(beside),
+        redrawn=redrawn,
+    )
 
 
 def _beyond_valley(alpha: NDArray, x: NDArray, width: float) -> NDArray[np.bool_]:
@@ -134,6 +167,29 @@ def _matched(x: NDArray, alpha: NDArray, seen: NDArray, profile: NDArray) -> NDA
             fit[row] = np.linalg.lstsq(basis[seen[row]], alpha[row, seen[row]], rcond=None)[0]
     scale = np.where(fit[:, 0] > 0.2, fit[:, 0], np.inf)
     return -fit[:, 1] / scale
+
+
+def _reading_error(
+    x: NDArray,
+    alpha: NDArray,
+    whole: NDArray,
+    offset: NDArray,
+    path: tuple[NDArray, NDArray, NDArray],
+    width: float,
+    coarse: bool,
+) -> tuple[NDArray[np.float64], bool]:
+    """(M,) what the pixel grid and the bends add to the offsets [px]; whether redrawing tells."""
+    every = np.ones(alpha.shape, bool)
+
+    def measure(drawn: NDArray) -> NDArray:
+        return _matched(x, drawn, every, _mean_profile(drawn, every))
+
+    shift = redrawn = None
+    if not coarse:
+        shift, redrawn = phase_shift(Grid.of_path(x, *path), alpha, whole, offset, width, measure)
+    if shift is None:
+        shift = inward_lean(x, _mean_profile(alpha, whole[:, None] & every), path[2], width)
+    return shift, bool(redrawn)
 
 
 def shading_shift(

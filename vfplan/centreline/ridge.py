@@ -9,7 +9,6 @@ the hand and not the noise.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NoReturn
 
@@ -18,28 +17,24 @@ from numpy.typing import NDArray
 
 from vfplan.centreline.doubling import Widening, widest_run
 from vfplan.centreline.ends import ink_ends, line_ends
-from vfplan.centreline.path import arc_length, evenly, extended, normals, without_tips
-from vfplan.centreline.profile import SEEN, Profiles, read_profiles, shading_shift
-from vfplan.centreline.spline import curvature_of, fit_spline, place_knots
-from vfplan.centreline.uncertainty import bridged_sigma, measured_sigma
+from vfplan.centreline.fitting import FIRST_KNOTS_PX, Fitted, fit_line
+from vfplan.centreline.path import arc_length, bend_of, evenly, extended, normals, without_tips
+from vfplan.centreline.profile import SEEN, Profiles, read_profiles
+from vfplan.centreline.spline import curvature_of
+from vfplan.centreline.uncertainty import bridged_sigma
 from vfplan.centreline.valley import lines_in
 from vfplan.errors import CurveError
 from vfplan.extraction.pen import Pen
 
-FIRST_KNOTS_PX = 6.0
-FINE_KNOTS_PX = 7.0  # noise free: every wiggle is the hand's
-COARSE_KNOTS_PX = 14.0  # JPEG's noise hangs together over half a block of 16 px
 BROAD_PX = 5.0  # a pen this wide hides its ends so well that they are approached twice
 LONGER = 16  # times more at most, while an end is not in sight
 TIP, THIN_PX = 0.4, 2.5  # of the width beyond a thin line's: an end whose profile lacks a side
-CLIPPED = 5.0  # a line of which the border cuts off a part is less sure by this times the part
 WHOLE = 0.8  # of the usual coverage: beside a gap, less is no whole profile
 STEADY_WIDTHS = 4.0  # of a soft pen, whose ends fall off slowly
 STEADY, FAINTER = 15, 0.75  # points; of the usual coverage: a line so faint ends so, too
 MORE_PASSES = 4  # to the end of such a line
 FAINTEST = 0.18  # of it: a line that fades, in linear light, is seen down to here
 LEAST = 8  # profiles from which a line can be measured
-CORRELATED = 0.2  # residuals of neighbours this alike are JPEG's, not the pixel grid's
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +111,9 @@ def trace(
         beyond = lost + width / 2 + 2
         base, pitch = evenly(base if closed else extended(base, beyond, width), closed)
         seen_along, middle = (base, normals(base, closed)), base[len(base) // 2]
-        profiles = read_profiles(rgb, *seen_along, pen, width, FAINTEST if fades else SEEN)
+        bend = None if knots else bend_of(base, closed)
+        least = FAINTEST if fades else SEEN
+        profiles = read_profiles(rgb, *seen_along, pen, width, least, bend)
         valid = profiles.valid & ~gap(base)
         if profiles.double:
             _refuse_double(middle + origin, width)
@@ -134,7 +131,7 @@ def trace(
             if taken < (MORE_PASSES if faint else LONGER) and _goes_on(ink, valid | faint):
                 passes = [FIRST_KNOTS_PX, *(passes or [None])]
                 taken += 1
-        fitted = _fit(s, base, profiles, used, closed, knots)
+        fitted = fit_line(s, base, profiles, used, closed, knots)
         if not closed and knots is None:
             ends = line_ends(rgb, fitted.spline(s), used, even, pen, width)
             start, stop = pitch * np.array(ends)
@@ -192,52 +189,6 @@ def _refuse_double(place: NDArray, width: float) -> NoReturn:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Fitted:
-    spline: Callable[[NDArray], NDArray]
-    sigma: NDArray  # (M,) of the spline at the measured points [px]
-
-
-def _fit(
-    s: NDArray, base: NDArray, profiles: Profiles, valid: NDArray, closed: bool, knots: float | None
-) -> _Fitted:
-    """The spline; with `knots` None their distance follows from the residuals' correlation."""
-    normal = normals(base, closed)
-    period = s[-1] + s[1] if closed else None
-    length = period if closed else s[-1]
-    even = FIRST_KNOTS_PX if knots is None else knots
-    flat = np.zeros(len(s))
-    raw = base + profiles.offset[:, None] * normal
-    at = place_knots(s, flat, valid, length, even)
-    spline = fit_spline(s, np.column_stack([raw, profiles.shading]), valid, period, at)
-    if knots is not None:
-        return _Fitted(lambda x: spline(x)[:, :2], flat)
-    smooth = spline(s)
-    residual = _along_normal(raw - smooth[:, :2], normal, valid)
-    fast = np.where(valid, profiles.shading - smooth[:, 2], 0.0)
-    shift, doubt = shading_shift(profiles.shading, fast, residual, valid)
-    raw = raw + shift[:, None] * normal
-    alike = _correlation(residual, valid)
-    widest = COARSE_KNOTS_PX if alike > CORRELATED else FINE_KNOTS_PX
-    at = place_knots(s, curvature_of(spline, s), valid, length, widest)
-    spline = fit_spline(s, raw, valid, period, at)
-    residual = _along_normal(raw - spline(s), normal, valid)
-    sigma = np.hypot(
-        measured_sigma(residual, valid, alike if widest == FINE_KNOTS_PX else 1), doubt
-    )
-    return _Fitted(spline, sigma * (1 + CLIPPED * profiles.clipped))
-
-
-def _along_normal(offset: NDArray, normal: NDArray, valid: NDArray) -> NDArray:
-    return np.where(valid, (offset * normal).sum(1), 0.0)
-
-
-def _correlation(residual: NDArray, valid: NDArray) -> float:
-    """Between the residuals of neighbours, -1..1."""
-    r = residual[valid]
-    return float((r[1:] * r[:-1]).mean() / max((r**2).mean(), 1e-12))
-
-
 def _gap_finder(path: NDArray, bridged: NDArray):
     """A function that tells which points lie nearest to a bridged stretch of the path."""
     if not bridged.any():
@@ -254,7 +205,7 @@ def _unmeasured(path: NDArray, bridged: NDArray, closed: bool, width: float) -> 
 
 
 def _result(
-    fitted: _Fitted,
+    fitted: Fitted,
     s: NDArray,
     valid: NDArray,
     used: NDArray,

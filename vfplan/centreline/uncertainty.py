@@ -1,41 +1,128 @@
-"""How far the measured centre may be off, point by point."""
+"""How far the measured centre may be off, point by point.
+
+What is left between the measurements and the spline tells the noise, and the noise the spline's own
+error. What does not show there is added: the grid's share on runs nearly along it, where it is as
+smooth as the line; the ends, which hang on one side only; corners and gaps.
+
+The numbers were found by drawing curves with known truth; what they come to is in
+docs/extraction.md.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-FLOOR_PX = 0.0045
-WINDOW_PX = 61  # of line over which the noise is taken for the same
-# A spline's error over its residual's RMS, found by drawing curves with known truth (the study is
-# in docs/extraction.md): `LEAST` + `SLOPE` times the correlation of neighbouring residuals for the
-# pixel grid's noise, `COARSE` for JPEG's, and more where JPEG's noise is past `NOISY_PX`: there it
-# hangs together over longer stretches than the spline can average.
-LEAST, SLOPE, COARSE = 0.46, 0.32, 0.72
-NOISY_PX, NOISIER = 0.12, 2.0
+FLOOR_PX, UNTOLD_FLOOR_PX = 0.0003, 0.004  # where redrawing explains the picture, and where not
+WINDOW_PX, CORNER_PX = 61, 9  # of line over which the noise is taken for the same; of a corner
+CORNER_SHARE, CORNER = 1 / 3, 4.0  # of the power left over there beyond so many times the usual
+LOUD = 4.0  # times the whole line's, local power is a corner's
+OUTLYING = 6.0  # times the median square, 2.2 for noise: more is a corner's, and not the line's
+# A spline's error over its residual's RMS. JPEG's noise hangs together over longer stretches than
+# the spline can average: `LEAST` + `SLOPE` times the correlation of neighbouring residuals, and
+# `COARSE` where knots are far apart for it; more where the noise is past `NOISY_PX`.
+LEAST, SLOPE, COARSE = 0.50, 0.27, 0.58
+NOISY_PX, NOISIER = 0.12, 6.0
+TOLD = 0.50  # redrawn: what is left is the drawing program's own rounding
+CLEAN, CLEAN_COARSE = 0.35, 0.15  # no noise: a pattern of the grid is left, that averages out
+# The grid's share where the line runs along it, over the residual's RMS elsewhere, and at least;
+# it fades as the line slants.
+NOISY_GRID, CLEAN_GRID = 0.45, 1.2
+UNLEARNT_PX, CLEAN_UNLEARNT_PX, LEARNT_PX, TOLD_PX = 0.085, 0.06, 0.025, 0.002
+NOISY_SLANT, CLEAN_SLANT = 0.12, 0.10  # sine of the angle to the grid's nearer axis
+DIAGONAL, DIAGONAL_SLANT = 0.6, 0.02  # the same along diagonals, over that along rows
+TIGHT, TIGHTEST = 0.13, 0.25  # curvature that doubles the error, and the largest that counts [1/px]
+END, END_PX = 4.5, 4.0  # how much larger it is at an end, and over how much line that fades
 
 
-def measured_sigma(residual: NDArray, valid: NDArray, alike: float) -> NDArray:
+@dataclass(frozen=True)
+class Picture:
+    """What is known of a picture's errors.
+
+    Parameters
+    ----------
+    noisy
+        Whether the colour has noise, as JPEG's has.
+    redrawn
+        Whether the line, drawn anew, explained the picture, and the grid's share was taken off.
+    learnt
+        Whether the grid's pattern could be learnt from the line's own slanting runs.
+    alike
+        Correlation of neighbouring residuals.
+    coarse
+        0..1, how far the knots were drawn apart for that.
+    """
+
+    noisy: bool
+    redrawn: bool
+    learnt: bool
+    alike: float
+    coarse: float
+
+
+def measured_sigma(
+    residual: NDArray, valid: NDArray, normal: NDArray, curvature: NDArray, picture: Picture
+) -> NDArray[np.float64]:
     """(M,) standard deviation of the fitted line where it was seen [px].
 
     Parameters
     ----------
     residual, valid
         (M,) measured offset minus the spline [px], and where there is any.
-    alike
-        Correlation of neighbouring residuals; 1 for a spline with coarse knots.
+    normal, curvature
+        (M, 2) unit normals of the line, and (M,) its curvature [1/px].
+    picture
+        What is known of the picture.
     """
+    square = residual[valid] ** 2
+    whole = float(min(square.mean(), OUTLYING * np.median(square)))
+    local = np.minimum(_mean_power(residual, valid, WINDOW_PX), LOUD * whole)
+    power = (local + whole) / 2
+    corner = CORNER_SHARE * (_mean_power(residual, valid, CORNER_PX) - CORNER * whole)
+    noise = np.maximum(_ratio(picture, np.sqrt(whole)) ** 2 * power, corner)
+    floor = FLOOR_PX if picture.redrawn else UNTOLD_FLOOR_PX
+    grid = _along_grid(normal, np.sqrt(whole), picture)
+    bend = 1 + (np.minimum(np.abs(curvature), TIGHTEST) / TIGHT) ** 2
+    return bend * np.sqrt(noise + grid**2 + floor**2)
+
+
+def end_factor(s: NDArray, first: float, last: float) -> NDArray[np.float64]:
+    """(M,) how much less sure an open line is at arc lengths s, measured from `first` to `last`."""
+    beyond = np.minimum(np.maximum(first - s, s - last), END_PX)
+    return 1 + END * np.exp(beyond / END_PX)
+
+
+def _mean_power(residual: NDArray, valid: NDArray, window: int) -> NDArray[np.float64]:
     from scipy.ndimage import uniform_filter1d
 
-    power = uniform_filter1d(np.where(valid, residual**2, 0.0), WINDOW_PX, mode="nearest")
-    share = uniform_filter1d(valid.astype(float), WINDOW_PX, mode="nearest")
-    local = power / np.maximum(share, 0.05)
-    whole = np.mean(residual[valid] ** 2)
-    if alike == 1:
-        ratio = COARSE * (1 + NOISIER * max(0.0, float(np.sqrt(whole)) - NOISY_PX))
+    power = uniform_filter1d(np.where(valid, residual**2, 0.0), window, mode="nearest")
+    share = uniform_filter1d(valid.astype(float), window, mode="nearest")
+    return np.maximum(power, 0.0) / np.maximum(share, 0.05)
+
+
+def _ratio(picture: Picture, rms: float) -> float:
+    """The spline's error over its residual's RMS [px]."""
+    if picture.redrawn:
+        return TOLD
+    if not picture.noisy:
+        return CLEAN + picture.coarse * (CLEAN_COARSE - CLEAN)
+    fine = float(np.clip(LEAST + SLOPE * picture.alike, 0.3, 0.65))
+    coarse = COARSE * (1 + NOISIER * max(0.0, rms - NOISY_PX))
+    return fine + picture.coarse * (coarse - fine)
+
+
+def _along_grid(normal: NDArray, rms: float, picture: Picture) -> NDArray[np.float64]:
+    """(M,) what of the grid's share is left where it is as smooth as the line [px]."""
+    if picture.noisy:
+        size, width = NOISY_GRID * rms if picture.learnt else UNLEARNT_PX, NOISY_SLANT
     else:
-        ratio = float(np.clip(LEAST + SLOPE * alike, 0.3, 0.7))
-    return np.sqrt(ratio**2 * (local + whole) / 2 + FLOOR_PX**2)
+        unseen = LEARNT_PX if picture.learnt else CLEAN_UNLEARNT_PX
+        size, width = max(CLEAN_GRID * rms, TOLD_PX if picture.redrawn else unseen), CLEAN_SLANT
+    slant = np.abs(normal).min(1)
+    diagonal = DIAGONAL * np.exp(-(((slant - np.sqrt(0.5)) / DIAGONAL_SLANT) ** 2))
+    return size * np.hypot(np.exp(-((slant / width) ** 2)), diagonal)
 
 
 def bridged_sigma(bridged: NDArray, curvature: NDArray, closed: bool) -> NDArray:
