@@ -1,9 +1,10 @@
 """Measure the ridge's error, time and memory on drawn curves, the tables in extraction.md:
 
-python docs/make_extraction_table.py [speed]
+python docs/make_extraction_table.py [speed | deviation]
 
 Four curves (two open, two closed) for each picture and pen, drawn by exact coverage
-(`tests/drawing.py`); minutes, not seconds. With `speed` only time and memory.
+(`tests/drawing.py`); minutes, not seconds. With `speed` only time and memory; with `deviation` only
+the stated deviation's z-scores on straight lines, rings and corners.
 """
 
 from __future__ import annotations
@@ -17,7 +18,17 @@ import cv2
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from drawing import anatomy, blend, compare, coverage, jpeg, to_uint8, wavy
+from drawing import (
+    anatomy,
+    blend,
+    compare,
+    coverage,
+    flat,
+    jpeg,
+    straight_coverage,
+    to_uint8,
+    wavy,
+)
 
 import vfplan
 from vfplan.centreline import load_libraries
@@ -41,9 +52,65 @@ PICTURES = [
 
 def main() -> None:
     """Print what is asked for."""
-    if sys.argv[1:] != ["speed"]:
+    if sys.argv[1:] in ([], ["deviation"]):
+        print_deviation()
+    if not sys.argv[1:]:
         print_errors()
-    print_speed()
+    if sys.argv[1:] in ([], ["speed"]):
+        print_speed()
+
+
+def print_deviation() -> None:
+    """Print RMS error and z-scores of straight lines by slope, of rings and of corners."""
+    print("| line | PNG: RMS error [px] | RMS z | JPEG 80: RMS error [px] | RMS z |")
+    print("|---|---|---|---|---|")
+    slopes = (0.0, 0.003, 0.02, 0.05, 0.125, 0.3, 0.5, 1.0)
+    kinds = [(f"straight, slope {x:g}", straight, x) for x in slopes]
+    kinds += [(f"ring, radius {x} px", ring, x) for x in (12, 25, 60)]
+    kinds += [(f"corner of {x}°", corner, x) for x in (90, 150)]
+    for name, draw, value in kinds:
+        drawn = [draw(value, pen, k) for pen in (2, 2.2, 3, 4.5, 5) for k in (0, 1)]
+        cells = [name]
+        for quality in (None, 80):
+            found = [scored(*line, quality) for line in drawn]
+            z = [e.z_rms for e in found]
+            cells += [f"{root_mean_square([e.rms for e in found]):.3f}"]
+            cells += [f"{root_mean_square(z):.1f} ({min(z):.1f}–{max(z):.1f})"]
+        print("| " + " | ".join(cells) + " |", flush=True)
+
+
+def root_mean_square(values):
+    """Of a list of numbers."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def straight(slope, pen, k):
+    """Truth, coverage and whether it is closed: once along rows, once along columns."""
+    ends, share = straight_coverage(slope, (60.13, 59.71)[k], pen, bool(k))
+    return ends, share, False
+
+
+def ring(radius, pen, k):
+    """A circle off the pixels' middles."""
+    t = np.linspace(0, 2 * np.pi, 3000, endpoint=False)
+    middle = 100 + np.array([(0.37, -0.19), (-0.42, 0.08)][k])
+    curve = middle + radius * np.column_stack([np.cos(t), np.sin(t)])
+    return curve, coverage((200, 200), curve, pen, True), True
+
+
+def corner(degrees, pen, k):
+    """Two straight legs of 80 px."""
+    turn = (0.31, 1.87)[k] + np.radians(degrees) * np.array([-0.5, 0.5])
+    legs = 100.2 + 80 * np.column_stack([np.cos(turn), np.sin(turn)])
+    curve = np.array([legs[0], [100.2, 100.2], legs[1]])
+    return curve, coverage((200, 200), curve, pen), False
+
+
+def scored(curve, share, closed, quality):
+    """Extract a line drawn on light grey and compare it with its truth."""
+    image = to_uint8(blend(flat(share.shape), share, RED))
+    stroke = vfplan.extract_curve(jpeg(image, quality) if quality else image).strokes[0]
+    return compare(stroke, curve, closed)
 
 
 def print_errors() -> None:
