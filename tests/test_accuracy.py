@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from vfplan.accuracy import Peer, bench, pictures, read_document, write_json
 from vfplan.accuracy.baselines import NearestPointPenalty
 from vfplan.accuracy.cases import Case, cases, chosen_points
+from vfplan.accuracy.extracting import from_line
 from vfplan.accuracy.mesh import Bone, nearest_on
 from vfplan.accuracy.proxy import judge
 from vfplan.accuracy.record import Errors, Result, Trial, judge_chosen, mark_pareto, non_dominated
@@ -463,3 +464,14 @@ def test_a_mesh_is_a_scene_with_an_exact_proxy(ball):
     engine = PaperProxy(bone.points)
     engine.reset(hips[0])
     assert np.abs(engine.run(hips).proxy - proxy).max() < 2e-3
+
+
+def test_distance_from_a_drawn_line_knows_no_vertices():
+    """Between the vertices it is that of the line, beyond its ends that of the end."""
+    t = np.linspace(0, 1, 21)[:, None]
+    line = np.vstack([t * [3.0, 4.0], [3.0, 4.0] + t[1:] * [-4.0, 3.0]])
+    rng = np.random.default_rng(3)
+    along, off = rng.uniform(0, 1, 200), rng.uniform(0, 0.4, 200)
+    points = np.vstack([along[:, None] * [3.0, 4.0] + off[:, None] * [0.8, -0.6], [[-0.3, -0.4]]])
+    found = from_line(points, line, cKDTree(line).query(points)[1])
+    np.testing.assert_allclose(found, [*off, 0.5], atol=1e-12)

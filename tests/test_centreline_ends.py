@@ -5,7 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from drawing import anatomy, blend, coverage, flat, jpeg, to_uint8
+from drawing import anatomy, blend, coverage, flat, jpeg, polyline, to_uint8, wavy
+from scipy.spatial import cKDTree
 
 import vfplan
 from vfplan.centreline.tip import Around, Tip, misfit
@@ -114,3 +115,18 @@ def test_a_line_near_45_degrees_keeps_the_ends_that_thinning_eats(width, degrees
         picture = to_uint8(blend(anatomy((150, 150), 1), share, (255, 0, 0)))
         ends = vfplan.extract_curve(picture).strokes[0].points_px[[0, -1]]
         assert np.hypot(*(ends - curve[[0, -1]]).T).max() <= 1.5
+
+
+@pytest.mark.parametrize(("seed", "opacity"), [(1, 0.6), (8, 0.6), (20, 0.6), (2, 0.8)])
+def test_a_pale_line_goes_on_straight_to_its_ends(seed, opacity):
+    """What JPEG leaves of it beyond its last sure points cannot make it turn or run away."""
+    shape = (360, 420)
+    curve = wavy(shape, seed)
+    share = coverage(shape, curve, 3)
+    picture = blend(anatomy(shape, seed), share, colour=(178, 34, 34), opacity=opacity)
+    (stroke,) = vfplan.extract_curve(jpeg(to_uint8(picture), 75)).strokes
+    step = np.arange(0, 4, 0.02)[:, None]
+    on = [a + step * (a - b) / np.hypot(*(a - b)) for a, b in (curve[[0, 40]], curve[[-1, -41]])]
+    longer = np.vstack([*on, polyline(curve, False, 0.02)])
+    assert cKDTree(longer).query(stroke.points_px)[0].max() < 0.8
+    assert cKDTree(stroke.points_px).query(curve)[0].max() < 3.5

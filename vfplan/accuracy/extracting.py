@@ -56,9 +56,21 @@ def _score(found: Array, truth: Array, scale: float) -> Errors:
     from scipy.spatial import cKDTree
 
     points = pictures.from_pixels(found, scale)
-    away, _ = cKDTree(truth).query(points)
+    away = from_line(points, truth, cKDTree(truth).query(points)[1])
     missed, _ = cKDTree(points).query(truth[::5])
     return Errors.of(away, uncovered_px=float(missed.max()), points=len(points))
+
+
+def from_line(points: Array, line: Array, nearest: Array) -> Array:
+    """(N,) distances of (N, 2) points from a polyline of which they know the `nearest` vertex."""
+    found = np.full(len(points), np.inf)
+    for start in (nearest - 1, nearest):
+        start = np.clip(start, 0, len(line) - 2)
+        a, way = line[start], line[start + 1] - line[start]
+        share = ((points - a) * way).sum(1) / (way**2).sum(1)
+        foot = a + np.clip(share, 0.0, 1.0)[:, None] * way
+        found = np.minimum(found, np.hypot(*(points - foot).T))
+    return found
 
 
 def _ours(method: str) -> Callable[[Any], Array]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -67,6 +69,26 @@ def without_tips(path: NDArray, width: float) -> tuple[NDArray, float]:
 def extended(points: NDArray, by: float, width: float) -> NDArray:
     """The line carried on by `by` px at both ends as it bends there."""
     return np.vstack([_onward(points[::-1], by, width)[::-1], points, _onward(points, by, width)])
+
+
+def prolonged(
+    spline: Callable[[NDArray], NDArray], first: float, last: float, by: float, width: float
+) -> Callable[[NDArray], NDArray]:
+    """A spline over arc length, carried on by `by` px beyond `first` and `last` as `extended` does.
+
+    A cubic would not: a pixel's error of its last points grows with the third power of the way.
+    """
+    line = spline(np.linspace(first, last, max(2, round(last - first) + 1)))
+    tails = [np.vstack([at[-1:], _onward(at, by, width)]) for at in (line[::-1], line)]
+
+    def place(s: NDArray) -> NDArray[np.float64]:
+        points = spline(np.clip(s, first, last))
+        for tail, beyond in zip(tails, (first - s, s - last), strict=True):
+            out, steps = beyond > 0, np.arange(len(tail))
+            points[out] = np.column_stack([np.interp(beyond[out], steps, u) for u in tail.T])
+        return points
+
+    return place
 
 
 def _onward(points: NDArray, by: float, width: float) -> NDArray:

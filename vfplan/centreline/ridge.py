@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 from vfplan.centreline.doubling import Widening, widest_run
 from vfplan.centreline.ends import ink_ends, line_ends
 from vfplan.centreline.fitting import FIRST_KNOTS_PX, Fitted, fit_line
-from vfplan.centreline.path import arc_length, bend_of, evenly, extended, normals, without_tips
+from vfplan.centreline.path import (
+    arc_length,
+    bend_of,
+    evenly,
+    extended,
+    normals,
+    prolonged,
+    without_tips,
+)
 from vfplan.centreline.profile import SEEN, Profiles, read_profiles
 from vfplan.centreline.spline import curvature_of
 from vfplan.centreline.uncertainty import bridged_sigma
@@ -141,7 +149,7 @@ def trace(
     if verdict == "several":
         _refuse_double(middle + origin, width)
     fitted = replace(fitted, sigma=np.hypot(fitted.sigma, widest.doubt))
-    line = _result(fitted, s, valid, used, closed, start, stop, rgb.shape)
+    line = _result(fitted, s, valid, used, closed, start, stop, rgb.shape, width)
     return replace(line, widening=widest, single=verdict == "single")
 
 
@@ -213,15 +221,20 @@ def _result(
     start: float,
     stop: float,
     shape: tuple[int, ...],
+    width: float,
 ) -> Centreline:
     dense = np.linspace(start, stop, 4 * max(2, round(stop - start)) + 1)
-    curve = fitted.spline(dense)
+    place = fitted.spline
+    if not closed:
+        first, last = s[used][[0, -1]]
+        place = prolonged(place, first, last, max(first - start, stop - last), width)
+    curve = place(dense)
     if not closed:
         dense, curve = _inside(dense, curve, shape)
     arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(curve, axis=0).T))]
     count = max(4, round(arc[-1]))
     at = np.interp(np.linspace(0, arc[-1], count + 1)[: count if closed else None], arc, dense)
-    points = fitted.spline(at)
+    points = place(at)
     nearest = np.clip(np.rint(at / (s[1] - s[0])).astype(int), 0, len(s) - 1)
     bridged = ~valid[nearest]
     gaps = _with_flanks(bridged, ~used[nearest])
