@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 import vfplan
 from vfplan.centreline.tip import Around, Tip, misfit
+from vfplan.extraction.skeleton import thin
 
 
 def arc(angle, bend):
@@ -115,6 +116,32 @@ def test_a_line_near_45_degrees_keeps_the_ends_that_thinning_eats(width, degrees
         picture = to_uint8(blend(anatomy((150, 150), 1), share, (255, 0, 0)))
         ends = vfplan.extract_curve(picture).strokes[0].points_px[[0, -1]]
         assert np.hypot(*(ends - curve[[0, -1]]).T).max() <= 1.5
+
+
+@pytest.mark.parametrize(
+    ("width", "degrees", "begin"),
+    [(2, 45.0, 65.3), (2.2, 45.05, 64.8), (2.5, 44.9, 65.9), (4, 45.0, 65.2), (3, 45.0, 65.3)],
+)
+def test_a_long_line_at_45_degrees_is_whole_though_thinning_eats_it_whole(width, degrees, begin):
+    turn, along = np.radians(degrees), np.linspace(0, 330, 900)
+    curve = np.column_stack([begin + along * np.cos(turn), 180 + (along - 165) * np.sin(turn)])
+    for cap in ("butt", "round"):
+        share = coverage((360, 360), curve, width, cap=cap)
+        picture = to_uint8(blend(anatomy((360, 360), 1), share, (255, 0, 0)))
+        ends = vfplan.extract_curve(picture).strokes[0].points_px[[0, -1]]
+        assert np.hypot(*(ends - curve[[0, -1]]).T).max() <= 1.5
+
+
+@pytest.mark.parametrize("size", range(2, 9))
+def test_a_skeleton_reaches_to_both_ends_of_a_slanting_band(size):
+    """Of `size` diagonals; a square beside it, broader than any pen, keeps its own skeleton."""
+    offset = np.subtract.outer(np.arange(200), np.arange(200))
+    band = (np.abs(offset + 0.5 - 0.5 * (size % 2)) <= size / 2 - 0.25).astype(np.uint8)
+    for mask in (band, band[:, ::-1]):
+        away = cv2.distanceTransform((~thin(mask.copy())).view(np.uint8), cv2.DIST_L2, 5)
+        assert away[mask > 0].max() <= size + 3
+    both = np.hstack([band, np.pad(np.ones((60, 60), np.uint8), 70)])
+    assert (thin(both)[:, 200:] == thin(both[:, 200:].copy())).all()
 
 
 @pytest.mark.parametrize(("seed", "opacity"), [(1, 0.6), (8, 0.6), (20, 0.6), (2, 0.8)])
