@@ -320,6 +320,29 @@ def test_a_hand_that_leaves_clutter_feels_no_jump(seed):
     assert most < 1e-9
 
 
+def test_the_rule_takes_over_below_a_hand_that_never_rests():
+    """Where the HIP trembles so that the rule uses up its iterations in each tick, the status still
+    ends, and the force has not stepped until then."""
+    rng = np.random.default_rng(2)
+    longest = 0
+    for seed in range(12):
+        cloud = dust(300, half=0.015, seed=seed)
+        engine = vfplan.ProxyEngine(cloud, band=1e-6, max_iterations=rng.choice([1, 3, 16]))
+        start = cloud[rng.integers(len(cloud))] + rng.normal(0, 2e-3, 3)
+        hips = start + 10 ** rng.uniform(-5.5, -4) * rng.uniform(-1, 1, (6000, 3))
+        engine.reset(start)
+        trace = engine.run(hips)
+        told = trace.status & Status.INSIDE > 0
+        if not told[0]:
+            continue
+        longest = max(longest, end := np.flatnonzero(told)[-1] + 1)
+        assert end < len(hips)
+        steps = np.linalg.norm(np.diff(trace.force, axis=0, prepend=np.zeros((1, 3))), axis=1)
+        moved = np.linalg.norm(np.diff(hips, axis=0, prepend=start[None]), axis=1)
+        assert (steps - 1000 * (R / 256 + moved))[: end + 1].max() < 1e-9
+    assert longest > 100
+
+
 def test_one_engine_serves_one_thread():
     engine = vfplan.ProxyEngine(dust())
     hips = np.tile([0.03, 0.03, 0.03], (3_000_000, 1))

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "vfplan/tuned.hpp"
 #include "vfplan/vec.hpp"
 
 namespace vfplan {
@@ -42,7 +43,7 @@ class Handover {
 
     void begin() noexcept {
         active_ = true;
-        next_ = count_ = 0;
+        next_ = count_ = unfinished_ = 0;
     }
     void stop() noexcept { active_ = planning_ = false; }
 
@@ -58,6 +59,9 @@ class Handover {
         if (planning_) corner_[count_++] = x;
     }
     void planned() noexcept { planning_ = false; }
+    /// The rule's way fits into this tick, to its end or to where the rule ran out of iterations.
+    /// True when the rule has taken over: it may never come to an end below a HIP that trembles.
+    bool fits(bool end) noexcept { return end || ++unfinished_ == tuned::patience; }
 
     /// Goes on from x as far as the leash allows; true at the end of the way.
     bool walk(Vec<D>& x, const Leash<D>& leash) noexcept {
@@ -78,6 +82,7 @@ class Handover {
     Vec<D> corner_[most];
     Vec<D> hip_;  // that the way was made for
     int next_ = 0, count_ = 0;
+    int unfinished_ = 0;  // ways that fitted and had no end
 };
 
 }  // namespace vfplan

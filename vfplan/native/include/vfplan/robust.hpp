@@ -109,7 +109,7 @@ class RobustRule {
             const Tick<D> tick = follow(end, hip);
             handover_.planned();
             const bool there = end == proxy || handover_.walk(proxy, leash);
-            if (there && tick.status == ok) {
+            if (there && handover_.fits(tick.status == ok)) {
                 handover_.stop();
                 proxy = end;
                 return tick;
