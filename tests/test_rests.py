@@ -315,3 +315,22 @@ def test_a_slow_drift_is_followed():
     behind = np.abs(trace.proxy - hips)[:, :2].max()
     assert behind <= 2 * engine.parameters.band
     assert not trace.status.any()
+
+
+@pytest.mark.parametrize("h", [0.25e-3, 0.36e-3, 0.5e-3, 0.8e-3, 1.2e-3])
+def test_an_edge_is_turned_round_late_by_half_a_spacing_of_the_band_at_most(h):
+    """A HIP creeps out of a wedge of 90 degrees: R b is the square of half the spacing on a sheet
+    whose dimples are as deep as the band."""
+    i, j = (v.ravel() for v in np.meshgrid(np.arange(-20, 21), np.arange(round(0.015 / h))))
+    top, side = np.column_stack([i, j, 0 * i]), np.column_stack([i, 0 * i, -j])
+    engine = vfplan.ProxyEngine(h * np.vstack([top, side]))
+    y = np.arange(2e-3, -2e-3, -2e-6)
+    hips = np.column_stack([0 * y + 1e-4, y, 0 * y - 3e-3])
+    above = hips[0] + [0, 0, 0.015]
+    engine.reset(above)
+    engine.run(np.linspace(above, hips[0], 100))
+    proxy = engine.run(hips).proxy
+    late = -y[np.flatnonzero(proxy[:, 2] < 0.8 * R)[0]]
+    most = np.sqrt(R * engine.parameters.band)
+    print(f"samples {1e3 * h:.2f} mm apart: {1e3 * late:.3f} mm late, at most {1e3 * most:.3f} mm")
+    assert 0 <= late <= most
