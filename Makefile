@@ -44,6 +44,7 @@ test-full: $(VENV)/.vfplan-test
 docs: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_cli.py
 	$(BIN)/python docs/make_format.py
+	$(BIN)/python docs/make_transcripts.py
 
 pictures: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_pictures.py
