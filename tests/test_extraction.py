@@ -244,6 +244,22 @@ def test_long_pen_lifts_are_not_bridged_unless_allowed():
         vfplan.extract_curve(image, max_gap_px=2)
 
 
+@pytest.mark.parametrize("angle", [0.0, 0.4, np.pi / 4, 1.2, 2.3])
+def test_the_longest_lift_is_measured_between_the_inked_ends(angle):
+    """Whatever way the line runs, and however much of its ends thinning takes."""
+    way = np.array([np.cos(angle), np.sin(angle)])
+    for gap, bridged in ((16, True), (19, True), (22, False)):
+        near, far = (gap + 3) / 2, 120  # the 3 px pen's ends are round
+        image = pen(
+            *(np.array([[240.2], [200.3]]).T + k * np.outer([near, far], way) for k in (-1, 1))
+        )
+        if bridged:
+            assert vfplan.extract_curve(image).strokes[0].bridged.any()
+        else:
+            with pytest.raises(CurveError, match="2 candidates"):
+                vfplan.extract_curve(image)
+
+
 def test_tangents_that_disagree_are_not_bridged():
     image = pen([[50, 200], [250, 200]], [[256, 206], [256, 380]])
     with pytest.raises(CurveError, match="2 candidates"):

@@ -141,7 +141,7 @@ def extract_curve(
     marks, mask = find_marks(rgb, pen, lambda count: refuse_noise(count, colour))
     if not marks:
         refuse_grey(rgb)
-    candidates, others = tell_apart(candidates_of(marks, max_gap_px), mask, max_gap_px)
+    candidates, others = tell_apart(candidates_of(marks, mask, max_gap_px), mask, max_gap_px)
     refuse_crowd(candidates, others, marks, colour, max_gap_px)
     told = [*candidates, *others]
     aside = _set_aside(marks, told, candidates, origin)

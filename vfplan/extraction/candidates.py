@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ TANGENT_PX = 14.0  # length of line from which an end's direction is taken
 MAX_TURN_DEG = 60.0  # between the directions on both sides of a gap
 MAX_ASIDE_DEG = 45.0  # between a direction and the gap itself
 PIXEL_NOISE = 2.0
+INK_WIDTHS, INK_PX, INK_STEP_PX = 2.0, 6.0, 0.25  # how far beyond a thinned end ink is looked for
+EDGE_PX = 0.5  # by which a gap between inked pixels may seem wider than it is
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +87,13 @@ class _End:
     at: NDArray
     outward: NDArray
     mark: Mark
+    ink: float = 0.0  # how far the ink runs on beyond `at`
 
 
-def candidates_of(marks: list[Mark], max_gap_px: float) -> list[Candidate]:
+def candidates_of(marks: list[Mark], mask: NDArray[np.bool_], max_gap_px: float) -> list[Candidate]:
     """Join the marks that are lines over gaps of up to `max_gap_px`; the longest comes first.
+
+    A gap is what is left between the inked pixels of the (H, W) mask.
 
     A gap is bridged where both tangents agree with each other and with the gap, both pens are the
     same, and neither end has a second partner nearly as good.
@@ -97,6 +102,7 @@ def candidates_of(marks: list[Mark], max_gap_px: float) -> list[Candidate]:
     paths = [m.branches[0].path.astype(float) for m in lines]
     closed = [m.branches[0].closed for m in lines]
     ends = [e for i, m in enumerate(lines) if not closed[i] for e in _ends(i, paths[i], m)]
+    ends = [replace(e, ink=_ink_beyond(e, mask)) for e in ends]
     joins = _joins(ends, paths, max_gap_px)
     found = [
         Candidate(path, True, np.zeros(len(path), bool), (mark,))
@@ -142,6 +148,15 @@ def ends_of(line: Candidate) -> list[tuple[NDArray, NDArray]]:
     return [(e.at, e.outward) for e in _ends(0, line.path, line.mark)]
 
 
+def _ink_beyond(end: _End, mask: NDArray[np.bool_]) -> float:
+    """How far the ink runs on from a thinned end [px]: thinning takes half a width, or more."""
+    t = np.arange(0.0, INK_WIDTHS * end.mark.width_px + INK_PX, INK_STEP_PX)
+    u, v = np.rint(end.at + t[:, None] * end.outward).astype(int).T
+    on = (u >= 0) & (v >= 0) & (u < mask.shape[1]) & (v < mask.shape[0])
+    on[on] = mask[v[on], u[on]]
+    return float(t[np.argmin(on)] if not on.all() else t[-1])
+
+
 def _direction(run: NDArray) -> NDArray:
     """Unit direction at the first point of a run, pointing away from the rest of it."""
     t = np.arange(len(run), dtype=float)
@@ -175,7 +190,7 @@ def _near(ends: list[_End], max_gap: float) -> list[tuple[int, int]]:
         return []
     from scipy.spatial import cKDTree
 
-    reach = max_gap + max(e.mark.width_px for e in ends)
+    reach = max_gap + EDGE_PX + 2 * max(e.ink for e in ends)
     return sorted(cKDTree([e.at for e in ends]).query_pairs(reach))
 
 
@@ -183,8 +198,8 @@ def _cost(a: _End, b: _End, paths: list[NDArray], max_gap: float) -> float | Non
     width = (a.mark.width_px + b.mark.width_px) / 2
     across = b.at - a.at
     distance = float(np.hypot(*across))
-    gap = distance - width + 1  # thinning takes about half a width from each end
-    if gap > max_gap or not same_pen(a.mark, b.mark):
+    gap = distance - a.ink - b.ink
+    if gap > max_gap + EDGE_PX or not same_pen(a.mark, b.mark):
         return None
     if min(len(paths[a.piece]), len(paths[b.piece])) + width < gap:
         return None
