@@ -35,12 +35,11 @@ from vfplan.errors import CurveError
 from vfplan.extraction.pen import Pen
 
 BROAD_PX = 5.0  # a pen this wide hides its ends so well that they are approached twice
-LONGER = 16  # times more at most, while an end is not in sight
+LONGER = 4  # times more at most, while an end is not in sight
 TIP, THIN_PX = 0.4, 2.5  # of the width beyond a thin line's: an end whose profile lacks a side
 WHOLE = 0.8  # of the usual coverage: beside a gap, less is no whole profile
 STEADY_WIDTHS = 4.0  # of a soft pen, whose ends fall off slowly
 STEADY, FAINTER = 15, 0.75  # points; of the usual coverage: a line so faint ends so, too
-MORE_PASSES = 4  # to the end of such a line
 FAINTEST = 0.18  # of it: a line that fades, in linear light, is seen down to here
 LEAST = 8  # profiles from which a line can be measured
 
@@ -136,7 +135,7 @@ def trace(
             lost = TIP * max(width - THIN_PX, 0.0)
             used = _between(used, s, pitch * ink[0] + lost, pitch * ink[1] - lost)
             faint = even is not profiles  # a faint tip thins to less
-            if taken < (MORE_PASSES if faint else LONGER) and _goes_on(ink, valid | faint):
+            if taken < LONGER and _goes_on(ink, valid | faint):
                 passes = [FIRST_KNOTS_PX, *(passes or [None])]
                 taken += 1
         fitted = fit_line(s, base, profiles, used, closed, knots)
