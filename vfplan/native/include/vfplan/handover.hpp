@@ -58,7 +58,11 @@ class Handover {
     void pass(const Vec<D>& x) noexcept {
         if (planning_) corner_[count_++] = x;
     }
-    void planned() noexcept { planning_ = false; }
+    /// The rule has gone; `moved`: to the end of those corners, and not back to where it was.
+    void planned(bool moved) noexcept {
+        planning_ = false;
+        if (!moved) count_ = 0;
+    }
     /// The rule's way fits into this tick, to its end or to where the rule ran out of iterations.
     /// True when the rule has taken over: it may never come to an end below a HIP that trembles.
     bool fits(bool end) noexcept { return end || ++unfinished_ == tuned::patience; }

@@ -107,8 +107,8 @@ class RobustRule {
             Vec<D> end = proxy;
             handover_.plan(hip);
             const Tick<D> tick = follow(end, hip);
-            handover_.planned();
-            const bool there = end == proxy || handover_.walk(proxy, leash);
+            handover_.planned(!(end == proxy));
+            const bool there = handover_.walk(proxy, leash);
             if (there && handover_.fits(tick.status == ok)) {
                 handover_.stop();
                 proxy = end;
