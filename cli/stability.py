@@ -102,7 +102,7 @@ def command(
     _check_folder(output, overwrite)
     arm = chosen_robot(robot, given)
     judged = None if fixture is None else read_fixture(fixture)
-    with at(str(fixture)):
+    with at(fixture):
         prepared = prepare(judged, arm, stiffness=stiffness, margin=margin, full=full, parts=parts)
     with progress("stability", len(prepared.tasks)) as done:
         found = prepared.run(jobs, done)

@@ -63,12 +63,13 @@ class InputError(VfplanError):
 
 
 @contextmanager
-def at(where: str) -> Iterator[None]:
-    """Errors of input raised inside, if they name no place, name this one."""
+def at(where: object | None) -> Iterator[None]:
+    """Errors of input raised inside, if they name no place, name this one, if there is any."""
     try:
         yield
     except InputError as error:
-        error.where = error.where or where
+        if where is not None:
+            error.where = error.where or str(where)
         raise
 
 

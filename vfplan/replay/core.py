@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -122,7 +121,7 @@ def replay(
         A fixture that cannot be replayed, an unknown rule or engine, a bad bundle.
     """
     began = clock.perf_counter()
-    place = nullcontext() if isinstance(fixture, Fixture) else at(str(fixture))
+    place = at(None if isinstance(fixture, Fixture) else fixture)
     fixture, record = _loaded(fixture, trust)
     source = open_session(session) if isinstance(session, (str, Path)) else session
     _same_frame(fixture, source)
