@@ -126,7 +126,6 @@ def trace(
             _refuse_double(middle + origin, width)
         if valid.sum() < LEAST:  # nothing to measure: leave the line where thinning put it
             return _unmeasured(smooth, bridged, closed, width)
-        widest = widest_run(profiles, base, valid, width, closed)
         s = np.arange(len(base)) * pitch
         start, stop, used = 0.0, s[-1] + pitch, valid & ~_beside_gaps(profiles.mass, valid, width)
         if not closed:
@@ -139,7 +138,7 @@ def trace(
                 passes = [FIRST_KNOTS_PX, *(passes or [None])]
                 taken += 1
         fitted = fit_line(s, base, profiles, used, closed, knots)
-        if not closed and knots is None:
+        if not closed and not passes:
             ends = line_ends(rgb, fitted.spline(s), used, even, pen, width)
             start, stop = pitch * np.array(ends)
         inner = (0.0, stop) if closed else s[used][[0, -1]]
@@ -147,6 +146,7 @@ def trace(
     verdict = lines_in(rgb, *seen_along, profiles, valid, width)
     if verdict == "several":
         _refuse_double(middle + origin, width)
+    widest = widest_run(profiles, seen_along[0], valid, width, closed)
     fitted = replace(fitted, sigma=np.hypot(fitted.sigma, widest.doubt))
     line = _result(fitted, s, valid, used, closed, start, stop, rgb.shape, width)
     return replace(line, widening=widest, single=verdict == "single")
