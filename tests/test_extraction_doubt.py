@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -200,3 +202,15 @@ def test_candidates_that_end_close_by_are_told_with_the_way_round():
     image = drawn(WAVE[:900], WAVE[1100:] + np.array([0, 14]))
     with pytest.raises(CurveError, match=r"1 and 2 end \d+ px apart at .*--stroke all takes both"):
         vfplan.extract_curve(image)
+
+
+@pytest.mark.parametrize("missing", [24.0, 33.0, 47.0])
+@pytest.mark.parametrize("turn", [0.0, 0.7, 2.4])
+def test_a_curve_that_is_nearly_closed_is_told_with_what_is_missing(turn, missing):
+    """Between the inked ends of a round pen, whatever thinning takes of them."""
+    half = (missing + 3) / 2 / 90
+    angle = turn + np.linspace(half, 2 * np.pi - half, 2000)
+    ring = np.array([200.2, 150.3]) + 90 * np.column_stack([np.cos(angle), np.sin(angle)])
+    (warning,) = vfplan.extract_curve(drawn(ring)).warnings
+    told = float(re.search(r"nearly closed: (\d+) px are missing", warning)[1])
+    assert told == pytest.approx(missing, abs=1.5)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError
-from vfplan.extraction.candidates import Candidate, ends_of
+from vfplan.extraction.candidates import Candidate, inked_ends
 from vfplan.extraction.kinds import MIN_LENGTH_PX, crowd_of, dashes_of
 from vfplan.extraction.marks import Mark
 
@@ -19,6 +19,7 @@ DESCRIBED = 8  # candidates at most, in an error message
 def choose(
     candidates: list[Candidate],
     others: list[Candidate],
+    mask: NDArray[np.bool_],
     stroke: int | str | None,
     colour: str,
     origin: tuple[int, int],
@@ -47,7 +48,7 @@ def choose(
             listed += f"; and {len(candidates) - DESCRIBED} shorter ones"
         raise CurveError(
             f"{len(candidates)} candidates and none was chosen (--stroke all, longest or a "
-            f"number; --roi; --colour): {listed}{_near_ends(candidates[:DESCRIBED], origin)}"
+            f"number; --roi; --colour): {listed}{_near_ends(candidates[:DESCRIBED], mask, origin)}"
         )
     chosen = candidates if stroke == "all" else candidates[:1]
     for candidate in chosen:
@@ -55,9 +56,11 @@ def choose(
     return chosen
 
 
-def _near_ends(candidates: list[Candidate], origin: tuple[int, int]) -> str:
+def _near_ends(
+    candidates: list[Candidate], mask: NDArray[np.bool_], origin: tuple[int, int]
+) -> str:
     """What two candidates' ends close by may mean, and the way round it."""
-    ends = [(i, at) for i, c in enumerate(candidates, 1) for at, _ in ends_of(c)]
+    ends = [(i, at) for i, c in enumerate(candidates, 1) for at, _ in inked_ends(c, mask)]
     gaps = [
         (float(np.hypot(*(a - b))), i, j, (a + b) / 2 + origin)
         for k, (i, a) in enumerate(ends)

@@ -145,17 +145,17 @@ def extract_curve(
     refuse_crowd(candidates, others, marks, colour, max_gap_px)
     told = [*candidates, *others]
     aside = _set_aside(marks, told, candidates, origin)
-    chosen = choose(candidates, others, stroke, colour, origin, aside)
+    chosen = choose(candidates, others, mask, stroke, colour, origin, aside)
     lines = [_measure(rgb, c, method, mask, origin) for c in chosen]
-    specks, found = left_over(chosen, marks, told, max_gap_px, origin)
+    specks, found = left_over(chosen, marks, told, mask, max_gap_px, origin)
     warnings = [*against_advice(chosen, others, origin), *found]
     for line, measured in zip(chosen, lines, strict=True):
         if method == "ridge":
             warnings += covered_ends(rgb, line, measured.points, origin)
         warnings += several(line, measured.single)
         warnings += side_by_side(line, measured.widening, origin)
-        warnings += cut_off(line, roi, planned.rgb.shape)
-        warnings += nearly_closed(line, max_gap_px, origin)
+        warnings += cut_off(line, mask, roi, planned.rgb.shape)
+        warnings += nearly_closed(line, mask, max_gap_px, origin)
     aside = _set_aside(marks, told, chosen, origin, specks)
     strokes = tuple(_stroke(*pair, origin) for pair in zip(lines, chosen, strict=True))
     whole = _whole(mask, origin, planned.rgb.shape)

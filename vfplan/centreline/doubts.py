@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vfplan.centreline.doubling import Widening
 from vfplan.centreline.profile import FOREIGN
 from vfplan.errors import CurveError
-from vfplan.extraction.candidates import Candidate, angle_deg, ends_of, same_pen
+from vfplan.extraction.candidates import Candidate, angle_deg, inked_ends, same_pen
 from vfplan.extraction.marks import Mark
 from vfplan.extraction.pen import sample_pixels
 
@@ -28,6 +28,7 @@ def left_over(
     lines: list[Candidate],
     marks: list[Mark],
     told: list[Candidate],
+    mask: NDArray[np.bool_],
     max_gap_px: float,
     origin: tuple[int, int],
 ) -> tuple[list[Mark], list[str]]:
@@ -39,6 +40,8 @@ def left_over(
         The chosen candidates.
     marks, told
         All marks, and all candidates with their kinds.
+    mask
+        (H, W) the pen's ink.
     max_gap_px
         How far from the end's ink.
     origin
@@ -48,7 +51,7 @@ def left_over(
     small = [_as_dot(m) for m in marks if m.branches and kind.get(id(m), m.kind) in SMALL]
     found, warnings = [], []
     for line in lines:
-        for at, outward in ends_of(line):
+        for at, outward in inked_ends(line, mask):
             near = [(_gap(line, at, outward, mark), i) for i, mark in enumerate(small)]
             gap, i = min(near, default=(np.inf, 0))
             if gap > max_gap_px:
@@ -71,7 +74,7 @@ def _as_dot(mark: Mark) -> Mark:
 
 
 def _gap(line: Candidate, at: NDArray, outward: NDArray, mark: Mark) -> float:
-    """Between the ink of a line's end and of a mark [px]; infinite for one of no concern."""
+    """Between a line's inked end and the ink of a mark [px]; infinite for one of no concern."""
     pixels = np.vstack([b.path for b in mark.branches])
     away = pixels - at
     distance = np.hypot(*away.T)
@@ -79,11 +82,14 @@ def _gap(line: Candidate, at: NDArray, outward: NDArray, mark: Mark) -> float:
     aside = angle_deg(outward, away[nearest]) if distance[nearest] else 0.0
     if aside > AHEAD_DEG or not same_pen(line.mark, mark):
         return np.inf
-    return max(float(distance[nearest] - (line.width_px + mark.width_px) / 2 + 1), 0.0)
+    return max(float(distance[nearest] - (mark.width_px - 1) / 2), 0.0)
 
 
 def cut_off(
-    line: Candidate, roi: tuple[int, int, int, int] | None, shape: tuple[int, ...]
+    line: Candidate,
+    mask: NDArray[np.bool_],
+    roi: tuple[int, int, int, int] | None,
+    shape: tuple[int, ...],
 ) -> list[str]:
     """A warning for each end of a line that lies on the region's border inside the image."""
     if roi is None:
@@ -91,9 +97,9 @@ def cut_off(
     u, v, width, height = roi
     inner = np.array([u, v, shape[1] - u - width, shape[0] - v - height]) > 0
     warnings = []
-    for at, _ in ends_of(line):
+    for at, _ in inked_ends(line, mask):
         room = np.r_[at, np.array([width, height]) - 1 - at] + 0.5
-        if (inner & (room <= 1.5 * line.width_px)).any():  # thinning takes half a width of it
+        if (inner & (room <= line.width_px)).any():  # a slanting line ends where its middle does
             place = np.add(at, (u, v))
             warnings.append(
                 f"the curve ends at ({place[0]:.0f}, {place[1]:.0f}) on the border of the region "
@@ -102,13 +108,15 @@ def cut_off(
     return warnings
 
 
-def nearly_closed(line: Candidate, max_gap_px: float, origin: tuple[int, int]) -> list[str]:
+def nearly_closed(
+    line: Candidate, mask: NDArray[np.bool_], max_gap_px: float, origin: tuple[int, int]
+) -> list[str]:
     """A warning when an open line's ends run towards each other over a short opening."""
-    ends = ends_of(line)
+    ends = inked_ends(line, mask)
     if not ends:
         return []
     (a, from_a), (b, from_b) = ends
-    missing = float(np.hypot(*(b - a))) - line.width_px + 1
+    missing = float(np.hypot(*(b - a)))
     if missing > max(NEAR_GAPS * max_gap_px, NEAR_SHARE * line.length_px) or missing <= 0:
         return []
     if max(angle_deg(from_a, b - a), angle_deg(from_b, a - b)) > AHEAD_DEG:

@@ -157,6 +157,14 @@ def _ink_beyond(end: _End, mask: NDArray[np.bool_]) -> float:
     return float(t[np.argmin(on)] if not on.all() else t[-1])
 
 
+def inked_ends(line: Candidate, mask: NDArray[np.bool_]) -> list[tuple[NDArray, NDArray]]:
+    """As `ends_of`, but where the line's ink ends in the (H, W) mask."""
+    if line.closed or line.junctions:
+        return []
+    ends = _ends(0, line.path, line.mark)
+    return [(e.at + _ink_beyond(e, mask) * e.outward, e.outward) for e in ends]
+
+
 def _direction(run: NDArray) -> NDArray:
     """Unit direction at the first point of a run, pointing away from the rest of it."""
     t = np.arange(len(run), dtype=float)
