@@ -43,7 +43,7 @@ def command(
     source: Path | None,
 ) -> Report:
     """Measure STAGE (all of them by default) against known truth, and draw error over time."""
-    from vfplan.accuracy import Peer, bench, read_document
+    from vfplan.study.bench import Peer, bench, read_document
 
     stages = STAGES if stage == "all" else (stage,)
     _refuse_idle(stages, source)
@@ -110,8 +110,8 @@ def _refuse(output: Path | None, files: list[Path], overwrite: bool) -> None:
 
 
 def _write(document: dict[str, Any], stages: tuple[str, ...], files: list[Path]) -> None:
-    from vfplan.accuracy import write_csv, write_json
-    from vfplan.figures.accuracy import draw_stage
+    from vfplan.study.bench import write_csv, write_json
+    from vfplan.study.bench_figures import draw_stage
 
     with _folder(files[0].parent), outputs(*files) as (table, rows, *pictures):
         write_json(document, table)

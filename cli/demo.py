@@ -58,8 +58,8 @@ def run_sample(
     from vfplan.bundle import write_fixture
     from vfplan.figures.replay import draw_scene, draw_timeline
     from vfplan.figures.slice import draw_mask, draw_overlay
-    from vfplan.pipeline import ExtractSettings, plan
-    from vfplan.replay import replay
+    from vfplan.planning import ExtractSettings, plan
+    from vfplan.replaying import replay
     from vfplan.session import read_session, write_result
 
     made = plan(

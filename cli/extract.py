@@ -12,7 +12,7 @@ from vfplan.cli.run import Report, command, outputs, patience, refuse_existing
 from vfplan.errors import SettingError
 
 if TYPE_CHECKING:
-    from vfplan.pipeline import Extracted
+    from vfplan.planning import Extracted
 
 
 @command("extract", short_help="A planned slice in, its drawn curve out.")
@@ -44,7 +44,7 @@ def command(
     nothing is written (exit 3).
     """
     from vfplan.bundle import write_fixture
-    from vfplan.pipeline import extract
+    from vfplan.planning import extract
 
     settings = extract_settings(given, density_per_mm=density_per_mm)
     refuse_existing(output, mask_out, overlay_out, overwrite=overwrite)

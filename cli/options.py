@@ -214,8 +214,8 @@ def fixture_options(function: F) -> F:
 
 
 def extract_settings(given: dict[str, Any], **more: Any) -> Any:
-    """`vfplan.pipeline.ExtractSettings` from a command's arguments."""
-    from vfplan.pipeline import ExtractSettings
+    """`vfplan.planning.ExtractSettings` from a command's arguments."""
+    from vfplan.planning import ExtractSettings
 
     names = ("colour", "pixel_spacing_mm", "method", "roi", "stroke", "max_gap_px", "frame")
     more["imager_spacing"] = given["imager_spacing"] or None
@@ -223,8 +223,8 @@ def extract_settings(given: dict[str, Any], **more: Any) -> Any:
 
 
 def fixture_settings(given: dict[str, Any]) -> Any:
-    """`vfplan.pipeline.FixtureSettings` from a command's arguments."""
-    from vfplan.pipeline import FixtureSettings
+    """`vfplan.planning.FixtureSettings` from a command's arguments."""
+    from vfplan.planning import FixtureSettings
 
     if given["tolerance_mm"] and given["density_per_mm"]:
         raise click.UsageError("--tolerance and --density exclude each other; give one")

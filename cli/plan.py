@@ -47,7 +47,7 @@ def command(
     that robot (exit 1 if it is not), and the verdict is stored in the bundle.
     """
     from vfplan.bundle import write_fixture
-    from vfplan.pipeline import plan
+    from vfplan.planning import plan
     from vfplan.robot import read_robot
 
     reading, making, arm = extract_settings(given), fixture_settings(given), read_robot(robot)

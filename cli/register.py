@@ -11,8 +11,8 @@ from vfplan.cli.run import Report, command, outputs, refuse_existing
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
-    from vfplan.image import PlannedImage
-    from vfplan.pipeline import Planned
+    from vfplan.images.read import PlannedImage
+    from vfplan.planning import Planned
 
 
 @command("register", short_help="Markers and a curve in, a fixture out.")
@@ -43,8 +43,8 @@ def command(
     .mrk.json or .fcsv.
     """
     from vfplan.bundle import read_fixture, write_fixture
-    from vfplan.image import read_image
-    from vfplan.pipeline import register
+    from vfplan.images.read import read_image
+    from vfplan.planning import register
 
     settings = fixture_settings(given)
     if settings.find_markers and image is None:

@@ -147,7 +147,7 @@ def _replayed(
     pictures: bool,
     given: dict[str, Any],
 ) -> Any:
-    from vfplan.replay import Link, replay
+    from vfplan.replaying import Link, replay
     from vfplan.robot import read_robot
 
     source = _source(session, given)

@@ -27,8 +27,8 @@ from typing import Any, TextIO
 import click
 from vfplan.cli.stopping import Stopped, stoppable
 
-from vfplan.disk import Placed, move_whole
 from vfplan.errors import OutputError, VfplanError
+from vfplan.io.disk import Placed, move_whole
 
 PLACED = "vfplan.cli.placed"  # under this key in click's context: what the command wrote
 

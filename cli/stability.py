@@ -97,7 +97,7 @@ def command(
     report is written all the same.
     """
     from vfplan.bundle import read_fixture
-    from vfplan.stability import prepare
+    from vfplan.study.stability import prepare
 
     _check_folder(output, overwrite)
     arm = chosen_robot(robot, given)
@@ -116,7 +116,7 @@ def command(
 def chosen_robot(choice: str | None, given: dict[str, Any]) -> Any:
     """The robot that `--robot` names, with what single options say instead."""
     from vfplan.robot import read_robot
-    from vfplan.stability import DEFAULT_ROBOT
+    from vfplan.study.stability import DEFAULT_ROBOT
 
     robot = read_robot(choice) or DEFAULT_ROBOT
     return replace(robot, **{name: value for name, value in given.items() if value is not None})

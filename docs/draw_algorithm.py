@@ -11,7 +11,7 @@ import numpy as np
 
 import vfplan
 from vfplan.figures import style
-from vfplan.scenes import Corner, Omega, travel
+from vfplan.study.scenes import Corner, Omega, travel
 
 PICTURES = Path(__file__).with_name("pictures")
 RC = 5e-3

@@ -4,7 +4,7 @@ python docs/make_ends_table.py
 
 Arcs at many angles for each pen, over bright soft tissue and over ground that is darker, of the
 pen's own brightness in places and full of bones' edges; drawn by exact coverage
-(`tests/drawing.py`). Minutes, not seconds.
+(`tests/support/drawing.py`). Minutes, not seconds.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from drawing import anatomy, blend, coverage, jpeg, to_uint8
 
 import vfplan

@@ -3,8 +3,8 @@
 python docs/make_extraction_table.py [speed | deviation]
 
 Four curves (two open, two closed) for each picture and pen, drawn by exact coverage
-(`tests/drawing.py`); minutes, not seconds. With `speed` only time and memory; with `deviation` only
-the stated deviation's z-scores on straight lines, rings and corners.
+(`tests/support/drawing.py`); minutes, not seconds. With `speed` only time and memory; with
+`deviation` only the stated deviation's z-scores on straight lines, rings and corners.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from drawing import (
     anatomy,
     blend,
@@ -31,7 +31,7 @@ from drawing import (
 )
 
 import vfplan
-from vfplan.centreline import load_libraries
+from vfplan.curve import load_libraries
 
 SHAPE = (380, 430)
 PENS = (2, 3, 5, 8)

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 import vfplan
-from vfplan.pipeline import ExtractSettings, plan
-from vfplan.replay import replay
+from vfplan.planning import ExtractSettings, plan
+from vfplan.replaying import replay
 
 TICKS, RUNS = 60_000, 40
 

@@ -21,10 +21,10 @@ from types import SimpleNamespace
 import numpy as np
 
 from vfplan import scenes
-from vfplan.rendering import ProxyParameters
+from vfplan.engine.parameters import ProxyParameters
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path[:0] = [str(ROOT / "tests" / room) for room in ("support", "engine", ".")]
 import test_rests  # noqa: E402
 import test_robust_scenes  # noqa: E402
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.fixture import Fixture, Provenance, Rendering
-from vfplan.replay import replay
+from vfplan.replaying import replay
 from vfplan.session import Session
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 def square() -> Fixture:
     """Experiment 1: x, z = 0.4 to 0.5 m at y = 0.1 m, a point every 0.5 mm."""
-    from vfplan.rendering import ProxyParameters
+    from vfplan.engine.parameters import ProxyParameters
 
     side = np.linspace(0.4, 0.5, 201)
     x, z = np.meshgrid(side, side, indexing="ij")
@@ -73,7 +73,7 @@ def minimum_jerk(stops: Array, rate: float, speed: float = 0.25) -> tuple[Array,
 
 def planned_curve() -> Fixture:
     """Experiment 2: the elbow's curve, 5.3 points a millimetre, infinite along its normal."""
-    from vfplan.pipeline import ExtractSettings, FixtureSettings, plan
+    from vfplan.planning import ExtractSettings, FixtureSettings, plan
 
     sample = files("vfplan.samples")
     return plan(
@@ -94,7 +94,7 @@ def main() -> None:
     from vfplan import view3d
     from vfplan.figures.depth import draw_slice_depth
     from vfplan.figures.replay import draw_scene, draw_timeline
-    from vfplan.image import read_image
+    from vfplan.images.read import read_image
 
     hand = Path(str(files("vfplan.samples") / "elbow_session.csv"))
     for name, fixture, session in (

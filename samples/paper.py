@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from vfplan.samples.experiments import probing_hand, square
 
 from vfplan.fixture import Fixture, Provenance, Rendering
-from vfplan.replay import Replay, replay
-from vfplan.scenes import SCENES
+from vfplan.replaying import Replay, replay
 from vfplan.session import Session, read_session
+from vfplan.study.scenes import SCENES
 
 Array = NDArray[np.float64]
 SIMULATIONS = {"fig2a": "point", "fig2b": "segment", "fig2c": "teapot", "fig2d": "omega"}
@@ -43,7 +43,7 @@ PAPER: dict[str, dict[str, Any]] = {
 
 def simulation(name: str) -> tuple[Fixture, Session]:
     """One of the four clouds of Fig. 2 in the plane, and a pointer that goes left to right."""
-    from vfplan.rendering import ProxyParameters
+    from vfplan.engine.parameters import ProxyParameters
 
     scene = SCENES[name]()
     points = scene.points * [1.0, 1.0, 0.0]
@@ -92,7 +92,7 @@ def beside(scene: Any, name: str) -> Array:
 
 def planned_mask() -> tuple[Fixture, float]:
     """Experiment 2 in the paper's way: every mask pixel a point; and its density [points/mm]."""
-    from vfplan.pipeline import ExtractSettings, plan
+    from vfplan.planning import ExtractSettings, plan
 
     sample = files("vfplan.samples")
     made = plan(
@@ -152,7 +152,7 @@ def told(run: Replay) -> dict[str, Any]:
 
 def draw(figure: str, folder: Path) -> dict[str, Any]:
     """Write a figure's pictures; its numbers."""
-    from vfplan.figures.paper import draw_experiment, draw_plan, draw_simulations
+    from vfplan.study.paper_figures import draw_experiment, draw_plan, draw_simulations
 
     if figure == "fig5":
         return draw_plan(files("vfplan.samples") / "elbow.png", folder / "fig5.png")

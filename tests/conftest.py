@@ -107,3 +107,17 @@ def vfplan_cli():
         return Run(done.returncode, done.stdout, done.stderr)
 
     return run
+
+
+@pytest.fixture(scope="session")
+def nanoflann_peer(tmp_path_factory):
+    """The shipped peer, built on apt's nanoflann."""
+    need_header("nanoflann.hpp", "libnanoflann-dev")
+    compiler = need_program("g++", "g++")
+    program = tmp_path_factory.mktemp("peer") / "nanoflann_peer"
+    source = ROOT / "samples" / "peer" / "nanoflann_peer.cpp"
+    flags = ["-std=c++20", "-O2", "-Wall", "-Wextra", "-Werror"]
+    subprocess.run([compiler, *flags, "-o", program, source], check=True)
+    from vfplan.study.bench import Peer
+
+    return Peer(str(program))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from conftest import ROOT
-from test_docs import load
+from docs_modules import load
 
 transcripts = load(ROOT / "docs" / "make_transcripts.py")
 

@@ -14,28 +14,29 @@ from vfplan.errors import VfplanError
 
 # public name -> module that defines it
 _LAZY: dict[str, str] = {
-    "ProxyParameters": "vfplan.rendering",
-    "Status": "vfplan.rendering",
-    "Step": "vfplan.rendering",
-    "Trace": "vfplan.rendering",
+    "ProxyParameters": "vfplan.engine.parameters",
+    "Status": "vfplan.engine.parameters",
+    "Step": "vfplan.engine.parameters",
+    "Trace": "vfplan.engine.parameters",
     "read_fixture": "vfplan.bundle",
     "write_fixture": "vfplan.bundle",
-    "Extraction": "vfplan.centreline",
-    "PlannedImage": "vfplan.image",
-    "ProxyEngine": "vfplan.proxy",
-    "extract_curve": "vfplan.centreline",
-    "read_image": "vfplan.image",
-    "sample_curve": "vfplan.sampling",
+    "Extraction": "vfplan.curve",
+    "PlannedImage": "vfplan.images.read",
+    "ProxyEngine": "vfplan.engine.proxy",
+    "extract_curve": "vfplan.curve",
+    "read_image": "vfplan.images.read",
+    "sample_curve": "vfplan.planning.sampling",
     "Correspondences": "vfplan.markers",
     "Registration": "vfplan.registration",
     "fit_registration": "vfplan.registration",
     "read_markers": "vfplan.markers",
-    "ExtractSettings": "vfplan.pipeline",
-    "FixtureSettings": "vfplan.pipeline",
-    "extract": "vfplan.pipeline",
-    "plan": "vfplan.pipeline",
-    "register": "vfplan.pipeline",
-    "Replay": "vfplan.replay",
+    "ExtractSettings": "vfplan.planning",
+    "FixtureSettings": "vfplan.planning",
+    "extract": "vfplan.planning",
+    "plan": "vfplan.planning",
+    "register": "vfplan.planning",
+    "Replay": "vfplan.replaying",
+    "replay": "vfplan.replaying",
     "Session": "vfplan.session",
     "read_result": "vfplan.session",
     "read_session": "vfplan.session",
@@ -43,7 +44,13 @@ _LAZY: dict[str, str] = {
     "Robot": "vfplan.robot",
     "read_robot": "vfplan.robot",
 }
-_MODULES: tuple[str, ...] = ("markers", "reference", "registration", "replay", "scenes")
+# public name -> the module that it is
+_MODULES: dict[str, str] = {
+    "markers": "vfplan.markers",
+    "reference": "vfplan.reference",
+    "registration": "vfplan.registration",
+    "scenes": "vfplan.study.scenes",
+}
 
 __all__ = ["VfplanError", "__version__", "cmake_dir", *_LAZY, *_MODULES]
 
@@ -61,7 +68,7 @@ def __getattr__(name: str) -> Any:
     if name in _LAZY:
         return getattr(importlib.import_module(_LAZY[name]), name)
     if name in _MODULES:
-        return importlib.import_module(f"vfplan.{name}")
+        return importlib.import_module(_MODULES[name])
     raise AttributeError(f"module 'vfplan' has no attribute {name!r}")
 
 

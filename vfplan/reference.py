@@ -22,9 +22,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vfplan.checks import LIMIT, Vector, check_hip, check_path, check_points
+from vfplan.engine.checks import LIMIT, Vector, check_hip, check_path, check_points
+from vfplan.engine.parameters import ProxyParameters, Status, Step, Trace
 from vfplan.errors import SettingError
-from vfplan.rendering import ProxyParameters, Status, Step, Trace
 
 CANCELLED = 1e-12  # a sum of eq. (1) below this share of its weights has no direction
 

@@ -9,8 +9,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from vfplan.disk import read_whole
 from vfplan.errors import InputError
+from vfplan.io.disk import read_whole
 
 SHIPPED = ("franka",)
 MAX_BYTES = 2**20

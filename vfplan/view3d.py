@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MissingExtra, SettingError
 from vfplan.fixture import Fixture
-from vfplan.replay.overview import contact_marks
+from vfplan.replaying.overview import contact_marks
 from vfplan.session import TickBlock
 
 Array = NDArray[np.float64]

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.disk import write_whole
 from vfplan.errors import InputError
 from vfplan.fixture import Fixture
+from vfplan.io.disk import write_whole
 
 MRK_SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/"

@@ -13,7 +13,7 @@ from vfplan.bundle.content import Content
 from vfplan.bundle.store import NUMBERS, unit_of
 from vfplan.bundle.table import Row
 from vfplan.bundle.table import table as current
-from vfplan.hdf5 import h5py
+from vfplan.io.hdf5 import h5py
 
 h5a, h5d, h5s, h5t, h5z = (getattr(h5py, n) for n in ("h5a", "h5d", "h5s", "h5t", "h5z"))
 CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")

@@ -20,9 +20,9 @@ from vfplan.bundle.seal import Seal, seal_of, to_block, unseal
 from vfplan.bundle.signing import Trust, check_trust
 from vfplan.bundle.store import to_payload
 from vfplan.bundle.table import table
-from vfplan.disk import opened_file, write_whole
 from vfplan.errors import BundleError, CorruptError, InputError, SceneError, VersionError
 from vfplan.fixture import Fixture
+from vfplan.io.disk import opened_file, write_whole
 
 FORMAT = "vfplan-fixture"
 VERSION = "1.0"

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from vfplan.disk import opened_file, write_together
 from vfplan.errors import InputError, MissingExtra, SettingError
+from vfplan.io.disk import opened_file, write_together
 
 KEY_FILE_BYTES = 1 << 20
 BEGIN, END = b"-----BEGIN PUBLIC KEY-----", b"-----END PUBLIC KEY-----"

@@ -32,7 +32,7 @@ from vfplan.bundle.store import frame_of, unit_of
 from vfplan.bundle.table import Row, Table
 from vfplan.bundle.table import table as current
 from vfplan.errors import BundleError, CorruptError
-from vfplan.hdf5 import h5py
+from vfplan.io.hdf5 import h5py
 
 h5a, h5d, h5f, h5g, h5o, h5p, h5s, h5fd = (
     getattr(h5py, n) for n in ("h5a", "h5d", "h5f", "h5g", "h5o", "h5p", "h5s", "h5fd")

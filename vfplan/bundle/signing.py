@@ -14,8 +14,8 @@ from typing import Any
 
 from vfplan.bundle.keys import key_id_of, read_private
 from vfplan.bundle.seal import LATEST, Seal, seal_of, signed_message, to_block
-from vfplan.disk import write_whole
 from vfplan.errors import SettingError, SignatureError
+from vfplan.io.disk import write_whole
 
 CLOCK_SKEW = 60  # s a registration may seem to lie in the future
 

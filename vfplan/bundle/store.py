@@ -8,7 +8,7 @@ import numpy as np
 
 from vfplan.bundle.content import Content
 from vfplan.bundle.table import UNITS_OF_FRAME, Row, Table
-from vfplan.hdf5 import h5py
+from vfplan.io.hdf5 import h5py
 
 h5a, h5d, h5f, h5g, h5p, h5s, h5t, h5z = (
     getattr(h5py, name) for name in ("h5a", "h5d", "h5f", "h5g", "h5p", "h5s", "h5t", "h5z")

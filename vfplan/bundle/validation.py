@@ -12,10 +12,10 @@ from vfplan.bundle.files import VERSION, checked_version, opened_source
 from vfplan.bundle.findings import Findings, Issue
 from vfplan.bundle.parse import parse, peek_version
 from vfplan.bundle.plausible import size_doubt
+from vfplan.bundle.renderable import check_renderable
 from vfplan.bundle.seal import Seal, unseal
 from vfplan.bundle.table import table
 from vfplan.errors import BundleError, SceneError
-from vfplan.renderable import check_renderable
 
 RESIDUAL_TOLERANCE_M = 1e-6
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from vfplan.errors import InputError
 from vfplan.figures.style import CLOUD, PROXY, new_figure, save_png, style
 from vfplan.fixture import Fixture
-from vfplan.image import PlannedImage
-from vfplan.replay import Replay
-from vfplan.replay.quantities import HELD_M
-from vfplan.replay.ruler import CurveRuler
+from vfplan.images.read import PlannedImage
+from vfplan.replaying import Replay
+from vfplan.replaying.quantities import HELD_M
+from vfplan.replaying.ruler import CurveRuler
 
 Array = NDArray[np.float64]
 MM = 1e3

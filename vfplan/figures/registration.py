@@ -14,7 +14,7 @@ from vfplan.figures.style import CONTACT, DPI, FORCE, HIP, new_figure, save_png,
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
-    from vfplan.image import PlannedImage
+    from vfplan.images.read import PlannedImage
     from vfplan.registration import Registration
 
 Array = NDArray[np.float64]

@@ -22,9 +22,9 @@ from vfplan.figures.style import (
     save_png,
     style,
 )
-from vfplan.replay import Replay
-from vfplan.replay.overview import contact_marks
-from vfplan.replay.quantities import row_norms
+from vfplan.replaying import Replay
+from vfplan.replaying.overview import contact_marks
+from vfplan.replaying.quantities import row_norms
 
 Array = NDArray[np.float64]
 

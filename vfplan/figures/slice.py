@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from vfplan.figures.style import CLOUD, CONTACT, DPI, HIP, new_figure, save_png, style
 
 if TYPE_CHECKING:
-    from vfplan.centreline import Extraction, Stroke
+    from vfplan.curve import Extraction, Stroke
     from vfplan.fixture import RegistrationRecord
-    from vfplan.image import PlannedImage
+    from vfplan.images.read import PlannedImage
 
 BRIDGED = "#e07b00"
 ASIDE = "#e58cff"

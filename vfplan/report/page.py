@@ -19,7 +19,7 @@ from vfplan.errors import OutputError
 from vfplan.figures.depth import depth_plot, slice_depth
 from vfplan.figures.replay import MARK_HZ, scene, timeline
 from vfplan.figures.style import save_png
-from vfplan.replay import Replay
+from vfplan.replaying import Replay
 from vfplan.report.scrubber import scrubber_data
 from vfplan.report.tables import checks, episodes, findings, settings, summary
 
@@ -107,7 +107,7 @@ def _places(replayed: Replay, image: Path | None) -> list[str]:
     if replayed.fixture.curve is not None and replayed.metrics["contact_ticks"]:
         pictures = _picture(depth_plot(replayed), "depth along the planned curve")
         if image is not None:
-            from vfplan.image import read_image
+            from vfplan.images.read import read_image
 
             pictures += _picture(slice_depth(replayed, read_image(image)), "depth on the slice")
         shown.append(_section("Along the planned curve", pictures))

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.figures.replay import plane_basis
-from vfplan.replay import Replay
-from vfplan.replay.overview import thinned
+from vfplan.replaying import Replay
+from vfplan.replaying.overview import thinned
 
 Array = NDArray[np.float64]
 FRAMES = 4000

@@ -14,7 +14,7 @@ from typing import IO, Any
 import numpy as np
 
 from vfplan.errors import SessionError
-from vfplan.hdf5 import h5py
+from vfplan.io.hdf5 import h5py
 from vfplan.session.types import BLOCK, Array, Pair
 
 _NAMES = ("time", "hip")

@@ -6,8 +6,8 @@ import functools
 import hashlib
 from pathlib import Path
 
-from vfplan.disk import opened_file
 from vfplan.errors import SessionError, SettingError
+from vfplan.io.disk import opened_file
 from vfplan.session.arrays import hdf5_header, npz_header, read_hdf5, read_npz
 from vfplan.session.csvfile import WANTED, csv_columns, read_csv
 from vfplan.session.ros import RosOptions, bag_header, bag_sha256, is_bag, read_bag

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError, OutputError, VersionError
-from vfplan.hdf5 import h5py
+from vfplan.io.hdf5 import h5py
 from vfplan.session.closing import Closing
 from vfplan.session.types import BLOCK, LATEST_S, Array
 

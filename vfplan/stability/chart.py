@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import product
 
-from vfplan.rendering import Rule
+from vfplan.engine.parameters import Rule
 from vfplan.robot import Robot
 from vfplan.stability.closedloop import FLAT_TOLERANCE
 from vfplan.stability.contacts import patch

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from vfplan.engine.parameters import Rule
 from vfplan.fixture import Fixture
-from vfplan.rendering import Rule
 from vfplan.robot import Robot
 from vfplan.stability import contacts
 from vfplan.stability.contacts import Contact

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vfplan import scenes
-from vfplan.checks import Vector, check_axis
+from vfplan.engine.checks import Vector, check_axis
 from vfplan.fixture import Fixture
 
 RADIUS = 5e-3  # R = r_c of the scenes [m]

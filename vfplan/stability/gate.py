@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from vfplan.bundle.renderable import check_renderable
 from vfplan.errors import CheckFailed, SceneError
 from vfplan.fixture import Fixture, StabilityVerdict
-from vfplan.renderable import check_renderable
 from vfplan.robot import Robot
 from vfplan.stability.closedloop import closed_loop_bundle
 from vfplan.stability.rows import Row

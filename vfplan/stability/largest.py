@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfplan.proxy import ProxyEngine
-from vfplan.rendering import Rule
+from vfplan.engine.parameters import Rule
+from vfplan.engine.proxy import ProxyEngine
 from vfplan.robot import Robot
 from vfplan.stability.contacts import Contact
 from vfplan.stability.loop import Engine, Hand, settle, simulate

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfplan.checks import Vector
+from vfplan.engine.checks import Vector
+from vfplan.engine.parameters import Rule, Trace
 from vfplan.fixture import Fixture
-from vfplan.rendering import Rule, Trace
 from vfplan.stability import contacts
 from vfplan.stability.contacts import Contact
 from vfplan.stability.largest import engine_for

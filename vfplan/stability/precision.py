@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.checks import Vector
-from vfplan.proxy import ProxyEngine
-from vfplan.rendering import ProxyParameters
+from vfplan.engine.checks import Vector
+from vfplan.engine.parameters import ProxyParameters
+from vfplan.engine.proxy import ProxyEngine
 from vfplan.stability.rows import Row, verdict
 
 R = 5e-3

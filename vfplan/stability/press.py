@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfplan.checks import Vector
+from vfplan.engine.checks import Vector
 from vfplan.robot import Robot
 from vfplan.stability.contacts import Contact
 from vfplan.stability.largest import pressing_hand

@@ -1,0 +1,123 @@
+"""docs/format.md is enough: a seal and signature checked, and a bundle written, without our code.
+
+What stands here was written from that page alone, with h5py, hashlib, struct and cryptography.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import struct
+from pathlib import Path
+
+import bundles
+import h5py
+import numpy as np
+import pytest
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.serialization import load_pem_public_key
+
+import vfplan
+from vfplan.bundle import validate
+
+GOLDEN = Path(__file__).parents[1] / "data" / "bundles"
+SEALED = sorted(GOLDEN.glob("1.*.h5"))
+
+
+def check_seal(data, public=None):
+    """Section 4: (case, robot serial, time of registration) of sealed bytes, or an assertion."""
+    magic, version, flags, size, length, digest = struct.unpack_from("<8sHHIQ32s", data)
+    assert (magic, version, flags & ~1) == (b"VFPLSEAL", 1, 0)
+    assert hashlib.sha256(data[: size - 32]).digest() == data[size - 32 : size]
+    assert len(data) - size == length
+    assert hashlib.sha256(data[size:]).digest() == digest
+    moment, n_case, n_robot = struct.unpack_from("<QHH", data, 136)
+    end = 148 + n_case + n_robot
+    assert size == next(b for b in (512, 1024, 2048, 4096) if end + 32 <= b)
+    assert not any(data[end : size - 32])
+    assert flags or not any(data[56 : size - 32])
+    if public is not None:
+        raw = public.public_bytes_raw()
+        assert data[56:72] == hashlib.sha256(raw).digest()[:16]
+        message = b"vfplan bundle seal 1\0" + data[:72] + data[136 : size - 32]
+        public.verify(data[72:136], message)
+    return data[148 : 148 + n_case].decode(), data[148 + n_case : end].decode(), moment
+
+
+@pytest.mark.parametrize("path", SEALED, ids=lambda p: p.stem)
+def test_the_page_tells_how_a_seal_is_checked(path):
+    check_seal(path.read_bytes())
+
+
+def test_the_page_tells_how_a_signature_is_checked():
+    data = (GOLDEN / "1.0-signed.h5").read_bytes()
+    public = load_pem_public_key((GOLDEN / "signed.pub").read_bytes())
+    assert check_seal(data, public)[:2] == ("case 17", "R-0042")
+    forged = bytearray(data)
+    forged[140] ^= 1  # another day, sealed again
+    forged[480:512] = hashlib.sha256(forged[:480]).digest()
+    with pytest.raises(InvalidSignature):
+        check_seal(bytes(forged), public)
+
+
+def text(holder, name, value):
+    raw = value.encode()
+    holder.attrs.create(name, np.bytes_(raw), dtype=h5py.string_dtype("utf-8", len(raw)))
+
+
+def dataset(group, name, values, unit=None, frame=None):
+    made = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
+    for key, value in (("unit", unit), ("frame", frame)):
+        if value is not None:
+            text(made, key, value)
+
+
+def written(points, user_block):
+    """A closed curve as a bundle, from sections 1 to 5."""
+    stream = io.BytesIO()
+    options = {"libver": ("v110", "v110"), "userblock_size": user_block}
+    with h5py.File(stream, "w", **options) as file:
+        for name, value in (
+            ("format", "vfplan-fixture"),
+            ("version", "1.0"),
+            ("frame", "robot_base"),
+            ("id", hashlib.sha256(b"robot_base\0" + points.tobytes()).hexdigest()[:32]),
+        ):
+            text(file, name, value)
+        dataset(file, "points", points, "m", "robot_base")
+        curve = file.create_group("curve")
+        dataset(curve, "stroke", np.zeros(len(points), "<i4"), "1")
+        dataset(curve, "closed", np.ones(1, "u1"), "1")
+        rendering = file.create_group("rendering")
+        dataset(rendering, "stiffness", np.full(3, 1000.0), "N/m", "robot_base")
+        rendering.attrs.update(contact_radius_m=0.005, band_m=1e-5, point_radius_m=0.0)
+        steps = np.diff(points, axis=0, append=points[:1])
+        gaps = np.linalg.norm(steps, axis=1)
+        leak = file.create_group("leak")
+        text(leak, "kind", "curve")
+        leak.attrs["certified"] = np.uint8(1)
+        leak.attrs.update(largest_m=gaps.max(), limit_m=2 * (0.005 - 1e-5))
+        place = points[gaps.argmax()] + steps[gaps.argmax()] / 2
+        dataset(leak, "place", place, "m", "robot_base")
+        provenance = file.create_group("provenance")
+        text(provenance, "created_utc", "2026-11-21T08:00:00Z")
+        text(provenance, "software", "a program of somebody else's")
+        words = np.array(["gezeichnet von Zoë".encode()], h5py.string_dtype("utf-8", 19))
+        dataset(provenance, "history", words)
+    payload = stream.getvalue()[user_block:]
+    digest = hashlib.sha256(payload).digest()
+    head = struct.pack("<8sHHIQ32s", b"VFPLSEAL", 1, 0, 512, len(payload), digest)
+    head = head.ljust(480, b"\0")
+    return head + hashlib.sha256(head).digest() + payload
+
+
+@pytest.mark.parametrize("user_block", [0, 512], ids=["seal_in_front", "seal_in_a_user_block"])
+def test_the_page_tells_how_a_bundle_is_written(user_block, tmp_path):
+    points = bundles.large(60).points
+    points = 0.4 + (points - 0.4) * 0.2
+    path = tmp_path / "theirs.h5"
+    path.write_bytes(written(points, user_block))
+    assert [issue.code for issue in validate(path)] == ["seal.unsigned"]
+    fixture = vfplan.read_fixture(path)
+    assert fixture.points.tobytes() == points.tobytes()
+    assert fixture.provenance.history == ("gezeichnet von Zoë",)

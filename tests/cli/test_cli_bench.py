@@ -1,0 +1,250 @@
+"""`vfplan bench all --quick`, once, and what its files must hold."""
+
+import csv
+import json
+import sys
+from itertools import pairwise
+
+import pytest
+from conftest import ROOT
+
+STAGES = ("extract", "sample", "register", "proxy", "plan")
+
+
+@pytest.fixture(scope="module")
+def quick(vfplan_cli, nanoflann_peer, tmp_path_factory):
+    """The quick bench with a peer: its folder and its document."""
+    folder = tmp_path_factory.mktemp("bench") / "out"
+    run = vfplan_cli("bench", "all", "--quick", "-o", folder, "--peer", nanoflann_peer.command,
+                     "--json")  # fmt: skip
+    assert run.code == 0, run.stderr
+    assert run.stderr == "", "no progress in a pipe, no warning with the peer there"
+    return folder, run.json
+
+
+def of(document, **wanted):
+    return [r for r in document["results"] if all(r.get(k) == v for k, v in wanted.items())]
+
+
+def scenes(document, stage):
+    return list(dict.fromkeys(r["scene"] for r in of(document, stage=stage)))
+
+
+def test_results_hold_what_the_contract_names(quick):
+    _, document = quick
+    for r in document["results"]:
+        for key in ("stage", "scene", "method", "settings", "unit", "pareto"):
+            assert key in r
+        assert 0 <= r["error_rms"] <= r["error_max"]
+        assert 0 < r["time_us_median"] <= r["time_us_p99"] <= r["time_us_p999"] <= r["time_us_max"]
+        assert r["time_us_low"] <= r["time_us_median"] <= r["time_us_high"]
+    assert document["machine"]["processor"]
+    assert document["elapsed_s"] > 0
+    assert [p["name"] for p in document["peers"]] == ["nanoflann_peer"]
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_every_scene_compares_two_methods_or_more(quick, stage):
+    _, document = quick
+    assert scenes(document, stage)
+    for scene in scenes(document, stage):
+        methods = {r["method"] for r in of(document, stage=stage, scene=scene)}
+        assert len(methods) >= 2
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_fronts_are_not_dominated(quick, stage):
+    _, document = quick
+    for scene in scenes(document, stage):
+        rows = of(document, stage=stage, scene=scene)
+        for r in rows:
+            better = [
+                o for o in rows
+                if o["error_rms"] <= r["error_rms"] and o["time_us_median"] <= r["time_us_median"]
+                and (o["error_rms"], o["time_us_median"]) != (r["error_rms"], r["time_us_median"])
+            ]  # fmt: skip
+            assert r["pareto"] == (not better)
+
+
+def falling(rows, key, tightest_last):
+    ordered = sorted(rows, key=lambda r: r["settings"][key], reverse=not tightest_last)
+    return [r["error_rms"] for r in ordered]
+
+
+def test_errors_fall_as_settings_tighten(quick):
+    _, document = quick
+    for scene in scenes(document, "extract"):
+        rows = of(document, stage="extract", scene=scene, method="ridge")
+        errors = falling(rows, "scale", tightest_last=True)
+        assert all(fine < coarse for coarse, fine in pairwise(errors))
+    for scene in scenes(document, "sample"):
+        rows = of(document, stage="sample", scene=scene, method="by curvature")
+        errors = falling(rows, "tolerance_m", tightest_last=False)
+        assert all(fine < coarse / 2 for coarse, fine in pairwise(errors))
+    affine = of(document, stage="register", method="affine")
+    for scene in scenes(document, "register"):
+        errors = falling([r for r in affine if r["scene"] == scene], "markers", True)
+        assert errors[-1] < errors[0] / 1.5
+    for scene in scenes(document, "plan"):
+        errors = falling(
+            of(document, stage="plan", scene=scene, method="ridge"), "tolerance_m", False
+        )
+        assert all(fine < 1.05 * coarse for coarse, fine in pairwise(errors))
+    for scene in scenes(document, "proxy"):
+        rows = of(document, stage="proxy", scene=scene, method="robust")
+        coarse, fine = falling(rows, "spacing_m", tightest_last=False)
+        assert fine < coarse or fine < 1e-9, "the floor on flat pieces is rounding"
+
+
+def test_only_the_affine_map_follows_a_stretched_print(quick):
+    _, document = quick
+    rows = {
+        r["method"]: r["error_rms"]
+        for r in of(document, stage="register")
+        if "stretched" in r["scene"] and r["settings"]["markers"] == 25
+    }
+    assert rows["rigid"] > 5 * rows["affine"], "the floor of a model that cannot stretch"
+    assert rows["similarity"] > 3 * rows["affine"]
+
+
+def test_the_engines_of_one_rule_agree_and_the_peer_with_them(quick):
+    _, document = quick
+    for scene in ("segment, above", "circle, outside"):
+        rows = of(document, stage="proxy", scene=scene)
+        for spacing in (1e-3, 0.5e-3):
+            errors = [
+                r["error_rms"]
+                for r in rows
+                if r["method"] in ("paper", "paper in NumPy", "nanoflann_peer")
+                and r["settings"]["spacing_m"] == spacing
+            ]
+            assert len(errors) == 3
+            assert errors == pytest.approx([errors[0]] * 3, rel=1e-6)
+
+
+def test_no_baseline_is_as_near_as_the_robust_rule(quick):
+    _, document = quick
+    assert len(scenes(document, "proxy")) == 5
+    for scene in scenes(document, "proxy"):
+        rows = {
+            r["method"]: r
+            for r in of(document, stage="proxy", scene=scene)
+            if r["settings"].get("spacing_m") == 0.5e-3
+        }
+        for baseline in ("nearest-point penalty", "paper", "paper in NumPy", "nanoflann_peer"):
+            assert rows["robust"]["error_rms"] < rows[baseline]["error_rms"], (scene, baseline)
+            assert rows["robust"]["force_rms_n"] < rows[baseline]["force_rms_n"]
+
+
+def test_the_chosen_settings_keep_the_tolerance_and_lie_near_the_front(quick):
+    _, document = quick
+    tolerance = document["tolerance_m"]
+    for stage in ("sample", "proxy"):
+        for scene in scenes(document, stage):
+            (chosen,) = of(document, stage=stage, scene=scene, chosen=True)
+            key = "error_max" if stage == "sample" else "surface_error_m"
+            assert chosen[key] <= tolerance, scene
+            assert chosen.get("inside_m", 0.0) <= tolerance, scene
+            assert chosen.get("followed_rms_m", 0.0) <= tolerance, scene
+            assert chosen["meets_tolerance"] is True
+            # A ratio of medians within one run; the worst, about 3, is a sheet: points buy nothing.
+            assert chosen["time_over_cheapest"] < 6, scene
+
+
+def test_files_say_what_the_document_says(quick):
+    folder, document = quick
+    assert {p.name for p in folder.iterdir()} == {
+        "bench.json", "bench.csv", *(f"bench_{stage}.png" for stage in STAGES)
+    }  # fmt: skip
+    stored = json.loads((folder / "bench.json").read_text())
+    assert stored["results"] == document["results"]
+    with (folder / "bench.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(r["error_rms"]) for r in rows] == [r["error_rms"] for r in document["results"]]
+
+
+def test_the_page_has_a_place_for_every_table(quick, monkeypatch):
+    _, document = quick
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    from accuracy_tables import TABLES
+
+    page = (ROOT / "docs" / "accuracy.md").read_text()
+    for name, table in TABLES.items():
+        text = table(document)
+        assert text
+        assert f"<!-- {name} -->" in page
+
+
+def test_diagrams_are_drawn_again_from_the_json(quick, vfplan_cli, tmp_path):
+    folder, _ = quick
+    again = tmp_path / "again"
+    run = vfplan_cli("bench", "--from", folder / "bench.json", "-o", again)
+    assert run.code == 0, run.stderr
+    for stage in STAGES:
+        name = f"bench_{stage}.png"
+        assert (again / name).read_bytes() == (folder / name).read_bytes()
+
+
+def test_diagrams_follow_the_json(quick, vfplan_cli, tmp_path):
+    folder, document = quick
+    altered = tmp_path / "altered.json"
+    document = json.loads(json.dumps(document))
+    of(document, stage="sample")[0]["error_rms"] *= 10
+    altered.write_text(json.dumps(document))
+    again = tmp_path / "again"
+    assert vfplan_cli("bench", "sample", "--from", altered, "-o", again, "-q").code == 0
+    name = "bench_sample.png"
+    assert (again / name).read_bytes() != (folder / name).read_bytes()
+
+
+def test_a_document_without_the_stage_draws_nothing(quick, vfplan_cli, tmp_path):
+    _, document = quick
+    part = tmp_path / "part.json"
+    part.write_text(json.dumps(document | {"results": of(document, stage="sample")}))
+    run = vfplan_cli("bench", "extract", "--from", part, "-o", tmp_path / "out")
+    assert run.code == 3
+    assert "holds no results of stage extract" in run.error_line
+    assert vfplan_cli("bench", "--from", part, "-o", tmp_path / "out").code == 0
+    assert {p.name for p in (tmp_path / "out").glob("*.png")} == {"bench_sample.png"}
+
+
+def test_refuses_to_overwrite(quick, vfplan_cli):
+    folder, _ = quick
+    run = vfplan_cli("bench", "extract", "--quick", "-o", folder)
+    assert run.code == 2
+    assert "exists already" in run.error_line
+    # Not even with --overwrite may a run replace what it reads.
+    run = vfplan_cli("bench", "--from", folder / "bench.json", "-o", folder, "--overwrite")
+    assert run.code == 2
+    assert "is an input of this call" in run.error_line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (("paint",), 2),
+        (("extract", "--tolerance", "0"), 2),
+        (("proxy", "--quick", "--peer", "/nowhere/peer"), 2),
+        (("--from", "/nowhere/bench.json"), 3),
+        (("extract", "-o", "/nowhere/at/all"), 2),
+        (("extract", "--peer", "true"), 2),
+        (("--from", "bench.json", "--quick"), 2),
+        (("--from", "bench.json", "--tolerance", "0.01"), 2),
+        (("proxy", "--quick", "--surface", "/nowhere/bone.stl"), 3),
+    ],
+)
+def test_errors_are_one_line_with_their_code(vfplan_cli, arguments, code):
+    run = vfplan_cli("bench", *arguments, "--json")
+    assert run.code == code
+    assert run.json["error"]["message"]
+    assert run.error_line
+
+
+def test_a_failing_peer_leaves_nothing_behind(vfplan_cli, tmp_path):
+    peer = tmp_path / "peer.py"
+    peer.write_text("raise SystemExit('no')")
+    out = tmp_path / "out"
+    run = vfplan_cli("bench", "proxy", "--quick", "--peer", f"{sys.executable} {peer}", "-o", out)
+    assert run.code == 2
+    assert "exit code 1: no" in run.error_line
+    assert not out.exists()

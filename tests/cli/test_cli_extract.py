@@ -1,0 +1,162 @@
+"""`vfplan extract`: JSON, files, exit codes, and nothing left behind."""
+
+from __future__ import annotations
+
+import os
+
+import cv2
+import numpy as np
+import pytest
+from drawing import blend, compare, coverage, flat, to_uint8, wavy
+from vector_files import RING_MM, polyline, slicer
+
+import vfplan
+
+SHAPE = (240, 320)
+CURVE = wavy(SHAPE, 4, margin=0.2)
+RING = 30 + 18 * np.column_stack([np.cos(np.linspace(0, 6.2, 99)), np.sin(np.linspace(0, 6.2, 99))])
+
+
+@pytest.fixture
+def image(tmp_path):
+    return draw(tmp_path / "slice.png", [CURVE])
+
+
+def draw(path, parts):
+    share = np.max([coverage(SHAPE, part, 3) for part in parts], axis=0)
+    cv2.imwrite(str(path), to_uint8(blend(flat(SHAPE), share, (255, 0, 0)))[..., ::-1])
+    return path
+
+
+def test_json_files_and_the_curve_bundle(vfplan_cli, image, tmp_path):
+    out, mask, overlay = (tmp_path / name for name in ("c.h5", "mask.png", "overlay.png"))
+    done = vfplan_cli(
+        "extract", image, "-o", out, "--mask-out", mask, "--overlay-out", overlay,
+        "--pixel-spacing", "0.5,0.4", "--json",
+    )  # fmt: skip
+    assert done.code == 0, done.stderr
+    report = done.json
+    assert report["image"] == {"width_px": 320, "height_px": 240, "pixel_spacing_mm": [0.5, 0.4]}
+    (stroke,) = report["strokes"]
+    assert stroke["points"] == report["points"]
+    assert not stroke["closed"]
+    assert len(stroke["ends_px"]) == 2
+    arc = np.diff(CURVE, axis=0)
+    assert stroke["length_px"] == pytest.approx(np.hypot(*arc.T).sum(), rel=0.01)
+    assert stroke["length_mm"] == pytest.approx(np.hypot(*(arc * [0.5, 0.4]).T).sum(), rel=0.01)
+    assert report["spacing_mm"] * report["density_per_mm"] == pytest.approx(1)
+    assert report["elapsed_s"] > 0
+    assert cv2.imread(str(mask), cv2.IMREAD_GRAYSCALE).shape == SHAPE
+    assert np.count_nonzero(cv2.imread(str(mask), 0)) == report["mask_pixels"]
+    assert min(cv2.imread(str(overlay)).shape[:2]) > 500
+    fixture = vfplan.read_fixture(out)
+    assert fixture.frame == "image"
+    assert fixture.points.shape == (report["points"], 3)
+    assert (fixture.points[:, 2] == 0).all()
+    found = type("S", (), {"points_px": fixture.points[:, :2], "sigma_px": fixture.sigma,
+                           "length_px": stroke["length_px"]})  # fmt: skip
+    assert compare(found, CURVE).rms < 0.03
+
+
+def test_same_image_same_points(vfplan_cli, image, tmp_path):
+    for name in ("a.h5", "b.h5"):
+        assert vfplan_cli("extract", image, "-o", tmp_path / name).code == 0
+    a, b = (vfplan.read_fixture(tmp_path / name) for name in ("a.h5", "b.h5"))
+    assert np.array_equal(a.points, b.points)
+    assert np.array_equal(a.sigma, b.sigma)
+
+
+def test_density_in_points_a_millimetre(vfplan_cli, image, tmp_path):
+    done = vfplan_cli(
+        "extract", image, "-o", tmp_path / "c.h5", "--pixel-spacing", 0.5, "--density", 1, "--json"
+    )
+    assert done.json["density_per_mm"] == pytest.approx(1, rel=0.03)  # ends included
+
+
+def test_several_candidates_exit_3_and_leave_nothing(vfplan_cli, tmp_path):
+    image = draw(tmp_path / "two.png", [CURVE, RING])
+    out, mask = tmp_path / "c.h5", tmp_path / "m.png"
+    done = vfplan_cli("extract", image, "-o", out, "--mask-out", mask, "--json")
+    assert done.code == 3
+    assert done.json["error"]["kind"] == "CurveError"
+    assert "2: " in done.error_line
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["two.png"]
+    chosen = vfplan_cli("extract", image, "-o", out, "--stroke", "longest", "--json")
+    assert chosen.code == 0
+    assert [mark["kind"] for mark in chosen.json["set_aside"]] == ["curve"]
+    everything = vfplan_cli("extract", image, "-o", out, "--stroke", "all", "--overwrite", "--json")
+    assert len(everything.json["strokes"]) == 2
+
+
+@pytest.mark.parametrize("method", ["ridge", "skeleton", "mask"])
+def test_lengths_agree_between_methods(vfplan_cli, image, tmp_path, method):
+    done = vfplan_cli("extract", image, "-o", tmp_path / "c.h5", "--method", method, "--json")
+    truth = np.hypot(*np.diff(CURVE, axis=0).T).sum()
+    assert done.json["strokes"][0]["length_px"] == pytest.approx(truth, rel=0.015)
+
+
+def test_bad_input_is_exit_3_and_usage_exit_2(vfplan_cli, image, tmp_path):
+    out = tmp_path / "c.h5"
+    assert vfplan_cli("extract", tmp_path / "absent.png", "-o", out).code == 3
+    assert vfplan_cli("extract", tmp_path, "-o", out).code == 3
+    endless = vfplan_cli("extract", "/dev/zero", "-o", out)
+    assert (endless.code, "not a file" in endless.error_line) == (3, True)
+    assert vfplan_cli("extract", image, "-o", out, "--colour", "grey").code == 2
+    assert vfplan_cli("extract", image, "-o", out, "--roi", "1,2").code == 2
+    part = vfplan_cli("extract", image, "-o", out, "--roi", "0.4,0,100,100")
+    assert (part.code, "whole" in part.error_line) == (2, True)
+    nan = vfplan_cli("extract", image, "-o", out, "--roi", "nan,0,100,100")
+    assert (nan.code, "positive" in nan.error_line) == (2, False)
+    assert vfplan_cli("extract", image, "-o", out, "--stroke", "some").code == 2
+    assert vfplan_cli("extract", image, "-o", out, "--method", "magic").code == 2
+    assert not out.exists()
+    out.write_text("mine")
+    assert vfplan_cli("extract", image, "-o", out).code == 2
+    assert out.read_text() == "mine"
+
+
+def test_outputs_that_cannot_be_written_are_exit_2_in_one_line(vfplan_cli, image, tmp_path):
+    for out in ("/proc/curve.h5", tmp_path / ("x" * 300 + ".h5")):
+        done = vfplan_cli("extract", image, "-o", out, "--json", "-q")
+        assert done.code == 2
+        assert done.json["error"]["kind"] == "OutputError"
+        assert done.stderr.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == [image.name]
+
+
+def test_two_outputs_of_one_name_are_refused(vfplan_cli, image, tmp_path):
+    out = tmp_path / "c.png"  # a picture's name, or the suffix would be refused before
+    again = tmp_path / "." / "c.png"
+    for option in ("--mask-out", "--overlay-out"):
+        done = vfplan_cli("extract", image, "-o", out, option, again)
+        assert done.code == 2
+        assert "two outputs" in done.stderr
+    assert not out.exists()
+
+
+def test_an_output_never_takes_a_devices_place(vfplan_cli, image, tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    done = vfplan_cli("extract", image, "-o", pipe, "--overwrite")
+    assert done.code == 2
+    assert "a file is wanted" in done.error_line
+    assert pipe.is_fifo()
+
+
+def test_vector_curves(vfplan_cli, image, tmp_path):
+    alone = vfplan_cli("extract", slicer(tmp_path, RING_MM), "-o", tmp_path / "a.h5", "--json")
+    assert alone.code == 0, alone.stderr
+    assert alone.json["frame"] == "patient_lps"
+    line = polyline(tmp_path, [(10, 10), (100, 40)])
+    beside = vfplan_cli(
+        "extract", image, "--curve", line, "-o", tmp_path / "b.h5",
+        "--overlay-out", tmp_path / "o.png", "--json",
+    )  # fmt: skip
+    assert beside.code == 0, beside.stderr
+    assert beside.json["points"] == 96
+    assert (tmp_path / "o.png").exists()
+    mask = vfplan_cli(
+        "extract", image, "--curve", line, "-o", tmp_path / "c.h5", "--mask-out", tmp_path / "m.png"
+    )
+    assert mask.code == 2
+    assert not (tmp_path / "c.h5").exists()

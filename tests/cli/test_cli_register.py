@@ -1,0 +1,328 @@
+"""`vfplan register` and the registration options of `plan`: gates, margins, markers, pictures."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import vfplan
+from vfplan.fixture import Curve, Fixture, Provenance
+
+SAMPLES = ROOT / "samples"
+IMAGE = SAMPLES / "elbow.png"
+PIXELS = SAMPLES / "elbow_markers_image.csv"
+ROBOT = SAMPLES / "elbow_markers_robot.csv"
+
+
+@pytest.fixture(scope="module")
+def curve(vfplan_cli, tmp_path_factory):
+    path = tmp_path_factory.mktemp("curve") / "c.h5"
+    assert vfplan_cli("extract", IMAGE, "-o", path, "--pixel-spacing", 0.5).code == 0
+    return path
+
+
+def rows(path):
+    head, *lines = path.read_text().split()
+    return head, [line.split(",") for line in lines]
+
+
+def write(path, head, lines):
+    path.write_text("\n".join([head, *(",".join(map(str, line)) for line in lines)]) + "\n")
+    return path
+
+
+def test_report_names_everything(vfplan_cli, curve, tmp_path):
+    run = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", tmp_path / "f.h5", "--json")
+    report = run.json
+    assert run.code == 0
+    assert (report["model"], report["markers"]) == ("affine", 9)
+    assert np.shape(report["T_robot_image"]) == (3, 3)
+    for key in (
+        *("fre_rms_m", "fle_rms_m", "loo_rms_m", "tre_rms_m", "condition", "scale_m_per_px"),
+        *("shear", "anisotropy", "elapsed_s", "sampling_error_m", "spacing_m"),
+    ):
+        assert isinstance(report[key], float), key
+    assert {"label", "residual_m", "leverage", "loo_m", "f"} <= set(report["residuals"][0])
+    tre = report["tre"]
+    assert report["tre_rms_m"] < tre["bound95_max_m"] < tre["curve95_max_m"]
+    assert len(tre["worst_source"]) == 2
+    assert len(tre["worst_target_m"]) == 3
+    record = vfplan.read_fixture(tmp_path / "f.h5").registration
+    assert record.covariance.shape == (9, 9)
+    np.testing.assert_allclose(record.T_robot_image, report["T_robot_image"], rtol=1e-12)
+    np.testing.assert_allclose(record.tre_rms_m, report["tre_rms_m"], rtol=0.02)
+
+
+@pytest.mark.parametrize("model", ["affine", "similarity", "rigid"])
+def test_every_model_is_near_the_truth(vfplan_cli, curve, tmp_path, model):
+    out = tmp_path / "f.h5"
+    run = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", out, "--model", model, "--json")
+    truth = json.loads((SAMPLES / "elbow_truth.json").read_text())
+    points = np.array(truth["curve_px"])
+    x = np.c_[points, np.ones(len(points))]
+    off = x @ (np.array(run.json["T_robot_image"]) - truth["T_robot_image"]).T
+    assert np.linalg.norm(off, axis=1).max() < run.json["tre"]["curve95_max_m"]
+
+
+def test_gate(vfplan_cli, curve, tmp_path):
+    out, picture = tmp_path / "f.h5", tmp_path / "p.png"
+    common = ("register", curve, PIXELS, ROBOT, "-o", out, "--picture-out", picture)
+    run = vfplan_cli(*common, "--max-tre", 0.1)
+    assert run.code == 1
+    assert "more than the 0.1 mm allowed" in run.error_line
+    assert list(tmp_path.iterdir()) == []
+    run = vfplan_cli(*common, "--max-tre", 0.1, "--json")
+    assert (run.code, run.json["error"]["kind"]) == (1, "CheckFailed")
+    assert vfplan_cli(*common, "--max-tre", 5).code == 0
+    assert {p.name for p in tmp_path.iterdir()} == {"f.h5", "p.png"}
+    assert vfplan_cli("register", curve, PIXELS, ROBOT, "-o", out, "--max-tre", 0).code == 2
+
+
+def test_outlier_is_named_and_left_out_only_when_asked(vfplan_cli, curve, tmp_path):
+    head, lines = rows(ROBOT)
+    lines[3][1] = float(lines[3][1]) + 0.006
+    bad = write(tmp_path / "bad.csv", head, lines)
+    run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "a.h5", "--json")
+    assert run.json["outliers"] == ["x4"]
+    assert run.json["suspects"][0]["label"] == "x4"
+    assert "suspect marker x4" in run.stderr
+    assert all(marker["used"] for marker in run.json["residuals"])
+    robust = vfplan_cli(
+        "register", curve, PIXELS, bad, "-o", tmp_path / "b.h5", "--json", "--robust"
+    )
+    assert robust.json["outliers"] == ["x4"]
+    assert robust.json["robust"] == {"used": 8}
+    settings = vfplan.read_fixture(tmp_path / "b.h5").provenance.settings
+    assert settings["markers_left_out"] == "x4"
+    assert robust.json["fre_rms_m"] < 0.3 * run.json["fre_rms_m"]
+
+
+def test_exchanged_labels_are_refused_and_diagnosed_when_left_out(vfplan_cli, curve, tmp_path):
+    head, lines = rows(ROBOT)
+    lines[1][0], lines[6][0] = lines[6][0], lines[1][0]
+    bad = write(tmp_path / "bad.csv", head, lines)
+    run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "a.h5", "--json")
+    assert (run.code, run.json["error"]["kind"]) == (3, "MarkerError")
+    assert "labels of x2 and x7 are exchanged" in run.error_line
+    assert not (tmp_path / "a.h5").exists()
+    run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "a.h5", "--json", "--robust")
+    assert run.code == 0
+    assert run.json["swapped_labels"] == ["x2", "x7"]
+    assert "labels of x2 and x7 seem exchanged" in run.stderr
+
+
+def test_mirrored_markers(vfplan_cli, curve, tmp_path):
+    head, lines = rows(ROBOT)
+    mirrored = [[line[0], -float(line[1]), *line[2:]] for line in lines]
+    bad = write(tmp_path / "bad.csv", head, mirrored)
+    out = tmp_path / "f.h5"
+    assert vfplan_cli("register", curve, PIXELS, ROBOT, "-o", out, "--seen-from", "0,0,1").code == 0
+    run = vfplan_cli(
+        "register", curve, PIXELS, bad, "-o", out, "--overwrite", "--seen-from", "0,0,1"
+    )
+    assert run.code == 3
+    assert "mirrored" in run.error_line
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda lines: lines[:2], "no marker"),
+        (lambda lines: [[*line[:2], "nan", line[3]] for line in lines], "finite number"),
+        (lambda lines: [[line[0], "0.1", "0.2", "0.3"] for line in lines], "coincide"),
+        (lambda lines: [[x[0], f"0.{i}", f"0.{i}", "0"] for i, x in enumerate(lines)], "collinear"),
+        (lambda lines: [*lines, lines[0]], "occurs 2 times"),
+        (lambda lines: [], "holds no marker"),
+    ],
+)
+def test_bad_markers_are_code_3_and_leave_nothing(vfplan_cli, curve, tmp_path, edit, message):
+    head, lines = rows(ROBOT)
+    bad = write(tmp_path / "bad.csv", head, edit(lines))
+    run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "f.h5")
+    assert run.code == 3
+    assert message in run.error_line
+    assert list(tmp_path.iterdir()) == [bad]
+
+
+def test_rigid_needs_a_spacing(vfplan_cli, tmp_path):
+    out = tmp_path / "f.h5"
+    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", out, "--model", "rigid")
+    assert run.code == 2
+    assert "pixel spacing" in run.error_line
+    run = vfplan_cli(
+        *("plan", IMAGE, PIXELS, ROBOT, "-o", out, "--model", "rigid"),
+        *("--pixel-spacing", "0.5,0.5", "--json"),
+    )
+    assert run.code == 0
+    assert abs(run.json["register"]["scale_m_per_px"] - 5e-4) < 1e-15
+    assert abs(run.json["register"]["spacing_departure"][0]) < 2e-3
+
+
+def test_margin_to_both_sides_and_to_one(vfplan_cli, curve, tmp_path):
+    plain, thick, left = (tmp_path / name for name in ("a.h5", "b.h5", "c.h5"))
+    common = ("register", curve, PIXELS, ROBOT, "--json", "-o")
+    assert vfplan_cli(*common, plain).code == 0
+    both = vfplan_cli(*common, thick, "--margin", "tre95").json
+    assert both["margin"]["side"] == "both"
+    assert both["margin"]["largest_m"] == pytest.approx(both["tre"]["curve95_max_m"])
+    assert vfplan.read_fixture(thick).point_radius == both["margin"]["added_point_radius_m"]
+    one = vfplan_cli(*common, left, "--margin", "tre95", "--margin-side", "left").json
+    assert one["margin"]["smallest_m"] <= one["margin"]["largest_m"]
+    a, b = vfplan.read_fixture(plain), vfplan.read_fixture(left)
+    assert b.point_radius == 0
+    from scipy.spatial import cKDTree
+
+    apart = cKDTree(a.points).query(b.points)[0]
+    assert 0.7 * one["margin"]["smallest_m"] < np.median(apart) < 1.5 * one["margin"]["largest_m"]
+    run = vfplan_cli(*common, tmp_path / "d.h5", "--margin", "tre95", "--margin-side", "inside")
+    assert (run.code, run.json["error"]["kind"]) == (2, "SettingError")
+
+
+def test_a_side_without_a_margin_is_refused(vfplan_cli, curve, tmp_path):
+    """Who names a side wants a margin; a fixture without one would be taken for one with it."""
+    out = tmp_path / "f.h5"
+    run = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", out, "--margin-side", "left")
+    assert run.code == 2
+    assert "--margin tre95" in run.error_line
+    assert not out.exists()
+
+
+def test_markers_are_found_in_the_slice(vfplan_cli, curve, tmp_path):
+    head, lines = rows(PIXELS)
+    rough = write(
+        tmp_path / "rough.csv",
+        head,
+        [[a, round(float(u)) + 2, round(float(v)) - 2] for a, u, v in lines],
+    )
+    out = tmp_path / "f.h5"
+    exact = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", out, "--json").json
+    common = ("register", curve, rough, ROBOT, "-o", out, "--overwrite", "--json")
+    run = vfplan_cli(*common, "--find-markers", "--image", IMAGE)
+    assert run.code == 0, run.stderr
+    found = run.json["markers_found"]
+    assert len(found) == 9
+    assert all(2 < marker["moved_px"] < 4 for marker in found)
+    np.testing.assert_allclose(run.json["T_robot_image"], exact["T_robot_image"], atol=2e-4)
+    assert vfplan_cli(*common, "--find-markers").code == 2
+    other = vfplan_cli(*common, "--find-markers", "--image", ROOT / "samples" / "none.png")
+    assert other.code == 3
+    plan = vfplan_cli(
+        *("plan", IMAGE, rough, ROBOT, "-o", tmp_path / "g.h5", "--find-markers"),
+    )
+    assert plan.code == 0
+    assert "px away" in plan.stdout
+
+
+def test_picture(vfplan_cli, curve, tmp_path):
+    import cv2
+
+    out, blank, full = (tmp_path / name for name in ("f.h5", "blank.png", "full.png"))
+    common = ("register", curve, PIXELS, ROBOT, "-o", out, "--overwrite", "--picture-out")
+    assert vfplan_cli(*common, blank).code == 0
+    assert vfplan_cli(*common, full, "--image", IMAGE).code == 0
+    first = full.read_bytes()
+    assert vfplan_cli(*common, full, "--image", IMAGE).code == 0
+    assert full.read_bytes() == first  # the same plan gives the same bytes
+    assert cv2.imread(str(full)).shape == cv2.imread(str(blank)).shape
+
+
+def test_slicer_markers_in_space(vfplan_cli, tmp_path):
+    """A curve and markers in patient coordinates, robot positions in a CSV: 3-D to 3-D."""
+    from layouts import R
+    from slicer_files import mrk
+
+    from vfplan.bundle import write_fixture
+
+    rng = np.random.default_rng(3)
+    patient = rng.uniform(-0.1, 0.1, (6, 3))
+    robot = patient @ R.T + [0.4, 0.1, 0.2] + rng.normal(0, 3e-4, (6, 3))
+    t = np.linspace(0, 1, 200)
+    line = np.c_[0.05 * np.cos(3 * t), 0.05 * np.sin(3 * t), 0.03 * t]
+    drawn = Fixture(
+        "patient_lps",
+        line,
+        Provenance("2024-01-01T00:00:00Z", "vfplan 0"),
+        curve=Curve(np.zeros(200, np.int32), np.array([False])),
+    )
+    write_fixture(drawn, tmp_path / "c.h5")
+    points = [(f"x{i}", (p * [-1000, -1000, 1000]).tolist(), "defined") for i, p in
+              enumerate(patient)]  # fmt: skip
+    slicer = tmp_path / "p.mrk.json"
+    slicer.write_text(mrk(points, coordinateSystem="RAS"))
+    csv = write(
+        tmp_path / "r.csv", "label,x_m,y_m,z_m", [[f"x{i}", *p] for i, p in enumerate(robot)]
+    )
+    out = tmp_path / "f.h5"
+    run = vfplan_cli(
+        "register", tmp_path / "c.h5", slicer, csv, "-o", out, "--model", "rigid", "--json"
+    )
+    assert run.code == 0, run.stderr
+    assert np.shape(run.json["T_robot_image"]) == (4, 4)
+    assert run.json["scale"] == pytest.approx(1)
+    assert "scale_m_per_px" not in run.json
+    fixture = vfplan.read_fixture(out)
+    assert fixture.frame == "robot_base"
+    from scipy.spatial import cKDTree
+
+    off = cKDTree(line @ R.T + [0.4, 0.1, 0.2]).query(fixture.points)[0]
+    assert off.max() < 2e-3
+    assert fixture.registration.source_frame == "patient_lps"
+    picture = vfplan_cli(
+        *("register", tmp_path / "c.h5", slicer, csv, "-o", tmp_path / "g.h5", "--model", "rigid"),
+        *("--picture-out", tmp_path / "p.png"),
+    )
+    assert picture.code == 2
+    assert "no slice to draw on" in picture.error_line
+    assert not (tmp_path / "g.h5").exists()
+
+
+def test_markers_in_centimetres_taken_for_metres_are_refused(vfplan_cli, curve, tmp_path):
+    head, lines = rows(ROBOT)
+    scaled = [[line[0], *(100 * float(x) for x in line[1:])] for line in lines]
+    bad = write(tmp_path / "bad.csv", head, scaled)
+    run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "f.h5")
+    assert run.code == 3
+    assert "m (rms) from their centre" in run.error_line
+    assert not (tmp_path / "f.h5").exists()
+
+
+def test_a_fixture_larger_than_a_patient_is_doubted(vfplan_cli, tmp_path):
+    """An affine registration fits any scale; without a known spacing the size alone tells."""
+    head, lines = rows(ROBOT)
+    scaled = [[line[0], *(20 * float(x) for x in line[1:])] for line in lines]
+    bad = write(tmp_path / "bad.csv", head, scaled)
+    drawn, out = tmp_path / "c.h5", tmp_path / "f.h5"
+    assert vfplan_cli("extract", IMAGE, "-o", drawn).code == 0
+    words = ["--density", "0.5", "--contact-radius", "100"]
+    run = vfplan_cli("register", drawn, PIXELS, bad, "-o", out, *words)
+    assert run.code == 0, run.stderr
+    assert "is a unit wrong?" in run.stderr
+    assert "is a unit wrong?" in vfplan_cli("validate", out).stdout
+
+
+def test_slicer_target_markers_lead_into_the_patients_frame(vfplan_cli, curve, tmp_path):
+    """The same map whether Slicer's file says LPS or RAS, and a fixture that no robot renders."""
+    from slicer_files import mrk
+
+    in_robot = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", tmp_path / "r.h5", "--json").json
+    points = [(label, [1e3 * float(x) for x in xyz], "defined") for label, *xyz in rows(ROBOT)[1]]
+    flipped = [(label, [-x, -y, z], status) for label, (x, y, z), status in points]
+    for name, text in (("lps", mrk(points)), ("ras", mrk(flipped, coordinateSystem="RAS"))):
+        slicer, out = tmp_path / f"{name}.mrk.json", tmp_path / f"{name}.h5"
+        slicer.write_text(text)
+        run = vfplan_cli("register", curve, PIXELS, slicer, "-o", out, "--json")
+        assert run.code == 0, run.stderr
+        assert run.json["target_frame"] == "patient_lps"
+        assert "no robot renders it" in run.stderr
+        T = run.json["T_robot_image"]
+        np.testing.assert_allclose(T, in_robot["T_robot_image"], rtol=1e-9, atol=1e-12)
+        fixture = vfplan.read_fixture(out)
+        assert (fixture.frame, fixture.image, fixture.registration) == ("patient_lps", None, None)
+        same = vfplan.read_fixture(tmp_path / "r.h5").points
+        np.testing.assert_allclose(fixture.points, same, atol=1e-12)
+        assert vfplan_cli("validate", out).code == 0
+        gate = vfplan_cli("stability", out, "--part", "closed-loop")
+        assert (gate.code, "robot_base" in gate.error_line) == (3, True)

@@ -1,0 +1,191 @@
+"""`vfplan keygen`, `sign` and `verify`: who approved what, for which case, robot and day."""
+
+import os
+import stat
+from datetime import UTC, datetime, timedelta
+
+import bundles
+import damage
+import pytest
+from keyfolders import BESIDE, keys_beside
+
+import vfplan
+from vfplan.bundle import Trust, keygen, read_bundle, read_keys
+from vfplan.errors import InputError, OutputError, SettingError, SignatureError
+
+
+@pytest.fixture(scope="module")
+def desk(vfplan_cli, tmp_path_factory):
+    """A folder with a bundle, two key pairs and the bundle signed by the first."""
+    folder = tmp_path_factory.mktemp("desk")
+    vfplan.write_fixture(bundles.whole(), folder / "a.h5")
+    for name in ("alice", "mallory"):
+        assert vfplan_cli("keygen", "-o", folder / f"{name}.key").code == 0
+    hour_ago = (datetime.now(UTC) - timedelta(hours=1)).strftime("%Y-%m-%dT%H:%M:%SZ")
+    words = ["--case", "C1", "--robot-serial", "R7", "--registered-at", hour_ago]
+    key = folder / "alice.key"
+    run = vfplan_cli("sign", folder / "a.h5", "--key", key, *words, "-o", folder / "s.h5")
+    assert run.code == 0, run.stderr
+    return folder
+
+
+def test_the_private_key_is_its_owners_alone_and_no_key_is_lost(desk, vfplan_cli):
+    assert stat.S_IMODE(os.stat(desk / "alice.key").st_mode) == 0o600
+    before = (desk / "alice.key").read_bytes()
+    assert vfplan_cli("keygen", "-o", desk / "alice.key").code == 2
+    assert (desk / "alice.key").read_bytes() == before
+
+
+def test_a_signed_bundle_holds_the_same_values(desk):
+    assert damage.equal(read_bundle(desk / "a.h5")[0], read_bundle(desk / "s.h5")[0])
+
+
+def test_verify_names_the_key(desk, vfplan_cli):
+    words = ["--case", "C1", "--robot-serial", "R7", "--max-age", "2h"]
+    run = vfplan_cli("verify", desk / "s.h5", "--keys", desk / "alice.pub", *words, "--json")
+    assert run.code == 0
+    assert run.json["ok"]
+    assert bytes.fromhex(run.json["key_id"]) in read_keys(desk / "alice.pub")
+    assert (run.json["case"], run.json["robot_serial"]) == ("C1", "R7")
+
+
+@pytest.mark.parametrize(
+    ("file", "words", "reason"),
+    [
+        ("a.h5", [], "not signed"),
+        ("s.h5", ["--case", "C2"], "C1"),
+        ("s.h5", ["--robot-serial", "R8"], "R7"),
+        ("s.h5", ["--max-age", "30min"], "old"),
+        ("unknown key", [], "not a trusted one"),
+    ],
+)
+def test_what_was_not_approved_is_code_4_with_the_reason(file, words, reason, desk, vfplan_cli):
+    keys = "mallory.pub" if file == "unknown key" else "alice.pub"
+    path = desk / ("s.h5" if file == "unknown key" else file)
+    run = vfplan_cli("verify", path, "--keys", desk / keys, *words, "--json")
+    assert run.code == 4
+    assert run.json["error"]["kind"] == "SignatureError"
+    assert reason in run.error_line
+
+
+def test_a_changed_and_resealed_bundle_is_not_what_was_signed(desk):
+    trust = Trust(read_keys(desk / "alice.pub"))
+    signed, other = (desk / "s.h5").read_bytes(), (desk / "a.h5").read_bytes()
+    assert read_bundle(signed, trust=trust)[1].signed
+    changed = bytearray(signed)
+    changed[-1] ^= 1
+    for forged in (
+        damage.resealed(bytes(changed)),  # another payload under the old signature
+        damage.resealed(signed[:148] + b"C2" + signed[150:], damaged_block=True),  # another case
+        damage.resealed(signed[:140] + b"\x01" + signed[141:], damaged_block=True),  # another day
+        damage.resealed(signed[:72] + bytes(64) + signed[136:], damaged_block=True),
+    ):
+        with pytest.raises(SignatureError):
+            read_bundle(forged, trust=trust)
+    with pytest.raises(SignatureError):
+        read_bundle(other, trust=trust)
+
+
+def test_several_trusted_keys_stand_in_one_file(desk):
+    both = desk / "both.pub"
+    both.write_bytes((desk / "mallory.pub").read_bytes() + (desk / "alice.pub").read_bytes())
+    assert len(read_keys(both)) == 2
+    assert read_bundle(desk / "s.h5", trust=Trust(read_keys(both)))[1].signed
+
+
+def test_a_long_case_token_makes_a_longer_seal_that_plain_tools_step_over(desk, vfplan_cli):
+    import h5py
+
+    token = "c" * 700
+    words = ["--key", desk / "alice.key", "--case", token, "-o", desk / "long.h5", "--overwrite"]
+    assert vfplan_cli("sign", desk / "a.h5", *words).code == 0
+    assert read_bundle(desk / "long.h5")[1].case == token
+    with h5py.File(desk / "long.h5") as file:
+        assert file.userblock_size == 1024
+        assert file["points"].shape == (70, 3)
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["--registered-at", "yesterday"], 2),
+        (["--registered-at", "2026-01-01T00:00:00"], 2),
+        (["--case", "c" * 5000], 2),
+        (["--case", "a\nb"], 2),
+    ],
+)
+def test_what_cannot_be_signed_is_refused_and_nothing_written(words, code, desk, vfplan_cli):
+    target = desk / "none.h5"
+    run = vfplan_cli("sign", desk / "a.h5", "--key", desk / "alice.key", *words, "-o", target)
+    assert (run.code, target.exists()) == (code, False)
+    assert run.error_line
+
+
+def test_a_corrupt_bundle_is_not_signed(desk, vfplan_cli):
+    (desk / "bad.h5").write_bytes((desk / "a.h5").read_bytes()[:-1])
+    run = vfplan_cli("sign", desk / "bad.h5", "--key", desk / "alice.key", "-o", desk / "x.h5")
+    assert (run.code, (desk / "x.h5").exists()) == (4, False)
+
+
+@pytest.mark.parametrize("keys", ["none.pub", "a.h5", "alice.key"])
+def test_a_file_without_public_keys_is_bad_input(keys, desk, vfplan_cli):
+    run = vfplan_cli("verify", desk / "s.h5", "--keys", desk / keys)
+    assert run.code == 3
+    assert run.error_line
+
+
+def test_max_age_is_a_time_with_a_unit(desk, vfplan_cli):
+    words = ["--keys", desk / "alice.pub", "--max-age", "soon"]
+    run = vfplan_cli("verify", desk / "s.h5", *words)
+    assert run.code == 2
+    assert "30min" in run.error_line
+
+
+@pytest.mark.parametrize("age", [float("nan"), float("inf"), -1.0])
+def test_an_age_that_nothing_exceeds_is_refused(age):
+    with pytest.raises(SettingError, match="maximum age"):
+        Trust({}, max_age=age)
+
+
+def fails_for(real, ending):
+    def spy(source, target, **given):
+        if str(target).endswith(ending):
+            raise OSError(28, "No space left on device")
+        real(source, target, **given)
+
+    return spy
+
+
+@pytest.mark.parametrize("overwrite", [True, False])
+def test_a_failed_new_key_leaves_what_was_there(overwrite, tmp_path, monkeypatch):
+    """The public key is in its place already when the private one fails."""
+    if overwrite:
+        keygen(tmp_path / "a.pem")
+    old = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    for name in ("replace", "link"):
+        monkeypatch.setattr(os, name, fails_for(getattr(os, name), "a.pem"))
+    with pytest.raises(OutputError, match="No space"):
+        keygen(tmp_path / "a.pem", overwrite=overwrite)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == old
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o666])
+def test_a_private_key_that_others_can_read_signs_nothing(mode, desk, vfplan_cli, tmp_path):
+    key = tmp_path / "open.key"
+    key.write_bytes((desk / "alice.key").read_bytes())
+    key.chmod(mode)
+    run = vfplan_cli("sign", desk / "a.h5", "--key", key, "-o", tmp_path / "x.h5")
+    assert (run.code, (tmp_path / "x.h5").exists()) == (3, False)
+    assert f"{mode:04o}" in run.error_line
+    key.chmod(0o400)
+    assert vfplan_cli("sign", desk / "a.h5", "--key", key, "-o", tmp_path / "x.h5").code == 0
+
+
+@pytest.mark.parametrize("name", BESIDE)
+def test_a_file_of_keys_holds_keys_and_comments_only(name, tmp_path):
+    path, reason = keys_beside(name, tmp_path), BESIDE[name][1]
+    if reason is None:
+        assert len(read_keys(path)) == 1
+    else:
+        with pytest.raises(InputError, match=reason):
+            read_keys(path)

@@ -1,0 +1,159 @@
+"""Where an extracted line begins and ends, against the truth it was drawn from."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from drawing import anatomy, blend, coverage, flat, jpeg, polyline, to_uint8, wavy
+from scipy.spatial import cKDTree
+
+import vfplan
+from vfplan.curve.skeleton import thin
+from vfplan.curve.tip import Around, Tip, misfit
+
+
+def arc(angle, bend):
+    """(300, 2) px, 110 px long, at an angle to the pixels' rows, turning by `bend` rad."""
+    heading = angle + bend * np.linspace(-0.5, 0.5, 300)
+    path = np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]), axis=0) * 110 / 300
+    return path - path.mean(0) + (75.3, 75.1)
+
+
+ARCS = [(0.5, -0.8), (2.2, 1.2)]
+
+
+def errors_at_ends(width, cap):
+    """Along the line at both ends of every arc [px], > 0 beyond the end; for each quality."""
+    found = {None: [], 90: [], 75: []}
+    for seed, (angle, bend) in enumerate(ARCS):
+        curve = arc(angle, bend)
+        share = coverage((150, 150), curve, width, cap=cap)
+        picture = to_uint8(blend(anatomy((150, 150), seed), share, (255, 0, 0)))
+        for quality, errors in found.items():
+            image = jpeg(picture, quality) if quality else picture
+            points = vfplan.extract_curve(image).strokes[0].points_px
+            if np.hypot(*(points[0] - curve[0])) > np.hypot(*(points[0] - curve[-1])):
+                points = points[::-1]
+            for end, inner in ((0, 5), (-1, -6)):
+                way = curve[end] - curve[inner]
+                errors.append(float((points[end] - curve[end]) @ way / np.hypot(*way)))
+    return {quality: np.array(errors) for quality, errors in found.items()}
+
+
+@pytest.mark.parametrize("width", [2, 3, 5, 8, 12])
+@pytest.mark.parametrize("cap", ["butt", "round", "square"])
+def test_ends_of_pens_cut_round_and_flat(cap, width):
+    # A square cap looks like a butt cap half a width on: beyond 5 px no picture tells which.
+    hidden = width / 2 - 0.9 if cap == "square" and width > 5 else 0.0
+    found = errors_at_ends(width, cap)
+    assert np.abs(found[None]).max() <= max(1.5, hidden)
+    # JPEG blurs colour, and at 75 so much that the form of a cap is in doubt.
+    assert abs(found[90].mean()) <= max(1.5, hidden + 0.2)
+    assert np.abs(found[90]).max() <= max(1.8, hidden + 0.6)
+    assert abs(found[75].mean()) <= max(1.5, hidden + 0.2)
+    assert np.abs(found[75]).max() <= max(2.3, hidden + 0.6)
+
+
+@pytest.mark.parametrize(("quality", "share"), [(None, 1.0), (80, 0.85)])
+@pytest.mark.parametrize("width", [3, 4.5])
+def test_round_ends_hold_for_programs_that_run_on(width, quality, share):
+    """The truth may stop by up to 2 px, the hand's last step, before the ink's own centre does."""
+    good = []
+    for seed, (angle, bend) in enumerate([(0.3, 0.0), (1.1, 1.0), (2.0, -1.2), (2.8, 0.6)]):
+        curve, soft = arc(angle, bend), cv2.GaussianBlur(anatomy((150, 150), seed), (0, 0), 4)
+        ink = coverage((150, 150), curve, width)
+        picture = to_uint8(blend(soft / 4 + 180, ink, (220, 20, 60), 0.9))
+        image = jpeg(picture, quality) if quality else picture
+        ends = vfplan.extract_curve(image).strokes[0].points_px[[0, -1]]
+        for early in (0, round(2 * 300 / 110)):
+            truth = curve[[early, -1 - early]]
+            good += list(np.hypot(*(ends[:, None] - truth).transpose(2, 0, 1)).min(1) <= 1.5)
+    assert np.mean(good) >= share
+
+
+def test_the_brightness_tells_a_flat_end_where_colour_is_coarse():
+    """JPEG blurs colour by 1 px; the brightness places a broad pen's end to a few tenths."""
+    for cap, short in (("round", 0.78), ("butt", 1.1)):
+        for seed, (angle, bend) in enumerate(ARCS):
+            curve = arc(angle, bend)
+            share = coverage((150, 150), curve, 8, cap=cap)
+            picture = to_uint8(blend(flat((150, 150), 200 - 20 * seed), share, (255, 0, 0)))
+            ends = vfplan.extract_curve(jpeg(picture, 75)).strokes[0].points_px[[0, -1]]
+            off = np.hypot(*(ends[:, None] - curve[[0, -1]]).transpose(2, 0, 1)).min(1)
+            np.testing.assert_allclose(off, short, atol=0.3)
+
+
+@pytest.mark.parametrize(("half", "blur"), [(1.1, 0.3), (2.25, 1.0), (6.0, 0.35)])
+def test_a_tip_holds_the_ink_of_its_half_disc(half, blur):
+    tip = Tip.of_pen(half, blur)
+    across = np.arange(-half - 6, half + 6, 0.05)
+    beyond = np.repeat(np.arange(-8.0, half + 6, 0.05)[:, None], len(across), axis=1)
+    for round_cap, ink in ((True, np.pi * half**2 / 2), (False, 0.0)):
+        area = tip.coverage(beyond, across, round_cap).sum() * 0.05**2
+        assert area == pytest.approx(8 * 2 * half + ink, rel=0.005, abs=0.06 * half)
+
+
+def test_an_end_is_found_where_it_was_drawn():
+    """Pixels on a straight path along u, with exact coverage: a round and a flat end."""
+    path, normal = np.column_stack([np.arange(10.0, 45), np.full(35, 20.3)]), [[0.0, 1.0]] * 35
+    around = Around.path(path, np.array(normal), 22.0, 1.5, (40, 60))
+    tip, trial = Tip.of_pen(1.5, 0.3), np.arange(20.0, 25.0, 0.1)
+    line = np.column_stack([np.linspace(-10, 32.4, 2000), np.full(2000, 20.3)])
+    for cap in ("round", "butt"):
+        value = coverage((40, 60), line, 3, cap=cap)[around.v, around.u]
+        power = {c: misfit(tip, around, value, trial, c == "round") for c in ("round", "butt")}
+        assert trial[np.argmin(power[cap])] == pytest.approx(22.4, abs=0.11)
+        assert power[cap].min() < 0.5 * min(p.min() for p in power.values() if p is not power[cap])
+
+
+@pytest.mark.parametrize(("width", "degrees"), [(2.2, 45.0), (2.5, 44.5), (2.5, 44.0), (3, 44.0)])
+def test_a_line_near_45_degrees_keeps_the_ends_that_thinning_eats(width, degrees):
+    turn, along = np.radians(degrees), np.linspace(0, 110, 300)
+    curve = np.column_stack([35.1 + along * np.cos(turn), 34.9 + along * np.sin(turn)])
+    for cap in ("butt", "round"):
+        share = coverage((150, 150), curve, width, cap=cap)
+        picture = to_uint8(blend(anatomy((150, 150), 1), share, (255, 0, 0)))
+        ends = vfplan.extract_curve(picture).strokes[0].points_px[[0, -1]]
+        assert np.hypot(*(ends - curve[[0, -1]]).T).max() <= 1.5
+
+
+@pytest.mark.parametrize(
+    ("width", "degrees", "begin"),
+    [(2, 45.0, 65.3), (2.2, 45.05, 64.8), (2.5, 44.9, 65.9), (4, 45.0, 65.2), (3, 45.0, 65.3)],
+)
+def test_a_long_line_at_45_degrees_is_whole_though_thinning_eats_it_whole(width, degrees, begin):
+    turn, along = np.radians(degrees), np.linspace(0, 330, 900)
+    curve = np.column_stack([begin + along * np.cos(turn), 180 + (along - 165) * np.sin(turn)])
+    for cap in ("butt", "round"):
+        share = coverage((360, 360), curve, width, cap=cap)
+        picture = to_uint8(blend(anatomy((360, 360), 1), share, (255, 0, 0)))
+        ends = vfplan.extract_curve(picture).strokes[0].points_px[[0, -1]]
+        assert np.hypot(*(ends - curve[[0, -1]]).T).max() <= 1.5
+
+
+@pytest.mark.parametrize("size", range(2, 9))
+def test_a_skeleton_reaches_to_both_ends_of_a_slanting_band(size):
+    """Of `size` diagonals; a square beside it, broader than any pen, keeps its own skeleton."""
+    offset = np.subtract.outer(np.arange(200), np.arange(200))
+    band = (np.abs(offset + 0.5 - 0.5 * (size % 2)) <= size / 2 - 0.25).astype(np.uint8)
+    for mask in (band, band[:, ::-1]):
+        away = cv2.distanceTransform((~thin(mask.copy())).view(np.uint8), cv2.DIST_L2, 5)
+        assert away[mask > 0].max() <= size + 3
+    both = np.hstack([band, np.pad(np.ones((60, 60), np.uint8), 70)])
+    assert (thin(both)[:, 200:] == thin(both[:, 200:].copy())).all()
+
+
+@pytest.mark.parametrize(("seed", "opacity"), [(1, 0.6), (8, 0.6), (20, 0.6), (2, 0.8)])
+def test_a_pale_line_goes_on_straight_to_its_ends(seed, opacity):
+    """What JPEG leaves of it beyond its last sure points cannot make it turn or run away."""
+    shape = (360, 420)
+    curve = wavy(shape, seed)
+    share = coverage(shape, curve, 3)
+    picture = blend(anatomy(shape, seed), share, colour=(178, 34, 34), opacity=opacity)
+    (stroke,) = vfplan.extract_curve(jpeg(to_uint8(picture), 75)).strokes
+    step = np.arange(0, 4, 0.02)[:, None]
+    on = [a + step * (a - b) / np.hypot(*(a - b)) for a, b in (curve[[0, 40]], curve[[-1, -41]])]
+    longer = np.vstack([*on, polyline(curve, False, 0.02)])
+    assert cKDTree(longer).query(stroke.points_px)[0].max() < 0.8
+    assert cKDTree(stroke.points_px).query(curve)[0].max() < 3.5

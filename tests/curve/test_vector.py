@@ -1,0 +1,168 @@
+"""Curves drawn as vectors: Slicer's and CSV, alone and on a DICOM slice."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from captures import capture
+from vector_files import RING_MM, SCHEMA, polyline, slicer
+
+from vfplan.curve.vector import read_vector_curve
+from vfplan.errors import CurveError, SettingError
+from vfplan.planning import ExtractSettings, extract
+
+
+def test_closed_curve_is_a_smooth_ring_in_metres(tmp_path):
+    curve = read_vector_curve(slicer(tmp_path, RING_MM, "ClosedCurve"))
+    assert curve.closed
+    fine = curve.fine(1e-4)
+    assert np.abs(np.hypot(fine[:, 0], fine[:, 1]) - 0.01).max() < 2e-6
+    assert np.allclose(fine[:, 2], 0.005)
+    steps = np.linalg.norm(np.diff(np.vstack([fine, fine[:1]]), axis=0), axis=1)
+    assert steps.max() < 1.05 * steps.min()
+
+
+def test_ras_and_units_are_honoured(tmp_path):
+    ras = RING_MM * [-1, -1, 1]
+    a = read_vector_curve(slicer(tmp_path, ras, coordinateSystem="RAS"))
+    b = read_vector_curve(slicer(tmp_path, RING_MM * 1e3, coordinateUnits="um"))
+    assert np.allclose(a.points, RING_MM * 1e-3)
+    assert np.allclose(b.points, RING_MM * 1e-3)
+
+
+def test_polyline_open_and_closed(tmp_path):
+    square = [(10, 10), (50, 10), (50, 50), (10, 50)]
+    opened = read_vector_curve(polyline(tmp_path, square))
+    ring = read_vector_curve(polyline(tmp_path, [*square, square[0]]))
+    assert (opened.closed, ring.closed) == (False, True)
+    assert len(opened.fine(1.0)) == 121
+    assert len(ring.fine(1.0)) == 160
+
+
+def test_a_polyline_may_end_its_lines_with_cr_alone(tmp_path):
+    (tmp_path / "c.csv").write_bytes(b"u_px,v_px\r1,2\r3,4\r")
+    assert read_vector_curve(tmp_path / "c.csv").points.tolist() == [[1, 2], [3, 4]]
+
+
+def test_a_curve_alone_is_in_the_patients_frame(tmp_path):
+    made = extract(slicer(tmp_path, RING_MM, "ClosedCurve"), ExtractSettings())
+    assert made.fixture.frame == "patient_lps"
+    assert made.fixture.sigma is None
+    assert made.report["strokes"][0]["length_mm"] == pytest.approx(20 * np.pi, rel=1e-3)
+    assert "image" not in made.report
+
+
+def grey_slice(tmp_path):
+    pixels = np.tile(np.arange(100, dtype=np.uint8), (80, 1))
+    return capture(
+        tmp_path, pixels, "MONOCHROME2", PixelSpacing=[0.5, 0.25],
+        ImagePositionPatient=[-12.5, -20, 5], ImageOrientationPatient=[1, 0, 0, 0, 1, 0],
+    )  # fmt: skip
+
+
+def test_grey_dicom_together_with_a_vector_curve(tmp_path):
+    image, curve = grey_slice(tmp_path), slicer(tmp_path, RING_MM, "ClosedCurve")
+    made = extract(image, ExtractSettings(), curve=curve)
+    points = made.fixture.points
+    assert made.fixture.frame == "image"
+    assert set(made.fixture.provenance.inputs) == {"image", "curve"}
+    # u = (x + 12.5) / 0.25 between columns, v = (y + 20) / 0.5 between rows.
+    radius = np.hypot((points[:, 0] - 50) * 0.25, (points[:, 1] - 40) * 0.5)
+    assert np.abs(radius - 10).max() < 0.01
+    assert "mask_pixels" not in made.report
+
+
+def test_a_curve_off_the_plane_or_the_image_is_refused(tmp_path):
+    image = grey_slice(tmp_path)
+    with pytest.raises(CurveError, match="off the slice's plane"):
+        extract(image, ExtractSettings(), curve=slicer(tmp_path, RING_MM + np.array([0, 0, 3.0])))
+    with pytest.raises(CurveError, match="leaves the image"):
+        extract(image, ExtractSettings(), curve=polyline(tmp_path, [(5, 5), (500, 5)]))
+
+
+def test_a_patients_curve_needs_a_placed_image(tmp_path):
+    image = capture(tmp_path)
+    with pytest.raises(CurveError, match="where it lies in the patient"):
+        extract(image, ExtractSettings(), curve=slicer(tmp_path, RING_MM))
+    made = extract(image, ExtractSettings(), curve=polyline(tmp_path, [(20, 20), (90, 70)]))
+    assert made.report["strokes"][0]["length_px"] == pytest.approx(np.hypot(70, 50), rel=1e-6)
+
+
+BROKEN = {
+    "not json": "{",
+    "other schema": '{"@schema": "x", "markups": []}',
+    "no curve": json.dumps({"@schema": SCHEMA, "markups": []}),
+    "fiducials": json.dumps(
+        {"@schema": SCHEMA, "markups": [{"type": "Fiducial", "controlPoints": []}]}
+    ),
+    "one point": json.dumps(
+        {"@schema": SCHEMA, "markups": [{"type": "Curve", "controlPoints": [
+            {"id": "1", "position": [1, 2, 3], "positionStatus": "defined"}]}]}
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("text", BROKEN.values(), ids=BROKEN.keys())
+def test_broken_slicer_files_are_refused(tmp_path, text):
+    path = tmp_path / "c.mrk.json"
+    path.write_text(text)
+    with pytest.raises(CurveError):
+        read_vector_curve(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "x,y\n1,2\n", "label,u_px,v_px\nx1,1,2\nx2,3,4\n", "u_px,v_px\n",
+        "u_px,v_px\n1,2\n1,2\n", "u_px,v_px\n1\n2,3\n", "u_px,v_px\n1,nan\n2,3\n",
+        "u_px,v_px\na,b\n", 'u_px,v_px\n"1,2\n3,4\n',
+        "u_px,v_px\n1,1\n1e300,2\n",
+    ],
+)  # fmt: skip
+def test_broken_polylines_are_refused(tmp_path, text):
+    path = tmp_path / "c.csv"
+    path.write_text(text)
+    with pytest.raises(CurveError):
+        read_vector_curve(path)
+
+
+def test_a_curve_of_too_many_points_is_refused_before_it_takes_the_memory(tmp_path):
+    with pytest.raises(CurveError, match="at most 4000000"):
+        extract(polyline(tmp_path, [(0, 0), (5e8, 0)]), ExtractSettings())
+
+
+def test_a_missing_or_binary_file_is_refused(tmp_path):
+    with pytest.raises(CurveError, match="cannot be read"):
+        read_vector_curve(tmp_path / "absent.csv")
+    (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(CurveError, match="not text"):
+        read_vector_curve(tmp_path / "b.csv")
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"colour": "blue"}, {"method": "mask"}, {"stroke": 2}, {"roi": (0, 0, 5, 5)},
+        {"max_gap_px": 5.0},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_setting_of_pens_is_refused_and_not_ignored(tmp_path, given):
+    path = polyline(tmp_path, [(5, 5), (50, 5)])
+    for image, curve in ((path, None), (capture(tmp_path), path)):
+        with pytest.raises(SettingError, match="no effect on a vector curve"):
+            extract(image, ExtractSettings(**given), curve=curve)
+
+
+def test_a_setting_of_images_is_refused_for_a_curve_alone(tmp_path):
+    path = polyline(tmp_path, [(5, 5), (50, 5)])
+    with pytest.raises(SettingError, match="pixel_spacing_mm"):
+        extract(path, ExtractSettings(pixel_spacing_mm=(0.5, 0.5)))
+
+
+def test_a_density_for_pixels_alone_is_refused(tmp_path):
+    path = polyline(tmp_path, [(5, 5), (50, 5)])
+    with pytest.raises(SettingError, match="pixel spacing"):
+        extract(path, ExtractSettings(density_per_mm=2.0))

@@ -1,0 +1,188 @@
+"""Table I: defaults, derived radii, and every refusal with the value found and what is allowed."""
+
+import numpy as np
+import pytest
+
+from vfplan import ProxyEngine, ProxyParameters, VfplanError, _core
+from vfplan.engine.checks import check_hip, check_path, check_points
+from vfplan.engine.parameters import PAPER_BAND, dimple_depth
+from vfplan.errors import SceneError, SettingError
+
+POINT = [[0.0, 0.0, 0.0]]
+MAKE = ProxyParameters.make
+
+
+def grid(h, n=21):
+    x, y = np.meshgrid(np.arange(n) * h, np.arange(n) * h)
+    return np.column_stack([x.ravel(), y.ravel(), np.zeros(n * n)])
+
+
+def test_defaults_are_the_papers():
+    p = MAKE(POINT)
+    assert (p.rc, p.r1, p.r2, p.r3) == (5e-3, 5e-3 - 1e-5, 5e-3 + 1e-5, 10e-3)
+    assert (p.rv, p.xi, p.R, p.rule, p.ignore_axis) == (0.0, 1.0, 5e-3, "robust", None)
+    assert p.stiffness.tolist() == [1000.0] * 3
+
+
+def test_frozen_in_every_part():
+    p = MAKE(POINT, ignore_axis="z")
+    with pytest.raises(AttributeError):
+        p.band = 1.0
+    for array in (p.stiffness, p.ignore_axis):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+
+
+def test_band_left_open_is_the_dimple_of_experiment_one():
+    assert MAKE(grid(0.5e-3)).band == pytest.approx((5 - np.sqrt(25 - 0.125)) * 1e-3)
+    assert MAKE(grid(0.5e-3), rule="paper").band == PAPER_BAND
+    assert MAKE(grid(0.1e-3)).band == PAPER_BAND  # its dimple is 0.5 um deep
+
+
+def test_planar_band_is_a_curves():
+    """A sheet seen along x is a row of points: stacked ones count once."""
+    found = MAKE(grid(1e-3), ignore_axis="x").band
+    assert found == pytest.approx(5e-3 - np.sqrt(25e-6 - 0.25e-6), abs=1e-12)
+
+
+def test_band_never_exceeds_half_of_the_contact_radius():
+    assert MAKE(grid(8e-3), contact_radius=1e-3, point_radius=10e-3).band == 0.5e-3
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e3])
+def test_band_scales_with_the_scene(scale):
+    band = MAKE(grid(1e-3 * scale), contact_radius=5e-3 * scale).band
+    assert band / scale == pytest.approx(5e-3 - np.sqrt(25e-6 - 0.5e-6), rel=1e-9)
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_dimple_depth_is_the_formula(planar):
+    share = 4 if planar else 2
+    for h in (1e-4, 2e-3, 5e-3):
+        exact = 5e-3 - np.sqrt(25e-6 - h * h / share)
+        assert dimple_depth(h, 5e-3, planar=planar) == pytest.approx(exact, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("setting", "says"),
+    [
+        ({"contact_radius": -5e-3}, "contact_radius -0.005 m"),
+        ({"contact_radius": 0}, "above 0"),
+        ({"contact_radius": np.nan}, "contact_radius nan"),
+        ({"contact_radius": "5"}, "one number"),
+        ({"contact_radius": True}, "one number"),
+        ({"point_radius": -1e-3}, "at least 0"),
+        ({"point_radius": np.inf}, "point_radius inf"),
+        ({"band": 0.0}, "band 0 m"),
+        ({"band": -1e-5}, "above 0"),
+        ({"band": 6e-3}, "at most 0.005"),
+        ({"band": 1e-22}, "r1 must be less than r2"),
+        ({"outer_radius": 5e-3}, "r3 > r2"),
+        ({"band": 5e-3}, "r3 > r2"),
+        ({"contact_radius": 1e-300}, "at least 1e-09"),
+        ({"contact_radius": 0.999e-9}, "contact_radius 9.99e-10 m"),
+        ({"contact_radius": 1e300}, "at most 1e+06"),
+        ({"point_radius": 1e300}, "at most 1e+06"),
+        ({"band": 4.9e-11}, "at least 5e-11"),
+        ({"band": 1e-8, "point_radius": 2.0}, "1e-8 (r_c + r_v)"),
+        ({"band": 5e-324}, "r1 must be less than r2"),
+        ({"outer_radius": 1e300}, "at most 2e+06"),
+        ({"gain": 0.0}, "gain 0"),
+        ({"gain": 1.5}, "at most 1"),
+        ({"stiffness": 0.0}, "[0.0, 0.0, 0.0] N/m"),
+        ({"stiffness": [1e3, -1.0, 1e3]}, "above 0"),
+        ({"stiffness": [1e3, 1e3]}, "shape (2,)"),
+        ({"stiffness": np.nan}, "finite"),
+        ({"stiffness": "stiff"}, "real numbers"),
+        ({"rule": "fast"}, "robust, paper"),
+        ({"ignore_axis": "w"}, "None, x, y, z"),
+        ({"ignore_axis": [0, 0, 0]}, "not zero"),
+        ({"ignore_axis": [0, np.nan, 1]}, "finite"),
+        ({"ignore_axis": [1, 0]}, "shape (2,)"),
+    ],
+)
+def test_setting_outside_its_range_is_refused(setting, says):
+    with pytest.raises(SettingError) as caught:
+        MAKE(POINT, **setting)
+    assert says in str(caught.value)
+    assert isinstance(caught.value, VfplanError)
+
+
+@pytest.mark.parametrize("make", [MAKE, ProxyEngine])
+def test_a_band_that_the_coordinates_do_not_resolve_is_refused(make):
+    """1e4 roundings of 1e6 m are 2.2 µm."""
+    far = np.array([[0.0, -1e6, 1.0]])
+    with pytest.raises(SettingError, match=r"1e4 roundings of the largest coordinate, 1e\+06 m"):
+        make(far, band=2.2e-6)
+    make(far, band=2.3e-6)
+    make(far)
+
+
+def test_the_native_engine_refuses_it_too():
+    native = _core.Parameters()
+    native.contact_radius, native.outer_radius, native.band = 5e-3, 1e-2, 2.2e-6
+    far = np.array([[0.0, -1e6, 1.0]])
+    with pytest.raises(ValueError, match="largest coordinate"):
+        _core.Engine(far, native, 0)
+    native.band = 2.3e-6
+    _core.Engine(far, native, 0)
+
+
+def test_the_default_band_is_one_that_serves():
+    """r_v = 1 km: 1e-8 R is more than the paper's 10 µm."""
+    assert MAKE(POINT, point_radius=1e3).band == 1e-8 * (5e-3 + 1e3)
+
+
+def test_the_ends_of_the_ranges_are_taken():
+    for rc in (1e-9, 1e6):
+        for rv in (0.0, 1e6 if rc > 1 else 1e-7):
+            assert MAKE(POINT, contact_radius=rc, point_radius=rv).r3 == 2 * rc
+    assert MAKE(POINT, band=5e-11).band == 5e-11
+    assert MAKE(POINT, outer_radius=2e6).r3 == 2e6
+
+
+@pytest.mark.parametrize(
+    ("points", "says"),
+    [
+        (np.empty((0, 3)), "at least one point"),
+        ([], "shape (0,)"),
+        ([0.0, 0.0, 0.0], "shape (3,)"),
+        ([[0.0, 0.0]], "shape (1, 2)"),
+        ([[0.0, 0.0, 0.0], [0.0, np.nan, 0.0]], "point 1 is [0.0, nan, 0.0]"),
+        ([[np.inf, 0.0, 0.0]], "finite values"),
+        ([[0.0, 0.0, 1e300]], "up to 1e+06 m"),
+        ([["a", "b", "c"]], "real numbers"),
+        ([[1j, 0, 0]], "complex128"),
+        ([[True, False, True]], "bool"),
+        ([[0.0, 0.0, 0.0], [1.0]], "rows of different length"),
+        (None, "object"),
+    ],
+)
+def test_cloud_that_cannot_be_rendered_is_refused(points, says):
+    with pytest.raises(SceneError) as caught:
+        MAKE(points)
+    assert says in str(caught.value)
+
+
+def test_whole_numbers_and_float32_become_float64():
+    for cloud in ([[1, 2, 3]], np.ones((2, 3), np.float32), np.asfortranarray(np.ones((4, 3)))):
+        array = check_points(cloud)
+        assert array.dtype == np.float64
+        assert array.flags.c_contiguous
+
+
+def test_axis_is_normalised_whatever_its_length():
+    for length in (1e-300, 1.0, 1e300):
+        axis = MAKE(POINT, ignore_axis=np.array([0.0, 3.0, 4.0]) / 5 * length).ignore_axis
+        assert axis == pytest.approx([0.0, 0.6, 0.8], abs=1e-15)
+
+
+def test_paths_keep_non_finite_rows_for_the_engine():
+    assert np.isnan(check_path([[np.nan, 0, 0]])).any()
+    for bad in (np.zeros(3), np.zeros((2, 2)), [["x", "y", "z"]]):
+        with pytest.raises(SceneError):
+            check_path(bad)
+    with pytest.raises(SceneError, match="hip"):
+        check_hip([np.nan, 0, 0], finite=True)
+    with pytest.raises(SceneError, match="allowed is"):
+        check_hip([0, 0])

@@ -1,0 +1,91 @@
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from vfplan.engine.tolerance import choose, iterations, largest_tolerance
+from vfplan.errors import SettingError
+
+R = 5e-3
+
+
+@pytest.mark.parametrize("tolerance", [1e-7, 1e-6, 1e-5, 1e-4])
+@pytest.mark.parametrize("radius", [1e-3, 5e-3, 12e-3])
+def test_the_shares_add_up_to_the_tolerance(tolerance, radius):
+    choice = choose(tolerance, radius)
+    depth = choice.spacing_m**2 / (8 * radius)
+    assert depth == pytest.approx(choice.sampling_tolerance_m)
+    assert depth + choice.band_m < tolerance
+    assert choice.band_m >= depth, "a band less than the dimples sticks in them"
+
+
+def test_spacing_is_the_largest_whose_dimples_fit():
+    choice = choose(1e-5, R)
+    x = np.arange(-40, 41) * choice.spacing_m
+    cloud = cKDTree(np.column_stack([x, 0 * x]))
+    between = np.column_stack([np.linspace(0, choice.spacing_m, 999), np.full(999, R)])
+    gap = cloud.query(between)[0].max() - R
+    assert gap == pytest.approx(choice.sampling_tolerance_m, rel=1e-2)
+
+
+def test_a_surface_needs_a_denser_grid_than_a_line():
+    choice = choose(1e-5, R)
+    h = choice.surface_spacing_m
+    x, y = np.meshgrid(np.arange(-5, 6) * h, np.arange(-5, 6) * h)
+    cloud = cKDTree(np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()]))
+    gap = cloud.query([h / 2, h / 2, R])[0] - R
+    assert gap == pytest.approx(choice.sampling_tolerance_m, rel=1e-2)
+
+
+def slide(n, depth, step, ticks=400):
+    """Lag behind the exact proxy on a ball of radius R after n tangent-and-return steps a tick."""
+    angle, proxy, worst = 0.0, 0.0, 0.0
+    for tick in range(ticks):
+        angle += step / (R - depth)
+        for _ in range(n):
+            hip = (R - depth) * np.array([math.cos(angle), math.sin(angle)])
+            tangent = np.array([-math.sin(proxy), math.cos(proxy)])
+            proxy += math.atan2(hip @ tangent, R)
+        if tick > ticks // 2:
+            worst = max(worst, R * abs(angle - proxy))
+    return worst
+
+
+@pytest.mark.parametrize("lag", [1e-5, 1e-6, 1e-7])
+@pytest.mark.parametrize("depth", [0.5e-3, 2.5e-3, 4e-3])
+def test_iterations_are_as_many_as_the_lag_needs(lag, depth):
+    step = 1e-4
+    n = iterations(lag, R, depth, step)
+    assert slide(n, depth, step) <= 1.05 * lag
+    assert n == 1 or slide(n - 1, depth, step) > lag
+
+
+def test_tighter_tolerances_cost_more():
+    choices = [choose(t, R) for t in (1e-4, 1e-5, 1e-6, 1e-7)]
+    for looser, tighter in pairwise(choices):
+        assert tighter.spacing_m < looser.spacing_m
+        assert tighter.band_m < looser.band_m
+        assert tighter.max_iterations >= looser.max_iterations
+
+
+def test_a_coarse_tolerance_stops_where_points_become_bumps():
+    choice = choose(1.0, R)
+    assert choice.spacing_m == pytest.approx(R / 2)
+    assert choice.band_m == pytest.approx(largest_tolerance(R) / 2)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"tolerance_m": 0.0}, "tolerance 0 m"),
+        ({"tolerance_m": float("nan")}, "tolerance nan m"),
+        ({"tolerance_m": 1e-5, "radius_m": -1.0}, "radius -1 m"),
+        ({"tolerance_m": 1e-5, "depth_m": R}, "depth 0.005 m"),
+        ({"tolerance_m": 1e-5, "rate_hz": 0.0}, "rate 0 Hz"),
+    ],
+)
+def test_refuses_what_has_no_answer(given, says):
+    with pytest.raises(SettingError, match=says):
+        choose(**{"radius_m": R, **given})

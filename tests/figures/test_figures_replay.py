@@ -1,0 +1,122 @@
+"""Pictures of a replay: what is drawn where, and depth carried back onto the slice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+from replays import fixture_of, line, probing
+
+from vfplan.errors import InputError
+from vfplan.figures.depth import depth_along, draw_depth, image_places, slice_depth
+from vfplan.figures.replay import draw_scene, draw_timeline, plane_basis, scene, timeline
+from vfplan.fixture import Fixture, Provenance, RegistrationRecord
+from vfplan.images.read import PlannedImage
+from vfplan.replaying import replay
+from vfplan.replaying.overview import Overview, contact_marks, thinned
+
+T_ROBOT_IMAGE = np.array([[5e-4, 1e-4, 0.3], [-1e-4, 5e-4, -0.1], [1e-5, 2e-5, 0.02]])
+
+
+@pytest.fixture(scope="module")
+def pressed():
+    return replay(fixture_of(line()), probing())
+
+
+def test_timeline_shades_each_episode_and_shows_the_force(pressed):
+    top, *_ = timeline(pressed).axes
+    spans = [patch.get_extents() for patch in top.patches]
+    assert len(spans) == len(pressed.metrics["episodes"]) == 4
+    lines = {line.get_label(): line for line in top.get_lines()}
+    assert set(lines) == {"$F_y$", "|F|".join("$$")}  # a force that is always 0 is left out
+    np.testing.assert_allclose(lines["$|F|$"].get_ydata().max(), pressed.metrics["force_max_n"])
+
+
+def test_scene_has_circles_at_contacts_of_the_contact_radius(pressed):
+    axes = scene(pressed, mark_hz=10.0).axes[0]
+    marks = contact_marks(pressed.ticks, 10.0)
+    assert len(axes.collections[0].get_paths()) == len(marks)
+    extents = axes.collections[0].get_paths()[0].get_extents()
+    np.testing.assert_allclose([extents.width, extents.height], 10.0, rtol=1e-6)  # mm
+    np.testing.assert_allclose(extents.p0 + 5, 1e3 * pressed.ticks.proxy[marks[0], :2], atol=1e-3)
+    assert axes.get_aspect() == 1.0
+
+
+def test_the_same_replay_gives_the_same_picture(pressed, tmp_path):
+    for draw in (draw_timeline, draw_scene, draw_depth):
+        names = [tmp_path / f"{draw.__name__}{k}.png" for k in (1, 2)]
+        for name in names:
+            draw(pressed, name)
+        assert names[0].read_bytes() == names[1].read_bytes()
+        assert Image.open(names[0]).size[0] == 1050
+
+
+def test_solid_scenes_are_drawn_too(tmp_path):
+    found = replay(fixture_of(line(), axis=None), probing(1.0))
+    draw_scene(found, tmp_path / "s.png")
+    assert np.asarray(Image.open(tmp_path / "s.png")).std() > 1
+
+
+@pytest.mark.parametrize("axis", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, 1, 0), (0.1, -0.2, -0.97)])
+def test_plane_basis_is_right_handed_and_not_mirrored(axis):
+    axis = np.array(axis, float) / np.linalg.norm(axis)
+    basis = plane_basis(axis)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(basis.T @ axis, 0, atol=1e-12)
+    np.testing.assert_array_equal(plane_basis(-axis), basis)
+    if abs(axis[2]) > 0.9:
+        assert np.cross(*basis.T)[2] > 0  # x to the right, y up
+
+
+def test_depth_along_the_curve(pressed):
+    ruler, depth = depth_along(pressed)
+    t = pressed.ticks
+    for where in (0.0275, 0.0425):
+        k = np.searchsorted(ruler.arclength, where)
+        near = np.abs(t.proxy[:, 0] - where) < 0.3e-3
+        assert depth[k] == pytest.approx(t.penetration[near].max(), abs=5e-5)
+    assert depth[: np.searchsorted(ruler.arclength, 0.02)].max() == 0
+    assert depth.max() == t.penetration.max()
+    with pytest.raises(InputError, match="not drawn as a curve"):
+        depth_along(replay(fixture_of(line(), curve=False), probing(0.1)))
+
+
+def on_image(pressed, sha):
+    uv = np.stack([np.linspace(20, 180, len(line())), np.full(len(line()), 60.0)], axis=1)
+    points = uv @ T_ROBOT_IMAGE[:, :2].T + T_ROBOT_IMAGE[:, 2]
+    old = pressed.fixture
+    record = RegistrationRecord("affine", "image", T_ROBOT_IMAGE, ("a",), uv[:1], points[:1],
+                                np.zeros(1), 0.0)  # fmt: skip
+    born = Provenance("2026-01-01T00:00:00Z", "vfplan 0", {"image": sha})
+    fixture = Fixture("robot_base", points, born, curve=old.curve, rendering=old.rendering,
+                      registration=record)  # fmt: skip
+    changed = type(pressed)(pressed.rule, pressed.engine, pressed.ticks, pressed.metrics, fixture)
+    return changed, uv
+
+
+def test_depth_is_carried_back_to_the_slice(pressed):
+    sha = "ab" * 32
+    moved, uv = on_image(pressed, sha)
+    np.testing.assert_allclose(image_places(moved.fixture), uv, atol=1e-9)
+    image = PlannedImage(np.zeros((120, 200, 3), np.uint8), None, sha)
+    assert slice_depth(moved, image).axes
+    with pytest.raises(InputError, match="the same image wanted"):
+        slice_depth(moved, PlannedImage(image.rgb, None, "cd" * 32))
+    with pytest.raises(InputError, match="no registration"):
+        image_places(pressed.fixture)
+
+
+def test_overview_keeps_the_deepest_of_each_stretch(pressed):
+    ticks = pressed.ticks
+    overview = Overview(500)
+    for start in range(0, 3000, 250):
+        part = thinned(ticks, 1)
+        block = type(part)(**{n: getattr(part, n)[start : start + 250] for n in vars(part)})
+        overview.update(block)
+    kept = overview.ticks
+    assert 250 < len(kept) <= 500
+    assert kept.penetration.max() == ticks.penetration.max()
+    assert (np.diff(kept.time) > 0).all()
+    none = Overview(0)
+    none.update(ticks)
+    assert len(none.ticks) == 0

@@ -1,0 +1,111 @@
+"""Three-dimensional views: pictures without a screen, and a clear word where none can be drawn."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+from conftest import missing_package
+from PIL import Image
+from replays import fixture_of, line, probing
+
+import vfplan
+from vfplan import view3d
+from vfplan.errors import MissingExtra, SettingError
+from vfplan.replaying import replay
+
+
+def need_gl():
+    if view3d.offscreen_window() is None:
+        missing_package("libosmesa6", "OpenGL without a screen")
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("view")
+    vfplan.write_fixture(fixture_of(line()), folder / "f.h5")
+    vfplan.write_result(replay(fixture_of(line()), probing(1.0)), folder / "r.h5")
+    return folder / "f.h5", folder / "r.h5"
+
+
+def share(picture, rgb, within=60):
+    """The share of pixels close to a colour."""
+    pixels = np.asarray(Image.open(picture).convert("RGB"), int)
+    return (np.abs(pixels - rgb).max(axis=2) < within).mean()
+
+
+def test_screenshot_and_movie_without_a_screen(vfplan_cli, files, tmp_path):
+    need_gl()
+    png, gif = tmp_path / "v.png", tmp_path / "v.gif"
+    run = vfplan_cli("view", *files, "--screenshot", png, "--movie", gif, "--frames", 5, "--json",
+                     env={"DISPLAY": ""})  # fmt: skip
+    assert run.code == 0, run.stderr
+    assert run.stderr == ""
+    assert run.json["files"] == [str(png), str(gif)]
+    assert Image.open(png).size == (1200, 900)
+    assert 0.3 < share(png, (255, 255, 255)) < 0.99
+    assert share(png, (0x1F, 0x5F, 0xBF)) > 1e-4  # the cloud
+    assert share(png, (0xB5, 0x17, 0x9E)) > 1e-4  # the proxy and its path
+    movie = Image.open(gif)
+    assert movie.n_frames == 5
+    assert movie.info["duration"] == 50
+
+
+def test_time_and_cloud_alone(tmp_path):
+    need_gl()
+    fixture = fixture_of(line())
+    ticks = replay(fixture, probing(1.0)).ticks
+    for name, at in (("start", 0.0), ("deep", None)):
+        view3d.draw_view(fixture, tmp_path / f"{name}.png", ticks=ticks, at_s=at, size=(400, 300))
+    assert (tmp_path / "start.png").read_bytes() != (tmp_path / "deep.png").read_bytes()
+    view3d.draw_view(fixture, tmp_path / "cloud.png", size=(400, 300))
+    assert share(tmp_path / "cloud.png", (0xB5, 0x17, 0x9E)) == 0
+    with pytest.raises(SettingError, match=r"time 9 s; 0 to 0.999 s wanted"):
+        view3d.draw_view(fixture, tmp_path / "no.png", ticks=ticks, at_s=9.0)
+
+
+def test_no_gl_is_said_and_nothing_crashes(monkeypatch, tmp_path):
+    monkeypatch.setattr(view3d, "offscreen_window", lambda: None)
+    with pytest.raises(MissingExtra, match="apt install libosmesa6"):
+        view3d.draw_view(fixture_of(line()), tmp_path / "v.png")
+    assert not (tmp_path / "v.png").exists()
+
+
+def test_a_probe_that_crashes_is_a_no(monkeypatch):
+    monkeypatch.setattr(view3d, "_PROBE", "import os; os.kill(os.getpid(), 11)")
+    assert not view3d._draws({}, off=True)
+
+
+def test_no_screen_is_said(vfplan_cli, files):
+    run = vfplan_cli("view", *files, env={"DISPLAY": "", "WAYLAND_DISPLAY": ""})
+    assert run.code == 2
+    assert "--screenshot PNG" in run.error_line
+
+
+def test_wrong_use(vfplan_cli, files, tmp_path):
+    for option, name in (("--screenshot", "m.jpg"), ("--screenshot", "m"), ("--movie", "m.mp4")):
+        run = vfplan_cli("view", *files, option, tmp_path / name)
+        assert run.code == 2
+        assert "is wanted" in run.error_line
+    assert vfplan_cli("view", files[0], "--movie", tmp_path / "m.gif").code == 2
+    assert vfplan_cli("view", files[0], "--at", "1", "--screenshot", tmp_path / "m.png").code == 2
+    assert vfplan_cli("view", tmp_path / "no.h5", "--screenshot", tmp_path / "m.png").code == 3
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_result_of_another_fixture_or_a_damaged_one_is_refused(vfplan_cli, files, tmp_path):
+    other, result, png = tmp_path / "o.h5", tmp_path / "r.h5", tmp_path / "v.png"
+    vfplan.write_fixture(fixture_of(line(length=0.05)), other)
+    vfplan.write_result(replay(files[0], probing(1.0)), result)
+    run = vfplan_cli("view", other, result, "--screenshot", png)
+    assert run.code == 3
+    assert "was replayed against the fixture with SHA-256" in run.error_line
+    with h5py.File(result) as file:
+        place = file["proxy"].id.get_chunk_info(0).byte_offset
+    damaged = bytearray(result.read_bytes())
+    damaged[place + 50] ^= 1
+    result.write_bytes(damaged)
+    run = vfplan_cli("view", files[0], result, "--screenshot", png)
+    assert run.code == 3
+    assert "cannot be read" in run.error_line
+    assert not png.exists()

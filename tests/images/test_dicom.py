@@ -1,0 +1,156 @@
+"""DICOM: colour captures read, spacing the right way round, everything else read or refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drawing import compare
+
+import vfplan
+from vfplan.errors import CurveError, ImageError, VfplanError
+
+pydicom = pytest.importorskip("pydicom", reason="needs pip install 'vfplan[dicom]'")
+from captures import CURVE, PICTURE, SHAPE, capture  # noqa: E402
+from pydicom.data import get_testdata_files  # noqa: E402
+
+# Installed with pydicom itself; the larger files it would fetch are not asked for.
+ZOO = sorted({Path(f) for f in get_testdata_files() if Path(f).is_file()})
+
+
+def test_colour_capture(tmp_path):
+    read = vfplan.read_image(capture(tmp_path))
+    assert np.array_equal(read.rgb, PICTURE)
+    assert read.pixel_spacing_mm is None
+    (stroke,) = vfplan.extract_curve(read).strokes
+    assert compare(stroke, CURVE).rms < 0.03
+
+
+def test_sixteen_bit_and_twelve_stored_bits_fill_the_range(tmp_path):
+    deep = PICTURE.astype(np.uint16) << 4
+    read = vfplan.read_image(capture(tmp_path, deep, BitsStored=12, HighBit=11))
+    assert np.array_equal(read.rgb, PICTURE.astype(np.uint16) << 8)
+
+
+def test_ybr_becomes_rgb(tmp_path):
+    from pydicom.pixels import convert_color_space
+
+    ybr = convert_color_space(PICTURE, "RGB", "YBR_FULL")
+    read = vfplan.read_image(capture(tmp_path, ybr, "YBR_FULL"))
+    assert np.abs(read.rgb.astype(int) - PICTURE).max() <= 2
+
+
+def test_palette(tmp_path):
+    index = np.zeros(SHAPE, np.uint8)
+    index[60:64] = 1
+    names = ("Red", "Green", "Blue")
+    table = {"Red": [90, 230], "Green": [90, 20], "Blue": [90, 40]}
+    more = {f"{n}PaletteColorLookupTableDescriptor": [2, 0, 8] for n in names}
+    more |= {f"{n}PaletteColorLookupTableData": bytes(table[n]) for n in names}
+    read = vfplan.read_image(capture(tmp_path, index, "PALETTE COLOR", **more))
+    assert np.array_equal(read.rgb[0, 0], [90, 90, 90])
+    assert np.array_equal(read.rgb[61, 5], [230, 20, 40])
+
+
+def test_spacing_rows_and_columns_are_not_mixed_up(tmp_path):
+    # DICOM writes the distance between rows (along v) first.
+    read = vfplan.read_image(capture(tmp_path, PixelSpacing=[0.4, 0.7]))
+    assert read.pixel_spacing_mm == (0.7, 0.4)
+
+
+def test_the_detectors_spacing_only_when_asked(tmp_path):
+    path = capture(tmp_path, ImagerPixelSpacing=[0.1, 0.2])
+    assert vfplan.read_image(path).pixel_spacing_mm is None
+    assert vfplan.read_image(path, imager_spacing=True).pixel_spacing_mm == (0.2, 0.1)
+    both = capture(tmp_path, ImagerPixelSpacing=[0.1, 0.2], PixelSpacing=[0.4, 0.7])
+    assert vfplan.read_image(both, imager_spacing=True).pixel_spacing_mm == (0.7, 0.4)
+
+
+@pytest.mark.parametrize("wrong", [[0.5, 0.5, 1.0], [0.5, 0.0], [-0.5, 0.5], [0.5]], ids=str)
+def test_malformed_spacing_is_refused(tmp_path, wrong):
+    with pytest.raises(ImageError, match="PixelSpacing"):
+        vfplan.read_image(capture(tmp_path, PixelSpacing=wrong))
+
+
+def test_place_in_the_patient(tmp_path):
+    path = capture(
+        tmp_path,
+        PixelSpacing=[0.4, 0.7],
+        ImagePositionPatient=[10, -20, 30],
+        ImageOrientationPatient=[0, 1, 0, 0, 0, -1],
+    )
+    place = vfplan.read_image(path).T_patient_image
+    # Two columns right: 2 x 0.7 mm along the row's direction; three rows down: 3 x 0.4 mm.
+    assert np.allclose(place @ [2, 3, 1], [10e-3, -20e-3 + 1.4e-3, 30e-3 - 1.2e-3, 1])
+
+
+def test_frames_are_chosen(tmp_path):
+    path = capture(tmp_path, np.stack([PICTURE, 255 - PICTURE]))
+    with pytest.raises(ImageError, match="2 frames"):
+        vfplan.read_image(path)
+    assert np.array_equal(vfplan.read_image(path, frame=2).rgb, 255 - PICTURE)
+    with pytest.raises(ImageError, match="no frame 3"):
+        vfplan.read_image(path, frame=3)
+
+
+def test_grey_is_rescaled_and_windowed_for_the_overlay(tmp_path):
+    stored = np.tile(np.arange(220, dtype=np.int16) * 10, (150, 1))
+    window = {"WindowCenter": 0, "WindowWidth": 400}
+    path = capture(
+        tmp_path, stored, "MONOCHROME2", RescaleSlope=2, RescaleIntercept=-1000, **window
+    )
+    read = vfplan.read_image(path)
+    shown = read.rgb[0, :, 0].astype(int)
+    # 2 x stored - 1000 passes -200..200 between columns 40 and 60.
+    assert (shown[:40] == 0).all()
+    assert (shown[61:] == 255).all()
+    assert abs(shown[50] - 128) < 3
+    assert np.ptp(read.rgb, axis=2).max() == 0
+    inverted = vfplan.read_image(
+        capture(tmp_path, stored, "MONOCHROME1", RescaleSlope=2, RescaleIntercept=-1000, **window)
+    )
+    assert np.array_equal(255 - read.rgb, inverted.rgb)
+    with pytest.raises(CurveError, match="grey"):
+        vfplan.extract_curve(read)
+
+
+def test_real_grey_slice(shared_data):
+    read = vfplan.read_image(shared_data / "pelvis_phantom" / "55324469.dcm")
+    assert read.rgb.shape[2] == 3
+    assert read.pixel_spacing_mm == pytest.approx((0.9140625, 0.9140625))
+
+
+@pytest.mark.parametrize("kept", [140, 400, 1000, 60000])
+def test_truncated_dicom_is_refused(tmp_path, kept):
+    path = capture(tmp_path)
+    path.write_bytes(path.read_bytes()[:kept])
+    with pytest.raises(ImageError):
+        vfplan.read_image(path)
+
+
+def refusal(path):
+    """The error that reading raises; `None` when the file is read, with pixels as promised."""
+    try:
+        read = vfplan.read_image(path)
+    except VfplanError as error:
+        return error
+    assert read.rgb.ndim == 3
+    assert read.rgb.shape[2] == 3
+    assert read.rgb.dtype in (np.uint8, np.uint16)
+    return None
+
+
+@pytest.mark.parametrize("path", ZOO, ids=lambda p: p.name)
+def test_zoo_is_read_or_refused_with_a_reason(path, capfd):
+    error = refusal(path)
+    if error is not None:
+        assert isinstance(error, ImageError)
+        assert error.exit_code == 3
+        assert len(error.message) > 15
+        assert "\n" not in error.message
+    assert capfd.readouterr().err == ""
+
+
+def test_much_of_the_zoo_is_read():
+    assert sum(refusal(path) is None for path in ZOO) > 50

@@ -1,0 +1,179 @@
+"""Files appear whole or not at all, and only once their bytes are on the disk."""
+
+from __future__ import annotations
+
+import errno
+import os
+
+import pytest
+from vfplan.cli.run import outputs
+
+from vfplan.curve.vector import read_vector_curve
+from vfplan.errors import ImageError, InputError, MarkerError, OutputError, SessionError
+from vfplan.images.read import read_image
+from vfplan.io.disk import move_whole, read_whole, write_whole
+from vfplan.markers import read_markers
+from vfplan.robot import read_robot
+from vfplan.session import read_session
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """What is asked of the disk, in order: ("fsync", name), ("replace", name), ("link", name)."""
+    seen = []
+    fsync = os.fsync
+
+    def spy_fsync(descriptor):
+        seen.append(("fsync", os.path.basename(os.readlink(f"/proc/self/fd/{descriptor}"))))
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", spy_fsync)
+    for what in ("replace", "link"):
+        real = getattr(os, what)
+
+        def spy(source, target, *, what=what, real=real, **given):
+            seen.append((what, os.path.basename(target)))
+            real(source, target, **given)
+
+        monkeypatch.setattr(os, what, spy)
+    return seen
+
+
+def test_outputs_are_on_the_disk_before_and_after_their_rename(calls, tmp_path):
+    first, second = tmp_path / "a.h5", tmp_path / "b.csv"
+    with outputs(first, None, second) as (a, _, b):
+        a.write_bytes(b"1")
+        b.write_bytes(b"2")
+        names = a.name, b.name
+    wanted = [("fsync", names[0]), ("fsync", names[1])]
+    wanted += [("link", "a.h5"), ("link", "b.csv"), ("fsync", tmp_path.name)]
+    assert calls == wanted
+    assert first.read_bytes() == b"1"
+    assert second.read_bytes() == b"2"
+    assert sorted(os.listdir(tmp_path)) == ["a.h5", "b.csv"]
+
+
+def test_a_replacement_is_one_rename(calls, tmp_path):
+    (tmp_path / "a").write_bytes(b"old")
+    write_whole(tmp_path / "a", [b"new"], overwrite=True)
+    assert calls[1:] == [("replace", "a"), ("fsync", tmp_path.name)]
+    assert (tmp_path / "a").read_bytes() == b"new"
+
+
+@pytest.mark.parametrize("links", [True, False], ids=["links", "no_links"])
+def test_a_file_that_appears_meanwhile_is_not_replaced(links, monkeypatch, tmp_path):
+    """Even when it comes after the last look, and on file systems without hard links."""
+    target = tmp_path / "a.h5"
+    fsync, link = os.fsync, os.link
+
+    def late(descriptor):
+        fsync(descriptor)
+        target.write_bytes(b"theirs")
+
+    def refused(*args, **given):
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "fsync", late)
+    monkeypatch.setattr(os, "link", link if links else refused)
+    with pytest.raises(OutputError, match="exists already"):
+        write_whole(target, [b"ours"], overwrite=False)
+    assert target.read_bytes() == b"theirs"
+    assert os.listdir(tmp_path) == ["a.h5"]
+
+
+def test_without_hard_links_files_are_written_all_the_same(monkeypatch, tmp_path):
+    def refused(*args, **given):
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", refused)
+    write_whole(tmp_path / "a", [b"1"], overwrite=False)
+    move_whole([(tmp_path / "a", tmp_path / "b")], overwrite=False).keep()
+    (tmp_path / "a").write_bytes(b"2")
+    move_whole([(tmp_path / "a", tmp_path / "b")], overwrite=True).undo()
+    assert (tmp_path / "b").read_bytes() == b"1"
+    assert os.listdir(tmp_path) == ["b"]
+
+
+@pytest.mark.parametrize("overwrite", [True, False])
+def test_all_of_several_files_or_none(overwrite, tmp_path):
+    """The last of three has no place to go: the first two are as they were."""
+    old, new, folder = (tmp_path / name for name in ("old", "new", "folder"))
+    if overwrite:
+        old.write_bytes(b"old")
+    folder.mkdir()
+    for name in "123":
+        (tmp_path / name).write_bytes(b"new")
+    moves = [(tmp_path / "1", old), (tmp_path / "2", new), (tmp_path / "3", folder)]
+    with pytest.raises(OutputError):
+        move_whole(moves, overwrite=overwrite)
+    assert sorted(set(os.listdir(tmp_path)) - {*"123"}) == ["folder"] + ["old"] * overwrite
+    assert not overwrite or old.read_bytes() == b"old"
+
+
+def test_the_longest_name_a_file_may_have_can_be_written(tmp_path):
+    path = tmp_path / ("x" * 252 + ".h5")
+    write_whole(path, [b"1"], overwrite=False)
+    with pytest.raises(OutputError, match="exists"):
+        write_whole(path, [b"2"], overwrite=False)
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def test_a_failed_fsync_leaves_the_old_files_and_nothing_else(monkeypatch, tmp_path):
+    old = tmp_path / "a.h5"
+    old.write_bytes(b"old")
+
+    def full(descriptor):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OutputError, match="No space left"), outputs(old) as (path,):
+        path.write_bytes(b"new")
+    assert old.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["a.h5"]
+
+
+def test_a_folder_that_takes_no_file_is_one_clear_error(monkeypatch, tmp_path):
+    def refused(*args, **kwargs):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("tempfile.mkstemp", refused)
+    with pytest.raises(OutputError, match="Permission denied"), outputs(tmp_path / "a.h5"):
+        pass
+
+
+def test_a_name_too_long_is_an_output_error(tmp_path):
+    with pytest.raises(OutputError, match="name too long"):
+        write_whole(tmp_path / ("x" * 300), [b"1"], overwrite=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+READERS = [
+    (read_image, ".png", ImageError),
+    (read_vector_curve, ".csv", InputError),
+    (read_vector_curve, ".mrk.json", InputError),
+    (read_markers, ".csv", MarkerError),
+    (read_session, ".csv", SessionError),
+    (read_session, ".bag", SessionError),
+    (read_robot, ".toml", InputError),
+]
+
+
+@pytest.mark.parametrize(("read", "suffix", "kind"), READERS)
+def test_no_reader_waits_for_a_pipe_or_reads_a_device_without_end(tmp_path, read, suffix, kind):
+    pipe, device = tmp_path / f"pipe{suffix}", tmp_path / f"device{suffix}"
+    os.mkfifo(pipe)
+    device.symlink_to("/dev/zero")
+    for path in (pipe, device):
+        with pytest.raises(kind, match="it is a device or a pipe, not a file"):
+            read(path)
+
+
+def test_no_more_is_read_than_allowed(tmp_path):
+    path = tmp_path / "long"
+    path.write_bytes(b"12345")
+    assert read_whole(path, 5) == b"12345"
+    with pytest.raises(InputError, match="longer than 4 bytes"):
+        read_whole(path, 4)
+    os.truncate(path, 2**40)  # refused by its size alone
+    with pytest.raises(ImageError, match="longer than"):
+        read_image(path)

@@ -1,0 +1,151 @@
+"""Markers drawn with a known centre are found again, to a fraction of a pixel."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+
+from vfplan.errors import MarkerError, SettingError
+from vfplan.markers.finding import find_markers
+
+FINE = 16  # samples a pixel of the drawings below: their edges are exact to 1/32 px
+
+
+def canvas(size=80, seed=1):
+    """A grey slice with a gradient and noise."""
+    rng = np.random.default_rng(seed)
+    v, u = np.indices((size, size))
+    grey = 90 + 0.8 * u + 0.3 * v + rng.normal(0, 1.5, (size, size))
+    return np.repeat(grey[..., None], 3, axis=2)
+
+
+def draw(image, covered, colour):
+    """Lay `colour` over the image by the exact coverage of `covered(u, v)`."""
+    size = image.shape[0]
+    axis = (np.arange(size * FINE) + 0.5) / FINE - 0.5
+    u, v = np.meshgrid(axis, axis)
+    alpha = covered(u, v).reshape(size, FINE, size, FINE).mean(axis=(1, 3))[..., None]
+    return image * (1 - alpha) + alpha * np.array(colour, dtype=float)
+
+
+def cross(u0, v0, arm=7.0, half=0.8125, angle=0.0):
+    def covered(u, v):
+        x = np.cos(angle) * (u - u0) + np.sin(angle) * (v - v0)
+        y = np.cos(angle) * (v - v0) - np.sin(angle) * (u - u0)
+        return ((abs(x) < arm) & (abs(y) < half)) | ((abs(y) < arm) & (abs(x) < half))
+
+    return covered
+
+
+def dot(u0, v0, radius=3.0):
+    return lambda u, v: np.hypot(u - u0, v - v0) < radius
+
+
+def found(image, at, **kwargs):
+    rgb = np.clip(np.round(image), 0, 255).astype(np.uint8)
+    return find_markers(rgb, ["x1"], [at], **kwargs)[0]
+
+
+CYAN, RED, YELLOW, WHITE, BLACK = (
+    (0, 220, 255),
+    (230, 20, 30),
+    (255, 255, 0),
+    (255, 255, 255),
+    (0, 0, 0),
+)
+
+
+@pytest.mark.parametrize("centre", [(40.3125, 39.75), (39.5, 40.5)])
+@pytest.mark.parametrize("colour", [CYAN, RED, YELLOW, WHITE, BLACK])
+@pytest.mark.parametrize(
+    ("shape", "make"),
+    [
+        ("cross", cross),
+        ("cross", lambda u, v: cross(u, v, arm=9, half=1.5)),
+        ("cross", lambda u, v: cross(u, v, angle=np.pi / 4)),
+        ("dot", dot),
+        ("dot", lambda u, v: dot(u, v, 5.2)),
+    ],
+)
+def test_drawn_markers_are_found_to_a_twentieth_of_a_pixel(centre, colour, shape, make):
+    image = draw(canvas(), make(*centre), colour)
+    marker = found(image, (centre[0] + 2.5, centre[1] - 3))
+    assert np.hypot(*np.subtract(marker.position_px, centre)) < 0.05
+    assert marker.shape == shape
+    assert marker.moved_px == pytest.approx(np.hypot(2.5, 3), abs=0.1)
+
+
+def test_sixteen_bits_and_a_neighbour_in_another_colour():
+    image = draw(canvas(), cross(40.3, 40.2), CYAN)
+    image = draw(image, cross(52, 30, arm=4, angle=np.pi / 4), YELLOW)  # a label's x
+    rgb = np.clip(np.round(image), 0, 255).astype(np.uint16) * 257
+    marker = find_markers(rgb, ["x1"], [(43, 38)])[0]
+    assert np.hypot(*np.subtract(marker.position_px, (40.3, 40.2))) < 0.05
+
+
+def test_rounded_ends_do_not_move_a_cross():
+    def covered(u, v):
+        level = (abs(v - 40.13) < 0.8) & (u > 32.5) & (u < 47.5)
+        return level | ((abs(u - 40.41) < 0.8) & (v > 32.5) & (v < 47.5))
+
+    marker = found(draw(canvas(), covered, CYAN), (40, 40))
+    assert np.hypot(*np.subtract(marker.position_px, (40.41, 40.13))) < 0.05
+
+
+def test_nothing_there_is_an_error_by_name():
+    with pytest.raises(MarkerError, match=r"no cross or dot within 8 px of marker 'x1'"):
+        found(canvas(), (40, 40))
+    line = draw(canvas(), lambda u, v: abs(v - 40) < 1.5, RED)  # a curve passing by
+    with pytest.raises(MarkerError, match="no cross or dot"):
+        found(line, (40, 40))
+    far = draw(canvas(), cross(60, 40), CYAN)
+    with pytest.raises(MarkerError, match="no cross or dot"):
+        found(far, (40, 40))
+    with pytest.raises(MarkerError, match="outside the image"):
+        found(canvas(), (90, 40))
+    with pytest.raises(SettingError, match="search radius"):
+        found(canvas(), (40, 40), search_px=0)
+
+
+def test_one_mark_is_not_two_markers():
+    rgb = np.round(draw(canvas(), cross(40, 40), CYAN)).astype(np.uint8)
+    with pytest.raises(MarkerError, match="'x1' and 'x2' were both found at"):
+        find_markers(rgb, ["x1", "x2"], [(38, 40), (43, 41)])
+
+
+def test_the_nearest_of_two_marks_is_taken():
+    image = draw(draw(canvas(), dot(36, 40), CYAN), dot(47, 40), CYAN)
+    assert found(image, (44, 40)).position_px[0] == pytest.approx(47, abs=0.05)
+    assert found(image, (39, 40)).position_px[0] == pytest.approx(36, abs=0.05)
+
+
+@pytest.mark.parametrize(("name", "allowed"), [("a", 0.1), ("b", 0.1), ("c", 0.1)])
+def test_planned_slices(shared_data, name, allowed):
+    from vfplan.images.read import read_image
+
+    folder = shared_data / "planned"
+    with open(folder / f"pelvis_{name}_markers_image.csv") as file:
+        rows = list(csv.DictReader(file))
+    truth = np.array([[float(row["u_px"]), float(row["v_px"])] for row in rows])
+    start = truth + np.random.default_rng(0).uniform(-4, 4, truth.shape)
+    rgb = read_image(folder / f"pelvis_{name}.png").rgb
+    markers = find_markers(rgb, [row["label"] for row in rows], start)
+    error = np.linalg.norm([m.position_px for m in markers] - truth, axis=1)
+    assert error.max() < allowed
+    assert {m.shape for m in markers} == {"cross"}
+
+
+@pytest.mark.parametrize("name", ["a", "b"])
+def test_compressed_slice(shared_data, name):
+    """JPEG at quality 80 with halved chroma, one marker on the phantom's edge."""
+    from vfplan.images.read import read_image
+
+    folder = shared_data / "planned"
+    with open(folder / f"pelvis_{name}_markers_image.csv") as file:
+        rows = list(csv.DictReader(file))
+    truth = np.array([[float(row["u_px"]), float(row["v_px"])] for row in rows])
+    rgb = read_image(folder / f"pelvis_{name}_q80.jpg").rgb
+    markers = find_markers(rgb, [row["label"] for row in rows], np.round(truth))
+    assert np.linalg.norm([m.position_px for m in markers] - truth, axis=1).max() < 0.1

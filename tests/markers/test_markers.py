@@ -1,0 +1,275 @@
+"""Marker files: every form read, every ambiguity refused by name."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from slicer_files import mrk
+
+import vfplan
+from vfplan.errors import MarkerError
+from vfplan.markers import read_markers
+
+IMAGE = "label,u_px,v_px\nx1,10,20\nx2,30,25\nx3,12,60\n"
+ROBOT = "label,x_m,y_m,z_m\nx3,0.3,0,0\nx1,0.1,0,0.5\nx2,0.2,0,0\n"
+BOTH = "label,u_px,v_px,x_m,y_m,z_m\nx1,10,20,0.1,0,0.5\nx2,30,25,0.2,0,0\nx3,12,60,0.3,0,0\n"
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(name, text):
+        path = tmp_path / name
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path
+
+    return write
+
+
+POINTS = [(f"x{i}", [10.0 * i, -5.0, 2.0 * i * i], "defined") for i in (1, 2, 3)]
+LPS_M = np.array([xyz for _, xyz, _ in POINTS]) * 1e-3
+
+
+def test_one_file_and_two_files_in_any_order_are_the_same(write):
+    image, robot = write("i.csv", IMAGE), write("r.csv", ROBOT)
+    for found in (
+        read_markers(write("b.csv", BOTH)),
+        read_markers(image, robot),
+        read_markers(robot, image),
+        vfplan.read_markers(str(image), str(robot)),
+    ):
+        assert found.labels == ("x1", "x2", "x3")
+        assert found.source_frame == "image"
+        assert found.target_frame == "robot_base"
+        assert found.sigma is None
+        np.testing.assert_array_equal(found.source, [[10, 20], [30, 25], [12, 60]])
+        np.testing.assert_array_equal(found.target, [[0.1, 0, 0.5], [0.2, 0, 0], [0.3, 0, 0]])
+
+
+def test_bom_crlf_blank_lines_column_order_and_notes_do_not_matter(write):
+    text = "\ufeff v_px , note,label, u_px\r\n20,near,x1,10\r\n\r\n25,,x2,30\r\n60,far,x3,12\r\n"
+    found = read_markers(write("i.csv", text), write("r.csv", ROBOT))
+    np.testing.assert_array_equal(found.source, [[10, 20], [30, 25], [12, 60]])
+
+
+@pytest.mark.parametrize("name", ["sigma", "sigma_m"])
+def test_sigma_follows_its_label(write, name):
+    robot = f"label,x_m,y_m,z_m,{name}\nx3,3,0,0,0.003\nx1,1,0,0,0.001\nx2,2,0,0,0.002\n"
+    found = read_markers(write("i.csv", IMAGE), write("r.csv", robot))
+    np.testing.assert_array_equal(found.sigma, [0.001, 0.002, 0.003])
+
+
+def test_sigma_an_axis(write):
+    robot = "label,x_m,y_m,z_m,sigma_x_m,sigma_y_m,sigma_z_m\n" + "".join(
+        f"x{i},{i},0,0,0.001,0.002,0.00{i}\n" for i in (1, 2, 3)
+    )
+    found = read_markers(write("i.csv", IMAGE), write("r.csv", robot))
+    np.testing.assert_array_equal(found.sigma[:, 2], [0.001, 0.002, 0.003])
+
+
+@pytest.mark.parametrize(
+    ("units", "factor"), [("mm", 1), ("um", 1e3), (["mm", "UCUM", "millimeter"], 1), ("m", 1e-3)]
+)
+@pytest.mark.parametrize("system", [None, "LPS", "RAS"])
+def test_mrk_json_units_and_frames(write, units, factor, system):
+    sign = np.array([-1, -1, 1]) if system == "RAS" else np.ones(3)
+    points = [
+        (label, (np.array(xyz) * factor * sign).tolist(), status) for label, xyz, status in POINTS
+    ]
+    markup = {"coordinateUnits": units} | ({} if system is None else {"coordinateSystem": system})
+    found = read_markers(write("p.mrk.json", mrk(points, **markup)), write("r.csv", ROBOT))
+    assert found.source_frame == "patient_lps"
+    np.testing.assert_allclose(found.source, LPS_M, rtol=1e-15)
+    np.testing.assert_array_equal(found.target[:, 0], [0.1, 0.2, 0.3])
+
+
+def test_mrk_json_leaves_undefined_points_out(write):
+    points = [*POINTS, ("x4", [0, 0, 0], "undefined"), ("x5", [0, 0, 0], "preview")]
+    found = read_markers(write("r.csv", ROBOT), write("p.mrk.json", mrk(points)))
+    assert found.labels == ("x1", "x2", "x3")
+
+
+@pytest.mark.parametrize(("system", "sign"), [("0", -1), ("RAS", -1), ("1", 1), ("LPS", 1)])
+@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+def test_fcsv_of_slicer_4(write, system, sign, ending):
+    lines = [
+        "# Markups fiducial file version = 4.11",
+        f"# CoordinateSystem = {system}",
+        "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID",
+        *(
+            f"{i},{sign * x},{sign * y},{z},0,0,0,1,1,1,0,{label},,vtk,2,0"
+            for i, (label, (x, y, z), _) in enumerate(POINTS)
+        ),
+    ]
+    found = read_markers(write("p.fcsv", ending.join(lines) + ending), write("r.csv", ROBOT))
+    np.testing.assert_allclose(found.source, LPS_M, rtol=1e-15)
+
+
+def test_fcsv_of_slicer_3_is_ras(write):
+    text = "# name = a\n" + "".join(f"{k},{-x},{-y},{z},1,1\n" for k, (x, y, z), _ in POINTS)
+    found = read_markers(write("p.fcsv", text), write("r.csv", ROBOT))
+    np.testing.assert_allclose(found.source, LPS_M, rtol=1e-15)
+
+
+def test_two_slicer_files_the_first_is_the_source(write):
+    moved = [(label, [x + 1, y, z], status) for label, (x, y, z), status in POINTS]
+    found = read_markers(write("a.mrk.json", mrk(POINTS)), write("b.mrk.json", mrk(moved)))
+    assert (found.source_frame, found.target_frame) == ("patient_lps", "patient_lps")
+    np.testing.assert_allclose(found.target - found.source, [[1e-3, 0, 0]] * 3, atol=1e-15)
+
+
+def test_slicer_target_of_image_markers(write):
+    found = read_markers(write("a.mrk.json", mrk(POINTS)), write("i.csv", IMAGE))
+    assert (found.source_frame, found.target_frame) == ("image", "patient_lps")
+
+
+def test_real_slicer_files(shared_data):
+    from vfplan.markers.slicer import parse_fcsv, parse_mrk_json
+
+    folder = shared_data / "markers_slicer"
+    l1 = parse_fcsv((folder / "L1.fcsv").read_bytes().decode(), "L1.fcsv")
+    assert l1.labels == ("L1-P1", "L1-P2")
+    np.testing.assert_allclose(l1.positions[1] * 1e3, [-49.8834, 4.33769, 0], rtol=1e-12)
+    afid = parse_fcsv((folder / "afid_sub-087.fcsv").read_text(), "afid")
+    assert len(afid.labels) == 32
+    np.testing.assert_allclose(
+        afid.positions[0] * 1e3, [1.7233007926589394, -29.939802490250948, -15.162710714603704]
+    )
+    f5 = parse_mrk_json((folder / "F_5.json").read_text(), "F_5.json")
+    assert len(f5.labels) == 20  # F_5-16 was deleted in Slicer
+    np.testing.assert_allclose(f5.positions[0, 0] * 1e3, -104.41897583007813)
+
+
+BAD_TABLES = {
+    "missing column 'v_px'": "label,u_px\nx1,1\n",
+    "missing column 'z_m'": "label,u_px,v_px,x_m,y_m\nx1,1,1,1,1\n",
+    "no column 'label'": "name,u_px,v_px\nx1,1,1\n",
+    "no coordinates": "label,left,top\nx1,1,1\n",
+    "column 'u_px' occurs 2 times": "label,u_px,u_px,v_px\nx1,1,1,1\n",
+    "u_px of marker 'x2' is 'nan'": "label,u_px,v_px\nx1,1,1\nx2,nan,1\n",
+    "v_px of marker 'x1' is 'inf'": "label,u_px,v_px\nx1,1,inf\n",
+    "u_px of marker 'x1' is ''": "label,u_px,v_px\nx1,,1\n",
+    "u_px of marker 'x1' is '1;2'": "label,u_px,v_px\nx1,1;2,1\n",
+    "label 'x1' occurs 2 times": "label,u_px,v_px\nx1,1,1\nx2,3,4\nx1,2,2\n",
+    "2 cells": "label,u_px,v_px\nx1,1\n",
+    "row 3 has no label": "label,u_px,v_px\nx1,1,1\n ,1,2\n",
+    "column 'x_mm' is not understood": "label,u_px,v_px,x_mm,y_mm,z_mm\nx1,1,1,1,1,1\n",
+    "column 'sigma_mm' is not understood": "label,x_m,y_m,z_m,sigma_mm\nx1,1,1,1,1\n",
+    "belongs to the robot's positions": "label,u_px,v_px,sigma_m\nx1,1,1,1\n",
+    "above 0 is wanted": "label,x_m,y_m,z_m,sigma_m\nx1,1,1,1,0\n",
+    "a control character": "label,u_px,v_px\nx1\0,1,1\n",
+    "holds no marker": "label,u_px,v_px\n",
+    "is empty": "\n",
+}
+
+
+@pytest.mark.parametrize("message", BAD_TABLES)
+def test_bad_tables_are_refused_by_name(write, message):
+    path = write("i.csv", BAD_TABLES[message])
+    with pytest.raises(MarkerError, match=message.replace("(", r"\(")) as caught:
+        read_markers(path, write("r.csv", ROBOT))
+    assert str(path) in str(caught.value)
+    assert caught.value.exit_code == 3
+
+
+BAD_JSON = {
+    "is not JSON": "{",
+    "holds a list": "[]",
+    "@schema is None": "{}",
+    "'markups' is not a list": json.dumps({"@schema": "markups-schema-v1.0.0.json"}),
+    "holds 'Curve'": mrk(POINTS, type="Curve"),
+    "coordinateUnits is 'inch'": mrk(POINTS, coordinateUnits="inch"),
+    "coordinateSystem is 'IJK'": mrk(POINTS, coordinateSystem="IJK"),
+    "three numbers are wanted": mrk([("x1", [1, 2], "defined")]),
+    "a finite number is wanted": mrk([("x1", [1, 2, float("nan")], "defined")]),
+    "a number is wanted": mrk([("x1", [1, 2, "a"], "defined")]),
+    "has no label": mrk([("", [1, 2, 3], "defined")]),
+    "holds no marker": mrk([]),
+}
+
+
+@pytest.mark.parametrize("message", BAD_JSON)
+def test_bad_mrk_json_is_refused_by_name(write, message):
+    with pytest.raises(MarkerError, match=message):
+        read_markers(write("p.mrk.json", BAD_JSON[message]), write("r.csv", ROBOT))
+
+
+HEAD = "# Markups fiducial file version = 4.11\n"
+BAD_FCSV = {
+    "CoordinateSystem is None": HEAD,
+    "CoordinateSystem is '2'": HEAD + "# CoordinateSystem = 2\n",
+    "columns are": HEAD + "# CoordinateSystem = 0\n# columns = label,x,y,z\n",
+    "a number is wanted": HEAD + "# CoordinateSystem = 0\n1,1,2,z,0,0,0,1,1,1,0,x1,,\n",
+    "has no label": HEAD + "# CoordinateSystem = 0\n1,1,2,3\n",
+}
+
+
+@pytest.mark.parametrize("message", BAD_FCSV)
+def test_bad_fcsv_is_refused_by_name(write, message):
+    with pytest.raises(MarkerError, match=message):
+        read_markers(write("p.fcsv", BAD_FCSV[message]), write("r.csv", ROBOT))
+
+
+def test_missing_and_extra_labels_are_named_with_their_file(write):
+    image = write("i.csv", IMAGE + "x9,1,1\n")
+    robot = write("r.csv", ROBOT)
+    with pytest.raises(MarkerError, match=r"r\.csv: no marker 'x9', which .*i\.csv has"):
+        read_markers(image, robot)
+    with pytest.raises(MarkerError, match=r"i\.csv: no marker 'x3', 'x2'"):
+        read_markers(write("i.csv", "label,u_px,v_px\nx1,10,20\n"), robot)
+
+
+def test_two_files_for_one_side_and_one_file_for_two(write):
+    image, robot, both = write("i.csv", IMAGE), write("r.csv", ROBOT), write("b.csv", BOTH)
+    with pytest.raises(MarkerError, match="both files hold image positions"):
+        read_markers(image, image)
+    with pytest.raises(MarkerError, match="holds only robot_base positions"):
+        read_markers(robot)
+    with pytest.raises(MarkerError, match="holds both sides already"):
+        read_markers(both, robot)
+
+
+def test_a_table_may_end_its_lines_with_cr_alone(write):
+    table = "label,u_px,v_px,x_m,y_m,z_m\ra,1,2,3,4,5\rb,6,7,8,9,10\r"
+    pairs = read_markers(write("old.csv", table))
+    assert pairs.labels == ("a", "b")
+    assert pairs.target[1].tolist() == [8, 9, 10]
+
+
+@pytest.mark.parametrize("cell", ['"x1,1,2,3,4,5', "a" * 200_000])
+def test_text_that_is_no_csv_is_refused_and_not_guessed(write, cell):
+    with pytest.raises(MarkerError, match=r"bad\.csv: is no CSV: "):
+        read_markers(write("bad.csv", f"label,u_px,v_px,x_m,y_m,z_m\n{cell}\nx2,1,2,3,4,5\n"))
+
+
+def test_columns_apart_by_other_than_commas_are_said(write):
+    for mark in (";", "\t"):
+        table = write("m.csv", f"label{mark}u_px{mark}v_px\nx1{mark}1{mark}2\n")
+        with pytest.raises(MarkerError, match="not separated by commas"):
+            read_markers(table)
+
+
+def test_a_number_is_only_what_every_program_reads_as_one(write):
+    with pytest.raises(MarkerError, match="'1_0'; a number is wanted"):
+        read_markers(write("m.csv", "label,u_px,v_px\nx1,1_0,2\n"))
+    with pytest.raises(MarkerError, match="True; a number is wanted"):
+        read_markers(write("p.mrk.json", mrk([("x1", [True, 0, 0], "defined")])))
+
+
+def test_a_device_without_an_end_is_refused(tmp_path):
+    (tmp_path / "m.csv").symlink_to("/dev/zero")
+    with pytest.raises(MarkerError, match="not a file"):
+        read_markers(tmp_path / "m.csv")
+
+
+def test_unreadable_files(write, tmp_path):
+    robot = write("r.csv", ROBOT)
+    for path, message in (
+        (tmp_path / "none.csv", "cannot be read"),
+        (tmp_path, "cannot be read|suffix"),
+        (write("a.csv", b"\xff\xfe\x00l"), "not UTF-8"),
+        (write("a.xlsx", IMAGE), "suffix '.xlsx'"),
+    ):
+        with pytest.raises(MarkerError, match=message):
+            read_markers(path, robot)

@@ -1,0 +1,138 @@
+"""What a plan chose from its tolerance: in the report, in the bundle, and kept by the surface."""
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from scipy.spatial import cKDTree
+
+from vfplan.bundle import read_fixture, write_fixture
+from vfplan.errors import SettingError
+from vfplan.planning import ExtractSettings, FixtureSettings, plan
+from vfplan.planning.registering import register
+from vfplan.replaying.engines import make_engine
+
+R = 5e-3
+
+
+def elbow(**settings):
+    names = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
+    given = ExtractSettings(pixel_spacing_mm=(0.5, 0.5), **settings.pop("extraction", {}))
+    return plan(*(ROOT / "samples" / n for n in names), extraction=given,
+                settings=FixtureSettings(**settings))  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made():
+    return elbow()
+
+
+def test_report_budgets_the_tolerance(made):
+    report = made.report["register"]
+    chosen = report["chosen"]
+    assert chosen["tolerance_m"] == 1e-5
+    shares = chosen["error_m"]
+    assert shares["total"] == pytest.approx(
+        shares["spacing"] + shares["band"] + shares["iterations"]
+    )
+    assert shares["total"] <= 1e-5
+    assert report["sampling_error_m"] == shares["spacing"]
+    assert made.fixture.band == chosen["band_m"] >= shares["spacing"]
+    assert made.fixture.max_iterations == chosen["max_iterations"]
+
+
+def test_what_was_left_out_is_counted_with_its_price(made):
+    report = made.report["register"]
+    counts = report["left_out"]
+    extracted = made.report["extract"]["points"]
+    assert counts["points"] == max(0, extracted - report["points"])
+    assert counts["coordinates"] == counts["groups"] == 1
+    rows = {row["left_out"]: row for row in report["left_out_costs"]}
+    assert {"points", "coordinates", "groups"} <= set(rows)
+    for name, row in rows.items():
+        assert row["count"] == counts[name]
+        assert 0 <= row["error_m"] <= 1e-5
+    assert rows["coordinates"]["operations_per_tick"] > 0
+    coarse = elbow(tolerance_m=1e-4).report["register"]["left_out"]
+    assert coarse["points"] > counts["points"]
+    assert coarse["operations_per_tick"] > counts["operations_per_tick"]
+
+
+def test_a_fixture_in_space_leaves_no_coordinate_out(tmp_path):
+    counts = elbow(ignore_axis="none").report["register"]["left_out"]
+    assert "coordinates" not in counts
+    assert "groups" not in counts
+
+
+def test_bundle_holds_the_choice(made, tmp_path):
+    path = tmp_path / "fixture.h5"
+    write_fixture(made.fixture, path)
+    again = read_fixture(path)
+    chosen = made.report["register"]["chosen"]
+    assert again.max_iterations == chosen["max_iterations"]
+    assert again.band == chosen["band_m"]
+    settings = again.provenance.settings
+    assert settings["chosen_spacing_m"] == chosen["spacing_m"]
+    assert settings["left_out_points"] == made.report["register"]["left_out"]["points"]
+    assert settings["left_out_operations_per_tick"] > 0
+
+
+def test_a_tolerance_beyond_what_the_radius_allows_is_said_to_be_cut(made):
+    cut = elbow(tolerance_m=5e-3)
+    chosen = cut.report["register"]["chosen"]
+    assert chosen["tolerance_m"] == 5e-3
+    assert chosen["tolerance_used_m"] == pytest.approx(5 / 64 * R)
+    assert chosen["error_m"]["total"] <= chosen["tolerance_used_m"]
+    assert cut.fixture.provenance.settings["chosen_tolerance_m"] == chosen["tolerance_used_m"]
+    (warning,) = (w for w in cut.warnings if "tolerance" in w)
+    assert "5 mm is more than r_c + r_v allow: 0.3906 mm was used" in warning
+    assert not [w for w in made.warnings if "tolerance" in w]
+    assert made.report["register"]["chosen"]["tolerance_used_m"] == 1e-5
+
+
+def test_a_tolerance_finer_than_the_engine_is_refused():
+    with pytest.raises(SettingError, match="tolerance 9e-08 mm: at least 1e-07 mm"):
+        elbow(tolerance_m=9e-11)
+
+
+def test_density_and_bare_clouds_choose_nothing(made):
+    dense = elbow(density_per_m=2000.0)
+    assert "chosen" not in dense.report["register"]
+    assert dense.fixture.max_iterations is None
+    mask = elbow(extraction={"method": "mask"})
+    assert "chosen" not in mask.report["register"]
+    assert mask.fixture.max_iterations is None
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-5, 1e-6])
+def test_rendered_surface_keeps_the_tolerance(made, tmp_path, tolerance):
+    """On a smooth curve the proxy is R from the finely drawn line, give or take the tolerance."""
+    curve, names = made.extracted.fixture, ("image", "robot")
+    markers = [ROOT / "samples" / f"elbow_markers_{name}.csv" for name in names]
+    planned = register(curve, *markers, settings=FixtureSettings(tolerance_m=tolerance))
+    fine = planned.registration.apply(curve.points)
+    fine[:, 2] = 0
+    dense = np.column_stack([np.interp(np.arange(0, len(fine) - 1, 0.01), np.arange(len(fine)),
+                                       fine[:, k]) for k in range(3)])  # fmt: skip
+    engine = make_engine(planned.fixture, "robust")
+    hips = pressed(planned.fixture.points)
+    engine.reset(hips[0])
+    proxy = engine.run(hips).proxy
+    held = np.linalg.norm((proxy - hips)[:, :2], axis=1) > 1e-4
+    assert held.mean() > 0.5
+    away, _ = cKDTree(dense).query(proxy[held] * [1, 1, 0])
+    assert np.abs(away - R).max() <= tolerance + 0.2e-6  # the polyline's own sagitta
+
+
+def pressed(points):
+    """A HIP that comes from the left and runs along the curve, 1 mm behind its surface."""
+    picks = points[np.linspace(0, len(points) - 1, 4000).astype(int)].copy()
+    step = np.gradient(points, axis=0)[np.linspace(0, len(points) - 1, 4000).astype(int)]
+    normal = np.column_stack([-step[:, 1], step[:, 0], 0 * step[:, 0]])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    path = picks + 4e-3 * normal
+    width = 41
+    smooth = np.column_stack(
+        [np.convolve(path[:, k], np.ones(width) / width, "valid") for k in range(3)]
+    )
+    start = smooth[0] + 8e-3 * normal[0]
+    return np.vstack([np.linspace(start, smooth[0], 80), smooth])

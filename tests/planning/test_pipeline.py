@@ -1,0 +1,171 @@
+"""The pipeline against known truth: the shipped sample, and real slices where they are there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from scipy.spatial import cKDTree
+
+import vfplan
+from vfplan.errors import CurveError, MarkerError, SettingError
+from vfplan.fixture import Fixture, Provenance
+from vfplan.planning import ExtractSettings, FixtureSettings, plan
+from vfplan.planning.carrying import along
+from vfplan.planning.registering import ignored_axis
+
+SAMPLES = ROOT / "samples"
+SPACING = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
+
+
+def elbow(**kwargs):
+    return plan(
+        SAMPLES / "elbow.png",
+        SAMPLES / "elbow_markers_image.csv",
+        SAMPLES / "elbow_markers_robot.csv",
+        **{"extraction": SPACING, **kwargs},
+    )
+
+
+def mapped_truth(folder, name):
+    """The drawn curve in the robot's frame by the exact map [m]."""
+    truth = json.loads((folder / f"{name}_truth.json").read_text())
+    T = np.array(truth["T_robot_image_3x3"])
+    curve = np.loadtxt(folder / f"{name}_truth_px.csv", delimiter=",", skiprows=1)
+    return np.c_[curve, np.ones(len(curve))] @ T.T
+
+
+def distance_to_line(points, line, closed):
+    """Distance of each point to a densely resampled polyline."""
+    ring = np.vstack([line, line[:1]]) if closed else line
+    arc = np.r_[0, np.cumsum(np.linalg.norm(np.diff(ring, axis=0), axis=1))]
+    dense = np.linspace(0, arc[-1], 40 * len(ring))
+    fine = np.stack([np.interp(dense, arc, ring[:, k]) for k in range(3)], axis=1)
+    return cKDTree(fine).query(points)[0]
+
+
+def test_sample_fixture_lies_on_the_true_curve_within_the_registration_error():
+    made = elbow()
+    truth = json.loads((SAMPLES / "elbow_truth.json").read_text())
+    curve = np.array(truth["curve_px"])
+    line = np.c_[curve, np.ones(len(curve))] @ np.array(truth["T_robot_image"]).T
+    off = distance_to_line(made.fixture.points, line, closed=False)
+    assert off.max() < 3 * made.fixture.registration.tre_rms_m
+    assert made.report["extract"]["strokes"][0]["length_mm"] == pytest.approx(
+        truth["length_px"] * truth["pixel_spacing_mm"], rel=0.01
+    )
+
+
+def test_sample_reproduces_the_papers_cloud():
+    made = elbow(extraction=ExtractSettings(method="mask", pixel_spacing_mm=(0.5, 0.5)))
+    assert len(made.fixture.points) == made.report["extract"]["mask_pixels"]
+    assert len(made.fixture.points) == 2204
+    assert made.report["extract"]["density_per_mm"] == pytest.approx(5.3, rel=0.01)
+    assert made.fixture.curve is None
+
+
+@pytest.mark.parametrize(
+    ("image", "closed"),
+    [
+        ("pelvis_a.png", False),
+        ("pelvis_a_q80.jpg", False),
+        ("pelvis_b.png", True),
+        ("pelvis_b_q80.jpg", True),
+        ("pelvis_c.png", False),
+    ],
+)
+def test_real_slice_comes_out_within_a_millimetre(shared_data, image, closed):
+    folder, name = shared_data / "planned", image[:8]
+    made = plan(
+        folder / image,
+        folder / f"{name}_markers_image.csv",
+        folder / f"{name}_markers_robot.csv",
+        extraction=ExtractSettings(pixel_spacing_mm=(0.5954, 0.5954)),
+    )
+    line = mapped_truth(folder, name)
+    assert distance_to_line(made.fixture.points, line, closed).max() < 1e-3
+    assert distance_to_line(line, made.fixture.points, closed).max() < 1e-3
+    assert list(made.fixture.curve.closed) == [closed]
+
+
+def test_same_input_gives_the_same_fixture(monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    first, second = elbow().fixture, elbow().fixture
+    assert np.array_equal(first.points, second.points)
+    assert first.provenance == second.provenance
+    assert first.provenance.created_utc == "2023-11-14T22:13:20Z"
+
+
+def test_provenance_names_inputs_by_hash_and_nothing_by_path():
+    provenance = elbow().fixture.provenance
+    assert set(provenance.inputs) == {"image", "markers", "markers2"}
+    assert all(len(value) == 64 for value in provenance.inputs.values())
+    assert "elbow" not in repr(provenance)
+    assert {"colour", "model", "tolerance_m"} <= set(provenance.settings)
+
+
+def test_density_takes_the_place_of_the_tolerance():
+    made = elbow(settings=FixtureSettings(density_per_m=2000.0))
+    assert made.report["register"]["spacing_m"] == pytest.approx(0.5e-3, rel=0.01)
+
+
+def test_finer_tolerance_costs_more_points():
+    counts = [
+        len(elbow(settings=FixtureSettings(tolerance_m=t)).fixture.points)
+        for t in (1e-4, 1e-5, 1e-6)
+    ]
+    assert counts == sorted(counts)
+    assert counts[2] / counts[1] == pytest.approx(np.sqrt(10), rel=0.05)
+
+
+def registration_of_a_plane(normal):
+    """A planar registration whose plane has the given normal."""
+    normal = np.asarray(normal, float) / np.linalg.norm(normal)
+    a = np.cross(normal, [0.3, 0.5, 0.8])
+    a /= np.linalg.norm(a)
+    b = np.cross(normal, a)
+    source = np.array([[0, 0], [100, 0], [0, 100], [100, 100], [40, 70]], float)
+    return vfplan.fit_registration(source, 1e-3 * (source[:, :1] * a + source[:, 1:] * b))
+
+
+def test_slice_is_extruded_along_its_normal_by_default():
+    axis = ignored_axis(None, registration_of_a_plane([0.2, -0.1, 1.0]))
+    expected = np.array([0.2, -0.1, 1.0]) / np.linalg.norm([0.2, -0.1, 1.0])
+    assert abs(axis @ expected) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(("normal", "allowed"), [([0, 0.9, 1], True), ([0, 1.1, 1], False)])
+def test_axis_that_would_collapse_the_slice_is_refused(normal, allowed):
+    registration = registration_of_a_plane(normal)
+    if allowed:
+        assert ignored_axis("z", registration).tolist() == [0, 0, 1]
+    else:
+        with pytest.raises(SettingError, match=r"47\.7 degrees"):
+            ignored_axis("z", registration)
+
+
+def test_no_axis_is_ignored_when_told_so():
+    assert ignored_axis("none", registration_of_a_plane([0, 0, 1])) is None
+    assert elbow(settings=FixtureSettings(ignore_axis="none")).fixture.ignore_axis is None
+
+
+def test_values_along_a_closed_curve_run_back_to_the_first():
+    values = np.array([0.0, 1.0, 2.0, 3.0])
+    assert along(values, np.array([0, 0.5, 3, 3.5])).tolist() == [0, 0.5, 3, 1.5]
+
+
+def test_a_registered_fixture_is_not_registered_twice():
+    fixture = elbow().fixture
+    with pytest.raises(CurveError, match="robot_base"):
+        vfplan.register(fixture, SAMPLES / "elbow_markers_image.csv")
+
+
+def test_markers_in_space_do_not_register_a_slice(tmp_path):
+    path = tmp_path / "m.csv"
+    path.write_text("label,x_m,y_m,z_m\n" + "\n".join(f"x{i},{i},{i**2},0" for i in range(5)))
+    curve = Fixture("image", np.c_[np.arange(9.0), np.zeros((9, 2))], Provenance("", ""))
+    with pytest.raises(MarkerError):
+        vfplan.register(curve, path, Path(path))

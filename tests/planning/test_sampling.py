@@ -1,0 +1,207 @@
+"""Sampling by need: the union of spheres stays within its promise of the swept curve."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
+
+from vfplan.engine.spacing import MOST_POINTS
+from vfplan.errors import SettingError
+from vfplan.planning.sampling import sample_curve
+
+R = 5e-3
+PIXEL = 0.6e-3
+
+
+def flat(u, v):
+    return np.column_stack([u, v, np.zeros(len(u))])
+
+
+def circle(radius, step=PIXEL):
+    t = np.linspace(0, 2 * np.pi, max(12, round(2 * np.pi * radius / step)), endpoint=False)
+    return flat(radius * np.cos(t), radius * np.sin(t)), True
+
+
+def wave(amplitude, period):
+    x = np.arange(0, 0.12, PIXEL)
+    return flat(x, amplitude * np.sin(2 * np.pi * x / period)), False
+
+
+CURVES = {
+    "line": (flat(np.arange(0, 0.1, PIXEL), np.zeros(167)), False),
+    "circle 2 mm": circle(2e-3, 2e-4),
+    "circle 6 mm": circle(6e-3),
+    "circle 20 mm": circle(20e-3),
+    "gentle wave": wave(5e-3, 60e-3),
+    "steep wave": wave(8e-3, 30e-3),
+    "helix": (
+        np.column_stack([0.01 * np.cos(T := np.linspace(0, 12, 600)), 0.01 * np.sin(T), 1e-3 * T]),
+        False,
+    ),
+}
+
+
+def deviation(fine, closed, sampled):
+    """The largest distance from the swept tube's surface to the union of spheres in it [m]."""
+    ring = np.vstack([fine, fine[:1]]) if closed else fine
+    ends = "periodic" if closed else "not-a-knot"
+    spline = CubicSpline(np.arange(len(ring)), ring, bc_type=ends)
+    dense = cKDTree(spline(np.linspace(0, len(ring) - 1, 40 * len(ring))))
+    at = np.linspace(0, len(ring) - 1, 3001)
+    tangent = spline(at, 1)
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    bend = spline(at, 2) - np.einsum("ij,ij->i", spline(at, 2), tangent)[:, None] * tangent
+    size = np.linalg.norm(bend, axis=1)[:, None]
+    side = np.cross(tangent, [0, 0, 1.0])
+    normal = np.where(size > 1e-9, bend / np.maximum(size, 1e-12), side)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    worst = 0.0
+    for direction in (normal, -normal, np.cross(tangent, normal)):
+        skin = spline(at) + R * direction
+        skin = skin[dense.query(skin)[0] > R * (1 - 1e-7)]  # the rest lies inside the tube
+        if len(skin):
+            worst = max(worst, float(cKDTree(sampled.points).query(skin)[0].max()) - R)
+    return worst
+
+
+@pytest.mark.parametrize("tolerance", [2e-6, 1e-5, 5e-5])
+@pytest.mark.parametrize("name", CURVES)
+def test_the_promise_holds_and_is_not_wasteful(name, tolerance):
+    fine, closed = CURVES[name]
+    sampled = sample_curve(fine, closed, radius_m=R, tolerance_m=tolerance)
+    assert sampled.sampling_error_m <= tolerance * (1 + 1e-9)
+    measured = deviation(fine, closed, sampled)
+    assert measured <= tolerance * 1.02
+    assert measured >= 0.3 * tolerance
+
+
+def dimple(fine, closed, sampled):
+    """How deep a ray from the curve along its normal may end below R in the union [m]."""
+    ring = np.vstack([fine, fine[:1]]) if closed else fine
+    spline = CubicSpline(np.arange(len(ring)), ring, bc_type="periodic" if closed else "not-a-knot")
+    at = np.linspace(0, len(ring) - 1, 4001)
+    tangent = spline(at, 1)
+    normal = np.cross(tangent, [0, 0, 1.0])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    to_centre = sampled.points[None] - spline(at)[:, None]
+    deepest = 0.0
+    for side in (normal, -normal):
+        along = np.einsum("mnk,mk->mn", to_centre, side)
+        inside = along**2 - (to_centre**2).sum(2) + R**2
+        reach = np.where(inside >= 0, along + np.sqrt(np.maximum(inside, 0)), 0.0)
+        deepest = max(deepest, R - float(reach.max(1).min()))
+    return deepest
+
+
+@pytest.mark.parametrize("name", ["line", "circle 20 mm", "gentle wave"])
+@pytest.mark.parametrize("tolerance", [1e-5, 2e-4, 1e-3, 4e-3])
+def test_the_promise_holds_where_spheres_barely_meet(name, tolerance):
+    """There h²/8R is too little: at h = 1.8 R the dimple is 0.56 R deep, and h²/8R only 0.4 R."""
+    fine, closed = CURVES[name]
+    sampled = sample_curve(fine, closed, radius_m=R, tolerance_m=tolerance)
+    assert sampled.sampling_error_m <= tolerance * (1 + 1e-9)
+    assert dimple(fine, closed, sampled) <= sampled.sampling_error_m * 1.001
+
+
+@pytest.mark.parametrize("gap", [0.5, 1.0, 1.9])
+def test_the_bound_holds_at_any_density(gap):
+    fine, closed = CURVES["line"]
+    sampled = sample_curve(fine, closed, radius_m=R, density_per_m=1 / (gap * R))
+    measured = dimple(fine, closed, sampled)
+    assert measured == pytest.approx(sampled.sampling_error_m, rel=0.01)
+
+
+def test_spheres_that_do_not_meet_cost_the_whole_radius():
+    sampled = sample_curve(*CURVES["line"], radius_m=R, density_per_m=1 / (3 * R))
+    assert sampled.sampling_error_m == pytest.approx(R)
+
+
+@pytest.mark.parametrize("asked", [{"density_per_m": 1e12}, {"tolerance_m": 1e-18}], ids=str)
+def test_more_points_than_a_bundle_holds_are_refused_at_once(asked):
+    sizes = json.loads((ROOT / "schemas" / "bundle-1.0.json").read_text())["sizes"]
+    assert sizes["N"]["max"] == MOST_POINTS
+    with pytest.raises(SettingError, match="at most 4000000"):
+        sample_curve(*CURVES["line"], radius_m=R, **asked)
+
+
+def test_the_straight_formula_alone_breaks_it_at_a_tight_bend():
+    fine, closed = CURVES["circle 2 mm"]
+    straight = np.sqrt(8 * 1e-5 * R)
+    sampled = sample_curve(fine, closed, radius_m=R, density_per_m=1 / straight)
+    assert deviation(fine, closed, sampled) > 2.5e-5
+    assert sampled.sampling_error_m > 2.5e-5
+
+
+def test_density_overrides():
+    fine, closed = CURVES["circle 20 mm"]
+    sampled = sample_curve(fine, closed, radius_m=R, density_per_m=2000)
+    assert len(sampled.points) == pytest.approx(2000 * 2 * np.pi * 0.02, abs=1)
+    assert sampled.spacing_m == pytest.approx(5e-4, rel=0.01)
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_points_lie_on_the_curve_in_order_with_both_ends(name):
+    fine, closed = CURVES[name]
+    sampled = sample_curve(fine, closed, radius_m=R)
+    assert (np.diff(sampled.arclength) > 0).all()
+    assert (np.diff(sampled.parameter) > 0).all()
+    assert np.allclose(sampled.points[0], fine[0])
+    if closed:
+        assert sampled.parameter[-1] < len(fine)
+    else:
+        assert np.allclose(sampled.points[-1], fine[-1])
+    if name.startswith("circle"):
+        radius = float(name.split()[1]) * 1e-3
+        assert np.abs(np.hypot(*sampled.points[:, :2].T) - radius).max() < 1e-6
+
+
+def test_arc_length_of_a_circle():
+    fine, closed = CURVES["circle 6 mm"]
+    sampled = sample_curve(fine, closed, radius_m=R)
+    steps = np.diff(np.r_[sampled.arclength, 2 * np.pi * 6e-3])
+    assert np.allclose(steps, steps[0], rtol=2e-3)
+
+
+def test_fewer_points_than_one_a_pixel():
+    fine, closed = CURVES["gentle wave"]
+    sampled = sample_curve(fine, closed, radius_m=R, tolerance_m=5e-5)
+    assert len(sampled.points) < 0.6 * len(fine)
+
+
+def test_bends_tighter_than_the_proxy_are_reported_with_their_place():
+    assert sample_curve(*CURVES["circle 6 mm"], radius_m=R).tight_bends == ()
+    x = np.arange(-0.03, 0.03, 2e-4)
+    parabola = flat(x, x**2 / (2 * 2e-3))  # radius 2 mm at the origin
+    (bend,) = sample_curve(parabola, False, radius_m=R).tight_bends
+    assert np.allclose(bend.position_m, 0, atol=3e-4)
+    assert bend.radius_m == pytest.approx(2e-3, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"radius_m": 0.0}, {"radius_m": float("inf")}, {"radius_m": R, "tolerance_m": -1.0},
+        {"radius_m": R, "tolerance_m": float("nan")}, {"radius_m": R, "density_per_m": 0.0},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_settings_out_of_range_are_refused(wrong):
+    with pytest.raises(SettingError):
+        sample_curve(*CURVES["line"], **wrong)
+
+
+@pytest.mark.parametrize("points", [np.zeros((1, 3)), np.zeros((5, 2)), np.full((5, 3), np.nan)])
+def test_curves_that_are_none_are_refused(points):
+    with pytest.raises(SettingError):
+        sample_curve(points, False, radius_m=R)
+
+
+def test_two_points_are_a_line():
+    sampled = sample_curve(np.array([[0, 0, 0], [0.01, 0, 0]]), False, radius_m=R)
+    assert np.allclose(sampled.points[:, 1:], 0)
+    assert sampled.arclength[-1] == pytest.approx(0.01)

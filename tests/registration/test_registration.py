@@ -1,0 +1,205 @@
+"""Registration against independent solvers, published figures and planted truth."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from layouts import MODELS, PX, R, grid, planar, solid
+
+import vfplan
+from vfplan.errors import MarkerError, SettingError
+from vfplan.registration import fit_registration
+
+
+def test_affine_is_ordinary_least_squares():
+    source = grid()
+    target = planar(source)
+    x = np.column_stack([source, np.ones(len(source))])
+    b, sse, _, _ = np.linalg.lstsq(x, target, rcond=None)
+    r = fit_registration(source, target)
+    np.testing.assert_allclose(r.T_target_source, b.T, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(r.fre_rms_m, np.sqrt(sse.sum() / 9), rtol=1e-12)
+    h = np.diag(x @ np.linalg.inv(x.T @ x) @ x.T)
+    np.testing.assert_allclose(r.leverage, h, rtol=1e-9)
+    np.testing.assert_allclose(r.covariance[:3, :3], sse.sum() / 18 * np.linalg.inv(x.T @ x))
+    np.testing.assert_allclose(r.tre_m(source), np.sqrt(3 * sse.sum() / 18 * h), rtol=1e-9)
+
+
+def test_solid_rigid_and_similarity_agree_with_scipy_and_skimage():
+    from scipy.spatial.transform import Rotation
+    from skimage.transform import SimilarityTransform
+
+    source, target = solid()
+    r = fit_registration(source, target, model="rigid")
+    found, _ = Rotation.align_vectors(target - target.mean(0), source - source.mean(0))
+    np.testing.assert_allclose(r.T_target_source[:3, :3], found.as_matrix(), atol=1e-12)
+    other = SimilarityTransform.from_estimate(source, target)
+    s = fit_registration(source, target, model="similarity")
+    np.testing.assert_allclose(s.T_target_source, other.params, atol=1e-12)
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("kind", ["planar", "solid"])
+def test_leave_one_out_is_what_refitting_gives(model, kind):
+    source, target = (grid(), planar(grid())) if kind == "planar" else solid(7)
+    spacing = PX if kind == "planar" else None
+    r = fit_registration(source, target, model=model, pixel_spacing=spacing)
+    for i in range(len(source)):
+        keep = np.arange(len(source)) != i
+        other = fit_registration(source[keep], target[keep], model=model, pixel_spacing=spacing)
+        error = np.linalg.norm(other.apply(source[i : i + 1]) - target[i])
+        np.testing.assert_allclose(r.loo_m[i], error, rtol=1e-9)
+
+
+def test_published_rigid_registration(shared_data):
+    folder = shared_data / "pelvis_phantom"
+    tracker = np.loadtxt(folder / "Tracker_Fiducial_Markers.txt")
+    ct = np.loadtxt(folder / "pelvis_cropped_ct_fiducial_markers.txt")
+    published = np.loadtxt(folder / "Tracker_to_pelvis_cropped.txt")
+    r = fit_registration(tracker / 1e3, ct / 1e3, model="rigid")
+    assert abs(r.fre_rms_m * 1e3 - 0.428411) < 1e-6
+    published[:3, 3] /= 1e3
+    np.testing.assert_allclose(r.T_target_source, published, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("view", "model", "rms_mm"),
+    [
+        (0, "similarity", 0.344),
+        (0, "affine", 0.330),
+        (3, "similarity", 1.941),
+        (3, "affine", 1.520),
+    ],
+)
+def test_photographs_of_a_board(shared_data, view, model, rms_mm):
+    folder = shared_data / "photo_px_to_mm"
+    pixels = np.loadtxt(folder / f"calib.image_points.{view}.txt")
+    board = np.loadtxt(folder / f"calib.object_points.{view}.txt") / 1e3
+    assert abs(fit_registration(pixels, board, model=model).fre_rms_m * 1e3 - rms_mm) < 6e-4
+
+
+@pytest.mark.parametrize("name", ["a", "b", "c"])
+@pytest.mark.parametrize("model", MODELS)
+def test_planned_slices_stay_within_the_predicted_bound(shared_data, name, model):
+    folder = shared_data / "planned"
+    markers = vfplan.read_markers(
+        folder / f"pelvis_{name}_markers_image.csv", folder / f"pelvis_{name}_markers_robot.csv"
+    )
+    truth = json.loads((folder / f"pelvis_{name}_truth.json").read_text())
+    curve = np.loadtxt(folder / f"pelvis_{name}_truth_px.csv", delimiter=",", skiprows=1)[:, -2:]
+    r = fit_registration(
+        markers.source,
+        markers.target,
+        model=model,
+        labels=markers.labels,
+        pixel_spacing=truth["pixel_spacing_mm"] / 1e3,
+    )
+    exact = np.column_stack([curve, np.ones(len(curve))]) @ np.array(truth["T_robot_image_3x3"]).T
+    error = np.linalg.norm(r.apply(curve) - exact, axis=1)
+    assert (error < r.tre95_curve_m(curve)).all()
+    assert 0.5 < r.sigma_m / truth["marker_noise_sigma_m"] < 1.5
+    assert r.outliers == ()
+    assert r.labels == tuple(f"x{i}" for i in range(1, 10))
+
+
+def test_record_is_what_a_fixture_keeps():
+    r = fit_registration(grid(), planar(grid()), labels=[f"x{i}" for i in range(9)])
+    points = np.column_stack([grid(), np.zeros(9)])
+    record = r.record(points)
+    assert (record.model, record.source_frame) == ("affine", "image")
+    assert record.T_robot_image.shape == (3, 3)
+    assert record.covariance.shape == (9, 9)
+    assert record.tre_m.shape == (9,)
+    np.testing.assert_allclose(record.tre_rms_m, np.sqrt((record.tre_m**2).mean()))
+
+
+LINE = np.column_stack([np.linspace(0, 500, 6), np.linspace(0, 250, 6)])
+REFUSED = {
+    "collinear in the source": (LINE, planar(grid(6))),
+    "collinear in the target": (grid(6), np.column_stack([LINE, LINE[:, 0]]) * 1e-3),
+    "coincide in the source": (np.full((5, 2), 7.1), planar(grid(5))),
+    "coincide in the target": (grid(5), np.full((5, 3), 0.3)),
+    "2 markers": (grid(2), planar(grid(2))),
+    "0 markers": (np.empty((0, 2)), np.empty((0, 3))),
+    "marker 2 is": (np.where(np.arange(10).reshape(5, 2) == 4, np.nan, grid(5)), planar(grid(5))),
+    "at most 1e100": (grid(5), planar(grid(5)) * 1e200),
+    "5 source and 4 target": (grid(5), planar(grid(4))),
+    "source has shape": (np.zeros((5, 4)), planar(grid(5))),
+    "target has shape": (grid(5), np.zeros((5, 2))),
+    "are not numbers": ([["a", "b"]] * 5, planar(grid(5))),
+}
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("message", REFUSED)
+def test_degenerate_markers_are_refused(message, model):
+    with pytest.raises(MarkerError, match=message.replace("marker 2", "marker '?2'?")):
+        fit_registration(*REFUSED[message], model=model, pixel_spacing=PX)
+
+
+def test_affine_needs_a_residual_and_a_solid_one_depth():
+    with pytest.raises(MarkerError, match="3 leave no residual"):
+        fit_registration(grid(3), planar(grid(3)))
+    with pytest.raises(MarkerError, match="4 leave no residual"):
+        fit_registration(*solid(4))
+    source, _ = solid(8)
+    flat = source * [1, 1, 0]
+    with pytest.raises(MarkerError, match=r"coplanar in the source.*use similarity or rigid"):
+        fit_registration(flat, flat @ R.T)
+    fit_registration(flat, flat @ R.T, model="rigid")
+
+
+def test_settings_are_checked():
+    source, target = grid(), planar(grid())
+    for settings, message in (
+        ({"model": "homography"}, "affine, similarity, rigid"),
+        ({"model": "rigid"}, "needs the pixel spacing"),
+        ({"pixel_spacing": 0.0}, "above 0"),
+        ({"pixel_spacing": (1e-3, np.nan)}, "above 0"),
+    ):
+        with pytest.raises(SettingError, match=message):
+            fit_registration(source, target, **settings)
+    with pytest.raises(SettingError, match="not pixels"):
+        fit_registration(*solid(), pixel_spacing=1e-3)
+    r = fit_registration(source, target)
+    for points in ([[np.nan, 1]], "x", [[1, 2, 3]], [], np.zeros((2, 2, 2))):
+        with pytest.raises(SettingError, match="points"):
+            r.tre95_m(points)
+    with pytest.raises(MarkerError, match="rows of equal length"):
+        fit_registration([[1, 2], [3]], target)
+    with pytest.raises(MarkerError, match="sigma is not numbers"):
+        fit_registration(source, target, sigma="x")
+    with pytest.raises(MarkerError, match="occurs more than once"):
+        fit_registration(source, target, labels=["a"] * 9)
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e-3, 1.0, 1e3, 1e6])
+@pytest.mark.parametrize("model", MODELS)
+def test_small_well_conditioned_sets_are_taken_in_any_unit(model, unit):
+    source = np.array([[0, 0], [20, 0], [20, 15], [0, 15.5]]) * unit
+    target = np.column_stack([source, np.zeros(4)]) @ R.T * 1e-3
+    target += np.random.default_rng(2).normal(0, 1e-4 * unit, (4, 3))
+    r = fit_registration(source, target, model=model, pixel_spacing=1e-3)
+    assert r.fre_rms_m < 1e-2 * unit
+    assert r.condition < 2
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_robust_names_what_it_leaves_out(model):
+    source = grid()
+    target = planar(source)
+    target[2] += [0.004, -0.003, 0.0]
+    target[7] += [-0.005, 0.0, 0.004]
+    labels = [f"x{i}" for i in range(1, 10)]
+    kwargs = {"model": model, "labels": labels, "pixel_spacing": PX}
+    r = fit_registration(source, target, robust=True, **kwargs)
+    assert r.outliers == ("x3", "x8")
+    assert r.used.sum() == 7
+    good = np.array([i for i in range(9) if i not in (2, 7)])
+    kwargs["labels"] = [labels[i] for i in good]
+    alone = fit_registration(source[good], target[good], **kwargs)
+    np.testing.assert_allclose(r.T_target_source, alone.T_target_source, rtol=1e-9)
+    assert r.residuals_m[2] > 0.003
+    np.testing.assert_allclose(r.fre_rms_m, alone.fre_rms_m, rtol=1e-9)

@@ -1,0 +1,218 @@
+"""Predicted errors against what happens: refits with fresh noise, thousands of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from layouts import MODELS, PX, R, grid, planar, solid
+
+from vfplan.registration import fit_registration
+from vfplan.registration.models import homogeneous
+
+TRIANGLE = np.array([[100.0, 100], [700, 150], [300, 600]])
+LAYOUTS = {
+    "grid": grid(),
+    "kite": np.array([[100.0, 100], [700, 150], [300, 600], [420, 380]]),
+    "strip": np.array([[100.0, 305], [220, 270], [340, 320], [460, 290], [580, 310], [700, 285]]),
+    "triangle": TRIANGLE,
+}
+# Inside, at a corner, beyond the markers.
+TARGETS = np.array([[420.0, 390], [100, 400], [300, 200], [850, 800]])
+SOLID = solid(7)[0]
+SOLID_TARGETS = np.array([[0.0, 0, 0], [0.2, 0.1, 0], [0, 0, 0.3]])
+CASES = [
+    (model, layout, noise)
+    for model in MODELS
+    for layout, noise in (("grid", 3e-4), ("kite", 1e-3), ("strip", 1e-4), ("triangle", 5e-4))
+    if (model, layout) != ("affine", "triangle")  # three markers leave it no residual
+] + [(model, "solid", 1e-3) for model in MODELS]
+
+
+def truth(points):
+    flat = np.column_stack([points * PX, np.zeros(len(points))]) if points.shape[1] == 2 else points
+    return flat @ R.T + [0.4, -0.1, 0.02]
+
+
+@pytest.mark.parametrize(("model", "layout", "noise"), CASES)
+def test_predicted_tre_is_the_true_one(model, layout, noise):
+    source = SOLID if layout == "solid" else LAYOUTS[layout]
+    targets = SOLID_TARGETS if layout == "solid" else TARGETS
+    spacing = None if layout == "solid" else PX
+    rng = np.random.default_rng(11)
+    exact, goal = truth(source), truth(targets)
+    predicted, true, covered = [], [], []
+    for _ in range(2000):
+        r = fit_registration(
+            source,
+            exact + rng.normal(0, noise, exact.shape),
+            model=model,
+            pixel_spacing=spacing,
+        )
+        error = np.linalg.norm(r.apply(targets) - goal, axis=1)
+        predicted.append(r.tre_m(targets) ** 2)
+        true.append(error**2)
+        covered.append(error <= r.tre95_m(targets))
+    assert 0.97 < np.sqrt(np.mean(predicted) / np.mean(true)) < 1.03
+    assert 0.94 < np.mean(covered) < 0.96
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("per_axis", [False, True])
+def test_predicted_tre_with_unequal_markers(model, per_axis):
+    source, targets = grid(), TARGETS
+    rng = np.random.default_rng(12)
+    sigma = np.exp(rng.normal(np.log(3e-4), 0.6, (9, 3) if per_axis else 9))
+    spread = np.broadcast_to(sigma.reshape(9, -1), (9, 3))
+    predicted, true, covered = [], [], []
+    for _ in range(1200):
+        noisy = truth(source) + rng.normal(0, 1, (9, 3)) * spread
+        # Only the ratios count: state all of them five times too small.
+        r = fit_registration(source, noisy, model=model, pixel_spacing=PX, sigma=sigma / 5)
+        error = np.linalg.norm(r.apply(targets) - truth(targets), axis=1)
+        predicted.append(r.tre_m(targets) ** 2)
+        true.append(error**2)
+        covered.append(error <= r.tre95_m(targets))
+    assert 0.97 < np.sqrt(np.mean(predicted) / np.mean(true)) < 1.03
+    assert 0.935 < np.mean(covered) < 0.965
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("layout", ["grid", "kite"])
+def test_the_band_covers_the_whole_curve(model, layout):
+    source, rng = LAYOUTS[layout], np.random.default_rng(13)
+    t = np.linspace(0, 1, 120)
+    curve = np.column_stack([150 + 500 * t, 350 + 150 * np.sin(6 * t)])
+    fits = [
+        fit_registration(
+            source,
+            truth(source) + rng.normal(0, 3e-4, (len(source), 3)),
+            model=model,
+            pixel_spacing=PX,
+        )
+        for _ in range(2500)
+    ]
+    widths = [(r.tre95_curve_m(curve) / r.tre95_m(curve))[0] for r in fits[:3]]
+    np.testing.assert_allclose(widths, widths[0], rtol=1e-2)  # the draw does not matter
+    goal = truth(curve)
+    ratio = np.array(
+        [(np.linalg.norm(r.apply(curve) - goal, axis=1) / r.tre95_m(curve)).max() for r in fits]
+    )
+    assert 0.94 < (ratio <= widths[0]).mean() < 0.96
+    assert (ratio <= 1).mean() < 0.93  # what the pointwise bound covers
+
+
+def test_rigid_tre_is_the_formula_of_fitzpatrick_west_and_maurer():
+    source, target = solid(9)
+    r = fit_registration(source, target, model="rigid")
+    centre = source.mean(axis=0)
+    _, axes = np.linalg.eigh(np.cov((source - centre).T))
+
+    def squared_distance(points, axis):
+        along = (points - centre) @ axis
+        return ((points - centre) ** 2).sum(axis=1) - along**2
+
+    f2 = [squared_distance(source, axes[:, k]).mean() for k in range(3)]
+    d2 = [squared_distance(SOLID_TARGETS, axes[:, k]) for k in range(3)]
+    expected = r.fle_rms_m**2 / 9 * (1 + sum(d / f for d, f in zip(d2, f2, strict=True)) / 3)
+    np.testing.assert_allclose(r.tre_m(SOLID_TARGETS), np.sqrt(expected), rtol=1e-9)
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("kind", ["planar", "solid"])
+def test_covariance_of_the_transform_predicts_the_same_error(model, kind):
+    source, target = (grid(), planar(grid())) if kind == "planar" else solid(8)
+    spacing = PX if kind == "planar" else None
+    r = fit_registration(source, target, model=model, pixel_spacing=spacing)
+    x = homogeneous(source[:3])
+    k = x.shape[1]
+    c = r.covariance.reshape(3, k, 3, k)
+    expected = np.einsum("mi,aibj,mj->mab", x, c, x)
+    np.testing.assert_allclose(r.tre_covariance(source[:3]), expected, rtol=1e-9, atol=1e-18)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_fle_is_recovered(model):
+    rng = np.random.default_rng(4)
+    found = [
+        fit_registration(
+            grid(), truth(grid()) + rng.normal(0, 3e-4, (9, 3)), model=model, pixel_spacing=PX
+        ).fle_rms_m
+        ** 2
+        for _ in range(1500)
+    ]
+    assert abs(np.sqrt(np.mean(found)) / (3e-4 * np.sqrt(3)) - 1) < 0.02
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("kind", ["planar", "solid"])
+@pytest.mark.parametrize("origin", [0.0, 1e3])
+def test_no_unit_origin_or_rotation_changes_anything(model, kind, origin):
+    """Target in another unit, far from its origin, turned: errors scale, nothing else moves."""
+    source, target = (grid(), planar(grid())) if kind == "planar" else solid(8)
+    spacing = PX if kind == "planar" else None
+    base = fit_registration(source, target, model=model, pixel_spacing=spacing)
+    turn = R @ R
+    shift = np.array([origin, -origin, origin / 3])
+    moved = fit_registration(source, target @ turn.T + shift, model=model, pixel_spacing=spacing)
+    curve = source[:4] * 0.9
+    for name in ("residuals_m", "loo_m", "leverage", "studentised_f"):
+        np.testing.assert_allclose(getattr(moved, name), getattr(base, name), rtol=1e-8)
+    np.testing.assert_allclose(moved.fre_rms_m, base.fre_rms_m, rtol=1e-9)
+    np.testing.assert_allclose(moved.tre_m(curve), base.tre_m(curve), rtol=1e-9)
+    np.testing.assert_allclose(moved.tre95_m(curve), base.tre95_m(curve), rtol=1e-9)
+    expected = base.apply(curve) @ turn.T + shift
+    np.testing.assert_allclose(moved.apply(curve), expected, atol=1e-12 * max(1, origin))
+    if (kind == "solid" and model != "rigid") or kind == "planar":
+        self_scale = 1e3 if spacing is None else 1.0
+        mm = fit_registration(
+            source * self_scale,
+            target * 1e3,
+            model=model,
+            pixel_spacing=spacing and spacing * 1e3,
+        )
+        np.testing.assert_allclose(mm.residuals_m / 1e3, base.residuals_m, rtol=1e-9)
+        np.testing.assert_allclose(
+            mm.tre95_m(curve * self_scale) / 1e3, base.tre95_m(curve), rtol=1e-9
+        )
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_source_origin_and_unit_do_not_matter_either(model):
+    source, target = solid(8)
+    base = fit_registration(source, target, model=model)
+    shift = np.array([1e3, -5e2, 2e2])
+    moved = fit_registration(source @ R.T + shift, target, model=model)
+    np.testing.assert_allclose(moved.residuals_m, base.residuals_m, rtol=1e-8)
+    np.testing.assert_allclose(moved.fre_rms_m, base.fre_rms_m, rtol=1e-9)
+    curve = SOLID_TARGETS
+    np.testing.assert_allclose(moved.tre_m(curve @ R.T + shift), base.tre_m(curve), rtol=1e-9)
+
+
+def test_leaving_a_weight_tiny_is_leaving_the_marker_out():
+    source, target = grid(), planar(grid())
+    sigma = np.full(9, 1e-4)
+    sigma[4] = 1e3
+    keep = np.arange(9) != 4
+    for model in MODELS:
+        weighted = fit_registration(source, target, model=model, pixel_spacing=PX, sigma=sigma)
+        alone = fit_registration(source[keep], target[keep], model=model, pixel_spacing=PX)
+        np.testing.assert_allclose(weighted.apply(TARGETS), alone.apply(TARGETS), rtol=1e-9)
+
+
+def test_weights_an_axis_minimise_the_weighted_squares():
+    from scipy.optimize import least_squares
+
+    source, target = solid(6)
+    sigma = np.exp(np.random.default_rng(2).normal(np.log(3e-4), 0.7, (6, 3)))
+    r = fit_registration(source, target, model="rigid", sigma=sigma)
+    from vfplan.registration.models import rotation
+
+    start = r.T_target_source
+
+    def residual(p):
+        moved = source @ (rotation(p[:3]) @ start[:3, :3]).T + start[:3, 3] + p[3:]
+        return ((target - moved) / sigma).ravel()
+
+    best = least_squares(residual, np.full(6, 1e-4), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    assert (residual(np.zeros(6)) ** 2).sum() <= 2 * best.cost * (1 + 1e-12)
+    np.testing.assert_allclose(best.x, 0, atol=1e-8)

@@ -1,0 +1,277 @@
+"""A replay's numbers against NumPy that knows only the per-tick output."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from replays import fixture_of, line, probing
+
+import vfplan
+from vfplan.errors import InputError, SessionError, SettingError
+from vfplan.fixture import Fixture
+from vfplan.replaying import replay
+from vfplan.replaying.clearance import Clearance
+from vfplan.session import Session, read_result, write_result
+
+PAPER = {"rule": "paper", "engine": "reference"}
+
+
+def runs(mask):
+    """(first, last) of each run of True, one by one."""
+    found, start = [], None
+    for k, flag in enumerate([*mask, False]):
+        if flag and start is None:
+            start = k
+        if not flag and start is not None:
+            found.append((start, k - 1))
+            start = None
+    return found
+
+
+def norm(a):
+    return np.sqrt((a**2).sum(axis=1))
+
+
+@pytest.fixture(scope="module")
+def pressed():
+    return replay(fixture_of(line()), probing(seed=3), **PAPER)
+
+
+def test_metrics_are_what_numpy_finds(pressed):
+    t, m = pressed.ticks, pressed.metrics
+    gap = t.proxy - t.hip
+    assert m["ticks"] == len(t.time) == 3000
+    assert m["duration_s"] == pytest.approx(t.time[-1] - t.time[0])
+    depth = norm(gap)
+    np.testing.assert_allclose(t.penetration, depth)
+    np.testing.assert_allclose(t.overlap, np.maximum(0, (t.normal * gap).sum(1) - 5e-3), atol=1e-18)
+    force = norm(t.force)
+    np.testing.assert_allclose(t.force, 1000 * gap * [1, 1, 0], atol=1e-12)
+    step = norm(np.diff(t.force, axis=0))
+    flat = t.proxy[:, None, :2] - line()[None, :, :2]
+    expected = {
+        "contact_ticks": np.count_nonzero(depth > 1e-9),
+        "penetration_max_m": depth.max(),
+        "penetration_rms_m": np.sqrt(np.mean(depth**2)),
+        "overlap_max_m": t.overlap.max(),
+        "force_max_n": force.max(),
+        "force_rms_n": np.sqrt(np.mean(force**2)),
+        "force_step_max_n": step.max(),
+        "force_step_max_tick": step.argmax() + 1,
+        "entrenched_ticks": np.count_nonzero(t.state == 2),
+        "energy_j": (t.force[:-1] * np.diff(t.hip, axis=0)).sum(),
+        "clearance_min_m": np.sqrt((flat**2).sum(2)).min() - 5e-3,
+    }
+    for name, value in expected.items():
+        assert m[name] == pytest.approx(value, rel=1e-9, abs=1e-15), name
+    for state in (-1, 0, 1, 2):
+        assert m["states"][str(state)] == np.count_nonzero(t.state == state)
+
+
+def test_episodes_are_what_numpy_finds(pressed):
+    t, episodes = pressed.ticks, pressed.metrics["episodes"]
+    spans = runs(t.penetration > 1e-9)
+    assert len(episodes) == len(spans) == 4
+    dt = np.diff(t.time, append=t.time[-1])
+    dx = np.diff(t.hip, axis=0, append=t.hip[-1:])
+    work = (t.force * dx).sum(1)
+    for episode, (a, b) in zip(episodes, spans, strict=True):
+        part = slice(a, b + 1)
+        deep = a + t.penetration[part].argmax()
+        expected = {
+            "start_tick": a,
+            "end_tick": b,
+            "ticks": b + 1 - a,
+            "start_s": t.time[a],
+            "end_s": t.time[b + 1],
+            "dwell_s": dt[part].sum(),
+            "penetration_max_m": t.penetration[deep],
+            "overlap_max_m": t.overlap[part].max(),
+            "force_max_n": norm(t.force[part]).max(),
+            "energy_j": work[part].sum(),
+            "energy_peak_j": max(0.0, work[part].cumsum().max()),
+            "speed_at_touch_m_s": norm(t.hip[[a]] - t.hip[[a - 1]])[0] / 1e-3,
+        }
+        for name, value in expected.items():
+            assert episode[name] == pytest.approx(value, rel=1e-9, abs=1e-15), name
+        np.testing.assert_allclose(episode["impulse_ns"], (t.force * dt[:, None])[part].sum(0))
+        assert episode["deepest"]["tick"] == deep
+        along = episode["deepest_along"]
+        assert along["s_m"] == pytest.approx(t.proxy[deep, 0], abs=0.26e-3)
+
+
+def test_energy_splits_into_sampling_and_the_proxy(pressed):
+    # With F̄ the mean of F_k and F_{k+1}: F̄·Δx = F̄·Δp - ΔV exactly, V = ½ (p-x)·K(p-x), and V is 0
+    # at both ends. So what holding does not explain, the proxy did.
+    t, m = pressed.ticks, pressed.metrics
+    mean = 0.5 * (t.force[:-1] + t.force[1:])
+    by_proxy = (mean * np.diff(t.proxy, axis=0)).sum()
+    assert m["energy_j"] - m["energy_hold_j"] == pytest.approx(by_proxy, rel=1e-6, abs=1e-12)
+    assert m["energy_hold_j"] > 0
+    assert all(e["passive"] for e in m["episodes"])
+    # Every part of the loss or gain lies in an episode.
+    for name in ("energy_j", "energy_hold_j"):
+        assert sum(e[name] for e in m["episodes"]) == pytest.approx(m[name], rel=1e-9), name
+
+
+def test_blocks_do_not_change_the_numbers(pressed, monkeypatch):
+    session = pressed.metrics["session"]
+    assert session["rate_hz"] == pytest.approx(1000)
+    assert session["jitter_rms_s"] == pytest.approx(0, abs=1e-12)
+
+    class Pieces:
+        """The same session in blocks of 7."""
+
+        name, frame, sha256, notes, ticks = "pieces", "robot_base", None, {}, 3000
+
+        def blocks(self, size=7):
+            return probing(seed=3).blocks(7)
+
+    other = replay(fixture_of(line()), Pieces(), **PAPER)
+    for name in ("proxy", "force", "penetration", "overlap", "state"):
+        np.testing.assert_array_equal(getattr(other.ticks, name), getattr(pressed.ticks, name))
+    for name, value in pressed.metrics.items():
+        if isinstance(value, float) and name not in ("elapsed_s", "real_time_factor"):
+            assert other.metrics[name] == pytest.approx(value, rel=1e-9, abs=1e-15), name
+    for mine, theirs in zip(other.metrics["episodes"], pressed.metrics["episodes"], strict=True):
+        for name in ("ticks", "dwell_s", "energy_j", "energy_hold_j", "energy_peak_j", "slide_m"):
+            assert mine[name] == pytest.approx(theirs[name], rel=1e-9, abs=1e-15), name
+
+
+def test_the_same_replay_gives_the_same_bits(pressed):
+    again = replay(fixture_of(line()), probing(seed=3), **PAPER)
+    timed = {"step_us", "elapsed_s", "real_time_factor"}
+    assert {k: v for k, v in again.metrics.items() if k not in timed} == {
+        k: v for k, v in pressed.metrics.items() if k not in timed
+    }
+    np.testing.assert_array_equal(again.ticks.force, pressed.ticks.force)
+
+
+def test_result_file_holds_what_was_replayed(pressed, tmp_path):
+    write_result(pressed, tmp_path / "r.h5")
+    ticks, attrs = read_result(tmp_path / "r.h5")
+    np.testing.assert_array_equal(ticks.force, pressed.ticks.force)
+    assert attrs["rule"] == "paper"
+    assert attrs["engine"] == "reference"
+
+
+@pytest.mark.parametrize("far", [False, True])
+@pytest.mark.parametrize("axis", [None, (0.0, 0.0, 1.0)])
+def test_clearance_is_the_least_distance(axis, far):
+    rng = np.random.default_rng(7)
+    points = rng.uniform(0, 0.05, (800, 3)) * [1, 1, 0.1]
+    fixture = fixture_of(points, axis=axis, curve=False)
+    for trial in range(20):
+        path = rng.normal(0, 1e-3, (300, 3)).cumsum(axis=0)
+        path += [0, 0, 0.02]
+        path += [0.2, 0.3, 0.1] if far else [0.02, 0.02, 0]
+        clearance = Clearance(fixture)
+        for start in range(0, 300, 100):
+            clearance.update(path[start : start + 100])
+        keep = slice(None) if axis is None else slice(2)
+        gaps = path[:, None, keep] - points[None, :, keep]
+        assert clearance.minimum_m == pytest.approx(
+            np.sqrt((gaps**2).sum(2)).min() - 5e-3, abs=1e-12
+        ), trial
+
+
+def test_gaps_repeats_and_jumps_are_reported():
+    session = probing()
+    keep = np.ones(3000, bool)
+    keep[1000:1010] = False
+    hip = session.hip.copy()
+    hip[200:204] = hip[199]
+    hip[2000] += [10.0, 0, 0]
+    found = replay(fixture_of(line()), Session(session.time[keep], hip[keep]), **PAPER).metrics
+    seen = found["session"]
+    assert seen["gaps"] == 1
+    assert seen["missing_samples"] == 10
+    assert seen["gap_list"][0]["length_s"] == pytest.approx(11e-3)
+    assert (seen["repeats"], seen["repeats_longest"]) == (4, 4)
+    assert seen["jumps"] == 2
+    assert seen["jump_ticks"] == [1990, 1991]
+    codes = {f["code"] for f in found["findings"]}
+    assert {"session-gap", "session-jump"} <= codes
+
+
+def test_the_engine_is_set_as_the_fixture_says():
+    fixture = fixture_of(line(), band=7e-6, stiffness=(800.0, 900.0, 1000.0), rv=1e-3)
+    rendering = dataclasses.replace(fixture.rendering, max_iterations=3)
+    fixture = dataclasses.replace(fixture, rendering=rendering)
+    session = probing(1.0)
+    engine = vfplan.ProxyEngine(
+        line(), band=7e-6, stiffness=(800.0, 900.0, 1000.0), point_radius=1e-3, ignore_axis="z",
+        max_iterations=3,
+    )  # fmt: skip
+    engine.reset(session.hip[0])
+    found = replay(fixture, session)
+    np.testing.assert_array_equal(found.ticks.force, engine.run(session.hip).force)
+    scene = found.metrics["scene"]
+    assert (scene["max_iterations"], scene["band_m"], scene["point_radius_m"]) == (3, 7e-6, 1e-3)
+
+
+def test_a_session_in_other_units_is_noticed():
+    session = probing(0.2)
+    far = replay(fixture_of(line()), Session(session.time, 1e3 * session.hip + 5)).metrics
+    assert "never-near" in {f["code"] for f in far["findings"]}
+    assert far["contact_ticks"] == 0
+    near = replay(fixture_of(line()), session).metrics
+    assert "never-near" not in {f["code"] for f in near["findings"]}
+
+
+@pytest.mark.parametrize(("factor", "noticed"), [(1.0, False), (1e3, True), (1e-3, True)])
+def test_time_in_other_units_is_noticed(factor, noticed):
+    session = probing(0.2)
+    found = replay(fixture_of(line()), Session(factor * session.time, session.hip)).metrics
+    codes = {f["code"] for f in found["findings"]}
+    assert ("session-time" in codes) == noticed
+
+
+def test_wrong_calls_are_refused():
+    fixture, session = fixture_of(line()), probing()
+    with pytest.raises(SettingError, match="rule 'fast'"):
+        replay(fixture, session, rule="fast")
+    with pytest.raises(SettingError, match="engine 'gpu'"):
+        replay(fixture, session, engine="gpu")
+    with pytest.raises(SettingError, match="'paper' only"):
+        replay(fixture, session, engine="reference")
+    with pytest.raises(SessionError, match="frame 'world'"):
+        replay(fixture, Session(session.time, session.hip, frame="world"), **PAPER)
+    curve = Fixture("image", line(), fixture.provenance)
+    with pytest.raises(InputError, match="vfplan register"):
+        replay(curve, Session(session.time, session.hip, frame="image"), **PAPER)
+
+
+@pytest.mark.full
+def test_memory_does_not_grow_with_the_session(tmp_path):
+    def peak_kb(blocks):
+        code = (
+            "import numpy as np, resource\n"
+            "from replays import *\n"
+            "from vfplan.replaying import replay\n"
+            "from vfplan.session import SessionStream\n"
+            "def read():\n"
+            f"    for k in range({blocks}):\n"
+            "        s = probing(16.384)\n"
+            "        yield s.time + 16.384 * k, s.hip\n"
+            "found = replay(fixture_of(line()), SessionStream(read, 'long'), keep=0)\n"
+            f"assert found.metrics['ticks'] == 16384 * {blocks}\n"
+            "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+            cwd=ROOT / "tests" / "support",
+        )  # fmt: skip
+        return int(done.stdout)
+
+    assert peak_kb(200) < peak_kb(4) + 20_000  # 3.3 million ticks against 65 thousand
+
+
+def test_the_call_is_public(pressed):
+    assert vfplan.replay(fixture_of(line()), probing(0.1), **PAPER).rule == "paper"
+    assert isinstance(pressed, vfplan.Replay)

@@ -1,0 +1,215 @@
+"""Lossy links, two rules side by side, and limits: each against a slow, obvious form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from replays import fixture_of, line, probing
+
+import vfplan
+from vfplan.errors import SettingError
+from vfplan.replaying import Link, replay
+from vfplan.replaying.faults import LossyLink
+from vfplan.robot import Robot, read_robot
+from vfplan.session import Session
+
+
+def delivered(link, time, hip, size):
+    """What arrives, tick by tick, when the session is fed in blocks of `size`."""
+    lossy, out, last = LossyLink(link), [], None
+    for start in range(0, len(time), size):
+        block = lossy.deliver(time[start : start + size], hip[start : start + size])
+        for row in block.row:
+            last = block.hip[row] if row >= 0 else last
+            out.append(last)
+        if len(block.hip):
+            last = block.hip[-1]
+    return np.array(out), lossy.report(20)
+
+
+@pytest.mark.parametrize(
+    "link",
+    [
+        Link(drop=0.3, seed=4),
+        Link(jitter_s=3e-3, seed=4),
+        Link(delay_ticks=13),
+        Link(quantum_m=1e-4),
+        Link(drop=0.2, jitter_s=2e-3, delay_ticks=5, quantum_m=5e-5, seed=9),
+        Link(drop=0.95, delay_ticks=400, seed=1),
+    ],
+    ids=lambda link: "-".join(link.report()),
+)
+def test_blocks_do_not_change_what_arrives(link):
+    session = probing(1.0, seed=3)
+    whole, report = delivered(link, session.time, session.hip, 1000)
+    for size in (1, 7, 64, 333):
+        parts, again = delivered(link, session.time, session.hip, size)
+        np.testing.assert_array_equal(parts, whole, err_msg=f"blocks of {size}")
+        assert again == report
+
+
+def test_delay_and_quantum_are_exact():
+    session = probing(1.0)
+    late, _ = delivered(Link(delay_ticks=13), session.time, session.hip, 100)
+    np.testing.assert_array_equal(late[13:], session.hip[:-13])
+    np.testing.assert_array_equal(late[:13], np.repeat(session.hip[:1], 13, axis=0))
+    coarse, _ = delivered(Link(quantum_m=1e-4), session.time, session.hip, 100)
+    assert np.abs(coarse - session.hip).max() <= 0.5e-4 + 1e-12
+    np.testing.assert_allclose(coarse / 1e-4, np.round(coarse / 1e-4), atol=1e-9)
+
+
+def test_jitter_only_ages_and_keeps_order():
+    time = np.arange(2000) * 1e-3
+    hip = np.stack([time, 0 * time, 0 * time], axis=1)  # x says when the position was true
+    seen, _ = delivered(Link(jitter_s=4e-3, seed=2), time, hip, 100)
+    age = time - seen[:, 0]
+    assert age.min() >= -1e-12
+    assert age.max() <= 4e-3 + 1e-12
+    assert (np.diff(seen[:, 0]) >= 0).all()
+    assert 0.5e-3 < age.mean() < 2.5e-3
+
+
+def test_losses_are_counted_and_held():
+    session = probing(2.0)
+    seen, report = delivered(Link(drop=0.5, seed=8), session.time, session.hip, 128)
+    lost = ~(seen == session.hip).all(axis=1)
+    assert report["lost"] == np.count_nonzero(lost)
+    assert 0.45 < lost.mean() < 0.55
+    edges = np.diff(np.concatenate(([0], lost.astype(int), [0])))
+    lengths = np.flatnonzero(edges == -1) - np.flatnonzero(edges == 1)
+    assert report["lost_longest"] == lengths.max()
+    start = report["lost_longest_tick"]
+    assert lost[start : start + lengths.max()].all()
+    for k in np.flatnonzero(lost):
+        np.testing.assert_array_equal(seen[k], seen[k - 1])
+
+
+def test_a_lost_packet_repeats_the_last_command():
+    session = probing(1.0)
+    found = replay(fixture_of(line()), session, link=Link(drop=0.4, seed=5))
+    lost = ~(found.ticks.hip == session.hip).all(axis=1)
+    assert lost.sum() == found.metrics["link"]["lost"] > 300
+    for k in np.flatnonzero(lost):
+        np.testing.assert_array_equal(found.ticks.force[k], found.ticks.force[k - 1])
+    # Energy goes to the hand, which moved on while the command was repeated.
+    work = (found.ticks.force[:-1] * np.diff(session.hip, axis=0)).sum()
+    assert found.metrics["energy_j"] == pytest.approx(work, rel=1e-9)
+
+
+def test_a_link_is_compared_with_a_perfect_one():
+    session = probing(seed=2)
+    clean = replay(fixture_of(line()), session)
+    found = replay(fixture_of(line()), session, link=Link(delay_ticks=8))
+    link = found.metrics["link"]
+    assert link["delay_ticks"] == 8
+    assert "drop" not in link
+    assert "lost" not in link
+    assert link["perfect"]["energy_j"] == clean.metrics["energy_j"]
+    gap = np.linalg.norm(found.ticks.force - clean.ticks.force, axis=1)
+    assert link["apart"]["force_max_n"] == pytest.approx(gap.max())
+    assert link["apart"]["force_max_tick"] == gap.argmax()
+    assert link["apart"]["force_rms_n"] == pytest.approx(np.sqrt(np.mean(gap**2)))
+    assert link["apart"]["first_difference_tick"] == 1
+    # A late spring pushes where it should no longer: the loop is active.
+    assert found.metrics["energy_j"] > 3 * clean.metrics["energy_j"] > 0
+    assert "active" in {f["code"] for f in found.metrics["findings"]}
+    assert "active" not in {f["code"] for f in clean.metrics["findings"]}
+
+
+def test_same_seed_same_bits_and_robot_stops():
+    session = probing(1.0)
+    bad = Link(drop=0.9, seed=3)
+    one, two = (replay(fixture_of(line()), session, link=bad) for _ in range(2))
+    np.testing.assert_array_equal(one.ticks.force, two.ticks.force)
+    found = replay(fixture_of(line()), session, link=bad, robot=read_robot("franka")).metrics
+    assert found["link"]["lost_longest"] > 20
+    assert found["link"]["robot_stops"] is True
+    assert "robot-stops" in {f["code"] for f in found["findings"]}
+
+
+@pytest.mark.parametrize(
+    "fault", [{"drop": 1.0}, {"drop": -0.1}, {"jitter_s": -1.0}, {"delay_ticks": -1},
+              {"quantum_m": 0.0}, {"drop": float("nan")}, {"seed": -1}],
+)  # fmt: skip
+def test_impossible_links_are_refused(fault):
+    with pytest.raises(SettingError, match=next(iter(fault))):
+        Link(**fault)
+
+
+def test_both_rules_and_where_they_part():
+    # Lifting straight off the paper's proxy never lets go.
+    time = np.arange(1500) * 1e-3
+    y = np.interp(time, [0, 0.3, 0.6, 0.9, 1.5], [0.012, 0.002, 0.002, 0.03, 0.03])
+    session = Session(time, np.stack([0 * time + 0.05, y, 0 * time], axis=1))
+    both = replay(fixture_of(line()), session, rule="both")
+    paper = replay(fixture_of(line()), session, rule="paper")
+    robust = replay(fixture_of(line()), session, rule="robust")
+    assert both.metrics["rule"] == "both"
+    assert both.metrics["force_max_n"] == robust.metrics["force_max_n"]
+    assert both.metrics["paper"]["force_max_n"] == paper.metrics["force_max_n"]
+    np.testing.assert_array_equal(both.other.ticks.proxy, paper.ticks.proxy)
+    gap = np.linalg.norm(robust.ticks.proxy - paper.ticks.proxy, axis=1)
+    apart = both.metrics["apart"]
+    first = np.flatnonzero(gap > 5e-5)[0]
+    assert apart["first_tick"] == apart["spans"][0]["start_tick"] == first
+    assert apart["ticks"] == np.count_nonzero(gap > 5e-5)
+    assert apart["proxy_max_m"] == pytest.approx(gap.max())
+    assert apart["proxy_max_m"] > 0.015
+
+
+def test_limits_hold_or_do_not():
+    fixture, session = fixture_of(line()), probing()
+    found = replay(
+        fixture,
+        session,
+        limits=(("force_max_n", "at_most", 3.9), ("clearance_min_m", "at_least", -1e-5)),
+    )
+    force, clearance = found.metrics["checks"]
+    assert not found.passed
+    assert (force["pass"], clearance["pass"]) == (False, True)
+    assert force["value"] == found.metrics["force_max_n"]
+    with pytest.raises(SettingError, match="no number 'force' in the report"):
+        replay(fixture, session, limits=(("force", "at_most", 1.0),))
+
+
+def test_robot_limits_are_counted():
+    session = probing(seed=1)
+    weak = Robot("weak", 1.0, 1.0, 1000.0, force_limit_n=2.0, force_step_limit_n=0.02)
+    found = replay(fixture_of(line()), session, robot=weak)
+    force = np.linalg.norm(found.ticks.force, axis=1)
+    step = np.linalg.norm(np.diff(found.ticks.force, axis=0), axis=1)
+    robot = found.metrics["robot"]
+    assert robot["force_over_ticks"] == np.count_nonzero(force > 2.0)
+    assert robot["force_over_first_tick"] == np.flatnonzero(force > 2.0)[0]
+    assert robot["force_step_over_ticks"] == np.count_nonzero(step > 0.02)
+    assert robot["force_step_over_first_tick"] == np.flatnonzero(step > 0.02)[0] + 1
+    assert "speed_over_ticks" not in robot
+    assert [c["pass"] for c in found.metrics["checks"]] == [False, False]
+    slow = Session(session.time[::10], session.hip[::10])
+    codes = {f["code"] for f in replay(fixture_of(line()), slow, robot=weak).metrics["findings"]}
+    assert "session-rate" in codes
+
+
+def test_command_line_faults_and_limits(vfplan_cli, tmp_path):
+    vfplan.write_fixture(fixture_of(line()), tmp_path / "f.h5")
+    session = probing()
+    np.savez(tmp_path / "s.npz", time=session.time, hip=1e3 * session.hip)
+    call = ("replay", tmp_path / "f.h5", tmp_path / "s.npz", "--units", "mm", "--json")
+    faults = ("--drop", "0.1", "--delay", "2", "--jitter", "0.5", "--quantise", "10", "--seed", "7")
+    run = vfplan_cli(*call, *faults, "--rule", "both")
+    assert run.code == 0, run.stderr
+    link = run.json["link"]
+    expected = {"drop": 0.1, "delay_ticks": 2, "jitter_s": 5e-4, "quantum_m": 1e-5, "seed": 7}
+    assert {name: link[name] for name in expected} == expected
+    assert run.json["apart"]["force_rms_n"] >= 0
+    failing = vfplan_cli(*call, "--at-most", "force_max_n=1", "-o", tmp_path / "r.h5")
+    assert failing.code == 1
+    assert failing.json["checks"][0]["pass"] is False
+    assert (tmp_path / "r.h5").exists()  # the record of what failed
+    assert vfplan_cli(*call, "--at-most", "force_max_n=5").code == 0
+    assert vfplan_cli(*call, "--at-most", "force_max_n").code == 2
+    assert vfplan_cli(*call, "--drop", "1").code == 2
+    assert vfplan_cli(*call, "--at-most", "nothing=5").code == 2
+    assert vfplan_cli(*call, "--rate", "200", "--robot", "franka").json["session"][
+        "rate_hz"
+    ] == pytest.approx(200)

@@ -1,0 +1,180 @@
+"""The sample controller: built against the installed package, replayed to the last bit."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+
+import bundles
+import numpy as np
+import pytest
+from conftest import ROOT, need_header, need_program
+
+import vfplan
+from vfplan.fixture import Fixture, Provenance, Rendering
+from vfplan.study.scenes import Omega, Sheet
+
+FORMS = ("impedance", "admittance", "velocity")
+
+
+@pytest.fixture(scope="session")
+def controller(tmp_path_factory):
+    """samples/controller, configured and built as its CMakeLists says."""
+    need_header("hdf5.h", "libhdf5-dev", "/usr/include/hdf5/serial")
+    need_header("openssl/evp.h", "libssl-dev")
+    need_program("g++", "g++")
+    build = tmp_path_factory.mktemp("controller")
+    source = ROOT / "samples" / "controller"
+    for command in (
+        ["cmake", "-S", source, "-B", build, f"-Dvfplan_DIR={vfplan.cmake_dir()}"],
+        ["cmake", "--build", build],
+    ):
+        done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    def run(*args):
+        command = [str(build / "controller"), *map(str, args)]
+        return subprocess.run(
+            command, capture_output=True, text=True, check=False, timeout=60, env=os.environ
+        )
+
+    return run
+
+
+def bundle(path, points, **rendering):
+    chosen = {"stiffness": np.full(3, 1000.0), "contact_radius": 5e-3, "band": 2e-5} | rendering
+    made = Provenance("2026-01-01T00:00:00Z", "vfplan test")
+    fixture = Fixture("robot_base", points, made, rendering=Rendering(**chosen))
+    vfplan.write_fixture(fixture, path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def drawn(tmp_path_factory):
+    """A drawn curve, endless along z."""
+    path = tmp_path_factory.mktemp("drawn") / "omega.h5"
+    return bundle(path, Omega().points + 0.3, ignore_axis=np.array([0.0, 0, 1]))
+
+
+def turned(axis):
+    """(3, 3) rotation whose last column is the unit vector `axis`, its bits as given."""
+    side = np.cross(axis, [1.0, 0, 0])
+    side /= np.linalg.norm(side)
+    return np.column_stack([side, np.cross(axis, side), axis])
+
+
+@pytest.fixture(scope="session")
+def oblique(tmp_path_factory):
+    """The same curve on a tilted slice, with so few iterations a tick that they do not suffice.
+
+    The normal's last bits change when it is scaled again.
+    """
+    draw = np.random.default_rng(7).normal(size=(100, 3))
+    unit = draw / np.linalg.norm(draw, axis=1)[:, None]
+    axis = next(u for u in unit if not np.array_equal(u, scaled_again(u)))
+    path = tmp_path_factory.mktemp("oblique") / "omega.h5"
+    points = Omega().points @ turned(axis).T + 0.3
+    return bundle(path, points, ignore_axis=axis, max_iterations=1)
+
+
+def scaled_again(axis):
+    axis = axis / np.abs(axis).max()
+    return axis / np.linalg.norm(axis)
+
+
+@pytest.fixture(scope="session")
+def sheet(tmp_path_factory):
+    """A sheet in space, stiffer along one axis, of fat points."""
+    path = tmp_path_factory.mktemp("sheet") / "sheet.h5"
+    stiffness = np.array([800.0, 1200.0, 1000.0])
+    points = Sheet(spacing=2e-3).points
+    return bundle(path, points, stiffness=stiffness, point_radius=1e-3, band=5e-4)
+
+
+def logged(path):
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    return {
+        "time": table["t"],
+        "hip": np.column_stack([table[k] for k in "xyz"]),
+        "proxy": np.column_stack([table[f"proxy_{k}"] for k in "xyz"]),
+        "force": np.column_stack([table[f"force_{k}"] for k in "xyz"]),
+        "state": table["state"].astype(int),
+    }
+
+
+@pytest.mark.parametrize("rule", ["robust", "paper"])
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("scene", ["drawn", "oblique", "sheet"])
+def test_replay_reproduces_the_log_bit_for_bit(
+    scene, form, rule, controller, vfplan_cli, tmp_path, request
+):
+    fixture, session = request.getfixturevalue(scene), tmp_path / "session.csv"
+    done = controller(
+        fixture, "--form", form, "--rule", rule, "--seconds", 2, "--log", session,
+        "--simulated-time",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    result = tmp_path / "result.h5"
+    report = vfplan_cli("replay", fixture, session, "-o", result, "--rule", rule, "--json")
+    assert report.code == 0, report.stderr
+    assert report.json["ticks"] == 2000
+    assert report.json["contact_ticks"] > 300
+    if (scene, rule) == ("oblique", "robust"):
+        assert report.json["too_fast_ticks"] > 10
+    (replayed, _), log = vfplan.read_result(result), logged(session)
+    assert np.array_equal(log["time"], np.arange(2000) * 1e-3)
+    for name, values in log.items():
+        assert np.array_equal(getattr(replayed, name), values), name
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_presses_on_the_fixture_and_stays_calm(form, controller, drawn, tmp_path):
+    """A hand of at most 15 N: the fixture answers as much, the proxy keeps out, no sudden push."""
+    session = tmp_path / "session.csv"
+    assert controller(drawn, "--form", form, "--log", session, "--simulated-time").returncode == 0
+    log = logged(session)
+    force = np.linalg.norm(log["force"], axis=1)
+    assert 1.0 < force.max() < 30.0
+    assert np.diff(force).max() < 2.0  # a hand dragged past the line's end is let go at once
+    flat = (log["proxy"] - vfplan.read_fixture(drawn).points[0])[::20] * [1, 1, 0]
+    points = (vfplan.read_fixture(drawn).points - vfplan.read_fixture(drawn).points[0]) * [1, 1, 0]
+    nearest = np.linalg.norm(flat[:, None] - points[None], axis=2).min(axis=1)
+    assert nearest.min() >= 5e-3 - 2e-5 - 1e-11
+
+
+def test_report_names_percentiles_and_missed_deadlines(controller, drawn):
+    """One second against the wall clock; what it measures is the machine's affair."""
+    done = controller(drawn, "--seconds", 1)
+    assert done.returncode == 0
+    assert re.search(r"ticks 1000, in contact \d+, force up to [\d.]+ N", done.stdout)
+    numbers = re.search(
+        r"step \[us\]: p50 ([\d.]+)  p99 ([\d.]+)  p99.9 ([\d.]+)  max ([\d.]+)", done.stdout
+    )
+    percentiles = [float(x) for x in numbers.groups()]
+    assert percentiles == sorted(percentiles)
+    assert re.search(r"missed deadlines: \d+ of 1000", done.stdout)
+
+
+def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
+    broken = tmp_path / "broken.h5"
+    broken.write_bytes(drawn.read_bytes()[:-5])
+    curve = tmp_path / "curve.h5"
+    vfplan.write_fixture(bundles.minimal(), curve)
+    log = tmp_path / "log.csv"
+    log.write_text("precious")
+    for code, *args in (
+        (2,),
+        (2, drawn, "--form", "torque"),
+        (2, drawn, "--seconds", "-1"),
+        (2, drawn, "--log"),
+        (3, tmp_path / "none.h5"),
+        (4, broken),
+        (3, drawn, "--seconds", 0.01, "--log", log),
+    ):
+        done = controller(*args)
+        assert done.returncode == code, (args, done)
+        assert done.stderr.strip()
+        assert done.stdout == ""
+    assert log.read_text() == "precious"
+    assert controller(curve).returncode == 3  # says nothing of its rendering

@@ -1,0 +1,151 @@
+"""The closed loop against closed forms, each stage alone, and the largest stable K."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vfplan.engine.parameters import Status, Step
+from vfplan.reference import PaperProxy
+from vfplan.robot import Robot
+from vfplan.stability import Hand, exact_bound, settle, simulate
+from vfplan.stability.contacts import Contact, along, first_touch, patch, point, spread
+from vfplan.stability.largest import engine_for, largest_stiffness, plant_of, pressing_hand
+from vfplan.stability.press import press
+from vfplan.stability.theory import closed_loop
+
+ROBOT = Robot("test", 1.0, 5.0, 1000.0)
+NONE = Hand(np.zeros(3))
+
+
+class Spring:
+    """A linear, two-sided spring to the origin along y: what theory knows all about."""
+
+    def reset(self, hip):
+        pass
+
+    def step(self, hip):
+        proxy = np.array([hip[0], 0.0, hip[2]])
+        return Step(proxy, np.array([0.0, 1.0, 0.0]), proxy - hip, 1, Status.OK)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 4])
+def test_linear_loop_is_the_matrix_power(delay):
+    robot = replace(ROBOT, delay_ticks=delay)
+    motion = simulate(Spring(), robot, NONE, 3000.0, np.array([0, 1e-3, 0]), np.zeros(3), 200)
+    state = np.zeros(2 + delay)
+    state[0] = state[2:] = 1e-3  # the force was what it is at the first tick
+    one = closed_loop(plant_of(robot), 3000.0, delay)
+    expected = [(np.linalg.matrix_power(one, k) @ state)[0] for k in range(200)]
+    np.testing.assert_allclose(motion.x[:, 1], expected, rtol=0, atol=1e-13)
+
+
+def test_energy_is_kept_to_second_order_without_damping_or_wall():
+    hand = Hand(np.zeros(3), 100.0)
+    free = replace(ROBOT, damping_n_s_per_m=0.0)
+    motion = simulate(Spring(), free, hand, 0.0, np.array([1e-2, 0, 0]), np.zeros(3), 3000)
+    np.testing.assert_allclose(motion.energy, motion.energy[0], rtol=1e-12)
+
+
+def test_friction_stops_where_the_closed_form_says():
+    robot = replace(ROBOT, damping_n_s_per_m=0.0, friction_n=2.0)
+    motion = simulate(Spring(), robot, NONE, 0.0, np.zeros(3), np.array([0.3, 0, -0.1]), 400)
+    np.testing.assert_allclose(motion.x[-1], [0.3**2 / 4, 0, -(0.1**2) / 4], rtol=1e-12)
+    assert (motion.v[-1] == 0).all()
+
+
+def test_friction_with_damping_in_closed_form():
+    robot = replace(ROBOT, friction_n=2.0)
+    motion = simulate(Spring(), robot, NONE, 0.0, np.zeros(3), np.array([0.3, 0, 0]), 400)
+    # m v' = -b v - f: stops after (m/b) ln(1 + b v0 / f), at m v0/b - (m f/b²) ln(1 + b v0 / f)
+    stop = 0.3 / 5 - 2 / 25 * np.log(1 + 5 * 0.3 / 2)
+    assert motion.x[-1, 0] == pytest.approx(stop, rel=1e-12)
+
+
+def test_quantum_limits_and_counts():
+    push = Hand(np.array([0, -4.0, 0]))
+    start = np.array([0, 1e-3, 0])
+    robot = replace(ROBOT, quantum_m=1e-4, force_limit_n=1.0, force_step_limit_n=0.25)
+    motion = simulate(Spring(), robot, push, 1000.0, start, np.zeros(3), 300)
+    assert np.abs(motion.held).max() <= 1.0 + 1e-12
+    assert np.linalg.norm(np.diff(motion.held, axis=0), axis=1).max() <= 0.25 + 1e-12
+    assert motion.limited_ticks > 0
+    plain = simulate(Spring(), ROBOT, push, 1000.0, start, np.zeros(3), 300)
+    assert plain.limited_ticks is None
+    quantum = simulate(
+        Spring(), replace(ROBOT, quantum_m=1e-4), push, 1000.0, start, np.zeros(3), 300
+    )
+    steps = quantum.held[:, 1] / 0.1
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+
+
+def test_settle_finds_the_balance():
+    contact = patch()
+    engine = engine_for(contact, "robust")
+    hand = pressing_hand(contact, 2000.0)
+    rest = settle(engine, hand, 2000.0, contact.start)
+    np.testing.assert_allclose(rest, [0, 0.95 * 5e-3, 0], atol=2e-5)
+
+
+@pytest.mark.parametrize("rule", ["robust", "paper"])
+@pytest.mark.parametrize("delay", [0, 2])
+def test_flat_wall_meets_the_exact_bound_within_two_percent(rule, delay):
+    robot = replace(ROBOT, delay_ticks=delay)
+    found = largest_stiffness(patch(), robot, engine_for(patch(), rule))
+    assert found.exact == pytest.approx(exact_bound(plant_of(robot), delay))
+    assert abs(found.ratio - 1) < 0.02
+    assert not found.beyond
+
+
+def test_the_reference_engine_has_the_same_bound():
+    contact = replace(patch(), points=patch().points[::3])
+    engine = PaperProxy(contact.points, stiffness=1.0)
+    robot = Robot("fast", 1.0, 40.0, 1000.0)
+    assert abs(largest_stiffness(contact, robot, engine).ratio - 1) < 0.02
+
+
+def test_a_single_point_is_no_worse_than_a_wall():
+    contact = next(iter(point()))
+    assert largest_stiffness(contact, ROBOT, engine_for(contact, "robust")).ratio > 0.95
+
+
+def test_press_is_the_second_order_step_response():
+    found = press(patch(), ROBOT, engine_for(patch(), "robust"), 1000.0)
+    # zeta = (b - K T/2) / (2 sqrt(m K)), overshoot exp(-pi zeta / sqrt(1 - zeta²))
+    zeta = (5 - 0.5) / (2 * np.sqrt(1000.0))
+    assert found.overshoot == pytest.approx(np.exp(-np.pi * zeta / np.sqrt(1 - zeta**2)), abs=0.02)
+    assert found.rest_s == pytest.approx(np.log(20) / (zeta * np.sqrt(1000.0)), rel=0.1)
+    assert found.limit_cycle_m < 2e-6
+
+
+def test_first_touch_on_one_point():
+    start, way = np.array([1e-3, 9e-3, 0]), np.array([0, -1.0, 0])
+    touch = first_touch(np.zeros((1, 3)), start, way, 5e-3)
+    np.testing.assert_allclose(touch, [1e-3, np.sqrt(24) * 1e-3, 0], rtol=1e-14)
+    assert first_touch(np.zeros((1, 3)), start / 3, way, 5e-3) is None
+    assert first_touch(np.zeros((1, 3)), start, -way, 5e-3) is None
+
+
+def test_spread_reaches_both_ends():
+    line = np.linspace([0, 0, 0], [1, 0, 0], 101)
+    assert set(spread(line, 3)) == {0, 50, 100}
+    assert len(spread(np.zeros((5, 3)), 3)) == 1
+
+
+def test_along_presses_on_both_sides_of_a_planar_curve(elbow):
+    places = list(along(elbow, 3))
+    assert len(places) >= 4
+    for place in places:
+        assert isinstance(place, Contact)
+        clear = np.linalg.norm(elbow.points - place.touch, axis=1).min()
+        assert clear == pytest.approx(5e-3, abs=1e-4)
+        assert abs(place.normals[0] @ elbow.ignore_axis) < 1e-9
+
+
+@pytest.fixture
+def elbow():
+    from bundles import whole
+
+    return whole()

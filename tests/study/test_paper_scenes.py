@@ -1,0 +1,82 @@
+"""The paper's own scenes: what they fix must come out, and their pictures must be drawn."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from vfplan.samples import paper
+
+import vfplan.study.paper_figures as figures
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """All figures, by the one command."""
+    out = tmp_path_factory.mktemp("paper")
+    subprocess.run(
+        [sys.executable, "-m", "vfplan.samples.paper", "all", "-o", out],
+        check=True, capture_output=True, timeout=200, cwd=out,
+    )  # fmt: skip
+    return out
+
+
+def told(folder, name):
+    return json.loads((folder / f"{name}.json").read_text())
+
+
+@pytest.mark.parametrize("name", ["fig2", "fig4", "fig5", "fig6"])
+def test_every_figure_is_a_picture_with_its_numbers(folder, name):
+    assert (folder / f"{name}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    assert told(folder, name)
+
+
+def test_experiment_1_has_the_papers_points_and_is_felt_on_both_sides(folder):
+    numbers = told(folder, "fig4")
+    assert numbers["points"] == numbers["in_the_paper"]["points"] == 40401
+    assert round(numbers["density_per_mm"], 2) == 2.01
+    for rule, band in (("paper", 10), ("robust", 12.6)):
+        run = numbers[rule]
+        assert run["strongest_axis"] == "y"
+        assert run["force_least_n"] < -2
+        assert run["force_most_n"] > 2
+        assert run["clearance_min_um"] > -band, "nothing inside"
+        assert run["entrenched_ticks"] == 0
+
+
+def test_experiment_2_has_the_papers_points_from_mask_and_scale(folder):
+    numbers = told(folder, "fig6")
+    slice_ = told(folder, "fig5")
+    assert (slice_["width_px"], slice_["height_px"]) == (871, 786)
+    assert numbers["points"] == slice_["mask_pixels"]
+    assert numbers["points"] == pytest.approx(2204, rel=1e-3)
+    assert round(numbers["density_per_mm"], 1) == 5.3
+    assert numbers["paper"]["contacts"] == 6, "three visits from each side"
+    assert numbers["paper"]["force_least_n"] < -5
+    assert numbers["paper"]["force_most_n"] > 5
+    assert numbers["robust"]["entrenched_ticks"] == 0
+
+
+def test_simulations_keep_the_robust_proxy_outside(folder):
+    numbers = told(folder, "fig2")
+    assert set(numbers) == {"point", "segment", "teapot", "omega"}
+    assert numbers["point"]["points"] == 1
+    for name, run in numbers.items():
+        assert run["robust"]["clearance_min_um"] > -13, name
+        assert run["robust"]["entrenched_ticks"] == 0
+
+
+@pytest.mark.parametrize("name", ["point", "segment", "teapot", "omega"])
+def test_pointer_goes_from_left_to_right_at_mouse_rate(name):
+    fixture, session = paper.simulation(name)
+    assert np.allclose(np.diff(session.time), 1 / 50)
+    assert session.hip[0, 0] < fixture.points[:, 0].min()
+    assert session.hip[-1, 0] > 0.75 * fixture.points[:, 0].max()
+    assert np.linalg.norm(np.diff(session.hip, axis=0), axis=1).max() < 2e-3
+
+
+def test_one_panel_alone(tmp_path):
+    numbers = paper.draw("fig2b", tmp_path)
+    assert (tmp_path / "fig2b.png").stat().st_size > 5000
+    assert figures.lines_of(numbers)[0] == "N = 81"

@@ -1,0 +1,40 @@
+"""DICOM files as scanners and screens write them."""
+
+from __future__ import annotations
+
+from drawing import blend, coverage, flat, to_uint8, wavy
+from pydicom.dataset import Dataset, FileMetaDataset
+from pydicom.uid import ExplicitVRLittleEndian, SecondaryCaptureImageStorage
+
+SHAPE = (150, 220)
+
+
+CURVE = wavy(SHAPE, 4, margin=0.25)
+
+
+PICTURE = to_uint8(blend(flat(SHAPE, 180), coverage(SHAPE, CURVE, 3), (230, 20, 40)))
+
+
+def capture(tmp_path, pixels=PICTURE, kind="RGB", **more):
+    """A secondary capture as a DICOM file."""
+    data = Dataset()
+    data.file_meta = FileMetaDataset()
+    data.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    data.file_meta.MediaStorageSOPClassUID = data.SOPClassUID = SecondaryCaptureImageStorage
+    data.file_meta.MediaStorageSOPInstanceUID = data.SOPInstanceUID = "1.2.3.4"
+    frames = pixels.ndim == 4
+    data.Rows, data.Columns = pixels.shape[frames : frames + 2]
+    data.SamplesPerPixel = pixels.shape[-1] if kind in ("RGB", "YBR_FULL") else 1
+    if data.SamplesPerPixel == 3:
+        data.PlanarConfiguration = 0
+    data.PhotometricInterpretation = kind
+    data.BitsAllocated = data.BitsStored = 8 * pixels.itemsize
+    data.HighBit, data.PixelRepresentation = data.BitsStored - 1, int(pixels.dtype.kind == "i")
+    if frames:
+        data.NumberOfFrames = len(pixels)
+    data.PixelData = pixels.tobytes()
+    for name, value in more.items():
+        setattr(data, name, value)
+    path = tmp_path / "slice.dcm"
+    data.save_as(path, enforce_file_format=True)
+    return path

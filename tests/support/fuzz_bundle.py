@@ -1,0 +1,161 @@
+"""Fuzz target for the bundle reader: mutated payloads behind a good seal, checksums repaired.
+
+Plain mutation would stop at libhdf5's checksums; here those of superblock and object headers are
+computed anew, so that what lies behind them is reached.
+
+    python tests/support/fuzz_bundle.py [CORPUS_FOLDER] -max_total_time=600
+
+It needs the package atheris.
+"""
+
+from __future__ import annotations
+
+import random
+import struct
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+if __name__ == "__main__":
+    import atheris
+
+    with atheris.instrument_imports(include=["vfplan.bundle"]):
+        pass
+
+import damage
+
+from vfplan.bundle import read_bundle, validate
+from vfplan.errors import BundleError
+
+WORD = 0xFFFFFFFF
+
+
+def lookup3(data: bytes) -> int:
+    """Bob Jenkins' 2006 hash, which HDF5 uses as the checksum of its metadata."""
+
+    def rot(x, k):
+        return (x << k | x >> (32 - k)) & WORD
+
+    a = b = c = (0xDEADBEEF + len(data)) & WORD
+    blocks = max(0, (len(data) - 1) // 12)
+    for x, y, z in struct.iter_unpack("<3I", data[: 12 * blocks]):
+        a, b, c = (a + x) & WORD, (b + y) & WORD, (c + z) & WORD
+        a = (a - c & WORD) ^ rot(c, 4)
+        c = c + b & WORD
+        b = (b - a & WORD) ^ rot(a, 6)
+        a = a + c & WORD
+        c = (c - b & WORD) ^ rot(b, 8)
+        b = b + a & WORD
+        a = (a - c & WORD) ^ rot(c, 16)
+        c = c + b & WORD
+        b = (b - a & WORD) ^ rot(a, 19)
+        a = a + c & WORD
+        c = (c - b & WORD) ^ rot(b, 4)
+        b = b + a & WORD
+    rest = data[12 * blocks :]
+    if not rest:
+        return c
+    x, y, z = struct.unpack("<3I", rest.ljust(12, b"\0"))
+    a, b, c = (a + x) & WORD, (b + y) & WORD, (c + z) & WORD
+    for k, turn in (
+        (14, "cb"),
+        (11, "ac"),
+        (25, "ba"),
+        (16, "cb"),
+        (4, "ac"),
+        (14, "ba"),
+        (24, "cb"),
+    ):
+        if turn == "cb":
+            c = ((c ^ b) - rot(b, k)) & WORD
+        elif turn == "ac":
+            a = ((a ^ c) - rot(c, k)) & WORD
+        else:
+            b = ((b ^ a) - rot(a, k)) & WORD
+    return c
+
+
+def checked_spans(payload: bytes):
+    """(first, end) of each piece of metadata whose checksum follows it directly."""
+    yield 0, 44  # the superblock
+    at = payload.find(b"OHDR")
+    while at >= 0:
+        flags = payload[at + 5]
+        head = 6 + (16 if flags & 0x20 else 0) + (4 if flags & 0x10 else 0)
+        width = 1 << (flags & 3)
+        size = int.from_bytes(payload[at + head : at + head + width], "little")
+        if at + head + width + size + 4 <= len(payload):
+            yield at, at + head + width + size
+        at = payload.find(b"OHDR", at + 4)
+    for signature, size in ((b"FAHD", 24), (b"BTHD", 34), (b"FRHP", 142)):
+        at = payload.find(signature)
+        while at >= 0:
+            if at + size + 4 <= len(payload):
+                yield at, at + size
+            at = payload.find(signature, at + 4)
+
+
+def repaired(payload: bytes) -> bytes:
+    """The payload with the checksums that its metadata should have."""
+    data = bytearray(payload)
+    for first, end in checked_spans(payload):
+        if end + 4 <= len(data):
+            data[end : end + 4] = struct.pack("<I", lookup3(bytes(data[first:end])))
+    return bytes(data)
+
+
+def mutated(payload: bytes, draw: random.Random) -> bytes:
+    """A few random edits, most of them in the metadata, checksums repaired."""
+    data = bytearray(payload)
+    spans = list(checked_spans(payload))
+    for _ in range(draw.choice((1, 1, 1, 2, 3, 8))):
+        first, end = draw.choice(spans) if draw.random() < 0.9 else (0, len(data))
+        at = draw.randrange(first, end)
+        kind = draw.random()
+        if kind < 0.4:
+            data[at] ^= 1 << draw.randrange(8)
+        elif kind < 0.7:
+            data[at] = draw.choice((0, 1, 2, 3, 4, 8, 16, 0x7F, 0x80, 0xFE, 0xFF))
+        elif kind < 0.85:
+            width = draw.choice((2, 4, 8))
+            value = draw.choice(
+                (0, 1, len(data), 1 << 31, 1 << 40, (1 << 64) - 1, draw.randrange(1 << 63))
+            )
+            data[at : at + width] = (value & ((1 << 8 * width) - 1)).to_bytes(width, "little")
+        else:
+            source = draw.randrange(0, len(data) - 32)
+            length = draw.randrange(1, 32)
+            data[at : at + length] = data[source : source + length]
+    return repaired(bytes(data[: len(payload)]))
+
+
+def attempt(payload: bytes) -> bool:
+    """Read and validate a payload behind a good seal; only `BundleError` may come out of it."""
+    data = damage.sealed(payload)
+    try:
+        read_bundle(data)
+    except BundleError:
+        read = False
+    else:
+        read = True
+    valid = not any(issue.severity == "error" for issue in validate(data))
+    assert valid <= read, "valid, and yet not read"
+    return read
+
+
+def main() -> None:
+    import atheris
+    import hostile
+
+    seed = hostile.sound()
+
+    def mutate(data, max_size, number):
+        return mutated(data if len(data) > 64 else seed, random.Random(number))[:max_size]
+
+    atheris.Setup(sys.argv, attempt, custom_mutator=mutate)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,292 @@
+"""The planned slice -> the surgeon's curve, in sub-pixel points, or a refusal that says why."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.curve.candidates import Candidate, candidates_of
+from vfplan.curve.choice import (
+    against_advice,
+    choose,
+    refuse_crowd,
+    refuse_grey,
+    refuse_noise,
+)
+from vfplan.curve.doubts import (
+    covered_ends,
+    cut_off,
+    left_over,
+    nearly_closed,
+    several,
+    side_by_side,
+)
+from vfplan.curve.kinds import tell_apart
+from vfplan.curve.marks import Mark, find_marks
+from vfplan.curve.path import drawn_length
+from vfplan.curve.pen import Pen
+from vfplan.curve.ridge import Centreline, trace
+from vfplan.errors import CurveError, SettingError
+from vfplan.images.read import PlannedImage, as_image
+
+Method = Literal["ridge", "skeleton", "mask"]
+METHODS: tuple[Method, ...] = ("ridge", "skeleton", "mask")
+
+
+@dataclass(frozen=True, eq=False)
+class Stroke:
+    """One extracted line.
+
+    Parameters
+    ----------
+    points_px
+        (M, 2) float64 (u, v), in drawing order (an unordered set for method "mask").
+    sigma_px
+        (M,) standard deviation of each point across the line; `None` for a vector curve.
+    closed
+        Whether the last point joins the first.
+    bridged
+        (M,) bool, points carried across a pen lift or under something drawn over the line.
+    length_px
+        Arc length, the closing step included.
+    width_px
+        Mean width of the pen; `None` for a vector curve.
+    """
+
+    points_px: NDArray[np.float64]
+    sigma_px: NDArray[np.float64] | None
+    closed: bool
+    bridged: NDArray[np.bool_]
+    length_px: float
+    width_px: float | None
+
+    @property
+    def ends_px(self) -> NDArray[np.float64]:
+        """(2, 2) first and last point; (0, 2) for a closed line."""
+        return np.zeros((0, 2)) if self.closed else self.points_px[[0, -1]]
+
+
+@dataclass(frozen=True, eq=False)
+class Extraction:
+    """What was found on a slice.
+
+    Parameters
+    ----------
+    mask
+        (H, W) bool, every pixel in the pen's colour.
+    strokes
+        The chosen lines, the longest first.
+    method
+        How they were measured.
+    set_aside
+        Marks in the pen's colour that were not taken for curves, and candidates not chosen: each a
+        dict with `kind`, `box`, `length_px` and the number that chooses it, `stroke`. Specks are
+        named just beyond a curve's end only.
+    warnings
+        What a person should know before trusting the result.
+    """
+
+    mask: NDArray[np.bool_]
+    strokes: tuple[Stroke, ...]
+    method: Method | Literal["vector"]
+    set_aside: tuple[dict, ...] = ()
+    warnings: tuple[str, ...] = field(default=())
+
+
+def extract_curve(
+    image: PlannedImage | NDArray,
+    *,
+    colour: str = "red",
+    method: Method = "ridge",
+    roi: tuple[int, int, int, int] | None = None,
+    stroke: int | Literal["all", "longest"] | None = None,
+    max_gap_px: float = 20.0,
+) -> Extraction:
+    """Extract the planned curve from a slice.
+
+    Parameters
+    ----------
+    image
+        A `PlannedImage`, or an (H, W, 3) array of uint8 or uint16, red first.
+    colour
+        The pen: a CSS colour name or `#rrggbb`.
+    method
+        "ridge" measures the line's centre in coverage, "skeleton" thins the mask to pixels,
+        "mask" takes every pixel of the mask as the paper does.
+    roi
+        (u, v, width, height) px: look only there.
+    stroke
+        Which candidate: its number in the error message, counting from 1; "longest"; "all".
+        `None` wants exactly one candidate. Numbers beyond the candidates' name lines that were
+        set aside, as `stroke` in their entries says; one of them is taken with a warning.
+    max_gap_px
+        Pen lifts up to this long are bridged where both tangents agree.
+
+    Raises
+    ------
+    CurveError
+        No candidate; several and none chosen; or the chosen one forks, crosses or touches itself.
+    SettingError
+        A parameter outside its range.
+    """
+    planned = as_image(image)
+    _check(method, stroke, max_gap_px)
+    rgb, origin = _region(planned.rgb, roi)
+    pen = Pen.of_colour(colour)
+    marks, mask = find_marks(rgb, pen, lambda count: refuse_noise(count, colour))
+    if not marks:
+        refuse_grey(rgb)
+    candidates, others = tell_apart(candidates_of(marks, mask, max_gap_px), mask, max_gap_px)
+    refuse_crowd(candidates, others, marks, colour, max_gap_px)
+    told = [*candidates, *others]
+    aside = _set_aside(marks, told, candidates, origin)
+    chosen = choose(candidates, others, mask, stroke, colour, origin, aside)
+    lines = [_measure(rgb, c, method, mask, origin) for c in chosen]
+    specks, found = left_over(chosen, marks, told, mask, max_gap_px, origin)
+    warnings = [*against_advice(chosen, others, origin), *found]
+    for line, measured in zip(chosen, lines, strict=True):
+        if method == "ridge":
+            warnings += covered_ends(rgb, line, measured.points, origin)
+        warnings += several(line, measured.single)
+        warnings += side_by_side(line, measured.widening, origin)
+        warnings += cut_off(line, mask, roi, planned.rgb.shape)
+        warnings += nearly_closed(line, mask, max_gap_px, origin)
+    aside = _set_aside(marks, told, chosen, origin, specks)
+    strokes = tuple(_stroke(*pair, origin) for pair in zip(lines, chosen, strict=True))
+    whole = _whole(mask, origin, planned.rgb.shape)
+    return Extraction(whole, strokes, method, aside, tuple(warnings))
+
+
+def load_libraries() -> None:
+    """Import what extraction needs, so that a measured time holds none of it."""
+    for name in ("cv2", "scipy.interpolate", "scipy.ndimage", "scipy.spatial"):
+        importlib.import_module(name)
+    importlib.import_module("skimage.morphology").skeletonize  # noqa: B018 - loaded when named
+
+
+def vector_stroke(points_px: NDArray, closed: bool, image: PlannedImage, where: str) -> Extraction:
+    """A curve that was drawn as vectors on an image, as an `Extraction` with an empty mask.
+
+    Raises `CurveError` when it does not lie in the image.
+    """
+    limit = np.array([image.width_px, image.height_px]) - 0.5
+    outside = ((points_px < -0.5) | (points_px > limit)).any(1)
+    if outside.any():
+        u, v = points_px[np.argmax(outside)]
+        raise CurveError(
+            f"leaves the image of {image.width_px}x{image.height_px} px at ({u:.1f}, {v:.1f})",
+            where=where,
+        )
+    ring = np.vstack([points_px, points_px[:1]]) if closed else points_px
+    length = float(np.hypot(*np.diff(ring, axis=0).T).sum())
+    none = np.zeros(len(points_px), bool)
+    stroke = Stroke(points_px, None, closed, none, length, None)
+    mask = np.zeros(image.rgb.shape[:2], bool)
+    return Extraction(mask, (stroke,), "vector")
+
+
+def _check(method: str, stroke: int | str | None, max_gap_px: float) -> None:
+    if method not in METHODS:
+        raise SettingError(f"method {method!r} is unknown; allowed: {', '.join(METHODS)}")
+    if stroke not in (None, "all", "longest") and not (isinstance(stroke, int) and stroke >= 1):
+        raise SettingError(f"stroke {stroke!r} is not 'all', 'longest' or a number from 1")
+    if not 0 <= max_gap_px < float("inf"):
+        raise SettingError(f"max gap {max_gap_px} px is not a finite number from 0")
+
+
+def _region(rgb: NDArray, roi: tuple[int, int, int, int] | None) -> tuple[NDArray, tuple[int, int]]:
+    if roi is None:
+        return rgb, (0, 0)
+    u, v, width, height = roi
+    rows, cols = rgb.shape[:2]
+    inside = u >= 0 and v >= 0 and width > 0 and height > 0 and u + width <= cols
+    if not (inside and v + height <= rows):
+        raise SettingError(f"region {u},{v},{width},{height} does not lie in {cols}x{rows} px")
+    return np.ascontiguousarray(rgb[v : v + height, u : u + width]), (u, v)
+
+
+def _whole(mask: NDArray, origin: tuple[int, int], shape: tuple) -> NDArray:
+    if mask.shape == shape[:2]:
+        return mask
+    whole = np.zeros(shape[:2], bool)
+    u, v = origin
+    whole[v : v + mask.shape[0], u : u + mask.shape[1]] = mask
+    return whole
+
+
+def _measure(
+    rgb: NDArray, candidate: Candidate, method: Method, mask: NDArray, origin: tuple[int, int]
+) -> Centreline:
+    if method == "ridge":
+        return trace(
+            rgb,
+            candidate.path,
+            candidate.closed,
+            candidate.bridged,
+            candidate.mark.pen,
+            candidate.width_px,
+            origin,
+            any(m.faint for m in candidate.marks),
+        )
+    if method == "skeleton":
+        sigma = np.full(len(candidate.path), 0.5)
+        length = drawn_length(candidate.path, candidate.closed)
+        return Centreline(candidate.path, sigma, candidate.bridged, candidate.closed, length)
+    return _every_pixel(mask, candidate)
+
+
+def _stroke(line: Centreline, candidate: Candidate, origin: tuple[int, int]) -> Stroke:
+    return Stroke(
+        line.points + origin, line.sigma, line.closed, line.bridged, line.length, candidate.width_px
+    )
+
+
+def _every_pixel(mask: NDArray, candidate: Candidate) -> Centreline:
+    import cv2
+
+    _, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=8)
+    own = {int(labels[m.branches[0].path[0][1], m.branches[0].path[0][0]]) for m in candidate.marks}
+    rows, cols = np.nonzero(np.isin(labels, list(own)))
+    points = np.column_stack([cols, rows]).astype(float)
+    sigma = np.full(len(points), candidate.width_px / np.sqrt(12))
+    none = np.zeros(len(points), bool)
+    length = drawn_length(candidate.path, candidate.closed)
+    return Centreline(points, sigma, none, candidate.closed, length)
+
+
+def _set_aside(
+    marks: list[Mark],
+    lines: list[Candidate],
+    chosen: list[Candidate],
+    origin: tuple[int, int],
+    specks: Sequence[Mark] = (),
+) -> tuple[dict, ...]:
+    """What was not used, with its place: panels, lines of other kinds or not chosen, `specks`.
+
+    `lines` are all that were told apart, the candidates first.
+    """
+    u, v = origin
+    aside = [
+        {"kind": m.kind, "box": (m.box[0] + u, m.box[1] + v, *m.box[2:]), "area_px": m.area_px}
+        for m in marks
+        if m.kind == "panel"
+    ]
+    for number, line in enumerate((c for c in lines if c.kind != "speck"), 1):
+        if not any(line is c for c in chosen):
+            box = (line.box[0] + u, line.box[1] + v, *line.box[2:])
+            entry = {"kind": line.kind, "box": box, "length_px": round(line.length_px, 1)}
+            entry["stroke"] = number
+            if line.junctions:
+                entry["junctions"] = [(a + u, b + v) for a, b in line.junctions]
+            aside.append(entry)
+    listed = {entry["box"] for entry in aside}
+    for m in specks:
+        box = (m.box[0] + u, m.box[1] + v, *m.box[2:])
+        if box not in listed:
+            aside.append({"kind": "speck", "box": box, "length_px": round(m.length_px, 1)})
+    return tuple(aside)

@@ -1,0 +1,213 @@
+"""Everything drawn in the pen's colour, taken apart and told what it is.
+
+A planned slice may hold more in red than the curve: text, arrows, swatches, panels, frames. Each
+connected mark gets a kind; only those of kind "curve" and "junction" are candidates, the others
+are set aside *and reported*, so that nothing disappears in silence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.curve.faint import faint_runs
+from vfplan.curve.pen import Pen, chroma_at, pen_score
+from vfplan.curve.skeleton import Branch, branches_of, thin
+
+FLOOR = 18.0  # chroma below which a pixel is never pen, on 0..255: JPEG noise reaches about 12
+SMOOTHING_PX = 0.8
+MIN_PIXELS = 6
+PANEL_PIXELS = 100
+MAX_WIDTH_PX = 30.0  # of a pen
+MIN_ASPECT = 4.0  # a line is at least this many times longer than wide,
+BROAD_PX, BROAD_ASPECT = 10.0, 8.0  # and a broad one more;
+DASH_ASPECT = 1.8  # of a dash, which may belong to a dashed line
+FILLED = 0.35  # of its box: more is a panel with holes
+
+
+@dataclass(frozen=True, eq=False)
+class Mark:
+    """One connected mark in the pen's colour.
+
+    Parameters
+    ----------
+    kind
+        "curve" (a line without forks), "junction" (a line with forks), or what it was taken for:
+        "panel", "frame", "arrow", "text", "speck".
+    pen
+        Its own colour and strength, measured.
+    width_px
+        Its area over its length.
+    branches, junctions
+        Its skeleton, spurs cut off; (u, v) pixels where branches meet.
+    area_px
+        Pixels.
+    box
+        (u, v, width, height) px.
+    faint
+        Whether a part of it was followed below half of its strength.
+    """
+
+    kind: str
+    pen: Pen
+    width_px: float
+    branches: tuple[Branch, ...]
+    junctions: tuple[tuple[int, int], ...]
+    area_px: int
+    box: tuple[int, int, int, int]
+    faint: bool = False
+
+    @property
+    def length_px(self) -> float:
+        """Of all branches along their pixels."""
+        return sum(branch.length for branch in self.branches)
+
+
+def find_marks(
+    rgb: NDArray, pen: Pen, check: Callable[[int], None] = lambda count: None
+) -> tuple[list[Mark], NDArray[np.bool_]]:
+    """All marks in the pen's colour, and the (H, W) mask they were made from.
+
+    The threshold is half of each mark's own strength, so a thin or transparent line keeps its
+    width whatever stands beside it. `check` is told how many there are before any is looked at,
+    and may raise.
+    """
+    smooth, mask, where, label, faint = _masks(rgb, pen)
+    if not len(label):
+        return [], mask
+    count = int(label.max())
+    drawn = mask.ravel()[where]
+    check(int((np.bincount(label[drawn]) >= MIN_PIXELS).sum()))
+    top, left, bottom, right = _bounds(where, rgb.shape[1])
+    window = (slice(top, bottom), slice(left, right))
+    bone = np.flatnonzero(thin(smooth[window]))
+    rows, cols = np.divmod(bone, right - left)
+    bone = (rows + top) * rgb.shape[1] + cols + left
+    bones = _by_label(bone, label[np.searchsorted(where, bone)], count, rgb.shape[1])
+    bodies = _by_label(where[drawn], label[drawn], count, rgb.shape[1])
+    marks = [
+        _mark(rgb, pen, body, bone, k in faint)
+        for k, (body, bone) in enumerate(zip(bodies, bones, strict=True), 1)
+        if len(body[0]) >= MIN_PIXELS and len(bone[0])
+    ]
+    return marks, mask
+
+
+def _masks(rgb: NDArray, pen: Pen) -> tuple[NDArray, NDArray, NDArray, NDArray, set[int]]:
+    """The smoothed picture's mask, to be thinned, and that of the picture as it is.
+
+    Then, of the smoothed mask's pixels, the flat indices in order and the connected mark of each,
+    from 1: few numbers in place of a label for every pixel of the image; and the marks that were
+    followed below their threshold.
+    """
+    score = pen_score(rgb, pen, SMOOTHING_PX)
+    smooth = (score > FLOOR).view(np.uint8)
+    mask = np.zeros(smooth.shape, bool)
+    runs: list[NDArray] = []
+    where, label = _labelled(smooth)
+    if len(label):
+        count = int(label.max()) + 1
+        level = score.ravel()[where]
+        strong = _quantile_by_label(level, label, count, 0.9)[label]
+        smooth.ravel()[where] = level > 0.5 * strong
+        sharp, _ = chroma_at(rgb, *np.divmod(where, rgb.shape[1]), pen)
+        mask.ravel()[where] = sharp > 0.5 * _quantile_by_label(sharp, label, count, 0.9)[label]
+        pieces = _labelled(smooth)
+        for run in faint_runs(smooth, pieces, where, label, level, strong):
+            runs.append(where[run])
+            smooth.ravel()[where[run]] = 1
+            mask.ravel()[where[run]] |= sharp[run] > 0.5 * np.quantile(sharp[run], 0.9)
+        where, label = _labelled(smooth) if runs else pieces
+    faint = {int(k) for run in runs for k in label[np.searchsorted(where, run)]}
+    return smooth.view(bool), mask, where, label, faint
+
+
+def _labelled(mask: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    import cv2
+
+    _, labels = cv2.connectedComponents(mask, connectivity=8, ltype=cv2.CV_32S)
+    where = np.flatnonzero(mask)
+    return where, labels.ravel()[where]
+
+
+def _quantile_by_label(values: NDArray, label: NDArray, count: int, q: float) -> NDArray:
+    order = np.lexsort((values, label))
+    ends = np.cumsum(np.bincount(label, minlength=count))
+    starts = np.r_[0, ends[:-1]]
+    at = starts + ((ends - starts - 1) * q).astype(np.int64)
+    return values[order][np.clip(at, 0, len(values) - 1)]
+
+
+def _bounds(where: NDArray, width: int) -> tuple[int, int, int, int]:
+    rows, cols = np.divmod(where, width)
+    return int(rows[0]), int(cols.min()), int(rows[-1]) + 1, int(cols.max()) + 1
+
+
+def _by_label(where: NDArray, label: NDArray, count: int, width: int) -> list[tuple]:
+    """(rows, cols) of the pixels of each label 1..count, sorted by row, then column."""
+    rows, cols = np.divmod(where, width)
+    order = np.argsort(label, kind="stable")
+    ends = np.cumsum(np.bincount(label, minlength=count + 1))
+    cuts = [order[a:b] for a, b in pairwise(ends)]
+    return [(rows[cut], cols[cut]) for cut in cuts]
+
+
+def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple, faint: bool) -> Mark:
+    rows, cols = body
+    box = (
+        int(cols.min()),
+        int(rows.min()),
+        int(np.ptp(cols)) + 1,
+        int(np.ptp(rows)) + 1,
+    )
+    own = _own_pen(rgb, rows, cols, pen)
+    branches, junctions = _pruned(*bone, rgb.shape[1], len(rows) / len(bone[0]))
+    # A path along pixels is about 5 % longer than the line; each end is short of half a width.
+    length = sum(b.length for b in branches) / 1.05
+    width = len(rows) / max(length, 1.0)
+    width = len(rows) / (length + width / 2 * sum(map(any, (b.free for b in branches))) + 1)
+    mark = Mark("", own, width, tuple(branches), tuple(junctions), len(rows), box)
+    kind = _kind(mark)
+    return Mark(kind, own, width, mark.branches, mark.junctions, len(rows), box, faint)
+
+
+def _own_pen(rgb: NDArray, rows: NDArray, cols: NDArray, pen: Pen) -> Pen:
+    along, across = chroma_at(rgb, rows, cols, pen)
+    full = along >= np.quantile(along, 0.6)
+    return Pen.of_chroma(along[full].mean() * pen.along + across[full].mean() * pen.across)
+
+
+def _pruned(
+    rows: NDArray, cols: NDArray, width: int, pen_width: float
+) -> tuple[list[Branch], list[tuple[int, int]]]:
+    """The skeleton without the short spurs that thinning leaves on a line's edge."""
+    while True:
+        branches, junctions = branches_of(rows, cols, width)
+        if not junctions:
+            return branches, junctions
+        spurs = [b for b in branches if any(b.free) and b.length + 1 < 1.5 * pen_width + 2]
+        if not spurs or len(spurs) == len(branches):
+            return branches, junctions
+        shortest = min(spurs, key=lambda b: (b.length, tuple(b.path[0])))
+        gone = {tuple(pixel) for pixel in shortest.path.tolist()}
+        keep = np.array([(u, v) not in gone for u, v in zip(cols, rows, strict=True)])
+        rows, cols = rows[keep], cols[keep]
+
+
+def _kind(mark: Mark) -> str:
+    if mark.area_px < MIN_PIXELS or not mark.branches:
+        return "speck"
+    aspect = mark.length_px / mark.width_px
+    filled = mark.area_px > FILLED * mark.box[2] * mark.box[3]
+    broad = mark.width_px > BROAD_PX
+    small = mark.area_px <= PANEL_PIXELS
+    least = DASH_ASPECT if small else BROAD_ASPECT if broad else MIN_ASPECT
+    if mark.width_px > MAX_WIDTH_PX or aspect < least:
+        return "speck" if small else "panel"
+    if broad and filled and mark.junctions:
+        return "panel"
+    return "junction" if mark.junctions else "curve"

@@ -1,0 +1,224 @@
+"""Coverage along the local normals of a path, and how far off the path the line lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.curve.light import is_coarse, is_tinted, with_light
+from vfplan.curve.pen import Pen, sample_pixels
+from vfplan.curve.phase import Grid, inward_lean, phase_shift
+
+MARGIN_PX = 2.0  # profiles reach this far beyond the line's edge
+STEP_PX = 0.5
+INNER_PX = 0.5  # of the profile's middle: it must lie in the image
+FOREIGN = 0.35  # of the pen's strength: more than this of another colour hides the line
+RISE = 0.2  # of full coverage, past the line's edge: a neighbour
+FAR_PX = 5.0  # beyond a width from the line's middle a pen that was enlarged has faded as well
+DOUBLE = 0.85  # of its maximum: a mean profile lower than this in its middle is two lines
+SEEN = 0.4  # of the usual coverage: less is no line
+SHADING_T = 5.0  # a shading effect below this many standard errors is not there,
+SHADING_DOUBT = 0.4  # share of the correction that may be wrong
+SHADING_MOST = 0.4  # and linear light shifts no edge by more, from black to white [px]
+
+
+@dataclass(frozen=True, eq=False)
+class Profiles:
+    """What was read across the line at each point of a path.
+
+    Parameters
+    ----------
+    x
+        (K,) places across the path [px].
+    alpha, seen
+        (M, K) coverage there, and bool, where nothing foreign hid it.
+    offset
+        (M,) of the line from the path along the normal [px]; 0 where not valid.
+    mass
+        (M,) coverage summed across the line, 1 in the middle of its run.
+    valid
+        (M,) bool: the line was seen and nothing foreign hid it.
+    clipped
+        (M,) share of the line's own width that lies outside the image.
+    shading
+        (M,) grey just beyond the line on one side minus on the other, -1..1.
+    double
+        Whether these are two lines side by side.
+    noisy
+        Whether the colour beside the line has noise, as JPEG's has.
+    redrawn
+        Whether the line, drawn anew, explained what was read, and the grid's share was taken off.
+    """
+
+    x: NDArray[np.float64]
+    alpha: NDArray[np.float64]
+    seen: NDArray[np.bool_]
+    offset: NDArray[np.float64]
+    mass: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+    clipped: NDArray[np.float64]
+    shading: NDArray[np.float64]
+    double: bool
+    noisy: bool
+    redrawn: bool
+
+
+def read_profiles(
+    rgb: NDArray,
+    base: NDArray,
+    normal: NDArray,
+    pen: Pen,
+    width: float,
+    least: float = SEEN,
+    bend: NDArray | None = None,
+) -> Profiles:
+    """Read profiles across a (M, 2) path with (M, 2) unit normals.
+
+    Coverage of less than `least` of the usual is no line. With the path's (M,) curvature, `bend`
+    [1/px], the offsets are freed of what the pixel grid and blur in bends add: for a path that is
+    already on the line.
+    """
+    half = np.ceil((width / 2 + MARGIN_PX) / STEP_PX)
+    x = np.arange(-half, half + 1) * STEP_PX
+    u, v = base[:, :1] + normal[:, :1] * x, base[:, 1:] + normal[:, 1:] * x
+    pixels = sample_pixels(rgb, u, v)
+    alpha = pixels @ pen.along / pen.strength
+    inside = (np.abs(u - (rgb.shape[1] - 1) / 2) <= rgb.shape[1] / 2) & (
+        np.abs(v - (rgb.shape[0] - 1) / 2) <= rgb.shape[0] / 2
+    )
+    foreign = (np.abs(pixels @ pen.across) > FOREIGN * pen.strength) | (alpha < -FOREIGN)
+    foreign |= _beyond_valley(alpha, x, width)
+    mass = np.where(foreign, 0.0, np.clip(alpha, 0, None)).sum(1)
+    mass = mass / max(np.median(mass), 1e-9)
+    core = np.abs(x) <= width / 2 + 0.5
+    valid = (mass > least) & ~foreign[:, core].any(1) & inside[:, np.abs(x) <= INNER_PX].all(1)
+    seen = ~foreign & inside
+    mean = _mean_profile(alpha, valid[:, None] & seen)
+    off = (width + FAR_PX) * normal
+    beside = sample_pixels(rgb, *np.moveaxis(np.stack([base - off, base + off], 1), 2, 0))
+    beside = (beside @ pen.along / pen.strength)[valid]
+    coarse = is_coarse(beside)
+    offset, redrawn = _matched(x, alpha, valid[:, None] & seen, mean), False
+    if bend is not None:
+        whole, path = valid & seen.all(1), (base, normal, bend)
+        error, redrawn = _reading_error(x, alpha, whole, offset, path, width, coarse)
+        offset = offset - error
+    valid &= np.abs(offset) < width / 2 + 1.5
+    if coarse:
+        offset = with_light(x, pixels, valid[:, None] & seen, np.where(valid, offset, 0.0), width)
+    grey = pixels.mean(2) / 255
+    shading = grey[:, -3:].mean(1) - grey[:, :3].mean(1)
+    outer = np.r_[0:3, -3:0]
+    bare = seen[:, outer].all(1) & (np.abs(alpha[:, outer]) < RISE).all(1)
+    shading = np.where(bare, shading, 0.0)  # another mark's darkness is no background
+    offset = np.where(valid, offset, 0.0)
+    clipped = 1 - inside[:, core].mean(1)
+    return Profiles(
+        x=x,
+        alpha=alpha,
+        seen=seen,
+        offset=offset,
+        mass=mass,
+        valid=valid,
+        clipped=clipped,
+        shading=shading,
+        double=is_double(mean),
+        noisy=coarse or is_tinted(beside),
+        redrawn=redrawn,
+    )
+
+
+def _beyond_valley(alpha: NDArray, x: NDArray, width: float) -> NDArray[np.bool_]:
+    """Where, going outward from the line's edge, coverage rises again: another line."""
+    beyond = np.zeros(alpha.shape, bool)
+    for side in (x >= width / 2, x <= -width / 2):
+        outward = np.flatnonzero(side)[:: 1 if x[side][0] > 0 else -1]
+        run = alpha[:, outward]
+        rises = run - np.minimum.accumulate(run, axis=1) > RISE
+        for row in np.flatnonzero(rises.any(1)):
+            bottom = int(np.argmin(run[row, : np.argmax(rises[row])]))
+            beyond[row, outward[bottom + 1 :]] = True
+    return beyond
+
+
+def is_double(alpha_mean: NDArray) -> bool:
+    """Whether the mean profile has a valley in its middle: two lines side by side, or a hollow one.
+
+    A single pen's profile is highest in the middle.
+    """
+    centre = len(alpha_mean) // 2
+    return bool(alpha_mean[centre] < DOUBLE * alpha_mean.max())
+
+
+def _mean_profile(alpha: NDArray, seen: NDArray) -> NDArray[np.float64]:
+    """(K,) the pen's own profile: the mean over the line, made symmetric."""
+    profile = np.where(seen, alpha, 0.0).sum(0) / np.maximum(seen.sum(0), 1)
+    return (profile + profile[::-1]) / 2
+
+
+def _matched(x: NDArray, alpha: NDArray, seen: NDArray, profile: NDArray) -> NDArray:
+    """(M,) the line's offset [px]: the shift of the profile that fits best, with what is seen."""
+    basis = np.column_stack([profile, np.gradient(profile, x), np.ones_like(x)])
+    fit = alpha @ np.linalg.pinv(basis).T
+    for row in np.flatnonzero(seen.any(1) & ~seen.all(1)):
+        if seen[row].sum() > 4:
+            fit[row] = np.linalg.lstsq(basis[seen[row]], alpha[row, seen[row]], rcond=None)[0]
+    scale = np.where(fit[:, 0] > 0.2, fit[:, 0], np.inf)
+    return -fit[:, 1] / scale
+
+
+def _reading_error(
+    x: NDArray,
+    alpha: NDArray,
+    whole: NDArray,
+    offset: NDArray,
+    path: tuple[NDArray, NDArray, NDArray],
+    width: float,
+    coarse: bool,
+) -> tuple[NDArray[np.float64], bool]:
+    """(M,) what the pixel grid and the bends add to the offsets [px]; whether redrawing tells."""
+    every = np.ones(alpha.shape, bool)
+
+    def measure(drawn: NDArray) -> NDArray:
+        return _matched(x, drawn, every, _mean_profile(drawn, every))
+
+    shift = redrawn = None
+    if not coarse:
+        shift, redrawn = phase_shift(Grid.of_path(x, *path), alpha, whole, offset, width, measure)
+    if shift is None:
+        shift = inward_lean(x, _mean_profile(alpha, whole[:, None] & every), path[2], width)
+    return shift, bool(redrawn)
+
+
+def shading_shift(
+    shading: NDArray, fast: NDArray, residual: NDArray, valid: NDArray
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(M,) correction along the normal, and its doubt, for a background brighter on one side.
+
+    A picture blended in linear light is not linear in its stored values: coverage rises by a power
+    below 1 of the light, slower the brighter the ground, whatever the pen. An edge over dark ground
+    looks wider than one over bright ground and the line seems to lean to the dark. How much is
+    learnt from the picture: the part of the residual that follows the fast changes of `shading`.
+    Zero where no such effect stands out; one to the bright side has another cause, as a sharpened
+    picture's overshoot cut off at white.
+
+    Parameters
+    ----------
+    shading, fast
+        (M,) the grey's difference across the line, and its part that a smooth line cannot follow.
+    residual, valid
+        (M,) measured offsets minus the smooth line [px], and where there are any.
+    """
+    power = float(fast @ fast)
+    none = np.zeros(len(fast))
+    if power < 1e-5 * len(fast):
+        return none, none
+    slope = float(fast @ residual) / power
+    left = residual - slope * fast
+    error = np.sqrt(float(left @ left) / max(valid.sum() - 1, 1) / power)
+    if SHADING_T * error < -slope < SHADING_MOST:
+        return -slope * shading, np.abs(shading) * np.hypot(error, SHADING_DOUBT * slope)
+    doubt = min(max(abs(slope), error), SHADING_MOST / 4)
+    return none, np.abs(shading) * doubt

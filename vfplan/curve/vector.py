@@ -1,0 +1,176 @@
+"""A curve drawn as vectors: Slicer's `.mrk.json` Curve or ClosedCurve, or a CSV polyline.
+
+Nothing is measured here: the points are taken as given, and no standard deviation is known.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.engine.spacing import MOST_POINTS
+from vfplan.errors import CurveError, MarkerError
+from vfplan.io.disk import read_whole
+
+MAX_BYTES = 256 * 2**20
+FINE_M = 2.5e-4  # of a curve in the patient: a point every quarter of a millimetre
+OUT_OF_PLANE_M = 1e-3  # a curve further than this from the slice was not drawn on it
+FURTHEST = 1e9  # pixels or metres; nothing real is, and squares of more overflow in the end
+KINDS = {"Curve": False, "ClosedCurve": True}
+
+
+@dataclass(frozen=True, eq=False)
+class VectorCurve:
+    """A curve as a drawing program left it.
+
+    Parameters
+    ----------
+    points
+        (M, 2) control points or vertices (u, v) [px], or (M, 3) in the patient's LPS frame [m].
+    closed
+        Whether the last point joins the first.
+    smooth
+        Whether a cubic spline runs through the points (Slicer), or straight lines (CSV).
+    sha256
+        Of the file's bytes, lower-case hex.
+    """
+
+    points: NDArray[np.float64]
+    closed: bool
+    smooth: bool
+    sha256: str
+
+    def fine(self, step: float) -> NDArray[np.float64]:
+        """(K, 2|3) points along the curve, `step` apart in arc length, ends included.
+
+        Raises `CurveError` where these are more than a bundle holds.
+        """
+        ring = np.vstack([self.points, self.points[:1]]) if self.closed else self.points
+        at = _chords(ring)
+        if not at[-1] / step < MOST_POINTS:
+            raise CurveError(
+                f"is a curve of {at[-1] / step:.3g} points; at most {MOST_POINTS} fit into a bundle"
+            )
+        dense = np.linspace(0, at[-1], max(64, 8 * round(at[-1] / step)) + 1)
+        line = self._through(at, ring, dense)
+        arc = _chords(line)
+        even = np.linspace(0, arc[-1], max(3, round(arc[-1] / step)) + 1)
+        line = np.column_stack([np.interp(even, arc, line[:, k]) for k in range(line.shape[1])])
+        return line[:-1] if self.closed else line
+
+    def _through(self, at: NDArray, ring: NDArray, dense: NDArray) -> NDArray:
+        if not self.smooth or len(ring) < 3:
+            return np.column_stack([np.interp(dense, at, ring[:, k]) for k in range(ring.shape[1])])
+        from scipy.interpolate import CubicSpline
+
+        return CubicSpline(at, ring, bc_type="periodic" if self.closed else "natural")(dense)
+
+
+def is_vector(path: str | Path) -> bool:
+    """Whether a file's name says that it holds a vector curve: `.json` or `.csv`."""
+    return Path(path).suffix.lower() in (".json", ".csv")
+
+
+def read_vector_curve(path: str | Path) -> VectorCurve:
+    """Read a Slicer `.mrk.json` with one Curve or ClosedCurve, or a CSV `u_px,v_px`.
+
+    A CSV whose last row repeats the first is closed.
+
+    Raises
+    ------
+    CurveError
+        The file is missing, is no such curve, or holds fewer than two different points.
+    """
+    where = str(path)
+    data = read_whole(Path(path), MAX_BYTES, CurveError)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise CurveError("is not text; a .mrk.json or a CSV is wanted", where=where) from None
+    try:
+        parse = _slicer if Path(path).suffix.lower() == ".json" else _polyline
+        points, closed, smooth = parse(text, where)
+    except MarkerError as error:
+        raise CurveError(error.message, where=error.where) from None
+    points = _distinct(points, closed, where)
+    return VectorCurve(points, closed, smooth, hashlib.sha256(data).hexdigest())
+
+
+def onto_slice(curve: VectorCurve, T_patient_image: NDArray | None, where: str) -> VectorCurve:
+    """The curve in the pixels of a slice whose place in the patient is known.
+
+    Raises `CurveError` when the place is not known, or the curve lies off the slice's plane.
+    """
+    if curve.points.shape[1] == 2:
+        return curve
+    if T_patient_image is None:
+        raise CurveError(
+            "is in the patient's frame, and the image does not say where it lies in the patient "
+            "(a DICOM slice with position, orientation and PixelSpacing does)",
+            where=where,
+        )
+    axes = T_patient_image[:3, :2]
+    offset = curve.points - T_patient_image[:3, 2]
+    pixels, *_ = np.linalg.lstsq(axes, offset.T, rcond=None)
+    away = float(np.linalg.norm(offset.T - axes @ pixels, axis=0).max())
+    if away > OUT_OF_PLANE_M:
+        raise CurveError(
+            f"lies up to {away * 1e3:.1f} mm off the slice's plane; at most "
+            f"{OUT_OF_PLANE_M * 1e3:.0f} mm is taken for drawn on it",
+            where=where,
+        )
+    return VectorCurve(pixels.T.copy(), curve.closed, curve.smooth, curve.sha256)
+
+
+def _slicer(text: str, where: str) -> tuple[NDArray, bool, bool]:
+    from vfplan.markers.slicer import lps_points, markups_of
+
+    markups = markups_of(text, where)
+    curves = [m for m in markups if m.get("type") in KINDS]
+    if len(curves) != 1:
+        types = ", ".join(repr(m.get("type")) for m in markups) or "nothing"
+        raise CurveError(f"holds {types}; one Curve or ClosedCurve is wanted", where=where)
+    return lps_points(curves[0], where), KINDS[curves[0]["type"]], True
+
+
+def _polyline(text: str, where: str) -> tuple[NDArray, bool, bool]:
+    from vfplan.markers.points import table_rows
+
+    rows = table_rows(text, where)
+    header = [name.strip() for name in rows[0]] if rows else []
+    if header != ["u_px", "v_px"]:  # exactly: with a label it is a list of markers
+        found = ",".join(header)[:60]
+        raise CurveError(
+            f"is no image, and as a curve its header is {found!r}; u_px,v_px is wanted", where=where
+        )
+    try:
+        points = np.array([[float(u), float(v)] for u, v in rows[1:]])
+    except ValueError:
+        raise CurveError("holds a row without two numbers", where=where) from None
+    points = points.reshape(-1, 2)
+    closed = len(points) > 3 and bool(np.array_equal(points[0], points[-1]))
+    return (points[:-1] if closed else points), closed, False
+
+
+def _distinct(points: NDArray, closed: bool, where: str) -> NDArray:
+    if not np.isfinite(points).all():
+        raise CurveError("holds a point that is not finite", where=where)
+    if np.abs(points).max(initial=0.0) > FURTHEST:
+        raise CurveError(
+            f"holds a coordinate of {np.abs(points).max():g}; at most {FURTHEST:g} is allowed",
+            where=where,
+        )
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    points = points[np.r_[True, steps > 0]] if len(points) else points
+    least = 3 if closed else 2
+    if len(points) < least:
+        raise CurveError(f"holds {len(points)} different points; {least} are wanted", where=where)
+    return points
+
+
+def _chords(points: NDArray) -> NDArray:
+    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]

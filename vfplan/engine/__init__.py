@@ -1,0 +1,8 @@
+"""The haptic engine's Python side: what it accepts, its parameters, and the call into C++.
+
+checks      what an engine takes, checked once
+spacing     how far the points of a cloud stand apart
+parameters  the paper's Table I, and what every engine answers with
+tolerance   one tolerance in, every setting out
+proxy       `ProxyEngine`, the face over the native engine
+"""

@@ -1,0 +1,255 @@
+"""The paper's Table I as one validated object, and what every engine answers with.
+
+Both engines (the native one behind `vfplan.ProxyEngine` and the NumPy reference) take their
+settings from here, so that a default or a check exists once.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vfplan.engine.checks import LIMIT, Vector, check_axis, check_points, check_stiffness, number
+from vfplan.engine.spacing import cloud_spacing
+from vfplan.errors import SettingError
+
+Rule = Literal["robust", "paper"]
+RULES: tuple[Rule, ...] = get_args(Rule)
+
+PAPER_BAND = 10e-6  # r2 - rc = rc - r1 of Algorithm 1 [m]
+
+# What float64 serves among coordinates of up to 1e6 m. Squares of such radii neither under- nor
+# overflow, in the float32 seeds of the native loops either.
+SMALLEST_RADIUS, LARGEST_RADIUS = 1e-9, LIMIT  # [m]
+# Of R: the square of a distance is rounded to 2e-16 of itself, and a step's least counted part is
+# a millionth of the band. Below, the proxy lags and eq. (1) loses its digits.
+FINEST_BAND = 1e-8
+# Roundings of the largest coordinate that a band holds: its hundredth, rest, is a hundred still.
+ROUNDINGS_A_BAND = 1e4
+
+
+class Status(IntFlag):
+    """What a tick has to say beside its result; 0 when all is well."""
+
+    OK = 0
+    BAD_HIP = 1
+    """The HIP was not finite (or beyond 1e6 m): the proxy stayed and the force is its last.
+
+    Before the first good HIP both are 0.
+    """
+    INSIDE = 2
+    """The proxy is inside the fixture and on its way out."""
+    LIMIT = 4
+    """The tick used up its iterations; the proxy is safe and goes on at the next tick."""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One tick's answer.
+
+    Parameters
+    ----------
+    proxy, normal, force
+        (3,) proxy position [m], unit normal (0 when there is none), force on the hand [N].
+    state
+        -1 no neighbour, 0 free motion, 1 in contact, 2 entrenched.
+    status
+        A `Status`.
+    """
+
+    proxy: Vector
+    normal: Vector
+    force: Vector
+    state: int
+    status: Status
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A path's answer, row by row what `Step` is for one tick.
+
+    Parameters
+    ----------
+    proxy, normal, force
+        (T, 3) float64 [m], [1], [N].
+    state
+        (T,) int8.
+    status
+        (T,) uint8, values of `Status`.
+    """
+
+    proxy: Vector
+    normal: Vector
+    force: Vector
+    state: NDArray[np.int8]
+    status: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.state)
+
+
+@dataclass(frozen=True, eq=False)
+class ProxyParameters:
+    """Table I of the paper, checked; made by `ProxyParameters.make`.
+
+    Parameters
+    ----------
+    rule
+        "robust" or "paper".
+    contact_radius, band, point_radius, outer_radius
+        r_c, r2 - r_c, r_v and r3 [m].
+    gain
+        ξ of eq. (5), in (0, 1].
+    stiffness
+        (3,) the diagonal of K [N/m].
+    ignore_axis
+        (3,) unit vector along which the fixture is infinite; `None` in 3-D.
+    """
+
+    rule: Rule
+    contact_radius: float
+    band: float
+    point_radius: float
+    outer_radius: float
+    gain: float
+    stiffness: Vector
+    ignore_axis: Vector | None
+
+    @property
+    def r1(self) -> float:
+        """Inner radius r_c - band [m]."""
+        return self.contact_radius - self.band
+
+    @property
+    def rc(self) -> float:
+        """Contact radius [m]."""
+        return self.contact_radius
+
+    @property
+    def r2(self) -> float:
+        """Outer edge of the contact band, r_c + band [m]."""
+        return self.contact_radius + self.band
+
+    @property
+    def r3(self) -> float:
+        """Neighbour radius [m]."""
+        return self.outer_radius
+
+    @property
+    def rv(self) -> float:
+        """Radius of each cloud point [m]."""
+        return self.point_radius
+
+    @property
+    def R(self) -> float:
+        """Distance r_c + r_v at which the proxy rests on a point [m]."""
+        return self.contact_radius + self.point_radius
+
+    @property
+    def xi(self) -> float:
+        """Gain ξ of eq. (5)."""
+        return self.gain
+
+    @classmethod
+    def make(
+        cls,
+        points: ArrayLike,
+        contact_radius: float = 5e-3,
+        band: float | None = None,
+        point_radius: float = 0.0,
+        stiffness: float | ArrayLike = 1000.0,
+        rule: Rule = "robust",
+        ignore_axis: str | ArrayLike | None = None,
+        outer_radius: float | None = None,
+        gain: float = 1.0,
+    ) -> ProxyParameters:
+        """Check every setting, and choose those that were left open.
+
+        Parameters
+        ----------
+        points
+            (N, 3) cloud [m]; the default band follows from its spacing.
+        contact_radius, point_radius
+            r_c from 1e-9 to 1e6 and r_v from 0 to 1e6 [m].
+        band
+            r2 - r_c = r_c - r1 [m], from 1e-8 (r_c + r_v) to r_c, and at least 2.2e-12 of the
+            largest coordinate. `None`: the paper's 10 µm, or the cloud's dimple depth if that is
+            more (`default_band`); rule "paper": 10 µm.
+        stiffness
+            K [N/m] > 0, one number or one an axis.
+        rule
+            "robust" or "paper".
+        ignore_axis
+            `None`, "x", "y", "z" or a (3,) direction (normalised here).
+        outer_radius
+            r3 [m] > r2, at most 2e6; `None`: 2 r_c.
+        gain
+            ξ in (0, 1].
+
+        Raises
+        ------
+        SettingError
+            A parameter outside its range.
+        SceneError
+            Points that are no finite (N, 3) cloud.
+        """
+        points = check_points(points)
+        if rule not in RULES:
+            raise SettingError(f"rule {rule!r}: allowed are {', '.join(RULES)}")
+        rc = number("contact_radius", contact_radius, "m", above=0.0)
+        rc = number("contact_radius", rc, "m", least=SMALLEST_RADIUS, most=LARGEST_RADIUS)
+        rv = number("point_radius", point_radius, "m", least=0.0, most=LARGEST_RADIUS)
+        axis = check_axis(ignore_axis)
+        if band is None:
+            band = PAPER_BAND if rule == "paper" else default_band(points, rc, rv, axis)
+        band = number("band", band, "m", above=0.0, most=rc, why="at most contact_radius")
+        if not rc - band < rc + band:
+            raise SettingError(f"band {band:g} m: r1 must be less than r2 (r_c = {rc:g} m)")
+        band = number("band", band, "m", least=FINEST_BAND * (rc + rv), why="1e-8 (r_c + r_v)")
+        far = float(np.abs(points).max())
+        least = ROUNDINGS_A_BAND * float(np.finfo(float).eps) * far
+        why = f"1e4 roundings of the largest coordinate, {far:g} m"
+        band = number("band", band, "m", least=least, why=why)
+        r3 = 2 * rc if outer_radius is None else outer_radius
+        r3 = number("outer_radius", r3, "m", above=rc + band, why="r3 > r2")
+        r3 = number("outer_radius", r3, "m", most=2 * LARGEST_RADIUS)
+        xi = number("gain", gain, "", above=0.0, most=1.0)
+        return cls(rule, rc, band, rv, r3, xi, check_stiffness(stiffness), axis)
+
+
+def dimple_depth(spacing: float, radius: float, *, planar: bool) -> float:
+    """How deep a sphere of `radius` sinks between points of a flat cloud [m].
+
+    `R - sqrt(R² - h²/2)` in the middle of a square of side h, `R - sqrt(R² - h²/4)` between two
+    points of a straight curve.
+
+    Parameters
+    ----------
+    spacing
+        h [m], at most `radius`.
+    radius
+        R = r_c + r_v [m].
+    planar
+        The cloud is a curve in the plane (the fixture ignores an axis).
+    """
+    quarter = spacing * spacing / (4 if planar else 2)
+    # The difference of two nearly equal lengths, without cancellation.
+    return quarter / (radius + math.sqrt(radius * radius - quarter))
+
+
+def default_band(points: Vector, rc: float, rv: float, axis: Vector | None) -> float:
+    """The paper's band of 10 µm, or the cloud's dimple depth if that is more [m].
+
+    Points further apart than R = r_c + r_v are separate objects here: the proxy goes between them
+    or rests on one. Never less than 1e-8 R, nor more than r_c / 2.
+    """
+    planar = axis is not None
+    flat = points - np.outer(points @ axis, axis) if planar else points
+    spacing = cloud_spacing(flat, rc + rv)
+    dimple = 0.0 if spacing is None else dimple_depth(spacing, rc + rv, planar=planar)
+    return min(max(PAPER_BAND, dimple, FINEST_BAND * (rc + rv)), rc / 2)

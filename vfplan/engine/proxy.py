@@ -1,0 +1,155 @@
+"""The proxy engine: a thin Python face over the native one.
+
+Everything is checked here (`vfplan.engine.parameters`), then handed to C++; a tick computes
+nothing in Python.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vfplan import _core
+from vfplan.engine.checks import check_hip, check_path, check_points
+from vfplan.engine.parameters import ProxyParameters, Rule, Status, Step, Trace
+from vfplan.errors import SettingError
+
+Search = Literal["auto", "grid", "brute"]
+MAX_ITERATIONS = 16  # of the robust rule, a tick
+WIDTHS = {None: 0, 2: 2, 4: 4, 8: 8}  # float64 in a SIMD register; None: the processor's most
+
+
+class ProxyEngine:
+    """Renders a forbidden region around a cloud of points: proxy, normal and force for each HIP.
+
+    Until `reset` is called the first HIP is also the first proxy.
+
+    Parameters
+    ----------
+    points
+        (N, 3) cloud [m].
+    contact_radius, band, point_radius, stiffness, rule, ignore_axis, outer_radius, gain
+        Table I; see `ProxyParameters.make`.
+    max_iterations
+        Most iterations of rule "robust" in a tick, at least 1; `None`: 16.
+    search
+        "grid", "brute" (every point, every time) or "auto": a grid where the cloud is large enough
+        for one to pay.
+    simd_width
+        2, 4 or 8 float64 at a time, at most what the processor has; `None`: its most. The answer is
+        the same to the bit.
+
+    Raises
+    ------
+    SettingError
+        A parameter outside its range.
+    SceneError
+        Points that are no finite (N, 3) cloud.
+    """
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        contact_radius: float = 5e-3,
+        band: float | None = None,
+        point_radius: float = 0.0,
+        stiffness: float | ArrayLike = 1000.0,
+        rule: Rule = "robust",
+        ignore_axis: str | ArrayLike | None = None,
+        outer_radius: float | None = None,
+        gain: float = 1.0,
+        *,
+        max_iterations: int | None = None,
+        search: Search = "auto",
+        simd_width: int | None = None,
+    ) -> None:
+        cloud = check_points(points)
+        self.parameters = ProxyParameters.make(
+            cloud,
+            contact_radius=contact_radius,
+            band=band,
+            point_radius=point_radius,
+            stiffness=stiffness,
+            rule=rule,
+            ignore_axis=ignore_axis,
+            outer_radius=outer_radius,
+            gain=gain,
+        )
+        if not isinstance(simd_width, int | np.integer | None) or simd_width not in WIDTHS:
+            raise SettingError(f"simd_width {simd_width!r}: allowed are None, 2, 4, 8")
+        native = _native(self.parameters, _iterations(max_iterations), search)
+        self._points = len(cloud)
+        self._engine = _core.Engine(cloud, native, WIDTHS[simd_width])
+
+    @property
+    def left_out(self) -> dict[str, int]:
+        """What this scene did not need, and how much of it was left out; absent: nothing was."""
+        p = self.parameters
+        out = {}
+        if p.ignore_axis is not None:
+            out["coordinates"] = self._points  # one of three, of each point
+        if p.point_radius == 0:
+            out["point_radius"] = 1
+        if np.all(p.stiffness == p.stiffness[0]):
+            out["stiffness_axes"] = 2
+        if self._engine.cells == 0:
+            out["grid"] = 1
+        return out
+
+    @property
+    def bytes(self) -> int:
+        """Memory the native engine holds [bytes]."""
+        return self._engine.bytes
+
+    def reset(self, hip: ArrayLike) -> None:
+        """Put the proxy at `hip` (3,) [m], wherever that is."""
+        self._engine.reset(check_hip(hip, finite=True))
+
+    def step(self, hip: ArrayLike) -> Step:
+        """One servo loop for the HIP at `hip` (3,) [m]."""
+        rows, state, status = self._engine.step(check_hip(hip))
+        return Step(rows[0], rows[1], rows[2], state, Status(status))
+
+    def run(self, hips: ArrayLike) -> Trace:
+        """One tick for each row of `hips` (T, 3) [m], from the current proxy on; no GIL held."""
+        return Trace(*self._engine.run(check_path(hips))[:5])
+
+    def run_timed(self, hips: ArrayLike) -> tuple[Trace, NDArray[np.float64]]:
+        """As `run`, and how long each tick took, (T,) [µs], read around the native `step`."""
+        *answer, seconds = self._engine.run(check_path(hips), timed=True)
+        return Trace(*answer), 1e6 * seconds
+
+    def distance(self, positions: ArrayLike) -> NDArray[np.float64]:
+        """Distance (T,) [m] of `positions` (T, 3) [m] to the nearest point, across an ignored axis.
+
+        A proxy's clearance is this less R = r_c + r_v.
+        """
+        return self._engine.distance(check_path(positions))
+
+
+def _iterations(value: int | None) -> int:
+    if value is None:
+        return MAX_ITERATIONS
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise SettingError(f"max_iterations {value!r}: allowed is an integer of at least 1")
+    return min(int(value), 10**6)
+
+
+def _native(parameters: ProxyParameters, iterations: int, search: str) -> _core.Parameters:
+    if search not in Search.__args__:
+        raise SettingError(f"search {search!r}: allowed are {', '.join(Search.__args__)}")
+    p = _core.Parameters()
+    p.contact_radius = parameters.contact_radius
+    p.band = parameters.band
+    p.point_radius = parameters.point_radius
+    p.outer_radius = parameters.outer_radius
+    p.gain = parameters.gain
+    p.rule = getattr(_core.Rule, parameters.rule)
+    p.search = getattr(_core.Search, search)
+    p.max_iterations = iterations
+    p.set_stiffness(parameters.stiffness)
+    if parameters.ignore_axis is not None:
+        p.set_ignore_axis(parameters.ignore_axis)
+    return p

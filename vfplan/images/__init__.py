@@ -1,0 +1,1 @@
+"""Planned slices as they come: PNG, JPEG, TIFF, BMP and DICOM -> `PlannedImage`."""

@@ -1,0 +1,1 @@
+"""Files and what carries them: whole files or none, and h5py without plugins."""

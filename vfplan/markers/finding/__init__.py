@@ -1,0 +1,11 @@
+"""Drawn crosses and dots -> their centres, to a fraction of a pixel.
+
+Near each given position: un-mix the marker's colour from what lies under it, take the mark, and fit
+the coverage that a blurred cross or a blurred disc would have. The fit's centre is the marker's.
+"""
+
+from __future__ import annotations
+
+from vfplan.markers.finding.find import FoundMarker, anything_drawn, find_markers, marker_drawn
+
+__all__ = ["FoundMarker", "anything_drawn", "find_markers", "marker_drawn"]

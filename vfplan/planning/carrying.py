@@ -1,0 +1,135 @@
+"""A curve's points carried through a registration: sampled by need, with what belongs to each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.engine.spacing import cloud_spacing
+from vfplan.fixture import Curve, Fixture
+from vfplan.planning.settings import FixtureSettings
+
+if TYPE_CHECKING:
+    from vfplan.planning.sampling import Sampled, TightBend
+    from vfplan.registration import Registration
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """The fixture's points and what came with them.
+
+    Parameters
+    ----------
+    points
+        (N, 3) in `robot_base` [m].
+    source
+        (N, 3) the same points in the curve's own frame.
+    spacing_m
+        Mean distance between neighbours along the curve; for a bare cloud its spacing [m].
+    sigma
+        (N,) standard deviation across the curve [m].
+    curve
+        Strokes and order; `None` for a bare cloud (every mask pixel a point).
+    sampling_error_m
+        Bound on what the spacing adds to the surface [m]; `None` for a bare cloud.
+    tight_bends
+        Where the curve bends tighter than the proxy's radius.
+    """
+
+    points: NDArray[np.float64]
+    source: NDArray[np.float64]
+    spacing_m: float
+    sigma: NDArray[np.float64] | None
+    curve: Curve | None = None
+    sampling_error_m: float | None = None
+    tight_bends: tuple[TightBend, ...] = ()
+
+
+def carry(
+    curve: Fixture,
+    registration: Registration,
+    settings: FixtureSettings,
+    tolerance_m: float | None = None,
+) -> Carried:
+    """Carry a curve into the registration's target frame; sample it where it is ordered.
+
+    `tolerance_m` is what the spacing alone may use; `None`: the settings say a density.
+    """
+    if curve.curve is None:
+        points = registration.apply(curve.points)
+        sigma = None if curve.sigma is None else curve.sigma * metres_per_unit(registration)
+        return Carried(points, curve.points, cloud_spacing(points, settings.contact_radius), sigma)
+    members = [curve.curve.stroke == k for k in range(len(curve.curve.closed))]
+    samples = [
+        _sample(curve, k, own, registration, settings, tolerance_m) for k, own in enumerate(members)
+    ]
+    pairs = list(zip(members, samples, strict=True))
+    counts = [len(s.points) for s in samples]
+    length = sum(_length(s, bool(c)) for s, c in zip(samples, curve.curve.closed, strict=True))
+    bridged = sigma = None
+    if curve.curve.bridged is not None:
+        marks = curve.curve.bridged.astype(float)
+        bridged = np.concatenate([along(marks[own], s.parameter) > 0 for own, s in pairs])
+    if curve.sigma is not None:
+        scale = metres_per_unit(registration)
+        sigma = np.concatenate([along(curve.sigma[own], s.parameter) for own, s in pairs]) * scale
+    return Carried(
+        points=np.concatenate([s.points for s in samples]),
+        source=np.concatenate([along(curve.points[own], s.parameter) for own, s in pairs]),
+        spacing_m=length / sum(counts),
+        sigma=sigma,
+        curve=Curve(
+            stroke=np.repeat(np.arange(len(samples), dtype=np.int32), counts),
+            closed=curve.curve.closed,
+            bridged=bridged,
+        ),
+        sampling_error_m=max(s.sampling_error_m for s in samples),
+        tight_bends=tuple(bend for s in samples for bend in s.tight_bends),
+    )
+
+
+def metres_per_unit(registration: Registration) -> float:
+    """The scale of the map [m per source unit]: geometric mean over its principal directions."""
+    k = registration.source.shape[1]
+    scales = np.linalg.svd(registration.T_target_source[:3, :k])[1][:k]
+    return float(np.exp(np.log(scales).mean()))
+
+
+def along(values: NDArray[np.float64], parameter: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values (M,) or (M, K) of a fine curve at float indices (N,) of its points.
+
+    Between the last point of a closed curve (index M - 1) and M lies the step back to the first.
+    """
+    ring = np.concatenate([values, values[:1]])
+    below = np.minimum(parameter.astype(int), len(values) - 1)
+    part = (parameter - below).reshape(-1, *[1] * (values.ndim - 1))
+    return ring[below] * (1 - part) + ring[below + 1] * part
+
+
+def _sample(
+    curve: Fixture,
+    k: int,
+    members: NDArray[np.bool_],
+    registration: Registration,
+    settings: FixtureSettings,
+    tolerance_m: float | None,
+) -> Sampled:
+    from vfplan.planning.sampling import sample_curve
+
+    return sample_curve(
+        registration.apply(curve.points[members]),
+        bool(curve.curve.closed[k]),
+        radius_m=settings.contact_radius + settings.point_radius,
+        tolerance_m=settings.tolerance_m if tolerance_m is None else tolerance_m,
+        density_per_m=settings.density_per_m,
+    )
+
+
+def _length(sampled: Sampled, closed: bool) -> float:
+    steps = np.linalg.norm(np.diff(sampled.points, axis=0), axis=1).sum()
+    if closed:
+        steps += np.linalg.norm(sampled.points[0] - sampled.points[-1])
+    return float(steps)

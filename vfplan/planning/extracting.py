@@ -1,0 +1,269 @@
+"""Image -> pen coverage -> centre line -> a curve in the image's pixels."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vfplan.errors import ImageError, SettingError
+from vfplan.fixture import Curve, Fixture, SourceImage
+from vfplan.planning.carrying import along
+from vfplan.planning.provenance import make_provenance
+from vfplan.planning.settings import ExtractSettings
+
+if TYPE_CHECKING:
+    from vfplan.curve import Extraction, Stroke
+    from vfplan.images.read import PlannedImage
+
+# Settings that only a pen's drawing, and only an image, can follow.
+OF_A_PEN = ("colour", "method", "stroke", "roi", "max_gap_px")
+OF_AN_IMAGE = ("pixel_spacing_mm", "frame", "imager_spacing")
+# Size of a pixel [mm]: from a microscope's to one as large as the patient.
+SPACING_MM = (1e-5, 1e3)
+
+
+@dataclass(frozen=True, eq=False)
+class Extracted:
+    """A curve, what it was taken from, and the report for `--json`.
+
+    A vector curve given alone comes from no image: `image` and `extraction` are `None`.
+    """
+
+    fixture: Fixture
+    image: PlannedImage | None
+    extraction: Extraction | None
+    report: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+
+def extract(
+    path: str | Path, settings: ExtractSettings, *, curve: str | Path | None = None
+) -> Extracted:
+    """Read a planned slice and extract its curve.
+
+    Parameters
+    ----------
+    path
+        The slice; or, alone, a Slicer `.mrk.json` curve in the patient's frame.
+    settings
+        How the curve is read.
+    curve
+        A vector curve drawn on the slice, taken instead of a pen's: `.mrk.json` (a DICOM slice
+        says where it lies) or CSV `u_px,v_px`.
+
+    Raises `ImageError`, `CurveError` or `SettingError`.
+    """
+    from vfplan.curve import load_libraries
+    from vfplan.curve.vector import is_vector
+    from vfplan.images.read import read_image
+
+    if curve is not None or is_vector(path):
+        _refuse_settings(settings, OF_A_PEN)
+    if is_vector(path):
+        _refuse_settings(settings, OF_AN_IMAGE)
+        return _vector_alone(path, settings)
+    image = read_image(
+        path,
+        frame=settings.frame,
+        pixel_spacing_mm=settings.pixel_spacing_mm,
+        imager_spacing=bool(settings.imager_spacing),
+    )
+    _check_spacing(image, asked=settings.pixel_spacing_mm is not None, where=str(path))
+    if curve is None:
+        load_libraries()
+    started = time.perf_counter()
+    inputs = {"image": image.sha256}
+    if curve is None:
+        extraction = _drawn_with_a_pen(image, settings)
+    else:
+        extraction, inputs["curve"] = _drawn_as_vectors(image, curve)
+    if settings.density_per_mm is not None:
+        extraction = resample(extraction, image.pixel_spacing_mm, settings.density_per_mm)
+    elapsed = time.perf_counter() - started
+    fixture = planned_curve(extraction, image, settings, inputs=inputs)
+    report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
+    return Extracted(fixture, image, extraction, report, tuple(extraction.warnings))
+
+
+def _check_spacing(image: PlannedImage, *, asked: bool, where: str) -> None:
+    least, largest = SPACING_MM
+    for spacing in image.pixel_spacing_mm or ():
+        if not least <= spacing <= largest:
+            fault = f"pixel spacing is {spacing:g} mm; {least:g} to {largest:g} mm are allowed"
+            raise SettingError(fault) if asked else ImageError(fault, where=where)
+
+
+def _refuse_settings(settings: ExtractSettings, names: tuple[str, ...]) -> None:
+    """A setting that a vector curve leaves without effect would be taken for one that had it."""
+    for name in names:
+        value = getattr(settings, name)
+        if value != getattr(ExtractSettings(), name):
+            raise SettingError(f"{name} {value!r} has no effect on a vector curve; leave it out")
+
+
+def _drawn_with_a_pen(image: PlannedImage, settings: ExtractSettings) -> Extraction:
+    from vfplan.curve import extract_curve
+
+    return extract_curve(
+        image,
+        colour=settings.colour,
+        method=settings.method,
+        roi=settings.roi,
+        stroke=settings.stroke,
+        max_gap_px=settings.max_gap_px,
+    )
+
+
+def _drawn_as_vectors(image: PlannedImage, path: str | Path) -> tuple[Extraction, str]:
+    from vfplan.curve import vector_stroke
+    from vfplan.curve.vector import onto_slice, read_vector_curve
+
+    curve = read_vector_curve(path)
+    placed = onto_slice(curve, image.T_patient_image, str(path))
+    return vector_stroke(placed.fine(1.0), curve.closed, image, str(path)), curve.sha256
+
+
+def _vector_alone(path: str | Path, settings: ExtractSettings) -> Extracted:
+    """A curve in the patient's frame [m], or in the pixels of an image that is not given."""
+    from vfplan.curve.vector import FINE_M, read_vector_curve
+
+    started = time.perf_counter()
+    curve = read_vector_curve(path)
+    flat = curve.points.shape[1] == 2
+    density = settings.density_per_mm
+    if flat and density is not None:
+        raise SettingError("a density per millimetre needs a pixel spacing, and so an image")
+    step = 1.0 if flat else FINE_M if density is None else 1e-3 / density
+    points = curve.fine(step)
+    points = np.c_[points, np.zeros(len(points))] if flat else points
+    fixture = Fixture(
+        frame="image" if flat else "patient_lps",
+        points=points,
+        provenance=make_provenance({"curve": curve.sha256}, settings),
+        curve=Curve(np.zeros(len(points), np.int32), np.array([curve.closed])),
+    )
+    ring = np.vstack([points, points[:1]]) if curve.closed else points
+    length = float(np.linalg.norm(np.diff(ring, axis=0), axis=1).sum())
+    stroke = {"length_px": length} if flat else {"length_mm": length * 1e3}
+    report: dict[str, Any] = {
+        "frame": fixture.frame,
+        "strokes": [stroke | {"closed": curve.closed, "points": len(points)}],
+        "points": len(points),
+        "elapsed_s": time.perf_counter() - started,
+    }
+    return Extracted(fixture, None, None, report)
+
+
+def planned_curve(
+    extraction: Extraction,
+    image: PlannedImage,
+    settings: ExtractSettings | None = None,
+    *,
+    inputs: dict[str, str] | None = None,
+) -> Fixture:
+    """The extracted strokes as a `Fixture` in frame "image": (u, v, 0) in pixels."""
+    strokes = extraction.strokes
+    points = np.concatenate([s.points_px for s in strokes])
+    return Fixture(
+        frame="image",
+        points=np.c_[points, np.zeros(len(points))],
+        provenance=make_provenance(
+            inputs or {"image": image.sha256}, settings or ExtractSettings()
+        ),
+        sigma=None
+        if extraction.method == "vector"
+        else np.concatenate([s.sigma_px for s in strokes]),
+        curve=None if extraction.method == "mask" else _curve(extraction),
+        image=SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm),
+    )
+
+
+def _curve(extraction: Extraction) -> Curve:
+    strokes = extraction.strokes
+    bridged = np.concatenate([s.bridged for s in strokes])
+    counts = [len(s.points_px) for s in strokes]
+    return Curve(
+        stroke=np.repeat(np.arange(len(strokes), dtype=np.int32), counts),
+        closed=np.array([s.closed for s in strokes]),
+        bridged=bridged if bridged.any() else None,
+    )
+
+
+def resample(
+    extraction: Extraction, spacing_mm: tuple[float, float] | None, density_per_mm: float
+) -> Extraction:
+    """The same strokes at a number of points a millimetre instead of one a pixel.
+
+    Raises `SettingError` without a pixel spacing, or for "mask", whose points have no order.
+    """
+    from vfplan.planning.sampling import sample_curve
+
+    if extraction.method == "mask":
+        raise SettingError("a density needs an ordered curve; method 'mask' gives every pixel")
+    if spacing_mm is None:
+        raise SettingError("a density per millimetre needs a pixel spacing; the image has none")
+    unit = np.array([*spacing_mm, 0.0]) * 1e-3
+
+    def thin(stroke: Stroke) -> Stroke:
+        fine = np.c_[stroke.points_px, np.zeros(len(stroke.points_px))] * unit
+        at = sample_curve(
+            fine, stroke.closed, radius_m=1.0, density_per_m=density_per_mm * 1e3
+        ).parameter
+        return replace(
+            stroke,
+            points_px=along(stroke.points_px, at),
+            sigma_px=None if stroke.sigma_px is None else along(stroke.sigma_px, at),
+            bridged=along(stroke.bridged.astype(float), at) > 0,
+        )
+
+    return replace(extraction, strokes=tuple(map(thin, extraction.strokes)))
+
+
+def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str, Any]:
+    """What `extract --json` reports of a curve, but for the time it took."""
+    spacing = image.pixel_spacing_mm
+    size = {"width_px": image.width_px, "height_px": image.height_px, "pixel_spacing_mm": spacing}
+    points = sum(len(s.points_px) for s in extraction.strokes)
+    ordered = extraction.method != "mask"
+    drawn = {} if extraction.method == "vector" else {"mask_pixels": int(extraction.mask.sum())}
+    report: dict[str, Any] = {
+        "image": size,
+        **drawn,
+        "strokes": [_describe_stroke(s, spacing, ordered) for s in extraction.strokes],
+        "points": points,
+        "spacing_mm": None,
+        "density_per_mm": None,
+    }
+    if extraction.set_aside:
+        report["set_aside"] = list(extraction.set_aside)
+    if spacing is not None:
+        length_mm = sum(s["length_mm"] for s in report["strokes"])
+        report["spacing_mm"] = length_mm / points
+        report["density_per_mm"] = points / length_mm if length_mm else None
+    return report
+
+
+def _describe_stroke(
+    stroke: Stroke, spacing: tuple[float, float] | None, ordered: bool
+) -> dict[str, Any]:
+    length_mm = None
+    if spacing is not None and ordered:
+        points = stroke.points_px
+        ring = np.vstack([points, points[:1]]) if stroke.closed else points
+        length_mm = float(np.linalg.norm(np.diff(ring, axis=0) * spacing, axis=1).sum())
+    elif spacing is not None:
+        length_mm = float(stroke.length_px * np.sqrt(spacing[0] * spacing[1]))
+    width = {} if stroke.width_px is None else {"width_px": float(stroke.width_px)}
+    return {
+        "length_px": float(stroke.length_px),
+        "length_mm": length_mm,
+        **width,
+        "closed": bool(stroke.closed),
+        "points": len(stroke.points_px),
+        "ends_px": stroke.ends_px if ordered else [],
+        "bridged_points": int(np.count_nonzero(stroke.bridged)),
+    }

@@ -1,0 +1,151 @@
+"""Markers and a curve -> a registration without a fault that is sure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vfplan.errors import CurveError, MarkerError, SettingError
+from vfplan.fixture import Fixture
+from vfplan.planning.plausible import check_plausible
+from vfplan.planning.settings import FixtureSettings
+
+if TYPE_CHECKING:
+    from vfplan.images.read import PlannedImage
+    from vfplan.markers import Correspondences
+    from vfplan.markers.finding import FoundMarker
+    from vfplan.registration import Registration
+    from vfplan.registration.diagnosis import Diagnosis
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """Markers, their registration, what they say against it, and where the slice shows them."""
+
+    pairs: Correspondences
+    registration: Registration
+    diagnosis: Diagnosis
+    found: tuple[FoundMarker, ...]
+    warnings: tuple[str, ...]
+
+
+def _pairs(curve: Fixture, markers: str | Path, markers2: str | Path | None) -> Correspondences:
+    from vfplan.markers import read_markers
+
+    if curve.frame == "robot_base":
+        raise CurveError("the curve is in frame 'robot_base' already; one of an image is wanted")
+    pairs = read_markers(markers, markers2)
+    if pairs.source_frame != curve.frame:
+        raise MarkerError(
+            f"markers are given in frame {pairs.source_frame!r}, the curve in {curve.frame!r}"
+        )
+    return pairs
+
+
+def match(
+    curve: Fixture,
+    markers: str | Path,
+    markers2: str | Path | None,
+    settings: FixtureSettings,
+    image: PlannedImage | None = None,
+) -> Matched:
+    """Read and fit the markers, and refuse those that are surely wrong.
+
+    Raises
+    ------
+    MarkerError
+        Markers that determine no transform, that no slice or robot can have (`check_plausible`), or
+        that contradict each other beyond doubt (`vfplan.registration.refusal`).
+    SettingError
+        Markers to be found in a slice that is not there, a model that cannot be fitted.
+    """
+    from vfplan.registration.diagnosis import diagnose
+    from vfplan.registration.refusal import refuse_sure_faults
+
+    pairs = _pairs(curve, markers, markers2)
+    with _named(markers if markers2 is None else f"{markers}, {markers2}"):
+        check_plausible(pairs, curve, image if _drawn_on(curve, image) else None)
+        found = _find(pairs, curve, image) if settings.find_markers else ()
+        if found:
+            pairs = replace(pairs, source=np.array([marker.position_px for marker in found]))
+        registration = _fit(curve, pairs, settings)
+        diagnosis = diagnose(registration)
+        refuse_sure_faults(registration, diagnosis)
+    warnings = (*_frame_warning(pairs), *_image_warning(curve, image))
+    return Matched(pairs, registration, diagnosis, found, warnings)
+
+
+@contextmanager
+def _named(files: str | Path) -> Iterator[None]:
+    """Name the marker files in errors that do not say where they are."""
+    try:
+        yield
+    except MarkerError as error:
+        if error.where is None:
+            raise MarkerError(error.message, where=str(files)) from None
+        raise
+
+
+def _fit(curve: Fixture, pairs: Correspondences, settings: FixtureSettings) -> Registration:
+    from vfplan.registration import fit_registration
+
+    return fit_registration(
+        pairs.source,
+        pairs.target,
+        model=settings.model,
+        robust=settings.robust,
+        labels=pairs.labels,
+        pixel_spacing=_spacing_m(curve) if pairs.source_frame == "image" else None,
+        sigma=pairs.sigma,
+        seen_from=settings.seen_from,
+    )
+
+
+def _find(
+    pairs: Correspondences, curve: Fixture, image: PlannedImage | None
+) -> tuple[FoundMarker, ...]:
+    from vfplan.markers.finding import find_markers
+
+    if pairs.source_frame != "image":
+        raise SettingError("markers can be found in an image only; these are given in 3-D")
+    if image is None:
+        raise SettingError("to find the markers the image is needed, which was not given")
+    if not _drawn_on(curve, image):
+        raise SettingError(
+            "the image given is not the one the curve was drawn on (SHA-256 differs)"
+        )
+    return find_markers(image.rgb, pairs.labels, pairs.source)
+
+
+def _drawn_on(curve: Fixture, image: PlannedImage | None) -> bool:
+    """Whether the image may be the curve's own: nothing says that it is another."""
+    known = curve.provenance.inputs.get("image")
+    return image is not None and (not known or not image.sha256 or known == image.sha256)
+
+
+def _frame_warning(pairs: Correspondences) -> tuple[str, ...]:
+    if pairs.target_frame == "robot_base":
+        return ()
+    return (
+        f"the target markers, and so the fixture, are in {pairs.target_frame}: no robot renders it "
+        "before it is registered to its own frame",
+    )
+
+
+def _image_warning(curve: Fixture, image: PlannedImage | None) -> tuple[str, ...]:
+    if image is None or _drawn_on(curve, image):
+        return ()
+    return (
+        "the image given is not the file the curve was drawn on (SHA-256 differs): nothing was "
+        "checked against it",
+    )
+
+
+def _spacing_m(curve: Fixture) -> tuple[float, float] | None:
+    spacing = curve.image and curve.image.pixel_spacing_mm
+    return spacing and (spacing[0] * 1e-3, spacing[1] * 1e-3)

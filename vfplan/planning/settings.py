@@ -1,0 +1,115 @@
+"""What a user may choose about a plan, with its defaults: the only place they are written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from vfplan.errors import SettingError
+
+# What a bundle can hold and an engine can render; a contact radius below its band of 10 µm cannot.
+CONTACT_RADIUS_M = (1e-5, 1.0)
+POINT_RADIUS_M = (0.0, 1.0)
+STIFFNESS_N_PER_M = (0.0, 1e6)
+
+
+@dataclass(frozen=True)
+class ExtractSettings:
+    """How the curve is taken from the image.
+
+    Parameters
+    ----------
+    colour
+        The pen: a name or "#rrggbb".
+    method
+        "ridge", "skeleton" or "mask" (the paper's: every mask pixel a point).
+    stroke
+        "all", "longest", an index, or `None`: the only one there is.
+    roi
+        (u, v, width, height) [px] to look in; `None`: the whole image.
+    max_gap_px
+        Pen lifts shorter than this are bridged.
+    pixel_spacing_mm
+        (along u, along v); `None`: what the file says.
+    density_per_mm
+        Points a millimetre; `None`: one a pixel.
+    frame
+        Which frame or page of the file, from 1; `None`: the only one there is.
+    imager_spacing
+        Accept DICOM's ImagerPixelSpacing, measured at the detector; `None`: do not.
+    """
+
+    colour: str = "red"
+    method: str = "ridge"
+    stroke: str | int | None = None
+    roi: tuple[int, int, int, int] | None = None
+    max_gap_px: float = 20.0
+    pixel_spacing_mm: tuple[float, float] | None = None
+    density_per_mm: float | None = None
+    frame: int | None = None
+    imager_spacing: bool | None = None
+
+
+@dataclass(frozen=True)
+class FixtureSettings:
+    """How a registered curve becomes a fixture.
+
+    Parameters
+    ----------
+    model, robust
+        The registration; see `vfplan.fit_registration`.
+    tolerance_m
+        How far the rendered surface may lie from the drawn one [m]; `vfplan.engine.tolerance` takes
+        spacing, band and iteration limit from it.
+    density_per_m
+        Points a metre; takes the place of the tolerance.
+    stiffness
+        K [N/m], one number or one an axis.
+    contact_radius, point_radius
+        r_c and r_v [m].
+    ignore_axis
+        "normal" (of the slice), "x", "y", "z" or "none"; `None`: the normal where there is one.
+    seen_from
+        (3,) direction in the robot's frame from which the slice is looked at; refuses mirrored
+        markers. `None`: not checked.
+    max_tre_m
+        The gate: largest registration error allowed anywhere on the curve (95 % bound) [m].
+    margin
+        "tre95" adds that bound as a safety margin; `None`: no margin.
+    margin_side
+        "both": it is added to the point radius; "left", "right", "inside" or "outside": the curve
+        moves there.
+    find_markers
+        Take the markers' pixels from the crosses or dots drawn near the given ones.
+
+    Raises
+    ------
+    SettingError
+        A radius or a stiffness that no bundle can hold.
+    """
+
+    model: str = "affine"
+    robust: bool = False
+    tolerance_m: float = 1e-5
+    density_per_m: float | None = None
+    stiffness: tuple[float, ...] = (1000.0,)
+    contact_radius: float = 5e-3
+    point_radius: float = 0.0
+    ignore_axis: str | None = None
+    seen_from: tuple[float, float, float] | None = None
+    max_tre_m: float | None = None
+    margin: str | None = None
+    margin_side: str = "both"
+    find_markers: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what no bundle can hold, before any work is done; raises `SettingError`."""
+        for name, values, (least, largest), unit in (
+            ("contact radius", (self.contact_radius,), CONTACT_RADIUS_M, "m"),
+            ("point radius", (self.point_radius,), POINT_RADIUS_M, "m"),
+            ("stiffness", self.stiffness, STIFFNESS_N_PER_M, "N/m"),
+        ):
+            for value in values:
+                if not least <= value <= largest:
+                    raise SettingError(
+                        f"{name} is {value:g} {unit}; {least:g} to {largest:g} {unit} are allowed"
+                    )

@@ -1,0 +1,84 @@
+"""Two replays of the same ticks: where they part, and by how much."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vfplan.replaying.quantities import row_norms
+from vfplan.session import TickBlock
+
+# Proxies farther apart than this [m] have parted; below it rules differ by their bands alone.
+PART_M = 5e-5
+LISTED = 50
+
+
+class Apart:
+    """Compare two runs block by block."""
+
+    def __init__(self) -> None:
+        self._ticks = 0
+        self._first: int | None = None
+        self._first_s: float | None = None
+        self._differ: int | None = None
+        self._count = 0
+        self._proxy = (0.0, 0)
+        self._force = (0.0, 0)
+        self._force2 = 0.0
+        self._span: dict[str, Any] | None = None
+        self._spans: list[dict[str, Any]] = []
+
+    def update(self, a: TickBlock, b: TickBlock) -> None:
+        """Take in the same ticks of both runs."""
+        gap = row_norms(a.proxy - b.proxy)
+        force = row_norms(a.force - b.force)
+        first = self._ticks
+        self._ticks += len(a)
+        if self._differ is None and (gap.any() or force.any()):
+            self._differ = first + int(np.flatnonzero((gap > 0) | (force > 0))[0])
+        self._proxy = max(self._proxy, (float(gap.max()), -first - int(gap.argmax())))
+        self._force = max(self._force, (float(force.max()), -first - int(force.argmax())))
+        self._force2 += float((force**2).sum())
+        apart = gap > PART_M
+        self._count += int(np.count_nonzero(apart))
+        edges = np.flatnonzero(np.diff(apart.astype(np.int8), prepend=0, append=0))
+        for start, end in edges.reshape(-1, 2).tolist():
+            self._add(first + start, first + end, a.time[start], a.time[end - 1], gap[start:end])
+
+    def _add(self, start: int, end: int, start_s: float, end_s: float, gap: np.ndarray) -> None:
+        span = {
+            "start_tick": start,
+            "end_tick": end - 1,
+            "start_s": float(start_s),
+            "end_s": float(end_s),
+            "proxy_max_m": float(gap.max()),
+        }
+        last = self._spans[-1] if self._spans else None
+        if last is not None and last["end_tick"] + 1 == start:
+            last["end_tick"], last["end_s"] = span["end_tick"], span["end_s"]
+            last["proxy_max_m"] = max(last["proxy_max_m"], span["proxy_max_m"])
+        else:
+            self._spans.append(span)
+
+    def report(self) -> dict[str, Any]:
+        """Where they part; the spans listed are the first 50."""
+        data: dict[str, Any] = {
+            "threshold_m": PART_M,
+            "ticks": self._count,
+            "proxy_max_m": self._proxy[0],
+            "force_max_n": self._force[0],
+            "force_rms_n": float(np.sqrt(self._force2 / max(1, self._ticks))),
+            "spans": self._spans[:LISTED],
+            "span_count": len(self._spans),
+        }
+        if self._proxy[0] > 0:
+            data["proxy_max_tick"] = -self._proxy[1]
+        if self._force[0] > 0:
+            data["force_max_tick"] = -self._force[1]
+        if self._differ is not None:
+            data["first_difference_tick"] = self._differ
+        if self._spans:
+            data["first_tick"] = self._spans[0]["start_tick"]
+            data["first_s"] = self._spans[0]["start_s"]
+        return data

@@ -1,0 +1,101 @@
+"""What a replay is held against: a robot's limits, and limits that the caller gives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vfplan.errors import SettingError
+from vfplan.replaying.quantities import Steps
+from vfplan.robot import Robot
+
+
+class RobotWatch:
+    """Count the ticks in which a robot would have objected.
+
+    A Franka arm refuses a change of torque above 1 N·m from one tick to the next (about 1.2 N at
+    the tip at a reach of 0.85 m) and stops at its reflex threshold.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._over: dict[str, int] = {}
+        self._first: dict[str, int] = {}
+
+    def update(self, steps: Steps) -> None:
+        """Take in the next ticks."""
+        robot = self._robot
+        self._count("force", steps.force_n, robot.force_limit_n, steps.first)
+        # The step from tick k to k + 1 is the robot's at k + 1.
+        self._count("force_step", steps.force_step_n, robot.force_step_limit_n, steps.first + 1)
+        self._count("speed", steps.speed, robot.speed_limit_m_s, steps.first + 1)
+
+    def _count(self, name: str, values: np.ndarray, limit: float | None, first: int) -> None:
+        if limit is None:
+            return
+        over = np.flatnonzero(values > limit)
+        self._over[name] = self._over.get(name, 0) + len(over)
+        if len(over):
+            self._first.setdefault(name, first + int(over[0]))
+
+    def report(self) -> dict[str, Any]:
+        """The `robot` part of a replay's report; a limit the robot does not have is absent."""
+        robot = self._robot
+        data: dict[str, Any] = {"name": robot.name, "rate_hz": robot.rate_hz}
+        limits = {
+            "force": ("force_limit_n", robot.force_limit_n),
+            "force_step": ("force_step_limit_n", robot.force_step_limit_n),
+            "speed": ("speed_limit_m_s", robot.speed_limit_m_s),
+        }
+        for name, (key, limit) in limits.items():
+            if limit is None:
+                continue
+            data[key] = limit
+            data[f"{name}_over_ticks"] = self._over.get(name, 0)
+            if name in self._first:
+                data[f"{name}_over_first_tick"] = self._first[name]
+        return data
+
+
+def robot_limits(robot: Robot) -> tuple[tuple[str, str, float], ...]:
+    """The robot's limits as checks of a replay's report."""
+    pairs = (
+        ("force_max_n", robot.force_limit_n),
+        ("force_step_max_n", robot.force_step_limit_n),
+        ("session.speed_max_m_s", robot.speed_limit_m_s),
+    )
+    return tuple((name, "at_most", limit) for name, limit in pairs if limit is not None)
+
+
+def check_limits(
+    report: dict[str, Any], limits: tuple[tuple[str, str, float], ...]
+) -> list[dict[str, Any]]:
+    """Each limit against the report.
+
+    Parameters
+    ----------
+    report
+        As a replay gives it.
+    limits
+        (name of a number in the report, "at_most" or "at_least", limit); `a.b` is b within a.
+
+    Raises
+    ------
+    SettingError
+        A name that is no number of the report.
+    """
+    checks = []
+    for name, sense, limit in limits:
+        value: Any = report
+        for part in name.split("."):
+            value = value.get(part) if isinstance(value, dict) else None
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            numbers = [k for k, v in report.items() if isinstance(v, (int, float))]
+            raise SettingError(
+                f"no number {name!r} in the report to hold against {limit:g}; there are "
+                f"{', '.join(numbers)}"
+            )
+        holds = value <= limit if sense == "at_most" else value >= limit
+        checks.append({"name": name, "value": value, sense: limit, "pass": bool(holds)})
+    return checks

@@ -1,0 +1,257 @@
+"""replay(fixture, session): every tick through the engine, every number from the ticks."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from vfplan.engine.parameters import ProxyParameters
+from vfplan.errors import SessionError, SettingError, at
+from vfplan.fixture import Fixture
+from vfplan.replaying.apart import Apart
+from vfplan.replaying.checks import check_limits, robot_limits
+from vfplan.replaying.engines import RULES
+from vfplan.replaying.faults import Link
+from vfplan.replaying.findings import findings, link_findings, session_findings
+from vfplan.replaying.run import RuleRun
+from vfplan.replaying.watch import SessionWatch
+from vfplan.robot import Robot
+from vfplan.session import Source, TickBlock, open_session
+
+Sink = Callable[[str, TickBlock], None]
+Limits = tuple[tuple[str, str, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """What a replay found.
+
+    Parameters
+    ----------
+    rule, engine
+        What ran: "robust" or "paper"; "native" or "reference".
+    ticks
+        One row a tick; of every `stride` ticks the deepest where a bound was set.
+    metrics
+        The report: the contract's keys and more, defined in docs/replay.md.
+    fixture
+        What was replayed against.
+    stride
+        Ticks of the session each row of `ticks` stands for.
+    other
+        With rule "both": the run of the paper's rule; this one is then the robust one.
+    """
+
+    rule: str
+    engine: str
+    ticks: TickBlock
+    metrics: dict[str, Any]
+    fixture: Fixture
+    stride: int = 1
+    other: Replay | None = field(default=None, repr=False)
+
+    @property
+    def trace(self) -> TickBlock:
+        """The ticks: `trace.proxy`, `.normal`, `.force` (T, 3), `.state` (T,)."""
+        return self.ticks
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """What a result file keeps beside the ticks."""
+        return result_record(self.metrics)
+
+    @property
+    def passed(self) -> bool:
+        """Whether every limit that was given holds."""
+        return all(check["pass"] for check in self.metrics.get("checks", []))
+
+
+def result_record(metrics: dict[str, Any]) -> dict[str, Any]:
+    """The part of a report that belongs in a result file: what was replayed, how, on what."""
+    names = ("rule", "engine", "scene", "session", "fixture", "link")
+    return {name: metrics[name] for name in names if name in metrics}
+
+
+def replay(
+    fixture: Fixture | str | Path,
+    session: Source | str | Path,
+    *,
+    rule: str = "robust",
+    engine: str = "native",
+    robot: Robot | None = None,
+    link: Link | None = None,
+    limits: Limits = (),
+    keep: int | None = None,
+    sinks: Sequence[Sink] = (),
+    trust: Any = None,
+) -> Replay:
+    """Replay a session against a fixture.
+
+    Parameters
+    ----------
+    fixture
+        A registered fixture, or the path of a bundle.
+    session
+        A `Session`, a `SessionStream`, or the path of a session file.
+    rule
+        "robust", "paper", or "both": side by side.
+    engine
+        "native", or "reference": the paper's algorithms in NumPy (rule "paper" only).
+    robot
+        Hold forces, their steps and speeds against its limits.
+    link
+        Deliver the session through a lossy link, and compare with a perfect one.
+    limits
+        (number in the report, "at_most" or "at_least", limit), to be checked.
+    keep
+        At most this many ticks in the result's `ticks`; `None`: all of them.
+    sinks
+        Called with (rule, block of ticks) as the replay goes.
+    trust
+        A `vfplan.bundle.Trust`: what a bundle's signature must show.
+
+    Raises
+    ------
+    SessionError
+        A session that cannot be read, or one in another frame than the fixture.
+    InputError, SettingError, BundleError
+        A fixture that cannot be replayed, an unknown rule or engine, a bad bundle.
+    """
+    began = clock.perf_counter()
+    place = at(None if isinstance(fixture, Fixture) else fixture)
+    fixture, record = _loaded(fixture, trust)
+    source = open_session(session) if isinstance(session, (str, Path)) else session
+    _same_frame(fixture, source)
+    link = link if link is not None and link.faulty else None
+    rules = _rules(rule)
+    with place:
+        runs = [RuleRun(fixture, r, engine, robot=robot, link=link, keep=keep) for r in rules]
+        clean = RuleRun(fixture, rules[0], engine, robot=robot, keep=0) if link else None
+    watch, rules_apart, link_apart = SessionWatch(), Apart(), Apart()
+    for time, hand in source.blocks():
+        watch.update(time, hand)
+        blocks = [run.feed(time, hand) for run in runs]
+        for run, block in zip(runs, blocks, strict=True):
+            for sink in sinks:
+                sink(run.rule, block)
+        if len(blocks) == 2:
+            rules_apart.update(*blocks)
+        if clean is not None:
+            link_apart.update(blocks[0], clean.feed(time, hand))
+    record |= {"session": _seen(source, watch)}
+    if clean is not None:
+        record["link"] = _link_report(link, runs[0], clean, link_apart, robot)
+    record["elapsed_s"] = clock.perf_counter() - began
+    done = [_result(fixture, run, engine, record, watch, robot, limits) for run in runs]
+    if len(done) == 1:
+        return done[0]
+    return _side_by_side(*done, rules_apart)
+
+
+def _loaded(fixture: Fixture | str | Path, trust: Any) -> tuple[Fixture, dict[str, Any]]:
+    """The fixture, and what is known of its file."""
+    if isinstance(fixture, Fixture):
+        return fixture, {}
+    from vfplan.bundle import read_bundle
+    from vfplan.bundle.content import from_content
+
+    demanded = {} if trust is None else {"trust": trust}
+    content, seal = read_bundle(fixture, **demanded)
+    record = {**seal.describe(), "signature_checked": bool(demanded)}
+    return from_content(content), {"fixture": record}
+
+
+def _same_frame(fixture: Fixture, source: Source) -> None:
+    if source.frame != fixture.frame:
+        raise SessionError(
+            f"positions in frame {source.frame!r}, the fixture in {fixture.frame!r}; "
+            "they must be the same",
+            where=source.name,
+        )
+
+
+def _rules(rule: str) -> tuple[str, ...]:
+    if rule not in RULES:
+        raise SettingError(f"rule {rule!r}; {', '.join(RULES)} wanted")
+    return ("robust", "paper") if rule == "both" else (rule,)
+
+
+def _seen(source: Source, watch: SessionWatch) -> dict[str, Any]:
+    session = {"name": source.name, "frame": source.frame, **source.notes, **watch.report()}
+    if source.sha256 is not None:
+        session["sha256"] = source.sha256
+    return session
+
+
+def _link_report(
+    link: Link, run: RuleRun, clean: RuleRun, apart: Apart, robot: Robot | None
+) -> dict[str, Any]:
+    assert run.link is not None
+    unaffected = clean.finish()
+    numbers = {k: v for k, v in unaffected.items() if isinstance(v, (int, float))}
+    limit = robot.lost_packets_limit if robot is not None else None
+    return {
+        **link.report(),
+        **run.link.report(limit),
+        "apart": apart.report(),
+        "perfect": {**numbers, "episodes": len(unaffected["episodes"])},
+    }
+
+
+def _scene(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any]:
+    scene = {
+        "planar": fixture.ignore_axis is not None,
+        "points": len(fixture.points),
+        "contact_radius_m": parameters.contact_radius,
+        "band_m": parameters.band,
+        "point_radius_m": parameters.point_radius,
+        "stiffness_n_per_m": parameters.stiffness.tolist(),
+        "frame": fixture.frame,
+    }
+    if fixture.max_iterations is not None and parameters.rule == "robust":
+        scene["max_iterations"] = fixture.max_iterations
+    if fixture.ignore_axis is not None:
+        scene["ignore_axis"] = fixture.ignore_axis.tolist()
+    return scene
+
+
+def _result(
+    fixture: Fixture,
+    run: RuleRun,
+    engine: str,
+    record: dict[str, Any],
+    watch: SessionWatch,
+    robot: Robot | None,
+    limits: Limits,
+) -> Replay:
+    found = run.finish()
+    metrics = {
+        "rule": run.rule,
+        "engine": engine,
+        **found,
+        "scene": _scene(fixture, run.engine.parameters),
+        "left_out": dict(run.engine.left_out),
+        **record,
+        "findings": [
+            *session_findings(record["session"], robot),
+            *link_findings(record.get("link", {})),
+            *findings(found, run.engine.parameters),
+        ],
+    }
+    metrics["real_time_factor"] = found["duration_s"] / record["elapsed_s"]
+    asked = (*limits, *(robot_limits(robot) if robot is not None else ()))
+    if asked:
+        metrics["checks"] = check_limits(metrics, asked)
+    return Replay(run.rule, engine, run.overview.ticks, metrics, fixture, run.overview.stride)
+
+
+def _side_by_side(robust: Replay, paper: Replay, apart: Apart) -> Replay:
+    """The robust rule's report, with the paper's inside and where the two part."""
+    numbers = {k: v for k, v in paper.metrics.items() if k not in ("session", "fixture", "link")}
+    metrics = {**robust.metrics, "rule": "both", "paper": numbers, "apart": apart.report()}
+    return Replay(
+        "both", robust.engine, robust.ticks, metrics, robust.fixture, robust.stride, paper
+    )

@@ -1,0 +1,54 @@
+"""The engine a replay runs: the controller's own core, or the paper's rule in NumPy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vfplan.bundle.renderable import check_renderable
+from vfplan.errors import InputError, SettingError
+from vfplan.fixture import Fixture
+
+RULES = ("robust", "paper", "both")
+ENGINES = ("native", "reference")
+
+
+def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
+    """An engine that renders `fixture` by `rule` ("robust" or "paper").
+
+    Raises
+    ------
+    InputError
+        A fixture that is not registered, says nothing of its rendering, or has a rendering that no
+        engine takes.
+    SettingError
+        An unknown rule or engine, or the reference engine with a rule it does not have.
+    """
+    if engine not in ENGINES:
+        raise SettingError(f"engine {engine!r}; {' or '.join(ENGINES)} wanted")
+    if rule not in RULES[:2]:
+        raise SettingError(f"rule {rule!r}; {' or '.join(RULES[:2])} wanted")
+    if fixture.frame == "image" or fixture.rendering is None:
+        raise InputError(
+            f"a curve in frame {fixture.frame!r} without rendering cannot be replayed; "
+            "`vfplan register` makes a fixture of it"
+        )
+    check_renderable(fixture)
+    settings: dict[str, Any] = {
+        "contact_radius": fixture.contact_radius,
+        "point_radius": fixture.point_radius,
+        "stiffness": fixture.stiffness,
+        "ignore_axis": fixture.ignore_axis,
+    }
+    if engine == "reference":
+        if rule != "paper":
+            raise SettingError(f"the reference engine has rule 'paper' only, not {rule!r}")
+        from vfplan.reference import PaperProxy
+
+        return PaperProxy(fixture.points, **settings)
+    from vfplan.engine.proxy import ProxyEngine
+
+    # The paper's rule keeps its own band.
+    band = None if rule == "paper" else fixture.band
+    if fixture.max_iterations is not None:
+        settings["max_iterations"] = fixture.max_iterations
+    return ProxyEngine(fixture.points, rule=rule, band=band, **settings)

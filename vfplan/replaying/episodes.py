@@ -1,0 +1,166 @@
+"""Contact episodes: when the fixture pushed, how hard, how deep, and what it cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.replaying.quantities import Steps
+from vfplan.replaying.ruler import CurveRuler
+
+Array = NDArray[np.float64]
+
+# Runs of contact closer than this [s] are one episode: a touch that flickers is one touch.
+JOIN_S = 0.01
+
+
+@dataclass(eq=False)
+class Episode:
+    """One contact, or the part of it seen so far.
+
+    Sums run over the ticks in contact; `energy_peak_j` is the highest value its running energy
+    reached, 0 at least.
+    """
+
+    start_tick: int
+    end_tick: int
+    start_s: float
+    end_s: float
+    speed_at_touch: float | None
+    touch: Array
+    leave: Array
+    deepest_tick: int
+    deepest_s: float
+    deepest_hip: Array
+    deepest_proxy: Array
+    penetration: float
+    overlap: float
+    force: float
+    force_step: float
+    ticks: int
+    dwell_s: float
+    impulse: Array
+    energy: float
+    energy_peak: float
+    hold: float
+    drag_work: float
+    press_path: float
+    path: float
+    lag: float
+
+    def join(self, later: Episode) -> None:
+        """Take in the next run of the same contact."""
+        if later.penetration > self.penetration:
+            self.penetration = later.penetration
+            self.deepest_tick, self.deepest_s = later.deepest_tick, later.deepest_s
+            self.deepest_hip, self.deepest_proxy = later.deepest_hip, later.deepest_proxy
+        self.end_tick, self.end_s, self.leave = later.end_tick, later.end_s, later.leave
+        self.energy_peak = max(self.energy_peak, self.energy + later.energy_peak)
+        for name in ("overlap", "force", "force_step", "lag"):
+            setattr(self, name, max(getattr(self, name), getattr(later, name)))
+        for name in (
+            "ticks", "dwell_s", "impulse", "energy", "hold", "drag_work", "press_path", "path",
+        ):  # fmt: skip
+            setattr(self, name, getattr(self, name) + getattr(later, name))
+
+    def report(self, ruler: CurveRuler | None, slack_j: float) -> dict[str, Any]:
+        """The episode as JSON holds it."""
+        data: dict[str, Any] = {
+            "start_s": self.start_s,
+            "end_s": self.end_s,
+            "start_tick": self.start_tick,
+            "end_tick": self.end_tick,
+            "ticks": self.ticks,
+            "dwell_s": self.dwell_s,
+            "penetration_max_m": self.penetration,
+            "overlap_max_m": self.overlap,
+            "force_max_n": self.force,
+            "force_step_max_n": self.force_step,
+            "impulse_ns": self.impulse.tolist(),
+            "energy_j": self.energy,
+            "energy_peak_j": self.energy_peak,
+            "energy_hold_j": self.hold,
+            "passive": bool(self.energy <= self.hold + slack_j * self.force),
+            "slide_m": self.path,
+            "lag_max_m": self.lag,
+        }
+        if self.press_path > 0:
+            data["friction"] = self.drag_work / self.press_path
+        if self.speed_at_touch is not None:
+            data["speed_at_touch_m_s"] = self.speed_at_touch
+        data["deepest"] = {
+            "t_s": self.deepest_s,
+            "tick": self.deepest_tick,
+            "hip_m": self.deepest_hip.tolist(),
+            "proxy_m": self.deepest_proxy.tolist(),
+        }
+        if ruler is not None:
+            places = (self.touch, self.deepest_proxy, self.leave)
+            for name, place in zip(("start", "deepest", "end"), places, strict=True):
+                data[f"{name}_along"] = ruler.locate(place)
+        return data
+
+
+class Episodes:
+    """Collect episodes from `Steps`, block after block."""
+
+    def __init__(self, join_s: float = JOIN_S) -> None:
+        self._join_s = join_s
+        self._speed: float | None = None  # of the step that led to the next tick
+        self._entry = 0.0  # energy by holding, of that step; 0 within a contact
+        self.found: list[Episode] = []
+
+    def update(self, steps: Steps) -> None:
+        """Take in the next ticks."""
+        held = steps.held.astype(np.int8)
+        edges = np.diff(held, prepend=0, append=0)
+        starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+        for start, end in zip(starts, ends, strict=True):
+            self._add(self._run(steps, int(start), int(end)))
+        self._speed = float(steps.speed[-1])
+        self._entry = 0.0 if steps.held[-1] else float(steps.hold_j[-1])
+
+    def _add(self, run: Episode) -> None:
+        if self.found and run.start_s - self.found[-1].end_s <= self._join_s:
+            self.found[-1].join(run)
+        else:
+            self.found.append(run)
+
+    def _run(self, steps: Steps, start: int, end: int) -> Episode:
+        part, ticks = slice(start, end), steps.ticks
+        deep = start + int(np.argmax(ticks.penetration[part]))
+        running = np.cumsum(steps.work_j[part])
+        # The step into contact loads the spring, though its force was still 0.
+        entry = float(steps.hold_j[start - 1]) if start else self._entry
+        press, drag, path = (column[part] for column in steps.sliding)
+        # Copies: a view would keep its whole block in memory.
+        return Episode(
+            start_tick=steps.first + start,
+            end_tick=steps.first + end - 1,
+            start_s=float(ticks.time[start]),
+            end_s=float(ticks.time[end - 1] + steps.dt[end - 1]),
+            speed_at_touch=float(steps.speed[start - 1]) if start else self._speed,
+            touch=ticks.proxy[start].copy(),
+            leave=ticks.proxy[end - 1].copy(),
+            deepest_tick=steps.first + deep,
+            deepest_s=float(ticks.time[deep]),
+            deepest_hip=ticks.hip[deep].copy(),
+            deepest_proxy=ticks.proxy[deep].copy(),
+            penetration=float(ticks.penetration[deep]),
+            overlap=float(ticks.overlap[part].max()),
+            force=float(steps.force_n[part].max()),
+            force_step=float(steps.force_step_n[part].max()),
+            ticks=end - start,
+            dwell_s=float(steps.dt[part].sum()),
+            impulse=steps.impulse_ns[part].sum(axis=0),
+            energy=float(running[-1]),
+            energy_peak=max(0.0, float(running.max())),
+            hold=entry + float(steps.hold_j[part].sum()),
+            drag_work=float((drag * path).sum()),
+            press_path=float((press * path).sum()),
+            path=float(path.sum()),
+            lag=float(np.abs(steps.lag_m[part]).max()),
+        )

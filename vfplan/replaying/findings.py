@@ -1,0 +1,125 @@
+"""What a person should look at, out of a replay's numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vfplan.engine.parameters import ProxyParameters
+from vfplan.replaying.watch import JUMP_M_S
+from vfplan.robot import Robot
+
+# Rounding in the independent measurement of clearance [m].
+_ROUNDING_M = 1e-9
+# A session that stays farther than this from the fixture is likely in other units or another frame.
+FAR_M = 0.5
+# Rates that a tracked tool is recorded at; outside, the time is likely not in seconds.
+RATES_HZ = (5.0, 50_000.0)
+
+
+def finding(code: str, severity: str, message: str) -> dict[str, str]:
+    """One finding: "info", "warning" or "error"."""
+    return {"code": code, "severity": severity, "message": message}
+
+
+def session_findings(session: dict[str, Any], robot: Robot | None) -> list[dict[str, str]]:
+    """What the recording itself shows; `session` as `SessionWatch.report` gives it."""
+    found = []
+    nominal = session["dt_nominal_s"]
+    if session["gaps"]:
+        message = (
+            f"{session['gaps']} gaps, about {session['missing_samples']} samples missing; the "
+            f"longest interval is {session['dt_max_s']:.6g} s of {nominal:.6g} s"
+        )
+        found.append(finding("session-gap", "warning", message))
+    if "jumps" in session:
+        message = (
+            f"{session['jumps']} jumps faster than {JUMP_M_S:g} m/s; the fastest is "
+            f"{session['speed_max_m_s']:.6g} m/s at tick {session['speed_max_tick']}"
+        )
+        found.append(finding("session-jump", "error", message))
+    if "ignored_columns" in session:
+        names = ", ".join(session["ignored_columns"])
+        found.append(finding("session-columns", "info", f"columns not used: {names}"))
+    slow, fast = RATES_HZ
+    if not slow <= session["rate_hz"] <= fast:
+        message = (
+            f"{session['rate_hz']:.6g} samples a second; {slow:g} to {fast:g} are usual: is the "
+            "time in seconds?"
+        )
+        found.append(finding("session-time", "warning", message))
+    if robot is not None and not 0.9 < session["rate_hz"] / robot.rate_hz < 1.1:
+        message = (
+            f"recorded at {session['rate_hz']:.6g} Hz, the robot runs at {robot.rate_hz:g} Hz; "
+            "--rate resamples"
+        )
+        found.append(finding("session-rate", "warning", message))
+    return found
+
+
+def link_findings(link: dict[str, Any]) -> list[dict[str, str]]:
+    """What a lossy link did that a robot does not forgive."""
+    if not link.get("robot_stops"):
+        return []
+    message = (
+        f"{link['lost_longest']} packets lost in a row from tick {link['lost_longest_tick']}; "
+        f"the robot stops after {link['lost_limit']}"
+    )
+    return [finding("robot-stops", "error", message)]
+
+
+def findings(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[str, str]]:
+    """What the numbers of a run say; `report` as `Metrics.report` gives it."""
+    found = []
+    clearance = report["clearance_min_m"]
+    if clearance < -parameters.band - _ROUNDING_M:
+        found.append(
+            finding(
+                "proxy-inside",
+                "warning" if report["inside_ticks"] else "error",
+                f"the proxy came {-clearance:.3g} m inside the fixture; the band is "
+                f"{parameters.band:.3g} m",
+            )
+        )
+    if clearance > FAR_M:
+        message = (
+            f"the tool never came nearer to the cloud than {clearance:.3g} m: are units and frame "
+            "the fixture's?"
+        )
+        found.append(finding("never-near", "warning", message))
+    if report["inside_ticks"]:
+        found.append(
+            finding(
+                "started-inside",
+                "warning",
+                f"{report['inside_ticks']} ticks in which the proxy was on its way out of the "
+                "fixture",
+            )
+        )
+    if report["too_fast_ticks"]:
+        count, rule = report["too_fast_ticks"], parameters.rule
+        why = {
+            "paper": f"the HIP moved more than r1 = {1e3 * parameters.r1:.3g} mm, as far as the "
+            "proxy may",
+            "robust": "the engine used up its iterations; the proxy is safe and follows later",
+        }
+        severity = "warning" if rule == "paper" else "info"
+        found.append(finding("too-fast", severity, f"in {count} ticks {why[rule]}"))
+    if report["bad_hip_ticks"]:
+        found.append(
+            finding(
+                "hip-out-of-range",
+                "error",
+                f"{report['bad_hip_ticks']} ticks farther than 1e6 m: the engine held its answer",
+            )
+        )
+    active = [e["index"] for e in report["episodes"] if not e["passive"]]
+    if active:
+        found.append(
+            finding(
+                "active",
+                "warning",
+                f"the fixture gave energy beyond the sampling's own in {len(active)} episodes "
+                f"(the first is {active[0]})",
+            )
+        )
+    return found

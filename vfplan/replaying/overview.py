@@ -1,0 +1,80 @@
+"""A replay in a bounded number of ticks, for pictures: of each stretch, its deepest tick."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.replaying.quantities import HELD_M
+from vfplan.session import TickBlock
+from vfplan.session.result import joined
+
+_NAMES = [field.name for field in fields(TickBlock)]
+
+
+_ROWS, _VECTORS = np.empty(0), np.empty((0, 3))
+_NONE = TickBlock(
+    _ROWS, _VECTORS, _VECTORS, _VECTORS, _VECTORS, _ROWS.astype(np.int8), _ROWS, _ROWS
+)
+
+
+class Overview:
+    """Keep at most `capacity` ticks; every tick while the session is that short.
+
+    Parameters
+    ----------
+    capacity
+        Ticks kept, 2 at least; 0: none; `None`: all of them.
+    """
+
+    def __init__(self, capacity: int | None = 65536) -> None:
+        self._capacity = capacity
+        self._blocks: list[TickBlock] = []
+        self._held = 0
+        self.stride = 1
+
+    def update(self, block: TickBlock) -> None:
+        """Take in the next ticks."""
+        if self._capacity == 0:
+            return
+        self._keep(thinned(block, self.stride))
+        while self._capacity is not None and self._held > self._capacity:
+            whole = joined(self._blocks)
+            self._blocks, self._held = [], 0
+            self.stride *= 2
+            self._keep(thinned(whole, 2))
+
+    def _keep(self, block: TickBlock) -> None:
+        self._blocks.append(block)
+        self._held += len(block)
+
+    @property
+    def ticks(self) -> TickBlock:
+        """What was kept, in order."""
+        if not self._blocks:
+            return _NONE
+        if len(self._blocks) > 1:
+            self._blocks = [joined(self._blocks)]
+        return self._blocks[0]
+
+
+def thinned(block: TickBlock, stride: int) -> TickBlock:
+    """Of every `stride` ticks in a row the one with the deepest penetration (the first)."""
+    if stride == 1:
+        return block
+    n = len(block)
+    depth = np.full(-(-n // stride) * stride, -1.0)
+    depth[:n] = block.penetration
+    rows = depth.reshape(-1, stride)
+    picks = rows.argmax(axis=1) + np.arange(len(rows)) * stride
+    return TickBlock(**{name: getattr(block, name)[picks] for name in _NAMES})
+
+
+def contact_marks(ticks: TickBlock, rate_hz: float) -> NDArray[np.intp]:
+    """Indices of ticks in contact, at most `rate_hz` of them a second: the first of each slot."""
+    slot = np.floor((ticks.time - ticks.time[0]) * rate_hz).astype(np.int64)
+    held = np.flatnonzero(ticks.penetration > HELD_M)
+    _, first = np.unique(slot[held], return_index=True)
+    return held[first]

@@ -1,0 +1,111 @@
+"""One engine's run over a session: per-tick results, metrics and timing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.engine.parameters import Trace
+from vfplan.fixture import Fixture
+from vfplan.replaying.engines import make_engine
+from vfplan.replaying.faults import Link, LossyLink
+from vfplan.replaying.metrics import Metrics
+from vfplan.replaying.overview import Overview
+from vfplan.replaying.quantities import overlap, penetration
+from vfplan.replaying.stepping import Stepper
+from vfplan.replaying.timing import StepTimes
+from vfplan.robot import Robot
+from vfplan.session import TickBlock
+
+Array = NDArray[np.float64]
+_TRACE = ("proxy", "normal", "force", "state", "status")
+
+
+class RuleRun:
+    """Feed blocks of HIP positions through one engine, and measure.
+
+    Parameters
+    ----------
+    fixture, rule, engine
+        As for `make_engine`.
+    robot
+        Whose limits to watch, or `None`.
+    link
+        The link between hand and controller; `None`: a perfect one.
+    keep
+        Ticks kept for pictures; `None`: all.
+    """
+
+    def __init__(
+        self,
+        fixture: Fixture,
+        rule: str,
+        engine: str,
+        *,
+        robot: Robot | None = None,
+        link: Link | None = None,
+        keep: int | None = None,
+    ) -> None:
+        self.engine = make_engine(fixture, rule, engine)
+        self.rule = rule
+        self.link = None if link is None else LossyLink(link)
+        self.overview = Overview(keep)
+        self._fixture = fixture
+        self._stepper = Stepper()
+        self._metrics = Metrics(fixture, self.engine.parameters, robot)
+        self._times = StepTimes()
+        self._last: tuple[Array, Trace] | None = None  # the last packet, and its tick
+
+    def feed(self, stamps: Array, hand: Array) -> TickBlock:
+        """Run the engine over the next samples, and take them into the metrics."""
+        hip, trace = self._rendered(stamps, hand)
+        block = TickBlock(
+            stamps,
+            hip,
+            trace.proxy,
+            trace.normal,
+            trace.force,
+            trace.state,
+            penetration(hip, trace.proxy),
+            overlap(hip, trace.proxy, trace.normal, self._fixture.contact_radius),
+        )
+        self._metrics.note_status(trace.status)
+        steps = self._stepper.push(block, hand)
+        if steps is not None:
+            self._metrics.update(steps)
+        self.overview.update(block)
+        return block
+
+    def _rendered(self, stamps: Array, hand: Array) -> tuple[Array, Trace]:
+        """What the controller had, and what it answered."""
+        if self.link is None:
+            return hand, self._ran(hand)
+        arrived = self.link.deliver(stamps, hand)
+        trace = self._ran(arrived.hip)
+        hip = arrived.hip
+        if self._last is not None:  # row -1 is then the last packet of the blocks before
+            hip = np.concatenate((hip, self._last[0]))
+            trace = _stacked([trace, self._last[1]])
+        kept = len(arrived.hip) - 1 if len(arrived.hip) else -1
+        self._last = hip[[kept]], _picked(trace, np.array([kept]))
+        return hip[arrived.row], _picked(trace, arrived.row)
+
+    def _ran(self, hip: Array) -> Trace:
+        if self._last is None and len(hip) and not self._times.ticks:
+            self.engine.reset(hip[0])
+        return self._times.run(self.engine, hip)
+
+    def finish(self) -> dict[str, Any]:
+        """The metrics of the whole session."""
+        self._metrics.update(self._stepper.finish())
+        return {**self._metrics.report(), "step_us": self._times.report()}
+
+
+def _picked(trace: Trace, rows: NDArray[np.intp]) -> Trace:
+    return Trace(*(getattr(trace, name)[rows] for name in _TRACE))
+
+
+def _stacked(traces: list[Trace]) -> Trace:
+    return Trace(*(np.concatenate([getattr(t, name) for t in traces]) for name in _TRACE))

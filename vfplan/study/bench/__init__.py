@@ -1,0 +1,18 @@
+"""Error against run time, for every stage: `bench()` measures, `vfplan.study.bench_figures` draws.
+
+record      what is measured and how it is written down; the Pareto front
+runner      trials side by side, interleaved
+extracting, sampling, registering, proxy, planning
+            one stage each: scenes with known truth, methods, settings
+baselines, peers
+            what a user would pick instead, ours and outside programs
+document    the bench as one JSON document and as CSV
+"""
+
+from __future__ import annotations
+
+from vfplan.study.bench.document import read_document, write_csv, write_json
+from vfplan.study.bench.peers import Peer
+from vfplan.study.bench.stages import STAGES, Stage, bench
+
+__all__ = ["STAGES", "Peer", "Stage", "bench", "read_document", "write_csv", "write_json"]

@@ -1,0 +1,169 @@
+"""The scenes of stage proxy, each with a HIP path and its exact proxy, computed once."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.engine.tolerance import DEPTH, Choice
+from vfplan.study.bench.record import Array
+from vfplan.study.scenes import SCENES, Drawn, Scene
+
+R = 5e-3
+SPEED_M_S = 0.1
+QUICK = (("segment", "above"), ("sheet", "front"), ("circle", "outside"), ("corner", "floor"),
+         ("omega", "beside"))  # fmt: skip
+FULL = (("point", "across"), ("segment", "above"), ("sheet", "front"), ("sheet", "back"),
+        ("sheet", "edge"), ("double-sheet", "above"), ("circle", "outside"), ("circle", "inside"),
+        ("sphere", "outside"), ("sphere", "inside"), ("wedge", "over"), ("corner", "floor"),
+        ("corner", "deep"), ("three-walls", "edge"), ("channel", "through"), ("omega", "beside"),
+        ("omega", "over"), ("omega", "inside"), ("teapot", "over"))  # fmt: skip
+QUICK_TICKS = 700
+MOST_SENSITIVE = 1 / (1 - DEPTH) + 1e-9
+
+
+class Case:
+    """A scene and a path through it.
+
+    Parameters
+    ----------
+    name
+        For the reader.
+    scene
+        Its geometry.
+    hips
+        (T, 3) [m].
+    origin
+        A case of the same geometry and path: clouds of other spacings share its truth.
+    """
+
+    def __init__(self, name: str, scene: Scene, hips: Array, origin: Case | None = None) -> None:
+        self.name, self.scene, self.hips, self._origin = name, scene, hips, origin
+
+    @cached_property
+    def truth(self) -> Array:
+        """(T, 3) the exact proxy [m]."""
+        return self._origin.truth if self._origin else self.scene.truth(self.hips, R)
+
+    @cached_property
+    def followable(self) -> NDArray[np.bool_]:
+        """(T,) where the exact proxy moves by no more than twice what the HIP does.
+
+        `vfplan.engine.tolerance` promises no more than that: a HIP at most R/2 behind the sharpest
+        surface. Deeper, the exact proxy runs away from any engine: with the HIP at the centre of
+        the ball around a point it turns round in one tick.
+        """
+        if self._origin:
+            return self._origin.followable
+        return self.scene.sensitivity(self.hips, self.truth, R) <= MOST_SENSITIVE
+
+    @cached_property
+    def room(self) -> Array:
+        """(T,) how much further than R the exact proxy is from the geometry [m]."""
+        return self._origin.room if self._origin else self.scene.clearance(self.truth) - R
+
+    def with_scene(self, scene: Scene) -> Case:
+        """The same path and truth on another cloud of the same geometry."""
+        return Case(self.name, scene, self.hips, self._origin or self)
+
+    def at(self, spacing: float) -> Case:
+        """The same with points `spacing` apart [m]."""
+        return self.with_scene(replace(self.scene, spacing=spacing))
+
+
+def cases(quick: bool, surface: Path | None = None) -> Iterator[Case]:
+    """All cases, the cheap ones first; `surface`: a mesh file to be one more."""
+    for name, route in QUICK if quick else FULL:
+        scene = SCENES[name]()
+        yield Case(f"{name}, {route}", scene, _path(scene.path(route, SPEED_M_S), quick))
+    if not quick:
+        yield experiment_2()
+    if surface is not None:
+        from vfplan.study.bench.mesh import Bone
+
+        bone = Bone(source=surface)
+        hips = bone.path("press and slide", SPEED_M_S)
+        yield Case(f"{surface.stem}, press and slide", bone, hips)
+
+
+def _path(hips: Array, quick: bool) -> Array:
+    return hips[:QUICK_TICKS] if quick else hips
+
+
+@dataclass(frozen=True, eq=False)
+class Elbow(Drawn):
+    """Experiment 2: the curve drawn on the shipped slice, where the robot truly has it."""
+
+    name: ClassVar[str] = "experiment-2"
+
+    @cached_property
+    def runs(self) -> Any:
+        """Half a millimetre a segment."""
+        from vfplan.study.scenes import outline
+
+        links = outline.polyline(*elbow_curve()[:, :2])
+        return (outline.Run(tuple(run.links[0] for run in links)),)
+
+    @property
+    def routes(self) -> dict[str, Array]:
+        """The shipped session."""
+        return {}
+
+
+def _elbow_truth() -> dict[str, Any]:
+    return json.loads((files("vfplan.samples") / "elbow_truth.json").read_text())
+
+
+def elbow_map() -> Array:
+    """(3, 3) true map of the shipped slice's [u v 1] into the robot's frame [m]."""
+    return np.array(_elbow_truth()["T_robot_image"])
+
+
+def elbow_curve() -> Array:
+    """(M, 3) the true curve of the shipped slice in the robot's frame [m]."""
+    px = np.array(_elbow_truth()["curve_px"])
+    return np.column_stack([px, np.ones(len(px))]) @ elbow_map().T
+
+
+def experiment_2() -> Case:
+    """The shipped elbow, probed by the shipped session."""
+    text = (files("vfplan.samples") / "elbow_session.csv").read_text().splitlines()[1:]
+    hips = np.array([[float(x) for x in line.split(",")[1:]] for line in text])
+    hips[:, 2] -= elbow_curve()[:, 2].mean()  # scenes have their middle in z = 0
+    return Case("experiment-2, session", Elbow(), hips)
+
+
+def chosen_points(scene: Scene, choice: Choice) -> Array:
+    """The cloud that a tolerance asks for: by curvature on a drawing, an even one on a surface."""
+    if not isinstance(scene, Drawn) or scene.ignore_axis is None:
+        return replace(scene, spacing=_even(scene, choice)).points
+    from vfplan.planning.sampling import sample_curve
+
+    parts = []
+    for run in scene.runs:
+        fine = run.sample(min(1e-4, run.length / 50))
+        fine = np.column_stack([fine, np.zeros(len(fine))])
+        parts.append(
+            sample_curve(
+                fine, run.closed, radius_m=R, tolerance_m=choice.sampling_tolerance_m
+            ).points
+        )
+    points = np.vstack(parts)
+    step = np.round(points / 1e-9).astype(np.int64)  # corners that two runs share stand once
+    return points[np.sort(np.unique(step, axis=0, return_index=True)[1])]
+
+
+def _even(scene: Scene, choice: Choice) -> float:
+    """Spacing on a curve in space, or the side of a square on a surface [m]."""
+    if scene.name in ("point", "segment"):
+        return choice.spacing_m
+    bend = 1 + R / getattr(scene, "radius", np.inf)
+    return choice.surface_spacing_m / np.sqrt(bend)

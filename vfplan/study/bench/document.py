@@ -1,0 +1,90 @@
+"""The bench on disk: one JSON document, and its results as CSV."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from vfplan.errors import InputError
+from vfplan.io.disk import read_whole
+
+FORMAT, VERSION = "vfplan-bench", "1.0"
+MOST_BYTES = 256 * 2**20
+COLUMNS = (
+    "stage", "scene", "method", "settings", "error_rms", "error_max", "unit", "time_us_median",
+    "time_us_low", "time_us_high", "time_us_p99", "time_us_p999", "time_us_max", "repeats",
+    "pareto", "chosen", "peer", "points", "force_rms_n", "force_max_n", "surface_error_m",
+    "inside_m", "followed_rms_m", "followed_ticks", "ticks", "clearance_min_m", "lag_rms_m",
+    "friction", "meets_tolerance", "follows", "time_over_cheapest",
+)  # fmt: skip
+_NEEDED = ("stages", "results", "tolerance_m", "budget_us", "machine", "peers", "elapsed_s")
+_TEXTS = ("stage", "scene", "method", "unit")
+_NUMBERS = ("error_rms", "error_max", "time_us_median", "time_us_low", "time_us_high")
+
+
+def write_json(document: dict[str, Any], path: Path) -> None:
+    """Write the document; numbers that are not finite become null."""
+    path.write_text(json.dumps(_plain(document), indent=1, allow_nan=False) + "\n")
+
+
+def write_csv(document: dict[str, Any], path: Path) -> None:
+    """Write one row a result; settings as `name=value` pairs, what does not apply is empty."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore", restval="")
+        writer.writeheader()
+        for result in document["results"]:
+            pairs = " ".join(f"{k}={v}" for k, v in result["settings"].items())
+            writer.writerow(result | {"settings": pairs})
+
+
+def read_document(path: str | Path) -> dict[str, Any]:
+    """Read what `write_json` wrote.
+
+    Raises `InputError` for a file that is missing, no JSON, no bench of this version, or damaged.
+    """
+    try:
+        document = json.loads(read_whole(Path(path), MOST_BYTES).decode("utf-8"))
+    except ValueError as error:
+        raise InputError(f"is not JSON: {error}", where=str(path)) from None
+    found = document.get("format") if isinstance(document, dict) else None
+    if found != FORMAT:
+        raise InputError(f"format {found!r}: {FORMAT!r} is wanted", where=str(path))
+    if str(document.get("version", "")).split(".")[0] != VERSION.split(".")[0]:
+        raise InputError(f"version {document.get('version')!r}: {VERSION} is read", where=str(path))
+    missing = [name for name in _NEEDED if name not in document]
+    if missing:
+        raise InputError(f"lacks {', '.join(missing)}", where=str(path))
+    _check_results(document["results"], str(path))
+    return document
+
+
+def _check_results(results: Any, where: str) -> None:
+    """Everything that a diagram is drawn from is there, and a finite number where one is needed."""
+    if not isinstance(results, list) or not results:
+        raise InputError("holds no results", where=where)
+    for i, result in enumerate(results):
+        at = f"{where}: results[{i}]"
+        if not isinstance(result, dict) or not isinstance(result.get("settings"), dict):
+            raise InputError("is no result with its settings", where=at)
+        for name in (*_TEXTS, *_NUMBERS):
+            value, kind = result.get(name), str if name in _TEXTS else (int, float)
+            if isinstance(value, bool) or not isinstance(value, kind):
+                wanted = "a text" if name in _TEXTS else "a number"
+                raise InputError(f"{name} {value!r}: {wanted} is wanted", where=at)
+        if result["unit"] not in ("m", "px") or not isinstance(result.get("pareto"), bool):
+            raise InputError("unit or pareto is none that a bench writes", where=at)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,122 @@
+"""Stage plan: a slice and its markers in, a fixture out; the whole pipeline on the shipped elbow.
+
+The error is how far the surface that the fixture's cloud renders lies from the one that the drawn
+curve has on the robot's table, both ways, at places of the true surface. With the shipped markers
+(touched with 0.2 mm noise) it holds the registration's error too; with exact markers it shows what
+extraction and sampling alone contribute.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vfplan.planning import ExtractSettings, FixtureSettings, plan
+from vfplan.study.bench.cases import elbow_curve, elbow_map
+from vfplan.study.bench.record import Array, Errors, Setting, Trial, timed
+from vfplan.study.bench.sampling import Line, planned_surface
+
+R = 5e-3
+TOLERANCES = {True: (1e-4, 1e-5), False: (3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)}
+STRIDE = 5  # every fifth place of the true surface, 0.1 mm apart, is looked at
+
+
+def scenes(quick: bool, tolerance_m: float) -> Iterator[list[Trial]]:
+    """The trials with the shipped and with exact markers."""
+    surface = true_surface()
+    for name, exact in (("elbow, markers touched", False), ("elbow, exact markers", True)):
+        yield _trials(name, exact, surface, TOLERANCES[quick], tolerance_m)
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """One way through the pipeline."""
+
+    method: str
+    settings: dict[str, Setting]
+    extraction: ExtractSettings
+    fixture: FixtureSettings
+    chosen: bool = False
+
+
+def _ways(tolerances: tuple[float, ...], chosen_m: float) -> Iterator[_Way]:
+    for tolerance in sorted({*tolerances, chosen_m}, reverse=True):
+        fixture = FixtureSettings(tolerance_m=tolerance)
+        given: dict[str, Setting] = {"tolerance_m": tolerance}
+        yield _Way("ridge", given, ExtractSettings(), fixture, tolerance == chosen_m)
+        yield _Way("skeleton", given, ExtractSettings(method="skeleton"), fixture)
+        rigid = replace(fixture, model="rigid")
+        spacing = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
+        yield _Way("ridge, rigid", given, spacing, rigid)
+    paper = ExtractSettings(method="mask")
+    yield _Way("the paper's: every mask pixel", {}, paper, FixtureSettings())
+
+
+def _trials(
+    scene: str, exact: bool, surface: Array, tolerances: tuple[float, ...], chosen_m: float
+) -> list[Trial]:
+    return [
+        Trial(
+            scene,
+            way.method,
+            way.settings,
+            lambda way=way: _plan(way, exact),
+            lambda planned: _score(planned, surface),
+            "m",
+            way.chosen,
+        )
+        for way in _ways(tolerances, chosen_m)
+    ]
+
+
+def _plan(way: _Way, exact: bool) -> tuple[Any, Array]:
+    folder = files("vfplan.samples")
+    image, source, target = (
+        Path(str(folder / f"elbow{name}"))
+        for name in (".png", "_markers_image.csv", "_markers_robot.csv")
+    )
+    with tempfile.TemporaryDirectory(prefix="vfplan-bench-") as name:
+        if exact:
+            target = _exact_markers(source, Path(name) / "robot.csv")
+        return timed(
+            lambda: plan(image, source, target, extraction=way.extraction, settings=way.fixture)
+        )
+
+
+def _exact_markers(source: Path, target: Path) -> Path:
+    rows = [line.split(",") for line in source.read_text().splitlines()[1:]]
+    px = np.array([[float(u), float(v), 1.0] for _, u, v in rows])
+    lines = [
+        f"{label},{x:.17g},{y:.17g},{z:.17g}"
+        for (label, _, _), (x, y, z) in zip(rows, px @ elbow_map().T, strict=True)
+    ]
+    target.write_text("\n".join(["label,x_m,y_m,z_m", *lines]) + "\n")
+    return target
+
+
+def true_surface() -> Array:
+    """(K, 3) places R beside the true curve in the plane of the table [m]."""
+    curve = elbow_curve()
+    s = np.r_[0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))]
+    at = np.linspace(0, s[-1], round(s[-1] / 20e-6))
+    flat = [np.interp(at, s, curve[:, k]) for k in (0, 1)]
+    return planned_surface(Line("elbow", np.column_stack([*flat, 0 * at])))[::STRIDE]
+
+
+def _score(planned: Any, surface: Array) -> Errors:
+    """|distance to the nearest point - R| at the true surface, in the plane of the table [m]."""
+    from scipy.spatial import cKDTree
+
+    points = planned.fixture.points * [1.0, 1.0, 0.0]
+    nearest, _ = cKDTree(points).query(surface)
+    report = planned.report["register"]
+    more = {"points": len(points), "predicted_tre_m": report["tre_rms_m"]}
+    if "sampling_error_m" in report:
+        more["sampling_error_m"] = report["sampling_error_m"]
+    return Errors.of(nearest - R, **more)

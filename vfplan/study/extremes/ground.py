@@ -1,0 +1,120 @@
+"""What the engine's probes share: something to stand on, and how to tell that the proxy left it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from vfplan.engine.checks import Vector, check_axis
+from vfplan.engine.parameters import Trace
+from vfplan.engine.proxy import ProxyEngine
+from vfplan.fixture import Fixture
+from vfplan.stability import contacts
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """A cloud, a place where the proxy touches it, and the way off it.
+
+    Parameters
+    ----------
+    points
+        (N, 3) [m].
+    touch, out
+        (3,) the proxy's place as it touches [m], and the unit vector away from the cloud.
+    settings
+        The engine's.
+    """
+
+    points: Vector
+    touch: Vector
+    out: Vector
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    def engine(self, **more: Any) -> ProxyEngine:
+        """An engine whose proxy starts 0.2 R off the touch."""
+        engine = ProxyEngine(self.points, **self.settings | more)
+        engine.reset(self.start(engine))
+        return engine
+
+    def start(self, engine: ProxyEngine) -> Vector:
+        """(3,) 0.2 R off the touch [m]."""
+        return self.touch + 0.2 * engine.parameters.R * self.out
+
+    @property
+    def side(self) -> Vector:
+        """(3,) a unit vector along the surface, across an ignored axis."""
+        axis = check_axis(self.settings.get("ignore_axis"))
+        if axis is None:
+            axis = np.eye(3)[int(np.argmin(np.abs(self.out)))]
+        along = np.cross(self.out, axis)
+        return along / np.linalg.norm(along)
+
+
+def patch() -> Ground:
+    """The small flat sheet, R = 5 mm."""
+    contact = contacts.patch()
+    return Ground(contact.points, contact.touch, contact.normals[0])
+
+
+def of_fixture(fixture: Fixture) -> Ground | None:
+    """The first place of a bundle that a ball can touch; `None` when there is none."""
+    for contact in contacts.along(fixture, 3):
+        settings = {
+            "contact_radius": fixture.contact_radius,
+            "point_radius": fixture.point_radius,
+            "band": fixture.band,
+            "ignore_axis": fixture.ignore_axis,
+            "stiffness": fixture.stiffness,
+        }
+        return Ground(fixture.points, contact.touch, contact.normals[0], settings)
+    return None
+
+
+def walk_path(ground: Ground, engine: ProxyEngine, ticks: int, seed: int = 7) -> Vector:
+    """(T, 3) a random HIP path around the touch, up to 2 R into the cloud and off it [m]."""
+    rng = np.random.default_rng(seed)
+    s = np.linspace(0.0, 1.0, ticks)[:, None]
+    wave = np.zeros((ticks, 3))
+    for k in range(1, 12):
+        phase = rng.uniform(0, 2 * np.pi, 3)
+        wave += rng.normal(size=3) / k * np.sin(2 * np.pi * k * s + phase)
+    lead = np.minimum(1.0, 20 * s)  # leaves the free start smoothly
+    R = engine.parameters.R
+    return ground.start(engine) + lead * R * (0.8 * wave - 0.7 * ground.out)
+
+
+def breach(engine: ProxyEngine, points: Vector, trace: Trace) -> float:
+    """How far the proxy came inside R - band of any point, at most over the ticks [m].
+
+    0 where it never did; infinite where an answer is not finite, or where the path never touched
+    and so showed nothing.
+    """
+    from scipy.spatial import cKDTree
+
+    answers = (trace.proxy, trace.normal, trace.force)
+    if not (all(np.isfinite(a).all() for a in answers) and trace.force.any()):
+        return float("inf")
+    p = engine.parameters
+    proxy = trace.proxy
+    if p.ignore_axis is not None:
+        points = points - np.outer(points @ p.ignore_axis, p.ignore_axis)
+        proxy = proxy - np.outer(proxy @ p.ignore_axis, p.ignore_axis)
+    nearest, _ = cKDTree(points).query(proxy)
+    return max(0.0, float((p.R - p.band - nearest).max()))
+
+
+def walked(ground: Ground, ticks: int = 3000, **settings: Any) -> float:
+    """The breach over a random walk."""
+    engine = ground.engine(**settings)
+    trace = engine.run(walk_path(ground, engine, ticks))
+    return breach(engine, ground.points, trace)
+
+
+def moved(ground: Ground, offset: Vector, scale: float) -> Ground:
+    """The ground scaled about the origin, then shifted; R is scaled by the caller's settings."""
+    return replace(
+        ground, points=scale * ground.points + offset, touch=scale * ground.touch + offset
+    )

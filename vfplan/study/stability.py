@@ -1,0 +1,283 @@
+"""The whole study: which cases run, in how many processes, and the report."""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from functools import partial
+from multiprocessing import get_context
+from typing import Any
+
+from vfplan.engine.checks import number
+from vfplan.engine.parameters import RULES, Rule
+from vfplan.fixture import Fixture, StabilityVerdict
+from vfplan.robot import Robot
+from vfplan.stability.chart import chart
+from vfplan.stability.closedloop import closed_loop, closed_loop_bundle, scenes_for
+from vfplan.stability.gate import MARGIN, felt_stiffness, judge, refusal
+from vfplan.stability.passivity import passivity, passivity_bundle
+from vfplan.stability.precision import precision
+from vfplan.stability.rows import Row
+from vfplan.stability.theory import Plant, exact_bound
+from vfplan.study.extremes import chosen, try_group
+
+DEFAULT_ROBOT = Robot("default", mass_kg=1.0, damping_n_s_per_m=5.0, rate_hz=1000.0)
+ROBOT_KEYS = ("robot", "mass_kg", "damping_n_s_per_m", "rate_hz", "delay_ticks")
+LIMITS = {"friction_n": "N", "quantum_m": "m", "force_limit_n": "N", "force_step_limit_n": "N"}
+DEFAULT_STIFFNESS = 1000.0  # [N/m], where there is no bundle to ask
+
+Task = Callable[[], list[Row]]
+Done = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a study found.
+
+    Parameters
+    ----------
+    rows
+        In the order of the tables.
+    verdict
+        On the K asked about.
+    left_out
+        Case -> why this bundle cannot meet it.
+    elapsed_s
+        Run time [s].
+    """
+
+    rows: list[Row]
+    verdict: StabilityVerdict
+    left_out: dict[str, str]
+    elapsed_s: float
+
+    @property
+    def failed(self) -> list[Row]:
+        """Rows that did not hold; findings about rule `paper` are not among them."""
+        return [row for row in self.rows if row.outcome == "fail"]
+
+    @property
+    def good(self) -> bool:
+        """The K passes and every case came out as it should."""
+        return self.verdict.stable and not self.failed
+
+    def as_dict(self) -> dict[str, Any]:
+        """As the command's JSON holds it."""
+        found = asdict(self.verdict)
+        robot = {name: found[name] for name in ROBOT_KEYS}
+        return {
+            "stable": self.verdict.stable,
+            "k_n_per_m": self.verdict.k_n_per_m,
+            "k_max_n_per_m": self.verdict.k_max_n_per_m,
+            "k_max_by_rule_n_per_m": _smallest(self.rows),
+            "k_pass_n_per_m": self.verdict.k_pass_n_per_m,
+            "k_linear_bound_n_per_m": self.verdict.k_linear_bound_n_per_m,
+            "k_exact_bound_n_per_m": exact_bound(
+                Plant(robot["mass_kg"], robot["damping_n_s_per_m"], 1 / robot["rate_hz"]),
+                robot["delay_ticks"],
+            ),
+            "margin": self.verdict.margin,
+            "robot": robot,
+            "failed": [row.case for row in self.failed],
+            "cases": [row.as_dict() for row in self.rows],
+            "left_out": self.left_out,
+            "elapsed_s": round(self.elapsed_s, 3),
+        }
+
+    def as_csv(self) -> str:
+        """The table: case, outcome, limit, measured, unit, detail."""
+        out = io.StringIO()
+        table = csv.writer(out, lineterminator="\n")
+        table.writerow(["case", "outcome", "limit", "measured", "unit", "detail"])
+        for row in self.rows:
+            limits = ["" if x is None else f"{x:.6g}" for x in (row.limit, row.measured)]
+            table.writerow([row.case, row.outcome, *limits, row.unit, row.detail])
+        return out.getvalue()
+
+    def as_text(self) -> str:
+        """The short report a person reads."""
+        counts = Counter(row.outcome for row in self.rows)
+        lines = [
+            refusal(self.verdict),
+            f"{'stable' if self.verdict.stable else 'NOT STABLE'}; "
+            f"{len(self.rows)} cases: "
+            + ", ".join(f"{n} {outcome}" for outcome, n in sorted(counts.items())),
+        ]
+        lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in self.rows]
+        lines += [f"left out {case}: {why}" for case, why in self.left_out.items()]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A study that is ready to run.
+
+    Parameters
+    ----------
+    tasks
+        Each makes some rows; they can be pickled.
+    left_out
+        Case -> why this bundle cannot meet it.
+    robot, stiffness, margin
+        What is judged.
+    """
+
+    tasks: list[Task]
+    left_out: dict[str, str]
+    robot: Robot
+    stiffness: float
+    margin: float
+
+    def run(self, jobs: int = 1, done: Done = lambda n: None) -> Study:
+        """Run in `jobs` processes; `done` is told each end of a task."""
+        started = time.perf_counter()
+        rows = [row for result in run_tasks(self.tasks, jobs, done) for row in result]
+        verdict = judge(self.robot, self.stiffness, _loops(rows), self.margin)
+        return Study(rows, verdict, self.left_out, time.perf_counter() - started)
+
+
+def prepare(
+    fixture: Fixture | None = None,
+    robot: Robot = DEFAULT_ROBOT,
+    *,
+    stiffness: float | None = None,
+    margin: float = MARGIN,
+    full: bool = False,
+    parts: Iterable[str] = (),
+) -> Prepared:
+    """The parts of the study that this bundle and robot can meet.
+
+    Parameters
+    ----------
+    fixture
+        The bundle to judge; `None`: the standard scenes, and `stiffness` is judged.
+    stiffness
+        K [N/m] to judge; `None`: the bundle's largest, or 1000.
+    margin
+        K times this must be stable.
+    full
+        Also the long runs.
+    parts
+        Of `PARTS`; none: all. The closed loop always runs: the verdict needs it.
+
+    Raises
+    ------
+    SceneError
+        A curve that is no fixture yet.
+    SettingError
+        A stiffness, a margin or a figure of the robot that is not finite or outside its range.
+    """
+    _check(robot, margin)
+    felt = DEFAULT_STIFFNESS if fixture is None else felt_stiffness(fixture)
+    stiffness = felt if stiffness is None else number("stiffness", stiffness, "N/m", above=0.0)
+    tasks: list[Task] = []
+    left_out: dict[str, str] = {}
+    wanted = {"closed-loop", *parts} if parts else set(PARTS)
+    for name, part in PARTS.items():
+        if name in wanted:
+            more, out = part(fixture, robot, stiffness, full)
+            tasks += more
+            left_out |= out
+    return Prepared(tasks, left_out, robot, stiffness, margin)
+
+
+def _check(robot: Robot, margin: float) -> None:
+    number("margin", margin, "", least=1.0)
+    number("damping_n_s_per_m", robot.damping_n_s_per_m, "N·s/m", least=0.0)
+    number("mass_kg", robot.mass_kg, "kg", above=0.0)
+    number("rate_hz", robot.rate_hz, "Hz", above=0.0)
+    for name, unit in LIMITS.items():
+        if getattr(robot, name) is not None:
+            number(name, getattr(robot, name), unit, above=0.0)
+
+
+def _loops(rows: list[Row], rule: Rule = "robust") -> list[Row]:
+    """The rows that say what K a rule bears: the default one, which a controller runs."""
+    return [row for row in rows if row.values.get("rule") == rule and row.unit == "N/m"]
+
+
+def _smallest(rows: list[Row]) -> dict[str, float]:
+    """The smallest K [N/m] that each rule bore over the scenes run."""
+    found = {}
+    for rule in RULES:
+        borne = [row.measured for row in _loops(rows, rule) if row.measured is not None]
+        if borne:
+            found[rule] = min(borne)
+    return found
+
+
+def run_tasks(tasks: list[Task], jobs: int, done: Done) -> list[list[Row]]:
+    """Every task's rows, in the order of the tasks, run in `jobs` processes."""
+    if jobs == 1:
+        return [_finish(task(), done) for task in tasks]
+    results: list[list[Row]] = [[] for _ in tasks]
+    # spawn: a forked copy of a process with threads may hang.
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        futures = {pool.submit(task): i for i, task in enumerate(tasks)}
+        for future in as_completed(futures):
+            results[futures[future]] = _finish(future.result(), done)
+    return results
+
+
+def _finish(rows: list[Row], done: Done) -> list[Row]:
+    done(1)
+    return rows
+
+
+Part = tuple[list[Task], dict[str, str]]
+
+
+def _closed_loop(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
+    names, out = scenes_for(fixture)
+    tasks: list[Task] = []
+    for rule in RULES:
+        if fixture is not None:
+            tasks.append(partial(_one, closed_loop_bundle, fixture, rule, robot, stiffness))
+        tasks += [partial(_one, closed_loop, name, rule, robot, stiffness) for name in names]
+    return tasks, {f"closed-loop/{name}": why for name, why in out.items()}
+
+
+def _one(make: Callable[..., Row], first: Fixture | str, rule: Rule, *rest: object) -> list[Row]:
+    return [make(first, rule, *rest)]
+
+
+def _passivity(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
+    names, out = scenes_for(fixture)
+    tasks: list[Task] = []
+    for rule in RULES:
+        if fixture is not None:
+            tasks.append(partial(passivity_bundle, fixture, rule, stiffness))
+        tasks += [partial(passivity, name, rule, stiffness) for name in names]
+    return tasks, {f"passivity/{name}": why for name, why in out.items()}
+
+
+def _chart(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
+    if fixture is not None:
+        return [], {"map": "the map is the theory's, not this bundle's"}
+    return [partial(chart, rule) for rule in RULES], {}
+
+
+def _extremes(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
+    groups, out = chosen(fixture, full)
+    return [partial(try_group, cases, fixture) for cases in groups.values()], out
+
+
+def _precision(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
+    if fixture is not None:
+        return [], {"precision": "the arithmetic's, not this bundle's"}
+    return [precision], {}
+
+
+PARTS: dict[str, Callable[[Fixture | None, Robot, float, bool], Part]] = {
+    "closed-loop": _closed_loop,
+    "map": _chart,
+    "passivity": _passivity,
+    "extremes": _extremes,
+    "precision": _precision,
+}
+"""The parts of the study by name, in the order of the report."""
