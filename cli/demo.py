@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import importlib
+import json
+import shutil
+import tempfile
 from importlib.resources import as_file, files
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import click
 from vfplan.cli.options import FILE
-from vfplan.cli.run import Report, command, outputs, refuse_existing
+from vfplan.cli.run import Report, command, jsonable, outputs, refuse_existing
 
 from vfplan.errors import OutputError
 
-# Left behind in the folder, in the order of the story.
+# Left behind in the folder by the pipeline, in the order of the story.
 FILES = ("mask.png", "overlay.png", "fixture.h5", "result.h5", "force.png", "scene.png")
 
 
 @command("demo", short_help="The whole pipeline on the shipped sample.")
+@click.argument("what", type=click.Choice(["pipeline", "paper", "experiments"]), default="pipeline")
 @click.option(
     "-o",
     "--output",
@@ -27,13 +33,19 @@ FILES = ("mask.png", "overlay.png", "fixture.h5", "result.h5", "force.png", "sce
     help="The folder to fill; made when it is not there.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace output files that exist.")
-def command(output: Path, overwrite: bool) -> Report:
+def command(what: str, output: Path, overwrite: bool) -> Report:
     """Plan a fixture on a drawn elbow slice, replay a probing session against it, draw both.
 
-    Leaves the pen's mask, the overlay, the fixture bundle, the replay's result, a plot of force
-    and penetration over time, and a picture of cloud, paths, contact circles and normals.
+    \b
+    WHAT is one of
+      pipeline     (without WHAT) the pen's mask, the overlay, the fixture bundle, the replay's
+                   result, force and penetration over time, and a picture of cloud and paths
+      paper        the paper's Figs. 2, 4, 5 and 6 drawn anew, each with its numbers as JSON
+      experiments  the paper's two experiments with a scripted hand, felt and seen
     """
-    targets = [output / name for name in FILES]
+    names = FILES if what == "pipeline" else _sample(what).FILES
+    make = {"pipeline": pipeline, "paper": papers_figures, "experiments": experiments}[what]
+    targets = [output / name for name in names]
     made_folder = not output.exists()
     try:
         output.mkdir(parents=True, exist_ok=True)
@@ -42,13 +54,52 @@ def command(output: Path, overwrite: bool) -> Report:
         raise OutputError(f"{reason}; a folder is wanted", where=str(output)) from None
     try:
         refuse_existing(*targets, overwrite=overwrite)
-        with outputs(*targets) as temporary, as_file(files("vfplan.samples")) as sample:
-            planned, metrics = run_sample(sample, *temporary)
+        with outputs(*targets) as temporary:
+            data, text = make(*temporary)
     finally:
         if made_folder and not any(output.iterdir()):
             output.rmdir()
-    data = {**planned, "replay": metrics, "files": list(FILES)}
-    return Report(data, story(planned, metrics, output))
+    left = f"Left in {output}: {', '.join(names)}"
+    return Report({**data, "files": list(names)}, f"{text}\n{left}")
+
+
+def pipeline(*places: Path) -> tuple[dict[str, Any], str]:
+    """The whole pipeline into `FILES`: its numbers, and its story."""
+    with as_file(files("vfplan.samples")) as sample:
+        planned, metrics = run_sample(sample, *places)
+    return {**planned, "replay": metrics}, story(planned, metrics)
+
+
+def papers_figures(*places: Path) -> tuple[dict[str, Any], str]:
+    """The paper's figures: their numbers, and a line for each."""
+    found = _drawn(_sample("paper"), places)
+    lines = [f"{figure}: {json.dumps(jsonable(numbers))}" for figure, numbers in found.items()]
+    return {"figures": found}, "\n".join(lines)
+
+
+def experiments(*places: Path) -> tuple[dict[str, Any], str]:
+    """The paper's experiments: their numbers, and a line for each."""
+    found = _drawn(_sample("experiments"), places)
+    lines = [
+        f"{name}: {m['points']} points, {m['ticks']} ticks, {m['contacts']} contacts, "
+        f"{m['force_max_n']:.2f} N, {m['penetration_max_mm']:.2f} mm, "
+        f"clearance {m['clearance_min_um']:.2f} um"
+        for name, m in found.items()
+    ]
+    return {"experiments": found}, "\n".join(lines)
+
+
+def _drawn(module: ModuleType, places: tuple[Path, ...]) -> dict[str, Any]:
+    """Let a sample draw into a folder of its own, then put each file in its place."""
+    with tempfile.TemporaryDirectory(prefix="vfplan-") as folder:
+        found = module.draw(Path(folder))
+        for name, place in zip(module.FILES, places, strict=True):
+            shutil.copyfile(Path(folder, name), place)
+    return found
+
+
+def _sample(name: str) -> ModuleType:
+    return importlib.import_module(f"vfplan.samples.{name}")
 
 
 def run_sample(
@@ -79,7 +130,7 @@ def run_sample(
     return made.report, replayed.metrics
 
 
-def story(planned: dict[str, Any], metrics: dict[str, Any], folder: Path) -> str:
+def story(planned: dict[str, Any], metrics: dict[str, Any]) -> str:
     """What the demo did, with the numbers it found."""
     image, stroke = planned["extract"]["image"], planned["extract"]["strokes"][0]
     register = planned["register"]
@@ -103,6 +154,5 @@ def story(planned: dict[str, Any], metrics: dict[str, Any], folder: Path) -> str
         f"{metrics['force_max_n']:.2f} N.",
         f"  The proxy never came nearer to a point than R {metrics['clearance_min_m'] * 1e6:+.1f} "
         f"um; the force changed by at most {metrics['force_step_max_n']:.3f} N a tick.",
-        f"Left in {folder}: {', '.join(FILES)}",
     ]
     return "\n".join(lines)

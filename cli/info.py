@@ -13,13 +13,52 @@ from vfplan.cli.run import command as vfplan_command
 
 @vfplan_command("info", short_help="What a bundle holds.")
 @click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
+@click.option("--all", "everything", is_flag=True, help="Every attribute and table of the file.")
 @click.option("--values", is_flag=True, help="In --json, the per-point tables in full too.")
-def command(fixture: Path, values: bool) -> Report:
-    """Show what FIXTURE.h5 holds: frame, points, rendering, registration and provenance."""
+def command(fixture: Path, everything: bool, values: bool) -> Report:
+    """Show what FIXTURE.h5 holds, in about ten lines; with --all, all of it.
+
+    `--json` always holds all of it.
+    """
     from vfplan.bundle import describe
 
     data = describe(fixture, values=values)
-    return Report(data, _page(data))
+    return Report(data, _page(data) if everything else _summary(data))
+
+
+def _summary(data: dict[str, Any]) -> str:
+    """Frame, size, curve, rendering, registration, leak and seal: a line each that is there."""
+    seal = data["seal"]
+    signed = f"signed by {seal['key_id']}" if seal["signed"] else "not signed"
+    lines = [
+        f"{data['format']} {data['version']}, frame {data['frame']}, {data['points']} points",
+        f"  made        {data['/provenance@created_utc']} by {data['/provenance@software']}",
+        f"  seal        {'sound' if seal['ok'] else 'broken'}, {signed}",
+    ]
+    if "/curve/closed" in data:
+        closed = [bool(c) for c in data["/curve/closed"]]
+        lines.append(f"  curve       strokes {len(closed)}, of them closed {sum(closed)}")
+    if "/mesh/triangles" in data:
+        lines.append(f"  mesh        {data['/mesh/triangles']['shape'][0]} triangles")
+    if "/rendering/stiffness" in data:
+        stiffness = ", ".join(f"{k:g}" for k in data["/rendering/stiffness"])
+        radius = data["/rendering@contact_radius_m"] + data["/rendering@point_radius_m"]
+        lines.append(f"  rendering   K {stiffness} N/m, R {1e3 * radius:g} mm")
+    if "/registration@model" in data:
+        line = (
+            f"  registered  {data['/registration@model']}, {len(data['/registration/source'])} "
+            f"markers, FRE {1e3 * data['/registration@fre_rms_m']:.3f} mm"
+        )
+        if "/registration@tre_rms_m" in data:
+            line += f", predicted TRE {1e3 * data['/registration@tre_rms_m']:.3f} mm rms"
+        lines.append(line)
+    if "/leak@limit_m" in data:
+        gap, limit = (1e3 * data[f"/leak@{name}_m"] for name in ("largest", "limit"))
+        lines.append(f"  leak        none: largest opening {gap:.3f} mm, allowed {limit:.3f} mm")
+    elif "/leak@largest_m" in data:
+        gap = 1e3 * data["/leak@largest_m"]
+        lines.append(f"  leak        not certified: a bare cloud, points up to {gap:.3f} mm apart")
+    return "\n".join(lines)
 
 
 def _page(data: dict[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import json
 import keyword
@@ -44,14 +45,16 @@ class LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         """Import and return one command; `None` for an unknown name."""
         if name not in COMMANDS:
-            return None
+            near = difflib.get_close_matches(name, COMMANDS, 1)
+            hint = f"did you mean {near[0]!r}?" if near else "they are " + ", ".join(COMMANDS)
+            raise click.UsageError(f"no command {name!r}; {hint}", ctx)
         # A command named like a Python keyword has an underscore after its module's name.
         module = f"{name}_" if keyword.iskeyword(name) else name
         return importlib.import_module(f"vfplan.cli.{module}").command
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> NoReturn:
         """Run; a usage error is one line on stderr (and JSON on stdout with `--json`), exit 2."""
-        words = list(sys.argv[1:] if args is None else args)
+        words = list(sys.argv[1:] if args is None else args) or ["--help"]
         extra["standalone_mode"] = False
         try:
             code = super().main(words, *rest, **extra)
@@ -68,8 +71,24 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
+def _print_cmake_dir(ctx: click.Context, option: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from vfplan import cmake_dir
+
+        click.echo(cmake_dir())
+        ctx.exit()
+
+
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="vfplan", prog_name="vfplan")
+@click.option(
+    "--cmake-dir",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_cmake_dir,
+    help="Print the folder for CMake's find_package(vfplan) and exit.",
+)
 def cli() -> None:
     """Turn a surgeon's drawn curve into a virtual fixture a robot can trust.
 

@@ -4,7 +4,7 @@
     python docs/make_accuracy.py DIR
 
 Every number between `<!-- NAME -->` and `<!-- end -->` comes from DIR/bench.json, those of
-the paper's scenes from `python -m vfplan.samples.paper all`, which this runs.
+the paper's scenes from `vfplan demo paper`, which this runs.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ def filled(page: str, name: str, text: str) -> str:
 def papers_scenes() -> dict[str, dict[str, Any]]:
     """Draw the paper's figures; the numbers of each scene."""
     with tempfile.TemporaryDirectory() as made:
-        command = [sys.executable, "-m", "vfplan.samples.paper", "all", "-o", made]
-        subprocess.run(command, check=True, capture_output=True, cwd=made)
+        program = Path(sys.executable).with_name("vfplan")
+        subprocess.run([program, "demo", "paper", "-o", made, "-q"], check=True)
         for figure in ("fig2", "fig4", "fig5", "fig6"):
             keep(Path(made) / f"{figure}.png", PICTURES / f"paper_{figure}.png")
         told = {

@@ -35,8 +35,8 @@ def main() -> None:
 def draw_experiments() -> None:
     """The paper's two experiments; the slice, a photograph-like picture, goes to JPEG."""
     with tempfile.TemporaryDirectory() as folder:
-        call = [sys.executable, "-m", "vfplan.samples.experiments", "-o", folder]
-        subprocess.run(call, check=True, cwd=folder)
+        program = Path(sys.executable).with_name("vfplan")
+        subprocess.run([program, "demo", "experiments", "-o", folder, "-q"], check=True)
         for path in Path(folder).glob("experiment-*.png"):
             if "slice" in path.name:
                 target = str(PICTURES / path.with_suffix(".jpg").name)

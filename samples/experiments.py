@@ -1,4 +1,4 @@
-"""The paper's two experiments, with a scripted hand: `python -m vfplan.samples.experiments -o DIR`.
+"""The paper's two experiments, with a scripted hand: `vfplan demo experiments -o DIR`.
 
 Experiment 1 probes both sides of a square of 40 401 points, Experiment 2 a curve of about 2204
 points (5.3 a millimetre) planned on the shipped elbow slice. The hand that the paper recorded is
@@ -8,7 +8,6 @@ same numbers.
 
 from __future__ import annotations
 
-import argparse
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
@@ -85,17 +84,23 @@ def planned_curve() -> Fixture:
     ).fixture
 
 
-def main() -> None:
-    """Draw the paper's Figs. 4a, 4b, 6a and 6b, and depth on the slice."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
-    folder = parser.parse_args().output
-    folder.mkdir(parents=True, exist_ok=True)
+FILES = (
+    "experiment-1-force.png", "experiment-1-scene.png",
+    "experiment-2-force.png", "experiment-2-scene.png", "experiment-2-slice.png",
+)  # fmt: skip
+
+
+def draw(folder: Path) -> dict[str, dict[str, float]]:
+    """Draw the paper's Figs. 4a, 4b, 6a and 6b, and depth on the slice; each run's numbers.
+
+    Leaves `FILES` in `folder`.
+    """
     from vfplan import view3d
     from vfplan.figures.depth import draw_slice_depth
     from vfplan.figures.replay import draw_scene, draw_timeline
     from vfplan.images.read import read_image
 
+    numbers = {}
     hand = Path(str(files("vfplan.samples") / "elbow_session.csv"))
     for name, fixture, session in (
         ("experiment-1", square(), probing_hand()),
@@ -109,15 +114,14 @@ def main() -> None:
         else:
             draw_scene(found, space)
         m = found.metrics
-        clearance = round(1e6 * m["clearance_min_m"], 2) + 0.0  # not -0.0
-        print(
-            f"{name}: {len(fixture.points)} points, {m['ticks']} ticks, {len(m['episodes'])} "
-            f"contacts, {m['force_max_n']:.2f} N, {1e3 * m['penetration_max_m']:.2f} mm, "
-            f"clearance {clearance:.2f} µm"
-        )
+        numbers[name] = {
+            "points": len(fixture.points),
+            "ticks": m["ticks"],
+            "contacts": len(m["episodes"]),
+            "force_max_n": m["force_max_n"],
+            "penetration_max_mm": 1e3 * m["penetration_max_m"],
+            "clearance_min_um": round(1e6 * m["clearance_min_m"], 2) + 0.0,  # not -0.0
+        }
     slice_ = read_image(files("vfplan.samples") / "elbow.png")
     draw_slice_depth(found, slice_, folder / "experiment-2-slice.png")
-
-
-if __name__ == "__main__":
-    main()
+    return numbers

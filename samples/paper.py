@@ -1,6 +1,6 @@
-"""The paper's own scenes, one command a figure: `python -m vfplan.samples.paper fig2a -o DIR`.
+"""The paper's own scenes, drawn by `vfplan demo paper -o DIR`.
 
-    fig2a point    fig2b segment    fig2c teapot    fig2d Ω         fig2 all four
+    fig2  a point, a segment, the teapot and the Ω, felt with a pointer
     fig4  Experiment 1: a square of 40 401 points, probed on both sides
     fig5  the planned slice and its binary image
     fig6  Experiment 2: every mask pixel of the planned curve a point, z ignored
@@ -13,7 +13,6 @@ only what the scenes fix (points, densities, which side is felt, what lies insid
 
 from __future__ import annotations
 
-import argparse
 import json
 from dataclasses import replace
 from importlib.resources import files
@@ -31,7 +30,8 @@ from vfplan.study.scenes import SCENES
 
 Array = NDArray[np.float64]
 SIMULATIONS = {"fig2a": "point", "fig2b": "segment", "fig2c": "teapot", "fig2d": "omega"}
-FIGURES = (*SIMULATIONS, "fig2", "fig4", "fig5", "fig6", "all")
+FIGURES = ("fig2", "fig4", "fig5", "fig6")
+FILES = tuple(f"{name}.{kind}" for name in FIGURES for kind in ("png", "json"))
 MOUSE_HZ, MOUSE_M_S = 50.0, 0.03  # the pointer of Sect. III-A, and a hand that follows a line
 BESIDE_M = 2e-3  # of the line: 3 mm behind the surface that R = 5 mm puts before it
 WAVER_M = 0.4e-3
@@ -150,8 +150,15 @@ def told(run: Replay) -> dict[str, Any]:
     }
 
 
-def draw(figure: str, folder: Path) -> dict[str, Any]:
-    """Write a figure's pictures; its numbers."""
+def draw(folder: Path) -> dict[str, dict[str, Any]]:
+    """Write every figure and its numbers, `FILES`; the numbers by figure."""
+    found = {figure: _draw_one(figure, folder) for figure in FIGURES}
+    for figure, numbers in found.items():
+        (folder / f"{figure}.json").write_text(json.dumps(numbers, indent=1) + "\n")
+    return found
+
+
+def _draw_one(figure: str, folder: Path) -> dict[str, Any]:
     from vfplan.study.paper_figures import draw_experiment, draw_plan, draw_simulations
 
     if figure == "fig5":
@@ -161,28 +168,5 @@ def draw(figure: str, folder: Path) -> dict[str, Any]:
         draw_simulations({p: (SIMULATIONS[p], *r) for p, r in shown.items()}, folder / "fig2.png")
         return {SIMULATIONS[panel]: numbers for panel, (_, numbers) in shown.items()}
     run, numbers = reproduce(figure)
-    if figure in SIMULATIONS:
-        draw_simulations({figure: (SIMULATIONS[figure], run, numbers)}, folder / f"{figure}.png")
-    else:
-        draw_experiment(run, numbers, folder / f"{figure}.png")
+    draw_experiment(run, numbers, folder / f"{figure}.png")
     return numbers
-
-
-def main() -> None:
-    """Draw the figures named on the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("figure", choices=FIGURES)
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
-    given = parser.parse_args()
-    given.output.mkdir(parents=True, exist_ok=True)
-    chosen = ("fig2", "fig4", "fig5", "fig6") if given.figure == "all" else (given.figure,)
-    for figure in chosen:
-        numbers = draw(figure, given.output)
-        (given.output / f"{figure}.json").write_text(json.dumps(numbers, indent=1) + "\n")
-        print(figure, json.dumps(numbers))
-
-
-if __name__ == "__main__":
-    main()

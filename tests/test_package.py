@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from conftest import ROOT
 
 import vfplan
 
@@ -60,9 +61,19 @@ def test_help_is_cheap(tmp_path):
 
 def test_cmake_folder_holds_the_package_file(tmp_path):
     assert (vfplan.cmake_dir() / "vfplan-config.cmake").is_file()
-    command = [sys.executable, "-m", "vfplan", "--cmake-dir"]
+    command = [sys.executable, "-m", "vfplan", "--cmake-dir"]  # as the command does
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
     assert done.stdout.strip() == str(vfplan.cmake_dir())
+
+
+def test_the_source_tree_says_that_it_is_not_the_installed_package():
+    code = "import vfplan; vfplan.ProxyEngine"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT
+    )
+    assert done.returncode == 1
+    assert "that is the source tree" in done.stderr.splitlines()[-1]
+    assert subprocess.run([sys.executable, "-P", "-c", code], check=True, cwd=ROOT)
 
 
 def test_headers_are_installed_and_the_type_marker_too():

@@ -69,6 +69,11 @@ def __getattr__(name: str) -> Any:
         return getattr(importlib.import_module(_LAZY[name]), name)
     if name in _MODULES:
         return importlib.import_module(_MODULES[name])
+    if name == "_core" and not list(Path(__file__).parent.glob("_core.*")):
+        raise ImportError(
+            f"vfplan's compiled part is not in {Path(__file__).parent}: that is the source tree, "
+            "not the installed package; run from another folder, or with python -P"
+        )
     raise AttributeError(f"module 'vfplan' has no attribute {name!r}")
 
 

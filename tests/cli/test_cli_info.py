@@ -42,3 +42,12 @@ def test_a_missing_file_or_a_directory_is_code_3(vfplan_cli, tmp_path):
         run = vfplan_cli("info", path, "--json")
         assert run.code == 3
         assert run.json["error"]["kind"] == "InputError"
+
+
+def test_the_page_is_a_summary_and_all_has_every_value(vfplan_cli, path):
+    short, whole = vfplan_cli("info", path), vfplan_cli("info", path, "--all")
+    assert len(short.stdout.splitlines()) <= 10
+    assert "not signed" in short.stdout
+    assert "K 1000" in short.stdout
+    data = vfplan_cli("info", path, "--json").json
+    assert all(f"  {name} = " in whole.stdout for name in data if name[0] == "/")

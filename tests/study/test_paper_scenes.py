@@ -1,8 +1,6 @@
 """The paper's own scenes: what they fix must come out, and their pictures must be drawn."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -12,13 +10,12 @@ import vfplan.study.paper_figures as figures
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, vfplan_cli):
     """All figures, by the one command."""
     out = tmp_path_factory.mktemp("paper")
-    subprocess.run(
-        [sys.executable, "-m", "vfplan.samples.paper", "all", "-o", out],
-        check=True, capture_output=True, timeout=200, cwd=out,
-    )  # fmt: skip
+    run = vfplan_cli("demo", "paper", "-o", out, "--json")
+    assert run.code == 0, run.stderr
+    assert sorted(run.json["files"]) == sorted(path.name for path in out.iterdir())
     return out
 
 
@@ -77,6 +74,8 @@ def test_pointer_goes_from_left_to_right_at_mouse_rate(name):
 
 
 def test_one_panel_alone(tmp_path):
-    numbers = paper.draw("fig2b", tmp_path)
+    shown = paper.reproduce("fig2b")
+    figures.draw_simulations({"fig2b": ("segment", *shown)}, tmp_path / "fig2b.png")
+    numbers = shown[1]
     assert (tmp_path / "fig2b.png").stat().st_size > 5000
     assert figures.lines_of(numbers)[0] == "N = 81"
