@@ -1,31 +1,15 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The Python face of the native engine: the only file that includes nanobind. No logic here.
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
-
-#include <atomic>
+// The Python face of the native engine. No logic here.
 #include <chrono>
-#include <stdexcept>
 
+#include "numpy.hpp"
 #include "vfplan/engine.hpp"
 #include "vfplan/version.hpp"
 
-namespace nb = nanobind;
-using namespace nb::literals;
+void bind_guide(nb::module_& m);
 
 namespace {
-
-using Rows = nb::ndarray<const double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
-using Row = nb::ndarray<const double, nb::shape<3>, nb::c_contig, nb::device::cpu>;
-
-template <class T>
-nb::ndarray<nb::numpy, T> array(std::size_t rows, std::size_t columns) {
-    T* data = new T[rows * columns + 1];
-    nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<T*>(p); });
-    const std::size_t shape[2] = {rows, columns};
-    return nb::ndarray<nb::numpy, T>(data, columns > 1 ? 2 : 1, shape, owner);
-}
 
 // An engine keeps its proxy from tick to tick: a call while another is under way is refused.
 struct Engine : vfplan::Engine {
@@ -33,26 +17,12 @@ struct Engine : vfplan::Engine {
     std::atomic_flag busy = ATOMIC_FLAG_INIT;
 };
 
-class Turn {
-  public:
-    explicit Turn(Engine& engine) : engine_(engine) {
-        if (engine_.busy.test_and_set(std::memory_order_acquire))
-            throw std::runtime_error(
-                "this ProxyEngine is in use by another thread: one engine serves one thread, "
-                "make one for each");
-    }
-    ~Turn() { engine_.busy.clear(std::memory_order_release); }
-    Turn(const Turn&) = delete;
-    Turn& operator=(const Turn&) = delete;
-
-  private:
-    Engine& engine_;
+struct Serving : Turn {
+    explicit Serving(Engine& engine) : Turn(engine.busy, "ProxyEngine", "engine") {}
 };
 
-vfplan::Vec3 vec(const Row& r) { return {{r(0), r(1), r(2)}}; }
-
 nb::tuple step(Engine& engine, const Row& hip) {
-    const Turn turn(engine);
+    const Serving turn(engine);
     const vfplan::Step s = engine.step(vec(hip));
     auto rows = array<double>(3, 3);
     const vfplan::Vec3* from[] = {&s.proxy, &s.normal, &s.force};
@@ -62,7 +32,7 @@ nb::tuple step(Engine& engine, const Row& hip) {
 
 // Proxy, normal, force (T, 3), state, status (T,), and the time of each tick [s] when asked for.
 nb::tuple run(Engine& engine, const Rows& hips, bool timed) {
-    const Turn turn(engine);
+    const Serving turn(engine);
     const std::size_t n = hips.shape(0);
     auto proxy = array<double>(n, 3), normal = array<double>(n, 3), force = array<double>(n, 3);
     auto state = array<std::int8_t>(n, 1);
@@ -146,7 +116,7 @@ NB_MODULE(_core, m) {
         .def(
             "reset",
             [](Engine& e, const Row& hip) {
-                const Turn turn(e);
+                const Serving turn(e);
                 e.reset(vec(hip));
             },
             "hip"_a)
@@ -156,4 +126,6 @@ NB_MODULE(_core, m) {
         .def_prop_ro("bytes", &Engine::bytes)
         .def_prop_ro("cells", &Engine::cells)
         .def_prop_ro("planar", &Engine::planar);
+
+    bind_guide(m);
 }

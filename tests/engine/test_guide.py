@@ -1,0 +1,262 @@
+"""Guidance: a tube around the drawn curve that the guide follows locally."""
+
+from __future__ import annotations
+
+import subprocess
+import warnings
+
+import numpy as np
+import pytest
+from conftest import ROOT, need_program
+
+import vfplan
+from vfplan.engine.parameters import Status
+from vfplan.errors import SceneError, SettingError
+
+NATIVE = ROOT / "tests" / "native"
+K = 1000.0
+
+
+def hairpin(apart=0.01, leg=0.03, n=300):
+    """(n, 3) two straight strands joined by a half circle [m], equally spaced."""
+    r = apart / 2
+    s = np.linspace(0, 2 * leg + np.pi * r, n)
+    a = np.clip((s - leg) / r, 0, np.pi)
+    x = np.minimum(s, leg) - np.maximum(s - leg - np.pi * r, 0) + r * np.sin(a)
+    return np.column_stack([x, r - r * np.cos(a), 0 * s])
+
+
+def circle(radius, n=200):
+    a = np.arange(n) * 2 * np.pi / n
+    return radius * np.column_stack([np.cos(a), np.sin(a), 0 * a])
+
+
+def along_x(n=11):
+    return np.column_stack([np.linspace(0, 0.1, n), np.zeros(n), np.zeros(n)])
+
+
+def program(tmp_path, *flags):
+    out = tmp_path / "guide_ticks"
+    source = str(NATIVE / "guide_ticks.cpp")
+    include = f"-I{ROOT / 'vfplan' / 'native' / 'include'}"
+    command = [need_program("g++", "g++"), "-std=c++20", "-ffp-contract=off", "-Wall", "-Wextra"]
+    done = subprocess.run(
+        [*command, "-Wpedantic", "-Werror", *flags, include, source, "-o", str(out)],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def check_promises(tmp_path, ticks):
+    done = subprocess.run(
+        [program(tmp_path, "-O2"), str(ticks)], capture_output=True, text=True, timeout=600
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    lines = done.stdout.splitlines()
+    assert len(lines) == 18
+    for line in lines:
+        found = {k: float(v) for k, v in (p.split() for p in line.split(": ")[1].split(", "))}
+        assert found["beyond"] <= 1e-9, line
+        assert found["lines"] <= 1e-5, line
+        assert found["jump"] <= K * 2e-5, line
+        assert found["drag"] < 1e-3, line
+        assert found["recede"] <= 1e-15, line
+        assert found["excess"] <= 1e-12, line
+        assert found["forced"] > 0.1 * ticks / 18, line
+        assert found["allocations"] == 0, line
+
+
+def test_a_guide_keeps_its_promises(tmp_path):
+    check_promises(tmp_path, 100_000)
+
+
+@pytest.mark.full
+def test_a_guide_keeps_its_promises_for_ten_million_ticks(tmp_path):
+    check_promises(tmp_path, 10_000_000)
+
+
+@pytest.mark.full
+def test_sanitizers_find_nothing(tmp_path):
+    flags = ["-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    done = subprocess.run([program(tmp_path, *flags), "50000"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_force_is_zero_in_the_tube_and_a_spring_beyond():
+    guide = vfplan.Guide(along_x(), 1e-3, stiffness=K)
+    inside = guide.step([0.03, 0.9e-3, 0])
+    assert inside.force.tolist() == [0, 0, 0]
+    assert inside.proxy == pytest.approx([0.03, 0.9e-3, 0])
+    guide.reset([0.04, 0, 3e-3])
+    beyond = guide.step([0.04, 0, 3e-3])
+    assert beyond.force == pytest.approx([0, 0, -2.0])
+    assert beyond.proxy == pytest.approx([0.04, 0, 1e-3])
+    assert (beyond.arc_m, beyond.lateral_m, beyond.remaining_m) == pytest.approx([0.04, 3e-3, 0.06])
+    assert beyond.held
+    assert beyond.status == Status.OK
+
+
+def test_run_is_step_after_step():
+    rng = np.random.default_rng(2)
+    hips = hairpin()[::2] + rng.normal(scale=1e-3, size=(150, 3))
+    one, two = (vfplan.Guide(hairpin(), 1e-3) for _ in range(2))
+    trace = one.run(hips)
+    steps = [two.step(hip) for hip in hips]
+    assert (trace.force == [s.force for s in steps]).all()
+    assert (trace.arc_m == [s.arc_m for s in steps]).all()
+    assert len(trace) == 150
+
+
+def test_a_hand_that_crosses_to_the_other_strand_of_a_hairpin_stays_on_its_own():
+    guide = vfplan.Guide(hairpin(), 1e-3, stiffness=K)
+    y = np.linspace(0, 0.0099, 2000)
+    hips = np.column_stack([np.full_like(y, 0.01), y, 0 * y])
+    trace = guide.run(hips)
+    assert trace.arc_m == pytest.approx(0.01)
+    step = np.linalg.norm(np.diff(trace.force, axis=0), axis=1)
+    assert step.max() <= K * np.diff(y).max() * (1 + 1e-9)
+    assert trace.force[-1] == pytest.approx([0, -K * 8.9e-3, 0])
+
+
+def test_a_crossing_is_gone_through_straight_on():
+    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    eight = np.column_stack([0.03 * np.sin(turn), 0.02 * np.sin(2 * turn), 0 * turn])
+    guide = vfplan.Guide(eight, 1e-3, closed=True)
+    length = guide.lengths_m[0]
+    arcs = np.linspace(0.2 * length, 0.8 * length, 4000)  # through the crossing at one half
+    trace = guide.run(np.add(guide.at(arcs), [0, 0, 2e-3]))
+    assert np.abs(trace.arc_m - arcs).max() < 1e-6
+    assert trace.force == pytest.approx(np.broadcast_to([0, 0, -1.0], (4000, 3)), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("points", "closed", "radius", "fits", "why"),
+    [
+        (circle(2e-3), True, 2.1e-3, 2e-3, "turns round"),
+        (hairpin(), False, 5.2e-3, 4.95e-3, "beside each other|turns round"),
+        (hairpin(apart=4e-3), False, 6e-3, 2e-3, "beside each other|turns round"),
+    ],
+)
+def test_a_tube_that_runs_into_itself_is_refused_with_the_place(points, closed, radius, fits, why):
+    with pytest.raises(SettingError, match=rf"radius .* mm fit, as .*({why}).* at arc .* mm, \["):
+        vfplan.Guide(points, radius, closed)
+    assert len(vfplan.Guide(points, 0.97 * fits, closed).lengths_m) == 1
+
+
+def test_a_bend_tighter_than_the_tube_is_said():
+    corner = np.vstack([along_x(101), [0.1, 0, 0] + along_x(101)[1:, [1, 0, 2]]])
+    with pytest.warns(UserWarning, match="bends more tightly at arc 9"):
+        guide = vfplan.Guide(corner, 2e-3)
+    assert guide.tight_bend is not None
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert vfplan.Guide(circle(0.02), 1e-3, closed=True).tight_bend is None
+
+
+def test_a_closed_curve_goes_round_and_an_open_one_stops():
+    arcs = np.linspace(0, 2.5, 3000)
+    ring = vfplan.Guide(circle(0.02), 1e-3, closed=True)
+    length = ring.lengths_m[0]
+    assert length == pytest.approx(2 * np.pi * 0.02, rel=1e-6)
+    trace = ring.run(ring.at(arcs % 1 * length))
+    assert np.abs((trace.arc_m - arcs * length + length / 2) % length - length / 2).max() < 1e-6
+    line = vfplan.Guide(along_x(), 1e-3)
+    past = line.run([[0.09, 0, 0], [0.1, 0, 0], [0.103, 0, 0]])
+    assert past.force[-1] == pytest.approx([-2.0, 0, 0], abs=1e-9) or past.status[-1]
+    assert past.remaining_m[-1] == 0
+
+
+def test_an_open_end_lets_go_without_giving_energy_and_takes_hold_again():
+    guide = vfplan.Guide(along_x(), 1e-3, ends="open", stiffness=K)
+    out = np.linspace(0.08, 0.13, 1000)
+    hips = np.column_stack([out, np.full_like(out, 3e-3), 0 * out])
+    hips = np.vstack([hips, np.repeat(hips[-1:], 300, axis=0)])
+    trace = guide.run(hips)
+    force = np.linalg.norm(trace.force, axis=1)
+    assert force[:300] == pytest.approx(2.0, abs=1e-6)
+    assert force[-1] == 0
+    assert not trace.held[-1]
+    step = np.linalg.norm(np.diff(trace.force, axis=0), axis=1)
+    assert (step <= K * (np.linalg.norm(np.diff(hips, axis=0), axis=1) + 2e-5)).all()
+    back = np.linspace(0.13, 0.05, 1000)
+    inside = guide.run(np.column_stack([back, 0.5e-3 + 0 * back, 0 * back]))
+    assert inside.held[-1]
+    assert not inside.force.any()
+
+
+def test_on_entry_there_is_no_force_before_the_tip_is_in_the_tube():
+    guide = vfplan.Guide(along_x(), 1e-3, hold="on_entry", stiffness=K)
+    y = np.r_[np.linspace(0.03, 0, 500), np.linspace(0, 3e-3, 200)]
+    trace = guide.run(np.column_stack([0.02 + 0 * y, y, 0 * y]))
+    assert not trace.held[0]
+    assert not trace.force[:500].any()
+    assert trace.held[499]
+    assert trace.force[-1] == pytest.approx([0, -2.0, 0])
+
+
+def test_of_several_curves_the_nearest_at_the_start_is_kept():
+    one, other = along_x(), np.add(along_x(), [0, 0.01, 0])
+    guide = vfplan.Guide([one, other], 1e-3, closed=[False, False])
+    y = np.linspace(0.008, 0, 500)
+    trace = guide.run(np.column_stack([0.02 + 0 * y, y, 0 * y]))
+    assert (trace.stroke == 1).all()
+    assert trace.force[-1] == pytest.approx([0, 9.0, 0])
+
+
+def test_nothing_acts_along_an_ignored_axis():
+    tilt = np.array([0.6, 0.0, 0.8])
+    guide = vfplan.Guide(hairpin(), 1e-3, ignore_axis=tilt)
+    hip = np.array([0.01, 3e-3, 0.0])
+    one = guide.step(hip)
+    guide.reset(hip + 0.05 * tilt)
+    two = guide.step(hip + 0.05 * tilt)
+    assert one.force == pytest.approx(two.force)
+    assert one.force @ tilt == pytest.approx(0, abs=1e-12)
+    assert np.linalg.norm(one.force) > 1
+
+
+def test_a_lead_pulls_along_to_its_speed_and_stops_before_the_end():
+    guide = vfplan.Guide(along_x(), 1e-3, stiffness=K, lead_force=2.0, lead_speed=0.02)
+    mass, damping, dt = 1.0, 20.0, 1e-3
+    x, v, forces, speeds = np.zeros(3), np.zeros(3), [], []
+    for _ in range(14000):
+        force = guide.step(x).force
+        v = v + dt * (force - damping * v) / mass
+        x = x + dt * v
+        forces.append(force)
+        speeds.append(v[0])
+    steps = np.linalg.norm(np.diff(forces, axis=0), axis=1)
+    assert steps.max() <= K * (np.abs(speeds).max() * dt + 2e-5)
+    # Balance of pull and damping: f (1 - v / v_max) = b v.
+    assert np.median(speeds[:4000]) == pytest.approx(2 / (2 / 0.02 + damping), rel=0.01)
+    assert max(speeds) <= 0.02
+    assert 0.098 < x[0] < 0.101
+    assert abs(v[0]) < 1e-4
+
+
+def test_a_bad_hip_changes_nothing():
+    guide = vfplan.Guide(along_x(), 1e-3)
+    good = guide.step([0.03, 3e-3, 0])
+    bad = guide.step([np.nan, 0, 0])
+    assert bad.status == Status.BAD_HIP
+    assert (bad.force == good.force).all()
+    assert guide.step([0.03, 3e-3, 0]).force == pytest.approx(good.force)
+
+
+@pytest.mark.parametrize(
+    ("error", "message", "change"),
+    [
+        (SettingError, "radius -1 m", {"radius": -1}),
+        (SettingError, "stiffness 0 N/m", {"stiffness": 0}),
+        (SettingError, "ends 'wrap': allowed are stop, open", {"ends": "wrap"}),
+        (SettingError, "closed: 2 values for 1 curves", {"closed": [True, False]}),
+        (SettingError, "lead_speed 0 m/s", {"lead_speed": 0}),
+        (SceneError, "2 points that differ", {"points": [[0, 0, 0], [0, 0, 0]]}),
+        (SceneError, r"points of shape \(3,\)", {"points": [[[0, 0, 0]], [0, 0, 0]]}),
+    ],
+)
+def test_bad_settings_are_refused(error, message, change):
+    with pytest.raises(error, match=message):
+        vfplan.Guide(**({"points": along_x(), "radius": 1e-3} | change))
