@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from vfplan.cli.options import FILE, output
+from vfplan.cli.options import FILE, Written, output
 from vfplan.cli.run import Report, outputs, refuse_existing
 from vfplan.cli.run import command as vfplan_command
 
 
 @vfplan_command("export", short_help="A bundle's points as PLY, CSV or .mrk.json.")
 @click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
-@output("Where to: its ending, .ply, .csv or .mrk.json, says the form.")
+@output("Where to; its ending says the form.", kind=Written(".ply", ".csv", ".mrk.json"))
 def command(fixture: Path, output: Path, overwrite: bool) -> Report:
     """Write the points of FIXTURE.h5 as .ply or .csv [m], or its strokes as .mrk.json [mm]."""
     refuse_existing(output, overwrite=overwrite)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vfplan.cli.options import output
+from vfplan.cli.options import Written, output
 from vfplan.cli.run import Report, refuse_existing
 from vfplan.cli.run import command as vfplan_command
 
 
 @vfplan_command("keygen", short_help="Make a key pair for signing bundles.")
-@output("The private key, for its owner only; the public key gets the suffix .pub.")
+@output("The private key, for its owner only; the public key gets the suffix .pub.", kind=Written())
 def command(output: Path, overwrite: bool) -> Report:
     """Make an Ed25519 key pair: a private key to sign with, a public key for robots to trust."""
     refuse_existing(output, output.with_suffix(".pub"), overwrite=overwrite)

@@ -16,29 +16,32 @@ F = TypeVar("F", bound=Callable[..., Any])
 FILE = click.Path(path_type=Path)
 
 
-class Picture(click.Path):
-    """A picture to write: its suffix is the format's, so that no viewer is misled.
+class Written(click.Path):
+    """A file to write: its suffix is the format's, so that no other program is misled.
 
     Parameters
     ----------
-    suffix
-        The one suffix allowed, e.g. ".png"; upper case will do.
+    suffixes
+        What is allowed, e.g. ".png"; upper case will do. None: any but "-".
     """
 
-    def __init__(self, suffix: str) -> None:
+    def __init__(self, *suffixes: str) -> None:
         super().__init__(path_type=Path)
-        self.suffix = suffix
+        self.suffixes = suffixes
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path; a usage error (exit 2) names the suffix found and the one allowed."""
+        """The path; a usage error (exit 2) names the suffix found and those allowed."""
         path = Path(str(value))
-        if path.suffix.lower() != self.suffix:
+        if not self.suffixes and str(path) == "-":
+            self.fail("'-' is no file name, and stdout takes no file", param, ctx)
+        if self.suffixes and not path.name.lower().endswith(self.suffixes):
             found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
-            self.fail(f"{str(value)!r} has {found}; {self.suffix} is wanted", param, ctx)
+            wanted = " or ".join(self.suffixes)
+            self.fail(f"{str(value)!r} has {found}; {wanted} is wanted", param, ctx)
         return path
 
 
-PNG, GIF = Picture(".png"), Picture(".gif")
+PNG, GIF, CSV, HDF5 = Written(".png"), Written(".gif"), Written(".csv"), Written(".h5", ".hdf5")
 
 
 class Numbers(click.ParamType):
@@ -85,14 +88,14 @@ class Numbers(click.ParamType):
         return numbers
 
 
-def output(text: str, required: bool = True) -> Callable[[F], F]:
+def output(text: str, required: bool = True, kind: click.ParamType = HDF5) -> Callable[[F], F]:
     """`-o/--output FILE` and `--overwrite`, given to the command as `output` and `overwrite`."""
 
     def wrap(function: F) -> F:
         function = click.option(
             "--overwrite", is_flag=True, help="Replace output files that exist."
         )(function)
-        return click.option("-o", "--output", type=FILE, required=required, help=text)(function)
+        return click.option("-o", "--output", type=kind, required=required, help=text)(function)
 
     return wrap
 

@@ -40,7 +40,7 @@ class Bound(click.ParamType):
 
 
 OPTIONS = [
-    click.option("--csv", "csv_out", type=FILE, help="Per-tick result as CSV."),
+    click.option("--csv", "csv_out", type=options.CSV, help="Per-tick result as CSV."),
     click.option("--report", type=FILE, metavar="DIR",
                  help="Folder for one self-contained HTML report with pictures."),
     click.option("--image", type=FILE, metavar="IMAGE",

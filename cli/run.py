@@ -123,7 +123,8 @@ def _emit(report: Report, elapsed: float, as_json: bool, quiet: bool) -> None:
     for warning in report.warnings:
         click.echo(f"vfplan: warning: {warning}", err=True)
     if as_json:
-        data = dict(report.data)
+        name = click.get_current_context().info_name
+        data = {"format": f"vfplan-{name}", "version": "1.0", **report.data}
         if report.warnings:
             data.setdefault("warnings", report.warnings)
         data.setdefault("elapsed_s", round(elapsed, 6))

@@ -125,17 +125,26 @@ def test_outputs_that_cannot_be_written_are_exit_2_in_one_line(vfplan_cli, image
 
 
 def test_two_outputs_of_one_name_are_refused(vfplan_cli, image, tmp_path):
-    out = tmp_path / "c.png"  # a picture's name, or the suffix would be refused before
-    again = tmp_path / "." / "c.png"
-    for option in ("--mask-out", "--overlay-out"):
-        done = vfplan_cli("extract", image, "-o", out, option, again)
-        assert done.code == 2
-        assert "two outputs" in done.stderr
-    assert not out.exists()
+    one, again = tmp_path / "c.png", tmp_path / "." / "c.png"
+    pictures = ("--mask-out", one, "--overlay-out", again)
+    done = vfplan_cli("extract", image, "-o", tmp_path / "c.h5", *pictures)
+    assert done.code == 2
+    assert "two outputs" in done.stderr
+    assert not one.exists()
+
+
+@pytest.mark.parametrize("name", ["-", "curve", "curve.csv", "curve.png"])
+def test_a_name_that_is_no_bundles_is_refused(vfplan_cli, image, tmp_path, name):
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    done = vfplan_cli("extract", image, "-o", name, cwd=empty)
+    assert done.code == 2
+    assert ".h5 or .hdf5 is wanted" in done.error_line
+    assert not list(empty.iterdir())
 
 
 def test_an_output_never_takes_a_devices_place(vfplan_cli, image, tmp_path):
-    pipe = tmp_path / "pipe"
+    pipe = tmp_path / "pipe.h5"
     os.mkfifo(pipe)
     done = vfplan_cli("extract", image, "-o", pipe, "--overwrite")
     assert done.code == 2

@@ -94,7 +94,7 @@ def test_inputs_are_never_replaced(vfplan_cli, files, tmp_path):
     fixture, session = tmp_path / "f.h5", tmp_path / "s.csv"
     for path, source in zip((fixture, session), files, strict=True):
         path.write_bytes(source.read_bytes())
-    for option, path in (("-o", fixture), ("-o", session), ("--csv", session)):
+    for option, path in (("-o", fixture), ("--csv", session)):
         run = vfplan_cli("replay", fixture, session, option, path, "--overwrite")
         assert run.code == 2
         assert "is an input of this call" in run.error_line

@@ -36,6 +36,11 @@ def test_the_private_key_is_its_owners_alone_and_no_key_is_lost(desk, vfplan_cli
     assert (desk / "alice.key").read_bytes() == before
 
 
+def test_a_key_is_not_written_to_a_dash(vfplan_cli, tmp_path):
+    assert vfplan_cli("keygen", "-o", "-", cwd=tmp_path).code == 2
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_signed_bundle_holds_the_same_values(desk):
     assert damage.equal(read_bundle(desk / "a.h5")[0], read_bundle(desk / "s.h5")[0])
 
