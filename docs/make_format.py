@@ -12,7 +12,7 @@ from vfplan.bundle.table import Row, document, table
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "format.md"
-HEADER = ROOT / "vfplan" / "native" / "include" / "vfplan" / "hdf5" / "schema.hpp"
+HEADER = ROOT / "vfplan" / "native" / "include" / "vfplan" / "bundle" / "schema.hpp"
 
 
 def _shape(row: Row) -> str:
@@ -81,6 +81,10 @@ def _quoted(text: str | None) -> str:
     return '""' if text is None else f'"{text}"'
 
 
+def _version(text: str) -> str:
+    return "{" + ", ".join(text.split(".")) + "}"
+
+
 def _cpp_row(row: Row) -> str:
     shape = [str(s) if isinstance(s, str) else str(int(s)) for s in row.shape] + ["", ""]
     cells = [
@@ -97,12 +101,13 @@ def _cpp_row(row: Row) -> str:
         _number(row.above, "-infinity"),
         _number((row.max_abs or {}).get("m"), "infinity"),
         _number((row.max_abs or {}).get("px"), "infinity"),
+        _version(row.since),
     ]
     return "    Row{" + ", ".join(cells) + "},"
 
 
 def header() -> str:
-    """The C++ constants: the whole of vfplan/hdf5/schema.hpp."""
+    """The C++ constants: the whole of vfplan/bundle/schema.hpp."""
     data, rows = document(), table().rows
     limits = "\n".join(
         f"inline constexpr std::uint64_t {name} = {value};"
@@ -116,11 +121,14 @@ def header() -> str:
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <string_view>
 
-namespace vfplan::hdf5 {{
+#include "vfplan/bundle/text.hpp"
+
+namespace vfplan::bundle {{
 
 enum class Kind {{ group, dataset, attribute }};
 enum class Type {{ none, text, f8, i4, u1 }};
@@ -139,7 +147,14 @@ struct Row {{
     std::string_view frame;
     std::string_view allowed;  // separated by |
     double min, max, above, max_abs_m, max_abs_px;
+    Version since;  // of the format that has it
 }};
+
+/// The schema's name of a type.
+constexpr std::string_view name_of(Type type) {{
+    constexpr std::array<std::string_view, 5> names{{"none", "text", "f8", "i4", "u1"}};
+    return names[static_cast<std::size_t>(type)];
+}}
 
 /// The most that a shape's letter may stand for.
 struct Size {{
@@ -149,6 +164,7 @@ struct Size {{
 
 inline constexpr std::string_view format_name = "{data["format"]}";
 inline constexpr std::string_view format_version = "{data["version"]}";
+inline constexpr Version newest{_version(data["version"])};
 
 namespace limits {{
 {limits}
@@ -162,12 +178,11 @@ inline constexpr std::array<Row, {len(rows)}> rows{{
 {chr(10).join(map(_cpp_row, rows))}
 }};
 
-}}  // namespace vfplan::hdf5
+}}  // namespace vfplan::bundle
 """
 
 
 if __name__ == "__main__":
-    HEADER.parent.mkdir(exist_ok=True)
     HEADER.write_text(header())
     if PAGE.exists():
         PAGE.write_text(page(PAGE.read_text()))

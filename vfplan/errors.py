@@ -97,6 +97,7 @@ class BundleError(VfplanError):
     """A bundle that had to be loaded and cannot be trusted."""
 
     exit_code = 4
+    code = ""  # of the finding, as `vfplan validate` prints it; "" where no reader found it
 
 
 class CorruptError(BundleError):

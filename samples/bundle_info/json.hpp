@@ -6,19 +6,18 @@
 #include <cstdio>
 #include <ctime>
 #include <ostream>
-#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
-#include "vfplan/hdf5/fixture.hpp"
+#include "vfplan/bundle/fixture.hpp"
 
 /// Writes a bundle as `vfplan info --json` does.
 class JsonWriter {
   public:
     JsonWriter(std::ostream& out, bool values) : out_(out), values_(values) {}
 
-    void write(const vfplan::hdf5::Bundle& bundle) {
+    void write(const vfplan::bundle::Bundle& bundle) {
         const auto& content = bundle.content;
         out_ << "{";
         for (const char* name : {"format", "version", "frame"}) {
@@ -27,7 +26,7 @@ class JsonWriter {
         }
         out_ << "\"points\": " << content.at("/points").shape[0] << ",\n \"seal\": ";
         write(bundle.seal);
-        for (const auto& row : vfplan::hdf5::rows) {
+        for (const auto& row : vfplan::bundle::rows) {
             if (!content.has(row.path)) continue;
             out_ << ",\n " << string(row.path) << ": ";
             const bool many = row.shape[0] == "N" || row.shape[0] == "K";
@@ -52,11 +51,13 @@ class JsonWriter {
     }
 
   private:
-    void write(const vfplan::hdf5::Seal& seal) {
+    void write(const vfplan::bundle::Seal& seal) {
         out_ << "{\"ok\": true, \"signed\": " << (seal.is_signed ? "true" : "false")
              << ", \"key_id\": "
-             << (seal.is_signed ? string(vfplan::hdf5::to_hex(seal.key_id)) : "null")
-             << ", \"sha256\": " << string(vfplan::hdf5::to_hex(seal.digest));
+             << (seal.is_signed ? string(vfplan::bundle::to_hex(vfplan::bundle::view(seal.key_id)))
+                                : "null")
+             << ", \"sha256\": "
+             << string(vfplan::bundle::to_hex(vfplan::bundle::view(seal.digest)));
         if (!seal.case_token.empty()) out_ << ", \"case\": " << string(seal.case_token);
         if (!seal.robot_serial.empty()) out_ << ", \"robot_serial\": " << string(seal.robot_serial);
         if (seal.registered != 0) {
@@ -96,13 +97,13 @@ class JsonWriter {
         out_ << "]";
     }
 
-    void plain(const vfplan::hdf5::Value& value) {
+    void plain(const vfplan::bundle::Value& value) {
         switch (value.type) {
-            case vfplan::hdf5::Type::f8:
+            case vfplan::bundle::Type::f8:
                 return nested(value.f8, value.shape);
-            case vfplan::hdf5::Type::i4:
+            case vfplan::bundle::Type::i4:
                 return nested(value.i4, value.shape);
-            case vfplan::hdf5::Type::u1:
+            case vfplan::bundle::Type::u1:
                 return nested(value.u1, value.shape);
             default:
                 return nested(value.text, value.shape);
@@ -117,17 +118,17 @@ class JsonWriter {
         out_ << ", \"max\": ";
         number(*high);
         const auto* bytes = reinterpret_cast<const unsigned char*>(data.data());
-        const auto digest = vfplan::hdf5::sha256({bytes, data.size() * sizeof(T)});
-        out_ << ", \"sha256\": " << string(vfplan::hdf5::to_hex(digest));
+        const auto digest = vfplan::bundle::sha256({bytes, data.size() * sizeof(T)});
+        out_ << ", \"sha256\": " << string(vfplan::bundle::to_hex(vfplan::bundle::view(digest)));
     }
 
-    void summary(const vfplan::hdf5::Value& value) {
+    void summary(const vfplan::bundle::Value& value) {
         out_ << "{\"shape\": [" << value.shape[0];
         if (value.shape.size() == 2) out_ << ", " << value.shape[1];
         out_ << "]";
-        if (value.type == vfplan::hdf5::Type::f8) range_and_hash(value.f8);
-        if (value.type == vfplan::hdf5::Type::i4) range_and_hash(value.i4);
-        if (value.type == vfplan::hdf5::Type::u1) range_and_hash(value.u1);
+        if (value.type == vfplan::bundle::Type::f8) range_and_hash(value.f8);
+        if (value.type == vfplan::bundle::Type::i4) range_and_hash(value.i4);
+        if (value.type == vfplan::bundle::Type::u1) range_and_hash(value.u1);
         if (values_) {
             out_ << ", \"values\": ";
             plain(value);

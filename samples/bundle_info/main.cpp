@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "json.hpp"
-#include "vfplan/hdf5/fixture.hpp"
+#include "vfplan/bundle/fixture.hpp"
 
 int main(int argc, char** argv) {
     std::vector<std::string> words(argv + 1, argv + argc);
@@ -17,9 +17,9 @@ int main(int argc, char** argv) {
         return 2;
     }
     try {
-        auto data = vfplan::hdf5::read_file(words[0]);
-        JsonWriter(std::cout, values).write(vfplan::hdf5::read_bundle(data));
-    } catch (const vfplan::hdf5::BundleError& error) {
+        auto data = vfplan::bundle::read_file(words[0]);
+        JsonWriter(std::cout, values).write(vfplan::bundle::read_bundle(data));
+    } catch (const vfplan::bundle::BundleError& error) {
         std::cout << "{\"error\": {\"kind\": " << JsonWriter::string(error.kind())
                   << ", \"message\": " << JsonWriter::string(error.what())
                   << ", \"where\": " << JsonWriter::string(error.where) << "}}\n";

@@ -10,8 +10,8 @@
 #include "arm.hpp"
 #include "hand.hpp"
 #include "loop.hpp"
+#include "vfplan/bundle/fixture.hpp"
 #include "vfplan/engine.hpp"
-#include "vfplan/hdf5/fixture.hpp"
 
 namespace {
 
@@ -86,12 +86,12 @@ Options parse(const std::vector<std::string>& args) {
 }
 
 /// Table I as the bundle holds it; the paper's rule keeps its own band, as in `vfplan replay`.
-vfplan::Parameters parameters(const vfplan::hdf5::Fixture& fixture, vfplan::Rule rule) {
+vfplan::Parameters parameters(const vfplan::bundle::Fixture& fixture, vfplan::Rule rule) {
     if (fixture.frame != "robot_base" || !fixture.rendering)
         throw std::invalid_argument("frame " + fixture.frame +
                                     (fixture.rendering ? "" : " without rendering") +
                                     ": a fixture registered to robot_base is needed");
-    const vfplan::hdf5::Rendering& r = *fixture.rendering;
+    const vfplan::bundle::Rendering& r = *fixture.rendering;
     vfplan::Parameters p;
     p.contact_radius = r.contact_radius;
     p.band = rule == vfplan::Rule::paper ? vfplan::Parameters{}.band : r.band;
@@ -129,7 +129,7 @@ std::size_t run(vfplan::Engine& engine, const Hand& hand, Form& form, std::size_
 
 int control(const Options& o) {
     // Load, check, copy to plain arrays, close: HDF5 never meets the loop.
-    const vfplan::hdf5::Fixture fixture = vfplan::hdf5::read_fixture(o.fixture);
+    const vfplan::bundle::Fixture fixture = vfplan::bundle::read_fixture(o.fixture);
     const vfplan::Parameters p = parameters(fixture, o.rule);
     vfplan::Engine engine(fixture.points.data(), fixture.size(), p);
     const Hand hand(fixture.points, 4 * p.R(), p.ignore_axis, o.seconds);
@@ -152,7 +152,7 @@ int main(int argc, char** argv) {
     } catch (const UsageError& error) {
         std::cerr << error.what() << "\n" << usage;
         return 2;
-    } catch (const vfplan::hdf5::BundleError& error) {
+    } catch (const vfplan::bundle::BundleError& error) {
         std::cerr << error.what() << "\n";
         return error.kind() == "InputError" ? 3 : 4;
     } catch (const std::exception& error) {

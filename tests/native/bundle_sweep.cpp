@@ -13,32 +13,32 @@
 #include <iostream>
 #include <string>
 
-#include "vfplan/hdf5/fixture.hpp"
+#include "vfplan/bundle/trust.hpp"
 
 namespace {
 
-using vfplan::hdf5::Bytes;
+using vfplan::bundle::Bytes;
 
 // The tests' files have a block of 512 bytes.
 constexpr std::size_t block = 512, digest_size = 32;
 
 void reseal(Bytes& data, bool damaged_block) {
     if (data.size() < block) return;
-    const std::span<unsigned char> all(data);
     if (!damaged_block) {
         const std::uint64_t length = data.size() - block;
         std::memcpy(data.data() + 16, &length, sizeof length);
-        const auto digest = vfplan::hdf5::sha256(all.subspan(block));
+        const auto digest = vfplan::bundle::sha256(vfplan::bundle::View(data).from(block));
         std::copy(digest.begin(), digest.end(), data.begin() + 24);
     }
-    const auto digest = vfplan::hdf5::sha256(all.first(block - digest_size));
+    const auto digest =
+        vfplan::bundle::sha256(vfplan::bundle::View(data).first(block - digest_size));
     std::copy(digest.begin(), digest.end(), data.begin() + block - digest_size);
 }
 
-char verdict(Bytes data, const vfplan::hdf5::Content& wanted) {
+char verdict(Bytes data, const vfplan::bundle::Content& wanted) {
     try {
-        return vfplan::hdf5::read_bundle(data).content == wanted ? '=' : '!';
-    } catch (const vfplan::hdf5::BundleError&) {
+        return vfplan::bundle::read_bundle(data).content == wanted ? '=' : '!';
+    } catch (const vfplan::bundle::BundleError&) {
         return '.';
     }
 }
@@ -46,10 +46,10 @@ char verdict(Bytes data, const vfplan::hdf5::Content& wanted) {
 int verdicts() {
     for (std::string path; std::getline(std::cin, path);) {
         try {
-            Bytes data = vfplan::hdf5::read_file(path);
-            vfplan::hdf5::read_bundle(data);
+            Bytes data = vfplan::bundle::read_file(path);
+            vfplan::bundle::read_bundle(data);
             std::cout << "ok" << std::endl;
-        } catch (const vfplan::hdf5::BundleError& error) {
+        } catch (const vfplan::bundle::BundleError& error) {
             std::cout << error.kind() << " " << error.where << std::endl;
         }
     }
@@ -58,11 +58,11 @@ int verdicts() {
 
 int verify(const std::string& path, char** words) {
     try {
-        const vfplan::hdf5::Trust trust{vfplan::hdf5::read_keys(words[0]), words[1], words[2],
-                                        std::chrono::seconds(std::stol(words[3]))};
-        vfplan::hdf5::read_fixture(path, &trust);
+        const vfplan::bundle::Trust trust{vfplan::bundle::read_keys(words[0]), words[1], words[2],
+                                          std::chrono::seconds(std::stol(words[3]))};
+        vfplan::bundle::read_fixture(path, trust);
         std::cout << "ok" << std::endl;
-    } catch (const vfplan::hdf5::BundleError& error) {
+    } catch (const vfplan::bundle::BundleError& error) {
         std::cout << error.code << std::endl;
     }
     return 0;
@@ -75,9 +75,9 @@ int main(int argc, char** argv) {
     if (mode == "verdicts") return verdicts();
     if (argc < 5) return 2;
     if (mode == "verify") return argc == 7 ? verify(argv[2], argv + 3) : 2;
-    const Bytes good = vfplan::hdf5::read_file(argv[2]);
+    const Bytes good = vfplan::bundle::read_file(argv[2]);
     Bytes copy = good;
-    const auto wanted = vfplan::hdf5::read_bundle(copy).content;
+    const auto wanted = vfplan::bundle::read_bundle(copy).content;
     const bool again = argc > 5;
     for (std::size_t i = std::stoul(argv[3]); i < good.size(); i += std::stoul(argv[4])) {
         Bytes data = good;

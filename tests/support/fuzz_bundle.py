@@ -24,6 +24,7 @@ if __name__ == "__main__":
         pass
 
 import damage
+import hdf5_spans
 
 from vfplan.bundle import read_bundle, validate
 from vfplan.errors import BundleError
@@ -78,22 +79,9 @@ def lookup3(data: bytes) -> int:
 
 def checked_spans(payload: bytes):
     """(first, end) of each piece of metadata whose checksum follows it directly."""
-    yield 0, 44  # the superblock
-    at = payload.find(b"OHDR")
-    while at >= 0:
-        flags = payload[at + 5]
-        head = 6 + (16 if flags & 0x20 else 0) + (4 if flags & 0x10 else 0)
-        width = 1 << (flags & 3)
-        size = int.from_bytes(payload[at + head : at + head + width], "little")
-        if at + head + width + size + 4 <= len(payload):
-            yield at, at + head + width + size
-        at = payload.find(b"OHDR", at + 4)
-    for signature, size in ((b"FAHD", 24), (b"BTHD", 34), (b"FRHP", 142)):
-        at = payload.find(signature)
-        while at >= 0:
-            if at + size + 4 <= len(payload):
-                yield at, at + size
-            at = payload.find(signature, at + 4)
+    for first, end, summed in hdf5_spans.spans(payload):
+        if summed and first < end - 4 <= len(payload) - 4:
+            yield first, end - 4
 
 
 def repaired(payload: bytes) -> bytes:

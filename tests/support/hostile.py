@@ -12,12 +12,13 @@ import bundles
 import damage
 import fuzz_bundle
 import h5py
+import hdf5_spans
 import numpy as np
 
 from vfplan.bundle.content import to_content
-from vfplan.bundle.files import completed
 from vfplan.bundle.store import to_payload
 from vfplan.bundle.table import table
+from vfplan.bundle.write import completed
 
 CASES = {}
 ACCEPTED = {}
@@ -37,11 +38,16 @@ def sound() -> bytes:
     return to_payload(completed(to_content(bundles.whole())), table())
 
 
-def changed(function) -> bytes:
+def changed(function, *, swept=True) -> bytes:
+    """A sound payload that `function` changed; what h5py deleted is gone unless told otherwise."""
     stream = io.BytesIO(sound())
     with h5py.File(stream, "r+", libver=("v110", "v110")) as file:
         function(file)
-    return stream.getvalue()
+    data = bytearray(stream.getvalue())
+    if swept:
+        for first, end in hdf5_spans.rests(bytes(data)):
+            data[first:end] = bytes(end - first)
+    return fuzz_bundle.repaired(bytes(data))
 
 
 def put(file, path, data, *, dtype=None, attributes=None, **options):

@@ -9,13 +9,14 @@ from vfplan.bundle.clouds import import_cloud
 from vfplan.bundle.compare import diff
 from vfplan.bundle.describe import describe
 from vfplan.bundle.exporting import export, left_out
-from vfplan.bundle.files import read_bundle, read_fixture, require_signature, write_fixture
-from vfplan.bundle.findings import Issue
 from vfplan.bundle.keys import keygen, read_keys
 from vfplan.bundle.migration import migrate
 from vfplan.bundle.plausible import size_doubt
-from vfplan.bundle.signing import Trust, sign
-from vfplan.bundle.validation import validate
+from vfplan.bundle.read import read_bundle, read_fixture, require_signature
+from vfplan.bundle.signing import sign
+from vfplan.bundle.trust import Trust
+from vfplan.bundle.validation import Issue, validate
+from vfplan.bundle.write import write_fixture
 
 __all__ = [
     "Issue",

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.bundle.files import now_utc
 from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.meshfile import Mesh, read_mesh
 from vfplan.bundle.refining import refined
 from vfplan.bundle.table import table
+from vfplan.bundle.write import now_utc
 from vfplan.engine.parameters import PAPER_BAND, default_band
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering

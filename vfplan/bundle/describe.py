@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.bundle.files import read_bundle
+from vfplan.bundle.read import read_bundle
 from vfplan.bundle.table import Row, table
 
 

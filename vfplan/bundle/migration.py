@@ -6,21 +6,13 @@ import hashlib
 from importlib.metadata import version as installed_version
 from pathlib import Path
 
-from vfplan.bundle import check
+from vfplan._core import read_payload
 from vfplan.bundle.content import Content
-from vfplan.bundle.files import (
-    VERSION,
-    checked_version,
-    completed,
-    now_utc,
-    opened_source,
-    write_content,
-)
-from vfplan.bundle.findings import Findings
-from vfplan.bundle.parse import parse, peek_version
+from vfplan.bundle.read import opened_source
 from vfplan.bundle.seal import MAGIC
 from vfplan.bundle.table import table
-from vfplan.errors import InputError, VersionError
+from vfplan.bundle.write import VERSION, completed, now_utc, write_content
+from vfplan.errors import InputError
 
 HISTORY = "/provenance/history"
 
@@ -56,11 +48,5 @@ def _content_of_0_1(path: str | Path) -> tuple[Content, str]:
         payload = stream.read(table().limits["payload_bytes"] + 1)
         if payload.startswith(MAGIC):
             raise InputError("has a seal, so it needs no migration", where=str(path))
-        found_format, version = peek_version(payload)
-        if version != "0.1":
-            checked_version(found_format, version)
-            raise VersionError(f"version {version} without a seal", where="/@version")
-        old = table("0.1")
-        content = parse(payload, old, Findings())
-        check.check(content, old, Findings())
+        content, _ = read_payload(payload, sealed=False)
         return content, hashlib.sha256(payload).hexdigest()

@@ -1,5 +1,7 @@
 """The seal: the HDF5 user block that says what the payload's bytes are, and who vouches for them.
 
+Written here, read and checked by the reader (vfplan/bundle/seal.hpp).
+
 Layout, little-endian, in front of the payload (see docs/format.md):
 
     0  8  magic "VFPLSEAL"              136  8  registered [s since 1970-01-01T00:00Z], 0: not given
@@ -15,13 +17,12 @@ Layout, little-endian, in front of the payload (see docs/format.md):
 from __future__ import annotations
 
 import hashlib
-import re
 import struct
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import BinaryIO
 
-from vfplan.errors import CorruptError, SettingError, UnsafeError, VersionError
+from vfplan._core import Sealed
+from vfplan.errors import SettingError
 
 MAGIC = b"VFPLSEAL"
 SEAL_VERSION = 1
@@ -30,13 +31,8 @@ BLOCKS = (512, 1024, 2048, 4096)
 HEAD = struct.Struct("<8sHHIQ32s16s64sQHH")
 DIGEST = 32
 SIGNATURE = slice(72, 136)
-CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 DOMAIN = b"vfplan bundle seal 1\0"  # what is signed can be taken for nothing else
-HDF5 = b"\x89HDF\r\n\x1a\n"
-HINT = (
-    "has no seal; this program reads versions 1.x, which have one, and a bundle of version 0.1 is"
-    " brought up to date by `vfplan migrate OLD.h5 -o NEW.h5`"
-)
+LATEST = 253_402_300_799  # 9999-12-31T23:59:59Z
 
 
 @dataclass(frozen=True)
@@ -64,6 +60,21 @@ class Seal:
     case: str = ""
     robot_serial: str = ""
     registered: int | None = None
+
+    @classmethod
+    def of(cls, sealed: Sealed) -> Seal:
+        """The seal of a bundle's bytes, as the reader found it."""
+        if not sealed.signed:
+            return cls(sealed.payload_length, sealed.sha256)
+        return cls(
+            sealed.payload_length,
+            sealed.sha256,
+            sealed.key_id,
+            sealed.signature,
+            sealed.case,
+            sealed.robot_serial,
+            sealed.registered or None,
+        )
 
     @property
     def signed(self) -> bool:
@@ -124,73 +135,3 @@ def signed_message(seal: Seal) -> bytes:
     """The bytes a signature covers: the whole block but for the signature and the block's hash."""
     block = to_block(seal)
     return DOMAIN + block[: SIGNATURE.start] + block[SIGNATURE.stop : -DIGEST]
-
-
-def unseal(stream: BinaryIO, cap: int) -> tuple[Seal, bytes]:
-    """Seal and payload of a bundle, checked against each other; nothing is parsed.
-
-    Raises
-    ------
-    CorruptError
-        The bytes are not those that were sealed.
-    VersionError
-        There is no seal, or one of another version.
-    UnsafeError
-        The payload is longer than `cap`.
-    """
-    start = stream.read(BLOCKS[0])
-    if start[:8] == HDF5:
-        raise VersionError(HINT)
-    if start[:8] != MAGIC:
-        raise CorruptError(f"is no fixture bundle: it begins with {start[:8]!r}, not {MAGIC!r}")
-    if len(start) < BLOCKS[0]:
-        raise CorruptError(f"ends after {len(start)} bytes, within its seal")
-    version, length = struct.unpack_from("<H2xI", start, 8)
-    if version != SEAL_VERSION:
-        raise VersionError(
-            f"seal version {version}; this program reads {SEAL_VERSION}: a newer vfplan wrote it,"
-            " `pip install --upgrade vfplan` gets it"
-        )
-    if length not in BLOCKS:
-        raise CorruptError(f"seal of {length} bytes; one of {BLOCKS} wanted")
-    block = start + stream.read(length - BLOCKS[0])
-    seal = _parsed(block)
-    if seal.payload_length > cap:
-        raise UnsafeError(f"payload of {seal.payload_length} bytes; at most {cap} allowed")
-    payload = stream.read(seal.payload_length + 1)
-    if len(payload) != seal.payload_length:
-        more = "more are" if len(payload) > seal.payload_length else f"{len(payload)} are"
-        raise CorruptError(f"{seal.payload_length} bytes were sealed, {more} there")
-    if hashlib.sha256(payload).digest() != seal.sha256:
-        raise CorruptError("SHA-256 differs from the sealed one: the bytes are not those written")
-    return seal, payload
-
-
-def _parsed(block: bytes) -> Seal:
-    if hashlib.sha256(block[:-DIGEST]).digest() != block[-DIGEST:]:
-        raise CorruptError("the seal itself is damaged: its SHA-256 differs")
-    _, _, flags, _, length, digest, key_id, signature, registered, n_case, n_serial = (
-        HEAD.unpack_from(block)
-    )
-    end = HEAD.size + n_case + n_serial
-    if end > len(block) - DIGEST:
-        raise CorruptError("the seal's texts do not fit into it")
-    if flags & ~SIGNED or any(block[end:-DIGEST]):
-        raise CorruptError("the seal holds something unknown")
-    texts = block[HEAD.size : HEAD.size + n_case], block[HEAD.size + n_case : end]
-    if not flags & SIGNED:
-        if any(key_id) or any(signature) or registered or n_case or n_serial:
-            raise CorruptError("the seal is unsigned and yet holds what only a signature covers")
-        return Seal(length, digest)
-    try:
-        case, serial = (text.decode("utf-8") for text in texts)
-    except UnicodeDecodeError:
-        raise CorruptError("the seal's texts are not UTF-8") from None
-    if CONTROL.search(case + serial):
-        raise CorruptError("the seal's texts hold control characters")
-    if registered > LATEST:
-        raise CorruptError(f"registered {registered} s after 1970; at most {LATEST} allowed")
-    return Seal(length, digest, key_id, signature, case, serial, registered or None)
-
-
-LATEST = 253_402_300_799  # 9999-12-31T23:59:59Z

@@ -2,22 +2,56 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from vfplan.bundle import check, leak
+from vfplan.bundle import leak
 from vfplan.bundle.content import Content, from_content
-from vfplan.bundle.files import VERSION, checked_version, opened_source
-from vfplan.bundle.findings import Findings, Issue
-from vfplan.bundle.parse import parse, peek_version
 from vfplan.bundle.plausible import size_doubt
+from vfplan.bundle.read import opened_source, unsealed
 from vfplan.bundle.renderable import check_renderable
-from vfplan.bundle.seal import Seal, unseal
-from vfplan.bundle.table import table
 from vfplan.errors import BundleError, SceneError
 
 RESIDUAL_TOLERANCE_M = 1e-6
+UNSIGNED = "is not signed: protected against accident, not against intent"
+SAME = 1e-9  # relative agreement of a stored certificate with a recomputed one
+
+
+@dataclass(frozen=True)
+class Issue:
+    """One thing found in a bundle: where, a code for programs, how grave, and a sentence."""
+
+    location: str
+    code: str
+    severity: Literal["error", "warning", "note"]
+    message: str
+
+
+@dataclass
+class Findings:
+    """Issues as they are found, the reader's first."""
+
+    issues: list[Issue] = field(default_factory=list)
+
+    def error(self, code: str, location: str, message: str) -> None:
+        """Add what makes the bundle invalid."""
+        self.issues.append(Issue(location, code, "error", message))
+
+    def warning(self, code: str, location: str, message: str) -> None:
+        """Add something that is probably a mistake but breaks no rule."""
+        self.issues.append(Issue(location, code, "warning", message))
+
+    def note(self, code: str, location: str, message: str) -> None:
+        """Add something a person should know that does not make the bundle invalid."""
+        self.issues.append(Issue(location, code, "note", message))
+
+    @property
+    def valid(self) -> bool:
+        """Whether no error was found."""
+        return not any(issue.severity == "error" for issue in self.issues)
 
 
 def validate(source: str | Path | bytes) -> list[Issue]:
@@ -30,18 +64,18 @@ def validate(source: str | Path | bytes) -> list[Issue]:
     InputError
         There is no such file.
     """
-    findings = Findings(strict=False)
+    findings = Findings()
     with opened_source(source) as stream:
         try:
-            seal, payload = unseal(stream, table().limits["payload_bytes"])
-            _seal_notes(seal, findings)
-            version = checked_version(*peek_version(payload))
-            content = parse(payload, table(), findings, newer=version != VERSION)
-            del payload  # the certificate needs the memory
-            check.check(content, table(), findings)
+            sealed = unsealed(stream)
         except BundleError as error:
-            findings.error(f"{_head(error)}.bundle", error.where or "/", error.message)
+            findings.error(error.code, error.where or "/", error.message)
             return findings.issues
+        if not sealed.signed:
+            findings.note("seal.unsigned", "/", UNSIGNED)
+        content, found = sealed.read(strict=False)
+        del sealed  # the certificate needs the memory
+    findings.issues += [Issue(*issue) for issue in found]
     if findings.valid:
         _certificate(content, findings)
         _rendering(content, findings)
@@ -49,17 +83,6 @@ def validate(source: str | Path | bytes) -> list[Issue]:
     _residuals(content, findings)
     _paths(content, findings)
     return findings.issues
-
-
-def _head(error: BundleError) -> str:
-    return error.kind.removesuffix("Error").lower()
-
-
-def _seal_notes(seal: Seal, findings: Findings) -> None:
-    if not seal.signed:
-        findings.note(
-            "seal.unsigned", "/", "is not signed: protected against accident, not against intent"
-        )
 
 
 def _certificate(content: Content, findings: Findings) -> None:
@@ -74,7 +97,7 @@ def _certificate(content: Content, findings: Findings) -> None:
             continue  # ties may fall on another place
         else:
             same = found is not None and np.shape(found) == np.shape(wanted)
-            same = same and np.allclose(found, wanted, rtol=check.SAME, atol=1e-12)
+            same = same and np.allclose(found, wanted, rtol=SAME, atol=1e-12)
         if not same:
             findings.error("corrupt.leak", path, f"is {found}; the fixture gives {wanted}")
     if content["/leak@kind"] == "cloud":

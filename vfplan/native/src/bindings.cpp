@@ -8,6 +8,7 @@
 #include "vfplan/version.hpp"
 
 void bind_guide(nb::module_& m);
+void bind_bundle(nb::module_& m);
 
 namespace {
 
@@ -76,7 +77,7 @@ nb::object distance(const Engine& engine, const Rows& points) {
 }  // namespace
 
 NB_MODULE(_core, m) {
-    m.doc() = "vfplan's native proxy engine";
+    m.doc() = "vfplan's native proxy engine and bundle reader";
     m.attr("__version__") = VFPLAN_VERSION;
     m.def(
         "simd_width", [] { return static_cast<int>(vfplan::widest()); },
@@ -128,4 +129,5 @@ NB_MODULE(_core, m) {
         .def_prop_ro("planar", &Engine::planar);
 
     bind_guide(m);
+    bind_bundle(m);
 }

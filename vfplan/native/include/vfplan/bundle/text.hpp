@@ -1,8 +1,10 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// Small checks on text, written to give the same answers as the Python reader.
+// Small checks on text, and numbers as text, whatever the program's locale is.
 #pragma once
 
+#include <array>
+#include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <locale>
@@ -10,7 +12,7 @@
 #include <string>
 #include <string_view>
 
-namespace vfplan::hdf5 {
+namespace vfplan::bundle {
 
 /// Valid UTF-8: no overlong form, no surrogate, nothing above U+10FFFF.
 inline bool is_utf8(std::string_view text) {
@@ -109,8 +111,17 @@ inline bool is_setting(std::string_view text) {
            (text.size() >= 2 && text.front() == '"' && text.back() == '"') || is_number(text);
 }
 
-/// MAJOR and MINOR of a version, each 0..99999 without leading zeros; false if it is none.
-inline bool is_version(std::string_view text, int& major, int& minor) {
+/// MAJOR.MINOR, the version of a format.
+struct Version {
+    int major = 0, minor = 0;
+
+    friend constexpr bool operator<(const Version& a, const Version& b) {
+        return a.major != b.major ? a.major < b.major : a.minor < b.minor;
+    }
+};
+
+/// Reads a version, each part 0..99999 without leading zeros; false if it is none.
+inline bool is_version(std::string_view text, Version& version) {
     const std::size_t dot = text.find('.');
     if (dot == std::string_view::npos) return false;
     const auto parse = [](std::string_view part, int& value) {
@@ -122,7 +133,36 @@ inline bool is_version(std::string_view text, int& major, int& minor) {
         }
         return true;
     };
-    return parse(text.substr(0, dot), major) && parse(text.substr(dot + 1), minor);
+    return parse(text.substr(0, dot), version.major) && parse(text.substr(dot + 1), version.minor);
 }
 
-}  // namespace vfplan::hdf5
+/// A number in the shortest form that reads back as itself.
+inline std::string shown(double x) {
+    std::array<char, 32> out{};
+    return {out.data(), std::to_chars(out.data(), out.data() + out.size(), x).ptr};
+}
+
+/// A number with six digits.
+inline std::string rounded(double x) {
+    std::array<char, 32> out{};
+    const auto end =
+        std::to_chars(out.data(), out.data() + out.size(), x, std::chars_format::general, 6);
+    return {out.data(), end.ptr};
+}
+
+/// Text of a file between quotes, cut short, with nothing in it that a terminal would obey.
+inline std::string in_quotes(std::string_view text) {
+    constexpr std::string_view digits = "0123456789abcdef";
+    std::string out = "'";
+    for (const char c : text.substr(0, 64)) {
+        const auto byte = static_cast<unsigned char>(c);
+        if (byte >= 0x20 && byte < 0x7F) {
+            out += c;
+        } else {
+            out += {'\\', 'x', digits[byte >> 4], digits[byte & 15]};
+        }
+    }
+    return out + "'";
+}
+
+}  // namespace vfplan::bundle

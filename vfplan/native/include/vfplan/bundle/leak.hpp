@@ -1,7 +1,6 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The leak certificate (docs/format.md, section 5): the part that every reader computes again, as
-// vfplan/bundle/check.py does.
+// The leak certificate (docs/format.md, section 5): the part that every reader computes again.
 #pragma once
 
 #include <algorithm>
@@ -13,10 +12,11 @@
 #include <string_view>
 #include <vector>
 
-#include "vfplan/hdf5/content.hpp"
-#include "vfplan/hdf5/error.hpp"
+#include "vfplan/bundle/content.hpp"
+#include "vfplan/bundle/finding.hpp"
+#include "vfplan/bundle/text.hpp"
 
-namespace vfplan::hdf5::detail {
+namespace vfplan::bundle::detail {
 
 using Point = std::array<double, 3>;
 
@@ -85,37 +85,64 @@ inline double largest_cover(const Content& content) {
     return largest;
 }
 
-inline void compare(const Content& content, std::string_view path, double wanted) {
+/// "the fixture leaks ...", with the size of the opening and its place.
+inline std::string leaking(const Content& content) {
+    const std::vector<double>& place = content.at("/leak/place").f8;
+    const bool curve = content.at("/leak@kind").string() == "curve";
+    return std::string("the fixture leaks between samples: ") +
+           (curve ? "gap between neighbours" : "covering radius of a triangle") + " of " +
+           rounded(content.at("/leak@largest_m").number()) + " m at (" + rounded(place[0]) + ", " +
+           rounded(place[1]) + ", " + rounded(place[2]) + "); at most " +
+           rounded(content.at("/leak@limit_m").number()) + " m holds the proxy back";
+}
+
+inline void compare(const Content& content, std::string_view path, double wanted,
+                    Findings& findings) {
     const Value* found = content.find(path);
     if (found == nullptr || std::abs(found->number() - wanted) > 1e-9 * std::max(wanted, 1e-3)) {
-        refuse("corrupt.leak", path, "differs from what the fixture gives");
+        findings.error("corrupt.leak", path,
+                       "is " + (found == nullptr ? "absent" : shown(found->number())) +
+                           "; the fixture gives " + shown(wanted));
     }
 }
 
-inline void check_leak(const Content& content) {
+/// Compares largest_m and limit_m; whether the fixture, of this kind, holds its proxy back.
+inline bool holds_back(const Content& content, bool mesh, Findings& findings) {
+    const double reach = content.at("/rendering@contact_radius_m").number() +
+                         content.at("/rendering@point_radius_m").number() -
+                         content.at("/rendering@band_m").number();
+    compare(content, "/leak@limit_m", mesh ? reach : 2 * reach, findings);
+    compare(content, "/leak@largest_m", mesh ? largest_cover(content) : largest_gap(content),
+            findings);
+    const bool holds =
+        content.at("/leak@largest_m").number() <= content.at("/leak@limit_m").number();
+    if (!holds) findings.error("unsafe.leak", "/leak", leaking(content));
+    return holds;
+}
+
+inline void check_leak(const Content& content, Findings& findings) {
     if (content.has_group("/rendering") != content.has_group("/leak")) {
-        refuse("corrupt.leak", "/leak", "must be there if and only if /rendering is");
+        findings.error("corrupt.leak", "/leak", "must be there if and only if /rendering is");
     }
-    if (!content.has_group("/leak")) return;
+    const std::string& found = content.at("/leak@kind").string();
     const bool mesh = content.has("/mesh/triangles"), curve = content.has("/curve/stroke");
     const std::string kind = mesh ? "mesh" : curve ? "curve" : "cloud";
-    if (content.at("/leak@kind").string() != kind) {
-        refuse("corrupt.leak", "/leak@kind", kind + " wanted");
+    if (found != kind) {
+        return findings.error("corrupt.leak", "/leak@kind",
+                              "is " + in_quotes(found) + "; " + in_quotes(kind) + " wanted");
+    }
+    bool holds = false;
+    if (kind != "cloud") {
+        holds = holds_back(content, mesh, findings);
+    } else if (content.has("/leak@limit_m")) {
+        findings.error("corrupt.leak", "/leak@limit_m", "must be absent of a cloud");
     }
     const bool says = content.at("/leak@certified").u1.front() != 0;
-    bool holds = false;
-    if (kind == "cloud") {
-        if (content.has("/leak@limit_m")) refuse("corrupt.leak", "/leak@limit_m", "must be absent");
-    } else {
-        const double reach = content.at("/rendering@contact_radius_m").number() +
-                             content.at("/rendering@point_radius_m").number() -
-                             content.at("/rendering@band_m").number();
-        compare(content, "/leak@limit_m", mesh ? reach : 2 * reach);
-        compare(content, "/leak@largest_m", mesh ? largest_cover(content) : largest_gap(content));
-        holds = content.at("/leak@largest_m").number() <= content.at("/leak@limit_m").number();
-        if (!holds) refuse("unsafe.leak", "/leak", "the fixture leaks between samples");
+    if (says != holds) {
+        findings.error(
+            "corrupt.leak", "/leak@certified",
+            std::string("is ") + (says ? "1" : "0") + "; " + (holds ? "1" : "0") + " wanted");
     }
-    if (says != holds) refuse("corrupt.leak", "/leak@certified", "says otherwise");
 }
 
-}  // namespace vfplan::hdf5::detail
+}  // namespace vfplan::bundle::detail

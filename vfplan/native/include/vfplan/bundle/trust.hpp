@@ -1,6 +1,7 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// Who vouches for a bundle: trusted keys, and what a controller demands of a signature.
+// Who vouches for a bundle: trusted keys, and what a controller demands of a signature. The one
+// header here that needs a library: OpenSSL's libcrypto (target vfplan::sign).
 #pragma once
 
 #include <openssl/evp.h>
@@ -20,10 +21,11 @@
 #include <utility>
 #include <vector>
 
-#include "vfplan/hdf5/error.hpp"
-#include "vfplan/hdf5/seal.hpp"
+#include "vfplan/bundle/finding.hpp"
+#include "vfplan/bundle/fixture.hpp"
+#include "vfplan/bundle/seal.hpp"
 
-namespace vfplan::hdf5 {
+namespace vfplan::bundle {
 
 /// A trusted Ed25519 public key.
 using PublicKey = std::shared_ptr<EVP_PKEY>;
@@ -34,7 +36,7 @@ inline std::array<unsigned char, 16> key_id(const PublicKey& key) {
     if (EVP_PKEY_get_raw_public_key(key.get(), raw.data(), &length) != 1) {
         throw BundleError("signature.key", "", "a trusted key is not Ed25519");
     }
-    const Digest digest = sha256(raw);
+    const Digest digest = sha256(view(raw));
     std::array<unsigned char, 16> id{};
     std::copy_n(digest.begin(), id.size(), id.begin());
     return id;
@@ -116,7 +118,7 @@ inline void require_signature(
                                   [&](const PublicKey& k) { return key_id(k) == seal.key_id; });
     if (key == trust.keys.end()) {
         throw BundleError("signature.key", "",
-                          "signed by key " + to_hex(seal.key_id) + ", which is not trusted");
+                          "signed by key " + to_hex(view(seal.key_id)) + ", which is not trusted");
     }
     if (!signature_holds(seal, *key)) {
         throw BundleError("signature.wrong", "", "the signature does not hold");
@@ -141,4 +143,19 @@ inline void require_signature(
     }
 }
 
-}  // namespace vfplan::hdf5
+/// Checks seal and signature, then the rest as read_bundle(data) does. Throws BundleError.
+inline Bundle read_bundle(View data, const Trust& trust) {
+    View payload;
+    Bundle bundle{{}, unseal(data, payload)};
+    require_signature(bundle.seal, trust);
+    Findings findings(true);
+    bundle.content = read_payload(payload, findings);
+    return bundle;
+}
+
+/// Reads a bundle that one of the trusted keys signed for its case and robot, and not long ago.
+inline Fixture read_fixture(const std::filesystem::path& path, const Trust& trust) {
+    return of_file(path, [&](View data) { return to_fixture(read_bundle(data, trust)); });
+}
+
+}  // namespace vfplan::bundle

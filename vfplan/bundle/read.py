@@ -1,0 +1,104 @@
+"""Read bundles from disk: by the reader in C++ (vfplan/bundle/*.hpp), whose verdict is the only one."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import BinaryIO
+
+from vfplan._core import Sealed
+from vfplan.bundle.content import Content, from_content
+from vfplan.bundle.keys import read_keys
+from vfplan.bundle.seal import BLOCKS, MAGIC, Seal
+from vfplan.bundle.table import table
+from vfplan.bundle.trust import Trust, check_trust
+from vfplan.errors import BundleError
+from vfplan.fixture import Fixture
+from vfplan.io.disk import opened_file
+
+
+def read_fixture(path: str | Path, *, trust: Trust | None = None) -> Fixture:
+    """Read a bundle; either the whole of it is sound or nothing is returned.
+
+    With `trust`, the bytes that are read must also be signed by one of its keys, for its case and
+    robot, and not too long ago.
+
+    Raises
+    ------
+    InputError
+        There is no such file.
+    BundleError
+        The bundle is corrupt, unsafe, of a version this program does not read, or not signed as
+        demanded.
+    """
+    return from_content(read_bundle(path, trust=trust)[0])
+
+
+def read_bundle(source: str | Path | bytes, *, trust: Trust | None = None) -> tuple[Content, Seal]:
+    """Every value of a bundle, by its path in the format's table, and its seal.
+
+    Raises as `read_fixture` does.
+    """
+    with opened_source(source) as stream:
+        sealed = unsealed(stream, trust)
+        return sealed.read()[0], Seal.of(sealed)
+
+
+def unsealed(stream: BinaryIO, trust: Trust | None = None) -> Sealed:
+    """The bytes of a bundle whose seal holds, signed as demanded; its payload is not looked at.
+
+    Raises `BundleError`.
+    """
+    start = stream.read(len(MAGIC))
+    if start == MAGIC:
+        stream.seek(0)
+        start = stream.read(table().limits["payload_bytes"] + BLOCKS[-1] + 1)
+    sealed = Sealed(start)
+    if trust is not None:
+        check_trust(sealed, trust)
+    return sealed
+
+
+def require_signature(
+    source: str | Path | bytes,
+    keys: str | Path,
+    *,
+    case: str | None = None,
+    robot_serial: str | None = None,
+    max_age: float | None = None,
+) -> Seal:
+    """The seal of a bundle that is sound and signed by a key of the file `keys`.
+
+    To load what was checked, and not what the file holds a moment later, give a `Trust` to
+    `read_fixture` instead. `max_age` is in seconds since the registration.
+
+    Raises as `read_fixture` does, and `MissingExtra` without the extra `[sign]`.
+    """
+    trust = Trust(read_keys(keys), case, robot_serial, max_age)
+    return read_bundle(source, trust=trust)[1]
+
+
+def checked_payload(source: str | Path) -> bytes:
+    """The payload of a sound bundle. Raises as `read_fixture` does."""
+    with opened_source(source) as stream:
+        sealed = unsealed(stream)
+        sealed.read()
+        return sealed.payload
+
+
+class opened_source:  # noqa: N801 - used as a function
+    """A binary stream over a path or over bytes; errors raised within name the path."""
+
+    def __init__(self, source: str | Path | bytes) -> None:
+        self.path = None if isinstance(source, bytes) else Path(source)
+        self.stream: BinaryIO = (
+            io.BytesIO(source) if isinstance(source, bytes) else opened_file(Path(source))
+        )
+
+    def __enter__(self) -> BinaryIO:
+        return self.stream
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        self.stream.close()
+        if self.path and isinstance(error, BundleError):
+            error.where = str(self.path) + (f":{error.where}" if error.where else "")

@@ -1,0 +1,81 @@
+"""What a robot may demand of a bundle's signature. Needs the extra `[sign]`."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from vfplan._core import Sealed
+from vfplan.errors import SettingError, SignatureError
+
+CLOCK_SKEW = 60  # s a registration may seem to lie in the future
+
+
+@dataclass(frozen=True)
+class Trust:
+    """What is demanded of a bundle's signature.
+
+    Parameters
+    ----------
+    keys
+        Public keys by key id (see `read_keys`).
+    case, robot_serial
+        What the bundle must have been signed for; `None`: not checked.
+    max_age
+        How long ago the patient may have been registered [s]; `None`: not checked.
+
+    Raises `SettingError` when `max_age` is negative or not finite.
+    """
+
+    keys: dict[bytes, Any]
+    case: str | None = None
+    robot_serial: str | None = None
+    max_age: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse an age that no comparison would ever exceed: NaN, infinite, negative."""
+        if self.max_age is not None and not 0 <= self.max_age < math.inf:
+            raise SettingError(f"maximum age {self.max_age} s; finite and 0 or more wanted")
+
+
+def check_trust(seal: Sealed, trust: Trust, now: float | None = None) -> None:
+    """Refuse a seal, as its bytes are in the file, that no trusted key signed for this case, this robot and this day.
+
+    `now` is in seconds since 1970 UTC.
+
+    Raises
+    ------
+    SignatureError
+        The signature is missing, wrong, by an unknown key, or for something else.
+    """
+    if not seal.signed:
+        raise SignatureError("is not signed; a signature of a trusted key is demanded")
+    key = trust.keys.get(seal.key_id)
+    if key is None:
+        raise SignatureError(f"is signed by key {seal.key_id.hex()}, which is not a trusted one")
+    from cryptography.exceptions import InvalidSignature
+
+    try:
+        key.verify(seal.signature, seal.signed_message)
+    except InvalidSignature:
+        raise SignatureError(f"the signature by key {seal.key_id.hex()} does not hold") from None
+    for what, signed, wanted in (
+        ("case", seal.case, trust.case),
+        ("robot", seal.robot_serial, trust.robot_serial),
+    ):
+        if wanted is not None and signed != wanted:
+            raise SignatureError(f"is signed for {what} {signed!r}; {wanted!r} is demanded")
+    if trust.max_age is not None:
+        _check_age(seal, trust.max_age, time.time() if now is None else now)
+
+
+def _check_age(seal: Sealed, max_age: float, now: float) -> None:
+    if not seal.registered:
+        raise SignatureError("no registration time is signed, and a maximum age is demanded")
+    age = now - seal.registered
+    if age > max_age:
+        raise SignatureError(f"the registration is {age:.0f} s old; at most {max_age:.0f} allowed")
+    if age < -CLOCK_SKEW:
+        raise SignatureError(f"the registration lies {-age:.0f} s in the future")

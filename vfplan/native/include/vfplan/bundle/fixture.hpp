@@ -1,0 +1,142 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+//   const auto fixture = vfplan::bundle::read_fixture("fixture.h5");
+//
+// Reads a fixture bundle into plain arrays, with the standard library alone. Load, copy, swap:
+// nothing of this belongs into a control loop. Calls from several threads do not meet.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "vfplan/bundle/bytes.hpp"
+#include "vfplan/bundle/content.hpp"
+#include "vfplan/bundle/finding.hpp"
+#include "vfplan/bundle/parse.hpp"
+#include "vfplan/bundle/rules.hpp"
+#include "vfplan/bundle/seal.hpp"
+
+namespace vfplan::bundle {
+
+/// How the robot shall render the fixture; SI units.
+struct Rendering {
+    std::array<double, 3> stiffness{};                      // N/m
+    double contact_radius = 0, band = 0, point_radius = 0;  // m
+    std::optional<std::array<double, 3>> ignore_axis;       // unit vector
+    std::optional<int> max_iterations;                      // of a tick; else the engine's own
+};
+
+/// What a controller needs of a bundle, as plain arrays.
+struct Fixture {
+    std::string frame;
+    std::string id;
+    std::vector<double> points;  // x0 y0 z0 x1 y1 z1 ... [m], pixels in the frame image
+    std::vector<double> sigma;   // one a point, or empty
+    std::optional<Rendering> rendering;
+    bool certified = false;  // no proxy of this radius passes between samples
+    std::string created_utc;
+    Seal seal;
+
+    [[nodiscard]] std::size_t size() const { return points.size() / 3; }
+};
+
+/// The whole content of a bundle, by path, and its seal.
+struct Bundle {
+    Content content;
+    Seal seal;
+};
+
+/// Everything in a payload, checked; `sealed` is false for version 0.1 only, which had no seal.
+///
+/// Findings that are strict throw BundleError at the first error; others collect what there is, and
+/// the content is what could be read.
+inline Content read_payload(View payload, Findings& findings, bool sealed = true) {
+    try {
+        detail::Reader reader(payload, findings);
+        Content content = reader.read(sealed);
+        check(content, reader.version(), findings);
+        return content;
+    } catch (const BundleError& error) {
+        findings.add(error);
+        return {};
+    }
+}
+
+/// Checks seal, structure and every rule. Throws BundleError.
+inline Bundle read_bundle(View data) {
+    View payload;
+    Bundle bundle{{}, unseal(data, payload)};
+    Findings findings(true);
+    bundle.content = read_payload(payload, findings);
+    return bundle;
+}
+
+/// Every finding of a bundle's bytes; it is sound when none is an error.
+inline std::vector<Finding> examine(View data) {
+    Findings findings(false);
+    try {
+        View payload;
+        unseal(data, payload);
+        read_payload(payload, findings);
+    } catch (const BundleError& error) {
+        findings.add(error);
+    }
+    return findings.all();
+}
+
+/// The fixture of a checked bundle; moves the points out of it.
+inline Fixture to_fixture(Bundle bundle) {
+    Content& content = bundle.content;
+    Fixture fixture;
+    fixture.frame = content.at("/@frame").string();
+    fixture.id = content.at("/@id").string();
+    fixture.created_utc = content.at("/provenance@created_utc").string();
+    fixture.points = content.take("/points").f8;
+    if (content.has("/sigma")) fixture.sigma = content.take("/sigma").f8;
+    if (content.has("/rendering/stiffness")) {
+        Rendering rendering;
+        std::copy_n(content.at("/rendering/stiffness").f8.begin(), 3, rendering.stiffness.begin());
+        rendering.contact_radius = content.at("/rendering@contact_radius_m").number();
+        rendering.band = content.at("/rendering@band_m").number();
+        rendering.point_radius = content.at("/rendering@point_radius_m").number();
+        if (const Value* axis = content.find("/rendering/ignore_axis")) {
+            rendering.ignore_axis = {axis->f8[0], axis->f8[1], axis->f8[2]};
+        }
+        if (const Value* most = content.find("/rendering@max_iterations")) {
+            rendering.max_iterations = most->i4.front();
+        }
+        fixture.rendering = rendering;
+        fixture.certified = content.at("/leak@certified").u1.front() != 0;
+    }
+    fixture.seal = std::move(bundle.seal);
+    return fixture;
+}
+
+/// What `read` gives of a file's bytes; errors name the file.
+template <class Read>
+auto of_file(const std::filesystem::path& path, const Read& read) {
+    try {
+        const Bytes data = read_file(path);
+        return read(View(data));
+    } catch (const BundleError& error) {
+        const std::string name = path.string();
+        const bool named = error.where == name;
+        const std::string where = error.where.empty() || named ? name : name + ":" + error.where;
+        throw BundleError(error.code, where, error.message);
+    }
+}
+
+/// Reads a bundle; either the whole of it is sound or BundleError is thrown.
+///
+/// vfplan/bundle/trust.hpp has the same for who demands a signature.
+inline Fixture read_fixture(const std::filesystem::path& path) {
+    return of_file(path, [](View data) { return to_fixture(read_bundle(data)); });
+}
+
+}  // namespace vfplan::bundle

@@ -1,0 +1,277 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// Object headers of an HDF5 file: only the few messages a bundle needs, each exactly as long as it
+// should be, each block under the checksum that it carries.
+//
+// Structures and numbers: HDF5 File Format Specification 3.0, section IV.A.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "vfplan/bundle/bytes.hpp"
+#include "vfplan/bundle/checksum.hpp"
+#include "vfplan/bundle/finding.hpp"
+#include "vfplan/bundle/schema.hpp"
+#include "vfplan/bundle/text.hpp"
+
+namespace vfplan::bundle::detail {
+
+inline constexpr std::uint64_t nowhere = ~std::uint64_t{0};
+
+/// A payload, and which of its bytes something in it refers to.
+class File {
+  public:
+    explicit File(View data) : data_(data) {}
+
+    /// A part that is there, and that nothing else refers to (seen by `check_rest`).
+    View claim(std::uint64_t address, std::uint64_t size, const std::string& where) {
+        const View part = within(address, size, where);
+        claims_.emplace_back(address, address + size);
+        claimed_ += size;
+        if (claimed_ > data_.size()) {
+            throw BundleError("unsafe.overlap", where,
+                              "refers to more bytes, all in all, than the file has");
+        }
+        return part;
+    }
+    /// A part of metadata without the checksum at its end, which holds.
+    View claim_checked(std::uint64_t address, std::uint64_t size, const std::string& where) {
+        const View part = claim(address, size, where);
+        if (size < 4 ||
+            lookup3(part.first(part.size() - 4)) != number_at(part, part.size() - 4, 4)) {
+            throw BundleError("corrupt.hdf5", where, "has metadata whose checksum differs");
+        }
+        return part.first(part.size() - 4);
+    }
+    [[nodiscard]] View within(std::uint64_t address, std::uint64_t size,
+                              const std::string& where) const {
+        if (address > data_.size() || size > data_.size() - address) {
+            throw BundleError("corrupt.hdf5", where, "refers to bytes outside of the file");
+        }
+        return data_.part(static_cast<std::size_t>(address), static_cast<std::size_t>(size));
+    }
+
+    /// No byte belongs to two things; what belongs to none, between them, is zero.
+    ///
+    /// Not so with `unknown` parts, which nobody looked at: their bytes are not known.
+    void check_rest(bool unknown) {
+        std::sort(claims_.begin(), claims_.end());
+        std::uint64_t at = 0;
+        for (const auto& [first, end] : claims_) {
+            if (first < at) {
+                throw BundleError(
+                    "unsafe.overlap", "",
+                    "the bytes from " + std::to_string(first) + " belong to two things");
+            }
+            check_hole(at, first, unknown);
+            at = end;
+        }
+        check_hole(at, data_.size(), unknown);
+    }
+
+  private:
+    void check_hole(std::uint64_t first, std::uint64_t end, bool unknown) const {
+        if (!unknown && !within(first, end - first, "").all_zero()) {
+            throw BundleError("unsafe.hole", "",
+                              "bytes " + std::to_string(first) + " to " + std::to_string(end) +
+                                  " of the payload belong to nothing and are not zero");
+        }
+    }
+
+    View data_;
+    std::vector<std::pair<std::uint64_t, std::uint64_t>> claims_;
+    std::uint64_t claimed_ = 0;
+};
+
+struct Link {
+    std::string name;
+    std::uint64_t address;
+};
+
+/// An attribute, its parts as they are written.
+struct Attribute {
+    std::string name;
+    View type, space, data;
+};
+
+/// What one object header says.
+struct Object {
+    std::string path;
+    std::vector<Link> links;
+    std::vector<Attribute> attributes;
+    std::optional<View> space, type, fill, filter, layout;
+    bool group = false;
+
+    [[nodiscard]] const Attribute* attribute(std::string_view name) const {
+        const auto found = std::find_if(attributes.begin(), attributes.end(),
+                                        [&](const Attribute& a) { return a.name == name; });
+        return found == attributes.end() ? nullptr : &*found;
+    }
+    [[nodiscard]] const Link* link(std::string_view name) const {
+        const auto found =
+            std::find_if(links.begin(), links.end(), [&](const Link& l) { return l.name == name; });
+        return found == links.end() ? nullptr : &*found;
+    }
+};
+
+/// The name of a link or an attribute: UTF-8 that can be shown.
+inline void check_name(const Window& body, std::string_view name) {
+    if (name.empty() || !is_utf8(name) || has_control(name) ||
+        name.find('/') != std::string_view::npos) {
+        body.corrupt("has the name " + in_quotes(name) + ", which is none");
+    }
+}
+
+/// Link info and attribute info: heap and index must not be there, nor creation order.
+inline void read_info(Window& body) {
+    body.wanted(2, 0, "version and flags of link or attribute info");
+    const auto heap = body.number(8), index = body.number(8);
+    if (heap != nowhere || index != nowhere) {
+        body.unsafe("unsafe.layout", "keeps links or attributes in a heap");
+    }
+}
+
+inline void read_group_info(Window& body) {
+    body.wanted(1, 0, "version of group info");
+    const auto flags = body.number(1);
+    if ((flags & ~std::uint64_t{3}) != 0) body.corrupt("group info flags");
+    body.take(((flags & 1) != 0 ? 4u : 0u) + ((flags & 2) != 0 ? 4u : 0u));
+}
+
+inline void read_link(Window& body, Object& object) {
+    body.wanted(1, 1, "version of a link");
+    const auto flags = body.number(1);
+    if ((flags & 0x08) != 0 && body.number(1) != 0) {
+        body.unsafe("unsafe.link", "holds a link that is not hard; no other is allowed");
+    }
+    if ((flags & ~std::uint64_t{0x1B}) != 0) body.corrupt("link flags");
+    if ((flags & 0x10) != 0 && body.number(1) > 1) body.corrupt("has a name of another encoding");
+    const auto name = body.take(body.number(std::size_t{1} << (flags & 3))).text();
+    check_name(body, name);
+    if (object.link(name) != nullptr) body.corrupt("has two links of the name " + in_quotes(name));
+    object.links.push_back({std::string(name), body.number(8)});
+    if (object.links.size() > limits::links_per_group) {
+        body.unsafe("unsafe.cap",
+                    "has more than " + std::to_string(limits::links_per_group) + " links");
+    }
+}
+
+inline void read_attribute(Window& body, Object& object) {
+    body.wanted(1, 3, "version of an attribute");
+    body.wanted(1, 0, "flags of an attribute");
+    const auto name = body.number(2), type = body.number(2), space = body.number(2);
+    if (body.number(1) > 1) body.corrupt("has a name of another encoding");
+    const auto ended = body.take(name).text();
+    if (ended.empty() || ended.back() != '\0') body.corrupt("has an attribute without a name");
+    Attribute attribute{std::string(ended.substr(0, ended.size() - 1)), {}, {}, {}};
+    check_name(body, attribute.name);
+    if (object.attribute(attribute.name) != nullptr) {
+        body.corrupt("has two attributes of the name " + in_quotes(attribute.name));
+    }
+    attribute.type = body.take(type);
+    attribute.space = body.take(space);
+    attribute.data = body.take(body.left());
+    object.attributes.push_back(std::move(attribute));
+    if (object.attributes.size() > limits::attributes_per_object) {
+        body.unsafe("unsafe.cap", "has more than " + std::to_string(limits::attributes_per_object) +
+                                      " attributes");
+    }
+}
+
+inline void read_message(std::uint64_t kind, Window& body, Object& object) {
+    const auto keep = [&](std::optional<View>& into) {
+        if (into) body.corrupt("has a header message twice");
+        into = body.take(body.left());
+    };
+    switch (kind) {
+        case 0x00:
+            if (!body.take(body.left()).all_zero())
+                body.corrupt("has a gap in its object header that is not zero");
+            return;
+        case 0x01:
+            return keep(object.space);
+        case 0x02:
+            object.group = true;
+            return read_info(body);
+        case 0x03:
+            return keep(object.type);
+        case 0x05:
+            return keep(object.fill);
+        case 0x06:
+            return read_link(body, object);
+        case 0x08:
+            return keep(object.layout);
+        case 0x0A:
+            return read_group_info(body);
+        case 0x0B:
+            return keep(object.filter);
+        case 0x0C:
+            return read_attribute(body, object);
+        case 0x15:
+            return read_info(body);
+        default:
+            body.unsafe("unsafe.message",
+                        "holds header message " + std::to_string(kind) + ", which no bundle needs");
+    }
+}
+
+/// Reads one block's messages; adds to `more` where its header goes on.
+inline void read_messages(Window block, Object& object,
+                          std::vector<std::pair<std::uint64_t, std::uint64_t>>& more) {
+    constexpr std::uint64_t continuation = 0x10, constant_or_known = 0x05;
+    while (block.left() >= 4) {
+        const auto kind = block.number(1), size = block.number(2), flags = block.number(1);
+        Window body(block.take(size), object.path);
+        if ((flags & ~constant_or_known) != 0) {
+            body.unsafe("unsafe.message", "holds a header message with flags " +
+                                              std::to_string(flags) + ", which no bundle needs");
+        }
+        if (kind == continuation) {
+            const auto start = body.number(8);
+            more.emplace_back(start, body.number(8));
+        } else {
+            read_message(kind, body, object);
+        }
+        body.done();
+    }
+    if (!block.take(block.left()).all_zero())
+        block.corrupt("has a gap in its object header that is not zero");
+}
+
+/// The object header at an address, with all blocks that it goes on in.
+inline Object read_object(File& file, std::uint64_t address, std::string path) {
+    constexpr std::size_t most_blocks = 64;
+    Object object;
+    object.path = std::move(path);
+    Window head(file.within(address, 16, object.path), object.path);  // no header is shorter
+    if (head.take(4).text() != "OHDR" || head.number(1) != 2) {
+        head.corrupt("has no object header of version 2");
+    }
+    const auto flags = head.number(1);
+    if ((flags & ~std::uint64_t{0x33}) != 0) head.corrupt("object header flags");
+    const std::size_t width = std::size_t{1} << (flags & 3);
+    const std::size_t front =
+        6 + ((flags & 0x20) != 0 ? 16u : 0u) + ((flags & 0x10) != 0 ? 4u : 0u) + width;
+    const auto size = number_at(file.within(address, front, object.path), front - width, width);
+    if (size > limits::payload_bytes) head.corrupt("an object header is cut short");
+    const View block = file.claim_checked(address, front + size + 4, object.path);
+    std::vector<std::pair<std::uint64_t, std::uint64_t>> more;
+    read_messages(Window(block.from(front), object.path), object, more);
+    for (std::size_t i = 0; i < more.size(); ++i) {
+        if (i == most_blocks) head.unsafe("unsafe.cap", "has too many header blocks");
+        const auto [start, length] = more[i];
+        const View chunk = file.claim_checked(start, length, object.path);
+        if (!chunk.begins("OCHK")) head.corrupt("a header block has no signature");
+        read_messages(Window(chunk.from(4), object.path), object, more);
+    }
+    return object;
+}
+
+}  // namespace vfplan::bundle::detail

@@ -1,0 +1,233 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// Rules that tie several values together, in the order of docs/format.md. A rule whose values are
+// missing says nothing: that they are missing has been reported.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <initializer_list>
+#include <set>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "vfplan/bundle/content.hpp"
+#include "vfplan/bundle/digest.hpp"
+#include "vfplan/bundle/finding.hpp"
+#include "vfplan/bundle/leak.hpp"
+#include "vfplan/bundle/schema.hpp"
+#include "vfplan/bundle/text.hpp"
+
+namespace vfplan::bundle {
+
+namespace detail {
+
+inline void check_understood(const Content& content, Findings& findings) {
+    const std::string& text = content.at("/@must_understand").string();
+    for (std::size_t start = 0; start <= text.size();) {
+        const std::size_t end = std::min(text.find(' ', start), text.size());
+        const std::string path = text.substr(start, end - start);
+        const bool known =
+            std::any_of(rows.begin(), rows.end(), [&](const Row& row) { return row.path == path; });
+        if (!path.empty() && !known) {
+            findings.error("version.must_understand", path,
+                           "must be understood, and this program does not");
+        }
+        start = end + 1;
+    }
+}
+
+/// Which groups a frame has no place for.
+inline void check_groups(const Content& content, Findings& findings) {
+    using Frames = std::initializer_list<std::string_view>;
+    const std::string& frame = content.at("/@frame").string();
+    const auto allow = [&](std::string_view group, Frames frames) {
+        if (content.has_group(group) &&
+            std::find(frames.begin(), frames.end(), frame) == frames.end()) {
+            findings.error("corrupt.group", group, "must not be in the frame " + in_quotes(frame));
+        }
+    };
+    allow("/image", {"image", "robot_base"});
+    allow("/rendering", {"robot_base", "patient_lps"});
+    allow("/registration", {"robot_base"});
+    allow("/mesh", {"robot_base", "patient_lps"});
+    if (content.has_group("/mesh") && content.has_group("/curve")) {
+        findings.error("corrupt.group", "/mesh", "must not stand beside /curve");
+    }
+}
+
+inline void check_frames(const Content& content, Findings& findings) {
+    const std::vector<double>& points = content.at("/points").f8;
+    if (content.at("/@frame").string() != "image") return;
+    for (std::size_t i = 2; i < points.size(); i += 3) {
+        if (points[i] != 0) {
+            return findings.error("corrupt.value", "/points",
+                                  "third column must be 0 in the frame image");
+        }
+    }
+}
+
+inline void check_identity(const Content& content, Findings& findings) {
+    const std::string& frame = content.at("/@frame").string();
+    const std::vector<double>& points = content.at("/points").f8;
+    Sha256 sum;
+    sum.update({reinterpret_cast<const unsigned char*>(frame.c_str()), frame.size() + 1});
+    sum.update(
+        {reinterpret_cast<const unsigned char*>(points.data()), points.size() * sizeof(double)});
+    const std::string wanted = to_hex(view(sum.digest())).substr(0, 32);
+    const std::string& found = content.at("/@id").string();
+    if (found != wanted) {
+        findings.error("corrupt.id", "/@id",
+                       "is " + in_quotes(found) + "; the points give " + in_quotes(wanted));
+    }
+}
+
+inline void check_curve(const Content& content, Findings& findings) {
+    const std::vector<std::int32_t>& stroke = content.at("/curve/stroke").i4;
+    bool counts = stroke.front() == 0;
+    for (std::size_t i = 1; i < stroke.size(); ++i) {
+        const std::int64_t step = std::int64_t{stroke[i]} - stroke[i - 1];
+        counts = counts && (step == 0 || step == 1);
+    }
+    if (!counts) {
+        return findings.error("corrupt.value", "/curve/stroke",
+                              "must count 0, 1, ... along the points");
+    }
+    const std::size_t strokes = content.at("/curve/closed").u1.size();
+    const auto found = static_cast<std::size_t>(stroke.back()) + 1;
+    if (found != strokes) {
+        findings.error("corrupt.shape", "/curve/closed",
+                       "has " + std::to_string(strokes) + " strokes; the points have " +
+                           std::to_string(found));
+    }
+}
+
+inline void check_mesh(const Content& content, Findings& findings) {
+    const std::vector<std::int32_t>& triangles = content.at("/mesh/triangles").i4;
+    const std::int32_t highest = *std::max_element(triangles.begin(), triangles.end());
+    const std::size_t count = content.at("/points").shape[0];
+    if (static_cast<std::size_t>(highest) >= count) {
+        findings.error("corrupt.value", "/mesh/triangles",
+                       "names point " + std::to_string(highest) + " of " + std::to_string(count));
+    }
+}
+
+inline void check_rendering(const Content& content, Findings& findings) {
+    if (const Value* axis = content.find("/rendering/ignore_axis")) {
+        const std::vector<double>& a = axis->f8;
+        const double length = std::sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+        if (std::abs(length - 1) > 1e-9) {
+            findings.error("corrupt.value", "/rendering/ignore_axis",
+                           "has length " + shown(length) + "; 1 wanted");
+        }
+    }
+    const double radius = content.at("/rendering@contact_radius_m").number() +
+                          content.at("/rendering@point_radius_m").number();
+    if (content.at("/rendering@band_m").number() >= radius) {
+        findings.error("corrupt.value", "/rendering@band_m",
+                       "must be less than R = " + shown(radius) + " m");
+    }
+}
+
+inline void check_unique(const std::vector<std::string>& names, std::string_view path,
+                         Findings& findings) {
+    const std::set<std::string_view> different(names.begin(), names.end());
+    if (different.size() != names.size() || different.count("") > 0) {
+        findings.error("corrupt.value", path, "must be different from each other and not empty");
+    }
+}
+
+inline void check_registration(const Content& content, Findings& findings) {
+    const bool from_image = content.at("/registration@source_frame").string() == "image";
+    const Value& transform = content.at("/registration/T_robot_image");
+    const std::size_t columns = content.at("/registration/source").shape[1];
+    const std::vector<double>& t = transform.f8;
+    if (transform.shape[0] != (from_image ? 3 : 4) || columns != (from_image ? 2 : 3)) {
+        findings.error("corrupt.shape", "/registration",
+                       "T_robot_image has " + std::to_string(transform.shape[0]) +
+                           " rows and source " + std::to_string(columns) +
+                           " columns; 3 and 2 from the frame image, else 4 and 3");
+    } else if (!from_image && (t[12] != 0 || t[13] != 0 || t[14] != 0 || t[15] != 1)) {
+        findings.error("corrupt.value", "/registration/T_robot_image", "last row must be 0 0 0 1");
+    }
+    if (const Value* covariance = content.find("/registration/covariance")) {
+        const std::size_t side = covariance->shape[0];
+        bool negative = false;
+        for (std::size_t i = 0; i < side; ++i) {
+            negative = negative || covariance->f8[i * side + i] < 0;
+        }
+        if (negative) {
+            findings.error("corrupt.value", "/registration/covariance", "has a negative variance");
+        }
+    }
+    check_unique(content.at("/registration/labels").text, "/registration/labels", findings);
+}
+
+inline void check_pairs(const Content& content, Findings& findings) {
+    for (const auto& [one, other] :
+         {std::pair{"/provenance/input_roles", "/provenance/input_sha256"},
+          std::pair{"/provenance/setting_names", "/provenance/setting_values"}}) {
+        const Value* names = content.find(one);
+        if ((names != nullptr) != content.has(other)) {
+            findings.error("corrupt.missing", "/provenance",
+                           std::string(one) + " and " + other + " need each other");
+        }
+        if (names == nullptr) continue;
+        check_unique(names->text, one, findings);
+        if (!std::all_of(names->text.begin(), names->text.end(), is_name)) {
+            findings.error("corrupt.value", one, "may hold letters, digits, '_', '.', '-'");
+        }
+    }
+}
+
+inline void check_provenance(const Content& content, Findings& findings) {
+    check_pairs(content, findings);
+    const auto each = [&](std::string_view path, bool (*good)(std::string_view)) {
+        const Value* list = content.find(path);
+        if (list == nullptr) return;
+        for (const std::string& text : list->text) {
+            if (!good(text)) findings.error("corrupt.value", path, "holds " + in_quotes(text));
+        }
+    };
+    each("/provenance/input_sha256", is_sha256);
+    each("/provenance/setting_values", is_setting);
+    const std::string& time = content.at("/provenance@created_utc").string();
+    if (!is_utc_time(time)) {
+        findings.error("corrupt.value", "/provenance@created_utc",
+                       "is " + in_quotes(time) + "; YYYY-MM-DDThh:mm:ssZ wanted");
+    }
+}
+
+}  // namespace detail
+
+/// A rule: reports to findings what does not hold; throws Absent if a value it needs is missing.
+using Rule = void (*)(const Content&, Findings&);
+
+/// Applies every rule of a version.
+inline void check(const Content& content, const Version& version, Findings& findings) {
+    const auto apply = [&](Rule rule) {
+        try {
+            rule(content, findings);
+        } catch (const Absent&) {
+        }
+    };
+    for (const Rule rule : {detail::check_understood, detail::check_groups, detail::check_frames}) {
+        apply(rule);
+    }
+    const bool sealed = version.major > 0;  // 0.1 had neither identity nor certificate
+    if (sealed) apply(detail::check_identity);
+    for (const Rule rule : {detail::check_curve, detail::check_mesh, detail::check_rendering,
+                            detail::check_registration, detail::check_provenance}) {
+        apply(rule);
+    }
+    if (sealed && findings.sound()) apply(detail::check_leak);
+    if (sealed && !findings.sound()) {
+        findings.note("leak.unchecked", "/leak", "not checked, because of the errors above");
+    }
+}
+
+}  // namespace vfplan::bundle

@@ -1,0 +1,128 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// The Python face of the bundle's reader. No logic here.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <memory>
+#include <utility>
+
+#include "vfplan/bundle/fixture.hpp"
+
+namespace nb = nanobind;
+namespace vb = vfplan::bundle;
+using namespace nb::literals;
+
+namespace {
+
+vb::View view(const nb::bytes& data) {
+    return {reinterpret_cast<const unsigned char*>(data.c_str()), data.size()};
+}
+
+nb::bytes to_bytes(vb::View data) { return nb::bytes(data.data(), data.size()); }
+
+/// A table as an array that owns the vector's memory.
+template <class T>
+nb::object array(std::vector<T>&& values, const std::vector<std::size_t>& shape) {
+    auto kept = std::make_unique<std::vector<T>>(std::move(values));
+    T* data = kept->data();
+    nb::capsule owner(kept.release(),
+                      [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
+    return nb::cast(nb::ndarray<nb::numpy, T>(data, shape.size(), shape.data(), owner));
+}
+
+nb::object texts(const std::vector<std::string>& all) {
+    nb::list list;
+    for (const std::string& text : all) list.append(nb::str(text.c_str(), text.size()));
+    return nb::tuple(list);
+}
+
+nb::object to_python(vb::Value&& value) {
+    const bool scalar = value.shape.empty();
+    switch (value.type) {
+        case vb::Type::f8:
+            return scalar ? nb::cast(value.f8[0]) : array(std::move(value.f8), value.shape);
+        case vb::Type::i4:
+            return scalar ? nb::cast(value.i4[0]) : array(std::move(value.i4), value.shape);
+        case vb::Type::u1:
+            return scalar ? nb::cast(int{value.u1[0]}) : array(std::move(value.u1), value.shape);
+        default:
+            return scalar ? nb::cast(value.text[0]) : texts(value.text);
+    }
+}
+
+/// ({path: value}, [(location, code, severity, message)])
+nb::tuple read_payload(vb::View payload, bool sealed, bool strict) {
+    vb::Findings findings(strict);
+    vb::Content content;
+    {
+        nb::gil_scoped_release release;
+        content = vb::read_payload(payload, findings, sealed);
+    }
+    nb::dict values;
+    for (auto& [path, value] : content) values[path.c_str()] = to_python(std::move(value));
+    nb::list found;
+    for (const vb::Finding& f : findings.all()) {
+        const std::string where = f.where.empty() ? "/" : f.where;
+        found.append(nb::make_tuple(where, f.code, f.error ? "error" : "note", f.message));
+    }
+    return nb::make_tuple(values, found);
+}
+
+/// A bundle's bytes, whose seal holds.
+struct Sealed {
+    explicit Sealed(nb::bytes bytes) : data(std::move(bytes)) {
+        const vb::View all = view(data);
+        nb::gil_scoped_release release;
+        seal = vb::unseal(all, payload);
+    }
+    nb::bytes data;
+    vb::View payload;
+    vb::Seal seal;
+};
+
+/// BundleError -> the Python exception of the same kind, with `where` and `code`.
+void translate(const std::exception_ptr& thrown, void*) {
+    try {
+        std::rethrow_exception(thrown);
+    } catch (const vb::BundleError& error) {
+        const nb::object kind =
+            nb::module_::import_("vfplan.errors").attr(std::string(error.kind()).c_str());
+        const nb::object where = error.where.empty() ? nb::none() : nb::cast(error.where);
+        nb::object made = kind(error.message, "where"_a = where);
+        made.attr("code") = error.code;
+        PyErr_SetObject(kind.ptr(), made.ptr());
+    }
+}
+
+}  // namespace
+
+void bind_bundle(nb::module_& m) {
+    nb::register_exception_translator(translate);
+    m.def(
+        "read_payload",
+        [](const nb::bytes& payload, bool sealed, bool strict) {
+            return read_payload(view(payload), sealed, strict);
+        },
+        "payload"_a, "sealed"_a = true, "strict"_a = true);
+    nb::class_<Sealed>(m, "Sealed", "A bundle's bytes, whose seal holds")
+        .def(nb::init<nb::bytes>(), "data"_a)
+        .def(
+            "read",
+            [](const Sealed& s, bool strict) { return read_payload(s.payload, true, strict); },
+            "strict"_a = true)
+        .def_prop_ro("payload", [](const Sealed& s) { return to_bytes(s.payload); })
+        .def_prop_ro("payload_length", [](const Sealed& s) { return s.seal.payload_length; })
+        .def_prop_ro("sha256", [](const Sealed& s) { return to_bytes(vb::view(s.seal.digest)); })
+        .def_prop_ro("signed", [](const Sealed& s) { return s.seal.is_signed; })
+        .def_prop_ro("key_id", [](const Sealed& s) { return to_bytes(vb::view(s.seal.key_id)); })
+        .def_prop_ro("signature",
+                     [](const Sealed& s) { return to_bytes(vb::view(s.seal.signature)); })
+        .def_prop_ro("signed_message",
+                     [](const Sealed& s) { return to_bytes(s.seal.signed_message); })
+        .def_prop_ro("case", [](const Sealed& s) { return s.seal.case_token; })
+        .def_prop_ro("robot_serial", [](const Sealed& s) { return s.seal.robot_serial; })
+        .def_prop_ro("registered", [](const Sealed& s) { return s.seal.registered; });
+}
