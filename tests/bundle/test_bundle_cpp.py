@@ -1,4 +1,4 @@
-"""The C++ reader: same values and same verdicts as Python's, on libhdf5 from apt."""
+"""The reader in a C++ program: the same values and verdicts as in Python; h5py reads the same."""
 
 import importlib.util
 import json
@@ -22,8 +22,6 @@ MAKE = ("minimal", "small", "whole", "sheet", "pixels", "patient")
 
 def build(source, folder, target):
     """Build a program against the installed package by CMake."""
-    need_header("hdf5.h", "libhdf5-dev", "/usr/include/hdf5/serial")
-    need_header("openssl/evp.h", "libssl-dev")
     need_program("g++", "g++")
     for command in (
         ["cmake", "-S", source, "-B", folder, f"-Dvfplan_DIR={vfplan.cmake_dir()}"],
@@ -46,11 +44,12 @@ def bundle_sweep(tmp_path_factory):
     """tests/native/bundle_sweep.cpp: many damaged files in one process."""
     folder = tmp_path_factory.mktemp("bundle_sweep")
     (folder / "CMakeLists.txt").write_text(
-        "cmake_minimum_required(VERSION 3.24)\nproject(sweep LANGUAGES C CXX)\n"
-        "set(CMAKE_BUILD_TYPE Release)\nfind_package(vfplan REQUIRED COMPONENTS hdf5)\n"
+        "cmake_minimum_required(VERSION 3.24)\nproject(sweep LANGUAGES CXX)\n"
+        "set(CMAKE_BUILD_TYPE Release)\nfind_package(vfplan REQUIRED COMPONENTS sign)\n"
         f"add_executable(bundle_sweep {ROOT}/tests/native/bundle_sweep.cpp)\n"
-        "target_link_libraries(bundle_sweep PRIVATE vfplan::hdf5)\n"
+        "target_link_libraries(bundle_sweep PRIVATE vfplan::sign)\n"
     )
+    need_header("openssl/evp.h", "libssl-dev")
     program = build(folder, folder / "build", "bundle_sweep")
 
     def run(*words, text=None):
@@ -107,15 +106,31 @@ def test_constants_and_documentation_are_those_of_the_schema():
     assert make_format.sizes_table() in text
 
 
-def test_a_program_that_asks_for_no_hdf5_needs_none(tmp_path):
+@pytest.mark.parametrize(
+    ("components", "target"), [("", "vfplan::vfplan"), ("COMPONENTS hdf5", "vfplan::hdf5")]
+)
+def test_a_program_reads_bundles_without_a_library(components, target, tmp_path):
+    """By the reader's earlier names too, from when it needed libhdf5."""
+    old = "hdf5" in target
+    names, header = ("vfplan::hdf5", "hdf5") if old else ("vfplan::bundle", "bundle")
+    (tmp_path / "main.cpp").write_text(
+        f"#include <vfplan/{header}/fixture.hpp>\n"
+        f"int main(int, char** argv) {{ return int({names}::read_fixture(argv[1]).size()); }}\n"
+    )
     (tmp_path / "CMakeLists.txt").write_text(
         "cmake_minimum_required(VERSION 3.24)\nproject(plain LANGUAGES CXX)\n"
-        "find_package(vfplan REQUIRED)\n"
-        "if(TARGET vfplan::hdf5 OR HDF5_FOUND)\n  message(FATAL_ERROR found)\nendif()\n"
+        f"find_package(vfplan REQUIRED {components})\n"
+        "if(HDF5_FOUND)\n  message(FATAL_ERROR found)\nendif()\n"
+        f"add_executable(plain main.cpp)\ntarget_link_libraries(plain PRIVATE {target})\n"
     )
-    command = ["cmake", "-S", tmp_path, "-B", tmp_path / "b", f"-Dvfplan_DIR={vfplan.cmake_dir()}"]
-    done = subprocess.run([*map(str, command)], capture_output=True, check=False)
-    assert done.returncode == 0, done.stderr
+    program = build(tmp_path, tmp_path / "b", "plain")
+    needs = subprocess.run(["ldd", program], capture_output=True, text=True, check=True).stdout
+    assert "hdf5" not in needs
+    if not old:
+        assert "crypto" not in needs
+    path = tmp_path / "a.h5"
+    vfplan.write_fixture(bundles.minimal(), path)
+    assert subprocess.run([program, path], check=False).returncode == 12
 
 
 def python_verdict(data):

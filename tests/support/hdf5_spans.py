@@ -112,7 +112,7 @@ def spans(data: bytes) -> list[tuple[int, int, bool]]:
 
 
 def rests(data: bytes):
-    """(first, end) of the bytes that belong to nothing: between the spans, and in empty messages."""
+    """(first, end) of bytes that belong to nothing: between the spans, and in empty messages."""
     at = 0
     for first, end, _ in spans(data):
         if at < first:

@@ -1,4 +1,4 @@
-"""Read bundles from disk: by the reader in C++ (vfplan/bundle/*.hpp), whose verdict is the only one."""
+"""Read bundles from disk by the reader, which is written in C++ (vfplan/bundle/*.hpp)."""
 
 from __future__ import annotations
 

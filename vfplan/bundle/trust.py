@@ -41,7 +41,9 @@ class Trust:
 
 
 def check_trust(seal: Sealed, trust: Trust, now: float | None = None) -> None:
-    """Refuse a seal, as its bytes are in the file, that no trusted key signed for this case, this robot and this day.
+    """Refuse a seal that no trusted key signed for this case, this robot and this day.
+
+    What must be signed are the bytes of the file, as they are.
 
     `now` is in seconds since 1970 UTC.
 
