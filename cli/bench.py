@@ -113,24 +113,11 @@ def _write(document: dict[str, Any], stages: tuple[str, ...], files: list[Path])
     from vfplan.study.bench import write_csv, write_json
     from vfplan.study.bench_figures import draw_stage
 
-    with _folder(files[0].parent), outputs(*files) as (table, rows, *pictures):
+    with outputs(*files) as (table, rows, *pictures):
         write_json(document, table)
         write_csv(document, rows)
         for stage, picture in zip(stages, pictures, strict=True):
             draw_stage(document, stage, picture)
-
-
-@contextmanager
-def _folder(path: Path) -> Iterator[None]:
-    """Make the folder; take it away again when what was to go there fails."""
-    new = not path.exists()
-    path.mkdir(exist_ok=True)
-    try:
-        yield
-    except BaseException:
-        if new:
-            path.rmdir()
-        raise
 
 
 @contextmanager

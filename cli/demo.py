@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import json
-import shutil
 import tempfile
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -16,6 +15,7 @@ from vfplan.cli.options import FILE
 from vfplan.cli.run import Report, command, jsonable, outputs, refuse_existing
 
 from vfplan.errors import OutputError
+from vfplan.io.disk import write_whole
 
 # Left behind in the folder by the pipeline, in the order of the story.
 FILES = ("mask.png", "overlay.png", "fixture.h5", "result.h5", "force.png", "scene.png")
@@ -46,19 +46,12 @@ def command(what: str, output: Path, overwrite: bool) -> Report:
     names = FILES if what == "pipeline" else _sample(what).FILES
     make = {"pipeline": pipeline, "paper": papers_figures, "experiments": experiments}[what]
     targets = [output / name for name in names]
-    made_folder = not output.exists()
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise OutputError(f"{reason}; a folder is wanted", where=str(output)) from None
-    try:
+    if output.is_dir():
         refuse_existing(*targets, overwrite=overwrite)
-        with outputs(*targets) as temporary:
-            data, text = make(*temporary)
-    finally:
-        if made_folder and not any(output.iterdir()):
-            output.rmdir()
+    elif output.exists():
+        raise OutputError("file exists; a folder is wanted", where=str(output))
+    with outputs(*targets) as temporary:
+        data, text = make(*temporary)
     left = f"Left in {output}: {', '.join(names)}"
     return Report({**data, "files": list(names)}, f"{text}\n{left}")
 
@@ -94,7 +87,7 @@ def _drawn(module: ModuleType, places: tuple[Path, ...]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="vfplan-") as folder:
         found = module.draw(Path(folder))
         for name, place in zip(module.FILES, places, strict=True):
-            shutil.copyfile(Path(folder, name), place)
+            write_whole(place, [Path(folder, name).read_bytes()], overwrite=True)
     return found
 
 

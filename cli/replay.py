@@ -13,6 +13,8 @@ from vfplan.cli.replay_text import replay_text
 from vfplan.cli.run import Report, outputs, progress, refuse_existing
 from vfplan.cli.run import command as vfplan_command
 
+from vfplan.io.disk import write_whole
+
 
 class Bound(click.ParamType):
     """`NAME=NUMBER`: a number of the report and its limit."""
@@ -121,12 +123,14 @@ def command(
         _refuse_folder(report, overwrite)
     elif given["image"] is not None:
         raise click.UsageError("--image is for the pictures of --report DIR")
-    with outputs(output, csv_out) as (result_path, csv_path):
+    index = None if report is None else report / "index.html"
+    with outputs(output, csv_out, index) as (result_path, csv_path, page_path):
         replayed = _replayed(fixture, session, (result_path, csv_path), report is not None, given)
-        if report is not None:
-            from vfplan.report import write_report
+        if page_path is not None:
+            from vfplan.report.page import page
 
-            write_report(replayed, report, image=given["image"], overwrite=overwrite)
+            text = page(replayed, image=given["image"])
+            write_whole(page_path, [text.encode("utf-8")], overwrite=True)
         text = replay_text(replayed.metrics)
     return Report(replayed.metrics, text, exit_code=int(not replayed.passed))
 

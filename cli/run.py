@@ -14,12 +14,11 @@ import logging
 import math
 import os
 import sys
-import tempfile
 import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
@@ -28,7 +27,7 @@ import click
 from vfplan.cli.stopping import Stopped, stoppable
 
 from vfplan.errors import OutputError, VfplanError
-from vfplan.io.disk import Placed, move_whole
+from vfplan.io.disk import Placed, beside, create, made_folder, move_whole, working_in
 
 PLACED = "vfplan.cli.placed"  # under this key in click's context: what the command wrote
 
@@ -206,7 +205,7 @@ def _inputs(outputs: tuple[Path | None, ...]) -> set[Path]:
 
 @contextmanager
 def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
-    """Write several files together: all of them appear, or none.
+    """Write several files together: all of them appear, or none; a missing folder is made.
 
     Yields one temporary path a given path (same folder, same suffix; `None` stays `None`); moves
     them into place when the block ends well and deletes them when it does not. A power cut leaves
@@ -215,24 +214,30 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
 
     Raises `OutputError` where the system lets a file not be made or written, or it exists.
     """
-    temporaries: tuple[Path | None, ...] = ()
-    try:
-        temporaries = tuple(p and _temporary_beside(p) for p in paths)
-        yield temporaries
-        moves = [(t, p) for p, t in zip(paths, temporaries, strict=True) if p and t]
-        _remember(move_whole(moves, overwrite=_overwrite()))
-    except OSError as error:
-        reason = error.strerror or str(error)
-        where = next((str(p) for p in paths if p is not None), None)
-        raise OutputError(f"cannot be written: {reason}", where=where) from error
-    except VfplanError as error:
-        for path, temporary in zip(paths, temporaries, strict=True):
-            if temporary is not None and error.where == str(temporary):
-                error.where = str(path)  # the name that the caller knows
-        raise
-    finally:
-        for temporary in temporaries:
-            if temporary is not None:
+    # Writers make them anew (`vfplan.io.disk.create`): nothing is written through another's link.
+    temporaries = tuple(p and beside(p, "".join(p.suffixes[-2:])[1:] or "tmp") for p in paths)
+    with ExitStack() as folders:
+        try:
+            for folder in {path.parent for path in paths if path is not None}:
+                folders.enter_context(made_folder(folder))
+                folders.enter_context(working_in(folder))
+            for temporary in filter(None, temporaries):  # no long work for a folder that takes none
+                create(temporary).close()
+                temporary.unlink()
+            yield temporaries
+            moves = [(t, p) for p, t in zip(paths, temporaries, strict=True) if p and t]
+            _remember(move_whole(moves, overwrite=_overwrite()), folders.pop_all())
+        except OSError as error:
+            reason = error.strerror or str(error)
+            where = next((str(p) for p in paths if p is not None), None)
+            raise OutputError(f"cannot be written: {reason}", where=where) from error
+        except VfplanError as error:
+            for path, temporary in zip(paths, temporaries, strict=True):
+                if temporary is not None and error.where == str(temporary):
+                    error.where = str(path)  # the name that the caller knows
+            raise
+        finally:
+            for temporary in filter(None, temporaries):
                 temporary.unlink(missing_ok=True)
 
 
@@ -241,31 +246,31 @@ def _overwrite() -> bool:
     return context is not None and bool(context.params.get("overwrite"))
 
 
-def _remember(placed: Placed) -> None:
-    """Keep what the running command wrote in mind until its report is out."""
+def _remember(placed: Placed, folders: ExitStack) -> None:
+    """Keep what the running command wrote in mind until its report is out, its folders locked."""
     context = click.get_current_context(silent=True)
     if context is None:
         placed.keep()
+        folders.close()
     else:
-        context.meta.setdefault(PLACED, []).append(placed)
+        context.meta.setdefault(PLACED, []).append((placed, folders))
+
+
+class _TakenBack(Exception):  # noqa: N818 - tells a folder that was made to go again
+    pass
 
 
 def _keep() -> None:
-    for placed in click.get_current_context().meta.pop(PLACED, []):
+    for placed, folders in click.get_current_context().meta.pop(PLACED, []):
         placed.keep()
+        folders.close()
 
 
 def _take_back() -> None:
-    for placed in reversed(click.get_current_context().meta.pop(PLACED, [])):
-        placed.undo()
-
-
-def _temporary_beside(path: Path) -> Path:
-    suffix = "".join(path.suffixes)
-    handle, name = tempfile.mkstemp(prefix=".vfplan-", suffix=suffix, dir=path.parent)
-    os.close(handle)
-    os.unlink(name)  # writers refuse to overwrite; only the name was wanted
-    return Path(name)
+    for placed, folders in reversed(click.get_current_context().meta.pop(PLACED, [])):
+        with suppress(_TakenBack), folders:
+            placed.undo()
+            raise _TakenBack
 
 
 @contextmanager

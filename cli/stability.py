@@ -12,6 +12,7 @@ from vfplan.cli import options
 from vfplan.cli.run import Report, command, jsonable, outputs, progress, refuse_existing
 
 from vfplan.errors import OutputError, at
+from vfplan.io.disk import write_whole
 
 PARTS = ("closed-loop", "map", "passivity", "extremes", "precision")
 REPORT, TABLE, MAP, PASSIVITY = FILES = (
@@ -139,13 +140,13 @@ def _write(folder: Path, found: Any) -> None:
     from vfplan.figures.stability import draw_map, draw_passivity
 
     kinds = {row.case.partition("/")[0] for row in found.rows}
-    folder.mkdir(exist_ok=True)
     chart = folder / MAP if "map" in kinds else None
     passivity = folder / PASSIVITY if "passivity" in kinds else None
     paths = (folder / REPORT, folder / TABLE, chart, passivity)
     with outputs(*paths) as (report, table, chart_file, passivity_file):
-        report.write_text(json.dumps(jsonable(found.as_dict()), indent=2) + "\n", "utf-8")
-        table.write_text(found.as_csv(), "utf-8")
+        text = json.dumps(jsonable(found.as_dict()), indent=2) + "\n"
+        write_whole(report, [text.encode()], overwrite=True)
+        write_whole(table, [found.as_csv().encode()], overwrite=True)
         if chart_file is not None:
             draw_map(found.rows, chart_file)
         if passivity_file is not None:

@@ -7,6 +7,7 @@ in a process of their own.
 from __future__ import annotations
 
 import functools
+import io
 import os
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MissingExtra, SettingError
 from vfplan.fixture import Fixture
+from vfplan.io.disk import write_whole
 from vfplan.replaying.overview import contact_marks
 from vfplan.session import TickBlock
 
@@ -108,14 +110,17 @@ def draw_view(
     SettingError
         A time outside the replay.
     """
+    from PIL import Image
+
     stage = Stage(_pyvista(screen=False), fixture, ticks, size=size, off_screen=True)
     if mark_hz is not None and ticks is not None:
         stage.show_marks(contact_marks(ticks, mark_hz))
     else:
         stage.show_tick(stage.tick_at(at_s))
     stage.plotter.show(auto_close=False, interactive=False)
-    stage.plotter.screenshot(str(path))
+    image = Image.fromarray(stage.plotter.screenshot(return_img=True))
     stage.plotter.close()
+    _save(path, image, "PNG")
 
 
 def draw_movie(
@@ -142,9 +147,13 @@ def draw_movie(
         shots.append(Image.fromarray(stage.plotter.screenshot(return_img=True)))
     stage.plotter.close()
     first, *rest = (shot.quantize(64) for shot in shots)
-    first.save(
-        path, format="GIF", save_all=True, append_images=rest, duration=round(1000 / fps), loop=0
-    )
+    _save(path, first, "GIF", save_all=True, append_images=rest, duration=round(1000 / fps), loop=0)
+
+
+def _save(path: Path, image: Any, kind: str, **how: Any) -> None:
+    held = io.BytesIO()
+    image.save(held, format=kind, **how)
+    write_whole(path, [held.getvalue()], overwrite=True)
 
 
 def show(fixture: Fixture, ticks: TickBlock | None = None) -> None:

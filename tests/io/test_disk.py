@@ -136,7 +136,7 @@ def test_a_folder_that_takes_no_file_is_one_clear_error(monkeypatch, tmp_path):
     def refused(*args, **kwargs):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("tempfile.mkstemp", refused)
+    monkeypatch.setattr("vfplan.cli.run.create", refused)
     with pytest.raises(OutputError, match="Permission denied"), outputs(tmp_path / "a.h5"):
         pass
 

@@ -346,7 +346,7 @@ def test_result_is_not_overwritten_and_others_are_not_read(tmp_path):
     path = tmp_path / "r.h5"
     with ResultWriter(path, {}) as writer:
         writer.append(ticks_of(5))
-    with pytest.raises(OutputError, match="cannot be written"):
+    with pytest.raises(OutputError, match="exists already"):
         ResultWriter(path, {})
     with h5py.File(path, "a") as file:
         file.attrs["version"] = "2.0"

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.figures.style import CLOUD, CONTACT, DPI, HIP, new_figure, save_png, style
+from vfplan.io.disk import write_whole
 
 if TYPE_CHECKING:
     from vfplan.curve import Extraction, Stroke
@@ -33,7 +34,7 @@ def draw_mask(extraction: Extraction, path: Path) -> None:
     ok, data = cv2.imencode(".png", extraction.mask.astype(np.uint8) * 255)
     if not ok:
         raise OutputError("the mask cannot be encoded as PNG", where=str(path))
-    Path(path).write_bytes(data.tobytes())
+    write_whole(path, [data.tobytes()], overwrite=True)
 
 
 def draw_overlay(

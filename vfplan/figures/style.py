@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+
+from vfplan.io.disk import write_whole
 
 # The paper's Figs. 2, 4 and 6: blue cloud, green HIP, red contact circle, magenta normal.
 CLOUD = "#1f5fbf"
@@ -40,6 +43,13 @@ def style():
     return mpl.rc_context(_RC)
 
 
+def png_bytes(figure: Figure) -> bytes:
+    """The figure as PNG; the same figure gives the same bytes (no date, no software version)."""
+    held = io.BytesIO()
+    figure.savefig(held, format="png", metadata={"Software": None})
+    return held.getvalue()
+
+
 def save_png(figure: Figure, path: Path) -> None:
-    """Write the figure; the same figure gives the same bytes (no date, no software version)."""
-    figure.savefig(path, format="png", metadata={"Software": None})
+    """Write the figure, whole or not at all; raises `OutputError`."""
+    write_whole(path, [png_bytes(figure)], overwrite=True)

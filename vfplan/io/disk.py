@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
+import re
 import secrets
 import shutil
 import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -16,6 +19,63 @@ from vfplan.errors import InputError, OutputError
 EXISTS = "exists already; give --overwrite to replace it"
 # What a file system answers that has no hard links.
 NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL)
+HIDDEN = re.compile(r"\.vfplan-[0-9a-f]{16}\..+")  # the names that `beside` gives
+
+
+@contextmanager
+def working_in(folder: Path) -> Iterator[None]:
+    """Mark a folder as one that is being written to, and first take away what a kill left there.
+
+    Every writer holds a shared lock on the folder while it has hidden files there. Whoever gets
+    the lock alone knows that the hidden files of its user have lost their writer. Where a file
+    system has no locks, or somebody else keeps the folder locked, nothing is taken away.
+    """
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except OSError:  # the writer that follows says what is wrong
+        yield
+        return
+    try:
+        with suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _sweep(folder)
+        with suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def made_folder(folder: Path) -> Iterator[None]:
+    """Make a folder, and those above it; what was made is taken away when the block fails."""
+    made = [place for place in (folder, *folder.parents) if not place.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        for place in made:
+            with suppress(OSError):
+                place.rmdir()
+        raise
+
+
+def _sweep(folder: Path) -> None:
+    for entry in os.scandir(folder):
+        if not HIDDEN.fullmatch(entry.name):
+            continue
+        found = entry.stat(follow_symlinks=False)
+        if found.st_uid == os.geteuid() and stat.S_ISREG(found.st_mode):
+            os.unlink(entry.path)
+
+
+def create(path: Path, mode: int = 0o666) -> BinaryIO:
+    """A new file, open for writing and reading; raises `OSError`, also where a link has its name.
+
+    O_EXCL: in a folder that others may write to, nothing is written through a link of theirs.
+    """
+    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+    return open(os.open(path, flags, mode), "w+b")
 
 
 def write_whole(path: Path, parts: list[bytes], *, overwrite: bool, mode: int = 0o666) -> None:
@@ -29,20 +89,38 @@ def write_whole(path: Path, parts: list[bytes], *, overwrite: bool, mode: int = 
     OutputError
         The path exists and `overwrite` is false, is a directory, or cannot be written.
     """
-    path = Path(path)
-    temporary = _beside(path, "tmp")
+    with whole_file(Path(path), overwrite=overwrite, mode=mode) as file:
+        file.writelines(parts)
+        file.seek(0)
+        if any(file.read(len(part)) != part for part in parts):
+            raise OSError(errno.EIO, "it reads back otherwise than it was written")
+
+
+@contextmanager
+def whole_file(path: Path, *, overwrite: bool, mode: int = 0o666) -> Iterator[BinaryIO]:
+    """A file to fill that gets its name when the block ends well, and else is taken away.
+
+    What `write_whole` says of files holds; raises as it does.
+    """
+    temporary = beside(path, "tmp")
     try:
         if path.is_dir():
             raise OutputError("is a directory; a file is wanted", where=str(path))
         if path.exists() and not overwrite:
             raise OutputError(EXISTS, where=str(path))
-        _write_synced(temporary, parts, mode)
-        _put(temporary, path, overwrite=overwrite)
-        sync(path.parent)
+        with working_in(path.parent), ExitStack() as left:
+            with create(temporary, mode) as file:
+                left.callback(temporary.unlink, missing_ok=True)
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            _put(temporary, path, overwrite=overwrite)
+            if not overwrite:
+                left.callback(path.unlink, missing_ok=True)
+            sync(path.parent)
+            left.pop_all()
     except OSError as error:
         raise OutputError(f"cannot be written: {error.strerror}", where=str(path)) from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def write_together(files: list[tuple[Path, bytes, int]], *, overwrite: bool) -> None:
@@ -50,22 +128,24 @@ def write_together(files: list[tuple[Path, bytes, int]], *, overwrite: bool) -> 
 
     Raises `OutputError` as `move_whole` does.
     """
-    moves = [(_beside(path, "tmp"), path) for path, _, _ in files]
-    try:
+    moves = [(beside(path, "tmp"), path) for path, _, _ in files]
+    with ExitStack() as held:
+        for folder in {path.parent for path, _, _ in files}:
+            held.enter_context(working_in(folder))
+        for temporary, _ in moves:
+            held.callback(temporary.unlink, missing_ok=True)
         for (temporary, at), (_, data, mode) in zip(moves, files, strict=True):
             try:
-                _write_synced(temporary, [data], mode)
+                with create(temporary, mode) as file:
+                    file.write(data)
             except OSError as error:
                 raise OutputError(f"cannot be written: {error.strerror}", where=str(at)) from error
         move_whole(moves, overwrite=overwrite).keep()
-    finally:
-        for temporary, _ in moves:
-            temporary.unlink(missing_ok=True)
 
 
-def sync(path: Path) -> None:
-    """Wait until a file's bytes, or a folder's names, are on the disk; raises `OSError`."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+def sync(path: Path, flags: int = os.O_DIRECTORY) -> None:
+    """Wait until a folder's names, or a file's bytes, are on the disk; raises `OSError`."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | flags)
     try:
         os.fsync(descriptor)
     finally:
@@ -103,10 +183,11 @@ class Placed:
         self._done.clear()
 
     def keep(self) -> None:
-        """Let the old files go."""
+        """Let the old files go; one that cannot be removed now is swept away by the next writer."""
         for _, old in self._done:
             if old is not None:
-                old.unlink(missing_ok=True)
+                with suppress(OSError):
+                    old.unlink(missing_ok=True)
         self._done.clear()
 
 
@@ -126,7 +207,7 @@ def move_whole(moves: Iterable[tuple[Path, Path]], *, overwrite: bool) -> Placed
     placed, at = Placed(), pairs[0][1] if pairs else Path()
     try:
         for temporary, at in pairs:  # noqa: B007 - `at` is named in the error
-            sync(temporary)
+            sync(temporary, os.O_NOFOLLOW | os.O_NONBLOCK)
         for temporary, at in pairs:
             placed.put(temporary, at, overwrite=overwrite)
         for folder in {target.parent for _, target in pairs}:
@@ -139,7 +220,8 @@ def move_whole(moves: Iterable[tuple[Path, Path]], *, overwrite: bool) -> Placed
     return placed
 
 
-def _beside(path: Path, suffix: str) -> Path:
+def beside(path: Path, suffix: str) -> Path:
+    """A hidden name in the same folder, that no file has."""
     return path.with_name(f".vfplan-{secrets.token_hex(8)}.{suffix}")  # never too long a name
 
 
@@ -170,7 +252,7 @@ def _set_aside(target: Path) -> Path | None:
     """A second name for a file that will be replaced; `None` if there is no file."""
     if not os.path.lexists(target):
         return None
-    old = _beside(target, "old")
+    old = beside(target, "old")
     try:
         os.link(target, old, follow_symlinks=False)
     except OSError as error:
@@ -178,15 +260,6 @@ def _set_aside(target: Path) -> Path | None:
             raise
         shutil.copy2(target, old, follow_symlinks=False)
     return old
-
-
-def _write_synced(path: Path, parts: list[bytes], mode: int) -> None:
-    # O_EXCL: never through a link that somebody put there.
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
-    with open(descriptor, "wb") as file:
-        file.writelines(parts)
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:

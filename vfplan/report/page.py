@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import base64
-import io
 import json
-import os
-import shutil
 import tempfile
 from html import escape
 from importlib.resources import files
@@ -15,10 +12,10 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from vfplan.errors import OutputError
 from vfplan.figures.depth import depth_plot, slice_depth
 from vfplan.figures.replay import MARK_HZ, scene, timeline
-from vfplan.figures.style import save_png
+from vfplan.figures.style import png_bytes
+from vfplan.io.disk import made_folder, write_whole
 from vfplan.replaying import Replay
 from vfplan.report.scrubber import scrubber_data
 from vfplan.report.tables import checks, episodes, findings, settings, summary
@@ -47,20 +44,9 @@ def write_report(
         An image that is not the one the fixture was planned on.
     """
     folder = Path(folder)
-    if (folder / "index.html").exists() and not overwrite:
-        raise OutputError("exists already; give --overwrite", where=str(folder / "index.html"))
     text = page(replayed, image=image)
-    made = not folder.exists()
-    folder.mkdir(parents=True, exist_ok=True)
-    temporary = folder / f".index-{os.getpid()}.html"
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        temporary.replace(folder / "index.html")
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        if made:
-            shutil.rmtree(folder, ignore_errors=True)
-        raise OutputError(f"cannot be written: {error.strerror}", where=str(folder)) from None
+    with made_folder(folder):
+        write_whole(folder / "index.html", [text.encode("utf-8")], overwrite=overwrite)
     return folder / "index.html"
 
 
@@ -133,9 +119,7 @@ def _section(title: str, content: str) -> str:
 
 
 def _picture(figure: Figure, words: str, kind: str = "") -> str:
-    held = io.BytesIO()
-    save_png(figure, held)
-    return _embedded(held.getvalue(), words, kind)
+    return _embedded(png_bytes(figure), words, kind)
 
 
 def _embedded(png: bytes, words: str, kind: str) -> str:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import InputError, OutputError, VersionError
+from vfplan.errors import InputError, VersionError
 from vfplan.io.hdf5 import h5py
-from vfplan.session.closing import Closing
+from vfplan.session.closing import Steady, Whole, require_same
 from vfplan.session.types import BLOCK, LATEST_S, Array
 
 RESULT_FORMAT = "vfplan-result"
@@ -85,8 +86,11 @@ def joined(blocks: list[TickBlock]) -> TickBlock:
     return TickBlock(**{n: np.concatenate([getattr(b, n) for b in blocks]) for n in names})
 
 
-class ResultWriter(Closing):
+class ResultWriter(Whole):
     """Write a result file block by block; use as a context manager.
+
+    The file appears under its name when the `with` statement ends well: on the disk, and read back
+    to what was written. Else there is none.
 
     Parameters
     ----------
@@ -100,20 +104,22 @@ class ResultWriter(Closing):
     Raises
     ------
     OutputError
-        The file exists or cannot be made.
+        The file exists, or cannot be made or written.
     """
 
     def __init__(
         self, path: str | Path, attrs: dict[str, Any], *, groups: tuple[str, ...] = ("",)
     ) -> None:
-        try:
-            self._file = h5py.File(path, "x", libver=("v110", "v110"))
-        except OSError as error:
-            raise OutputError(f"cannot be written: {error}", where=str(path)) from None
-        self._file.attrs["format"] = RESULT_FORMAT
-        self._file.attrs["version"] = RESULT_VERSION
+        self._groups = groups
+        super().__init__(path)
         self.set(attrs)
-        for name in groups:
+
+    def _begin(self, file: BinaryIO) -> None:
+        self._bytes = Steady(file)
+        self._sums = {(group, name): 0 for group in self._groups for name in _TABLE}
+        self._file = h5py.File(self._bytes, "w", libver=("v110", "v110"))
+        self.set({"format": RESULT_FORMAT, "version": RESULT_VERSION})
+        for name in self._groups:
             _create(self._file.require_group(name) if name else self._file)
 
     def set(self, attrs: dict[str, Any]) -> None:
@@ -127,10 +133,29 @@ class ResultWriter(Closing):
         """Add a block of ticks."""
         place = self._file[group] if group else self._file
         for name in _TABLE:
-            dataset = place[name]
+            dataset, rows = place[name], getattr(block, name)
             size = len(dataset)
             dataset.resize(size + len(block), axis=0)
-            dataset[size:] = getattr(block, name)
+            dataset[size:] = rows
+            self._sums[group, name] = _summed(rows, name, self._sums[group, name])
+        self._bytes.check()
+
+    def _close(self) -> None:
+        self._file.close()
+
+    def _verify(self) -> None:
+        self._bytes.check()
+        self._bytes.seek(0)
+        with h5py.File(self._bytes, "r") as file:
+            for (group, name), written in self._sums.items():
+                dataset, found = file[f"/{group}/{name}"], 0
+                for start in range(0, len(dataset), BLOCK):
+                    found = _summed(dataset[start : start + BLOCK], name, found)
+                require_same(found, written)
+
+
+def _summed(rows: NDArray, name: str, before: int) -> int:
+    return zlib.crc32(np.ascontiguousarray(rows, _TABLE[name][1]), before)
 
 
 def _create(place: h5py.Group) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import zlib
+from typing import BinaryIO
 
 import numpy as np
 
-from vfplan.session.closing import Closing
+from vfplan.session.closing import Whole, require_same
 from vfplan.session.result import TickBlock
 
 HEADER = (
@@ -15,12 +16,22 @@ HEADER = (
 )
 
 
-class CsvWriter(Closing):
-    """Write ticks as CSV, one line a tick; numbers read back to the same bits."""
+class CsvWriter(Whole):
+    """Write ticks as CSV, one line a tick; numbers read back to the same bits.
 
-    def __init__(self, path: str | Path) -> None:
-        self._file = Path(path).open("w", encoding="ascii", newline="")  # noqa: SIM115
-        self._file.write(HEADER + "\n")
+    The file appears, whole, when the `with` statement ends well; raises `OutputError` when there
+    is one already, or it cannot be written.
+    """
+
+    def _begin(self, file: BinaryIO) -> None:
+        self._file = file
+        self._sum = 0
+        self._write(HEADER + "\n")
+
+    def _write(self, text: str) -> None:
+        data = text.encode("ascii")
+        self._sum = zlib.crc32(data, self._sum)
+        self._file.write(data)
 
     def append(self, block: TickBlock) -> None:
         """Add a block of ticks."""
@@ -34,7 +45,19 @@ class CsvWriter(Closing):
             block.overlap.tolist(),
             strict=True,
         )
-        self._file.writelines(
-            f"{','.join(map(repr, row))},{state},{depth!r},{over!r}\n"
-            for row, state, depth, over in tail
+        self._write(
+            "".join(
+                f"{','.join(map(repr, row))},{state},{depth!r},{over!r}\n"
+                for row, state, depth, over in tail
+            )
         )
+
+    def _close(self) -> None:
+        pass
+
+    def _verify(self) -> None:
+        self._file.seek(0)
+        found = 0
+        while piece := self._file.read(1 << 20):
+            found = zlib.crc32(piece, found)
+        require_same(found, self._sum)

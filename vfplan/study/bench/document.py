@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
 from pathlib import Path
 from typing import Any
 
 from vfplan.errors import InputError
-from vfplan.io.disk import read_whole
+from vfplan.io.disk import read_whole, write_whole
 
 FORMAT, VERSION = "vfplan-bench", "1.0"
 MOST_BYTES = 256 * 2**20
@@ -27,17 +28,19 @@ _NUMBERS = ("error_rms", "error_max", "time_us_median", "time_us_low", "time_us_
 
 def write_json(document: dict[str, Any], path: Path) -> None:
     """Write the document; numbers that are not finite become null."""
-    path.write_text(json.dumps(_plain(document), indent=1, allow_nan=False) + "\n")
+    text = json.dumps(_plain(document), indent=1, allow_nan=False) + "\n"
+    write_whole(path, [text.encode()], overwrite=True)
 
 
 def write_csv(document: dict[str, Any], path: Path) -> None:
     """Write one row a result; settings as `name=value` pairs, what does not apply is empty."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore", restval="")
-        writer.writeheader()
-        for result in document["results"]:
-            pairs = " ".join(f"{k}={v}" for k, v in result["settings"].items())
-            writer.writerow(result | {"settings": pairs})
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", restval="")
+    writer.writeheader()
+    for result in document["results"]:
+        pairs = " ".join(f"{k}={v}" for k, v in result["settings"].items())
+        writer.writerow(result | {"settings": pairs})
+    write_whole(path, [text.getvalue().encode()], overwrite=True)
 
 
 def read_document(path: str | Path) -> dict[str, Any]:
