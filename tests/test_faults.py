@@ -1,0 +1,198 @@
+"""A write that fails, wherever: one line and exit 2, nothing printed before, nothing changed."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import bundles
+import numpy as np
+import pytest
+from conftest import need_program
+
+import vfplan
+from vfplan.disk import working_in, write_whole
+from vfplan.session import Session
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture(scope="module")
+def shim(tmp_path_factory):
+    target = tmp_path_factory.mktemp("shim") / "fault_shim.so"
+    source = HERE / "native" / "fault_shim.c"
+    words = [need_program("gcc", "g++"), "-shared", "-fPIC", "-o", target, source, "-ldl"]
+    subprocess.run(words, check=True)
+    return target
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, root):
+    """The inputs of every case, and old outputs for those that overwrite."""
+    folder = tmp_path_factory.mktemp("faults")
+    vfplan.write_fixture(bundles.small(), folder / "f.h5")
+    time = np.arange(60) * 1e-3
+    hip = np.zeros((60, 3))
+    hip[:, 2] = np.linspace(0.02, -0.02, 60)
+    np.savetxt(folder / "s.csv", np.column_stack((time, hip)), delimiter=",",
+               header="t,x,y,z", comments="")  # fmt: skip
+    np.savetxt(folder / "p.csv", np.eye(3), delimiter=",", header="x,y,z", comments="")
+    (folder / "old").write_bytes(b"old")
+    (folder / "old.pub").write_bytes(b"old too")
+    (folder / "old.h5").write_bytes(b"old")
+    (folder / "old.csv").write_bytes(b"old")
+    for name in ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv"):
+        (folder / name).write_bytes((root / "samples" / name).read_bytes())
+    (folder / "0.1.h5").write_bytes((HERE / "data" / "bundles" / "0.1-minimal.h5").read_bytes())
+    vfplan.bundle.keygen(folder / "key.pem")
+    return folder
+
+
+ELBOW = ["elbow.png", "--pixel-spacing", "0.5"]
+PLAN = ["plan", *ELBOW[:1], "elbow_markers_image.csv", "elbow_markers_robot.csv", *ELBOW[1:]]
+CASES = {
+    "replay": ["replay", "f.h5", "s.csv", "-o", "r.h5", "--csv", "r.csv"],
+    "replay over old files": ["replay", "f.h5", "s.csv", "-o", "old.h5", "--overwrite"],
+    "import": ["import", "p.csv", "--units", "m", "-o", "i.h5"],
+    "export": ["export", "f.h5", "-o", "x.ply"],
+    "migrate": ["migrate", "0.1.h5", "-o", "m.h5"],
+    "sign": ["sign", "f.h5", "--key", "key.pem", "-o", "old.h5", "--overwrite"],
+    "keygen": ["keygen", "-o", "new"],
+    "keygen over old keys": ["keygen", "-o", "old", "--overwrite"],
+}  # fmt: skip
+LONG_CASES = {
+    "extract": ["extract", *ELBOW, "-o", "c.h5", "--mask-out", "m.png", "--overlay-out", "o.png"],
+    "plan": [*PLAN, "-o", "p.h5", "--picture-out", "r.png"],
+    "both rules": ["replay", "f.h5", "s.csv", "-o", "r.h5", "--rule", "both"],
+    "report": ["replay", "f.h5", "s.csv", "--report", "page", "-o", "r.h5"],
+    "demo": ["demo", "-o", "demo"],
+}
+
+
+def run_cases(shim, folder, cases, number):
+    given = [{"name": name, "words": words} for name, words in cases.items()]
+    done = subprocess.run(
+        [sys.executable, HERE / "faults.py", folder, str(number)],
+        input=json.dumps(given), capture_output=True, text=True, check=False,
+        env={**os.environ, "LD_PRELOAD": str(shim), "OPENBLAS_NUM_THREADS": "1"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def check(rows, words):
+    assert {row["case"] for row in rows if row["write"] == -1 and row["code"] == 0}, rows[0]
+    for row in rows:
+        if row["write"] == -1:  # nothing failed
+            assert (row["code"], row["as_before"]) == (0, False), row
+            assert row["of"] >= 3
+            continue
+        assert row["code"] == 2, row
+        assert row["stdout"] == "", row
+        assert row["stderr"].count("\n") == 1, row
+        assert words in row["stderr"], row
+        assert row["as_before"], row
+
+
+def test_every_write_may_fail_for_want_of_room(shim, folder):
+    check(run_cases(shim, folder, CASES, errno.ENOSPC), "No space left on device")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("number", [errno.EIO, errno.EDQUOT, errno.ENOSPC])
+def test_every_write_of_every_command_may_fail(shim, folder, number):
+    check(run_cases(shim, folder, CASES | LONG_CASES, number), os.strerror(number))
+
+
+def limited():
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+
+def test_a_file_that_may_not_grow_is_one_line(folder, tmp_path):
+    """What a full disk is to a file: every write beyond some point fails, not one of them."""
+    program = Path(sys.executable).with_name("vfplan")
+    time = np.arange(3000) * 1e-3
+    session = np.column_stack((time, np.full((3000, 3), 0.03)))
+    np.savetxt(tmp_path / "s.csv", session, delimiter=",", header="t,x,y,z", comments="")
+    for option, name in (("-o", "r.h5"), ("--csv", "r.csv")):
+        done = subprocess.run(
+            [program, "replay", folder / "f.h5", tmp_path / "s.csv", option, tmp_path / name],
+            capture_output=True, text=True, check=False, preexec_fn=limited,
+        )  # fmt: skip
+        assert (done.returncode, done.stdout) == (2, ""), done
+        assert "File too large" in done.stderr
+        assert done.stderr.count("\n") == 1
+        assert [path.name for path in tmp_path.iterdir()] == ["s.csv"]
+
+
+def test_a_result_is_written_from_python_whole_or_not_at_all(tmp_path):
+    """The result's file is not there until it is right, and an error takes it away."""
+    session = Session(np.arange(20) * 1e-3, np.full((20, 3), 0.03))
+    replayed = vfplan.replay(bundles.small(), session)
+    from vfplan.session import ResultWriter, write_result
+
+    path = tmp_path / "r.h5"
+    with pytest.raises(KeyError), ResultWriter(path, {}) as writer:
+        writer.append(replayed.ticks)
+        assert not path.exists()
+        raise KeyError
+    assert list(tmp_path.iterdir()) == []
+    write_result(replayed, path)
+    assert [p.name for p in tmp_path.iterdir()] == ["r.h5"]
+
+
+def test_what_a_kill_left_is_taken_away_by_the_next_writer(tmp_path):
+    """Not while its writer is alive, nor what only looks like it."""
+    left = tmp_path / ".vfplan-0123456789abcdef.old"
+    other = tmp_path / ".vfplan-mine"
+    for path in (left, other):
+        path.write_bytes(b"secret")
+    with working_in(tmp_path):
+        alive = tmp_path / ".vfplan-fedcba9876543210.tmp"
+        alive.write_bytes(b"")
+        assert not left.exists()
+        write_whole(tmp_path / "a", [b"1"], overwrite=False)
+        assert alive.exists()
+    write_whole(tmp_path / "b", [b"1"], overwrite=False)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".vfplan-mine", "a", "b"]
+
+
+def test_a_killed_keygen_leaves_no_old_key_for_long(tmp_path, vfplan_cli):
+    """SIGKILL between the new key's name and the report: the old key's second name stays."""
+    script = (
+        "import os, signal, sys\n"
+        "from vfplan.cli.main import cli\n"
+        "from vfplan import disk\n"
+        "disk.Placed.keep = lambda self: os.kill(os.getpid(), signal.SIGKILL)\n"
+        "cli.main(sys.argv[1:])\n"
+    )
+    assert vfplan_cli("keygen", "-o", tmp_path / "k").code == 0
+    words = [sys.executable, "-c", script, "keygen", "-o", tmp_path / "k", "--overwrite"]
+    assert subprocess.run(words, check=False, cwd=tmp_path).returncode == -signal.SIGKILL
+    assert [p for p in tmp_path.iterdir() if p.name.startswith(".vfplan-")]
+    assert vfplan_cli("keygen", "-o", tmp_path / "l").code == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["k", "k.pub", "l", "l.pub"]
+
+
+def test_nothing_is_written_through_a_link_put_there_meanwhile(tmp_path, monkeypatch):
+    """Somebody guesses the hidden name and puts a link there: refused, the link's file stays."""
+    import vfplan.disk
+    from vfplan.cli.run import outputs
+    from vfplan.session import CsvWriter
+
+    victim = tmp_path / "victim"
+    victim.write_bytes(b"theirs")
+    with pytest.raises(vfplan.VfplanError, match="File exists"):  # noqa: SIM117
+        with outputs(tmp_path / "out.csv") as (path,):
+            monkeypatch.setattr(vfplan.disk, "beside", lambda *_: path.with_name("next"))
+            path.with_name("next").symlink_to(victim)
+            with CsvWriter(path):
+                pass
+    assert victim.read_bytes() == b"theirs"
