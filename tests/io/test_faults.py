@@ -17,16 +17,16 @@ import pytest
 from conftest import need_program
 
 import vfplan
-from vfplan.disk import working_in, write_whole
+from vfplan.io.disk import working_in, write_whole
 from vfplan.session import Session
 
-HERE = Path(__file__).parent
+TESTS = Path(__file__).parents[1]
 
 
 @pytest.fixture(scope="module")
 def shim(tmp_path_factory):
     target = tmp_path_factory.mktemp("shim") / "fault_shim.so"
-    source = HERE / "native" / "fault_shim.c"
+    source = TESTS / "native" / "fault_shim.c"
     words = [need_program("gcc", "g++"), "-shared", "-fPIC", "-o", target, source, "-ldl"]
     subprocess.run(words, check=True)
     return target
@@ -49,7 +49,7 @@ def folder(tmp_path_factory, root):
     (folder / "old.csv").write_bytes(b"old")
     for name in ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv"):
         (folder / name).write_bytes((root / "samples" / name).read_bytes())
-    (folder / "0.1.h5").write_bytes((HERE / "data" / "bundles" / "0.1-minimal.h5").read_bytes())
+    (folder / "0.1.h5").write_bytes((TESTS / "data" / "bundles" / "0.1-minimal.h5").read_bytes())
     vfplan.bundle.keygen(folder / "key.pem")
     return folder
 
@@ -78,7 +78,7 @@ LONG_CASES = {
 def run_cases(shim, folder, cases, number):
     given = [{"name": name, "words": words} for name, words in cases.items()]
     done = subprocess.run(
-        [sys.executable, HERE / "faults.py", folder, str(number)],
+        [sys.executable, TESTS / "support" / "faults.py", folder, str(number)],
         input=json.dumps(given), capture_output=True, text=True, check=False,
         env={**os.environ, "LD_PRELOAD": str(shim), "OPENBLAS_NUM_THREADS": "1"},
     )  # fmt: skip
@@ -139,7 +139,7 @@ def test_a_result_is_written_from_python_whole_or_not_at_all(tmp_path):
     from vfplan.session import ResultWriter, write_result
 
     path = tmp_path / "r.h5"
-    with pytest.raises(KeyError), ResultWriter(path, {}) as writer:
+    with pytest.raises(KeyError), ResultWriter(path, {}) as writer:  # noqa: PT012
         writer.append(replayed.ticks)
         assert not path.exists()
         raise KeyError
@@ -169,7 +169,7 @@ def test_a_killed_keygen_leaves_no_old_key_for_long(tmp_path, vfplan_cli):
     script = (
         "import os, signal, sys\n"
         "from vfplan.cli.main import cli\n"
-        "from vfplan import disk\n"
+        "from vfplan.io import disk\n"
         "disk.Placed.keep = lambda self: os.kill(os.getpid(), signal.SIGKILL)\n"
         "cli.main(sys.argv[1:])\n"
     )
@@ -183,16 +183,13 @@ def test_a_killed_keygen_leaves_no_old_key_for_long(tmp_path, vfplan_cli):
 
 def test_nothing_is_written_through_a_link_put_there_meanwhile(tmp_path, monkeypatch):
     """Somebody guesses the hidden name and puts a link there: refused, the link's file stays."""
-    import vfplan.disk
-    from vfplan.cli.run import outputs
     from vfplan.session import CsvWriter
 
     victim = tmp_path / "victim"
     victim.write_bytes(b"theirs")
-    with pytest.raises(vfplan.VfplanError, match="File exists"):  # noqa: SIM117
-        with outputs(tmp_path / "out.csv") as (path,):
-            monkeypatch.setattr(vfplan.disk, "beside", lambda *_: path.with_name("next"))
-            path.with_name("next").symlink_to(victim)
-            with CsvWriter(path):
-                pass
+    monkeypatch.setattr("vfplan.io.disk.beside", lambda *_: tmp_path / "guessed")
+    (tmp_path / "guessed").symlink_to(victim)
+    for write in (lambda path: write_whole(path, [b"ours"], overwrite=True), CsvWriter):
+        with pytest.raises(vfplan.VfplanError, match="File exists"):
+            write(tmp_path / "out.csv")
     assert victim.read_bytes() == b"theirs"

@@ -78,10 +78,6 @@ def main(source, number):
     import cv2
 
     cv2.setNumThreads(1)  # no threads may stand in a process that forks
-    import vfplan.bundle
-    import vfplan.pipeline
-    import vfplan.replay
-    import vfplan.report.page
     from vfplan.cli.main import COMMANDS, cli
 
     for name in COMMANDS:
