@@ -120,7 +120,7 @@ PIXEL_SPACING = click.option(
 
 def robot(purpose: str = "") -> Callable[[F], F]:
     """`--robot`: a shipped robot or a file, read by `vfplan.robot.read_robot`; none by default."""
-    known = "A shipped robot (franka), a robot file (schemas/robot-1.0.json), or none."
+    known = "A shipped robot (franka, fr3), a robot file (schemas/robot-1.1.json), or none."
     return click.option("--robot", metavar="NAME|FILE", help=f"{purpose} {known}".strip())
 
 

@@ -12,9 +12,9 @@ from conftest import ROOT
 LAYERS = [
     ["errors"],
     ["io", "engine.checks"],
-    ["engine.spacing"],
+    ["engine.spacing", "robot"],
     ["engine"],
-    ["fixture", "images", "session", "robot"],
+    ["fixture", "images", "session"],
     ["markers"],
     ["registration", "bundle", "reference", "study.scenes"],
     ["markers.finding", "curve"],

@@ -28,6 +28,30 @@ def test_shipped_robot_and_none():
     assert read_robot(None) is None
 
 
+def test_the_fr3_stands_beside_the_panda():
+    panda, fr3 = read_robot("franka"), read_robot("fr3")
+    assert panda.torque_limit_nm == fr3.torque_limit_nm == (87.0,) * 4 + (12.0,) * 3
+    assert panda.torque_step_limit_nm == (1.0,) * 7
+    assert fr3.joint_speed_limit_rad_s[4] == 5.26
+    assert (fr3.name, fr3.speed_limit_m_s) == ("fr3", 3.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("torque_limit_nm = 87.0", "a list wanted"),
+        ("torque_limit_nm = []", "1 to 16 numbers wanted"),
+        ("torque_limit_nm = [1.0, 0.0]", "a list of which each is more than 0 wanted"),
+        ("torque_limit_nm = [1.0, 2.0]\njoint_speed_limit_rad_s = [1.0]", "of 1 and of 2 joints"),
+    ],
+)
+def test_lists_of_joints(tmp_path, line, message):
+    path = tmp_path / "robot.toml"
+    path.write_text(GOOD.replace('"1.0"', '"1.1"') + line)
+    with pytest.raises(InputError, match=message):
+        read_robot(path)
+
+
 def test_a_file_of_ones_own(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(GOOD)
@@ -35,7 +59,7 @@ def test_a_file_of_ones_own(tmp_path):
 
 
 def test_schema_and_type_name_the_same_things():
-    schema = json.loads((files("vfplan.schemas") / "robot-1.0.json").read_text())
+    schema = json.loads((files("vfplan.schemas") / "robot-1.1.json").read_text())
     names = set(schema["properties"]) - {"format", "version"}
     assert names == {field.name for field in dataclasses.fields(Robot)}
 
@@ -50,7 +74,8 @@ def test_schema_and_type_name_the_same_things():
         ("delay_ticks = -1", "0 to 1000"),
         ("delay_ticks = true", "integer wanted"),
         ("weight = 1", "'weight' is unknown"),
-        ('version = "2.0"', "'1.0' wanted"),
+        ('version = "2.0"', "'1.0' or '1.1' wanted"),
+        ("torque_limit_nm = [1.0]", "'torque_limit_nm' is unknown"),  # 1.0 has none
         ('name = ""', "some text wanted"),
     ],
 )
@@ -71,5 +96,5 @@ def test_missing_key_file_and_bad_toml(tmp_path):
     path.write_text("= 3")
     with pytest.raises(InputError, match="not a robot file"):
         read_robot(path)
-    with pytest.raises(InputError, match="franka, none or a robot file"):
+    with pytest.raises(InputError, match="franka, fr3, none or a robot file"):
         read_robot(tmp_path / "no.toml")

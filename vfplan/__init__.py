@@ -18,6 +18,8 @@ _LAZY: dict[str, str] = {
     "Status": "vfplan.engine.parameters",
     "Step": "vfplan.engine.parameters",
     "Trace": "vfplan.engine.parameters",
+    "Governor": "vfplan.engine.governor",
+    "GovernorStatus": "vfplan.engine.governor",
     "read_fixture": "vfplan.bundle",
     "write_fixture": "vfplan.bundle",
     "Extraction": "vfplan.curve",

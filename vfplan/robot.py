@@ -12,13 +12,14 @@ from typing import Any
 from vfplan.errors import InputError
 from vfplan.io.disk import read_whole
 
-SHIPPED = ("franka",)
+SHIPPED = ("franka", "fr3")
+VERSIONS = ("1.0", "1.1")
 MAX_BYTES = 2**20
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot file (`schemas/robot-1.0.json`); a limit that is not known is `None`.
+    """A robot file (`schemas/robot-1.1.json`); a limit that is not known is `None`.
 
     Parameters
     ----------
@@ -40,6 +41,10 @@ class Robot:
         Coulomb friction along each axis at the tip [N].
     speed_limit_m_s, acceleration_limit_m_s2
         Largest speed and acceleration of the tip.
+    torque_limit_nm, torque_step_limit_nm
+        Largest torque of each joint, and largest change of it from one tick to the next [N·m].
+    joint_speed_limit_rad_s
+        Largest speed of each joint [rad/s].
     lost_packets_limit
         Packets lost in a row before the robot stops itself.
     """
@@ -55,6 +60,9 @@ class Robot:
     friction_n: float | None = None
     speed_limit_m_s: float | None = None
     acceleration_limit_m_s2: float | None = None
+    torque_limit_nm: tuple[float, ...] | None = None
+    torque_step_limit_nm: tuple[float, ...] | None = None
+    joint_speed_limit_rad_s: tuple[float, ...] | None = None
     lost_packets_limit: int | None = None
 
 
@@ -64,7 +72,7 @@ def read_robot(choice: str | Path | None) -> Robot | None:
     Parameters
     ----------
     choice
-        "franka", a path to a robot file, or "none" or `None`: no robot.
+        "franka" (a Panda), "fr3", a path to a robot file, or "none" or `None`: no robot.
 
     Raises
     ------
@@ -82,7 +90,11 @@ def read_robot(choice: str | Path | None) -> Robot | None:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"not a robot file: {error}", where=str(choice)) from None
     check_robot(values, where=str(choice))
-    return Robot(**{k: v for k, v in values.items() if k not in ("format", "version")})
+    return Robot(**{k: _kept(v) for k, v in values.items() if k not in ("format", "version")})
+
+
+def _kept(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _text(path: Path) -> str:
@@ -96,9 +108,15 @@ def _text(path: Path) -> str:
 
 
 def check_robot(values: dict[str, Any], *, where: str) -> None:
-    """Raise `InputError` for the first thing that `schemas/robot-1.0.json` does not allow."""
-    schema = json.loads((files("vfplan.schemas") / "robot-1.0.json").read_text("utf-8"))
+    """Raise `InputError` for the first thing that the schema of the file's version forbids."""
+    version = values.get("version")
+    chosen = version if version in VERSIONS else VERSIONS[-1]
+    schema = json.loads((files("vfplan.schemas") / f"robot-{chosen}.json").read_text("utf-8"))
     known = schema["properties"]
+    if "version" in values and version not in VERSIONS:
+        raise InputError(
+            f"version is {version!r}; {' or '.join(map(repr, VERSIONS))} wanted", where=where
+        )
     for name in schema["required"]:
         if name not in values:
             raise InputError(f"{name} is missing; a robot file must say it", where=where)
@@ -108,17 +126,28 @@ def check_robot(values: dict[str, Any], *, where: str) -> None:
         fault = _fault(value, known[name])
         if fault:
             raise InputError(f"{name} is {value!r}; {fault} wanted", where=where)
+    joints = {len(v) for v in values.values() if isinstance(v, list)}
+    if len(joints) > 1:
+        raise InputError(
+            f"lists of {min(joints)} and of {max(joints)} joints; all of one arm's wanted",
+            where=where,
+        )
 
 
 def _fault(value: Any, rule: dict[str, Any]) -> str | None:
     """What the schema wants instead of `value`; `None` when it is good."""
-    types = {"string": str, "integer": int, "number": (int, float)}
+    types = {"string": str, "integer": int, "number": (int, float), "array": list}
     if isinstance(value, bool) or not isinstance(value, types[rule["type"]]):
-        return f"a {rule['type']}"
+        return f"a {'list' if rule['type'] == 'array' else rule['type']}"
     if "const" in rule and value != rule["const"]:
         return repr(rule["const"])
     if rule["type"] == "string":
         return None if len(value) >= rule.get("minLength", 0) else "some text"
+    if rule["type"] == "array":
+        if not rule["minItems"] <= len(value) <= rule["maxItems"]:
+            return f"{rule['minItems']} to {rule['maxItems']} numbers"
+        faults = (_fault(item, rule["items"]) for item in value)
+        return next((f"a list of which each is {f}" for f in faults if f), None)
     # Written so that NaN fails.
     if not abs(value) < float("inf"):
         return "a finite number"

@@ -23,7 +23,7 @@ Vector = NDArray[np.float64]
 
 def check_points(points: ArrayLike) -> Vector:
     """A cloud as (N, 3) contiguous float64 [m]; `SceneError` when it cannot be one."""
-    cloud = _real_array(points, "points")
+    cloud = real_array(points, "points")
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise SceneError(f"points of shape {cloud.shape}: allowed is (N, 3)")
     if len(cloud) == 0:
@@ -32,28 +32,28 @@ def check_points(points: ArrayLike) -> Vector:
     return cloud
 
 
-def check_path(hips: ArrayLike) -> Vector:
+def check_path(hips: ArrayLike, name: str = "hips") -> Vector:
     """HIP positions as (T, 3) contiguous float64 [m]; non-finite ones are left to the engine."""
-    path = _real_array(hips, "hips")
+    path = real_array(hips, name)
     if path.ndim != 2 or path.shape[1] != 3:
-        raise SceneError(f"hips of shape {path.shape}: allowed is (T, 3)")
+        raise SceneError(f"{name} of shape {path.shape}: allowed is (T, 3)")
     return path
 
 
-def check_hip(hip: ArrayLike, *, finite: bool = False) -> Vector:
+def check_hip(hip: ArrayLike, name: str = "hip", *, finite: bool = False) -> Vector:
     """One HIP as (3,) float64 [m]; with `finite`, NaN and infinity raise `SceneError`."""
-    position = _real_array(hip, "hip")
+    position = real_array(hip, name)
     if position.shape != (3,):
-        raise SceneError(f"hip of shape {position.shape}: allowed is (3,)")
+        raise SceneError(f"{name} of shape {position.shape}: allowed is (3,)")
     if finite:
-        _check_range(position[None, :], "hip")
+        _check_range(position[None, :], name)
     return position
 
 
 def check_stiffness(stiffness: float | ArrayLike) -> Vector:
     """The diagonal of K as (3,) [N/m], every entry above 0; else `SettingError`."""
     try:
-        k = _real_array(stiffness, "stiffness")
+        k = real_array(stiffness, "stiffness")
     except SceneError as error:
         raise SettingError(error.message) from None
     if k.shape not in {(), (3,)}:
@@ -77,7 +77,7 @@ def check_axis(axis: str | ArrayLike | None) -> Vector | None:
             raise SettingError(f"ignore_axis {axis!r}: allowed are None, x, y, z or a direction")
         return _frozen(np.array(AXES[axis]))
     try:
-        direction = _real_array(axis, "ignore_axis")
+        direction = real_array(axis, "ignore_axis")
     except SceneError as error:
         raise SettingError(error.message) from None
     if direction.shape != (3,):
@@ -91,7 +91,8 @@ def check_axis(axis: str | ArrayLike | None) -> Vector | None:
     return _frozen(direction / np.linalg.norm(direction))
 
 
-def _real_array(values: Any, name: str) -> Vector:
+def real_array(values: Any, name: str) -> Vector:
+    """Values as contiguous float64 of their own shape; `SceneError` when they are no numbers."""
     try:
         array = np.asarray(values)
     except ValueError:

@@ -7,6 +7,7 @@
 #include "vfplan/engine.hpp"
 #include "vfplan/version.hpp"
 
+void bind_governor(nb::module_& m);
 void bind_guide(nb::module_& m);
 void bind_bundle(nb::module_& m);
 
@@ -128,6 +129,7 @@ NB_MODULE(_core, m) {
         .def_prop_ro("cells", &Engine::cells)
         .def_prop_ro("planar", &Engine::planar);
 
+    bind_governor(m);
     bind_guide(m);
     bind_bundle(m);
 }

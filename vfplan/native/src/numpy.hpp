@@ -24,7 +24,7 @@ nb::ndarray<nb::numpy, T> array(std::size_t rows, std::size_t columns) {
     T* data = new T[rows * columns + 1];
     nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<T*>(p); });
     const std::size_t shape[2] = {rows, columns};
-    return nb::ndarray<nb::numpy, T>(data, columns > 1 ? 2 : 1, shape, owner);
+    return nb::ndarray<nb::numpy, T>(data, columns == 1 ? 1 : 2, shape, owner);
 }
 
 inline vfplan::Vec3 vec(const Row& r) { return {{r(0), r(1), r(2)}}; }

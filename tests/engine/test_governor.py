@@ -1,0 +1,282 @@
+"""The governor: closed forms, an independent twin, and limits that nothing crosses."""
+
+from __future__ import annotations
+
+import subprocess
+
+import numpy as np
+import pytest
+from conftest import ROOT, need_program
+from governor_twin import Twin
+
+import vfplan
+from vfplan.engine.governor import HEADROOM, GovernorStatus
+from vfplan.errors import SceneError, SettingError
+from vfplan.study import scenes
+
+K, M, T = 1000.0, 1.0, 1e-3
+
+
+def governor(step=0.5, most=20.0, **more):
+    settings = {"stiffness_n_per_m": K, "mass_kg": M} | more
+    return vfplan.Governor(force_step_n=step, force_max_n=most, **settings)
+
+
+def test_below_its_limits_it_is_not_there():
+    draw = np.random.default_rng(1)
+    forces = np.cumsum(draw.uniform(-0.28, 0.28, (5000, 3)), axis=0)
+    forces *= min(1.0, 19.9 / np.linalg.norm(forces, axis=1).max())
+    g = governor()
+    assert np.array_equal(g.run(forces), forces)
+    assert (g.held_back_n, g.energy_given_j, g.energy_stored_j) == (0.0, 0.0, 0.0)
+    assert g.status == GovernorStatus.OK
+    turning = governor(torque_step_nm=1.0, torque_max_nm=87.0)
+    for force in forces[:500]:
+        jacobian = draw.uniform(-1e-3, 1e-3, (3, 7)) + 0.5
+        assert np.array_equal(turning.step(force, jacobian), force)
+        assert turning.torque_nm == pytest.approx(jacobian.T @ force, abs=1e-13)
+
+
+def test_a_release_is_a_straight_ramp_and_gives_what_the_formula_says():
+    """From F0 by s a tick: F0/s ticks, F0² t²/8m with t = F0 T/s, less a tick's part."""
+    for step in (0.5, 1.0, 2.0):
+        g = governor(step)
+        n = int(15 / step)
+        start = g.run(np.linspace([0, 0, 0], [0, 15.0, 0], 40 * n))[-1]
+        assert start.tolist() == [0, 15.0, 0]
+        ramp = g.run(np.zeros((n, 3)))
+        assert ramp[:, 1] == pytest.approx(15 - step * np.arange(1, n + 1), abs=1e-6)
+        assert not ramp[:, [0, 2]].any()
+        g.run(np.zeros((2, 3)))
+        pushed = T * sum(15 - step * k for k in range(1, n + 1))
+        assert g.energy_given_j == pytest.approx(pushed**2 / (2 * M), rel=1e-6)
+        assert g.energy_given_j == pytest.approx(15**2 * (15 * T / step) ** 2 / (8 * M), rel=0.3)
+        assert g.energy_stored_j == pytest.approx(15**2 / (2 * K), rel=1e-9)
+
+
+def test_the_least_passive_step_is_where_given_meets_stored():
+    least = 20.0 * T * np.sqrt(K / M) / 2
+    g = governor(least)
+    assert g.least_passive_step_n == pytest.approx(least, rel=1e-14)
+    g.run(np.full((100, 3), [20.0, 0, 0]))
+    g.reset()  # nothing given before
+    g.run(np.linspace([0, 0, 0], [20.0, 0, 0], 200))
+    g.run(np.zeros((100, 3)))
+    assert 0.95 < g.energy_given_j / g.energy_stored_j < 1.0  # less by a tick's part
+    with pytest.raises(SettingError, match=rf"force_step_n 0\.31 .*at least {least:.6g} N"):
+        governor(0.31)
+    assert governor(0.31, mass_kg=1.05).least_passive_step_n < 0.31
+
+
+def test_what_the_issue_of_slow_ramps_measured():
+    """15.8 N at 1000 N/m and 1 kg: 7 mJ of 125 mJ by 1 N a tick; 0.1 N a tick is refused."""
+    g = governor(1.0, 15.8)
+    g.run(np.linspace([0, 0, 0], [15.8, 0, 0], 100))
+    g.run(np.zeros((30, 3)))
+    assert 6.5e-3 < g.energy_given_j < 7.9e-3
+    assert g.energy_stored_j == pytest.approx(0.125, rel=2e-3)
+    with pytest.raises(SettingError, match=r"at least 0\.249"):
+        governor(0.1, 15.8)
+
+
+def test_the_direction_of_a_change_is_kept_by_one_scale():
+    g = governor(0.5, torque_step_nm=[0.1, 9, 9], torque_max_nm=[5.0, 9, 9])
+    to = np.array([3.0, -4.0, 12.0])
+    jacobian = np.eye(3)
+    before = np.zeros(3)
+    for _ in range(300):
+        force = g.step(to, jacobian)
+        moved, left = force - before, to - before
+        if np.linalg.norm(moved):
+            assert np.cross(moved, left) == pytest.approx(np.zeros(3), abs=1e-9)
+        assert np.abs(moved).max() <= 0.5
+        assert abs(moved[0]) <= 0.1
+        before = force
+    # Joint 2 and 3 end at their own limits' share of it, the direction still the force's.
+    assert np.cross(force, to) == pytest.approx(np.zeros(3), abs=1e-6)
+    assert np.abs(force).max() == pytest.approx(9, rel=1e-8)
+    assert g.held_back_n == pytest.approx(np.linalg.norm(to - force), rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_the_twin_in_numpy_agrees(seed):
+    draw = np.random.default_rng(seed)
+    step, most = np.full(7, 0.9), np.array([9.0] * 4 + [4.0] * 3)
+    g = governor(0.8, torque_step_nm=step, torque_max_nm=most)
+    twin = Twin(0.8, 20.0, step, most, K, M, T)
+    force, jacobian = np.zeros(3), draw.uniform(-0.8, 0.8, (3, 7))
+    seen = GovernorStatus.OK
+    for k in range(400):
+        if k % 40 == 0:
+            force = draw.normal(0, 10, 3)
+        force = force + draw.normal(0, 0.05, 3)
+        jacobian = jacobian + draw.normal(0, 2e-3, (3, 7))
+        if k == 200:  # elsewhere at once
+            jacobian = draw.uniform(-0.8, 0.8, (3, 7))
+        assert g.step(force, jacobian) == pytest.approx(twin.step(force, jacobian), abs=2e-6)
+        assert g.torque_nm == pytest.approx(twin.torque, abs=4e-6)
+        seen |= g.status
+    assert GovernorStatus.TORQUE_LAGS in seen
+    assert g.energy_given_j == pytest.approx(
+        twin.given + twin.momentum @ twin.momentum / (2 * M), rel=1e-3
+    )
+    assert g.energy_stored_j == pytest.approx(twin.stored + twin.top**2 / (2 * K), rel=1e-3)
+
+
+def test_what_is_no_number_fades_out_and_is_said():
+    for bad in (np.nan, np.inf, -np.inf, 1e308):
+        g = governor()
+        g.run(np.linspace([0, 0, 0], [10.0, 0, 0], 100))
+        force = g.step([bad, 0, 0])
+        assert g.status == GovernorStatus.BAD_FORCE
+        assert force == pytest.approx([9.5, 0, 0], abs=1e-6)
+        assert np.isfinite(g.run(np.full((40, 3), bad))).all()
+        assert g.step([0, 0, 0]).tolist() == [0, 0, 0]
+    g = governor(torque_step_nm=0.4, torque_max_nm=87.0)
+    for k in range(100):
+        g.step([0.1 * k, 0, 0], np.eye(3))
+    broken = np.eye(3)
+    broken[1, 1] = np.nan
+    force = g.step([9.9, 0, 0], broken)
+    assert g.status & GovernorStatus.BAD_JACOBIAN
+    assert g.torque_nm == pytest.approx([9.5, 0, 0])
+    assert force == pytest.approx([9.4, 0, 0])
+
+
+def test_a_force_held_longer_than_its_spring_lasts_is_said():
+    """A force that turns round at its largest: twice the step that one release needs."""
+    g = governor(0.32)
+    g.run(np.linspace([0, 0, 0], [20.0, 0, 0], 200))
+    status = [g.step([-20.0, 0, 0]) is not None and g.status for _ in range(125)]
+    assert GovernorStatus.OVERDRAWN in status[-1]
+    assert status[5] == GovernorStatus.OK
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"force_step_n": 0.0}, "force_step_n 0 N a tick"),
+        ({"force_step_n": float("nan")}, "force_step_n nan"),
+        ({"force_max_n": -1.0}, "force_max_n -1 N: allowed is above 0"),
+        ({"mass_kg": 0}, "mass_kg 0 kg"),
+        ({"stiffness_n_per_m": 0}, "stiffness_n_per_m 0"),
+        ({"rate_hz": 0}, "rate_hz 0 Hz"),
+        ({"torque_step_nm": 0}, "torque_step_nm 0 N·m"),
+        ({"torque_step_nm": [1.0, 2.0], "torque_max_nm": [1.0]}, "of 1 and 2 joints"),
+        ({"torque_step_nm": np.ones(17)}, "n at most 16"),
+        ({"torque_step_nm": 1e-9, "torque_max_nm": 80}, "1e-6 torque_max"),
+        ({"torque_step_nm": "much"}, "torque_step_nm of dtype"),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings, message):
+    good = {"force_step_n": 0.5, "force_max_n": 20, "stiffness_n_per_m": K, "mass_kg": M}
+    with pytest.raises(SettingError, match=message):
+        vfplan.Governor(**good | settings)
+
+
+def test_shapes_are_refused_and_a_jacobian_is_asked_for():
+    g = governor()
+    with pytest.raises(SceneError, match=r"force of shape \(2,\)"):
+        g.step([1, 2])
+    with pytest.raises(SceneError, match=r"jacobian of shape \(7, 3\): allowed is \(3, n\)"):
+        g.step([1, 2, 3], np.ones((7, 3)))
+    with pytest.raises(SceneError, match=r"jacobians of shape"):
+        g.run(np.zeros((5, 3)), np.zeros((4, 3, 7)))
+    turning = governor(torque_step_nm=np.ones(7))
+    with pytest.raises(SceneError, match="no jacobian"):
+        turning.step([1, 2, 3])
+    with pytest.raises(SceneError, match="n 7"):
+        turning.step([1, 2, 3], np.ones((3, 6)))
+
+
+def test_steps_and_a_run_are_the_same():
+    draw = np.random.default_rng(5)
+    forces, jacobians = draw.normal(0, 9, (300, 3)), draw.uniform(-0.5, 0.5, (300, 3, 7))
+    one, all_ = governor(torque_step_nm=1.0), governor(torque_step_nm=1.0)
+    stepped = np.array([one.step(f, j) for f, j in zip(forces, jacobians, strict=True)])
+    assert np.array_equal(all_.run(forces, jacobians), stepped)
+    assert np.array_equal(one.torque_nm, all_.torque_nm)
+    assert (one.held_back_n, one.status) == (all_.held_back_n, all_.status)
+    one.reset()
+    assert (one.torque_nm.size, one.held_back_n, one.energy_given_j) == (0, 0.0, 0.0)
+    assert np.array_equal(one.step(forces[0], jacobians[0]), stepped[0])
+
+
+@pytest.mark.parametrize("name", ["franka", "fr3"])
+def test_of_a_robot_file(name):
+    robot = vfplan.read_robot(name)
+    g = vfplan.Governor.of(robot, 1000.0, torques=True)
+    g.step([20.0, 0, 0], np.full((3, 7), 0.1))
+    assert g.step([20.0, 0, 0], np.full((3, 7), 0.1))[0] == pytest.approx(2 * HEADROOM * 1.2)
+    with pytest.raises(SettingError, match=r"force_step_n 1\.14"):
+        vfplan.Governor.of(robot, 20_000.0)
+    bare = vfplan.Robot("bare", 1.0, 5.0, 1000.0)
+    with pytest.raises(SettingError, match="'bare' has no force_limit_n"):
+        vfplan.Governor.of(bare, 1000.0)
+
+
+def test_the_header_alone_holds_every_limit_and_allocates_nothing(tmp_path):
+    """The program itself stops at the first tick beyond a limit and at any allocation."""
+    compiler, program = need_program("g++", "g++"), tmp_path / "ticks"
+    source = ROOT / "tests" / "native" / "governor_ticks.cpp"
+    include = ROOT / "vfplan" / "native" / "include"
+    flags = ["-std=c++20", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
+    command = [compiler, *flags, f"-I{include}", str(source), "-o", str(program)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    done = subprocess.run([program, "1000000"], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    for line in done.stdout.splitlines():
+        row = dict(zip(line.split()[1::2], map(float, line.split()[2::2]), strict=True))
+        assert 0.99 < row["force_step"] <= 1
+        assert row["held"] > 100_000
+    assert 0.99 < row["torque_step"] <= 1
+    assert 0.9 < row["torque"] <= 1
+
+
+PATHS = {
+    "sheet": (scenes.Sheet(spacing=2e-3), False),
+    "omega": (scenes.Omega(), True),
+    "corner": (scenes.Corner(), False),
+    "channel": (scenes.Channel(), False),
+}
+
+
+def wandering(points, count, draw):
+    """(count, 3) HIPs that press on a cloud, slide over it, fall off it and jump."""
+    goals = points[draw.integers(len(points), size=count // 250 + 2)]
+    goals = goals + draw.normal(0, 6e-3, goals.shape)
+    at = np.arange(count) / 250.0
+    low = at.astype(int)
+    # The last tenth of each way is not gone: the HIP is there at once.
+    share = np.minimum((at - low) / 0.9, 1.0)[:, None]
+    return goals[low] + share * (goals[low + 1] - goals[low])
+
+
+@pytest.mark.parametrize("count", [200_000, pytest.param(10_000_000, marks=pytest.mark.full)])
+def test_no_limit_is_crossed_over_the_scenes(count):
+    draw = np.random.default_rng(3)
+    each, held = count // len(PATHS), 0
+    for scene, planar in PATHS.values():
+        points = scene.points
+        engine = vfplan.ProxyEngine(points, stiffness=K, ignore_axis="z" if planar else None)
+        g = governor(0.4, torque_step_nm=0.3, torque_max_nm=np.array([9.0] * 4 + [6.0] * 3))
+        force, torque = np.zeros((1, 3)), np.zeros((1, 7))
+        for start in range(0, each, 50_000):
+            ticks = min(50_000, each - start)
+            hips = wandering(points, ticks, draw)
+            phase = 1e-3 * np.arange(start, start + ticks)[:, None, None]
+            jacobians = 0.8 * np.sin(phase + np.arange(21).reshape(3, 7))
+            asked = engine.run(hips).force
+            done = g.trace(asked, jacobians)
+            force = np.concatenate((force[-1:], done.force))
+            torque = np.concatenate((torque[-1:], done.torque))
+            assert np.linalg.norm(np.diff(force, axis=0), axis=1).max() <= 0.4
+            assert np.abs(np.diff(torque, axis=0)).max() <= 0.3
+            assert np.linalg.norm(force, axis=1).max() <= 20.0
+            assert (np.abs(torque).max(axis=0) <= [9.0] * 4 + [6.0] * 3).all()
+            free = done.held_back == 0
+            assert np.array_equal(done.force[free], asked[free])
+            held += np.count_nonzero(~free)
+        assert 0 < g.energy_given_j <= 1.01 * g.energy_stored_j
+    assert held > 0.02 * count
