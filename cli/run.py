@@ -27,6 +27,7 @@ import click
 from vfplan.cli.stopping import Stopped, stoppable
 
 from vfplan.errors import OutputError, VfplanError
+from vfplan.io.clock import now_utc
 from vfplan.io.disk import Placed, beside, create, made_folder, move_whole, working_in
 
 PLACED = "vfplan.cli.placed"  # under this key in click's context: what the command wrote
@@ -88,6 +89,7 @@ def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.
 def _run(work: Callable[[], Report], as_json: bool, quiet: bool, verbose: int) -> None:
     started = time.perf_counter()
     try:
+        now_utc()  # a SOURCE_DATE_EPOCH that is no time is refused before NumPy stumbles on it
         report = work()
     except VfplanError as error:
         _fail(error.kind, error.message, error.where, error.exit_code, as_json, verbose)

@@ -99,6 +99,36 @@ def test_same_input_gives_the_same_fixture(monkeypatch):
     assert first.provenance.created_utc == "2023-11-14T22:13:20Z"
 
 
+def test_another_linear_algebra_kernel_gives_the_same_fixture(vfplan_cli, tmp_path):
+    curve = tmp_path / "curve.h5"
+    assert vfplan_cli("extract", SAMPLES / "elbow.png", "-o", curve).code == 0
+    files = [SAMPLES / f"elbow_markers_{name}.csv" for name in ("image", "robot")]
+    ids, bounds = set(), []
+    # OpenBLAS takes the kernel from here; where another library is used, all runs are alike.
+    for kernel in ("Prescott", "Haswell"):
+        out = tmp_path / f"{kernel}.h5"
+        run = vfplan_cli(
+            *("register", curve, *files, "-o", out, "--margin", "tre95", "--json"),
+            env={"OPENBLAS_CORETYPE": kernel},
+        )
+        ids.add(vfplan_cli("info", out, "--json").json["/@id"])
+        bounds.append(run.json["tre"]["curve95_max_m"])
+    assert len(ids) == 1
+    assert bounds[1] == pytest.approx(bounds[0], rel=1e-10)
+
+
+def test_a_time_that_is_none_is_refused_in_one_line(vfplan_cli, tmp_path):
+    files = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
+    for time in ("abc", "", "-1", "1e9"):
+        run = vfplan_cli(
+            *("plan", *(SAMPLES / name for name in files), "-o", tmp_path / "f.h5"),
+            env={"SOURCE_DATE_EPOCH": time},
+        )
+        assert run.code == 3
+        assert f"SOURCE_DATE_EPOCH is {time!r}" in run.error_line
+        assert not (tmp_path / "f.h5").exists()
+
+
 def test_provenance_names_inputs_by_hash_and_nothing_by_path():
     provenance = elbow().fixture.provenance
     assert set(provenance.inputs) == {"image", "markers", "markers2"}

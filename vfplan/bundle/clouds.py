@@ -16,10 +16,10 @@ from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.meshfile import Mesh, read_mesh
 from vfplan.bundle.refining import refined
 from vfplan.bundle.table import table
-from vfplan.bundle.write import now_utc
 from vfplan.engine.parameters import PAPER_BAND, default_band
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
+from vfplan.io.clock import now_utc
 from vfplan.io.disk import opened_file
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}

@@ -11,8 +11,9 @@ from vfplan.bundle.content import Content
 from vfplan.bundle.read import opened_source
 from vfplan.bundle.seal import MAGIC
 from vfplan.bundle.table import table
-from vfplan.bundle.write import VERSION, completed, now_utc, write_content
+from vfplan.bundle.write import VERSION, completed, write_content
 from vfplan.errors import InputError
+from vfplan.io.clock import now_utc
 
 HISTORY = "/provenance/history"
 

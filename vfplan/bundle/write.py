@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -21,18 +19,6 @@ from vfplan.io.disk import write_whole
 
 FORMAT = "vfplan-fixture"
 VERSION = "1.0"
-
-
-def now_utc() -> str:
-    """The time for a bundle's provenance: now, or what SOURCE_DATE_EPOCH says."""
-    epoch = os.environ.get("SOURCE_DATE_EPOCH")
-    if epoch is None:
-        moment = datetime.now(UTC)
-    elif epoch.isascii() and epoch.isdigit() and len(epoch) < 12:
-        moment = datetime.fromtimestamp(int(epoch), UTC)
-    else:
-        raise InputError(f"SOURCE_DATE_EPOCH is {epoch!r}; seconds since 1970 wanted")
-    return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def write_fixture(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> None:

