@@ -84,8 +84,8 @@ def registered_text(report: dict[str, Any]) -> str:
     ]
     if "sampling_error_m" in report:
         lines[-1] += (
-            f"; {report['left_out']['points']} points left out, which adds at most "
-            f"{report['sampling_error_m'] * 1e6:.1f} um to the surface"
+            f"; between points the surface departs from the curve's by at most "
+            f"{report['sampling_error_m'] * 1e6:.1f} um"
         )
     if "margin" in report:
         lines.append(_margin_line(report["margin"]))
@@ -140,7 +140,7 @@ def _geometry_lines(report: dict[str, Any]) -> list[str]:
     )
     if "spacing_departure" in report:
         shares = ", ".join(f"{share:+.2%}" for share in report["spacing_departure"])
-        line += f"; departs {shares} from the known spacing"
+        line += f"; against the known pixel spacing {shares} along u, v"
     return [line]
 
 

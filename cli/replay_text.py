@@ -43,8 +43,8 @@ def _numbers(found: dict[str, Any]) -> list[str]:
         f"step max {found['force_step_max_n']:.3f} N",
         f"clearance    min {round(1e6 * found['clearance_min_m'], 2) + 0.0:.2f} µm (band "
         f"{1e6 * found['scene']['band_m']:.1f} µm); {found['entrenched_ticks']} ticks entrenched",
-        f"energy       {1e3 * found['energy_j']:.4f} mJ to the hand, of it "
-        f"{1e3 * found['energy_hold_j']:.4f} mJ by sampling",
+        f"energy       {1e3 * found['energy_j']:.4f} mJ net given to the hand; holding each force "
+        f"for a tick alone gives {1e3 * found['energy_hold_j']:.4f} mJ",
     ]
     if "friction" in found:
         lines.append(
@@ -105,10 +105,15 @@ def _robot(robot: dict[str, Any]) -> str:
 
 def _episode(episode: dict[str, Any]) -> str:
     along = episode.get("deepest_along")
-    place = "" if along is None else f", at {1e3 * along['s_m']:.1f} mm of stroke {along['stroke']}"
+    if along is None:
+        place = ", ".join(f"{1e3 * x:.1f}" for x in episode["deepest"]["proxy_m"])
+        place = f" near ({place}) mm"
+    else:
+        place = f", {1e3 * along['s_m']:.1f} mm along stroke {along['stroke']}"
     return (
         f"  episode {episode['index']}: {episode['start_s']:.3f}-{episode['end_s']:.3f} s, "
-        f"{_mm(episode['penetration_max_m'])} deep{place}, {episode['force_max_n']:.3f} N"
+        f"up to {_mm(episode['penetration_max_m'])} deep{place}, "
+        f"up to {episode['force_max_n']:.3f} N"
     )
 
 

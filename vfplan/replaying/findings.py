@@ -118,8 +118,8 @@ def findings(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[s
             finding(
                 "active",
                 "warning",
-                f"the fixture gave energy beyond the sampling's own in {len(active)} episodes "
-                f"(the first is {active[0]})",
+                f"in {len(active)} episodes (the first is {active[0]}) the fixture gave the hand "
+                "more energy than holding each force for a tick explains",
             )
         )
     return found

@@ -1,8 +1,8 @@
 """The closed loop: a hand pushes a point mass against a fixture through the real engine.
 
 One tick: read the position, let the engine answer, hold its force over the tick, move the mass by
-the exact solution. What a robot does not have (quantum, delay, limits, friction) is no stage of
-its loop and costs nothing.
+the exact solution. A robot without quantum, delay, limits or friction has no such stage in
+its loop and pays nothing for it.
 """
 
 from __future__ import annotations
