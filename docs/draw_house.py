@@ -1,6 +1,7 @@
 """Draw the packages and the imports between them: `python docs/draw_house.py`.
 
-The rows are those of `tests/test_layers.py`; the arrows are read from the code.
+The rows are those of `tests/test_layers.py`; the arrows are read from the code. An arrow that
+others lead round is left out.
 """
 
 from __future__ import annotations
@@ -35,8 +36,16 @@ def main() -> None:
         if name.startswith("vfplan.") and (target := layer(name.removeprefix("vfplan.")))
         if target != owner
     }
+    above = sorted(place, key=lambda name: place[name][1])
+    reach: dict[str, set[str]] = {}  # all that a name uses, itself or through others
+    kept = set()
+    for owner in above:
+        targets = {target for name, target in used if name == owner}
+        round_about = {far for target in targets for far in reach[target]}
+        reach[owner] = targets | round_about
+        kept |= {(owner, target) for target in targets - round_about}
     figure, axes = plt.subplots(figsize=(10, 0.72 * len(LAYERS)), layout="constrained")
-    for owner, target in sorted(used):
+    for owner, target in sorted(kept):
         near = place[owner][1] - place[target][1] == 1
         axes.annotate(
             "", place[target], place[owner], zorder=1,
