@@ -28,6 +28,7 @@ COMMANDS: dict[str, str] = {
     "diff": "What differs between two bundles.",
     "bench": "Error against run time, for every stage.",
     "stability": "Is K stable with this robot? Closed loop and extreme cases.",
+    "surface": "Outlined slices in, a surface out.",
     "import": "A bundle from any point cloud or mesh.",
     "export": "A bundle's points as PLY, CSV or .mrk.json.",
     "view": "A fixture and a replay in three dimensions.",

@@ -5,7 +5,7 @@
 docs/format.md is the normative text, schemas/bundle-1.0.json its machine-readable twin.
 """
 
-from vfplan.bundle.clouds import import_cloud
+from vfplan.bundle.clouds import import_cloud, mesh_band
 from vfplan.bundle.compare import diff
 from vfplan.bundle.describe import describe
 from vfplan.bundle.exporting import export, left_out
@@ -27,6 +27,7 @@ __all__ = [
     "import_cloud",
     "keygen",
     "left_out",
+    "mesh_band",
     "migrate",
     "read_bundle",
     "read_fixture",

@@ -74,8 +74,7 @@ def import_cloud(
     mesh, axis = None, _unit(ignore_axis)
     if triangles is not None and curve is None:
         points, mesh = refined(points, triangles, radius / 10 if spacing is None else spacing)
-        cover, _ = largest_cover(mesh, points)
-        band = max(PAPER_BAND, float(radius - np.sqrt(max(radius**2 - cover**2, 0.0))))
+        band = mesh_band(points, mesh, radius)
     else:
         band = default_band(points, contact_radius, point_radius, axis)
     settings = {"units": units, "curve": curve or "none"}
@@ -97,6 +96,12 @@ def import_cloud(
             ignore_axis=axis,
         ),
     )
+
+
+def mesh_band(points: Points, triangles: NDArray[np.int32], radius: float) -> float:
+    """The paper's band, or the deepest dimple of a proxy of `radius` in the mesh's samples [m]."""
+    cover, _ = largest_cover(triangles, points)
+    return max(PAPER_BAND, float(radius - np.sqrt(max(radius**2 - cover**2, 0.0))))
 
 
 def _listed(names: tuple[str, ...]) -> str:

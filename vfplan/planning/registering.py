@@ -53,7 +53,8 @@ def register(
     Parameters
     ----------
     curve
-        A fixture in frame "image" or "patient_lps" with its strokes.
+        A fixture in frame "image" or "patient_lps" with its strokes; or a surface in
+        "patient_lps", whose samples and triangles are carried over as they are.
     markers, markers2
         One file with both positions of each marker, or two joined by label.
     settings
@@ -75,6 +76,8 @@ def register(
     from vfplan.registration.report import describe as describe_registration
 
     settings = settings or FixtureSettings()
+    if curve.mesh is not None and settings.density_per_m is not None:
+        raise SettingError("a surface is sampled already; a density has no effect on it")
     started = time.perf_counter()
     matched = match(curve, markers, markers2, settings, image)
     registration, diagnosis = matched.registration, matched.diagnosis
@@ -127,10 +130,11 @@ def build_fixture(
         sigma=carried.sigma,
         curve=carried.curve,
         image=curve.image if in_robot else None,
-        rendering=_rendering(carried.points, settings, registration, choice),
+        rendering=_rendering(carried.points, settings, registration, choice, curve.mesh),
         registration=registration.record(carried.source, source_frame=curve.frame)
         if in_robot
         else None,
+        mesh=curve.mesh,
     )
     given = fixture.provenance.settings
     found = as_settings(choice, left_out(fixture, carried, curve, choice))
@@ -140,6 +144,8 @@ def build_fixture(
 def _provenance(curve: Fixture, settings: FixtureSettings, inputs: dict[str, str]) -> Provenance:
     """The curve's provenance, continued."""
     before = curve.provenance
+    if curve.mesh is not None:  # its samples keep the tolerance that it was made with
+        settings = replace(settings, tolerance_m=None)
     now = make_provenance(before.inputs | inputs, settings)
     return replace(now, settings=before.settings | now.settings, history=before.history)
 
@@ -159,14 +165,19 @@ def _rendering(
     settings: FixtureSettings,
     registration: Registration,
     choice: Choice | None,
+    mesh: NDArray[np.int32] | None,
 ) -> Rendering:
+    from vfplan.bundle import mesh_band
     from vfplan.engine.parameters import ProxyParameters
 
     axis = ignored_axis(settings.ignore_axis, registration)
+    band = choice and choice.band_m
+    if mesh is not None:
+        band = mesh_band(points, mesh, settings.contact_radius + settings.point_radius)
     chosen = ProxyParameters.make(
         points,
         contact_radius=settings.contact_radius,
-        band=choice and choice.band_m,
+        band=band,
         point_radius=settings.point_radius,
         stiffness=np.broadcast_to(settings.stiffness, 3),
         ignore_axis=axis,

@@ -1,0 +1,143 @@
+"""`vfplan surface`: a surface through the outlines of a stack of slices."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from vfplan.cli.options import PNG, Numbers, output
+from vfplan.cli.run import Report, command, outputs, patience, refuse_existing
+
+
+@command("surface", short_help="Outlined slices in, a surface out.")
+@click.argument("sources", type=click.Path(path_type=Path), nargs=-1, required=True)
+@output("The surface's bundle, in patient_lps.")
+@click.option(
+    "--structure", metavar="NAME|N", help="Which of several structures, by name or number."
+)
+@click.option(
+    "--tolerance",
+    "tolerance_mm",
+    type=Numbers(1, metavar="MM"),
+    default="0.1",
+    show_default=True,
+    help="How far the rendered surface may lie from the outlines'.",
+)
+@click.option(
+    "--keep-open",
+    is_flag=True,
+    help="Leave the ends open.  [default: flat caps half a slice beyond]",
+)
+@click.option(
+    "--max-spacing",
+    "max_spacing_mm",
+    type=Numbers(1, metavar="MM"),
+    help="Interpolate across slices this far apart.  [default: 1.5 times the usual]",
+)
+@click.option(
+    "--colour",
+    default="red",
+    show_default=True,
+    metavar="NAME|#RRGGBB",
+    help="The pen's colour, on drawn slices.",
+)
+@click.option(
+    "--stiffness",
+    type=Numbers(1, 3, metavar="N_PER_M[,Y,Z]"),
+    default="1000",
+    show_default=True,
+    help="K along the axes of the frame.",
+)
+@click.option(
+    "--contact-radius",
+    "contact_radius_mm",
+    type=Numbers(1, metavar="MM"),
+    default="5",
+    show_default=True,
+    help="The proxy's radius r_c.",
+)
+@click.option(
+    "--point-radius",
+    "point_radius_mm",
+    type=click.FloatRange(min=0),
+    default=0.0,
+    metavar="MM",
+    help="Radius r_v of each point.  [default: 0]",
+)
+@click.option(
+    "--picture-out",
+    type=PNG,
+    metavar="PNG",
+    help="Write the surface with the outlines, and three slices of it.",
+)
+def command(
+    sources: tuple[Path, ...],
+    output: Path,
+    overwrite: bool,
+    picture_out: Path | None,
+    **given: Any,
+) -> Report:
+    """Make a surface through the outlines of one structure in SOURCES.
+
+    SOURCES is an RTSTRUCT, a DICOM SEG, a label map (.seg.nrrd, .nii, .nii.gz), one or more Slicer
+    .mrk.json of closed curves, or a folder of DICOM slices with a closed curve drawn on each.
+    """
+    refuse_existing(output, picture_out, overwrite=overwrite)
+    from vfplan.bundle import write_fixture
+    from vfplan.surface import surface
+
+    with patience("meshing"):
+        made = surface(
+            *sources,
+            structure=given["structure"],
+            colour=given["colour"],
+            settings=_settings(given),
+        )
+    with outputs(output, picture_out) as (path, picture):
+        write_fixture(made.fixture, path)
+        if picture is not None:
+            from vfplan.figures.surface import draw_surface
+
+            draw_surface(made, picture)
+    return Report(made.report, f"{_text(made.report)}\nwrote {output}", warnings=[*made.warnings])
+
+
+def _settings(given: dict[str, Any]) -> Any:
+    from vfplan.surface import SurfaceSettings
+
+    widest = given["max_spacing_mm"]
+    return SurfaceSettings(
+        tolerance_m=given["tolerance_mm"][0] * 1e-3,
+        keep_open=given["keep_open"],
+        max_spacing_m=widest and widest[0] * 1e-3,
+        contact_radius=given["contact_radius_mm"][0] * 1e-3,
+        point_radius=given["point_radius_mm"] * 1e-3,
+        stiffness=given["stiffness"],
+    )
+
+
+def _text(report: dict[str, Any]) -> str:
+    low, high = report["spacing_range_mm"]
+    apart = f"{low:.3g}" if high - low < 1e-3 else f"{low:.3g} to {high:.3g}"
+    size = ", ".join(f"{1e3 * (b - a):.1f}" for a, b in zip(*report["extent_m"], strict=True))
+    contour, missing = report["contour_error_mm"], report["left_out_slice_mm"]
+    volume = report["volume_mm3"]
+    closed = f"{report['open_edges']} open edges"
+    if volume is not None:
+        closed = f"closed, {volume / 1e3:.2f} cm3"
+    lines = [
+        f"{report['outlines']} outlines on {report['slices']} slices, {apart} mm apart",
+        f"{report['points']} points, {report['triangles']} triangles, {size} mm across; {closed}",
+        f"from the outlines {contour['rms']:.4f} mm rms, {contour['max']:.4f} mm at most",
+    ]
+    if missing is not None:
+        lines.append(
+            f"a slice left out is missed by {missing['rms']:.3f} mm rms, {missing['max']:.3f} mm "
+            "at most: more than the surface is off between slices"
+        )
+    lines.append(
+        f"largest opening {report['largest_opening_mm']:.3f} mm, band "
+        f"{1e3 * report['band_mm']:.1f} um"
+    )
+    return "\n".join(lines)

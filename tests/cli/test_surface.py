@@ -1,0 +1,178 @@
+"""`vfplan surface`: from outlines to a fixture that a controller samples, and nobody's name."""
+
+import json
+
+import bones
+import numpy as np
+import pytest
+from bones import BENT
+
+import vfplan
+from vfplan.surface import SurfaceSettings, surface
+
+NAME, NUMBER, UID = "Zacharias^Quint", "PID-778899", "1.2.826.0.1.3680043.99.123456"
+WHO = {
+    "PatientName": NAME,
+    "PatientID": NUMBER,
+    "PatientBirthName": "Yldefons",
+    "StudyInstanceUID": UID,
+    "SeriesInstanceUID": UID,
+    "FrameOfReferenceUID": UID,
+    "StudyDate": "19871231",
+}
+SECRETS = ("Zacharias", "Quint", NUMBER, "Yldefons", UID, "1.2.826.99.7", "19871231")
+MARKS = np.array([[20, 0, -30], [-20, 5, -10], [10, 25, 20], [-12, -20, 36], [14, -22, 8.0]])
+
+
+def moved(points):
+    """Points [mm] of the patient as the robot touches them [m]."""
+    c, s = np.cos(0.4), np.sin(0.4)
+    return 1e-3 * points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + [0.5, 0.1, 0.3]
+
+
+@pytest.fixture
+def struct(tmp_path):
+    return bones.write_rtstruct(tmp_path / "s.dcm", bones.outlines(BENT, 5), **WHO)
+
+
+@pytest.fixture
+def markers(tmp_path):
+    """(Slicer's file, the robot's) of five markers around the bone."""
+    points = [{"id": str(k), "label": f"m{k}", "position": p.tolist()} for k, p in enumerate(MARKS)]
+    markup = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm",
+              "controlPoints": points}  # fmt: skip
+    schema = "https://x/Schema/markups-schema-v1.0.3.json#"
+    (tmp_path / "m.mrk.json").write_text(json.dumps({"@schema": schema, "markups": [markup]}))
+    rows = [f"m{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(moved(MARKS).tolist())]
+    (tmp_path / "m.csv").write_text("\n".join(["label,x_m,y_m,z_m", *rows]) + "\n")
+    return tmp_path / "m.mrk.json", tmp_path / "m.csv"
+
+
+def test_outlines_become_a_registered_fixture_that_holds_a_proxy(
+    struct, markers, vfplan_cli, tmp_path
+):
+    run = vfplan_cli("surface", struct, "-o", "s.h5", "--picture-out", "s.png", "--json",
+                     cwd=tmp_path)  # fmt: skip
+    assert run.code == 0, run.stderr
+    report = run.json
+    assert report["slices"] == 16
+    assert report["spacing_mm"] == pytest.approx(5)
+    assert report["structures"] == [{"number": 1, "name": "bone", "chosen": True}]
+    assert report["open_edges"] == 0
+    assert report["elapsed_s"] > 0
+    assert report["contour_error_mm"]["rms"] < 0.05
+    assert (tmp_path / "s.png").stat().st_size > 20_000
+    planned = vfplan.read_fixture(tmp_path / "s.h5")
+    assert planned.frame == "patient_lps"
+    assert (len(planned.points), len(planned.mesh)) == (report["points"], report["triangles"])
+
+    run = vfplan_cli("register", "s.h5", *markers, "--model", "rigid", "-o", "f.h5", "--json",
+                     cwd=tmp_path)  # fmt: skip
+    assert run.code == 0, run.stderr
+    fixture = vfplan.read_fixture(tmp_path / "f.h5")
+    assert fixture.frame == "robot_base"
+    assert np.array_equal(fixture.mesh, planned.mesh)
+    assert np.abs(fixture.points - moved(1e3 * planned.points)).max() < 1e-9
+    assert vfplan_cli("validate", "f.h5", cwd=tmp_path).code == 0
+
+    # A hand that pushes through the bone's flank: the proxy stays R outside the true surface.
+    along = np.linspace(40, -5, 900)
+    session = np.c_[np.arange(900) * 1e-3, moved(np.c_[np.full(900, 1.0), along, np.zeros(900)])]
+    np.savetxt(tmp_path / "h.csv", session, delimiter=",", header="t,x,y,z", comments="")
+    run = vfplan_cli("replay", "f.h5", "h.csv", "-o", "r.h5", "--json", cwd=tmp_path)
+    assert run.code == 0, run.stderr
+    assert run.json["contact_ticks"] > 300
+    assert run.json["entrenched_ticks"] == 0
+    trace = vfplan.replay(fixture, vfplan.Session(session[:, 0], session[:, 1:])).trace
+    c, s = np.cos(0.4), np.sin(0.4)
+    back = 1e3 * (trace.proxy - [0.5, 0.1, 0.3]) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    assert 4.8 < BENT.distance(back)[500:].min() < 5.2
+
+
+def test_the_same_outlines_give_the_same_bits(struct, vfplan_cli, tmp_path):
+    epoch = {"SOURCE_DATE_EPOCH": "1700000000"}
+    for name in ("a.h5", "b.h5"):
+        assert vfplan_cli("surface", struct, "-o", name, cwd=tmp_path, env=epoch).code == 0
+    assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
+
+
+def test_no_output_names_the_patient(struct, vfplan_cli, tmp_path):
+    grid = bones.grid_round(BENT, 5, pixel=1.0)
+    named = f"bone of {NAME.replace('^', ' ')}"
+    bones.write_seg(tmp_path / "g.dcm", grid.labels(BENT), grid, name=named, **WHO)
+    bones.write_rtstruct(tmp_path / "two.dcm", bones.outlines(BENT, 5), names=[named, "b"], **WHO)
+    (tmp_path / "cut.dcm").write_bytes(struct.read_bytes()[:3000])
+    bad = bytearray(struct.read_bytes())
+    at = bad.rindex(UID.encode())
+    bad[at - 6 : at] = b"\xff" * 6
+    (tmp_path / "bad.dcm").write_bytes(bad)
+    told = ""
+    for name in ("s.dcm", "g.dcm", "two.dcm", "cut.dcm", "bad.dcm"):
+        run = vfplan_cli("surface", name, "-o", f"{name}.h5", "--picture-out", f"{name}.png",
+                         "--tolerance", "1", "--json", "-vv", cwd=tmp_path)  # fmt: skip
+        told += run.stdout + run.stderr
+    written = b"".join(p.read_bytes() for p in tmp_path.iterdir() if p.suffix in (".h5", ".png"))
+    assert len(written) > 50_000
+    for secret in SECRETS:
+        assert secret not in told, secret
+        assert secret.encode() not in written, secret
+
+
+def test_pydicoms_own_samples_are_read_or_refused_by_name(vfplan_cli, tmp_path):
+    """An RTSTRUCT without preamble is plainly DICOM; its structures hold 1 to 4 points each."""
+    from pydicom.data import get_testdata_file
+
+    run = vfplan_cli("surface", get_testdata_file("rtstruct.dcm"), "-o", "s.h5", cwd=tmp_path)
+    assert run.code == 3
+    assert "structures:" in run.error_line
+    run = vfplan_cli("surface", get_testdata_file("liver_1frame.dcm"), "-o", "s.h5", cwd=tmp_path)
+    assert run.code == 3
+    assert "1 slice shows the structure; two at least are wanted" in run.error_line
+    run = vfplan_cli("surface", get_testdata_file("CT_small.dcm"), "-o", "s.h5", cwd=tmp_path)
+    assert run.code == 3
+    assert "is DICOM of CT; RTSTRUCT or SEG" in run.error_line
+    assert not (tmp_path / "s.h5").exists()
+
+
+def test_drawn_dicom_slices_become_a_surface(tmp_path):
+    """A red outline on each slice, found by its pen: sub-pixel, where each slice lies."""
+    from captures import capture
+    from drawing import blend, coverage, flat, to_uint8
+
+    folder = tmp_path / "series"
+    folder.mkdir()
+    pixel, shape = 0.4, (120, 160)
+    for k, z in enumerate(BENT.places(5)[4:12]):
+        line = (BENT.rings(z)[0] + [24, 24]) / pixel
+        ink = coverage(shape, line, 3, closed=True)
+        picture = to_uint8(blend(flat(shape, 180), ink, (230, 20, 40)))
+        made = capture(
+            tmp_path, picture, PixelSpacing=[pixel, pixel],
+            ImageOrientationPatient=[1, 0, 0, 0, 1, 0], ImagePositionPatient=[-24, -24, float(z)],
+        )  # fmt: skip
+        made.rename(folder / f"{UID}.{9 - k}.dcm")
+    made = surface(folder, settings=SurfaceSettings(tolerance_m=3e-4))
+    points = 1e3 * made.fixture.points
+    inside = (points[:, 2] > -18) & (points[:, 2] < 17)
+    away = BENT.distance(points[inside])
+    assert np.sqrt((away**2).mean()) < 0.05
+    assert np.abs(away).max() < 0.15
+    capture(tmp_path, flat(shape, 90).astype(np.uint8)).rename(folder / f"{UID}.99.dcm")
+    assert any("1 of 9 slices show no drawing" in w for w in surface(folder).warnings)
+    capture(tmp_path, picture).rename(folder / f"{UID}.98.dcm")
+    with pytest.raises(vfplan.VfplanError, match="file 9 of 10 by name: does not say") as caught:
+        surface(folder)
+    assert UID not in str(caught.value)
+
+
+def test_what_is_no_source_is_refused(vfplan_cli, tmp_path):
+    (tmp_path / "a.txt").write_text("hello")
+    run = vfplan_cli("surface", "a.txt", "-o", "s.h5", cwd=tmp_path)
+    assert run.code == 3
+    assert "is none of RTSTRUCT" in run.error_line
+    run = vfplan_cli("surface", "none.dcm", "-o", "s.h5", cwd=tmp_path)
+    assert run.code == 3
+    assert "no such file" in run.error_line
+    run = vfplan_cli("surface", "a.txt", "-o", "s.h5", "--tolerance", "6", cwd=tmp_path)
+    assert run.code == 2
+    assert "below R = 5 mm" in run.error_line

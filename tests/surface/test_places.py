@@ -1,0 +1,239 @@
+"""Where outlines lie: every series is right to a micrometre, or refused by name."""
+
+import bones
+import numpy as np
+import pytest
+from bones import BENT
+from scipy.spatial import cKDTree
+
+from vfplan.errors import InputError
+from vfplan.surface import SurfaceSettings, surface
+
+COARSE = SurfaceSettings(tolerance_m=1e-3)
+GAP = 5
+
+
+def turned(points):
+    """Points in a patient who lies askew: turned about all axes, and moved."""
+    a, b = 0.3, -0.2
+    about_z = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    about_x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
+    return points @ (about_z @ about_x).T + [12, -30, 400]
+
+
+def struct(tmp_path, rings, **more):
+    return bones.write_rtstruct(tmp_path / "s.dcm", rings, **more)
+
+
+def rings(gap=GAP):
+    return bones.outlines(BENT, gap)
+
+
+def test_an_oblique_series_gives_the_same_bone(tmp_path):
+    made = surface(struct(tmp_path, rings(), place=turned), settings=COARSE)
+    back = 1e3 * made.fixture.points - [12, -30, 400]
+    R = (turned(np.eye(3)) - turned(np.zeros((1, 3)))).T
+    away = BENT.distance(back @ R)
+    z = (back @ R)[:, 2]
+    inside = (z > -37.9) & (z < 36.9)
+    assert np.abs(away[inside]).max() < 0.06
+    assert made.report["normal"] == pytest.approx(R[:, 2], abs=1e-9)
+    # Each outline lies on the surface: no slice has moved.
+    assert made.report["contour_error_mm"]["max"] < 0.25
+
+
+def label_maps(tmp_path, grid, labels):
+    return [
+        bones.write_seg(tmp_path / "g.dcm", labels, grid),
+        bones.write_nrrd(tmp_path / "g.seg.nrrd", labels, grid),
+        bones.write_nifti(tmp_path / "g.nii.gz", labels, grid),
+    ]
+
+
+def outline_places(made):
+    """(M, 3) corners of all outlines in the patient [mm]."""
+    R = made.sliced.R_slice_patient
+    found = [
+        np.c_[ring, np.full(len(ring), outline.z)] @ R
+        for stack in made.sliced.stacks
+        for outline in stack.outlines
+        for ring in outline.rings
+    ]
+    return 1e3 * np.concatenate(found)
+
+
+@pytest.mark.parametrize("series", ["flipped rows", "flipped slices", "oblique", "tilted"])
+def test_a_label_map_lies_where_its_file_says(series, tmp_path):
+    """The same voxels written in another order, or carried, to within a micrometre."""
+    grid = bones.grid_round(BENT, GAP, pixel=1.0)
+    labels = grid.labels(BENT)
+    plain = surface(bones.write_nifti(tmp_path / "p.nii", labels, grid), settings=COARSE)
+    wanted = outline_places(plain)
+    corner, axes = grid.corner, grid.axes
+    if series == "flipped rows":
+        corner, axes = corner + axes[:, 1] * (grid.size[1] - 1), axes * [1, -1, 1]
+        labels = labels[:, ::-1]
+    elif series == "flipped slices":
+        corner, axes = corner + axes[:, 2] * (grid.size[2] - 1), axes * [1, 1, -1]
+        labels = labels[:, :, ::-1]
+    elif series == "oblique":
+        corner, axes = turned(corner), (turned(axes.T) - turned(np.zeros((1, 3)))).T
+        wanted = turned(wanted)
+    else:  # the gantry leans: each slice slides along its rows against the one below
+        shear = np.array([[1, 0, 0], [0, 1, 0.2], [0, 0, 1]])
+        corner, axes = shear @ corner, shear @ axes
+        wanted = wanted @ shear.T
+    there = bones.Grid(corner, axes, grid.size)
+    for path in label_maps(tmp_path, there, np.ascontiguousarray(labels)):
+        found = outline_places(surface(path, settings=COARSE))
+        assert len(found) == len(wanted)
+        # NIfTI holds its places in single precision: 3e-5 mm at 400 mm.
+        assert cKDTree(found).query(wanted)[0].max() < 1e-3, path.name
+
+
+def test_uneven_slices_keep_their_places(tmp_path):
+    places = [z for z in BENT.places(2) if z % 6 or z % 4 == 0]
+    uneven = [(ring, z) for ring, z in rings(2) if z in places]
+    made = surface(struct(tmp_path, uneven), settings=SurfaceSettings(max_spacing_m=5e-3))
+    points = 1e3 * made.fixture.points
+    inside = (points[:, 2] > places[0]) & (points[:, 2] < places[-1])
+    assert np.abs(BENT.distance(points[inside])).max() < 0.05
+    assert made.report["spacing_range_mm"] == pytest.approx([2, 4], abs=1e-6)
+    assert any("2 to 4 mm apart" in line for line in made.warnings)
+
+
+def test_a_missing_slice_is_refused_and_can_be_bridged(tmp_path):
+    path = struct(tmp_path, [(ring, z) for ring, z in rings() if z != 2])
+    with pytest.raises(
+        InputError, match=r"missing: slice at z = -3.00 mm .* at 7.00 mm, are 10 mm"
+    ):
+        surface(path, settings=COARSE)
+    made = surface(path, settings=SurfaceSettings(tolerance_m=1e-3, max_spacing_m=10e-3))
+    assert made.report["spacing_range_mm"] == pytest.approx([5, 10])
+
+
+def test_doubled_slices_are_refused(tmp_path):
+    extra = [(BENT.rings(0.0)[0], 2.03)]
+    with pytest.raises(InputError, match=r"0\.03 mm apart, the others 5 mm.*seems doubled"):
+        surface(struct(tmp_path, [*rings(), *extra]), settings=COARSE)
+    with pytest.raises(InputError, match=r"z = 2\.00 mm: the same outline is there twice"):
+        surface(struct(tmp_path, [*rings(), *(r for r in rings() if r[1] == 2)]), settings=COARSE)
+
+
+def test_doubled_frames_are_refused(tmp_path):
+    grid = bones.grid_round(BENT, GAP, pixel=1.0)
+    flat = bones.Grid(grid.corner, grid.axes * [1, 1, 0], grid.size)
+    path = bones.write_seg(tmp_path / "g.dcm", grid.labels(BENT), flat)
+    with pytest.raises(InputError, match="two frames of the segment lie in one slice"):
+        surface(path, settings=COARSE)
+
+
+def test_slices_that_are_not_parallel_are_refused(tmp_path):
+    def wedge(points):
+        return points + np.c_[np.zeros((len(points), 2)), points[:, 0] * points[:, 2] * 1e-2]
+
+    with pytest.raises(InputError, match="off the slices' common plane"):
+        surface(struct(tmp_path, rings(), place=wedge), settings=COARSE)
+
+
+def test_an_empty_slice_parts_a_label_map_in_two(tmp_path):
+    grid = bones.grid_round(BENT, GAP, pixel=1.0)
+    labels = grid.labels(BENT)
+    labels[:, :, 7] = 0
+    path = bones.write_seg(tmp_path / "g.dcm", labels, grid)
+    made = surface(path, settings=COARSE)
+    assert len(made.sliced.stacks) == 2
+    gap = 1e3 * made.fixture.points[:, 2]
+    assert not ((gap > -3 - 2.4) & (gap < -3 + 2.4)).any()
+    assert made.report["open_edges"] == 0
+
+
+def test_ends_are_capped_half_a_slice_beyond_or_left_open(tmp_path):
+    path = struct(tmp_path, rings())
+    capped, kept = surface(path), surface(path, settings=SurfaceSettings(keep_open=True))
+    z = 1e3 * capped.fixture.points[:, 2]
+    assert [z.min(), z.max()] == pytest.approx([-38 - 2.5, 37 + 2.5])
+    assert capped.report["open_edges"] == 0
+    assert any("closed by flat caps half a slice beyond: a guess" in w for w in capped.warnings)
+    z = 1e3 * kept.fixture.points[:, 2]
+    assert [z.min(), z.max()] == pytest.approx([-38, 37])
+    assert kept.report["open_edges"] > 100
+    assert kept.report["volume_mm3"] is None
+    assert any("left open: a proxy can enter there" in w for w in kept.warnings)
+
+
+def keyhole(width):
+    """A ring of radius 15 with a hole of radius 5, joined by a channel of that width."""
+    outer, inner = bones.ring((0, 0), (15, 15)), bones.ring((0, 0), (5, 5))[::-1]
+    outer, inner = np.roll(outer, 0, axis=0), np.roll(inner, 1, axis=0)
+    up, down = [0, width / 2], [0, -width / 2]
+    return np.vstack([outer[:1] + up, outer[1:], outer[:1] + down,
+                      inner[:1] + down, inner[1:], inner[:1] + up])  # fmt: skip
+
+
+@pytest.mark.parametrize("width", [0.0, 0.02])
+def test_a_keyhole_is_a_hole(width, tmp_path):
+    drawn = [(keyhole(width), z) for z in (0.0, 2.0, 4.0, 6.0)]
+    made = surface(struct(tmp_path, drawn), settings=COARSE)
+    assert [len(o.rings) for o in made.sliced.stacks[0].outlines] == [2] * 4
+    assert made.report["volume_mm3"] == pytest.approx(np.pi * (15**2 - 5**2) * 8, rel=5e-3)
+    assert made.report["open_edges"] == 0
+
+
+def test_an_outline_that_crosses_itself_is_refused(tmp_path):
+    t = np.linspace(0, 2 * np.pi, 100, endpoint=False)
+    eight = np.c_[10 * np.sin(t), 6 * np.sin(2 * t)]
+    with pytest.raises(InputError, match=r"z = 0.00 mm: an outline crosses itself at \(.*\) mm"):
+        surface(struct(tmp_path, [(eight, z) for z in (0.0, 2.0)]), settings=COARSE)
+
+
+def test_outlines_that_cross_each_other_are_refused(tmp_path):
+    two = [(bones.ring((x, 0), (8, 8)), z) for z in (0.0, 2.0) for x in (0, 9)]
+    with pytest.raises(InputError, match="two outlines cross near"):
+        surface(struct(tmp_path, two), settings=COARSE)
+
+
+def test_forks_and_ends_between_slices_are_told_with_their_place(tmp_path):
+    one = [(bones.ring((0, 0), (20, 9)), z) for z in (0.0, 2.0, 4.0)]
+    two = [(bones.ring((x, 0), (8, 8)), z) for z in (6.0, 8.0, 10.0) for x in (-10, 10)]
+    last = [(bones.ring((10, 0), (8, 8)), z) for z in (12.0, 14.0)]
+    made = surface(struct(tmp_path, one + two + last), settings=COARSE)
+    told = " | ".join(made.warnings)
+    assert "slice at z = 4.00 mm to 6.00 mm: a part forks: the saddle may be off" in told
+    assert "slice at z = 10.00 mm to 12.00 mm: a part begins or ends" in told
+    assert made.report["open_edges"] == 0
+
+
+def test_one_slice_is_no_surface(tmp_path):
+    with pytest.raises(InputError, match="1 slice shows the structure; two at least"):
+        surface(struct(tmp_path, rings()[:1]), settings=COARSE)
+
+
+def test_a_place_of_no_patient_is_refused(tmp_path):
+    import nibabel
+
+    grid = bones.grid_round(BENT, GAP, pixel=1.0)
+    labels = grid.labels(BENT)
+    image = nibabel.Nifti1Image(labels, np.diag([1.0, 1, 5, 1]))
+    image.set_sform(None, code=0)
+    image.set_qform(None, code=0)
+    nibabel.save(image, tmp_path / "n.nii")
+    with pytest.raises(InputError, match="does not say where its voxels lie"):
+        surface(tmp_path / "n.nii")
+    image.set_sform(np.diag([1.0, 1, 5, 1]), code=1)
+    image.set_qform(np.diag([1.0, 1, 5.01, 1]), code=1)
+    nibabel.save(image, tmp_path / "n.nii")
+    with pytest.raises(InputError, match=r"two places in the patient .* are 0.16 mm apart"):
+        surface(tmp_path / "n.nii")
+
+
+def test_a_structure_is_chosen_by_name_or_number(tmp_path):
+    path = struct(tmp_path, rings(), names=["femur", "cyst"])
+    with pytest.raises(InputError, match=r"holds 2 structures: 1 'femur', 2 'cyst'; choose one"):
+        surface(path)
+    for name in ("femur", "1"):
+        assert surface(path, structure=name, settings=COARSE).report["slices"] == 16
+    with pytest.raises(InputError, match="no such structure; it holds 1 'femur', 2 'cyst'"):
+        surface(path, structure="tibia")
+    with pytest.raises(InputError, match="structure 2 has no closed contour"):
+        surface(path, structure="cyst")

@@ -1,0 +1,87 @@
+"""The nearest place on a mesh, for points that lie close to it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+CORNERS = 4  # nearest ones, whose triangles are looked at
+BLOCK = 1 << 16
+
+
+class NearestOnMesh:
+    """Finds the nearest place among the triangles that meet in a point's nearest corners.
+
+    That is the nearest place of the whole mesh where its triangles are of about one size and the
+    point is not much further away than they are large; elsewhere a place somewhat further.
+
+    Parameters
+    ----------
+    points
+        (N, 3) corners [m].
+    triangles
+        (K, 3) rows of them.
+    """
+
+    def __init__(self, points: Array, triangles: NDArray[np.int32]) -> None:
+        from scipy.spatial import cKDTree
+
+        self.points, self.triangles = points, triangles
+        used, compact = np.unique(triangles, return_inverse=True)
+        self._tree = cKDTree(points[used])
+        order = np.argsort(compact.ravel(), kind="stable")
+        self._around = order // 3  # triangles around each corner, one corner after the other
+        self._first = np.searchsorted(compact.ravel()[order], np.arange(len(used) + 1))
+
+    def __call__(self, places: Array) -> tuple[Array, NDArray[np.intp]]:
+        """Nearest place (M, 3) on the mesh to each of (M, 3), and the triangle it lies in (M,)."""
+        blocks = [self._nearest(places[k : k + BLOCK]) for k in range(0, len(places), BLOCK)]
+        found, rows = zip(*blocks, strict=True)
+        return np.concatenate(found), np.concatenate(rows)
+
+    def normals(self, rows: NDArray[np.intp]) -> Array:
+        """(M, 3) unit normals of triangles, to the side from which they turn anticlockwise."""
+        a, b, c = np.moveaxis(self.points[self.triangles[rows]], 1, 0)
+        normal = np.cross(b - a, c - a)
+        return normal / np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
+
+    def _nearest(self, places: Array) -> tuple[Array, NDArray[np.intp]]:
+        corners = min(CORNERS, self._tree.n)
+        near = self._tree.query(places, k=[*range(1, corners + 1)])[1].ravel()
+        count = self._first[near + 1] - self._first[near]
+        owner = np.repeat(np.repeat(np.arange(len(places)), corners), count)
+        start = np.repeat(self._first[near] - (np.cumsum(count) - count), count)
+        rows = self._around[start + np.arange(len(owner))]
+        found = on_triangles(places[owner], self.points[self.triangles[rows]])
+        away = ((places[owner] - found) ** 2).sum(axis=1)
+        order = np.lexsort((away, owner))
+        best = order[np.searchsorted(owner[order], np.arange(len(places)))]
+        return found[best], rows[best]
+
+
+def on_triangles(places: Array, corners: Array) -> Array:
+    """(M, 3) nearest place of each triangle (M, 3, 3) to its point (M, 3)."""
+    best = np.empty_like(places)
+    nearest = np.full(len(places), np.inf)
+
+    def offer(found: Array, allowed: NDArray[np.bool_] | None = None) -> None:
+        away = ((places - found) ** 2).sum(axis=1)
+        better = away < nearest if allowed is None else allowed & (away < nearest)
+        best[better], nearest[better] = found[better], away[better]
+
+    for k in range(3):
+        start, along = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
+        length = np.maximum((along**2).sum(axis=1), np.finfo(float).tiny)
+        t = np.clip(((places - start) * along).sum(axis=1) / length, 0.0, 1.0)
+        offer(start + t[:, None] * along)
+    a, b, c = np.moveaxis(corners, 1, 0)
+    normal = np.cross(b - a, c - a)
+    square = (normal**2).sum(axis=1)
+    flat = square > 0
+    square = np.where(flat, square, 1.0)
+    inside = places - (((places - a) * normal).sum(axis=1) / square)[:, None] * normal
+    for one, other in ((a, b), (b, c), (c, a)):
+        flat &= (np.cross(other - one, inside - one) * normal).sum(axis=1) >= 0
+    offer(inside, flat)
+    return best

@@ -1,0 +1,41 @@
+"""Files from outside: whole, of a bounded size, also once they are unpacked."""
+
+from __future__ import annotations
+
+import bz2
+import hashlib
+import zlib
+from pathlib import Path
+
+from vfplan.errors import InputError
+from vfplan.io.disk import read_whole
+
+MOST_FILE = 1 << 30
+MOST_UNPACKED = 1 << 30
+
+
+def read_bytes(path: Path, most: int = MOST_FILE) -> tuple[bytes, str]:
+    """A file's bytes and their SHA-256; raises `InputError` as `vfplan.io.disk.read_whole` does."""
+    data = read_whole(path, most, InputError)
+    return data, hashlib.sha256(data).hexdigest()
+
+
+def unpacked(data: bytes, kind: str, where: str, most: int = MOST_UNPACKED) -> bytes:
+    """What "gzip" or "bzip2" bytes hold, never more than `most`.
+
+    Raises `InputError` when they are damaged, cut short, or hold more.
+    """
+    try:
+        if kind == "gzip":
+            worker = zlib.decompressobj(wbits=zlib.MAX_WBITS | 32)
+            found = worker.decompress(data, most + 1)
+        else:
+            worker = bz2.BZ2Decompressor()
+            found = worker.decompress(data, most + 1)
+    except (zlib.error, OSError, ValueError):
+        raise InputError(f"its {kind} data are damaged", where=where) from None
+    if len(found) > most:
+        raise InputError(f"unpacks to more than {most} bytes", where=where)
+    if not worker.eof:
+        raise InputError(f"its {kind} data are cut short", where=where)
+    return found

@@ -1,0 +1,101 @@
+"""Outlines drawn one a slice: Slicer's closed curves, and DICOM slices with a pen's drawing."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import CurveError, ImageError, InputError, MarkerError
+from vfplan.io.disk import read_whole
+from vfplan.surface.contours import Contours, Structure
+
+Array = NDArray[np.float64]
+MOST_MARKUPS = 1 << 26
+MOST_SLICES = 4096
+
+
+def read_slicer_curves(paths: list[Path]) -> Contours:
+    """Every ClosedCurve of one or more `.mrk.json` files.
+
+    Raises `InputError` where a file holds none, an open curve, or is damaged.
+    """
+    from vfplan.curve.vector import FINE_M, VectorCurve
+    from vfplan.markers.slicer import lps_points, markups_of
+
+    rings, digest = [], hashlib.sha256()
+    for path in paths:
+        where = str(path)
+        data = read_whole(path, MOST_MARKUPS, InputError)
+        digest.update(hashlib.sha256(data).digest())
+        try:
+            markups = markups_of(data.decode("utf-8-sig"), where)
+            kinds = [markup.get("type") for markup in markups]
+            if set(kinds) != {"ClosedCurve"}:
+                other = next((k for k in kinds if k != "ClosedCurve"), "nothing")
+                raise InputError(f"holds {other!r}; closed curves are wanted", where=where)
+            points = [lps_points(markup, where) for markup in markups]
+        except UnicodeDecodeError:
+            raise InputError("is not UTF-8 text", where=where) from None
+        except MarkerError as error:
+            raise InputError(error.message, where=error.where) from None
+        for ring in points:
+            if len(ring) < 3:
+                raise InputError(f"a curve has {len(ring)} points; 3 are wanted", where=where)
+            rings.append(VectorCurve(ring, True, True, "").fine(FINE_M))
+    return Contours(tuple(rings), (Structure(1),), 1, {"curves": digest.hexdigest()})
+
+
+def read_drawn_slices(folder: Path, colour: str) -> Contours:
+    """The closed curves drawn on a folder's DICOM slices, each placed by its own slice.
+
+    Slices without a drawing are passed over; they are named by their place in the folder's order,
+    for exporters name files by identifiers.
+
+    Raises
+    ------
+    InputError
+        A file that is no DICOM slice, has no place in the patient, or a drawing that is not closed.
+    """
+    from vfplan.curve import load_libraries
+    from vfplan.images.read import read_image
+    from vfplan.planning import ExtractSettings, extract
+
+    load_libraries()
+    files = sorted(path for path in folder.iterdir() if path.is_file())
+    if not 2 <= len(files) <= MOST_SLICES:
+        raise InputError(
+            f"holds {len(files)} files; 2 to {MOST_SLICES} slices are wanted", where=str(folder)
+        )
+    rings, digest, bare = [], hashlib.sha256(), 0
+    for number, path in enumerate(files, start=1):
+        where = f"{folder}, file {number} of {len(files)} by name"
+        try:
+            if _grey(read_image(path).rgb):
+                bare += 1
+                continue
+            found = extract(path, ExtractSettings(colour=colour, stroke="all"))
+        except InputError as error:
+            raise type(error)(error.message, where=where) from None
+        place = found.image.T_patient_image
+        if place is None:
+            raise ImageError("does not say where it lies in the patient", where=where)
+        digest.update(bytes.fromhex(found.image.sha256))
+        for stroke in found.extraction.strokes:
+            if not stroke.closed:
+                raise CurveError(
+                    f"a drawing of {stroke.length_px:.0f} px is open; an outline is closed",
+                    where=where,
+                )
+            pixels = np.c_[stroke.points_px, np.ones(len(stroke.points_px))]
+            rings.append((pixels @ place.T)[:, :3])
+    if not rings:
+        raise CurveError(f"none of {len(files)} slices shows a drawing", where=str(folder))
+    told = (f"{bare} of {len(files)} slices show no drawing",) if bare else ()
+    return Contours(tuple(rings), (Structure(1),), 1, {"slices": digest.hexdigest()}, told=told)
+
+
+def _grey(rgb: NDArray) -> bool:
+    return all(np.array_equal(rgb[..., 0], rgb[..., k]) for k in (1, 2))
