@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from vfplan.errors import CheckFailed
 from vfplan.registration import layout, residuals
+from vfplan.registration.labelling import Relabelling, better_labelling, name_labelling
 from vfplan.registration.models import Array, Orthogonal
 from vfplan.registration.result import Registration
 from vfplan.registration.robust import agreeing
@@ -32,6 +33,8 @@ class Diagnosis:
         label -> why it is suspected.
     swapped
         Two labels that seem exchanged; `None` when none do.
+    relabelled
+        Another labelling that fits far better, whichever labels it moves; `None` when none does.
     labellings
         Labellings that fit the layout equally well, 1 when it has no symmetry; `None`: not checked.
     unchecked
@@ -46,6 +49,7 @@ class Diagnosis:
 
     suspects: dict[Label, str]
     swapped: tuple[Label, Label] | None
+    relabelled: Relabelling | None
     labellings: int | None
     unchecked: tuple[Label, ...]
     spacing_departure: tuple[float, ...] | None
@@ -99,6 +103,7 @@ def diagnose(registration: Registration) -> Diagnosis:
     everyone = fit if fit.used.all() else residuals.solve(fit.problem)
     pair = layout.swapped_labels(everyone)
     swapped = None if pair is None else (labels[pair[0]], labels[pair[1]])
+    relabelled = better_labelling(everyone)
     labellings = layout.symmetries(fit)
     unchecked = tuple(
         label
@@ -108,11 +113,14 @@ def diagnose(registration: Registration) -> Diagnosis:
     departure, sigma = _departure(registration)
     suspects = _suspects(registration, swapped)
     warnings = (
+        *_label_warnings(labels, swapped, relabelled),
         *_suspect_warnings(suspects, swapped),
         *_layout_warnings(registration, labellings, unchecked),
         *_scale_warnings(registration, departure, sigma),
     )
-    return Diagnosis(suspects, swapped, labellings, unchecked, departure, sigma, warnings)
+    return Diagnosis(
+        suspects, swapped, relabelled, labellings, unchecked, departure, sigma, warnings
+    )
 
 
 def target_error(registration: Registration, points: ArrayLike) -> TargetError:
@@ -218,11 +226,24 @@ def _free_scale_departure(
     return (scale - 1,), (float(sigma),)
 
 
+def _label_warnings(
+    labels: tuple[Label, ...], swapped: tuple[Label, Label] | None, other: Relabelling | None
+) -> tuple[str, ...]:
+    if swapped:
+        return (f"the labels of {swapped[0]} and {swapped[1]} seem exchanged: check both",)
+    if other is None:
+        return ()
+    return (
+        f"it seems that {name_labelling(other.order, labels)}: so the markers would miss their "
+        f"places by {other.rms_m * 1e3:.3g} mm rms only; check the labels",
+    )
+
+
 def _suspect_warnings(
     suspects: dict[Label, str], swapped: tuple[Label, Label] | None
 ) -> tuple[str, ...]:
     if swapped:
-        return (f"the labels of {swapped[0]} and {swapped[1]} seem exchanged: check both",)
+        return ()
     return tuple(f"suspect marker {label}: {why}" for label, why in suspects.items())
 
 

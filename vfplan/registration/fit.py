@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.registration.geometry import check_handedness
+from vfplan.registration.labelling import better_labelling, name_labelling
 from vfplan.registration.layout import MIN_EXTENT, extent_and_error, swapped_labels
 from vfplan.registration.models import ModelName
 from vfplan.registration.problem import make_problem
@@ -67,11 +68,12 @@ def fit_registration(
     problem = make_problem(source, target, model, pixel_spacing, sigma, labels)
     fit = solve(problem, agreeing(problem) if robust else None)
     check_handedness(fit, facing)
-    _check_explained(fit)
+    names = tuple(range(len(problem.s)) if labels is None else labels)
+    _check_explained(fit, names)
     spacing = None if pixel_spacing is None else problem.normaliser.spacing
     return Registration(
         model,
-        tuple(range(len(problem.s)) if labels is None else labels),
+        names,
         np.array(source, dtype=np.float64),
         np.array(target, dtype=np.float64),
         fit,
@@ -80,7 +82,7 @@ def fit_registration(
     )
 
 
-def _check_explained(fit: Fit) -> None:
+def _check_explained(fit: Fit, labels: Sequence[str | int]) -> None:
     """Refuse a transform that is not larger than its own error across the layout.
 
     Markers that coincide or lie on a line to within their error, labels all wrong, a wrong unit.
@@ -88,10 +90,14 @@ def _check_explained(fit: Fit) -> None:
     """
     extent, error = extent_and_error(fit)
     if extent < MIN_EXTENT * error and swapped_labels(fit) is None:
+        better = better_labelling(solve(fit.problem))
+        cause = "wrong labels or units, or markers on a line or in one place?"
+        if better is not None and better.sure and better.alone:
+            cause = name_labelling(better.order, labels)
         raise MarkerError(
             f"the transform does not explain the markers: they spread {extent * 1e3:.3g} mm across "
             f"the layout and miss their places by {error * 1e3:.3g} mm an axis; at most a third is "
-            "allowed (wrong labels or units, or markers on a line or in one place?)"
+            f"allowed ({cause})"
         )
 
 

@@ -13,11 +13,14 @@ import numpy as np
 from vfplan.errors import MarkerError
 from vfplan.registration import layout, residuals
 from vfplan.registration.diagnosis import Diagnosis
+from vfplan.registration.labelling import Relabelling, name_labelling
 from vfplan.registration.result import Registration
 
 # Given to `swapped_labels`. Its F of (ν, ν) is for independent sums of squares; these share their
 # noise, and a good set passes less often: at worst 1e-4 of four markers' sets, fewer of more.
 SURE_EXCHANGE = 5e-4
+# Residuals over the stated sigmas: beyond it the sigmas, or the markers, are others.
+MAX_OVER_SIGMA = 10.0
 # Along u and v; more is another unit, not a printer's stretch.
 MAX_SCALE_FACTOR = 2.0
 
@@ -28,10 +31,14 @@ def refuse_sure_faults(registration: Registration, diagnosis: Diagnosis) -> None
     Raises
     ------
     MarkerError
-        Exchanged labels, or a scale that is not the known one.
+        Labels exchanged or in another order, residuals far beyond the stated sigmas, or a scale
+        that is not the known one.
     """
     if diagnosis.swapped:
         _refuse_exchanged(registration)
+    if diagnosis.relabelled:
+        _refuse_relabelled(registration, diagnosis.relabelled)
+    _refuse_beyond_sigma(registration)
     _refuse_scale(diagnosis)
 
 
@@ -51,6 +58,32 @@ def _refuse_exchanged(registration: Registration) -> None:
         f"{rms * 1e3:.3g} mm rms, with these two swapped they fit; correct the labels, or have "
         "both left out with --robust"
     )
+
+
+def _refuse_relabelled(registration: Registration, other: Relabelling) -> None:
+    fit = registration.fit
+    moved = [i for i, j in enumerate(other.order) if i != j]
+    if not other.sure or not fit.used[moved].any():
+        return
+    everyone = residuals.solve(fit.problem)
+    rms = float(np.sqrt((everyone.vectors**2).sum(axis=1).mean()))
+    what = "the labels are wrong, and more than one other labelling fits"
+    if other.alone:
+        what = name_labelling(other.order, registration.labels)
+    raise MarkerError(
+        f"{what}: as labelled the markers miss their places by {rms * 1e3:.3g} mm rms, so by "
+        f"{other.rms_m * 1e3:.3g} mm; correct the labels"
+    )
+
+
+def _refuse_beyond_sigma(registration: Registration) -> None:
+    unit = registration.fit.problem.sigma_unit_m
+    if unit is not None and registration.sigma_m > MAX_OVER_SIGMA * unit:
+        raise MarkerError(
+            f"the residuals are {registration.sigma_m / unit:.3g} times what the stated sigmas "
+            f"allow; at most {MAX_OVER_SIGMA:g} times is allowed (wrong labels, or a marker to "
+            "leave out with --robust?)"
+        )
 
 
 def _refuse_scale(diagnosis: Diagnosis) -> None:

@@ -42,6 +42,13 @@ def describe(
         report["robust"] = {"used": int(registration.used.sum())}
     if diagnosis.swapped:
         report["swapped_labels"] = list(diagnosis.swapped)
+    if diagnosis.relabelled:
+        other, labels = diagnosis.relabelled, registration.labels
+        report["better_labelling"] = {
+            "labels": [labels[j] for j in other.order],
+            "fre_rms_m": other.rms_m,
+            "gain": other.gain,
+        }
     if registration.fit.problem.sigma_unit_m is not None:
         ratio = registration.sigma_m / registration.fit.problem.sigma_unit_m
         report["residuals_over_stated_sigma"] = ratio

@@ -58,7 +58,7 @@ def _best_subsets(problem: Problem, half: int) -> list[tuple[float, tuple[int, .
     best: list[tuple[float, tuple[int, ...]]] = []
     while chunk := list(islice(every, _CHUNK)):
         index = np.array(chunk)
-        index = index[_spans(problem, index)]
+        index = index[spans(problem, index)]
         if not len(index):
             continue
         m = problem.model.through(problem.s[index], problem.y[index])
@@ -68,7 +68,7 @@ def _best_subsets(problem: Problem, half: int) -> list[tuple[float, tuple[int, .
     return best
 
 
-def _spans(problem: Problem, index: np.ndarray) -> np.ndarray:
+def spans(problem: Problem, index: np.ndarray) -> np.ndarray:
     """Subsets that are not themselves collinear (3-D affine: coplanar)."""
     s = problem.s[index]
     edges = s - s.mean(axis=1, keepdims=True)
@@ -88,7 +88,7 @@ def _concentrate(problem: Problem, subset: np.ndarray, half: int) -> tuple[float
     m = problem.model.solve(problem.s[subset], problem.y[subset], problem.weights[subset])
     for _ in range(50):
         nearest = np.sort(np.argsort(_squares(problem, m), kind="stable")[:half])
-        if np.array_equal(nearest, subset) or not _spans(problem, nearest[None])[0]:
+        if np.array_equal(nearest, subset) or not spans(problem, nearest[None])[0]:
             break
         subset = nearest
         m = problem.model.solve(problem.s[subset], problem.y[subset], problem.weights[subset])

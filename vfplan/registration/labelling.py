@@ -1,0 +1,254 @@
+"""Another labelling of the same markers that fits many times better than the given one.
+
+Labels in reverse order, shifted by one, transposed on a grid or mixed up leave residuals as large
+as the layout is irregular: millimetres on a grid that a hand has set, while the curve lands
+centimetres away. So the markers are matched as two *sets*: three markers far apart in the source
+are sent to every ordered three of the target, the others follow, each is given the target nearest
+to it (all at once, as an assignment), and what fits is fitted again. The labellings found, and the
+usual mistakes, are held against the given one by their sums of squares; with one marker left out
+on both sides too, so that a single bad one does not hide the mistake.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.registration.models import Array, Orthogonal, homogeneous
+from vfplan.registration.problem import Problem
+from vfplan.registration.residuals import Fit
+from vfplan.registration.robust import spans
+
+# One labelling of a good set fits better by F of this tail only where the layout is symmetric to
+# within the noise and the noise happens to undo the difference; there are a few dozen such.
+SURE = 5e-6
+SEEMS = 1e-4
+AS_GOOD = 1e-2
+# All ordered threes of 32 markers; of more, the usual mistakes alone are tried.
+MAX_SEEDS = 30_000
+# The map through three markers fits worse than the one through all: by the noise that it carries
+# to the others, at most this many times in sum of squares where the three lie far apart.
+SLACK = 30.0
+MOST_KEPT = 60
+PROBES = 4
+
+Order = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Relabelling:
+    """A labelling that fits better than the given one.
+
+    Parameters
+    ----------
+    order
+        (N,) source marker i fits the target marker `order[i]`.
+    gain
+        The given labelling's sum of squares over this one's.
+    rms_m
+        What this labelling leaves at the markers, RMS [m].
+    sure
+        Whether good markers cannot look like this.
+    alone
+        Whether no other labelling fits about as well as this one.
+    """
+
+    order: Order
+    gain: float
+    rms_m: float
+    sure: bool
+    alone: bool
+
+
+def better_labelling(fit: Fit) -> Relabelling | None:
+    """The labelling that fits the markers far better than theirs; `None` where none does.
+
+    Parameters
+    ----------
+    fit
+        Of all markers. Any model, planar or solid.
+    """
+    problem = fit.problem
+    spare = 3 * len(problem.s) - problem.model.parameters
+    dofs = {dropped: spare - 3 * dropped for dropped in (0, 1) if spare - 3 * dropped >= 3}
+    given = {dropped: _squares(problem, [_identity(problem)], dropped)[0] for dropped in dofs}
+    worth = max(given[dropped] / _limit(dof, SEEMS) for dropped, dof in dofs.items())
+    orders = _candidates(problem, worth)
+    if not orders:
+        return None
+    found = [_best(problem, orders, given[dropped], dropped, dof) for dropped, dof in dofs.items()]
+    return max((one for one in found if one), key=lambda one: (one.sure, one.gain), default=None)
+
+
+def _best(
+    problem: Problem, orders: list[Order], given: float, dropped: int, dof: int
+) -> Relabelling | None:
+    squares = _squares(problem, orders, dropped)
+    best = int(squares.argmin())
+    gain = float(given / squares[best])
+    if gain <= _limit(dof, SEEMS):
+        return None
+    alike = int((squares <= squares[best] * _limit(dof, AS_GOOD)).sum())
+    rms = float(np.sqrt(_squares(problem, [orders[best]], 0)[0] / len(problem.s)))
+    return Relabelling(orders[best], gain, rms, gain > _limit(dof, SURE), alike == 1)
+
+
+def name_labelling(order: Order, labels: Sequence[str | int]) -> str:
+    """What the labelling does to the given one, in words; lower-case, no full stop."""
+    n = len(order)
+    moved = [i for i in range(n) if order[i] != i]
+    if len(moved) == 2:
+        return f"the labels of {labels[moved[0]]} and {labels[moved[1]]} are exchanged"
+    if order == tuple(range(n))[::-1]:
+        how = "in reverse order"
+    elif (shift := _shift(order)) is not None:
+        how = f"shifted by {min(shift, n - shift)}"
+    elif (shape := _transposed(order)) is not None:
+        how = f"transposed, rows for columns of {shape[0]} x {shape[1]}"
+    else:
+        how = "in another order"
+    few = ", ".join(f"{labels[i]} is labelled {labels[order[i]]}" for i in moved[:3])
+    return f"the labels are {how} ({few}{', ...' if len(moved) > 3 else ''})"
+
+
+def _identity(problem: Problem) -> Order:
+    return tuple(range(len(problem.s)))
+
+
+def _limit(dof: int, alpha: float) -> float:
+    from scipy.special import fdtri
+
+    return float(fdtri(float(dof), float(dof), 1 - alpha))
+
+
+def _shift(order: Order) -> int | None:
+    n = len(order)
+    return order[0] if all(order[i] == (i + order[0]) % n for i in range(n)) else None
+
+
+def _transposed(order: Order) -> tuple[int, int] | None:
+    return next((shape for shape in _shapes(len(order)) if _transpose(*shape) == order), None)
+
+
+def _shapes(n: int) -> list[tuple[int, int]]:
+    return [(r, n // r) for r in range(2, n // 2 + 1) if n % r == 0]
+
+
+def _transpose(rows: int, columns: int) -> Order:
+    return tuple(np.arange(rows * columns).reshape(rows, columns).T.ravel().tolist())
+
+
+def _usual(n: int) -> Iterator[Order]:
+    """Reversal, cyclic shifts of either direction, and transpositions of a grid's markers."""
+    forward = tuple(range(n))
+    for k in range(n):
+        turned = forward[k:] + forward[:k]
+        yield turned
+        yield turned[::-1]
+    yield from (_transpose(*shape) for shape in _shapes(n))
+
+
+def _candidates(problem: Problem, worth: float) -> list[Order]:
+    """Labellings other than the given one that may leave less than `worth` [m²]."""
+    n = len(problem.s)
+    if n * (n - 1) * (n - 2) > MAX_SEEDS:
+        return sorted(set(_usual(n)) - {_identity(problem)})
+    matched = (_matched(problem, base, SLACK * worth) for base in _bases(problem, 2))
+    return sorted(set().union(*matched) - {_identity(problem)})
+
+
+def _bases(problem: Problem, count: int) -> list[list[int]]:
+    """Threes of source markers far apart from each other, no marker in two of them."""
+    open_ = list(range(len(problem.s)))
+    bases: list[list[int]] = []
+    while len(bases) < count and len(open_) >= 3:
+        s = problem.s[open_]
+        first = int(np.linalg.norm(s - s.mean(axis=0), axis=1).argmax())
+        edge = s - s[first]
+        second = int(np.linalg.norm(edge, axis=1).argmax())
+        along = edge[second] / np.linalg.norm(edge[second])
+        third = int(np.linalg.norm(edge - np.outer(edge @ along, along), axis=1).argmax())
+        if len({first, second, third}) < 3:
+            break
+        bases.append([open_[k] for k in (first, second, third)])
+        open_ = [k for k in open_ if k not in bases[-1]]
+    return bases
+
+
+def _matched(problem: Problem, base: list[int], worth: float) -> set[Order]:
+    """The labellings under the maps of `base` to every three targets, where they may be worth it.
+
+    The least that an assignment can cost, every marker but one to its nearest, decides which to
+    try; a few markers decide it first for most.
+    """
+    seeds = np.array(list(permutations(range(len(problem.s)), 3)))
+    if problem.model.dimension == 2:
+        share = np.linalg.solve(problem.x[base].T, problem.x.T).T  # x~ as a mean of the three
+        moved = share @ problem.y[seeds]
+    else:  # bodies are alike in both frames
+        body = Orthogonal(3, None, "similarity")
+        source = np.broadcast_to(problem.s[base], (len(seeds), 3, 3))
+        moved = problem.x @ np.swapaxes(body.through(source, problem.y[seeds]), 1, 2)
+    others = [k for k in range(len(problem.s)) if k not in base][:PROBES]
+    near = _apart(moved[:, others], problem.y).min(axis=2)
+    moved = moved[_all_but_one(near) <= worth]
+    apart = _apart(moved, problem.y)
+    least = np.maximum(_all_but_one(apart.min(axis=2)), _all_but_one(apart.min(axis=1)))
+    kept = np.argsort(least, kind="stable")[: min(MOST_KEPT, int((least <= worth).sum()))]
+    return {_refined(problem, _assigned(apart[k])) for k in kept}
+
+
+def _apart(moved: Array, y: Array) -> Array:
+    """(S, K, N) squared distances of moved (S, K, 3) from y (N, 3)."""
+    return sum((moved[:, :, None, a] - y[:, a]) ** 2 for a in range(3))
+
+
+def _all_but_one(squares: Array) -> Array:
+    return squares.sum(axis=-1) - squares.max(axis=-1)
+
+
+def _assigned(cost: Array) -> Order:
+    nearest = cost.argmin(axis=1)
+    if len(set(nearest.tolist())) == len(cost):
+        return tuple(nearest.tolist())
+    from scipy.optimize import linear_sum_assignment
+
+    return tuple(linear_sum_assignment(cost)[1].tolist())
+
+
+def _refined(problem: Problem, order: Order) -> Order:
+    """The labelling that the map through all markers gives, from the one through three."""
+    for _ in range(3):
+        turned = _relabelled(problem, order)
+        m = problem.model.solve(turned.s, turned.y, turned.weights)
+        moved = problem.x @ m.T
+        better = _assigned(_apart(moved[None], problem.y)[0])
+        if better == order:
+            break
+        order = better
+    return order
+
+
+def _relabelled(problem: Problem, order: Order) -> Problem:
+    index = list(order)
+    return replace(problem, y=problem.y[index], weights=problem.weights[index])
+
+
+def _squares(problem: Problem, orders: Sequence[Order], dropped: int) -> NDArray[np.float64]:
+    """(P,) weighted sum of squares of each labelling [m²], its worst marker left out or not."""
+    n = len(problem.s)
+    index = np.array(orders)
+    keep = np.ones((1, n), dtype=bool)
+    if dropped:
+        rests = np.array([np.delete(np.arange(n), k) for k in range(n)])
+        keep = ~np.eye(n, dtype=bool)[spans(problem, rests)]
+    y = problem.y[index][:, None]
+    weights = problem.weights[index][:, None] * keep[None, :, :, None]
+    s = np.broadcast_to(problem.s, (*weights.shape[:2], *problem.s.shape))
+    m = problem.model.solve(s, np.broadcast_to(y, weights.shape), weights)
+    error = y - homogeneous(problem.s) @ np.swapaxes(m, -1, -2)
+    return np.maximum((weights * error**2).sum(axis=(-2, -1)).min(axis=1), problem.floor_m**2)
