@@ -1,15 +1,24 @@
 """The bundle on disk: what is written is what is read, and nothing else is read."""
 
+import io
 import os
 import subprocess
 import sys
 from dataclasses import replace
 
 import bundles
+import damage
+import h5py
+import hostile
 import numpy as np
 import pytest
 
 import vfplan
+from vfplan.bundle import read_bundle
+from vfplan.bundle.content import to_content
+from vfplan.bundle.store import to_payload
+from vfplan.bundle.table import table
+from vfplan.bundle.write import completed
 from vfplan.errors import BundleError, InputError, OutputError
 
 MAKE = {"minimal": bundles.minimal, "everything": bundles.whole}
@@ -19,6 +28,28 @@ MAKE = {"minimal": bundles.minimal, "everything": bundles.whole}
 def test_what_is_written_is_read_bit_for_bit(make, tmp_path):
     vfplan.write_fixture(make(), tmp_path / "a.h5")
     bundles.same(vfplan.read_fixture(tmp_path / "a.h5"), make())
+
+
+def by_h5py(data, path):
+    """A value of a bundle as h5py reads it, in the form of `read_bundle`."""
+    with h5py.File(io.BytesIO(data)) as file:
+        where, _, name = path.partition("@")
+        value = file[where].attrs[name] if name else file[where][...]
+    if isinstance(value, np.ndarray) and value.dtype.kind == "S":
+        return tuple(text.decode() for text in value)
+    return value.decode() if isinstance(value, bytes) else value
+
+
+@pytest.mark.parametrize("name", ["minimal", "whole", "sheet", "pixels", "patient", "in chunks"])
+def test_h5py_reads_the_same_values(name):
+    """Two readers that share no code."""
+    if name == "in chunks":
+        payload = hostile.one_row_a_chunk()
+    else:
+        payload = to_payload(completed(to_content(getattr(bundles, name)())), table())
+    data = damage.sealed(payload)
+    content, _ = read_bundle(data)
+    assert damage.equal(content, {path: by_h5py(data, path) for path in content})
 
 
 @pytest.mark.parametrize("make", MAKE.values(), ids=MAKE)

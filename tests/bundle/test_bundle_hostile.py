@@ -1,5 +1,6 @@
 """Files that want to do harm: refused with a reason, quickly, in little memory, without a crash."""
 
+import hashlib
 import os
 import random
 import signal
@@ -12,12 +13,14 @@ import bundles
 import damage
 import hostile
 import pytest
+from conftest import ROOT
 
 import vfplan
 from vfplan.bundle import read_bundle, validate
-from vfplan.errors import BundleError
+from vfplan.errors import BundleError, CorruptError
 
 MOST_SECONDS, MOST_MIB = 10, 512  # of processor time, so that a busy machine fails nothing
+ARCHIVE = ROOT / "tests" / "data" / "bundles"
 FRESH_MIB = 150  # what a process has taken before it reads its first file
 
 
@@ -74,6 +77,15 @@ def test_validate_finds_an_error_in_each_file_of_the_corpus(corpus):
         return " ".join(wrong)
 
     assert damage.in_child(work)[0] == ""
+
+
+def test_a_seal_that_was_grown_again_is_refused(sealed_bytes):
+    """What is verified are the file's bytes, not what they can be written as."""
+    for data in (sealed_bytes("whole"), (ARCHIVE / "1.0-signed.h5").read_bytes()):
+        block, payload = bytearray(data[:480].ljust(4064, b"\0")), data[512:]
+        block[12:16] = (4096).to_bytes(4, "little")
+        with pytest.raises(CorruptError, match="longer than its texts need"):
+            read_bundle(bytes(block) + hashlib.sha256(block).digest() + payload)
 
 
 def test_nothing_of_another_file_is_opened(tmp_path):

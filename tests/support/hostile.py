@@ -7,6 +7,7 @@ holds what must be read all the same; `files()` yields the whole corpus.
 from __future__ import annotations
 
 import io
+import unittest.mock
 
 import bundles
 import damage
@@ -15,6 +16,7 @@ import h5py
 import hdf5_spans
 import numpy as np
 
+from vfplan.bundle import store
 from vfplan.bundle.content import to_content
 from vfplan.bundle.store import to_payload
 from vfplan.bundle.table import table
@@ -784,6 +786,11 @@ def several_chunks(f):
     put(f, "sigma", np.full(70, 1.2e-5), chunks=(16,))
 
 
+@accepted
+def columns_in_chunks_of_their_own(f):
+    put(f, "points", f["points"][:], chunks=(16, 2))
+
+
 # --- files that h5py does not write ------------------------------------------------------------
 
 
@@ -801,11 +808,76 @@ def raw():
     yield "superblock_extension", _with_extension()
     yield "base_address_of_no_seal", _based(good, 100)
     yield "base_address_that_wraps_around", _based(good, 2**64 - 256)
+    yield "float64_of_another_normalization", _normalized(good)
+    yield "link_that_is_not_utf8", _renamed(newer(), b"surprise", b"\xffurprise")
+    yield "attribute_that_is_not_utf8", _renamed(newer(), b"colour\0", b"\xfeolour\0")
+    yield "name_between_the_objects", _hidden(good, between=True)
+    yield "name_in_an_object_header", _hidden(good, between=False)
+    yield "name_beyond_the_edge_of_a_table", _beyond_the_edge()
+    yield "two_tables_in_one_place", _in_one_place(good)
+    yield "rests_of_what_was_deleted", changed(several_chunks, swept=False)
 
 
 def raw_accepted():
     """(name, payload) of files made byte by byte that must be read all the same."""
     yield "addresses_relative_to_the_bundle", _based(sound(), 512)
+    yield "as_many_chunks_as_allowed", one_row_a_chunk()
+
+
+def one_row_a_chunk() -> bytes:
+    """Every table of 4096 points in chunks of one row: 4096 chunks each, their index in pages."""
+    content = completed(to_content(bundles.large(4096)))
+    with unittest.mock.patch.object(store, "chunk_shape", lambda shape, _: (1, *shape[1:])):
+        return to_payload(content, table())
+
+
+def newer() -> bytes:
+    return changed(newer_minor_with_unknown_optional_parts)
+
+
+def _normalized(payload: bytes) -> bytes:
+    """The attribute band_m with normalization 3, of which libhdf5 knows nothing, and crashes."""
+    data = bytearray(payload)
+    at = data.index(b"\x11\x20\x3f\0", data.index(b"band_m\0"))
+    data[at + 1] |= 0x10
+    return fuzz_bundle.repaired(bytes(data))
+
+
+def _renamed(payload: bytes, old: bytes, new: bytes) -> bytes:
+    assert payload.count(old) == 1
+    return fuzz_bundle.repaired(payload.replace(old, new))
+
+
+def _hidden(payload: bytes, *, between: bool) -> bytes:
+    """Somebody's name where nothing is: between two objects, or in an empty header message."""
+    data, name = bytearray(payload), b"DOE^JANE"
+    known = [range(a, b) for a, b, _ in hdf5_spans.spans(payload)]
+    for first, end in hdf5_spans.rests(payload):
+        inside = any(first in span for span in known)
+        if end - first >= len(name) and inside != between:
+            data[first : first + len(name)] = name
+            return fuzz_bundle.repaired(bytes(data))
+    raise AssertionError("no room for a name")
+
+
+def _beyond_the_edge() -> bytes:
+    """A chunk of 16 rows, 10 of them beyond the table's 70, with a checksum that holds."""
+    data = bytearray(changed(several_chunks))
+    full, part = (np.full(n, 1.2e-5).tobytes().ljust(128, b"\0") for n in (16, 6))
+    at = data.index(part, data.index(full) + 128)
+    data[at + 120 : at + 128] = b"DOE^JANE"
+    data[at + 128 : at + 132] = fuzz_bundle.fletcher32(bytes(data[at : at + 128]))
+    return bytes(data)
+
+
+def _in_one_place(payload: bytes) -> bytes:
+    """The address of the chunk of /sigma is that of /registration/tre, which is as long."""
+    data = bytearray(payload)
+    size = (70 * 8 + 4).to_bytes(8, "little")
+    one = data.index(b"\x01" + size)
+    other = data.index(b"\x01" + size, one + 1)
+    data[one + 13 : one + 21] = data[other + 13 : other + 21]
+    return fuzz_bundle.repaired(bytes(data))
 
 
 def _based(payload: bytes, base: int) -> bytes:
