@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,19 @@ class Bound(click.ParamType):
         return name, limit
 
 
+class Governing(Numbers):
+    """`STEP,MAX`; nothing: the robot's own limits."""
+
+    def __init__(self) -> None:
+        super().__init__(2, metavar="[STEP,MAX]")
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        """The two numbers, or none."""
+        return () if value == "robot" else super().convert(value, param, ctx)
+
+
 OPTIONS = [
     click.option("--csv", "csv_out", type=options.CSV, help="Per-tick result as CSV."),
     click.option("--report", type=FILE, metavar="DIR",
@@ -66,6 +80,9 @@ OPTIONS = [
     click.option("--rate", "rate_hz", type=Numbers(1, metavar="HZ"),
                  help="Resample the session by straight lines."),
     options.robot("Hold forces, force steps and speeds against a robot's limits."),
+    click.option("--governor", type=Governing(), is_flag=False, flag_value="robot",
+                 help="Hold the force and its change a tick to STEP,MAX [N], as the governor in a "
+                 "controller does; without numbers to the limits of --robot, or of franka."),
     click.option("--at-most", type=Bound(), multiple=True,
                  help="A check: this number of the report is no larger. Repeatable."),
     click.option("--at-least", type=Bound(), multiple=True,
@@ -164,7 +181,7 @@ def _replayed(
     )
     bounds = [(*bound, "at_most") for bound in given["at_most"]]
     bounds += [(*bound, "at_least") for bound in given["at_least"]]
-    rule = given["rule"]
+    rule, robot = given["rule"], read_robot(given["robot"])
     with progress("replay", source.ticks or _guess(session)) as done, ExitStack() as files:
         first = "robust" if rule == "both" else rule
         writer, sinks = _files(files, *paths, rule)
@@ -173,8 +190,9 @@ def _replayed(
             source,
             rule=rule,
             engine=given["engine"],
-            robot=read_robot(given["robot"]),
+            robot=robot,
             link=link,
+            governor=_governing(given["governor"], robot),
             limits=tuple((name, sense, limit) for name, limit, sense in bounds),
             keep=65536 if pictures else 0,
             sinks=[*sinks, lambda name, block: done(len(block) if name == first else 0)],
@@ -183,6 +201,18 @@ def _replayed(
         if writer is not None:
             writer.set(replayed.record)
     return replayed
+
+
+def _governing(asked: tuple[float, ...] | None, robot: Any) -> Any:
+    """The robot whose limits the governor has; `None`: no governor."""
+    from vfplan.robot import read_robot
+
+    if asked is None:
+        return None
+    robot = robot or read_robot("franka")
+    if not asked:
+        return robot
+    return replace(robot, force_step_limit_n=asked[0], force_limit_n=asked[1])
 
 
 def _guess(session: Path) -> int:

@@ -51,6 +51,8 @@ def _numbers(found: dict[str, Any]) -> list[str]:
             f"sliding      {_mm(found['slide_m'])}, apparent friction {found['friction']:.5f}, "
             f"lag rms {1e6 * found['lag_rms_m']:.2f} µm"
         )
+    if "governor" in found:
+        lines.append(_governor(found["governor"]))
     times = found["step_us"]
     lines.append(
         f"time a tick  {times['median']:.2f} µs median, {times['p999']:.2f} µs p99.9, "
@@ -84,6 +86,16 @@ def _link(link: dict[str, Any]) -> str:
         f"lossy link   {faults}{lost}; over a perfect link: force max "
         f"{perfect['force_max_n']:.3f} N, energy {1e3 * perfect['energy_j']:.4f} mJ; forces differ "
         f"by up to {link['apart']['force_max_n']:.3f} N"
+    )
+
+
+def _governor(found: dict[str, Any]) -> str:
+    mj = {name: f"{1e3 * found[name]:.4f}" for name in found if name.endswith("_j")}
+    return (
+        f"governor     {found['force_step_n']:g} N a tick, {found['force_max_n']:g} N at most: up "
+        f"to {found['held_back_max_n']:.3f} N held back in {found['held_ticks']} ticks, of an "
+        f"engine that steps by {found['engine_force_step_max_n']:.3f} N; its work {mj['work_j']} "
+        f"mJ; a free mass is given {mj['energy_given_j']} of {mj['energy_stored_j']} mJ stored"
     )
 
 

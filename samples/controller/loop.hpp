@@ -53,23 +53,27 @@ class Log {
     struct Row {
         double t;
         vfplan::Vec3 hip;
-        vfplan::Step step;
+        vfplan::Step step;      // its force is the one that was commanded
+        vfplan::Vec3 rendered;  // the engine's force, before a governor
         double step_us;
     };
 
-    explicit Log(std::size_t ticks) { rows_.reserve(ticks); }
+    Log(std::size_t ticks, bool governed) : governed_(governed) { rows_.reserve(ticks); }
     void add(const Row& row) { rows_.push_back(row); }
 
     /// A session: t, x, y, z as `vfplan replay` reads them, and what was answered, to the last bit.
     void write(const std::string& path) const {
         std::FILE* file = std::fopen(path.c_str(), "wx");
         if (file == nullptr) throw std::runtime_error(path + ": exists or cannot be written");
-        std::fputs("t,x,y,z,proxy_x,proxy_y,proxy_z,force_x,force_y,force_z,state,status\n", file);
+        std::fputs("t,x,y,z,proxy_x,proxy_y,proxy_z,force_x,force_y,force_z,state,status", file);
+        std::fputs(governed_ ? ",engine_x,engine_y,engine_z\n" : "\n", file);
         for (const Row& r : rows_) {
             std::fprintf(file, "%.17g", r.t);
             for (const vfplan::Vec3* v : {&r.hip, &r.step.proxy, &r.step.force})
                 for (int k = 0; k < 3; ++k) std::fprintf(file, ",%.17g", (*v)[k]);
-            std::fprintf(file, ",%d,%u\n", int(r.step.state), unsigned(r.step.status));
+            std::fprintf(file, ",%d,%u", int(r.step.state), unsigned(r.step.status));
+            for (int k = 0; governed_ && k < 3; ++k) std::fprintf(file, ",%.17g", r.rendered[k]);
+            std::fputc('\n', file);
         }
         const bool bad = std::ferror(file) != 0;
         if (std::fclose(file) != 0 || bad) {
@@ -81,24 +85,28 @@ class Log {
     void report(std::size_t missed) const {
         std::vector<double> us;
         std::size_t contact = 0;
-        double strongest = 0;
+        double strongest = 0, jerk = 0;
+        vfplan::Vec3 before{};
         for (const Row& r : rows_) {
             us.push_back(r.step_us);
             contact += r.step.state >= vfplan::State::in_contact;
             strongest = std::max(strongest, norm(r.step.force));
+            jerk = std::max(jerk, norm(r.step.force - before));
+            before = r.step.force;
         }
         std::sort(us.begin(), us.end());
         const auto at = [&us](double share) {
             return us[std::min(us.size() - 1, std::size_t(share * double(us.size())))];
         };
-        std::printf("ticks %zu, in contact %zu, force up to %.3f N\n", us.size(), contact,
-                    strongest);
+        std::printf("ticks %zu, in contact %zu, force up to %.3f N, by %.3f N a tick\n", us.size(),
+                    contact, strongest, jerk);
         std::printf("step [us]: p50 %.3f  p99 %.3f  p99.9 %.3f  max %.3f\n", at(0.5), at(0.99),
                     at(0.999), us.back());
         std::printf("missed deadlines: %zu of %zu\n", missed, us.size());
     }
 
   private:
+    bool governed_;
     std::vector<Row> rows_;
 };
 

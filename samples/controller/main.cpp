@@ -12,6 +12,7 @@
 #include "loop.hpp"
 #include "vfplan/bundle/fixture.hpp"
 #include "vfplan/engine.hpp"
+#include "vfplan/governor.hpp"
 
 namespace {
 
@@ -21,7 +22,8 @@ using Form = std::variant<Impedance, Admittance, Velocity>;
 constexpr double period = 1e-3;  // [s]
 constexpr const char* usage =
     "usage: controller FIXTURE.h5 [--form impedance|admittance|velocity] [--rule robust|paper]\n"
-    "                  [--seconds S=5] [--log SESSION.csv] [--simulated-time]\n";
+    "                  [--seconds S=5] [--log SESSION.csv] [--simulated-time]\n"
+    "                  [--governor STEP,MAX]   force's change a tick and force at most [N]\n";
 
 struct UsageError : std::runtime_error {
     using std::runtime_error::runtime_error;
@@ -32,6 +34,7 @@ struct Options {
     Form form = Impedance{};
     vfplan::Rule rule = vfplan::Rule::robust;
     double seconds = 5;
+    std::optional<vfplan::GovernorLimits> governor;
     bool simulated_time = false;
 };
 
@@ -54,6 +57,15 @@ double positive(const std::string& option, const std::string& value) {
     return number;
 }
 
+vfplan::GovernorLimits limits(const std::string& value) {
+    const std::size_t comma = std::min(value.find(','), value.size() - 1);
+    vfplan::GovernorLimits limits;
+    limits.force_step = positive("--governor", value.substr(0, comma));
+    limits.force_max = positive("--governor", value.substr(comma + 1));
+    limits.period = period;
+    return limits;
+}
+
 Options parse(const std::vector<std::string>& args) {
     Options o;
     for (std::size_t i = 0; i < args.size(); ++i) {
@@ -74,6 +86,8 @@ Options parse(const std::vector<std::string>& args) {
             o.seconds = positive("--seconds", value());
         else if (args[i] == "--log")
             o.log = value();
+        else if (args[i] == "--governor")
+            o.governor = limits(value());
         else if (args[i] == "--simulated-time")
             o.simulated_time = true;
         else if (o.fixture.empty() && !args[i].starts_with("--"))
@@ -107,9 +121,19 @@ vfplan::Parameters parameters(const vfplan::bundle::Fixture& fixture, vfplan::Ru
     return p;
 }
 
-/// The loop: read the tip, render, hand the force to the arm. Nothing in it allocates or waits.
-std::size_t run(vfplan::Engine& engine, const Hand& hand, Form& form, std::size_t ticks,
-                bool simulated_time, Log& log) {
+/// The arm's side: a governor that may let go of the fixture's whole spring. What is not passive
+/// with this stiffness and the arm's mass is refused here.
+std::optional<vfplan::Governor> governor(const Options& o, const vfplan::Parameters& p) {
+    if (!o.governor) return std::nullopt;
+    vfplan::GovernorLimits limits = *o.governor;
+    limits.stiffness = std::max({p.stiffness[0], p.stiffness[1], p.stiffness[2]});
+    return vfplan::Governor(limits);
+}
+
+/// The loop: read the tip, render, govern, hand the force to the arm. Nothing in it allocates or
+/// waits.
+std::size_t run(vfplan::Engine& engine, std::optional<vfplan::Governor>& governor, const Hand& hand,
+                Form& form, std::size_t ticks, bool simulated_time, Log& log) {
     Tip tip{hand.start(), {}};
     engine.reset(tip.position);
     std::size_t missed = 0;
@@ -118,10 +142,12 @@ std::size_t run(vfplan::Engine& engine, const Hand& hand, Form& form, std::size_
         missed += clock.wait();
         const double t = double(k) * period;
         const auto before = std::chrono::steady_clock::now();
-        const vfplan::Step step = engine.step(tip.position);
+        vfplan::Step step = engine.step(tip.position);
+        const vfplan::Vec3 rendered = step.force;
+        if (governor) step.force = governor->step(rendered).force;
         const std::chrono::duration<double, std::micro> took =
             std::chrono::steady_clock::now() - before;
-        log.add({t, tip.position, step, took.count()});
+        log.add({t, tip.position, step, rendered, took.count()});
         std::visit([&](auto& arm) { arm.tick(tip, hand.force(tip, t), step.force, period); }, form);
     }
     return missed;
@@ -134,13 +160,17 @@ int control(const Options& o) {
     vfplan::Engine engine(fixture.points.data(), fixture.size(), p);
     const Hand hand(fixture.points, 4 * p.R(), p.ignore_axis, o.seconds);
     const auto ticks = std::size_t(o.seconds / period + 0.5);
-    Log log(ticks);
+    auto governed = governor(o, p);
+    Log log(ticks, governed.has_value());
     Form form = o.form;
     mlockall(MCL_CURRENT | MCL_FUTURE);  // no page faults later; refused without the right to
-    const std::size_t missed = run(engine, hand, form, ticks, o.simulated_time, log);
+    const std::size_t missed = run(engine, governed, hand, form, ticks, o.simulated_time, log);
     munlockall();
     if (!o.log.empty()) log.write(o.log);
     log.report(missed);
+    if (governed)
+        std::printf("governor: gave up to %.4f mJ of %.4f mJ stored\n",
+                    1e3 * governed->energy_given(), 1e3 * governed->energy_stored());
     return 0;
 }
 

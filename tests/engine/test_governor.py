@@ -207,8 +207,12 @@ def test_of_a_robot_file(name):
     robot = vfplan.read_robot(name)
     g = vfplan.Governor.of(robot, 1000.0, torques=True)
     g.step([20.0, 0, 0], np.full((3, 7), 0.1))
-    assert g.step([20.0, 0, 0], np.full((3, 7), 0.1))[0] == pytest.approx(2 * HEADROOM * 1.2)
-    with pytest.raises(SettingError, match=r"force_step_n 1\.14"):
+    assert g.step([20.0, 0, 0], np.full((3, 7), 0.1))[0] == pytest.approx(2 * 1.2)
+    turning = np.full((3, 7), 1.5)
+    g.reset()
+    g.step([20.0, 0, 0], turning)
+    assert g.torque_nm == pytest.approx(np.full(7, HEADROOM))
+    with pytest.raises(SettingError, match=r"force_step_n 1\.2"):
         vfplan.Governor.of(robot, 20_000.0)
     bare = vfplan.Robot("bare", 1.0, 5.0, 1000.0)
     with pytest.raises(SettingError, match="'bare' has no force_limit_n"):

@@ -126,6 +126,31 @@ def test_replay_reproduces_the_log_bit_for_bit(
         assert np.array_equal(getattr(replayed, name), values), name
 
 
+@pytest.mark.parametrize(("scene", "form"), [("drawn", f) for f in FORMS] + [("sheet", FORMS[0])])
+def test_a_governed_log_replays_bit_for_bit(scene, form, controller, vfplan_cli, tmp_path, request):
+    fixture, session = request.getfixturevalue(scene), tmp_path / "session.csv"
+    done = controller(
+        fixture, "--form", form, "--seconds", 2, "--log", session, "--simulated-time",
+        "--governor", "0.5,12",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    result = tmp_path / "result.h5"
+    report = vfplan_cli("replay", fixture, session, "-o", result, "--governor", "0.5,12", "--json")
+    assert report.code == 0, report.stderr
+    (replayed, _), log = vfplan.read_result(result), logged(session)
+    for name, values in log.items():
+        assert np.array_equal(getattr(replayed, name), values), name
+    table = np.genfromtxt(session, delimiter=",", names=True)
+    engine = np.column_stack([table[f"engine_{k}"] for k in "xyz"])
+    governor = report.json["governor"]
+    assert governor["engine_force_max_n"] == np.linalg.norm(engine, axis=1).max() > 12
+    assert governor["engine_force_step_max_n"] > 0.5 >= report.json["force_step_max_n"]
+    assert report.json["force_max_n"] <= 12
+    given, stored = re.search(r"gave up to ([\d.]+) mJ of ([\d.]+) mJ", done.stdout).groups()
+    assert float(given) == pytest.approx(1e3 * governor["energy_given_j"], abs=1e-4)
+    assert float(given) < float(stored)
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_every_form_presses_on_the_fixture_and_stays_calm(form, controller, drawn, tmp_path):
     """A hand of at most 15 N: the fixture answers as much, the proxy keeps out, no sudden push."""
@@ -145,7 +170,9 @@ def test_report_names_percentiles_and_missed_deadlines(controller, drawn):
     """One second against the wall clock; what it measures is the machine's affair."""
     done = controller(drawn, "--seconds", 1)
     assert done.returncode == 0
-    assert re.search(r"ticks 1000, in contact \d+, force up to [\d.]+ N", done.stdout)
+    assert re.search(
+        r"ticks 1000, in contact \d+, force up to [\d.]+ N, by [\d.]+ N a tick", done.stdout
+    )
     numbers = re.search(
         r"step \[us\]: p50 ([\d.]+)  p99 ([\d.]+)  p99.9 ([\d.]+)  max ([\d.]+)", done.stdout
     )
@@ -166,6 +193,9 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
         (2, drawn, "--form", "torque"),
         (2, drawn, "--seconds", "-1"),
         (2, drawn, "--log"),
+        (2, drawn, "--governor", "0.5"),
+        (2, drawn, "--governor", "0.5,x"),
+        (3, drawn, "--governor", "0.01,20"),
         (3, tmp_path / "none.h5"),
         (4, broken),
         (3, drawn, "--seconds", 0.01, "--log", log),

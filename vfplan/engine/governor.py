@@ -17,8 +17,8 @@ from vfplan.engine.checks import Vector, check_hip, check_path, number, real_arr
 from vfplan.errors import SceneError, SettingError
 from vfplan.robot import Robot
 
-# Of the steps that an arm accepts, the part that `Governor.of` uses: its own control (friction,
-# Coriolis, an impedance law) changes the torque in the same tick.
+# Of the torque steps that an arm accepts, the part that `Governor.of` uses: the arm's own control
+# (friction, Coriolis, an impedance law) changes the torque in the same tick.
 HEADROOM = 0.95
 
 
@@ -128,7 +128,7 @@ class Governor:
     def of(cls, robot: Robot, stiffness_n_per_m: float, *, torques: bool = False) -> Governor:
         """The governor that a robot file's limits ask for.
 
-        Steps are `HEADROOM` of what the arm accepts; with `torques` its joints' limits count too.
+        With `torques` its joints' limits count too, steps of them by `HEADROOM`.
 
         Raises
         ------
@@ -152,7 +152,7 @@ class Governor:
                 "torque_step_nm": HEADROOM * np.asarray(robot.torque_step_limit_nm),
             }
         return cls(
-            force_step_n=HEADROOM * robot.force_step_limit_n,
+            force_step_n=robot.force_step_limit_n,
             force_max_n=robot.force_limit_n,
             stiffness_n_per_m=stiffness_n_per_m,
             mass_kg=robot.mass_kg,

@@ -15,7 +15,7 @@ from vfplan.replaying.apart import Apart
 from vfplan.replaying.checks import check_limits, robot_limits
 from vfplan.replaying.engines import RULES
 from vfplan.replaying.faults import Link
-from vfplan.replaying.findings import findings, link_findings, session_findings
+from vfplan.replaying.findings import arm_findings, findings, link_findings, session_findings
 from vfplan.replaying.run import RuleRun
 from vfplan.replaying.watch import SessionWatch
 from vfplan.robot import Robot
@@ -71,7 +71,7 @@ class Replay:
 
 def result_record(metrics: dict[str, Any]) -> dict[str, Any]:
     """The part of a report that belongs in a result file: what was replayed, how, on what."""
-    names = ("rule", "engine", "scene", "session", "fixture", "link")
+    names = ("rule", "engine", "scene", "session", "fixture", "link", "governor")
     return {name: metrics[name] for name in names if name in metrics}
 
 
@@ -83,6 +83,7 @@ def replay(
     engine: str = "native",
     robot: Robot | None = None,
     link: Link | None = None,
+    governor: Robot | None = None,
     limits: Limits = (),
     keep: int | None = None,
     sinks: Sequence[Sink] = (),
@@ -104,6 +105,9 @@ def replay(
         Hold forces, their steps and speeds against its limits.
     link
         Deliver the session through a lossy link, and compare with a perfect one.
+    governor
+        Hold the forces to this robot's limits, as `vfplan.Governor` does; `force` is then what was
+        commanded.
     limits
         (number in the report, "at_most" or "at_least", limit), to be checked.
     keep
@@ -128,8 +132,9 @@ def replay(
     link = link if link is not None and link.faulty else None
     rules = _rules(rule)
     with place:
-        runs = [RuleRun(fixture, r, engine, robot=robot, link=link, keep=keep) for r in rules]
-        clean = RuleRun(fixture, rules[0], engine, robot=robot, keep=0) if link else None
+        settings = {"robot": robot, "governor": governor}
+        runs = [RuleRun(fixture, r, engine, link=link, keep=keep, **settings) for r in rules]
+        clean = RuleRun(fixture, rules[0], engine, keep=0, **settings) if link else None
     watch, rules_apart, link_apart = SessionWatch(), Apart(), Apart()
     for time, hand in source.blocks():
         watch.update(time, hand)
@@ -239,6 +244,7 @@ def _result(
             *session_findings(record["session"], robot),
             *link_findings(record.get("link", {})),
             *findings(found, run.engine.parameters),
+            *([] if robot is not None else arm_findings(found, record["session"])),
         ],
     }
     metrics["real_time_factor"] = found["duration_s"] / record["elapsed_s"]

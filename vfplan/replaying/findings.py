@@ -6,7 +6,7 @@ from typing import Any
 
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.replaying.watch import JUMP_M_S
-from vfplan.robot import Robot
+from vfplan.robot import Robot, read_robot
 
 # Rounding in the independent measurement of clearance [m].
 _ROUNDING_M = 1e-9
@@ -65,6 +65,20 @@ def link_findings(link: dict[str, Any]) -> list[dict[str, str]]:
         f"the robot stops after {link['lost_limit']}"
     )
     return [finding("robot-stops", "error", message)]
+
+
+def arm_findings(report: dict[str, Any], session: dict[str, Any]) -> list[dict[str, str]]:
+    """Where no robot was named: whether the forces would stop a common arm, the shipped Panda."""
+    panda = read_robot("franka")
+    step, limit = report["force_step_max_n"], panda.force_step_limit_n
+    if step <= limit or session["rate_hz"] < 0.9 * panda.rate_hz:
+        return []
+    message = (
+        f"the force changes by {step:.3g} N in one tick (tick {report['force_step_max_tick']}); a "
+        f"Franka arm stops above about {limit:g} N: --robot counts such ticks, --governor holds "
+        "them back"
+    )
+    return [finding("force-step", "warning", message)]
 
 
 def findings(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[str, str]]:

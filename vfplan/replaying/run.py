@@ -11,6 +11,7 @@ from vfplan.engine.parameters import Trace
 from vfplan.fixture import Fixture
 from vfplan.replaying.engines import make_engine
 from vfplan.replaying.faults import Link, LossyLink
+from vfplan.replaying.governing import Governing
 from vfplan.replaying.metrics import Metrics
 from vfplan.replaying.overview import Overview
 from vfplan.replaying.quantities import overlap, penetration
@@ -34,6 +35,8 @@ class RuleRun:
         Whose limits to watch, or `None`.
     link
         The link between hand and controller; `None`: a perfect one.
+    governor
+        The robot whose limits a governor holds the forces to, or `None`: there is no governor.
     keep
         Ticks kept for pictures; `None`: all.
     """
@@ -46,10 +49,13 @@ class RuleRun:
         *,
         robot: Robot | None = None,
         link: Link | None = None,
+        governor: Robot | None = None,
         keep: int | None = None,
     ) -> None:
         self.engine = make_engine(fixture, rule, engine)
         self.rule = rule
+        stiffness = self.engine.parameters.stiffness
+        self._governing = None if governor is None else Governing(governor, stiffness)
         self.link = None if link is None else LossyLink(link)
         self.overview = Overview(keep)
         self._fixture = fixture
@@ -95,12 +101,16 @@ class RuleRun:
     def _ran(self, hip: Array) -> Trace:
         if self._last is None and len(hip) and not self._times.ticks:
             self.engine.reset(hip[0])
-        return self._times.run(self.engine, hip)
+        trace = self._times.run(self.engine, hip)
+        return trace if self._governing is None else self._governing.run(hip, trace)
 
     def finish(self) -> dict[str, Any]:
         """The metrics of the whole session."""
         self._metrics.update(self._stepper.finish())
-        return {**self._metrics.report(), "step_us": self._times.report()}
+        report = {**self._metrics.report(), "step_us": self._times.report()}
+        return (
+            report if self._governing is None else report | {"governor": self._governing.report()}
+        )
 
 
 def _picked(trace: Trace, rows: NDArray[np.intp]) -> Trace:
