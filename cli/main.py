@@ -27,6 +27,7 @@ COMMANDS: dict[str, str] = {
     "verify": "Check a bundle's signature.",
     "diff": "What differs between two bundles.",
     "bench": "Error against run time, for every stage.",
+    "campaign": "How sure is a plan: many trials with other errors.",
     "stability": "Is K stable with this robot? Closed loop and extreme cases.",
     "surface": "Outlined slices in, a surface out.",
     "import": "A bundle from any point cloud or mesh.",

@@ -88,6 +88,40 @@ class Numbers(click.ParamType):
         return numbers
 
 
+class Margin(click.ParamType):
+    """`tre95`, or `p=P` with a probability P above 0 and below 1: the word, or the number."""
+
+    name = "margin"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """The name shown in the help."""
+        return "tre95|p=P"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str | float:
+        """Parse; a usage error (exit 2) names the value found and what is allowed."""
+        if value == "tre95" or isinstance(value, float):
+            return value
+        try:
+            p = float(str(value).removeprefix("p="))
+        except ValueError:
+            p = 0.0
+        if not str(value).startswith("p=") or not 0 < p < 1:
+            self.fail(f"{value!r}: allowed are tre95 and p=P with 0 < P < 1", param, ctx)
+        return p
+
+
+MARGIN = Margin()
+
+
+def _margin_m(folder: Path, p: float) -> float:
+    """The margin [m] that a campaign's trials say, to its interval's upper end."""
+    from vfplan.campaign import margin_for
+
+    return margin_for(folder, p)
+
+
 def output(text: str, required: bool = True, kind: click.ParamType = HDF5) -> Callable[[F], F]:
     """`-o/--output FILE` and `--overwrite`, given to the command as `output` and `overwrite`."""
 
@@ -175,8 +209,11 @@ FIXTURE_OPTIONS = [
     click.option("--max-tre", "max_tre_mm", type=Numbers(1, metavar="MM"),
                  help="Write nothing (exit 1) unless the registration error stays below this over "
                  "the whole curve (95 % bound)."),
-    click.option("--margin", type=click.Choice(["tre95"]),
-                 help="Add that bound as a safety margin.  [default: none]"),
+    click.option("--margin", type=MARGIN,
+                 help="Add a safety margin: that bound, or what makes entering less probable "
+                      "than P by --campaign.  [default: none]"),
+    click.option("--campaign", type=FILE, metavar="DIR",
+                 help="Folder of `vfplan campaign`, for --margin p=P."),
     click.option("--margin-side", type=click.Choice(["both", "left", "right", "inside", "outside"]),
                  default="both", show_default=True,
                  help="Add it to the point radius, or move the curve to one side (left and right "
@@ -232,7 +269,10 @@ def fixture_settings(given: dict[str, Any]) -> Any:
     if given["tolerance_mm"] and given["density_per_mm"]:
         raise click.UsageError("--tolerance and --density exclude each other; give one")
     if given["margin"] is None and given["margin_side"] != "both":
-        raise click.UsageError("--margin-side adds nothing by itself; give --margin tre95 too")
+        raise click.UsageError("--margin-side adds nothing by itself; give --margin too")
+    probability = isinstance(given["margin"], float)
+    if probability != (given["campaign"] is not None):
+        raise click.UsageError("--margin p=P and --campaign DIR: both or neither")
     density = given["density_per_mm"]
     return FixtureSettings(
         model=given["model"],
@@ -245,7 +285,7 @@ def fixture_settings(given: dict[str, Any]) -> Any:
         ignore_axis=given["ignore_axis"],
         seen_from=given["seen_from"],
         max_tre_m=given["max_tre_mm"] and given["max_tre_mm"][0] * 1e-3,
-        margin=given["margin"],
+        margin=_margin_m(given["campaign"], given["margin"]) if probability else given["margin"],
         margin_side=given["margin_side"],
         find_markers=given["find_markers"],
     )

@@ -30,6 +30,7 @@ def main() -> None:
     draw_registration()
     draw_experiments()
     draw_extraction()
+    draw_campaign()
 
 
 def draw_experiments() -> None:
@@ -43,6 +44,21 @@ def draw_experiments() -> None:
                 cv2.imwrite(target, cv2.imread(str(path)), [cv2.IMWRITE_JPEG_QUALITY, 85])
             else:
                 (PICTURES / path.name).write_bytes(path.read_bytes())
+
+
+def draw_campaign() -> None:
+    """The campaign of docs/campaigns.md, on the shipped sample."""
+    samples = Path(__file__).parents[1] / "samples"
+    program = Path(sys.executable).with_name("vfplan")
+    files = [
+        samples / f"elbow{name}" for name in (".png", "_markers_image.csv", "_markers_robot.csv")
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        plan = [program, "plan", *files, "-o", f"{folder}/f.h5", "--pixel-spacing", "0.5", "-q"]
+        subprocess.run(plan, check=True)
+        words = [f"{folder}/f.h5", samples / "elbow_session.csv", "-o", f"{folder}/c", "-q"]
+        more = ["--trials", "640", "--beyond", "2.8", "--picture-out", PICTURES / "campaign.png"]
+        subprocess.run([program, "campaign", *words, *more, "--overwrite"], check=True)
 
 
 def draw_registration() -> None:

@@ -30,6 +30,8 @@ class Margin:
 
     Parameters
     ----------
+    kind
+        "tre95", or "given" for a number of metres.
     side
         "both": the points' radius grew; else the side the curve moved to.
     largest_m, smallest_m
@@ -38,6 +40,7 @@ class Margin:
         Samples of the moved curve left out, because they fell inside a tight bend.
     """
 
+    kind: str
     side: Side
     largest_m: float
     smallest_m: float
@@ -46,7 +49,7 @@ class Margin:
     @property
     def report(self) -> dict[str, Any]:
         """For `--json`."""
-        data = {"kind": "tre95", "side": self.side, "largest_m": self.largest_m}
+        data = {"kind": self.kind, "side": self.side, "largest_m": self.largest_m}
         if self.side == "both":
             return data | {"added_point_radius_m": self.largest_m}
         return data | {"smallest_m": self.smallest_m, "samples_dropped": self.dropped}
@@ -58,8 +61,9 @@ def add_margin(
     """The curve and the settings with the margin that `settings.margin` asks for.
 
     "tre95" is the bound that the registration's error stays within over the whole curve with
-    probability 0.95. On side "both" its largest value is added to the point radius r_v; on one side
-    each sample moves there, in the slice's plane, by the bound at that sample.
+    probability 0.95; a number is a margin [m], the same everywhere. On side "both" its largest
+    value is added to the point radius r_v; on one side each sample moves there, in the slice's
+    plane, by the margin at that sample.
 
     Raises
     ------
@@ -70,18 +74,22 @@ def add_margin(
     """
     if settings.margin is None:
         return curve, settings, None
-    if settings.margin != "tre95":
-        raise SettingError(f"margin is {settings.margin!r}; 'tre95' or none is allowed")
+    given = settings.margin
+    if given != "tre95" and not (isinstance(given, float) and 0 <= given < np.inf):
+        raise SettingError(f"margin is {given!r}; metres of at least 0, 'tre95' or none is allowed")
     if settings.margin_side not in SIDES:
         allowed = ", ".join(SIDES)
         raise SettingError(f"margin side is {settings.margin_side!r}; allowed: {allowed}")
-    bound = registration.tre95_curve_m(curve.points)
+    if isinstance(given, float):
+        kind, bound = "given", np.full(len(curve.points), given)
+    else:
+        kind, bound = "tre95", registration.tre95_curve_m(curve.points)
     if settings.margin_side == "both":
         largest = float(bound.max())
         thicker = replace(settings, point_radius=settings.point_radius + largest)
-        return curve, thicker, Margin("both", largest, largest)
+        return curve, thicker, Margin(kind, "both", largest, largest)
     moved, dropped = _moved(curve, registration, bound, settings.margin_side)
-    margin = Margin(settings.margin_side, float(bound.max()), float(bound.min()), dropped)
+    margin = Margin(kind, settings.margin_side, float(bound.max()), float(bound.min()), dropped)
     return moved, settings, margin
 
 

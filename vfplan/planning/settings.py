@@ -74,7 +74,7 @@ class FixtureSettings:
     max_tre_m
         The gate: largest registration error allowed anywhere on the curve (95 % bound) [m].
     margin
-        "tre95" adds that bound as a safety margin; `None`: no margin.
+        "tre95" adds that bound as a safety margin, a number so many metres; `None`: no margin.
     margin_side
         "both": it is added to the point radius; "left", "right", "inside" or "outside": the curve
         moves there.
@@ -97,7 +97,7 @@ class FixtureSettings:
     ignore_axis: str | None = None
     seen_from: tuple[float, float, float] | None = None
     max_tre_m: float | None = None
-    margin: str | None = None
+    margin: str | float | None = None
     margin_side: str = "both"
     find_markers: bool = False
 

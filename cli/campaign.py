@@ -1,0 +1,180 @@
+"""`vfplan campaign`: how sure is a plan."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+from vfplan.cli.options import FILE, PNG, Numbers
+from vfplan.cli.run import Report, outputs, progress, refuse_existing
+from vfplan.cli.run import command as vfplan_command
+
+from vfplan.errors import SettingError
+
+
+@vfplan_command("campaign", short_help="How sure is a plan: many trials with other errors.")
+@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
+@click.argument("sessions", type=FILE, nargs=-1, required=True, metavar="SESSION...")
+@click.option(
+    "-o",
+    "--output",
+    "folder",
+    type=FILE,
+    required=True,
+    metavar="DIR",
+    help="The campaign's folder; a later call goes on with what is there.",
+)
+@click.option(
+    "--trials",
+    type=click.IntRange(1),
+    default=1000,
+    show_default=True,
+    help="How many trials, in whole blocks of 64.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**63 - 1),
+    default=0,
+    show_default=True,
+    help="Trial k draws from (seed, k), whatever the workers.",
+)
+@click.option(
+    "--fle-image",
+    type=click.FloatRange(0),
+    default=0.0,
+    metavar="PX",
+    help="RMS error of a marker's picked pixel.",
+)
+@click.option(
+    "--fle-robot",
+    type=click.FloatRange(0),
+    metavar="MM",
+    help="RMS error of a touched marker; without it, what FIXTURE's residuals say.",
+)
+@click.option(
+    "--tremor",
+    type=click.FloatRange(0),
+    default=0.0,
+    metavar="MM",
+    help="RMS of the hand's tremor, 8 to 12 Hz.",
+)
+@click.option(
+    "--stiffness-range", type=Numbers(2, metavar="A,B"), help="K drawn evenly from A to B [N/m]."
+)
+@click.option(
+    "--hand",
+    type=click.FloatRange(0, min_open=True),
+    default=500.0,
+    show_default=True,
+    metavar="N_PER_M",
+    help="Stiffness of the hand that follows the session.",
+)
+@click.option(
+    "--beyond",
+    type=Numbers(*range(1, 21), metavar="MM[,MM...]", positive=False),
+    default="0,0.5,1",
+    show_default=True,
+    help="Depths beyond the true curve whose probability is told.",
+)
+@click.option(
+    "--margin-for",
+    type=Numbers(*range(1, 21), metavar="P[,P...]"),
+    default="0.05,0.01",
+    show_default=True,
+    help="Probabilities whose margin is told.",
+)
+@click.option(
+    "--coverage", is_flag=True, help="Count how often the registration's 95 % bounds hold."
+)
+@click.option(
+    "--rare",
+    type=click.FloatRange(0, min_open=True),
+    metavar="MM",
+    help="A rare event: draw trials where the tool comes this far, and weigh them.",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(1, 4096),
+    help="Processes on this machine; without it, one a core.",
+)
+@click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, e.g. tcp://HOST:8786.")
+@click.option("--picture-out", type=PNG, help="Where along the curve, and how far.")
+@click.option("--overwrite", is_flag=True, help="Replace the picture if it exists.")
+def command(fixture: Path, sessions: tuple[Path, ...], folder: Path, trials: int,
+            workers: int | None, scheduler: str | None, picture_out: Path | None,
+            overwrite: bool, beyond: tuple[float, ...], margin_for: tuple[float, ...],
+            **given: Any) -> Report:  # fmt: skip
+    """Plan again and again, each time with other errors, and see how far the tool comes.
+
+    A trial draws marker errors on both sides and of the curve, fits the registration, carries the
+    curve, and renders that fixture to a hand that wants to go where SESSION went. Told is how far
+    the tool came beyond the true curve: with what probability, where, and which margin makes it
+    less probable than wished (`vfplan plan --margin p=0.01 --campaign DIR` takes it from there).
+    """
+    if workers is not None and scheduler is not None:
+        raise click.UsageError("--workers and --scheduler: one of them")
+    if not all(0 < p < 1 for p in margin_for):
+        raise SettingError("--margin-for: probabilities above 0 and below 1 are wanted")
+    refuse_existing(picture_out, overwrite=overwrite)
+    from vfplan.bundle import read_fixture
+    from vfplan.campaign import read_campaign, run_campaign
+    from vfplan.campaign.statistics import summary
+    from vfplan.session import read_session
+
+    planned = read_fixture(fixture)
+    heard = [read_session(path) for path in sessions]
+    settings = _settings(given)
+    began = time.perf_counter()
+    with progress("campaign", trials) as done:
+        made = run_campaign(
+            planned, heard, folder, trials, settings, scheduler=scheduler,
+            workers=workers or os.cpu_count() or 1, done=done,
+        )  # fmt: skip
+    elapsed = time.perf_counter() - began
+    asked, table = read_campaign(folder, trials)
+    data = summary(asked, table, [1e-3 * mm for mm in beyond], list(margin_for))
+    data |= {"trials_made": made, "trials_per_minute": 60 * made / elapsed}
+    if picture_out is not None:
+        from vfplan.figures.campaign import draw_campaign
+
+        with outputs(picture_out) as (picture,):
+            draw_campaign(planned, table, 1e-3 * beyond[0], picture)
+    return Report(data, _text(data))
+
+
+def _settings(given: dict[str, Any]) -> Any:
+    from vfplan.campaign import CampaignSettings
+
+    def metres(mm: float | None) -> float | None:
+        return None if mm is None else 1e-3 * mm
+
+    return CampaignSettings(
+        given["seed"], given["fle_image"], metres(given["fle_robot"]), 1e-3 * given["tremor"],
+        given["stiffness_range"], given["hand"], given["coverage"], metres(given["rare"]),
+    )  # fmt: skip
+
+
+def _text(data: dict[str, Any]) -> str:
+    lines = [f"{data['trials']} trials, {data['trials_made']} of them made now, "
+             f"{data['trials_per_minute']:.0f} a minute"]  # fmt: skip
+    lines += [
+        f"  beyond the true curve by more than {e['beyond_mm']:g} mm: p = {e['p']:.3g} "
+        f"(95 %: {e['low']:.3g} to {e['high']:.3g})"
+        for e in data["p_enter"]
+    ]
+    for m in data.get("margin_for", ()):
+        high = "no trial bounds it from above" if m["high"] is None else f"{m['high']:.3f}"
+        low = "0" if m["low"] is None else f"{m['low']:.3f}"
+        lines.append(
+            f"  margin for p < {m['p']:g}: {m['margin_mm']:.3f} mm (95 %: {low} to {high})"
+        )
+    if "coverage" in data:
+        whole = data["coverage"]["whole_curve"]
+        lines.append(
+            f"  the registration's bounds hold: at a point {data['coverage']['tre95']:.3f}, "
+            f"whole curve {whole['p']:.3f} (95 %: {whole['low']:.3f} to {whole['high']:.3f})"
+        )
+    return "\n".join(lines)

@@ -1,0 +1,241 @@
+"""Campaigns: closed forms, the same bits whoever makes them, and folders that go on."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from scipy.stats import binom, norm
+
+from vfplan.campaign import CampaignSettings, Trials, margin_for, read_campaign, run_campaign
+from vfplan.campaign.rare import design_point
+from vfplan.campaign.statistics import clopper_pearson, margins, quantile, summary
+from vfplan.campaign.store import BLOCK
+from vfplan.errors import CheckFailed, InputError, OutputError, SettingError
+from vfplan.fixture import Curve, Fixture, Provenance, RegistrationRecord, Rendering
+from vfplan.session import Session
+
+pytest.importorskip("pyarrow", reason="needs pip install 'vfplan[campaign]'")
+
+K, HAND, R, PRESS, FLE = 1000.0, 500.0, 5e-3, 3e-3, 6e-4
+SHARE = K / (K + HAND)
+
+
+def line_fixture():
+    """A straight curve along x between nine markers, drawn at 0.5 mm a pixel."""
+    T = np.array([[5e-4, 0, 0.3], [0, -5e-4, 0.2], [0, 0, 0.05]])
+    u, v = np.meshgrid([100.0, 300.0, 500.0], [100.0, 300.0, 500.0])
+    source = np.column_stack([u.ravel(), v.ravel()])
+    pixels = np.column_stack([np.linspace(150, 450, 301), np.full(301, 300.0)])
+
+    def carried(p):
+        return np.column_stack([p, np.ones(len(p))]) @ T.T
+
+    record = RegistrationRecord(
+        "affine", "image", T, tuple(f"m{k}" for k in range(9)), source, carried(source),
+        np.full(9, 1e-4), 1e-4,
+    )  # fmt: skip
+    return Fixture(
+        "robot_base", carried(pixels), Provenance("2026-01-01T00:00:00Z", "vfplan 0"),
+        curve=Curve(np.zeros(301, np.int32), np.array([False])),
+        rendering=Rendering(np.full(3, K), R, 5e-6, ignore_axis=np.array([0.0, 0.0, 1.0])),
+        registration=record,
+    )  # fmt: skip
+
+
+def pressing(ticks=400):
+    """A hand that presses PRESS deep onto the middle of the line from above, and lets go."""
+    depth = R + 1e-3 - (PRESS + 1e-3) * np.sin(np.pi * np.linspace(0, 1, ticks))
+    middle = line_fixture().points[150]
+    hip = middle + np.column_stack([0 * depth, depth, 0 * depth])
+    return Session(np.arange(ticks) * 1e-3, hip, name="pressing")
+
+
+def settings(**more):
+    return CampaignSettings(**({"fle_robot_m": FLE, "hand_stiffness": HAND} | more))
+
+
+def leverage():
+    """h of the middle of the line: the variance of its place over a marker's, each axis."""
+    f = line_fixture()
+    x = np.column_stack([f.registration.source, np.ones(9)])
+    at = np.array([300.0, 300.0, 1.0])
+    return at @ np.linalg.inv(x.T @ x) @ at
+
+
+SPREAD = SHARE * FLE / np.sqrt(3) * np.sqrt(leverage())  # of the tool's depth [m]
+MEAN = PRESS - R  # depth beyond the true curve of a hand that presses as recorded
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    where = tmp_path_factory.mktemp("campaign") / "c"
+    run_campaign(line_fixture(), [pressing()], where, 1000, settings())
+    return where
+
+
+def test_a_line_pressed_at_one_place_is_a_normal_distribution(folder):
+    depth = read_campaign(folder)[1]["depth_m"]
+    assert len(depth) == 1024, "whole blocks"
+    assert depth.mean() == pytest.approx(MEAN, abs=4 * SPREAD / 32)
+    assert depth.std() == pytest.approx(SPREAD, rel=4 / np.sqrt(2 * 1024))
+    for sigmas in (0.0, 1.0, 2.0):
+        hits = int((depth > MEAN + sigmas * SPREAD).sum())
+        low, high = clopper_pearson(hits, len(depth))
+        assert low <= norm.sf(sigmas) <= high
+
+
+def test_the_margin_for_p_makes_entering_as_rare_as_wished(folder):
+    """Trials with the margin in the point radius: the share that enters is within its interval."""
+    depth = read_campaign(folder)[1]["depth_m"] + 2e-3 - MEAN - 2e-3  # a press that just touches
+    mm = margins(depth, [0.05], SHARE)[0]
+    assert mm["margin_mm"] == pytest.approx(1e3 * norm.isf(0.05) * SPREAD / SHARE, rel=0.15)
+    assert mm["low"] <= mm["margin_mm"] <= mm["high"]
+    after = int((depth - SHARE * 1e-3 * mm["margin_mm"] > 0).sum())
+    assert after == int(np.floor(0.05 * len(depth)))
+
+
+@pytest.mark.full
+def test_coverage_of_the_bounds(tmp_path):
+    run_campaign(line_fixture(), [pressing()], tmp_path / "c", 4000, settings(coverage=True))
+    found = summary(*read_campaign(tmp_path / "c"), [0.0], [0.05])["coverage"]
+    assert found["tre95"] == pytest.approx(0.95, abs=0.01)
+    assert found["whole_curve"]["low"] <= 0.95 <= found["whole_curve"]["high"] + 0.01
+
+
+@pytest.mark.parametrize("workers", [2])
+def test_the_same_bits_for_any_workers_and_after_a_stop(tmp_path, workers):
+    told = []
+    few, rest = tmp_path / "few", tmp_path / "rest"
+    run_campaign(line_fixture(), [pressing()], few, 3 * BLOCK, settings(), workers=workers,
+                 done=told.append)  # fmt: skip
+    assert sum(told) == 3 * BLOCK
+    assert run_campaign(line_fixture(), [pressing()], rest, BLOCK, settings()) == BLOCK
+    assert run_campaign(line_fixture(), [pressing()], rest, 3 * BLOCK, settings()) == 2 * BLOCK
+    files = sorted(path.name for path in few.iterdir())
+    assert files == sorted(path.name for path in rest.iterdir())
+    assert all((few / name).read_bytes() == (rest / name).read_bytes() for name in files)
+
+
+def test_a_trial_alone_is_the_trial_of_the_campaign(folder):
+    alone = Trials(line_fixture(), [pressing()], settings()).run(777)
+    table = read_campaign(folder)[1]
+    assert all(table[name][777] == value for name, value in alone.items())
+
+
+def test_a_rare_event_as_in_closed_form():
+    """P = 1e-6: the straight line's depth is linear in the marker errors."""
+    beyond = MEAN + norm.isf(1e-6) * SPREAD
+    trials = Trials(line_fixture(), [pressing()], settings(rare_m=0.0))
+    trials.shift = design_point(trials, beyond)
+    assert np.linalg.norm(trials.shift) == pytest.approx(norm.isf(1e-6), rel=0.01)
+    rows = [trials.run(k) for k in range(1500)]
+    weight = np.array([row["weight"] for row in rows])
+    hit = np.array([row["depth_m"] for row in rows]) > beyond
+    assert (weight * hit).mean() == pytest.approx(1e-6, rel=0.10)
+
+
+def test_intervals_against_their_definitions():
+    low, high = clopper_pearson(3, 50)
+    assert binom.sf(2, 50, low) == pytest.approx(0.025)
+    assert binom.cdf(3, 50, high) == pytest.approx(0.025)
+    assert clopper_pearson(0, 10**4)[1] == pytest.approx(3.7e-4, rel=0.01)
+    values = np.arange(1000.0)
+    found = quantile(values, 0.9)
+    assert (found["value"], found["low"] < 899 < found["high"]) == (899.0, True)
+    assert quantile(values[:20], 0.99)["high"] is None
+
+
+def test_another_question_or_a_foreign_folder_is_refused(folder, tmp_path):
+    with pytest.raises(OutputError, match="differs in settings"):
+        run_campaign(line_fixture(), [pressing()], folder, 64, settings(seed=1))
+    with pytest.raises(OutputError, match="differs in session_sha256"):
+        run_campaign(line_fixture(), [pressing(300)], folder, 64, settings())
+    (tmp_path / "mine.txt").write_text("x")
+    with pytest.raises(OutputError, match="not empty"):
+        run_campaign(line_fixture(), [pressing()], tmp_path, 64, settings())
+    with pytest.raises(InputError, match="holds 1024 trials; 2000 are wanted"):
+        read_campaign(folder, 2000)
+
+
+def test_a_damaged_block_is_refused_by_name(tmp_path):
+    run_campaign(line_fixture(), [pressing()], tmp_path / "c", BLOCK, settings())
+    block = tmp_path / "c" / "block-00000000.parquet"
+    whole = block.read_bytes()
+    for data in (whole[:100], b"", whole[:200] + b"\xff" * 50 + whole[250:]):
+        block.write_bytes(data)
+        with pytest.raises(InputError, match="block") as found:
+            read_campaign(tmp_path / "c")
+        assert found.value.where == str(block)
+
+
+def test_a_fixture_without_a_registration_is_refused(tmp_path):
+    from dataclasses import replace
+
+    from vfplan.errors import SceneError
+
+    with pytest.raises(SceneError, match="no registration"):
+        run_campaign(
+            replace(line_fixture(), registration=None), [pressing()], tmp_path / "c", 64, settings()
+        )
+    with pytest.raises(SettingError, match="stiffness range"):
+        settings(stiffness_range=(2.0, 1.0))
+    assert not (tmp_path / "c").exists()
+
+
+def test_margin_from_a_campaign(folder, tmp_path):
+    assert margin_for(folder, 0.05) == 0.0, "a press that stays 2 mm away needs none"
+    run_campaign(line_fixture(), [pressing()], tmp_path / "c", BLOCK, settings())
+    with pytest.raises(CheckFailed, match="about 3700 are wanted"):
+        margin_for(tmp_path / "c", 0.001)
+
+
+@pytest.mark.full
+def test_a_dask_cluster_makes_the_same_bits_though_workers_are_killed(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    here, there = tmp_path / "here", tmp_path / "there"
+    run_campaign(line_fixture(), [pressing()], here, 20 * BLOCK, settings())
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1"
+    ) as cluster:
+        killed = []
+
+        def kill(trials):
+            if len(killed) < 1:
+                victim = next(iter(cluster.workers.values()))
+                killed.append(victim.process.pid)
+                os.kill(victim.process.pid, signal.SIGKILL)
+
+        run_campaign(line_fixture(), [pressing()], there, 20 * BLOCK, settings(),
+                     scheduler=cluster.scheduler_address, done=kill)  # fmt: skip
+    assert killed
+    files = sorted(path.name for path in here.iterdir())
+    assert files == sorted(path.name for path in there.iterdir())
+    assert all((here / name).read_bytes() == (there / name).read_bytes() for name in files)
+
+
+def test_a_killed_campaign_goes_on(tmp_path):
+    """SIGKILL in the middle: what stands are whole blocks, and the rest is made by the next run."""
+    where = tmp_path / "c"
+    code = (
+        "import sys; sys.path[:0] = sys.argv[2:]\n"
+        "from test_campaign import *\n"
+        "run_campaign(line_fixture(), [pressing()], __import__('pathlib').Path(sys.argv[1]),"
+        " 40 * BLOCK, settings())"
+    )
+    command = [sys.executable, "-c", code, str(where), os.path.dirname(__file__)]
+    process = subprocess.Popen(command, cwd=tmp_path)
+    while len(list(where.glob("block-*"))) < 3 and process.poll() is None:
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    made = read_campaign(where)[1]["trial"]
+    assert np.array_equal(made, np.arange(len(made)))
+    target = len(made) // BLOCK + 1
+    run_campaign(line_fixture(), [pressing()], where, target * BLOCK, settings())
+    assert len(read_campaign(where)[1]["trial"]) >= target * BLOCK
+    assert json.loads((where / "campaign.json").read_text())["settings"]["fle_robot_m"] == FLE

@@ -1,0 +1,62 @@
+"""`vfplan campaign`: a report, a folder that goes on, a margin that `register` takes from it."""
+
+from importlib.resources import files
+
+import pytest
+
+pytest.importorskip("pyarrow", reason="needs pip install 'vfplan[campaign]'")
+
+
+@pytest.fixture(scope="module")
+def planned(vfplan_cli, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plan")
+    sample = files("vfplan.samples")
+    markers = [sample / f"elbow_markers_{side}.csv" for side in ("image", "robot")]
+    run = vfplan_cli("plan", sample / "elbow.png", *markers, "--pixel-spacing", "0.5",
+                     "-o", folder / "f.h5", "-q")  # fmt: skip
+    assert run.code == 0, run.stderr
+    return folder / "f.h5", sample / "elbow_session.csv", sample / "elbow.png", markers
+
+
+def test_report_picture_and_going_on(vfplan_cli, planned, tmp_path):
+    fixture, session, image, markers = planned
+    words = ("campaign", fixture, session, "-o", tmp_path / "c", "--workers", "1")
+    first = vfplan_cli(*words, "--trials", "64", "--json", "--picture-out", tmp_path / "p.png")
+    assert first.code == 0, first.stderr
+    told = first.json
+    assert (told["trials"], told["trials_made"]) == (64, 64)
+    assert [e["beyond_mm"] for e in told["p_enter"]] == [0.0, 0.5, 1.0]
+    assert told["margin_for"][0]["p"] == 0.05
+    assert set(told["depth_quantiles_mm"]) == {"0.5", "0.9", "0.95", "0.99"}
+    assert (tmp_path / "p.png").read_bytes()[:4] == b"\x89PNG"
+    again = vfplan_cli(*words, "--trials", "128", "--json").json
+    assert (again["trials"], again["trials_made"]) == (128, 64)
+
+    margin = ("--margin", "p=0.2", "--campaign", tmp_path / "c")
+    wider = vfplan_cli("plan", image, *markers, "--pixel-spacing", "0.5", *margin,
+                       "-o", tmp_path / "w.h5", "--json")  # fmt: skip
+    assert wider.code == 0, wider.stderr
+    added = wider.json["register"]["margin"]
+    assert added["kind"] == "given"
+    assert added["largest_m"] > 1e-3, "the session presses millimetres beyond the curve"
+
+
+@pytest.mark.parametrize(
+    ("more", "code", "says"),
+    [
+        (("--fle-robot", "nan"), 2, "finite"),
+        (("--margin-for", "2"), 2, "probabilities"),
+        (("--scheduler", "tcp://127.0.0.1:9", "--workers", "2"), 2, "one of them"),
+    ],
+)
+def test_usage(vfplan_cli, planned, tmp_path, more, code, says):
+    run = vfplan_cli("campaign", *planned[:2], "-o", tmp_path / "c", *more)
+    assert (run.code, run.stdout) == (code, "")
+    assert says in run.error_line
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_margin_wants_both_words(vfplan_cli, planned, tmp_path):
+    for words in (("--margin", "p=0.1"), ("--margin", "p=7", "--campaign", tmp_path)):
+        run = vfplan_cli("plan", planned[2], *planned[3], *words, "-o", tmp_path / "x.h5")
+        assert run.code == 2

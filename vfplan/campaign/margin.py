@@ -1,0 +1,33 @@
+"""What `plan --margin p=P --campaign DIR` takes from a campaign."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from vfplan.campaign.statistics import margins
+from vfplan.campaign.store import read_campaign
+from vfplan.errors import CheckFailed
+
+
+def margin_for(folder: Path, p: float) -> float:
+    """The margin [m] that makes entering less probable than `p`, to its interval's upper end.
+
+    Raises
+    ------
+    InputError
+        No campaign, or a damaged one.
+    CheckFailed
+        Trials drawn for a rare event, or too few to bound the margin from above.
+    """
+    asked, table = read_campaign(folder)
+    if "weight" in table:
+        raise CheckFailed("holds trials of a rare event, which say no margin", where=str(folder))
+    high = margins(table["depth_m"], [p], asked["share"])[0]["high"]
+    if high is None:
+        least = round(3.7 / p)
+        raise CheckFailed(
+            f"holds {len(table['depth_m'])} trials, which do not bound the margin for p = {p:g} "
+            f"from above; about {least} are wanted",
+            where=str(folder),
+        )
+    return 1e-3 * high

@@ -1,0 +1,69 @@
+"""What a campaign varies, and how a hand answers."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from math import isfinite
+from typing import Any
+
+from vfplan.errors import SettingError
+
+BLOCK = 64  # trials a block: about half a second of work
+TREMOR_HZ = (8.0, 12.0)  # physiological tremor (Riviere, Gangloff, de Mathelin 2006)
+
+
+@dataclass(frozen=True)
+class CampaignSettings:
+    """What differs from trial to trial; what is `None` or 0 does not.
+
+    Parameters
+    ----------
+    seed
+        At least 0. Trial k draws from Philox keyed by (seed, k), whatever the others.
+    fle_image_px
+        RMS distance [px] of a marker's picked pixel from its true one.
+    fle_robot_m
+        RMS distance [m] of a touched marker from its true place; `None`: what the fixture's own
+        registration says of its markers, all of it put on this side.
+    tremor_m
+        RMS distance [m] of the hand from where it wants to be, at 8 to 12 Hz.
+    stiffness_range
+        Smallest and largest K [N/m] of the rendering, drawn evenly; `None`: the fixture's own.
+    hand_stiffness
+        k_h [N/m] of the hand that follows the session: a firm grip is 300 to 1000 N/m.
+    coverage
+        Also count how often the registration's own 95 % bounds hold.
+    rare_m
+        Draw the trials where the tool comes this far [m] beyond the curve, and weigh them.
+
+    Raises
+    ------
+    SettingError
+        A value outside its range.
+    """
+
+    seed: int = 0
+    fle_image_px: float = 0.0
+    fle_robot_m: float | None = None
+    tremor_m: float = 0.0
+    stiffness_range: tuple[float, float] | None = None
+    hand_stiffness: float = 500.0
+    coverage: bool = False
+    rare_m: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.seed < 2**63:
+            raise SettingError(f"seed {self.seed}: allowed is an integer from 0 to 2^63 - 1")
+        for name in ("fle_image_px", "fle_robot_m", "tremor_m", "rare_m"):
+            value = getattr(self, name)
+            if value is not None and not (isfinite(value) and value >= 0):
+                raise SettingError(f"{name} is {value}; a finite number of at least 0 is wanted")
+        low, high = self.stiffness_range or (1.0, 1.0)
+        if not (0 < low <= high <= 1e6):
+            raise SettingError(f"stiffness range {low:g},{high:g}: 0 < A <= B <= 1e6 is wanted")
+        if not (isfinite(self.hand_stiffness) and self.hand_stiffness > 0):
+            raise SettingError(f"hand stiffness {self.hand_stiffness}: more than 0 N/m is wanted")
+
+    def as_dict(self) -> dict[str, Any]:
+        """What is set, by name."""
+        return {name: value for name, value in asdict(self).items() if value is not None}

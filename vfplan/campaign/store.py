@@ -1,0 +1,178 @@
+"""A campaign's folder: what was asked, and its trials in blocks, each file written whole.
+
+`campaign.json` names the fixture, the sessions and the settings by their digests; `block-*.parquet`
+hold 64 trials each, in the order of the trials. A later run with the same question goes on with
+what is there; another question is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.campaign.settings import BLOCK, CampaignSettings
+from vfplan.errors import InputError, MissingExtra, OutputError
+from vfplan.fixture import Fixture
+from vfplan.io.disk import read_whole, write_whole
+from vfplan.session import Session
+
+FORMAT, VERSION, QUESTION = "vfplan-campaign", "1.0", "campaign.json"
+MOST_BYTES = 2**26
+
+
+def parquet() -> Any:
+    """pyarrow.parquet, or the error that names the extra."""
+    try:
+        import pyarrow.parquet
+    except ImportError:
+        raise MissingExtra("campaigns need pyarrow: pip install 'vfplan[campaign]'") from None
+    return pyarrow.parquet
+
+
+def question(fixture: Fixture, sessions: list[Session], settings: CampaignSettings) -> dict:
+    """What a campaign asks, as its folder keeps it: no names, no paths."""
+    held = hashlib.sha256(np.ascontiguousarray(fixture.points).data)
+    rendering, record = fixture.rendering, fixture.registration
+    assert rendering is not None
+    assert record is not None
+    held.update(np.ascontiguousarray(rendering.stiffness).data)
+    held.update(repr((rendering.contact_radius, rendering.band, rendering.point_radius)).encode())
+    for markers in (record.source, record.target):
+        held.update(np.ascontiguousarray(markers).data)
+    least = min(settings.stiffness_range or rendering.stiffness)
+    heard = [
+        hashlib.sha256(np.ascontiguousarray(np.column_stack([s.time, s.hip])).data).hexdigest()
+        for s in sessions
+    ]
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "block": BLOCK,
+        "fixture_sha256": held.hexdigest(),
+        "session_sha256": heard,
+        "share": float(least / (least + settings.hand_stiffness)),
+        "settings": settings.as_dict(),
+    }
+
+
+class Store:
+    """The folder of a campaign.
+
+    Parameters
+    ----------
+    folder
+        Made where it is not there; its parent must be.
+    asked
+        What `question` gives.
+
+    Raises
+    ------
+    OutputError
+        The folder holds something else, or another question.
+    """
+
+    def __init__(self, folder: Path, asked: dict[str, Any]) -> None:
+        self.folder = folder
+        wanted = json.loads(json.dumps(asked))
+        if not folder.exists():
+            try:
+                folder.mkdir()
+            except OSError as error:
+                raise OutputError(error.strerror or str(error), where=str(folder)) from None
+        if not (folder / QUESTION).exists():
+            if not folder.is_dir() or any(folder.iterdir()):
+                raise OutputError("is no campaign's folder, and not empty", where=str(folder))
+            text = json.dumps(wanted, indent=2) + "\n"
+            write_whole(folder / QUESTION, [text.encode()], overwrite=False)
+            return
+        found = _asked(folder)
+        differing = sorted(k for k in wanted.keys() | found if wanted.get(k) != found.get(k))
+        if differing:
+            raise OutputError(
+                f"holds a campaign that differs in {', '.join(differing)}; another folder wanted",
+                where=str(folder),
+            )
+
+    def path(self, block: int) -> Path:
+        """The file of a block."""
+        return self.folder / f"block-{block:08d}.parquet"
+
+    def missing(self, blocks: int) -> list[int]:
+        """Which of the first `blocks` blocks are still to be made."""
+        return [k for k in range(blocks) if not self.path(k).exists()]
+
+    def keep(self, block: int, rows: list[dict[str, Any]]) -> None:
+        """Write a block, whole; the same block again is left as it is, being the same."""
+        import pyarrow
+
+        held = BytesIO()
+        parquet().write_table(pyarrow.Table.from_pylist(rows), held)
+        if not self.path(block).exists():
+            write_whole(self.path(block), [held.getvalue()], overwrite=True)
+
+
+def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[str, NDArray]]:
+    """What a campaign asked, and its trials as columns, in order.
+
+    Parameters
+    ----------
+    folder
+        Of `vfplan campaign -o`.
+    trials
+        How many of the first ones; `None`: all that are there without a gap.
+
+    Raises
+    ------
+    InputError
+        No campaign is there, a block is damaged, or there are fewer trials.
+    """
+    asked = _asked(folder)
+    columns: dict[str, list[NDArray]] = {}
+    count, block = 0, 0
+    while trials is None or count < trials:
+        path = folder / f"block-{block:08d}.parquet"
+        if not path.exists():
+            break
+        table = _block(path, block)
+        for name, values in table.items():
+            columns.setdefault(name, []).append(values)
+        count, block = count + len(table["trial"]), block + 1
+    if not count or (trials is not None and count < trials):
+        wanted = f"; {trials} are wanted" if trials else ""
+        raise InputError(f"holds {count} trials{wanted}", where=str(folder))
+    return asked, {name: np.concatenate(parts)[:trials] for name, parts in columns.items()}
+
+
+def _asked(folder: Path) -> dict[str, Any]:
+    data = read_whole(folder / QUESTION, MOST_BYTES)
+    try:
+        found = json.loads(data)
+        good = found["format"] == FORMAT and found["version"] == VERSION
+    except (ValueError, KeyError, TypeError, RecursionError):
+        good = False
+    if not good:
+        raise InputError(f"is no {FORMAT} of version {VERSION}", where=str(folder / QUESTION))
+    return found
+
+
+def _block(path: Path, block: int) -> dict[str, NDArray]:
+    import pyarrow
+
+    data = read_whole(path, MOST_BYTES)
+    try:
+        table = parquet().read_table(BytesIO(data))
+        found = {name: table.column(name).to_numpy() for name in table.column_names}
+        trials = found["trial"]
+    except (pyarrow.ArrowException, OSError, KeyError, ValueError):
+        raise InputError("is a damaged block; remove it to have it made anew",
+                         where=str(path)) from None  # fmt: skip
+    first = block * BLOCK
+    if not np.array_equal(trials, np.arange(first, first + BLOCK)):
+        raise InputError(f"does not hold trials {first} to {first + BLOCK - 1}", where=str(path))
+    return found

@@ -1,0 +1,281 @@
+"""One trial: other marker errors, another registration, another fixture, the same hand's wish.
+
+The truth is the bundle's own: its markers where the registration puts them, its curve where it
+stands. A trial draws errors of the markers on both sides and of the curve, fits the registration
+anew, carries the curve with it, and renders that fixture to a hand that wants to go where the
+session went. How far the tool came beyond the *true* curve is what the trial tells.
+
+The hand is a spring k_h towards its wish w, the fixture one of stiffness K towards the proxy p, and
+at rest the tool is at x = (k_h w + K p) / (k_h + K). A recorded session holds x; its wish follows
+from the same equation with the proxy of the bundle as it is. In a trial the proxy is that of the
+recorded x: the tool moves across the surface, by less than the surface does, which leaves the
+nearest place on it where it was to second order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.campaign.settings import TREMOR_HZ, CampaignSettings
+from vfplan.engine.proxy import ProxyEngine
+from vfplan.errors import SceneError, SettingError
+from vfplan.fixture import Fixture, RegistrationRecord
+from vfplan.registration.problem import make_problem
+from vfplan.registration.residuals import Fit, solve
+from vfplan.registration.result import Registration
+from vfplan.session import Session
+
+Array = NDArray[np.float64]
+GUARD_M = 3e-3  # ticks farther than this from touching are left out, unless a trial strays as far
+STRIDE = 8  # of the ticks on the way to those that matter, so many are passed over
+FREE = -1.0  # depth [m] of a trial in which nothing was touched
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a trial tells.
+
+    Parameters
+    ----------
+    depth_m
+        How far the tool came beyond the true curve's surface at most [m]; below 0 it never did.
+    point
+        Index of the true curve's point nearest to where that was; -1 where nothing was touched.
+    force_n, force_step_n
+        Largest force and largest change of it in a tick [N].
+    """
+
+    depth_m: float
+    point: int
+    force_n: float
+    force_step_n: float
+
+
+class Trials:
+    """The trials of a fixture and its sessions; trial k uses session k modulo their number.
+
+    Parameters
+    ----------
+    fixture
+        In `robot_base`, with rendering and registration.
+    sessions
+        Recordings of HIP positions in `robot_base`.
+    settings
+        What differs from trial to trial.
+
+    Raises
+    ------
+    SceneError
+        A fixture without rendering or registration, or not in `robot_base`.
+    """
+
+    def __init__(
+        self, fixture: Fixture, sessions: list[Session], settings: CampaignSettings
+    ) -> None:
+        record = _registered(fixture)
+        self.fixture, self.sessions = fixture, sessions
+        fle = fle_of(record) if settings.fle_robot_m is None else settings.fle_robot_m
+        self.settings = replace(settings, fle_robot_m=fle)
+        T = record.T_robot_image
+        self._curve = _back(T, fixture.points)
+        self._source, self._target = record.source, _apply(T, record.source)
+        self._model = record.model
+        image = fixture.image
+        spacing = None if image is None else image.pixel_spacing_mm
+        self._spacing = None if spacing is None else (1e-3 * spacing[0], 1e-3 * spacing[1])
+        self._sigma = fixture.sigma
+        self.shift: Array | None = None  # of the standard normals, where a rare event is sought
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the engines, which belong to one process."""
+        kept = dict(self.__dict__)
+        for name in ("_true", "_wishes"):
+            kept.pop(name, None)
+        return kept
+
+    @property
+    def dimension(self) -> int:
+        """How many standard normals a trial's geometry takes."""
+        return self.markers + (0 if self._sigma is None else len(self._sigma))
+
+    @property
+    def markers(self) -> int:
+        """How many of them are the markers'; they stand first."""
+        return self._source.size + self._target.size
+
+    def draw(self, trial: int) -> tuple[Array, np.random.Generator]:
+        """The trial's standard normals (`dimension`,), and the generator for the rest."""
+        rng = np.random.Generator(np.random.Philox(key=[self.settings.seed, trial]))
+        z = rng.standard_normal(self.dimension)
+        return (z if self.shift is None else z + self.shift), rng
+
+    def run(self, trial: int) -> dict[str, Any]:
+        """One trial as a row of the campaign's table."""
+        z, rng = self.draw(trial)
+        fit, points = self.planned(z)
+        outcome = self.replay(points, trial, rng)
+        row = {"trial": trial, **outcome.__dict__}
+        if self.shift is not None:
+            row["weight"] = float(np.exp(0.5 * self.shift @ self.shift - z @ self.shift))
+        if self.settings.coverage:
+            row |= self._covered(fit)
+        return row
+
+    def planned(self, z: Array) -> tuple[Fit, Array]:
+        """The registration that these normals lead to, and the fixture's points (N, 3) [m]."""
+        ends = np.cumsum([self._source.size, self._target.size])
+        image, robot, across = np.split(z, ends)
+        source = self._source + self._axis_image * image.reshape(self._source.shape)
+        target = self._target + self._axis_robot * robot.reshape(self._target.shape)
+        fit = solve(make_problem(source, target, self._model, self._spacing, None, None))
+        points = self._registration(fit, source, target).apply(self._curve)
+        if self._sigma is not None:
+            points = points + (self._sigma * across)[:, None] * self._across
+        return fit, points
+
+    @property
+    def _axis_image(self) -> float:
+        """Standard deviation of a marker's picked place along each axis."""
+        return self.settings.fle_image_px / np.sqrt(self._source.shape[1])
+
+    @property
+    def _axis_robot(self) -> float:
+        assert self.settings.fle_robot_m is not None
+        return self.settings.fle_robot_m / np.sqrt(3.0)
+
+    def _registration(self, fit: Fit, source: Array, target: Array) -> Registration:
+        return Registration(self._model, tuple(range(len(source))), source, target, fit)
+
+    @cached_property
+    def _across(self) -> Array:
+        """(N, 3) unit vectors across the curve, in its plane."""
+        along = np.gradient(self.fixture.points, axis=0)
+        normal = self.fixture.ignore_axis
+        if normal is None:
+            normal = np.linalg.svd(self.fixture.points - self.fixture.points.mean(axis=0))[2][2]
+        across = np.cross(along, normal)
+        return across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
+
+    def _engine(self, points: Array, stiffness: Array) -> ProxyEngine:
+        r = self.fixture.rendering
+        assert r is not None
+        return ProxyEngine(
+            points, r.contact_radius, r.band, r.point_radius, stiffness,
+            ignore_axis=r.ignore_axis, max_iterations=r.max_iterations,
+        )  # fmt: skip
+
+    @cached_property
+    def _true(self) -> ProxyEngine:
+        return self._engine(self.fixture.points, self.fixture.stiffness)
+
+    @cached_property
+    def _wishes(self) -> list[tuple[Session, Array, list[slice]]]:
+        """Each session, how far its wish lies ahead (T, 3) [m], and the runs that may touch."""
+        found = []
+        for session in self.sessions:
+            self._true.reset(session.hip[0])
+            pull = session.hip - self._true.run(session.hip).proxy
+            pushed = pull * self.fixture.stiffness / self.settings.hand_stiffness
+            near = self._true.distance(session.hip) < self._radius + GUARD_M
+            near |= np.abs(pull).max(axis=1) > 0
+            edges = np.flatnonzero(np.diff(near, prepend=False, append=False))
+            runs = [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+            found.append((session, pushed, runs))
+        return found
+
+    @property
+    def _radius(self) -> float:
+        return self.fixture.contact_radius + self.fixture.point_radius
+
+    def replay(self, points: Array, trial: int, rng: np.random.Generator) -> Outcome:
+        """Render these points (N, 3) [m] to the trial's hand, and look how far the tool came."""
+        session, pushed, runs = self._wishes[trial % len(self._wishes)]
+        hip, stiffness, k_h = session.hip, self.fixture.stiffness, self.settings.hand_stiffness
+        if self.settings.stiffness_range is not None:
+            stiffness = np.full(3, rng.uniform(*self.settings.stiffness_range))
+        if self.settings.tremor_m > 0:
+            hip = hip + tremor(session.time, self.settings.tremor_m, rng)
+        strayed = float(np.sqrt(((points - self.fixture.points) ** 2).sum(axis=1).max()))
+        if strayed + 3 * self.settings.tremor_m > GUARD_M:
+            runs = [slice(0, len(hip))]
+        engine = self._engine(points, stiffness)
+        best, force, step = (FREE, -1), 0.0, 0.0
+        for run in runs:
+            engine.reset(hip[run.start])
+            trace = engine.run(hip[run])
+            tool = (k_h * (hip[run] + pushed[run]) + stiffness * trace.proxy) / (k_h + stiffness)
+            felt = stiffness * (trace.proxy - tool)
+            force = max(force, float(np.sqrt((felt**2).sum(axis=1).max())))
+            steps = np.diff(felt, axis=0)
+            step = max(step, float(np.sqrt((steps**2).sum(axis=1)).max(initial=0.0)))
+            depth = ((trace.proxy - tool) * trace.normal).sum(axis=1)
+            may = depth > depth.max() - 2 * strayed  # deepest from the true surface: one of these
+            may[::STRIDE] = True
+            best = max(best, self._beyond(tool[may]))
+        return Outcome(*best, force, step)
+
+    def _beyond(self, tool: Array) -> tuple[float, int]:
+        """How far (T, 3) places of the tool lie beyond the true surface, and near which point."""
+        self._true.reset(tool[0])
+        trace = self._true.run(tool)
+        depth = ((trace.proxy - tool) * trace.normal).sum(axis=1) - self.fixture.contact_radius
+        held = np.abs(trace.proxy - tool).max(axis=1) > 1e-9
+        if not held.any():
+            return FREE, -1
+        tick = int(np.argmax(np.where(held, depth, -np.inf)))
+        away = self.fixture.points - trace.proxy[tick]
+        if self.fixture.ignore_axis is not None:
+            away -= np.outer(away @ self.fixture.ignore_axis, self.fixture.ignore_axis)
+        return float(depth[tick]), int((away**2).sum(axis=1).argmin())
+
+    def _covered(self, fit: Fit) -> dict[str, Any]:
+        """Whether the trial's own 95 % bounds hold its own registration's error."""
+        found = self._registration(fit, self._source, self._target)
+        error = np.linalg.norm(found.apply(self._curve) - self.fixture.points, axis=1)
+        return {
+            "inside_bound": float((error <= found.tre95_m(self._curve)).mean()),
+            "inside_band": bool((error <= found.tre95_curve_m(self._curve)).all()),
+        }
+
+
+def tremor(time: Array, rms_m: float, rng: np.random.Generator) -> Array:
+    """(T, 3) [m] a sum of three waves of 8 to 12 Hz along each axis, of `rms_m` in all."""
+    hz = rng.uniform(*TREMOR_HZ, (3, 3))
+    phase = rng.uniform(0, 2 * np.pi, (3, 3))
+    waves = np.sin(2 * np.pi * hz * time[:, None, None] + phase).sum(axis=2)
+    return rms_m * np.sqrt(2.0 / 9.0) * waves
+
+
+def fle_of(record: RegistrationRecord) -> float:
+    """RMS localisation error [m] of a marker that a registration's residuals speak of."""
+    p = {"affine": 3 * (record.source.shape[1] + 1), "similarity": 7, "rigid": 6}[record.model]
+    dof = record.source.shape[0] * 3 - p
+    if dof < 1:
+        raise SettingError(
+            f"{len(record.source)} markers leave nothing to estimate their error from; "
+            "--fle-robot is wanted"
+        )
+    return float(np.sqrt(3 * (record.residuals_m**2).sum() / dof))
+
+
+def _registered(fixture: Fixture) -> RegistrationRecord:
+    if fixture.frame != "robot_base" or fixture.rendering is None:
+        raise SceneError(f"a fixture in frame {fixture.frame!r} renders nothing; robot_base wanted")
+    if fixture.registration is None:
+        raise SceneError("the fixture has no registration, so there is nothing to vary")
+    return fixture.registration
+
+
+def _apply(T: Array, source: Array) -> Array:
+    return (np.column_stack([source, np.ones(len(source))]) @ T.T)[:, :3]
+
+
+def _back(T: Array, points: Array) -> Array:
+    """(N, 2|3) places in the source frame that T carries to `points`."""
+    k = T.shape[0] - 1
+    return np.linalg.lstsq(T[:3, :k], (points - T[:3, k]).T, rcond=None)[0].T
