@@ -1,6 +1,7 @@
 """The fuzz target, for a bounded time: nothing but `BundleError` may come out of the reader."""
 
 import random
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ import damage
 import fuzz_bundle
 import hostile
 import pytest
+from conftest import ROOT
 
 RUNS = 200
 
@@ -44,3 +46,14 @@ def test_the_fuzz_target_runs_under_atheris(tmp_path):
     )
     assert done.returncode == 0, done.stderr[-3000:]
     assert "Done 60" in done.stderr
+
+
+@pytest.mark.full
+@pytest.mark.skipif(not shutil.which("clang++"), reason="needs clang and its runtime")
+def test_libfuzzer_finds_nothing(tmp_path):
+    script = ROOT / "tests" / "native" / "fuzz.sh"
+    done = subprocess.run(
+        [script, "20", tmp_path], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert "Done" in done.stderr

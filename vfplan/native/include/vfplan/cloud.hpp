@@ -8,7 +8,6 @@
 #include <cstdint>
 #include <limits>
 #include <new>
-#include <stdexcept>
 #include <vector>
 
 #include "vfplan/lanes.hpp"
@@ -86,7 +85,7 @@ class Cloud {
     Box<D> box() const noexcept {
         Box<D> b;
         for (int k = 0; k < D; ++k) {
-            const auto [low, high] = std::minmax_element(axes_[k].begin(), axes_[k].begin() + n_);
+            const auto [low, high] = std::minmax_element(axes_[k].data(), axes_[k].data() + n_);
             b.low.c[k] = *low;
             b.high.c[k] = *high;
         }
@@ -102,15 +101,14 @@ class Cloud {
 /// cloud, more than 2^32 - 1 points, or a coordinate that is not finite or beyond 1e6 m.
 template <class S>
 Cloud<S::dimension> make_cloud(const S& space, const double* xyz, std::size_t n) {
-    if (n == 0) throw std::invalid_argument("vfplan: a cloud needs at least one point");
-    if (n >= std::numeric_limits<std::uint32_t>::max())
-        throw std::invalid_argument("vfplan: at most 2^32 - 2 points");
+    if (n == 0) reject("a cloud needs at least one point");
+    if (n >= std::numeric_limits<std::uint32_t>::max()) reject("at most 2^32 - 2 points");
     Cloud<S::dimension> cloud(n);
     for (std::size_t i = 0; i < n; ++i) {
         const Vec3 p{{xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}};
         for (int k = 0; k < 3; ++k)
             if (!(std::abs(p.c[k]) <= largest_coordinate))
-                throw std::invalid_argument("vfplan: points must be finite and within 1e6 m");
+                reject("points must be finite and within 1e6 m");
         cloud.set(i, space.across(p));
     }
     return cloud;

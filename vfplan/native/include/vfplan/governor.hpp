@@ -70,7 +70,7 @@ struct Governed {
 /// passive.
 inline void check(const GovernorLimits& limits) {
     const auto must = [](bool holds, const std::string& what) {
-        if (!holds) throw std::invalid_argument("vfplan: " + what);
+        if (!holds) reject(what);
     };
     const auto positive = [](double x) { return std::isfinite(x) && x > 0; };
     must(positive(limits.force_max) && limits.force_max <= 1e6,

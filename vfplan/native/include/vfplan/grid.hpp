@@ -5,7 +5,6 @@
 // all cells of the box where they are few, only the occupied ones where the box is mostly empty.
 #pragma once
 
-#include <array>
 #include <cmath>
 #include <numeric>
 
@@ -160,7 +159,7 @@ class Grid {
     Box<D> box_;
     Cloud<D> cloud_;
     double cell_ = 0;
-    std::array<std::int64_t, D> count_{};
+    std::int64_t count_[D] = {};
     bool dense_ = true;
     std::vector<std::uint32_t> start_;  // of each cell, and one behind the last
     std::vector<std::uint64_t> keys_;   // of the occupied cells, where not all have an entry

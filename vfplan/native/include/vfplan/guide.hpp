@@ -59,7 +59,7 @@ struct GuideStep {
 /// Throws std::invalid_argument on a value outside its range.
 inline void check(const GuideParameters& p) {
     const auto must = [](bool holds, const char* what) {
-        if (!holds) throw std::invalid_argument(std::string("vfplan: ") + what);
+        if (!holds) reject(what);
     };
     must(p.radius >= smallest_radius && p.radius <= largest_radius,
          "radius must be from 1e-9 to 1e6 m");
@@ -137,15 +137,13 @@ class Guide {
         std::vector<Vec3> points(n);
         for (std::size_t i = 0; i < n; ++i) {
             const Vec3 x{{xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}};
-            if (!good(x))
-                throw std::invalid_argument(
-                    "vfplan: points must be finite, coordinates up to 1e6 m");
+            if (!good(x)) reject("points must be finite, coordinates up to 1e6 m");
             points[i] = across(x);
         }
         path_.add(points, closed);
     }
     void make() {
-        if (path_.size() == 0) throw std::invalid_argument("vfplan: a guide needs a curve");
+        if (path_.size() == 0) reject("a guide needs a curve");
         const Narrow n = narrowest(path_, p_.radius);
         if (!n.found) return;
         const auto text = [](double metres) {
@@ -153,11 +151,11 @@ class Guide {
             std::snprintf(digits, sizeof digits, "%.5g", 1e3 * metres);
             return std::string(digits);
         };
-        throw std::invalid_argument(
-            "vfplan: radius " + text(p_.radius) + " mm: at most " + text(widest(path_, p_.radius)) +
-            " mm fit, as " + (n.turn ? "the curve turns round" : "strands run beside each other") +
-            " within " + text(n.width) + " mm at arc " + text(n.arc) + " mm, [" + text(n.at[0]) +
-            ", " + text(n.at[1]) + ", " + text(n.at[2]) + "] mm");
+        reject("radius " + text(p_.radius) + " mm: at most " + text(widest(path_, p_.radius)) +
+               " mm fit, as " +
+               (n.turn ? "the curve turns round" : "strands run beside each other") + " within " +
+               text(n.width) + " mm at arc " + text(n.arc) + " mm, [" + text(n.at[0]) + ", " +
+               text(n.at[1]) + ", " + text(n.at[2]) + "] mm");
     }
 
     static bool good(const Vec3& x) noexcept {

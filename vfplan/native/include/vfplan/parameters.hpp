@@ -8,8 +8,6 @@
 #include <cstddef>
 #include <limits>
 #include <optional>
-#include <stdexcept>
-#include <string>
 
 #include "vfplan/vec.hpp"
 
@@ -48,7 +46,7 @@ struct Parameters {
 /// Throws std::invalid_argument on a value outside its range.
 inline void check(const Parameters& p) {
     const auto must = [](bool holds, const char* what) {
-        if (!holds) throw std::invalid_argument(std::string("vfplan: ") + what);
+        if (!holds) reject(what);
     };
     const auto positive = [](double x) { return std::isfinite(x) && x > 0; };
     must(p.contact_radius >= smallest_radius && p.contact_radius <= largest_radius,
@@ -74,8 +72,7 @@ inline void check_resolved(const Parameters& p, const double* xyz, std::size_t n
     double most = 0;
     for (std::size_t i = 0; i < 3 * n; ++i) most = std::max(most, std::abs(xyz[i]));
     if (!(p.band >= roundings_a_band * std::numeric_limits<double>::epsilon() * most))
-        throw std::invalid_argument(
-            "vfplan: band must be at least 2.2e-12 of the largest coordinate: its 1e4 roundings");
+        reject("band must be at least 2.2e-12 of the largest coordinate: its 1e4 roundings");
 }
 
 }  // namespace vfplan

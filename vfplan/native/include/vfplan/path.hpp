@@ -145,8 +145,7 @@ class Path {
             if (p.empty() || norm(x - p.back()) > shortest) p.push_back(x);
         while (closed && p.size() > 1 && !(norm(p.front() - p.back()) > shortest)) p.pop_back();
         if (p.size() < (closed ? 3 : 2))
-            throw std::invalid_argument(
-                "vfplan: a curve needs 2 points that differ, a closed one 3");
+            reject("a curve needs 2 points that differ, a closed one 3");
         Strand s{pieces_.size(), 0, closed, 0};
         const std::vector<Vec3> t = tangents(p, closed);
         for (std::size_t i = 0; i + (closed ? 0 : 1) < p.size(); ++i) {

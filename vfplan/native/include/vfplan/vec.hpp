@@ -4,7 +4,8 @@
 #pragma once
 
 #include <cmath>
-#include <cstddef>
+
+#include "vfplan/portable.hpp"
 
 namespace vfplan {
 
@@ -13,8 +14,15 @@ struct Vec {
     static_assert(D == 2 || D == 3);
     double c[D] = {};
 
-    double& operator[](std::size_t i) noexcept { return c[i]; }
-    double operator[](std::size_t i) const noexcept { return c[i]; }
+    // A template, so that an index of any integer type is taken as it is.
+    template <class Index>
+    double& operator[](Index i) noexcept {
+        return c[i];
+    }
+    template <class Index>
+    double operator[](Index i) const noexcept {
+        return c[i];
+    }
 };
 
 using Vec2 = Vec<2>;

@@ -42,8 +42,7 @@ inline void sha_blocks_plain(ShaState& state, const unsigned char* data, std::si
     for (; blocks > 0; --blocks, data += 64) {
         std::array<std::uint32_t, 64> w{};
         for (std::size_t i = 0; i < 16; ++i) {
-            w[i] = static_cast<std::uint32_t>(data[4 * i]) << 24 | data[4 * i + 1] << 16 |
-                   data[4 * i + 2] << 8 | data[4 * i + 3];
+            for (std::size_t k = 0; k < 4; ++k) w[i] = w[i] << 8 | data[4 * i + k];
         }
         for (std::size_t i = 16; i < 64; ++i) {
             const std::uint32_t a = w[i - 15], b = w[i - 2];
