@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     "--image",
     type=FILE,
     metavar="IMAGE",
-    help="The slice the curve was drawn on: for --find-markers, and under --picture-out.",
+    help="The slice the curve was drawn on: the markers are held against the marks on it; for "
+    "--find-markers, and under --picture-out.",
 )
 @fixture_options
 def command(
@@ -78,6 +79,7 @@ def registered_text(report: dict[str, Any]) -> str:
         f"FRE {_mm(report['fre_rms_m'])} rms, leave-one-out {_mm(report['loo_rms_m'])} rms",
         f"  localisation error (FLE) about {_mm(report['fle_rms_m'])} a marker",
         *_marker_lines(report),
+        *_marks_line(report),
         *_error_lines(report["tre"]),
         *_geometry_lines(report),
         f"{report['points']} points, {_mm(report['spacing_m'])} apart",
@@ -114,6 +116,19 @@ def _marker_lines(report: dict[str, Any]) -> list[str]:
             line += f"  suspect: {reasons[label]}"
         lines.append(line)
     return lines
+
+
+def _marks_line(report: dict[str, Any]) -> list[str]:
+    """How the given positions lie to the marks drawn; nothing where these were taken instead."""
+    marks = report.get("marks_drawn")
+    if marks is None or "markers_found" in report:
+        return []
+    if not marks["near"]:
+        return ["  the slice shows no marks at the given positions: they are taken as given"]
+    return [
+        f"  {marks['near']} of {report['markers']} given positions have a mark near them on the "
+        f"slice, {marks['rms_px']:.2f} px rms away"
+    ]
 
 
 def _number(value: float, width: int, scale: float = 1.0, digits: int = 3) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.planning.plausible import check_plausible
+from vfplan.planning.readings import Held, hold_against_marks
 from vfplan.planning.settings import FixtureSettings
 
 if TYPE_CHECKING:
@@ -25,12 +26,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Matched:
-    """Markers, their registration, what they say against it, and where the slice shows them."""
+    """Markers, their registration, what they say against it, and where the slice shows them.
+
+    `held` is `None` where no slice was given.
+    """
 
     pairs: Correspondences
     registration: Registration
     diagnosis: Diagnosis
     found: tuple[FoundMarker, ...]
+    held: Held | None
     warnings: tuple[str, ...]
 
 
@@ -70,14 +75,18 @@ def match(
     pairs = _pairs(curve, markers, markers2)
     with _named(markers if markers2 is None else f"{markers}, {markers2}"):
         check_plausible(pairs, curve, image if _drawn_on(curve, image) else None)
+        held = None
+        if pairs.source_frame == "image" and image is not None and _drawn_on(curve, image):
+            held = hold_against_marks(image.rgb, pairs)
         found = _find(pairs, curve, image) if settings.find_markers else ()
         if found:
             pairs = replace(pairs, source=np.array([marker.position_px for marker in found]))
         registration = _fit(curve, pairs, settings)
         diagnosis = diagnose(registration)
         refuse_sure_faults(registration, diagnosis)
-    warnings = (*_frame_warning(pairs), *_image_warning(curve, image))
-    return Matched(pairs, registration, diagnosis, found, warnings)
+    doubts = held.warnings if held is not None and not found else ()
+    warnings = (*doubts, *_frame_warning(pairs), *_image_warning(curve, image))
+    return Matched(pairs, registration, diagnosis, found, held, warnings)
 
 
 @contextmanager

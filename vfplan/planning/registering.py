@@ -92,6 +92,8 @@ def register(
     report = describe_registration(registration, curve.points, diagnosis=diagnosis, error=error)
     report["target_frame"] = fixture.frame
     report |= describe_fixture(fixture, carried, guarded, making)
+    if matched.held is not None:
+        report["marks_drawn"] = matched.held.as_dict()
     if matched.found:
         report["markers_found"] = [asdict(marker) for marker in matched.found]
     if margin is not None:

@@ -1,0 +1,149 @@
+"""Markers' pixels against the marks on the slice: every misreading is said, no good one is."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from conftest import ROOT
+
+from vfplan.errors import MarkerError
+from vfplan.images.read import read_image
+from vfplan.markers import Correspondences, read_markers
+from vfplan.planning.readings import hold_against_marks
+
+SAMPLES = ROOT / "samples"
+WIDTH, HEIGHT = 700, 600
+PLACES = np.array(
+    [[90.0, 80], [340, 60], [610, 95], [70, 300], [330, 280], [640, 330], [100, 520], [620, 540]]
+)
+COLOURS = {"cyan": (0, 220, 255), "green": (40, 230, 60), "white": (255, 255, 255)}
+
+
+def pairs(places):
+    labels = tuple(f"x{k + 1}" for k in range(len(places)))
+    return Correspondences(labels, np.asarray(places, float), "image", np.zeros((len(places), 3)))
+
+
+def texture(seed, contrast=18):
+    """Smooth grey with the grain and the bright shapes of a CT slice."""
+    rng = np.random.default_rng(seed)
+    fine, coarse = (cv2.GaussianBlur(rng.normal(0, 1, (HEIGHT, WIDTH)), (0, 0), s) for s in (1, 9))
+    grey = 95 + contrast * (fine / fine.std() + coarse / coarse.std())
+    for _ in range(12):
+        centre = tuple(int(x) for x in rng.uniform(50, 550, 2))
+        axes = tuple(int(x) for x in rng.uniform(3, 60, 2))
+        cv2.ellipse(grey, centre, axes, float(rng.uniform(0, 180)), 0, 360, 230.0, -1, cv2.LINE_AA)
+    return np.repeat(np.clip(grey, 0, 240).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def drawn(seed, colour, shape, contrast=18):
+    image = texture(seed, contrast)
+    for u, v in PLACES.astype(int).tolist():
+        if shape == "cross":
+            cv2.line(image, (u - 6, v), (u + 6, v), COLOURS[colour], 2)
+            cv2.line(image, (u, v - 6), (u, v + 6), COLOURS[colour], 2)
+        else:
+            cv2.circle(image, (u, v), 4, COLOURS[colour], -1, cv2.LINE_AA)
+    cv2.putText(image, "x1 cm", (20, 590), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 0), 1)
+    return image
+
+
+MISREAD = {
+    "v counted from below": lambda p: np.c_[p[:, 0], HEIGHT - 1 - p[:, 1]],
+    "u counted from the right": lambda p: np.c_[WIDTH - 1 - p[:, 0], p[:, 1]],
+    "multiplied by 1.25": lambda p: p * 0.8,
+    "multiplied by 0.5": lambda p: p * 2.0,
+}
+
+
+@pytest.mark.parametrize("how", MISREAD)
+@pytest.mark.parametrize(("colour", "shape"), [("cyan", "cross"), ("green", "dot")])
+def test_a_misreading_is_refused_by_its_name(how, colour, shape):
+    with pytest.raises(MarkerError, match=how):
+        hold_against_marks(drawn(1, colour, shape), pairs(MISREAD[how](PLACES)))
+
+
+def test_white_marks_are_held_against_too():
+    image = drawn(2, "white", "cross", contrast=5)
+    assert hold_against_marks(image, pairs(PLACES)).near == len(PLACES)
+    with pytest.raises(MarkerError, match="v counted from below"):
+        hold_against_marks(image, pairs(MISREAD["v counted from below"](PLACES)))
+
+
+def test_from_one_and_a_shift_are_warned_of():
+    image = drawn(3, "cyan", "cross")
+    (said,) = hold_against_marks(image, pairs(PLACES + 1)).warnings
+    assert "counted from 1" in said
+    (said,) = hold_against_marks(image, pairs(PLACES + np.array([60, -40]))).warnings
+    assert "moved by (-60, +40)" in said
+
+
+def test_one_wrong_position_is_named():
+    away = np.zeros_like(PLACES)
+    away[4] = [4, -3]
+    held = hold_against_marks(drawn(4, "cyan", "cross"), pairs(PLACES + away))
+    (said,) = held.warnings
+    assert "marker x5 is given 5.0 px" in said
+
+
+@pytest.mark.parametrize("noise_px", [0.0, 0.5, 1.0, 2.0])
+def test_what_a_hand_clicks_is_no_misreading(noise_px):
+    rng = np.random.default_rng(9)
+    for seed in range(4):
+        image = drawn(seed, ("cyan", "green")[seed % 2], ("cross", "dot")[seed // 2])
+        given = PLACES + 0.25 + rng.normal(0, noise_px, PLACES.shape)
+        held = hold_against_marks(image, pairs(given))
+        assert held.near >= len(PLACES) - 1
+        assert held.warnings == ()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_textures_letters_and_rulers_are_no_marks(seed):
+    rng, image = np.random.default_rng(seed), texture(seed, contrast=25)
+    for k in range(8):
+        at = tuple(int(x) for x in rng.uniform(30, 550, 2))
+        text = ("L", "10 cm", "R1", "kV 120", "AXIAL", "xyz", "+o+", "0.6mm")[k]
+        colour = ((255, 255, 0), (255, 255, 255), (0, 255, 255))[seed % 3]
+        cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
+    for v in range(100, 500, 20):
+        cv2.line(image, (680, v), (690 if v % 100 else 697, v), (255, 255, 0), 1)
+    for n in (4, 7, 9):
+        given = rng.uniform(40, 560, (n, 2))
+        held = hold_against_marks(image, pairs(given))
+        assert held.near <= 2
+        assert held.warnings == ()
+
+
+@pytest.mark.parametrize("name", ["pelvis_a.png", "pelvis_b_q80.jpg", "pelvis_c.png"])
+def test_planned_slices(shared_data, name):
+    stem = name.split(".")[0].removesuffix("_q80")
+    files = [shared_data / "planned" / f"{stem}_markers_{side}.csv" for side in ("image", "robot")]
+    markers = read_markers(*files)
+    rgb = read_image(shared_data / "planned" / name).rgb
+    noise = np.random.default_rng(3).normal(0, 1, markers.source.shape)
+    for source in (markers.source, markers.source + noise, markers.source + 0.5):
+        held = hold_against_marks(rgb, pairs(source))
+        assert held.near == len(source)
+        assert held.warnings == ()
+    with pytest.raises(MarkerError, match="v counted from below"):
+        hold_against_marks(rgb, pairs(np.c_[markers.source[:, 0], 785 - markers.source[:, 1]]))
+
+
+def test_plan_holds_them_without_being_asked(vfplan_cli, tmp_path):
+    head, *rows = (SAMPLES / "elbow_markers_image.csv").read_text().split()
+    read = [(label, float(u), float(v)) for label, u, v in (row.split(",") for row in rows)]
+    wrong = tmp_path / "below.csv"
+    wrong.write_text("\n".join([head, *(f"{label},{u},{785 - v}" for label, u, v in read)]))
+    robot, out = SAMPLES / "elbow_markers_robot.csv", tmp_path / "f.h5"
+    run = vfplan_cli("plan", SAMPLES / "elbow.png", wrong, robot, "-o", out)
+    assert run.code == 3
+    assert "v counted from below" in run.error_line
+    assert not out.exists()
+    good = vfplan_cli(
+        *("plan", SAMPLES / "elbow.png", SAMPLES / "elbow_markers_image.csv", robot),
+        *("-o", out, "--json"),
+    )
+    marks = good.json["register"]["marks_drawn"]
+    assert marks["near"] == 9
+    assert marks["rms_px"] < 0.3

@@ -1,0 +1,241 @@
+"""The markers' pixels held against the marks that the slice shows.
+
+A wrong reading of pixels (rows counted from below, a view at 80 %, from 1 instead of 0) fits as
+well as the right one, for it is an affine map too: no residual shows it, only the slice can.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import MarkerError
+
+if TYPE_CHECKING:
+    from vfplan.markers import Correspondences
+    from vfplan.markers.finding.spots import Kind
+
+Array = NDArray[np.float64]
+
+NEAR_PX = 8.0  # a mark further from a given position is not its own
+FEWEST = 3
+SHIFT_PX = 0.6  # half a pixel is a convention of where pixels begin, more is a mistake
+LONE_PX = 1.5
+ON_MARK_PX, CLEAN = 2.0, 0.25
+SCALES = (0.2, 5.0)
+SAME_SCALE = 0.02
+MOST_MARKS = 40  # of a kind; a scale is looked for among fewer
+
+
+@dataclass(frozen=True)
+class Held:
+    """How the given positions lie to the marks drawn.
+
+    Parameters
+    ----------
+    near
+        How many have a mark of one kind near them; 0 where the slice shows none there.
+    rms_px, shift_px
+        Distance of those from their marks, and its mean (given minus drawn); `None` where none is.
+    warnings
+        What a person should look at.
+    """
+
+    near: int
+    rms_px: float | None = None
+    shift_px: tuple[float, float] | None = None
+    warnings: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """As a report holds it."""
+        if self.rms_px is None:
+            return {"near": self.near}
+        return {"near": self.near, "rms_px": self.rms_px, "shift_px": self.shift_px}
+
+
+def hold_against_marks(rgb: NDArray, pairs: Correspondences) -> Held:
+    """Compare the given positions with the marks drawn on the slice.
+
+    Raises
+    ------
+    MarkerError
+        Nothing is drawn near most of the given positions, but another reading of them (rows from
+        below, columns from the right, another scale) puts them onto marks of one kind.
+    """
+    from vfplan.markers.finding.spots import kinds_of_spots
+
+    given = pairs.source
+    kinds = kinds_of_spots(rgb)
+    enough = max(FEWEST, (len(given) + 1) // 2)
+    own = max((_hits(given, kind) for kind in kinds), key=len, default={})
+    if len(own) >= enough:
+        return _compared(rgb, pairs, kinds, own)
+    needed = max(enough, 2 * len(own))
+    for name, read in _readings(given, rgb.shape).items():
+        for kind in kinds:
+            hits = _hits(read, kind)
+            if len(hits) >= needed and _drawn(rgb, read[list(hits)]) >= needed:
+                raise MarkerError(_misread(pairs, len(own), f"are read {name}"))
+    for kind in kinds:
+        scaled = _scaled(given, kind.places_px)
+        if scaled is None or scaled[2] < needed:
+            continue
+        scale, shift, hits = scaled
+        moved = shift + scale * given
+        if _drawn(rgb, moved) < needed:
+            continue
+        if np.abs(shift).max() <= NEAR_PX and abs(scale - 1) > SAME_SCALE:
+            raise MarkerError(_misread(pairs, len(own), f"are multiplied by {scale:.3g}"))
+        return Held(len(own), warnings=(_elsewhere(scale, shift, hits, len(given)),))
+    if not own:
+        return Held(0, warnings=_others(rgb, kinds, len(given)))
+    return _compared(rgb, pairs, kinds, own)
+
+
+def _drawn(rgb: NDArray, places: Array) -> int:
+    """How many of these places have a cross or a dot near them."""
+    from vfplan.markers.finding import marker_drawn
+
+    return sum(marker_drawn(rgb, place) for place in places)
+
+
+def _others(rgb: NDArray, kinds: list[Kind], n: int) -> tuple[str, ...]:
+    """A warning where about as many crosses, or dots, as there are markers stand elsewhere."""
+    for kind in kinds:
+        count = len(kind.places_px)
+        if abs(count - n) <= n // 3 and _all_of_one_shape(rgb, kind.places_px):
+            u, v = kind.places_px[0]
+            return (
+                f"no mark is drawn near any given position, but {count} of one kind are drawn "
+                f"elsewhere, one at ({u:.0f}, {v:.0f}): check u_px and v_px",
+            )
+    return ()
+
+
+def _all_of_one_shape(rgb: NDArray, places: Array) -> bool:
+    """Whether each place has a clean cross, or each a clean dot: letters are neither."""
+    from vfplan.markers.finding import find_markers
+
+    shapes = set()
+    for place in places:
+        try:
+            (found,) = find_markers(rgb, [""], place[None], search_px=ON_MARK_PX)
+        except MarkerError:
+            return False
+        shapes.add(found.shape)
+        if found.misfit > CLEAN or len(shapes) > 1:
+            return False
+    return True
+
+
+def _hits(places: Array, kind: Kind) -> dict[int, int]:
+    """Position -> the mark near it, where each is the other's nearest."""
+    apart = np.linalg.norm(places[:, None] - kind.places_px[None], axis=2)
+    marks = apart.argmin(axis=1)
+    return {
+        i: int(k)
+        for i, k in enumerate(marks)
+        if apart[i, k] <= NEAR_PX and apart[:, k].argmin() == i
+    }
+
+
+def _readings(given: Array, shape: tuple[int, ...]) -> dict[str, Array]:
+    below = np.array([0.0, shape[0] - 1.0])
+    right = np.array([shape[1] - 1.0, 0.0])
+    return {
+        "with v counted from below": below + given * [1, -1],
+        "with u counted from the right": right + given * [-1, 1],
+        "with u counted from the right and v from below": right + below - given,
+    }
+
+
+def _scaled(given: Array, places: Array) -> tuple[float, Array, int] | None:
+    """(scale, shift, hits) that puts nearly all given positions onto marks; `None`: none does."""
+    if len(given) < FEWEST + 1 or not FEWEST < len(places) <= MOST_MARKS:
+        return None
+    apart = np.linalg.norm(given[:, None] - given[None], axis=2)
+    i, j = np.unravel_index(apart.argmax(), apart.shape)
+    a, b = np.nonzero(~np.eye(len(places), dtype=bool))
+    edge, drawn = given[j] - given[i], places[b] - places[a]
+    scale = drawn @ edge / (edge @ edge)
+    straight = np.linalg.norm(drawn - scale[:, None] * edge, axis=1) < NEAR_PX
+    good = straight & (scale > SCALES[0]) & (scale < SCALES[1])
+    best: tuple[float, Array, int] | None = None
+    for s, start in zip(scale[good], places[a[good]], strict=True):
+        moved = start + s * (given - given[i])
+        away = np.linalg.norm(moved[:, None] - places[None], axis=2)
+        hits = int((away.min(axis=1) < NEAR_PX / 2).sum())
+        if best is None or hits > best[2]:
+            best = float(s), start - s * given[i], hits
+    needed = max(FEWEST + 1, int(np.ceil(0.8 * len(given))))
+    return best if best is not None and best[2] >= needed else None
+
+
+def _misread(pairs: Correspondences, near: int, how: str) -> str:
+    n = len(pairs.labels)
+    return (
+        f"{near} of the {n} given positions have a mark near them on the slice, but where they "
+        f"{how} they meet the marks drawn: correct u_px and v_px (the centre of the top-left "
+        "pixel is 0, 0; u to the right, v down, in pixels of the file)"
+    )
+
+
+def _elsewhere(scale: float, shift: Array, hits: int, n: int) -> str:
+    times = "" if abs(scale - 1) <= SAME_SCALE else f"multiplied by {scale:.3g} and "
+    return (
+        f"no marks are drawn at most of the given positions; {times}moved by ({shift[0]:+.0f}, "
+        f"{shift[1]:+.0f}) px {hits} of {n} would meet marks of one kind: check u_px and v_px"
+    )
+
+
+def _compared(rgb: NDArray, pairs: Correspondences, kinds: list[Kind], own: dict[int, int]) -> Held:
+    kind = max(kinds, key=lambda one: len(_hits(pairs.source, one)))
+    index = np.array(sorted(own))
+    away = pairs.source[index] - kind.places_px[[own[i] for i in index]]
+    if _doubts(pairs, index, away):  # the rough centres may be to blame
+        index, away = _measured(rgb, pairs, index)
+        if not len(index):
+            return Held(0)
+    rms, mean = float(np.sqrt((away**2).sum(axis=1).mean())), away.mean(axis=0)
+    return Held(len(index), rms, (float(mean[0]), float(mean[1])), _doubts(pairs, index, away))
+
+
+def _measured(rgb: NDArray, pairs: Correspondences, index: NDArray) -> tuple[NDArray, Array]:
+    """The same distances from marks that were fitted, where a cross or a dot fits."""
+    from vfplan.markers.finding import find_markers
+
+    kept, away = [], []
+    for i in index:
+        try:
+            (found,) = find_markers(rgb, [pairs.labels[i]], pairs.source[i : i + 1])
+        except MarkerError:
+            continue
+        kept.append(i)
+        away.append(pairs.source[i] - found.position_px)
+    return np.array(kept, dtype=int), np.array(away).reshape(-1, 2)
+
+
+def _doubts(pairs: Correspondences, index: NDArray, away: Array) -> tuple[str, ...]:
+    if len(index) < FEWEST:
+        return ()
+    middle = np.median(away, axis=0)
+    off = np.linalg.norm(away - middle, axis=1)
+    spread = 1.4826 * float(np.median(off))
+    lone = off > LONE_PX + 5 * spread
+    rest = away[~lone]
+    mean, error = rest.mean(axis=0), rest.std(axis=0, ddof=1) / np.sqrt(len(rest))
+    doubts = [
+        f"marker {pairs.labels[i]} is given {np.linalg.norm(d):.1f} px from the mark drawn near it"
+        for i, d in zip(index[lone], away[lone], strict=True)
+    ]
+    if (np.abs(mean) - 3 * error > SHIFT_PX).any():
+        one = np.abs(mean - 1).max() <= 0.25
+        why = ": counted from 1 instead of 0?" if one else ":"
+        doubts.append(
+            f"the given positions lie ({mean[0]:+.2f}, {mean[1]:+.2f}) px from the marks drawn on "
+            f"the slice{why} --find-markers takes the marks' own"
+        )
+    return tuple(doubts)
