@@ -32,6 +32,7 @@ COMMANDS: dict[str, str] = {
     "surface": "Outlined slices in, a surface out.",
     "import": "A bundle from any point cloud or mesh.",
     "export": "A bundle's points as PLY, CSV or .mrk.json.",
+    "live": "A result or a controller's ticks, live, for Slicer and MCAP.",
     "view": "A fixture and a replay in three dimensions.",
     "demo": "The whole pipeline on the shipped sample.",
 }

@@ -19,7 +19,7 @@ LAYERS = [
     ["registration", "bundle", "reference", "study.scenes"],
     ["markers.finding", "curve"],
     ["planning", "replaying"],
-    ["campaign", "stability", "surface"],
+    ["campaign", "live", "stability", "surface"],
     ["study"],
     ["figures", "view3d"],
     ["study.paper_figures", "study.bench_figures"],

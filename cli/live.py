@@ -1,0 +1,116 @@
+"""`vfplan live`: ticks as they come, in 3D Slicer and in an MCAP file."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+from vfplan.cli.options import FILE, Written
+from vfplan.cli.run import Report, outputs, refuse_existing
+from vfplan.cli.run import command as vfplan_command
+
+
+@vfplan_command("live", short_help="A result or a controller's ticks, live, for Slicer and MCAP.")
+@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
+@click.argument("source", metavar="RESULT.h5|udp://HOST:PORT")
+@click.option(
+    "--openigtlink",
+    type=click.IntRange(0, 65535),
+    metavar="PORT",
+    help="Serve OpenIGTLink on 127.0.0.1 at this port (18944 is usual; 0: any free).",
+)
+@click.option("--mcap", type=Written(".mcap"), metavar="FILE", help="Keep every tick.")
+@click.option(
+    "--rate",
+    type=click.FloatRange(1, 1000),
+    default=100.0,
+    show_default=True,
+    metavar="HZ",
+    help="How often the newest tick goes to Slicer.",
+)
+@click.option(
+    "--seconds",
+    type=click.FloatRange(0, min_open=True),
+    metavar="S",
+    help="Stop after so long; without it at the result's end, or on Ctrl-C.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace the MCAP file if it exists.")
+def command(fixture: Path, source: str, openigtlink: int | None, mcap: Path | None, rate: float,
+            seconds: float | None, overwrite: bool) -> Report:  # fmt: skip
+    """Show ticks as they come: a result of `vfplan replay -o` at its own pace, or a controller.
+
+    A controller sends with vfplan/telemetry.hpp to udp://HOST:PORT. Ctrl-C ends the showing in
+    order: the MCAP file is finished and kept.
+    """
+    if openigtlink is None and mcap is None:
+        raise click.UsageError("nothing to do: give --openigtlink, --mcap or both")
+    refuse_existing(mcap, overwrite=overwrite)
+    from vfplan.bundle import read_fixture
+    from vfplan.live.sources import of_port, of_result
+    from vfplan.session.mcapfile import McapWriter
+
+    shown = read_fixture(fixture)
+    ticks = of_port(source) if source.startswith("udp:") else of_result(Path(source))
+    with ExitStack() as stack:
+        server = None
+        if openigtlink is not None:
+            server = stack.enter_context(_serving(shown, openigtlink, rate))
+        kept = None
+        if mcap is not None:
+            (temporary,) = stack.enter_context(outputs(mcap))
+            kept = stack.enter_context(McapWriter(temporary))
+        data = _follow(ticks, server, kept, seconds)
+    if mcap is not None:
+        data["mcap"] = str(mcap)
+    text = f"{data['ticks']} ticks, {data['dropped']} dropped by the controller, " \
+           f"{data['lost_datagrams']} datagrams lost"  # fmt: skip
+    return Report(data, text + (f"\nwrote {mcap}" if mcap is not None else ""))
+
+
+@contextmanager
+def _serving(fixture: Any, port: int, rate: float) -> Iterator[Any]:
+    from vfplan.live.server import Server
+
+    server = Server(fixture, port, rate)
+    click.echo(f"vfplan: OpenIGTLink at 127.0.0.1:{server.port}", err=True)
+    try:
+        yield server
+    finally:
+        server.close()
+
+
+def _follow(ticks: Any, server: Any, kept: Any, seconds: float | None) -> dict[str, Any]:
+    """Pass on every tick until the source ends, the time is over, or a signal comes."""
+    data = {"ticks": 0, "dropped": 0, "lost_datagrams": 0, "bad_datagrams": 0}
+    began = time.monotonic()
+    with _told_to_stop() as stopped:
+        for found in ticks:
+            if len(found.ticks):
+                data["ticks"] += len(found.ticks)
+                if server is not None:
+                    server.show(found.ticks[-1])
+                if kept is not None:
+                    kept.write(found.ticks, time.time())
+            data["dropped"], data["lost_datagrams"] = found.dropped, found.lost
+            data["bad_datagrams"] = found.bad
+            if stopped() or (seconds is not None and time.monotonic() - began >= seconds):
+                break
+    return data
+
+
+@contextmanager
+def _told_to_stop() -> Iterator[Callable[[], bool]]:
+    """Take SIGINT and SIGTERM for the end of the showing, not for a failure."""
+    came: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {n: signal.signal(n, lambda number, frame: came.append(number)) for n in numbers}
+    try:
+        yield lambda: bool(came)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,250 @@
+"""Live: a controller's datagrams, OpenIGTLink to its last bit, MCAP and back."""
+
+import itertools
+import json
+import shutil
+import socket
+import struct
+import subprocess
+import time
+from pathlib import Path
+
+import bundles
+import numpy as np
+import pytest
+from conftest import ROOT, need_program
+
+import vfplan
+from vfplan.errors import InputError, SessionError, SettingError
+from vfplan.fixture import Curve
+from vfplan.live import igtl
+from vfplan.live.server import Server, still
+from vfplan.live.sources import of_port, where
+from vfplan.live.wire import HEADER, MAGIC, decode
+from vfplan.session.mcapfile import TICK, McapWriter, read_ticks
+
+
+def made(count):
+    """The ticks that tests/native/telemetry.cpp publishes."""
+    k = np.arange(count)
+    ticks = np.zeros(count, TICK)
+    ticks["index"], ticks["t"] = k, k / 1000
+    for v, name in enumerate(("hip", "proxy", "normal", "force")):
+        for i in range(3):
+            ticks[name][:, i] = (k + 1) / (3 * v + i + 3)
+    ticks["state"], ticks["status"] = k % 4 - 1, k % 8
+    return ticks
+
+
+def free_port(kind=socket.SOCK_DGRAM):
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@pytest.fixture(scope="module")
+def publisher(tmp_path_factory):
+    program = tmp_path_factory.mktemp("telemetry") / "telemetry"
+    include = vfplan.cmake_dir().parents[2] / "include"
+    flags = ["-std=c++20", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-pthread"]
+    source = ROOT / "tests" / "native" / "telemetry.cpp"
+    subprocess.run([need_program("g++", "g++"), *flags, f"-I{include}", source, "-o", program],
+                   check=True)  # fmt: skip
+    return program
+
+
+def test_a_controllers_ticks_arrive_to_the_bit(publisher):
+    port, count = free_port(), 2000
+    source = of_port(f"udp://127.0.0.1:{port}")
+    run = subprocess.Popen([publisher, str(port), str(count), "4096", "100"],
+                           stdout=subprocess.PIPE, text=True)  # fmt: skip
+    parts, got = [], 0
+    for found in source:
+        parts.append(found.ticks)
+        got += len(found.ticks)
+        if got == count or (run.poll() is not None and not len(found.ticks)):
+            break
+    assert "dropped 0 unsent 0" in run.communicate()[0]
+    assert (found.lost, found.bad, found.dropped) == (0, 0, 0)
+    assert np.concatenate(parts).tobytes() == made(count).tobytes()
+
+
+def test_a_full_ring_drops_and_counts_and_never_waits(publisher):
+    """A burst a thousand times the ring: most is dropped, the rest is told apart by its index."""
+    port = free_port()
+    done = subprocess.run([publisher, str(port), "4000", "4", "0"], check=True,
+                          capture_output=True, text=True)  # fmt: skip
+    assert int(done.stdout.split()[1]) > 2000
+
+
+@pytest.mark.parametrize("change", ["short", "long", "magic", "version", "count", "nan"])
+def test_a_datagram_that_is_none_is_refused(change):
+    head = np.array([(MAGIC, 1, 2, 7, 3)], HEADER)
+    ticks = made(2)
+    if change == "nan":
+        ticks["force"][1, 2] = np.nan
+    if change in ("magic", "version", "count"):
+        head[change] = {"magic": b"VFPX", "version": 2, "count": 12}[change]
+    data = head.tobytes() + ticks.tobytes()
+    data = {"short": data[:-1], "long": data + b"\0"}.get(change, data)
+    with pytest.raises(InputError, match="datagram"):
+        decode(data)
+
+
+@pytest.mark.parametrize("address", ["udp:127.0.0.1:5", "udp://127.0.0.1", "tcp://127.0.0.1:5",
+                                     "udp://127.0.0.1:99999"])  # fmt: skip
+def test_an_address_that_is_none_is_refused(address):
+    with pytest.raises(SettingError, match="udp://HOST:PORT is wanted"):
+        where(address)
+
+
+def test_crc_and_header_as_the_protocol_has_them():
+    assert igtl.crc64(b"123456789") == 0x6C40DF5F0B497347, "the catalogue's check value"
+    data = igtl.transform("vfplan_hip", 1.5, np.array([1.0, -2.0, 3.0]))
+    version, kind, device, stamp, size, crc = igtl.HEADER.unpack_from(data)
+    assert (version, kind.rstrip(b"\0"), device.rstrip(b"\0")) == (1, b"TRANSFORM", b"vfplan_hip")
+    assert (stamp, size, crc) == (1 << 32 | 1 << 31, 48, igtl.crc64(data[58:]))
+    numbers = struct.unpack(">12f", data[58:])
+    assert numbers == (1, 0, 0, 0, 1, 0, 0, 0, 1, 1, -2, 3)
+
+
+def messages(client):
+    """(kind, device, body) one by one, each CRC checked."""
+
+    def take(size):
+        data = b""
+        while len(data) < size:
+            part = client.recv(size - len(data))
+            if not part:
+                raise ConnectionError
+            data += part
+        return data
+
+    while True:
+        _, kind, device, _, size, crc = igtl.HEADER.unpack(take(58))
+        body = take(size)
+        assert igtl.crc64(body) == crc
+        yield kind.rstrip(b"\0").decode(), device.rstrip(b"\0").decode(), body
+
+
+def connected(server):
+    client = socket.create_connection(("127.0.0.1", server.port), timeout=60)
+    return client, messages(client)
+
+
+@pytest.fixture
+def server():
+    running = Server(bundles.whole(), 0, rate_hz=200.0)
+    yield running
+    running.close()
+
+
+def test_two_clients_one_that_stalls_and_one_that_comes_again(server):
+    fixture = bundles.whole()
+    stalled, _ = connected(server)  # reads nothing, ever
+    for _ in range(2):
+        client, coming = connected(server)
+        first = [next(coming) for _ in range(2)]
+        assert [m[:2] for m in first] == [("POLYDATA", "vfplan_cloud"),
+                                          ("POLYDATA", "vfplan_contact")]  # fmt: skip
+        count = struct.unpack(">I", first[0][2][:4])[0]
+        assert count == len(fixture.points)
+        sent = np.frombuffer(first[0][2], ">f4", 3 * count, 40).reshape(-1, 3)
+        assert np.array_equal(sent, (1e3 * fixture.points).astype(">f4"))
+        server.show(made(3)[2])
+        kinds = [next(coming) for _ in range(4)]
+        assert [m[:2] for m in kinds] == [
+            ("TRANSFORM", "vfplan_hip"), ("TRANSFORM", "vfplan_proxy"),
+            ("SENSOR", "vfplan_force"), ("STATUS", "vfplan_status"),
+        ]  # fmt: skip
+        force = np.frombuffer(kinds[2][2], ">f8", 3, 10)
+        assert np.array_equal(force, made(3)[2]["force"])
+        client.sendall(igtl.message("GET_POLYDATA", "vfplan_cloud", 0.0, b""))
+        again = next(m for m in coming if m[0] == "POLYDATA")
+        assert again[2] == first[0][2]
+        client.close()
+    stalled.close()
+
+
+def test_slicer_sees_the_patient_unmirrored():
+    """LPS to RAS turns x and y: a scene that no mirror image fits keeps its handedness."""
+    lps = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.2, 0], [0, 0, 0.3]])
+    ras = lps * igtl.to_ras("patient_lps")
+    handed = [np.linalg.det(p[1:] - p[0]) for p in (1e3 * lps, ras)]
+    assert handed[0] == pytest.approx(handed[1])
+    assert np.allclose(ras[1], [-100, 0, 0])
+
+
+def test_a_ball_is_closed_and_faces_outwards():
+    points, faces = igtl.ball(5.0)
+    assert np.allclose(np.linalg.norm(points, axis=1), 5.0)
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    assert {tuple(e) for e in edges} == {tuple(e[::-1]) for e in edges}
+    a, b, c = points[faces].transpose(1, 0, 2)
+    assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), a + b + c) > 0).all()
+
+
+def test_mcap_holds_every_tick_to_the_bit(tmp_path):
+    pytest.importorskip("mcap", reason="needs pip install 'vfplan[live]'")
+    path, ticks = tmp_path / "a.mcap", made(5000)
+    with McapWriter(path) as writer:
+        for k in range(0, 5000, 11):
+            writer.write(ticks[k : k + 11], 1.7e9 + k)
+    assert read_ticks(path).tobytes() == ticks.tobytes()
+    data = path.read_bytes()
+    for damaged in (data[:-40], data[: len(data) // 2], b"", data[:200] + b"\xff" + data[201:]):
+        path.write_bytes(damaged)
+        with pytest.raises(SessionError):
+            read_ticks(path)
+
+
+def test_a_result_through_the_command(vfplan_cli, tmp_path):
+    """Shown by the command, kept by it, and read back."""
+    pytest.importorskip("mcap", reason="needs pip install 'vfplan[live]'")
+    fixture, session = tmp_path / "f.h5", tmp_path / "s.csv"
+    vfplan.write_fixture(bundles.whole(), fixture)
+    hip = bundles.whole().points[0] + np.linspace([0, 0, 0.02], [0, 0, 0.001], 300)
+    rows = "\n".join(f"{k / 1000},{x},{y},{z}" for k, (x, y, z) in enumerate(hip.tolist()))
+    session.write_text("t,x,y,z\n" + rows + "\n")
+    result, kept = tmp_path / "r.h5", tmp_path / "k.mcap"
+    assert vfplan_cli("replay", fixture, session, "-o", result).code == 0
+    run = vfplan_cli("live", fixture, result, "--mcap", kept, "--openigtlink", "0", "--json")
+    assert run.code == 0, run.stderr
+    assert json.loads(run.stdout)["ticks"] == 300
+    ticks, wanted = read_ticks(kept), vfplan.read_result(result)[0]
+    for name in ("hip", "proxy", "normal", "force", "state"):
+        assert np.array_equal(ticks[name], getattr(wanted, name))
+    assert vfplan_cli("live", fixture, result).code == 2
+    assert vfplan_cli("live", fixture, "udp://nowhere", "--mcap", tmp_path / "x.mcap").code == 2
+    assert not (tmp_path / "x.mcap").exists()
+
+
+def test_the_reference_library_reads_it(server, tmp_path):
+    """Debian's OpenIGTLink client, where it is installed, reads every message and checks CRCs."""
+    include = Path("/usr/include/openigtlink")
+    if not include.is_dir() or shutil.which("g++") is None:
+        pytest.skip("needs apt package libopenigtlink-dev")
+    program = tmp_path / "client"
+    source = ROOT / "tests" / "native" / "igtl_client.cpp"
+    subprocess.run(["g++", "-std=c++17", f"-I{include}", source, "-o", program, "-lOpenIGTLink",
+                    "-lpthread"], check=True)  # fmt: skip
+    client = subprocess.Popen([program, str(server.port), "42"], stdout=subprocess.PIPE, text=True)
+    ticks = made(10_000)
+    for k in itertools.count():
+        if client.poll() is not None or k >= len(ticks):
+            break
+        server.show(ticks[k])
+        time.sleep(0.01)
+    lines = client.communicate(timeout=60)[0].splitlines()
+    assert client.returncode == 0, lines
+    fixture = bundles.whole()
+    first = " ".join(f"{x:.9g}" for x in (1e3 * fixture.points[0]).astype(np.float32))
+    strokes = 0 if fixture.mesh is not None else len((fixture.curve or Curve).closed)
+    assert lines[0].startswith(f"POLYDATA vfplan_cloud {len(fixture.points)} points {first}")
+    assert f"{strokes} lines" in lines[0]
+    assert lines[1].startswith("POLYDATA vfplan_contact")
+    forces = [line for line in lines if line.startswith("SENSOR vfplan_force")]
+    known = {" ".join(f"{x:.17g}" for x in tick["force"]) for tick in ticks}
+    assert len(forces) == 10
+    assert all(line.split(" ", 2)[2] in known for line in forces)
+    assert [device for device, _ in still(fixture)] == ["vfplan_cloud", "vfplan_contact"]

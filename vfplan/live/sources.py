@@ -1,0 +1,100 @@
+"""Ticks to show: a result at the pace it had, or a controller's datagrams as they come."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import InputError, SettingError
+from vfplan.live.wire import decode
+from vfplan.session import read_result
+from vfplan.session.mcapfile import TICK
+
+WAIT_S = 0.2  # a source says at least this often that there is nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Ticks:
+    """Some ticks; none where a source has nothing to tell for the moment.
+
+    Parameters
+    ----------
+    ticks
+        (n,) of `vfplan.session.mcapfile.TICK`.
+    dropped, lost
+        Ticks that the controller dropped, and datagrams that did not arrive, so far.
+    bad
+        Datagrams that were none, so far.
+    """
+
+    ticks: NDArray[np.void]
+    dropped: int = 0
+    lost: int = 0
+    bad: int = 0
+
+
+def of_result(path: Path, *, pace: bool = True) -> Iterator[Ticks]:
+    """The ticks of a result of `vfplan replay -o`; `pace`: at the speed they had."""
+    found, _ = read_result(path)
+    ticks = np.zeros(len(found.time), TICK)
+    ticks["index"], ticks["t"] = np.arange(len(ticks)), found.time
+    for name in ("hip", "proxy", "normal", "force", "state"):
+        ticks[name] = getattr(found, name)
+    began, first = time.monotonic(), float(found.time[0])
+    block = 10
+    for k in range(0, len(ticks), block):
+        if pace:
+            time.sleep(max(0.0, began + float(ticks["t"][k]) - first - time.monotonic()))
+        yield Ticks(ticks[k : k + block])
+
+
+def of_port(address: str) -> Iterator[Ticks]:
+    """What arrives at `udp://HOST:PORT`, without end; the socket is bound before this returns."""
+    host, port = where(address)
+    listening = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        listening.bind((host, port))
+    except OSError as error:
+        listening.close()
+        raise InputError(f"cannot be listened at: {error.strerror}", where=address) from None
+    listening.settimeout(WAIT_S)
+    return _received(listening)
+
+
+def where(address: str) -> tuple[str, int]:
+    """Host and port of `udp://HOST:PORT`; raises `SettingError`."""
+    try:
+        parts = urlsplit(address)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if not address.startswith("udp://") or host is None or port is None:
+        raise SettingError(f"{address!r}: udp://HOST:PORT is wanted")
+    return host, port
+
+
+def _received(listening: socket.socket) -> Iterator[Ticks]:
+    expected, lost, dropped, bad = None, 0, 0, 0
+    with listening:
+        while True:
+            try:
+                data = listening.recv(65536)
+            except TimeoutError:
+                yield Ticks(np.zeros(0, TICK), dropped, lost, bad)
+                continue
+            try:
+                found = decode(data)
+            except InputError:
+                bad += 1
+                continue
+            if expected is not None and found.sequence > expected:
+                lost += found.sequence - expected
+            expected, dropped = found.sequence + 1, found.dropped
+            yield Ticks(found.ticks, dropped, lost, bad)

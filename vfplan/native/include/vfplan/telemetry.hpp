@@ -1,0 +1,156 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// What a controller shows to the outside: every tick, by UDP, without the loop ever waiting.
+//
+// `publish` writes into a preallocated ring and returns; when nobody empties it fast enough the
+// tick is dropped and counted. A thread of its own empties it and sends datagrams of up to eleven
+// ticks. The layout stands in docs/live.md. POSIX.
+#pragma once
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <array>
+#include <atomic>
+#include <bit>
+#include <chrono>
+#include <cstdint>
+#include <cstring>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "vfplan/status.hpp"
+
+namespace vfplan {
+
+/// Sends every tick of one loop to one place. One thread publishes; any may ask what was dropped.
+class Telemetry {
+  public:
+    static constexpr std::size_t tick_bytes = 120, header_bytes = 24, most_ticks = 11;
+
+    /// @param address IPv4 address to send to; the loopback unless told
+    /// @param port UDP port
+    /// @param capacity ticks that the ring holds, a power of two
+    /// @param period how often the sender looks into the ring [s]
+    /// @throws std::invalid_argument for an address, port, capacity or period out of range;
+    ///         std::runtime_error where the system gives no socket
+    explicit Telemetry(std::uint16_t port, const std::string& address = "127.0.0.1",
+                       std::size_t capacity = 4096, double period = 0.005)
+        : ring_(capacity), mask_(capacity - 1), period_(period) {
+        static_assert(std::endian::native == std::endian::little, "the layout is little-endian");
+        if (capacity < 2 || (capacity & mask_) != 0)
+            throw std::invalid_argument("telemetry: capacity " + std::to_string(capacity) +
+                                        ": a power of two of at least 2 is wanted");
+        if (port == 0) throw std::invalid_argument("telemetry: port 0: 1 to 65535 is wanted");
+        if (!(period > 0 && period <= 1))
+            throw std::invalid_argument("telemetry: period " + std::to_string(period) +
+                                        " s: above 0 and at most 1 is wanted");
+        to_.sin_family = AF_INET;
+        to_.sin_port = htons(port);
+        if (inet_pton(AF_INET, address.c_str(), &to_.sin_addr) != 1)
+            throw std::invalid_argument("telemetry: '" + address + "' is no IPv4 address");
+        socket_ = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+        if (socket_ < 0) throw std::runtime_error("telemetry: the system gives no socket");
+        sender_ = std::thread([this] { send_all(); });
+    }
+    ~Telemetry() {
+        stop_.store(true, std::memory_order_release);
+        sender_.join();
+        ::close(socket_);
+    }
+    Telemetry(const Telemetry&) = delete;
+    Telemetry& operator=(const Telemetry&) = delete;
+
+    /// Take a tick in; false when the ring was full and the tick was dropped. Wait-free.
+    /// @param t time of the tick [s]
+    /// @param hip where the tool is [m]
+    bool publish(double t, const Vec3& hip, const Step& step) noexcept {
+        const std::uint64_t at = head_.load(std::memory_order_relaxed);
+        if (at - tail_.load(std::memory_order_acquire) > mask_) {
+            dropped_.fetch_add(1, std::memory_order_relaxed);
+            ++index_;
+            return false;
+        }
+        Tick& tick = ring_[at & mask_];
+        tick.index = index_++;
+        tick.t = t;
+        const Vec3* vectors[] = {&hip, &step.proxy, &step.normal, &step.force};
+        for (std::size_t v = 0; v < 4; ++v)
+            for (std::size_t k = 0; k < 3; ++k) tick.values[3 * v + k] = (*vectors[v])[int(k)];
+        tick.state = std::int8_t(step.state);
+        tick.status = step.status;
+        head_.store(at + 1, std::memory_order_release);
+        return true;
+    }
+
+    /// Ticks that found the ring full.
+    std::uint64_t dropped() const noexcept { return dropped_.load(std::memory_order_relaxed); }
+    /// Datagrams that the system did not take.
+    std::uint64_t unsent() const noexcept { return unsent_.load(std::memory_order_relaxed); }
+
+  private:
+    struct Tick {
+        std::uint64_t index;
+        double t;
+        double values[12];
+        std::int8_t state;
+        std::uint8_t status;
+        std::uint8_t nothing[6];
+    };
+    static_assert(sizeof(Tick) == tick_bytes);
+
+    void send_all() noexcept {
+        const auto pause = std::chrono::duration<double>(period_);
+        for (;;) {
+            const bool last = stop_.load(std::memory_order_acquire);
+            while (send_some()) {
+            }
+            if (last) return;
+            std::this_thread::sleep_for(pause);
+        }
+    }
+    bool send_some() noexcept {
+        const std::uint64_t from = tail_.load(std::memory_order_relaxed);
+        const std::uint64_t ready = head_.load(std::memory_order_acquire) - from;
+        if (ready == 0) return false;
+        const std::uint16_t count = std::uint16_t(ready < most_ticks ? ready : most_ticks);
+        std::array<char, header_bytes + most_ticks * tick_bytes> bytes{};
+        const std::uint16_t version = 1;
+        const std::uint64_t lost = dropped();
+        std::memcpy(bytes.data(), "VFPT", 4);
+        std::memcpy(bytes.data() + 4, &version, 2);
+        std::memcpy(bytes.data() + 6, &count, 2);
+        std::memcpy(bytes.data() + 8, &sent_, 8);
+        std::memcpy(bytes.data() + 16, &lost, 8);
+        for (std::uint64_t k = 0; k < count; ++k)
+            std::memcpy(bytes.data() + header_bytes + k * tick_bytes, &ring_[(from + k) & mask_],
+                        tick_bytes);
+        tail_.store(from + count, std::memory_order_release);
+        const std::size_t size = header_bytes + count * tick_bytes;
+        const auto* to = reinterpret_cast<const sockaddr*>(&to_);
+        if (::sendto(socket_, bytes.data(), size, MSG_NOSIGNAL, to, sizeof to_) != ssize_t(size))
+            unsent_.fetch_add(1, std::memory_order_relaxed);
+        ++sent_;
+        return true;
+    }
+
+    std::vector<Tick> ring_;
+    std::uint64_t mask_;
+    double period_;
+    sockaddr_in to_{};
+    int socket_ = -1;
+    std::uint64_t index_ = 0;  // of the publisher
+    std::uint64_t sent_ = 0;   // of the sender
+    alignas(64) std::atomic<std::uint64_t> head_{0};
+    alignas(64) std::atomic<std::uint64_t> tail_{0};
+    alignas(64) std::atomic<std::uint64_t> dropped_{0};
+    std::atomic<std::uint64_t> unsent_{0};
+    std::atomic<bool> stop_{false};
+    std::thread sender_;
+};
+
+}  // namespace vfplan
