@@ -25,7 +25,22 @@ if TYPE_CHECKING:
     type=FILE,
     metavar="IMAGE",
     help="The slice the curve was drawn on: the markers are held against the marks on it; for "
-    "--find-markers, and under --picture-out.",
+    "--find-markers, under --picture-out, and for markers in the patient's frame, to which a DICOM "
+    "slice carries the curve.",
+)
+@click.option(
+    "--touched",
+    type=FILE,
+    metavar="POINTS.csv",
+    help="Points that the robot touched on the surface (x_m,y_m,z_m) refine its "
+    "rigid registration.",
+)
+@click.option(
+    "--tip-radius",
+    "tip_radius_mm",
+    type=click.FloatRange(min=0),
+    metavar="MM",
+    help="Radius of the ball that touched them.  [default: 0]",
 )
 @fixture_options
 def command(
@@ -35,6 +50,8 @@ def command(
     output: Path,
     overwrite: bool,
     image: Path | None,
+    touched: Path | None,
+    tip_radius_mm: float | None,
     picture_out: Path | None,
     **given: Any,
 ) -> Report:
@@ -50,10 +67,15 @@ def command(
     settings = fixture_settings(given)
     if settings.find_markers and image is None:
         raise click.UsageError("--find-markers needs --image, the slice the markers are drawn on")
+    if tip_radius_mm is not None and touched is None:
+        raise click.UsageError("--tip-radius has no effect without --touched")
     refuse_existing(output, picture_out, overwrite=overwrite)
     drawn = read_fixture(curve)
     slice_ = None if image is None else read_image(image)
-    planned = register(drawn, markers, markers2, settings, image=slice_)
+    planned = register(
+        drawn, markers, markers2, settings, image=slice_, touched=touched,
+        tip_radius=1e-3 * (tip_radius_mm or 0.0),
+    )  # fmt: skip
     with outputs(output, picture_out) as (path, picture):
         write_fixture(planned.fixture, path)
         write_registration_picture(planned, drawn, slice_, picture)
@@ -81,6 +103,7 @@ def registered_text(report: dict[str, Any]) -> str:
         *_marker_lines(report),
         *_marks_line(report),
         *_error_lines(report["tre"]),
+        *_touched_lines(report),
         *_geometry_lines(report),
         f"{report['points']} points, {_mm(report['spacing_m'])} apart",
     ]
@@ -142,6 +165,18 @@ def _error_lines(tre: dict[str, Any]) -> list[str]:
         f"  predicted TRE over the curve {_mm(tre['rms_m'])} rms, at most {_mm(tre['max_rms_m'])}",
         f"  95 % bound: {_mm(tre['bound95_max_m'])} at its worst point ({place}), "
         f"{_mm(tre['curve95_max_m'])} for the whole curve at once",
+    ]
+
+
+def _touched_lines(report: dict[str, Any]) -> list[str]:
+    if "touched" not in report:
+        return []
+    touched = report["touched"]
+    used = touched["points"] - len(touched["left_out"])
+    return [
+        f"  refined by {used} touched points: {_mm(touched['before_rms_m'])} rms off the surface "
+        f"before, {_mm(touched['rms_m'])} after; the surface moved by {_mm(touched['moved_max_m'])}"
+        " at most",
     ]
 
 

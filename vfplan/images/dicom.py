@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from vfplan.errors import ImageError, MissingExtra
 
 COLOUR = {"RGB", "PALETTE COLOR"}
+DECIMALS = 1e-3  # of a direction: what writing it in decimals may cost
 GREY = {"MONOCHROME1", "MONOCHROME2"}
 
 
@@ -58,7 +59,7 @@ def read_dicom(
         dataset = _dataset(data, where)
         rgb = _pixels(dataset, where, _frame_index(dataset, frame, where))
         spacing = _spacing(dataset, where, imager_spacing)
-        return rgb, spacing, _place(dataset, spacing)
+        return rgb, spacing, _place(dataset, _spacing(dataset, where, imager=False))
 
 
 @contextmanager
@@ -155,15 +156,21 @@ def _spacing(dataset: Any, where: str, imager: bool) -> tuple[float, float] | No
 
 
 def _place(dataset: Any, spacing: tuple[float, float] | None) -> NDArray | None:
-    """(4, 3) T_patient_image [m] from position and orientation (PS3.3 C.7.6.2.1.1)."""
+    """(4, 3) T_patient_image [m] from position and orientation (PS3.3 C.7.6.2.1.1).
+
+    `None` where one is missing, not finite, or the directions are not square to each other and of
+    length 1 but for their decimals, which are made exact.
+    """
     corner = dataset.get("ImagePositionPatient")
     axes = dataset.get("ImageOrientationPatient")
     if corner is None or axes is None or spacing is None or len(corner) != 3 or len(axes) != 6:
         return None
-    along_u, along_v = np.reshape([float(x) for x in axes], (2, 3))
+    along = np.reshape([float(x) for x in axes], (2, 3))
+    lengths = np.linalg.norm(along, axis=1)
+    if not (np.abs(lengths - 1) < DECIMALS).all() or not abs(along[0] @ along[1]) < DECIMALS:
+        return None
     T_patient_image = np.zeros((4, 3))
-    T_patient_image[:3, 0] = along_u * spacing[0] * 1e-3
-    T_patient_image[:3, 1] = along_v * spacing[1] * 1e-3
+    T_patient_image[:3, :2] = (along / lengths[:, None]).T * np.array(spacing) * 1e-3
     T_patient_image[:3, 2] = [float(x) * 1e-3 for x in corner]
     T_patient_image[3, 2] = 1
     return T_patient_image if np.isfinite(T_patient_image).all() else None

@@ -108,7 +108,8 @@ def read_image(
     where = str(path)
     sha256 = hashlib.sha256(data).hexdigest()
     if is_dicom(data):
-        rgb, spacing, place = read_dicom(data, where, frame, imager_spacing)
+        with _native_stderr():
+            rgb, spacing, place = read_dicom(data, where, frame, imager_spacing)
         return PlannedImage(rgb, pixel_spacing_mm or spacing, sha256, place)
     _refuse_truncated(data, where)
     return PlannedImage(_decode(data, where, frame), pixel_spacing_mm, sha256)

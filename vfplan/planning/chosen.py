@@ -32,7 +32,7 @@ def choice_of(curve: Fixture, settings: FixtureSettings) -> Choice | None:
             f"tolerance {settings.tolerance_m * 1e3:g} mm: at least {least * 1e3:g} mm is wanted, "
             f"{FINEST_BAND / BAND_SHARE:g} of r_c + r_v = {radius * 1e3:g} mm"
         )
-    drawn = "normal" if curve.frame == "image" else "none"
+    drawn = "none" if curve.image is None and curve.frame != "image" else "normal"
     planar = (settings.ignore_axis or drawn) != "none"
     return choose(settings.tolerance_m, radius, planar=planar)
 

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.fixture import Fixture
+from vfplan.planning.placing import in_patient
 from vfplan.planning.plausible import check_plausible
 from vfplan.planning.readings import Held, hold_against_marks
 from vfplan.planning.settings import FixtureSettings
@@ -28,9 +30,13 @@ if TYPE_CHECKING:
 class Matched:
     """Markers, their registration, what they say against it, and where the slice shows them.
 
-    `held` is `None` where no slice was given.
+    `curve` is the one they carry: a slice's, brought into the patient's frame where the markers are
+    given there, with `slice_axes` (3, 2) [m/px]; else as it was, and `None`. `held` is `None` where
+    no slice was given.
     """
 
+    curve: Fixture
+    slice_axes: NDArray[np.float64] | None
     pairs: Correspondences
     registration: Registration
     diagnosis: Diagnosis
@@ -39,17 +45,22 @@ class Matched:
     warnings: tuple[str, ...]
 
 
-def _pairs(curve: Fixture, markers: str | Path, markers2: str | Path | None) -> Correspondences:
+def _pairs(
+    curve: Fixture, markers: str | Path, markers2: str | Path | None, image: PlannedImage | None
+) -> tuple[Correspondences, Fixture, NDArray[np.float64] | None]:
+    """The markers, and the curve in their source frame (see `Matched`)."""
     from vfplan.markers import read_markers
 
     if curve.frame == "robot_base":
         raise CurveError("the curve is in frame 'robot_base' already; one of an image is wanted")
     pairs = read_markers(markers, markers2)
+    if (pairs.source_frame, curve.frame) == ("patient_lps", "image"):
+        return pairs, *in_patient(curve, image if _drawn_on(curve, image) else None)
     if pairs.source_frame != curve.frame:
         raise MarkerError(
             f"markers are given in frame {pairs.source_frame!r}, the curve in {curve.frame!r}"
         )
-    return pairs
+    return pairs, curve, None
 
 
 def match(
@@ -72,7 +83,7 @@ def match(
     from vfplan.registration.diagnosis import diagnose
     from vfplan.registration.refusal import refuse_sure_faults
 
-    pairs = _pairs(curve, markers, markers2)
+    pairs, curve, slice_axes = _pairs(curve, markers, markers2, image)
     with _named(markers if markers2 is None else f"{markers}, {markers2}"):
         check_plausible(pairs, curve, image if _drawn_on(curve, image) else None)
         held = None
@@ -86,7 +97,7 @@ def match(
         refuse_sure_faults(registration, diagnosis)
     doubts = held.warnings if held is not None and not found else ()
     warnings = (*doubts, *_frame_warning(pairs), *_image_warning(curve, image))
-    return Matched(pairs, registration, diagnosis, found, held, warnings)
+    return Matched(curve, slice_axes, pairs, registration, diagnosis, found, held, warnings)
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from vfplan.planning.margin import add_margin
 from vfplan.planning.matching import match
 from vfplan.planning.provenance import file_sha256, make_provenance
 from vfplan.planning.settings import FixtureSettings
+from vfplan.planning.touching import touch
 
 if TYPE_CHECKING:
     from vfplan.engine.tolerance import Choice
@@ -45,6 +46,8 @@ def register(
     settings: FixtureSettings | None = None,
     *,
     image: PlannedImage | None = None,
+    touched: str | Path | None = None,
+    tip_radius: float = 0.0,
 ) -> Planned:
     """Carry a curve into the frame of the target markers and sample it for rendering.
 
@@ -60,7 +63,11 @@ def register(
     settings
         The registration, the sampling and the rendering.
     image
-        The slice the curve was drawn on; needed to find the markers in it.
+        The slice the curve was drawn on; needed to find the markers in it, and where they are
+        given in the patient's frame, to which a DICOM slice carries the curve.
+    touched, tip_radius
+        Points that the robot touched on the surface refine a rigid registration of one; the radius
+        [m] of the ball that touched them.
 
     Raises
     ------
@@ -80,13 +87,20 @@ def register(
         raise SettingError("a surface is sampled already; a density has no effect on it")
     started = time.perf_counter()
     matched = match(curve, markers, markers2, settings, image)
-    registration, diagnosis = matched.registration, matched.diagnosis
-    error = target_error(registration, curve.points)
+    curve, registration, diagnosis = matched.curve, matched.registration, matched.diagnosis
+    refined = None if touched is None else touch(curve, registration, touched, tip_radius)
+    final = registration if refined is None else refined.registration
+    error = target_error(final, curve.points)
     if settings.max_tre_m is not None:
         check_max_tre(error, settings.max_tre_m)
-    guarded, making, margin = add_margin(curve, registration, settings)
+    guarded, making, margin = add_margin(curve, final, settings)
     fixture, carried = build_fixture(
-        guarded, registration, making, _hashes(markers, markers2), matched.pairs.target_frame
+        guarded,
+        final,
+        making,
+        _hashes(markers=markers, markers2=markers2, touched=touched),
+        matched.pairs.target_frame,
+        matched.slice_axes,
     )
     fixture = _note_left_out(fixture, registration)
     report = describe_registration(registration, curve.points, diagnosis=diagnosis, error=error)
@@ -98,16 +112,18 @@ def register(
         report["markers_found"] = [asdict(marker) for marker in matched.found]
     if margin is not None:
         report["margin"] = margin.report
+    if refined is not None:
+        report |= {"T_robot_image": final.T_target_source, "touched": refined.report}
     report["elapsed_s"] = time.perf_counter() - started
     doubt = size_doubt(fixture.points)
     warnings = (
         *diagnosis.warnings,
-        *error.warnings,
+        *(error.warnings if refined is None else refined.warnings),
         *matched.warnings,
         *capped(choice_of(guarded, making)),
         *((doubt,) if doubt else ()),
     )
-    return Planned(fixture, registration, report, warnings)
+    return Planned(fixture, final, report, warnings)
 
 
 def build_fixture(
@@ -116,8 +132,11 @@ def build_fixture(
     settings: FixtureSettings,
     inputs: dict[str, str],
     frame: Frame = "robot_base",
+    slice_axes: NDArray[np.float64] | None = None,
 ) -> tuple[Fixture, Carried]:
     """The fixture, and what became of the curve's points on the way.
+
+    `slice_axes` (3, 2) span the slice in the source frame, where that is not the image itself.
 
     Only in the robot's frame a bundle holds its slice and its registration (docs/format.md).
     """
@@ -132,7 +151,9 @@ def build_fixture(
         sigma=carried.sigma,
         curve=carried.curve,
         image=curve.image if in_robot else None,
-        rendering=_rendering(carried.points, settings, registration, choice, curve.mesh),
+        rendering=_rendering(
+            carried.points, settings, registration, choice, curve.mesh, slice_axes
+        ),
         registration=registration.record(carried.source, source_frame=curve.frame)
         if in_robot
         else None,
@@ -168,11 +189,12 @@ def _rendering(
     registration: Registration,
     choice: Choice | None,
     mesh: NDArray[np.int32] | None,
+    slice_axes: NDArray[np.float64] | None,
 ) -> Rendering:
     from vfplan.bundle import mesh_band
     from vfplan.engine.parameters import ProxyParameters
 
-    axis = ignored_axis(settings.ignore_axis, registration)
+    axis = ignored_axis(settings.ignore_axis, registration, slice_axes)
     band = choice and choice.band_m
     if mesh is not None:
         band = mesh_band(points, mesh, settings.contact_radius + settings.point_radius)
@@ -194,7 +216,11 @@ def _rendering(
     )
 
 
-def ignored_axis(choice: str | None, registration: Registration) -> NDArray[np.float64] | None:
+def ignored_axis(
+    choice: str | None,
+    registration: Registration,
+    slice_axes: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64] | None:
     """(3,) unit vector along which the fixture is infinite; `None` for a fixture in space.
 
     A drawn slice is extruded along its plane's normal unless told otherwise, as the paper ignores
@@ -202,7 +228,9 @@ def ignored_axis(choice: str | None, registration: Registration) -> NDArray[np.f
 
     Raises `SettingError` for an axis that would collapse the slice, or a normal of no slice.
     """
-    planar = registration.source.shape[1] == 2
+    T = registration.T_target_source
+    columns = T[:3, :2] if slice_axes is None else T[:3, :3] @ slice_axes
+    planar = slice_axes is not None or registration.source.shape[1] == 2
     choice = choice or ("normal" if planar else "none")
     if choice == "none":
         return None
@@ -210,7 +238,6 @@ def ignored_axis(choice: str | None, registration: Registration) -> NDArray[np.f
         if choice == "normal":
             raise SettingError("a curve in space has no slice normal; ignore x, y, z or none")
         return np.eye(3)["xyz".index(choice)]
-    columns = registration.T_target_source[:3, :2]
     normal = np.cross(columns[:, 0], columns[:, 1])
     normal /= np.linalg.norm(normal)
     if choice == "normal":
@@ -246,7 +273,5 @@ def describe_fixture(
     return report
 
 
-def _hashes(markers: str | Path, markers2: str | Path | None) -> dict[str, str]:
-    if markers2 is None:
-        return {"markers": file_sha256(markers)}
-    return {"markers": file_sha256(markers), "markers2": file_sha256(markers2)}
+def _hashes(**files: str | Path | None) -> dict[str, str]:
+    return {role: file_sha256(path) for role, path in files.items() if path is not None}

@@ -118,12 +118,13 @@ class Orthogonal:
             root = np.sqrt(w).reshape(-1, 1)
             residual = (y - x @ m.T).reshape(-1, 1)
             step = np.linalg.lstsq(root * marker_rows(x) @ g, root * residual, rcond=None)[0][:, 0]
-            m = self._moved(m, step)
+            m = self.moved(m, step)
             if np.abs(step[:3]).max() < 1e-15 and np.abs(step[6:]).sum() < 1e-15:
                 break
         return m
 
-    def _moved(self, m: Array, step: Array) -> Array:
+    def moved(self, m: Array, step: Array) -> Array:
+        """M after a rotation, a translation (and log scale) as in `tangent`."""
         k = self.dimension
         linear = rotation(step[:3]) @ m[:, :k]
         if self.scale is None:

@@ -1,0 +1,88 @@
+"""A slice that knows its place in the patient is registered by the patient's markers."""
+
+import json
+
+import numpy as np
+import pytest
+from captures import CURVE, PICTURE, capture
+from drawing import normal_errors
+
+import vfplan
+from vfplan.errors import MarkerError, SettingError
+from vfplan.planning import ExtractSettings, FixtureSettings, extract, plan, register
+
+PIXEL = 0.35
+C, S = np.cos(0.3), np.sin(0.3)
+AXES = np.array([[1, 0, 0], [0, C, S]])
+CORNER = np.array([-40.0, 12.5, 130.25])
+PLACED = {
+    "PixelSpacing": [PIXEL, PIXEL],
+    "ImageOrientationPatient": [f"{x:.10f}" for x in AXES.ravel()],
+    "ImagePositionPatient": [float(x) for x in CORNER],
+}
+MARKS = np.array([[-30, 20, 120], [40, 15, 160], [0, 70, 135], [20, 30, 100], [-35, 60, 170.0]])
+TURN = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
+SHIFT = np.array([0.5, 0.2, 0.1])
+RIGID = FixtureSettings(model="rigid")
+
+
+def robot(points_mm):
+    return 1e-3 * points_mm @ TURN.T + SHIFT
+
+
+@pytest.fixture
+def markers(tmp_path):
+    points = [{"id": str(k), "label": f"m{k}", "position": p.tolist()} for k, p in enumerate(MARKS)]
+    markup = {"type": "Fiducial", "coordinateSystem": "LPS", "controlPoints": points}
+    schema = "https://x/Schema/markups-schema-v1.0.3.json#"
+    (tmp_path / "m.mrk.json").write_text(json.dumps({"@schema": schema, "markups": [markup]}))
+    rng = np.random.default_rng(1)
+    touched = robot(MARKS) + rng.normal(0, 1e-9, MARKS.shape)
+    rows = [f"m{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(touched.tolist())]
+    (tmp_path / "m.csv").write_text("\n".join(["label,x_m,y_m,z_m", *rows]))
+    return tmp_path / "m.mrk.json", tmp_path / "m.csv"
+
+
+def test_a_slice_is_planned_by_the_patients_markers(markers, tmp_path):
+    path = capture(tmp_path, **PLACED)
+    made = plan(path, *markers, settings=RIGID)
+    fixture = made.fixture
+    assert fixture.frame == "robot_base"
+    assert fixture.registration.source_frame == "patient_lps"
+    # Back through the slice's own geometry, by hand: the drawn curve, to a few hundredths of a px.
+    patient = (fixture.points - SHIFT) @ TURN * 1e3
+    pixels = (patient - CORNER) @ AXES.T / PIXEL
+
+    assert np.sqrt((normal_errors(pixels, CURVE, False) ** 2).mean()) < 0.05
+    assert np.abs((patient - CORNER) @ np.cross(*AXES)).max() < 1e-3
+    # Extruded along the slice's normal, as a drawn slice is.
+    assert abs(fixture.ignore_axis @ (np.cross(*AXES) @ TURN.T)) == pytest.approx(1, abs=1e-6)
+    assert made.fixture.sigma.max() < 1e-4
+
+
+def test_register_takes_the_slice_beside_the_curve(markers, tmp_path):
+    path = capture(tmp_path, **PLACED)
+    curve = extract(path, ExtractSettings()).fixture
+    assert curve.frame == "image"
+    with pytest.raises(MarkerError, match=r"the curve in 'image': give the DICOM slice .*--image"):
+        register(curve, *markers, RIGID)
+    image = vfplan.read_image(path)
+    both = register(curve, *markers, RIGID, image=image).fixture.points
+    assert np.array_equal(both, plan(path, *markers, settings=RIGID).fixture.points)
+
+
+def test_what_does_not_place_the_slice_is_refused(markers, tmp_path):
+    skew = PLACED | {"ImageOrientationPatient": [1, 0, 0, 0.1, 1, 0]}
+    with pytest.raises(MarkerError, match="does not say soundly where it lies"):
+        plan(capture(tmp_path, **skew), *markers, settings=RIGID)
+    path = capture(tmp_path, **PLACED)
+    other = ExtractSettings(pixel_spacing_mm=(0.4, 0.4))
+    with pytest.raises(SettingError, match=r"0\.4 mm, that of the slice .* 0\.35, 0\.35 mm"):
+        plan(path, *markers, settings=RIGID, extraction=other)
+
+
+def test_the_place_is_that_of_the_first_pixels_centre(tmp_path):
+    place = vfplan.read_image(capture(tmp_path, PICTURE, **PLACED)).T_patient_image
+    assert place[:3, 2] == pytest.approx(1e-3 * CORNER, abs=1e-12)
+    u = place @ [100, 0, 1]
+    assert u[:3] == pytest.approx(1e-3 * (CORNER + 100 * PIXEL * AXES[0]), abs=1e-9)

@@ -1,0 +1,141 @@
+"""Points touched on a bone refine a registration: as well as predicted, or refused."""
+
+import bones
+import numpy as np
+import pytest
+
+from vfplan.errors import MarkerError, SettingError
+from vfplan.registration import fit_registration
+from vfplan.registration.nearest import NearestOnMesh
+from vfplan.registration.touching import refine_by_touch
+from vfplan.surface import SurfaceSettings, surface
+
+MARKS = 1e-3 * np.array(
+    [[20, 0, -30], [-20, 5, -10], [10, 25, 20], [-12, -20, 36], [14, -22, 8.0], [30, 4, 12]]
+)
+C, S = np.cos(0.7), np.sin(0.7)
+R_TRUE = np.array([[C, -S, 0], [S, C, 0], [0, 0, 1]]) @ np.array([[1, 0, 0], [0, C, S], [0, -S, C]])
+SHIFT = np.array([0.45, -0.1, 0.3])
+
+
+def robot(points):
+    return points @ R_TRUE.T + SHIFT
+
+
+@pytest.fixture(scope="module")
+def bone(tmp_path_factory):
+    path = tmp_path_factory.mktemp("bone") / "s.dcm"
+    bones.write_rtstruct(path, bones.outlines(bones.BENT, 5))
+    return surface(path, settings=SurfaceSettings(tolerance_m=4e-4)).fixture
+
+
+def marked(rng, error=1e-3):
+    """A registration by markers whose places are off by `error` an axis [m]."""
+    target = robot(MARKS) + rng.normal(0, error, MARKS.shape)
+    return fit_registration(MARKS, target, model="rigid")
+
+
+def touches(bone, rng, count, where, noise=1e-4):
+    """Places on the true bone that a robot touched."""
+    chosen = np.flatnonzero(where(1e3 * bone.points))
+    return robot(bone.points[rng.choice(chosen, count)]) + rng.normal(0, noise, (count, 3))
+
+
+def flank(points):
+    return (np.abs(points[:, 2]) < 30) & (points[:, 0] > -5)
+
+
+def off(registration, bone):
+    return np.linalg.norm(registration.apply(bone.points) - robot(bone.points), axis=1)
+
+
+def test_touching_brings_the_surface_where_it_is(bone):
+    rng = np.random.default_rng(7)
+    start = marked(rng)
+    found = refine_by_touch(start, touches(bone, rng, 60, flank), bone.points, bone.mesh)
+    assert np.sqrt((off(start, bone) ** 2).mean()) > 5e-4
+    assert np.sqrt((off(found.registration, bone) ** 2).mean()) < 1.5e-4
+    assert found.used.all()
+    assert 5e-5 < found.rms_m < 2e-4
+    assert found.held > 0.03
+
+
+def test_the_predicted_error_is_the_error(bone):
+    """Over repetitions: mean square error against its prediction, and the share of the bound."""
+    rng = np.random.default_rng(11)
+    squares, predicted, inside = [], [], []
+    for _ in range(20):
+        found = refine_by_touch(
+            marked(rng, 5e-4), touches(bone, rng, 40, flank), bone.points, bone.mesh
+        ).registration
+        away = off(found, bone)
+        at = bone.points[::97]
+        squares.append((away**2).mean())
+        predicted.append((found.tre_m(at) ** 2).mean())
+        inside.append((away[::97] <= found.tre95_m(at)).mean())
+    assert 0.7 < np.sqrt(np.mean(squares) / np.mean(predicted)) < 1.4
+    assert np.mean(inside) > 0.8
+
+
+def test_what_touched_something_else_is_left_out(bone):
+    rng = np.random.default_rng(3)
+    points = touches(bone, rng, 60, flank)
+    points[[5, 17, 40]] += [[4e-3, 0, 0], [0, -3e-3, 2e-3], [0, 0, 5e-3]] @ R_TRUE.T
+    found = refine_by_touch(marked(rng), points, bone.points, bone.mesh)
+    assert not found.used[[5, 17]].any()
+    assert found.used.sum() > 50
+    bound = found.registration.tre95_curve_m(bone.points)
+    assert bound.max() < 1.5e-3
+    assert (off(found.registration, bone) <= bound).all()
+
+
+def test_a_ball_tip_touches_with_its_radius(bone):
+    rng = np.random.default_rng(5)
+    rows = rng.choice(np.flatnonzero(flank(1e3 * bone.points)), 60)
+    step = 1e-6
+    level = bones.BENT.level
+    at = 1e3 * bone.points[rows]
+    normal = np.stack(
+        [(level(at + step * e) - level(at - step * e)) / step for e in np.eye(3)], axis=1
+    )
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    centres = robot(bone.points[rows] + 1.5e-3 * normal)
+    found = refine_by_touch(marked(rng), centres, bone.points, bone.mesh, tip_radius=1.5e-3)
+    assert np.sqrt((off(found.registration, bone) ** 2).mean()) < 1e-4
+
+
+def test_a_patch_that_leaves_a_motion_free_is_refused(bone):
+    rng = np.random.default_rng(2)
+
+    def cap(points):  # a flat end: it holds three motions of six
+        return points[:, 2] > 39.49
+
+    with pytest.raises(MarkerError, match=r"does not hold the bone: (sliding|turning) a"):
+        refine_by_touch(marked(rng), touches(bone, rng, 50, cap), bone.points, bone.mesh)
+
+
+def test_points_nowhere_near_the_bone_are_refused(bone):
+    rng = np.random.default_rng(1)
+    points = touches(bone, rng, 30, flank)
+    with pytest.raises(MarkerError, match="is a unit or a frame wrong"):
+        refine_by_touch(marked(rng), 1e3 * points, bone.points, bone.mesh)
+    with pytest.raises(MarkerError, match="11 touched points; 12 to 100000"):
+        refine_by_touch(marked(rng), points[:11], bone.points, bone.mesh)
+    affine = fit_registration(MARKS, robot(MARKS) + rng.normal(0, 1e-4, MARKS.shape))
+    with pytest.raises(SettingError, match="give --model rigid"):
+        refine_by_touch(affine, points, bone.points, bone.mesh)
+
+
+def test_the_nearest_place_on_a_mesh_is_the_nearest(bone):
+    """Against all triangles, one by one."""
+    rng = np.random.default_rng(4)
+    from vfplan.registration.nearest import on_triangles
+
+    places = bone.points[rng.integers(0, len(bone.points), 60)] + rng.normal(0, 2e-3, (60, 3))
+    found, rows = NearestOnMesh(bone.points, bone.mesh)(places)
+    corners = bone.points[bone.mesh]
+    for place, near, row in zip(places, found, rows, strict=True):
+        all_of_them = on_triangles(np.broadcast_to(place, (len(corners), 3)), corners)
+        best = np.linalg.norm(all_of_them - place, axis=1).min()
+        assert np.linalg.norm(near - place) <= best + 1e-5
+        assert np.allclose(on_triangles(place[None], corners[row : row + 1])[0], near)

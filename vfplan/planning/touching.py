@@ -1,0 +1,82 @@
+"""Points touched on a surface refine its registration, held against what the markers said."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vfplan.errors import MarkerError, SettingError
+from vfplan.fixture import Fixture
+from vfplan.registration.result import Registration
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A registration refined by touch, with its part of the report."""
+
+    registration: Registration
+    report: dict[str, Any]
+    warnings: tuple[str, ...]
+
+
+def touch(
+    curve: Fixture, registration: Registration, path: str | Path, tip_radius: float
+) -> Refined:
+    """Refine the registration of a surface by the points in a file.
+
+    Raises
+    ------
+    SettingError
+        The fixture is no surface, the registration is not rigid, or the radius is out of range.
+    MarkerError
+        The file cannot be read, or its points do not hold the bone.
+    """
+    from vfplan.markers.touched import read_touched
+    from vfplan.registration.touching import refine_by_touch
+
+    if curve.mesh is None:
+        raise SettingError("touched points refine the registration of a surface; this is none")
+    if not 0 <= tip_radius < 0.05:
+        raise SettingError(f"tip radius {1e3 * tip_radius:g} mm; 0 to 50 mm are allowed")
+    points = read_touched(path)
+    try:
+        found = refine_by_touch(registration, points, curve.points, curve.mesh, tip_radius)
+    except MarkerError as error:
+        raise MarkerError(error.message, where=str(path)) from None
+    moved = np.linalg.norm(
+        found.registration.apply(curve.points) - registration.apply(curve.points), axis=1
+    )
+    bound = registration.tre95_curve_m(curve.points)
+    beyond = float((moved / np.maximum(bound, 1e-12)).max())
+    stray = np.flatnonzero(~found.used)
+    report = {
+        "points": len(points),
+        "left_out": stray + 1,
+        "rms_m": found.rms_m,
+        "before_rms_m": float(np.sqrt((found.before_m[found.used] ** 2).mean())),
+        "held": found.held,
+        "moved_max_m": float(moved.max()),
+        "moved_over_markers_bound95": beyond,
+        "tip_radius_m": tip_radius,
+    }
+    return Refined(found.registration, report, _warnings(report))
+
+
+def _warnings(report: dict[str, Any]) -> tuple[str, ...]:
+    told = []
+    if len(report["left_out"]):
+        rows = ", ".join(map(str, report["left_out"][:8]))
+        told.append(
+            f"{len(report['left_out'])} of {report['points']} touched points lie off the surface "
+            f"and are left out: {rows}{', ...' if len(report['left_out']) > 8 else ''}"
+        )
+    if report["moved_over_markers_bound95"] > 1:
+        told.append(
+            f"touching moves the surface by up to {1e3 * report['moved_max_m']:.3f} mm, "
+            f"{report['moved_over_markers_bound95']:.1f} times what the markers' 95 % bound "
+            "allows: did a marker move, or is something else touched?"
+        )
+    return tuple(told)
