@@ -16,6 +16,34 @@ FRAMES: tuple[Frame, ...] = ("image", "robot_base", "patient_lps")
 
 
 @dataclass(frozen=True, eq=False)
+class Pieces:
+    """A curve as lines and arcs from vertex to vertex; neighbours share theirs: there is no gap.
+
+    Parameters
+    ----------
+    vertices
+        (V, 3) float64, in the unit of the fixture's points.
+    bulges
+        (V,) tan(sweep / 4) of the piece from each vertex to the next of its stroke: 0 for a line,
+        positive where the arc turns left seen with the fixture's ignored axis pointing to the
+        viewer (in the frame "image": from u to v); from -1 to 1, a half circle. 0 at the last
+        vertex of an open stroke.
+    stroke
+        (V,) int32, the stroke of each vertex, 0..S-1, never decreasing.
+    closed
+        (S,) bool, whether a stroke's last piece leads back to its first vertex.
+    error
+        How far the measured curve lies from the pieces at most, in the unit of the vertices.
+    """
+
+    vertices: NDArray[np.float64]
+    bulges: NDArray[np.float64]
+    stroke: NDArray[np.int32]
+    closed: NDArray[np.bool_]
+    error: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
 class Curve:
     """How a fixture's points were drawn: in strokes, in order.
 
@@ -28,11 +56,14 @@ class Curve:
         (S,) bool, whether a stroke's last point joins its first.
     bridged
         (N,) bool, points that lie on a bridged pen lift; `None` when nothing was bridged.
+    pieces
+        The same strokes as lines and arcs; `None` where they are known by their points alone.
     """
 
     stroke: NDArray[np.int32]
     closed: NDArray[np.bool_]
     bridged: NDArray[np.bool_] | None = None
+    pieces: Pieces | None = None
 
 
 @dataclass(frozen=True)

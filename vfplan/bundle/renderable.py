@@ -6,9 +6,13 @@ range (docs/engine.md). A bundle outside it is sound, and no robot renders it.
 
 from __future__ import annotations
 
-from vfplan.engine.parameters import ProxyParameters
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.engine.checks import Vector, check_points
+from vfplan.engine.parameters import ProxyParameters, Rule
 from vfplan.errors import SceneError, SettingError
-from vfplan.fixture import Fixture
+from vfplan.fixture import Fixture, Pieces
 
 
 def check_renderable(fixture: Fixture) -> None:
@@ -33,3 +37,32 @@ def check_renderable(fixture: Fixture) -> None:
         )
     except SettingError as error:
         raise SceneError(f"no engine renders it: {error.message}") from error
+
+
+def best_rule(fixture: Fixture) -> Rule:
+    """The rule nearest to the truth: "exact" where lines and arcs across an axis are known."""
+    known = fixture.curve is not None and fixture.curve.pieces is not None
+    return "exact" if known and fixture.ignore_axis is not None else "robust"
+
+
+def check_pieces(pieces: Pieces) -> tuple[Vector, Vector, NDArray[np.int32], NDArray[np.uint8]]:
+    """Vertices (V, 3), bulges (V,), strokes (V,) and closed (S,) as the engine takes them.
+
+    Raises
+    ------
+    SceneError
+        Shapes that do not fit, a bulge beyond a half circle, strokes that are not 0, 1, ... in
+        order.
+    """
+    vertices = check_points(pieces.vertices)
+    bulges = np.array(pieces.bulges, np.float64)
+    stroke, closed = np.asarray(pieces.stroke), np.asarray(pieces.closed)
+    if bulges.shape != (len(vertices),) or stroke.shape != (len(vertices),):
+        found = f"{bulges.shape} bulges and {stroke.shape} strokes"
+        raise SceneError(f"{found}: allowed is one of each for {len(vertices)} vertices")
+    most = float(np.abs(bulges).max())
+    if not most <= 1:  # also where it is no number
+        raise SceneError(f"bulge {most:g}: allowed is up to 1, a half circle")
+    if not np.array_equal(np.unique(stroke), np.arange(len(closed))) or np.any(np.diff(stroke) < 0):
+        raise SceneError(f"strokes of vertices: allowed are 0 to {len(closed) - 1}, in order")
+    return vertices, bulges, stroke.astype(np.int32), closed.astype(np.uint8)

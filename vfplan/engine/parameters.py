@@ -18,9 +18,11 @@ from vfplan.engine.checks import LIMIT, Vector, check_axis, check_points, check_
 from vfplan.engine.spacing import cloud_spacing
 from vfplan.errors import SettingError
 
-Rule = Literal["robust", "paper"]
+Rule = Literal["robust", "paper", "exact"]
 RULES: tuple[Rule, ...] = get_args(Rule)
 
+# Of R, and of the largest coordinate: what roundings may take from the clearance of rule "exact".
+EXACT_BAND = 1e-7
 PAPER_BAND = 10e-6  # r2 - rc = rc - r1 of Algorithm 1 [m]
 
 # What float64 serves among coordinates of up to 1e6 m. Squares of such radii neither under- nor
@@ -100,7 +102,7 @@ class ProxyParameters:
     Parameters
     ----------
     rule
-        "robust" or "paper".
+        "robust", "paper" or "exact".
     contact_radius, band, point_radius, outer_radius
         r_c, r2 - r_c, r_v and r3 [m].
     gain
@@ -173,17 +175,17 @@ class ProxyParameters:
         Parameters
         ----------
         points
-            (N, 3) cloud [m]; the default band follows from its spacing.
+            (N, 3) cloud [m]; the default band follows from its spacing. Rule "exact": vertices.
         contact_radius, point_radius
             r_c from 1e-9 to 1e6 and r_v from 0 to 1e6 [m].
         band
             r2 - r_c = r_c - r1 [m], from 1e-8 (r_c + r_v) to r_c, and at least 2.2e-12 of the
             largest coordinate. `None`: the paper's 10 µm, or the cloud's dimple depth if that is
-            more (`default_band`); rule "paper": 10 µm.
+            more (`default_band`); rule "paper": 10 µm; rule "exact": what roundings take.
         stiffness
             K [N/m] > 0, one number or one an axis.
         rule
-            "robust" or "paper".
+            "robust", "paper" or "exact".
         ignore_axis
             `None`, "x", "y", "z" or a (3,) direction (normalised here).
         outer_radius
@@ -205,14 +207,18 @@ class ProxyParameters:
         rc = number("contact_radius", rc, "m", least=SMALLEST_RADIUS, most=LARGEST_RADIUS)
         rv = number("point_radius", point_radius, "m", least=0.0, most=LARGEST_RADIUS)
         axis = check_axis(ignore_axis)
-        if band is None:
+        far = float(np.abs(points).max())
+        least = ROUNDINGS_A_BAND * float(np.finfo(float).eps) * far
+        if rule == "exact":
+            if axis is None:
+                raise SettingError("rule 'exact' is planar: ignore_axis None; allowed is an axis")
+            band = max(EXACT_BAND * (rc + rv), least)
+        elif band is None:
             band = PAPER_BAND if rule == "paper" else default_band(points, rc, rv, axis)
         band = number("band", band, "m", above=0.0, most=rc, why="at most contact_radius")
         if not rc - band < rc + band:
             raise SettingError(f"band {band:g} m: r1 must be less than r2 (r_c = {rc:g} m)")
         band = number("band", band, "m", least=FINEST_BAND * (rc + rv), why="1e-8 (r_c + r_v)")
-        far = float(np.abs(points).max())
-        least = ROUNDINGS_A_BAND * float(np.finfo(float).eps) * far
         why = f"1e4 roundings of the largest coordinate, {far:g} m"
         band = number("band", band, "m", least=least, why=why)
         r3 = 2 * rc if outer_radius is None else outer_radius

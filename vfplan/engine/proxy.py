@@ -14,7 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from vfplan import _core
 from vfplan.engine.checks import check_hip, check_path, check_points
 from vfplan.engine.parameters import ProxyParameters, Rule, Status, Step, Trace
-from vfplan.errors import SettingError
+from vfplan.engine.renderable import best_rule, check_pieces, check_renderable
+from vfplan.errors import SceneError, SettingError
+from vfplan.fixture import Fixture, Pieces
 
 Search = Literal["auto", "grid", "brute"]
 MAX_ITERATIONS = 16  # of the robust rule, a tick
@@ -65,6 +67,8 @@ class ProxyEngine:
         search: Search = "auto",
         simd_width: int | None = None,
     ) -> None:
+        if rule == "exact":
+            raise SettingError("rule 'exact' renders a curve, not points: use ProxyEngine.of")
         cloud = check_points(points)
         self.parameters = ProxyParameters.make(
             cloud,
@@ -82,6 +86,86 @@ class ProxyEngine:
         native = _native(self.parameters, _iterations(max_iterations), search)
         self._points = len(cloud)
         self._engine = _core.Engine(cloud, native, WIDTHS[simd_width])
+
+    @classmethod
+    def of(cls, fixture: Fixture, rule: Rule | None = None) -> ProxyEngine:
+        """The engine of a fixture, with the rendering that the fixture asks for.
+
+        Parameters
+        ----------
+        fixture
+            One with rendering parameters.
+        rule
+            `None`: "exact" where the fixture knows its curve, else "robust". Rule "paper" has its
+            own band.
+
+        Raises
+        ------
+        SceneError
+            No rendering, one that no engine takes, or rule "exact" without a curve of pieces.
+        """
+        check_renderable(fixture)
+        rule = rule or best_rule(fixture)
+        settings = {
+            "contact_radius": fixture.contact_radius,
+            "point_radius": fixture.point_radius,
+            "stiffness": fixture.stiffness,
+            "ignore_axis": fixture.ignore_axis,
+        }
+        if rule == "exact":
+            if best_rule(fixture) != "exact":
+                raise SceneError("rule 'exact': needs a curve of lines and arcs, and an axis")
+            return cls.along(fixture.curve.pieces, **settings)
+        band = None if rule == "paper" else fixture.band
+        iterations = fixture.max_iterations
+        return cls(fixture.points, rule=rule, band=band, max_iterations=iterations, **settings)
+
+    @classmethod
+    def along(
+        cls,
+        pieces: Pieces,
+        contact_radius: float = 5e-3,
+        point_radius: float = 0.0,
+        stiffness: float | ArrayLike = 1000.0,
+        ignore_axis: str | ArrayLike | None = "z",
+        outer_radius: float | None = None,
+    ) -> ProxyEngine:
+        """Rule "exact": an engine that renders lines and arcs as they are.
+
+        Parameters
+        ----------
+        pieces
+            The curve [m].
+        contact_radius, point_radius, stiffness, ignore_axis, outer_radius
+            As for the class; an axis must be ignored.
+
+        Raises
+        ------
+        SettingError
+            A parameter outside its range.
+        SceneError
+            Vertices, bulges or strokes that are no curve.
+        """
+        vertices, bulges, stroke, closed = check_pieces(pieces)
+        self = cls.__new__(cls)
+        self.parameters = ProxyParameters.make(
+            vertices,
+            contact_radius=contact_radius,
+            point_radius=point_radius,
+            stiffness=stiffness,
+            rule="exact",
+            ignore_axis=ignore_axis,
+            outer_radius=outer_radius,
+        )
+        native = _native(self.parameters, MAX_ITERATIONS, "auto")
+        self._points = len(vertices)
+        self._engine = _core.Engine(vertices, bulges, stroke, closed, native)
+        return self
+
+    @property
+    def rule(self) -> Rule:
+        """Which rule moves the proxy."""
+        return self.parameters.rule
 
     @property
     def left_out(self) -> dict[str, int]:
@@ -122,9 +206,9 @@ class ProxyEngine:
         return Trace(*answer), 1e6 * seconds
 
     def distance(self, positions: ArrayLike) -> NDArray[np.float64]:
-        """Distance (T,) [m] of `positions` (T, 3) [m] to the nearest point, across an ignored axis.
+        """Distance (T,) [m] of `positions` (T, 3) [m] to the fixture, across an ignored axis.
 
-        A proxy's clearance is this less R = r_c + r_v.
+        To the curve itself under rule "exact", else to the nearest point. A proxy's clearance is this less R = r_c + r_v.
         """
         return self._engine.distance(check_path(positions))
 

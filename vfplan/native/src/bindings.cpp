@@ -23,6 +23,24 @@ struct Serving : Turn {
     explicit Serving(Engine& engine) : Turn(engine.busy, "ProxyEngine", "engine") {}
 };
 
+using Numbers = nb::ndarray<const double, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Ids = nb::ndarray<const std::int32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Flags = nb::ndarray<const std::uint8_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+
+std::vector<vfplan::Stroke> strokes(const Rows& vertices, const Numbers& bulges, const Ids& stroke,
+                                    const Flags& closed) {
+    if (bulges.shape(0) != vertices.shape(0) || stroke.shape(0) != vertices.shape(0))
+        throw std::invalid_argument("vfplan: a bulge and a stroke a vertex");
+    std::vector<vfplan::Stroke> all(closed.shape(0));
+    for (std::size_t s = 0; s < all.size(); ++s) all[s].closed = closed(s) != 0;
+    for (std::size_t i = 0; i < vertices.shape(0); ++i) {
+        vfplan::Stroke& s = all.at(static_cast<std::size_t>(stroke(i)));
+        s.vertices.insert(s.vertices.end(), {vertices(i, 0), vertices(i, 1), vertices(i, 2)});
+        s.bulges.push_back(bulges(i));
+    }
+    return all;
+}
+
 nb::tuple step(Engine& engine, const Row& hip) {
     const Serving turn(engine);
     const vfplan::Step s = engine.step(vec(hip));
@@ -86,7 +104,8 @@ NB_MODULE(_core, m) {
 
     nb::enum_<vfplan::Rule>(m, "Rule")
         .value("robust", vfplan::Rule::robust)
-        .value("paper", vfplan::Rule::paper);
+        .value("paper", vfplan::Rule::paper)
+        .value("exact", vfplan::Rule::exact);
     nb::enum_<vfplan::Search>(m, "Search")
         .value("auto", vfplan::Search::automatic)
         .value("grid", vfplan::Search::grid)
@@ -115,6 +134,13 @@ NB_MODULE(_core, m) {
                     Engine(points.data(), points.shape(0), p, static_cast<vfplan::Width>(width));
             },
             "points"_a, "parameters"_a, "width"_a = 0)
+        .def(
+            "__init__",
+            [](Engine* self, const Rows& vertices, const Numbers& bulges, const Ids& stroke,
+               const Flags& closed, const vfplan::Parameters& p) {
+                new (self) Engine(strokes(vertices, bulges, stroke, closed), p);
+            },
+            "vertices"_a, "bulges"_a, "stroke"_a, "closed"_a, "parameters"_a)
         .def(
             "reset",
             [](Engine& e, const Row& hip) {

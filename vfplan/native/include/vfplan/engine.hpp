@@ -13,6 +13,7 @@
 #include <memory>
 #include <utility>
 
+#include "vfplan/curve/exact.hpp"
 #include "vfplan/paper.hpp"
 #include "vfplan/robust.hpp"
 #include "vfplan/space.hpp"
@@ -80,10 +81,29 @@ class Engine {
     /// `xyz`: n points [m], x y z of each in turn. Throws std::invalid_argument.
     Engine(const double* xyz, std::size_t n, const Parameters& p, Width width = Width::automatic) {
         check(p);
+        if (p.rule == Rule::exact)
+            throw std::invalid_argument("vfplan: rule exact renders a curve, not points");
         if (p.ignore_axis)
             choose_rule(Slice(*p.ignore_axis), xyz, n, p, width);
         else
             choose_rule(Space{}, xyz, n, p, width);
+    }
+
+    /// A drawn curve, rendered as it is: rule `exact`, across p.ignore_axis. Of the parameters, band
+    /// and gain have no part. Throws std::invalid_argument.
+    Engine(const std::vector<Stroke>& strokes, Parameters p) {
+        p.rule = Rule::exact;
+        p.band = curve::ExactRule::band(p, strokes);
+        check(p);
+        check(strokes);
+        if (!p.ignore_axis)
+            throw std::invalid_argument("vfplan: rule exact needs an ignore_axis: it is planar");
+        const Slice space(*p.ignore_axis);
+        curve::ExactRule rule(curve::Curve(strokes, space, p.R()), p);
+        with_stiffness(p, [&](auto stiffness) {
+            using Made = Lines<decltype(stiffness)>;
+            made_ = std::make_unique<Made>(space, std::move(rule), stiffness);
+        });
     }
 
     /// Puts the proxy at `hip` [m], wherever that is. A bad HIP (not finite, or beyond 1e6 m)
@@ -141,6 +161,22 @@ class Engine {
         }
     };
 
+    template <class K>
+    struct Lines final : Any {
+        Slice space;
+        BasicEngine<Slice, curve::ExactRule, K> engine;
+
+        Lines(Slice s, curve::ExactRule rule, K k) : space(s), engine(s, std::move(rule), k) {}
+        void reset(const Vec3& hip) noexcept override { engine.reset(hip); }
+        Step step(const Vec3& hip) noexcept override { return engine.step(hip); }
+        std::size_t bytes() noexcept override { return sizeof(*this) + engine.rule().bytes(); }
+        std::size_t cells() noexcept override { return engine.rule().cells(); }
+        bool planar() noexcept override { return true; }
+        double distance(const Vec3& at) noexcept override {
+            return engine.rule().distance(space.across(at));
+        }
+    };
+
     template <class S>
     void choose_rule(S space, const double* xyz, std::size_t n, const Parameters& p, Width width) {
         const auto cloud = make_cloud(space, xyz, n);
@@ -160,13 +196,19 @@ class Engine {
     void choose_stiffness(S space, const Cloud<S::dimension>& cloud, const Parameters& p,
                           Width width) {
         const auto loops = kernels<S::dimension>(width);
+        with_stiffness(p, [&](auto stiffness) {
+            using Made = Some<S, R, decltype(stiffness)>;
+            made_ = std::make_unique<Made>(space, R(cloud, p, loops), stiffness, loops);
+        });
+    }
+
+    template <class F>
+    static void with_stiffness(const Parameters& p, F&& make) {
         const Vec3& k = p.stiffness;
         if (k[0] == k[1] && k[1] == k[2])
-            made_ = std::make_unique<Some<S, R, ScalarStiffness>>(space, R(cloud, p, loops),
-                                                                  ScalarStiffness{k[0]}, loops);
+            make(ScalarStiffness{k[0]});
         else
-            made_ = std::make_unique<Some<S, R, DiagonalStiffness>>(space, R(cloud, p, loops),
-                                                                    DiagonalStiffness{k}, loops);
+            make(DiagonalStiffness{k});
     }
 
     std::unique_ptr<Any> made_;

@@ -11,7 +11,47 @@
 
 namespace vfplan {
 
-template <int D, class Search>
+/// What a start may be inside of: the balls of radius R around the points of a cloud.
+template <int D>
+class Balls {
+  public:
+    static constexpr double never = std::numeric_limits<double>::infinity();
+
+    Balls(const Kernels<D>& kernels, double radius) noexcept : kernels_(kernels), R_(radius) {}
+
+    /// From the nearest point within R to x; 0 where there is none but at x itself.
+    template <class Search>
+    Vec<D> from_nearest(Search& search, const Vec<D>& x) const noexcept {
+        double least = never;
+        Vec<D> away;
+        search.source().visit(x, R_ * (1 + 1e-6), [&](const Span<D>& s) noexcept {
+            if (!(kernels_.nearest2(s, x) < least)) return;
+            for (std::size_t i = 0; i < s.n; ++i) {
+                Vec<D> w = x;
+                for (int k = 0; k < D; ++k) w.c[k] -= s.c[k][i];
+                const double d2 = dot(w, w);
+                if (d2 < least && d2 > 0) least = d2, away = w;
+            }
+        });
+        return away;
+    }
+    /// Distance from y along d out of all balls that y is in; -infinity in none.
+    template <class Search>
+    double out(Search& search, const Vec<D>& y, const Vec<D>& d) const noexcept {
+        const double inside2 = R_ * R_ * (1 - 1e-9);
+        double s = -never;
+        search.source().visit(y, R_, [&](const Span<D>& span) noexcept {
+            s = std::max(s, kernels_.out(span, y, d, inside2, R_ * R_));
+        });
+        return s;
+    }
+
+  private:
+    Kernels<D> kernels_;
+    double R_;
+};
+
+template <int D, class Search, class Around = Balls<D>>
 class Escape {
   public:
     static constexpr int most_hops = 48;             // from sphere to sphere along the way, a tick
@@ -19,7 +59,7 @@ class Escape {
     static constexpr int most_ticks_to_choose = 1024;
     static constexpr double ramp = 1.0 / 256;  // of R, a tick
 
-    Escape(const Kernels<D>& kernels, double radius) noexcept : kernels_(kernels), R_(radius) {}
+    Escape(const Around& around, double radius) noexcept : around_(around), R_(radius) {}
 
     bool active() const noexcept { return active_; }
     const Vec<D>& way() const noexcept { return way_; }
@@ -66,17 +106,7 @@ class Escape {
     static constexpr double free = -never;
 
     Vec<D> from_nearest(Search& search, const Vec<D>& x) noexcept {
-        double least = never;
-        Vec<D> away;
-        search.source().visit(x, R_ * (1 + 1e-6), [&](const Span<D>& s) noexcept {
-            if (!(kernels_.nearest2(s, x) < least)) return;
-            for (std::size_t i = 0; i < s.n; ++i) {
-                Vec<D> w = x;
-                for (int k = 0; k < D; ++k) w.c[k] -= s.c[k][i];
-                const double d2 = dot(w, w);
-                if (d2 < least && d2 > 0) least = d2, away = w;
-            }
-        });
+        const Vec<D> away = around_.from_nearest(search, x);
         const double r = norm(away);
         return r > 0 ? (1 / r) * away : way_;
     }
@@ -140,17 +170,13 @@ class Escape {
         return never;
     }
 
-    /// Distance from y along d out of all spheres around points that y is in; `free` in none.
+    /// Distance from y along d out of all that y is in; `free` where it is in nothing.
     double hop(Search& search, const Vec<D>& y, const Vec<D>& d) noexcept {
-        const double inside2 = R_ * R_ * (1 - 1e-9);
-        double s = free;
-        search.source().visit(y, R_, [&](const Span<D>& span) noexcept {
-            s = std::max(s, kernels_.out(span, y, d, inside2, R_ * R_));
-        });
+        const double s = around_.out(search, y, d);
         return s == free ? s : s + 1e-12 * R_;
     }
 
-    Kernels<D> kernels_;
+    Around around_;
     double R_;
     bool active_ = false;
     Vec<D> way_, last_;

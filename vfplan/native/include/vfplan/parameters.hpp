@@ -22,7 +22,7 @@ inline constexpr double finest_band = 1e-8;
 /// Roundings of the largest coordinate that a band holds: its hundredth, rest, is a hundred still.
 inline constexpr double roundings_a_band = 1e4;
 
-enum class Rule { robust, paper };
+enum class Rule { robust, paper, exact };
 enum class Search { automatic, grid, brute };
 
 struct Parameters {

@@ -38,7 +38,7 @@ class RobustRule {
           surfaces_(kernels, R_, p.band),
           neighbours_(cloud, reach(), tuned::skin * R_, tuned::cell * R_, kernels),
           travel_(kernels, R_),
-          escape_(kernels, R_),
+          escape_({kernels, R_}, R_),
           handover_(R_),
           touched_(kernels),
           rest_(p.band) {}

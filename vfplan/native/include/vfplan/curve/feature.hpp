@@ -1,0 +1,135 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// What a proxy of radius R can touch of a curve: the side of a line or of an arc, and the ball
+// around a joint. With w = y - base and G(y) = kappa |w|² / 2 - n·w, all three are one:
+//
+//     line   kappa = 0, n its unit normal:           G is the signed distance
+//     arc    kappa > 0, n at base to the centre:     G = d + kappa d² / 2, d > 0 outside
+//     joint  kappa = 1, n = 0:                       G = d² / 2
+//
+// A side forbids low < G < high between the normals at its two ends, a joint G < high everywhere.
+#pragma once
+
+#include <algorithm>
+
+#include "vfplan/curve/way.hpp"
+
+namespace vfplan::curve {
+
+/// A normal of the curve: the feature lies where the other side of it does not begin.
+struct Border {
+    Vec2 at, way;   ///< way: unit, out of the feature; 0 where the feature goes on for ever
+    int next = -1;  ///< the feature beyond
+
+    double beyond(const Vec2& y) const noexcept { return dot(y - at, way); }
+    double met(const Way& path) const noexcept {
+        // Beyond it by a rounding, and on the way out: it is met at once.
+        const double now = std::min(beyond(path.x), 0.0);
+        return (-path.along(now, way, 0)).falls();
+    }
+};
+
+struct Contact {
+    Vec2 normal;     ///< unit, from the curve to the proxy
+    double distance; ///< [m]
+    double bend;     ///< curvature [1/m] of what is as far from the curve, positive round it
+};
+
+struct Feature {
+    Vec2 base, n;
+    double kappa = 0;
+    double high = 0, low = -never;            ///< levels of G
+    double high_slope = 0, low_slope = 0;     ///< of G across them, dG/dd
+    Border border[2];
+    Vec2 least, most;  ///< corners of the box around the piece
+
+    bool joint() const noexcept { return n[0] == 0 && n[1] == 0; }
+    double G(const Vec2& w) const noexcept { return kappa * dot(w, w) / 2 - dot(n, w); }
+    /// Between the feature's borders, or beyond them by no more than `slack` [m].
+    bool beside(const Vec2& y, double slack) const noexcept {
+        return border[0].beyond(y) <= slack && border[1].beyond(y) <= slack;
+    }
+
+    /// Seen from y, which lies beside it and not on it.
+    Contact contact(const Vec2& y) const noexcept {
+        const Vec2 w = y - base, m = kappa * w - n;
+        const double g = G(w), slope = norm(m);
+        if (joint()) return {(1 / slope) * w, slope, 1 / slope};
+        const double side = g >= 0 ? 1 : -1;
+        return {(side / slope) * m, side * 2 * g / (1 + slope), side * kappa / slope};
+    }
+
+    /// Distance of y from the piece where y lies beside it, else `never` [m].
+    double distance(const Vec2& y) const noexcept {
+        const Vec2 w = y - base;
+        if (joint()) return norm(w);
+        if (!beside(y, 0)) return never;
+        return 2 * std::abs(G(w)) / (1 + norm(kappa * w - n));
+    }
+
+    /// Where a way that begins in what the feature forbids comes out of it.
+    double out(const Way& path) const noexcept {
+        const Vec2 w = path.x - base, m = kappa * w - n;
+        const double g = G(w);
+        double t = (-path.along(g - high, m, kappa)).falls();
+        if (joint()) return t;
+        if (low > -never) t = std::min(t, path.along(g - low, m, kappa).falls());
+        for (const Border& b : border) t = std::min(t, b.met(path));
+        return t;
+    }
+};
+
+/// What roundings may do at the height R.
+struct Heights {
+    double slack;    ///< [m]; a way that begins at the height has to get past its own start
+    double deepest;  ///< [m]; what has sunk so far may not sink by a further `slack`
+};
+
+/// Where a way that begins beside the feature first goes lower than the feature allows, up to
+/// `most`; else `never`. One that begins at the height, or below by what roundings take, is let go
+/// on until it is lower by `slack`; `touching` tells that a meeting was such a one.
+inline double sinks(const Feature& f, const Way& path, double most, const Heights& h,
+                    bool& touching) noexcept {
+    const Vec2 w = path.x - f.base, m = f.kappa * w - f.n;
+    const double g = f.G(w);
+    double first = never;
+    const auto wall = [&](Quadratic down, double slope, bool here) noexcept {
+        const bool at_once = here && down.c < h.slack * slope;
+        if (at_once) {
+            if (down.b >= 0 && down.a >= 0) return;
+            if (down.c > -h.deepest * slope)
+                down.c = h.slack * slope;
+            else if (down.b < 0)
+                down.c = 0;
+        }
+        const double t = down.falls();
+        if (!(t <= most && t < first && f.beside(path.at(t), h.slack))) return;
+        first = t;
+        touching = at_once;
+    };
+    wall(path.along(g - f.high, m, f.kappa), f.high_slope, g >= 0);
+    if (f.low > -never) wall(-path.along(g - f.low, m, f.kappa), f.low_slope, g < 0);
+    return first;
+}
+
+/// Where a way first comes beside the feature; `never` where it does not.
+inline double enters(const Feature& f, const Way& path, double slack) noexcept {
+    double t = 0;
+    for (const Border& b : f.border)
+        if (const double off = b.beyond(path.x); off > 0)
+            t = std::max(t, path.along(off, b.way, 0).falls());
+    return t < never && f.beside(path.at(t), slack) ? t : never;
+}
+
+/// Where a way first goes into what the feature forbids; as `sinks`, from anywhere.
+inline double meets(const Feature& f, const Way& path, double most, const Heights& h,
+                    bool& touching) noexcept {
+    touching = false;
+    if (f.beside(path.x, 0)) return sinks(f, path, most, h, touching);
+    const double t = enters(f, path, h.slack);
+    if (!(t <= most)) return never;
+    const double sum = path.on(t, sinks(f, path.from(t), most, h, touching));
+    return sum <= most ? sum : never;
+}
+
+}  // namespace vfplan::curve
