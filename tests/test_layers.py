@@ -15,6 +15,8 @@ LAYERS = [
     ["engine.spacing", "robot"],
     ["engine"],
     ["fixture", "images", "session"],
+    ["engine.renderable"],
+    ["engine.proxy"],
     ["markers"],
     ["registration", "bundle", "reference", "study.scenes"],
     ["markers.finding", "curve"],

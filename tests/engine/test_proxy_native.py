@@ -10,7 +10,11 @@ INCLUDE = ROOT / "vfplan" / "native" / "include"
 NATIVE = ROOT / "tests" / "native"
 # As the exported CMake target compiles, and every warning an error.
 FLAGS = ["-std=c++20", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
-HEADERS = sorted(p.name for p in (INCLUDE / "vfplan").glob("*.hpp"))
+HEADERS = sorted(
+    str(path.relative_to(INCLUDE / "vfplan"))
+    for folder in (".", "curve")
+    for path in (INCLUDE / "vfplan" / folder).glob("*.hpp")
+)
 
 
 @pytest.fixture(scope="module")

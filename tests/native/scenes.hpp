@@ -6,9 +6,10 @@
 #include <cmath>
 #include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
-#include "vfplan/vec.hpp"
+#include "vfplan/curve/stroke.hpp"
 
 namespace scenes {
 
@@ -69,12 +70,52 @@ inline Points circle(int n, double radius) {
     return p;
 }
 
+/// Samples of a curve, close together; an arc as its chord where it is short, else as two arcs.
+inline void trace(Points& p, double ax, double ay, double bx, double by, double bulge) {
+    const double dx = bx - ax, dy = by - ay;
+    if (std::hypot(dx, dy) < 2e-4) return add(p, ax, ay, 0);
+    const double mx = (ax + bx + bulge * dy) / 2, my = (ay + by - bulge * dx) / 2;
+    const double half = bulge / (1 + std::sqrt(1 + bulge * bulge));
+    trace(p, ax, ay, mx, my, half);
+    trace(p, mx, my, bx, by, half);
+}
+
 struct Scene {
     std::string name;
     Points points;
     bool planar;
     double point_radius;
+    std::vector<vfplan::Stroke> strokes = {};  // that the points sample, where it is a curve
 };
+
+inline Scene drawn(const char* name, std::vector<vfplan::Stroke> strokes) {
+    Points p;
+    for (const vfplan::Stroke& s : strokes) {
+        const std::size_t n = s.bulges.size();
+        for (std::size_t i = 0, j; i + (s.closed ? 0 : 1) < n; ++i) {
+            j = (i + 1) % n;
+            trace(p, s.vertices[3 * i], s.vertices[3 * i + 1], s.vertices[3 * j],
+                  s.vertices[3 * j + 1], s.bulges[i]);
+        }
+        add(p, s.vertices[3 * n - 3], s.vertices[3 * n - 2], 0);
+    }
+    return {name, p, true, 0, std::move(strokes)};
+}
+
+/// Lines and arcs: a hollow, bends tighter than the proxy, cusps, a T, a crossing, a dot.
+inline std::vector<Scene> curves() {
+    const vfplan::Stroke ring{{-0.02, 0, 0, 0.02, 0, 0}, {1, 1}, true};
+    const vfplan::Stroke cup{{-0.006, 0.02, 0, -0.006, 0, 0, 0.006, 0, 0, 0.006, 0.02, 0},
+                             {0, 1, 0, 0}};
+    const vfplan::Stroke zigzag{{0, 0, 0, 0.02, 2e-3, 0, 0, 4e-3, 0, 0.02, 9e-3, 0, 0.03, 0, 0},
+                                {0.4, 0, -0.7, 0.1, 0}};
+    const vfplan::Stroke line{{-0.03, -0.01, 0, 0.03, -0.01, 0}, {0, 0}};
+    const vfplan::Stroke stem{{0, -0.01, 0, 0.004, 0.02, 0}, {0.2, 0}};
+    const vfplan::Stroke across{{-0.02, -0.02, 0, 0.02, 0.01, 0}, {0, 0}};
+    const vfplan::Stroke dot{{0.01, 0.012, 0}, {0}};
+    return {drawn("ring", {ring}), drawn("cup", {cup}), drawn("zigzag", {zigzag}),
+            drawn("T, crossing and dot", {line, stem, across, dot})};
+}
 
 inline std::vector<Scene> all() {
     Points twice = dust(300, 0.02);

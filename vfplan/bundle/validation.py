@@ -12,7 +12,7 @@ from vfplan.bundle import leak
 from vfplan.bundle.content import Content, from_content
 from vfplan.bundle.plausible import size_doubt
 from vfplan.bundle.read import opened_source, unsealed
-from vfplan.bundle.renderable import check_renderable
+from vfplan.engine.renderable import check_renderable
 from vfplan.errors import BundleError, SceneError
 
 RESIDUAL_TOLERANCE_M = 1e-6

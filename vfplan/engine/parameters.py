@@ -19,7 +19,7 @@ from vfplan.engine.spacing import cloud_spacing
 from vfplan.errors import SettingError
 
 Rule = Literal["robust", "paper", "exact"]
-RULES: tuple[Rule, ...] = get_args(Rule)
+RULES: tuple[Rule, ...] = ("robust", "paper")  # those that render points
 
 # Of R, and of the largest coordinate: what roundings may take from the clearance of rule "exact".
 EXACT_BAND = 1e-7
@@ -201,8 +201,8 @@ class ProxyParameters:
             Points that are no finite (N, 3) cloud.
         """
         points = check_points(points)
-        if rule not in RULES:
-            raise SettingError(f"rule {rule!r}: allowed are {', '.join(RULES)}")
+        if rule not in get_args(Rule):
+            raise SettingError(f"rule {rule!r}: allowed are {', '.join(get_args(Rule))}")
         rc = number("contact_radius", contact_radius, "m", above=0.0)
         rc = number("contact_radius", rc, "m", least=SMALLEST_RADIUS, most=LARGEST_RADIUS)
         rv = number("point_radius", point_radius, "m", least=0.0, most=LARGEST_RADIUS)

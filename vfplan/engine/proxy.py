@@ -208,7 +208,8 @@ class ProxyEngine:
     def distance(self, positions: ArrayLike) -> NDArray[np.float64]:
         """Distance (T,) [m] of `positions` (T, 3) [m] to the fixture, across an ignored axis.
 
-        To the curve itself under rule "exact", else to the nearest point. A proxy's clearance is this less R = r_c + r_v.
+        To the curve itself under rule "exact", else to the nearest point. A proxy's clearance is
+        this less R = r_c + r_v.
         """
         return self._engine.distance(check_path(positions))
 

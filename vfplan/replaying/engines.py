@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from vfplan.bundle.renderable import check_renderable
+from vfplan.engine.renderable import check_renderable
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
 

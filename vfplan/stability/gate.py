@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vfplan.bundle.renderable import check_renderable
+from vfplan.engine.renderable import check_renderable
 from vfplan.errors import CheckFailed, SceneError
 from vfplan.fixture import Fixture, StabilityVerdict
 from vfplan.robot import Robot

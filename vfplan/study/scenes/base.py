@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vfplan import fixture
 from vfplan.engine.checks import Vector, check_path, check_stiffness
 from vfplan.errors import SettingError
 from vfplan.study.scenes import god_object, outline
@@ -158,6 +159,11 @@ class Drawn(Scene):
     def pieces(self) -> tuple[Pieces, ...]:
         """The exact outline."""
         return outline.pieces(self.runs)
+
+    @cached_property
+    def lines_and_arcs(self) -> fixture.Pieces:
+        """The exact outline as rule "exact" takes it."""
+        return outline.lines_and_arcs(self.runs)
 
     def clearance(self, x: Vector) -> Vector:
         """See `Scene.clearance`; all positions at once."""

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from vfplan import fixture as curve
 from vfplan.engine.checks import Vector
 from vfplan.study.scenes.pieces import Arcs, Pieces, Walls
 
@@ -104,6 +105,27 @@ def pieces(runs: tuple[Run, ...]) -> tuple[Pieces, ...]:
         centre, radius, start, sweep = zip(*cut, strict=True)
         out.append(Arcs(np.array(centre), np.array(radius), np.array(start), np.array(sweep)))
     return tuple(out)
+
+
+def lines_and_arcs(runs: tuple[Run, ...]) -> curve.Pieces:
+    """The outline as a fixture's pieces, a stroke a run; arcs are cut at a half circle."""
+    vertices, bulges, stroke = [], [], []
+    for i, run in enumerate(runs):
+        for link in run.links:
+            count = max(1, int(np.ceil(abs(link.sweep) / np.pi - 1e-9)))
+            vertices += list(link.at(np.arange(count) * (link.length / count)))
+            bulges += [np.tan(link.sweep / count / 4)] * count
+        if not run.closed:
+            vertices.append(run.links[-1].b)
+            bulges.append(0.0)
+        stroke += [i] * (len(vertices) - len(stroke))
+    flat = np.array(vertices)
+    return curve.Pieces(
+        np.column_stack([flat, np.zeros(len(flat))]),
+        np.array(bulges),
+        np.array(stroke, np.int32),
+        np.array([run.closed for run in runs]),
+    )
 
 
 def _cut(link: Link):

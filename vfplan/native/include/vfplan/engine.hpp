@@ -89,8 +89,8 @@ class Engine {
             choose_rule(Space{}, xyz, n, p, width);
     }
 
-    /// A drawn curve, rendered as it is: rule `exact`, across p.ignore_axis. Of the parameters, band
-    /// and gain have no part. Throws std::invalid_argument.
+    /// A drawn curve, rendered as it is: rule `exact`, across p.ignore_axis. Of the parameters,
+    /// band and gain have no part. Throws std::invalid_argument.
     Engine(const std::vector<Stroke>& strokes, Parameters p) {
         p.rule = Rule::exact;
         p.band = curve::ExactRule::band(p, strokes);

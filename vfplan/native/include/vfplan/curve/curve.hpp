@@ -102,7 +102,7 @@ class Curve {
     }
 
   private:
-    static constexpr std::uint32_t leaf = 4;  // features under one box
+    static constexpr std::uint32_t leaf = 4;                // features under one box
     static constexpr double quarter = 0.41421356237309515;  // tan(pi / 8): a quarter circle's bulge
 
     struct Node {

@@ -64,7 +64,7 @@ class ExactRule {
           R_(p.R()),
           band_(p.band),
           outer_(p.outer_radius + p.point_radius),
-          heights_{1e-3 * p.band, 0.75 * p.band},
+          heights_{1e-3 * p.band, 0.75 * p.band, 0.1 * p.band},
           escape_(Bands(R_), R_) {
         near_.reserve(curve_.size());
     }
@@ -117,11 +117,11 @@ class ExactRule {
 
   private:
     static constexpr int none = -1;
-    static constexpr int walls = 4;      // that are looked at together, at most
+    static constexpr int walls = 6;      // that are looked at together, at most
     static constexpr int turns = 12;     // from feature to feature where the proxy stands
     static constexpr double skin = 0.2;  // of R: how far a gathered list reaches
 
-    enum class End { arrived, rest, corner, more, leash, limit };
+    enum class End { arrived, rest, corner, more, blocked, leash, limit };
     struct Hit {
         double t = never;
         int feature = none;
@@ -148,9 +148,8 @@ class ExactRule {
             const Vec2 u = h - x;
             const double length = norm(u);
             if (!(length > 0)) return End::arrived;
-            End end = End::more;
-            if (!presses(x, u)) end = fly(x, h, u, length, leash);
-            else end = slide(x, h, leash);
+            End end = presses(x, u) ? End::blocked : fly(x, h, u, length, leash);
+            if (end == End::blocked) end = slide(x, h, leash);
             if (end != End::more) return end;
         }
         return End::limit;
@@ -179,7 +178,7 @@ class ExactRule {
             x = h;
             return End::arrived;
         }
-        if (at_once(hit)) return presses(x, u) ? End::more : End::rest;
+        if (at_once(hit)) return End::blocked;
         x = path.at(hit.t);
         return End::more;
     }
@@ -192,16 +191,16 @@ class ExactRule {
     End slide(Vec2& x, const Vec2& h, const Leash<2>* leash) noexcept {
         raise(x);
         const Vec2 u = h - x;
-        int wall[walls] = {on_}, count = 1;
-        Contact touch[walls] = {curve_[on_].contact(x)};
+        Walls w;
+        add(w, on_, x);
         Vec2 before;
         for (int turn = 0; turn < turns; ++turn) {
-            const int i = free(touch, count, u);
-            if (i == none) return count > 1 ? End::corner : End::rest;
-            const Contact& c = touch[i];
+            const int i = free(w, u);
+            if (i == none) return w.count > 1 ? End::corner : End::rest;
+            const Contact& c = w.touch[i];
             const Vec2 T = ahead(c.normal, u);
             if (dot(T, before) < 0) return End::rest;  // a kink, from both sides of it
-            const Feature& f = curve_[wall[i]];
+            const Feature& f = curve_[w.feature[i]];
             Way path(x, T, 0);
             path.q = (dot(path.N, c.normal) < 0 ? c.bend : -c.bend) / 2;
             End end = End::rest;
@@ -211,22 +210,24 @@ class ExactRule {
             };
             if (c.bend > 0) sooner(path.in_sight(u, c.normal), End::more);
             sooner(path.quarter(), End::more);
-            int next = wall[i];
+            int next = w.feature[i];
             for (const Border& b : f.border)
                 if (const double s = b.met(path); s < t) t = s, end = End::more, next = b.next;
-            if (next != wall[i] && t < heights_.slack) {  // at the end of the piece already
+            if (next != w.feature[i] && t < heights_.slack) {  // at the end of the piece already
+                const Contact on = curve_[next].contact(x);
+                if (full(on)) {
+                    if (!add(w, next, x)) return End::corner;
+                    before = {};
+                    continue;
+                }
                 before = T;
-                wall[i] = next;
-                touch[i] = curve_[next].contact(x);
+                w.feature[i] = next;
+                w.touch[i] = on;
                 continue;
             }
-            const Hit hit = sweep(path, t, wall[i]);
+            const Hit hit = sweep(path, t, w.feature[i]);
             if (hit.feature != none && at_once(hit)) {
-                for (int j = 0; j < count; ++j)
-                    if (wall[j] == hit.feature) return End::corner;
-                if (count == walls) return End::corner;
-                wall[count] = hit.feature;
-                touch[count++] = curve_[hit.feature].contact(x);
+                if (!add(w, hit.feature, x)) return End::corner;
                 before = {};
                 continue;
             }
@@ -235,7 +236,7 @@ class ExactRule {
                 if (const double s = leaves(*leash, path); s < t) {
                     t = s;
                     end = End::leash;
-                    next = wall[i];
+                    next = w.feature[i];
                 }
             const Vec2 y = path.at(t);
             if (!(norm(h - y) < norm(u))) return End::rest;
@@ -260,13 +261,35 @@ class ExactRule {
         const Vec2 T = left(normal);
         return dot(T, u) < 0 ? -1.0 * T : T;
     }
+    /// What touches the proxy.
+    struct Walls {
+        int feature[walls], count = 0;
+        Contact touch[walls];
+    };
+    /// False where it is there already, or there are too many. A hollow that the proxy fills pushes
+    /// from all its directions at once: as much as its two ends do.
+    bool add(Walls& w, int feature, const Vec2& x) const noexcept {
+        for (int j = 0; j < w.count; ++j)
+            if (w.feature[j] == feature) return false;
+        const Contact c = curve_[feature].contact(x);
+        if (full(c)) {
+            const Border* ends = curve_[feature].border;
+            const bool one = add(w, ends[0].next, x), other = add(w, ends[1].next, x);
+            return one || other;
+        }
+        if (w.count == walls) return false;
+        w.feature[w.count] = feature;
+        w.touch[w.count++] = c;
+        return true;
+    }
+    bool full(const Contact& c) const noexcept { return -c.bend * heights_.filled > 1; }
     /// The wall along which a step leads nearer to u and into no other; the last met first.
-    static int free(const Contact* touch, int count, const Vec2& u) noexcept {
-        for (int i = count - 1; i >= 0; --i) {
-            const Vec2 T = ahead(touch[i].normal, u);
+    static int free(const Walls& w, const Vec2& u) noexcept {
+        for (int i = w.count - 1; i >= 0; --i) {
+            const Vec2 T = ahead(w.touch[i].normal, u);
             bool open = dot(T, u) > 0;
-            for (int j = 0; j < count && open; ++j)
-                open = j == i || dot(T, touch[j].normal) > -1e-9;
+            for (int j = 0; j < w.count && open; ++j)
+                open = j == i || dot(T, w.touch[j].normal) > -1e-9;
             if (open) return i;
         }
         return none;

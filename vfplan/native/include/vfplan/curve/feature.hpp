@@ -30,16 +30,16 @@ struct Border {
 };
 
 struct Contact {
-    Vec2 normal;     ///< unit, from the curve to the proxy
-    double distance; ///< [m]
-    double bend;     ///< curvature [1/m] of what is as far from the curve, positive round it
+    Vec2 normal;      ///< unit, from the curve to the proxy
+    double distance;  ///< [m]
+    double bend;      ///< curvature [1/m] of what is as far from the curve, positive round it
 };
 
 struct Feature {
     Vec2 base, n;
     double kappa = 0;
-    double high = 0, low = -never;            ///< levels of G
-    double high_slope = 0, low_slope = 0;     ///< of G across them, dG/dd
+    double high = 0, low = -never;         ///< levels of G
+    double high_slope = 0, low_slope = 0;  ///< of G across them, dG/dd
     Border border[2];
     Vec2 least, most;  ///< corners of the box around the piece
 
@@ -67,6 +67,13 @@ struct Feature {
         return 2 * std::abs(G(w)) / (1 + norm(kappa * w - n));
     }
 
+    /// Whether a step from the centre of a hollow arc as wide as the proxy leads into it anywhere.
+    bool closes(const Vec2& step) const noexcept {
+        const Vec2 begins = -1.0 * border[0].way;
+        const double side = dot(n, left(begins));
+        return dot(step, n) < -1e-9 || side * dot(step, left(border[1].way)) < -1e-9;
+    }
+
     /// Where a way that begins in what the feature forbids comes out of it.
     double out(const Way& path) const noexcept {
         const Vec2 w = path.x - base, m = kappa * w - n;
@@ -83,6 +90,7 @@ struct Feature {
 struct Heights {
     double slack;    ///< [m]; a way that begins at the height has to get past its own start
     double deepest;  ///< [m]; what has sunk so far may not sink by a further `slack`
+    double filled;   ///< [m]; a hollow that leaves the proxy less room than that is full
 };
 
 /// Where a way that begins beside the feature first goes lower than the feature allows, up to
@@ -93,6 +101,10 @@ inline double sinks(const Feature& f, const Way& path, double most, const Height
     const Vec2 w = path.x - f.base, m = f.kappa * w - f.n;
     const double g = f.G(w);
     double first = never;
+    if (f.low_slope < f.kappa * h.filled && norm(m) < f.kappa * h.filled) {
+        touching = f.closes(path.T);
+        return touching ? 0 : never;
+    }
     const auto wall = [&](Quadratic down, double slope, bool here) noexcept {
         const bool at_once = here && down.c < h.slack * slope;
         if (at_once) {
@@ -112,24 +124,22 @@ inline double sinks(const Feature& f, const Way& path, double most, const Height
     return first;
 }
 
-/// Where a way first comes beside the feature; `never` where it does not.
-inline double enters(const Feature& f, const Way& path, double slack) noexcept {
-    double t = 0;
-    for (const Border& b : f.border)
-        if (const double off = b.beyond(path.x); off > 0)
-            t = std::max(t, path.along(off, b.way, 0).falls());
-    return t < never && f.beside(path.at(t), slack) ? t : never;
-}
-
-/// Where a way first goes into what the feature forbids; as `sinks`, from anywhere.
+/// Where a way first goes into what the feature forbids; as `sinks`, from anywhere. A way comes
+/// beside the feature across one of its borders; a round one also comes back.
 inline double meets(const Feature& f, const Way& path, double most, const Heights& h,
                     bool& touching) noexcept {
     touching = false;
-    if (f.beside(path.x, 0)) return sinks(f, path, most, h, touching);
-    const double t = enters(f, path, h.slack);
-    if (!(t <= most)) return never;
-    const double sum = path.on(t, sinks(f, path.from(t), most, h, touching));
-    return sum <= most ? sum : never;
+    const bool here = f.beside(path.x, 0);
+    double first = here ? sinks(f, path, most, h, touching) : never;
+    if (here && path.q == 0) return first;
+    for (const Border& b : f.border) {
+        const double t = path.along(b.beyond(path.x), b.way, 0).falls();
+        if (!(t <= most && t < first && f.beside(path.at(t), h.slack))) continue;
+        bool touches = false;
+        const double s = path.on(t, sinks(f, path.from(t), most, h, touches));
+        if (s <= most && s < first) first = s, touching = touches;
+    }
+    return first;
 }
 
 }  // namespace vfplan::curve
