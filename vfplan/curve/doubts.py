@@ -1,4 +1,4 @@
-"""What may be wrong with a measured curve: a bit beyond its end, what a region cuts, an opening.
+"""What may be wrong with a measured curve: what a region cuts, an opening, a covered end.
 
 None of it proves the curve wrong, so it is told with its pixels; only two runs that surely lie side
 by side are refused.
@@ -6,83 +6,19 @@ by side are refused.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.candidates import Candidate, angle_deg, inked_ends, same_pen
+from vfplan.curve.candidates import Candidate, angle_deg, inked_ends
 from vfplan.curve.doubling import Widening
-from vfplan.curve.marks import Mark
 from vfplan.curve.pen import sample_pixels
 from vfplan.curve.profile import FOREIGN
+from vfplan.curve.unmixing import FOREIGN
 from vfplan.errors import CurveError
 
 AHEAD_DEG = 60.0  # between an end's direction and the way to what may carry it on
 NEAR_GAPS, NEAR_SHARE = 3.0, 0.1  # of the longest gap bridged, of the length: nearly closed
 STRETCH, OVER_PX = 6, 4.0  # points back, px beyond a line's half width: the way ahead of an end
-SMALL = ("speck", "symbol")  # what a last bit of the line is taken for
-
-
-def left_over(
-    lines: list[Candidate],
-    marks: list[Mark],
-    told: list[Candidate],
-    mask: NDArray[np.bool_],
-    max_gap_px: float,
-    origin: tuple[int, int],
-) -> tuple[list[Mark], list[str]]:
-    """Small marks of the line's own pen just beyond an open line's ends, and a warning for each.
-
-    Parameters
-    ----------
-    lines
-        The chosen candidates.
-    marks, told
-        All marks, and all candidates with their kinds.
-    mask
-        (H, W) the pen's ink.
-    max_gap_px
-        How far from the end's ink.
-    origin
-        (u, v) of the region in the image [px].
-    """
-    kind = {id(m): c.kind for c in told for m in c.marks}
-    small = [_as_dot(m) for m in marks if m.branches and kind.get(id(m), m.kind) in SMALL]
-    found, warnings = [], []
-    for line in lines:
-        for at, outward in inked_ends(line, mask):
-            near = [(_gap(line, at, outward, mark), i) for i, mark in enumerate(small)]
-            gap, i = min(near, default=(np.inf, 0))
-            if gap > max_gap_px:
-                continue
-            mark = small[i]
-            u, v = np.add(mark.box[:2], origin) + (np.array(mark.box[2:]) - 1) / 2
-            found += [mark] if not any(mark is m for m in found) else []
-            size = mark.length_px + mark.width_px
-            warnings.append(
-                f"a mark of {size:.0f} px at ({u:.0f}, {v:.0f}) lies about {gap:.0f} px beyond "
-                "the curve's end and is not part of it"
-            )
-    return found, warnings
-
-
-def _as_dot(mark: Mark) -> Mark:
-    """With a disc's width for a dot, of which thinning leaves no length to divide by."""
-    disc = 2 * float(np.sqrt(mark.area_px / np.pi))
-    return replace(mark, width_px=disc) if mark.length_px < disc / 2 else mark
-
-
-def _gap(line: Candidate, at: NDArray, outward: NDArray, mark: Mark) -> float:
-    """Between a line's inked end and the ink of a mark [px]; infinite for one of no concern."""
-    pixels = np.vstack([b.path for b in mark.branches])
-    away = pixels - at
-    distance = np.hypot(*away.T)
-    nearest = distance.argmin()
-    aside = angle_deg(outward, away[nearest]) if distance[nearest] else 0.0
-    if aside > AHEAD_DEG or not same_pen(line.mark, mark):
-        return np.inf
-    return max(float(distance[nearest] - (mark.width_px - 1) / 2), 0.0)
 
 
 def cut_off(

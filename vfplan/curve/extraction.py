@@ -21,10 +21,17 @@ from vfplan.curve.choice import (
 from vfplan.curve.doubts import (
     covered_ends,
     cut_off,
-    left_over,
     nearly_closed,
     several,
     side_by_side,
+)
+from vfplan.curve.evidence import (
+    Piece,
+    bridged_ink,
+    pieces_beside,
+    refuse_blind_bridges,
+    refuse_strayed,
+    unexplained,
 )
 from vfplan.curve.kinds import tell_apart
 from vfplan.curve.marks import Mark, find_marks
@@ -89,6 +96,8 @@ class Extraction:
         named just beyond a curve's end only.
     warnings
         What a person should know before trusting the result.
+    ink
+        The pixels of the mask by what they were taken for: "curve", or a kind as in `set_aside`.
     """
 
     mask: NDArray[np.bool_]
@@ -96,6 +105,7 @@ class Extraction:
     method: Method | Literal["vector"]
     set_aside: tuple[dict, ...] = ()
     warnings: tuple[str, ...] = field(default=())
+    ink: dict[str, int] = field(default_factory=dict)
 
 
 def extract_curve(
@@ -147,19 +157,24 @@ def extract_curve(
     aside = _set_aside(marks, told, candidates, origin)
     chosen = choose(candidates, others, mask, stroke, colour, origin, aside)
     lines = [_measure(rgb, c, method, mask, origin) for c in chosen]
-    specks, found = left_over(chosen, marks, told, mask, max_gap_px, origin)
+    both = list(zip(chosen, lines, strict=True))
+    pieces, ink = pieces_beside(mask, both, told, marks)
+    specks, found = unexplained(both, pieces, mask, max_gap_px, origin)
     warnings = [*against_advice(chosen, others, origin), *found]
-    for line, measured in zip(chosen, lines, strict=True):
+    for line, measured in both:
         if method == "ridge":
+            refuse_blind_bridges(line, measured, max_gap_px, origin)
+            refuse_strayed(line, measured, origin)
+            warnings += bridged_ink(line, measured, mask, origin)
             warnings += covered_ends(rgb, line, measured.points, origin)
         warnings += several(line, measured.single)
         warnings += side_by_side(line, measured.widening, origin)
         warnings += cut_off(line, mask, roi, planned.rgb.shape)
         warnings += nearly_closed(line, mask, max_gap_px, origin)
     aside = _set_aside(marks, told, chosen, origin, specks)
-    strokes = tuple(_stroke(*pair, origin) for pair in zip(lines, chosen, strict=True))
+    strokes = tuple(_stroke(measured, line, origin) for line, measured in both)
     whole = _whole(mask, origin, planned.rgb.shape)
-    return Extraction(whole, strokes, method, aside, tuple(warnings))
+    return Extraction(whole, strokes, method, aside, tuple(warnings), ink)
 
 
 def load_libraries() -> None:
@@ -264,7 +279,7 @@ def _set_aside(
     lines: list[Candidate],
     chosen: list[Candidate],
     origin: tuple[int, int],
-    specks: Sequence[Mark] = (),
+    specks: Sequence[Piece] = (),
 ) -> tuple[dict, ...]:
     """What was not used, with its place: panels, lines of other kinds or not chosen, `specks`.
 
@@ -284,9 +299,9 @@ def _set_aside(
             if line.junctions:
                 entry["junctions"] = [(a + u, b + v) for a, b in line.junctions]
             aside.append(entry)
-    listed = {entry["box"] for entry in aside}
-    for m in specks:
-        box = (m.box[0] + u, m.box[1] + v, *m.box[2:])
-        if box not in listed:
-            aside.append({"kind": "speck", "box": box, "length_px": round(m.length_px, 1)})
+    for piece in specks:
+        if piece.kind == "speck":
+            low, high = piece.pixels.min(0), piece.pixels.max(0)
+            box = tuple(int(x) for x in (*(low + origin), *(high - low + 1)))
+            aside.append({"kind": "speck", "box": box, "length_px": round(piece.length_px, 1)})
     return tuple(aside)

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from vfplan.curve.light import is_coarse, is_tinted, with_light
 from vfplan.curve.pen import Pen, sample_pixels
 from vfplan.curve.phase import Grid, inward_lean, phase_shift
+from vfplan.curve.unmixing import FOREIGN, OtherColours
 
 MARGIN_PX = 2.0  # profiles reach this far beyond the line's edge
 STEP_PX = 0.5
 INNER_PX = 0.5  # of the profile's middle: it must lie in the image
-FOREIGN = 0.35  # of the pen's strength: more than this of another colour hides the line
+TINGED = 0.15  # of the pen's strength across its hue: a pixel that another colour may hide in part
+VISIBLE = 0.85  # of the usual coverage: the pen lies on top of the other colour
 RISE = 0.2  # of full coverage, past the line's edge: a neighbour
 FAR_PX = 5.0  # beyond a width from the line's middle a pen that was enlarged has faded as well
 DOUBLE = 0.85  # of its maximum: a mean profile lower than this in its middle is two lines
@@ -71,12 +73,14 @@ def read_profiles(
     normal: NDArray,
     pen: Pen,
     width: float,
+    others: OtherColours,
     least: float = SEEN,
     bend: NDArray | None = None,
 ) -> Profiles:
     """Read profiles across a (M, 2) path with (M, 2) unit normals.
 
-    Coverage of less than `least` of the usual is no line. With the path's (M,) curvature, `bend`
+    Coverage of less than `least` of the usual is no line. Where `others` touch the line, it is
+    measured by what they leave of it: all of it, or one of its edges. With the path's (M,) curvature, `bend`
     [1/px], the offsets are freed of what the pixel grid and blur in bends add: for a path that is
     already on the line.
     """
@@ -88,21 +92,27 @@ def read_profiles(
     inside = (np.abs(u - (rgb.shape[1] - 1) / 2) <= rgb.shape[1] / 2) & (
         np.abs(v - (rgb.shape[0] - 1) / 2) <= rgb.shape[0] / 2
     )
-    foreign = (np.abs(pixels @ pen.across) > FOREIGN * pen.strength) | (alpha < -FOREIGN)
+    across = pixels @ pen.across / pen.strength
+    foreign = (np.abs(across) > FOREIGN) | (alpha < -FOREIGN)
+    alpha = others.unmixed(base, alpha, across)
+    core = np.abs(x) <= width / 2 + 0.5
+    touched = foreign[:, core].any(1)
     foreign |= _beyond_valley(alpha, x, width)
     mass = np.where(foreign, 0.0, np.clip(alpha, 0, None)).sum(1)
-    mass = mass / max(np.median(mass), 1e-9)
-    core = np.abs(x) <= width / 2 + 0.5
-    valid = (mass > least) & ~foreign[:, core].any(1) & inside[:, np.abs(x) <= INNER_PX].all(1)
+    usual = max(np.median(mass), 1e-9)
+    mass = mass / usual
     seen = ~foreign & inside
+    shown = np.where(touched[:, None], _shown_beside(alpha, across, seen, x, width, usual), seen)
+    valid = np.where(touched, shown.any(1), (mass > least) & ~foreign[:, core].any(1))
+    valid &= inside[:, np.abs(x) <= INNER_PX].all(1)
     mean = _mean_profile(alpha, valid[:, None] & seen)
     off = (width + FAR_PX) * normal
     beside = sample_pixels(rgb, *np.moveaxis(np.stack([base - off, base + off], 1), 2, 0))
     beside = (beside @ pen.along / pen.strength)[valid]
     coarse = is_coarse(beside)
-    offset, redrawn = _matched(x, alpha, valid[:, None] & seen, mean), False
+    offset, redrawn = _matched(x, alpha, valid[:, None] & shown, mean), False
     if bend is not None:
-        whole, path = valid & seen.all(1), (base, normal, bend)
+        whole, path = valid & ~touched & seen.all(1), (base, normal, bend)
         error, redrawn = _reading_error(x, alpha, whole, offset, path, width, coarse)
         offset = offset - error
     valid &= np.abs(offset) < width / 2 + 1.5
@@ -128,6 +138,22 @@ def read_profiles(
         noisy=coarse or is_tinted(beside),
         redrawn=redrawn,
     )
+
+
+def _shown_beside(
+    alpha: NDArray, across: NDArray, seen: NDArray, x: NDArray, width: float, usual: float
+) -> NDArray[np.bool_]:
+    """(M, K) of a line that another colour touches, the places that show it; none where too few do.
+
+    All of them where the pen lies on top, else those the other colour leaves, an edge and its
+    ground among them.
+    """
+    whole = np.abs(np.clip(alpha, 0.0, None).sum(1) / usual - 1) < 1 - VISIBLE
+    clean = seen & (np.abs(across) < TINGED)
+    half = width / 2
+    edges = [clean[:, (side * x > half - 1) & (side * x <= half + 1)].all(1) for side in (1, -1)]
+    red = (alpha * clean).max(1) > VISIBLE * np.median(alpha.max(1))
+    return np.where(whole[:, None], True, clean & (red & np.logical_or(*edges))[:, None])
 
 
 def _beyond_valley(alpha: NDArray, x: NDArray, width: float) -> NDArray[np.bool_]:

@@ -31,6 +31,7 @@ from vfplan.curve.pen import Pen
 from vfplan.curve.profile import SEEN, Profiles, read_profiles
 from vfplan.curve.spline import curvature_of
 from vfplan.curve.uncertainty import bridged_sigma
+from vfplan.curve.unmixing import OtherColours
 from vfplan.curve.valley import lines_in
 from vfplan.errors import CurveError
 
@@ -109,6 +110,7 @@ def trace(
 
     smooth = gaussian_filter1d(path, 2.0, axis=0, mode="wrap" if closed else "nearest")
     gap = _gap_finder(smooth, bridged)
+    others = OtherColours(rgb, smooth, pen, width)
     base, lost = (smooth, 0.0) if closed else without_tips(smooth, width)
     passes = [FIRST_KNOTS_PX] * (1 + (width > BROAD_PX and not closed)) + [None]
     taken = 0
@@ -120,7 +122,7 @@ def trace(
         seen_along, middle = (base, normals(base, closed)), base[len(base) // 2]
         bend = None if knots else bend_of(base, closed)
         least = FAINTEST if fades else SEEN
-        profiles = read_profiles(rgb, *seen_along, pen, width, least, bend)
+        profiles = read_profiles(rgb, *seen_along, pen, width, others, least, bend)
         valid = profiles.valid & ~gap(base)
         if profiles.double:
             _refuse_double(middle + origin, width)

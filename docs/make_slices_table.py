@@ -1,0 +1,57 @@
+"""Draw slices of the kinds that users make and print what the extraction makes of each kind:
+
+python docs/make_slices_table.py [SLICES_A_KIND=20] [KIND...] [-v]
+
+With `-v` every slice that is not right is named with its reason.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+from slices import KINDS, TRAPS, draw
+from verdicts import judge
+
+OUTCOMES = ("right", "silent", "warned", "refused", "falsely refused", "falsely warned")
+
+
+def row(kind, count, verbose):
+    """Outcomes of a kind, with the RMS of its errors and of their z."""
+    tally, errors, z = Counter(), [], []
+    for seed in range(count):
+        drawn = draw(kind, seed)
+        verdict = judge(drawn)
+        tally[verdict.outcome] += 1
+        if verdict.z is not None:
+            errors.append(verdict.rms)
+            z.append(verdict.z)
+        if verbose and verdict.outcome != "right":
+            how = f"{drawn.rasteriser}, {drawn.quality or 'PNG'}"
+            print(f"# {kind} {seed} ({how}): {verdict.outcome}: {verdict.why}")
+    spread = f"{np.sqrt(np.mean(np.concatenate(z) ** 2)):.1f}" if z else ""
+    error = f"{np.sqrt(np.mean(np.square(errors))):.3f}" if z else ""
+    counts = " | ".join(str(tally[name] or "") for name in OUTCOMES)
+    print(f"| {kind} | {counts} | {error} | {spread} |", flush=True)
+    return tally
+
+
+def main(given):
+    """Print the table."""
+    verbose = "-v" in given
+    given = [g for g in given if g != "-v"]
+    count = int(given[0]) if given else 20
+    print(f"| kind | {' | '.join(OUTCOMES)} | RMS error [px] | RMS z |")
+    print("|" + "---|" * (len(OUTCOMES) + 3))
+    total = Counter()
+    for kind in given[1:] or [*KINDS, *TRAPS]:
+        total += row(kind, count, verbose)
+    print(f"| all | {' | '.join(str(total[name]) for name in OUTCOMES)} | | |")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,459 @@
+"""Slices of the kinds that users make, each with the curve that is right; nothing here uses vfplan.
+
+A kind is a function of a random generator that draws on a `Canvas` and returns the truth. `KINDS`
+holds those with one right answer, for which neither a refusal nor a warning is wanted, and `TRAPS`
+those of which an answer other than the truth must not come without a warning.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from canvas import RASTERISERS, Canvas, rectangle
+from drawing import anatomy, wavy
+
+SHAPE = (320, 380)
+RED, YELLOW, ORANGE, MAGENTA = (255, 0, 0), (255, 255, 0), (255, 165, 0), (255, 0, 255)
+CYAN, GREEN, BLUE = (0, 255, 255), (0, 200, 60), (40, 60, 200)
+WHITE, BLACK = (255, 255, 255), (0, 0, 0)
+OTHERS = (YELLOW, ORANGE, MAGENTA)
+
+
+@dataclass
+class Slice:
+    """A drawn slice: (H, W, 3) uint8, and (M, 2) the true curve, `None` where there is none."""
+
+    kind: str
+    seed: int
+    rasteriser: str
+    quality: int | None
+    image: np.ndarray
+    truth: np.ndarray | None
+    closed: bool
+    clear: bool
+
+
+def draw(kind, seed):
+    """The slice of a kind's name with this seed."""
+    rng = np.random.default_rng([seed, *kind.encode()])
+    rasteriser = RASTERISERS[seed % len(RASTERISERS)]
+    canvas = Canvas(anatomy(SHAPE, int(rng.integers(1000))), rasteriser)
+    quality = (None, None, 90, 80)[seed % 4]
+    truth, closed = {**KINDS, **TRAPS}[kind](canvas, rng)
+    image = canvas.image(quality)
+    return Slice(kind, seed, rasteriser, quality, image, truth, closed, kind in KINDS)
+
+
+def hand(rng, closed=False, margin=0.2):
+    """A smooth curve well inside the picture."""
+    while True:
+        curve = wavy(SHAPE, int(rng.integers(1 << 30)), closed, margin=margin, count=1200)
+        if (curve > 26).all() and (curve < np.array(SHAPE[::-1]) - 26).all():
+            return curve
+
+
+def pen(rng):
+    return float(rng.choice([2.0, 2.5, 3.0, 4.0, 5.0]))
+
+
+def arc_of(curve, closed=False):
+    ring = np.vstack([curve, curve[:1]]) if closed else curve
+    return np.r_[0.0, np.cumsum(np.hypot(*np.diff(ring, axis=0).T))]
+
+
+def part(curve, start, stop):
+    """The part of an open curve between two lengths of arc [px]; negative ones from its end."""
+    arc = arc_of(curve)
+    start, stop = (x if x >= 0 else arc[-1] + x for x in (start, stop))
+    at = np.arange(start, stop, 0.5)
+    return np.column_stack([np.interp([*at, stop], arc, curve[:, k]) for k in (0, 1)])
+
+
+def normal_of(curve):
+    tangent = np.gradient(curve, axis=0)
+    tangent /= np.hypot(*tangent.T)[:, None]
+    return np.column_stack([-tangent[:, 1], tangent[:, 0]])
+
+
+def away(curve, rng, size=(40, 40), clear=25):
+    """The centre of a box of a size that lies `clear` px off a curve, or as far as there is room."""
+    half = np.array(size) / 2
+    places = rng.uniform(half + 8, np.array(SHAPE[::-1]) - half - 8, (200, 2))
+    off = np.maximum(np.abs(curve[::8] - places[:, None]) - half, 0.0)
+    distance = np.hypot(*np.moveaxis(off, 2, 0)).min(1)
+    return places[np.argmax(np.minimum(distance, clear))]
+
+
+# One right answer.
+
+
+def plain(canvas, rng):
+    closed = bool(rng.integers(2))
+    curve = hand(rng, closed)
+    canvas.line(curve, float(rng.choice([1.0, 1.5, 2.0, 3.0, 4.5])), RED, closed)
+    return curve, closed
+
+
+def thin(canvas, rng):
+    curve = hand(rng)
+    canvas.line(curve, 1.0, RED)
+    return curve, False
+
+
+def downscaled(canvas, rng):
+    curve = hand(rng)
+    big = Canvas(cv2.resize(canvas.picture, None, fx=2, fy=2), canvas.rasteriser)
+    big.line(2 * curve + 0.5, 2 * pen(rng), RED)
+    canvas.picture = cv2.resize(big.picture, SHAPE[::-1], interpolation=cv2.INTER_AREA)
+    return curve, False
+
+
+def mouse(canvas, rng):
+    """Straight steps of 2 to 5 px on whole pixels, as a mouse gives them."""
+    curve = hand(rng)
+    arc = arc_of(curve)
+    steps = np.cumsum(rng.uniform(2, 5, int(arc[-1] / 2)))
+    at = np.r_[0.0, steps[steps < arc[-1]]]
+    curve = np.column_stack([np.interp(at, arc, curve[:, k]) for k in (0, 1)])
+    curve = np.rint(curve)
+    curve = curve[np.r_[True, np.diff(curve, axis=0).any(1)]]
+    canvas.line(curve, pen(rng), RED)
+    return curve, False
+
+
+def polygon(canvas, rng):
+    curve = hand(rng, True)[:: 1200 // int(rng.integers(7, 14))]
+    canvas.line(curve, pen(rng), RED, True)
+    return curve, True
+
+
+def pressure(canvas, rng):
+    """A pen whose width varies by 30 to 60 % with the hand's pressure."""
+    curve = hand(rng)
+    t = np.linspace(0, 1, len(curve))
+    swing = rng.uniform(0.3, 0.6) * np.sin(2 * np.pi * (rng.uniform(1, 3) * t + rng.uniform()))
+    canvas.pressed(curve, rng.uniform(3, 5) * (1 + swing), RED)
+    return curve, False
+
+
+def taper(canvas, rng):
+    """Drawn out to a point over 10 to 40 px at either end or one."""
+    curve, over = hand(rng), float(rng.choice([10, 20, 40]))
+    arc = arc_of(curve)
+    ends = np.minimum(arc, arc[-1] - arc) if rng.integers(2) else arc
+    canvas.pressed(curve, pen(rng) * np.clip(ends / over, 0.05, 1), RED)
+    return curve, False
+
+
+def glyphs(canvas, rng):
+    """Slicer's control points: discs of the line's colour on it."""
+    curve, width = hand(rng), pen(rng)
+    canvas.line(curve, width, RED)
+    for at in curve[:: len(curve) // int(rng.integers(5, 9))]:
+        canvas.disc(at, width * rng.uniform(1.0, 1.6), RED)
+    canvas.disc(curve[-1], width * 1.3, RED)
+    return curve, False
+
+
+def handles(canvas, rng):
+    """An ImageJ polygon with its handles: white squares with a dark border."""
+    curve = hand(rng, True)[:: 1200 // int(rng.integers(8, 14))]
+    canvas.line(curve, float(rng.choice([2.0, 3.0])), RED, True)
+    for at in curve:
+        at = np.rint(at)
+        canvas.box(at, 7, 7, BLACK)
+        canvas.box(at, 5, 5, WHITE)
+    return curve, True
+
+
+def scale_bar(canvas, rng):
+    curve, width = hand(rng), pen(rng)
+    canvas.line(curve, width, RED)
+    length = rng.uniform(50, 100)
+    at = away(curve, rng, (length, 40))
+    bar = at + np.array([[-length / 2, 0], [length / 2, 0]])
+    canvas.line(bar, 2.0, RED, cap="butt")
+    for end in bar:
+        canvas.line(end + np.array([[0, -5], [0, 5]]), 2.0, RED, cap="butt")
+    canvas.text("5 cm", at + [-16, -8], RED)
+    return curve, False
+
+
+def calliper(canvas, rng):
+    """A measured distance: a slanting line with a cross at either end and its length in words."""
+    curve = hand(rng)
+    canvas.line(curve, pen(rng), RED)
+    length, angle = rng.uniform(40, 80), rng.uniform(0.2, 1.3)
+    way = np.array([np.cos(angle), np.sin(angle)])
+    at = away(curve, rng, length * way + 12)
+    canvas.line(at + length / 2 * np.array([-way, way]), 1.5, RED, cap="butt")
+    for end in (at - length / 2 * way, at + length / 2 * way):
+        canvas.line(end + np.array([[-6, 0], [6, 0]]), 1.5, RED, cap="butt")
+        canvas.line(end + np.array([[0, -6], [0, 6]]), 1.5, RED, cap="butt")
+    return curve, False
+
+
+def window_frame(canvas, rng):
+    """A rectangle beside or round the curve, as a viewport's border."""
+    curve = hand(rng)
+    canvas.line(curve, pen(rng), RED)
+    inset = rng.uniform(6, 14)
+    centre = (np.array(SHAPE[::-1]) - 1) / 2
+    corners = rectangle(centre, SHAPE[1] - 2 * inset, SHAPE[0] - 2 * inset)
+    if rng.integers(2):
+        size = rng.uniform(30, 52, 2)
+        corners = rectangle(away(curve, rng, size), *size)
+    canvas.line(corners, 2.0, RED, True)
+    return curve, False
+
+
+def region(canvas, rng):
+    """A filled patch of the pen's colour beside the curve."""
+    curve = hand(rng)
+    canvas.line(curve, pen(rng), RED)
+    turn = np.linspace(0, 2 * np.pi, 80, endpoint=False)
+    radius = rng.uniform(12, 22) * (1 + 0.2 * np.sin(3 * turn))
+    at = away(curve, rng, (50, 50))
+    canvas.fill(at + radius[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]), RED)
+    return curve, False
+
+
+def dot_end(canvas, rng):
+    """A blob where the pen rested at one end."""
+    curve, width = hand(rng), pen(rng)
+    canvas.line(curve, width, RED)
+    canvas.disc(curve[-1], width * rng.uniform(1.2, 2.2), RED)
+    return curve, False
+
+
+def arrow_head(canvas, rng):
+    """A filled head at the end, whose tip is the curve's end."""
+    curve, width = hand(rng), pen(rng)
+    canvas.line(part(curve, 0, -8.0), width, RED)
+    tip = curve[-1]
+    back = part(curve, -14.0, -10.0)[0]
+    along = (tip - back) / np.hypot(*(tip - back))
+    across = np.array([-along[1], along[0]])
+    size = 3 * width
+    canvas.fill(
+        [tip, tip - size * along + size / 2 * across, tip - size * along - size / 2 * across], RED
+    )
+    return curve, False
+
+
+def leader(canvas, rng):
+    """A thin line from words to near the curve, not touching it."""
+    curve = hand(rng)
+    canvas.line(curve, 3.0, RED)
+    at = away(curve, rng, (60, 20), 45)
+    nearest = curve[np.hypot(*(curve - at).T).argmin()]
+    way = (nearest - at) / np.hypot(*(nearest - at))
+    canvas.line([at, nearest - 9 * way], 1.0, RED)
+    canvas.text("cut", at + [-26, -4] if way[0] > 0 else at + [2, 4], RED)
+    return curve, False
+
+
+def crosses(canvas, rng):
+    """Marker crosses of the pen's colour with their labels."""
+    curve = hand(rng)
+    canvas.line(curve, pen(rng), RED)
+    for k in range(int(rng.integers(3, 7))):
+        at = away(curve, rng, (28, 28), rng.uniform(12, 60))
+        for end in ((6, 0), (0, 6)):
+            canvas.line(np.array([at - end, at + end]), 1.5, RED, cap="butt")
+        canvas.text(f"x{k}", at + [6, -5], YELLOW, 0.4)
+    return curve, False
+
+
+def words(canvas, rng):
+    curve = hand(rng)
+    canvas.line(curve, pen(rng), RED)
+    canvas.text("L hip 3", away(curve, rng, (70, 14)) - [34, -6], RED)
+    return curve, False
+
+
+def lifts(canvas, rng):
+    """The pen was lifted twice over 5 to 14 px."""
+    curve, width = hand(rng), pen(rng)
+    length = arc_of(curve)[-1]
+    a, b = length * rng.uniform(0.25, 0.4), length * rng.uniform(0.6, 0.75)
+    gaps = rng.uniform(5, 14, 2) + width
+    for start, stop in ((0, a), (a + gaps[0], b), (b + gaps[1], length)):
+        canvas.line(part(curve, start, stop), width, RED)
+    return curve, False
+
+
+def touched(canvas, rng, order=None):
+    """A line of another colour that runs along the curve's edge for a while."""
+    curve, width = hand(rng), float(rng.choice([3.0, 4.0, 5.0]))
+    other = OTHERS[int(rng.integers(3))]
+    size = float(rng.choice([1.5, 3.0, 5.0]))
+    length = arc_of(curve)[-1]
+    start = length * rng.uniform(0.2, 0.4)
+    beside = curve + (width + size) / 2 * rng.uniform(0.75, 1.05) * normal_of(curve)
+    run = part(beside, start, start + rng.uniform(60, 140))
+    lead = [run[0] + 25 * normal_of(run)[0] - 10, *run, run[-1] + 25 * normal_of(run)[-1] + 10]
+    on_top = bool(rng.integers(2)) if order is None else order
+    pens = [(np.array(lead), size, other), (curve, width, RED)]
+    for points, broad, colour in pens if on_top else pens[::-1]:
+        canvas.line(points, broad, colour)
+    return curve, False
+
+
+def touched_red_on_top(canvas, rng):
+    return touched(canvas, rng, True)
+
+
+def crossed(canvas, rng):
+    """Lines of other colours across the curve."""
+    curve, width = hand(rng), pen(rng)
+    canvas.line(curve, width, RED)
+    for where in (0.3, 0.65):
+        at = curve[int(where * len(curve))]
+        normal = normal_of(curve)[int(where * len(curve))]
+        lean = normal + rng.uniform(-0.5, 0.5) * np.array([-normal[1], normal[0]])
+        colour = (*OTHERS, CYAN, GREEN)[int(rng.integers(5))]
+        canvas.line(np.array([at - 40 * lean, at + 40 * lean]), rng.uniform(1.5, 4), colour)
+    return curve, False
+
+
+def bars(canvas, rng):
+    """A red curve beside a chart's orange bars."""
+    curve = hand(rng)
+    canvas.line(curve, pen(rng), RED)
+    at = away(curve, rng, (34, 60)) + [0, 25]
+    for k in range(3):
+        height = rng.uniform(20, 50)
+        canvas.box(at + [10 * k - 10, -height / 2], 7, height, (255, 127, 14))
+    return curve, False
+
+
+# An answer other than the truth must be warned of, or refused.
+
+
+def goes_on_along_an_axis(canvas, rng):
+    """Beyond a lift of more than the longest bridged, a straight piece along a row or column."""
+    width, gap = pen(rng), rng.uniform(26, 45)
+    u, v = rng.uniform(40, 60), rng.uniform(120, 200)
+    t = np.linspace(0, 1, 800)
+    curve = np.column_stack([u + 170 * t, v + 35 * np.sin(np.pi * t) ** 2 * np.cos(3 * t)])
+    straight = np.array(
+        [[u + 170 + gap, v], [u + 170 + gap + rng.uniform(24, 42), v + rng.uniform(-1, 1)]]
+    )
+    whole = np.vstack([curve, straight])
+    if rng.integers(2):
+        whole, curve, straight = (x[:, ::-1] * [1, 1] for x in (whole, curve, straight))
+        whole, curve, straight = (x * [1, 0.92] for x in (whole, curve, straight))
+    canvas.line(curve, width, RED)
+    canvas.line(straight, width, RED)
+    return whole, False
+
+
+def short_pieces(canvas, rng):
+    """The curve goes on beyond 22 to 35 px in pieces shorter than a line may be."""
+    curve, width = hand(rng, margin=0.12), pen(rng)
+    length = arc_of(curve)[-1]
+    stop = length * rng.uniform(0.6, 0.75)
+    canvas.line(part(curve, 0, stop), width, RED)
+    at = stop
+    while (at := at + rng.uniform(22, 35) + width) < length - 5:
+        canvas.line(part(curve, at, min(at + rng.uniform(8, 16), length)), width, RED)
+        at += 12
+    return curve, False
+
+
+def goes_on_dashed(canvas, rng):
+    curve, width = hand(rng, margin=0.12), pen(rng)
+    length = arc_of(curve)[-1]
+    at = length * rng.uniform(0.55, 0.75)
+    canvas.line(part(curve, 0, at), width, RED)
+    dash, gap = rng.uniform(5, 12), rng.uniform(8, 24) + width
+    while at + gap + dash < length:
+        at += gap
+        canvas.line(part(curve, at, at + dash), width, RED)
+        at += dash
+    return part(curve, 0, at), False
+
+
+def rectangle_with_a_line(canvas, rng):
+    """The planned cut is a rectangle; a short line stands inside it."""
+    centre = (np.array(SHAPE[::-1]) - 1) / 2 + rng.uniform(-20, 20, 2)
+    corners = rectangle(centre, rng.uniform(160, 220), rng.uniform(130, 190))
+    canvas.line(corners, pen(rng), RED, True)
+    t = np.linspace(-1, 1, 100)[:, None]
+    short = centre + rng.uniform(16, 24) * t * [0.9, 0.5] + [0, 3] * np.sin(3 * t)
+    canvas.line(short, 2.5, RED)
+    return corners, True
+
+
+def end_under_a_box(canvas, rng):
+    curve = hand(rng)
+    canvas.line(curve, pen(rng), RED)
+    length = arc_of(curve)[-1]
+    hidden = part(curve, length - rng.uniform(35, 90), length)
+    low, high = hidden.min(0) - 6, hidden.max(0) + 6
+    colour = (*OTHERS, CYAN, GREEN, BLUE)[int(rng.integers(6))]
+    canvas.box((low + high) / 2, *(high - low), colour)
+    return curve, False
+
+
+def end_among_specks(canvas, rng):
+    """The last 35 to 90 px of a curve broken into specks among others."""
+    curve, width = hand(rng), pen(rng)
+    length = arc_of(curve)[-1]
+    stop = length - rng.uniform(35, 90)
+    canvas.line(part(curve, 0, stop), width, RED)
+    at = stop + width
+    while at < length:
+        at += rng.uniform(4, 12)
+        canvas.disc(part(curve, min(at, length - 1), length)[0], rng.uniform(0.8, 1.8), RED)
+    for _ in range(25):
+        canvas.disc(curve[-1] + rng.normal(0, 30, 2), rng.uniform(0.8, 1.8), RED)
+    return curve, False
+
+
+def opening(canvas, rng):
+    """A C: nearly closed, with an opening of 6 to 26 px."""
+    curve = hand(rng, True)
+    width = pen(rng)
+    arc = arc_of(curve)
+    curve = part(curve, 0, arc[-1] - rng.uniform(6, 26) - width)
+    canvas.line(curve, width, RED)
+    return curve, False
+
+
+def orange_bar(canvas, rng):
+    """No curve at all: a chart's orange bars."""
+    at = rng.uniform(90, 200, 2)
+    orange = ((255, 127, 14), ORANGE)[int(rng.integers(2))]
+    for k in range(int(rng.integers(1, 4))):
+        canvas.box(at + [18 * k, 0], rng.uniform(6, 9), rng.uniform(60, 110), orange)
+    return None, False
+
+
+def hidden_stretch(canvas, rng):
+    """Something broader than the longest bridged lies over the line."""
+    curve, width = hand(rng), pen(rng)
+    canvas.line(curve, width, RED)
+    at = curve[int(rng.uniform(0.4, 0.6) * len(curve))]
+    canvas.disc(at, rng.uniform(14, 22), (*OTHERS, CYAN, GREEN)[int(rng.integers(5))])
+    return curve, False
+
+
+KINDS = {
+    f.__name__.replace("_", " "): f
+    for f in (
+        plain, thin, downscaled, mouse, polygon, pressure, taper, glyphs, handles, scale_bar, calliper,
+        window_frame, region, dot_end, arrow_head, leader, crosses, words, lifts, touched,
+        touched_red_on_top, crossed, bars,
+    )
+}  # fmt: skip
+TRAPS = {
+    f.__name__.replace("_", " "): f
+    for f in (
+        goes_on_along_an_axis, short_pieces, goes_on_dashed, rectangle_with_a_line, end_under_a_box,
+        end_among_specks, opening, orange_bar, hidden_stretch,
+    )
+}  # fmt: skip

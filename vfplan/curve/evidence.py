@@ -1,0 +1,296 @@
+"""The measured curve held against the ink: what it explains of the red, and what it leaves.
+
+Every pixel of the mask belongs to the curve, to a mark that was taken for something else, or to
+neither. What could belong to the curve and was not followed is told with its place and length: ink
+ahead of an end, ink that hangs together with the curve, ink under a bridge. A bridge longer than
+the caller allows is refused, as is a fit that left the ink.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.curve.candidates import Candidate, angle_deg, inked_ends
+from vfplan.curve.marks import Mark
+from vfplan.curve.ridge import Centreline
+from vfplan.errors import CurveError
+
+EDGE_PX = 1.5  # beyond half a width from the curve ink is its own blur
+OWN_WIDTHS, OWN_PX = 1.5, 6.0  # ink this far beyond its edge is no blot, glyph or arrow's head
+AHEAD_DEG, AIMED_DEG = 60.0, 25.0  # from an end's direction: ink near it, and ink far from it
+BENT_DEG = 50.0  # from an end's direction, for a piece that goes on along the same bend
+REACH = 3.0  # times its own length, beyond `max_gap`, a piece is looked for
+SLIM = 2.0  # times longer than wide: a piece that has a direction
+ALIKE = 2.5  # widths of one pen differ by no more
+LEAST_PIXELS, SPECKS = 3, 3
+NO_CONTINUATION = ("text", "frame", "scale bar", "leader", "symbol with arms")
+LEFT = 0.5  # of a width, and a pixel: an honest fit does not leave the ink by more
+BRIDGE_WIDTHS, BRIDGE_PX = 2.0, 4.0  # beside a gap, where profiles lack a side
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Connected ink that the curve does not explain.
+
+    Parameters
+    ----------
+    pixels
+        (N, 2) int64 (u, v).
+    kind
+        "own" where it hangs together with the curve, else what its mark was taken for.
+    middle, along
+        (2,) its centre, and the unit direction in which it extends.
+    length_px, width_px
+        Along that direction, and its area over that length.
+    """
+
+    pixels: NDArray[np.int64]
+    kind: str
+    middle: NDArray[np.float64]
+    along: NDArray[np.float64]
+    length_px: float
+    width_px: float
+
+    @classmethod
+    def of_pixels(cls, pixels: NDArray, kind: str) -> Piece:
+        """Measure connected pixels."""
+        middle = pixels.mean(0)
+        off = pixels - middle
+        along = np.linalg.svd(off.T @ off)[0][:, 0]
+        length = float(np.ptp(off @ along)) + 1.0
+        return cls(pixels, kind, middle, along, length, len(pixels) / length)
+
+
+def pieces_beside(
+    mask: NDArray[np.bool_],
+    chosen: list[tuple[Candidate, Centreline]],
+    told: list[Candidate],
+    marks: list[Mark],
+) -> tuple[list[Piece], dict[str, int]]:
+    """What of the (H, W) mask the chosen lines leave, and the pixels of each kind, "curve" first."""
+    import cv2
+
+    ink = mask.view(np.uint8)
+    left, top, width, height = cv2.boundingRect(ink)
+    ink, corner = ink[top : top + height, left : left + width], np.array([left, top])
+    rest = np.ascontiguousarray(ink)
+    for line, found in chosen:
+        points = found.points if found.widening else line.path  # unmeasured ones have no order
+        _wipe(rest, points - corner, found.closed, line.width_px / 2 + EDGE_PX)
+    _, whole = cv2.connectedComponents(ink, connectivity=8)
+    kind = _kinds(whole, corner, [line for line, _ in chosen], told, marks)
+    rows, cols = np.nonzero(rest)
+    _, label = cv2.connectedComponents(rest, connectivity=8)
+    label = label[rows, cols]
+    order = np.argsort(label, kind="stable")
+    cuts = np.split(order, np.flatnonzero(np.diff(label[order])) + 1) if len(order) else []
+    pixels = {"curve": int(np.count_nonzero(ink) - np.count_nonzero(rest))}
+    pieces = []
+    for cut in cuts:
+        name = kind.get(int(whole[rows[cut[0]], cols[cut[0]]]), "speck")
+        pixels[name] = pixels.get(name, 0) + len(cut)
+        if len(cut) >= LEAST_PIXELS:
+            at = np.column_stack([cols[cut], rows[cut]]) + corner
+            pieces.append(Piece.of_pixels(at, name))
+    return pieces, pixels
+
+
+def _wipe(ink: NDArray[np.uint8], points: NDArray, closed: bool, reach: float) -> None:
+    import cv2
+
+    fine, shift = 16, 4
+    places = np.rint(points * fine).astype(np.int32)[:, None]
+    cv2.polylines(ink, [places], closed, 0, max(1, round(2 * reach)), cv2.LINE_8, shift)
+
+
+def _kinds(
+    whole: NDArray,
+    corner: NDArray,
+    chosen: list[Candidate],
+    told: list[Candidate],
+    marks: list[Mark],
+) -> dict[int, str]:
+    """The kind of each connected label of the mask."""
+    named = [(m.kind, m.branches[0].path) for m in marks if m.branches]
+    named += [(line.kind, line.pixels) for line in told]
+    named += [("own", line.pixels) for line in chosen]
+    kinds: dict[int, str] = {}
+    for name, pixels in named:
+        u, v = (pixels - corner).T
+        on = (u >= 0) & (v >= 0) & (u < whole.shape[1]) & (v < whole.shape[0])
+        kinds |= dict.fromkeys(whole[v[on], u[on]].tolist(), name)
+    kinds.pop(0, None)
+    return kinds
+
+
+def unexplained(
+    chosen: list[tuple[Candidate, Centreline]],
+    pieces: list[Piece],
+    mask: NDArray[np.bool_],
+    max_gap_px: float,
+    origin: tuple[int, int],
+) -> tuple[list[Piece], list[str]]:
+    """The pieces that may carry a chosen line on, and a warning for each place of such ink."""
+    carrying, warnings = [], []
+    for line, found in chosen:
+        for at, outward in inked_ends(line, mask):
+            piece, told = _beyond(line, at, outward, pieces, max_gap_px, origin)
+            carrying += piece
+            warnings += told
+        warnings += _hanging(line, found, pieces, origin)
+    return carrying, warnings
+
+
+def _beyond(
+    line: Candidate,
+    at: NDArray,
+    outward: NDArray,
+    pieces: list[Piece],
+    max_gap: float,
+    origin: tuple[int, int],
+) -> tuple[list[Piece], list[str]]:
+    """What lies ahead of an end: the nearest piece that may carry the line on, or specks."""
+    near, specks = [], 0
+    for piece in pieces:
+        if piece.kind in NO_CONTINUATION:
+            continue
+        away = piece.pixels - at
+        distance = np.hypot(*away.T)
+        gap = float(distance.min())
+        if gap > max_gap + REACH * piece.length_px:
+            continue
+        aside = angle_deg(outward, away[distance.argmin()]) if gap else 0.0
+        specks += gap <= max_gap and aside <= 90.0 and piece.kind == "speck"
+        if piece.kind != "own" and _carries_on(line, piece, gap, aside, at, outward, max_gap):
+            near.append((gap, piece))
+    if near:
+        gap, piece = min(near, key=lambda item: item[0])
+        u, v = (piece.pixels.min(0) + piece.pixels.max(0)) / 2 + origin
+        what = "a mark" if piece.kind == "speck" else f"a mark ({piece.kind})"
+        return [piece], [
+            f"{what} of {piece.length_px:.0f} px at ({u:.0f}, {v:.0f}) lies about {gap:.0f} px "
+            "beyond the curve's end and is not part of it"
+        ]
+    if specks >= SPECKS:
+        u, v = at + origin
+        return [], [f"the curve ends at ({u:.0f}, {v:.0f}) among {specks} specks of its colour"]
+    return [], []
+
+
+def _carries_on(
+    line: Candidate,
+    piece: Piece,
+    gap: float,
+    aside: float,
+    at: NDArray,
+    outward: NDArray,
+    max_gap: float,
+) -> bool:
+    if not 1 / ALIKE < piece.width_px / line.width_px < ALIKE:
+        return False
+    if gap <= max_gap:
+        return aside <= AHEAD_DEG
+    if piece.length_px < SLIM * piece.width_px:
+        return aside <= AIMED_DEG
+    # An arc turns by as much again beyond its chord's middle.
+    way = piece.middle - at
+    along = piece.along if piece.along @ way > 0 else -piece.along
+    first, then = _turn(outward, way), _turn(way, along)
+    return abs(first) <= BENT_DEG and abs(first - then) <= AIMED_DEG
+
+
+def _turn(a: NDArray, b: NDArray) -> float:
+    """From one direction to another, with its sign [degrees]."""
+    return float(np.degrees(np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)))
+
+
+def _hanging(
+    line: Candidate, found: Centreline, pieces: list[Piece], origin: tuple[int, int]
+) -> list[str]:
+    """Ink that hangs together with the line and lies too far beside it."""
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(found.points)
+    most = line.width_px / 2 + max(OWN_WIDTHS * line.width_px, OWN_PX)
+    warnings = []
+    for piece in pieces:
+        if piece.kind == "own":
+            distance = tree.query(piece.pixels)[0]
+            if distance.max() > most:
+                u, v = piece.pixels[distance.argmax()] + origin
+                warnings.append(
+                    f"ink of {piece.length_px:.0f} px that hangs together with the curve reaches to "
+                    f"({u}, {v}), {distance.max():.0f} px beside it, and is not part of it"
+                )
+    return warnings
+
+
+def refuse_blind_bridges(
+    line: Candidate, found: Centreline, max_gap_px: float, origin: tuple[int, int]
+) -> None:
+    """Raise `CurveError` where more than a caller allows could not be measured."""
+    slack = BRIDGE_WIDTHS * line.width_px + BRIDGE_PX
+    for run in _runs(found.bridged, found.closed):
+        length = float(np.hypot(*np.diff(found.points[run], axis=0).T).sum())
+        if length > max_gap_px + slack:
+            u, v = found.points[run[len(run) // 2]] + origin
+            raise CurveError(
+                f"{length:.0f} px of the line cannot be measured, for something lies over or "
+                f"against it; no more than --max-gap ({max_gap_px:g} px) is bridged",
+                where=f"pixel ({u:.0f}, {v:.0f})",
+            )
+
+
+def bridged_ink(
+    line: Candidate, found: Centreline, mask: NDArray[np.bool_], origin: tuple[int, int]
+) -> list[str]:
+    """A warning for each bridge that runs over ink, beyond what its edges lack of a profile."""
+    warnings = []
+    slack = BRIDGE_WIDTHS * line.width_px + BRIDGE_PX
+    for run in _runs(found.bridged, found.closed):
+        u, v = np.rint(found.points[run]).astype(int).T
+        inked = mask[v.clip(0, mask.shape[0] - 1), u.clip(0, mask.shape[1] - 1)]
+        if inked.sum() > slack:
+            place = found.points[run[len(run) // 2]] + origin
+            warnings.append(
+                f"{inked.sum()} px of visible ink around ({place[0]:.0f}, {place[1]:.0f}) could "
+                "not be measured: the curve is carried across from both sides"
+            )
+    return warnings
+
+
+def refuse_strayed(line: Candidate, found: Centreline, origin: tuple[int, int]) -> None:
+    """Raise `CurveError` where the fitted line left the ink it was measured in."""
+    from scipy.spatial import cKDTree
+
+    measured = found.points[~found.bridged]
+    if not len(measured):
+        return
+    distance = cKDTree(line.path).query(measured)[0]
+    worst = int(distance.argmax())
+    ends = 3 * line.width_px + OWN_PX  # thinning takes so much of a line's ends at most
+    near = np.hypot(*np.moveaxis(measured[:, None] - line.path[[0, -1]], 2, 0)).min(1) < ends
+    limit = (1 + LEFT) * line.width_px + 2.0
+    if (distance > np.where(near & (not line.closed), ends + limit, limit)).any():
+        u, v = measured[worst] + origin
+        raise CurveError(
+            f"the fitted line left its ink by {distance[worst]:.0f} px: the drawing is not one "
+            "smooth line there",
+            where=f"pixel ({u:.0f}, {v:.0f})",
+        )
+
+
+def _runs(flags: NDArray[np.bool_], closed: bool) -> Iterator[NDArray[np.int64]]:
+    """Indices of each run of flags; on a ring one may run through the seam."""
+    if flags.all() or not flags.any():
+        yield from [np.arange(len(flags))] if flags.any() else []
+        return
+    shift = int(np.argmin(flags)) if closed else 0
+    rolled = np.roll(flags, -shift)
+    edges = np.flatnonzero(np.diff(np.r_[False, rolled, False].astype(int))).reshape(-1, 2)
+    for start, stop in edges:
+        yield (np.arange(start, stop) + shift) % len(flags)
