@@ -78,7 +78,7 @@ def normal_of(curve):
 
 
 def away(curve, rng, size=(40, 40), clear=25):
-    """The centre of a box of a size that lies `clear` px off a curve, or as far as there is room."""
+    """The centre of a box of a size that lies `clear` px off a curve, or farther than others."""
     half = np.array(size) / 2
     places = rng.uniform(half + 8, np.array(SHAPE[::-1]) - half - 8, (200, 2))
     off = np.maximum(np.abs(curve[::8] - places[:, None]) - half, 0.0)
@@ -177,7 +177,7 @@ def scale_bar(canvas, rng):
     canvas.line(bar, 2.0, RED, cap="butt")
     for end in bar:
         canvas.line(end + np.array([[0, -5], [0, 5]]), 2.0, RED, cap="butt")
-    canvas.text("5 cm", at + [-16, -8], RED)
+    canvas.text("5 cm", np.add(at, [-16, -8]), RED)
     return curve, False
 
 
@@ -251,7 +251,7 @@ def leader(canvas, rng):
     nearest = curve[np.hypot(*(curve - at).T).argmin()]
     way = (nearest - at) / np.hypot(*(nearest - at))
     canvas.line([at, nearest - 9 * way], 1.0, RED)
-    canvas.text("cut", at + [-26, -4] if way[0] > 0 else at + [2, 4], RED)
+    canvas.text("cut", np.add(at, [-26, -4]) if way[0] > 0 else np.add(at, [2, 4]), RED)
     return curve, False
 
 
@@ -263,7 +263,7 @@ def crosses(canvas, rng):
         at = away(curve, rng, (28, 28), rng.uniform(12, 60))
         for end in ((6, 0), (0, 6)):
             canvas.line(np.array([at - end, at + end]), 1.5, RED, cap="butt")
-        canvas.text(f"x{k}", at + [6, -5], YELLOW, 0.4)
+        canvas.text(f"x{k}", np.add(at, [6, -5]), YELLOW, 0.4)
     return curve, False
 
 
@@ -274,11 +274,19 @@ def words(canvas, rng):
     return curve, False
 
 
+def _straightest(curve, low, high):
+    """Where between two shares of a curve's points it bends least."""
+    turn = np.abs(np.gradient(np.unwrap(np.arctan2(*np.gradient(curve, axis=0).T))))
+    first, last = int(low * len(curve)), int(high * len(curve))
+    bend = np.convolve(turn, np.ones(81), "same")[first:last]
+    return (first + int(bend.argmin())) / len(curve)
+
+
 def lifts(canvas, rng):
     """The pen was lifted twice over 5 to 14 px."""
     curve, width = hand(rng), pen(rng)
     length = arc_of(curve)[-1]
-    a, b = length * rng.uniform(0.25, 0.4), length * rng.uniform(0.6, 0.75)
+    a, b = (length * _straightest(curve, *share) for share in ((0.2, 0.45), (0.55, 0.8)))
     gaps = rng.uniform(5, 14, 2) + width
     for start, stop in ((0, a), (a + gaps[0], b), (b + gaps[1], length)):
         canvas.line(part(curve, start, stop), width, RED)
@@ -323,10 +331,10 @@ def bars(canvas, rng):
     """A red curve beside a chart's orange bars."""
     curve = hand(rng)
     canvas.line(curve, pen(rng), RED)
-    at = away(curve, rng, (34, 60)) + [0, 25]
+    at = np.add(away(curve, rng, (34, 60)), [0, 25])
     for k in range(3):
         height = rng.uniform(20, 50)
-        canvas.box(at + [10 * k - 10, -height / 2], 7, height, (255, 127, 14))
+        canvas.box(np.add(at, [10 * k - 10, -height / 2]), 7, height, (255, 127, 14))
     return curve, False
 
 
@@ -429,7 +437,7 @@ def orange_bar(canvas, rng):
     at = rng.uniform(90, 200, 2)
     orange = ((255, 127, 14), ORANGE)[int(rng.integers(2))]
     for k in range(int(rng.integers(1, 4))):
-        canvas.box(at + [18 * k, 0], rng.uniform(6, 9), rng.uniform(60, 110), orange)
+        canvas.box(np.add(at, [18 * k, 0]), rng.uniform(6, 9), rng.uniform(60, 110), orange)
     return None, False
 
 
@@ -445,8 +453,8 @@ def hidden_stretch(canvas, rng):
 KINDS = {
     f.__name__.replace("_", " "): f
     for f in (
-        plain, thin, downscaled, mouse, polygon, pressure, taper, glyphs, handles, scale_bar, calliper,
-        window_frame, region, dot_end, arrow_head, leader, crosses, words, lifts, touched,
+        plain, thin, downscaled, mouse, polygon, pressure, taper, glyphs, handles, scale_bar,
+        calliper, window_frame, region, dot_end, arrow_head, leader, crosses, words, lifts, touched,
         touched_red_on_top, crossed, bars,
     )
 }  # fmt: skip

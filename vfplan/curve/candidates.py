@@ -13,6 +13,8 @@ TANGENT_PX = 14.0  # length of line from which an end's direction is taken
 MAX_TURN_DEG = 60.0  # between the directions on both sides of a gap
 MAX_ASIDE_DEG = 45.0  # between a direction and the gap itself
 PIXEL_NOISE = 2.0
+# A handle's size at most; its border's and its middle's grey; pixels of either.
+HANDLE_PX, HANDLE_GREY, HANDLE_PIXELS = 16.0, (60.0, 225.0), 6
 INK_WIDTHS, INK_PX, INK_STEP_PX = 2.0, 6.0, 0.25  # how far beyond a thinned end ink is looked for
 EDGE_PX = 0.5  # by which a gap between inked pixels may seem wider than it is
 
@@ -90,20 +92,23 @@ class _End:
     ink: float = 0.0  # how far the ink runs on beyond `at`
 
 
-def candidates_of(marks: list[Mark], mask: NDArray[np.bool_], max_gap_px: float) -> list[Candidate]:
+def candidates_of(
+    marks: list[Mark], mask: NDArray[np.bool_], max_gap_px: float, rgb: NDArray
+) -> list[Candidate]:
     """Join the marks that are lines over gaps of up to `max_gap_px`; the longest comes first.
 
     A gap is what is left between the inked pixels of the (H, W) mask.
 
     A gap is bridged where both tangents agree with each other and with the gap, both pens are the
-    same, and neither end has a second partner nearly as good.
+    same, and neither end has a second partner nearly as good. Where the (H, W, 3) image shows a
+    handle in the gap, as an editor draws on the corners of a polygon, the tangents meet under it.
     """
     lines = [m for m in marks if m.kind == "curve"]
     paths = [m.branches[0].path.astype(float) for m in lines]
     closed = [m.branches[0].closed for m in lines]
     ends = [e for i, m in enumerate(lines) if not closed[i] for e in _ends(i, paths[i], m)]
     ends = [replace(e, ink=_ink_beyond(e, mask)) for e in ends]
-    joins = _joins(ends, paths, max_gap_px)
+    joins = _joins(ends, paths, max_gap_px, rgb)
     found = [
         Candidate(path, True, np.zeros(len(path), bool), (mark,))
         for path, mark, ring in zip(paths, lines, closed, strict=True)
@@ -173,11 +178,13 @@ def _direction(run: NDArray) -> NDArray:
     return -slope / np.hypot(*slope)
 
 
-def _joins(ends: list[_End], paths: list[NDArray], max_gap: float) -> list[tuple[_End, _End]]:
+def _joins(
+    ends: list[_End], paths: list[NDArray], max_gap: float, rgb: NDArray
+) -> list[tuple[_End, _End]]:
     costs: dict[tuple[int, int], float] = {}
     rivals: dict[int, list[tuple[float, tuple[int, int]]]] = {}
     for pair in _near(ends, max_gap):
-        cost = _cost(ends[pair[0]], ends[pair[1]], paths, max_gap)
+        cost = _cost(ends[pair[0]], ends[pair[1]], paths, max_gap, rgb)
         if cost is not None:
             costs[pair] = cost
             for end in pair:
@@ -202,7 +209,7 @@ def _near(ends: list[_End], max_gap: float) -> list[tuple[int, int]]:
     return sorted(cKDTree([e.at for e in ends]).query_pairs(reach))
 
 
-def _cost(a: _End, b: _End, paths: list[NDArray], max_gap: float) -> float | None:
+def _cost(a: _End, b: _End, paths: list[NDArray], max_gap: float, rgb: NDArray) -> float | None:
     width = (a.mark.width_px + b.mark.width_px) / 2
     across = b.at - a.at
     distance = float(np.hypot(*across))
@@ -216,9 +223,28 @@ def _cost(a: _End, b: _End, paths: list[NDArray], max_gap: float) -> float | Non
     doubt = np.degrees(np.arctan2(PIXEL_NOISE, distance))  # a pixel aside is an angle, up close
     turn = angle_deg(a.outward, -b.outward)
     aside = max(angle_deg(a.outward, across), angle_deg(-b.outward, across)) - doubt
-    if turn > MAX_TURN_DEG or aside > MAX_ASIDE_DEG:
+    if (turn > MAX_TURN_DEG or aside > MAX_ASIDE_DEG) and not _under_handle(a, b, rgb):
         return None
     return distance * (1 + (turn + max(aside, 0.0)) / 45)
+
+
+def _under_handle(a: _End, b: _End, rgb: NDArray) -> bool:
+    """Whether two ends' tangents meet in a small bright square with a dark border."""
+    sides = np.column_stack([a.outward, -b.outward])
+    if abs(np.linalg.det(sides)) < np.sin(np.radians(MAX_TURN_DEG / 4)):
+        meet, ways = (a.at + b.at) / 2, np.zeros(2)
+    else:
+        ways = np.linalg.solve(sides, b.at - a.at)
+        meet = a.at + ways[0] * a.outward
+    size = np.hypot(*(b.at - a.at))
+    if size > HANDLE_PX or not (ways >= -2).all() or not (ways <= size + 2).all():
+        return False
+    u, v = np.rint((meet + (a.at + b.at) / 2) / 2).astype(int)
+    reach = int(size // 2) + 2
+    grey = rgb[max(v - reach, 0) : v + reach + 1, max(u - reach, 0) : u + reach + 1].mean(2)
+    grey = grey * (255.0 / np.iinfo(rgb.dtype).max)
+    bright = (grey > HANDLE_GREY[1]).sum()
+    return bool(bright >= HANDLE_PIXELS and (grey < HANDLE_GREY[0]).sum() >= HANDLE_PIXELS)
 
 
 def same_pen(a: Mark, b: Mark) -> bool:

@@ -13,6 +13,7 @@ from vfplan.errors import CurveError
 MOST_MARKS, CROWD = 3000, 16  # in all, and specks of the longest line's size: more is noise
 LONGER = 2.5  # times a dash: a mark this long is no other dash
 NEAR_PX = 40.0  # between two candidates' ends: parts of one line, it may be
+FRAMES = 6.0  # times longer than the curve in it: the frame itself may be the planned curve
 DESCRIBED = 8  # candidates at most, in an error message
 
 
@@ -100,7 +101,12 @@ def against_advice(
 
 
 def _round(frame: Candidate, line: Candidate) -> bool:
-    """Whether a line's box encloses that of another."""
+    """Whether a line's box encloses that of another, as a panel's frame does what stands in it.
+
+    Of one that is many times longer, what it encloses is a small part of what was drawn.
+    """
+    if frame.length_px > FRAMES * line.length_px:
+        return False
     (u, v, w, h), (a, b, c, d) = frame.box, line.box
     return u <= a and v <= b and u + w >= a + c and v + h >= b + d
 

@@ -26,8 +26,9 @@ from vfplan.curve.profile import Profiles
 CLEAN = 0.006  # of coverage beside the line: less, and the colour has no noise of JPEG's
 RUN, LEAST_RUN = 4.0, 12  # widths, points: a corner or a blot is shorter
 DOUBTED, REFUSED = (1.1, 1.25), (1.3, 1.35)  # in clean pictures, in those with JPEG's noise
+BLOT = 4.5  # widths: so short a run that is wide is a dot on the line
 BESIDE_PX = 0.65  # between two runs: the line midway is 0.3 px off either
-OUTLIER = 4.0  # times the mass's own spread: a pen that fades over bright ground varies all along
+OUTLIER = 4.0  # times the line's own spread: a pen that is pressed, or fades, varies all along
 BEND_POINTS = 5  # of the path, about a pixel apart
 TIGHT = 0.5  # of a bend's radius, a profile's reach: more, and it sees the bend's other side
 RISEN = (1.04, 1.05)  # of mass over peak, at least, where the mass alone speaks for two runs
@@ -68,8 +69,9 @@ def widest_run(
     mass, across = (values / np.median(values[valid]) for values in (mass, across))
     count = min(max(LEAST_RUN, round(RUN * width)), len(base))
     mode = "wrap" if closed else "nearest"
+    plain = valid & ~_blots(np.minimum(mass, across), BLOT * width)
     both, mass, across = (
-        uniform_filter1d(np.where(valid, values, 1.0), count, mode=mode)
+        uniform_filter1d(np.where(plain, values, 1.0), count, mode=mode)
         for values in (np.minimum(mass, across), mass, across)
     )
     noisy = int(np.median(np.abs(profiles.alpha[:, [0, -1]])) > CLEAN)
@@ -77,8 +79,10 @@ def widest_run(
     by_mass = (width * (mass - 1) > BESIDE_PX) & (across > RISEN[noisy])
     by_mass &= mass - 1 > OUTLIER * spread
     by_mass &= maximum_filter1d(_turn(base, closed), count, mode=mode) * profiles.x[-1] < TIGHT
-    doubted = (both > DOUBTED[noisy]) | by_mass
-    refused = bool(both.max() > REFUSED[noisy])
+    pressed = OUTLIER * 1.48 * float(np.median(np.abs(both - np.median(both))))
+    wide = (both - 1 > pressed) & (width * (both - 1) > BESIDE_PX / 2)
+    doubted = (wide & (both > DOUBTED[noisy])) | by_mass
+    refused = bool((wide & (both > REFUSED[noisy])).any())
     ratio = both if refused else np.where(by_mass, mass, both)
     at = int(np.where(doubted, ratio, 0.0).argmax() if doubted.any() else ratio.argmax())
     place = (float(base[at, 0]), float(base[at, 1]))
@@ -87,6 +91,15 @@ def widest_run(
     near = binary_propagation(doubted, mask=doubted | (aside > BESIDE_PX / 4))
     doubt = maximum_filter1d(np.where(near, aside, 0.0), count, mode=mode)
     return Widening(float(ratio[at]), place, bool(doubted.any()), refused, doubt)
+
+
+def _blots(ratio: NDArray, longest: float) -> NDArray[np.bool_]:
+    """(M,) what is wide over a short run only: a dot, a glyph, an arrow's head on the line."""
+    blots = np.zeros(len(ratio), bool)
+    edges = np.flatnonzero(np.diff(np.r_[False, ratio > DOUBTED[0], False].astype(int)))
+    for start, stop in edges.reshape(-1, 2):
+        blots[start:stop] = stop - start <= longest
+    return blots
 
 
 def _turn(base: NDArray, closed: bool) -> NDArray[np.float64]:

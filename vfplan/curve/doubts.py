@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from vfplan.curve.candidates import Candidate, angle_deg, inked_ends
 from vfplan.curve.doubling import Widening
 from vfplan.curve.pen import sample_pixels
-from vfplan.curve.profile import FOREIGN
 from vfplan.curve.unmixing import FOREIGN
 from vfplan.errors import CurveError
 
 AHEAD_DEG = 60.0  # between an end's direction and the way to what may carry it on
 NEAR_GAPS, NEAR_SHARE = 3.0, 0.1  # of the longest gap bridged, of the length: nearly closed
+MOST_LIFTS = 2  # a ring drawn with more is no C
 STRETCH, OVER_PX = 6, 4.0  # points back, px beyond a line's half width: the way ahead of an end
 
 
@@ -47,7 +47,9 @@ def cut_off(
 def nearly_closed(
     line: Candidate, mask: NDArray[np.bool_], max_gap_px: float, origin: tuple[int, int]
 ) -> list[str]:
-    """A warning when an open line's ends run towards each other over a short opening."""
+    """A warning for a short opening between a line's ends, whether it was closed or left open."""
+    if line.closed:
+        return _closed_over(line, origin)
     ends = inked_ends(line, mask)
     if not ends:
         return []
@@ -61,6 +63,22 @@ def nearly_closed(
     return [
         f"the curve is nearly closed: {missing:.0f} px are missing between ({u:.0f}, {v:.0f}) and "
         f"({p:.0f}, {q:.0f})"
+    ]
+
+
+def _closed_over(line: Candidate, origin: tuple[int, int]) -> list[str]:
+    """Of a ring with few lifts, any may be its opening."""
+    edges = np.diff(np.r_[line.bridged[-1], line.bridged].astype(int))
+    starts = np.flatnonzero(edges == 1)
+    if not 0 < len(starts) <= MOST_LIFTS:
+        return []
+    turned = np.roll(line.bridged, -starts[0])
+    runs = np.split(np.arange(len(turned)), np.flatnonzero(np.diff(turned.astype(int))) + 1)[::2]
+    run = (max(runs, key=len) + starts[0]) % len(turned)
+    u, v = line.path[run[len(run) // 2]] + origin
+    return [
+        f"a gap of about {len(run):.0f} px at ({u:.0f}, {v:.0f}) was bridged, which closes the "
+        "curve; a smaller --max-gap leaves it open"
     ]
 
 

@@ -29,6 +29,11 @@ FLAT_PX, EARLY_PX = 1.1, ((2.2, 3.0), (1.0, 0.78))
 ROUND = 0.44  # log odds for a round pen before anything was seen: most programs draw with one
 HALF_DISC = 0.85  # of its radius: where a round end's ink falls to half the width
 SEARCH_PX, TRIAL_PX = 2.5, 0.1
+# Of a pen drawn out to a point, so much coverage is seen surely, and the rest follows; a blunt end
+# has lost it so soon.
+POINT, BLUNT_PX = (0.3, 0.2), 4.0
+# A dot at an end: so many widths across, how round, how long; and the points over which it begins.
+BLOT, ROUNDISH, LONGEST_BLOT, ABRUPT = 1.4, 0.25, 6.0, 3
 BEYOND_PX = 4  # further than the path was read: ground there tells ink from none
 BROAD_PX = 5.0  # a pen this wide hides how the line bends at its end, which tilts its cut:
 BENDS = np.linspace(-0.06, 0.06, 7)  # by so much more than the path does [1/px]
@@ -56,10 +61,46 @@ def ink_ends(profiles: Profiles, valid: NDArray) -> tuple[float, float]:
     return last - _half(profiles.mass[::-1], last - on[0]), _half(profiles.mass, on[-1])
 
 
+def points_of(profiles: Profiles, used: NDArray) -> tuple[float, float]:
+    """How far ink goes on beyond half of the line's coverage, at both ends [px].
+
+    A pen that is drawn out to a point does so, and one that was pressed less at its end. Where the
+    ink still shows at the end of what was read, it goes on at least so far.
+    """
+    first, last = np.flatnonzero(used)[[0, -1]]
+    ends = ((profiles.mass[::-1], len(used) - 1 - first), (profiles.mass, last))
+    return tuple(_point(mass, int(at)) for mass, at in ends)
+
+
+def _point(mass: NDArray, at: int) -> float:
+    half = _half(mass, at)
+    beyond = mass[int(np.ceil(half)) :]
+    thinner, thin = (int(np.argmax(np.r_[beyond, 0.0] < share)) for share in POINT)
+    return thin + POINT[1] / (POINT[0] - POINT[1]) * (thin - thinner) if thin > BLUNT_PX else 0.0
+
+
+def blot_middle(mass: NDArray, ink: float, width: float) -> float | None:
+    """The middle of a dot in which (M,) coverage across a line ends at `ink`; `None` for none.
+
+    A dot's chords are longest in its middle; an arrow's head, whose tip is the end, is none.
+    """
+    wide = np.flatnonzero(mass[: int(ink) + 1] > BLOT)
+    if not len(wide):
+        return None
+    run = wide[np.flatnonzero(np.diff(wide, prepend=-2) > 1)[-1] :]
+    middle, half = (run[0] + run[-1]) / 2, (run[-1] - run[0] + 1) / 2
+    radius = np.hypot(half, BLOT * width / 2)
+    round_one = abs(ink - middle - radius) < ROUNDISH * radius + 1.0
+    abrupt = mass[max(run[0] - ABRUPT, 0)] < (1 + BLOT) / 2  # a pen pressed harder grows slowly
+    return float(middle) if round_one and abrupt and len(run) < LONGEST_BLOT * width else None
+
+
 def line_ends(
     rgb: NDArray, line: NDArray, used: NDArray, profiles: Profiles, pen: Pen, width: float
 ) -> tuple[float, float]:
     """Both ends of the centre line itself, as float indices into the path it was read along.
+
+    A line that is drawn out to a point may end beyond the path.
 
     Parameters
     ----------
@@ -84,8 +125,18 @@ def line_ends(
     short = np.array([FLAT_PX, np.interp(2 * half, *EARLY_PX)])
     odds = np.clip(head.flat_odds + tail.flat_odds - ROUND, -50, 50)
     share = np.array([1.0, np.exp(-odds)]) / (1 + np.exp(-odds))  # one pen drew both ends
-    first, end = ((found.places - short) @ share - BEYOND_PX for found in (head, tail))
-    return max(last - float(first), 0.0), min(float(end), float(last))
+    first, end = (float((found.places - short) @ share - BEYOND_PX) for found in (head, tail))
+    drawn_out = points_of(profiles, used)
+    if drawn_out[0]:
+        first = last - start + drawn_out[0]
+    if drawn_out[1]:
+        end = stop + drawn_out[1]
+    dots = (
+        blot_middle(profiles.mass[::-1], last - start, width),
+        blot_middle(profiles.mass, stop, width),
+    )
+    first, end = (at if dot is None else dot for at, dot in zip((first, end), dots, strict=True))
+    return last - first, end
 
 
 def _carried_on(line: NDArray, first: int, last: int, width: float) -> NDArray[np.float64]:

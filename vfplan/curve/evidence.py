@@ -22,12 +22,12 @@ from vfplan.errors import CurveError
 EDGE_PX = 1.5  # beyond half a width from the curve ink is its own blur
 OWN_WIDTHS, OWN_PX = 1.5, 6.0  # ink this far beyond its edge is no blot, glyph or arrow's head
 AHEAD_DEG, AIMED_DEG = 60.0, 25.0  # from an end's direction: ink near it, and ink far from it
-BENT_DEG = 50.0  # from an end's direction, for a piece that goes on along the same bend
+BENT_DEG, UNEVEN_DEG = 50.0, 35.0  # from an end's direction, for a piece along the same bend
 REACH = 3.0  # times its own length, beyond `max_gap`, a piece is looked for
 SLIM = 2.0  # times longer than wide: a piece that has a direction
 ALIKE = 2.5  # widths of one pen differ by no more
 LEAST_PIXELS, SPECKS = 3, 3
-NO_CONTINUATION = ("text", "frame", "scale bar", "leader", "symbol with arms")
+NO_CONTINUATION = ("text", "frame", "scale bar", "leader", "other colour")
 LEFT = 0.5  # of a width, and a pixel: an honest fit does not leave the ink by more
 BRIDGE_WIDTHS, BRIDGE_PX = 2.0, 4.0  # beside a gap, where profiles lack a side
 
@@ -71,7 +71,7 @@ def pieces_beside(
     told: list[Candidate],
     marks: list[Mark],
 ) -> tuple[list[Piece], dict[str, int]]:
-    """What of the (H, W) mask the chosen lines leave, and the pixels of each kind, "curve" first."""
+    """What of the (H, W) mask the chosen lines leave, and how many pixels each kind has."""
     import cv2
 
     ink = mask.view(np.uint8)
@@ -200,7 +200,7 @@ def _carries_on(
     way = piece.middle - at
     along = piece.along if piece.along @ way > 0 else -piece.along
     first, then = _turn(outward, way), _turn(way, along)
-    return abs(first) <= BENT_DEG and abs(first - then) <= AIMED_DEG
+    return abs(first) <= BENT_DEG and abs(first - then) <= UNEVEN_DEG
 
 
 def _turn(a: NDArray, b: NDArray) -> float:
@@ -223,8 +223,8 @@ def _hanging(
             if distance.max() > most:
                 u, v = piece.pixels[distance.argmax()] + origin
                 warnings.append(
-                    f"ink of {piece.length_px:.0f} px that hangs together with the curve reaches to "
-                    f"({u}, {v}), {distance.max():.0f} px beside it, and is not part of it"
+                    f"ink of {piece.length_px:.0f} px that hangs together with the curve reaches "
+                    f"to ({u}, {v}), {distance.max():.0f} px beside it, and is not part of it"
                 )
     return warnings
 
@@ -270,12 +270,11 @@ def refuse_strayed(line: Candidate, found: Centreline, origin: tuple[int, int]) 
     measured = found.points[~found.bridged]
     if not len(measured):
         return
-    distance = cKDTree(line.path).query(measured)[0]
+    distance, nearest = cKDTree(line.path).query(measured)
+    if not line.closed:  # beyond its ends the path does not say where the line goes
+        distance[(nearest == 0) | (nearest == len(line.path) - 1)] = 0.0
     worst = int(distance.argmax())
-    ends = 3 * line.width_px + OWN_PX  # thinning takes so much of a line's ends at most
-    near = np.hypot(*np.moveaxis(measured[:, None] - line.path[[0, -1]], 2, 0)).min(1) < ends
-    limit = (1 + LEFT) * line.width_px + 2.0
-    if (distance > np.where(near & (not line.closed), ends + limit, limit)).any():
+    if distance[worst] > (1 + LEFT) * line.width_px + 2.0:
         u, v = measured[worst] + origin
         raise CurveError(
             f"the fitted line left its ink by {distance[worst]:.0f} px: the drawing is not one "

@@ -151,7 +151,7 @@ def extract_curve(
     marks, mask = find_marks(rgb, pen, lambda count: refuse_noise(count, colour))
     if not marks:
         refuse_grey(rgb)
-    candidates, others = tell_apart(candidates_of(marks, mask, max_gap_px), mask, max_gap_px)
+    candidates, others = tell_apart(candidates_of(marks, mask, max_gap_px, rgb), mask, max_gap_px)
     refuse_crowd(candidates, others, marks, colour, max_gap_px)
     told = [*candidates, *others]
     aside = _set_aside(marks, told, candidates, origin)
@@ -289,7 +289,7 @@ def _set_aside(
     aside = [
         {"kind": m.kind, "box": (m.box[0] + u, m.box[1] + v, *m.box[2:]), "area_px": m.area_px}
         for m in marks
-        if m.kind == "panel"
+        if m.kind in ("panel", "other colour")
     ]
     for number, line in enumerate((c for c in lines if c.kind != "speck"), 1):
         if not any(line is c for c in chosen):

@@ -17,6 +17,9 @@ from vfplan.curve.marks import Mark
 
 MIN_LENGTH_PX = 20.0
 DOMINANT = 4.0
+TICK_PX, TICK = 6, 1.5  # a scale's ticks reach so far along it, and so far aside of it [px]
+SHAFT = 0.75  # of a straight mark's path, at least
+NEAR_WORDS_PX, THINNER = 20.0, 0.7  # a leader begins at words; its width over the curve's
 POINTER = 2.0  # an arrow is at least this many times shorter than the curve it stands beside
 GLYPH_PX = 100  # height of a letter at most
 SYMBOL_PX = 64  # size of a marker's sign at most
@@ -26,6 +29,9 @@ RECTANGLE = 0.07  # of its sides: how near to them a small frame runs; a small r
 CROWD_SHARE = 4.0  # a mark this many times shorter than a line is still of its size
 LEAST_DASHES, DASH_SHARE, ALIKE = 5, 0.8, 1.4  # of one size: this share, within this factor
 CURLED = 1.7  # length over diagonal: a half circle has 1.57, the letter S 2
+
+
+POINTERS = {"arrow": POINTER, "scale bar": 1.0}  # and how many times shorter than the curve
 
 
 def tell_apart(
@@ -46,7 +52,8 @@ def tell_apart(
     longest = max((c.length_px for c in named if c.kind == "curve"), default=0.0)
     named = [replace(c, kind=_beside(c, longest)) if c.is_candidate else c for c in named]
     named = _texts(named, longest)
-    named = [_doubted(c, named, max_gap_px) if c.kind == "arrow" else c for c in named]
+    named = [_doubted(c, named, max_gap_px) if c.kind in POINTERS else c for c in named]
+    named = [replace(c, kind="leader") if _is_leader(c, named) else c for c in named]
     kept = [c for c in named if c.is_candidate]
     return kept, [c for c in named if not c.is_candidate]
 
@@ -85,6 +92,8 @@ def _alone(line: Candidate, mask: NDArray) -> str:
         return "speck"
     if _is_frame(line, mask.shape):
         return "frame"
+    if _is_scale(line, mask):
+        return "scale bar"
     if _is_arrow(line, mask):
         return "arrow"
     return line.kind
@@ -140,6 +149,34 @@ def _ruled(path: NDArray) -> bool:
     return bool(on_line.mean(0).max() >= RULED or len(path) <= 3)
 
 
+def _is_scale(line: Candidate, mask: NDArray) -> bool:
+    """A straight shaft with a tick, a cross or a dot at both ends: a scale bar, a calliper."""
+    import cv2
+
+    if line.closed or len(line.marks) > 1:
+        return False
+    u, v, width, height = line.box
+    reach = 2 * round(line.width_px) + TICK_PX
+    top, left = max(v - reach, 0), max(u - reach, 0)
+    crop = mask[top : v + height + reach, left : u + width + reach].view(np.uint8)
+    label = cv2.connectedComponents(crop, connectivity=8)[1]
+    path = max((b.path for b in line.marks[0].branches), key=len)
+    if not _mostly_straight(path):
+        return False
+    begin, end = path[len(path) // 4] - [left, top], path[3 * len(path) // 4] - [left, top]
+    ink = np.column_stack(np.nonzero(label == label[begin[1], begin[0]])[::-1])
+    along = (end - begin) / np.hypot(*(end - begin))
+    t = (ink - begin) @ along
+    x = (ink - begin) @ [-along[1], along[0]]
+    t -= t.min()
+    head, tail = t < reach, t > t.max() - reach
+    shaft = ~head & ~tail
+    if not shaft.any() or np.abs(x[shaft]).max() > line.width_px + 0.02 * t.max() + 1:
+        return False
+    across = [side * x[end] for end in (head, tail) for side in (1, -1)]
+    return min(part.max() for part in across) > line.width_px / 2 + TICK
+
+
 def _is_arrow(line: Candidate, mask: NDArray) -> bool:
     """A straight shaft with two barbs, or with a filled head, at one end."""
     if line.closed or len(line.marks) > 1:
@@ -162,7 +199,7 @@ def _is_arrow(line: Candidate, mask: NDArray) -> bool:
 
 
 def _doubted(arrow: Candidate, told: list[Candidate], max_gap_px: float) -> Candidate:
-    """An arrow no more where no curve is `POINTER` times longer, or where it carries one on.
+    """An arrow or a scale bar no more where no curve is longer enough, or where it carries one on.
 
     A straight cut whose pen dwelt at one end looks like an arrow. So does half of a curve that a
     sign drawn over it cuts in two, for the ends beside the sign fork. An arrow alone stays one.
@@ -170,10 +207,28 @@ def _doubted(arrow: Candidate, told: list[Candidate], max_gap_px: float) -> Cand
     curves = [c for c in told if c.kind == "curve"]
     if not curves:
         return arrow
-    pointer = any(c.length_px >= POINTER * arrow.length_px for c in curves)
+    pointer = any(c.length_px >= POINTERS[arrow.kind] * arrow.length_px for c in curves)
     if pointer and not any(_carries_on(arrow, c, max_gap_px) for c in curves):
         return arrow
     return replace(arrow, kind="junction" if arrow.junctions else "curve")
+
+
+def _is_leader(line: Candidate, told: list[Candidate]) -> bool:
+    """A straight line, thinner than the longest curve and shorter by half, that words begin."""
+    if not line.is_candidate or line.closed:
+        return False
+    shaft = max((b.path for m in line.marks for b in m.branches), key=len)
+    curve = max((c for c in told if c.kind == "curve"), key=lambda c: c.length_px, default=line)
+    thin = line.width_px < THINNER * curve.width_px
+    if not (thin and POINTER * len(shaft) <= curve.length_px and _mostly_straight(shaft)):
+        return False
+    small = [c.pixels for c in told if c is not line and c.length_px < GLYPH_PX / 2]
+    small += [b.path for m in line.marks for b in m.branches if len(b.path) < len(shaft) / 2]
+    near = [
+        sum(np.hypot(*(glyph - end).T).min() < NEAR_WORDS_PX for glyph in small)
+        for end in (shaft[0], shaft[-1])
+    ]
+    return max(near) >= 1 and min(near) == 0
 
 
 def _carries_on(arrow: Candidate, line: Candidate, max_gap_px: float) -> bool:
@@ -209,6 +264,17 @@ def _straight(path: NDArray) -> bool:
         return False
     aside = np.abs((path - path[0]) @ np.array([-chord[1], chord[0]])) / length
     return bool(aside.max() < 1.2 + 0.02 * length)
+
+
+def _mostly_straight(path: NDArray) -> bool:
+    """Whether a path is straight but for hooks at its ends."""
+    begin, end = path[len(path) // 4], path[3 * len(path) // 4]
+    chord = (end - begin).astype(float)
+    length = np.hypot(*chord)
+    if length < 8:
+        return False
+    aside = np.abs((path - begin) @ np.array([-chord[1], chord[0]])) / length
+    return bool((aside < 1.2 + 0.02 * length).mean() > SHAFT)
 
 
 def _half_widths(line: Candidate, mask: NDArray) -> NDArray:

@@ -20,6 +20,7 @@ from vfplan.curve.skeleton import Branch, branches_of, thin
 
 FLOOR = 18.0  # chroma below which a pixel is never pen, on 0..255: JPEG noise reaches about 12
 SMOOTHING_PX = 0.8
+OTHER_HUE_DEG = 22.0  # from the pen's: crimson and orange red are 15° from red, an orange bar 28°
 MIN_PIXELS = 6
 PANEL_PIXELS = 100
 MAX_WIDTH_PX = 30.0  # of a pen
@@ -37,7 +38,7 @@ class Mark:
     ----------
     kind
         "curve" (a line without forks), "junction" (a line with forks), or what it was taken for:
-        "panel", "frame", "arrow", "text", "speck".
+        "panel", "other colour", "speck".
     pen
         Its own colour and strength, measured.
     width_px
@@ -171,7 +172,8 @@ def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple, faint: bool) -> Mark
     width = len(rows) / max(length, 1.0)
     width = len(rows) / (length + width / 2 * sum(map(any, (b.free for b in branches))) + 1)
     mark = Mark("", own, width, tuple(branches), tuple(junctions), len(rows), box)
-    kind = _kind(mark)
+    other = own.along @ pen.along < np.cos(np.radians(OTHER_HUE_DEG))
+    kind = "other colour" if other and mark.area_px > PANEL_PIXELS else _kind(mark)
     return Mark(kind, own, width, mark.branches, mark.junctions, len(rows), box, faint)
 
 

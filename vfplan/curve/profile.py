@@ -20,7 +20,7 @@ VISIBLE = 0.85  # of the usual coverage: the pen lies on top of the other colour
 RISE = 0.2  # of full coverage, past the line's edge: a neighbour
 FAR_PX = 5.0  # beyond a width from the line's middle a pen that was enlarged has faded as well
 DOUBLE = 0.85  # of its maximum: a mean profile lower than this in its middle is two lines
-SEEN = 0.4  # of the usual coverage: less is no line
+SEEN = 0.25  # of the usual coverage: less is no line
 SHADING_T = 5.0  # a shading effect below this many standard errors is not there,
 SHADING_DOUBT = 0.4  # share of the correction that may be wrong
 SHADING_MOST = 0.4  # and linear light shifts no edge by more, from black to white [px]
@@ -80,9 +80,9 @@ def read_profiles(
     """Read profiles across a (M, 2) path with (M, 2) unit normals.
 
     Coverage of less than `least` of the usual is no line. Where `others` touch the line, it is
-    measured by what they leave of it: all of it, or one of its edges. With the path's (M,) curvature, `bend`
-    [1/px], the offsets are freed of what the pixel grid and blur in bends add: for a path that is
-    already on the line.
+    measured by what they leave of it: all of it, or one of its edges. With the path's (M,)
+    curvature, `bend` [1/px], the offsets are freed of what the pixel grid and blur in bends add:
+    for a path that is already on the line.
     """
     half = np.ceil((width / 2 + MARGIN_PX) / STEP_PX)
     x = np.arange(-half, half + 1) * STEP_PX

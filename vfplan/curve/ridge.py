@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.doubling import Widening, widest_run
-from vfplan.curve.ends import ink_ends, line_ends
+from vfplan.curve.ends import ink_ends, line_ends, points_of
 from vfplan.curve.fitting import FIRST_KNOTS_PX, Fitted, fit_line
 from vfplan.curve.path import (
     arc_length,
@@ -36,6 +36,7 @@ from vfplan.curve.valley import lines_in
 from vfplan.errors import CurveError
 
 BROAD_PX = 5.0  # a pen this wide hides its ends so well that they are approached twice
+FARTHER_PX = 12.0  # at a time, a pen that is drawn out to a point is followed
 LONGER = 4  # times more at most, while an end is not in sight
 TIP, THIN_PX = 0.4, 2.5  # of the width beyond a thin line's: an end whose profile lacks a side
 WHOLE = 0.8  # of the usual coverage: beside a gap, less is no whole profile
@@ -113,11 +114,11 @@ def trace(
     others = OtherColours(rgb, smooth, pen, width)
     base, lost = (smooth, 0.0) if closed else without_tips(smooth, width)
     passes = [FIRST_KNOTS_PX] * (1 + (width > BROAD_PX and not closed)) + [None]
-    taken = 0
+    taken, point = 0, 0.0  # of extensions; how much further ink thinner than half the line goes
     while passes:
         knots = passes.pop(0)
         # Far enough to see the line end, and no further: what lies beyond may be red as well.
-        beyond = lost + width / 2 + 2
+        beyond = lost + width / 2 + 2 + point
         base, pitch = evenly(base if closed else extended(base, beyond, width), closed)
         seen_along, middle = (base, normals(base, closed)), base[len(base) // 2]
         bend = None if knots else bend_of(base, closed)
@@ -136,9 +137,11 @@ def trace(
             lost = TIP * max(width - THIN_PX, 0.0)
             used = _between(used, s, pitch * ink[0] + lost, pitch * ink[1] - lost)
             faint = even is not profiles  # a faint tip thins to less
-            if taken < LONGER and _goes_on(ink, valid | faint):
+            drawn_out = max(points_of(even, used))
+            if taken < LONGER and (_goes_on(ink, valid | faint) or drawn_out > point):
                 passes = [FIRST_KNOTS_PX, *(passes or [None])]
                 taken += 1
+                point = min(2 * drawn_out, point + FARTHER_PX) if drawn_out > point else point
         fitted = fit_line(s, base, profiles, used, closed, knots)
         if not closed and not passes:
             ends = line_ends(rgb, fitted.spline(s), used, even, pen, width)
