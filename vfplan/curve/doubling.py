@@ -26,7 +26,7 @@ from vfplan.curve.profile import Profiles
 CLEAN = 0.006  # of coverage beside the line: less, and the colour has no noise of JPEG's
 RUN, LEAST_RUN = 4.0, 12  # widths, points: a corner or a blot is shorter
 DOUBTED, REFUSED = (1.1, 1.25), (1.3, 1.35)  # in clean pictures, in those with JPEG's noise
-BLOT = 4.5  # widths: so short a run that is wide is a dot on the line
+BLOT, BLOT_PX, DOT = 4.5, 40.0, 1.5  # widths, px: so short a run, somewhere so wide, is a dot
 BESIDE_PX = 0.65  # between two runs: the line midway is 0.3 px off either
 OUTLIER = 4.0  # times the line's own spread: a pen that is pressed, or fades, varies all along
 BEND_POINTS = 5  # of the path, about a pixel apart
@@ -69,7 +69,7 @@ def widest_run(
     mass, across = (values / np.median(values[valid]) for values in (mass, across))
     count = min(max(LEAST_RUN, round(RUN * width)), len(base))
     mode = "wrap" if closed else "nearest"
-    plain = valid & ~_blots(np.minimum(mass, across), BLOT * width)
+    plain = valid & ~_blots(np.minimum(mass, across), min(BLOT * width, BLOT_PX))
     both, mass, across = (
         uniform_filter1d(np.where(plain, values, 1.0), count, mode=mode)
         for values in (np.minimum(mass, across), mass, across)
@@ -98,7 +98,7 @@ def _blots(ratio: NDArray, longest: float) -> NDArray[np.bool_]:
     blots = np.zeros(len(ratio), bool)
     edges = np.flatnonzero(np.diff(np.r_[False, ratio > DOUBTED[0], False].astype(int)))
     for start, stop in edges.reshape(-1, 2):
-        blots[start:stop] = stop - start <= longest
+        blots[start:stop] = stop - start <= longest and ratio[start:stop].max() > DOT
     return blots
 
 

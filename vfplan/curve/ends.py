@@ -65,10 +65,13 @@ def points_of(profiles: Profiles, used: NDArray) -> tuple[float, float]:
     """How far ink goes on beyond half of the line's coverage, at both ends [px].
 
     A pen that is drawn out to a point does so, and one that was pressed less at its end. Where the
-    ink still shows at the end of what was read, it goes on at least so far.
+    ink still shows at the end of what was read, it goes on at least so far. A tint is no ink.
     """
     first, last = np.flatnonzero(used)[[0, -1]]
-    ends = ((profiles.mass[::-1], len(used) - 1 - first), (profiles.mass, last))
+    tint = np.minimum(profiles.alpha[:, :2].min(1), profiles.alpha[:, -2:].min(1)).clip(0.0)
+    line = (profiles.alpha - tint[:, None]).clip(0.0).sum(1)
+    mass = np.minimum(profiles.mass, line / np.median(line[used]))
+    ends = ((mass[::-1], len(used) - 1 - first), (mass, last))
     return tuple(_point(mass, int(at)) for mass, at in ends)
 
 

@@ -1,7 +1,7 @@
 """Measured offsets -> a spline that follows the hand and not the noise, and its deviation.
 
-What brightness beside the line and the pixel grid add is learnt from what is left over, and taken
-off; the knots stand as far apart as the noise wants.
+What brightness beside the line adds is learnt from what is left over, and taken off; the knots
+stand as far apart as the noise wants.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.path import normals
-from vfplan.curve.pattern import learnt_pattern
 from vfplan.curve.profile import Profiles, shading_shift
 from vfplan.curve.spline import curvature_of, fit_spline, place_knots
-from vfplan.curve.uncertainty import Picture, end_factor, measured_sigma
+from vfplan.curve.uncertainty import Noise, end_factor, measured_sigma
 
 FIRST_KNOTS_PX = 6.0
 CLOSE_KNOTS_PX = 4.0  # where next to nothing is left over
@@ -27,6 +26,7 @@ FARTHEST_KNOTS_PX = 22.0  # a pale pen's, of whose colour JPEG leaves little
 LOUD_PX = (0.08, 0.14)
 CORRELATED = (0.05, 0.3)  # residuals of neighbours this alike are JPEG's, not the pixel grid's,
 NOISY_PX = (0.005, 0.015)  # and this large are noise, not the spline's own in bends
+SOFT_PX2 = 0.45  # of blur: a crisp pen, read between pixels, has 0.25, JPEG's colour 0.6
 CLIPPED = 5.0  # a line of which the border cuts off a part is less sure by this times the part
 
 
@@ -81,29 +81,25 @@ def _refined(
     residual = _along_normal(raw - smooth[:, :2], normal, valid)
     fast = np.where(valid, profiles.shading - smooth[:, 2], 0.0)
     shift, doubt = shading_shift(profiles.shading, fast, residual, valid)
-    pattern, learnt = 0.0 * shift, False
-    if not profiles.redrawn:
-        pattern, learnt = learnt_pattern(raw, normal, residual + shift, valid)
-    raw = raw + (shift - pattern)[:, None] * normal
-    alike, coarse, widest = _knots(residual[valid], profiles.redrawn)
+    raw = raw + shift[:, None] * normal
+    alike, coarse, widest = _knots(residual[valid])
     at = place_knots(s, curvature_of(spline, s), valid, period or s[-1], widest)
     spline = fit_spline(s, raw, valid, period, at)
     residual = _along_normal(raw - spline(s), normal, valid)
-    picture = Picture(profiles.noisy, profiles.redrawn, learnt, alike, coarse)
-    sigma = measured_sigma(residual, valid, normal, curvature_of(spline, s), picture)
+    noise = Noise(profiles.noisy, profiles.blur > SOFT_PX2, alike, coarse)
+    sigma = measured_sigma(residual, valid, normal, curvature_of(spline, s), noise)
     sigma = np.hypot(sigma, doubt) * (1 + CLIPPED * profiles.clipped)
     if period is None:
         sigma *= end_factor(s, *s[valid][[0, -1]])
     return Fitted(spline, sigma)
 
 
-def _knots(residual: NDArray, redrawn: bool) -> tuple[float, float, float]:
+def _knots(residual: NDArray) -> tuple[float, float, float]:
     """How alike neighbouring residuals are, -1..1; how coarse, 0..1, the knots; their distance."""
     power = float((residual**2).mean())
     alike = float((residual[1:] * residual[:-1]).mean() / max(power, 1e-12))
     rms = np.sqrt(power)
     coarse = float(np.interp(alike, CORRELATED, (0, 1)) * np.interp(rms, NOISY_PX, (0, 1)))
-    coarse = 0.0 if redrawn else coarse  # what is alike there is the spline's own in bends
     close = float(np.interp(rms, CLEAN_PX, (CLOSE_KNOTS_PX, FINE_KNOTS_PX)))
     far = float(np.interp(rms, LOUD_PX, (COARSE_KNOTS_PX, FARTHEST_KNOTS_PX)))
     return alike, coarse, close + coarse * (far - close)

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from vfplan.curve.light import is_coarse, is_tinted, with_light
 from vfplan.curve.pen import Pen, sample_pixels
-from vfplan.curve.phase import Grid, inward_lean, phase_shift
 from vfplan.curve.unmixing import FOREIGN, OtherColours
 
 MARGIN_PX = 2.0  # profiles reach this far beyond the line's edge
@@ -50,8 +49,8 @@ class Profiles:
         Whether these are two lines side by side.
     noisy
         Whether the colour beside the line has noise, as JPEG's has.
-    redrawn
-        Whether the line, drawn anew, explained what was read, and the grid's share was taken off.
+    blur
+        Variance of the line's blur, a pixel's square included [px²].
     """
 
     x: NDArray[np.float64]
@@ -64,7 +63,7 @@ class Profiles:
     shading: NDArray[np.float64]
     double: bool
     noisy: bool
-    redrawn: bool
+    blur: float
 
 
 def read_profiles(
@@ -81,8 +80,8 @@ def read_profiles(
 
     Coverage of less than `least` of the usual is no line. Where `others` touch the line, it is
     measured by what they leave of it: all of it, or one of its edges. With the path's (M,)
-    curvature, `bend` [1/px], the offsets are freed of what the pixel grid and blur in bends add:
-    for a path that is already on the line.
+    curvature, `bend` [1/px], the offsets are freed of what blur in bends adds: for a path that is
+    already on the line.
     """
     half = np.ceil((width / 2 + MARGIN_PX) / STEP_PX)
     x = np.arange(-half, half + 1) * STEP_PX
@@ -110,11 +109,10 @@ def read_profiles(
     beside = sample_pixels(rgb, *np.moveaxis(np.stack([base - off, base + off], 1), 2, 0))
     beside = (beside @ pen.along / pen.strength)[valid]
     coarse = is_coarse(beside)
-    offset, redrawn = _matched(x, alpha, valid[:, None] & shown, mean), False
+    offset = _matched(x, alpha, valid[:, None] & shown, mean)
+    blur = blur_of(x, _mean_profile(alpha, (valid & ~touched & seen.all(1))[:, None] & seen), width)
     if bend is not None:
-        whole, path = valid & ~touched & seen.all(1), (base, normal, bend)
-        error, redrawn = _reading_error(x, alpha, whole, offset, path, width, coarse)
-        offset = offset - error
+        offset = offset - bend * blur / 2  # blur draws both edges of a bend inward
     valid &= np.abs(offset) < width / 2 + 1.5
     if coarse:
         offset = with_light(x, pixels, valid[:, None] & seen, np.where(valid, offset, 0.0), width)
@@ -136,7 +134,7 @@ def read_profiles(
         shading=shading,
         double=is_double(mean),
         noisy=coarse or is_tinted(beside),
-        redrawn=redrawn,
+        blur=blur,
     )
 
 
@@ -195,27 +193,11 @@ def _matched(x: NDArray, alpha: NDArray, seen: NDArray, profile: NDArray) -> NDA
     return -fit[:, 1] / scale
 
 
-def _reading_error(
-    x: NDArray,
-    alpha: NDArray,
-    whole: NDArray,
-    offset: NDArray,
-    path: tuple[NDArray, NDArray, NDArray],
-    width: float,
-    coarse: bool,
-) -> tuple[NDArray[np.float64], bool]:
-    """(M,) what the pixel grid and the bends add to the offsets [px]; whether redrawing tells."""
-    every = np.ones(alpha.shape, bool)
-
-    def measure(drawn: NDArray) -> NDArray:
-        return _matched(x, drawn, every, _mean_profile(drawn, every))
-
-    shift = redrawn = None
-    if not coarse:
-        shift, redrawn = phase_shift(Grid.of_path(x, *path), alpha, whole, offset, width, measure)
-    if shift is None:
-        shift = inward_lean(x, _mean_profile(alpha, whole[:, None] & every), path[2], width)
-    return shift, bool(redrawn)
+def blur_of(x: NDArray, profile: NDArray, width: float) -> float:
+    """Variance of the blur, a pixel's square included, in a line's (K,) mean profile [px²]."""
+    weight = np.clip(profile, 0.0, None)
+    variance = float((weight * x**2).sum() / max(weight.sum(), 1e-9))
+    return max(variance - width**2 / 12, 0.0)
 
 
 def shading_shift(

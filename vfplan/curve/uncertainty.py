@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FLOOR_PX, UNTOLD_FLOOR_PX = 0.0003, 0.004  # where redrawing explains the picture, and where not
+FLOOR_PX = 0.008  # what programs that draw round off
 WINDOW_PX, CORNER_PX = 61, 9  # of line over which the noise is taken for the same; of a corner
 CORNER_SHARE, CORNER = 1 / 3, 4.0  # of the power left over there beyond so many times the usual
 LOUD = 4.0  # times the whole line's, local power is a corner's
@@ -25,12 +25,12 @@ OUTLYING = 6.0  # times the median square, 2.2 for noise: more is a corner's, an
 # `COARSE` where knots are far apart for it; more where the noise is past `NOISY_PX`.
 LEAST, SLOPE, COARSE = 0.50, 0.27, 0.58
 NOISY_PX, NOISIER = 0.12, 6.0
-TOLD = 0.50  # redrawn: what is left is the drawing program's own rounding
-CLEAN, CLEAN_COARSE = 0.35, 0.15  # no noise: a pattern of the grid is left, that averages out
+CLEAN = 0.35  # no noise: a pattern of the grid is left, that averages out,
+GRID_PX = 0.05  # and is no more than this: more is the hand's own, which the spline cut short
 # The grid's share where the line runs along it, over the residual's RMS elsewhere, and at least;
 # it fades as the line slants.
 NOISY_GRID, CLEAN_GRID = 0.45, 1.2
-UNLEARNT_PX, CLEAN_UNLEARNT_PX, LEARNT_PX, TOLD_PX = 0.085, 0.06, 0.025, 0.002
+UNSEEN_PX, SOFT_UNSEEN_PX, MOST_PX = 0.025, 0.085, 0.12
 NOISY_SLANT, CLEAN_SLANT = 0.12, 0.10  # sine of the angle to the grid's nearer axis
 DIAGONAL, DIAGONAL_SLANT = 0.6, 0.02  # the same along diagonals, over that along rows
 TIGHT, TIGHTEST = 0.13, 0.25  # curvature that doubles the error, and the largest that counts [1/px]
@@ -38,32 +38,29 @@ END, END_PX = 4.5, 4.0  # how much larger it is at an end, and over how much lin
 
 
 @dataclass(frozen=True)
-class Picture:
-    """What is known of a picture's errors.
+class Noise:
+    """What is known of a picture's noise.
 
     Parameters
     ----------
-    noisy
+    colour
         Whether the colour has noise, as JPEG's has.
-    redrawn
-        Whether the line, drawn anew, explained the picture, and the grid's share was taken off.
-    learnt
-        Whether the grid's pattern could be learnt from the line's own slanting runs.
+    soft
+        Whether its colour is coarse, or the picture was enlarged.
     alike
         Correlation of neighbouring residuals.
     coarse
         0..1, how far the knots were drawn apart for that.
     """
 
-    noisy: bool
-    redrawn: bool
-    learnt: bool
+    colour: bool
+    soft: bool
     alike: float
     coarse: float
 
 
 def measured_sigma(
-    residual: NDArray, valid: NDArray, normal: NDArray, curvature: NDArray, picture: Picture
+    residual: NDArray, valid: NDArray, normal: NDArray, curvature: NDArray, picture: Noise
 ) -> NDArray[np.float64]:
     """(M,) standard deviation of the fitted line where it was seen [px].
 
@@ -74,18 +71,21 @@ def measured_sigma(
     normal, curvature
         (M, 2) unit normals of the line, and (M,) its curvature [1/px].
     picture
-        What is known of the picture.
+        What is known of its noise.
     """
     square = residual[valid] ** 2
     whole = float(min(square.mean(), OUTLYING * np.median(square)))
     local = np.minimum(_mean_power(residual, valid, WINDOW_PX), LOUD * whole)
     power = (local + whole) / 2
-    corner = CORNER_SHARE * (_mean_power(residual, valid, CORNER_PX) - CORNER * whole)
+    near = _mean_power(residual, valid, CORNER_PX)
+    corner = CORNER_SHARE * (near - CORNER * whole)
+    if not picture.colour:
+        power = np.minimum(power, GRID_PX**2)
+        corner = near - GRID_PX**2
     noise = np.maximum(_ratio(picture, np.sqrt(whole)) ** 2 * power, corner)
-    floor = FLOOR_PX if picture.redrawn else UNTOLD_FLOOR_PX
     grid = _along_grid(normal, np.sqrt(whole), picture)
     bend = 1 + (np.minimum(np.abs(curvature), TIGHTEST) / TIGHT) ** 2
-    return bend * np.sqrt(noise + grid**2 + floor**2)
+    return bend * np.sqrt(noise + grid**2 + FLOOR_PX**2)
 
 
 def end_factor(s: NDArray, first: float, last: float) -> NDArray[np.float64]:
@@ -102,24 +102,19 @@ def _mean_power(residual: NDArray, valid: NDArray, window: int) -> NDArray[np.fl
     return np.maximum(power, 0.0) / np.maximum(share, 0.05)
 
 
-def _ratio(picture: Picture, rms: float) -> float:
+def _ratio(picture: Noise, rms: float) -> float:
     """The spline's error over its residual's RMS [px]."""
-    if picture.redrawn:
-        return TOLD
-    if not picture.noisy:
-        return CLEAN + picture.coarse * (CLEAN_COARSE - CLEAN)
+    if not picture.colour:
+        return CLEAN
     fine = float(np.clip(LEAST + SLOPE * picture.alike, 0.3, 0.65))
     coarse = COARSE * (1 + NOISIER * max(0.0, rms - NOISY_PX))
     return fine + picture.coarse * (coarse - fine)
 
 
-def _along_grid(normal: NDArray, rms: float, picture: Picture) -> NDArray[np.float64]:
+def _along_grid(normal: NDArray, rms: float, picture: Noise) -> NDArray[np.float64]:
     """(M,) what of the grid's share is left where it is as smooth as the line [px]."""
-    if picture.noisy:
-        size, width = NOISY_GRID * rms if picture.learnt else UNLEARNT_PX, NOISY_SLANT
-    else:
-        unseen = LEARNT_PX if picture.learnt else CLEAN_UNLEARNT_PX
-        size, width = max(CLEAN_GRID * rms, TOLD_PX if picture.redrawn else unseen), CLEAN_SLANT
+    share, width = (NOISY_GRID, NOISY_SLANT) if picture.colour else (CLEAN_GRID, CLEAN_SLANT)
+    size = max(share * min(rms, MOST_PX), SOFT_UNSEEN_PX if picture.soft else UNSEEN_PX)
     slant = np.abs(normal).min(1)
     diagonal = DIAGONAL * np.exp(-(((slant - np.sqrt(0.5)) / DIAGONAL_SLANT) ** 2))
     return size * np.hypot(np.exp(-((slant / width) ** 2)), diagonal)
