@@ -30,8 +30,8 @@ ROUND = 0.44  # log odds for a round pen before anything was seen: most programs
 HALF_DISC = 0.85  # of its radius: where a round end's ink falls to half the width
 SEARCH_PX, TRIAL_PX = 2.5, 0.1
 # Of a pen drawn out to a point, so much coverage is seen surely, and the rest follows; a blunt end
-# has lost it so soon.
-POINT, BLUNT_PX = (0.3, 0.2), 4.0
+# has lost it so soon, in clean pictures and where JPEG's noise goes on.
+POINT, BLUNT_PX = (0.3, 0.2), (4.0, 8.0)
 # A dot at an end: so many widths across, how round, how long; and the points over which it begins.
 BLOT, ROUNDISH, LONGEST_BLOT, ABRUPT = 1.4, 0.25, 6.0, 3
 BEYOND_PX = 4  # further than the path was read: ground there tells ink from none
@@ -72,14 +72,15 @@ def points_of(profiles: Profiles, used: NDArray) -> tuple[float, float]:
     line = (profiles.alpha - tint[:, None]).clip(0.0).sum(1)
     mass = np.minimum(profiles.mass, line / np.median(line[used]))
     ends = ((mass[::-1], len(used) - 1 - first), (mass, last))
-    return tuple(_point(mass, int(at)) for mass, at in ends)
+    blunt = BLUNT_PX[profiles.noisy]
+    return tuple(_point(mass, int(at), blunt) for mass, at in ends)
 
 
-def _point(mass: NDArray, at: int) -> float:
+def _point(mass: NDArray, at: int, blunt: float) -> float:
     half = _half(mass, at)
     beyond = mass[int(np.ceil(half)) :]
     thinner, thin = (int(np.argmax(np.r_[beyond, 0.0] < share)) for share in POINT)
-    return thin + POINT[1] / (POINT[0] - POINT[1]) * (thin - thinner) if thin > BLUNT_PX else 0.0
+    return thin + POINT[1] / (POINT[0] - POINT[1]) * (thin - thinner) if thin > blunt else 0.0
 
 
 def blot_middle(mass: NDArray, ink: float, width: float) -> float | None:

@@ -86,7 +86,7 @@ def _refined(
     at = place_knots(s, curvature_of(spline, s), valid, period or s[-1], widest)
     spline = fit_spline(s, raw, valid, period, at)
     residual = _along_normal(raw - spline(s), normal, valid)
-    noise = Noise(profiles.noisy, profiles.blur > SOFT_PX2, alike, coarse)
+    noise = Noise(profiles.noisy, profiles.blur > SOFT_PX2, alike, coarse, profiles.width)
     sigma = measured_sigma(residual, valid, normal, curvature_of(spline, s), noise)
     sigma = np.hypot(sigma, doubt) * (1 + CLIPPED * profiles.clipped)
     if period is None:

@@ -51,6 +51,8 @@ class Profiles:
         Whether the colour beside the line has noise, as JPEG's has.
     blur
         Variance of the line's blur, a pixel's square included [px²].
+    width
+        The line's width [px].
     """
 
     x: NDArray[np.float64]
@@ -64,6 +66,7 @@ class Profiles:
     double: bool
     noisy: bool
     blur: float
+    width: float
 
 
 def read_profiles(
@@ -135,6 +138,7 @@ def read_profiles(
         double=is_double(mean),
         noisy=coarse or is_tinted(beside),
         blur=blur,
+        width=width,
     )
 
 

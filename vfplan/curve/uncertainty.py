@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FLOOR_PX = 0.008  # what programs that draw round off
+FLOOR_PX = 0.0025  # what programs that draw round off
 WINDOW_PX, CORNER_PX = 61, 9  # of line over which the noise is taken for the same; of a corner
 CORNER_SHARE, CORNER = 1 / 3, 4.0  # of the power left over there beyond so many times the usual
 LOUD = 4.0  # times the whole line's, local power is a corner's
@@ -23,17 +23,20 @@ OUTLYING = 6.0  # times the median square, 2.2 for noise: more is a corner's, an
 # A spline's error over its residual's RMS. JPEG's noise hangs together over longer stretches than
 # the spline can average: `LEAST` + `SLOPE` times the correlation of neighbouring residuals, and
 # `COARSE` where knots are far apart for it; more where the noise is past `NOISY_PX`.
-LEAST, SLOPE, COARSE = 0.50, 0.27, 0.58
+LEAST, SLOPE, COARSE = 0.48, 0.27, 0.58
 NOISY_PX, NOISIER = 0.12, 6.0
-CLEAN = 0.35  # no noise: a pattern of the grid is left, that averages out,
-GRID_PX = 0.05  # and is no more than this: more is the hand's own, which the spline cut short
+CLEAN = 0.15  # no noise: a pattern of the grid is left, that averages out,
+GRID_PX = 0.035  # and is no more than this: more is the hand's own, which the spline cut short
+THIN_PX = 2.0, 3.0  # of thinner pens the grid leaves more, and more of it stays in the line
+CUT = 2.0  # times what is left over beyond that: the spline's own error at a corner
 # The grid's share where the line runs along it, over the residual's RMS elsewhere, and at least;
 # it fades as the line slants.
 NOISY_GRID, CLEAN_GRID = 0.45, 1.2
-UNSEEN_PX, SOFT_UNSEEN_PX, MOST_PX = 0.025, 0.085, 0.12
+UNSEEN_PX, SOFT_UNSEEN_PX, MOST_PX = 0.025, 0.07, 0.12
 NOISY_SLANT, CLEAN_SLANT = 0.12, 0.10  # sine of the angle to the grid's nearer axis
 DIAGONAL, DIAGONAL_SLANT = 0.6, 0.02  # the same along diagonals, over that along rows
-TIGHT, TIGHTEST = 0.13, 0.25  # curvature that doubles the error, and the largest that counts [1/px]
+TIGHT, TIGHTEST = 0.11, 0.25  # curvature that doubles the error, and the largest that counts [1/px]
+SWAY = 1.5  # times its usual bend, what a line may do in a gap
 END, END_PX = 4.5, 4.0  # how much larger it is at an end, and over how much line that fades
 
 
@@ -51,12 +54,15 @@ class Noise:
         Correlation of neighbouring residuals.
     coarse
         0..1, how far the knots were drawn apart for that.
+    width
+        Of the line [px]; the thinner, the more of the grid shows.
     """
 
     colour: bool
     soft: bool
     alike: float
     coarse: float
+    width: float
 
 
 def measured_sigma(
@@ -80,12 +86,13 @@ def measured_sigma(
     near = _mean_power(residual, valid, CORNER_PX)
     corner = CORNER_SHARE * (near - CORNER * whole)
     if not picture.colour:
-        power = np.minimum(power, GRID_PX**2)
-        corner = near - GRID_PX**2
+        grid = GRID_PX * max(1.0, THIN_PX[0] / picture.width) ** 2
+        power = np.minimum(power, grid**2)
+        corner = CUT * (near - grid**2)
     noise = np.maximum(_ratio(picture, np.sqrt(whole)) ** 2 * power, corner)
-    grid = _along_grid(normal, np.sqrt(whole), picture)
+    level = _along_grid(normal, np.sqrt(whole), picture)
     bend = 1 + (np.minimum(np.abs(curvature), TIGHTEST) / TIGHT) ** 2
-    return bend * np.sqrt(noise + grid**2 + FLOOR_PX**2)
+    return bend * np.sqrt(noise + level**2 + FLOOR_PX**2)
 
 
 def end_factor(s: NDArray, first: float, last: float) -> NDArray[np.float64]:
@@ -105,7 +112,7 @@ def _mean_power(residual: NDArray, valid: NDArray, window: int) -> NDArray[np.fl
 def _ratio(picture: Noise, rms: float) -> float:
     """The spline's error over its residual's RMS [px]."""
     if not picture.colour:
-        return CLEAN
+        return CLEAN * float(np.clip(THIN_PX[1] / picture.width, 1, 2))
     fine = float(np.clip(LEAST + SLOPE * picture.alike, 0.3, 0.65))
     coarse = COARSE * (1 + NOISIER * max(0.0, rms - NOISY_PX))
     return fine + picture.coarse * (coarse - fine)
@@ -132,5 +139,5 @@ def bridged_sigma(bridged: NDArray, curvature: NDArray, closed: bool) -> NDArray
     edges = np.flatnonzero(np.diff(np.r_[False, bridged, False].astype(int)))
     for start, stop in edges.reshape(-1, 2):
         x = np.arange(stop - start) + 0.5
-        extra[start:stop] = spread * x * (stop - start - x) / 2
+        extra[start:stop] = SWAY * spread * x * (stop - start - x) / 2
     return extra
