@@ -5,12 +5,15 @@ Places are (u, v) px, the centre of the top-left pixel is (0, 0). Nothing here u
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 import cv2
 import numpy as np
 from drawing import blend, coverage, jpeg, polyline, to_uint8
 from scipy.spatial import cKDTree
 
-RASTERISERS = ("exact", "agg", "skia")
+# Skia has no wheels for every platform.
+RASTERISERS = ("exact", "agg", *(["skia"] if find_spec("skia") else []))
 FINE = 8  # samples a pixel along either axis, of a filled shape drawn exactly
 
 

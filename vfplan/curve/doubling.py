@@ -26,7 +26,8 @@ from vfplan.curve.profile import Profiles
 CLEAN = 0.006  # of coverage beside the line: less, and the colour has no noise of JPEG's
 RUN, LEAST_RUN = 4.0, 12  # widths, points: a corner or a blot is shorter
 DOUBTED, REFUSED = (1.1, 1.25), (1.3, 1.35)  # in clean pictures, in those with JPEG's noise
-BLOT, BLOT_PX, DOT = 4.5, 40.0, 1.5  # widths, px: so short a run, somewhere so wide, is a dot
+BLOT, BLOT_PX, DOT = 4.5, 40.0, 1.35  # widths, px: so short a run, somewhere so wide, is a dot
+BLOT_DOUBT = 0.06  # of its width beyond the line's: how far beside its middle the line may run
 BESIDE_PX = 0.65  # between two runs: the line midway is 0.3 px off either
 OUTLIER = 4.0  # times the line's own spread: a pen that is pressed, or fades, varies all along
 BEND_POINTS = 5  # of the path, about a pixel apart
@@ -47,7 +48,8 @@ class Widening:
     doubted, refused
         Whether this may be, or surely is, no single run of the pen.
     doubt
-        (M,) how far from either run the line may be measured, where it is doubted [px]; else 0.
+        (M,) how far from either run the line may be measured, where it is doubted, or from the
+        line itself in a dot on it [px]; else 0.
     """
 
     ratio: float
@@ -69,7 +71,8 @@ def widest_run(
     mass, across = (values / np.median(values[valid]) for values in (mass, across))
     count = min(max(LEAST_RUN, round(RUN * width)), len(base))
     mode = "wrap" if closed else "nearest"
-    plain = valid & ~_blots(np.minimum(mass, across), min(BLOT * width, BLOT_PX))
+    blots = _blots(np.minimum(mass, across), min(BLOT * width, BLOT_PX))
+    in_blots, plain = np.where(blots, BLOT_DOUBT * width * (mass - 1), 0.0), valid & ~blots
     both, mass, across = (
         uniform_filter1d(np.where(plain, values, 1.0), count, mode=mode)
         for values in (np.minimum(mass, across), mass, across)
@@ -90,6 +93,7 @@ def widest_run(
     aside = width * (np.maximum(ratio, mass) - 1) / 2
     near = binary_propagation(doubted, mask=doubted | (aside > BESIDE_PX / 4))
     doubt = maximum_filter1d(np.where(near, aside, 0.0), count, mode=mode)
+    doubt = np.maximum(doubt, in_blots)
     return Widening(float(ratio[at]), place, bool(doubted.any()), refused, doubt)
 
 

@@ -88,7 +88,7 @@ def _refined(
     residual = _along_normal(raw - spline(s), normal, valid)
     noise = Noise(profiles.noisy, profiles.blur > SOFT_PX2, alike, coarse, profiles.width)
     sigma = measured_sigma(residual, valid, normal, curvature_of(spline, s), noise)
-    sigma = np.hypot(sigma, doubt) * (1 + CLIPPED * profiles.clipped)
+    sigma = np.sqrt(sigma**2 + doubt**2 + profiles.doubt**2) * (1 + CLIPPED * profiles.clipped)
     if period is None:
         sigma *= end_factor(s, *s[valid][[0, -1]])
     return Fitted(spline, sigma)

@@ -15,6 +15,7 @@ MARGIN_PX = 2.0  # profiles reach this far beyond the line's edge
 STEP_PX = 0.5
 INNER_PX = 0.5  # of the profile's middle: it must lie in the image
 TINGED = 0.15  # of the pen's strength across its hue: a pixel that another colour may hide in part
+TOUCHED_PX = 0.1, 0.3  # doubt of a line on top of another colour, of one measured by one edge
 VISIBLE = 0.85  # of the usual coverage: the pen lies on top of the other colour
 RISE = 0.2  # of full coverage, past the line's edge: a neighbour
 FAR_PX = 5.0  # beyond a width from the line's middle a pen that was enlarged has faded as well
@@ -53,6 +54,8 @@ class Profiles:
         Variance of the line's blur, a pixel's square included [px²].
     width
         The line's width [px].
+    doubt
+        (M,) what un-mixing may have got wrong where another colour touches the line [px].
     """
 
     x: NDArray[np.float64]
@@ -67,6 +70,7 @@ class Profiles:
     noisy: bool
     blur: float
     width: float
+    doubt: NDArray[np.float64]
 
 
 def read_profiles(
@@ -139,6 +143,7 @@ def read_profiles(
         noisy=coarse or is_tinted(beside),
         blur=blur,
         width=width,
+        doubt=np.where(touched, np.where(shown.all(1), *TOUCHED_PX), 0.0),
     )
 
 

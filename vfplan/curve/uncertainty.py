@@ -23,11 +23,11 @@ OUTLYING = 6.0  # times the median square, 2.2 for noise: more is a corner's, an
 # A spline's error over its residual's RMS. JPEG's noise hangs together over longer stretches than
 # the spline can average: `LEAST` + `SLOPE` times the correlation of neighbouring residuals, and
 # `COARSE` where knots are far apart for it; more where the noise is past `NOISY_PX`.
-LEAST, SLOPE, COARSE = 0.48, 0.27, 0.58
+LEAST, SLOPE, COARSE = 0.46, 0.27, 0.58
 NOISY_PX, NOISIER = 0.12, 6.0
-CLEAN = 0.15  # no noise: a pattern of the grid is left, that averages out,
+CLEAN = 0.145  # no noise: a pattern of the grid is left, that averages out,
 GRID_PX = 0.035  # and is no more than this: more is the hand's own, which the spline cut short
-THIN_PX = 2.0, 3.0  # of thinner pens the grid leaves more, and more of it stays in the line
+THIN_PX = 2.0, 3.45  # of thinner pens the grid leaves more, and more of it stays in the line
 CUT = 2.0  # times what is left over beyond that: the spline's own error at a corner
 # The grid's share where the line runs along it, over the residual's RMS elsewhere, and at least;
 # it fades as the line slants.
