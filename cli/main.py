@@ -19,6 +19,7 @@ COMMANDS: dict[str, str] = {
     "register": "Markers and a curve in, a fixture out.",
     "plan": "A planned slice and its markers in, a fixture out.",
     "replay": "Replay a session against a fixture.",
+    "rehearse": "Rehearse a session on a simulated arm.",
     "validate": "Everything that is wrong with a bundle.",
     "info": "What a bundle holds.",
     "migrate": "Bring an old bundle up to date, in a new file.",

@@ -10,6 +10,7 @@ from vfplan.cli.extract import extracted_text, write_pictures
 from vfplan.cli.options import (
     FILE,
     ROBOT,
+    Numbers,
     curve_options,
     extract_settings,
     fixture_options,
@@ -17,6 +18,7 @@ from vfplan.cli.options import (
     output,
 )
 from vfplan.cli.register import registered_text, write_registration_picture
+from vfplan.cli.rehearse import BASE, objections, rehearsed_text
 from vfplan.cli.run import Report, command, outputs, patience, refuse_existing
 
 
@@ -28,6 +30,22 @@ from vfplan.cli.run import Report, command, outputs, patience, refuse_existing
 @curve_options
 @fixture_options
 @ROBOT
+@click.option(
+    "--rehearse",
+    metavar="panda|fr3|FILE.xml",
+    help="Let a simulated arm go along the curve first, on each side; write nothing "
+    "(exit 1) where it would not reach or would stop. Its limits: --robot's, or its own.",
+)
+@click.option(
+    "--base", type=BASE, help="That arm's base in the fixture's frame [m].  [default: 0,0,0]"
+)
+@click.option(
+    "--tool",
+    type=Numbers(3, metavar="X,Y,Z", positive=False),
+    default="0,0,0.1",
+    show_default=True,
+    help="That arm's tip in its flange's frame [m].",
+)
 def command(
     image: Path,
     markers: Path,
@@ -35,6 +53,9 @@ def command(
     output: Path,
     overwrite: bool,
     robot: str | None,
+    rehearse: str | None,
+    base: tuple[float, ...] | None,
+    tool: tuple[float, ...],
     mask_out: Path | None,
     overlay_out: Path | None,
     picture_out: Path | None,
@@ -44,7 +65,8 @@ def command(
 
     MARKERS is one CSV (label,u_px,v_px,x_m,y_m,z_m), or two files joined by label: CSV, Slicer
     .mrk.json or .fcsv. With --robot the fixture's stiffness must be stable in closed loop with
-    that robot (exit 1 if it is not), and the verdict is stored in the bundle.
+    that robot (exit 1 if it is not), and the verdict is stored in the bundle. With --rehearse a
+    simulated arm must be able to render it.
     """
     from vfplan.bundle import write_fixture
     from vfplan.planning import plan
@@ -62,6 +84,8 @@ def command(
 
         fixture = approved(made.fixture, arm)
         verdict = {"stability": fixture.stability.as_dict()}
+    if rehearse is not None:
+        verdict |= {"rehearsal": rehearsed(fixture, rehearse, arm, base, tool)}
     given_paths = (output, mask_out, overlay_out, picture_out)
     with outputs(*given_paths) as (path, mask, overlay, picture):
         write_fixture(fixture, path)
@@ -70,8 +94,28 @@ def command(
             made.registered, made.extracted.fixture, made.extracted.image, picture
         )
     text = f"{extracted_text(made.extracted.report)}\n{registered_text(made.registered.report)}"
-    if verdict:
+    if "rehearsal" in verdict:
+        text += "".join(f"\n{rehearsed_text(found)}" for found in verdict["rehearsal"])
+    if "stability" in verdict:
         text += "\nstable up to {k_max_n_per_m:.0f} N/m with robot {robot}".format(
             **verdict["stability"]
         )
     return Report(made.report | verdict, f"{text}\nwrote {output}", warnings=list(made.warnings))
+
+
+def rehearsed(
+    fixture: Any, choice: str, robot: Any, base: tuple[float, ...] | None, tool: tuple[float, ...]
+) -> list[dict[str, Any]]:
+    """What a simulated arm says along each side of the curve; `CheckFailed` where it says no."""
+    from vfplan.arm import Arm, rehearse, visit
+    from vfplan.errors import CheckFailed
+
+    arm, said = Arm(choice, robot, base=base, tool=tool), []
+    for way in visit(fixture, arm.robot.rate_hz):
+        with patience(f"rehearsing {way.name}"):
+            found = rehearse(fixture, way, arm)
+        if not found.passed:
+            why = objections(found.metrics)[0]
+            raise CheckFailed(f"arm {arm.name}, {way.name}: {why}; nothing is written")
+        said.append({"way": way.name, **found.metrics})
+    return said

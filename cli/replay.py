@@ -137,7 +137,7 @@ def command(
     """
     refuse_existing(output, csv_out, overwrite=overwrite)
     if report is not None:
-        _refuse_folder(report, overwrite)
+        refuse_folder(report, overwrite)
     elif given["image"] is not None:
         raise click.UsageError("--image is for the pictures of --report DIR")
     index = None if report is None else report / "index.html"
@@ -152,7 +152,8 @@ def command(
     return Report(replayed.metrics, text, exit_code=int(not replayed.passed))
 
 
-def _refuse_folder(folder: Path, overwrite: bool) -> None:
+def refuse_folder(folder: Path, overwrite: bool) -> None:
+    """Refuse a folder for a report that holds something already."""
     from vfplan.errors import OutputError
 
     if folder.is_dir() and any(folder.iterdir()) and not overwrite:
@@ -182,7 +183,7 @@ def _replayed(
     bounds = [(*bound, "at_most") for bound in given["at_most"]]
     bounds += [(*bound, "at_least") for bound in given["at_least"]]
     rule, robot = given["rule"], read_robot(given["robot"])
-    with progress("replay", source.ticks or _guess(session)) as done, ExitStack() as files:
+    with progress("replay", source.ticks or guess(session)) as done, ExitStack() as files:
         first = "robust" if rule == "both" else rule
         writer, sinks = _files(files, *paths, rule)
         replayed = replay(
@@ -215,7 +216,7 @@ def _governing(asked: tuple[float, ...] | None, robot: Any) -> Any:
     return replace(robot, force_step_limit_n=asked[0], force_limit_n=asked[1])
 
 
-def _guess(session: Path) -> int:
+def guess(session: Path) -> int:
     """About how many ticks a text file holds; the bar only."""
     return max(1, session.stat().st_size // 40)
 

@@ -37,6 +37,7 @@ BEFORE = {  # what a page takes for granted in its folder
     "registration.md": "cp samples/elbow* . && awk -F, -v OFS=, '/^x4/ {$2 += 0.006} 1'"
     " elbow_markers_robot.csv > moved.csv",
     "replay.md": r"printf 't,x,y,z\n0,0,0,0\n0.002,0,0,0\n0.001,0,0,0\n' > bad.csv",
+    "rehearse.md": "vfplan demo -o demo -q",
     "stability.md": PLAN,
 }
 FENCED = r"^```\w*\n(?P<fenced>\$ (?:.*\n)*?)```$"

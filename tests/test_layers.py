@@ -22,6 +22,7 @@ LAYERS = [
     ["markers.finding", "curve"],
     ["planning", "replaying"],
     ["campaign", "live", "stability", "surface"],
+    ["arm"],
     ["study"],
     ["figures", "view3d"],
     ["study.paper_figures", "study.bench_figures"],

@@ -160,6 +160,11 @@ class Governor:
             **joints,
         )
 
+    @property
+    def native(self) -> _core.Governor:
+        """The governor behind it, which checks nothing; for a loop in Python at full speed."""
+        return self._governor
+
     def reset(self) -> None:
         """As before the first tick: no force, no torque, nothing given."""
         self._governor.reset()

@@ -168,6 +168,11 @@ class ProxyEngine:
         return self.parameters.rule
 
     @property
+    def native(self) -> _core.Engine:
+        """The engine behind it, which checks nothing; for a loop in Python at full speed."""
+        return self._engine
+
+    @property
     def left_out(self) -> dict[str, int]:
         """What this scene did not need, and how much of it was left out; absent: nothing was."""
         p = self.parameters

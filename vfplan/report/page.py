@@ -60,22 +60,30 @@ def page(replayed: Replay, *, image: Path | None = None) -> str:
     body = "\n".join(
         [
             f"<header><h1>{title}</h1>{_verdict(found)}</header>",
-            _section("Summary", summary(found) + checks(found) + findings(found)),
-            _section("Over time", _picture(timeline(replayed), "force and depth over time")),
-            _section("Frame by frame", (parts / "scrubber.html").read_text("utf-8")),
+            section("Summary", summary(found) + checks(found) + findings(found)),
+            section("Over time", picture(timeline(replayed), "force and depth over time")),
+            section("Frame by frame", (parts / "scrubber.html").read_text("utf-8")),
             *_places(replayed, image),
-            _section("Contact episodes", episodes(found)),
-            _section("What was replayed", settings(found, replayed.fixture)),
+            section("Contact episodes", episodes(found)),
+            section("What was replayed", settings(found, replayed.fixture)),
         ]
     )
+    script = (
+        f'<script type="application/json" id="data">{data}</script>'
+        f"<script>{(parts / 'scrubber.js').read_text('utf-8')}</script>"
+    )
+    return document(title, f"{body}\n{script}")
+
+
+def document(title: str, body: str) -> str:
+    """A whole page: title and body are HTML text."""
+    styles = (files("vfplan.report") / "style.css").read_text("utf-8")
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{title}</title>"
-        f"<style>{(parts / 'style.css').read_text('utf-8')}</style></head><body>\n{body}\n"
-        f'<script type="application/json" id="data">{data}</script>'
-        f"<script>{(parts / 'scrubber.js').read_text('utf-8')}</script></body></html>\n"
+        f"<style>{styles}</style></head><body>\n{body}</body></html>\n"
     )
 
 
@@ -89,14 +97,14 @@ def _verdict(found: dict[str, Any]) -> str:
 
 
 def _places(replayed: Replay, image: Path | None) -> list[str]:
-    shown = [_section("In space", _in_space(replayed))]
+    shown = [section("In space", _in_space(replayed))]
     if replayed.fixture.curve is not None and replayed.metrics["contact_ticks"]:
-        pictures = _picture(depth_plot(replayed), "depth along the planned curve")
+        pictures = picture(depth_plot(replayed), "depth along the planned curve")
         if image is not None:
             from vfplan.images.read import read_image
 
-            pictures += _picture(slice_depth(replayed, read_image(image)), "depth on the slice")
-        shown.append(_section("Along the planned curve", pictures))
+            pictures += picture(slice_depth(replayed, read_image(image)), "depth on the slice")
+        shown.append(section("Along the planned curve", pictures))
     return shown
 
 
@@ -111,14 +119,16 @@ def _in_space(replayed: Replay) -> str:
                 path = Path(folder) / "view.png"
                 view3d.draw_view(replayed.fixture, path, ticks=replayed.ticks, mark_hz=MARK_HZ)
                 return _embedded(path.read_bytes(), words, "tall")
-    return _picture(scene(replayed), words, "tall")
+    return picture(scene(replayed), words, "tall")
 
 
-def _section(title: str, content: str) -> str:
+def section(title: str, content: str) -> str:
+    """A part of the page under its title."""
     return f"<section><h2>{escape(title)}</h2>{content}</section>"
 
 
-def _picture(figure: Figure, words: str, kind: str = "") -> str:
+def picture(figure: Figure, words: str, kind: str = "") -> str:
+    """A figure within the page; `words` say what it shows."""
     return _embedded(png_bytes(figure), words, kind)
 
 

@@ -44,7 +44,7 @@ def _number(value: Any, factor: float, decimals: int) -> str:
     return "" if value is None else f"{round(factor * value, decimals) + 0.0:.{decimals}f}"
 
 
-def _table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
+def table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
     """A table of cells that are HTML already."""
     heads = "".join(f"<th>{cell}</th>" for cell in head)
     lines = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in rows)
@@ -79,7 +79,7 @@ def summary(found: dict[str, Any]) -> str:
             rows.append([escape(words), *values, unit])
     times = [column["step_us"] for column in columns]
     rows.append(["time a tick, p99.9", *(f"{t['p999']:.2f}" for t in times), "µs"])
-    return _table(["", *(f"rule {name}" for name in names), ""], rows, "numbers")
+    return table(["", *(f"rule {name}" for name in names), ""], rows, "numbers")
 
 
 def checks(found: dict[str, Any]) -> str:
@@ -96,7 +96,7 @@ def checks(found: dict[str, Any]) -> str:
                 f"{sense.replace('_', ' ')} {check[sense]:g}",
             ]
         )
-    return _table(["", "limit on", "found", "allowed"], rows) if rows else ""
+    return table(["", "limit on", "found", "allowed"], rows) if rows else ""
 
 
 def findings(found: dict[str, Any]) -> str:
@@ -105,7 +105,7 @@ def findings(found: dict[str, Any]) -> str:
         [f'<b class="{f["severity"]}">{f["severity"]}</b>', f["code"], escape(f["message"])]
         for f in found["findings"]
     ]
-    return _table(["", "finding", ""], rows) if rows else "<p>Nothing to remark.</p>"
+    return table(["", "finding", ""], rows) if rows else "<p>Nothing to remark.</p>"
 
 
 def episodes(found: dict[str, Any]) -> str:
@@ -125,7 +125,7 @@ def episodes(found: dict[str, Any]) -> str:
             row.append(_number(episode["deepest_along"]["s_m"], 1e3, 1))
         rows.append([*row, "yes" if episode["passive"] else '<b class="warning">no</b>'])
     more = len(found["episodes"]) - len(shown)
-    return _table(head, rows, "numbers") + (f"<p>and {more} more</p>" if more else "")
+    return table(head, rows, "numbers") + (f"<p>and {more} more</p>" if more else "")
 
 
 def settings(found: dict[str, Any], fixture: Fixture) -> str:
@@ -146,6 +146,6 @@ def settings(found: dict[str, Any], fixture: Fixture) -> str:
     for group, values in groups.items():
         flat = {k: v for k, v in values.items() if not isinstance(v, (dict, list)) or len(v) <= 3}
         rows = [[escape(str(k)), _code(v)] for k, v in flat.items() if v is not None]
-        shown = f"<h3>{escape(group.replace('_', ' '))}</h3>" + _table([], rows, "settings")
+        shown = f"<h3>{escape(group.replace('_', ' '))}</h3>" + table([], rows, "settings")
         text += f'<div class="{"long" if len(rows) > 20 else "group"}">{shown}</div>'
     return text

@@ -1,0 +1,188 @@
+"""`vfplan rehearse`: will this arm render this fixture with this hand?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from vfplan.cli import options
+from vfplan.cli.options import FILE, Numbers
+from vfplan.cli.replay import guess, refuse_folder
+from vfplan.cli.run import Report, command, outputs, progress, refuse_existing
+
+BASE = Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)
+
+
+OPTIONS = [
+    click.option("--arm", default="panda", show_default=True, metavar="panda|fr3|FILE.xml",
+                 help="The arm: a shipped one, or an MJCF file of hinges with a site `tip`."),
+    options.robot("The limits it has; its own for a shipped arm."),
+    click.option("--base", type=BASE,
+                 help="Its base in the fixture's frame [m].  [default: 0,0,0]"),
+    click.option("--tool", type=Numbers(3, metavar="X,Y,Z", positive=False), default="0,0,0.1",
+                 show_default=True, help="The tip in the flange's frame [m]."),
+    click.option("--no-governor", is_flag=True, help="Command the engine's force as it is."),
+    click.option("--hand", "hand_n_per_m", type=Numbers(1, metavar="N_PER_M"), default="600",
+                 show_default=True,
+                 help="How stiffly the hand wants the tip where the session is."),
+    click.option("--units", type=click.Choice(["m", "mm"]), default="m", show_default=True,
+                 help="Unit of the session's positions."),
+    click.option("--report", type=FILE, metavar="DIR",
+                 help="Folder for one self-contained HTML page with pictures."),
+    click.option("--picture-out", type=options.PNG, metavar="PNG",
+                 help="Write the arm over the fixture."),
+]  # fmt: skip
+
+
+def _with_options(function: Any) -> Any:
+    for option in reversed(OPTIONS):
+        function = option(function)
+    return function
+
+
+@command("rehearse", short_help="Rehearse a session on a simulated arm.")
+@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
+@click.argument("session", type=FILE, metavar="SESSION")
+@options.output("Per-tick result of the simulated tip, HDF5.", required=False)
+@_with_options
+@options.signature()
+def command(
+    fixture: Path,
+    session: Path,
+    output: Path | None,
+    report: Path | None,
+    picture_out: Path | None,
+    overwrite: bool,
+    **given: Any,
+) -> Report:
+    """Let SESSION's hand move a simulated arm that renders FIXTURE.h5 at its own rate.
+
+    The hand is a spring and damper that want the tip where the session is. Says whether the arm
+    reaches every place, and what would have stopped it: torques and their steps, joints at their
+    limits, speeds, forces, each with its tick, joint and place along the curve. Exit 1 when it does
+    not reach or would have stopped; the files are written then too, as the record of it.
+    """
+    from vfplan.arm import rehearse
+    from vfplan.arm.loop import Hand
+
+    refuse_existing(output, picture_out, overwrite=overwrite)
+    if report is not None:
+        refuse_folder(report, overwrite)
+    planned, arm = _fixture(fixture, given["trust"]), made_arm(given["arm"], given)
+    wanted, warnings = _session(session, given["units"], planned.frame, arm.robot.rate_hz)
+    hand = Hand(stiffness=given["hand_n_per_m"][0])
+    with progress("rehearse", len(wanted.hip)) as done:
+        found = rehearse(
+            planned, wanted, arm, governed=not given["no_governor"], hand=hand, done=done
+        )
+    with outputs(output, picture_out) as (result, picture):
+        if result is not None:
+            from vfplan.session import ResultWriter
+
+            with ResultWriter(result, {"rehearsal": found.metrics}) as file:
+                file.append(found.ticks)
+        if picture is not None:
+            from vfplan.figures.arm import draw_arm
+
+            draw_arm(found, picture)
+        if report is not None:
+            from vfplan.report.arm import write_rehearsal
+
+            write_rehearsal(found, report, overwrite=overwrite)
+    return Report(
+        found.metrics, rehearsed_text(found.metrics), exit_code=int(not found.passed),
+        warnings=warnings,
+    )  # fmt: skip
+
+
+def made_arm(choice: str, given: dict[str, Any]) -> Any:
+    """The arm that `--arm`, `--robot`, `--base` and `--tool` name."""
+    from vfplan.arm import Arm
+    from vfplan.robot import read_robot
+
+    robot = read_robot(given["robot"])
+    return Arm(choice, robot, base=given["base"], tool=given["tool"])
+
+
+def _fixture(path: Path, trust: Any) -> Any:
+    from vfplan.bundle import read_fixture
+
+    return read_fixture(path, **({} if trust is None else {"trust": trust}))
+
+
+def _session(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Any, list[str]]:
+    """The whole session at the arm's rate, and what was done for that."""
+    import numpy as np
+
+    from vfplan.session import Session, open_session, resampled
+
+    source, warnings = open_session(path, units=units, frame=frame), []
+    with progress("read", guess(path)):
+        whole = _whole(source)
+    rate = 1 / float(np.median(np.diff(whole.time)))
+    if not 0.99 < rate / rate_hz < 1.01:
+        warnings.append(
+            f"{path}: sampled at {rate:.6g} Hz, resampled to the arm's {rate_hz:g} Hz by straight "
+            "lines"
+        )
+        time, hip = _joined(resampled(source, rate_hz))
+        whole = Session(time, hip, frame=frame, name=source.name)
+    return whole, warnings
+
+
+def _whole(source: Any) -> Any:
+    from vfplan.session import Session
+
+    return Session(*_joined(source), frame=source.frame, name=source.name)
+
+
+def _joined(source: Any) -> tuple[Any, Any]:
+    import numpy as np
+
+    times, hips = zip(*source.blocks(), strict=True)
+    return np.concatenate(times), np.concatenate(hips)
+
+
+def rehearsed_text(found: dict[str, Any]) -> str:
+    """The short report of one rehearsal."""
+    reached = "every place reached" if found["reachable"] else "NOT every place reached"
+    lines = [
+        f"arm {found['arm']}: {found['ticks']} ticks, {found['duration_s']:.3f} s, {reached}; "
+        f"{found['real_time_factor']:.0f} times real time",
+        f"force        max {found['force_max_n']:.3f} N, step max "
+        f"{found['force_step_max_n']:.3f} N; penetration max "
+        f"{1e3 * found['penetration_max_m']:.3f} mm",
+        f"torque       max {found['torque_max_nm']:.2f} N·m (joint {found['torque_max_joint']}), "
+        f"step max {found['torque_step_max_nm']:.4f} N·m (joint {found['torque_step_max_joint']})",
+        f"joints       {found['joint_margin_min_rad']:.3f} rad left of joint "
+        f"{found['joint_margin_min_joint']}'s range",
+        f"postures     condition at most {found['condition_max'] or float('inf'):.2f}; mass at the "
+        f"tip from {found['mass_min_kg']:.2f} kg, stable there up to {found['k_max_n_per_m']:.0f} "
+        f"N/m ({found['k_n_per_m']:.0f} N/m rendered)",
+    ]
+    if "governor" in found:
+        held = found["governor"]
+        lines.append(
+            f"governor     up to {held['held_back_max_n']:.3f} N held back in {held['held_ticks']} "
+            f"ticks, work {1e3 * held['work_j']:.4f} mJ"
+        )
+    return "\n".join([*lines, *objections(found)])
+
+
+def objections(found: dict[str, Any]) -> list[str]:
+    """Why it did not pass, a line each: places not reached, then what would have stopped it."""
+    short = [
+        f"not reached: tick {place['tick']}, {1e3 * place['left_m']:.1f} mm short"
+        for place in found.get("unreached", [])
+    ]
+    return [*short[:5], *map(_reflex, found["reflexes"])]
+
+
+def _reflex(reflex: dict[str, Any]) -> str:
+    joint = f" of joint {reflex['joint']}" if "joint" in reflex else ""
+    value = f": {reflex['value']:.4g}, {reflex['limit']:.4g} allowed" if "value" in reflex else ""
+    place = ""
+    if "s_m" in reflex:
+        place = f", {1e3 * reflex['s_m']:.1f} mm along stroke {reflex['stroke']}"
+    return f"would stop: {reflex['kind']}{joint} at tick {reflex['tick']}{place}{value}"

@@ -1,0 +1,111 @@
+"""An arm's model file: the shipped ones, and what is not let through to MuJoCo."""
+
+from __future__ import annotations
+
+import pytest
+
+from vfplan.arm import ARMS, Arm
+from vfplan.arm.mjcf import MAX_NODES
+from vfplan.errors import InputError, SettingError
+from vfplan.robot import Robot, read_robot
+
+ROBOT = Robot("mine", 1.0, 5.0, 1000.0, 1)
+TWO = """<mujoco><worldbody><body><inertial pos="0.2 0 0" mass="2" diaginertia="0.02 0.02 0.02"/>
+<joint name="a" axis="0 0 1" range="-90 90" limited="true"/><body pos="0.4 0 0">
+<inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.01 0.01"/><joint axis="0 0 1"/>
+<site name="tip" pos="0.3 0 0"/></body></body></worldbody></mujoco>"""
+
+
+def written(tmp_path, text):
+    path = tmp_path / "arm.xml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_shipped_arms_are_as_published(name):
+    arm = Arm(name, tool=(0, 0, 0))
+    assert arm.joints == 7
+    assert arm.robot == read_robot(ARMS[name])
+    arm.hold([0.0] * 7)  # stretched up: 0.333 + 0.316 + 0.384 - 0.107, and 0.088 to the front
+    assert arm.look()[0] == pytest.approx([0.088, 0, 0.333 + 0.316 + 0.384 - 0.107], abs=1e-12)
+    arm.hold(arm.ready)
+    assert arm.look()[0] == pytest.approx([0.306891, 0, 0.590282], abs=1e-6)
+    assert (arm.ready > arm.low).all()
+    assert (arm.ready < arm.high).all()
+    assert 10 < arm.model.body_mass.sum() < 20
+
+
+def test_an_arm_of_ones_own(tmp_path):
+    arm = Arm(written(tmp_path, TWO), ROBOT, base=(1, 2, 3, 0, 0, 0, 1), tool=(0, 0, 0))
+    arm.hold([0, 0])
+    assert arm.look()[0] == pytest.approx([1 - 0.7, 2, 3])  # half a turn about z
+    with pytest.raises(SettingError, match="a robot is wanted"):
+        Arm(written(tmp_path, TWO))
+    with pytest.raises(SettingError, match="torque_limit_nm of 7 joints, the arm has 2"):
+        Arm(written(tmp_path, TWO), read_robot("franka"))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("<worldbody>", '<include file="/etc/passwd"/><worldbody>'), "<include> is not allowed"),
+        (("<worldbody>", '<asset><mesh file="a.stl"/></asset><worldbody>'), "<asset> is not"),
+        (
+            ("<worldbody>", '<extension><plugin plugin="a.b"/></extension><worldbody>'),
+            "<extension>",
+        ),
+        (("<worldbody>", '<compiler meshdir="/"/><worldbody>'), 'meshdir="..." is not allowed'),
+        (("<worldbody>", '<worldbody><geom mesh="a" type="mesh"/>'), 'mesh="..." is not allowed'),
+        (("<worldbody>", '<size memory="900G"/><worldbody>'), "<size> is not allowed"),
+        (("<worldbody>", "<worldbody><replicate count='9999999'/>"), "<replicate> is not allowed"),
+        (("<worldbody>", "<worldbody>" + "<site/>" * MAX_NODES), "more than 5000 elements"),
+        (("<worldbody>", "<worldbody>" + "<body>" * 70), "64 within each other"),
+        (("<mujoco>", '<!DOCTYPE a [<!ENTITY b "c">]><mujoco>'), "a document type is not allowed"),
+        (("mujoco", "robot"), "<robot> is no MJCF"),
+        (("</mujoco>", ""), "no XML"),
+        (('name="tip"', 'name="end"'), 'no <site name="tip"/>'),
+        (('<joint name="a"', '<joint type="slide" name="a"'), "1 of them no hinges"),
+        (('mass="2"', 'mass="-2"'), "MuJoCo refuses it"),
+        (('mass="2"', 'mass="nan"'), "a number is nan"),
+    ],
+)
+def test_what_is_not_let_through(tmp_path, change, message):
+    with pytest.raises(InputError, match=message):
+        Arm(written(tmp_path, TWO.replace(*change)), ROBOT)
+
+
+def test_a_simulation_that_warns_leaves_no_file(tmp_path, monkeypatch, caplog):
+    monkeypatch.chdir(tmp_path)
+    arm = Arm("panda")
+    arm.hold(arm.ready)
+    arm.data.qvel[:] = 1e12
+    for _ in range(3):
+        arm._mj.mj_step(arm.model, arm.data)
+    assert "Nan, Inf or huge value" in caplog.text
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_that_are_none(tmp_path):
+    with pytest.raises(InputError, match="panda, fr3 or an MJCF file wanted"):
+        Arm(tmp_path / "no.xml", ROBOT)
+    path = tmp_path / "bytes.xml"
+    path.write_bytes(b"<mujoco>\xff</mujoco>")
+    with pytest.raises(InputError, match="is not text"):
+        Arm(path, ROBOT)
+    path.write_bytes(b" " * (2**20 + 1))
+    with pytest.raises(InputError, match="1048576"):
+        Arm(path, ROBOT)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"base": (0, 0)}, "base of 2 numbers: allowed are 3 or 7"),
+        ({"base": (0, 0, 0, 0, 0, 0, 0)}, "its quaternion has no direction"),
+        ({"tool": (0, 0, float("nan"))}, "tool nan"),
+    ],
+)
+def test_base_and_tool_of_another_form(settings, message):
+    with pytest.raises(SettingError, match=message):
+        Arm("panda", **settings)

@@ -1,0 +1,93 @@
+"""`vfplan rehearse` and `plan --rehearse`: files, exit codes, and nothing left behind."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+
+import numpy as np
+import pytest
+from replays import fixture_of
+
+import vfplan
+
+SAMPLES = files("vfplan.samples")
+PLANNED = [
+    SAMPLES / f"elbow{name}" for name in (".png", "_markers_image.csv", "_markers_robot.csv")
+]
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """A wall before the arm, and a hand that presses on it."""
+    folder = tmp_path_factory.mktemp("rehearse")
+    x = np.arange(0.0, 0.06, 2e-4)
+    points = np.stack([0.45 + x, 0 * x, 0 * x + 0.3], axis=1)
+    vfplan.write_fixture(fixture_of(points), folder / "wall.h5")
+    t = np.arange(0.0, 0.8, 0.01)
+    hip = np.stack([0.48 + 0 * t, 0.02 - 0.02 * t / 0.8, 0.3 + 0 * t], axis=1)
+    rows = np.column_stack([t, hip])
+    np.savetxt(folder / "hand.csv", rows, "%.17g", ",", header="t,x,y,z", comments="")
+    return folder / "wall.h5", folder / "hand.csv"
+
+
+def test_the_report_has_its_keys_and_the_files_appear(scene, vfplan_cli, tmp_path):
+    out, page, png = tmp_path / "r.h5", tmp_path / "page", tmp_path / "arm.png"
+    done = vfplan_cli(
+        "rehearse", *scene, "-o", out, "--report", page, "--picture-out", png, "--json"
+    )
+    assert done.code == 0, done.stderr
+    found = done.json
+    for key in (
+        "ticks", "duration_s", "reflexes", "torque_step_max_nm", "torque_max_nm", "elapsed_s",
+        "joint_margin_min_rad", "condition_max", "mass_min_kg", "force_max_n", "force_step_max_n",
+        "clearance_min_m", "reachable", "governor",
+    ):  # fmt: skip
+        assert key in found
+    assert (found["reachable"], found["reflexes"]) == (True, [])
+    assert "resampled to the arm's 1000 Hz" in done.stderr
+    result, attrs = vfplan.read_result(out)
+    assert len(result.time) == found["ticks"] == 791
+    held = attrs["rehearsal"]
+    assert (json.loads(held) if isinstance(held, str) else held)["arm"] == "panda"
+    text = (page / "index.html").read_text()
+    assert "PASS" in text
+    assert text.count("data:image/png") == 2
+    assert png.read_bytes().startswith(b"\x89PNG")
+
+
+def test_an_arm_that_would_stop_ends_with_one(scene, vfplan_cli, tmp_path):
+    page = tmp_path / "page"
+    done = vfplan_cli("rehearse", *scene, "--base=-0.6,0,0", "--arm", "fr3", "--report", page)
+    assert done.code == 1
+    assert "NOT every place reached" in done.stdout
+    assert "FAIL: the arm does not reach" in (page / "index.html").read_text()
+
+
+def test_bad_calls(scene, vfplan_cli, tmp_path):
+    model = tmp_path / "arm.xml"
+    model.write_text("<mujoco><include file='a'/></mujoco>")
+    for code, words, *more in (
+        (2, "a robot is wanted", "--arm", model),
+        (3, "<include> is not allowed", "--arm", model, "--robot", "franka"),
+        (3, "panda, fr3 or an MJCF file", "--arm", "kuka", "--robot", "franka"),
+        (2, "7 wanted", "--base", "1,2"),
+    ):
+        done = vfplan_cli("rehearse", *scene, *more, "-o", tmp_path / "r.h5")
+        assert done.code == code, done
+        assert words in done.error_line
+    assert not (tmp_path / "r.h5").exists()
+
+
+def test_plan_rehearses_before_it_writes(vfplan_cli, tmp_path):
+    out, far = tmp_path / "good.h5", tmp_path / "far.h5"
+    asked = (*PLANNED, "--pixel-spacing", "0.5", "--rehearse", "panda")
+    good = vfplan_cli("plan", *asked, "--base", "0.15,0,0", "-o", out, "--json")
+    assert good.code == 0, good.stderr
+    ways = [found["way"] for found in good.json["rehearsal"]]
+    assert ways == ["stroke 0, left side", "stroke 0, right side"]
+    assert all(found["reachable"] and not found["reflexes"] for found in good.json["rehearsal"])
+    bad = vfplan_cli("plan", *asked, "--base=-0.5,0,0", "-o", far)
+    assert bad.code == 1
+    assert "arm panda, stroke 0, left side: not reached" in bad.stderr
+    assert not far.exists()

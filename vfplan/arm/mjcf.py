@@ -1,0 +1,108 @@
+"""An arm's model file: a shipped one, or the user's, which is read as what it is: untrusted text.
+
+A model may name only what an arm without shapes needs. Nothing that opens another file, runs a
+plugin or multiplies itself is let through to MuJoCo.
+"""
+
+from __future__ import annotations
+
+import logging
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+from vfplan.errors import InputError, MissingExtra
+from vfplan.io.disk import read_whole
+
+_LOG = logging.getLogger("vfplan")
+
+MAX_BYTES = 2**20
+MAX_NODES = 5_000
+MAX_DEPTH = 64
+ELEMENTS = {
+    *("mujoco", "compiler", "option", "flag", "default", "statistic", "keyframe", "key"),
+    *("worldbody", "body", "frame", "inertial", "joint", "geom", "site", "camera", "light"),
+    *("actuator", "motor", "general", "position", "velocity", "contact", "exclude"),
+}
+# An attribute that names a file or a folder, or loads code.
+FORBIDDEN = {"file", "meshdir", "texturedir", "assetdir", "plugin", "mesh", "hfield"}
+
+
+def mujoco() -> Any:
+    """The module; `MissingExtra` without it."""
+    try:
+        import mujoco
+    except ImportError:
+        raise MissingExtra("a simulated arm needs MuJoCo: pip install 'vfplan[arm]'") from None
+    if mujoco.get_mju_user_warning() is None:
+        # By itself it would write them into a file of the current folder.
+        mujoco.set_mju_user_warning(_LOG.warning)
+    return mujoco
+
+
+def compile_model(choice: str | Path, shipped: tuple[str, ...]) -> Any:
+    """The `MjModel` of a shipped arm, or of an MJCF file.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, that names what is not allowed here, or that MuJoCo refuses.
+    MissingExtra
+        No MuJoCo.
+    """
+    module = mujoco()
+    if str(choice) in shipped:
+        model = files("vfplan.arm") / "models" / f"{choice}.xml"
+        return module.MjModel.from_xml_string(model.read_text("utf-8"))
+    try:
+        data = read_whole(Path(choice), MAX_BYTES)
+    except InputError as error:
+        known = ", ".join(shipped)
+        raise InputError(
+            f"{error.message}; {known} or an MJCF file wanted", where=str(choice)
+        ) from None
+    check(data, str(choice))
+    try:
+        return module.MjModel.from_xml_string(data.decode("utf-8"))
+    except (ValueError, module.FatalError) as error:
+        raise InputError(f"MuJoCo refuses it: {error}", where=str(choice)) from None
+
+
+def check(data: bytes, where: str) -> None:
+    """Raise `InputError` for the first thing in an MJCF that is not allowed here."""
+    parser, seen, depth = expat.ParserCreate(), 0, 0
+
+    def refuse(what: str) -> None:
+        raise InputError(f"line {parser.CurrentLineNumber}: {what}", where=where)
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        nonlocal seen, depth
+        seen, depth = seen + 1, depth + 1
+        if seen == 1 and name != "mujoco":
+            refuse(f"<{name}> is no MJCF; <mujoco> wanted")
+        if name not in ELEMENTS:
+            refuse(f"<{name}> is not allowed; an arm without shapes wanted, in one file")
+        for attribute in attributes:
+            if attribute in FORBIDDEN:
+                refuse(f'{attribute}="..." is not allowed; no other file is read')
+        for value in attributes.values():
+            if "nan" in value.lower().split():
+                refuse("a number is nan")
+        if seen > MAX_NODES or depth > MAX_DEPTH:
+            refuse(f"more than {MAX_NODES} elements, or {MAX_DEPTH} within each other")
+
+    def end(name: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.StartDoctypeDeclHandler = lambda *_: refuse("a document type is not allowed")
+    parser.EntityDeclHandler = lambda *_: refuse("an entity is not allowed")
+    try:
+        data.decode("utf-8")
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        raise InputError(f"no XML: {error}", where=where) from None
+    except UnicodeDecodeError:
+        raise InputError("is not text", where=where) from None
