@@ -269,7 +269,9 @@ def fixture_settings(given: dict[str, Any]) -> Any:
     if given["tolerance_mm"] and given["density_per_mm"]:
         raise click.UsageError("--tolerance and --density exclude each other; give one")
     if given["margin"] is None and given["margin_side"] != "both":
-        raise click.UsageError("--margin-side adds nothing by itself; give --margin too")
+        raise click.UsageError(
+            "--margin-side adds nothing by itself; give --margin tre95 or p=P too"
+        )
     probability = isinstance(given["margin"], float)
     if probability != (given["campaign"] is not None):
         raise click.UsageError("--margin p=P and --campaign DIR: both or neither")
