@@ -84,7 +84,8 @@ def test_a_label_map_lies_where_its_file_says(series, tmp_path):
         corner, axes = shear @ corner, shear @ axes
         wanted = wanted @ shear.T
     there = bones.Grid(corner, axes, grid.size)
-    for path in label_maps(tmp_path, there, np.ascontiguousarray(labels)):
+    files = label_maps(tmp_path, there, np.ascontiguousarray(labels))
+    for path in files if series == "oblique" else files[:1]:
         found = outline_places(surface(path, settings=COARSE))
         assert len(found) == len(wanted)
         # NIfTI holds its places in single precision: 3e-5 mm at 400 mm.
@@ -94,7 +95,9 @@ def test_a_label_map_lies_where_its_file_says(series, tmp_path):
 def test_uneven_slices_keep_their_places(tmp_path):
     places = [z for z in BENT.places(2) if z % 6 or z % 4 == 0]
     uneven = [(ring, z) for ring, z in rings(2) if z in places]
-    made = surface(struct(tmp_path, uneven), settings=SurfaceSettings(max_spacing_m=5e-3))
+    made = surface(
+        struct(tmp_path, uneven), settings=SurfaceSettings(tolerance_m=4e-4, max_spacing_m=5e-3)
+    )
     points = 1e3 * made.fixture.points
     inside = (points[:, 2] > places[0]) & (points[:, 2] < places[-1])
     assert np.abs(BENT.distance(points[inside])).max() < 0.05
@@ -150,14 +153,15 @@ def test_an_empty_slice_parts_a_label_map_in_two(tmp_path):
 
 def test_ends_are_capped_half_a_slice_beyond_or_left_open(tmp_path):
     path = struct(tmp_path, rings())
-    capped, kept = surface(path), surface(path, settings=SurfaceSettings(keep_open=True))
+    capped = surface(path, settings=COARSE)
+    kept = surface(path, settings=SurfaceSettings(tolerance_m=1e-3, keep_open=True))
     z = 1e3 * capped.fixture.points[:, 2]
     assert [z.min(), z.max()] == pytest.approx([-38 - 2.5, 37 + 2.5])
     assert capped.report["open_edges"] == 0
     assert any("closed by flat caps half a slice beyond: a guess" in w for w in capped.warnings)
     z = 1e3 * kept.fixture.points[:, 2]
     assert [z.min(), z.max()] == pytest.approx([-38, 37])
-    assert kept.report["open_edges"] > 100
+    assert kept.report["open_edges"] > 50
     assert kept.report["volume_mm3"] is None
     assert any("left open: a proxy can enter there" in w for w in kept.warnings)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import hashlib
 import zlib
+from contextlib import suppress
 from pathlib import Path
 
 from vfplan.errors import InputError
@@ -16,6 +17,8 @@ MOST_UNPACKED = 1 << 30
 
 def read_bytes(path: Path, most: int = MOST_FILE) -> tuple[bytes, str]:
     """A file's bytes and their SHA-256; raises `InputError` as `vfplan.io.disk.read_whole` does."""
+    with suppress(OSError):  # what is not there, `read_whole` names
+        most = min(most, path.stat().st_size + 1)  # a read takes room for all that it may get
     data = read_whole(path, most, InputError)
     return data, hashlib.sha256(data).hexdigest()
 
@@ -39,3 +42,11 @@ def unpacked(data: bytes, kind: str, where: str, most: int = MOST_UNPACKED) -> b
     if not worker.eof:
         raise InputError(f"its {kind} data are cut short", where=where)
     return found
+
+
+def first_unpacked(data: bytes, count: int = 540) -> bytes:
+    """The first bytes that gzip data hold; fewer where they are damaged."""
+    try:
+        return zlib.decompressobj(wbits=zlib.MAX_WBITS | 32).decompress(data, count)
+    except zlib.error:
+        return b""

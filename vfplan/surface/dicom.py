@@ -27,7 +27,9 @@ RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"
 SEG = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")
 DEFLATED = b"1.2.840.10008.1.2.1.99"
 MOST_BYTES = 1 << 28
-MOST_ITEMS = 300_000  # items of sequences: contours, frames
+MOST_BESIDE_PIXELS = 1 << 25  # every 8 bytes may be an element, and each takes its time
+MOST_ITEMS = 200_000  # of sequences: contours, frames
+PIXEL_DATA = (b"\xe0\x7f\x10\x00OB\0\0", b"\xe0\x7f\x10\x00OW\0\0", b"\xe0\x7f\x10\x00")
 MOST_PIXELS = 1 << 28
 CLOSED = ("CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
 UNIT_ROUNDED = 1e-3  # of a direction's length: written in decimals, made unit again
@@ -86,6 +88,11 @@ def _quiet(where: str) -> Iterator[None]:
             yield
     except (VfplanError, MemoryError):
         raise
+    except AttributeError as error:
+        raise InputError(
+            f"the DICOM file cannot be read: it has no {error.name or 'such attribute'}",
+            where=where,
+        ) from None
     except Exception as error:  # a file from outside: pydicom raises all kinds
         raise InputError(
             f"the DICOM file cannot be read ({type(error).__name__})", where=where
@@ -103,10 +110,26 @@ def _dataset(data: bytes, where: str) -> Any:
         ) from None
     if DEFLATED in data[:4096]:
         raise InputError("is deflated as a whole, which is not supported", where=where)
-    items = data.count(b"\xfe\xff\x00\xe0")
+    beside = _pixels_begin(data)
+    if beside > MOST_BESIDE_PIXELS:
+        raise InputError(
+            f"holds {beside} bytes beside pixels; at most {MOST_BESIDE_PIXELS} are read",
+            where=where,
+        )
+    items = data.count(b"\xfe\xff\x00\xe0", 0, beside)
     if items > MOST_ITEMS:
         raise InputError(f"has {items} items; at most {MOST_ITEMS} are read", where=where)
     return pydicom.dcmread(io.BytesIO(data), force=True)
+
+
+def _pixels_begin(data: bytes) -> int:
+    """Where the pixels begin that reach to the end of the file; its end where there are none."""
+    for tag in PIXEL_DATA:
+        at = data.find(tag)
+        length = int.from_bytes(data[at + len(tag) : at + len(tag) + 4], "little")
+        if at >= 0 and (length == 0xFFFFFFFF or at + len(tag) + 4 + length == len(data)):
+            return at
+    return len(data)
 
 
 def _names(dataset: Any, found: list[tuple[int, str]]) -> tuple[Structure, ...]:

@@ -12,8 +12,8 @@ from vfplan.surface.slicing import Sliced
 from vfplan.surface.stack import Stack
 
 Array = NDArray[np.float64]
-MOST_POINTS = 20_000  # of the outlines that are held against the surface
-A_SLICE = 500
+MOST_POINTS = 10_000  # of the outlines that are held against the surface
+A_SLICE = 200
 
 
 def contour_error(sliced: Sliced, points: Array, triangles: NDArray[np.int32]) -> dict[str, Any]:

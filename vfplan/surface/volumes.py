@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError, MissingExtra
-from vfplan.surface.bounded import MOST_UNPACKED, read_bytes, unpacked
+from vfplan.surface.bounded import MOST_UNPACKED, first_unpacked, read_bytes, unpacked
 from vfplan.surface.contours import Structure
 from vfplan.surface.labels import LabelVolume, checked_place
 
@@ -26,6 +26,7 @@ SPACES = {
     "left-anterior-superior": (1, -1, 1),
     "las": (1, -1, 1),
 }
+NIFTI_HEADER = 1 << 20  # with its extensions
 NIFTI_UNITS = {0: 1e-3, 1: 1.0, 2: 1e-3, 3: 1e-6}
 PLACES_AGREE_M = 1e-5  # sform and qform, rounded to single precision and to a quaternion
 MOST_LABELS = 65536
@@ -160,7 +161,7 @@ def read_nifti(path: Path) -> LabelVolume:
             "reading NIfTI needs nibabel: pip install 'vfplan[surface]'", where=where
         ) from None
     if data[:2] == b"\x1f\x8b":
-        data = unpacked(data, "gzip", where)
+        data = unpacked(data, "gzip", where, _nifti_bytes(first_unpacked(data), where))
     log = logging.getLogger("nibabel.global")
     level = log.level
     log.setLevel(logging.CRITICAL)
@@ -185,6 +186,19 @@ def read_nifti(path: Path) -> LabelVolume:
     if labels.ndim != 3:
         raise InputError(f"its voxels are {shape}; a volume is wanted", where=where)
     return _with_labels(_whole(labels, where)[None], T, None, digest, where)
+
+
+def _nifti_bytes(head: bytes, where: str) -> int:
+    """The most bytes that a file with this header can want, extensions included."""
+    order = "little" if head[:4] in (_sizeof(348)[0], _sizeof(540)[0]) else "big"
+    one = head[:4] in _sizeof(348)
+    at, width = (40, 2) if one else (16, 8)
+    sizes = [int.from_bytes(head[at + width * k :][:width], order) for k in range(1, 8)]
+    count = min(max(int.from_bytes(head[at : at + width], order), 1), 7)
+    voxels = 8 * int(np.prod(sizes[:count], dtype=object))
+    if voxels > 8 * MOST_UNPACKED:
+        raise InputError(f"says that it has voxels {sizes[:count]}, too many", where=where)
+    return min(voxels + NIFTI_HEADER, MOST_UNPACKED)
 
 
 def _sizeof(size: int) -> tuple[bytes, bytes]:

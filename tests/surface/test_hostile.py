@@ -1,0 +1,134 @@
+"""Damaged and hostile files: refused by name, quickly, in bounded memory, whatever is in them."""
+
+import gzip
+import json
+import struct
+import tracemalloc
+
+import bones
+import numpy as np
+import pytest
+from bones import BENT
+
+from vfplan.errors import VfplanError
+from vfplan.surface import SurfaceSettings, surface
+
+COARSE = SurfaceSettings(tolerance_m=2e-3)
+
+
+@pytest.fixture(scope="module")
+def zoo(tmp_path_factory):
+    """One small file of each kind."""
+    folder = tmp_path_factory.mktemp("zoo")
+    grid = bones.Grid(np.array([-30.0, -22, -38]), np.diag([4.0, 4, 25]), (16, 11, 4))
+    labels = grid.labels(BENT)
+    outlines = [(ring[::20], z) for ring, z in bones.outlines(BENT, 25)]
+    return {
+        "rtstruct.dcm": bones.write_rtstruct(folder / "s.dcm", outlines).read_bytes(),
+        "seg.dcm": bones.write_seg(folder / "g.dcm", labels, grid).read_bytes(),
+        "l.seg.nrrd": bones.write_nrrd(folder / "l.nrrd", labels, grid).read_bytes(),
+        "l.nii.gz": bones.write_nifti(folder / "l.nii.gz", labels, grid).read_bytes(),
+        "l.nii": bones.write_nifti(folder / "l.nii", labels, grid).read_bytes(),
+        "c.mrk.json": bones.write_curves(folder / "c.mrk.json", outlines, every=2).read_bytes(),
+    }
+
+
+KINDS = ["rtstruct.dcm", "seg.dcm", "l.seg.nrrd", "l.nii.gz", "l.nii", "c.mrk.json"]
+
+
+def made_or_refused(path):
+    """A surface, or one line that says why there is none."""
+    refusal = None
+    try:
+        made = surface(path, settings=COARSE)
+    except VfplanError as error:
+        refusal = error
+    if refusal is None:
+        assert np.isfinite(made.fixture.points).all()
+        return
+    assert refusal.message
+    assert "\n" not in refusal.message
+    assert refusal.exit_code in (2, 3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_cut_and_changed_files_are_read_or_refused(kind, zoo, tmp_path):
+    data, path = zoo[kind], tmp_path / kind
+    path.write_bytes(data)
+    assert surface(path, settings=COARSE).report["open_edges"] == 0
+    rng = np.random.default_rng(6)
+    for cut in (0, 1, 3, 130, len(data) // 2, len(data) - 2):
+        path.write_bytes(data[:cut])
+        made_or_refused(path)
+    for _ in range(12):
+        changed = bytearray(data)
+        for at in rng.integers(0, min(len(data), 1500), 3):
+            changed[at] = rng.integers(256)
+        path.write_bytes(changed)
+        made_or_refused(path)
+
+
+def element(group, number, kind, value):
+    head = struct.pack("<HH", group, number) + kind
+    if kind in (b"SQ", b"OB"):
+        return head + struct.pack("<HI", 0, len(value)) + value
+    return head + struct.pack("<H", len(value)) + value
+
+
+def refused(path, reason):
+    """Refused for that reason, with less than 100 MB taken on the way."""
+    tracemalloc.start()
+    with pytest.raises(VfplanError, match=reason):
+        surface(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 100e6
+
+
+def test_files_that_unpack_to_more_than_they_say(zoo, tmp_path):
+    head, _, _ = zoo["l.seg.nrrd"].partition(b"\n\n")
+    bomb = gzip.compress(bytes(300_000_000), 1)
+    (tmp_path / "b.nrrd").write_bytes(head + b"\n\n" + bomb)
+    refused(tmp_path / "b.nrrd", "unpacks to more than 704 bytes")
+    bomb = gzip.compress(gzip.decompress(zoo["l.nii.gz"]) + bytes(300_000_000), 1)
+    (tmp_path / "b.nii.gz").write_bytes(bomb)
+    refused(tmp_path / "b.nii.gz", "unpacks to more than")
+
+
+def test_headers_that_promise_what_no_memory_holds(zoo, tmp_path):
+    huge = zoo["l.seg.nrrd"].replace(b"sizes: 16 11 4", b"sizes: 99999 99999 99999")
+    (tmp_path / "h.nrrd").write_bytes(huge)
+    refused(tmp_path / "h.nrrd", "says that it holds")
+    nifti = bytearray(zoo["l.nii"])
+    nifti[42:48] = struct.pack("<3h", 32000, 32000, 32000)
+    (tmp_path / "h.nii").write_bytes(nifti)
+    refused(tmp_path / "h.nii", "says that it holds|cannot be read as NIfTI")
+    from pydicom import dcmread
+
+    data = dcmread(zoo_file(zoo, "seg.dcm", tmp_path))
+    data.Rows = data.Columns = 60000
+    data.save_as(tmp_path / "h.dcm")
+    refused(tmp_path / "h.dcm", "frames of 60000 x 60000")
+
+
+def zoo_file(zoo, name, folder):
+    (folder / name).write_bytes(zoo[name])
+    return folder / name
+
+
+def test_dicom_of_endless_elements_is_refused_before_it_is_parsed(tmp_path):
+    kind = element(8, 0x16, b"UI", b"1.2.840.10008.5.1.4.1.1.481.3\0")
+    items = element(0x3006, 0x20, b"SQ", 200_001 * b"\xfe\xff\x00\xe0\0\0\0\0")
+    (tmp_path / "i.dcm").write_bytes(kind + items)
+    refused(tmp_path / "i.dcm", "has 200001 items; at most 200000")
+    (tmp_path / "e.dcm").write_bytes(kind + bytes(34_000_000))
+    refused(tmp_path / "e.dcm", "bytes beside pixels")
+    deflated = b"1.2.840.10008.1.2.1.99"
+    (tmp_path / "d.dcm").write_bytes(kind + element(2, 0x10, b"UI", deflated))
+    refused(tmp_path / "d.dcm", "deflated")
+
+
+def test_json_of_another_shape_is_refused(tmp_path):
+    for text in ("[" * 100_000, "{}", '{"@schema": 3}', json.dumps({"@schema": "x", "markups": 1})):
+        (tmp_path / "a.mrk.json").write_text(text)
+        refused(tmp_path / "a.mrk.json", ".")
