@@ -9,7 +9,7 @@ STAMP  := $(VENV)/.vfplan-installed
 SOURCES := pyproject.toml README.md LICENSE \
            $(shell find vfplan cli schemas samples -type f -not -path '*/__pycache__/*' 2>/dev/null)
 
-.PHONY: demo test test-full docs pictures lint format install clean
+.PHONY: franka demo test test-full docs pictures lint format install clean
 install: $(VENV)/.vfplan-test
 
 $(BIN)/python:
@@ -62,6 +62,14 @@ format: | $(BIN)/python
 	-$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	find vfplan/native samples tests -name '*.hpp' -o -name '*.cpp' | xargs -r $(BIN)/clang-format -i
+
+# A Franka's own protocol against its simulator, in an environment of its own (numpy 1, mujoco < 3.3).
+FRANKA ?= .venv-franka
+franka: $(STAMP)
+	test -x $(FRANKA)/bin/python || $(PYTHON) -m venv $(FRANKA)
+	$(FRANKA)/bin/python -m pip install -q franka-sim==1.1.7 pylibfranka==0.21.3 h5py click
+	$(FRANKA)/bin/python -m pip install -q --no-deps --force-reinstall build/wheel/*.whl
+	$(FRANKA)/bin/python samples/franka/study.py
 
 clean:
 	rm -rf build dist $(VENV)

@@ -22,7 +22,9 @@ FILES = ("mask.png", "overlay.png", "fixture.h5", "result.h5", "force.png", "sce
 
 
 @command("demo", short_help="The whole pipeline on the shipped sample.")
-@click.argument("what", type=click.Choice(["pipeline", "paper", "experiments"]), default="pipeline")
+@click.argument(
+    "what", type=click.Choice(["pipeline", "paper", "experiments", "panda"]), default="pipeline"
+)
 @click.option(
     "-o",
     "--output",
@@ -42,9 +44,15 @@ def command(what: str, output: Path, overwrite: bool) -> Report:
                    result, force and penetration over time, and a picture of cloud and paths
       paper        the paper's Figs. 2, 4, 5 and 6 drawn anew, each with its numbers as JSON
       experiments  the paper's two experiments with a scripted hand, felt and seen
+      panda        the same on a simulated Panda (extra [arm]): force against depth, arm, torques
     """
     names = FILES if what == "pipeline" else _sample(what).FILES
-    make = {"pipeline": pipeline, "paper": papers_figures, "experiments": experiments}[what]
+    make = {
+        "pipeline": pipeline,
+        "paper": papers_figures,
+        "experiments": experiments,
+        "panda": panda,
+    }[what]
     targets = [output / name for name in names]
     if output.is_dir():
         refuse_existing(*targets, overwrite=overwrite)
@@ -77,6 +85,18 @@ def experiments(*places: Path) -> tuple[dict[str, Any], str]:
         f"{name}: {m['points']} points, {m['ticks']} ticks, {m['contacts']} contacts, "
         f"{m['force_max_n']:.2f} N, {m['penetration_max_mm']:.2f} mm, "
         f"clearance {m['clearance_min_um']:.2f} um"
+        for name, m in found.items()
+    ]
+    return {"experiments": found}, "\n".join(lines)
+
+
+def panda(*places: Path) -> tuple[dict[str, Any], str]:
+    """The experiments on a simulated Panda: their numbers, and the report of each."""
+    from vfplan.cli.rehearse import rehearsed_text
+
+    found = _drawn(_sample("panda"), places)
+    lines = [
+        f"{name}: {m['points']} points, {m['slope_n_per_m']:.1f} N/m felt\n{rehearsed_text(m)}"
         for name, m in found.items()
     ]
     return {"experiments": found}, "\n".join(lines)

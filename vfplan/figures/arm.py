@@ -29,6 +29,37 @@ def draw_efforts(rehearsal: Rehearsal, path: Path) -> None:
     save_png(efforts(rehearsal), path)
 
 
+def draw_depth(rehearsal: Rehearsal, path: Path) -> None:
+    """The commanded force against the depth, apart for the faces that were felt, as a PNG."""
+    save_png(depth(rehearsal), path)
+
+
+def depth(rehearsal: Rehearsal) -> Figure:
+    """The figure of `draw_depth`.
+
+    Faces are told apart by the normal: along the axis on which normals differ most, and against it.
+    """
+    ticks, held = rehearsal.ticks, rehearsal.ticks.penetration > 1e-5
+    figure = new_figure(5.2, 3.6)
+    with style():
+        axes = figure.subplots()
+    normals, force = ticks.normal[held], row_norms(rehearsal.motion.force)[held]
+    deep = 1e3 * ticks.penetration[held]
+    axis = int(np.ptp(normals, axis=0).argmax()) if len(normals) else 0
+    for sign, colour in ((1, CLOUD), (-1, PROXY)):
+        there = sign * normals[:, axis] > 0
+        name = f"normal along {'+' if sign > 0 else '-'}{'xyz'[axis]}"
+        axes.plot(sign * deep[there], force[there], ".", ms=2, color=colour, label=name)
+    most = deep.max(initial=0.1)
+    k = rehearsal.metrics["k_n_per_m"]
+    axes.plot([-most, 0, most], [k * most / 1e3, 0, k * most / 1e3], color=FORCE, lw=0.8, ls="--",
+              label=f"K = {k:.0f} N/m")  # fmt: skip
+    axes.set_xlabel("depth [mm], one face to the right, the other to the left")
+    axes.set_ylabel("commanded force [N]")
+    axes.legend()
+    return figure
+
+
 def in_space(rehearsal: Rehearsal) -> Figure:
     """The figure of `draw_arm`."""
     figure = new_figure(6.6, 5.6)
