@@ -10,6 +10,8 @@ from typing import Any, ClassVar, TypeVar
 
 import click
 
+from vfplan.io.numbers import real
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 # Existence is checked by the library, which answers 3 (bad input) and not 2 (usage).
@@ -75,9 +77,13 @@ class Numbers(click.ParamType):
         if isinstance(value, tuple):
             return value
         try:
-            numbers = tuple(float(part) for part in str(value).split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not a number or a comma-separated list of numbers", param, ctx)
+            numbers = tuple(real(part) for part in str(value).split(","))
+        except ValueError as error:
+            self.fail(
+                f"{value!r} is not a number or a comma-separated list of numbers: {error}",
+                param,
+                ctx,
+            )
         if len(numbers) not in self.counts:
             allowed = " or ".join(map(str, self.counts))
             self.fail(f"{value!r} has {len(numbers)} numbers; {allowed} wanted", param, ctx)
@@ -104,7 +110,7 @@ class Margin(click.ParamType):
         if value == "tre95" or isinstance(value, float):
             return value
         try:
-            p = float(str(value).removeprefix("p="))
+            p = real(str(value).removeprefix("p="))
         except ValueError:
             p = 0.0
         if not str(value).startswith("p=") or not 0 < p < 1:
@@ -120,6 +126,27 @@ def _margin_m(folder: Path, p: float) -> float:
     from vfplan.campaign import margin_for
 
     return margin_for(folder, p)
+
+
+class _Strict(click.ParamType):
+    """What Python takes for a number and others do not, 1_000 or nan, is a usage error."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Parse; a usage error (exit 2) names the value found."""
+        try:
+            if isinstance(value, str):
+                real(value)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class Real(_Strict, click.FloatRange):
+    """A decimal number within bounds."""
+
+
+class Whole(_Strict, click.IntRange):
+    """A whole number within bounds."""
 
 
 def output(text: str, required: bool = True, kind: click.ParamType = HDF5) -> Callable[[F], F]:
@@ -172,11 +199,11 @@ CURVE_OPTIONS = [
                  help="Look only in this rectangle of pixels."),
     click.option("--stroke", metavar="all|longest|N", callback=lambda c, p, v: _stroke(c, p, v),
                  help="Which of several candidates is the curve."),
-    click.option("--max-gap", "max_gap_px", type=click.FloatRange(min=0), default=20.0,
+    click.option("--max-gap", "max_gap_px", type=Real(min=0), default=20.0,
                  show_default=True, metavar="PX", help="Bridge pen lifts shorter than this."),
     click.option("--curve", type=FILE, metavar="FILE",
                  help="A curve drawn on the image as vectors: Slicer .mrk.json or CSV u_px,v_px."),
-    click.option("--frame", type=click.IntRange(min=1), metavar="N",
+    click.option("--frame", type=Whole(min=1), metavar="N",
                  help="Which frame of a multi-frame DICOM or page of a TIFF."),
     click.option("--imager-spacing", is_flag=True, default=None,
                  help="Accept DICOM's ImagerPixelSpacing, which is not the patient's."),
@@ -199,7 +226,7 @@ FIXTURE_OPTIONS = [
                  show_default=True, help="K, one for all axes of the robot's base or one each."),
     click.option("--contact-radius", "contact_radius_mm", type=Numbers(1, metavar="MM"),
                  default="5", show_default=True, help="The proxy's radius r_c."),
-    click.option("--point-radius", "point_radius_mm", type=click.FloatRange(min=0), default=0.0,
+    click.option("--point-radius", "point_radius_mm", type=Real(min=0), default=0.0,
                  metavar="MM", help="Radius r_v of each point of the cloud.  [default: 0]"),
     click.option("--ignore-axis", type=click.Choice(["normal", "x", "y", "z", "none"]),
                  help="The fixture is infinite along it.  [default: normal, the drawn slice's]"),

@@ -9,12 +9,13 @@ from typing import Any
 
 import click
 from vfplan.cli import options
-from vfplan.cli.options import FILE, Numbers
+from vfplan.cli.options import FILE, Numbers, Real, Whole
 from vfplan.cli.replay_text import replay_text
 from vfplan.cli.run import Report, outputs, progress, refuse_existing
 from vfplan.cli.run import command as vfplan_command
 
 from vfplan.io.disk import write_whole
+from vfplan.io.numbers import real
 
 
 class Bound(click.ParamType):
@@ -34,7 +35,7 @@ class Bound(click.ParamType):
             return value
         name, _, number = str(value).partition("=")
         try:
-            limit = float(number)
+            limit = real(number)
         except ValueError:
             self.fail(f"{value!r}; NAME=NUMBER wanted, e.g. force_max_n=20", param, ctx)
         if not abs(limit) < float("inf"):
@@ -87,15 +88,15 @@ OPTIONS = [
                  help="A check: this number of the report is no larger. Repeatable."),
     click.option("--at-least", type=Bound(), multiple=True,
                  help="A check: this number of the report is no smaller. Repeatable."),
-    click.option("--drop", type=click.FloatRange(0, 1, max_open=True), metavar="P",
+    click.option("--drop", type=Real(0, 1, max_open=True), metavar="P",
                  help="Lossy link: probability that a packet is lost."),
-    click.option("--jitter", type=click.FloatRange(0), metavar="MS",
+    click.option("--jitter", type=Real(0), metavar="MS",
                  help="Lossy link: samples are up to this much older than their stamp."),
-    click.option("--delay", type=click.IntRange(0), metavar="TICKS",
+    click.option("--delay", type=Whole(0), metavar="TICKS",
                  help="Lossy link: samples arrive this many ticks late."),
-    click.option("--quantise", type=click.FloatRange(0, min_open=True), metavar="UM",
+    click.option("--quantise", type=Real(0, min_open=True), metavar="UM",
                  help="Lossy link: positions are rounded to multiples of this."),
-    click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
+    click.option("--seed", type=Whole(0), default=0, show_default=True,
                  help="Lossy link: seed of its random numbers."),
 ]  # fmt: skip
 

@@ -19,7 +19,7 @@ REPORT, TABLE, MAP, PASSIVITY = FILES = (
     "stability.json", "cases.csv", "stability_map.png", "passivity.png",
 )  # fmt: skip
 
-_above = click.FloatRange(min=0, min_open=True)
+_above = options.Real(min=0, min_open=True)
 
 
 @command("stability", short_help="Is K stable with this robot? Closed loop and extreme cases.")
@@ -31,14 +31,14 @@ _above = click.FloatRange(min=0, min_open=True)
 @click.option(
     "--damping",
     "damping_n_s_per_m",
-    type=click.FloatRange(min=0),
+    type=options.Real(min=0),
     metavar="N_S_PER_M",
     help="Viscous damping at the tip.  [default: 5]",
 )
 @click.option("--rate", "rate_hz", type=_above, metavar="HZ", help="Control rate.  [default: 1000]")
 @click.option(
     "--delay-ticks",
-    type=click.IntRange(0, 1000),
+    type=options.Whole(0, 1000),
     metavar="N",
     help="Ticks between a position and its force.  [default: 0]",
 )
@@ -62,7 +62,7 @@ _above = click.FloatRange(min=0, min_open=True)
 )
 @click.option(
     "--margin",
-    type=click.FloatRange(min=1),
+    type=options.Real(min=1),
     default=1.25,
     show_default=True,
     help="K times this must be stable.",
@@ -71,7 +71,7 @@ _above = click.FloatRange(min=0, min_open=True)
     "--part", "parts", multiple=True, type=click.Choice(PARTS), help="Only this part (repeatable)."
 )
 @click.option("--full", is_flag=True, help="Also the long runs (many minutes).")
-@click.option("--jobs", type=click.IntRange(1, 64), default=2, show_default=True, help="Processes.")
+@click.option("--jobs", type=options.Whole(1, 64), default=2, show_default=True, help="Processes.")
 @click.option(
     "-o",
     "--output",

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import FILE, GIF, PNG, Numbers
+from vfplan.cli.options import FILE, GIF, PNG, Numbers, Whole
 from vfplan.cli.run import Report, outputs, refuse_existing
 from vfplan.cli.run import command as vfplan_command
 
@@ -24,7 +24,7 @@ from vfplan.cli.run import command as vfplan_command
 )
 @click.option(
     "--frames",
-    type=click.IntRange(1, 2000),
+    type=Whole(1, 2000),
     default=120,
     show_default=True,
     help="Frames of --movie.",

@@ -98,3 +98,10 @@ def test_missing_key_file_and_bad_toml(tmp_path):
         read_robot(path)
     with pytest.raises(InputError, match="franka, fr3, none or a robot file"):
         read_robot(tmp_path / "no.toml")
+
+
+def test_tables_within_tables_without_end_are_refused(tmp_path):
+    path = tmp_path / "deep.toml"
+    path.write_text(GOOD + "a = " + "[" * 20_000 + "]" * 20_000)
+    with pytest.raises(InputError, match="not a robot file"):
+        read_robot(path)

@@ -87,7 +87,7 @@ def read_robot(choice: str | Path | None) -> Robot | None:
         text = _text(Path(choice))
     try:
         values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:  # tables within tables within ...
         raise InputError(f"not a robot file: {error}", where=str(choice)) from None
     check_robot(values, where=str(choice))
     return Robot(**{k: _kept(v) for k, v in values.items() if k not in ("format", "version")})

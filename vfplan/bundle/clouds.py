@@ -21,6 +21,7 @@ from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
 from vfplan.io.clock import now_utc
 from vfplan.io.disk import opened_file
+from vfplan.io.numbers import real, require_short
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")
@@ -180,6 +181,7 @@ def _npy(data: bytes, where: str) -> Mesh:
 
 def _csv(data: bytes, units: str, where: str) -> Mesh:
     try:
+        require_short(data)
         text = data.decode("utf-8-sig")
         first = text.partition("\n")[0].split(",")
         named = not _is_number(first[0])
@@ -188,7 +190,12 @@ def _csv(data: bytes, units: str, where: str) -> Mesh:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # an empty table is refused below
             points = np.loadtxt(
-                io.StringIO(text), delimiter=",", skiprows=int(named), usecols=columns, ndmin=2
+                io.StringIO(text),
+                delimiter=",",
+                comments=None,
+                skiprows=int(named),
+                usecols=columns,
+                ndmin=2,
             )
     except (ValueError, IndexError) as error:
         raise InputError(f"cannot be read as x,y,z: {error}", where=where) from error
@@ -200,7 +207,7 @@ def _csv(data: bytes, units: str, where: str) -> Mesh:
 
 def _is_number(text: str) -> bool:
     try:
-        float(text)
+        real(text)
     except ValueError:
         return False
     return True

@@ -7,8 +7,10 @@ binary. Numbers keep the precision they are written in; nothing is repaired.
 from __future__ import annotations
 
 import io
+import itertools
 import re
 import struct
+import warnings
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -17,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError
+from vfplan.io.numbers import require_short
 
 HEADER_BYTES = 1 << 16
 TYPES = {
@@ -193,19 +196,23 @@ def _row_type(
 def _text_elements(
     data: bytes, at: int, elements: list[_Element], order: str
 ) -> dict[str, Columns]:
-    lines = [line for line in data[at:].decode("latin-1").splitlines() if line.strip()]
-    wanted = sum(element.count for element in elements)
-    if len(lines) != wanted:
-        raise ValueError(f"{len(lines)} lines of data; {wanted} wanted")
+    require_short(data)
+    lines = (line for line in io.BytesIO(data[at:]) if line.strip())
     tables: dict[str, Columns] = {}
-    first = 0
+    wanted, found = sum(element.count for element in elements), 0
     for element in elements:
-        rows = lines[first : first + element.count]
-        first += element.count
         table = np.empty((0, 0))
-        if rows:
-            table = np.loadtxt(io.StringIO("\n".join(rows)), comments=None, ndmin=2)
+        if element.count:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # no lines at all: refused below
+                rows = itertools.islice(lines, element.count)
+                table = np.loadtxt(rows, comments=None, ndmin=2, encoding="latin-1")
+        found += len(table)
+        if len(table) != element.count:
+            raise ValueError(f"{found} lines of data; {wanted} wanted")
         tables[element.name] = _columns(table, element)
+    if more := sum(1 for _ in lines):
+        raise ValueError(f"{found + more} lines of data; {wanted} wanted")
     return tables
 
 
@@ -217,7 +224,7 @@ def _columns(table: NDArray, element: _Element) -> Columns:
         if len(table) == 0:
             columns[name] = np.empty((0, 3) if length else 0)
         elif length:
-            size = int(table[0, at])
+            size = int(table[0, at]) if table.shape[1] > at else -1
             _same_lengths(table[:, at], size, element.name)
             columns[name] = table[:, at + 1 : at + 1 + size]
             at += 1 + size
@@ -254,6 +261,7 @@ def _stl(data: bytes) -> Mesh:
 
 def _text_corners(data: bytes) -> NDArray[np.float64]:
     """(K, 3, 3) corners of the facets of all solids."""
+    require_short(data)
     numbers, at = array("d"), 0
     while solid := TEXT_SOLID.match(data, at):
         at = solid.end()

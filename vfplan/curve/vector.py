@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vfplan.engine.spacing import MOST_POINTS
 from vfplan.errors import CurveError, MarkerError
 from vfplan.io.disk import read_whole
+from vfplan.io.numbers import real
 
 MAX_BYTES = 256 * 2**20
 FINE_M = 2.5e-4  # of a curve in the patient: a point every quarter of a millimetre
@@ -148,9 +149,9 @@ def _polyline(text: str, where: str) -> tuple[NDArray, bool, bool]:
             f"is no image, and as a curve its header is {found!r}; u_px,v_px is wanted", where=where
         )
     try:
-        points = np.array([[float(u), float(v)] for u, v in rows[1:]])
-    except ValueError:
-        raise CurveError("holds a row without two numbers", where=where) from None
+        points = np.array([[real(u), real(v)] for u, v in rows[1:]])
+    except ValueError as error:
+        raise CurveError(f"holds a row without two numbers: {error}", where=where) from None
     points = points.reshape(-1, 2)
     closed = len(points) > 3 and bool(np.array_equal(points[0], points[-1]))
     return (points[:-1] if closed else points), closed, False

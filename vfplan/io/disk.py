@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import hashlib
+import io
 import os
 import re
 import secrets
@@ -12,7 +14,7 @@ import stat
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 from vfplan.errors import InputError, OutputError
 
@@ -292,3 +294,69 @@ def read_whole(path: Path, most: int, kind: type[InputError] = InputError) -> by
     if max(size, len(data)) > most:
         raise kind(f"is longer than {most} bytes, the most read", where=str(path))
     return data
+
+
+class OneFile:
+    """A regular file, opened once: whatever takes its name meanwhile, this one is read.
+
+    Parameters
+    ----------
+    path, kind
+        As for `opened_file`, which raises.
+    """
+
+    def __init__(self, path: Path, kind: type[InputError] = InputError) -> None:
+        with opened_file(path, kind) as file:
+            self.descriptor = os.dup(file.fileno())
+        self._kind, self._where = kind, str(path)
+        self._stamp = self._seen()
+
+    def __del__(self) -> None:
+        if hasattr(self, "descriptor"):
+            os.close(self.descriptor)
+
+    def _seen(self) -> tuple[int, int]:
+        status = os.fstat(self.descriptor)
+        return status.st_size, status.st_mtime_ns
+
+    def view(self) -> BinaryIO:
+        """A stream over the whole file, with a place of its own in it."""
+        return stream_over(self.descriptor, self)
+
+    def sha256(self) -> str:
+        """Of its bytes, hexadecimal."""
+        return hashlib.file_digest(self.view(), "sha256").hexdigest()
+
+    def require_unchanged(self) -> None:
+        """Refuse what was written to since it was opened: its digest would be another one's."""
+        if self._seen() != self._stamp:
+            raise self._kind("was changed while it was read", where=self._where)
+
+
+def stream_over(descriptor: int, owner: object = None) -> BinaryIO:
+    """A stream with a place of its own in an open file; the `owner` of the descriptor lives on."""
+    return cast("BinaryIO", io.BufferedReader(_View(descriptor, owner), 1 << 16))
+
+
+class _View(io.RawIOBase):
+    def __init__(self, descriptor: int, owner: object) -> None:
+        self._descriptor, self._owner, self._at = descriptor, owner, 0
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: memoryview) -> int:
+        count = os.preadv(self._descriptor, [buffer], self._at)
+        self._at += count
+        return count
+
+    def seek(self, at: int, whence: int = os.SEEK_SET) -> int:
+        size = os.fstat(self._descriptor).st_size
+        self._at = at + (0, self._at, size)[whence]
+        return self._at
+
+    def tell(self) -> int:
+        return self._at

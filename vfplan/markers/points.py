@@ -14,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError
+from vfplan.io.numbers import real
+
+FURTHEST = 1e9  # pixels or metres; nothing real is, and squares of more overflow in the end
 
 MarkerFrame = Literal["image", "patient_lps", "robot_base"]
 
@@ -68,13 +71,17 @@ def table_rows(text: str, where: str) -> list[list[str]]:
 def number(text: object, what: str, where: str) -> float:
     """A finite number, or a `MarkerError` that says what was found instead."""
     try:
-        if isinstance(text, bool) or "_" in str(text):  # Python takes True, and 1_0 for ten
+        if isinstance(text, bool):  # which Python takes for 0 or 1
             raise ValueError
-        value = float(text)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        raise MarkerError(f"{what} is {text!r}; a number is wanted", where=where) from None
+        value = real(text) if isinstance(text, str) else float(text)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        shown, plain = f"{text!r}"[:60], str(text).strip().lower().lstrip("+-")
+        wanted = "a finite number" if plain in ("nan", "inf", "infinity") else "a number"
+        raise MarkerError(f"{what} is {shown}; {wanted} is wanted", where=where) from None
     if not math.isfinite(value):
         raise MarkerError(f"{what} is {text!r}; a finite number is wanted", where=where)
+    if abs(value) > FURTHEST:
+        raise MarkerError(f"{what} is {text!r}; at most {FURTHEST:g} is allowed", where=where)
     return value
 
 

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import io
 import lzma
+import os
+import struct
 import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, BinaryIO
 
 import numpy as np
 
 from vfplan.errors import SessionError
+from vfplan.io.disk import OneFile
 from vfplan.io.hdf5 import h5py
 from vfplan.session.types import BLOCK, Array, Pair
 
 _NAMES = ("time", "hip")
+MOST_MEMBERS, MOST_TAIL = 1000, 1 << 17  # of an archive; bytes at its end that list them
+MOST_HEADER = 10_000  # bytes of an array's header, as NumPy has it
 # What zipfile, its decompressors and NumPy's header reader raise on damaged archives.
 _DAMAGED = (
     OSError,
@@ -25,6 +30,7 @@ _DAMAGED = (
     ValueError,
     SyntaxError,
     RuntimeError,
+    struct.error,
     zipfile.BadZipFile,
     zlib.error,
     lzma.LZMAError,
@@ -46,19 +52,22 @@ def _check_shapes(time: Any, hip: Any, where: str) -> int:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[h5py.File]:
+def _opened(stream: BinaryIO, name: str) -> Iterator[h5py.File]:
     try:
-        with h5py.File(path, "r") as file:
+        with h5py.File(stream, "r") as file:
             yield file
-    except (OSError, RuntimeError, KeyError) as error:
-        raise SessionError(f"cannot be read as HDF5: {error}", where=path.name) from None
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
+        raise SessionError(f"cannot be read as HDF5: {error}", where=name) from None
 
 
-def hdf5_header(path: Path) -> tuple[int, list[tuple[str, str, str]]]:
+# Both run in a process apart (`vfplan.io.apart`): a file can be made for libhdf5 to crash on.
+
+
+def hdf5_header(stream: BinaryIO, name: str) -> Iterator[list[Any]]:
     """The length T, and what the file states of itself.
 
-    Returns
-    -------
+    Yields
+    ------
     T, and (what, value, where it stands): "units" or "frame" of the root or of `hip`, "time unit"
     of `time`. Attributes `unit` and `units` mean the same.
 
@@ -67,15 +76,15 @@ def hdf5_header(path: Path) -> tuple[int, list[tuple[str, str, str]]]:
     SessionError
         Not HDF5, a dataset missing, or wrong shapes or types.
     """
-    with _opened(path) as file:
-        pair = [_dataset(file, name, path.name) for name in _NAMES]
-        length = _check_shapes(*((d.shape, d.dtype) for d in pair), where=path.name)
+    with _opened(stream, name) as file:
+        pair = [_dataset(file, wanted, name) for wanted in _NAMES]
+        length = _check_shapes(*((d.shape, d.dtype) for d in pair), where=name)
         stated = [
             *_stated(file, {"units": "units", "unit": "units", "frame": "frame"}),
             *_stated(pair[1], {"units": "units", "unit": "units", "frame": "frame"}),
             *_stated(pair[0], {"units": "time unit", "unit": "time unit"}),
         ]
-    return length, stated
+    yield [length, stated]
 
 
 def _stated(place: h5py.Group | h5py.Dataset, names: dict[str, str]) -> list[tuple[str, str, str]]:
@@ -103,61 +112,80 @@ def _dataset(file: h5py.File, name: str, where: str) -> h5py.Dataset:
     return found
 
 
-def read_hdf5(path: Path, factor: float) -> Iterator[Pair]:
+def read_hdf5(stream: BinaryIO, name: str, factor: float) -> Iterator[Pair]:
     """Yield (time [s], hip [m]) piece by piece."""
-    with _opened(path) as file:
-        time, hip = (_dataset(file, name, path.name) for name in _NAMES)
+    with _opened(stream, name) as file:
+        time, hip = (_dataset(file, wanted, name) for wanted in _NAMES)
         for start in range(0, len(time), BLOCK):
             part = slice(start, start + BLOCK)
             yield np.asarray(time[part], float), np.asarray(hip[part], float) * factor
 
 
-def npz_header(path: Path) -> int:
+def npz_header(file: OneFile, name: str) -> int:
     """The length T; raises `SessionError` as `hdf5_header` does."""
-    with _npz_members(path) as members:
+    with _npz_members(file, name) as members:
         heads = [(shape, dtype) for _, shape, dtype in members]
-        return _check_shapes(*heads, where=path.name)
+        return _check_shapes(*heads, where=name)
 
 
-def read_npz(path: Path, factor: float) -> Iterator[Pair]:
+def read_npz(file: OneFile, name: str, factor: float) -> Iterator[Pair]:
     """Yield (time [s], hip [m]) piece by piece, without ever holding the arrays whole."""
-    with _npz_members(path) as ((time, shape, time_type), (hip, _, hip_type)):
+    with _npz_members(file, name) as ((time, shape, time_type), (hip, _, hip_type)):
         for start in range(0, shape[0], BLOCK):
             rows = min(BLOCK, shape[0] - start)
             yield (
-                _values(time, rows, time_type, path.name),
-                _values(hip, rows * 3, hip_type, path.name).reshape(-1, 3) * factor,
+                _values(time, rows, time_type, name),
+                _values(hip, rows * 3, hip_type, name).reshape(-1, 3) * factor,
             )
 
 
 @contextmanager
-def _npz_members(path: Path) -> Iterator[tuple[tuple[IO[bytes], tuple[int, ...], np.dtype], ...]]:
+def _npz_members(
+    file: OneFile, where: str
+) -> Iterator[tuple[tuple[IO[bytes], tuple[int, ...], np.dtype], ...]]:
     try:
-        with zipfile.ZipFile(path) as archive:
-            names = set(archive.namelist())
-            for name in _NAMES:
-                if f"{name}.npy" not in names:
-                    held = ", ".join(sorted(n.removesuffix(".npy") for n in names)) or "nothing"
-                    raise SessionError(
-                        f"has no array {name!r} (holds {held[:80]}); time, hip wanted",
-                        where=path.name,
-                    )
-            yield tuple(_member(archive.open(f"{name}.npy"), name, path.name) for name in _NAMES)
+        with file.view() as stream:
+            _refuse_many(stream, where)
+            with zipfile.ZipFile(stream) as archive:
+                names = set(archive.namelist())
+                for name in _NAMES:
+                    if f"{name}.npy" not in names:
+                        held = ", ".join(sorted(n.removesuffix(".npy") for n in names)) or "nothing"
+                        raise SessionError(
+                            f"has no array {name!r} (holds {held[:80]}); time, hip wanted",
+                            where=where,
+                        )
+                yield tuple(_member(archive.open(f"{name}.npy"), name, where) for name in _NAMES)
     except _DAMAGED as error:
-        raise SessionError(f"cannot be read as .npz: {error}", where=path.name) from None
+        raise SessionError(f"cannot be read as .npz: {error}", where=where) from None
+
+
+def _refuse_many(stream: BinaryIO, where: str) -> None:
+    """Refuse an archive whose list of members is long: zipfile reads all of it into memory."""
+    stream.seek(max(0, stream.seek(0, os.SEEK_END) - MOST_TAIL))
+    tail = stream.read(MOST_TAIL)
+    end = tail.rfind(b"PK\x05\x06")
+    count, size = (
+        struct.unpack_from("<HI", tail, end + 10) if 0 <= end <= len(tail) - 22 else (0, 0)
+    )
+    if count > MOST_MEMBERS or size > MOST_TAIL:
+        raise SessionError(f"more than {MOST_MEMBERS} members; time, hip wanted", where=where)
 
 
 def _member(
     stream: IO[bytes], name: str, where: str
 ) -> tuple[IO[bytes], tuple[int, ...], np.dtype]:
     version = np.lib.format.read_magic(stream)
-    reader = {
-        (1, 0): np.lib.format.read_array_header_1_0,
-        (2, 0): np.lib.format.read_array_header_2_0,
-    }.get(version)
-    if reader is None:
+    form = {(1, 0): "<H", (2, 0): "<I"}.get(version)
+    if form is None:
         raise SessionError(f"{name} is in .npy version {version}; 1.0 or 2.0 wanted", where=where)
-    shape, fortran, dtype = reader(stream)
+    # The length is checked here: NumPy would first read as much as it says.
+    size = stream.read(struct.calcsize(form))
+    if struct.unpack(form, size)[0] > MOST_HEADER:
+        raise SessionError(f"the header of {name} is longer than {MOST_HEADER} bytes", where=where)
+    head = io.BytesIO(size + stream.read(struct.unpack(form, size)[0]))
+    reads = (np.lib.format.read_array_header_1_0, np.lib.format.read_array_header_2_0)
+    shape, fortran, dtype = reads[version[0] - 1](head)
     if fortran and len(shape) > 1:
         raise SessionError(f"{name} is stored by columns; C order wanted", where=where)
     return stream, shape, dtype

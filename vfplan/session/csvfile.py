@@ -2,112 +2,110 @@
 
 from __future__ import annotations
 
-import warnings
+import io
 from collections.abc import Iterator
-from pathlib import Path
-from typing import NoReturn
+from typing import BinaryIO, NoReturn
 
 import numpy as np
 
 from vfplan.errors import SessionError
+from vfplan.io.disk import OneFile
+from vfplan.io.numbers import MOST_COLUMNS, MOST_LINE, real
 from vfplan.session.types import Array, Pair
 
 WANTED = ("t", "x", "y", "z")
 _PIECE = 1 << 21  # bytes read at a time
-_COMMA, _NEWLINE = 44, 10
+# All that a plain table is made of; nan and inf are read, and refused as samples.
+_PLAIN = b"0123456789+-.eE, \t\nnaifNAIF"
 
 
-def csv_columns(path: Path) -> list[str]:
+def csv_columns(file: BinaryIO, name: str) -> list[str]:
     """The names in the header line.
 
     Raises
     ------
     SessionError
-        An empty file, text that is not UTF-8, a wanted column missing or named twice.
+        An empty file, text that is not UTF-8, a line too long, too many columns, a wanted column
+        missing or named twice.
     """
-    with path.open("rb") as file:
-        line = file.readline(65536)
+    line = file.readline(MOST_LINE + 1)
     if not line.strip():
-        raise SessionError("is empty; a header t,x,y,z and samples wanted", where=path.name)
+        raise SessionError("is empty; a header t,x,y,z and samples wanted", where=name)
+    if len(line) > MOST_LINE:
+        raise SessionError(f"its first line is longer than {MOST_LINE} bytes", where=name)
     try:
-        names = [name.strip().lower() for name in line.decode("utf-8-sig").split(",")]
+        names = [column.strip().lower() for column in line.decode("utf-8-sig").split(",")]
     except UnicodeDecodeError:
-        raise SessionError(
-            "is not text; a CSV with header t,x,y,z wanted", where=path.name
-        ) from None
-    for name in WANTED:
-        if names.count(name) != 1:
+        raise SessionError("is not text; a CSV with header t,x,y,z wanted", where=name) from None
+    if len(names) > MOST_COLUMNS:
+        raise SessionError(f"has {len(names)} columns; at most {MOST_COLUMNS} are read", where=name)
+    for column in WANTED:
+        if names.count(column) != 1:
             raise SessionError(
-                f"column {name!r} occurs {names.count(name)} times in the header "
+                f"column {column!r} occurs {names.count(column)} times in the header "
                 f"{','.join(names)[:80]!r}; t (s), x, y, z (m) wanted, once each",
-                where=path.name,
+                where=name,
             )
     return names
 
 
-def read_csv(path: Path, factor: float) -> Iterator[Pair]:
+def read_csv(file: OneFile, name: str, factor: float) -> Iterator[Pair]:
     """Yield (time [s], hip [m]) piece by piece; `factor` turns the file's lengths into metres."""
-    names = csv_columns(path)
-    picks = [names.index(name) for name in WANTED]
-    with path.open("rb") as file:
-        file.readline()
+    with file.view() as stream:
+        names = csv_columns(stream, name)
+        picks = [names.index(wanted) for wanted in WANTED]
         line = 2
         rest = b""
-        while piece := file.read(_PIECE):
+        while piece := stream.read(_PIECE):
             text, newline, rest = (rest + piece).rpartition(b"\n")
             if newline:
-                rows = _parse(text, len(names), path.name, line)
+                rows = _parse(text, names, name, line)
                 line += text.count(b"\n") + 1
                 yield rows[:, picks[0]].copy(), rows[:, picks[1:]] * factor
+            if len(rest) > MOST_LINE:
+                _refuse(f"the line is longer than {MOST_LINE} bytes", name, line)
         if rest.strip():
-            rows = _parse(rest, len(names), path.name, line)
+            rows = _parse(rest, names, name, line)
             yield rows[:, picks[0]].copy(), rows[:, picks[1:]] * factor
 
 
-def _parse(text: bytes, columns: int, name: str, line: int) -> Array:
+def _parse(text: bytes, names: list[str], name: str, line: int) -> Array:
     """(n, columns) numbers; a block that is not plain is read again line by line."""
     # A carriage return elsewhere than before a newline stays, and makes its line a bad one.
     body = (text + b"\n").replace(b"\r\n", b"\n").rstrip(b"\n")
-    if _plain(body, columns):
-        with warnings.catch_warnings():
-            # NumPy tells of text it could not read by a DeprecationWarning.
-            warnings.simplefilter("error")
-            try:
-                values = np.fromstring(body.replace(b"\n", b",").decode("ascii"), sep=",")
-                return values.reshape(-1, columns)
-            except (DeprecationWarning, ValueError):
-                pass
-    return _parse_slowly(body, columns, name, line)
+    if body and not body.translate(None, _PLAIN):
+        try:
+            values = np.loadtxt(io.BytesIO(body), delimiter=",", comments=None, ndmin=2)
+        except ValueError:
+            pass
+        else:
+            if values.shape[1] == len(names):
+                return values
+    return _parse_slowly(body, names, name, line)
 
 
-def _plain(body: bytes, columns: int) -> bool:
-    """Whether every line has `columns` fields and none of them is empty."""
-    marks = np.frombuffer(body, np.uint8)
-    at = np.flatnonzero((marks == _COMMA) | (marks == _NEWLINE))
-    if len(at) % columns != columns - 1 or (np.diff(at, prepend=-1, append=len(marks)) < 2).any():
-        return False
-    wanted = np.full(columns, _COMMA, np.uint8)
-    wanted[-1] = _NEWLINE
-    return bool((marks[at] == np.resize(wanted, len(at))).all())
-
-
-def _parse_slowly(body: bytes, columns: int, name: str, line: int) -> Array:
+def _parse_slowly(body: bytes, names: list[str], name: str, line: int) -> Array:
     """Line by line, blank lines passed over; raises `SessionError` at the first bad one."""
     rows = []
-    for number, text in enumerate(body.split(b"\n"), start=line):
+    for number, raw in enumerate(body.split(b"\n"), start=line):
+        text = raw.decode("utf-8", "replace")
         if not text.strip():
             continue
-        fields = text.split(b",")
-        if len(fields) != columns:
-            _refuse(f"{len(fields)} fields; {columns} wanted", name, number)
-        try:
-            if b"_" in text:  # Python's own notation for long numbers, not a CSV's
-                raise ValueError
-            rows.append([float(field) for field in fields])
-        except ValueError:
-            shown = text[:60].decode("utf-8", "replace")
-            _refuse(f"{shown!r} is not {columns} numbers", name, number)
-    return np.array(rows, dtype=np.float64).reshape(-1, columns)
+        fields = text.split(",")
+        if len(fields) != len(names):
+            _refuse(f"{len(fields)} fields; {len(names)} wanted", name, number)
+        rows.append(
+            [_number(*pair, text, name, number) for pair in zip(names, fields, strict=True)]
+        )
+    return np.array(rows, dtype=np.float64).reshape(-1, len(names))
+
+
+def _number(column: str, field: str, text: str, name: str, number: int) -> float:
+    try:
+        return real(field)
+    except ValueError as error:
+        wanted = f"{text[:60]!r} is not {text.count(',') + 1} numbers"
+        _refuse(f"{wanted}: in column {column!r} {error}", name, number)
 
 
 def _refuse(message: str, name: str, number: int) -> NoReturn:

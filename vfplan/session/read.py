@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
-import hashlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from vfplan.errors import SessionError, SettingError
-from vfplan.io.disk import opened_file
-from vfplan.session.arrays import hdf5_header, npz_header, read_hdf5, read_npz
+from vfplan.io.apart import apart, one
+from vfplan.io.disk import OneFile
+from vfplan.session.arrays import npz_header, read_npz
 from vfplan.session.csvfile import WANTED, csv_columns, read_csv
-from vfplan.session.ros import RosOptions, bag_header, bag_sha256, is_bag, read_bag
-from vfplan.session.types import Session, SessionStream, unit_factor
+from vfplan.session.ros import RosOptions, bag_sha256, bag_stamp, is_bag
+from vfplan.session.types import Pair, Session, SessionStream, unit_factor
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _ZIP_MAGIC = b"PK\x03\x04"
+_HDF5, _BAG = "vfplan.session.arrays:", "vfplan.session.ros:"  # read in a process apart
 
 
 def read_session(
@@ -59,45 +62,68 @@ def open_session(
     """Open a recording to be read block by block; as `read_session` otherwise."""
     path = Path(path)
     factor = unit_factor(units)
-    magic = b"" if path.is_dir() and is_bag(path) else _first_bytes(path)
+    if path.is_dir() and is_bag(path):
+        return _bag(path, factor, units, frame, ros)
+    file = _opened(path)
     if is_bag(path):
-        chosen, notes = bag_header(path, ros or RosOptions())
-        read = functools.partial(read_bag, path, factor, chosen)
-        notes = {"format": "ros", "units": units, **notes}
-        return SessionStream(read, path.name, frame, bag_sha256(path), notes)
+        return _bag(path, factor, units, frame, ros)
     if ros is not None:
         raise SettingError("topic, field and tool tip are for ROS bags", where=path.name)
-    digest = _sha256(path)
-    notes: dict[str, object] = {}
+    name, notes, length = path.name, {}, None
+    magic = file.view().read(8)
     if magic.startswith(_HDF5_MAGIC):
-        length, stated = hdf5_header(path)
-        _agree(stated, {"units": units, "frame": frame, "time unit": "s"}, path.name)
-        read, kind = functools.partial(read_hdf5, path, factor), "hdf5"
+        length, stated = one(_HDF5 + "hdf5_header", name, file=file, where=name, kind=SessionError)
+        _agree(stated, {"units": units, "frame": frame, "time unit": "s"}, name)
+        job = functools.partial(apart, _HDF5 + "read_hdf5", name, factor)
+        read, kind = functools.partial(job, file=file, where=name, kind=SessionError), "hdf5"
     elif magic.startswith(_ZIP_MAGIC):
-        length = npz_header(path)
-        read, kind = functools.partial(read_npz, path, factor), "npz"
+        length = npz_header(file, name)
+        read, kind = functools.partial(read_npz, file, name, factor), "npz"
     else:
-        aside = [name for name in csv_columns(path) if name not in WANTED]
+        with file.view() as stream:
+            aside = [column for column in csv_columns(stream, name) if column not in WANTED]
         if aside:
             notes["ignored_columns"] = aside
-        length = None
-        read, kind = functools.partial(read_csv, path, factor), "csv"
+        read, kind = functools.partial(read_csv, file, name, factor), "csv"
     notes = {"format": kind, "units": units, **notes}
-    return SessionStream(read, path.name, frame, digest, notes, length)
+    checked = functools.partial(_steady, read, file.require_unchanged)
+    return SessionStream(checked, name, frame, file.sha256(), notes, length)
 
 
-def _first_bytes(path: Path) -> bytes:
+def _bag(
+    path: Path, factor: float, units: str, frame: str, ros: RosOptions | None
+) -> SessionStream:
+    """A bag is several files, or opens its own: it is held to what it was when first seen."""
+    place, name, before, sha256 = str(path.resolve()), path.name, bag_stamp(path), bag_sha256(path)
+    asked = dataclasses.astuple(ros or RosOptions())
+    chosen, notes = one(_BAG + "bag_header", place, *asked, where=name, kind=SessionError)
+
+    def require_unchanged() -> None:
+        if bag_stamp(path) != before:
+            raise SessionError("was changed while it was read", where=name)
+
+    read = functools.partial(
+        apart, _BAG + "read_bag", place, factor, *chosen, where=name, kind=SessionError
+    )
+    checked = functools.partial(_steady, read, require_unchanged)
+    notes = {"format": "ros", "units": units, **notes}
+    return SessionStream(checked, name, frame, sha256, notes)
+
+
+def _steady(
+    read: Callable[[], Iterator[Pair]], require_unchanged: Callable[[], None]
+) -> Iterator[Pair]:
+    """What is read, of a file whose digest is still the one that was taken."""
+    yield from read()
+    require_unchanged()
+
+
+def _opened(path: Path) -> OneFile:
     try:
-        with opened_file(path, SessionError) as file:
-            return file.read(8)
+        return OneFile(path, SessionError)
     except SessionError as error:
         wanted = "a session file or a ROS bag wanted"
         raise SessionError(f"{error.message}; {wanted}", where=str(path)) from None
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _agree(stated: list[tuple[str, str, str]], asked: dict[str, str], where: str) -> None:

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError, VersionError
+from vfplan.io.apart import apart, one
+from vfplan.io.disk import OneFile
 from vfplan.io.hdf5 import h5py
 from vfplan.session.closing import Steady, Whole, require_same
 from vfplan.session.types import BLOCK, LATEST_S, Array
@@ -192,30 +194,60 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
     VersionError
         A major version that this program does not read.
     """
-    blocks = list(result_blocks(path, group=group))
-    with _opened(path) as file:
-        attrs = dict(file.attrs)
+    file, where = _found(path), Path(path).name
+    attrs = one("vfplan.session.result:stored_attrs", where, file=file, where=where)
+    blocks = list(_blocks(file, where, group))
     if not blocks:
-        raise InputError("a result without ticks", where=Path(path).name)
+        raise InputError("a result without ticks", where=where)
     return joined(blocks), attrs
 
 
 def result_blocks(path: str | Path, *, group: str = "") -> Iterator[TickBlock]:
     """Read a result file block by block; raises as `read_result`."""
-    where = Path(path).name
-    last = -np.inf
-    with _opened(path) as file:
+    return _blocks(_found(path), Path(path).name, group)
+
+
+def _blocks(file: OneFile, where: str, group: str) -> Iterator[TickBlock]:
+    start, last = 0, -np.inf
+    for arrays in apart("vfplan.session.result:stored", where, group, file=file, where=where):
+        block = TickBlock(*arrays)
+        _check_values(block, start, last, where)
+        start, last = start + len(block), block.time[-1]
+        yield block
+    file.require_unchanged()
+
+
+def _found(path: str | Path) -> OneFile:
+    try:
+        return OneFile(Path(path))
+    except InputError as error:
+        message = f"{error.message}; a result of `vfplan replay -o` wanted"
+        raise InputError(message, where=Path(path).name) from None
+
+
+# Both run in a process apart (`vfplan.io.apart`): a file can be made for libhdf5 to crash on.
+
+
+def stored_attrs(stream: BinaryIO, where: str) -> Iterator[dict[str, Any]]:
+    """The root attributes of a result."""
+    with _opened(stream, where) as file:
+        yield {name: _plain(value) for name, value in file.attrs.items()}
+
+
+def _plain(value: Any) -> Any:
+    value = value.tolist() if hasattr(value, "tolist") else value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def stored(stream: BinaryIO, where: str, group: str) -> Iterator[tuple[Array, ...]]:
+    """Blocks of a result's datasets, in the order of `TickBlock`."""
+    with _opened(stream, where) as file:
+        if group and not isinstance(file.get(group, getlink=True), h5py.HardLink):
+            raise InputError(f"has no group {group!r}", where=where)
         place = file[group] if group else file
-        datasets = {name: _checked(place, name, where) for name in _TABLE}
-        for start in range(0, len(datasets["time"]), BLOCK):
-            part = slice(start, start + BLOCK)
-            try:
-                block = TickBlock(**{name: d[part] for name, d in datasets.items()})
-            except OSError as error:  # a checksum of HDF5 that does not hold, a file cut short
-                raise InputError(f"cannot be read: {error}", where=where) from None
-            _check_values(block, start, last, where)
-            last = block.time[-1]
-            yield block
+        datasets = [_checked(place, name, where) for name in _TABLE]
+        for start in range(0, len(datasets[0]), BLOCK):
+            yield tuple(dataset[start : start + BLOCK] for dataset in datasets)
 
 
 def _check_values(block: TickBlock, start: int, last: float, where: str) -> None:
@@ -265,26 +297,25 @@ def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
 
 
 @contextmanager
-def _opened(path: str | Path) -> Iterator[h5py.File]:
-    where = Path(path).name
-    if not Path(path).is_file():
-        fault = "is a directory or a device" if Path(path).exists() else "there is no such file"
-        raise InputError(f"{fault}; a result of `vfplan replay -o` wanted", where=where)
+def _opened(stream: BinaryIO, where: str) -> Iterator[h5py.File]:
     try:
-        file = h5py.File(path, "r")
-    except OSError as error:
+        with h5py.File(stream, "r") as file:
+            _check_head(file, where)
+            yield file
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"cannot be read as HDF5: {error}", where=where) from None
-    with file:
-        found = file.attrs.get("format")
-        found = found.decode("utf-8", "replace") if isinstance(found, bytes) else found
-        if found != RESULT_FORMAT:
-            raise InputError(f"format is {found!r}; {RESULT_FORMAT!r} wanted", where=where)
-        version = str(file.attrs.get("version"))
-        if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
-            raise VersionError(
-                f"result version {version}; this program reads {RESULT_VERSION}", where=where
-            )
-        yield file
+
+
+def _check_head(file: h5py.File, where: str) -> None:
+    found = file.attrs.get("format")
+    found = found.decode("utf-8", "replace") if isinstance(found, bytes) else found
+    if found != RESULT_FORMAT:
+        raise InputError(f"format is {found!r}; {RESULT_FORMAT!r} wanted", where=where)
+    version = str(file.attrs.get("version"))
+    if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
+        raise VersionError(
+            f"result version {version}; this program reads {RESULT_VERSION}", where=where
+        )
 
 
 def _checked(place: h5py.Group, name: str, where: str) -> h5py.Dataset:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,6 +44,13 @@ def is_bag(path: Path) -> bool:
     return path.suffix in (".bag", ".mcap", ".db3") or (path / "metadata.yaml").is_file()
 
 
+def bag_stamp(path: Path) -> list[tuple[str, int, int, int]]:
+    """Which files a bag is made of, and when each was written."""
+    parts = [path] if path.is_file() else sorted(p for p in path.iterdir() if p.is_file())
+    found = ((part.name, part.stat()) for part in parts)
+    return [(name, s.st_ino, s.st_size, s.st_mtime_ns) for name, s in found]
+
+
 def bag_sha256(path: Path) -> str:
     """SHA-256 of a bag's file, or of a bag folder's names and files in order of their names."""
     if path.is_file():
@@ -56,8 +64,19 @@ def bag_sha256(path: Path) -> str:
     return whole.hexdigest()
 
 
-def bag_header(path: Path, options: RosOptions) -> tuple[RosOptions, dict[str, object]]:
-    """The topic and field that will be read, and what to note of them.
+# What follows runs in a process apart (`vfplan.io.apart`): a bag can be made to take all memory.
+
+
+def prepare() -> None:
+    """Load the library before any bag is read, if it is there."""
+    with suppress(MissingExtra):
+        _library()
+
+
+def bag_header(place: str, *asked: Any) -> Iterator[list[Any]]:
+    """Of the bag at `place`: the topic and field that will be read, and what to note of them.
+
+    `asked` are the parts of a `RosOptions`.
 
     Raises
     ------
@@ -66,6 +85,7 @@ def bag_header(path: Path, options: RosOptions) -> tuple[RosOptions, dict[str, o
     MissingExtra
         The library `rosbags` is not installed.
     """
+    path, options = Path(place), RosOptions(*asked)
     with _opened(path) as reader:
         connection = _connection(reader, options.topic, options.field, path.name)
         messages = reader.messages(connections=[connection])
@@ -84,11 +104,12 @@ def bag_header(path: Path, options: RosOptions) -> tuple[RosOptions, dict[str, o
         notes["ros_frame_id"] = message.header.frame_id
     if options.tool_tip is not None:
         notes["tool_tip_m"] = list(options.tool_tip)
-    return RosOptions(connection.topic, field, options.tool_tip), notes
+    yield [[connection.topic, field, options.tool_tip], notes]
 
 
-def read_bag(path: Path, factor: float, options: RosOptions) -> Iterator[Pair]:
+def read_bag(place: str, factor: float, *asked: Any) -> Iterator[Pair]:
     """Yield (time since the first message [s], hip [m]) piece by piece."""
+    path, options = Path(place), RosOptions(*asked)
     tip = None if options.tool_tip is None else np.asarray(options.tool_tip, float)
     start: int | None = None
     stamps: list[float] = []
@@ -238,6 +259,7 @@ def _promising(reader: Any, connection: Any, field: str | None) -> bool:
     return True
 
 
+@functools.cache
 def _library() -> tuple[Callable[..., Any], Any]:
     try:
         from rosbags.highlevel import AnyReader
@@ -256,4 +278,5 @@ def _opened(path: Path) -> Iterator[Any]:
     except (SessionError, SettingError, MissingExtra, GeneratorExit):
         raise
     except Exception as error:  # rosbags has one exception type a module, and lets others through
-        raise SessionError(f"cannot be read as a ROS bag: {error}", where=path.name) from None
+        what = str(error) or type(error).__name__
+        raise SessionError(f"cannot be read as a ROS bag: {what}", where=path.name) from None

@@ -1,0 +1,272 @@
+"""Sessions and results from others: none crashes the program, hangs it or fills its memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import subprocess
+import sys
+import zipfile
+import zlib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import vfplan
+from vfplan.errors import InputError, SessionError
+from vfplan.io.apart import apart
+from vfplan.io.numbers import real
+from vfplan.session import ResultWriter, TickBlock, open_session, read_result, read_session
+
+GIB = 1 << 30
+HEAD = "t,x,y,z\n0,1,2,3\n"
+
+
+def recording(count=40):
+    time = np.arange(count) * 1e-3
+    return time, np.column_stack((time, time + 1, time - 1))
+
+
+def hdf5_session(path):
+    """As recorders write them: chunked, compressed, with text of variable length."""
+    time, hip = recording()
+    with h5py.File(path, "w") as file:
+        file.create_dataset("time", data=time, chunks=(16,), compression="gzip")
+        file.create_dataset("hip", data=hip, chunks=(16, 3), fletcher32=True)
+        file["hip"].attrs["units"] = "m"
+        file.attrs["frame"] = "robot_base"
+
+
+def result(path):
+    time, hip = recording()
+    state = np.zeros(40, np.int8)
+    rows = [hip + k for k in range(4)]
+    with ResultWriter(path, {"rule": "robust", "scene": {"points": 3}}) as writer:
+        writer.append(TickBlock(time, *rows, state, time, time))
+
+
+def spoiled(data, rng):
+    """One to three bits flipped, or a stretch of bytes put elsewhere."""
+    found = bytearray(data)
+    if rng.random() < 0.1:
+        at, to, size = rng.randrange(len(data)), rng.randrange(len(data)), rng.randrange(1, 64)
+        found[to : to + size] = found[at : at + size]
+        return bytes(found)
+    for _ in range(rng.choice((1, 1, 1, 2, 3))):
+        found[rng.randrange(len(found))] ^= 1 << rng.randrange(8)
+    return bytes(found)
+
+
+def flips(path, read, count, seed):
+    """How many of `count` spoiled copies were refused; every other one was read."""
+    rng, data, refused = random.Random(seed), path.read_bytes(), 0
+    for _ in range(count):
+        path.write_bytes(spoiled(data, rng))
+        try:
+            read(path)
+        except vfplan.VfplanError:
+            refused += 1
+    return refused
+
+
+KINDS = {"session": (hdf5_session, read_session), "result": (result, read_result)}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "count", [300, pytest.param(50_000, marks=pytest.mark.full)], ids=["some", "many"]
+)
+def test_no_flipped_bit_ends_or_stops_the_program(tmp_path, kind, count):
+    """libhdf5 crashes or loops on some of them: its process does, and the reading is refused."""
+    make, read = KINDS[kind]
+    make(tmp_path / "a.h5")
+    read(tmp_path / "a.h5")
+    assert 0 < flips(tmp_path / "a.h5", read, count, seed=count) < count
+
+
+def crash(*_):
+    os.abort()
+    yield
+
+
+def hang(*_):
+    while True:
+        pass
+    yield
+
+
+def swell(*_):
+    yield bytes(bytearray(2 * GIB))
+
+
+@pytest.mark.parametrize("fault", ["crash", "hang", "swell"])
+def test_a_reader_that_fails_is_an_error_like_any_other(fault, tmp_path, monkeypatch):
+    """`python -I` finds no tests: the fault is laid into a module of its own."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    import vfplan.io.apart
+
+    monkeypatch.setattr(vfplan.io.apart, "_helper", None)  # one that knows this folder
+    monkeypatch.setattr(vfplan.io.apart, "STEP_S", 1)
+    with pytest.raises(SessionError, match="its reader crashed, took more than 768 MiB, or was"):
+        list(apart(f"{Path(__file__).stem}:{fault}", where="a", kind=SessionError))
+    hdf5_session(tmp_path / "good.h5")
+    assert len(read_session(tmp_path / "good.h5").time) == 40  # and the next one is read
+
+
+# --- Numbers -----------------------------------------------------------------------------------
+
+NUMBERS = {"1": 1.0, " -2.5e-3\t": -2.5e-3, "+.5": 0.5, "7.": 7.0, "1e308": 1e308, "1E5": 1e5}
+NO_NUMBERS = ["", " ", "1_000", "0x10", "1e309", "nan", "inf", "1.2.3", "1d3",
+              "1 2", "1;", "--1", "1e", "e5", ".", "\u0663", "1\u00a0", "1\0", "1\n", "\uff11",
+              "1,5", "True"]  # fmt: skip
+
+
+def test_what_a_number_is():
+    assert {text: real(text) for text in NUMBERS} == NUMBERS
+    for text in NO_NUMBERS:
+        with pytest.raises(ValueError, match=r"no number|is missing|larger than"):
+            real(text)
+
+
+@pytest.mark.parametrize("field", [x for x in NO_NUMBERS if x not in ("1\n", "1,5", "nan", "inf")])
+def test_a_sample_that_is_no_number_is_named_by_row_and_column(tmp_path, field):
+    path = tmp_path / "s.csv"
+    many = "".join(f"{k},1,2,3\n" for k in range(1, 500))
+    path.write_text(f"{HEAD}{many}500,1,{field},3\n501,1,2,3\n", "utf-8")
+    message = "is not finite" if field == "1e309" else "not 4 numbers: in column 'y'"
+    with pytest.raises(SessionError, match=message) as caught:
+        read_session(path)
+    if field != "1e309":
+        assert caught.value.where == "s.csv, line 502"
+
+
+def test_blank_fields_are_never_numbers(tmp_path):
+    """One lost sample in a long recording was once read as -1 m."""
+    rng, path = random.Random(5), tmp_path / "s.csv"
+    lines = [f"{k * 1e-3:.3f},0.1,0.2,0.3" for k in range(3000)]
+    for blank in ("", " ", "\t", "  "):
+        spoilt, at = list(lines), rng.randrange(1, 2999)
+        fields = spoilt[at].split(",")
+        fields[rng.randrange(1, 4)] = blank
+        spoilt[at] = ",".join(fields)
+        path.write_text("t,x,y,z\n" + "\n".join(spoilt))
+        with pytest.raises(SessionError, match="a number is missing") as caught:
+            read_session(path)
+        assert caught.value.where == f"s.csv, line {at + 2}"
+
+
+# --- Bombs -------------------------------------------------------------------------------------
+
+
+def long_line(path):
+    path.write_bytes(b"t,x,y,z\n0,0,0," + b"1" * 200_000_000)
+
+
+def long_header(path):
+    path.write_bytes(b"t,x,y,z," + b"a" * 200_000_000)
+
+
+def many_columns(path):
+    path.write_text("t,x,y,z" + ",c" * 30_000 + "\n" + ("0" + ",0" * 30_003 + "\n") * 50)
+
+
+def npz_head(path):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("time", "hip"):
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                member.write(b"\x93NUMPY\x02\x00" + (3_000_000_000).to_bytes(4, "little"))
+                member.write(bytes(50_000_000))
+
+
+def npz_members(path):
+    with zipfile.ZipFile(path, "w") as archive:
+        for k in range(5000):
+            archive.writestr(f"{k}.npy", b"")
+
+
+def hdf5_chunk(path):
+    """A chunk that says 1 GiB, and is."""
+    packer = zlib.compressobj(1)
+    data = b"".join(packer.compress(bytes(1 << 24)) for _ in range(64)) + packer.flush()
+    with h5py.File(path, "w") as file:
+        for name, tail in (("time", ()), ("hip", (3,))):
+            shape = (2**27, *tail)
+            made = file.create_dataset(name, shape, "<f8", chunks=shape, compression="gzip")
+            made.id.write_direct_chunk((0,) * len(shape), data)
+
+
+def ros_yaml(path):
+    path.mkdir()
+    deep = "{a: " * 400 + "1" + "}" * 400
+    lines = "\n".join(f"- {deep}" for _ in range(4000))
+    (path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n" + lines)
+
+
+BOMBS = {"line.csv": long_line, "header.csv": long_header, "columns.csv": many_columns,
+         "head.npz": npz_head, "members.npz": npz_members, "chunk.h5": hdf5_chunk,
+         "bag": ros_yaml}  # fmt: skip
+MEASURED = """
+import json, resource, sys, time
+import vfplan, vfplan.io.apart
+vfplan.io.apart.STEP_S = 2  # of 8, to save time
+begun = time.process_time()
+try:
+    vfplan.session.read_session(sys.argv[1])
+    found = None
+except vfplan.VfplanError as error:
+    found = error.exit_code, str(error)
+print(json.dumps([found, time.process_time() - begun,
+                  resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024]))
+"""
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_what_would_fill_memory_is_refused_at_once(name, tmp_path):
+    """The processor's time and the peak memory of the program; its reader has its own limits."""
+    if name == "bag":
+        pytest.importorskip("rosbags")
+    BOMBS[name](tmp_path / name)
+    done = subprocess.run([sys.executable, "-c", "import vfplan.session\n" + MEASURED,
+                           tmp_path / name], capture_output=True, text=True, cwd=tmp_path,
+                          check=False)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found, seconds, peak = json.loads(done.stdout)
+    assert found, "was read"
+    assert found[0] == 3
+    assert seconds < 10
+    assert peak < GIB
+
+
+# --- One file, one digest ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz", ".h5"])
+def test_the_file_that_is_played_is_the_one_whose_digest_is_told(tmp_path, suffix):
+    """Another file takes the name between the digest and the first tick."""
+    (time, hip), path, other = recording(), tmp_path / f"s{suffix}", tmp_path / f"o{suffix}"
+    for place, values in ((path, hip), (other, hip + 1)):
+        if suffix == ".npz":
+            np.savez(place, time=time, hip=values)
+        elif suffix == ".h5":
+            with h5py.File(place, "w") as file:
+                file["time"], file["hip"] = time, values
+        else:
+            rows = np.column_stack((time, values))
+            np.savetxt(place, rows, "%.17g", ",", header="t,x,y,z", comments="")
+    stream = open_session(path)
+    os.replace(other, path)
+    np.testing.assert_array_equal(stream.load().hip, hip)
+    assert stream.sha256 != open_session(path).sha256
+
+
+def test_a_file_written_to_while_it_is_read_is_refused(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text(HEAD + "1,1,2,3\n")
+    os.utime(path, (1, 1))
+    stream = open_session(path)
+    path.write_text(HEAD + "1,1,2,4\n")
+    with pytest.raises(InputError, match="was changed while it was read"):
+        stream.load()
