@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from vfplan.replaying.episodes import episode_count
+
 EPISODES = 20  # listed; --json has all
 
 
@@ -19,7 +21,8 @@ def replay_text(found: dict[str, Any]) -> str:
         lines.append(_robot(found["robot"]))
     lines += [_episode(episode) for episode in found["episodes"][:EPISODES]]
     if len(found["episodes"]) > EPISODES:
-        lines.append(f"  and {len(found['episodes']) - EPISODES} more (--json has all)")
+        has = "the deepest" if "episodes_left_out" in found else "all"
+        lines.append(f"  and {episode_count(found) - EPISODES} more (--json has {has})")
     lines += [f"{f['severity']}: {f['code']}: {f['message']}" for f in found["findings"]]
     lines += [_check(check) for check in found.get("checks", [])]
     return "\n".join(lines)
@@ -31,7 +34,7 @@ def _head(found: dict[str, Any]) -> str:
     return (
         f"rule {found['rule']}{engine}: {found['ticks']} ticks at {session['rate_hz']:.6g} Hz, "
         f"{found['duration_s']:.3f} s, {found['contact_ticks']} in contact, "
-        f"{len(found['episodes'])} episodes"
+        f"{episode_count(found)} episodes"
     )
 
 

@@ -275,3 +275,28 @@ def test_memory_does_not_grow_with_the_session(tmp_path):
 def test_the_call_is_public(pressed):
     assert vfplan.replay(fixture_of(line()), probing(0.1), **PAPER).rule == "paper"
     assert isinstance(pressed, vfplan.Replay)
+
+
+def test_of_very_many_episodes_the_deepest_are_reported():
+    """Memory does not grow with them; what is left out is counted, with its depth."""
+    from vfplan.replaying import episodes as module
+
+    count = 2 * module.MOST + 7
+    time = np.arange(40 * count) * 1e-3
+    depth = np.zeros(len(time))
+    touch = np.arange(20, len(time), 40)  # 40 ms apart: each is an episode of its own
+    depth[touch] = 1e-4 * (1 + np.random.default_rng(3).permutation(count) / count)
+    points = np.stack(np.meshgrid(np.linspace(-0.01, 0.01, 21), [0.0], np.linspace(-0.01, 0.01, 21),
+                                  indexing="ij"), -1).reshape(-1, 3)  # fmt: skip
+    sheet = fixture_of(points)
+    hip = np.zeros((len(time), 3))
+    hip[:, 1] = np.where(depth > 0, 5e-3 - depth, 5.5e-3)
+    m = replay(sheet, Session(time, hip)).metrics
+    kept, left = m["episodes"], m["episodes_left_out"]
+    assert (len(kept), left["count"]) == (module.MOST, module.MOST + 7)
+    assert module.episode_count(m) == count
+    starts = [e["start_tick"] for e in kept]
+    assert starts == sorted(starts)
+    assert all(touch[e["index"]] in range(e["start_tick"], e["end_tick"] + 1) for e in kept)
+    assert left["penetration_max_m"] <= min(e["penetration_max_m"] for e in kept)
+    assert m["penetration_max_m"] == max(e["penetration_max_m"] for e in kept)

@@ -23,6 +23,7 @@ from vfplan.figures.style import (
     style,
 )
 from vfplan.replaying import Replay
+from vfplan.replaying.episodes import episode_count
 from vfplan.replaying.overview import contact_marks
 from vfplan.replaying.quantities import row_norms
 
@@ -70,7 +71,7 @@ def timeline(replayed: Replay) -> Figure:
         shade_episodes(axes, replayed)
     for axes in (top, middle):
         axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize=8)
-    count = len(replayed.metrics["episodes"])
+    count = episode_count(replayed.metrics)
     rule = "robust" if replayed.rule == "both" else replayed.rule  # whose ticks are drawn
     top.set_title(f"{count} contact episode{'s' * (count != 1)}, rule {rule}", loc="left")
     return figure

@@ -14,6 +14,7 @@ from vfplan.fixture import Fixture
 from vfplan.replaying.apart import Apart
 from vfplan.replaying.checks import check_limits, robot_limits
 from vfplan.replaying.engines import RULES
+from vfplan.replaying.episodes import episode_count
 from vfplan.replaying.faults import Link
 from vfplan.replaying.findings import arm_findings, findings, link_findings, session_findings
 from vfplan.replaying.run import RuleRun
@@ -202,7 +203,7 @@ def _link_report(
         **link.report(),
         **run.link.report(limit),
         "apart": apart.report(),
-        "perfect": {**numbers, "episodes": len(unaffected["episodes"])},
+        "perfect": {**numbers, "episodes": episode_count(unaffected)},
     }
 
 

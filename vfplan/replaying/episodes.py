@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,8 @@ Array = NDArray[np.float64]
 
 # Runs of contact closer than this [s] are one episode: a touch that flickers is one touch.
 JOIN_S = 0.01
+# The deepest so many are reported one by one; of the rest, how many there were and what they were.
+MOST = 1000
 
 
 @dataclass(eq=False)
@@ -66,7 +69,11 @@ class Episode:
         ):  # fmt: skip
             setattr(self, name, getattr(self, name) + getattr(later, name))
 
-    def report(self, ruler: CurveRuler | None, slack_j: float) -> dict[str, Any]:
+    def passive(self, slack_m: float) -> bool:
+        """Whether its energy is what holding each force for a tick explains, to force · slack."""
+        return bool(self.energy <= self.hold + slack_m * self.force)
+
+    def report(self, ruler: CurveRuler | None, slack_m: float) -> dict[str, Any]:
         """The episode as JSON holds it."""
         data: dict[str, Any] = {
             "start_s": self.start_s,
@@ -83,7 +90,7 @@ class Episode:
             "energy_j": self.energy,
             "energy_peak_j": self.energy_peak,
             "energy_hold_j": self.hold,
-            "passive": bool(self.energy <= self.hold + slack_j * self.force),
+            "passive": self.passive(slack_m),
             "slide_m": self.path,
             "lag_max_m": self.lag,
         }
@@ -105,13 +112,23 @@ class Episode:
 
 
 class Episodes:
-    """Collect episodes from `Steps`, block after block."""
+    """Collect episodes from `Steps`, block after block: the `MOST` deepest of them.
 
-    def __init__(self, join_s: float = JOIN_S) -> None:
+    Parameters
+    ----------
+    slack_m
+        As of `Episode.passive`.
+    """
+
+    def __init__(self, slack_m: float, join_s: float = JOIN_S) -> None:
+        self._slack_m = slack_m
         self._join_s = join_s
         self._speed: float | None = None  # of the step that led to the next tick
         self._entry = 0.0  # energy by holding, of that step; 0 within a contact
-        self.found: list[Episode] = []
+        self._last: Episode | None = None
+        self._kept: list[tuple[float, int, Episode]] = []  # a heap: the least deep, latest, first
+        self._left_out: dict[str, Any] = {"count": 0, "penetration_max_m": 0.0, "active": 0}
+        self.count = 0
 
     def update(self, steps: Steps) -> None:
         """Take in the next ticks."""
@@ -123,11 +140,38 @@ class Episodes:
         self._speed = float(steps.speed[-1])
         self._entry = 0.0 if steps.held[-1] else float(steps.hold_j[-1])
 
+    def report(self, ruler: CurveRuler | None) -> dict[str, Any]:
+        """`episodes`, in the order of time, and `episodes_left_out` where there were more."""
+        self._close()
+        kept = sorted(((-late, e) for _, late, e in self._kept), key=lambda pair: pair[0])
+        found: dict[str, Any] = {
+            "episodes": [{"index": i, **e.report(ruler, self._slack_m)} for i, e in kept]
+        }
+        if self._left_out["count"]:
+            found["episodes_left_out"] = dict(self._left_out)
+        return found
+
     def _add(self, run: Episode) -> None:
-        if self.found and run.start_s - self.found[-1].end_s <= self._join_s:
-            self.found[-1].join(run)
-        else:
-            self.found.append(run)
+        if self._last is not None and run.start_s - self._last.end_s <= self._join_s:
+            self._last.join(run)
+            return
+        self._close()
+        self._last = run
+
+    def _close(self) -> None:
+        """Put the last episode to the others; it is not joined any more."""
+        if self._last is None:
+            return
+        entry = self._last.penetration, -self.count, self._last
+        self._last = None
+        self.count += 1
+        if len(self._kept) < MOST:
+            heapq.heappush(self._kept, entry)
+            return
+        depth, _, left = heapq.heappushpop(self._kept, entry)
+        self._left_out["count"] += 1
+        self._left_out["penetration_max_m"] = max(self._left_out["penetration_max_m"], depth)
+        self._left_out["active"] += not left.passive(self._slack_m)
 
     def _run(self, steps: Steps, start: int, end: int) -> Episode:
         part, ticks = slice(start, end), steps.ticks
@@ -164,3 +208,8 @@ class Episodes:
             path=float(path.sum()),
             lag=float(np.abs(steps.lag_m[part]).max()),
         )
+
+
+def episode_count(report: dict[str, Any]) -> int:
+    """How many episodes a replay's report speaks of, those it leaves out too."""
+    return len(report["episodes"]) + report.get("episodes_left_out", {"count": 0})["count"]

@@ -127,12 +127,15 @@ def findings(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[s
             )
         )
     active = [e["index"] for e in report["episodes"] if not e["passive"]]
-    if active:
+    more = report.get("episodes_left_out", {"active": 0})["active"]
+    if active or more:
+        first = f" (the first of those listed is {active[0]})" if more and active else ""
+        first = f" (the first is {active[0]})" if active and not more else first
         found.append(
             finding(
                 "active",
                 "warning",
-                f"in {len(active)} episodes (the first is {active[0]}) the fixture gave the hand "
+                f"in {len(active) + more} episodes{first} the fixture gave the hand "
                 "more energy than holding each force for a tick explains",
             )
         )

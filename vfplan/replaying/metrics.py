@@ -45,7 +45,7 @@ class Metrics:
         self._parameters = parameters
         self._ruler = CurveRuler.of(fixture)
         self._clearance = Clearance(fixture)
-        self._episodes = Episodes(join_s)
+        self._episodes = Episodes(parameters.band, join_s)
         self._states = np.zeros(len(STATES), dtype=np.int64)
         self._state_s = np.zeros(len(STATES))
         self._sums: dict[str, float] = {}
@@ -120,7 +120,7 @@ class Metrics:
             "duration_s": end - start,
             "contact_ticks": int(sums["contact_ticks"]),
             "contact_s": sums["contact_s"],
-            "episodes": self._reported_episodes(),
+            **self._episodes.report(self._ruler),
             "penetration_max_m": peaks["penetration"],
             "penetration_rms_m": float(np.sqrt(sums["penetration2"] / ticks)),
             "penetration_contact_rms_m": float(np.sqrt(sums["penetration2"] / held)),
@@ -155,9 +155,3 @@ class Metrics:
         if self._parameters.rule == "paper":
             return int(self._sums["fast"])
         return self._status["limit"]
-
-    def _reported_episodes(self) -> list[dict[str, Any]]:
-        return [
-            {"index": i, **episode.report(self._ruler, self._parameters.band)}
-            for i, episode in enumerate(self._episodes.found)
-        ]

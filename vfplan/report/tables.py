@@ -7,6 +7,7 @@ from html import escape
 from typing import Any
 
 from vfplan.fixture import Fixture
+from vfplan.replaying.episodes import episode_count
 
 _SUMMARY = (
     # name in the report, words, factor, unit, decimals
@@ -124,7 +125,7 @@ def episodes(found: dict[str, Any]) -> str:
         if along:
             row.append(_number(episode["deepest_along"]["s_m"], 1e3, 1))
         rows.append([*row, "yes" if episode["passive"] else '<b class="warning">no</b>'])
-    more = len(found["episodes"]) - len(shown)
+    more = episode_count(found) - len(shown)
     return table(head, rows, "numbers") + (f"<p>and {more} more</p>" if more else "")
 
 
