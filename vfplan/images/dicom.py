@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import logging
 import warnings
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -17,10 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import ImageError, MissingExtra
+from vfplan.images.header import MOST_PIXELS, check_size
 
 COLOUR = {"RGB", "PALETTE COLOR"}
 DECIMALS = 1e-3  # of a direction: what writing it in decimals may cost
 GREY = {"MONOCHROME1", "MONOCHROME2"}
+DEFLATED = b"1.2.840.10008.1.2.1.99"  # the transfer syntax that is compressed as a whole
+MOST_INFLATED = 3 * MOST_PIXELS + (1 << 20)
 
 
 def is_dicom(data: bytes) -> bool:
@@ -88,11 +92,28 @@ def _dataset(data: bytes, where: str) -> Any:
         raise MissingExtra(
             "reading DICOM needs pydicom: pip install 'vfplan[dicom]'", where=where
         ) from None
+    _refuse_inflating(data, where)
     dataset = pydicom.dcmread(io.BytesIO(data))
     if not any(name in dataset for name in ("PixelData", "FloatPixelData", "DoubleFloatPixelData")):
         kind = dataset.get("Modality") or "no image"
         raise ImageError(f"the DICOM file holds no pixels ({kind})", where=where)
     return dataset
+
+
+def _refuse_inflating(data: bytes, where: str) -> None:
+    """Refuse a deflated file that holds more than the largest picture: all of it is inflated."""
+    if DEFLATED not in data[: 1 << 12]:
+        return
+    # The file's meta information begins with its own length (PS3.10 table 7.1-1).
+    tag, length = data[132:140], int.from_bytes(data[140:144], "little")
+    if tag != b"\x02\0\0\0UL\x04\0":
+        raise ImageError("is deflated, and its meta information has no length", where=where)
+    inflate, rest, size = zlib.decompressobj(-zlib.MAX_WBITS), data[144 + length :], 0
+    while rest and not inflate.eof:
+        size += len(inflate.decompress(rest, 1 << 20))
+        rest = inflate.unconsumed_tail
+        if size > MOST_INFLATED:
+            raise ImageError(f"holds more than {MOST_INFLATED} deflated bytes", where=where)
 
 
 def _frame_index(dataset: Any, frame: int | None, where: str) -> int:
@@ -111,6 +132,7 @@ def _pixels(dataset: Any, where: str, index: int) -> NDArray:
     kind = str(dataset.get("PhotometricInterpretation", ""))
     if not (kind in COLOUR | GREY or kind.startswith("YBR")):
         raise ImageError(f"PhotometricInterpretation {kind!r} is not supported", where=where)
+    check_size(int(dataset.Columns), int(dataset.Rows), where)
     bits = int(dataset.BitsAllocated)
     if bits not in (8, 16) and kind not in GREY:
         raise ImageError(f"has {bits} bits a sample; 8 or 16 are wanted", where=where)

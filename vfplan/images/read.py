@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from vfplan.errors import ImageError
 from vfplan.images.dicom import is_dicom, read_dicom
+from vfplan.images.header import JPEG, PNG, Header, read_header
 from vfplan.io.disk import read_whole
 
-PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
 MOST_BYTES = 2**31 - 1  # more the decoders do not take
 LIBJPEG_DAMAGE = ("Corrupt JPEG data", "Premature end of JPEG", "Invalid SOS", "Inconsistent prog")
 
@@ -112,7 +112,8 @@ def read_image(
             rgb, spacing, place = read_dicom(data, where, frame, imager_spacing)
         return PlannedImage(rgb, pixel_spacing_mm or spacing, sha256, place)
     _refuse_truncated(data, where)
-    return PlannedImage(_decode(data, where, frame), pixel_spacing_mm, sha256)
+    header = read_header(data, where)
+    return PlannedImage(_decode(data, header, where, frame), pixel_spacing_mm, sha256)
 
 
 def _bytes(path: Path) -> bytes:
@@ -130,26 +131,25 @@ def _refuse_truncated(data: bytes, where: str) -> None:
         raise ImageError("the JPEG is cut short: it has no end-of-image marker", where=where)
 
 
-def _decode(data: bytes, where: str, frame: int | None) -> NDArray:
+def _decode(data: bytes, header: Header, where: str, frame: int | None) -> NDArray:
     import cv2
 
     buffer = np.frombuffer(data, np.uint8)
     try:
         with _native_stderr() as said:
             if _is_opaque(data) and frame in (None, 1):  # EXIF orientation is applied here
-                rgb = cv2.imdecode(buffer, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-                if rgb is not None:  # in place; IMREAD_COLOR_RGB is younger than OpenCV 4.10
-                    cv2.cvtColor(rgb, cv2.COLOR_BGR2RGB, dst=rgb)
+                rgb = cv2.imdecode(buffer, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_ANYDEPTH)
             else:
-                rgb = _page(cv2.imdecodemulti(buffer, cv2.IMREAD_UNCHANGED)[1], where, frame)
-                rgb = _upright(rgb, data)
+                chosen = _page_index(header, where, frame)
+                pages = cv2.imdecodemulti(buffer, cv2.IMREAD_UNCHANGED, range=(chosen, chosen + 1))[
+                    1
+                ]
+                rgb = _upright(_page(pages[0]), header) if len(pages) else None
             _refuse_damaged(data, said(), where)
     except cv2.error as error:
         raise ImageError(f"cannot be decoded: {error.err}", where=where) from None
     if rgb is None:
-        raise ImageError(
-            "is not an image that can be read (PNG, JPEG, TIFF, BMP, DICOM)", where=where
-        )
+        raise ImageError(f"the {header.kind} cannot be decoded", where=where)
     if rgb.dtype not in (np.uint8, np.uint16):
         raise ImageError(f"has {rgb.dtype} samples; 8 or 16 bits are wanted", where=where)
     return rgb
@@ -169,32 +169,27 @@ def _is_opaque(data: bytes) -> bool:
     return data.startswith(JPEG)
 
 
-def _page(pages: Sequence[NDArray], where: str, frame: int | None) -> NDArray | None:
+def _page_index(header: Header, where: str, frame: int | None) -> int:
+    if frame is None and header.pages > 1:
+        raise ImageError(
+            f"has {header.pages} pages; choose one, 1 to {header.pages} (--frame)", where=where
+        )
+    if not 1 <= (frame or 1) <= header.pages:
+        raise ImageError(f"has no page {frame}; it has {header.pages}, from 1", where=where)
+    return (frame or 1) - 1
+
+
+def _page(page: NDArray) -> NDArray:
     import cv2
 
-    if not pages:
-        return None
-    if frame is None and len(pages) > 1:
-        raise ImageError(
-            f"has {len(pages)} pages; choose one, 1 to {len(pages)} (--frame)", where=where
-        )
-    if not 1 <= (frame or 1) <= len(pages):
-        raise ImageError(f"has no page {frame}; it has {len(pages)}, from 1", where=where)
-    page = pages[(frame or 1) - 1]
     if page.ndim == 3 and page.shape[2] == 4:
         return _over_black(page)
     return cv2.cvtColor(page, cv2.COLOR_GRAY2RGB if page.ndim == 2 else cv2.COLOR_BGR2RGB)
 
 
-def _upright(rgb: NDArray | None, data: bytes) -> NDArray | None:
+def _upright(rgb: NDArray, header: Header) -> NDArray:
     """A PNG with alpha, turned as its EXIF says (OpenCV does so for the others)."""
-    if rgb is None or not data.startswith(PNG):
-        return rgb
-    import io
-
-    from PIL import Image
-
-    orientation = Image.open(io.BytesIO(data)).getexif().get(0x0112, 1)
+    orientation = header.orientation
     if orientation in (5, 6, 7, 8):
         rgb = rgb.transpose(1, 0, 2)
     if orientation in (2, 3, 6, 7):
