@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import FILE, PNG, Numbers
+from vfplan.cli.options import FILE, PNG, Numbers, Real, Whole
 from vfplan.cli.run import Report, outputs, progress, refuse_existing
 from vfplan.cli.run import command as vfplan_command
 
@@ -29,34 +29,34 @@ from vfplan.errors import SettingError
 )
 @click.option(
     "--trials",
-    type=click.IntRange(1),
+    type=Whole(1),
     default=1000,
     show_default=True,
     help="How many trials, in whole blocks of 64.",
 )
 @click.option(
     "--seed",
-    type=click.IntRange(0, 2**63 - 1),
+    type=Whole(0, 2**63 - 1),
     default=0,
     show_default=True,
     help="Trial k draws from (seed, k), whatever the workers.",
 )
 @click.option(
     "--fle-image",
-    type=click.FloatRange(0),
+    type=Real(0),
     default=0.0,
     metavar="PX",
     help="RMS error of a marker's picked pixel.",
 )
 @click.option(
     "--fle-robot",
-    type=click.FloatRange(0),
+    type=Real(0),
     metavar="MM",
     help="RMS error of a touched marker; without it, what FIXTURE's residuals say.",
 )
 @click.option(
     "--tremor",
-    type=click.FloatRange(0),
+    type=Real(0),
     default=0.0,
     metavar="MM",
     help="RMS of the hand's tremor, 8 to 12 Hz.",
@@ -66,7 +66,7 @@ from vfplan.errors import SettingError
 )
 @click.option(
     "--hand",
-    type=click.FloatRange(0, min_open=True),
+    type=Real(0, min_open=True),
     default=500.0,
     show_default=True,
     metavar="N_PER_M",
@@ -91,13 +91,13 @@ from vfplan.errors import SettingError
 )
 @click.option(
     "--rare",
-    type=click.FloatRange(0, min_open=True),
+    type=Real(0, min_open=True),
     metavar="MM",
     help="A rare event: draw trials where the tool comes this far, and weigh them.",
 )
 @click.option(
     "--workers",
-    type=click.IntRange(1, 4096),
+    type=Whole(1, 4096),
     help="Processes on this machine; without it, one a core.",
 )
 @click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, e.g. tcp://HOST:8786.")

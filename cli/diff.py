@@ -34,8 +34,10 @@ def command(a: Path, b: Path, session: Path | None) -> Report:
             else f"first tick that differs: {tick}, t = {data['first_tick_time_s']:.6g} s; at most"
             f" {data['proxy_max_m']:.3g} m and {data['force_max_n']:.3g} N apart"
         )
-    found = bool(differences) or data.get("first_tick") is not None
-    return Report(data, "\n".join(lines), exit_code=int(found))
+    count, tick = len(differences), data.get("first_tick")
+    failed = [f"{count} difference{'s' * (count > 1)} between {a} and {b}"] if count else []
+    failed += [] if tick is None else [f"the first tick that differs is {tick}"]
+    return Report(data, "\n".join(lines), failed=", ".join(failed))
 
 
 def _line(difference: dict[str, Any]) -> str:

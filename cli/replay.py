@@ -10,7 +10,7 @@ from typing import Any
 import click
 from vfplan.cli import options
 from vfplan.cli.options import FILE, Numbers, Real, Whole
-from vfplan.cli.replay_text import replay_text
+from vfplan.cli.replay_text import check_line, replay_text
 from vfplan.cli.run import Report, outputs, progress, refuse_existing
 from vfplan.cli.run import command as vfplan_command
 
@@ -150,7 +150,8 @@ def command(
             text = page(replayed, image=given["image"])
             write_whole(page_path, [text.encode("utf-8")], overwrite=True)
         text = replay_text(replayed.metrics)
-    return Report(replayed.metrics, text, exit_code=int(not replayed.passed))
+    broken = [check for check in replayed.metrics.get("checks", []) if not check["pass"]]
+    return Report(replayed.metrics, text, failed="; ".join(map(check_line, broken)))
 
 
 def refuse_folder(folder: Path, overwrite: bool) -> None:

@@ -24,7 +24,7 @@ def replay_text(found: dict[str, Any]) -> str:
         has = "the deepest" if "episodes_left_out" in found else "all"
         lines.append(f"  and {episode_count(found) - EPISODES} more (--json has {has})")
     lines += [f"{f['severity']}: {f['code']}: {f['message']}" for f in found["findings"]]
-    lines += [_check(check) for check in found.get("checks", [])]
+    lines += [check_line(check) for check in found.get("checks", [])]
     return "\n".join(lines)
 
 
@@ -132,7 +132,8 @@ def _episode(episode: dict[str, Any]) -> str:
     )
 
 
-def _check(check: dict[str, Any]) -> str:
+def check_line(check: dict[str, Any]) -> str:
+    """One limit, whether it holds, and the value found."""
     sense = "at_most" if "at_most" in check else "at_least"
     verdict = "pass" if check["pass"] else "FAIL"
     words = sense.replace("_", " ")

@@ -22,25 +22,38 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
+from unicodedata import category
 
 import click
+from vfplan.cli.plain import heed_no_settings
 from vfplan.cli.stopping import Stopped, stoppable
 
 from vfplan.errors import OutputError, VfplanError
 from vfplan.io.clock import now_utc
 from vfplan.io.disk import Placed, beside, create, made_folder, move_whole, working_in
 
+# Unicode's kinds of signs that are not to be seen: controls, directions, halves, unknown ones.
+STEERING = ("Cc", "Cf", "Cs", "Co", "Cn")
 PLACED = "vfplan.cli.placed"  # under this key in click's context: what the command wrote
 
 
 @dataclass(frozen=True)
 class Report:
-    """What a command found: `data` for `--json`, `text` for a person, `exit_code` for a script."""
+    """What a command found: `data` for `--json`, `text` for a person, `exit_code` for a script.
+
+    `failed` says in a line what check did not hold; the exit code is then 1.
+    """
 
     data: dict[str, Any]
     text: str = ""
     exit_code: int = 0
     warnings: list[str] = field(default_factory=list)
+    failed: str = ""
+
+    def __post_init__(self) -> None:
+        """A check that failed is exit code 1."""
+        if self.failed:
+            object.__setattr__(self, "exit_code", 1)
 
 
 def jsonable(value: Any) -> Any:
@@ -66,7 +79,8 @@ def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.
     def wrap(function: Callable[..., Report]) -> click.Command:
         @functools.wraps(function)
         def body(as_json: bool, quiet: bool, verbose: int, **kwargs: Any) -> None:
-            _configure_log(quiet, verbose)
+            _configure_log(verbose)
+            heed_no_settings()
             with stoppable() as heeded:
                 try:
                     _run(lambda: heeded(function(**kwargs)), as_json, quiet, verbose)
@@ -77,7 +91,9 @@ def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.
 
         for option in (
             click.option("-v", "--verbose", count=True, help="More detail; -vv adds tracebacks."),
-            click.option("-q", "--quiet", is_flag=True, help="No report on stdout, errors only."),
+            click.option(
+                "-q", "--quiet", is_flag=True, help="No report and no progress; warnings, failures."
+            ),
             click.option("--json", "as_json", is_flag=True, help="One JSON document on stdout."),
         ):
             body = option(body)
@@ -114,15 +130,18 @@ def _run(work: Callable[[], Report], as_json: bool, quiet: bool, verbose: int) -
     sys.exit(report.exit_code)
 
 
-def _configure_log(quiet: bool, verbose: int) -> None:
-    by_verbosity = (logging.WARNING, logging.INFO, logging.DEBUG)
-    level = logging.ERROR if quiet else by_verbosity[min(verbose, 2)]
-    logging.basicConfig(level=level, format="vfplan: %(message)s", stream=sys.stderr, force=True)
+def _configure_log(verbose: int) -> None:
+    level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
+    logging.basicConfig(level=level, stream=sys.stderr, force=True)
+    logging.getLogger().handlers[0].setFormatter(_Shown("vfplan: %(message)s"))
 
 
 def _emit(report: Report, elapsed: float, as_json: bool, quiet: bool) -> None:
     for warning in report.warnings:
-        click.echo(f"vfplan: warning: {warning}", err=True)
+        click.echo(shown(f"vfplan: warning: {warning}"), err=True)
+    if report.exit_code:
+        words = " ".join((report.failed or "a check did not hold").split())
+        click.echo(shown(f"vfplan: failed: {words}"), err=True)
     if as_json:
         name = click.get_current_context().info_name
         data = {"format": f"vfplan-{name}", "version": "1.0", **report.data}
@@ -134,7 +153,23 @@ def _emit(report: Report, elapsed: float, as_json: bool, quiet: bool) -> None:
             raise OSError(errno.EBADF, os.strerror(errno.EBADF))
         click.echo(text)
     elif not quiet:
-        click.echo(report.text)
+        click.echo(shown(report.text))
+
+
+def shown(text: str) -> str:
+    """Text for a terminal: what would steer it or turn the writing round is spelled out.
+
+    Names and labels come from files that others wrote.
+    """
+    return "".join(
+        sign if sign == "\n" or category(sign) not in STEERING else ascii(sign)[1:-1]
+        for sign in text
+    )
+
+
+class _Shown(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        return shown(super().format(record))
 
 
 def _fail(
@@ -143,7 +178,7 @@ def _fail(
     if verbose >= 2:
         traceback.print_exc()
     line = f"{where}: {message}" if where else message
-    texts = [("vfplan: error: " + " ".join(line.split()), sys.stderr)]
+    texts = [(shown("vfplan: error: " + " ".join(line.split())), sys.stderr)]
     if as_json:
         error = {"kind": kind, "message": message, "where": where}
         texts.insert(0, (json.dumps({"error": error}, indent=2), sys.stdout))
@@ -275,13 +310,19 @@ def _take_back() -> None:
             raise _TakenBack
 
 
+def _silent() -> bool:
+    """Whether progress is not shown: no terminal is there, or `-q` was given."""
+    context = click.get_current_context(silent=True)
+    return not sys.stderr.isatty() or (context is not None and bool(context.params.get("quiet")))
+
+
 @contextmanager
 def patience(doing: str, after_s: float = 1.0) -> Iterator[None]:
     """Say on a terminal what is being done when it takes longer than `after_s`; else nothing.
 
     For work that cannot tell how far it is; `progress` is for work that can.
     """
-    if not sys.stderr.isatty():
+    if _silent():
         yield
         return
     timer = threading.Timer(after_s, lambda: click.echo(f"vfplan: {doing} ...", err=True))
@@ -299,7 +340,7 @@ def progress(label: str, total: int) -> Iterator[Callable[[int], None]]:
 
     Yields a function that takes the number of steps just done.
     """
-    if not sys.stderr.isatty():
+    if _silent():
         yield lambda n: None
         return
     with click.progressbar(length=total, label=label, file=sys.stderr) as bar:

@@ -111,7 +111,15 @@ def command(
     if output is not None:
         _write(output, found)
         text += f"\nwrote {output}"
-    return Report(data, text, exit_code=0 if found.good else 1)
+    return Report(data, text, failed=_failed(found))
+
+
+def _failed(found: Any) -> str:
+    """What did not hold, in a line; empty where all did."""
+    verdict, cases = found.verdict, [row.case for row in found.failed]
+    words = [] if verdict.stable else [f"K = {verdict.k_n_per_m:g} N/m does not pass"]
+    words += [f"{len(cases)} cases did not come out, the first {cases[0]}"] if cases else []
+    return "; ".join(words)
 
 
 def chosen_robot(choice: str | None, given: dict[str, Any]) -> Any:

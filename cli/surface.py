@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import PNG, Numbers, output
+from vfplan.cli.options import PNG, Numbers, Real, output
 from vfplan.cli.run import Report, command, outputs, patience, refuse_existing
 
 
@@ -60,7 +60,7 @@ from vfplan.cli.run import Report, command, outputs, patience, refuse_existing
 @click.option(
     "--point-radius",
     "point_radius_mm",
-    type=click.FloatRange(min=0),
+    type=Real(min=0),
     default=0.0,
     metavar="MM",
     help="Radius r_v of each point.  [default: 0]",

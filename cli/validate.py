@@ -26,4 +26,5 @@ def command(fixture: Path) -> Report:
     found = ", ".join(f"{n} {severity}{'s' * (n > 1)}" for severity, n in grave if n) or "no issues"
     lines.append(f"{fixture} is {'valid' if valid else 'NOT valid'}: {found}")
     data = {"valid": valid, "issues": [asdict(issue) for issue in issues]}
-    return Report(data, "\n".join(lines), exit_code=0 if valid else 1)
+    failed = "" if valid else f"{fixture} is NOT valid: {found}"
+    return Report(data, "\n".join(lines), failed=failed)

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 from vfplan.cli.options import FILE, GIF, PNG, Numbers, Whole
-from vfplan.cli.run import Report, outputs, refuse_existing
+from vfplan.cli.run import Report, outputs, patience, refuse_existing
 from vfplan.cli.run import command as vfplan_command
 
 
@@ -52,7 +52,10 @@ def command(
     cloud, ticks = _read(fixture, result)
     from vfplan import view3d
 
-    if screenshot is None and movie is None:
+    shown = screenshot is None and movie is None
+    with patience("trying how pictures can be drawn here"):
+        view3d.ready_pyvista(screen=shown)
+    if shown:
         view3d.show(cloud, ticks)
     with outputs(screenshot, movie) as (picture, film):
         if picture is not None:

@@ -10,7 +10,8 @@ import functools
 import io
 import os
 import subprocess
-import sys
+import time
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MissingExtra, SettingError
 from vfplan.fixture import Fixture
+from vfplan.io.apart import isolated
 from vfplan.io.disk import write_whole
 from vfplan.replaying.overview import contact_marks
 from vfplan.session import TickBlock
@@ -30,47 +32,70 @@ CLOUD, HIP, CONTACT, PROXY, FORCE = "#1f5fbf", "#2ca02c", "#d62728", "#b5179e", 
 WINDOWS = {"vtkOSOpenGLRenderWindow": "libosmesa6", "vtkEGLRenderWindow": "libegl1"}
 _CLOUD = 5000  # points drawn: of more, every n-th
 _VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
+_PATIENCE_S = 60
 _PROBE = (
     "import pyvista as pv; p = pv.Plotter(off_screen={off}, window_size=(32, 32)); "
-    "p.add_mesh(pv.Sphere(), color='red'); p.show(auto_close=False, interactive=False); "
-    "image = p.screenshot(return_img=True); print('drawn', int(image.max()) > int(image.min()))"
+    "p.add_mesh(pv.Sphere(), color='red'); "
+    "p.show(auto_close=False, interactive=False, interactive_update=not {off}); "
+    "image = p.screenshot(return_img=True); print('drawn', int(image.max()) > int(image.min())); "
+    # VTK draws without a screen where it finds none; only then it has no window to attend to.
+    "None if {off} else p.iren.process_events()"
 )
 
 
 @functools.cache
 def offscreen_window() -> str | None:
     """The VTK window class that renders here without a screen; `None` where none does."""
-    return next((name for name in WINDOWS if _draws({_VARIABLE: name}, off=True)), None)
+    return next((name for name in WINDOWS if not _fault(name)), None)
 
 
-def _draws(env: dict[str, str], *, off: bool) -> bool:
+@functools.cache
+def _fault(window: str | None) -> str:
+    """Why nothing can be drawn, in a line; empty where it can.
+
+    With a window class of VTK: without a screen; with `None`: on the screen.
+    """
     try:
         done = subprocess.run(
-            [sys.executable, "-c", _PROBE.format(off=off)],
+            isolated(_PROBE.format(off=window is not None)),
             capture_output=True,
             text=True,
-            timeout=60,
-            env={**os.environ, **env},
+            errors="replace",
+            stdin=subprocess.DEVNULL,
+            timeout=_PATIENCE_S,
+            env={**os.environ, **({_VARIABLE: window} if window else {})},
+            cwd="/",  # Matplotlib, which PyVista loads, would read settings of the current folder
             check=False,
         )
-    except (OSError, subprocess.TimeoutExpired):
-        return False
-    return done.returncode == 0 and "drawn True" in done.stdout
+    except subprocess.TimeoutExpired:
+        return f"a first picture was not there after {_PATIENCE_S} s"
+    except OSError as error:
+        return str(error)
+    if done.returncode == 0 and "drawn True" in done.stdout:
+        return ""
+    said = [line for line in done.stderr.splitlines() if line.strip()] or ["nothing was drawn"]
+    ended = f" (ended by signal {-done.returncode})" if done.returncode < 0 else ""
+    return said[-1].strip()[:200] + ended
 
 
-def _pyvista(*, screen: bool) -> Any:
+def ready_pyvista(*, screen: bool) -> Any:
     """PyVista, ready to render; raises `MissingExtra` where it would crash."""
+    if find_spec("pyvista") is None:
+        raise MissingExtra("three-dimensional views need the package pyvista: pip install pyvista")
     if screen:
         if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             raise MissingExtra("no screen here; --screenshot PNG and --movie GIF work without one")
-        if not _draws({}, off=False):
-            raise MissingExtra("no OpenGL for this screen; Debian's package libgl1 has it")
+        if fault := _fault(None):
+            raise MissingExtra(
+                f"nothing can be drawn on this screen: {fault}; Debian's package libgl1 has OpenGL"
+            )
     else:
         window = offscreen_window()
         if window is None:
-            packages = " or ".join(WINDOWS.values())
+            packages, fault = " or ".join(WINDOWS.values()), _fault(list(WINDOWS)[-1]) or "?"
             raise MissingExtra(
-                f"no OpenGL library that renders without a screen; Debian's {packages} helps "
+                f"nothing can be drawn without a screen: {fault}; where an OpenGL library that "
+                f"renders without a screen is missing, Debian's {packages} helps "
                 f"(apt install {WINDOWS['vtkOSOpenGLRenderWindow']})"
             )
         os.environ[_VARIABLE] = window  # VTK reads it when it is first imported
@@ -112,7 +137,7 @@ def draw_view(
     """
     from PIL import Image
 
-    stage = Stage(_pyvista(screen=False), fixture, ticks, size=size, off_screen=True)
+    stage = Stage(ready_pyvista(screen=False), fixture, ticks, size=size, off_screen=True)
     if mark_hz is not None and ticks is not None:
         stage.show_marks(contact_marks(ticks, mark_hz))
     else:
@@ -138,12 +163,12 @@ def draw_movie(
     """
     from PIL import Image
 
-    stage = Stage(_pyvista(screen=False), fixture, ticks, size=size, off_screen=True)
+    stage = Stage(ready_pyvista(screen=False), fixture, ticks, size=size, off_screen=True)
     stage.show_tick(0)
     stage.plotter.show(auto_close=False, interactive=False)
     shots = []
-    for time in np.linspace(ticks.time[0], ticks.time[-1], max(1, min(frames, len(ticks)))):
-        stage.show_tick(stage.tick_at(float(time)))
+    for at_s in np.linspace(ticks.time[0], ticks.time[-1], max(1, min(frames, len(ticks)))):
+        stage.show_tick(stage.tick_at(float(at_s)))
         shots.append(Image.fromarray(stage.plotter.screenshot(return_img=True)))
     stage.plotter.close()
     first, *rest = (shot.quantize(64) for shot in shots)
@@ -161,7 +186,7 @@ def show(fixture: Fixture, ticks: TickBlock | None = None) -> None:
 
     Raises `MissingExtra` where there is no screen or no OpenGL.
     """
-    stage = Stage(_pyvista(screen=True), fixture, ticks, size=(1200, 900), off_screen=False)
+    stage = Stage(ready_pyvista(screen=True), fixture, ticks, size=(1200, 900), off_screen=False)
     stage.show_tick(stage.tick_at(None))
     if ticks is not None:
         stage.plotter.add_slider_widget(
@@ -170,7 +195,23 @@ def show(fixture: Fixture, ticks: TickBlock | None = None) -> None:
             value=float(ticks.time[stage.tick_at(None)]),
             title="time [s]",
         )
-    stage.plotter.show()
+    stage.plotter.show(interactive_update=True)
+    _attend(stage.plotter)
+
+
+def _attend(plotter: Any) -> None:
+    """Let the window answer until it is closed, in Python's hands: signals are heeded.
+
+    VTK's own loop returns only when the window closes, and Python hears of signals between calls.
+    """
+    closed: list[bool] = []
+    plotter.iren.add_observer("ExitEvent", lambda *_: closed.append(True))
+    try:
+        while not closed and plotter.render_window is not None:
+            plotter.iren.process_events()
+            time.sleep(0.01)
+    finally:
+        plotter.close()
 
 
 class Stage:

@@ -73,7 +73,11 @@ def test_no_gl_is_said_and_nothing_crashes(monkeypatch, tmp_path):
 
 def test_a_probe_that_crashes_is_a_no(monkeypatch):
     monkeypatch.setattr(view3d, "_PROBE", "import os; os.kill(os.getpid(), 11)")
-    assert not view3d._draws({}, off=True)
+    view3d._fault.cache_clear()
+    try:
+        assert "ended by signal 11" in view3d._fault(None)
+    finally:
+        view3d._fault.cache_clear()
 
 
 def test_no_screen_is_said(vfplan_cli, files):

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from vfplan.errors import ImageError
-from vfplan.images.read import read_image
 from vfplan.images.header import MOST_PAGES, MOST_PIXELS, read_header
+from vfplan.images.read import read_image
 
 GIB = 1 << 30
 

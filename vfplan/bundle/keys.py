@@ -109,15 +109,21 @@ def _blocks(data: bytes, where: str) -> Iterator[bytes]:
 
 
 def read_private(path: str | Path) -> Any:
-    """The private key of a PEM file that nobody but its owner can read.
+    """The private key of a PEM file that belongs to the caller, who alone can read it.
 
-    Raises `InputError` when there is no such file, it holds no Ed25519 key, or it belongs to the
-    caller and its mode lets others read or write it.
+    Raises `InputError` when there is no such file, it holds no Ed25519 key, it belongs to somebody
+    else, or its mode lets others read or write it.
     """
     ed25519, serialization = _ed25519()
     data, status = _read_pem(path)
     mode = stat.S_IMODE(status.st_mode)
-    if os.name == "posix" and status.st_uid == os.geteuid() and mode & 0o077:
+    if status.st_uid != os.geteuid():
+        raise InputError(
+            f"this private key belongs to another user (id {status.st_uid}), who can sign with it "
+            "too; a key of your own is wanted",
+            where=str(path),
+        )
+    if mode & 0o077:
         raise InputError(
             f"others can read or write this private key, its mode is {mode:04o}; 0600 wanted:"
             " chmod 600, or make a new one if somebody may have copied it",

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures import as_completed as first_done
 from contextlib import contextmanager
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +14,7 @@ from vfplan.campaign.store import Store, parquet, question
 from vfplan.campaign.trial import Trials
 from vfplan.errors import InputError, MissingExtra, SettingError
 from vfplan.fixture import Fixture
+from vfplan.io.workers import workers as processes
 from vfplan.session import Session
 
 Rows = list[dict[str, Any]]
@@ -86,15 +85,9 @@ def _blocks(
     elif workers == 1 or len(missing) < 2:
         yield ((block, make_block(trials, block)) for block in missing)
     else:
-        # spawn: a forked copy of a process with threads may hang.
-        pool = ProcessPoolExecutor(
-            workers, get_context("spawn"), initializer=_take, initargs=(trials,)
-        )
-        try:
+        with processes(workers, _take, trials) as pool:
             futures = {pool.submit(_block_here, block): block for block in missing}
             yield ((futures[f], f.result()) for f in first_done(futures))
-        finally:
-            pool.shutdown(cancel_futures=True)
 
 
 def _take(trials: Trials) -> None:

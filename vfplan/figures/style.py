@@ -30,17 +30,19 @@ _RC = {
     "grid.alpha": 0.25,
     "legend.frameon": False,
 }
+# All other settings are Matplotlib's own too, whatever a program that uses vfplan has set.
+_OWN = {k: v for k, v in mpl.rcParamsDefault.items() if not k.startswith("backend")} | _RC
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
     """A figure with its own canvas: no pyplot, no global state, no screen."""
-    with mpl.rc_context(_RC):
+    with style():
         return Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
 
 
 def style():
     """The `with` block in which axes are made, so that they carry the common look."""
-    return mpl.rc_context(_RC)
+    return mpl.rc_context(_OWN)
 
 
 def png_bytes(figure: Figure) -> bytes:

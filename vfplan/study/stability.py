@@ -7,15 +7,15 @@ import io
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass
 from functools import partial
-from multiprocessing import get_context
 from typing import Any
 
 from vfplan.engine.checks import number
 from vfplan.engine.parameters import RULES, Rule
 from vfplan.fixture import Fixture, StabilityVerdict
+from vfplan.io.workers import workers
 from vfplan.robot import Robot
 from vfplan.stability.chart import chart
 from vfplan.stability.closedloop import closed_loop, closed_loop_bundle, scenes_for
@@ -216,8 +216,7 @@ def run_tasks(tasks: list[Task], jobs: int, done: Done) -> list[list[Row]]:
     if jobs == 1:
         return [_finish(task(), done) for task in tasks]
     results: list[list[Row]] = [[] for _ in tasks]
-    # spawn: a forked copy of a process with threads may hang.
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+    with workers(jobs) as pool:
         futures = {pool.submit(task): i for i, task in enumerate(tasks)}
         for future in as_completed(futures):
             results[futures[future]] = _finish(future.result(), done)

@@ -1,0 +1,288 @@
+"""What the folder, the files and the terminal around a command may do to it: nothing."""
+
+from __future__ import annotations
+
+import io
+import logging
+import os
+import signal
+import subprocess
+import sys
+
+import bundles
+import pytest
+from click.testing import CliRunner
+from vfplan.cli.run import Report, command, progress, shown
+
+import vfplan
+from vfplan import view3d
+
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+AWAKE = (
+    "import signal\n"
+    "for n in (signal.SIGTERM, signal.SIGHUP): signal.signal(n, signal.SIG_DFL)\n"
+    "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+)  # whoever runs the tests may ignore signals, as nohup does
+
+# Everything that a program of this kind might import, each a trap.
+TRAPS = ["sitecustomize", "multiprocessing", "concurrent", "timeit", "runpy", "pyvista", "vtk",
+         "vtkmodules", "cv2", "numpy", "h5py", "scipy", "skimage", "matplotlib", "pydicom",
+         "rosbags",
+         "cryptography", "click", "PIL", "json", "re", "random", "pickle", "socket", "struct",
+         "subprocess", "threading", "zlib", "yaml", "plyfile", "mujoco", "dask",
+         "vfplan"]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory, root):
+    """A folder of traps, and inputs for every command."""
+    folder = tmp_path_factory.mktemp("hostile")
+    for name in TRAPS:
+        (folder / f"{name}.py").write_text("open('SPRUNG', 'a').write(__name__ + '\\n')\n")
+    (folder / "matplotlibrc").write_bytes(b"font.size: 40\nsavefig.dpi: 3\n\xff\xfe broken\n")
+    vfplan.write_fixture(bundles.small(), folder / "f.h5")
+    for name in ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv"):
+        (folder / name).write_bytes((root / "samples" / name).read_bytes())
+    (folder / "s.csv").write_text("t,x,y,z\n0,0,0,0.03\n0.001,0,0,0.03\n0.002,0,0,0.03\n")
+    (folder / "p.csv").write_text("x,y,z\n0,0,0\n1,0,0\n")
+    (folder / "old.h5").write_bytes(
+        (root / "tests" / "data" / "bundles" / "0.1-minimal.h5").read_bytes()
+    )
+    return folder
+
+
+PICTURES = "--mask-out m.png --overlay-out o.png --picture-out r.png"
+MARKERS = "elbow_markers_image.csv elbow_markers_robot.csv"
+PLAN = f"plan elbow.png {MARKERS} --pixel-spacing 0.5 {PICTURES}"
+WORDS = ["--version", f"{PLAN} -o p.h5", "replay f.h5 s.csv -o r.h5 --csv r.csv --report page",
+         "validate f.h5", "info f.h5", "migrate old.h5 -o n.h5", "keygen -o k", "diff f.h5 f.h5",
+         "sign f.h5 --key k -o signed.h5", "verify signed.h5 --keys k.pub", "view f.h5 r.h5",
+         "import p.csv --units mm -o i.h5", "export f.h5 -o e.ply",
+         "stability f.h5 --part map --jobs 2 -o s"]  # fmt: skip
+LONG_WORDS = ["extract elbow.png --pixel-spacing 0.5 -o c.h5", "demo -o demo",
+              f"register c.h5 {MARKERS} -o g.h5",
+              "view f.h5 r.h5 --screenshot v.png", "bench sample --quick -o b"]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "calls", [WORDS, pytest.param(LONG_WORDS, marks=pytest.mark.full)], ids=["most", "long"]
+)
+def test_no_file_of_the_current_folder_is_run_or_heeded(vfplan_cli, hostile, calls):
+    env = {"DISPLAY": ":9999"}  # where no screen is: `view` tries, in a process of its own
+    for words in calls:
+        run = vfplan_cli(*words.split(), cwd=hostile, env=env)
+        wanted = (2,) if words == "view f.h5 r.h5" else (0, 1)
+        if "--screenshot" in words:
+            wanted = (0, 2)
+        assert run.code in wanted, (words, run.stderr)
+        assert "Bad" not in run.stderr, words
+        assert "unforeseen" not in run.stderr, words
+        assert not (hostile / "SPRUNG").exists(), (words, (hostile / "SPRUNG").read_text())
+
+
+@pytest.mark.full
+def test_pictures_do_not_depend_on_settings_that_lie_about(tmp_path, hostile, vfplan_cli):
+    for cwd, out in ((hostile, "a"), (tmp_path, "b")):
+        run = vfplan_cli("replay", hostile / "f.h5", hostile / "s.csv", "--report",
+                         tmp_path / out, cwd=cwd)  # fmt: skip
+        assert run.code == 0, run.stderr
+    first, second = ((tmp_path / name / "index.html").read_text() for name in "ab")
+    pictures = [[part[:4000] for part in text.split("data:image/png;base64,")[1:]]
+                for text in (first, second)]  # fmt: skip
+    assert pictures[0] == pictures[1]
+    assert len(pictures[0]) >= 2
+
+
+# --- What a terminal is told -------------------------------------------------------------------
+
+
+def test_signs_that_steer_a_terminal_are_spelled_out():
+    assert shown("a\x1b[2Jb\x9bc\r\x07") == "a\\x1b[2Jb\\x9bc\\r\\x07"
+    assert shown("left\u202eright\u2066\ud800") == "left\\u202eright\\u2066\\ud800"
+    assert shown("µm, é, \u4e2d\u6587\n -> \U0001f600") == "µm, é, \u4e2d\u6587\n -> \U0001f600"
+
+
+@command("named")
+def named() -> Report:
+    """Tell of a name that somebody made up."""
+    logging.getLogger("vfplan").warning("read \x1b[31mred")
+    return Report({}, "wrote \x1b]0;owned\x07", warnings=["\x1b[1A up"], failed="\u202eton")
+
+
+def test_no_name_from_a_file_reaches_the_terminal_raw():
+    run = CliRunner().invoke(named, [])
+    assert run.exit_code == 1
+    assert "\x1b" not in run.output
+    assert "\\x1b]0;owned\\x07" in run.stdout
+    assert "\\x1b[1A up" in run.stderr
+    assert "\\u202eton" in run.stderr
+    assert "\\x1b[31mred" in run.stderr
+
+
+@pytest.mark.parametrize("quiet", [[], ["-q"]])
+def test_a_failed_check_and_warnings_are_told_with_q_too(quiet):
+    run = CliRunner().invoke(named, quiet)
+    lines = run.stderr.splitlines()
+    assert [line.split()[1] for line in lines] == ["read", "warning:", "failed:"]
+    assert (run.stdout == "") is bool(quiet)
+
+
+def test_q_hides_progress(monkeypatch):
+    told = io.StringIO()
+    told.isatty = lambda: True
+
+    @command("bar")
+    def bar() -> Report:
+        """Take long."""
+        with progress("working", 10) as done:
+            done(10)
+        return Report({})
+
+    for words, silent in (([], False), (["-q"], True)):
+        told.truncate(0)
+        monkeypatch.setattr(sys, "stderr", told)
+        with pytest.raises(SystemExit):
+            bar.main(words)
+        assert ("working" not in told.getvalue()) is silent
+
+
+FAILING = {
+    "replay": ["replay", "f.h5", "s.csv", "--at-most", "ticks=1"],
+    "diff": ["diff", "f.h5", "g.h5"],
+    "validate": ["validate", "bad.h5"],
+}
+
+
+@pytest.mark.parametrize("name", FAILING)
+def test_each_failed_check_is_one_line(name, vfplan_cli, hostile, tmp_path):
+    for file in ("f.h5", "s.csv"):
+        (tmp_path / file).write_bytes((hostile / file).read_bytes())
+    vfplan.write_fixture(bundles.minimal(), tmp_path / "g.h5")
+    (tmp_path / "bad.h5").write_bytes((hostile / "f.h5").read_bytes()[:-1])
+    run = vfplan_cli(*FAILING[name], "-q", cwd=tmp_path)
+    assert (run.code, run.stdout) == (1, "")
+    assert run.error_line.startswith("vfplan: failed: ")
+
+
+# --- Children that fail, and windows that are told to close ------------------------------------
+
+
+def test_what_a_probe_says_is_told(monkeypatch):
+    """Not a guess at a missing library."""
+    monkeypatch.setattr(view3d, "_PROBE", "raise RuntimeError('no light here {off}')")
+    view3d._fault.cache_clear()
+    try:
+        with pytest.raises(vfplan.errors.MissingExtra, match="RuntimeError: no light here True"):
+            view3d.ready_pyvista(screen=False)
+    finally:
+        view3d._fault.cache_clear()
+        view3d.offscreen_window.cache_clear()
+
+
+WINDOW = (
+    AWAKE
+    + """
+import os, sys, threading, time
+from vfplan import view3d
+from vfplan.cli.run import Report, command
+
+class Window:
+    def __getattr__(self, name):
+        return self
+    def __call__(self, *given, **named):
+        return self
+    def process_events(self):
+        print("open", flush=True)
+    def close(self):
+        print("closed", flush=True)
+
+@command("look")
+def look():
+    view3d._attend(Window())
+    return Report({})
+
+look([])
+"""
+)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_an_open_window_heeds_signals(number, tmp_path):
+    child = subprocess.Popen([sys.executable, "-c", WINDOW], stdout=subprocess.PIPE, text=True,
+                             stderr=subprocess.PIPE, cwd=tmp_path)  # fmt: skip
+    assert child.stdout.readline() == "open\n"
+    child.send_signal(number)
+    out, err = child.communicate(timeout=60)
+    assert child.returncode == 128 + number
+    assert out.splitlines()[-1] == "closed"
+    assert f"stopped by {number.name}" in err
+
+
+def test_a_window_that_is_closed_ends_the_view():
+    class Window:
+        render_window, iren, told, closed = 1, None, None, False
+
+        def add_observer(self, event, call):
+            assert event == "ExitEvent"
+            self.told = call
+
+        def process_events(self):
+            self.told(None, None)
+
+        def close(self):
+            self.closed = True
+
+    window = Window()
+    window.iren = window
+    view3d._attend(window)
+    assert window.closed
+
+
+BUSY = (
+    AWAKE
+    + """
+import sys, time
+from vfplan.cli.run import Report, command
+from vfplan.io.workers import workers
+
+def main():
+    @command("long")
+    def long():
+        with workers(2) as pool:
+            for done in [pool.submit(time.sleep, 3600) for _ in range(4)]:
+                print("busy", flush=True)
+                while not done.running():
+                    time.sleep(0.01)
+                print("running", flush=True)
+                done.result()
+        return Report({})
+    long([])
+
+if __name__ == "__main__":
+    main()
+"""
+)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_long_work_in_processes_ends_with_the_program(number, tmp_path):
+    """Not after the hour that its workers would take; and none of them is left."""
+    (tmp_path / "busy.py").write_text(BUSY)
+    child = subprocess.Popen([sys.executable, "busy.py"], stdout=subprocess.PIPE, text=True,
+                             stderr=subprocess.PIPE, cwd=tmp_path)  # fmt: skip
+    assert child.stdout.readline() == "busy\n"
+    assert child.stdout.readline() == "running\n"
+    child.send_signal(number)
+    child.communicate(timeout=300)  # the workers hold the pipes: they are gone too
+    assert child.returncode == 128 + number
+
+
+def test_a_key_of_somebody_else_is_not_signed_with(tmp_path, monkeypatch):
+    key = tmp_path / "k"
+    vfplan.bundle.keygen(key)
+    vfplan.write_fixture(bundles.small(), tmp_path / "f.h5")
+    user = os.geteuid()
+    monkeypatch.setattr(os, "geteuid", lambda: user + 1)
+    with pytest.raises(vfplan.errors.InputError, match=f"another user \\(id {user}\\)"):
+        vfplan.bundle.sign(tmp_path / "f.h5", tmp_path / "s.h5", key)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["f.h5", "k", "k.pub"]
