@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import FILE, Written
+from vfplan.cli.options import FILE, Real, Whole, Written
 from vfplan.cli.run import Report, outputs, refuse_existing
 from vfplan.cli.run import command as vfplan_command
 
@@ -20,14 +20,14 @@ from vfplan.cli.run import command as vfplan_command
 @click.argument("source", metavar="RESULT.h5|udp://HOST:PORT")
 @click.option(
     "--openigtlink",
-    type=click.IntRange(0, 65535),
+    type=Whole(0, 65535),
     metavar="PORT",
     help="Serve OpenIGTLink on 127.0.0.1 at this port (18944 is usual; 0: any free).",
 )
 @click.option("--mcap", type=Written(".mcap"), metavar="FILE", help="Keep every tick.")
 @click.option(
     "--rate",
-    type=click.FloatRange(1, 1000),
+    type=Real(1, 1000),
     default=100.0,
     show_default=True,
     metavar="HZ",
@@ -35,7 +35,7 @@ from vfplan.cli.run import command as vfplan_command
 )
 @click.option(
     "--seconds",
-    type=click.FloatRange(0, min_open=True),
+    type=Real(0, min_open=True),
     metavar="S",
     help="Stop after so long; without it at the result's end, or on Ctrl-C.",
 )

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from vfplan.cli.options import FILE, fixture_options, fixture_settings, output
+from vfplan.cli.options import FILE, Real, fixture_options, fixture_settings, output
 from vfplan.cli.run import Report, command, outputs, refuse_existing
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 @click.option(
     "--tip-radius",
     "tip_radius_mm",
-    type=click.FloatRange(min=0),
+    type=Real(min=0),
     metavar="MM",
     help="Radius of the ball that touched them.  [default: 0]",
 )
