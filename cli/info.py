@@ -22,7 +22,7 @@ def command(fixture: Path, everything: bool, values: bool) -> Report:
     """
     from vfplan.bundle import describe
 
-    data = describe(fixture, values=values)
+    data = describe(fixture, values=values, work=True)
     return Report(data, _page(data) if everything else _summary(data))
 
 
@@ -43,7 +43,11 @@ def _summary(data: dict[str, Any]) -> str:
     if "/rendering/stiffness" in data:
         stiffness = ", ".join(f"{k:g}" for k in data["/rendering/stiffness"])
         radius = data["/rendering@contact_radius_m"] + data["/rendering@point_radius_m"]
-        lines.append(f"  rendering   K {stiffness} N/m, R {1e3 * radius:g} mm")
+        line = f"  rendering   K {stiffness} N/m, R {1e3 * radius:g} mm"
+        work = data["tick_work"]
+        if work["us"] is not None:
+            line += f", a tick at most {work['us']:.0f} us (given {work['at_most_us']:.0f})"
+        lines.append(line)
     if "/registration@model" in data:
         line = (
             f"  registered  {data['/registration@model']}, {len(data['/registration/source'])} "

@@ -2,6 +2,7 @@
 //
 // A 1 kHz controller on a simulated arm. What a real one does differently stands in
 // docs/controller.md: where the tip's position comes from, and where the force goes.
+#include <algorithm>
 #include <charconv>
 #include <iostream>
 #include <map>
@@ -10,8 +11,7 @@
 #include "arm.hpp"
 #include "hand.hpp"
 #include "loop.hpp"
-#include "vfplan/bundle/fixture.hpp"
-#include "vfplan/engine.hpp"
+#include "vfplan/bundle/engine.hpp"
 #include "vfplan/governor.hpp"
 
 namespace {
@@ -21,9 +21,15 @@ using Form = std::variant<Impedance, Admittance, Velocity>;
 
 constexpr double period = 1e-3;  // [s]
 constexpr const char* usage =
-    "usage: controller FIXTURE.h5 [--form impedance|admittance|velocity] [--rule robust|paper]\n"
-    "                  [--seconds S=5] [--log SESSION.csv] [--simulated-time]\n"
-    "                  [--governor STEP,MAX]   force's change a tick and force at most [N]\n";
+    "usage: controller FIXTURE.h5 [options]\n"
+    "  --form impedance|admittance|velocity   how the force reaches the arm; impedance\n"
+    "  --rule robust|paper                    how the proxy moves; robust\n"
+    "  --seconds S                            how long, up to 3600; 5\n"
+    "  --log SESSION.csv                      write ticks for `vfplan replay`; a new file\n"
+    "  --simulated-time                       do not wait for the clock\n"
+    "  --governor STEP,MAX                    force's change a tick and force at most [N]\n"
+    "  --help                                 this page\n"
+    "exit: 0 done, 2 usage, 3 bad input, 4 a bundle that cannot be trusted\n";
 
 struct UsageError : std::runtime_error {
     using std::runtime_error::runtime_error;
@@ -99,28 +105,6 @@ Options parse(const std::vector<std::string>& args) {
     return o;
 }
 
-/// Table I as the bundle holds it; the paper's rule keeps its own band, as in `vfplan replay`.
-vfplan::Parameters parameters(const vfplan::bundle::Fixture& fixture, vfplan::Rule rule) {
-    if (fixture.frame != "robot_base" || !fixture.rendering)
-        throw std::invalid_argument("frame " + fixture.frame +
-                                    (fixture.rendering ? "" : " without rendering") +
-                                    ": a fixture registered to robot_base is needed");
-    const vfplan::bundle::Rendering& r = *fixture.rendering;
-    vfplan::Parameters p;
-    p.contact_radius = r.contact_radius;
-    p.band = rule == vfplan::Rule::paper ? vfplan::Parameters{}.band : r.band;
-    p.point_radius = r.point_radius;
-    p.outer_radius = 2 * r.contact_radius;
-    for (int k = 0; k < 3; ++k) p.stiffness[k] = r.stiffness[k];
-    if (r.ignore_axis) {
-        const auto& a = *r.ignore_axis;
-        p.ignore_axis = vfplan::Vec3{{a[0], a[1], a[2]}};
-    }
-    if (r.max_iterations) p.max_iterations = *r.max_iterations;
-    p.rule = rule;
-    return p;
-}
-
 /// The arm's side: a governor that may let go of the fixture's whole spring. What is not passive
 /// with this stiffness and the arm's mass is refused here.
 std::optional<vfplan::Governor> governor(const Options& o, const vfplan::Parameters& p) {
@@ -154,10 +138,13 @@ std::size_t run(vfplan::Engine& engine, std::optional<vfplan::Governor>& governo
 }
 
 int control(const Options& o) {
-    // Load, check, copy to plain arrays, close: HDF5 never meets the loop.
+    // Load, check, copy to plain arrays, close: no file meets the loop.
     const vfplan::bundle::Fixture fixture = vfplan::bundle::read_fixture(o.fixture);
-    const vfplan::Parameters p = parameters(fixture, o.rule);
-    vfplan::Engine engine(fixture.points.data(), fixture.size(), p);
+    if (fixture.frame != "robot_base")
+        throw std::invalid_argument("vfplan: frame " + fixture.frame + "; robot_base wanted");
+    const auto use = o.simulated_time ? vfplan::Use::offline : vfplan::Use::real_time;
+    vfplan::Engine engine(fixture, o.rule, use);
+    const vfplan::Parameters p = vfplan::bundle::parameters(fixture, o.rule);
     const Hand hand(fixture.points, 4 * p.R(), p.ignore_axis, o.seconds);
     const auto ticks = std::size_t(o.seconds / period + 0.5);
     auto governed = governor(o, p);
@@ -177,16 +164,23 @@ int control(const Options& o) {
 }  // namespace
 
 int main(int argc, char** argv) {
+    const std::vector<std::string> words(argv + 1, argv + argc);
+    if (std::find(words.begin(), words.end(), "--help") != words.end()) {
+        std::cout << usage;
+        return 0;
+    }
+    Options options;
     try {
-        return control(parse({argv + 1, argv + argc}));
+        options = parse(words);
+        return control(options);
     } catch (const UsageError& error) {
         std::cerr << error.what() << "\n" << usage;
         return 2;
     } catch (const vfplan::bundle::BundleError& error) {
-        std::cerr << error.what() << "\n";
+        std::cerr << error.what() << "\n";  // names the file
         return error.kind() == "InputError" ? 3 : 4;
     } catch (const std::exception& error) {
-        std::cerr << error.what() << "\n";
+        std::cerr << options.fixture << ": " << error.what() << "\n";
         return 3;
     }
 }

@@ -205,4 +205,7 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
         assert done.stderr.strip()
         assert done.stdout == ""
     assert log.read_text() == "precious"
-    assert controller(curve).returncode == 3  # says nothing of its rendering
+    bare = controller(curve)
+    assert bare.returncode == 3  # says nothing of its rendering
+    assert bare.stderr.startswith(f"{curve}: vfplan: frame robot_base without rendering")
+    assert controller("--help").stdout.startswith("usage: controller FIXTURE.h5")

@@ -13,6 +13,7 @@ from vfplan.bundle.content import Content, from_content
 from vfplan.bundle.plausible import size_doubt
 from vfplan.bundle.read import opened_source, unsealed
 from vfplan.engine.renderable import check_renderable
+from vfplan.engine.work import check_work
 from vfplan.errors import BundleError, SceneError
 
 RESIDUAL_TOLERANCE_M = 1e-6
@@ -124,6 +125,12 @@ def _rendering(content: Content, findings: Findings) -> None:
         check_renderable(from_content(content))
     except SceneError as error:
         findings.warning("rendering.engine", "/rendering", error.message)
+        return
+    try:
+        check_work(from_content(content))
+    except SceneError as error:
+        message = f"{error.message}; it is for replay and study, not for a robot"
+        findings.warning("rendering.work", "/rendering", message)
 
 
 def _size(content: Content, findings: Findings) -> None:

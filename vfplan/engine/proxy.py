@@ -6,20 +6,18 @@ nothing in Python.
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
 from vfplan.engine.checks import check_hip, check_path, check_points
+from vfplan.engine.native import MAX_ITERATIONS, Search, iterations_of, native_parameters
 from vfplan.engine.parameters import ProxyParameters, Rule, Status, Step, Trace
 from vfplan.engine.renderable import best_rule, check_pieces, check_renderable
+from vfplan.engine.work import check_work
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, Pieces
 
-Search = Literal["auto", "grid", "brute"]
-MAX_ITERATIONS = 16  # of the robust rule, a tick
 WIDTHS = {None: 0, 2: 2, 4: 4, 8: 8}  # float64 in a SIMD register; None: the processor's most
 
 
@@ -83,12 +81,14 @@ class ProxyEngine:
         )
         if not isinstance(simd_width, int | np.integer | None) or simd_width not in WIDTHS:
             raise SettingError(f"simd_width {simd_width!r}: allowed are None, 2, 4, 8")
-        native = _native(self.parameters, _iterations(max_iterations), search)
+        native = native_parameters(self.parameters, iterations_of(max_iterations), search)
         self._points = len(cloud)
         self._engine = _core.Engine(cloud, native, WIDTHS[simd_width])
 
     @classmethod
-    def of(cls, fixture: Fixture, rule: Rule | None = None) -> ProxyEngine:
+    def of(
+        cls, fixture: Fixture, rule: Rule | None = None, *, offline: bool = False
+    ) -> ProxyEngine:
         """The engine of a fixture, with the rendering that the fixture asks for.
 
         Parameters
@@ -98,11 +98,14 @@ class ProxyEngine:
         rule
             `None`: "exact" where the fixture knows its curve, else "robust". Rule "paper" has its
             own band.
+        offline
+            For a replay or a study, which can wait: takes ticks of any length.
 
         Raises
         ------
         SceneError
-            No rendering, one that no engine takes, or rule "exact" without a curve of pieces.
+            No rendering, one that no engine takes, rule "exact" without a curve of pieces, or
+            points so dense that a tick may take longer than a loop of 1 kHz can wait.
         """
         check_renderable(fixture)
         rule = rule or best_rule(fixture)
@@ -116,6 +119,8 @@ class ProxyEngine:
             if best_rule(fixture) != "exact":
                 raise SceneError("rule 'exact': needs a curve of lines and arcs, and an axis")
             return cls.along(fixture.curve.pieces, **settings)
+        if not offline:
+            check_work(fixture)
         band = None if rule == "paper" else fixture.band
         iterations = fixture.max_iterations
         return cls(fixture.points, rule=rule, band=band, max_iterations=iterations, **settings)
@@ -157,7 +162,7 @@ class ProxyEngine:
             ignore_axis=ignore_axis,
             outer_radius=outer_radius,
         )
-        native = _native(self.parameters, MAX_ITERATIONS, "auto")
+        native = native_parameters(self.parameters, MAX_ITERATIONS, "auto")
         self._points = len(vertices)
         self._engine = _core.Engine(vertices, bulges, stroke, closed, native)
         return self
@@ -217,29 +222,3 @@ class ProxyEngine:
         this less R = r_c + r_v.
         """
         return self._engine.distance(check_path(positions))
-
-
-def _iterations(value: int | None) -> int:
-    if value is None:
-        return MAX_ITERATIONS
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise SettingError(f"max_iterations {value!r}: allowed is an integer of at least 1")
-    return min(int(value), 10**6)
-
-
-def _native(parameters: ProxyParameters, iterations: int, search: str) -> _core.Parameters:
-    if search not in Search.__args__:
-        raise SettingError(f"search {search!r}: allowed are {', '.join(Search.__args__)}")
-    p = _core.Parameters()
-    p.contact_radius = parameters.contact_radius
-    p.band = parameters.band
-    p.point_radius = parameters.point_radius
-    p.outer_radius = parameters.outer_radius
-    p.gain = parameters.gain
-    p.rule = getattr(_core.Rule, parameters.rule)
-    p.search = getattr(_core.Search, search)
-    p.max_iterations = iterations
-    p.set_stiffness(parameters.stiffness)
-    if parameters.ignore_axis is not None:
-        p.set_ignore_axis(parameters.ignore_axis)
-    return p

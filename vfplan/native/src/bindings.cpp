@@ -6,6 +6,7 @@
 #include "numpy.hpp"
 #include "vfplan/engine.hpp"
 #include "vfplan/version.hpp"
+#include "vfplan/work.hpp"
 
 void bind_governor(nb::module_& m);
 void bind_guide(nb::module_& m);
@@ -124,6 +125,15 @@ NB_MODULE(_core, m) {
         .def("set_stiffness", [](vfplan::Parameters& p, const Row& k) { p.stiffness = vec(k); })
         .def("set_ignore_axis",
              [](vfplan::Parameters& p, const Row& a) { p.ignore_axis = vec(a); });
+
+    m.def(
+        "tick_work",
+        [](const Rows& points, const vfplan::Parameters& p) {
+            nb::gil_scoped_release release;
+            return vfplan::tick_work(points.data(), points.shape(0), p);
+        },
+        "points"_a, "parameters"_a, "time that a tick takes at most [s]");
+    m.attr("most_tick_work") = vfplan::most_tick_work;
 
     nb::class_<Engine>(m, "Engine")
         .def(

@@ -20,6 +20,13 @@
 
 namespace vfplan {
 
+namespace bundle {
+struct Fixture;
+}
+
+/// What an engine is made for: a loop of 1 kHz, or a replay or study, which can wait.
+enum class Use { real_time, offline };
+
 /// A rule in a space with a stiffness; all of it known to the compiler.
 template <class S, class RuleOf, class Stiffness>
 class BasicEngine {
@@ -105,6 +112,12 @@ class Engine {
             made_ = std::make_unique<Made>(space, std::move(rule), stiffness);
         });
     }
+
+    /// The engine of a bundle's fixture; include "vfplan/bundle/engine.hpp". Throws
+    /// std::invalid_argument for one without rendering, and, unless it is used offline, for one
+    /// whose ticks may take longer than a loop of 1 kHz can wait.
+    explicit Engine(const bundle::Fixture& fixture, Rule rule = Rule::robust,
+                    Use use = Use::real_time);
 
     /// Puts the proxy at `hip` [m], wherever that is. A bad HIP (not finite, or beyond 1e6 m)
     /// leaves it unplaced: the first good one of a step is then its start.

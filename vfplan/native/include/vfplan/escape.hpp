@@ -55,7 +55,7 @@ template <int D, class Search, class Around = Balls<D>>
 class Escape {
   public:
     static constexpr int most_hops = 48;             // from sphere to sphere along the way, a tick
-    static constexpr int most_hops_to_choose = 384;  // along all ways together, a tick
+    static constexpr int most_hops_to_choose = 128;  // along all ways together, a tick
     static constexpr int most_ticks_to_choose = 1024;
     static constexpr double ramp = 1.0 / 256;  // of R, a tick
 

@@ -68,6 +68,7 @@ class RobustRule {
         const double distance = norm(hip - proxy);
         now_.most = distance + p_.band * (1 - tuned::margin);
         now_.far = false;
+        travel_.begin();
         if (set_free(proxy, hip, distance)) {
             handover_.pass(proxy);
             rest_.wake();

@@ -17,21 +17,24 @@ struct Obstacles {
 template <int D, class Search>
 class Travel {
   public:
-    static constexpr int most_stretches = 1024;
+    static constexpr int most_stretches = 128;  // of all ways of a tick, each as long as R
 
     Travel(const Kernels<D>& kernels, double radius) noexcept : kernels_(kernels), R_(radius) {}
+
+    /// A tick begins.
+    void begin() noexcept { left_ = most_stretches; }
 
     /// Length of the part of [0, length] from x along the unit vector `way` that is free. `limit`
     /// is set when the way has more stretches than a tick may look at; the answer is then what was
     /// seen.
     double operator()(Search& search, const Vec<D>& x, const Vec<D>& way, double length,
-                      const Obstacles& o, bool& limit) const noexcept {
+                      const Obstacles& o, bool& limit) noexcept {
         const double steep = o.steep * o.outer;
         Ray<D> ray{x, way, o.outer * o.outer, o.inner * o.inner, steep * steep};
         if (length <= stretch()) return std::min(length, first(search, ray, length));
         double a, b;
         if (!search.source().box().clip(x, way, length, R_, a, b)) return length;
-        for (int i = 0; i < most_stretches; ++i, a += stretch()) {
+        for (; left_ > 0; --left_, a += stretch()) {
             const double most = std::min(stretch(), b - a);
             if (most <= 0) return length;
             ray.from = x + a * way;
@@ -64,6 +67,7 @@ class Travel {
 
     Kernels<D> kernels_;
     double R_;
+    int left_ = most_stretches;
 };
 
 }  // namespace vfplan

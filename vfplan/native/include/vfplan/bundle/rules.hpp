@@ -205,23 +205,24 @@ inline void check_provenance(const Content& content, Findings& findings) {
 }  // namespace detail
 
 /// A rule: reports to findings what does not hold; throws Absent if a value it needs is missing.
-using Rule = void (*)(const Content&, Findings&);
+using CheckOf = void (*)(const Content&, Findings&);
 
 /// Applies every rule of a version.
 inline void check(const Content& content, const Version& version, Findings& findings) {
-    const auto apply = [&](Rule rule) {
+    const auto apply = [&](CheckOf rule) {
         try {
             rule(content, findings);
         } catch (const Absent&) {
         }
     };
-    for (const Rule rule : {detail::check_understood, detail::check_groups, detail::check_frames}) {
+    for (const CheckOf rule :
+         {detail::check_understood, detail::check_groups, detail::check_frames}) {
         apply(rule);
     }
     const bool sealed = version.major > 0;  // 0.1 had neither identity nor certificate
     if (sealed) apply(detail::check_identity);
-    for (const Rule rule : {detail::check_curve, detail::check_mesh, detail::check_rendering,
-                            detail::check_registration, detail::check_provenance}) {
+    for (const CheckOf rule : {detail::check_curve, detail::check_mesh, detail::check_rendering,
+                               detail::check_registration, detail::check_provenance}) {
         apply(rule);
     }
     if (sealed && findings.sound()) apply(detail::check_leak);

@@ -1,0 +1,131 @@
+"""The bound on a tick's work: told of every bundle, and a fixture beyond it kept from a robot."""
+
+import subprocess
+from dataclasses import replace
+
+import bundles
+import numpy as np
+import pytest
+from conftest import ROOT, need_program
+
+import vfplan
+from vfplan import _core
+from vfplan.bundle import validate
+from vfplan.engine.work import MOST_TICK_WORK, work_of
+from vfplan.errors import SceneError
+
+
+def crowded():
+    """40,000 points in a ball of 10 mm: sound, and far too much for 1 kHz."""
+    draw = np.random.default_rng(3)
+    points = draw.normal(size=(40_000, 3))
+    points *= (
+        0.005
+        * draw.random((len(points), 1)) ** (1 / 3)
+        / np.linalg.norm(points, axis=1, keepdims=True)
+    )
+    return replace(bundles.small(), points=points + 0.4)
+
+
+def patient():
+    """Few points, and 10,000 iterations a tick."""
+    base = bundles.small()
+    return replace(base, rendering=replace(base.rendering, max_iterations=10_000))
+
+
+@pytest.mark.parametrize("make", [crowded, patient])
+def test_validate_and_info_tell_of_a_bundle_that_is_too_much_for_a_robot(
+    make, vfplan_cli, tmp_path
+):
+    vfplan.write_fixture(make(), tmp_path / "a.h5")
+    (issue,) = (i for i in validate(tmp_path / "a.h5") if i.code == "rendering.work")
+    assert issue.severity == "warning"
+    assert "a tick may take" in issue.message
+    work = vfplan_cli("info", tmp_path / "a.h5", "--json").json["tick_work"]
+    assert work["us"] > work["at_most_us"] == pytest.approx(1e6 * MOST_TICK_WORK)
+
+
+@pytest.mark.parametrize("name", ["small", "whole", "sheet"])
+def test_nothing_is_said_of_one_that_is_not(name, tmp_path):
+    fixture = getattr(bundles, name)()
+    vfplan.write_fixture(fixture, tmp_path / "a.h5")
+    assert not [i for i in validate(tmp_path / "a.h5") if i.code == "rendering.work"]
+    assert 0 < work_of(fixture) < MOST_TICK_WORK
+
+
+def test_an_engine_for_a_robot_refuses_it_and_one_for_a_replay_does_not():
+    with pytest.raises(SceneError, match="a tick may take"):
+        vfplan.ProxyEngine.of(crowded())
+    vfplan.ProxyEngine.of(crowded(), offline=True)
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_the_bound_counts_at_least_what_is_around_any_place(planar):
+    """With one iteration less, the difference is one iteration: its points against brute force."""
+    draw = np.random.default_rng(5)
+    points = draw.uniform(0, 0.05, (3000, 3)) * [1, 1, 0.1]
+    p = _core.Parameters()
+    p.band = 1e-5
+    if planar:
+        p.set_ignore_axis(np.array([0.0, 0, 1]))
+    p.max_iterations = 101
+    more = _core.tick_work(points, p)
+    p.max_iterations = 1
+    an_iteration = (more - _core.tick_work(points, p)) / 100
+    columns = points[:, :2] if planar else points
+    reach = 1.35 * 5e-3  # of the list of neighbours: 1.2 R and what it lasts
+    most = max(
+        np.count_nonzero(np.sum((columns - x) ** 2, axis=1) <= reach**2) for x in columns[::10]
+    )
+    assert an_iteration >= 2.5e-6 + 0.25e-9 * most
+    assert an_iteration <= 2.5e-6 + 0.25e-9 * len(points) + 8e-9 * len(points)
+
+
+PROGRAM = """
+#include "vfplan/bundle/engine.hpp"
+#include <iostream>
+int main(int argc, char** argv) {
+    try {
+        const auto fixture = vfplan::bundle::read_fixture(argv[1]);
+        if (argc > 2) {
+            vfplan::Engine engine(fixture, vfplan::Rule::robust, vfplan::Use::offline);
+            return engine.planar() ? 1 : 0;
+        }
+        vfplan::Engine engine(fixture);
+        const vfplan::Step s = engine.step({{0.4, 0, 0.1}});
+        return s.status & vfplan::bad_hip ? 1 : 0;
+    } catch (const std::exception& error) {
+        std::cout << error.what();
+        return 2;
+    }
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    """One call makes an engine of a fixture; by a second word, offline."""
+    folder = tmp_path_factory.mktemp("work")
+    (folder / "main.cpp").write_text(PROGRAM)
+    compiler = need_program("g++", "g++")
+    words = [compiler, "-std=c++20", "-O1", "-ffp-contract=off", "-DVFPLAN_NARROW"]
+    words += [f"-I{ROOT / 'vfplan' / 'native' / 'include'}", folder / "main.cpp"]
+    subprocess.run([*map(str, words), "-o", folder / "main"], check=True)
+    return folder / "main"
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "code", "says"),
+    [
+        (bundles.small, [], 0, ""),
+        (crowded, [], 2, "a tick may take"),
+        (crowded, ["offline"], 0, ""),
+        (bundles.minimal, [], 2, "without rendering parameters"),
+    ],
+)
+def test_an_engine_is_made_of_a_fixture_in_one_call(make, options, code, says, program, tmp_path):
+    vfplan.write_fixture(make(), tmp_path / "a.h5")
+    words = [program, tmp_path / "a.h5", *options]
+    done = subprocess.run([*map(str, words)], capture_output=True, text=True, check=False)
+    assert done.returncode == code, done.stdout
+    assert says in done.stdout

@@ -1,0 +1,44 @@
+"""How long a tick of the engine may take, told before the first one."""
+
+from __future__ import annotations
+
+from vfplan import _core
+from vfplan.engine.checks import check_points
+from vfplan.engine.native import iterations_of, native_parameters
+from vfplan.engine.parameters import ProxyParameters
+from vfplan.errors import SceneError
+from vfplan.fixture import Fixture
+
+MOST_TICK_WORK = _core.most_tick_work  # [s] that a loop of 1 kHz gives a tick
+
+
+def work_of(fixture: Fixture) -> float:
+    """Time [s] that a tick of rule "robust" takes at most, by how many points lie together.
+
+    A bound, computed in the C++ header work.hpp with the times of the machine of docs/engine.md.
+
+    Raises `SettingError` or `SceneError` for a rendering that no engine takes.
+    """
+    parameters = ProxyParameters.make(
+        fixture.points,
+        contact_radius=fixture.contact_radius,
+        band=fixture.band,
+        point_radius=fixture.point_radius,
+        stiffness=fixture.stiffness,
+        ignore_axis=fixture.ignore_axis,
+    )
+    native = native_parameters(parameters, iterations_of(fixture.max_iterations), "auto")
+    return _core.tick_work(check_points(fixture.points), native)
+
+
+def check_work(fixture: Fixture) -> None:
+    """Refuse a fixture whose ticks may take longer than a loop of 1 kHz can wait.
+
+    Raises `SceneError` with the time, the time given, and what makes it so.
+    """
+    work = work_of(fixture)
+    if work > MOST_TICK_WORK:
+        raise SceneError(
+            f"a tick may take {1e6 * work:.0f} us, at most {1e6 * MOST_TICK_WORK:.0f} us are given"
+            " at 1 kHz: too many points around one place, or max_iterations too high"
+        )

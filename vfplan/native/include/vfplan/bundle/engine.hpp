@@ -1,0 +1,55 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// From a bundle to an engine, in one call:
+//
+//     vfplan::Engine engine(vfplan::bundle::read_fixture("fixture.h5"));
+#pragma once
+
+#include <string>
+
+#include "vfplan/bundle/fixture.hpp"
+#include "vfplan/engine.hpp"
+#include "vfplan/work.hpp"
+
+namespace vfplan {
+
+namespace bundle {
+
+/// Table I as the bundle holds it; the paper's rule keeps its own band. Throws
+/// std::invalid_argument for a fixture without rendering.
+inline Parameters parameters(const Fixture& fixture, Rule rule = Rule::robust) {
+    if (!fixture.rendering)
+        reject("frame " + fixture.frame +
+               " without rendering parameters: `vfplan register` makes a fixture of a curve");
+    const Rendering& r = *fixture.rendering;
+    Parameters p;
+    p.contact_radius = r.contact_radius;
+    p.band = rule == Rule::paper ? p.band : r.band;
+    p.point_radius = r.point_radius;
+    p.outer_radius = 2 * r.contact_radius;
+    for (int k = 0; k < 3; ++k) p.stiffness[k] = r.stiffness[static_cast<std::size_t>(k)];
+    if (r.ignore_axis)
+        p.ignore_axis = Vec3{{(*r.ignore_axis)[0], (*r.ignore_axis)[1], (*r.ignore_axis)[2]}};
+    if (r.max_iterations) p.max_iterations = *r.max_iterations;
+    p.rule = rule;
+    return p;
+}
+
+/// Throws std::invalid_argument where a tick may take longer than a loop of 1 kHz can wait.
+inline void check_work(const Fixture& fixture, const Parameters& p) {
+    const double work = tick_work(fixture.points.data(), fixture.size(), p);
+    if (work > most_tick_work)
+        reject("a tick may take " + rounded(1e6 * work) + " us, at most " +
+               rounded(1e6 * most_tick_work) +
+               " us are given: too many points around one place, or max_iterations too high; "
+               "Use::offline takes it");
+}
+
+}  // namespace bundle
+
+inline Engine::Engine(const bundle::Fixture& fixture, Rule rule, Use use)
+    : Engine(fixture.points.data(), fixture.size(), bundle::parameters(fixture, rule)) {
+    if (use == Use::real_time) bundle::check_work(fixture, bundle::parameters(fixture, rule));
+}
+
+}  // namespace vfplan
