@@ -15,7 +15,7 @@ LAYERS = [
     ["engine.spacing", "robot"],
     ["engine"],
     ["fixture", "images", "session"],
-    ["engine.renderable"],
+    ["engine.renderable", "engine.work"],
     ["engine.proxy"],
     ["markers"],
     ["registration", "bundle", "reference", "study.scenes"],
