@@ -214,6 +214,11 @@ def test_a_result_through_the_command(vfplan_cli, tmp_path):
     ticks, wanted = read_ticks(kept), vfplan.read_result(result)[0]
     for name in ("hip", "proxy", "normal", "force", "state"):
         assert np.array_equal(ticks[name], getattr(wanted, name))
+    again = vfplan_cli("replay", fixture, kept, "-o", tmp_path / "again.h5")
+    assert again.code == 0, again.stderr
+    replayed = vfplan.read_result(tmp_path / "again.h5")[0]
+    for name in ("time", "hip", "proxy", "normal", "force", "state"):
+        assert np.array_equal(getattr(replayed, name), getattr(wanted, name))
     assert vfplan_cli("live", fixture, result).code == 2
     assert vfplan_cli("live", fixture, "udp://nowhere", "--mcap", tmp_path / "x.mcap").code == 2
     assert not (tmp_path / "x.mcap").exists()

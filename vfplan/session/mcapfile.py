@@ -6,14 +6,17 @@ Foxglove, rerun and `ros2 bag` read and plot them without vfplan. MCAP: https://
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType, TracebackType
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MissingExtra, SessionError
+from vfplan.io.disk import opened_file
+from vfplan.session.types import Pair
 
 TICK = np.dtype([
     ("index", "<u8"), ("t", "<f8"), ("hip", "<f8", 3), ("proxy", "<f8", 3), ("normal", "<f8", 3),
@@ -33,8 +36,9 @@ int8 state
 uint8 status
 """
 CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
-MESSAGE_BYTES = TICK.itemsize - 6  # without the padding at the end
-MOST_TICKS = 10**8
+PADDING = bytes(6)
+MESSAGE_BYTES = TICK.itemsize - len(PADDING)
+BLOCK = 2**16
 
 
 class McapWriter:
@@ -82,50 +86,52 @@ class McapWriter:
         self.close()
 
 
-def is_ours(path: Path) -> bool:
-    """Whether a file is MCAP with our channel; one of others is a ROS bag."""
-    if path.suffix != ".mcap" or not path.is_file():
-        return False
+def is_ours(stream: BinaryIO, name: str) -> Iterator[bool]:
+    """Yield whether MCAP has our channel; a file of others is a ROS bag."""
     try:
-        with path.open("rb") as file:
-            summary = _mcap("reader").make_reader(file).get_summary()
-            return any(c.topic == TOPIC for c in summary.channels.values())
-    except Exception:
-        return False  # whoever reads bags says what is wrong with it
+        summary = _mcap("reader").make_reader(stream).get_summary()
+        yield any(channel.topic == TOPIC for channel in summary.channels.values())
+    except Exception:  # whoever reads bags says what is wrong with it
+        yield False
+
+
+def read_hips(stream: BinaryIO, name: str, factor: float) -> Iterator[Pair]:
+    """Yield (time [s], hip [m]) piece by piece, as sessions are read; raises `SessionError`."""
+    for ticks in blocks(stream, name):
+        yield np.ascontiguousarray(ticks["t"]), ticks["hip"] * factor
 
 
 def read_ticks(path: Path) -> NDArray[np.void]:
-    """(T,) of `TICK`, in the order of the loop.
+    """(T,) of `TICK`, in the order of the loop; raises `SessionError` as `blocks` does."""
+    with opened_file(path, SessionError) as stream:
+        found = list(blocks(stream, path.name))
+    return np.concatenate(found) if found else np.zeros(0, TICK)
+
+
+def blocks(stream: BinaryIO, name: str) -> Iterator[NDArray[np.void]]:
+    """Yield (n,) of `TICK`.
 
     Raises
     ------
     SessionError
-        Damaged, no ticks, another layout, more than 10⁸ of them, or not in order.
+        Damaged, or of another layout.
     """
-    parts: list[bytes] = []
+    held: list[bytes] = []
     try:
-        with path.open("rb") as file:
-            reader = _mcap("reader").make_reader(file, validate_crcs=True)
-            for _, channel, message in reader.iter_messages(topics=[TOPIC], log_time_order=False):
-                if channel.message_encoding != ENCODING or len(message.data) != MESSAGE_BYTES + 4:
-                    raise SessionError(f"{TOPIC} of another layout", where=path.name)
-                parts.append(message.data[4:])
-                if len(parts) > MOST_TICKS:
-                    raise SessionError(f"more than {MOST_TICKS} ticks", where=path.name)
+        reader = _mcap("reader").make_reader(stream, validate_crcs=True)
+        for _, channel, message in reader.iter_messages(topics=[TOPIC], log_time_order=False):
+            if channel.message_encoding != ENCODING or len(message.data) != MESSAGE_BYTES + 4:
+                raise SessionError(f"{TOPIC} of another layout", where=name)
+            held.append(message.data[4:] + PADDING)
+            if len(held) == BLOCK:
+                yield np.frombuffer(b"".join(held), TICK)
+                held = []
     except (MissingExtra, SessionError):
         raise
     except Exception as error:  # the package lets through what struct, lz4 and zstd raise
-        raise SessionError(f"cannot be read as MCAP: {error}", where=path.name) from None
-    if len(parts) < 2:
-        raise SessionError(f"{len(parts)} ticks; at least 2 are wanted", where=path.name)
-    packed = np.dtype(TICK.descr[:-1])
-    ticks = np.zeros(len(parts), TICK)
-    found = np.frombuffer(b"".join(parts), packed)
-    for name in packed.names or ():
-        ticks[name] = found[name]
-    if not (np.diff(ticks["t"]) > 0).all():
-        raise SessionError("ticks whose time does not increase", where=path.name)
-    return ticks
+        raise SessionError(f"cannot be read as MCAP: {error}", where=name) from None
+    if held:
+        yield np.frombuffer(b"".join(held), TICK)
 
 
 def _mcap(module: str) -> ModuleType | Any:

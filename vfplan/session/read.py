@@ -1,4 +1,4 @@
-"""Open a session file by what it is: CSV, HDF5, `.npz` or a ROS bag."""
+"""Open a session file by what it is: CSV, HDF5, `.npz`, MCAP of `vfplan live` or a ROS bag."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from vfplan.session.types import Pair, Session, SessionStream, unit_factor
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _ZIP_MAGIC = b"PK\x03\x04"
-_HDF5, _BAG = "vfplan.session.arrays:", "vfplan.session.ros:"  # read in a process apart
+# Read in a process apart.
+_HDF5, _BAG, _MCAP = (f"vfplan.session.{name}:" for name in ("arrays", "ros", "mcapfile"))
 
 
 def read_session(
@@ -33,7 +34,7 @@ def read_session(
     ----------
     path
         CSV with a header that names t (s), x, y, z; HDF5 or `.npz` with `time` (T,) and
-        `hip` (T, 3); or a ROS 1 or ROS 2 bag.
+        `hip` (T, 3); MCAP of `vfplan live`; or a ROS 1 or ROS 2 bag.
     units
         Of the positions in the file: "m" or "mm".
     frame
@@ -65,13 +66,18 @@ def open_session(
     if path.is_dir() and is_bag(path):
         return _bag(path, factor, units, frame, ros)
     file = _opened(path)
-    if is_bag(path):
+    mcap = functools.partial(one, _MCAP + "is_ours", path.name, file=file, where=path.name)
+    ours = path.suffix == ".mcap" and mcap(kind=SessionError)
+    if is_bag(path) and not ours:
         return _bag(path, factor, units, frame, ros)
     if ros is not None:
         raise SettingError("topic, field and tool tip are for ROS bags", where=path.name)
     name, notes, length = path.name, {}, None
     magic = file.view().read(8)
-    if magic.startswith(_HDF5_MAGIC):
+    if ours:
+        job = functools.partial(apart, _MCAP + "read_hips", name, factor)
+        read, kind = functools.partial(job, file=file, where=name, kind=SessionError), "mcap"
+    elif magic.startswith(_HDF5_MAGIC):
         length, stated = one(_HDF5 + "hdf5_header", name, file=file, where=name, kind=SessionError)
         _agree(stated, {"units": units, "frame": frame, "time unit": "s"}, name)
         job = functools.partial(apart, _HDF5 + "read_hdf5", name, factor)
