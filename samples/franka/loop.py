@@ -112,11 +112,7 @@ def main(arguments: list[str]) -> int:
               "patient should", file=sys.stderr)  # fmt: skip
         fixture = vfplan.read_fixture(given.fixture)
     stiffness = float(np.max(fixture.stiffness))
-    engine = vfplan.ProxyEngine(
-        fixture.points, contact_radius=fixture.contact_radius, band=fixture.band,
-        point_radius=fixture.point_radius, stiffness=fixture.stiffness,
-        ignore_axis=fixture.ignore_axis,
-    )  # fmt: skip
+    engine = vfplan.ProxyEngine.of(fixture)
     limits = vfplan.read_robot("fr3")
     governor = vfplan.Governor.of(limits, stiffness, torques=True)
     robot = connect(given.robot)

@@ -21,7 +21,6 @@ print(json.dumps([[governed, dataclasses.asdict(run)] for *_, governed, run in r
 """
 
 
-@pytest.mark.full
 def test_the_governor_keeps_the_arm_from_stopping():
     if not PYTHON.exists():
         pytest.skip("no .venv-franka: `make franka` makes it")

@@ -14,10 +14,10 @@ from vfplan.arm.loop import Hand, Motion, move
 from vfplan.arm.model import Arm, Posture
 from vfplan.arm.reflexes import reflexes
 from vfplan.engine.governor import Governor, GovernorStatus
+from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SessionError
 from vfplan.fixture import Fixture
 from vfplan.replaying.clearance import Clearance
-from vfplan.replaying.engines import make_engine
 from vfplan.replaying.quantities import overlap, penetration, row_norms
 from vfplan.replaying.ruler import CurveRuler
 from vfplan.session import Session, TickBlock
@@ -96,7 +96,7 @@ def rehearse(
     began = clock.perf_counter()
     _check(session, fixture, arm)
     stiffness = felt_stiffness(fixture)
-    engine = make_engine(fixture, "robust")
+    engine = ProxyEngine.of(fixture)
     governor = Governor.of(arm.robot, stiffness, torques=True) if governed else None
     ruler = CurveRuler.of(fixture)
     start, unreached = _reach(arm, session, ruler)
@@ -116,6 +116,7 @@ def rehearse(
     metrics = {
         "arm": arm.name,
         "robot": arm.robot.name,
+        "rule": engine.parameters.rule,
         "ticks": kept,
         "duration_s": kept / arm.robot.rate_hz,
         "reachable": not unreached,
