@@ -26,33 +26,29 @@ PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)  # as many as the affine m
 MAX_POINTS = 100  # the error varies smoothly along a curve: more points change nothing
 
 
-def curve_factor(
-    root: Array, x: Array, pointwise: Array, dof: int, probability: float = 0.95
-) -> float:
+def curve_factor(parts: Array, pointwise: Array, dof: int, probability: float = 0.95) -> float:
     """κ ≥ 1, by which the pointwise bound must grow to hold for all points at once.
 
     Parameters
     ----------
-    root
-        (3 (k+1), p) A, with A Aᵀ the covariance of row-major M [m²]; the one of `residuals.Fit`.
-    x
-        (M, k+1) the curve's points x~.
+    parts
+        (M, 3, p) J_r A σ̂ at the curve's points: how the error there follows from p independent
+        parameters of unit variance [m]; A of `residuals.Fit.root`.
     pointwise
-        (M,) their pointwise bounds [m].
+        (M,) the points' own bounds [m].
     dof
-        Degrees of freedom of the covariance.
+        Degrees of freedom of σ̂.
     """
     if not pointwise.max() > 0:  # an exact fit: nothing to widen
         return 1.0
-    index = np.linspace(0, len(x) - 1, min(len(x), MAX_POINTS)).round().astype(int)
-    moves = (_directions(root.shape[1]) @ root.T).reshape(DIRECTIONS, 3, -1)
-    axes = [np.ascontiguousarray(moves[:, a].T) for a in range(3)]
+    index = np.linspace(0, len(parts) - 1, min(len(parts), MAX_POINTS)).round().astype(int)
+    directions = np.ascontiguousarray(_directions(parts.shape[2]).T)
     largest = np.zeros(DIRECTIONS)
-    for row in x[index] / pointwise[index, None]:
-        np.maximum(largest, sum((row @ axis) ** 2 for axis in axes), out=largest)
+    for part in parts[index] / pointwise[index, None, None]:
+        np.maximum(largest, ((part @ directions) ** 2).sum(axis=0), out=largest)
     # F varies little among neighbours of the sorted values: their means do.
     means = np.sort(largest).reshape(-1, TOGETHER).mean(axis=1)
-    return max(1.0, _solve(means, root.shape[1], dof, probability))
+    return max(1.0, _solve(means, parts.shape[2], dof, probability))
 
 
 def _directions(p: int) -> Array:

@@ -115,6 +115,7 @@ def diagnose(registration: Registration) -> Diagnosis:
     warnings = (
         *_label_warnings(labels, swapped, relabelled),
         *_suspect_warnings(suspects, swapped),
+        *_perspective_warning(registration),
         *_layout_warnings(registration, labellings, unchecked),
         *_scale_warnings(registration, departure, sigma),
     )
@@ -166,8 +167,7 @@ def _suspects(registration: Registration, swapped: tuple[Label, Label] | None) -
     for i, label in enumerate(registration.labels):
         if label not in registration.outliers or label in suspects:
             continue
-        dof = registration.dof - 3 * bool(registration.used[i])
-        limit = residuals.f_limit(n, dof)
+        limit = residuals.f_limit(n, int(registration.studentised_dof[i]))
         size = registration.residuals_m[i] * 1e3
         verb = "stays in the fit" if registration.used[i] else "left out of the fit"
         f = registration.studentised_f[i]
@@ -180,7 +180,11 @@ def _suspects(registration: Registration, swapped: tuple[Label, Label] | None) -
 def _masked(registration: Registration) -> list[Label]:
     """Markers that a robust search would leave out: several bad ones hide each other's F."""
     problem = registration.fit.problem
-    if registration.robust or comb(len(problem.s), problem.model.minimal) > QUICK_SUBSETS:
+    if (
+        registration.perspective
+        or registration.robust
+        or comb(len(problem.s), problem.model.minimal) > QUICK_SUBSETS
+    ):
         return []
     used = agreeing(problem, alpha=0.01)
     return [label for label, good in zip(registration.labels, used, strict=True) if not good]
@@ -245,6 +249,19 @@ def _suspect_warnings(
     if swapped:
         return ()
     return tuple(f"suspect marker {label}: {why}" for label, why in suspects.items())
+
+
+def _perspective_warning(registration: Registration) -> tuple[str, ...]:
+    seen = registration.perspective
+    if seen is None or not seen.sure:
+        return ()
+    left = np.sqrt(3 * seen.variance)
+    return (
+        "the markers show perspective, as a camera that does not look straight on gives: a "
+        f"homography leaves {left * 1e3:.3g} mm a marker, the {registration.model} model "
+        f"{np.sqrt(3) * registration.sigma_m * 1e3:.3g} mm; the bounds are widened by what the "
+        "model misses; rectify the picture",
+    )
 
 
 def _layout_warnings(

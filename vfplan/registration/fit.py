@@ -12,8 +12,9 @@ from vfplan.registration.geometry import check_handedness
 from vfplan.registration.labelling import better_labelling, name_labelling
 from vfplan.registration.layout import MIN_EXTENT, extent_and_error, swapped_labels
 from vfplan.registration.models import ModelName
-from vfplan.registration.problem import make_problem
-from vfplan.registration.residuals import Fit, solve
+from vfplan.registration.perspective import perspective
+from vfplan.registration.problem import Problem, make_problem
+from vfplan.registration.residuals import Fit, f_limit, solve
 from vfplan.registration.result import Registration
 from vfplan.registration.robust import agreeing
 
@@ -66,7 +67,7 @@ def fit_registration(
     """
     facing = _direction(seen_from, "seen_from")
     problem = make_problem(source, target, model, pixel_spacing, sigma, labels)
-    fit = solve(problem, agreeing(problem) if robust else None)
+    fit = solve(problem, _agreeing(problem) if robust else None)
     check_handedness(fit, facing)
     names = tuple(range(len(problem.s)) if labels is None else labels)
     _check_explained(fit, names)
@@ -80,6 +81,17 @@ def fit_registration(
         robust,
         spacing,
     )
+
+
+def _agreeing(problem: Problem) -> np.ndarray:
+    """The markers that agree; all of them where perspective explains those that do not."""
+    used = agreeing(problem)
+    if used.all():
+        return used
+    seen = perspective(solve(problem))
+    if seen is None or (seen.studentised_f > f_limit(len(used), seen.dof - 3)).any():
+        return used
+    return np.ones(len(used), dtype=bool)
 
 
 def _check_explained(fit: Fit, labels: Sequence[str | int]) -> None:

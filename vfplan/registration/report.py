@@ -42,6 +42,9 @@ def describe(
         report["robust"] = {"used": int(registration.used.sum())}
     if diagnosis.swapped:
         report["swapped_labels"] = list(diagnosis.swapped)
+    seen = registration.perspective
+    if seen is not None:
+        report["perspective"] = {"p_value": seen.p_value, "said": seen.sure}
     if diagnosis.relabelled:
         other, labels = diagnosis.relabelled, registration.labels
         report["better_labelling"] = {

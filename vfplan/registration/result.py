@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Frame, RegistrationRecord
 from vfplan.registration import band, residuals, tre
 from vfplan.registration.geometry import Geometry, geometry
-from vfplan.registration.models import Array, ModelName, homogeneous
+from vfplan.registration.models import Array, ModelName, homogeneous, marker_rows
+from vfplan.registration.perspective import Perspective, perspective
 from vfplan.registration.residuals import Fit
 
 
@@ -131,36 +133,61 @@ class Registration:
         return value if np.isfinite(value) else None
 
     @cached_property
+    def perspective(self) -> Perspective | None:
+        """The homography that explains what the model leaves; `None` where nothing speaks for one.
+
+        The transform stays the model's: a homography only widens the bounds, and says of markers
+        that it explains that they are not to blame.
+        """
+        return perspective(self.fit)
+
+    @cached_property
     def studentised_f(self) -> Array:
-        """(N,) externally studentised F of each marker; NaN where it has no meaning."""
-        return residuals.studentised_f(self.fit)
+        """(N,) externally studentised F of each marker; NaN where it has no meaning.
+
+        Against the homography where there is `perspective`.
+        """
+        seen = self.perspective
+        return residuals.studentised_f(self.fit) if seen is None else seen.studentised_f
+
+    @property
+    def studentised_dof(self) -> NDArray[np.intp]:
+        """(N,) degrees of freedom below `studentised_f`; above there are 3."""
+        total = self.dof if self.perspective is None else self.perspective.dof
+        return total - 3 * self.used.astype(int)
 
     @cached_property
     def outliers(self) -> tuple[str, ...] | tuple[int, ...]:
         """Labels of markers beyond F_{1-0.05/N; 3, ν-3}, and of those a robust fit left out."""
         n = int(self.used.sum())
         flagged = ~self.used
-        for i, f in enumerate(self.studentised_f):
-            dof = self.dof - 3 * bool(self.used[i])
-            if dof > 0 and f > residuals.f_limit(n, dof):
+        for i, (f, dof) in enumerate(zip(self.studentised_f, self.studentised_dof, strict=True)):
+            if dof > 0 and f > residuals.f_limit(n, int(dof)):
                 flagged[i] = True
         return tuple(label for label, bad in zip(self.labels, flagged, strict=True) if bad)
 
     def tre_covariance(self, points: ArrayLike) -> Array:
-        """(M, 3, 3) covariance [m²] of the registration's error at source points."""
+        """(M, 3, 3) covariance [m²] of the registration's error at source points, by its model."""
         return tre.tre_covariance(self.fit.covariance, self._x(points))
 
     def tre_m(self, points: ArrayLike) -> Array:
         """(M,) predicted RMS target registration error at source points [m]."""
-        return tre.rms(self.tre_covariance(points))
+        parts, bent, _ = self._error(points)
+        return np.sqrt((parts**2).sum(axis=(1, 2)) + bent.departure**2 + 3 * bent.variance)
 
     def tre_rms_m(self, points: ArrayLike) -> float:
         """Predicted target registration error [m], RMS over source points."""
         return float(np.sqrt((self.tre_m(points) ** 2).mean()))
 
     def tre95_m(self, points: ArrayLike) -> Array:
-        """(M,) radius [m] that the error stays within at each point with probability 0.95."""
-        return tre.bound(self.tre_covariance(points), self.dof)
+        """(M,) radius [m] that the error stays within at each point with probability 0.95.
+
+        Where there is `perspective`: how far the transform lies from the homography there, and the
+        bound of a marker measured there, for what the homography leaves may be the lens's, which
+        bends the curve as much as it does the markers.
+        """
+        parts, bent, dof = self._error(points)
+        return bent.departure + _bound(parts, bent.variance, dof)
 
     def tre95_curve_m(self, points: ArrayLike) -> Array:
         """(M,) radius [m] that the error stays within at all these points at once, with 0.95.
@@ -168,10 +195,20 @@ class Registration:
         The pointwise bound holds at each point with probability 0.95, hence along a whole curve
         less often; this one is wider by the one factor that makes up for it.
         """
-        x = self._x(points)
-        pointwise = tre.bound(tre.tre_covariance(self.fit.covariance, x), self.dof)
-        root = self.sigma_m * self.fit.root
-        return pointwise * band.curve_factor(root, x, pointwise, self.dof)
+        parts, bent, dof = self._error(points)
+        factor = band.curve_factor(parts, _bound(parts, 0.0, dof), dof)
+        return bent.departure + factor * _bound(parts, bent.variance, dof)
+
+    def _error(self, points: ArrayLike) -> tuple[Array, _Bent, int]:
+        """The random part (M, 3, p) [m], what perspective adds, and degrees of freedom."""
+        s = self.normalised(points)
+        seen = self.perspective
+        if seen is None:
+            rows = marker_rows(homogeneous(s)).reshape(len(s), 3, -1)
+            return rows @ self.fit.root * self.sigma_m, _Bent(np.zeros(len(s)), 0.0), self.dof
+        away = np.linalg.norm(homogeneous(s) @ self.fit.m.T - seen.apply(s), axis=1)
+        parts = seen.rows(s) @ seen.root * np.sqrt(seen.variance)
+        return parts, _Bent(away, seen.variance), seen.dof
 
     @cached_property
     def geometry(self) -> Geometry:
@@ -223,3 +260,14 @@ class Registration:
 
     def _x(self, points: ArrayLike) -> Array:
         return homogeneous(self.normalised(points))
+
+
+class _Bent(NamedTuple):
+    """The transform's departure from the homography (M,) [m], and the variance left an axis."""
+
+    departure: Array
+    variance: float
+
+
+def _bound(parts: Array, variance: float, dof: int) -> Array:
+    return tre.bound(parts @ np.swapaxes(parts, 1, 2) + variance * np.eye(3), dof)
