@@ -18,9 +18,9 @@ from vfplan.registration.residuals import Fit, solve, studentised_f
 PARAMETERS = 11
 FEWEST_MARKERS = 6
 # The bound is widened where good markers come once in ten sets: too wide does no harm, too narrow
-# does. It is said where they come once in two hundred.
+# does. It is said where they come once in five hundred.
 WIDENED = 0.1
-SAID = 0.005
+SAID = 0.002
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,8 @@ from vfplan.registration.labelling import Relabelling, name_labelling
 from vfplan.registration.result import Registration
 
 # Given to `swapped_labels`. Its F of (ν, ν) is for independent sums of squares; these share their
-# noise, and a good set passes less often: at worst 1e-4 of four markers' sets, fewer of more.
-SURE_EXCHANGE = 5e-4
+# noise, and a good set passes less often: at worst 1e-5 of four markers' sets, fewer of more.
+SURE_EXCHANGE = 2.5e-5
 # Residuals over the stated sigmas: beyond it the sigmas, or the markers, are others.
 MAX_OVER_SIGMA = 10.0
 # Along u and v; more is another unit, not a printer's stretch.

@@ -171,7 +171,12 @@ class Registration:
         return tre.tre_covariance(self.fit.covariance, self._x(points))
 
     def tre_m(self, points: ArrayLike) -> Array:
-        """(M,) predicted RMS target registration error at source points [m]."""
+        """(M,) predicted RMS target registration error at source points [m].
+
+        Sure `perspective` counts, and no less: what good markers show now and then would bias it.
+        """
+        if self.perspective is None or not self.perspective.sure:
+            return tre.rms(self.tre_covariance(points))
         parts, bent, _ = self._error(points)
         return np.sqrt((parts**2).sum(axis=(1, 2)) + bent.departure**2 + 3 * bent.variance)
 
