@@ -28,6 +28,7 @@ def main() -> None:
             picture = Path(folder, f"{name}.png").read_bytes()
             (PICTURES / f"demo_{name}.png").write_bytes(picture)
     draw_registration()
+    draw_surface()
     draw_experiments()
     draw_extraction()
     draw_campaign()
@@ -71,6 +72,18 @@ def draw_registration() -> None:
         more = ["--pixel-spacing", "0.5", "--picture-out", f"{folder}/p.png", "-q"]
         subprocess.run([*plan, *more], check=True)
         target = str(PICTURES / "registration.jpg")
+        cv2.imwrite(target, cv2.imread(f"{folder}/p.png"), [cv2.IMWRITE_JPEG_QUALITY, 85])
+
+
+def draw_surface() -> None:
+    """The surface of the sample bone, from its outlines."""
+    maker = Path(__file__).parents[1] / "samples" / "make_bone.py"
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([sys.executable, maker], check=True, cwd=folder)
+        program = Path(sys.executable).with_name("vfplan")
+        words = ["bone.mrk.json", "-o", "b.h5", "--picture-out", "p.png", "-q"]
+        subprocess.run([program, "surface", *words], check=True, cwd=folder)
+        target = str(PICTURES / "surface.jpg")
         cv2.imwrite(target, cv2.imread(f"{folder}/p.png"), [cv2.IMWRITE_JPEG_QUALITY, 85])
 
 

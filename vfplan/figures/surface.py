@@ -61,7 +61,7 @@ def _draw_cut(axes: Any, made: Surface, stack: Any, k: int) -> None:
         for line, piece in enumerate(_cut(made, at)):
             axes.plot(*1e3 * piece.T, color=colour, lw=0.9, label=None if line else name)
     axes.set_aspect("equal")
-    axes.set_title(f"{1e3 * z[k]:.1f} mm", fontsize=9)
+    axes.set_title(f"{1e3 * z[k]:.1f} mm (axes in mm)", fontsize=9)
     axes.tick_params(labelsize=7)
 
 
