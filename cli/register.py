@@ -161,6 +161,8 @@ def _number(value: float, width: int, scale: float = 1.0, digits: int = 3) -> st
 
 def _error_lines(tre: dict[str, Any]) -> list[str]:
     place = ", ".join(f"{x:.1f}" for x in tre["worst_source"])
+    if len(tre["worst_source"]) == 3:
+        place = ", ".join(f"{1e3 * x:.1f}" for x in tre["worst_source"]) + " mm"
     return [
         f"  predicted TRE over the curve {_mm(tre['rms_m'])} rms, at most {_mm(tre['max_rms_m'])}",
         f"  95 % bound: {_mm(tre['bound95_max_m'])} at its worst point ({place}), "

@@ -139,10 +139,10 @@ def test_no_output_names_the_patient(struct, vfplan_cli, tmp_path):
     told = ""
     for name in ("g.dcm", "two.dcm", "cut.dcm", "bad.dcm"):
         run = vfplan_cli("surface", name, "-o", f"{name}.h5", "--picture-out", f"{name}.png",
-                         "--tolerance", "1", "--json", "-vv", cwd=tmp_path)  # fmt: skip
+                         "--tolerance", "3", "--json", "-vv", cwd=tmp_path)  # fmt: skip
         told += run.stdout + run.stderr
     written = b"".join(p.read_bytes() for p in tmp_path.iterdir() if p.suffix in (".h5", ".png"))
-    assert len(written) > 50_000
+    assert len(written) > 20_000
     for secret in SECRETS:
         assert secret not in told, secret
         assert secret.encode() not in written, secret

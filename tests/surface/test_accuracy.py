@@ -28,7 +28,7 @@ CASES = [*LONG, (BENT, 5), (TUNNEL, 5), (BRANCHES, 5)]
 @pytest.mark.parametrize(("bone", "gap"), CASES)
 def test_polygons_give_the_bone(bone, gap, tmp_path):
     path = bones.write_rtstruct(tmp_path / "s.dcm", bones.outlines(bone, gap))
-    made = surface(path, settings=SurfaceSettings(tolerance_m=2e-4))
+    made = surface(path, settings=SurfaceSettings(tolerance_m=5e-4))
     away = off(bone, made, bone.places(gap)[-1])
     assert rms(away) <= 0.05
     assert np.abs(away).max() <= 0.15
@@ -36,7 +36,7 @@ def test_polygons_give_the_bone(bone, gap, tmp_path):
     assert report["slices"] == len(bone.places(gap))
     assert report["spacing_mm"] == pytest.approx(gap, abs=1e-6)
     assert report["open_edges"] == 0
-    assert report["contour_error_mm"]["max"] < 0.1
+    assert report["contour_error_mm"]["max"] < 0.2
     assert report["level_error_mm"] < 1e-4
     # The outlines between slices are surely no worse than what a slice left out is missed by.
     assert rms(away) < report["left_out_slice_mm"]["rms"] + 0.02
@@ -46,7 +46,7 @@ def test_polygons_give_the_bone(bone, gap, tmp_path):
 def test_label_maps_give_the_bone_to_a_quarter_of_a_pixel(gap, tmp_path):
     grid = bones.grid_round(BENT, gap)
     path = bones.write_nifti(tmp_path / "s.nii.gz", grid.labels(BENT), grid)
-    made = surface(path, settings=SurfaceSettings(tolerance_m=2e-4))
+    made = surface(path, settings=SurfaceSettings(tolerance_m=5e-4))
     away = off(BENT, made, BENT.places(gap)[-1])
     assert rms(away) <= 0.12
     assert made.report["open_edges"] == 0
