@@ -12,6 +12,9 @@
 #include "hand.hpp"
 #include "loop.hpp"
 #include "vfplan/bundle/engine.hpp"
+#ifdef WITH_SIGNATURES
+#include "vfplan/bundle/trust.hpp"
+#endif
 #include "vfplan/governor.hpp"
 
 namespace {
@@ -28,6 +31,8 @@ constexpr const char* usage =
     "  --log SESSION.csv                      write ticks for `vfplan replay`; a new file\n"
     "  --simulated-time                       do not wait for the clock\n"
     "  --governor STEP,MAX                    force's change a tick and force at most [N]\n"
+    "  --keys KEYS.pub                        who must have signed the fixture; nobody\n"
+    "  --case TOKEN, --robot-serial SERIAL    for which case and robot\n"
     "  --help                                 this page\n"
     "exit: 0 done, 2 usage, 3 bad input, 4 a bundle that cannot be trusted\n";
 
@@ -36,7 +41,8 @@ struct UsageError : std::runtime_error {
 };
 
 struct Options {
-    std::string fixture, log;
+    std::string fixture, log, keys;
+    std::optional<std::string> case_token, robot_serial;
     Form form = Impedance{};
     vfplan::Rule rule = vfplan::Rule::robust;
     double seconds = 5;
@@ -92,6 +98,12 @@ Options parse(const std::vector<std::string>& args) {
             o.seconds = positive("--seconds", value());
         else if (args[i] == "--log")
             o.log = value();
+        else if (args[i] == "--keys")
+            o.keys = value();
+        else if (args[i] == "--case")
+            o.case_token = value();
+        else if (args[i] == "--robot-serial")
+            o.robot_serial = value();
         else if (args[i] == "--governor")
             o.governor = limits(value());
         else if (args[i] == "--simulated-time")
@@ -102,6 +114,8 @@ Options parse(const std::vector<std::string>& args) {
             throw UsageError(args[i] + ": not understood");
     }
     if (o.fixture.empty()) throw UsageError("FIXTURE.h5 is missing");
+    if (o.keys.empty() && (o.case_token || o.robot_serial))
+        throw UsageError("--case and --robot-serial need --keys: the signature covers them");
     return o;
 }
 
@@ -137,14 +151,34 @@ std::size_t run(vfplan::Engine& engine, std::optional<vfplan::Governor>& governo
     return missed;
 }
 
+/// The fixture, approved by one of the keys. Without keys it is whole and undamaged, which says
+/// nothing of who made it: anybody who can write the file can seal another one.
+vfplan::bundle::Fixture approved(const Options& o) {
+    if (o.keys.empty()) return vfplan::bundle::read_fixture(o.fixture);
+#ifdef WITH_SIGNATURES
+    vfplan::bundle::Trust trust;
+    trust.keys = vfplan::bundle::read_keys(o.keys);
+    trust.case_token = o.case_token;
+    trust.robot_serial = o.robot_serial;
+    return vfplan::bundle::read_fixture(o.fixture, trust);
+#else
+    throw UsageError("--keys: this controller was built without OpenSSL");
+#endif
+}
+
 int control(const Options& o) {
     // Load, check, copy to plain arrays, close: no file meets the loop.
-    const vfplan::bundle::Fixture fixture = vfplan::bundle::read_fixture(o.fixture);
+    const vfplan::bundle::Fixture fixture = approved(o);
     if (fixture.frame != "robot_base")
         throw std::invalid_argument("vfplan: frame " + fixture.frame + "; robot_base wanted");
     const auto use = o.simulated_time ? vfplan::Use::offline : vfplan::Use::real_time;
     vfplan::Engine engine(fixture, o.rule, use);
     const vfplan::Parameters p = vfplan::bundle::parameters(fixture, o.rule);
+    if (o.keys.empty())
+        std::fprintf(stderr,
+                     "controller: warning: %s is loaded without a signature: it is undamaged, but "
+                     "anybody may have made it (--keys demands one)\n",
+                     o.fixture.c_str());
     const Hand hand(fixture.points, 4 * p.R(), p.ignore_axis, o.seconds);
     const auto ticks = std::size_t(o.seconds / period + 0.5);
     auto governed = governor(o, p);

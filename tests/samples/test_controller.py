@@ -209,3 +209,23 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
     assert bare.returncode == 3  # says nothing of its rendering
     assert bare.stderr.startswith(f"{curve}: vfplan: frame robot_base without rendering")
     assert controller("--help").stdout.startswith("usage: controller FIXTURE.h5")
+
+
+def test_a_signature_can_be_demanded(controller, drawn, tmp_path):
+    """By a key, for a case and a robot; without keys the controller says what it does not know."""
+    from vfplan.bundle import keygen, sign
+
+    keys, other = keygen(tmp_path / "k")[0], keygen(tmp_path / "l")[0]
+    sign(drawn, tmp_path / "s.h5", tmp_path / "k", case="17", robot_serial="R1")
+    short = ("--seconds", "0.01", "--simulated-time")
+    plain = controller(drawn, *short)
+    assert (plain.returncode, plain.stderr.count("\n")) == (0, 1)
+    assert "loaded without a signature" in plain.stderr
+    approved = controller(tmp_path / "s.h5", *short, "--keys", keys, "--case", "17")
+    assert (approved.returncode, approved.stderr) == (0, "")
+    for words in ([drawn, "--keys", keys], [tmp_path / "s.h5", "--keys", other],
+                  [tmp_path / "s.h5", "--keys", keys, "--case", "18"],
+                  [tmp_path / "s.h5", "--keys", keys, "--robot-serial", "R2"]):  # fmt: skip
+        refused = controller(*words, *short)
+        assert (refused.returncode, refused.stdout) == (4, ""), words
+    assert controller(drawn, *short, "--case", "17").returncode == 2
