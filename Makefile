@@ -49,7 +49,6 @@ docs: $(VENV)/.vfplan-test
 pictures: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_pictures.py
 	$(BIN)/python docs/draw_algorithm.py
-	$(BIN)/python docs/draw_governor.py
 	$(BIN)/python docs/draw_house.py
 
 lint: | $(BIN)/python

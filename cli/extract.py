@@ -88,6 +88,10 @@ def extracted_text(report: dict[str, Any]) -> str:
         if stroke.get("bridged_points"):
             line += f", {stroke['bridged_points']} of them bridged"
         lines.append(line)
+    if rest := report.get("ink", {}).get("taken_for"):
+        ink = report["ink"]
+        others = ", ".join(f"{kind} {n / ink['pixels']:.1%}" for kind, n in rest.items())
+        lines.append(f"  {ink['explained']:.1%} of the pen's pixels are the curve's; {others}")
     for mark in report.get("set_aside", ()):
         u, v, width, height = mark["box"]
         way = f" (--stroke {mark['stroke']} takes it)" if "stroke" in mark else ""

@@ -201,6 +201,17 @@ CURVE_OPTIONS = [
                  help="Which of several candidates is the curve."),
     click.option("--max-gap", "max_gap_px", type=Real(min=0), default=20.0,
                  show_default=True, metavar="PX", help="Bridge pen lifts shorter than this."),
+    click.option("--exclude", type=Numbers(4, metavar="U,V,W,H", positive=False), multiple=True,
+                 callback=lambda c, p, v: tuple(map(_whole_pixels, v)) or None,
+                 help="Do not look in this rectangle of pixels; may be given several times."),
+    click.option("--start", type=Numbers(2, metavar="U,V", positive=False),
+                 help="Where on the line the curve begins; gives its direction."),
+    click.option("--end", type=Numbers(2, metavar="U,V", positive=False),
+                 help="Where on the line the curve ends."),
+    click.option("--accept-width", is_flag=True, default=None,
+                 help="Take a run wider than the rest as one pen's, pressed harder."),
+    click.option("--outline", is_flag=True, default=None,
+                 help="Take the outline of the one filled region."),
     click.option("--curve", type=FILE, metavar="FILE",
                  help="A curve drawn on the image as vectors: Slicer .mrk.json or CSV u_px,v_px."),
     click.option("--frame", type=Whole(min=1), metavar="N",
@@ -285,6 +296,7 @@ def extract_settings(given: dict[str, Any], **more: Any) -> Any:
     from vfplan.planning import ExtractSettings
 
     names = ("colour", "pixel_spacing_mm", "method", "roi", "stroke", "max_gap_px", "frame")
+    names += ("exclude", "start", "end", "accept_width", "outline")
     more["imager_spacing"] = given["imager_spacing"] or None
     return ExtractSettings(**{n: given[n] for n in names}, **more)
 

@@ -58,6 +58,28 @@ def test_json_files_and_the_curve_bundle(vfplan_cli, image, tmp_path):
     assert compare(found, CURVE).rms < 0.03
 
 
+def test_what_a_person_says_of_the_line_and_the_account_of_the_ink(vfplan_cli, tmp_path):
+    image = draw(tmp_path / "two.png", [CURVE, [[40, 20], [90, 26]]])
+    first, last = (f"{u:.1f},{v:.1f}" for u, v in CURVE[[-1, 0]])
+    done = vfplan_cli(
+        *("extract", image, "-o", tmp_path / "c.h5", "--exclude", "30,10,80,24"),
+        *("--start", first, "--end", last, "--accept-width", "--json"),
+    )
+    assert done.code == 0, done.stderr
+    (begin, _) = done.json["strokes"][0]["ends_px"]
+    assert np.hypot(*(np.array(begin) - CURVE[-1])) < 2
+    ink = done.json["ink"]
+    assert ink["pixels"] == done.json["mask_pixels"]
+    assert ink["explained"] > 0.98
+    off = vfplan_cli("extract", image, "-o", tmp_path / "d.h5", "--start", "5,5", "--stroke", "1")
+    assert off.code == 3
+    assert "--start 5,5 lies" in off.stderr
+    several = vfplan_cli("extract", image, "-o", tmp_path / "d.h5", "--outline")
+    assert several.code == 3
+    assert "--outline wants one filled region, found 0" in several.stderr
+    assert not (tmp_path / "d.h5").exists()
+
+
 def test_same_image_same_points(vfplan_cli, image, tmp_path):
     for name in ("a.h5", "b.h5"):
         assert vfplan_cli("extract", image, "-o", tmp_path / name).code == 0

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.candidates import Candidate, inked_ends
+from vfplan.curve.evidence import Piece
 from vfplan.curve.kinds import MIN_LENGTH_PX, crowd_of, dashes_of
 from vfplan.curve.marks import Mark
 from vfplan.errors import CurveError
@@ -219,3 +222,36 @@ def describe(candidate: Candidate, origin: tuple[int, int] = (0, 0)) -> str:
     if candidate.closed:
         return f"closed, {size}, through ({a:.0f}, {b:.0f})"
     return f"open, {size}, ({a:.0f}, {b:.0f}) to ({c:.0f}, {d:.0f})"
+
+
+def set_aside(
+    marks: list[Mark],
+    lines: list[Candidate],
+    chosen: list[Candidate],
+    origin: tuple[int, int],
+    specks: Sequence[Piece] = (),
+) -> tuple[dict, ...]:
+    """What was not used, with its place: panels, lines of other kinds or not chosen, `specks`.
+
+    `lines` are all that were told apart, the candidates first.
+    """
+    u, v = origin
+    aside = [
+        {"kind": m.kind, "box": (m.box[0] + u, m.box[1] + v, *m.box[2:]), "area_px": m.area_px}
+        for m in marks
+        if m.kind in ("panel", "other colour")
+    ]
+    for number, line in enumerate((c for c in lines if c.kind != "speck"), 1):
+        if not any(line is c for c in chosen):
+            box = (line.box[0] + u, line.box[1] + v, *line.box[2:])
+            entry = {"kind": line.kind, "box": box, "length_px": round(line.length_px, 1)}
+            entry["stroke"] = number
+            if line.junctions:
+                entry["junctions"] = [(a + u, b + v) for a, b in line.junctions]
+            aside.append(entry)
+    for piece in specks:
+        if piece.kind == "speck":
+            low, high = piece.pixels.min(0), piece.pixels.max(0)
+            box = tuple(int(x) for x in (*(low + origin), *(high - low + 1)))
+            aside.append({"kind": "speck", "box": box, "length_px": round(piece.length_px, 1)})
+    return tuple(aside)

@@ -6,6 +6,8 @@ by side are refused.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,12 +27,11 @@ def cut_off(
     line: Candidate,
     mask: NDArray[np.bool_],
     roi: tuple[int, int, int, int] | None,
+    exclude: Sequence[tuple[int, int, int, int]],
     shape: tuple[int, ...],
 ) -> list[str]:
-    """A warning for each end of a line that lies on the region's border inside the image."""
-    if roi is None:
-        return []
-    u, v, width, height = roi
+    """A warning for each end of a line on the border of the region or of an excluded part."""
+    u, v, width, height = roi or (0, 0, shape[1], shape[0])
     inner = np.array([u, v, shape[1] - u - width, shape[0] - v - height]) > 0
     warnings = []
     for at, _ in inked_ends(line, mask):
@@ -41,6 +42,15 @@ def cut_off(
                 f"the curve ends at ({place[0]:.0f}, {place[1]:.0f}) on the border of the region "
                 f"{u},{v},{width},{height}: what lies beyond is cut off"
             )
+        for p, q, across, down in exclude:
+            place = np.add(at, (u, v))
+            beside = np.maximum(np.abs(place - (p, q) - (np.array([across, down]) - 1) / 2), 0)
+            off = np.maximum(beside - np.array([across, down]) / 2, 0)
+            if np.hypot(*off) <= line.width_px:
+                warnings.append(
+                    f"the curve ends at ({place[0]:.0f}, {place[1]:.0f}) on the border of the "
+                    f"excluded {p},{q},{across},{down}: what lies in it is not followed"
+                )
     return warnings
 
 
@@ -113,7 +123,9 @@ def several(line: Candidate, single: bool) -> list[str]:
     ]
 
 
-def side_by_side(line: Candidate, widest: Widening | None, origin: tuple[int, int]) -> list[str]:
+def side_by_side(
+    line: Candidate, widest: Widening | None, origin: tuple[int, int], accepted: bool
+) -> list[str]:
     """A warning where two runs may lie side by side; raises `CurveError` where they surely do.
 
     An arrow was named by somebody who saw its head.
@@ -122,9 +134,10 @@ def side_by_side(line: Candidate, widest: Widening | None, origin: tuple[int, in
         return []
     u, v = np.add(widest.place, origin)
     what = f"the line is {widest.ratio:.2f} times as wide as elsewhere around ({u:.0f}, {v:.0f})"
-    if widest.refused and line.kind != "arrow":
+    if widest.refused and line.kind != "arrow" and not accepted:
         raise CurveError(
-            f"{what}: it touches itself or another there, and which way it runs would be a guess",
+            f"{what}: it touches itself or another there, and which way it runs would be a guess; "
+            "if the pen was pressed harder there, --accept-width takes it",
             where=f"pixel ({u:.0f}, {v:.0f})",
         )
     return [f"{what}: if two runs touch there, they are measured midway between them"]

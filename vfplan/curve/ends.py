@@ -31,7 +31,7 @@ HALF_DISC = 0.85  # of its radius: where a round end's ink falls to half the wid
 SEARCH_PX, TRIAL_PX = 2.5, 0.1
 # Of a pen drawn out to a point, so much coverage is seen surely, and the rest follows; a blunt end
 # has lost it so soon, in clean pictures and where JPEG's noise goes on.
-POINT, BLUNT_PX = (0.3, 0.2), (4.0, 8.0)
+POINT, BLUNT_PX, SHORT = (0.3, 0.2), (4.0, 6.0), 3
 # A dot at an end: so many widths across, how round, how long; and the points over which it begins.
 BLOT, ROUNDISH, LONGEST_BLOT, ABRUPT = 1.4, 0.25, 6.0, 3
 BEYOND_PX = 4  # further than the path was read: ground there tells ink from none
@@ -67,13 +67,24 @@ def points_of(profiles: Profiles, used: NDArray) -> tuple[float, float]:
     A pen that is drawn out to a point does so, and one that was pressed less at its end. Where the
     ink still shows at the end of what was read, it goes on at least so far. A tint is no ink.
     """
+    blunt = BLUNT_PX[profiles.noisy]
+    return tuple(_point(mass, at, blunt) for mass, at in _outward(profiles, used))
+
+
+def fading_ends(profiles: Profiles, used: NDArray) -> tuple[bool, bool]:
+    """Whether ink still shows at either end of what was read, though no point was found there."""
+    beyond = (mass[int(np.ceil(_half(mass, at))) :] for mass, at in _outward(profiles, used))
+    pairs = zip(beyond, points_of(profiles, used), strict=True)
+    return tuple(len(m) > SHORT and m.min() >= POINT[1] and not found for m, found in pairs)
+
+
+def _outward(profiles: Profiles, used: NDArray) -> tuple[tuple[NDArray, int], ...]:
+    """The line's own coverage, without a tint's, towards both ends; the last point used of each."""
     first, last = np.flatnonzero(used)[[0, -1]]
     tint = np.minimum(profiles.alpha[:, :2].min(1), profiles.alpha[:, -2:].min(1)).clip(0.0)
     line = (profiles.alpha - tint[:, None]).clip(0.0).sum(1)
     mass = np.minimum(profiles.mass, line / np.median(line[used]))
-    ends = ((mass[::-1], len(used) - 1 - first), (mass, last))
-    blunt = BLUNT_PX[profiles.noisy]
-    return tuple(_point(mass, int(at), blunt) for mass, at in ends)
+    return (mass[::-1], int(len(used) - 1 - first)), (mass, int(last))
 
 
 def _point(mass: NDArray, at: int, blunt: float) -> float:

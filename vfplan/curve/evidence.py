@@ -142,6 +142,13 @@ def unexplained(
             carrying += piece
             warnings += told
         warnings += _hanging(line, found, pieces, origin)
+        for at, fades in zip(found.points[[0, -1]], found.fading, strict=True):
+            if fades:
+                u, v = at + origin
+                warnings.append(
+                    f"the pen is drawn out towards the curve's end at ({u:.0f}, {v:.0f}), and ink "
+                    "goes on beyond it, too thin or faint to be followed"
+                )
     return carrying, warnings
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.between import between, through
 from vfplan.curve.candidates import Candidate, candidates_of
 from vfplan.curve.choice import (
     against_advice,
@@ -17,6 +17,7 @@ from vfplan.curve.choice import (
     refuse_crowd,
     refuse_grey,
     refuse_noise,
+    set_aside,
 )
 from vfplan.curve.doubts import (
     covered_ends,
@@ -26,7 +27,6 @@ from vfplan.curve.doubts import (
     side_by_side,
 )
 from vfplan.curve.evidence import (
-    Piece,
     bridged_ink,
     pieces_beside,
     refuse_blind_bridges,
@@ -34,78 +34,16 @@ from vfplan.curve.evidence import (
     unexplained,
 )
 from vfplan.curve.kinds import tell_apart
-from vfplan.curve.marks import Mark, find_marks
+from vfplan.curve.marks import find_marks
+from vfplan.curve.model import METHODS, Extraction, Method, Stroke
+from vfplan.curve.outline import outline_of, region_of
 from vfplan.curve.path import drawn_length
 from vfplan.curve.pen import Pen
 from vfplan.curve.ridge import Centreline, trace
 from vfplan.errors import CurveError, SettingError
 from vfplan.images.read import PlannedImage, as_image
 
-Method = Literal["ridge", "skeleton", "mask"]
-METHODS: tuple[Method, ...] = ("ridge", "skeleton", "mask")
-
-
-@dataclass(frozen=True, eq=False)
-class Stroke:
-    """One extracted line.
-
-    Parameters
-    ----------
-    points_px
-        (M, 2) float64 (u, v), in drawing order (an unordered set for method "mask").
-    sigma_px
-        (M,) standard deviation of each point across the line; `None` for a vector curve.
-    closed
-        Whether the last point joins the first.
-    bridged
-        (M,) bool, points carried across a pen lift or under something drawn over the line.
-    length_px
-        Arc length, the closing step included.
-    width_px
-        Mean width of the pen; `None` for a vector curve.
-    """
-
-    points_px: NDArray[np.float64]
-    sigma_px: NDArray[np.float64] | None
-    closed: bool
-    bridged: NDArray[np.bool_]
-    length_px: float
-    width_px: float | None
-
-    @property
-    def ends_px(self) -> NDArray[np.float64]:
-        """(2, 2) first and last point; (0, 2) for a closed line."""
-        return np.zeros((0, 2)) if self.closed else self.points_px[[0, -1]]
-
-
-@dataclass(frozen=True, eq=False)
-class Extraction:
-    """What was found on a slice.
-
-    Parameters
-    ----------
-    mask
-        (H, W) bool, every pixel in the pen's colour.
-    strokes
-        The chosen lines, the longest first.
-    method
-        How they were measured.
-    set_aside
-        Marks in the pen's colour that were not taken for curves, and candidates not chosen: each a
-        dict with `kind`, `box`, `length_px` and the number that chooses it, `stroke`. Specks are
-        named just beyond a curve's end only.
-    warnings
-        What a person should know before trusting the result.
-    ink
-        The pixels of the mask by what they were taken for: "curve", or a kind as in `set_aside`.
-    """
-
-    mask: NDArray[np.bool_]
-    strokes: tuple[Stroke, ...]
-    method: Method | Literal["vector"]
-    set_aside: tuple[dict, ...] = ()
-    warnings: tuple[str, ...] = field(default=())
-    ink: dict[str, int] = field(default_factory=dict)
+Box = tuple[int, int, int, int]
 
 
 def extract_curve(
@@ -116,6 +54,11 @@ def extract_curve(
     roi: tuple[int, int, int, int] | None = None,
     stroke: int | Literal["all", "longest"] | None = None,
     max_gap_px: float = 20.0,
+    exclude: Sequence[tuple[int, int, int, int]] = (),
+    start: tuple[float, float] | None = None,
+    end: tuple[float, float] | None = None,
+    accept_width: bool = False,
+    outline: bool = False,
 ) -> Extraction:
     """Extract the planned curve from a slice.
 
@@ -136,6 +79,15 @@ def extract_curve(
         set aside, as `stroke` in their entries says; one of them is taken with a warning.
     max_gap_px
         Pen lifts up to this long are bridged where both tangents agree.
+    exclude
+        Rectangles as `roi`, in which nothing is looked at.
+    start, end
+        (u, v) px on the curve: where it begins and ends, and so its direction. Of several
+        candidates the one through them is taken.
+    accept_width
+        Take a run that is wider than the rest as one pen's, pressed harder.
+    outline
+        Take the outline of the one filled region.
 
     Raises
     ------
@@ -146,35 +98,46 @@ def extract_curve(
     """
     planned = as_image(image)
     _check(method, stroke, max_gap_px)
-    rgb, origin = _region(planned.rgb, roi)
+    _check_places(method, stroke, (start, end), outline)
+    rgb, origin = _region(planned.rgb, roi, exclude)
     pen = Pen.of_colour(colour)
     marks, mask = find_marks(rgb, pen, lambda count: refuse_noise(count, colour))
     if not marks:
         refuse_grey(rgb)
     candidates, others = tell_apart(candidates_of(marks, mask, max_gap_px, rgb), mask, max_gap_px)
-    refuse_crowd(candidates, others, marks, colour, max_gap_px)
-    told = [*candidates, *others]
-    aside = _set_aside(marks, told, candidates, origin)
-    chosen = choose(candidates, others, mask, stroke, colour, origin, aside)
-    lines = [_measure(rgb, c, method, mask, origin) for c in chosen]
-    both = list(zip(chosen, lines, strict=True))
+    told, notes = [*candidates, *others], []
+    if outline:
+        line, measured, notes = outline_of(rgb, region_of(marks), mask)
+        both = [(line, measured)]
+    else:
+        refuse_crowd(candidates, others, marks, colour, max_gap_px)
+        aside = set_aside(marks, told, candidates, origin)
+        places = [np.subtract(p, origin) for p in (start, end) if p is not None]
+        if places and stroke is None:
+            candidates = through(candidates, places) or candidates
+        chosen = choose(candidates, others, mask, stroke, colour, origin, aside)
+        both = [(c, _measure(rgb, c, method, mask, origin)) for c in chosen]
+        notes += against_advice(chosen, others, origin)
     pieces, ink = pieces_beside(mask, both, told, marks)
     specks, found = unexplained(both, pieces, mask, max_gap_px, origin)
-    warnings = [*against_advice(chosen, others, origin), *found]
+    notes += found
     for line, measured in both:
         if method == "ridge":
             refuse_blind_bridges(line, measured, max_gap_px, origin)
             refuse_strayed(line, measured, origin)
-            warnings += bridged_ink(line, measured, mask, origin)
-            warnings += covered_ends(rgb, line, measured.points, origin)
-        warnings += several(line, measured.single)
-        warnings += side_by_side(line, measured.widening, origin)
-        warnings += cut_off(line, mask, roi, planned.rgb.shape)
-        warnings += nearly_closed(line, mask, max_gap_px, origin)
-    aside = _set_aside(marks, told, chosen, origin, specks)
-    strokes = tuple(_stroke(measured, line, origin) for line, measured in both)
+            notes += bridged_ink(line, measured, mask, origin)
+            notes += covered_ends(rgb, line, measured.points, origin)
+        notes += several(line, measured.single)
+        notes += side_by_side(line, measured.widening, origin, accept_width)
+        notes += cut_off(line, mask, roi, exclude, planned.rgb.shape)
+        notes += nearly_closed(line, mask, max_gap_px, origin)
+    aside = set_aside(marks, told, [line for line, _ in both], origin, specks)
+    strokes = tuple(
+        _stroke(between(line, measured, start, end, origin), line, origin)
+        for line, measured in both
+    )
     whole = _whole(mask, origin, planned.rgb.shape)
-    return Extraction(whole, strokes, method, aside, tuple(warnings), ink)
+    return Extraction(whole, strokes, method, aside, tuple(notes), ink)
 
 
 def load_libraries() -> None:
@@ -214,14 +177,34 @@ def _check(method: str, stroke: int | str | None, max_gap_px: float) -> None:
         raise SettingError(f"max gap {max_gap_px} px is not a finite number from 0")
 
 
-def _region(rgb: NDArray, roi: tuple[int, int, int, int] | None) -> tuple[NDArray, tuple[int, int]]:
+def _check_places(method: str, stroke: int | str | None, places: tuple, outline: bool) -> None:
+    given = any(place is not None for place in places)
+    if given and (method == "mask" or stroke == "all"):
+        raise SettingError(
+            "a start or end wants one curve in order; method 'mask' and stroke 'all' have none"
+        )
+    if outline and (method != "ridge" or stroke is not None):
+        raise SettingError("an outline has no method and no stroke to choose; leave them out")
+
+
+def _region(
+    rgb: NDArray, roi: Box | None, exclude: Sequence[Box]
+) -> tuple[NDArray, tuple[int, int]]:
+    """What is looked at, and where it lies; excluded parts lose their colour."""
+    for box in (*([] if roi is None else [roi]), *exclude):
+        u, v, width, height = box
+        rows, cols = rgb.shape[:2]
+        inside = u >= 0 and v >= 0 and width > 0 and height > 0 and u + width <= cols
+        if not (inside and v + height <= rows):
+            raise SettingError(f"region {u},{v},{width},{height} does not lie in {cols}x{rows} px")
+    if exclude:
+        rgb = rgb.copy()
+    for u, v, width, height in exclude:
+        part = rgb[v : v + height, u : u + width]
+        part[:] = part.mean(2, keepdims=True).astype(rgb.dtype)
     if roi is None:
         return rgb, (0, 0)
     u, v, width, height = roi
-    rows, cols = rgb.shape[:2]
-    inside = u >= 0 and v >= 0 and width > 0 and height > 0 and u + width <= cols
-    if not (inside and v + height <= rows):
-        raise SettingError(f"region {u},{v},{width},{height} does not lie in {cols}x{rows} px")
     return np.ascontiguousarray(rgb[v : v + height, u : u + width]), (u, v)
 
 
@@ -272,36 +255,3 @@ def _every_pixel(mask: NDArray, candidate: Candidate) -> Centreline:
     none = np.zeros(len(points), bool)
     length = drawn_length(candidate.path, candidate.closed)
     return Centreline(points, sigma, none, candidate.closed, length)
-
-
-def _set_aside(
-    marks: list[Mark],
-    lines: list[Candidate],
-    chosen: list[Candidate],
-    origin: tuple[int, int],
-    specks: Sequence[Piece] = (),
-) -> tuple[dict, ...]:
-    """What was not used, with its place: panels, lines of other kinds or not chosen, `specks`.
-
-    `lines` are all that were told apart, the candidates first.
-    """
-    u, v = origin
-    aside = [
-        {"kind": m.kind, "box": (m.box[0] + u, m.box[1] + v, *m.box[2:]), "area_px": m.area_px}
-        for m in marks
-        if m.kind in ("panel", "other colour")
-    ]
-    for number, line in enumerate((c for c in lines if c.kind != "speck"), 1):
-        if not any(line is c for c in chosen):
-            box = (line.box[0] + u, line.box[1] + v, *line.box[2:])
-            entry = {"kind": line.kind, "box": box, "length_px": round(line.length_px, 1)}
-            entry["stroke"] = number
-            if line.junctions:
-                entry["junctions"] = [(a + u, b + v) for a, b in line.junctions]
-            aside.append(entry)
-    for piece in specks:
-        if piece.kind == "speck":
-            low, high = piece.pixels.min(0), piece.pixels.max(0)
-            box = tuple(int(x) for x in (*(low + origin), *(high - low + 1)))
-            aside.append({"kind": "speck", "box": box, "length_px": round(piece.length_px, 1)})
-    return tuple(aside)

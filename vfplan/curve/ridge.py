@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.doubling import Widening, widest_run
-from vfplan.curve.ends import ink_ends, line_ends, points_of
+from vfplan.curve.ends import fading_ends, ink_ends, line_ends, points_of
 from vfplan.curve.fitting import FIRST_KNOTS_PX, Fitted, fit_line
 from vfplan.curve.path import (
     arc_length,
@@ -66,6 +66,8 @@ class Centreline:
         Its widest run; `None` where its width was not measured.
     single
         Whether its profile is that of one line; if not, two may lie side by side all along.
+    fading
+        Whether ink goes on beyond its (first, last) point where JPEG hides how far.
     """
 
     points: NDArray[np.float64]
@@ -75,6 +77,7 @@ class Centreline:
     length: float
     widening: Widening | None = None
     single: bool = True
+    fading: tuple[bool, bool] = (False, False)
 
 
 def trace(
@@ -115,6 +118,7 @@ def trace(
     base, lost = (smooth, 0.0) if closed else without_tips(smooth, width)
     passes = [FIRST_KNOTS_PX] * (1 + (width > BROAD_PX and not closed)) + [None]
     taken, point = 0, 0.0  # of extensions; how much further ink thinner than half the line goes
+    fading = (False, False)
     while passes:
         knots = passes.pop(0)
         # Far enough to see the line end, and no further: what lies beyond may be red as well.
@@ -145,6 +149,8 @@ def trace(
         fitted = fit_line(s, base, profiles, used, closed, knots)
         if not closed and not passes:
             ends = line_ends(rgb, fitted.spline(s), used, even, pen, width)
+            if profiles.noisy and width > THIN_PX:
+                fading = fading_ends(even, used)
             start, stop = pitch * np.array(ends)
         inner = (0.0, stop) if closed else s[used][[0, -1]]
         base = fitted.spline(np.arange(*inner, pitch))
@@ -154,7 +160,7 @@ def trace(
     widest = widest_run(profiles, seen_along[0], valid, width, closed)
     fitted = replace(fitted, sigma=np.hypot(fitted.sigma, widest.doubt))
     line = _result(fitted, s, valid, used, closed, start, stop, rgb.shape, width)
-    return replace(line, widening=widest, single=verdict == "single")
+    return replace(line, widening=widest, single=verdict == "single", fading=fading)
 
 
 def _evened(profiles: Profiles, valid: NDArray, width: float) -> Profiles:

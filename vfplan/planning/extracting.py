@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from vfplan.images.read import PlannedImage
 
 # Settings that only a pen's drawing, and only an image, can follow.
-OF_A_PEN = ("colour", "method", "stroke", "roi", "max_gap_px")
+OF_A_PEN = (
+    *("colour", "method", "stroke", "roi", "max_gap_px"),
+    *("exclude", "start", "end", "accept_width", "outline"),
+)
 OF_AN_IMAGE = ("pixel_spacing_mm", "frame", "imager_spacing")
 # Size of a pixel [mm]: from a microscope's to one as large as the patient.
 SPACING_MM = (1e-5, 1e3)
@@ -115,6 +118,11 @@ def _drawn_with_a_pen(image: PlannedImage, settings: ExtractSettings) -> Extract
         roi=settings.roi,
         stroke=settings.stroke,
         max_gap_px=settings.max_gap_px,
+        exclude=settings.exclude or (),
+        start=settings.start,
+        end=settings.end,
+        accept_width=bool(settings.accept_width),
+        outline=bool(settings.outline),
     )
 
 
@@ -238,6 +246,14 @@ def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str
         "spacing_mm": None,
         "density_per_mm": None,
     }
+    if extraction.ink:
+        total = sum(extraction.ink.values())
+        rest = {k: n for k, n in sorted(extraction.ink.items()) if k != "curve" and n}
+        report["ink"] = {
+            "pixels": total,
+            "explained": extraction.ink["curve"] / max(total, 1),
+            "taken_for": {("beside the curve" if k == "own" else k): n for k, n in rest.items()},
+        }
     if extraction.set_aside:
         report["set_aside"] = list(extraction.set_aside)
     if spacing is not None:

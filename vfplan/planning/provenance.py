@@ -23,7 +23,10 @@ def make_provenance(inputs: dict[str, str], settings: Any) -> Provenance:
 
 
 def _plain(value: Any) -> str | float | int | bool:
-    return ",".join(map(str, value)) if isinstance(value, (tuple, list)) else value
+    if not isinstance(value, (tuple, list)):
+        return value
+    nested = any(isinstance(v, (tuple, list)) for v in value)
+    return (";" if nested else ",").join(str(_plain(v)) for v in value)
 
 
 def file_sha256(path: str | Path) -> str:

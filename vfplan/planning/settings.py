@@ -28,6 +28,14 @@ class ExtractSettings:
         (u, v, width, height) [px] to look in; `None`: the whole image.
     max_gap_px
         Pen lifts shorter than this are bridged.
+    exclude
+        Rectangles as `roi` that are not looked at.
+    start, end
+        (u, v) [px] on the curve where it begins and ends; `None`: its own ends.
+    accept_width
+        Take a run that is wider than the rest as one pen's; `None`: do not.
+    outline
+        Take the outline of the one filled region; `None`: do not.
     pixel_spacing_mm
         (along u, along v); `None`: what the file says.
     density_per_mm
@@ -43,6 +51,11 @@ class ExtractSettings:
     stroke: str | int | None = None
     roi: tuple[int, int, int, int] | None = None
     max_gap_px: float = 20.0
+    exclude: tuple[tuple[int, int, int, int], ...] | None = None
+    start: tuple[float, float] | None = None
+    end: tuple[float, float] | None = None
+    accept_width: bool | None = None
+    outline: bool | None = None
     pixel_spacing_mm: tuple[float, float] | None = None
     density_per_mm: float | None = None
     frame: int | None = None

@@ -1,0 +1,117 @@
+"""What a person may say about the line: where it begins and ends, what to leave out, its width."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from canvas import Canvas, rectangle
+from drawing import compare, flat, wavy
+
+import vfplan
+from vfplan.errors import CurveError, SettingError
+
+SHAPE, RED = (240, 320), (255, 0, 0)
+WAVE = np.column_stack([np.linspace(50, 270, 900), 120 + 30 * np.sin(np.linspace(0, 6, 900))])
+
+LOWER = np.add(WAVE, [0, 70])
+
+
+def drawn(*lines, width=3.0):
+    canvas = Canvas(flat(SHAPE, 90.0), "exact")
+    for points in lines:
+        canvas.line(points, width, RED)
+    return canvas
+
+
+def test_a_start_turns_the_curve_and_an_end_cuts_it():
+    image = drawn(WAVE).image()
+    (whole,) = vfplan.extract_curve(image).strokes
+    (turned,) = vfplan.extract_curve(image, start=tuple(WAVE[-1])).strokes
+    assert np.allclose(turned.points_px, whole.points_px[::-1])
+    (cut,) = vfplan.extract_curve(image, start=(50, 120), end=tuple(WAVE[600])).strokes
+    assert np.hypot(*(cut.points_px[-1] - WAVE[600])) < 1
+    assert compare(cut, WAVE[:601]).ends < 1.5
+    (back,) = vfplan.extract_curve(image, end=tuple(WAVE[10])).strokes
+    assert np.hypot(*(back.points_px[-1] - WAVE[10])) < 1
+    assert back.points_px[0, 0] > 260
+
+
+def test_a_place_chooses_among_candidates_and_must_lie_on_one():
+    image = drawn(WAVE, LOWER).image()
+    with pytest.raises(CurveError, match="2 candidates"):
+        vfplan.extract_curve(image)
+    (stroke,) = vfplan.extract_curve(image, start=(50, 190)).strokes
+    assert compare(stroke, LOWER).rms < 0.03
+    with pytest.raises(CurveError, match=r"--end 270,20 lies \d+ px off the curve; at most 10 px"):
+        vfplan.extract_curve(drawn(WAVE).image(), end=(270, 20))
+
+
+def test_a_ring_begins_where_it_is_told_and_has_no_end():
+    ring = wavy(SHAPE, 3, closed=True)
+    canvas = Canvas(flat(SHAPE, 90.0), "exact")
+    canvas.line(ring, 3.0, RED, closed=True)
+    (stroke,) = vfplan.extract_curve(canvas.image(), start=tuple(ring[700])).strokes
+    assert np.hypot(*(stroke.points_px[0] - ring[700])) < 1
+    assert compare(stroke, ring, True).rms < 0.03
+    with pytest.raises(CurveError, match="closed and has no end"):
+        vfplan.extract_curve(canvas.image(), end=tuple(ring[700]))
+
+
+def test_what_is_excluded_is_not_looked_at_and_a_cut_end_is_told():
+    image = drawn(WAVE, LOWER).image()
+    found = vfplan.extract_curve(image, exclude=[(0, 155, 320, 80)])
+    assert compare(found.strokes[0], WAVE).rms < 0.03
+    assert not found.warnings
+    cut = vfplan.extract_curve(drawn(WAVE).image(), exclude=[(200, 60, 120, 120)])
+    assert any("on the border of the excluded 200,60,120,120" in w for w in cut.warnings)
+    with pytest.raises(SettingError, match="does not lie in"):
+        vfplan.extract_curve(image, exclude=[(300, 0, 40, 10)])
+
+
+def test_a_run_that_is_wider_is_taken_when_its_width_is_accepted():
+    canvas = drawn(WAVE)
+    canvas.line(WAVE[300:500], 5.0, RED)
+    with pytest.raises(CurveError, match="--accept-width takes it"):
+        vfplan.extract_curve(canvas.image())
+    found = vfplan.extract_curve(canvas.image(), accept_width=True)
+    assert compare(found.strokes[0], WAVE).worst < 0.8
+    assert any("as wide as elsewhere" in w for w in found.warnings)
+
+
+def test_the_outline_of_a_filled_region():
+    turn = np.linspace(0, 2 * np.pi, 700, endpoint=False)
+    radius = 50 + 6 * np.sin(3 * turn)
+    edge = [160, 120] + radius[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
+    canvas = Canvas(flat(SHAPE, 90.0), "exact")
+    canvas.fill(edge, RED)
+    (stroke,) = vfplan.extract_curve(canvas.image(), outline=True).strokes
+    assert stroke.closed
+    error = compare(stroke, edge, True)
+    assert error.rms < 0.1
+    assert 0.3 < error.z_rms < 1.6
+    canvas.fill(rectangle((40, 40), 30, 30), RED)
+    with pytest.raises(CurveError, match="one filled region, found 2"):
+        vfplan.extract_curve(canvas.image(), outline=True)
+    with pytest.raises(CurveError, match="one filled region, found 0"):
+        vfplan.extract_curve(drawn(WAVE).image(), outline=True)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"start": (50, 120), "method": "mask"},
+        {"end": (50, 120), "stroke": "all"},
+        {"outline": True, "method": "skeleton"},
+    ],
+)
+def test_settings_that_exclude_each_other(wrong):
+    with pytest.raises(SettingError):
+        vfplan.extract_curve(drawn(WAVE).image(), **wrong)
+
+
+def test_the_ink_is_accounted_for():
+    canvas = drawn(WAVE)
+    canvas.text("cut 7", (100, 220), RED)
+    found = vfplan.extract_curve(canvas.image())
+    assert sum(found.ink.values()) == found.mask.sum()
+    assert found.ink["curve"] > 2 * sum(n for kind, n in found.ink.items() if kind != "curve")
