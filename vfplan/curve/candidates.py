@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.handles import under_handle
 from vfplan.curve.marks import Mark
 
 TANGENT_PX = 14.0  # length of line from which an end's direction is taken
 MAX_TURN_DEG = 60.0  # between the directions on both sides of a gap
 MAX_ASIDE_DEG = 45.0  # between a direction and the gap itself
 PIXEL_NOISE = 2.0
-# A handle's size at most; its border's and its middle's grey; pixels of either.
-HANDLE_PX, HANDLE_GREY, HANDLE_PIXELS = 16.0, (60.0, 225.0), 6
 INK_WIDTHS, INK_PX, INK_STEP_PX = 2.0, 6.0, 0.25  # how far beyond a thinned end ink is looked for
 EDGE_PX = 0.5  # by which a gap between inked pixels may seem wider than it is
 
@@ -223,28 +222,10 @@ def _cost(a: _End, b: _End, paths: list[NDArray], max_gap: float, rgb: NDArray) 
     doubt = np.degrees(np.arctan2(PIXEL_NOISE, distance))  # a pixel aside is an angle, up close
     turn = angle_deg(a.outward, -b.outward)
     aside = max(angle_deg(a.outward, across), angle_deg(-b.outward, across)) - doubt
-    if (turn > MAX_TURN_DEG or aside > MAX_ASIDE_DEG) and not _under_handle(a, b, rgb):
+    bent = turn > MAX_TURN_DEG or aside > MAX_ASIDE_DEG
+    if bent and not under_handle((a.at, a.outward), (b.at, b.outward), rgb):
         return None
     return distance * (1 + (turn + max(aside, 0.0)) / 45)
-
-
-def _under_handle(a: _End, b: _End, rgb: NDArray) -> bool:
-    """Whether two ends' tangents meet in a small bright square with a dark border."""
-    sides = np.column_stack([a.outward, -b.outward])
-    if abs(np.linalg.det(sides)) < np.sin(np.radians(MAX_TURN_DEG / 4)):
-        meet, ways = (a.at + b.at) / 2, np.zeros(2)
-    else:
-        ways = np.linalg.solve(sides, b.at - a.at)
-        meet = a.at + ways[0] * a.outward
-    size = np.hypot(*(b.at - a.at))
-    if size > HANDLE_PX or not (ways >= -2).all() or not (ways <= size + 2).all():
-        return False
-    u, v = np.rint((meet + (a.at + b.at) / 2) / 2).astype(int)
-    reach = int(size // 2) + 2
-    grey = rgb[max(v - reach, 0) : v + reach + 1, max(u - reach, 0) : u + reach + 1].mean(2)
-    grey = grey * (255.0 / np.iinfo(rgb.dtype).max)
-    bright = (grey > HANDLE_GREY[1]).sum()
-    return bool(bright >= HANDLE_PIXELS and (grey < HANDLE_GREY[0]).sum() >= HANDLE_PIXELS)
 
 
 def same_pen(a: Mark, b: Mark) -> bool:
