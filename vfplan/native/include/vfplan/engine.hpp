@@ -88,8 +88,7 @@ class Engine {
     /// `xyz`: n points [m], x y z of each in turn. Throws std::invalid_argument.
     Engine(const double* xyz, std::size_t n, const Parameters& p, Width width = Width::automatic) {
         check(p);
-        if (p.rule == Rule::exact)
-            throw std::invalid_argument("vfplan: rule exact renders a curve, not points");
+        if (p.rule == Rule::exact) reject("rule exact renders a curve, not points");
         if (p.ignore_axis)
             choose_rule(Slice(*p.ignore_axis), xyz, n, p, width);
         else
@@ -103,8 +102,7 @@ class Engine {
         p.band = curve::ExactRule::band(p, strokes);
         check(p);
         check(strokes);
-        if (!p.ignore_axis)
-            throw std::invalid_argument("vfplan: rule exact needs an ignore_axis: it is planar");
+        if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
         const Slice space(*p.ignore_axis);
         curve::ExactRule rule(curve::Curve(strokes, space, p.R()), p);
         with_stiffness(p, [&](auto stiffness) {

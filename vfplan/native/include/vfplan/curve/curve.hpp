@@ -122,14 +122,15 @@ class Curve {
             return;
         }
         const int count = static_cast<int>(pieces.size());
+        const Piece* piece = pieces.data();
         const int last = first + 2 * count - (s.closed ? 1 : 0);
         for (int i = 0; i < count; ++i) {
-            const Piece* before = i > 0 ? &pieces[i - 1] : s.closed ? &pieces[count - 1] : nullptr;
+            const Piece* before = i > 0 ? &piece[i - 1] : s.closed ? &piece[count - 1] : nullptr;
             const int at = first + 2 * i;
-            features_.push_back(joint(pieces[i].a));
+            features_.push_back(joint(piece[i].a));
             const int back = before ? (i > 0 ? at - 1 : last) : -1;
-            bound(features_.back(), before, back, &pieces[i], at + 1);
-            features_.push_back(side(pieces[i], at, i + 1 < count || !s.closed ? at + 2 : first));
+            bound(features_.back(), before, back, &piece[i], at + 1);
+            features_.push_back(side(piece[i], at, i + 1 < count || !s.closed ? at + 2 : first));
         }
         if (s.closed) return;
         features_.push_back(joint(pieces.back().b));

@@ -6,7 +6,6 @@
 
 #include <cmath>
 #include <cstddef>
-#include <stdexcept>
 #include <vector>
 
 #include "vfplan/cloud.hpp"
@@ -24,16 +23,16 @@ struct Stroke {
 /// Throws std::invalid_argument on strokes that no engine takes.
 inline void check(const std::vector<Stroke>& strokes) {
     const auto must = [](bool holds, const char* what) {
-        if (!holds) throw std::invalid_argument(what);
+        if (!holds) reject(what);
     };
-    must(!strokes.empty(), "vfplan: a curve needs at least one stroke");
+    must(!strokes.empty(), "a curve needs at least one stroke");
     for (const Stroke& s : strokes) {
         must(!s.vertices.empty() && s.vertices.size() % 3 == 0,
-             "vfplan: a stroke needs at least one vertex, of three coordinates");
-        must(s.bulges.size() == s.vertices.size() / 3, "vfplan: a stroke needs a bulge a vertex");
+             "a stroke needs at least one vertex, of three coordinates");
+        must(s.bulges.size() == s.vertices.size() / 3, "a stroke needs a bulge a vertex");
         for (double c : s.vertices)
-            must(std::abs(c) <= largest_coordinate, "vfplan: vertices must be within 1e6 m");
-        for (double b : s.bulges) must(std::abs(b) <= 1, "vfplan: bulges must be from -1 to 1");
+            must(std::abs(c) <= largest_coordinate, "vertices must be within 1e6 m");
+        for (double b : s.bulges) must(std::abs(b) <= 1, "bulges must be from -1 to 1");
     }
 }
 
