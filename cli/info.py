@@ -48,6 +48,12 @@ def _summary(data: dict[str, Any]) -> str:
         if work["us"] is not None:
             line += f", a tick at most {work['us']:.0f} us (given {work['at_most_us']:.0f})"
         lines.append(line)
+    if "/guidance@radius_m" in data:
+        which = f"stroke {data['/guidance@stroke']}" if "/guidance@stroke" in data else "the curve"
+        lines.append(
+            f"  guide       along {which}, tube {1e3 * data['/guidance@radius_m']:g} mm, K "
+            f"{data['/guidance@stiffness_n_per_m']:g} N/m, ends {data['/guidance@ends']}"
+        )
     if "/registration@model" in data:
         line = (
             f"  registered  {data['/registration@model']}, {len(data['/registration/source'])} "

@@ -259,6 +259,14 @@ FIXTURE_OPTIONS = [
     click.option("--find-markers", is_flag=True,
                  help="Take the markers' pixels from the crosses or dots drawn near the given "
                  "ones; says how far each moved."),
+    click.option("--guide", "guide_mm", type=Numbers(1, metavar="MM"),
+                 help="Keep the tip within a tube of this radius around the curve, instead of "
+                 "forbidding what lies near it."),
+    click.option("--ends", "guide_ends", type=click.Choice(["stop", "open"]),
+                 help="What the ends of an open curve that guides do: a cap, or let the tip go "
+                 "free.  [default: stop]"),
+    click.option("--guide-stroke", type=click.IntRange(0), metavar="N",
+                 help="Only this stroke guides, the others are forbidden.  [default: all guide]"),
     click.option("--picture-out", type=PNG, metavar="PNG",
                  help="Write the slice with the residuals and the error along the curve."),
 ]  # fmt: skip
@@ -314,6 +322,8 @@ def fixture_settings(given: dict[str, Any]) -> Any:
     probability = isinstance(given["margin"], float)
     if probability != (given["campaign"] is not None):
         raise click.UsageError("--margin p=P and --campaign DIR: both or neither")
+    if given["guide_mm"] is None and (given["guide_ends"] or given["guide_stroke"] is not None):
+        raise click.UsageError("--ends and --guide-stroke have no effect without --guide MM")
     density = given["density_per_mm"]
     return FixtureSettings(
         model=given["model"],
@@ -329,6 +339,9 @@ def fixture_settings(given: dict[str, Any]) -> Any:
         margin=_margin_m(given["campaign"], given["margin"]) if probability else given["margin"],
         margin_side=given["margin_side"],
         find_markers=given["find_markers"],
+        guide_m=given["guide_mm"] and given["guide_mm"][0] * 1e-3,
+        guide_ends=given["guide_ends"],
+        guide_stroke=given["guide_stroke"],
     )
 
 

@@ -114,6 +114,8 @@ def registered_text(report: dict[str, Any]) -> str:
         )
     if "margin" in report:
         lines.append(_margin_line(report["margin"]))
+    if "guide" in report:
+        lines.append(_guide_line(report["guide"]))
     return "\n".join(lines)
 
 
@@ -194,6 +196,17 @@ def _geometry_lines(report: dict[str, Any]) -> list[str]:
         shares = ", ".join(f"{share:+.2%}" for share in report["spacing_departure"])
         line += f"; against the known pixel spacing {shares} along u, v"
     return [line]
+
+
+def _guide_line(guide: dict[str, Any]) -> str:
+    which = f"stroke {guide['stroke']}" if "stroke" in guide else "the curve"
+    line = (
+        f"guide: a tube of {1e3 * guide['radius_m']:g} mm around {which}, "
+        f"{_mm(sum(guide['lengths_m']))} long; ends {guide['ends']}"
+    )
+    if "clearance_min_m" in guide:
+        line += f"; at least {_mm(guide['clearance_min_m'])} before the forbidden region"
+    return line
 
 
 def _margin_line(margin: dict[str, Any]) -> str:

@@ -41,11 +41,11 @@ def _head(found: dict[str, Any]) -> str:
 def _numbers(found: dict[str, Any]) -> list[str]:
     lines = [
         f"penetration  max {_mm(found['penetration_max_m'])}, "
-        f"rms {_mm(found['penetration_rms_m'])}; overlap max {_mm(found['overlap_max_m'])}",
+        f"rms {_mm(found['penetration_rms_m'])}"
+        + (f"; overlap max {_mm(found['overlap_max_m'])}" if "overlap_max_m" in found else ""),
         f"force        max {found['force_max_n']:.3f} N, rms {found['force_rms_n']:.3f} N, "
         f"step max {found['force_step_max_n']:.3f} N",
-        f"clearance    min {round(1e6 * found['clearance_min_m'], 2) + 0.0:.2f} µm (band "
-        f"{1e6 * found['scene']['band_m']:.1f} µm); {found['entrenched_ticks']} ticks entrenched",
+        *_clearance(found),
         f"energy       {1e3 * found['energy_j']:.4f} mJ net given to the hand; holding each force "
         f"for a tick alone gives {1e3 * found['energy_hold_j']:.4f} mJ",
     ]
@@ -54,6 +54,8 @@ def _numbers(found: dict[str, Any]) -> list[str]:
             f"sliding      {_mm(found['slide_m'])}, apparent friction {found['friction']:.5f}, "
             f"lag rms {1e6 * found['lag_rms_m']:.2f} µm"
         )
+    if "guide" in found:
+        lines.append(_guide(found))
     if "governor" in found:
         lines.append(_governor(found["governor"]))
     times = found["step_us"]
@@ -62,6 +64,31 @@ def _numbers(found: dict[str, Any]) -> list[str]:
         f"{times['max']:.2f} µs max; all of it {found['real_time_factor']:.0f} times real time"
     )
     return lines
+
+
+def _clearance(found: dict[str, Any]) -> list[str]:
+    if "clearance_min_m" not in found:
+        return []
+    return [
+        f"clearance    min {round(1e6 * found['clearance_min_m'], 2) + 0.0:.2f} µm (band "
+        f"{1e6 * found['scene']['band_m']:.1f} µm); {found['entrenched_ticks']} ticks entrenched"
+    ]
+
+
+def _guide(found: dict[str, Any]) -> str:
+    guide = found["guide"]
+    if found["arc_m"] is None:
+        return "guide        never had hold of the tip"
+    first, last = found["arc_m"]
+    line = (
+        f"guide        tube of {_mm(guide['radius_m'])}: lateral max {_mm(found['lateral_max_m'])} "
+        f"(tick {guide['lateral_max_tick']}), rms {_mm(guide['lateral_rms_m'])}; "
+        f"arc {1e3 * first:.2f} to {1e3 * last:.2f} mm; outside for {guide['outside_s']:.3f} s, "
+        f"force max {guide['force_max_n']:.3f} N, work {1e3 * guide['work_j']:.4f} mJ"
+    )
+    if "region_force_max_n" in guide:
+        line += f"; the region's force max {guide['region_force_max_n']:.3f} N"
+    return line
 
 
 def _mm(metres: float) -> str:

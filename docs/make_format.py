@@ -1,4 +1,4 @@
-"""Write the tables of docs/format.md and the C++ constants from schemas/bundle-1.0.json.
+"""Write the tables of docs/format.md and the C++ constants from schemas/bundle-1.1.json.
 
 python docs/make_format.py        (part of `make docs`; the tests compare both with the schema)
 """

@@ -111,6 +111,29 @@ class Rendering:
     max_iterations: int | None = None
 
 
+@dataclass(frozen=True)
+class Guidance:
+    """Strokes that guide: the tip is kept within a tube around them.
+
+    Parameters
+    ----------
+    radius
+        ρ of the tube [m].
+    stiffness
+        K beyond it [N/m].
+    ends
+        What the ends of an open stroke do: "stop" (a cap) or "open" (the tip goes free).
+    stroke
+        The one stroke that guides, the others are a forbidden region; `None`: every stroke guides,
+        and nothing is forbidden.
+    """
+
+    radius: float
+    stiffness: float
+    ends: Literal["stop", "open"] = "stop"
+    stroke: int | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class RegistrationRecord:
     """The registration that carried the points into the robot's frame, and its error.
@@ -239,7 +262,7 @@ class Fixture:
         Where it came from.
     sigma
         (N,) standard deviation of each point across the curve, in the unit of `points`.
-    curve, image, rendering, registration, stability
+    curve, image, rendering, guidance, registration, stability
         Present when the scene has them.
     mesh
         (K, 3) int32, rows of `points` that form the triangles of an imported surface.
@@ -255,6 +278,16 @@ class Fixture:
     registration: RegistrationRecord | None = None
     stability: StabilityVerdict | None = None
     mesh: NDArray[np.int32] | None = None
+    guidance: Guidance | None = None
+
+    @property
+    def forbidden(self) -> NDArray[np.float64]:
+        """(M, 3) the points that a forbidden region is made of, none where all strokes guide."""
+        if self.guidance is None or self.curve is None:
+            return self.points
+        if self.guidance.stroke is None:
+            return self.points[:0]
+        return self.points[self.curve.stroke != self.guidance.stroke]
 
     @property
     def stiffness(self) -> NDArray[np.float64]:

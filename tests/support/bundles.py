@@ -9,6 +9,7 @@ import numpy as np
 from vfplan.fixture import (
     Curve,
     Fixture,
+    Guidance,
     Provenance,
     RegistrationRecord,
     Rendering,
@@ -29,6 +30,12 @@ def small():
     """The minimal one with rendering parameters: small enough for a sweep over every byte."""
     rendering = Rendering(np.array([1000.0, 1000.0, 800.0]), contact_radius=0.005, band=1e-5)
     return replace(minimal(), rendering=rendering)
+
+
+def guided():
+    """The whole one, whose ring guides and whose arc is forbidden."""
+    guidance = Guidance(radius=1e-3, stiffness=800.0, ends="stop", stroke=1)
+    return replace(whole(), guidance=guidance)
 
 
 def large(count=100_000):

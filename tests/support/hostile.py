@@ -755,15 +755,63 @@ def version_with_a_leading_zero(f):
 
 @case
 def newer_minor_that_must_be_understood(f):
-    text(f, "version", "1.1")
+    text(f, "version", "1.7")
     f["surprise"] = np.zeros(3)
     text(f, "must_understand", "/points /surprise")
 
 
 @case
 def newer_minor_with_a_soft_link(f):
-    text(f, "version", "1.1")
+    text(f, "version", "1.7")
     f["surprise"] = h5py.SoftLink("/points")
+
+
+def guide(f, *, version="1.1", understand="/guidance", radius=1e-3, ends="stop", stroke=1):
+    del f["sigma"]  # a ninth link would go into a heap
+    text(f, "version", version)
+    if understand:
+        text(f, "must_understand", understand)
+    group = f.create_group("guidance")
+    for name, value, dtype in (("radius_m", radius, "<f8"), ("stiffness_n_per_m", 800.0, "<f8")):
+        group.attrs.create(name, value, dtype=dtype)
+    text(group, "ends", ends)
+    group.attrs.create("stroke", stroke, dtype="<i4")
+
+
+@case
+def guide_that_need_not_be_understood(f):
+    guide(f, understand="")
+
+
+@case
+def guide_before_its_version(f):
+    guide(f, version="1.0")
+
+
+@case
+def guide_along_a_stroke_that_is_not_there(f):
+    guide(f, stroke=2)
+
+
+@case
+def guide_without_a_width(f):
+    guide(f, radius=0.0)
+
+
+@case
+def guide_with_unknown_ends(f):
+    guide(f, ends="wrap")
+
+
+@case
+def guide_without_its_ends(f):
+    guide(f)
+    del f["guidance"].attrs["ends"]
+
+
+@accepted
+def a_stroke_that_guides(f):
+    guide(f)
 
 
 @accepted

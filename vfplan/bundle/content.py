@@ -16,6 +16,7 @@ from vfplan.errors import CorruptError, InputError
 from vfplan.fixture import (
     Curve,
     Fixture,
+    Guidance,
     Provenance,
     RegistrationRecord,
     Rendering,
@@ -40,6 +41,8 @@ def to_content(fixture: Fixture) -> Content:
         content |= _image(fixture.image)
     if fixture.rendering is not None:
         content |= _rendering(fixture.rendering)
+    if fixture.guidance is not None:
+        content |= _present({p: getattr(fixture.guidance, f) for p, f in _GUIDANCE})
     if fixture.registration is not None:
         content |= _registration(fixture.registration)
     if fixture.stability is not None:
@@ -60,6 +63,9 @@ def from_content(content: Content) -> Fixture:
         registration=_to_registration(content) if "/registration@model" in content else None,
         stability=_to_stability(content),
         mesh=content.get("/mesh/triangles"),
+        guidance=Guidance(**{field: content.get(path) for path, field in _GUIDANCE})
+        if "/guidance@radius_m" in content
+        else None,
     )
 
 
@@ -133,6 +139,14 @@ def _to_rendering(content: Content) -> Rendering:
         max_iterations=content.get("/rendering@max_iterations"),
     )
 
+
+# (path, field) of the guidance
+_GUIDANCE = (
+    ("/guidance@radius_m", "radius"),
+    ("/guidance@stiffness_n_per_m", "stiffness"),
+    ("/guidance@ends", "ends"),
+    ("/guidance@stroke", "stroke"),
+)
 
 # (path, field) of the registration's plain values
 _REGISTRATION = (

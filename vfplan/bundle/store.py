@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any
 
 import numpy as np
 
 from vfplan.bundle.content import Content
 from vfplan.bundle.table import UNITS_OF_FRAME, Row, Table
+from vfplan.errors import OutputError
 from vfplan.io.hdf5 import h5py
 
 h5a, h5d, h5f, h5g, h5p, h5s, h5t, h5z = (
@@ -15,6 +17,7 @@ h5a, h5d, h5f, h5g, h5p, h5s, h5t, h5z = (
 )
 NUMBERS = {"f8": h5t.IEEE_F64LE, "i4": h5t.STD_I32LE, "u1": h5t.STD_U8LE}
 CHUNK_BYTES = 1 << 20
+COMPACT_LINKS = 8  # of a group that libhdf5 keeps in its header unasked
 
 
 def to_payload(content: Content, table: Table) -> bytes:
@@ -28,11 +31,14 @@ def to_payload(content: Content, table: Table) -> bytes:
     fapl.set_fapl_core(1 << 16, False)
     fcpl = h5p.create(h5p.FILE_CREATE)
     fcpl.set_obj_track_times(False)
+    used = {r.parent for r in table.rows if r.path in content}
+    links = [r for r in table.children("/").values() if {r.path} & (used | content.keys())]
+    if len(links) > COMPACT_LINKS:
+        _keep_compact(fcpl, len(links))
     file = h5f.create(b"bundle", h5f.ACC_TRUNC, fcpl=fcpl, fapl=fapl)
     try:
         root = h5g.open(file, b"/")
         groups = {"/": root}
-        used = {r.parent for r in table.rows if r.path in content}
         for row in table.rows:
             if row.kind == "group" and row.path != "/" and row.path in used:
                 gcpl = h5p.create(h5p.GROUP_CREATE)
@@ -46,6 +52,14 @@ def to_payload(content: Content, table: Table) -> bytes:
         return file.get_file_image()
     finally:
         file.close()
+
+
+def _keep_compact(plist: Any, links: int) -> None:
+    """So many links of a group stay in its header; h5py has no name for this call of libhdf5."""
+    call = ctypes.CDLL(h5p.__file__).H5Pset_link_phase_change
+    call.argtypes, call.restype = [ctypes.c_int64, ctypes.c_uint, ctypes.c_uint], ctypes.c_int
+    if call(plist.id, links, COMPACT_LINKS) < 0:
+        raise OutputError(f"libhdf5 keeps no {links} links in a group's header")
 
 
 def _put(group: Any, row: Row, content: Content) -> None:

@@ -1,4 +1,4 @@
-"""The table of everything a bundle may hold, read from `schemas/bundle-1.0.json`.
+"""The table of everything a bundle may hold, read from `schemas/bundle-1.1.json`.
 
 Reader, writer and validator ask this table; nothing about paths, types, shapes, units or ranges
 is written down a second time in Python.
@@ -95,14 +95,14 @@ def _row(entry: dict[str, Any]) -> Row:
 
 @functools.cache
 def document() -> dict[str, Any]:
-    """The whole of `bundle-1.0.json`."""
-    text = resources.files("vfplan.schemas").joinpath("bundle-1.0.json").read_text("utf-8")
+    """The whole of `bundle-1.1.json`."""
+    text = resources.files("vfplan.schemas").joinpath("bundle-1.1.json").read_text("utf-8")
     return json.loads(text)
 
 
 @functools.cache
-def table(version: str = "1.0") -> Table:
-    """The table of a version, "0.1" or "1.0": the rows that existed then."""
+def table(version: str = "1.1") -> Table:
+    """The table of a version, "0.1", "1.0" or "1.1": the rows that existed then."""
     data = document()
     rows = tuple(_row(entry) for entry in data["rows"] if entry["since"] <= version)
     sizes = {symbol: entry["max"] for symbol, entry in data["sizes"].items()}

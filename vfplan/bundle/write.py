@@ -18,7 +18,7 @@ from vfplan.fixture import Fixture
 from vfplan.io.disk import write_whole
 
 FORMAT = "vfplan-fixture"
-VERSION = "1.0"
+VERSION = "1.0"  # at least: a bundle is of the first version that has all it holds
 
 
 def write_fixture(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> None:
@@ -48,7 +48,10 @@ def object_id(content: Content) -> str:
 
 def completed(content: Content) -> Content:
     """A content with what the format adds: head, object id and leak certificate."""
-    head = {"/@format": FORMAT, "/@version": VERSION}
+    since = max([VERSION, *(row.since for row in table().rows if row.path in content)])
+    head = {"/@format": FORMAT, "/@version": since}
+    if "/guidance@radius_m" in content:  # an older reader would forbid what shall guide
+        head["/@must_understand"] = "/guidance"
     content = head | {p: v for p, v in content.items() if p not in head and "/leak" not in p}
     _check_arrays(content)
     _check_texts(content)

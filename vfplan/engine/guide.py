@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -150,6 +150,32 @@ class Guide:
         self.closed = tuple(closing)
         if (tight := self.tight_bend) is not None:
             warnings.warn(tight, stacklevel=2)
+
+    @classmethod
+    def of(cls, fixture: Any, *, hold: Hold = "on_entry") -> Guide:
+        """The guide that a fixture's guidance asks for.
+
+        Raises
+        ------
+        SceneError
+            A fixture without guidance.
+        SettingError
+            A tube that runs into itself.
+        """
+        guidance = fixture.guidance
+        if guidance is None:
+            raise SceneError("the fixture has no guidance")
+        drawn = range(len(fixture.curve.closed))
+        chosen = drawn if guidance.stroke is None else [guidance.stroke]
+        return cls(
+            [fixture.points[fixture.curve.stroke == stroke] for stroke in chosen],
+            guidance.radius,
+            [bool(fixture.curve.closed[stroke]) for stroke in chosen],
+            guidance.stiffness,
+            ends=guidance.ends,
+            hold=hold,
+            ignore_axis=fixture.ignore_axis,
+        )
 
     @property
     def lengths_m(self) -> list[float]:

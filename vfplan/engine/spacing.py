@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-MOST_POINTS = 4_000_000  # in one bundle (schemas/bundle-1.0.json); more are refused unmade
+MOST_POINTS = 4_000_000  # in one bundle (schemas/bundle-1.1.json); more are refused unmade
 SAMPLE = 512  # points whose neighbours are looked up; the quantile needs no more
 QUANTILE = 0.75  # of the spacings at those points: edges of a sheet have fewer neighbours
 SAME = 1e-6  # points nearer than this share of `reach` count as one

@@ -14,6 +14,7 @@ from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Frame, Provenance, Rendering
 from vfplan.planning.carrying import Carried, carry
 from vfplan.planning.chosen import as_settings, capped, choice_of, costs, describe_choice, left_out
+from vfplan.planning.guiding import add_guidance
 from vfplan.planning.margin import add_margin
 from vfplan.planning.matching import match
 from vfplan.planning.provenance import file_sha256, make_provenance
@@ -76,7 +77,8 @@ def register(
         `vfplan.planning.matching.match`.
     CurveError, SettingError
     CheckFailed
-        The registration's error may be larger than `settings.max_tre_m`.
+        The registration's error may be larger than `settings.max_tre_m`, or the guide leads into
+        what is forbidden.
     """
     from vfplan.bundle import size_doubt
     from vfplan.registration.diagnosis import check_max_tre, target_error
@@ -103,11 +105,13 @@ def register(
         matched.slice_axes,
     )
     fixture = _note_left_out(fixture, registration)
+    fixture, guide, guide_warnings = add_guidance(fixture, settings)
     report = describe_registration(registration, curve.points, diagnosis=diagnosis, error=error)
     report["target_frame"] = fixture.frame
     report |= describe_fixture(fixture, carried, guarded, making)
     if matched.held is not None:
         report["marks_drawn"] = matched.held.as_dict()
+    report |= guide
     if matched.found:
         report["markers_found"] = [asdict(marker) for marker in matched.found]
     if margin is not None:
@@ -121,6 +125,7 @@ def register(
         *(error.warnings if refined is None else refined.warnings),
         *matched.warnings,
         *capped(choice_of(guarded, making)),
+        *guide_warnings,
         *((doubt,) if doubt else ()),
     )
     return Planned(fixture, final, report, warnings)

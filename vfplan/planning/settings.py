@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from vfplan.errors import SettingError
 
 # What a bundle can hold and an engine can render; a contact radius below its band of 10 µm cannot.
 CONTACT_RADIUS_M = (1e-5, 1.0)
 POINT_RADIUS_M = (0.0, 1.0)
+GUIDE_M = (1e-5, 1.0)
 STIFFNESS_N_PER_M = (0.0, 1e6)
 
 
@@ -93,11 +95,18 @@ class FixtureSettings:
         moves there.
     find_markers
         Take the markers' pixels from the crosses or dots drawn near the given ones.
+    guide_m
+        Radius of the tube around the curve that the tip is kept in [m]; `None`: the curve is a
+        forbidden region.
+    guide_ends
+        "stop" or "open": what an open curve's ends do; `None`: stop.
+    guide_stroke
+        The one stroke that guides, while the others are forbidden; `None`: every stroke guides.
 
     Raises
     ------
     SettingError
-        A radius or a stiffness that no bundle can hold.
+        A radius or a stiffness that no bundle can hold, or more said of a guide that is none.
     """
 
     model: str = "affine"
@@ -113,6 +122,9 @@ class FixtureSettings:
     margin: str | float | None = None
     margin_side: str = "both"
     find_markers: bool = False
+    guide_m: float | None = None
+    guide_ends: Literal["stop", "open"] | None = None
+    guide_stroke: int | None = None
 
     def __post_init__(self) -> None:
         """Refuse what no bundle can hold, before any work is done; raises `SettingError`."""
@@ -120,9 +132,14 @@ class FixtureSettings:
             ("contact radius", (self.contact_radius,), CONTACT_RADIUS_M, "m"),
             ("point radius", (self.point_radius,), POINT_RADIUS_M, "m"),
             ("stiffness", self.stiffness, STIFFNESS_N_PER_M, "N/m"),
+            ("guide", () if self.guide_m is None else (self.guide_m,), GUIDE_M, "m"),
         ):
             for value in values:
                 if not least <= value <= largest:
                     raise SettingError(
                         f"{name} is {value:g} {unit}; {least:g} to {largest:g} {unit} are allowed"
                     )
+        if self.guide_m is None and (self.guide_ends or self.guide_stroke is not None):
+            raise SettingError("ends and stroke of a guide without its radius have no effect")
+        if self.guide_m is not None and min(self.stiffness) <= 0:
+            raise SettingError("a guide needs a stiffness above 0")

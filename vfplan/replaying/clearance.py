@@ -23,7 +23,7 @@ class Clearance:
     Parameters
     ----------
     fixture
-        Its points, radii and ignored axis.
+        Its forbidden points, radii and ignored axis.
     """
 
     def __init__(self, fixture: Fixture) -> None:
@@ -31,7 +31,7 @@ class Clearance:
         self._axis = fixture.ignore_axis
         # A little wider than R: a proxy in contact then is near, and far ticks need no look.
         self._cell = 1.1 * self._radius
-        points = flattened(fixture.points, self._axis)
+        points = flattened(fixture.forbidden, self._axis)
         self._corner = points.min(axis=0)
         self._shape = ((points.max(axis=0) - self._corner) // self._cell).astype(np.int64) + 1
         keys = self._keys(self._cells(points))

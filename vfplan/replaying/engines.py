@@ -39,16 +39,37 @@ def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
         "stiffness": fixture.stiffness,
         "ignore_axis": fixture.ignore_axis,
     }
+    if fixture.guidance is not None:
+        return _guided(fixture, rule, engine, settings)
+    return _region(fixture, fixture.points, rule, engine, settings)
+
+
+def _guided(fixture: Fixture, rule: str, engine: str, settings: dict[str, Any]) -> Any:
+    """The guide, with the region of the forbidden strokes where there are any."""
+    from vfplan.engine.parameters import ProxyParameters
+    from vfplan.replaying.guiding import Guided
+
+    region = None
+    if len(fixture.forbidden):
+        region = _region(fixture, fixture.forbidden, rule, engine, settings)
+    elif (rule, engine) != ("robust", "native"):
+        raise SettingError(f"every stroke guides: there is no region for rule {rule!r} ({engine})")
+    own = {name: settings[name] for name in settings if name != "max_iterations"}
+    parameters = ProxyParameters.make(fixture.points, band=fixture.band, rule=rule, **own)
+    return Guided(fixture, parameters, region)
+
+
+def _region(fixture: Fixture, points: Any, rule: str, engine: str, settings: dict[str, Any]) -> Any:
     if engine == "reference":
         if rule != "paper":
             raise SettingError(f"the reference engine has rule 'paper' only, not {rule!r}")
         from vfplan.reference import PaperProxy
 
-        return PaperProxy(fixture.points, **settings)
+        return PaperProxy(points, **settings)
     from vfplan.engine.proxy import ProxyEngine
 
     # The paper's rule keeps its own band.
     band = None if rule == "paper" else fixture.band
     if fixture.max_iterations is not None:
-        settings["max_iterations"] = fixture.max_iterations
-    return ProxyEngine(fixture.points, rule=rule, band=band, **settings)
+        settings = settings | {"max_iterations": fixture.max_iterations}
+    return ProxyEngine(points, rule=rule, band=band, **settings)

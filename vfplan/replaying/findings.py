@@ -84,7 +84,7 @@ def arm_findings(report: dict[str, Any], session: dict[str, Any]) -> list[dict[s
 def findings(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[str, str]]:
     """What the numbers of a run say; `report` as `Metrics.report` gives it."""
     found = []
-    clearance = report["clearance_min_m"]
+    clearance = report.get("clearance_min_m", 0.0)
     if clearance < -parameters.band - _ROUNDING_M:
         found.append(
             finding(

@@ -44,7 +44,7 @@ class Metrics:
         self._robot = None if robot is None else RobotWatch(robot)
         self._parameters = parameters
         self._ruler = CurveRuler.of(fixture)
-        self._clearance = Clearance(fixture)
+        self._clearance = Clearance(fixture) if len(fixture.forbidden) else None
         self._episodes = Episodes(parameters.band, join_s)
         self._states = np.zeros(len(STATES), dtype=np.int64)
         self._state_s = np.zeros(len(STATES))
@@ -68,7 +68,8 @@ class Metrics:
         ticks = steps.ticks
         start = self._span[0] if self._span else float(ticks.time[0])
         self._span = (start, float(ticks.time[-1] + steps.dt[-1]))
-        self._clearance.update(ticks.proxy)
+        if self._clearance is not None:
+            self._clearance.update(ticks.proxy)
         if self._robot is not None:
             self._robot.update(steps)
         self._episodes.update(steps)
@@ -124,22 +125,23 @@ class Metrics:
             "penetration_max_m": peaks["penetration"],
             "penetration_rms_m": float(np.sqrt(sums["penetration2"] / ticks)),
             "penetration_contact_rms_m": float(np.sqrt(sums["penetration2"] / held)),
-            "overlap_max_m": peaks["overlap"],
             "force_max_n": peaks["force"],
             "force_rms_n": float(np.sqrt(sums["force2"] / ticks)),
             "force_contact_rms_n": float(np.sqrt(sums["force2"] / held)),
             "force_step_max_n": self._worst_step[0],
             "force_step_max_tick": self._worst_step[1],
-            "clearance_min_m": self._clearance.minimum_m,
             "bad_hip_ticks": self._status["bad_hip"],
             "inside_ticks": self._status["inside"],
             "too_fast_ticks": self._too_fast(),
-            "entrenched_ticks": int(self._states[STATES.index(2)]),
             "energy_j": sums["energy"],
             "energy_hold_j": sums["hold"],
             "states": {str(s): int(n) for s, n in zip(STATES, self._states, strict=True)},
             "states_s": {str(s): float(t) for s, t in zip(STATES, self._state_s, strict=True)},
         }
+        if self._clearance is not None:
+            data["overlap_max_m"] = peaks["overlap"]
+            data["clearance_min_m"] = self._clearance.minimum_m
+            data["entrenched_ticks"] = int(self._states[STATES.index(2)])
         if sums["press_path"] > 0:
             data["friction"] = sums["drag_work"] / sums["press_path"]
         if sums["slide"] > 0:

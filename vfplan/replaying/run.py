@@ -12,6 +12,7 @@ from vfplan.fixture import Fixture
 from vfplan.replaying.engines import make_engine
 from vfplan.replaying.faults import Link, LossyLink
 from vfplan.replaying.governing import Governing
+from vfplan.replaying.guiding import Guided
 from vfplan.replaying.metrics import Metrics
 from vfplan.replaying.overview import Overview
 from vfplan.replaying.quantities import overlap, penetration
@@ -58,7 +59,8 @@ class RuleRun:
         self._governing = None if governor is None else Governing(governor, stiffness)
         self.link = None if link is None else LossyLink(link)
         self.overview = Overview(keep)
-        self._fixture = fixture
+        # How far the HIP is beyond a cloud's own surface; a guide has none.
+        self._surface = fixture.contact_radius if len(fixture.forbidden) else np.inf
         self._stepper = Stepper()
         self._metrics = Metrics(fixture, self.engine.parameters, robot)
         self._times = StepTimes()
@@ -75,7 +77,7 @@ class RuleRun:
             trace.force,
             trace.state,
             penetration(hip, trace.proxy),
-            overlap(hip, trace.proxy, trace.normal, self._fixture.contact_radius),
+            overlap(hip, trace.proxy, trace.normal, self._surface),
         )
         self._metrics.note_status(trace.status)
         steps = self._stepper.push(block, hand)
@@ -108,6 +110,8 @@ class RuleRun:
         """The metrics of the whole session."""
         self._metrics.update(self._stepper.finish())
         report = {**self._metrics.report(), "step_us": self._times.report()}
+        if isinstance(self.engine, Guided):
+            report |= self.engine.report(report["duration_s"] / report["ticks"])
         return (
             report if self._governing is None else report | {"governor": self._governing.report()}
         )

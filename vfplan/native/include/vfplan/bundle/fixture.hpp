@@ -32,18 +32,45 @@ struct Rendering {
     std::optional<int> max_iterations;                      // of a tick; else the engine's own
 };
 
+/// A stroke of the drawn curve: `count` points from the `first` on.
+struct Stroke {
+    std::size_t first = 0, count = 0;
+    bool closed = false;
+};
+
+/// The strokes that guide; SI units. vfplan/bundle/guide.hpp makes a vfplan::Guide of it.
+struct Guidance {
+    double radius = 0;          // of the tube [m]
+    double stiffness = 0;       // beyond it [N/m]
+    bool open = false;          // the tip goes free at the ends of open strokes
+    std::optional<int> stroke;  // the only one that guides, the others are forbidden; else all do
+};
+
 /// What a controller needs of a bundle, as plain arrays.
 struct Fixture {
     std::string frame;
     std::string id;
-    std::vector<double> points;  // x0 y0 z0 x1 y1 z1 ... [m], pixels in the frame image
-    std::vector<double> sigma;   // one a point, or empty
+    std::vector<double> points;   // x0 y0 z0 x1 y1 z1 ... [m], pixels in the frame image
+    std::vector<double> sigma;    // one a point, or empty
+    std::vector<Stroke> strokes;  // empty: a cloud, or a surface
     std::optional<Rendering> rendering;
+    std::optional<Guidance> guidance;
     bool certified = false;  // no proxy of this radius passes between samples
     std::string created_utc;
     Seal seal;
 
     [[nodiscard]] std::size_t size() const { return points.size() / 3; }
+
+    /// The points that a forbidden region is made of: none where every stroke guides.
+    [[nodiscard]] std::vector<double> forbidden() const {
+        if (!guidance) return points;
+        if (!guidance->stroke) return {};
+        const Stroke& guides = strokes[static_cast<std::size_t>(*guidance->stroke)];
+        std::vector<double> left = points;
+        const auto from = left.begin() + std::ptrdiff_t(3 * guides.first);
+        left.erase(from, from + std::ptrdiff_t(3 * guides.count));
+        return left;
+    }
 };
 
 /// The whole content of a bundle, by path, and its seal.
@@ -90,6 +117,33 @@ inline std::vector<Finding> examine(View data) {
     return findings.all();
 }
 
+namespace detail {
+
+inline std::vector<Stroke> strokes_of(const Content& content) {
+    std::vector<Stroke> strokes;
+    for (const std::int32_t id : content.at("/curve/stroke").i4) {
+        const auto i = static_cast<std::size_t>(id);
+        if (i == strokes.size()) {
+            const std::size_t first = i == 0 ? 0 : strokes[i - 1].first + strokes[i - 1].count;
+            strokes.push_back({first, 0, content.at("/curve/closed").u1[i] != 0});
+        }
+        ++strokes[i].count;
+    }
+    return strokes;
+}
+
+inline Guidance guidance_of(const Content& content) {
+    Guidance guidance;
+    guidance.radius = content.at("/guidance@radius_m").number();
+    guidance.stiffness = content.at("/guidance@stiffness_n_per_m").number();
+    guidance.open = content.at("/guidance@ends").string() == "open";
+    if (const Value* stroke = content.find("/guidance@stroke"))
+        guidance.stroke = stroke->i4.front();
+    return guidance;
+}
+
+}  // namespace detail
+
 /// The fixture of a checked bundle; moves the points out of it.
 inline Fixture to_fixture(Bundle bundle) {
     Content& content = bundle.content;
@@ -114,6 +168,8 @@ inline Fixture to_fixture(Bundle bundle) {
         fixture.rendering = rendering;
         fixture.certified = content.at("/leak@certified").u1.front() != 0;
     }
+    if (content.has("/curve/stroke")) fixture.strokes = detail::strokes_of(content);
+    if (content.has("/guidance@radius_m")) fixture.guidance = detail::guidance_of(content);
     fixture.seal = std::move(bundle.seal);
     return fixture;
 }

@@ -53,6 +53,7 @@ inline void check_groups(const Content& content, Findings& findings) {
     };
     allow("/image", {"image", "robot_base"});
     allow("/rendering", {"robot_base", "patient_lps"});
+    allow("/guidance", {"robot_base", "patient_lps"});
     allow("/registration", {"robot_base"});
     allow("/mesh", {"robot_base", "patient_lps"});
     if (content.has_group("/mesh") && content.has_group("/curve")) {
@@ -130,6 +131,28 @@ inline void check_rendering(const Content& content, Findings& findings) {
     if (content.at("/rendering@band_m").number() >= radius) {
         findings.error("corrupt.value", "/rendering@band_m",
                        "must be less than R = " + shown(radius) + " m");
+    }
+}
+
+inline void check_guidance(const Content& content, Findings& findings) {
+    if (!content.has_group("/guidance")) return;
+    for (const std::string_view group : {"/curve", "/rendering"}) {
+        if (!content.has_group(group)) {
+            findings.error("corrupt.group", "/guidance", "needs " + std::string(group));
+        }
+    }
+    const Value* named = content.find("/@must_understand");
+    if (named == nullptr ||
+        (" " + named->string() + " ").find(" /guidance ") == std::string::npos) {
+        findings.error("corrupt.missing", "/@must_understand", "does not name /guidance");
+    }
+    const Value* stroke = content.find("/guidance@stroke");
+    if (stroke == nullptr) return;
+    const auto strokes = static_cast<std::int64_t>(content.at("/curve/closed").u1.size());
+    if (stroke->i4.front() >= strokes || strokes < 2) {
+        findings.error("corrupt.value", "/guidance@stroke",
+                       "is " + std::to_string(stroke->i4.front()) + "; " + std::to_string(strokes) +
+                           " strokes leave no forbidden region beside such a one");
     }
 }
 
@@ -221,8 +244,9 @@ inline void check(const Content& content, const Version& version, Findings& find
     }
     const bool sealed = version.major > 0;  // 0.1 had neither identity nor certificate
     if (sealed) apply(detail::check_identity);
-    for (const CheckOf rule : {detail::check_curve, detail::check_mesh, detail::check_rendering,
-                               detail::check_registration, detail::check_provenance}) {
+    for (const CheckOf rule :
+         {detail::check_curve, detail::check_mesh, detail::check_rendering, detail::check_guidance,
+          detail::check_registration, detail::check_provenance}) {
         apply(rule);
     }
     if (sealed && findings.sound()) apply(detail::check_leak);

@@ -1,6 +1,6 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// Made by docs/make_format.py from schemas/bundle-1.0.json: do not edit.
+// Made by docs/make_format.py from schemas/bundle-1.1.json: do not edit.
 // clang-format off
 #pragma once
 
@@ -47,8 +47,8 @@ struct Size {
 };
 
 inline constexpr std::string_view format_name = "vfplan-fixture";
-inline constexpr std::string_view format_version = "1.0";
-inline constexpr Version newest{1, 0};
+inline constexpr std::string_view format_version = "1.1";
+inline constexpr Version newest{1, 1};
 
 namespace limits {
 inline constexpr std::uint64_t payload_bytes = 268435456;
@@ -73,7 +73,7 @@ inline constexpr std::array<Size, 11> sizes{
     Size{'E', 200000},
 };
 
-inline constexpr std::array<Row, 58> rows{
+inline constexpr std::array<Row, 63> rows{
     Row{"/", Kind::group, Type::none, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},
     Row{"/@format", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "vfplan-fixture", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},
     Row{"/@version", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},
@@ -101,6 +101,11 @@ inline constexpr std::array<Row, 58> rows{
     Row{"/rendering@max_iterations", Kind::attribute, Type::i4, Required::optional, {"", ""}, "1", "", "", 1.0, 10000.0, -infinity, infinity, infinity, {1, 0}},
     Row{"/rendering@robot", Kind::attribute, Type::text, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {1, 0}},
     Row{"/rendering/stability", Kind::dataset, Type::f8, Required::optional, {"7", ""}, "kg, N s/m, Hz, 1, N/m, N/m, 1", "", "", 0.0, infinity, -infinity, infinity, infinity, {1, 0}},
+    Row{"/guidance", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {1, 1}},
+    Row{"/guidance@radius_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", -infinity, 1.0, 0.0, infinity, infinity, {1, 1}},
+    Row{"/guidance@stiffness_n_per_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "N/m", "", "", -infinity, 1000000.0, 0.0, infinity, infinity, {1, 1}},
+    Row{"/guidance@ends", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "stop|open", -infinity, infinity, -infinity, infinity, infinity, {1, 1}},
+    Row{"/guidance@stroke", Kind::attribute, Type::i4, Required::optional, {"", ""}, "1", "", "", 0.0, 99999.0, -infinity, infinity, infinity, {1, 1}},
     Row{"/registration", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},
     Row{"/registration@model", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "affine|similarity|rigid", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},
     Row{"/registration@source_frame", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "image|patient_lps", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},

@@ -1,0 +1,94 @@
+"""A planned curve as a guide: what a plan makes of it, refuses, and says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.resources import files
+
+import numpy as np
+import pytest
+from replays import fixture_of
+
+import vfplan
+from vfplan.errors import CheckFailed, SettingError
+from vfplan.fixture import Curve, Guidance
+from vfplan.planning import FixtureSettings, plan
+from vfplan.planning.guiding import add_guidance
+
+SAMPLES = files("vfplan.samples")
+ELBOW = [SAMPLES / f"elbow{end}" for end in (".png", "_markers_image.csv", "_markers_robot.csv")]
+
+
+def two_lines(apart, other=None):
+    """Two strokes along x [m]; the second is another line where one is given."""
+    x = np.arange(0, 0.1, 0.5e-3)
+    one = np.column_stack([x, 0 * x, 0 * x])
+    two = np.add(one, [0, apart, 0]) if other is None else other
+    curve = Curve(np.repeat([0, 1], [len(one), len(two)]).astype(np.int32), np.zeros(2, bool))
+    return replace(fixture_of(np.vstack([one, two])), curve=curve)
+
+
+def test_a_plan_guides_along_the_drawn_curve(tmp_path):
+    made = plan(*ELBOW, settings=FixtureSettings(guide_m=1e-3, guide_ends="open"))
+    assert made.fixture.guidance == Guidance(1e-3, 1000.0, "open", None)
+    assert made.registered.report["guide"]["radius_m"] == 1e-3
+    assert made.registered.report["guide"]["lengths_m"] == pytest.approx([0.415], rel=1e-3)
+    path = tmp_path / "guide.h5"
+    vfplan.write_fixture(made.fixture, path)
+    read = vfplan.read_fixture(path)
+    assert read.guidance == made.fixture.guidance
+    assert len(read.forbidden) == 0
+    guide = vfplan.Guide.of(read)
+    assert guide.lengths_m == made.registered.report["guide"]["lengths_m"]
+
+
+def test_without_a_guide_a_bundle_is_of_the_version_that_holds_it(tmp_path):
+    from vfplan.bundle import describe
+
+    made = plan(*ELBOW)
+    vfplan.write_fixture(made.fixture, tmp_path / "a.h5")
+    found = describe(tmp_path / "a.h5")
+    assert found["version"] == "1.0"
+    assert "/@must_understand" not in found
+    vfplan.write_fixture(replace(made.fixture, guidance=Guidance(1e-3, 500.0)), tmp_path / "b.h5")
+    found = describe(tmp_path / "b.h5")
+    assert (found["version"], found["/@must_understand"]) == ("1.1", "/guidance")
+
+
+def test_one_stroke_guides_beside_the_one_that_is_forbidden():
+    settings = FixtureSettings(guide_m=1e-3, guide_stroke=1)
+    fixture, report, warnings = add_guidance(two_lines(0.02), settings)
+    assert (fixture.forbidden[:, 1] == 0).all()
+    assert report["guide"]["clearance_min_m"] == pytest.approx(0.015, abs=1e-5)
+    assert not warnings
+    _, _, warnings = add_guidance(two_lines(5.5e-3), settings)
+    assert "reaches into the forbidden region at arc" in warnings[0]
+
+
+def test_a_guide_that_leads_into_the_forbidden_region_is_refused_with_the_place():
+    x = np.arange(0, 0.1, 0.5e-3)
+    slope = np.column_stack([x, 0.02 - 0.18 * x, 0 * x])  # 5 mm near at x = 82 mm
+    with pytest.raises(CheckFailed, match=r"at arc 10\d.* mm, \[99.5, 2.09"):
+        add_guidance(two_lines(0, slope), FixtureSettings(guide_m=1e-3, guide_stroke=1))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"guide_m": 0.05}, "radius 50 mm: at most .* fit"),
+        ({"guide_stroke": 2}, "guide stroke 2: of 2 strokes"),
+    ],
+)
+def test_what_cannot_guide_is_refused(change, says):
+    settings = FixtureSettings(**({"guide_m": 1e-3} | change))
+    turn = np.linspace(0, 2 * np.pi, 200)
+    ring = 0.03 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    with pytest.raises(SettingError, match=says):
+        add_guidance(two_lines(0, ring), settings)
+
+
+def test_settings_without_a_guide_are_refused():
+    with pytest.raises(SettingError, match="have no effect"):
+        FixtureSettings(guide_ends="open")
+    with pytest.raises(SettingError, match="guide is 2 m"):
+        FixtureSettings(guide_m=2.0)

@@ -1,0 +1,97 @@
+"""A replay along a guide: lateral error over arc length, time outside, work; beside a region."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from replays import fixture_of, line
+
+import vfplan
+from vfplan.errors import SettingError
+from vfplan.fixture import Curve, Guidance
+from vfplan.replaying import replay
+from vfplan.session import Session
+
+K, RHO = 1000.0, 1e-3
+
+
+def guided(fixture, **how):
+    return replace(fixture, guidance=Guidance(RHO, K, **how))
+
+
+def along(y, x=None):
+    """A hand that goes along x, `y` (T,) [m] beside it."""
+    x = np.linspace(0.01, 0.09, len(y)) if x is None else x
+    return Session(np.arange(len(y)) * 1e-3, np.column_stack([x, y, 0 * y]))
+
+
+def test_lateral_error_force_and_work_are_those_of_the_closed_form():
+    y = 3e-3 * np.sin(np.linspace(0, 4 * np.pi, 4000)) ** 2
+    found = replay(guided(fixture_of(line())), along(y))
+    m, guide = found.metrics, found.metrics["guide"]
+    force = K * np.maximum(y - RHO, 0)
+    assert np.abs(found.ticks.force[:, 1] + force).max() < 1e-9
+    assert m["lateral_max_m"] == pytest.approx(y.max(), abs=1e-12)
+    assert m["arc_m"] == pytest.approx([0.01, 0.09], abs=1e-9)
+    assert guide["outside_ticks"] == int((y > RHO).sum())
+    assert guide["outside_s"] == pytest.approx((y > RHO).sum() * 1e-3, rel=1e-3)
+    assert guide["work_j"] == pytest.approx(m["energy_j"], abs=1e-12)
+    assert m["force_max_n"] == pytest.approx(2.0, abs=1e-4)
+    assert m["states"] == {"-1": 0, "0": int((y <= RHO).sum()), "1": int((y > RHO).sum()), "2": 0}
+    assert not {"clearance_min_m", "overlap_max_m", "entrenched_ticks"} & m.keys()
+    assert m["left_out"]["region"] == 1
+    profile = guide["profile"]
+    seen = [(a, v) for a, v in zip(profile["arc_m"], profile["lateral_m"], strict=True) if v]
+    assert len(seen) > 350
+    assert max(v for _, v in seen) == pytest.approx(y.max(), abs=1e-12)
+
+
+def test_before_the_tip_is_in_the_tube_there_is_no_force():
+    y = np.r_[np.linspace(0.03, 0, 1000), np.linspace(0, 2e-3, 500)]
+    found = replay(guided(fixture_of(line())), along(y))
+    assert not found.ticks.force[:1000].any()
+    assert found.metrics["guide"]["held_ticks"] == int((np.abs(y) <= RHO).argmax() * -1 + 1500)
+    assert found.metrics["force_max_n"] == pytest.approx(1.0)
+
+
+def test_forces_of_region_and_guide_add_and_both_are_reported():
+    """The guide runs 5.5 mm beside what is forbidden: its tube reaches 0.5 mm into the region."""
+    both = np.vstack([line(), np.add(line(), [0, 5.5e-3, 0])])
+    curve = Curve(np.repeat([0, 1], 200).astype(np.int32), np.zeros(2, bool))
+    fixture = guided(replace(fixture_of(both), curve=curve), stroke=1)
+    y = np.r_[np.linspace(6e-3, 8e-3, 500), np.linspace(8e-3, 4e-3, 1000)]
+    found = replay(fixture, along(y, np.full(1500, 0.05)))
+    force = K * (np.maximum(5e-3 - y, 0) + np.maximum(4.5e-3 - y, 0) - np.maximum(y - 6.5e-3, 0))
+    assert np.abs(found.ticks.force[:, 1] - force).max() < 0.02
+    guide = found.metrics["guide"]
+    assert guide["force_max_n"] == pytest.approx(1.5, abs=1e-6)
+    assert guide["region_force_max_n"] == pytest.approx(1.0, abs=0.02)
+    assert guide["strokes"] == [1]
+    assert found.metrics["clearance_min_m"] > -2e-5
+    session = along(y, np.full(1500, 0.05))
+    paper = replay(fixture, session, rule="paper", engine="reference")
+    assert np.abs(paper.ticks.force - found.ticks.force).max() < 0.05
+
+
+def test_a_guide_alone_has_no_rule_to_compare():
+    with pytest.raises(SettingError, match="every stroke guides"):
+        replay(guided(fixture_of(line())), along(np.zeros(10)), rule="paper")
+
+
+def test_the_tip_that_never_comes_near_is_never_held():
+    found = replay(guided(fixture_of(line())), along(np.full(100, 0.03)))
+    assert found.metrics["arc_m"] is None
+    assert found.metrics["guide"]["held_ticks"] == 0
+
+
+def test_the_command_reports_it(vfplan_cli, tmp_path):
+    vfplan.write_fixture(guided(fixture_of(line())), tmp_path / "guide.h5")
+    session = along(3e-3 * np.sin(np.linspace(0, 6, 600)))
+    rows = np.column_stack([session.time, session.hip])
+    np.savetxt(tmp_path / "s.csv", rows, delimiter=",", header="t,x,y,z", comments="")
+    run = vfplan_cli("replay", tmp_path / "guide.h5", tmp_path / "s.csv", "--json")
+    assert (run.code, run.json["guide"]["radius_m"]) == (0, RHO)
+    run = vfplan_cli("replay", tmp_path / "guide.h5", tmp_path / "s.csv")
+    assert "guide        tube of 1.000 mm: lateral max 3.000 mm" in run.stdout

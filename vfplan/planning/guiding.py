@@ -1,0 +1,91 @@
+"""A planned curve as a guide: the tube it allows, and whether it leads into what is forbidden."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from vfplan.errors import CheckFailed, SettingError
+from vfplan.fixture import Fixture, Guidance
+from vfplan.planning.settings import FixtureSettings
+
+
+def add_guidance(
+    fixture: Fixture, settings: FixtureSettings
+) -> tuple[Fixture, dict[str, Any], tuple[str, ...]]:
+    """The fixture with the guidance that was asked for, what is reported of it, and warnings.
+
+    Raises
+    ------
+    SettingError
+        A tube that runs into itself, or a stroke that is not there.
+    CheckFailed
+        The guide leads into the forbidden region of the other strokes; the message has the place.
+    """
+    from vfplan.engine.guide import Guide
+
+    if settings.guide_m is None:
+        return fixture, {}, ()
+    strokes = 0 if fixture.curve is None else len(fixture.curve.closed)
+    stroke = settings.guide_stroke
+    if not strokes:
+        raise SettingError("a guide needs a drawn curve; this fixture is a surface or a cloud")
+    if stroke is not None and not (stroke < strokes and strokes > 1):
+        raise SettingError(
+            f"guide stroke {stroke}: of {strokes} strokes one from 0 to {strokes - 1} may guide "
+            "while others are forbidden; without it all guide"
+        )
+    guidance = Guidance(
+        settings.guide_m, min(settings.stiffness), settings.guide_ends or "stop", stroke
+    )
+    fixture = replace(fixture, guidance=guidance)
+    with warnings.catch_warnings():  # told below
+        warnings.simplefilter("ignore")
+        guide = Guide.of(fixture)
+    report = {
+        "radius_m": guidance.radius,
+        "stiffness_n_per_m": guidance.stiffness,
+        "ends": guidance.ends,
+        "lengths_m": guide.lengths_m,
+    }
+    told = [guide.tight_bend] if guide.tight_bend else []
+    if stroke is not None:
+        report["stroke"] = stroke
+        report["clearance_min_m"], near = _clearance(fixture, guide)
+        told += near
+    return fixture, {"guide": report}, tuple(told)
+
+
+def _clearance(fixture: Fixture, guide: Any) -> tuple[float, list[str]]:
+    """Least room between the guide's curve and the proxy's forbidden positions [m]."""
+    from vfplan.engine.proxy import ProxyEngine
+
+    radius = fixture.contact_radius + fixture.point_radius
+    region = ProxyEngine(
+        fixture.forbidden,
+        fixture.contact_radius,
+        fixture.band,
+        fixture.point_radius,
+        ignore_axis=fixture.ignore_axis,
+    )
+    step = min(guide.radius, 0.1 * radius)
+    arcs = np.linspace(0, guide.lengths_m[0], 2 + int(guide.lengths_m[0] / step))
+    places = guide.at(arcs)
+    room = region.distance(places) - radius
+    worst = int(room.argmin())
+    where = ", ".join(f"{1e3 * v:.4g}" for v in places[worst])
+    at = f"at arc {1e3 * arcs[worst]:.4g} mm, [{where}] mm"
+    if room[worst] < 0:
+        raise CheckFailed(
+            f"the guide leads into the forbidden region: {at}, it comes "
+            f"{1e3 * (room[worst] + radius):.4g} mm near; R = {1e3 * radius:g} mm is allowed"
+        )
+    if room[worst] >= guide.radius:
+        return float(room[worst]), []
+    return float(room[worst]), [
+        f"the guide's tube reaches into the forbidden region {at}: {1e3 * room[worst]:.4g} mm are "
+        f"left beside the curve, the tube has {1e3 * guide.radius:g} mm; both forces act there"
+    ]
