@@ -257,6 +257,8 @@ class Stage:
             point_size=5.0 if thin == 1 else 3.0,
             render_points_as_spheres=True,
         )
+        if fixture.guidance is not None:
+            self._add_tube()
         if fixture.rendering is None or fixture.ignore_axis is None or fixture.curve is None:
             return
         # A planar fixture goes on along its ignored axis: show a strip of it.
@@ -267,6 +269,17 @@ class Stage:
                 grid = np.stack([line - up, line + up], axis=1)
                 strip = self._pv.StructuredGrid(*(grid[..., i][None] for i in range(3)))
                 self.plotter.add_mesh(strip, color=CLOUD, opacity=0.15)
+
+    def _add_tube(self) -> None:
+        """The tube around the strokes that guide."""
+        fixture = self._fixture
+        for stroke, closed in enumerate(fixture.curve.closed):
+            line = fixture.points[fixture.curve.stroke == stroke]
+            if len(line) < 2 or fixture.guidance.stroke not in (None, stroke):
+                continue
+            around = self._pv.lines_from_points(np.vstack([line, line[:1]]) if closed else line)
+            tube = around.tube(radius=fixture.guidance.radius, n_sides=24)
+            self.plotter.add_mesh(tube, color=PROXY, opacity=0.2)
 
     def _look(self) -> None:
         fixture = self._fixture

@@ -11,7 +11,7 @@
 #include "arm.hpp"
 #include "hand.hpp"
 #include "loop.hpp"
-#include "vfplan/bundle/engine.hpp"
+#include "rendered.hpp"
 #ifdef WITH_SIGNATURES
 #include "vfplan/bundle/trust.hpp"
 #endif
@@ -121,16 +121,16 @@ Options parse(const std::vector<std::string>& args) {
 
 /// The arm's side: a governor that may let go of the fixture's whole spring. What is not passive
 /// with this stiffness and the arm's mass is refused here.
-std::optional<vfplan::Governor> governor(const Options& o, const vfplan::Parameters& p) {
+std::optional<vfplan::Governor> governor(const Options& o, double stiffness) {
     if (!o.governor) return std::nullopt;
     vfplan::GovernorLimits limits = *o.governor;
-    limits.stiffness = std::max({p.stiffness[0], p.stiffness[1], p.stiffness[2]});
+    limits.stiffness = stiffness;
     return vfplan::Governor(limits);
 }
 
 /// The loop: read the tip, render, govern, hand the force to the arm. Nothing in it allocates or
 /// waits.
-std::size_t run(vfplan::Engine& engine, std::optional<vfplan::Governor>& governor, const Hand& hand,
+std::size_t run(Rendered& engine, std::optional<vfplan::Governor>& governor, const Hand& hand,
                 Form& form, std::size_t ticks, bool simulated_time, Log& log) {
     Tip tip{hand.start(), {}};
     engine.reset(tip.position);
@@ -172,16 +172,16 @@ int control(const Options& o) {
     if (fixture.frame != "robot_base")
         throw std::invalid_argument("vfplan: frame " + fixture.frame + "; robot_base wanted");
     const auto use = o.simulated_time ? vfplan::Use::offline : vfplan::Use::real_time;
-    vfplan::Engine engine(fixture, o.rule, use);
     const vfplan::Parameters p = vfplan::bundle::parameters(fixture, o.rule);
     if (o.keys.empty())
         std::fprintf(stderr,
                      "controller: warning: %s is loaded without a signature: it is undamaged, but "
                      "anybody may have made it (--keys demands one)\n",
                      o.fixture.c_str());
+    Rendered engine(fixture, p, use);
     const Hand hand(fixture.points, 4 * p.R(), p.ignore_axis, o.seconds);
     const auto ticks = std::size_t(o.seconds / period + 0.5);
-    auto governed = governor(o, p);
+    auto governed = governor(o, engine.stiffness());
     Log log(ticks, governed.has_value());
     Form form = o.form;
     mlockall(MCL_CURRENT | MCL_FUTURE);  // no page faults later; refused without the right to

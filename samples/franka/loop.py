@@ -111,6 +111,8 @@ def main(arguments: list[str]) -> int:
         print("no signature is demanded: --require-signature KEYS.pub does, as an arm near a "
               "patient should", file=sys.stderr)  # fmt: skip
         fixture = vfplan.read_fixture(given.fixture)
+    if fixture.guidance is not None:
+        parser.error("the fixture guides; this loop renders forbidden regions only")
     stiffness = float(np.max(fixture.stiffness))
     engine = vfplan.ProxyEngine.of(fixture)
     limits = vfplan.read_robot("fr3")

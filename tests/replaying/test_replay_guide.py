@@ -9,7 +9,7 @@ import pytest
 from replays import fixture_of, line
 
 import vfplan
-from vfplan.errors import SettingError
+from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Curve, Guidance
 from vfplan.replaying import replay
 from vfplan.session import Session
@@ -78,6 +78,11 @@ def test_forces_of_region_and_guide_add_and_both_are_reported():
 def test_a_guide_alone_has_no_rule_to_compare():
     with pytest.raises(SettingError, match="every stroke guides"):
         replay(guided(fixture_of(line())), along(np.zeros(10)), rule="paper")
+
+
+def test_a_guide_is_never_rendered_as_a_forbidden_region():
+    with pytest.raises(SceneError, match="the fixture guides"):
+        vfplan.ProxyEngine.of(guided(fixture_of(line())))
 
 
 def test_the_tip_that_never_comes_near_is_never_held():

@@ -12,7 +12,7 @@ import pytest
 from conftest import ROOT, need_program
 
 import vfplan
-from vfplan.fixture import Fixture, Provenance, Rendering
+from vfplan.fixture import Curve, Fixture, Guidance, Provenance, Rendering
 from vfplan.study.scenes import Omega, Sheet
 
 FORMS = ("impedance", "admittance", "velocity")
@@ -122,6 +122,35 @@ def test_replay_reproduces_the_log_bit_for_bit(
         assert report.json["too_fast_ticks"] > 10
     (replayed, _), log = vfplan.read_result(result), logged(session)
     assert np.array_equal(log["time"], np.arange(2000) * 1e-3)
+    for name, values in log.items():
+        assert np.array_equal(getattr(replayed, name), values), name
+
+
+@pytest.mark.parametrize("stroke", [None, 1], ids=["alone", "beside a region"])
+def test_a_guide_replays_bit_for_bit(stroke, controller, vfplan_cli, tmp_path):
+    x = np.arange(0, 0.08, 1e-3)
+    wave = np.column_stack([x, 2e-3 * np.sin(80 * x), 0 * x])
+    curve = Curve(np.repeat([0, 1], len(x)).astype(np.int32), np.zeros(2, bool))
+    fixture, session = tmp_path / "guide.h5", tmp_path / "session.csv"
+    whole = Fixture(
+        "robot_base",
+        np.vstack([wave, np.add(wave, [0, 6e-3, 0])]),
+        Provenance("2026-01-01T00:00:00Z", "vfplan test"),
+        curve=curve,
+        rendering=Rendering(np.full(3, 900.0), 5e-3, 5e-5),
+        guidance=Guidance(1e-3, 800.0, "open", stroke),
+    )
+    vfplan.write_fixture(whole, fixture)
+    done = controller(
+        fixture, "--seconds", 2, "--log", session, "--simulated-time", "--governor", "0.6,12"
+    )
+    assert done.returncode == 0, done.stderr
+    result = tmp_path / "result.h5"
+    report = vfplan_cli("replay", fixture, session, "-o", result, "--governor", "0.6,12", "--json")
+    assert report.code == 0, report.stderr
+    assert report.json["guide"]["held_ticks"] > 300
+    assert report.json["force_max_n"] > 0.1
+    (replayed, _), log = vfplan.read_result(result), logged(session)
     for name, values in log.items():
         assert np.array_equal(getattr(replayed, name), values), name
 

@@ -15,7 +15,7 @@ from vfplan.arm.model import Arm, Posture
 from vfplan.arm.reflexes import reflexes
 from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.proxy import ProxyEngine
-from vfplan.errors import SessionError
+from vfplan.errors import SceneError, SessionError
 from vfplan.fixture import Fixture
 from vfplan.replaying.clearance import Clearance
 from vfplan.replaying.quantities import overlap, penetration, row_norms
@@ -148,6 +148,8 @@ def _check(session: Session, fixture: Fixture, arm: Arm) -> None:
             "be the same",
             where=session.name,
         )
+    if fixture.guidance is not None:
+        raise SceneError("the fixture guides; a rehearsal renders forbidden regions only")
     if not 1 < len(session.hip) <= MOST_TICKS:
         raise SessionError(
             f"{len(session.hip)} samples; 2 to {MOST_TICKS} wanted", where=session.name

@@ -266,6 +266,8 @@ def fle_of(record: RegistrationRecord) -> float:
 def _registered(fixture: Fixture) -> RegistrationRecord:
     if fixture.frame != "robot_base" or fixture.rendering is None:
         raise SceneError(f"a fixture in frame {fixture.frame!r} renders nothing; robot_base wanted")
+    if fixture.guidance is not None:
+        raise SceneError("the fixture guides; a campaign tries forbidden regions only")
     if fixture.registration is None:
         raise SceneError("the fixture has no registration, so there is nothing to vary")
     return fixture.registration

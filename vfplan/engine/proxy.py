@@ -104,10 +104,16 @@ class ProxyEngine:
         Raises
         ------
         SceneError
-            No rendering, one that no engine takes, rule "exact" without a curve of pieces, or
-            points so dense that a tick may take longer than a loop of 1 kHz can wait.
+            No rendering, one that no engine takes, strokes that guide, rule "exact" without a
+            curve of pieces, or points so dense that a tick may take longer than a loop of 1 kHz
+            can wait.
         """
         check_renderable(fixture)
+        if fixture.guidance is not None:
+            raise SceneError(
+                "the fixture guides: vfplan.Guide.of makes the guide, and of fixture.forbidden "
+                "an engine is made"
+            )
         rule = rule or best_rule(fixture)
         settings = {
             "contact_radius": fixture.contact_radius,

@@ -50,6 +50,12 @@ class Guided:
         self._strokes: set[int] = set()
 
     @property
+    def stiffness(self) -> Vector:
+        """(3,) of all springs together [N/m]."""
+        region = 0.0 if self.region is None else self.parameters.stiffness
+        return region + np.full(3, self._guide.stiffness)
+
+    @property
     def left_out(self) -> dict[str, int]:
         """What this scene did not need."""
         return {"region": 1} if self.region is None else self.region.left_out

@@ -55,7 +55,8 @@ class RuleRun:
     ) -> None:
         self.engine = make_engine(fixture, rule, engine)
         self.rule = rule
-        stiffness = self.engine.parameters.stiffness
+        guided = isinstance(self.engine, Guided)
+        stiffness = self.engine.stiffness if guided else self.engine.parameters.stiffness
         self._governing = None if governor is None else Governing(governor, stiffness)
         self.link = None if link is None else LossyLink(link)
         self.overview = Overview(keep)

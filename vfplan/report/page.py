@@ -98,6 +98,11 @@ def _verdict(found: dict[str, Any]) -> str:
 
 def _places(replayed: Replay, image: Path | None) -> list[str]:
     shown = [section("In space", _in_space(replayed))]
+    if replayed.metrics.get("arc_m") is not None:
+        from vfplan.figures.guide import guide_plot
+
+        words = "lateral error and force over arc length"
+        shown.append(section("Along the guide", picture(guide_plot(replayed), words)))
     if replayed.fixture.curve is not None and replayed.metrics["contact_ticks"]:
         pictures = picture(depth_plot(replayed), "depth along the planned curve")
         if image is not None:

@@ -24,6 +24,7 @@ _SUMMARY = (
     ("energy_hold_j", "of it by holding the force over a tick", 1e3, "mJ", 4),
     ("friction", "apparent friction", 1, "", 5),
     ("lag_rms_m", "lag of the proxy while sliding, RMS", 1e6, "µm", 2),
+    ("lateral_max_m", "distance from the guide, largest", 1e3, "mm", 3),
     ("entrenched_ticks", "ticks entrenched", 1, "", 0),
     ("too_fast_ticks", "ticks too fast for the rule", 1, "", 0),
 )

@@ -33,7 +33,11 @@ def felt_stiffness(fixture: Fixture) -> float:
     check_renderable(fixture)
     axis = fixture.ignore_axis
     across = np.eye(3) if axis is None else np.eye(3) - np.outer(axis, axis)
-    return float(np.linalg.eigvalsh(across @ np.diag(fixture.stiffness) @ across).max())
+    region = float(np.linalg.eigvalsh(across @ np.diag(fixture.stiffness) @ across).max())
+    if fixture.guidance is None:
+        return region
+    # A guide is a spring as well; beside a region both may press at once.
+    return fixture.guidance.stiffness + (region if len(fixture.forbidden) else 0.0)
 
 
 def judge(robot: Robot, stiffness: float, rows: list[Row], margin: float) -> StabilityVerdict:

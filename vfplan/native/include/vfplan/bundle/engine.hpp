@@ -45,10 +45,20 @@ inline void check_work(const Fixture& fixture, const Parameters& p) {
                "Use::offline takes it");
 }
 
+/// The fixture; one that guides is no forbidden region, or not all of it.
+inline const Fixture& without_guide(const Fixture& fixture) {
+    if (fixture.guidance)
+        reject(
+            "the fixture guides: vfplan/bundle/guide.hpp makes the guide, and of forbidden() "
+            "an engine is made");
+    return fixture;
+}
+
 }  // namespace bundle
 
 inline Engine::Engine(const bundle::Fixture& fixture, Rule rule, Use use)
-    : Engine(fixture.points.data(), fixture.size(), bundle::parameters(fixture, rule)) {
+    : Engine(bundle::without_guide(fixture).points.data(), fixture.size(),
+             bundle::parameters(fixture, rule)) {
     if (use == Use::real_time) bundle::check_work(fixture, bundle::parameters(fixture, rule));
 }
 
