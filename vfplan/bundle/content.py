@@ -17,6 +17,7 @@ from vfplan.fixture import (
     Curve,
     Fixture,
     Guidance,
+    Pieces,
     Provenance,
     RegistrationRecord,
     Rendering,
@@ -84,15 +85,26 @@ def _curve(curve: Curve) -> Content:
     }
     if curve.bridged is not None:
         content["/curve/bridged"] = np.ascontiguousarray(curve.bridged, dtype="u1")
+    if curve.pieces is not None:
+        content["/pieces/vertices"] = _f8(curve.pieces.vertices)
+        content["/pieces/bulges"] = _f8(curve.pieces.bulges)
+        content["/pieces/stroke"] = np.ascontiguousarray(curve.pieces.stroke, dtype="<i4")
+        content["/pieces@error_m"] = float(curve.pieces.error)
     return content
 
 
 def _to_curve(content: Content) -> Curve:
     bridged = content.get("/curve/bridged")
+    closed = content["/curve/closed"].astype(bool)
+    pieces = None
+    if "/pieces/vertices" in content:
+        fields = (content[f"/pieces/{name}"] for name in ("vertices", "bulges", "stroke"))
+        pieces = Pieces(*fields, closed, content["/pieces@error_m"])
     return Curve(
         stroke=content["/curve/stroke"],
-        closed=content["/curve/closed"].astype(bool),
+        closed=closed,
         bridged=None if bridged is None else bridged.astype(bool),
+        pieces=pieces,
     )
 
 

@@ -42,6 +42,7 @@ def check_renderable(fixture: Fixture) -> None:
 def best_rule(fixture: Fixture) -> Rule:
     """The rule nearest to the truth: "exact" where lines and arcs across an axis are known."""
     known = fixture.curve is not None and fixture.curve.pieces is not None
+    known = known and fixture.rendering is not None and fixture.guidance is None
     return "exact" if known and fixture.ignore_axis is not None else "robust"
 
 

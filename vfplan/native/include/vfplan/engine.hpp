@@ -11,6 +11,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <utility>
 
 #include "vfplan/curve/exact.hpp"
@@ -114,7 +115,8 @@ class Engine {
     /// The engine of a bundle's fixture; include "vfplan/bundle/engine.hpp". Throws
     /// std::invalid_argument for one without rendering, and, unless it is used offline, for one
     /// whose ticks may take longer than a loop of 1 kHz can wait.
-    explicit Engine(const bundle::Fixture& fixture, Rule rule = Rule::robust,
+    /// Without a rule: exact where it holds lines and arcs, else robust.
+    explicit Engine(const bundle::Fixture& fixture, std::optional<Rule> rule = std::nullopt,
                     Use use = Use::real_time);
 
     /// Puts the proxy at `hip` [m], wherever that is. A bad HIP (not finite, or beyond 1e6 m)

@@ -5,6 +5,7 @@
 //     vfplan::Engine engine(vfplan::bundle::read_fixture("fixture.h5"));
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include "vfplan/bundle/fixture.hpp"
@@ -15,9 +16,15 @@ namespace vfplan {
 
 namespace bundle {
 
-/// Table I as the bundle holds it; the paper's rule keeps its own band. Throws
-/// std::invalid_argument for a fixture without rendering.
-inline Parameters parameters(const Fixture& fixture, Rule rule = Rule::robust) {
+/// The rule nearest to the truth: exact where lines and arcs across an axis are known.
+inline Rule best_rule(const Fixture& fixture) {
+    return fixture.pieces.empty() || fixture.guidance ? Rule::robust : Rule::exact;
+}
+
+/// Table I as the bundle holds it, for its best rule or another one; the paper's keeps its own
+/// band. Throws std::invalid_argument for a fixture without rendering.
+inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked = std::nullopt) {
+    const Rule rule = asked.value_or(best_rule(fixture));
     if (!fixture.rendering)
         reject("frame " + fixture.frame +
                " without rendering parameters: `vfplan register` makes a fixture of a curve");
@@ -45,21 +52,21 @@ inline void check_work(const Fixture& fixture, const Parameters& p) {
                "Use::offline takes it");
 }
 
-/// The fixture; one that guides is no forbidden region, or not all of it.
-inline const Fixture& without_guide(const Fixture& fixture) {
+/// By its lines and arcs, whose ticks are bounded, or by its points. One that guides is no
+/// forbidden region, or not all of it: std::invalid_argument.
+inline Engine make_engine(const Fixture& fixture, const Parameters& p, Use use) {
     if (fixture.guidance)
         reject(
             "the fixture guides: vfplan/bundle/guide.hpp makes the guide, and of forbidden() "
             "an engine is made");
-    return fixture;
+    if (p.rule == Rule::exact) return {fixture.pieces, p};
+    if (use == Use::real_time) check_work(fixture, p);
+    return {fixture.points.data(), fixture.size(), p};
 }
 
 }  // namespace bundle
 
-inline Engine::Engine(const bundle::Fixture& fixture, Rule rule, Use use)
-    : Engine(bundle::without_guide(fixture).points.data(), fixture.size(),
-             bundle::parameters(fixture, rule)) {
-    if (use == Use::real_time) bundle::check_work(fixture, bundle::parameters(fixture, rule));
-}
+inline Engine::Engine(const bundle::Fixture& fixture, std::optional<Rule> rule, Use use)
+    : Engine(bundle::make_engine(fixture, bundle::parameters(fixture, rule), use)) {}
 
 }  // namespace vfplan

@@ -21,6 +21,7 @@
 #include "vfplan/bundle/parse.hpp"
 #include "vfplan/bundle/rules.hpp"
 #include "vfplan/bundle/seal.hpp"
+#include "vfplan/curve/stroke.hpp"
 
 namespace vfplan::bundle {
 
@@ -57,6 +58,7 @@ struct Fixture {
     std::optional<Guidance> guidance;
     bool certified = false;  // no proxy of this radius passes between samples
     std::string created_utc;
+    std::vector<vfplan::Stroke> pieces;  // lines and arcs, a stroke each; none where unknown
     Seal seal;
 
     [[nodiscard]] std::size_t size() const { return points.size() / 3; }
@@ -142,6 +144,21 @@ inline Guidance guidance_of(const Content& content) {
     return guidance;
 }
 
+inline std::vector<vfplan::Stroke> pieces_of(const Content& content) {
+    const std::vector<double>& vertices = content.at("/pieces/vertices").f8;
+    const std::vector<std::int32_t>& stroke = content.at("/pieces/stroke").i4;
+    const std::vector<std::uint8_t>& closed = content.at("/curve/closed").u1;
+    std::vector<vfplan::Stroke> pieces(closed.size());
+    for (std::size_t s = 0; s < closed.size(); ++s) pieces[s].closed = closed[s] != 0;
+    for (std::size_t i = 0; i < stroke.size(); ++i) {
+        vfplan::Stroke& own = pieces[static_cast<std::size_t>(stroke[i])];
+        const auto from = vertices.begin() + static_cast<std::ptrdiff_t>(3 * i);
+        own.vertices.insert(own.vertices.end(), from, from + 3);
+        own.bulges.push_back(content.at("/pieces/bulges").f8[i]);
+    }
+    return pieces;
+}
+
 }  // namespace detail
 
 /// The fixture of a checked bundle; moves the points out of it.
@@ -170,6 +187,7 @@ inline Fixture to_fixture(Bundle bundle) {
     }
     if (content.has("/curve/stroke")) fixture.strokes = detail::strokes_of(content);
     if (content.has("/guidance@radius_m")) fixture.guidance = detail::guidance_of(content);
+    if (content.has("/pieces/vertices")) fixture.pieces = detail::pieces_of(content);
     fixture.seal = std::move(bundle.seal);
     return fixture;
 }

@@ -107,6 +107,26 @@ inline void check_curve(const Content& content, Findings& findings) {
     }
 }
 
+inline void check_pieces(const Content& content, Findings& findings) {
+    if (!content.has_group("/pieces")) return;
+    if (!content.has("/curve/closed") || !content.has("/rendering/ignore_axis")) {
+        return findings.error("corrupt.group", "/pieces",
+                              "needs /curve and /rendering/ignore_axis");
+    }
+    const std::vector<std::int32_t>& stroke = content.at("/pieces/stroke").i4;
+    bool counts = stroke.front() == 0;
+    for (std::size_t i = 1; i < stroke.size(); ++i) {
+        const std::int64_t step = std::int64_t{stroke[i]} - stroke[i - 1];
+        counts = counts && (step == 0 || step == 1);
+    }
+    const std::size_t strokes = content.at("/curve/closed").u1.size();
+    if (!counts || static_cast<std::size_t>(stroke.back()) + 1 != strokes) {
+        findings.error("corrupt.value", "/pieces/stroke",
+                       "must count 0, 1, ... to the " + std::to_string(strokes) +
+                           " strokes of /curve along the vertices");
+    }
+}
+
 inline void check_mesh(const Content& content, Findings& findings) {
     const std::vector<std::int32_t>& triangles = content.at("/mesh/triangles").i4;
     const std::int32_t highest = *std::max_element(triangles.begin(), triangles.end());
@@ -245,8 +265,8 @@ inline void check(const Content& content, const Version& version, Findings& find
     const bool sealed = version.major > 0;  // 0.1 had neither identity nor certificate
     if (sealed) apply(detail::check_identity);
     for (const CheckOf rule :
-         {detail::check_curve, detail::check_mesh, detail::check_rendering, detail::check_guidance,
-          detail::check_registration, detail::check_provenance}) {
+         {detail::check_curve, detail::check_pieces, detail::check_mesh, detail::check_rendering,
+          detail::check_guidance, detail::check_registration, detail::check_provenance}) {
         apply(rule);
     }
     if (sealed && findings.sound()) apply(detail::check_leak);

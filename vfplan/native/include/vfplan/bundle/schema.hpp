@@ -59,7 +59,7 @@ inline constexpr std::uint64_t attributes_per_object = 16;
 inline constexpr std::uint64_t links_per_group = 32;
 }  // namespace limits
 
-inline constexpr std::array<Size, 11> sizes{
+inline constexpr std::array<Size, 12> sizes{
     Size{'N', 4000000},
     Size{'S', 100000},
     Size{'M', 10000},
@@ -71,9 +71,10 @@ inline constexpr std::array<Size, 11> sizes{
     Size{'C', 256},
     Size{'H', 64},
     Size{'E', 200000},
+    Size{'V', 1000000},
 };
 
-inline constexpr std::array<Row, 63> rows{
+inline constexpr std::array<Row, 68> rows{
     Row{"/", Kind::group, Type::none, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},
     Row{"/@format", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "vfplan-fixture", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},
     Row{"/@version", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},
@@ -86,6 +87,11 @@ inline constexpr std::array<Row, 63> rows{
     Row{"/curve/stroke", Kind::dataset, Type::i4, Required::group, {"N", ""}, "1", "", "", 0.0, infinity, -infinity, infinity, infinity, {0, 1}},
     Row{"/curve/closed", Kind::dataset, Type::u1, Required::group, {"S", ""}, "1", "", "", -infinity, 1.0, -infinity, infinity, infinity, {0, 1}},
     Row{"/curve/bridged", Kind::dataset, Type::u1, Required::optional, {"N", ""}, "1", "", "", -infinity, 1.0, -infinity, infinity, infinity, {0, 1}},
+    Row{"/pieces", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {1, 1}},
+    Row{"/pieces/vertices", Kind::dataset, Type::f8, Required::group, {"V", "3"}, "@frame", "@frame", "", -infinity, infinity, -infinity, 100.0, 1000000.0, {1, 1}},
+    Row{"/pieces/bulges", Kind::dataset, Type::f8, Required::group, {"V", ""}, "1", "", "", -1.0, 1.0, -infinity, infinity, infinity, {1, 1}},
+    Row{"/pieces/stroke", Kind::dataset, Type::i4, Required::group, {"V", ""}, "1", "", "", 0.0, infinity, -infinity, infinity, infinity, {1, 1}},
+    Row{"/pieces@error_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", 0.0, 1.0, -infinity, infinity, infinity, {1, 1}},
     Row{"/mesh", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {1, 0}},
     Row{"/mesh/triangles", Kind::dataset, Type::i4, Required::group, {"K", "3"}, "1", "", "", 0.0, infinity, -infinity, infinity, infinity, {1, 0}},
     Row{"/image", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},
