@@ -233,6 +233,9 @@ FIXTURE_OPTIONS = [
                  "band and iteration limit follow from it.  [default: 0.01]"),
     click.option("--density", "density_per_mm", type=Numbers(1, metavar="PTS_PER_MM"),
                  help="Points a millimetre, instead of a tolerance."),
+    click.option("--arcs", "arcs_mm", type=Numbers(1, metavar="MM"),
+                 help="Also hold the curve as lines and arcs this near to it; the engine's rule "
+                 "`exact` renders them as they are."),
     click.option("--stiffness", type=Numbers(1, 3, metavar="N_PER_M[,Y,Z]"), default="1000",
                  show_default=True, help="K, one for all axes of the robot's base or one each."),
     click.option("--contact-radius", "contact_radius_mm", type=Numbers(1, metavar="MM"),
@@ -330,6 +333,7 @@ def fixture_settings(given: dict[str, Any]) -> Any:
         robust=given["robust"],
         tolerance_m=(given["tolerance_mm"] or (0.01,))[0] * 1e-3,
         density_per_m=density and density[0] * 1e3,
+        arcs_m=given["arcs_mm"] and given["arcs_mm"][0] * 1e-3,
         stiffness=given["stiffness"],
         contact_radius=given["contact_radius_mm"][0] * 1e-3,
         point_radius=given["point_radius_mm"] * 1e-3,

@@ -62,9 +62,9 @@ OPTIONS = [
                  help="Folder for one self-contained HTML report with pictures."),
     click.option("--image", type=FILE, metavar="IMAGE",
                  help="The planned slice: the report maps depth back onto it."),
-    click.option("--rule", type=click.Choice(["robust", "paper", "both"]),
-                 callback=lambda ctx, param, value: _rule(ctx, value),
-                 help="How the proxy moves; `both`: side by side.  [default: robust; paper with "
+    click.option("--rule", type=click.Choice(["robust", "paper", "exact", "both"]),
+                 help="How the proxy moves; `both`: robust and paper side by side.  [default: "
+                 "exact where the fixture holds lines and arcs, else robust; paper with "
                  "--engine reference]"),
     click.option("--engine", type=click.Choice(["native", "reference"]), default="native",
                  show_default=True, is_eager=True,
@@ -99,13 +99,6 @@ OPTIONS = [
     click.option("--seed", type=Whole(0), default=0, show_default=True,
                  help="Lossy link: seed of its random numbers."),
 ]  # fmt: skip
-
-
-def _rule(ctx: click.Context, value: str | None) -> str:
-    """The rule asked for; without one, the engine's own: the reference has the paper's alone."""
-    if value is not None:
-        return value
-    return "paper" if ctx.params.get("engine") == "reference" else "robust"
 
 
 def _with_options(function: Any) -> Any:
@@ -186,7 +179,6 @@ def _replayed(
     bounds += [(*bound, "at_least") for bound in given["at_least"]]
     rule, robot = given["rule"], read_robot(given["robot"])
     with progress("replay", source.ticks or guess(session)) as done, ExitStack() as files:
-        first = "robust" if rule == "both" else rule
         writer, sinks = _files(files, *paths, rule)
         replayed = replay(
             fixture,
@@ -198,12 +190,17 @@ def _replayed(
             governor=_governing(given["governor"], robot),
             limits=tuple((name, sense, limit) for name, limit, sense in bounds),
             keep=65536 if pictures else 0,
-            sinks=[*sinks, lambda name, block: done(len(block) if name == first else 0)],
+            sinks=[*sinks, lambda name, block: done(_alone(name, rule) * len(block))],
             trust=given["trust"],
         )
         if writer is not None:
             writer.set(replayed.record)
     return replayed
+
+
+def _alone(name: str, rule: str | None) -> bool:
+    """Whether a rule's ticks are counted: those of both rules are the same ones."""
+    return rule != "both" or name == "robust"
 
 
 def _governing(asked: tuple[float, ...] | None, robot: Any) -> Any:
@@ -233,7 +230,7 @@ def _source(session: Path, given: dict[str, Any]) -> Any:
 
 
 def _files(
-    files: ExitStack, result: Path | None, table: Path | None, rule: str
+    files: ExitStack, result: Path | None, table: Path | None, rule: str | None
 ) -> tuple[Any, list[Any]]:
     """The result's writer, and sinks that fill it and the CSV; closed with `files`.
 

@@ -6,6 +6,7 @@
 #include <charconv>
 #include <iostream>
 #include <map>
+#include <optional>
 #include <variant>
 
 #include "arm.hpp"
@@ -26,7 +27,8 @@ constexpr double period = 1e-3;  // [s]
 constexpr const char* usage =
     "usage: controller FIXTURE.h5 [options]\n"
     "  --form impedance|admittance|velocity   how the force reaches the arm; impedance\n"
-    "  --rule robust|paper                    how the proxy moves; robust\n"
+    "  --rule robust|paper|exact              how the proxy moves; exact where the bundle holds\n"
+    "                                         lines and arcs, else robust\n"
     "  --seconds S                            how long, up to 3600; 5\n"
     "  --log SESSION.csv                      write ticks for `vfplan replay`; a new file\n"
     "  --simulated-time                       do not wait for the clock\n"
@@ -44,7 +46,7 @@ struct Options {
     std::string fixture, log, keys;
     std::optional<std::string> case_token, robot_serial;
     Form form = Impedance{};
-    vfplan::Rule rule = vfplan::Rule::robust;
+    std::optional<vfplan::Rule> rule;  // else the one nearest to what the bundle holds
     double seconds = 5;
     std::optional<vfplan::GovernorLimits> governor;
     bool simulated_time = false;
@@ -91,9 +93,10 @@ Options parse(const std::vector<std::string>& args) {
                                    {"velocity", Velocity{}}},
                                   "--form", value());
         else if (args[i] == "--rule")
-            o.rule = choose<vfplan::Rule>(
-                {{"robust", vfplan::Rule::robust}, {"paper", vfplan::Rule::paper}}, "--rule",
-                value());
+            o.rule = choose<vfplan::Rule>({{"robust", vfplan::Rule::robust},
+                                           {"paper", vfplan::Rule::paper},
+                                           {"exact", vfplan::Rule::exact}},
+                                          "--rule", value());
         else if (args[i] == "--seconds")
             o.seconds = positive("--seconds", value());
         else if (args[i] == "--log")

@@ -17,6 +17,7 @@ from vfplan.planning.chosen import as_settings, capped, choice_of, costs, descri
 from vfplan.planning.guiding import add_guidance
 from vfplan.planning.margin import add_margin
 from vfplan.planning.matching import match
+from vfplan.planning.piecing import with_pieces
 from vfplan.planning.provenance import file_sha256, make_provenance
 from vfplan.planning.settings import FixtureSettings
 from vfplan.planning.touching import touch
@@ -164,9 +165,19 @@ def build_fixture(
         else None,
         mesh=curve.mesh,
     )
+    if settings.arcs_m is not None:
+        fixture = with_pieces(fixture, _strokes(curve, registration), settings.arcs_m)
     given = fixture.provenance.settings
     found = as_settings(choice, left_out(fixture, carried, curve, choice))
     return replace(fixture, provenance=replace(fixture.provenance, settings=given | found)), carried
+
+
+def _strokes(curve: Fixture, registration: Registration) -> list[NDArray[np.float64]]:
+    """The measured curve of each stroke (M, 3), carried over [m]; none of a bare cloud."""
+    if curve.curve is None:
+        return []
+    carried = registration.apply(curve.points)
+    return [carried[curve.curve.stroke == k] for k in range(len(curve.curve.closed))]
 
 
 def _provenance(curve: Fixture, settings: FixtureSettings, inputs: dict[str, str]) -> Provenance:
@@ -273,6 +284,10 @@ def describe_fixture(
         report["chosen"] = describe_choice(choice, carried)
     if carried.sampling_error_m is not None:
         report["sampling_error_m"] = carried.sampling_error_m
+    pieces = fixture.curve and fixture.curve.pieces
+    if pieces:
+        count = len(pieces.bulges) - int((~pieces.closed).sum())
+        report["pieces"] = {"lines_and_arcs": count, "error_m": pieces.error}
     if carried.tight_bends:
         report["tight_bends"] = [asdict(bend) for bend in carried.tight_bends]
     return report

@@ -10,6 +10,7 @@ from vfplan.errors import SettingError
 # What a bundle can hold and an engine can render; a contact radius below its band of 10 µm cannot.
 CONTACT_RADIUS_M = (1e-5, 1.0)
 POINT_RADIUS_M = (0.0, 1.0)
+ARCS_M = (1e-7, 1e-3)  # finer than any measurement, coarser than any pen
 GUIDE_M = (1e-5, 1.0)
 STIFFNESS_N_PER_M = (0.0, 1e6)
 
@@ -77,6 +78,9 @@ class FixtureSettings:
         spacing, band and iteration limit from it.
     density_per_m
         Points a metre; takes the place of the tolerance.
+    arcs_m
+        Also hold the strokes as lines and arcs this near to the measured curve [m], which rule
+        "exact" renders; `None`: points alone.
     stiffness
         K [N/m], one number or one an axis.
     contact_radius, point_radius
@@ -113,6 +117,7 @@ class FixtureSettings:
     robust: bool = False
     tolerance_m: float = 1e-5
     density_per_m: float | None = None
+    arcs_m: float | None = None
     stiffness: tuple[float, ...] = (1000.0,)
     contact_radius: float = 5e-3
     point_radius: float = 0.0
@@ -132,6 +137,7 @@ class FixtureSettings:
             ("contact radius", (self.contact_radius,), CONTACT_RADIUS_M, "m"),
             ("point radius", (self.point_radius,), POINT_RADIUS_M, "m"),
             ("stiffness", self.stiffness, STIFFNESS_N_PER_M, "N/m"),
+            ("arcs", () if self.arcs_m is None else (self.arcs_m,), ARCS_M, "m"),
             ("guide", () if self.guide_m is None else (self.guide_m,), GUIDE_M, "m"),
         ):
             for value in values:

@@ -1,16 +1,44 @@
-"""The least distance between proxies and cloud, found without the engine that placed them."""
+"""The least distance between proxies and fixture, found without the engine that placed them."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.arcs import plane, strokes_of
 from vfplan.fixture import Fixture
 from vfplan.replaying.ruler import flattened
 
 Array = NDArray[np.float64]
 _PAIRS = 2_000_000  # distances held at a time
 _STRIDE = 64  # far ticks looked at together
+
+
+class CurveClearance:
+    """Keep the minimum of the distance to lines and arcs, less R [m].
+
+    Parameters
+    ----------
+    fixture
+        Its pieces, radii and ignored axis.
+    """
+
+    def __init__(self, fixture: Fixture) -> None:
+        self._radius = fixture.contact_radius + fixture.point_radius
+        self._frame = plane(fixture.ignore_axis)
+        self._strokes = strokes_of(fixture.curve.pieces, self._frame)
+        self._nearest = np.inf
+
+    @property
+    def minimum_m(self) -> float:
+        """The least clearance so far [m]."""
+        return float(self._nearest - self._radius)
+
+    def update(self, proxy: Array) -> None:
+        """Take in the proxies of a block, (n, 3) [m]."""
+        flat = proxy @ self._frame.T
+        for stroke in self._strokes:
+            self._nearest = min(self._nearest, float(stroke.distance(flat).min()))
 
 
 class Clearance:

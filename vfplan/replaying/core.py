@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vfplan.engine.parameters import ProxyParameters
+from vfplan.engine.renderable import best_rule
 from vfplan.errors import SessionError, SettingError, at
 from vfplan.fixture import Fixture
 from vfplan.replaying.apart import Apart
@@ -80,7 +81,7 @@ def replay(
     fixture: Fixture | str | Path,
     session: Source | str | Path,
     *,
-    rule: str = "robust",
+    rule: str | None = None,
     engine: str = "native",
     robot: Robot | None = None,
     link: Link | None = None,
@@ -99,7 +100,8 @@ def replay(
     session
         A `Session`, a `SessionStream`, or the path of a session file.
     rule
-        "robust", "paper", or "both": side by side.
+        "robust", "paper", "exact", or "both": robust and paper side by side. `None`: "exact" where
+        the fixture holds lines and arcs, else "robust"; the reference engine's is "paper".
     engine
         "native", or "reference": the paper's algorithms in NumPy (rule "paper" only).
     robot
@@ -131,7 +133,7 @@ def replay(
     source = open_session(session) if isinstance(session, (str, Path)) else session
     _same_frame(fixture, source)
     link = link if link is not None and link.faulty else None
-    rules = _rules(rule)
+    rules = _rules(rule, fixture, engine)
     with place:
         settings = {"robot": robot, "governor": governor}
         runs = [RuleRun(fixture, r, engine, link=link, keep=keep, **settings) for r in rules]
@@ -179,7 +181,9 @@ def _same_frame(fixture: Fixture, source: Source) -> None:
         )
 
 
-def _rules(rule: str) -> tuple[str, ...]:
+def _rules(rule: str | None, fixture: Fixture, engine: str) -> tuple[str, ...]:
+    if rule is None:
+        return ("paper",) if engine == "reference" else (best_rule(fixture),)
     if rule not in RULES:
         raise SettingError(f"rule {rule!r}; {', '.join(RULES)} wanted")
     return ("robust", "paper") if rule == "both" else (rule,)

@@ -8,12 +8,12 @@ from vfplan.engine.renderable import check_renderable
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
 
-RULES = ("robust", "paper", "both")
+RULES = ("robust", "paper", "exact", "both")
 ENGINES = ("native", "reference")
 
 
 def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
-    """An engine that renders `fixture` by `rule` ("robust" or "paper").
+    """An engine that renders `fixture` by `rule` ("robust", "paper" or "exact").
 
     Raises
     ------
@@ -25,14 +25,18 @@ def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
     """
     if engine not in ENGINES:
         raise SettingError(f"engine {engine!r}; {' or '.join(ENGINES)} wanted")
-    if rule not in RULES[:2]:
-        raise SettingError(f"rule {rule!r}; {' or '.join(RULES[:2])} wanted")
+    if rule not in RULES[:3]:
+        raise SettingError(f"rule {rule!r}; {', '.join(RULES[:3])} wanted")
     if fixture.frame == "image" or fixture.rendering is None:
         raise InputError(
             f"a curve in frame {fixture.frame!r} without rendering cannot be replayed; "
             "`vfplan register` makes a fixture of it"
         )
     check_renderable(fixture)
+    if rule == "exact" and engine == "native":
+        from vfplan.engine.proxy import ProxyEngine
+
+        return ProxyEngine.of(fixture, rule)
     settings: dict[str, Any] = {
         "contact_radius": fixture.contact_radius,
         "point_radius": fixture.point_radius,

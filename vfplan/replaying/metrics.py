@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vfplan.engine.parameters import ProxyParameters, Status
 from vfplan.fixture import Fixture
 from vfplan.replaying.checks import RobotWatch
-from vfplan.replaying.clearance import Clearance
+from vfplan.replaying.clearance import Clearance, CurveClearance
 from vfplan.replaying.episodes import JOIN_S, Episodes
 from vfplan.replaying.quantities import Steps, row_norms
 from vfplan.replaying.ruler import CurveRuler
@@ -44,7 +44,7 @@ class Metrics:
         self._robot = None if robot is None else RobotWatch(robot)
         self._parameters = parameters
         self._ruler = CurveRuler.of(fixture)
-        self._clearance = Clearance(fixture) if len(fixture.forbidden) else None
+        self._clearance = _clearance(fixture, parameters)
         self._episodes = Episodes(parameters.band, join_s)
         self._states = np.zeros(len(STATES), dtype=np.int64)
         self._state_s = np.zeros(len(STATES))
@@ -157,3 +157,10 @@ class Metrics:
         if self._parameters.rule == "paper":
             return int(self._sums["fast"])
         return self._status["limit"]
+
+
+def _clearance(fixture: Fixture, parameters: ProxyParameters) -> Clearance | CurveClearance | None:
+    """To what the rule renders: the curve itself, the points, or nothing where all guides."""
+    if parameters.rule == "exact":
+        return CurveClearance(fixture)
+    return Clearance(fixture) if len(fixture.forbidden) else None
