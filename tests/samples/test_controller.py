@@ -55,6 +55,16 @@ def drawn(tmp_path_factory):
     return bundle(path, Omega().points + 0.3, ignore_axis=np.array([0.0, 0, 1]))
 
 
+@pytest.fixture(scope="session")
+def planned(vfplan_cli, tmp_path_factory):
+    """The shipped slice, planned with lines and arcs: rendered as the curve it is."""
+    path, samples = tmp_path_factory.mktemp("planned") / "elbow.h5", ROOT / "samples"
+    markers = (samples / f"elbow_markers_{side}.csv" for side in ("image", "robot"))
+    command = "plan", samples / "elbow.png", *markers, "-o", path, "--pixel-spacing", 0.5
+    assert vfplan_cli(*command, "--arcs", 0.002).code == 0
+    return path
+
+
 def turned(axis):
     """(3, 3) rotation whose last column is the unit vector `axis`, its bits as given."""
     side = np.cross(axis, [1.0, 0, 0])
@@ -101,9 +111,11 @@ def logged(path):
     }
 
 
-@pytest.mark.parametrize("rule", ["robust", "paper"])
+SCENES = [(scene, r) for scene in ("drawn", "oblique", "sheet") for r in ("robust", "paper")]
+
+
+@pytest.mark.parametrize(("scene", "rule"), [*SCENES, ("planned", "exact")])
 @pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("scene", ["drawn", "oblique", "sheet"])
 def test_replay_reproduces_the_log_bit_for_bit(
     scene, form, rule, controller, vfplan_cli, tmp_path, request
 ):

@@ -809,6 +809,60 @@ def guide_without_its_ends(f):
     del f["guidance"].attrs["ends"]
 
 
+def pieces(f, *, bulges=(0.0, 0.5, 0.0, 1.0, 1.0), stroke=(0, 0, 0, 1, 1), error=1e-6):
+    """Lines and arcs of the arc and the ring."""
+    del f["sigma"]  # a ninth link would go into a heap
+    text(f, "version", "1.1")
+    group = f.create_group("pieces")
+    group.attrs.create("error_m", error, dtype="<f8")
+    frame, plain = {"unit": "m", "frame": "robot_base"}, {"unit": "1"}
+    for name, values, dtype, attributes in (
+        ("vertices", f["points"][:5], "<f8", frame),
+        ("bulges", bulges, "<f8", plain),
+        ("stroke", stroke, "<i4", plain),
+    ):
+        new = group.create_dataset(name, data=np.array(values, dtype), chunks=True, fletcher32=True)
+        for key, value in attributes.items():
+            text(new, key, value)
+
+
+@case
+def more_than_half_a_circle(f):
+    pieces(f, bulges=(0.0, 1.5, 0.0, 0.0, 0.0))
+
+
+@case
+def pieces_of_a_stroke_that_is_not_there(f):
+    pieces(f, stroke=(0, 0, 0, 1, 2))
+
+
+@case
+def pieces_of_one_stroke_alone(f):
+    pieces(f, stroke=(0, 0, 0, 0, 0))
+
+
+@case
+def pieces_without_an_axis(f):
+    pieces(f)
+    del f["rendering/ignore_axis"]
+
+
+@case
+def pieces_without_bulges(f):
+    pieces(f)
+    del f["pieces/bulges"]
+
+
+@case
+def fewer_bulges_than_vertices(f):
+    pieces(f, bulges=(0.0, 0.5, 0.0))
+
+
+@accepted
+def lines_and_arcs(f):
+    pieces(f)
+
+
 @accepted
 def a_stroke_that_guides(f):
     guide(f)

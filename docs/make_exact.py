@@ -1,0 +1,73 @@
+"""Print how far rules `exact` and `robust` are from the exact proxy on the planar scenes.
+
+python docs/make_exact.py        (the table of docs/engine.md; a few minutes)
+
+The truth is that of `vfplan.study.scenes`: small steps of a god-object, by another method. A tick
+whose truth moves more than 20 times as far as the HIP is the moment of a jump, and left out. Arcs
+of a fit go through the scene's points 0.5 mm apart, as a plan has them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+import vfplan
+from vfplan.curve.arcs import fit_arcs
+from vfplan.fixture import Pieces
+from vfplan.study.scenes import SCENES
+
+R = 5e-3
+PLANAR = ("circle", "wedge", "corner", "channel", "omega", "teapot")
+JUMP = 20
+HEAD = "exact um", "fit um", "robust um", "exact N", "robust N", "truth N", "exact us", "robust us"
+
+
+def fitted(scene, tolerance=1e-6):
+    """The runs' samples as lines and arcs."""
+    arcs = [fit_arcs(run.sample(5e-4), run.closed, tolerance) for run in scene.runs]
+    flat = np.vstack([a.vertices for a in arcs])
+    counts = [len(a.bulges) for a in arcs]
+    return Pieces(
+        np.column_stack([flat, 0 * flat[:, 0]]), np.concatenate([a.bulges for a in arcs]),
+        np.repeat(np.arange(len(arcs), dtype=np.int32), counts), np.array([a.closed for a in arcs]),
+    )  # fmt: skip
+
+
+def judge(engine, scene, hips, truth):
+    """RMS error [um], largest force step [N], median tick [us]; of the truth itself without one."""
+    proxy, took = truth, np.zeros(1)
+    if engine is not None:
+        engine.reset(hips[0])
+        trace, took = engine.run_timed(hips)
+        proxy = trace.proxy
+    calm = np.ones(len(hips), bool)
+    moved = np.linalg.norm(np.diff(truth, axis=0), axis=1)
+    calm[1:] = moved <= JUMP * np.linalg.norm(np.diff(hips, axis=0), axis=1) + 1e-12
+    calm[:-1] &= calm[1:]
+    error = np.linalg.norm(proxy - truth, axis=1)[calm]
+    step = np.linalg.norm(np.diff(scene.force(hips, proxy), axis=0), axis=1)[calm[1:]]
+    return 1e6 * np.sqrt((error**2).mean()), step.max(), np.median(took)
+
+
+def main() -> None:
+    """The table."""
+    print(("{:<16}" + "{:>10}" * 8).format("", *HEAD))
+    for name in PLANAR:
+        scene = SCENES[name]()
+        engines = (
+            vfplan.ProxyEngine.along(scene.lines_and_arcs, R),
+            vfplan.ProxyEngine(scene.points, R, ignore_axis="z"),
+            vfplan.ProxyEngine.along(fitted(scene), R),
+        )
+        for route in scene.routes:
+            hips = scene.path(route, speed=0.1)
+            truth = scene.truth(hips, R)
+            perfect = judge(None, scene, hips, truth)
+            exact, robust, fit = (judge(engine, scene, hips, truth) for engine in engines)
+            errors = f"{exact[0]:>10.4f}{fit[0]:>10.2f}{robust[0]:>10.2f}"
+            steps = f"{exact[1]:>10.4f}{robust[1]:>10.4f}{perfect[1]:>10.4f}"
+            print(f"{f'{name} {route}':<16}{errors}{steps}{exact[2]:>10.2f}{robust[2]:>10.2f}")
+
+
+if __name__ == "__main__":
+    main()

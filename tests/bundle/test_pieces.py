@@ -1,0 +1,88 @@
+"""Lines and arcs in a bundle: written, read back in both languages, planned, replayed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bundles
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import vfplan
+from vfplan.errors import SceneError
+from vfplan.fixture import Pieces
+
+SAMPLES = ROOT / "samples"
+MARKERS = SAMPLES / "elbow_markers_image.csv", SAMPLES / "elbow_markers_robot.csv"
+
+
+@pytest.fixture(scope="module")
+def planned(vfplan_cli, tmp_path_factory):
+    """The shipped slice with lines and arcs, and what `plan` said of it."""
+    path = tmp_path_factory.mktemp("planned") / "f.h5"
+    command = "plan", SAMPLES / "elbow.png", *MARKERS, "-o", path, "--pixel-spacing", 0.5
+    run = vfplan_cli(*command, "--arcs", 0.001, "--json")
+    assert run.code == 0, run.stderr
+    return path, run.json["register"]
+
+
+def test_pieces_come_back_to_the_bit(tmp_path):
+    fixture = bundles.whole()
+    pieces = Pieces(
+        fixture.points[[0, 20, 39, 40, 55]], np.array([0.4, -0.2, 0, 1, 1]),
+        np.array([0, 0, 0, 1, 1], np.int32), fixture.curve.closed, 3e-6,
+    )  # fmt: skip
+    path = tmp_path / "f.h5"
+    vfplan.write_fixture(replace(fixture, curve=replace(fixture.curve, pieces=pieces)), path)
+    back = vfplan.read_fixture(path).curve.pieces
+    for name in ("vertices", "bulges", "stroke", "closed"):
+        assert np.array_equal(getattr(back, name), getattr(pieces, name)), name
+    assert back.error == 3e-6
+
+
+def test_a_bundle_without_pieces_stays_of_its_version(vfplan_cli, tmp_path):
+    path = tmp_path / "f.h5"
+    vfplan.write_fixture(bundles.whole(), path)
+    assert vfplan_cli("info", path, "--json").json["version"] == "1.0"
+
+
+def test_plan_fits_pieces_within_what_was_asked(planned, vfplan_cli):
+    path, report = planned
+    fixture = vfplan.read_fixture(path)
+    assert 0 < report["pieces"]["error_m"] <= 1e-6
+    assert report["pieces"]["error_m"] == fixture.curve.pieces.error
+    engine = vfplan.ProxyEngine.of(fixture)
+    assert engine.rule == "exact"
+    assert engine.distance(fixture.points).max() < 2e-6
+    assert vfplan_cli("validate", path).code == 0
+    assert vfplan_cli("info", path, "--json").json["version"] == "1.1"
+
+
+def test_replay_takes_the_curve_where_there_is_one(planned, vfplan_cli):
+    session = SAMPLES / "elbow_session.csv"
+    exact = vfplan_cli("replay", planned[0], session, "--json").json
+    robust = vfplan_cli("replay", planned[0], session, "--rule", "robust", "--json").json
+    assert (exact["rule"], robust["rule"]) == ("exact", "robust")
+    assert exact["contact_ticks"] == pytest.approx(robust["contact_ticks"], rel=0.01)
+    assert abs(exact["clearance_min_m"]) < 1e-9
+    assert exact["force_max_n"] == pytest.approx(robust["force_max_n"], rel=0.01)
+
+
+def test_no_pieces_no_exact_rule(vfplan_cli, tmp_path):
+    path = tmp_path / "f.h5"
+    vfplan.write_fixture(bundles.whole(), path)
+    run = vfplan_cli("replay", path, SAMPLES / "elbow_session.csv", "--rule", "exact")
+    assert run.code == 3
+    assert "needs a curve of lines and arcs" in run.stderr
+    with pytest.raises(SceneError, match="needs a curve"):
+        vfplan.ProxyEngine.of(bundles.whole(), "exact")
+
+
+def test_arcs_of_a_fixture_in_space_are_refused(vfplan_cli, tmp_path):
+    path = tmp_path / "f.h5"
+    command = "plan", SAMPLES / "elbow.png", *MARKERS, "-o", path, "--pixel-spacing", 0.5
+    run = vfplan_cli(*command, "--arcs", 0.001, "--ignore-axis", "none")
+    assert run.code in (2, 3)
+    assert "across an ignored axis" in run.stderr
+    assert not path.exists()
