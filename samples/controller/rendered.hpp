@@ -14,12 +14,14 @@ namespace controller {
 class Rendered {
   public:
     Rendered(const vfplan::bundle::Fixture& fixture, const vfplan::Parameters& p, vfplan::Use use) {
-        if (use == vfplan::Use::real_time) vfplan::bundle::check_work(fixture, p);
+        const bool exact = p.rule == vfplan::Rule::exact;  // its ticks are bounded
+        if (use == vfplan::Use::real_time && !exact) vfplan::bundle::check_work(fixture, p);
         const auto forbidden = fixture.forbidden();
-        if (!forbidden.empty()) {
+        if (exact)
+            region_.emplace(fixture.pieces, p);
+        else if (!forbidden.empty())
             region_.emplace(forbidden.data(), forbidden.size() / 3, p);
-            stiffness_ = std::max({p.stiffness[0], p.stiffness[1], p.stiffness[2]});
-        }
+        if (region_) stiffness_ = std::max({p.stiffness[0], p.stiffness[1], p.stiffness[2]});
         if (fixture.guidance) {
             guide_.emplace(vfplan::bundle::make_guide(fixture));
             stiffness_ += fixture.guidance->stiffness;
