@@ -38,7 +38,7 @@ def command(
     """Extract the curve drawn on IMAGE to sub-pixel points.
 
     IMAGE is a PNG, JPEG, TIFF, BMP or DICOM file; or, alone, a vector curve: a Slicer .mrk.json
-    Curve or ClosedCurve, or a CSV u_px,v_px.
+    Curve or ClosedCurve or .fcsv, an ImageJ .roi, or a CSV u_px,v_px or X,Y.
 
     With several candidates and none chosen by --stroke, --roi or --colour, each is described and
     nothing is written (exit 3).

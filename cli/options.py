@@ -213,7 +213,11 @@ CURVE_OPTIONS = [
     click.option("--outline", is_flag=True, default=None,
                  help="Take the outline of the one filled region."),
     click.option("--curve", type=FILE, metavar="FILE",
-                 help="A curve drawn on the image as vectors: Slicer .mrk.json or CSV u_px,v_px."),
+                 help="A curve drawn on the image as vectors: Slicer .mrk.json or .fcsv, ImageJ "
+                 ".roi, or CSV u_px,v_px or X,Y."),
+    click.option("--curve-origin", type=click.Choice(["centre", "corner"]),
+                 help="Where on a pixel ImageJ counts from: a line's X,Y from the centre, an "
+                 "area's from the corner; asked for where the file leaves it open."),
     click.option("--frame", type=Whole(min=1), metavar="N",
                  help="Which frame of a multi-frame DICOM or page of a TIFF."),
     click.option("--imager-spacing", is_flag=True, default=None,
@@ -307,7 +311,7 @@ def extract_settings(given: dict[str, Any], **more: Any) -> Any:
     from vfplan.planning import ExtractSettings
 
     names = ("colour", "pixel_spacing_mm", "method", "roi", "stroke", "max_gap_px", "frame")
-    names += ("exclude", "start", "end", "accept_width", "outline")
+    names += ("exclude", "start", "end", "accept_width", "outline", "curve_origin")
     more["imager_spacing"] = given["imager_spacing"] or None
     return ExtractSettings(**{n: given[n] for n in names}, **more)
 

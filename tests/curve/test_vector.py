@@ -166,3 +166,48 @@ def test_a_density_for_pixels_alone_is_refused(tmp_path):
     path = polyline(tmp_path, [(5, 5), (50, 5)])
     with pytest.raises(SettingError, match="pixel spacing"):
         extract(path, ExtractSettings(density_per_mm=2.0))
+
+
+HEADER = "# Markups fiducial file version = 4.11\n# CoordinateSystem = LPS\n"
+COLUMNS = "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n"
+
+
+def control_points(tmp_path, points_mm, header=HEADER + COLUMNS):
+    rows = "".join(f"n,{x},{y},{z},0,0,0,1,1,1,0,F,,\n" for x, y, z in points_mm)
+    path = tmp_path / "c.fcsv"
+    path.write_text(header + rows)
+    return path
+
+
+def test_a_control_point_table_is_the_curve_that_its_points_are_in_order(tmp_path):
+    closed = read_vector_curve(control_points(tmp_path, [*RING_MM, RING_MM[0]]))
+    as_curve = read_vector_curve(slicer(tmp_path, RING_MM, "ClosedCurve"))
+    assert closed.closed
+    assert np.allclose(closed.points, as_curve.points, atol=1e-12)
+    assert np.allclose(closed.fine(1e-4), as_curve.fine(1e-4), atol=1e-12)
+    ras = control_points(tmp_path, RING_MM * [-1, -1, 1], HEADER.replace("LPS", "RAS") + COLUMNS)
+    opened = read_vector_curve(ras)
+    assert not opened.closed
+    assert np.allclose(opened.points, RING_MM * 1e-3)
+
+
+def test_a_table_tells_no_spline_from_lines_and_so_it_is_told_how_far_they_differ(tmp_path):
+    # Between two of 12 points of a circle, the chord lies r (1 - cos 15°) inside: 0.34 mm of 10.
+    coarse = read_vector_curve(control_points(tmp_path, [*RING_MM[::2], RING_MM[0]]))
+    assert coarse.off_straight() == pytest.approx(0.01 * (1 - np.cos(np.pi / 12)), rel=0.01)
+    assert "up to 0.3 mm" in coarse.warnings[0]
+    line = [[x, 0.0, 5.0] for x in range(5)]
+    assert read_vector_curve(control_points(tmp_path, line)).warnings == ()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", HEADER, HEADER.replace("LPS", "XYZ") + "n,1,2,3\nn,2,3,4\n", HEADER + "n,1,b,3\n"],
+    ids=repr,
+)
+def test_broken_control_point_tables_are_refused(tmp_path, text):
+    (tmp_path / "c.fcsv").write_text(text)
+    with pytest.raises(CurveError):
+        read_vector_curve(tmp_path / "c.fcsv")
+    with pytest.raises(SettingError, match="no effect on Slicer"):
+        read_vector_curve(tmp_path / "c.fcsv", "centre")

@@ -151,6 +151,8 @@ READERS = [
     (read_image, ".png", ImageError),
     (read_vector_curve, ".csv", InputError),
     (read_vector_curve, ".mrk.json", InputError),
+    (read_vector_curve, ".fcsv", InputError),
+    (read_vector_curve, ".roi", InputError),
     (read_markers, ".csv", MarkerError),
     (read_session, ".csv", SessionError),
     (read_session, ".bag", SessionError),

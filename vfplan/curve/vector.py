@@ -1,4 +1,4 @@
-"""A curve drawn as vectors: Slicer's `.mrk.json` Curve or ClosedCurve, or a CSV polyline.
+"""A curve drawn as vectors: Slicer's Curve, ClosedCurve or `.fcsv`, ImageJ's selection, or a CSV.
 
 Nothing is measured here: the points are taken as given, and no standard deviation is known.
 """
@@ -6,22 +6,25 @@ Nothing is measured here: the points are taken as given, and no standard deviati
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve import imagej
 from vfplan.engine.spacing import MOST_POINTS
-from vfplan.errors import CurveError, MarkerError
+from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.io.disk import read_whole
-from vfplan.io.numbers import real
 
 MAX_BYTES = 256 * 2**20
 FINE_M = 2.5e-4  # of a curve in the patient: a point every quarter of a millimetre
 OUT_OF_PLANE_M = 1e-3  # a curve further than this from the slice was not drawn on it
 FURTHEST = 1e9  # pixels or metres; nothing real is, and squares of more overflow in the end
 KINDS = {"Curve": False, "ClosedCurve": True}
+SUFFIXES = (".json", ".csv", ".fcsv", ".roi")
+WANTED = "a .mrk.json, .fcsv, .roi or CSV is wanted"
+SPLINE_TOLD_M = 1e-4  # a spline this far from straight lines is told where a file names neither
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,22 +38,25 @@ class VectorCurve:
     closed
         Whether the last point joins the first.
     smooth
-        Whether a cubic spline runs through the points (Slicer), or straight lines (CSV).
+        Whether a cubic spline runs through the points (Slicer), or straight lines (CSV, ImageJ).
     sha256
         Of the file's bytes, lower-case hex.
+    warnings
+        What the file leaves open, and how it was taken.
     """
 
     points: NDArray[np.float64]
     closed: bool
     smooth: bool
     sha256: str
+    warnings: tuple[str, ...] = ()
 
     def fine(self, step: float) -> NDArray[np.float64]:
         """(K, 2|3) points along the curve, `step` apart in arc length, ends included.
 
         Raises `CurveError` where these are more than a bundle holds.
         """
-        ring = np.vstack([self.points, self.points[:1]]) if self.closed else self.points
+        ring = self._ring()
         at = _chords(ring)
         if not at[-1] / step < MOST_POINTS:
             raise CurveError(
@@ -63,6 +69,20 @@ class VectorCurve:
         line = np.column_stack([np.interp(even, arc, line[:, k]) for k in range(line.shape[1])])
         return line[:-1] if self.closed else line
 
+    def off_straight(self) -> float:
+        """How far the spline lies from straight lines between its points, at most; their unit."""
+        ring = self._ring()
+        at = _chords(ring)
+        # Eight places between neighbours, wherever these lie.
+        dense = np.interp(
+            np.linspace(0, len(at) - 1, 8 * (len(at) - 1) + 1), np.arange(len(at)), at
+        )
+        straight = replace(self, smooth=False)._through(at, ring, dense)
+        return float(np.linalg.norm(self._through(at, ring, dense) - straight, axis=1).max())
+
+    def _ring(self) -> NDArray:
+        return np.vstack([self.points, self.points[:1]]) if self.closed else self.points
+
     def _through(self, at: NDArray, ring: NDArray, dense: NDArray) -> NDArray:
         if not self.smooth or len(ring) < 3:
             return np.column_stack([np.interp(dense, at, ring[:, k]) for k in range(ring.shape[1])])
@@ -72,33 +92,58 @@ class VectorCurve:
 
 
 def is_vector(path: str | Path) -> bool:
-    """Whether a file's name says that it holds a vector curve: `.json` or `.csv`."""
-    return Path(path).suffix.lower() in (".json", ".csv")
+    """Whether a file's name says that it holds a vector curve: `.json`, `.csv`, `.fcsv`, `.roi`."""
+    return Path(path).suffix.lower() in SUFFIXES
 
 
-def read_vector_curve(path: str | Path) -> VectorCurve:
-    """Read a Slicer `.mrk.json` with one Curve or ClosedCurve, or a CSV `u_px,v_px`.
+def read_vector_curve(path: str | Path, origin: imagej.PixelOrigin | None = None) -> VectorCurve:
+    """Read a Slicer `.mrk.json` with one Curve or ClosedCurve, a `.fcsv`, a `.roi`, or a CSV.
 
-    A CSV whose last row repeats the first is closed.
+    A CSV is `u_px,v_px`, or ImageJ's `X,Y`; it and a `.fcsv` are closed where the last row repeats
+    the first.
+
+    Parameters
+    ----------
+    path
+        The file.
+    origin
+        Where on a pixel ImageJ's whole numbers lie, "centre" or "corner", if the file leaves it
+        open (a `X,Y` table does).
 
     Raises
     ------
     CurveError
         The file is missing, is no such curve, or holds fewer than two different points.
+    SettingError
+        An origin is given for a file that needs none.
+    MissingExtra
+        A `.roi` without the package roifile.
     """
     where = str(path)
     data = read_whole(Path(path), MAX_BYTES, CurveError)
+    if origin is not None and origin not in imagej.ORIGINS:
+        raise SettingError(f"curve_origin is {origin!r}; centre or corner is wanted")
+    try:
+        curve = _read(data, Path(path).suffix.lower(), origin, where)
+    except MarkerError as error:
+        raise CurveError(error.message, where=error.where) from None
+    return replace(curve, sha256=hashlib.sha256(data).hexdigest())
+
+
+def _read(data: bytes, suffix: str, origin: imagej.PixelOrigin | None, where: str) -> VectorCurve:
+    if suffix == ".roi" or imagej.is_roi(data):
+        points, closed, warnings = imagej.read_roi(data, origin, where)
+        points = _opened(points)[0] if closed else points
+        return VectorCurve(_distinct(points, closed, where), closed, False, "", warnings)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise CurveError("is not text; a .mrk.json or a CSV is wanted", where=where) from None
-    try:
-        parse = _slicer if Path(path).suffix.lower() == ".json" else _polyline
-        points, closed, smooth = parse(text, where)
-    except MarkerError as error:
-        raise CurveError(error.message, where=error.where) from None
-    points = _distinct(points, closed, where)
-    return VectorCurve(points, closed, smooth, hashlib.sha256(data).hexdigest())
+        raise CurveError(f"is not text; {WANTED}", where=where) from None
+    if suffix not in (".json", ".fcsv"):
+        return _polyline(text, origin, where)
+    if origin is not None:
+        raise SettingError(f"curve_origin {origin!r} has no effect on Slicer's curves")
+    return _slicer(text, where) if suffix == ".json" else _control_points(text, where)
 
 
 def onto_slice(curve: VectorCurve, T_patient_image: NDArray | None, where: str) -> VectorCurve:
@@ -124,10 +169,10 @@ def onto_slice(curve: VectorCurve, T_patient_image: NDArray | None, where: str) 
             f"{OUT_OF_PLANE_M * 1e3:.0f} mm is taken for drawn on it",
             where=where,
         )
-    return VectorCurve(pixels.T.copy(), curve.closed, curve.smooth, curve.sha256)
+    return replace(curve, points=pixels.T.copy())
 
 
-def _slicer(text: str, where: str) -> tuple[NDArray, bool, bool]:
+def _slicer(text: str, where: str) -> VectorCurve:
     from vfplan.markers.slicer import lps_points, markups_of
 
     markups = markups_of(text, where)
@@ -135,26 +180,52 @@ def _slicer(text: str, where: str) -> tuple[NDArray, bool, bool]:
     if len(curves) != 1:
         types = ", ".join(repr(m.get("type")) for m in markups) or "nothing"
         raise CurveError(f"holds {types}; one Curve or ClosedCurve is wanted", where=where)
-    return lps_points(curves[0], where), KINDS[curves[0]["type"]], True
+    closed = KINDS[curves[0]["type"]]
+    return VectorCurve(_distinct(lps_points(curves[0], where), closed, where), closed, True, "")
 
 
-def _polyline(text: str, where: str) -> tuple[NDArray, bool, bool]:
+def _control_points(text: str, where: str) -> VectorCurve:
+    """Slicer's control-point table says of what kind its points are no more than their order."""
+    from vfplan.markers.slicer import fcsv_points
+
+    points, closed = _opened(np.array([xyz for _, xyz in fcsv_points(text, where)]).reshape(-1, 3))
+    curve = VectorCurve(_distinct(points, closed, where), closed, True, "")
+    away = curve.off_straight()
+    if away <= SPLINE_TOLD_M:
+        return curve
+    told = (
+        f"{where}: names points alone; a spline is laid through them, up to {away * 1e3:.1f} mm "
+        "from straight lines; a .mrk.json Curve says which is meant"
+    )
+    return replace(curve, warnings=(told,))
+
+
+def _polyline(text: str, origin: imagej.PixelOrigin | None, where: str) -> VectorCurve:
     from vfplan.markers.points import table_rows
 
     rows = table_rows(text, where)
     header = [name.strip() for name in rows[0]] if rows else []
-    if header != ["u_px", "v_px"]:  # exactly: with a label it is a list of markers
+    if imagej.is_xy_table(header):
+        points = imagej.read_xy_table(rows, origin, where)
+    elif header == ["u_px", "v_px"]:  # exactly: with a label it is a list of markers
+        if origin is not None:
+            raise SettingError(f"curve_origin {origin!r} has no effect on u_px,v_px")
+        points = imagej.pixels_of(rows[1:], where)
+    else:
         found = ",".join(header)[:60]
         raise CurveError(
-            f"is no image, and as a curve its header is {found!r}; u_px,v_px is wanted", where=where
+            f"is no image, and as a curve its header is {found!r}; u_px,v_px or ImageJ's X,Y is "
+            "wanted",
+            where=where,
         )
-    try:
-        points = np.array([[real(u), real(v)] for u, v in rows[1:]])
-    except ValueError as error:
-        raise CurveError(f"holds a row without two numbers: {error}", where=where) from None
-    points = points.reshape(-1, 2)
+    points, closed = _opened(points)
+    return VectorCurve(_distinct(points, closed, where), closed, False, "")
+
+
+def _opened(points: NDArray) -> tuple[NDArray, bool]:
+    """The points without the last where it repeats the first, and whether it does."""
     closed = len(points) > 3 and bool(np.array_equal(points[0], points[-1]))
-    return (points[:-1] if closed else points), closed, False
+    return (points[:-1] if closed else points), closed
 
 
 def _distinct(points: NDArray, closed: bool, where: str) -> NDArray:

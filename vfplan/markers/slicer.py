@@ -130,10 +130,22 @@ def _position(value: Any, label: str, where: str) -> np.ndarray:
 
 
 def parse_fcsv(text: str, where: str) -> MarkerPoints:
-    """The points of a Slicer `.fcsv`: mm, in the coordinate system that its header names.
+    """The points of a Slicer `.fcsv` as markers, each with its label; raises as `fcsv_points`."""
+    labels, positions = [], []
+    for i, (label, position) in enumerate(fcsv_points(text, where), start=1):
+        labels.append(label_of(label, "it", f"{where}, point {i}"))
+        positions.append(position)
+    return MarkerPoints(
+        "patient_lps", tuple(labels), np.array(positions).reshape(-1, 3), where=where
+    )
 
-    With a `# Markups fiducial file version` line the columns are Slicer 4's, at fixed places;
-    without one they are Slicer 3's `label,x,y,z,sel,vis` in RAS.
+
+def fcsv_points(text: str, where: str) -> list[tuple[str | None, np.ndarray]]:
+    """Label and (3,) position in LPS [m] of each point of a Slicer `.fcsv`, in the file's order.
+
+    Positions are in mm, in the coordinate system that the header names. With a `# Markups fiducial
+    file version` line the columns are Slicer 4's, at fixed places; without one they are Slicer 3's
+    `label,x,y,z,sel,vis` in RAS.
 
     Raises
     ------
@@ -150,17 +162,15 @@ def parse_fcsv(text: str, where: str) -> MarkerPoints:
     _check_columns(header.get("columns"), columns, where)
     sign = _fcsv_sign(header, slicer4, where)
     rows = table_rows("\n".join(line for line in lines if not line.startswith("#")), where)
-    labels, positions = [], []
+    points = []
     for i, row in enumerate(rows, start=1):
         place = f"{where}, point {i}"
         cells = dict(zip(columns, row, strict=False))
-        label = label_of(cells.get("label"), "it", place)
-        xyz = [number(cells.get(axis), f"{axis} of marker {label!r}", place) for axis in "xyz"]
-        labels.append(label)
-        positions.append(np.array(xyz) * sign * 1e-3)
-    return MarkerPoints(
-        "patient_lps", tuple(labels), np.array(positions).reshape(-1, 3), where=where
-    )
+        label = cells.get("label")
+        what = f"of marker {label.strip()!r}" if label else "of it"
+        xyz = [number(cells.get(axis), f"{axis} {what}", place) for axis in "xyz"]
+        points.append((label, np.array(xyz) * sign * 1e-3))
+    return points
 
 
 def _check_columns(stated: str | None, columns: list[str], where: str) -> None:

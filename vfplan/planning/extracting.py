@@ -51,14 +51,14 @@ def extract(
     Parameters
     ----------
     path
-        The slice; or, alone, a Slicer `.mrk.json` curve in the patient's frame.
+        The slice; or, alone, a vector curve.
     settings
         How the curve is read.
     curve
-        A vector curve drawn on the slice, taken instead of a pen's: `.mrk.json` (a DICOM slice
-        says where it lies) or CSV `u_px,v_px`.
+        A vector curve drawn on the slice, taken instead of a pen's: Slicer's `.mrk.json` or
+        `.fcsv` (a DICOM slice says where it lies), ImageJ's `.roi`, or a CSV `u_px,v_px` or `X,Y`.
 
-    Raises `ImageError`, `CurveError` or `SettingError`.
+    Raises `ImageError`, `CurveError`, `SettingError` or `MissingExtra`.
     """
     from vfplan.curve import load_libraries
     from vfplan.curve.vector import is_vector
@@ -66,6 +66,8 @@ def extract(
 
     if curve is not None or is_vector(path):
         _refuse_settings(settings, OF_A_PEN)
+    elif settings.curve_origin is not None:
+        raise SettingError("curve_origin has no effect without a vector curve; leave it out")
     if is_vector(path):
         _refuse_settings(settings, OF_AN_IMAGE)
         return _vector_alone(path, settings)
@@ -83,7 +85,7 @@ def extract(
     if curve is None:
         extraction = _drawn_with_a_pen(image, settings)
     else:
-        extraction, inputs["curve"] = _drawn_as_vectors(image, curve)
+        extraction, inputs["curve"] = _drawn_as_vectors(image, curve, settings)
     if settings.density_per_mm is not None:
         extraction = resample(extraction, image.pixel_spacing_mm, settings.density_per_mm)
     elapsed = time.perf_counter() - started
@@ -126,13 +128,16 @@ def _drawn_with_a_pen(image: PlannedImage, settings: ExtractSettings) -> Extract
     )
 
 
-def _drawn_as_vectors(image: PlannedImage, path: str | Path) -> tuple[Extraction, str]:
+def _drawn_as_vectors(
+    image: PlannedImage, path: str | Path, settings: ExtractSettings
+) -> tuple[Extraction, str]:
     from vfplan.curve import vector_stroke
     from vfplan.curve.vector import onto_slice, read_vector_curve
 
-    curve = read_vector_curve(path)
+    curve = read_vector_curve(path, settings.curve_origin)
     placed = onto_slice(curve, image.T_patient_image, str(path))
-    return vector_stroke(placed.fine(1.0), curve.closed, image, str(path)), curve.sha256
+    extraction = vector_stroke(placed.fine(1.0), curve.closed, image, str(path))
+    return replace(extraction, warnings=curve.warnings), curve.sha256
 
 
 def _vector_alone(path: str | Path, settings: ExtractSettings) -> Extracted:
@@ -140,7 +145,7 @@ def _vector_alone(path: str | Path, settings: ExtractSettings) -> Extracted:
     from vfplan.curve.vector import FINE_M, read_vector_curve
 
     started = time.perf_counter()
-    curve = read_vector_curve(path)
+    curve = read_vector_curve(path, settings.curve_origin)
     flat = curve.points.shape[1] == 2
     density = settings.density_per_mm
     if flat and density is not None:
@@ -163,7 +168,7 @@ def _vector_alone(path: str | Path, settings: ExtractSettings) -> Extracted:
         "points": len(points),
         "elapsed_s": time.perf_counter() - started,
     }
-    return Extracted(fixture, None, None, report)
+    return Extracted(fixture, None, None, report, curve.warnings)
 
 
 def planned_curve(

@@ -39,6 +39,9 @@ class ExtractSettings:
         Take a run that is wider than the rest as one pen's; `None`: do not.
     outline
         Take the outline of the one filled region; `None`: do not.
+    curve_origin
+        "centre" or "corner": where on a pixel the whole numbers of an ImageJ vector curve lie, if
+        its file leaves it open; `None`: as the file says.
     pixel_spacing_mm
         (along u, along v); `None`: what the file says.
     density_per_mm
@@ -59,6 +62,7 @@ class ExtractSettings:
     end: tuple[float, float] | None = None
     accept_width: bool | None = None
     outline: bool | None = None
+    curve_origin: Literal["centre", "corner"] | None = None
     pixel_spacing_mm: tuple[float, float] | None = None
     density_per_mm: float | None = None
     frame: int | None = None

@@ -1,0 +1,194 @@
+"""Curves drawn in ImageJ: selections (`.roi`) and tables of their X,Y coordinates."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+from captures import capture
+from vector_files import polyline
+
+from vfplan.curve.vector import read_vector_curve
+from vfplan.errors import CurveError, MissingExtra, SettingError
+from vfplan.planning import ExtractSettings, extract
+
+roifile = pytest.importorskip("roifile", reason="needs pip install 'vfplan[imagej]'")
+
+LINE = [(10.25, 20.5), (40.0, 24.75), (60.5, 30.0)]
+LINE_PX = [(10, 20), (40, 24), (60, 30)]
+SQUARE = [(10, 10), (50, 10), (50, 50), (10, 50)]
+
+
+def selection(tmp_path, kind, points, version=229, name="c.roi", **more):
+    """A selection as the package roifile writes it; parts of a pixel are kept where there are."""
+    roi = roifile.ImagejRoi.frompoints(np.array(points))
+    roi.roitype, roi.version = roifile.ROI_TYPE[kind], version
+    for key, value in more.items():
+        setattr(roi, key, value)
+    path = tmp_path / name
+    path.write_bytes(roi.tobytes())
+    return path
+
+
+def by_hand(points, kind=5, version=229, count=None):
+    """A selection of whole pixels, byte by byte: the format as ImageJ's RoiDecoder reads it."""
+    x, y = np.array(points).T
+    left, top = x.min(), y.min()
+    count = len(points) if count is None else count
+    head = struct.pack(">4shBxhhhhH", b"Iout", version, kind, top, left, y.max(), x.max(), count)
+    return head.ljust(64, b"\0") + struct.pack(f">{2 * len(x)}h", *(x - left), *(y - top))
+
+
+@pytest.mark.parametrize("kind", ["POLYLINE", "FREELINE"])
+def test_a_line_counts_from_pixels_centres(tmp_path, kind):
+    curve = read_vector_curve(selection(tmp_path, kind, LINE))
+    assert (curve.closed, curve.smooth, curve.warnings) == (False, False, ())
+    assert np.allclose(curve.points, LINE, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["POLYGON", "FREEHAND", "TRACED"])
+def test_an_area_counts_from_pixels_corners_and_is_closed(tmp_path, kind):
+    for points in (SQUARE, [*SQUARE, SQUARE[0]]):
+        curve = read_vector_curve(selection(tmp_path, kind, points, version=228))
+        assert curve.closed
+        assert curve.points.tolist() == [[u - 0.5, v - 0.5] for u, v in SQUARE]
+        assert len(curve.fine(1.0)) == 160
+        assert curve.warnings == ()
+
+
+def test_the_format_is_read_byte_by_byte(tmp_path):
+    path = tmp_path / "c.roi"
+    path.write_bytes(by_hand([(300, 7), (10, 90), (40000 - 20000, 500)]))
+    assert read_vector_curve(path).points.tolist() == [[300, 7], [10, 90], [20000, 500]]
+    path.write_bytes(by_hand(SQUARE, kind=0))
+    assert read_vector_curve(path).points.tolist() == [[u - 0.5, v - 0.5] for u, v in SQUARE]
+
+
+def test_what_a_line_of_an_older_format_counts_from_is_warned_of_or_asked_for(tmp_path):
+    unsure = selection(tmp_path, "POLYLINE", LINE, version=228, name="a.roi")
+    curve = read_vector_curve(unsure)
+    assert np.allclose(curve.points, LINE, atol=1e-5)
+    assert "half a pixel off" in curve.warnings[0]
+    assert read_vector_curve(unsure, "centre").warnings == ()
+    old = selection(tmp_path, "POLYLINE", LINE, version=227, name="b.roi")
+    with pytest.raises(CurveError, match=r"before 1\.52i.*--curve-origin centre or corner"):
+        read_vector_curve(old)
+    assert np.allclose(read_vector_curve(old, "corner").points, np.array(LINE) - 0.5, atol=1e-5)
+
+
+def test_an_origin_where_the_file_tells_it_is_refused(tmp_path):
+    for path in (
+        selection(tmp_path, "POLYGON", SQUARE),
+        selection(tmp_path, "POLYLINE", LINE, name="l.roi"),
+        polyline(tmp_path, SQUARE),
+    ):
+        with pytest.raises(SettingError, match="has no effect"):
+            read_vector_curve(path, "corner")
+    with pytest.raises(SettingError, match="without a vector curve"):
+        extract(capture(tmp_path), ExtractSettings(curve_origin="centre"))
+    with pytest.raises(SettingError, match="centre or corner is wanted"):
+        read_vector_curve(path, "middle")
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"kind": "RECT"}, "RECT"), ({"kind": "OVAL"}, "OVAL"), ({"kind": "POINT"}, "POINT"),
+        ({"kind": "ANGLE"}, "ANGLE"), ({"kind": "LINE"}, "LINE"),
+        ({"kind": "FREEHAND", "subtype": roifile.ROI_SUBTYPE.ELLIPSE}, "ELLIPSE"),
+        ({"kind": "POLYLINE", "options": roifile.ROI_OPTIONS.SPLINE_FIT}, "Interpolate"),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_other_selections_are_refused_by_name(tmp_path, given, told):
+    with pytest.raises(CurveError, match=told):
+        read_vector_curve(selection(tmp_path, points=SQUARE, **given))
+
+
+def test_a_composite_is_refused(tmp_path):
+    data = bytearray(by_hand(SQUARE, kind=1))
+    data[36:40] = struct.pack(">i", 2)
+    (tmp_path / "c.roi").write_bytes(data)
+    with pytest.raises(CurveError, match="composite"):
+        read_vector_curve(tmp_path / "c.roi")
+
+
+def test_damaged_selections_are_refused_and_take_no_memory(tmp_path):
+    whole = selection(tmp_path, "POLYLINE", LINE).read_bytes()
+    path = tmp_path / "d.roi"
+    many = bytearray(by_hand(LINE_PX, count=0))
+    many[18:22] = struct.pack(">i", 2**31 - 1)
+    minus = bytearray(many)
+    minus[18:22] = struct.pack(">i", -5)
+    nan = whole.replace(struct.pack(">f", 10.25), struct.pack(">f", np.nan))
+    assert nan != whole
+    cut = [whole[:n] for n in (0, 3, 10, 63, 64, 70, 90)]
+    for data in (*cut, b"Iout" * 30, by_hand(LINE_PX, count=60000), bytes(many), bytes(minus), nan):
+        path.write_bytes(data)
+        with pytest.raises(CurveError):
+            read_vector_curve(path)
+
+
+def test_a_selection_of_tens_of_thousands_of_points(tmp_path):
+    t = np.linspace(0, 2 * np.pi, 60000, endpoint=False)
+    ring = np.column_stack([200 + 100 * np.cos(t), 200 + 100 * np.sin(t)])
+    curve = read_vector_curve(selection(tmp_path, "FREEHAND", ring))
+    fine = curve.fine(1.0) + 0.5 - 200
+    assert len(fine) == 628
+    assert np.abs(np.hypot(*fine.T) - 100).max() < 1e-3
+
+
+def test_a_selection_beside_its_image_is_the_curve(tmp_path):
+    made = extract(
+        capture(tmp_path), ExtractSettings(), curve=selection(tmp_path, "POLYGON", SQUARE)
+    )
+    assert made.report["strokes"][0]["closed"]
+    assert made.report["strokes"][0]["length_px"] == pytest.approx(160)
+    assert made.fixture.points.min(0).tolist() == [9.5, 9.5, 0]
+    unsure = selection(tmp_path, "POLYLINE", LINE, version=228)
+    assert len(extract(capture(tmp_path), ExtractSettings(), curve=unsure).warnings) == 1
+    assert len(extract(unsure, ExtractSettings()).warnings) == 1
+
+
+def test_without_the_package_its_name_is_told(tmp_path, monkeypatch):
+    path = selection(tmp_path, "POLYLINE", LINE)
+    monkeypatch.setitem(__import__("sys").modules, "roifile", None)
+    with pytest.raises(MissingExtra, match=r"vfplan\[imagej\]"):
+        read_vector_curve(path)
+
+
+def table(tmp_path, text):
+    (tmp_path / "t.csv").write_text(text)
+    return tmp_path / "t.csv"
+
+
+@pytest.mark.parametrize("text", ["X,Y\n1,2\n3.5,4\n", " ,X,Y\n1,1,2\n2,3.5,4\n"], ids=repr)
+def test_coordinates_of_a_table_count_from_where_is_said(tmp_path, text):
+    path = table(tmp_path, text)
+    assert read_vector_curve(path, "centre").points.tolist() == [[1, 2], [3.5, 4]]
+    assert read_vector_curve(path, "corner").points.tolist() == [[0.5, 1.5], [3, 3.5]]
+    with pytest.raises(CurveError, match="--curve-origin centre or corner"):
+        read_vector_curve(path)
+
+
+def test_a_table_that_ends_where_it_begins_is_closed(tmp_path):
+    rows = "".join(f"{u},{v}\n" for u, v in [*SQUARE, SQUARE[0]])
+    curve = read_vector_curve(table(tmp_path, "X,Y\n" + rows), "corner")
+    assert curve.closed
+    assert len(curve.points) == 4
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("X,Y,Value\n1,2,7\n2,2,7\n", "every pixel of an area"),
+        ("X,Y\n1\n", "without two numbers"), ("X,Y\n1,b\n2,3\n", "without two numbers"),
+        (" ,X,Y\n1,2\n2,3\n", "without two numbers"), ("X,Y\n", "0 different points"),
+        ("Y,X\n1,2\n3,4\n", "u_px,v_px or ImageJ's X,Y"),
+    ],
+    ids=repr,
+)  # fmt: skip
+def test_other_tables_are_refused(tmp_path, text, told):
+    with pytest.raises(CurveError, match=told):
+        read_vector_curve(table(tmp_path, text), "centre")
