@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vfplan.curve import imagej
 from vfplan.engine.spacing import MOST_POINTS
 from vfplan.errors import CurveError, MarkerError, SettingError
+from vfplan.images.dicom import is_dicom
 from vfplan.io.disk import read_whole
 
 MAX_BYTES = 256 * 2**20
@@ -135,6 +136,11 @@ def _read(data: bytes, suffix: str, origin: imagej.PixelOrigin | None, where: st
         points, closed, warnings = imagej.read_roi(data, origin, where)
         points = _opened(points)[0] if closed else points
         return VectorCurve(_distinct(points, closed, where), closed, False, "", warnings)
+    if is_dicom(data):
+        raise CurveError(
+            f"is DICOM, of which neither presentation states nor overlays are read; {WANTED}",
+            where=where,
+        )
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
