@@ -74,10 +74,7 @@ class VectorCurve:
         """How far the spline lies from straight lines between its points, at most; their unit."""
         ring = self._ring()
         at = _chords(ring)
-        # Eight places between neighbours, wherever these lie.
-        dense = np.interp(
-            np.linspace(0, len(at) - 1, 8 * (len(at) - 1) + 1), np.arange(len(at)), at
-        )
+        dense = np.concatenate([at[:-1] + part * np.diff(at) for part in (0.25, 0.5, 0.75)])
         straight = replace(self, smooth=False)._through(at, ring, dense)
         return float(np.linalg.norm(self._through(at, ring, dense) - straight, axis=1).max())
 
