@@ -13,6 +13,7 @@ import click
 from vfplan.cli.options import FILE, Real, Whole, Written
 from vfplan.cli.run import Report, outputs, refuse_existing
 from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.stopping import SIGNALS
 
 
 @vfplan_command("live", short_help="A result or a controller's ticks, live, for Slicer and MCAP.")
@@ -105,9 +106,12 @@ def _follow(ticks: Any, server: Any, kept: Any, seconds: float | None) -> dict[s
 
 @contextmanager
 def _told_to_stop() -> Iterator[Callable[[], bool]]:
-    """Take SIGINT and SIGTERM for the end of the showing, not for a failure."""
+    """Take the signals of stopping for the end of the showing, not for a failure.
+
+    One that is ignored, as by nohup, stays so.
+    """
     came: list[int] = []
-    numbers = (signal.SIGINT, signal.SIGTERM)
+    numbers = [n for n in SIGNALS if signal.getsignal(n) != signal.SIG_IGN]
     before = {n: signal.signal(n, lambda number, frame: came.append(number)) for n in numbers}
     try:
         yield lambda: bool(came)

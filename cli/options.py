@@ -121,6 +121,14 @@ class Margin(click.ParamType):
 MARGIN = Margin()
 
 
+def hold_campaign(given: dict[str, Any], fixture: Any) -> None:
+    """Refuse the margin of a campaign on another plan."""
+    if given["campaign"] is not None:
+        from vfplan.campaign import require_same_plan
+
+        require_same_plan(given["campaign"], fixture)
+
+
 def _margin_m(folder: Path, p: float) -> float:
     """The margin [m] that a campaign's trials say, to its interval's upper end."""
     from vfplan.campaign import margin_for

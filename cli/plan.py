@@ -15,6 +15,7 @@ from vfplan.cli.options import (
     extract_settings,
     fixture_options,
     fixture_settings,
+    hold_campaign,
     output,
 )
 from vfplan.cli.register import registered_text, write_registration_picture
@@ -79,6 +80,7 @@ def command(
             image, markers, markers2, extraction=reading, settings=making, curve=given["curve"]
         )
     fixture, verdict = made.fixture, {}
+    hold_campaign(given, fixture)
     if arm is not None:
         from vfplan.stability import approved
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from vfplan.cli.options import FILE, Real, fixture_options, fixture_settings, output
+from vfplan.cli.options import FILE, Real, fixture_options, fixture_settings, hold_campaign, output
 from vfplan.cli.run import Report, command, outputs, refuse_existing
 
 if TYPE_CHECKING:
@@ -76,6 +76,7 @@ def command(
         drawn, markers, markers2, settings, image=slice_, touched=touched,
         tip_radius=1e-3 * (tip_radius_mm or 0.0),
     )  # fmt: skip
+    hold_campaign(given, planned.fixture)
     with outputs(output, picture_out) as (path, picture):
         write_fixture(planned.fixture, path)
         write_registration_picture(planned, drawn, slice_, picture)

@@ -194,6 +194,43 @@ def test_margin_from_a_campaign(folder, tmp_path):
         margin_for(tmp_path / "c", 0.001)
 
 
+def test_a_margin_of_another_plan_or_on_a_margin_is_refused(folder):
+    from dataclasses import replace
+
+    from vfplan.campaign import require_same_plan
+    from vfplan.errors import SceneError
+
+    plan = line_fixture()
+    require_same_plan(folder, plan)
+    record = replace(plan.registration, target=0.5 * plan.registration.target)
+    with pytest.raises(CheckFailed, match="another plan"):
+        require_same_plan(folder, replace(plan, registration=record))
+    margined = replace(plan, provenance=replace(plan.provenance, settings={"margin": "tre95"}))
+    with pytest.raises(SceneError, match="margin already"):
+        Trials(margined, [pressing()], settings())
+
+
+@pytest.mark.parametrize("change", ["nan", "column", "share"])
+def test_a_folder_with_numbers_that_no_campaign_gives_is_refused(tmp_path, change):
+    import pyarrow
+    import pyarrow.parquet
+
+    where = tmp_path / "c"
+    run_campaign(line_fixture(), [pressing()], where, BLOCK, settings())
+    block, question = where / "block-00000000.parquet", where / "campaign.json"
+    table = pyarrow.parquet.read_table(block)
+    k = table.column_names.index("depth_m")
+    if change == "share":
+        question.write_text(json.dumps(json.loads(question.read_text()) | {"share": 1e9}))
+    elif change == "column":
+        pyarrow.parquet.write_table(table.remove_column(k), block)
+    else:
+        nothing = pyarrow.array(np.full(len(table), np.nan))
+        pyarrow.parquet.write_table(table.set_column(k, "depth_m", nothing), block)
+    with pytest.raises(InputError):
+        margin_for(where, 0.2)
+
+
 @pytest.mark.full
 def test_a_dask_cluster_makes_the_same_bits_though_workers_are_killed(tmp_path):
     distributed = pytest.importorskip("distributed")

@@ -44,7 +44,7 @@ def test_report_picture_and_going_on(vfplan_cli, planned, tmp_path):
 @pytest.mark.parametrize(
     ("more", "code", "says"),
     [
-        (("--fle-robot", "nan"), 2, "finite"),
+        (("--fle-robot", "nan"), 2, "'nan' is no number"),
         (("--margin-for", "2"), 2, "probabilities"),
         (("--scheduler", "tcp://127.0.0.1:9", "--workers", "2"), 2, "one of them"),
     ],

@@ -126,7 +126,7 @@ BAD = {
         (("--contact-radius", "1e300"), "contact radius is 1e+297 m; 1e-05 to 1 m are allowed"),
         (("--contact-radius", "1e-300"), "contact radius is 1e-303 m; 1e-05 to 1 m are allowed"),
         (("--point-radius", "1e300"), "point radius is 1e+297 m; 0 to 1 m are allowed"),
-        (("--point-radius", "nan"), "point radius is nan m; 0 to 1 m are allowed"),
+        (("--point-radius", "nan"), "'nan' is no number"),
         (("--stiffness", "10,1e300,10"), "stiffness is 1e+300 N/m; 0 to 1e+06 N/m are allowed"),
         (("--roi", "1e300,0,1,1"), "holds a number that no image's pixels reach"),
     ],

@@ -260,3 +260,9 @@ def test_a_bad_hip_changes_nothing():
 def test_bad_settings_are_refused(error, message, change):
     with pytest.raises(error, match=message):
         vfplan.Guide(**({"points": along_x(), "radius": 1e-3} | change))
+
+
+def test_a_strand_that_is_not_there_is_an_error():
+    guide = vfplan.Guide(np.column_stack([np.linspace(0, 0.1, 50), np.zeros((50, 2))]), 1e-3)
+    with pytest.raises(IndexError):
+        guide.at(0.05, 1)

@@ -77,10 +77,13 @@ def test_a_full_ring_drops_and_counts_and_never_waits(publisher):
     assert int(done.stdout.split()[1]) > 2000
 
 
-@pytest.mark.parametrize("change", ["short", "long", "magic", "version", "count", "nan"])
+@pytest.mark.parametrize("change", ["short", "long", "magic", "version", "count", "nan",
+                                    "late"])  # fmt: skip
 def test_a_datagram_that_is_none_is_refused(change):
     head = np.array([(MAGIC, 1, 2, 7, 3)], HEADER)
     ticks = made(2)
+    if change == "late":
+        ticks["t"][1] = 2e10
     if change == "nan":
         ticks["force"][1, 2] = np.nan
     if change in ("magic", "version", "count"):

@@ -11,10 +11,17 @@ run         blocks on this machine's cores or on a Dask cluster
 
 from __future__ import annotations
 
-from vfplan.campaign.margin import margin_for
+from vfplan.campaign.margin import margin_for, require_same_plan
 from vfplan.campaign.run import run_campaign
 from vfplan.campaign.settings import CampaignSettings
 from vfplan.campaign.store import read_campaign
 from vfplan.campaign.trial import Trials
 
-__all__ = ["CampaignSettings", "Trials", "margin_for", "read_campaign", "run_campaign"]
+__all__ = [
+    "CampaignSettings",
+    "Trials",
+    "margin_for",
+    "read_campaign",
+    "require_same_plan",
+    "run_campaign",
+]

@@ -5,8 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 
 from vfplan.campaign.statistics import margins
-from vfplan.campaign.store import read_campaign
+from vfplan.campaign.store import asked_in, markers_sha256, read_campaign
 from vfplan.errors import CheckFailed
+from vfplan.fixture import Fixture
+
+
+def require_same_plan(folder: Path, fixture: Fixture) -> None:
+    """Refuse a margin of a campaign on other markers, another model or another K.
+
+    Raises
+    ------
+    InputError, CheckFailed
+        No campaign, or one of another plan.
+    """
+    if asked_in(folder)["markers_sha256"] != markers_sha256(fixture):
+        raise CheckFailed(
+            "is a campaign of another plan: its markers, model or stiffness differ from these",
+            where=str(folder),
+        )
 
 
 def margin_for(folder: Path, p: float) -> float:

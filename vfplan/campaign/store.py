@@ -24,6 +24,7 @@ from vfplan.session import Session
 
 FORMAT, VERSION, QUESTION = "vfplan-campaign", "1.0", "campaign.json"
 MOST_BYTES = 2**26
+NUMBERS = ("depth_m", "point", "force_n", "force_step_n")
 
 
 def parquet() -> Any:
@@ -37,14 +38,14 @@ def parquet() -> Any:
 
 def question(fixture: Fixture, sessions: list[Session], settings: CampaignSettings) -> dict:
     """What a campaign asks, as its folder keeps it: no names, no paths."""
-    held = hashlib.sha256(np.ascontiguousarray(fixture.points).data)
-    rendering, record = fixture.rendering, fixture.registration
+    rendering, record, image = fixture.rendering, fixture.registration, fixture.image
     assert rendering is not None
     assert record is not None
-    held.update(np.ascontiguousarray(rendering.stiffness).data)
-    held.update(repr((rendering.contact_radius, rendering.band, rendering.point_radius)).encode())
-    for markers in (record.source, record.target):
-        held.update(np.ascontiguousarray(markers).data)
+    r, spacing = rendering, None if image is None else image.pixel_spacing_mm
+    rest = (r.contact_radius, r.band, r.point_radius, r.max_iterations, record.model, spacing)
+    held = hashlib.sha256(repr(rest).encode())
+    for values in (fixture.points, fixture.sigma, r.stiffness, r.ignore_axis, record.T_robot_image):
+        held.update(b"-" if values is None else np.ascontiguousarray(values, float).tobytes())
     least = min(settings.stiffness_range or rendering.stiffness)
     heard = [
         hashlib.sha256(np.ascontiguousarray(np.column_stack([s.time, s.hip])).data).hexdigest()
@@ -55,10 +56,22 @@ def question(fixture: Fixture, sessions: list[Session], settings: CampaignSettin
         "version": VERSION,
         "block": BLOCK,
         "fixture_sha256": held.hexdigest(),
+        "markers_sha256": markers_sha256(fixture),
         "session_sha256": heard,
         "share": float(least / (least + settings.hand_stiffness)),
         "settings": settings.as_dict(),
     }
+
+
+def markers_sha256(fixture: Fixture) -> str:
+    """Digest of a registration's model and markers, and of K: what a plan and its margin share."""
+    assert fixture.registration is not None
+    assert fixture.rendering is not None
+    record = fixture.registration
+    held = hashlib.sha256(record.model.encode())
+    for values in (record.source, record.target, fixture.rendering.stiffness):
+        held.update(np.ascontiguousarray(values, float).tobytes())
+    return held.hexdigest()
 
 
 class Store:
@@ -86,12 +99,12 @@ class Store:
             except OSError as error:
                 raise OutputError(error.strerror or str(error), where=str(folder)) from None
         if not (folder / QUESTION).exists():
-            if not folder.is_dir() or any(folder.iterdir()):
+            if not folder.is_dir() or any(p.name[:8] != ".vfplan-" for p in folder.iterdir()):
                 raise OutputError("is no campaign's folder, and not empty", where=str(folder))
             text = json.dumps(wanted, indent=2) + "\n"
             write_whole(folder / QUESTION, [text.encode()], overwrite=False)
             return
-        found = _asked(folder)
+        found = asked_in(folder)
         differing = sorted(k for k in wanted.keys() | found if wanted.get(k) != found.get(k))
         if differing:
             raise OutputError(
@@ -104,8 +117,14 @@ class Store:
         return self.folder / f"block-{block:08d}.parquet"
 
     def missing(self, blocks: int) -> list[int]:
-        """Which of the first `blocks` blocks are still to be made."""
-        return [k for k in range(blocks) if not self.path(k).exists()]
+        """Which of the first `blocks` blocks are to be made; raises where one is damaged."""
+        missing = []
+        for k in range(blocks):
+            if self.path(k).exists():
+                _block(self.path(k), k)
+            else:
+                missing.append(k)
+        return missing
 
     def keep(self, block: int, rows: list[dict[str, Any]]) -> None:
         """Write a block, whole; the same block again is left as it is, being the same."""
@@ -132,7 +151,7 @@ def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[s
     InputError
         No campaign is there, a block is damaged, or there are fewer trials.
     """
-    asked = _asked(folder)
+    asked = asked_in(folder)
     columns: dict[str, list[NDArray]] = {}
     count, block = 0, 0
     while trials is None or count < trials:
@@ -149,11 +168,13 @@ def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[s
     return asked, {name: np.concatenate(parts)[:trials] for name, parts in columns.items()}
 
 
-def _asked(folder: Path) -> dict[str, Any]:
+def asked_in(folder: Path) -> dict[str, Any]:
+    """What a campaign's folder says that it asks; raises `InputError`."""
     data = read_whole(folder / QUESTION, MOST_BYTES)
     try:
         found = json.loads(data)
         good = found["format"] == FORMAT and found["version"] == VERSION
+        good = good and 0 < found["share"] < 1 and isinstance(found["markers_sha256"], str)
     except (ValueError, KeyError, TypeError, RecursionError):
         good = False
     if not good:
@@ -169,7 +190,10 @@ def _block(path: Path, block: int) -> dict[str, NDArray]:
         table = parquet().read_table(BytesIO(data))
         found = {name: table.column(name).to_numpy() for name in table.column_names}
         trials = found["trial"]
-    except (pyarrow.ArrowException, OSError, KeyError, ValueError):
+        numbers = [found[name] for name in NUMBERS] + [found.get("weight", trials)]
+        if not all(np.isfinite(values).all() for values in numbers):
+            raise ValueError
+    except (pyarrow.ArrowException, OSError, KeyError, TypeError, ValueError):
         raise InputError("is a damaged block; remove it to have it made anew",
                          where=str(path)) from None  # fmt: skip
     first = block * BLOCK

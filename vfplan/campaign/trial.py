@@ -270,6 +270,10 @@ def _registered(fixture: Fixture) -> RegistrationRecord:
         raise SceneError("the fixture guides; a campaign tries forbidden regions only")
     if fixture.registration is None:
         raise SceneError("the fixture has no registration, so there is nothing to vary")
+    if fixture.provenance.settings.get("margin") is not None:
+        raise SceneError(
+            "the fixture has a margin already, which is not where the curve is: plan it without"
+        )
     return fixture.registration
 
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 import socket
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,7 @@ from vfplan.errors import OutputError
 from vfplan.fixture import Fixture
 from vfplan.live import igtl
 
+MOST_CLIENTS = 32
 STALLED_S = 5.0  # a client that takes nothing for so long is let go
 STATE = {-1: "no neighbour", 0: "free", 1: "in contact", 2: "entrenched"}
 FLAGS = ((1, "bad HIP"), (2, "inside"), (4, "limit"))
@@ -47,6 +50,7 @@ class Server:
         self._period = 1.0 / rate_hz
         self._newest: NDArray[np.void] | None = None
         self._closing = threading.Event()
+        self._served: set[socket.socket] = set()
         self._listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -76,6 +80,9 @@ class Server:
     def close(self) -> None:
         """Let every client go."""
         self._closing.set()
+        for client in list(self._served):
+            with suppress(OSError):
+                client.shutdown(socket.SHUT_RDWR)  # ends a sending that waits for its reader
         for thread in self._threads:
             thread.join()
         self._listening.close()
@@ -85,6 +92,12 @@ class Server:
             try:
                 client, _ = self._listening.accept()
             except TimeoutError:
+                continue
+            except OSError:  # no descriptor is left: wait until a client goes
+                self._closing.wait(0.2)
+                continue
+            if self.clients >= MOST_CLIENTS:
+                client.close()
                 continue
             thread = threading.Thread(target=self._serve, args=(client,), daemon=True)
             self._threads = [self._threads[0], *(t for t in self._threads[1:] if t.is_alive())]
@@ -96,7 +109,7 @@ class Server:
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         shown, asked = None, b""
         try:
-            with client:
+            with client, self._counted(client):
                 self._send_still(client)
                 while not self._closing.wait(self._period):
                     newest = self._newest
@@ -106,6 +119,14 @@ class Server:
                     asked = self._answer(client, asked)
         except OSError:  # it went, or took nothing: its own loss
             return
+
+    @contextmanager
+    def _counted(self, client: socket.socket) -> Iterator[None]:
+        self._served.add(client)
+        try:
+            yield
+        finally:
+            self._served.discard(client)
 
     def _send_still(self, client: socket.socket) -> None:
         now = time.time()
@@ -124,6 +145,7 @@ class Server:
         if not data:
             raise ConnectionError
         held += data
+        wanted = False
         while len(held) >= igtl.HEADER.size:
             _, kind, _, _, size, _ = igtl.HEADER.unpack_from(held)
             if size > 2**20:
@@ -131,8 +153,9 @@ class Server:
             if len(held) < igtl.HEADER.size + size:
                 break
             held = held[igtl.HEADER.size + size :]
-            if kind.rstrip(b"\0") == b"GET_POLYDATA":
-                self._send_still(client)
+            wanted |= kind.rstrip(b"\0") == b"GET_POLYDATA"
+        if wanted:  # once, however often it was asked for at a time
+            self._send_still(client)
         return held
 
     def _moving(self, tick: NDArray[np.void]) -> bytes:

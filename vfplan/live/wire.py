@@ -11,6 +11,7 @@ from vfplan.errors import InputError
 from vfplan.session.mcapfile import TICK
 
 MAGIC, VERSION, MOST_TICKS = b"VFPT", 1, 11
+LARGEST = 1e9  # seconds, metres or newtons: nothing real is larger, and MCAP counts nanoseconds
 HEADER = np.dtype([("magic", "S4"), ("version", "<u2"), ("count", "<u2"), ("sequence", "<u8"),
                    ("dropped", "<u8")])  # fmt: skip
 
@@ -48,6 +49,6 @@ def decode(data: bytes) -> Datagram:
         raise InputError(f"a datagram of {len(data)} bytes for {count} ticks; {size} are wanted")
     ticks = np.frombuffer(data, TICK, count, HEADER.itemsize)
     for name in ("t", "hip", "proxy", "normal", "force"):
-        if not np.isfinite(ticks[name]).all():
-            raise InputError(f"a datagram with a {name} that is not finite")
+        if not (np.abs(ticks[name]) <= LARGEST).all():  # false on NaN
+            raise InputError(f"a datagram with a {name} that is not finite, or beyond {LARGEST:g}")
     return Datagram(int(head["sequence"]), int(head["dropped"]), ticks)

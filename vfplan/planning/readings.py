@@ -77,22 +77,31 @@ def hold_against_marks(rgb: NDArray, pairs: Correspondences) -> Held:
     for name, read in _readings(given, rgb.shape).items():
         for kind in kinds:
             hits = _hits(read, kind)
-            if len(hits) >= needed and _drawn(rgb, read[list(hits)]) >= needed:
+            if len(hits) < needed:
+                continue
+            if _drawn(rgb, read[list(hits)]) >= needed:
                 raise MarkerError(_misread(pairs, len(own), f"are read {name}"))
+            if _as_many(kind, len(given)):
+                return Held(len(own), warnings=(_unsure(len(hits), len(given), f"read {name}"),))
     for kind in kinds:
         scaled = _scaled(given, kind.places_px)
         if scaled is None or scaled[2] < needed:
             continue
         scale, shift, hits = scaled
         moved = shift + scale * given
-        if _drawn(rgb, moved) < needed:
-            continue
+        if _drawn(rgb, moved) < needed and not _as_many(kind, len(given)):
+            continue  # letters and other small things, some of which lie right by chance
         if np.abs(shift).max() <= NEAR_PX and abs(scale - 1) > SAME_SCALE:
             raise MarkerError(_misread(pairs, len(own), f"are multiplied by {scale:.3g}"))
         return Held(len(own), warnings=(_elsewhere(scale, shift, hits, len(given)),))
     if not own:
         return Held(0, warnings=_others(rgb, kinds, len(given)))
     return _compared(rgb, pairs, kinds, own)
+
+
+def _as_many(kind: Kind, n: int) -> bool:
+    """Whether about as many marks of a kind are drawn as there are markers."""
+    return abs(len(kind.places_px) - n) <= n // 3
 
 
 def _drawn(rgb: NDArray, places: Array) -> int:
@@ -106,7 +115,7 @@ def _others(rgb: NDArray, kinds: list[Kind], n: int) -> tuple[str, ...]:
     """A warning where about as many crosses, or dots, as there are markers stand elsewhere."""
     for kind in kinds:
         count = len(kind.places_px)
-        if abs(count - n) <= n // 3 and _all_of_one_shape(rgb, kind.places_px):
+        if _as_many(kind, n) and _all_of_one_shape(rgb, kind.places_px):
             u, v = kind.places_px[0]
             return (
                 f"no mark is drawn near any given position, but {count} of one kind are drawn "
@@ -196,11 +205,28 @@ def _compared(rgb: NDArray, pairs: Correspondences, kinds: list[Kind], own: dict
     index = np.array(sorted(own))
     away = pairs.source[index] - kind.places_px[[own[i] for i in index]]
     if _doubts(pairs, index, away):  # the rough centres may be to blame
-        index, away = _measured(rgb, pairs, index)
-        if not len(index):
-            return Held(0)
+        fitted = _measured(rgb, pairs, index)
+        if len(fitted[0]):  # else neither crosses nor dots: their rough centres are what there is
+            index, away = fitted
     rms, mean = float(np.sqrt((away**2).sum(axis=1).mean())), away.mean(axis=0)
-    return Held(len(index), rms, (float(mean[0]), float(mean[1])), _doubts(pairs, index, away))
+    doubts = _doubts(pairs, index, away) + _bare(pairs, own)
+    return Held(len(index), rms, (float(mean[0]), float(mean[1])), doubts)
+
+
+def _bare(pairs: Correspondences, own: dict[int, int]) -> tuple[str, ...]:
+    """A warning for few markers without a mark near them, where the others have one."""
+    bare = [label for i, label in enumerate(pairs.labels) if i not in own]
+    if not bare or len(bare) > len(own) // 3:
+        return ()
+    names = ", ".join(map(str, bare))
+    return (f"no mark is drawn within {NEAR_PX:.0f} px of {names}, though the others have theirs",)
+
+
+def _unsure(hits: int, n: int, how: str) -> str:
+    return (
+        f"no marks are drawn at most of the given positions; {how}, {hits} of {n} would lie at "
+        "marks of one kind: check u_px and v_px"
+    )
 
 
 def _measured(rgb: NDArray, pairs: Correspondences, index: NDArray) -> tuple[NDArray, Array]:

@@ -68,7 +68,7 @@ class McapWriter:
         now = int(received_s * 1e9)
         for tick in ticks:
             body = CDR_LITTLE_ENDIAN + tick.tobytes()[:MESSAGE_BYTES]
-            at = max(0, round(float(tick["t"]) * 1e9))
+            at = min(max(0, round(float(tick["t"]) * 1e9)), 2**63 - 1)
             self._writer.add_message(self._channel, now, body, at, int(tick["index"]) % 2**32)
 
     def close(self) -> None:

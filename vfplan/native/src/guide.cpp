@@ -46,6 +46,7 @@ nb::tuple run(Guide& guide, const Rows& hips) {
 
 // Points of the curve (M, 3) at arc lengths, across an ignored axis.
 nb::object at(const Guide& guide, std::size_t strand, const std::vector<double>& arcs) {
+    if (strand >= guide.path().strands().size()) throw nb::index_error("there is no such strand");
     auto out = array<double>(arcs.size(), 3);
     for (std::size_t i = 0; i < arcs.size(); ++i) {
         const vfplan::Vec3 x = guide.path().at(strand, arcs[i]);
