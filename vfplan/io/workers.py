@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -43,5 +45,15 @@ def workers(
 
 def _begin(initializer: Callable[..., None] | None, *args: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches them too; the program decides
+    _end_with_parent()
     if initializer is not None:
         initializer(*args)
+
+
+def _end_with_parent() -> None:
+    """Let the system end this process with the program's, were it by a signal that none can take.
+
+    Linux only (prctl's PR_SET_PDEATHSIG); elsewhere a killed program leaves its workers waiting.
+    """
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)
