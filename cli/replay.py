@@ -177,7 +177,8 @@ def _replayed(
     )
     bounds = [(*bound, "at_most") for bound in given["at_most"]]
     bounds += [(*bound, "at_least") for bound in given["at_least"]]
-    rule, robot = given["rule"], read_robot(given["robot"])
+    implied = "paper" if given["engine"] == "reference" else None
+    rule, robot = given["rule"] or implied, read_robot(given["robot"])
     with progress("replay", source.ticks or guess(session)) as done, ExitStack() as files:
         writer, sinks = _files(files, *paths, rule)
         replayed = replay(

@@ -101,7 +101,7 @@ def replay(
         A `Session`, a `SessionStream`, or the path of a session file.
     rule
         "robust", "paper", "exact", or "both": robust and paper side by side. `None`: "exact" where
-        the fixture holds lines and arcs, else "robust"; the reference engine's is "paper".
+        the fixture holds lines and arcs, else "robust".
     engine
         "native", or "reference": the paper's algorithms in NumPy (rule "paper" only).
     robot
@@ -133,7 +133,7 @@ def replay(
     source = open_session(session) if isinstance(session, (str, Path)) else session
     _same_frame(fixture, source)
     link = link if link is not None and link.faulty else None
-    rules = _rules(rule, fixture, engine)
+    rules = _rules(rule, fixture)
     with place:
         settings = {"robot": robot, "governor": governor}
         runs = [RuleRun(fixture, r, engine, link=link, keep=keep, **settings) for r in rules]
@@ -181,9 +181,9 @@ def _same_frame(fixture: Fixture, source: Source) -> None:
         )
 
 
-def _rules(rule: str | None, fixture: Fixture, engine: str) -> tuple[str, ...]:
+def _rules(rule: str | None, fixture: Fixture) -> tuple[str, ...]:
     if rule is None:
-        return ("paper",) if engine == "reference" else (best_rule(fixture),)
+        return (best_rule(fixture),)
     if rule not in RULES:
         raise SettingError(f"rule {rule!r}; {', '.join(RULES)} wanted")
     return ("robust", "paper") if rule == "both" else (rule,)
