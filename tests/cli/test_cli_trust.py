@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 
 import bundles
 import pytest
@@ -272,6 +273,7 @@ def test_long_work_in_processes_ends_with_the_program(number, tmp_path):
                              stderr=subprocess.PIPE, cwd=tmp_path)  # fmt: skip
     assert child.stdout.readline() == "busy\n"
     assert child.stdout.readline() == "running\n"
+    time.sleep(0.5)  # Python may miss a signal just before it begins to wait
     child.send_signal(number)
     child.communicate(timeout=300)  # the workers hold the pipes: they are gone too
     assert child.returncode == 128 + number
