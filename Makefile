@@ -9,7 +9,7 @@ STAMP  := $(VENV)/.vfplan-installed
 SOURCES := pyproject.toml README.md LICENSE \
            $(shell find vfplan cli schemas samples -type f -not -path '*/__pycache__/*' 2>/dev/null)
 
-.PHONY: franka demo test test-full docs pictures lint format install clean
+.PHONY: franka franka-env demo test test-full docs pictures lint format install clean
 install: $(VENV)/.vfplan-test
 
 $(BIN)/python:
@@ -64,12 +64,17 @@ format: | $(BIN)/python
 	find vfplan/native samples tests -name '*.hpp' -o -name '*.cpp' | xargs -r $(BIN)/clang-format -i
 
 # A Franka's own protocol against its simulator, in an environment of its own (numpy 1, mujoco < 3.3).
-FRANKA ?= .venv-franka
-franka: $(STAMP)
-	test -x $(FRANKA)/bin/python || $(PYTHON) -m venv $(FRANKA)
+FRANKA := .venv-franka
+$(FRANKA)/.simulator: Makefile
+	$(PYTHON) -m venv $(FRANKA)
 	$(FRANKA)/bin/python -m pip install -q franka-sim==1.1.7 pylibfranka==0.21.3 h5py click
+	touch $@
+
+franka-env: $(FRANKA)/.simulator $(STAMP)
 	$(FRANKA)/bin/python -m pip install -q --no-deps --force-reinstall build/wheel/*.whl
+
+franka: franka-env
 	$(FRANKA)/bin/python samples/franka/study.py
 
 clean:
-	rm -rf build dist $(VENV)
+	rm -rf build dist $(VENV) $(FRANKA)

@@ -44,12 +44,16 @@ def shared_data() -> Path:
     return folder
 
 
-def missing_package(package: str, what: str) -> NoReturn:
-    """Skip the test, naming the apt package; fail it where every package must be there (CI)."""
-    reason = f"needs apt package {package} ({what} not found)"
+def missing(reason: str) -> NoReturn:
+    """Skip the test for want of something; fail it where everything must be there (CI)."""
     if os.environ.get("VFPLAN_REQUIRE_PACKAGES"):
         pytest.fail(reason)
     pytest.skip(reason)
+
+
+def missing_package(package: str, what: str) -> NoReturn:
+    """As `missing`, naming the apt package."""
+    missing(f"needs apt package {package} ({what} not found)")
 
 
 def need_program(program: str, package: str) -> str:

@@ -1,8 +1,8 @@
-"""The arm's protocol simulator on this machine alone: `python simulator.py MODEL.xml`.
+"""The arm's protocol simulator on this machine alone: `python simulator.py MODEL.xml ADDRESS`.
 
-`franka-sim` listens on every interface by itself; here it is bound to the loopback. It judges an
-arm's limits, not a busy machine's deadlines. MODEL.xml is one of vfplan's own, which needs no
-network; `study.py` passes it.
+`franka-sim` listens on every interface by itself; here it is bound to ADDRESS, one of the
+loopback's. It judges an arm's limits, not a busy machine's deadlines. MODEL.xml is one of vfplan's
+own, which needs no network; `study.py` passes it.
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ import os
 import signal
 import sys
 
-HOST, PORT = "127.0.0.1", 1337  # libfranka knows no other port
+PORT = 1337  # libfranka knows no other
 
 
-def main(model: str) -> None:
+def main(model: str, host: str) -> None:
     os.environ["FR3_MJCF"] = model
     from franka_sim.franka_sim_server import FrankaSimServer
 
     server = FrankaSimServer(
-        host=HOST,
+        host=host,
         port=PORT,
         enable_gripper=False,
         enforce_comm_constraints=False,
@@ -33,4 +33,4 @@ def main(model: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

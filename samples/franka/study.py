@@ -3,12 +3,13 @@
 Starts the arm's protocol simulator on the loopback, and renders four scenes over the real protocol
 with a hand that slides off, or begins inside: the end of a curve, the edge of a sheet, a hole in
 it, and a start inside. It wants `franka-sim`, `pylibfranka` and vfplan in one environment of their
-own, as `make franka` makes it.
+own, as `make franka-env` makes it.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 import time
@@ -17,12 +18,12 @@ from pathlib import Path
 
 import numpy as np
 from loop import Run, connect, render, tip
-from simulator import HOST
 
 import vfplan
 
 STIFFNESSES = (500.0, 1000.0, 2000.0, 3000.0)
 TICKS = 1500
+HOST = f"127.0.0.{2 + os.getpid() % 250}"  # the port is fixed: two studies at once need two addresses
 HAND, DAMPER = 800.0, 30.0  # [N/m], [N s/m]
 
 
@@ -90,7 +91,7 @@ def study(repeats: int, stiffnesses=STIFFNESSES, scenes=tuple(SCENES)) -> list[t
                 for governed in (False, *[True] * repeats):
                     # A fresh simulator for each, so that all begin in the same posture.
                     server = subprocess.Popen(
-                        [sys.executable, str(here), str(model_file)],
+                        [sys.executable, str(here), str(model_file), HOST],
                         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
                     )  # fmt: skip
                     try:

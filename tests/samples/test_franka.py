@@ -1,6 +1,6 @@
 """A Franka's own protocol: raw, its limits stop the arm; governed, they do not.
 
-Needs the environment that `make franka` makes (the protocol's simulator and Franka's own binding).
+Needs the environment of `make franka-env`: the protocol's simulator and Franka's own binding.
 """
 
 from __future__ import annotations
@@ -8,8 +8,7 @@ from __future__ import annotations
 import json
 import subprocess
 
-import pytest
-from conftest import ROOT
+from conftest import ROOT, missing
 
 PYTHON = ROOT / ".venv-franka" / "bin" / "python"
 RUN = """
@@ -23,7 +22,7 @@ print(json.dumps([[governed, dataclasses.asdict(run)] for *_, governed, run in r
 
 def test_the_governor_keeps_the_arm_from_stopping():
     if not PYTHON.exists():
-        pytest.skip("no .venv-franka: `make franka` makes it")
+        missing("no .venv-franka: `make franka-env` makes it")
     folder = ROOT / "samples" / "franka"
     for attempt in range(3):  # a busy machine loses packets; what counts are the arm's limits
         done = subprocess.run(
