@@ -15,7 +15,7 @@ from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.fixture import Fixture, Provenance
 from vfplan.planning import ExtractSettings, FixtureSettings, plan
 from vfplan.planning.carrying import along
-from vfplan.planning.registering import ignored_axis
+from vfplan.planning.rendering import ignored_axis
 
 SAMPLES = ROOT / "samples"
 SPACING = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import Any
 
 from vfplan.engine.parameters import FINEST_BAND
 from vfplan.engine.tolerance import BAND_SHARE, Choice, choose
 from vfplan.errors import SettingError
-from vfplan.fixture import Fixture
+from vfplan.fixture import Fixture, Rendering
 from vfplan.planning.carrying import Carried
 from vfplan.planning.settings import FixtureSettings
 
@@ -47,6 +48,25 @@ def capped(choice: Choice | None) -> tuple[str, ...]:
     )
 
 
+def describe_carried(
+    carried: Carried, rendering: Rendering, choice: Choice | None, counts: dict[str, int]
+) -> dict[str, Any]:
+    """What `register --json` reports of the fixture's points."""
+    report: dict[str, Any] = {
+        "points": len(carried.points),
+        "spacing_m": carried.spacing_m,
+        "left_out": counts,
+        "left_out_costs": costs(counts, rendering, carried, choice),
+    }
+    if choice is not None:
+        report["chosen"] = describe_choice(choice, carried)
+    if carried.sampling_error_m is not None:
+        report["sampling_error_m"] = carried.sampling_error_m
+    if carried.tight_bends:
+        report["tight_bends"] = [asdict(bend) for bend in carried.tight_bends]
+    return report
+
+
 def describe_choice(choice: Choice, carried: Carried) -> dict[str, Any]:
     """The settings taken, and the share of the error that each may cause [m]."""
     lag = choice.lag_m
@@ -66,35 +86,34 @@ def describe_choice(choice: Choice, carried: Carried) -> dict[str, Any]:
 
 
 def left_out(
-    fixture: Fixture, carried: Carried, curve: Fixture, choice: Choice | None
-) -> dict[str, Any]:
+    rendering: Rendering, carried: Carried, drawn: int, choice: Choice | None
+) -> dict[str, int]:
     """What this scene does without, counted: points, coordinates, groups of contacts, iterations.
 
-    `operations_per_tick` is the arithmetic that this saves in one pass over the neighbours of a
-    proxy on a straight stretch.
+    `drawn` is how many points the curve was measured at. `operations_per_tick` is the arithmetic
+    that this saves in one pass over the neighbours of a proxy on a straight stretch.
     """
-    counts: dict[str, Any] = {"points": max(0, len(curve.points) - len(fixture.points))}
-    planar = fixture.ignore_axis is not None
-    dimensions = 2 if planar else 3
+    counts = {"points": max(0, drawn - len(carried.points))}
+    planar = rendering.ignore_axis is not None
     if planar:
         counts["coordinates"] = 1
         counts["groups"] = GROUPS[3] - GROUPS[2]
     if choice is not None:
         counts["iterations"] = max(0, MOST_ITERATIONS - choice.max_iterations)
-    near = _neighbours(fixture, carried.spacing_m)
-    all_near = near * max(1.0, len(curve.points) / len(fixture.points))
-    saved = all_near * OPERATIONS[3] - near * OPERATIONS[dimensions]
+    near = _neighbours(rendering, carried)
+    all_near = near * max(1.0, drawn / len(carried.points))
+    saved = all_near * OPERATIONS[3] - near * OPERATIONS[2 if planar else 3]
     counts["operations_per_tick"] = round(saved)
     return counts
 
 
 def costs(
-    counts: dict[str, Any], fixture: Fixture, carried: Carried, choice: Choice | None
+    counts: dict[str, int], rendering: Rendering, carried: Carried, choice: Choice | None
 ) -> list[dict[str, Any]]:
     """For each thing left out: the error it costs [m] and the operations a tick it saves."""
-    near = _neighbours(fixture, carried.spacing_m)
-    per_point = OPERATIONS[2 if fixture.ignore_axis is not None else 3]
-    share = counts["points"] / len(fixture.points)
+    near = _neighbours(rendering, carried)
+    per_point = OPERATIONS[2 if rendering.ignore_axis is not None else 3]
+    share = counts["points"] / len(carried.points)
     rows = [
         {
             "left_out": "points",
@@ -122,15 +141,15 @@ def costs(
     return rows
 
 
-def _neighbours(fixture: Fixture, spacing_m: float) -> float:
+def _neighbours(rendering: Rendering, carried: Carried) -> float:
     """How many points of a straight stretch lie within r3 + r_v of a proxy that rests on it."""
-    reach = 2 * fixture.contact_radius + fixture.point_radius
-    rest = fixture.contact_radius + fixture.point_radius
+    reach = 2 * rendering.contact_radius + rendering.point_radius
+    rest = rendering.contact_radius + rendering.point_radius
     half = math.sqrt(max(0.0, reach * reach - rest * rest))
-    return min(float(len(fixture.points)), 2 * half / spacing_m + 1)
+    return min(float(len(carried.points)), 2 * half / carried.spacing_m + 1)
 
 
-def as_settings(choice: Choice | None, counts: dict[str, Any]) -> dict[str, float | int]:
+def as_settings(choice: Choice | None, counts: dict[str, int]) -> dict[str, float | int]:
     """The same for a bundle's provenance, flat."""
     flat: dict[str, float | int] = {f"left_out_{name}": n for name, n in counts.items()}
     if choice is not None:

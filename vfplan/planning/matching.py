@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,16 @@ class Matched:
     found: tuple[FoundMarker, ...]
     held: Held | None
     warnings: tuple[str, ...]
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """What `register --json` reports of the marks that the slice shows."""
+        report: dict[str, Any] = {}
+        if self.held is not None:
+            report["marks_drawn"] = self.held.as_dict()
+        if self.found:
+            report["markers_found"] = [asdict(marker) for marker in self.found]
+        return report
 
 
 def _pairs(
