@@ -14,7 +14,7 @@ from vfplan.cli.run import Report, command, outputs, progress, refuse_existing
 
 from vfplan.errors import InputError
 
-STAGES = ("extract", "sample", "register", "proxy", "plan")
+STAGES = ("extract", "sample", "register", "proxy", "feel", "plan")
 
 
 @command("bench", short_help="Error against run time, for every stage.")
@@ -143,7 +143,11 @@ def _text(document: dict[str, Any], stages: tuple[str, ...]) -> Iterator[str]:
         own = [r for r in document["results"] if r["stage"] == stage]
         for scene in dict.fromkeys(r["scene"] for r in own):
             yield f"{stage}: {scene}"
-            here = [r for r in own if r["scene"] == scene and (r["pareto"] or r.get("chosen"))]
+            here = [
+                r
+                for r in own
+                if r["scene"] == scene and (r["pareto"] or r.get("chosen") or stage == "feel")
+            ]
             for r in sorted(here, key=lambda r: r["time_us_median"]):
                 yield "  " + _line(r)
     for r in document.get("refused", ()):
@@ -157,8 +161,17 @@ def _line(result: dict[str, Any]) -> str:
     marks = ("*" if result["pareto"] else " ") + ("<" if result.get("chosen") else " ")
     return (
         f"{marks} {result['time_us_median']:10.1f} us  {scale * result['error_rms']:10.4g} {unit}"
-        f"  {result['method']}  {_pairs(result['settings'])}"
+        f"  {result['method']}  {_pairs(result['settings'])}{_felt(result)}"
     )
+
+
+def _felt(result: dict[str, Any]) -> str:
+    """What stage feel counts."""
+    if "force_jumps" not in result:
+        return ""
+    jumps = f"jumps {result['force_jumps']}, above 2 N {result['force_jumps_large']}"
+    worst, limit = result["force_step_max_n"], result["limit_share"]
+    return f"{jumps}, worst {worst:.2f} N, LIMIT {limit:.2%}, band {1e6 * result['band_m']:.3g} um"
 
 
 def _pairs(settings: dict[str, Any]) -> str:

@@ -23,7 +23,9 @@ import vfplan
 
 STIFFNESSES = (500.0, 1000.0, 2000.0, 3000.0)
 TICKS = 1500
-HOST = f"127.0.0.{2 + os.getpid() % 250}"  # the port is fixed: two studies at once need two addresses
+HOST = (
+    f"127.0.0.{2 + os.getpid() % 250}"  # the port is fixed: two studies at once need two addresses
+)
 HAND, DAMPER = 800.0, 30.0  # [N/m], [N s/m]
 
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 from conftest import ROOT
 
-STAGES = ("extract", "sample", "register", "proxy", "plan")
+STAGES = ("extract", "sample", "register", "proxy", "feel", "plan")
 
 
 @pytest.fixture(scope="module")

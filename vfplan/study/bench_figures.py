@@ -25,9 +25,10 @@ TITLES = {
     "sample": "sample: surface of the cloud, one tick of the engine on it",
     "register": "register: target registration error, one fit",
     "proxy": "proxy: against the exact proxy, one tick",
+    "feel": "feel: a pressed, trembling hand on clouds as they come, one tick",
     "plan": "plan: slice and markers to fixture, one call",
 }
-TICK_STAGES = ("sample", "proxy")  # their time is that of a tick: the 1 ms budget applies
+TICK_STAGES = ("sample", "proxy", "feel")  # their time is that of a tick: the 1 ms budget applies
 SCALE = {"px": (1.0, "px"), "m": (1e6, "µm")}
 FLOOR = {"px": 1e-6, "m": 1e-7}  # smallest error drawn [px, µm]; below it is rounding
 FIXED = {

@@ -2,7 +2,7 @@
 
 record      what is measured and how it is written down; the Pareto front
 runner      trials side by side, interleaved
-extracting, sampling, registering, proxy, planning
+extracting, sampling, registering, proxy, feel, planning
             one stage each: scenes with known truth, methods, settings
 baselines, peers
             what a user would pick instead, ours and outside programs

@@ -86,7 +86,7 @@ class Result:
     trial
         What was measured.
     stage
-        "extract", "sample", "register", "proxy" or "plan".
+        "extract", "sample", "register", "proxy", "feel" or "plan".
     errors
         Against the truth.
     times

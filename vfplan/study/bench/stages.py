@@ -16,13 +16,14 @@ from vfplan.study.bench.peers import Peer, nanoflann_hint
 from vfplan.study.bench.record import Refusal, Result, Trial, judge_chosen, mark_pareto
 from vfplan.study.bench.runner import run_trials
 
-Stage = Literal["extract", "sample", "register", "proxy", "plan"]
+Stage = Literal["extract", "sample", "register", "proxy", "feel", "plan"]
 STAGES: tuple[Stage, ...] = get_args(Stage)
 _MODULES = {
     "extract": "extracting",
     "sample": "sampling",
     "register": "registering",
     "proxy": "proxy",
+    "feel": "feel",
     "plan": "planning",
 }
 REPEATS = {True: 3, False: 7}
