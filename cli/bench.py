@@ -9,8 +9,9 @@ from typing import Any
 
 import click
 from click.core import ParameterSource
-from vfplan.cli.options import FILE, Numbers
-from vfplan.cli.run import Report, command, outputs, progress, refuse_existing
+from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.run import Report, command, progress
+from vfplan.cli.values import FILE, Numbers
 
 from vfplan.errors import InputError
 

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import FILE, PNG, Numbers, Real, Whole
-from vfplan.cli.run import Report, outputs, progress, refuse_existing
+from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.run import Report, progress
 from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.values import FILE, PNG, Numbers, Real, Whole
 
 from vfplan.errors import SettingError
 

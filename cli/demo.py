@@ -11,8 +11,9 @@ from types import ModuleType
 from typing import Any
 
 import click
-from vfplan.cli.options import FILE
-from vfplan.cli.run import Report, command, jsonable, outputs, refuse_existing
+from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.run import Report, command, jsonable
+from vfplan.cli.values import FILE
 
 from vfplan.errors import OutputError
 from vfplan.io.disk import write_whole

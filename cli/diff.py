@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import FILE
 from vfplan.cli.run import Report
 from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.values import FILE
 
 
 @vfplan_command("diff", short_help="What differs between two bundles.")

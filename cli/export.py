@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from vfplan.cli.options import FILE, Written, output
-from vfplan.cli.run import Report, outputs, refuse_existing
+from vfplan.cli.options import output
+from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.run import Report
 from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.values import FILE, Written
 
 
 @vfplan_command("export", short_help="A bundle's points as PLY, CSV or .mrk.json.")

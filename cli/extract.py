@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from vfplan.cli.options import FILE, Numbers, curve_options, extract_settings, output
-from vfplan.cli.run import Report, command, outputs, patience, refuse_existing
+from vfplan.cli.options import curve_options, extract_settings, output
+from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.run import Report, command, patience
+from vfplan.cli.values import FILE, Numbers
 
 from vfplan.errors import SettingError
 

@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from vfplan.cli.options import FILE, Numbers, output
-from vfplan.cli.run import Report, outputs, refuse_existing
+from vfplan.cli.options import output
+from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.run import Report
 from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.values import FILE, Numbers
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vfplan.cli.options import Written, output
-from vfplan.cli.run import Report, refuse_existing
+from vfplan.cli.options import output
+from vfplan.cli.outputs import refuse_existing
+from vfplan.cli.run import Report
 from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.values import Written
 
 
 @vfplan_command("keygen", short_help="Make a key pair for signing bundles.")

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import FILE, Real, Whole, Written
-from vfplan.cli.run import Report, outputs, refuse_existing
+from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.run import Report
 from vfplan.cli.run import command as vfplan_command
 from vfplan.cli.stopping import SIGNALS
+from vfplan.cli.values import FILE, Real, Whole, Written
 
 
 @vfplan_command("live", short_help="A result or a controller's ticks, live, for Slicer and MCAP.")

@@ -8,9 +8,7 @@ from typing import Any
 import click
 from vfplan.cli.extract import extracted_text, write_pictures
 from vfplan.cli.options import (
-    FILE,
     ROBOT,
-    Numbers,
     curve_options,
     extract_settings,
     fixture_options,
@@ -18,9 +16,11 @@ from vfplan.cli.options import (
     hold_campaign,
     output,
 )
+from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.rehearse import BASE, objections, rehearsed_text
-from vfplan.cli.run import Report, command, outputs, patience, refuse_existing
+from vfplan.cli.run import Report, command, patience
+from vfplan.cli.values import FILE, Numbers
 
 
 @command("plan", short_help="A planned slice and its markers in, a fixture out.")

@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from vfplan.cli.options import FILE, Real, fixture_options, fixture_settings, hold_campaign, output
-from vfplan.cli.run import Report, command, outputs, refuse_existing
+from vfplan.cli.options import fixture_options, fixture_settings, hold_campaign, output
+from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.run import Report, command
+from vfplan.cli.values import FILE, Real
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture

@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli import options
-from vfplan.cli.options import FILE, Numbers
+from vfplan.cli import options, values
+from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.replay import guess, refuse_folder
-from vfplan.cli.run import Report, command, outputs, progress, refuse_existing
+from vfplan.cli.run import Report, command, progress
+from vfplan.cli.values import FILE, Numbers
 
 BASE = Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)
 
@@ -30,7 +31,7 @@ OPTIONS = [
                  help="Unit of the session's positions."),
     click.option("--report", type=FILE, metavar="DIR",
                  help="Folder for one self-contained HTML page with pictures."),
-    click.option("--picture-out", type=options.PNG, metavar="PNG",
+    click.option("--picture-out", type=values.PNG, metavar="PNG",
                  help="Write the arm over the fixture."),
 ]  # fmt: skip
 

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli import options
-from vfplan.cli.options import FILE, Numbers, Real, Whole
+from vfplan.cli import options, values
+from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.replay_text import check_line, replay_text
-from vfplan.cli.run import Report, outputs, progress, refuse_existing
+from vfplan.cli.run import Report, progress
 from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.values import FILE, Numbers, Real, Whole
 
 from vfplan.io.disk import write_whole
 from vfplan.io.numbers import real
@@ -57,7 +58,7 @@ class Governing(Numbers):
 
 
 OPTIONS = [
-    click.option("--csv", "csv_out", type=options.CSV, help="Per-tick result as CSV."),
+    click.option("--csv", "csv_out", type=values.CSV, help="Per-tick result as CSV."),
     click.option("--report", type=FILE, metavar="DIR",
                  help="Folder for one self-contained HTML report with pictures."),
     click.option("--image", type=FILE, metavar="IMAGE",

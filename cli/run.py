@@ -18,23 +18,21 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, TextIO
 from unicodedata import category
 
 import click
+from vfplan.cli.outputs import keep, take_back
 from vfplan.cli.plain import heed_no_settings
 from vfplan.cli.stopping import Stopped, stoppable
 
-from vfplan.errors import OutputError, VfplanError
+from vfplan.errors import VfplanError
 from vfplan.io.clock import now_utc
-from vfplan.io.disk import Placed, beside, create, made_folder, move_whole, working_in
 
 # Unicode's kinds of signs that are not to be seen: controls, directions, halves, unknown ones.
 STEERING = ("Cc", "Cf", "Cs", "Co", "Cn")
-PLACED = "vfplan.cli.placed"  # under this key in click's context: what the command wrote
 
 
 @dataclass(frozen=True)
@@ -87,7 +85,7 @@ def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.
                 except Stopped as stop:
                     _fail("Stopped", str(stop), None, stop.exit_code, as_json, verbose)
                 finally:
-                    _take_back()
+                    take_back()
 
         for option in (
             click.option("-v", "--verbose", count=True, help="More detail; -vv adds tracebacks."),
@@ -126,7 +124,7 @@ def _run(work: Callable[[], Report], as_json: bool, quiet: bool, verbose: int) -
         if not as_json:
             _silence(sys.stdout)
         _fail("OutputError", what, "the report", 2, as_json, verbose)
-    _keep()
+    keep()
     sys.exit(report.exit_code)
 
 
@@ -196,118 +194,6 @@ def _silence(stream: TextIO | None) -> None:
         return
     with suppress(OSError), open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), stream.fileno())
-
-
-def refuse_existing(*paths: Path | None, overwrite: bool) -> None:
-    """Check every output path before any work is done.
-
-    Raises `OutputError` when a path exists and `overwrite` is false, its folder is missing, it is
-    no plain file, two outputs share it, of which only the last would remain, or it is also an input
-    of this call: no `--overwrite` allows that.
-    """
-    inputs = _inputs(paths)
-    seen: set[Path] = set()
-    for path in paths:
-        if path is None:
-            continue
-        if path.resolve() in seen:
-            raise OutputError("is given for two outputs; each needs its own", where=str(path))
-        seen.add(path.resolve())
-        if path.resolve() in inputs:
-            raise OutputError("is an input of this call; another name wanted", where=str(path))
-        try:
-            _refuse_place(path, overwrite)
-        except OSError as error:  # a name too long, a folder that may not be looked into
-            raise OutputError(error.strerror or str(error), where=str(path)) from None
-
-
-def _refuse_place(path: Path, overwrite: bool) -> None:
-    if path.exists() and not overwrite:
-        raise OutputError("exists already; give --overwrite to replace it", where=str(path))
-    if path.is_dir():
-        raise OutputError("is a directory; a file is wanted", where=str(path))
-    if path.exists() and not path.is_file():  # moving a file there would unmake a device
-        raise OutputError("is a device or a pipe; a file is wanted", where=str(path))
-    if not path.parent.is_dir():
-        raise OutputError("its folder does not exist", where=str(path))
-
-
-def _inputs(outputs: tuple[Path | None, ...]) -> set[Path]:
-    """The other paths that the running command was called with."""
-    context = click.get_current_context(silent=True)
-    given = [] if context is None else context.params.values()
-    paths = [value for value in given if isinstance(value, Path)]
-    return {path.resolve() for path in paths if not any(path is out for out in outputs)}
-
-
-@contextmanager
-def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
-    """Write several files together: all of them appear, or none; a missing folder is made.
-
-    Yields one temporary path a given path (same folder, same suffix; `None` stays `None`); moves
-    them into place when the block ends well and deletes them when it does not. A power cut leaves
-    the old file or the new one, whole. What exists is replaced only if the running command's
-    `--overwrite` says so; the old files come back when the command's report cannot be written.
-
-    Raises `OutputError` where the system lets a file not be made or written, or it exists.
-    """
-    # Writers make them anew (`vfplan.io.disk.create`): nothing is written through another's link.
-    temporaries = tuple(p and beside(p, "".join(p.suffixes[-2:])[1:] or "tmp") for p in paths)
-    with ExitStack() as folders:
-        try:
-            for folder in {path.parent for path in paths if path is not None}:
-                folders.enter_context(made_folder(folder))
-                folders.enter_context(working_in(folder))
-            for temporary in filter(None, temporaries):  # no long work for a folder that takes none
-                create(temporary).close()
-                temporary.unlink()
-            yield temporaries
-            moves = [(t, p) for p, t in zip(paths, temporaries, strict=True) if p and t]
-            _remember(move_whole(moves, overwrite=_overwrite()), folders.pop_all())
-        except OSError as error:
-            reason = error.strerror or str(error)
-            where = next((str(p) for p in paths if p is not None), None)
-            raise OutputError(f"cannot be written: {reason}", where=where) from error
-        except VfplanError as error:
-            for path, temporary in zip(paths, temporaries, strict=True):
-                if temporary is not None and error.where == str(temporary):
-                    error.where = str(path)  # the name that the caller knows
-            raise
-        finally:
-            for temporary in filter(None, temporaries):
-                temporary.unlink(missing_ok=True)
-
-
-def _overwrite() -> bool:
-    context = click.get_current_context(silent=True)
-    return context is not None and bool(context.params.get("overwrite"))
-
-
-def _remember(placed: Placed, folders: ExitStack) -> None:
-    """Keep what the running command wrote in mind until its report is out, its folders locked."""
-    context = click.get_current_context(silent=True)
-    if context is None:
-        placed.keep()
-        folders.close()
-    else:
-        context.meta.setdefault(PLACED, []).append((placed, folders))
-
-
-class _TakenBack(Exception):  # noqa: N818 - tells a folder that was made to go again
-    pass
-
-
-def _keep() -> None:
-    for placed, folders in click.get_current_context().meta.pop(PLACED, []):
-        placed.keep()
-        folders.close()
-
-
-def _take_back() -> None:
-    for placed, folders in reversed(click.get_current_context().meta.pop(PLACED, [])):
-        with suppress(_TakenBack), folders:
-            placed.undo()
-            raise _TakenBack
 
 
 def _silent() -> bool:

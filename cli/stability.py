@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli import options
-from vfplan.cli.run import Report, command, jsonable, outputs, progress, refuse_existing
+from vfplan.cli import options, values
+from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.run import Report, command, jsonable, progress
 
 from vfplan.errors import OutputError, at
 from vfplan.io.disk import write_whole
@@ -19,11 +20,11 @@ REPORT, TABLE, MAP, PASSIVITY = FILES = (
     "stability.json", "cases.csv", "stability_map.png", "passivity.png",
 )  # fmt: skip
 
-_above = options.Real(min=0, min_open=True)
+_above = values.Real(min=0, min_open=True)
 
 
 @command("stability", short_help="Is K stable with this robot? Closed loop and extreme cases.")
-@click.argument("fixture", type=options.FILE, required=False)
+@click.argument("fixture", type=values.FILE, required=False)
 @options.ROBOT
 @click.option(
     "--mass", "mass_kg", type=_above, metavar="KG", help="Moving mass at the tip.  [default: 1]"
@@ -31,14 +32,14 @@ _above = options.Real(min=0, min_open=True)
 @click.option(
     "--damping",
     "damping_n_s_per_m",
-    type=options.Real(min=0),
+    type=values.Real(min=0),
     metavar="N_S_PER_M",
     help="Viscous damping at the tip.  [default: 5]",
 )
 @click.option("--rate", "rate_hz", type=_above, metavar="HZ", help="Control rate.  [default: 1000]")
 @click.option(
     "--delay-ticks",
-    type=options.Whole(0, 1000),
+    type=values.Whole(0, 1000),
     metavar="N",
     help="Ticks between a position and its force.  [default: 0]",
 )
@@ -62,7 +63,7 @@ _above = options.Real(min=0, min_open=True)
 )
 @click.option(
     "--margin",
-    type=options.Real(min=1),
+    type=values.Real(min=1),
     default=1.25,
     show_default=True,
     help="K times this must be stable.",
@@ -71,11 +72,11 @@ _above = options.Real(min=0, min_open=True)
     "--part", "parts", multiple=True, type=click.Choice(PARTS), help="Only this part (repeatable)."
 )
 @click.option("--full", is_flag=True, help="Also the long runs (many minutes).")
-@click.option("--jobs", type=options.Whole(1, 64), default=2, show_default=True, help="Processes.")
+@click.option("--jobs", type=values.Whole(1, 64), default=2, show_default=True, help="Processes.")
 @click.option(
     "-o",
     "--output",
-    type=options.FILE,
+    type=values.FILE,
     metavar="DIR",
     help="Write the report, the tables and the pictures there.",
 )

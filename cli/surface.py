@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import PNG, Numbers, Real, output
-from vfplan.cli.run import Report, command, outputs, patience, refuse_existing
+from vfplan.cli.options import output
+from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.run import Report, command, patience
+from vfplan.cli.values import PNG, Numbers, Real
 
 
 @command("surface", short_help="Outlined slices in, a surface out.")

@@ -7,9 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 
 import click
-from vfplan.cli.options import FILE
 from vfplan.cli.run import Report
 from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.values import FILE
 
 
 @vfplan_command("validate", short_help="Everything that is wrong with a bundle.")

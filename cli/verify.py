@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from vfplan.cli.options import FILE, signature
+from vfplan.cli.options import signature
 from vfplan.cli.run import Report
 from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.values import FILE
 
 if TYPE_CHECKING:
     from vfplan.bundle import Trust

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import FILE, GIF, PNG, Numbers, Whole
-from vfplan.cli.run import Report, outputs, patience, refuse_existing
+from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.run import Report, patience
 from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.values import FILE, GIF, PNG, Numbers, Whole
 
 
 @vfplan_command("view", short_help="A fixture and a replay in three dimensions.")
@@ -51,10 +52,11 @@ def command(
     refuse_existing(screenshot, movie, overwrite=overwrite)
     cloud, ticks = _read(fixture, result)
     from vfplan import view3d
+    from vfplan.io import opengl
 
     shown = screenshot is None and movie is None
     with patience("trying how pictures can be drawn here"):
-        view3d.ready_pyvista(screen=shown)
+        opengl.ready_pyvista(screen=shown)
     if shown:
         view3d.show(cloud, ticks)
     with outputs(screenshot, movie) as (picture, film):

@@ -99,6 +99,7 @@ def draw(folder: Path) -> dict[str, dict[str, float]]:
     from vfplan.figures.depth import draw_slice_depth
     from vfplan.figures.replay import draw_scene, draw_timeline
     from vfplan.images.read import read_image
+    from vfplan.io import opengl
 
     numbers = {}
     hand = Path(str(files("vfplan.samples") / "elbow_session.csv"))
@@ -109,7 +110,7 @@ def draw(folder: Path) -> dict[str, dict[str, float]]:
         found = replay(fixture, session)
         draw_timeline(found, folder / f"{name}-force.png")
         space = folder / f"{name}-scene.png"
-        if fixture.ignore_axis is None and view3d.offscreen_window() is not None:
+        if fixture.ignore_axis is None and opengl.offscreen_window() is not None:
             view3d.draw_view(fixture, space, ticks=found.ticks, mark_hz=10.0, size=(1000, 750))
         else:
             draw_scene(found, space)

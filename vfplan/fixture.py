@@ -5,14 +5,27 @@ Nothing here reads, writes or computes; the modules that do all speak in these t
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-Frame = Literal["image", "robot_base", "patient_lps"]
-FRAMES: tuple[Frame, ...] = ("image", "robot_base", "patient_lps")
+from vfplan.records import FRAMES, Frame, Provenance, RegistrationRecord, StabilityVerdict
+
+__all__ = [
+    "FRAMES",
+    "Curve",
+    "Fixture",
+    "Frame",
+    "Guidance",
+    "Pieces",
+    "Provenance",
+    "RegistrationRecord",
+    "Rendering",
+    "SourceImage",
+    "StabilityVerdict",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,120 +145,6 @@ class Guidance:
     stiffness: float
     ends: Literal["stop", "open"] = "stop"
     stroke: int | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class RegistrationRecord:
-    """The registration that carried the points into the robot's frame, and its error.
-
-    Parameters
-    ----------
-    model
-        "affine", "similarity" or "rigid".
-    source_frame
-        The frame of `source`: "image" [px] or "patient_lps" [m].
-    T_robot_image
-        (3, 3) acting on [u v 1], or (4, 4) acting on [x y z 1]; maps into `robot_base` [m].
-    labels
-        (M,) marker labels.
-    source, target
-        (M, 2|3) marker positions in the source frame and (M, 3) in `robot_base` [m].
-    residuals_m
-        (M,) distance of each marker from where the transform puts it [m].
-    fre_rms_m, loo_rms_m, tre_rms_m
-        Root mean squares [m]: fiducial registration error, leave-one-out, and the target
-        registration error predicted over the curve.
-    covariance
-        (P, P) covariance of the transform's parameters, row-major T; `None` when unknown.
-    tre_m
-        (N,) predicted RMS TRE at each of the fixture's points [m]; `None` when unknown.
-    """
-
-    model: str
-    source_frame: Frame
-    T_robot_image: NDArray[np.float64]
-    labels: tuple[str, ...]
-    source: NDArray[np.float64]
-    target: NDArray[np.float64]
-    residuals_m: NDArray[np.float64]
-    fre_rms_m: float
-    loo_rms_m: float | None = None
-    tre_rms_m: float | None = None
-    covariance: NDArray[np.float64] | None = None
-    tre_m: NDArray[np.float64] | None = None
-
-
-@dataclass(frozen=True)
-class StabilityVerdict:
-    """The stability gate's verdict on a fixture's K with one robot.
-
-    Parameters
-    ----------
-    robot
-        Its name.
-    mass_kg, damping_n_s_per_m, rate_hz, delay_ticks
-        What was simulated.
-    k_n_per_m
-        The K judged: the largest in any direction that the fixture renders [N/m].
-    k_max_n_per_m
-        The largest stable K found in closed loop [N/m].
-    margin
-        What K is multiplied by before it is held against `k_max_n_per_m`.
-    """
-
-    robot: str
-    mass_kg: float
-    damping_n_s_per_m: float
-    rate_hz: float
-    delay_ticks: int
-    k_n_per_m: float
-    k_max_n_per_m: float
-    margin: float
-
-    @property
-    def k_linear_bound_n_per_m(self) -> float:
-        """b / (T/2 + t_d) [N/m]."""
-        return self.damping_n_s_per_m * self.rate_hz / (0.5 + self.delay_ticks)
-
-    @property
-    def k_pass_n_per_m(self) -> float:
-        """The largest K that passes [N/m]."""
-        return self.k_max_n_per_m / self.margin
-
-    @property
-    def stable(self) -> bool:
-        """Whether K passes."""
-        return self.k_n_per_m <= self.k_pass_n_per_m
-
-    def as_dict(self) -> dict[str, str | float | bool]:
-        """As a report holds it."""
-        derived = ("k_linear_bound_n_per_m", "k_pass_n_per_m", "stable")
-        return asdict(self) | {name: getattr(self, name) for name in derived}
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """Where a bundle came from; holds no file names, paths or patient identifiers.
-
-    Parameters
-    ----------
-    created_utc
-        ISO 8601, whole seconds, ending in "Z".
-    software
-        "vfplan VERSION".
-    inputs
-        Role ("image", "markers_image", ...) -> SHA-256 of the bytes, lower-case hex.
-    settings
-        The settings in force, by name.
-    history
-        One line for each earlier form of the file (migrations), oldest first.
-    """
-
-    created_utc: str
-    software: str
-    inputs: dict[str, str] = field(default_factory=dict)
-    settings: dict[str, str | float | int | bool] = field(default_factory=dict)
-    history: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -136,7 +136,7 @@ def test_a_fixture_that_breaks_a_rule_is_refused_and_nothing_is_left(change, tmp
 
 
 @pytest.mark.parametrize(
-    "module", ["vfplan.bundle", "vfplan.session.arrays", "vfplan.session.result"]
+    "module", ["vfplan.bundle", "vfplan.session.arrays", "vfplan.session.resultwriter"]
 )
 def test_no_plugin_can_be_loaded(module, tmp_path):
     """A fresh process: the variable is set before h5py, and h5py is not loaded without need."""
@@ -150,7 +150,7 @@ def test_no_plugin_can_be_loaded(module, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "module", ["vfplan.bundle", "vfplan.session.arrays", "vfplan.session.result"]
+    "module", ["vfplan.bundle", "vfplan.session.arrays", "vfplan.session.resultwriter"]
 )
 def test_plugins_are_off_even_if_h5py_was_there_first(module, tmp_path):
     code = f"import h5py; import {module}; assert h5py.h5pl.size() == 0"

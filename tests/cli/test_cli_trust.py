@@ -17,6 +17,7 @@ from vfplan.cli.run import Report, command, progress, shown
 
 import vfplan
 from vfplan import view3d
+from vfplan.io import opengl
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 AWAKE = (
@@ -170,14 +171,14 @@ def test_each_failed_check_is_one_line(name, vfplan_cli, hostile, tmp_path):
 
 def test_what_a_probe_says_is_told(monkeypatch):
     """Not a guess at a missing library."""
-    monkeypatch.setattr(view3d, "_PROBE", "raise RuntimeError('no light here {off}')")
-    view3d._fault.cache_clear()
+    monkeypatch.setattr(opengl, "_PROBE", "raise RuntimeError('no light here {off}')")
+    opengl._fault.cache_clear()
     try:
         with pytest.raises(vfplan.errors.MissingExtra, match="RuntimeError: no light here True"):
-            view3d.ready_pyvista(screen=False)
+            opengl.ready_pyvista(screen=False)
     finally:
-        view3d._fault.cache_clear()
-        view3d.offscreen_window.cache_clear()
+        opengl._fault.cache_clear()
+        opengl.offscreen_window.cache_clear()
 
 
 WINDOW = (

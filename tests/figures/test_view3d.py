@@ -12,11 +12,12 @@ from replays import fixture_of, line, probing
 import vfplan
 from vfplan import view3d
 from vfplan.errors import MissingExtra, SettingError
+from vfplan.io import opengl
 from vfplan.replaying import replay
 
 
 def need_gl():
-    if view3d.offscreen_window() is None:
+    if opengl.offscreen_window() is None:
         missing_package("libosmesa6", "OpenGL without a screen")
 
 
@@ -65,19 +66,19 @@ def test_time_and_cloud_alone(tmp_path):
 
 
 def test_no_gl_is_said_and_nothing_crashes(monkeypatch, tmp_path):
-    monkeypatch.setattr(view3d, "offscreen_window", lambda: None)
+    monkeypatch.setattr(opengl, "offscreen_window", lambda: None)
     with pytest.raises(MissingExtra, match="apt install libosmesa6"):
         view3d.draw_view(fixture_of(line()), tmp_path / "v.png")
     assert not (tmp_path / "v.png").exists()
 
 
 def test_a_probe_that_crashes_is_a_no(monkeypatch):
-    monkeypatch.setattr(view3d, "_PROBE", "import os; os.kill(os.getpid(), 11)")
-    view3d._fault.cache_clear()
+    monkeypatch.setattr(opengl, "_PROBE", "import os; os.kill(os.getpid(), 11)")
+    opengl._fault.cache_clear()
     try:
-        assert "ended by signal 11" in view3d._fault(None)
+        assert "ended by signal 11" in opengl._fault(None)
     finally:
-        view3d._fault.cache_clear()
+        opengl._fault.cache_clear()
 
 
 def test_no_screen_is_said(vfplan_cli, files):

@@ -6,12 +6,13 @@ import errno
 import os
 
 import pytest
-from vfplan.cli.run import outputs
+from vfplan.cli.outputs import outputs
 
 from vfplan.curve.vector import read_vector_curve
 from vfplan.errors import ImageError, InputError, MarkerError, OutputError, SessionError
 from vfplan.images.read import read_image
-from vfplan.io.disk import move_whole, read_whole, write_whole
+from vfplan.io.disk import move_whole, write_whole
+from vfplan.io.reading import read_whole
 from vfplan.markers import read_markers
 from vfplan.robot import read_robot
 from vfplan.session import read_session
@@ -136,7 +137,7 @@ def test_a_folder_that_takes_no_file_is_one_clear_error(monkeypatch, tmp_path):
     def refused(*args, **kwargs):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("vfplan.cli.run.create", refused)
+    monkeypatch.setattr("vfplan.cli.outputs.create", refused)
     with pytest.raises(OutputError, match="Permission denied"), outputs(tmp_path / "a.h5"):
         pass
 

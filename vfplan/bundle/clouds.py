@@ -20,8 +20,8 @@ from vfplan.engine.parameters import PAPER_BAND, default_band
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
 from vfplan.io.clock import now_utc
-from vfplan.io.disk import opened_file
 from vfplan.io.numbers import real, require_short
+from vfplan.io.reading import opened_file
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from vfplan.errors import InputError, MissingExtra, SettingError
-from vfplan.io.disk import opened_file, write_together
+from vfplan.io.disk import write_together
+from vfplan.io.reading import opened_file
 
 KEY_FILE_BYTES = 1 << 20
 BEGIN, END = b"-----BEGIN PUBLIC KEY-----", b"-----END PUBLIC KEY-----"

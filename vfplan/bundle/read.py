@@ -14,7 +14,7 @@ from vfplan.bundle.table import table
 from vfplan.bundle.trust import Trust, check_trust
 from vfplan.errors import BundleError
 from vfplan.fixture import Fixture
-from vfplan.io.disk import opened_file
+from vfplan.io.reading import opened_file
 
 
 def read_fixture(path: str | Path, *, trust: Trust | None = None) -> Fixture:

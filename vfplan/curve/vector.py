@@ -16,7 +16,7 @@ from vfplan.curve import imagej
 from vfplan.engine.spacing import MOST_POINTS
 from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.images.dicom import is_dicom
-from vfplan.io.disk import read_whole
+from vfplan.io.reading import read_whole
 
 MAX_BYTES = 256 * 2**20
 FINE_M = 2.5e-4  # of a curve in the patient: a point every quarter of a millimetre

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from vfplan.errors import ImageError
 from vfplan.images.dicom import is_dicom, read_dicom
 from vfplan.images.header import JPEG, PNG, Header, read_header
-from vfplan.io.disk import read_whole
+from vfplan.io.reading import read_whole
 
 MOST_BYTES = 2**31 - 1  # more the decoders do not take
 LIBJPEG_DAMAGE = ("Corrupt JPEG data", "Premature end of JPEG", "Invalid SOS", "Inconsistent prog")

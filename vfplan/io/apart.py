@@ -31,7 +31,7 @@ import numpy as np
 
 from vfplan import errors
 from vfplan.errors import InputError, VfplanError
-from vfplan.io.disk import OneFile, stream_over
+from vfplan.io.reading import OneFile, stream_over
 
 MEMORY_BYTES = 768 << 20  # of a reader, beyond what it shares with the helper
 STEP_S = 8  # of a processor's time between two answers

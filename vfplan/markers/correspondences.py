@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError
-from vfplan.io.disk import read_whole
+from vfplan.io.reading import read_whole
 from vfplan.markers.points import MarkerFrame, MarkerPoints
 from vfplan.markers.slicer import parse_fcsv, parse_mrk_json
 from vfplan.markers.table import parse_table

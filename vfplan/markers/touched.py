@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError
-from vfplan.io.disk import read_whole
+from vfplan.io.reading import read_whole
 from vfplan.markers.points import number, table_rows
 from vfplan.markers.table import ROBOT
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vfplan.replaying.quantities import HELD_M
 from vfplan.session import TickBlock
-from vfplan.session.result import joined
+from vfplan.session.ticks import joined
 
 _NAMES = [field.name for field in fields(TickBlock)]
 

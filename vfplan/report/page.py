@@ -118,8 +118,9 @@ def _in_space(replayed: Replay) -> str:
     words = "cloud, HIP and proxy path, contact circles and normals at 10 Hz"
     if replayed.fixture.ignore_axis is None:
         from vfplan import view3d
+        from vfplan.io import opengl
 
-        if view3d.offscreen_window() is not None:
+        if opengl.offscreen_window() is not None:
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "view.png"
                 view3d.draw_view(replayed.fixture, path, ticks=replayed.ticks, mark_hz=MARK_HZ)

@@ -16,8 +16,8 @@ from typing import IO, Any, BinaryIO
 import numpy as np
 
 from vfplan.errors import SessionError
-from vfplan.io.disk import OneFile
 from vfplan.io.hdf5 import h5py
+from vfplan.io.reading import OneFile
 from vfplan.session.types import BLOCK, Array, Pair
 
 _NAMES = ("time", "hip")

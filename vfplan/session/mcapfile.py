@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MissingExtra, SessionError
-from vfplan.io.disk import opened_file
+from vfplan.io.reading import opened_file
 from vfplan.session.types import Pair
 
 TICK = np.dtype([

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from vfplan.errors import SessionError, SettingError
 from vfplan.io.apart import apart, one
-from vfplan.io.disk import OneFile
+from vfplan.io.reading import OneFile
 from vfplan.session.arrays import npz_header, read_npz
 from vfplan.session.csvfile import WANTED, csv_columns, read_csv
 from vfplan.session.ros import RosOptions, bag_sha256, bag_stamp, is_bag

@@ -1,182 +1,24 @@
-"""Replay results: HDF5 with `format = "vfplan-result"`, one row a tick, written as it comes."""
+"""Replay results read back, and whether a result belongs to a bundle."""
 
 from __future__ import annotations
 
 import json
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.errors import InputError, VersionError
 from vfplan.io.apart import apart, one
-from vfplan.io.disk import OneFile
 from vfplan.io.hdf5 import h5py
-from vfplan.session.closing import Steady, Whole, require_same
+from vfplan.io.reading import OneFile
+from vfplan.session.ticks import RESULT_FORMAT, RESULT_VERSION, TABLE, TickBlock, joined
 from vfplan.session.types import BLOCK, LATEST_S, Array
-
-RESULT_FORMAT = "vfplan-result"
-RESULT_VERSION = "1.0"
 
 STATES = (-1, 0, 1, 2)
 LARGEST = LATEST_S  # of any number in a result, so that no square of it overflows
-
-# name -> (columns, type, unit)
-_TABLE: dict[str, tuple[tuple[int, ...], str, str]] = {
-    "time": ((), "<f8", "s"),
-    "hip": ((3,), "<f8", "m"),
-    "proxy": ((3,), "<f8", "m"),
-    "normal": ((3,), "<f8", "1"),
-    "force": ((3,), "<f8", "N"),
-    "state": ((), "|i1", "1"),
-    "penetration": ((), "<f8", "m"),
-    "overlap": ((), "<f8", "m"),
-}
-
-
-@dataclass(frozen=True, eq=False)
-class TickBlock:
-    """A run of consecutive ticks of a replay, one row each.
-
-    Parameters
-    ----------
-    time, hip
-        (n,) [s] and (n, 3) [m], as the controller had them.
-    proxy, normal, force
-        (n, 3) at the end of each tick [m], [1], [N].
-    state
-        (n,) int8, -1, 0, 1 or 2.
-    penetration
-        (n,) |proxy - hip| [m].
-    overlap
-        (n,) how far the HIP is beyond the cloud's own surface [m], never below 0.
-    """
-
-    time: Array
-    hip: Array
-    proxy: Array
-    normal: Array
-    force: Array
-    state: NDArray[np.int8]
-    penetration: Array
-    overlap: Array
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-
-class Result(Protocol):
-    """What `write_result` writes; a `Replay` is one."""
-
-    @property
-    def ticks(self) -> TickBlock:
-        """One row a tick."""
-
-    @property
-    def record(self) -> dict[str, Any]:
-        """The root attributes."""
-
-
-def joined(blocks: list[TickBlock]) -> TickBlock:
-    """Blocks one after the other, as one."""
-    names = [field.name for field in fields(TickBlock)]
-    return TickBlock(**{n: np.concatenate([getattr(b, n) for b in blocks]) for n in names})
-
-
-class ResultWriter(Whole):
-    """Write a result file block by block; use as a context manager.
-
-    The file appears under its name when the `with` statement ends well: on the disk, and read back
-    to what was written. Else there is none.
-
-    Parameters
-    ----------
-    path
-        A file that does not exist yet.
-    attrs
-        Root attributes beyond `format` and `version`; a dict or list is kept as JSON text.
-    groups
-        Where results go: "" for the root, or names of groups (a second rule, for instance).
-
-    Raises
-    ------
-    OutputError
-        The file exists, or cannot be made or written.
-    """
-
-    def __init__(
-        self, path: str | Path, attrs: dict[str, Any], *, groups: tuple[str, ...] = ("",)
-    ) -> None:
-        self._groups = groups
-        super().__init__(path)
-        self.set(attrs)
-
-    def _begin(self, file: BinaryIO) -> None:
-        self._bytes = Steady(file)
-        self._sums = {(group, name): 0 for group in self._groups for name in _TABLE}
-        self._file = h5py.File(self._bytes, "w", libver=("v110", "v110"))
-        self.set({"format": RESULT_FORMAT, "version": RESULT_VERSION})
-        for name in self._groups:
-            _create(self._file.require_group(name) if name else self._file)
-
-    def set(self, attrs: dict[str, Any]) -> None:
-        """Set root attributes; `None` is left out."""
-        for name, value in attrs.items():
-            if value is not None:
-                kept = json.dumps(value) if isinstance(value, (dict, list, tuple)) else value
-                self._file.attrs[name] = kept
-
-    def append(self, block: TickBlock, group: str = "") -> None:
-        """Add a block of ticks."""
-        place = self._file[group] if group else self._file
-        for name in _TABLE:
-            dataset, rows = place[name], getattr(block, name)
-            size = len(dataset)
-            dataset.resize(size + len(block), axis=0)
-            dataset[size:] = rows
-            self._sums[group, name] = _summed(rows, name, self._sums[group, name])
-        self._bytes.check()
-
-    def _close(self) -> None:
-        self._file.close()
-
-    def _verify(self) -> None:
-        self._bytes.check()
-        self._bytes.seek(0)
-        with h5py.File(self._bytes, "r") as file:
-            for (group, name), written in self._sums.items():
-                dataset, found = file[f"/{group}/{name}"], 0
-                for start in range(0, len(dataset), BLOCK):
-                    found = _summed(dataset[start : start + BLOCK], name, found)
-                require_same(found, written)
-
-
-def _summed(rows: NDArray, name: str, before: int) -> int:
-    return zlib.crc32(np.ascontiguousarray(rows, _TABLE[name][1]), before)
-
-
-def _create(place: h5py.Group) -> None:
-    for name, (columns, dtype, unit) in _TABLE.items():
-        dataset = place.create_dataset(
-            name,
-            (0, *columns),
-            dtype,
-            maxshape=(None, *columns),
-            chunks=(BLOCK, *columns),
-            fletcher32=True,
-        )
-        dataset.attrs["unit"] = unit
-
-
-def write_result(replayed: Result, path: str | Path) -> None:
-    """Write a whole result at once: its ticks, and what `ResultWriter` takes as attributes."""
-    with ResultWriter(path, replayed.record) as writer:
-        writer.append(replayed.ticks)
 
 
 def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[str, Any]]:
@@ -245,14 +87,14 @@ def stored(stream: BinaryIO, where: str, group: str) -> Iterator[tuple[Array, ..
         if group and not isinstance(file.get(group, getlink=True), h5py.HardLink):
             raise InputError(f"has no group {group!r}", where=where)
         place = file[group] if group else file
-        datasets = [_checked(place, name, where) for name in _TABLE]
+        datasets = [_checked(place, name, where) for name in TABLE]
         for start in range(0, len(datasets[0]), BLOCK):
             yield tuple(dataset[start : start + BLOCK] for dataset in datasets)
 
 
 def _check_values(block: TickBlock, start: int, last: float, where: str) -> None:
     """Refuse values that no replay gives: drawn, they would be a picture of something else."""
-    for name in _TABLE:
+    for name in TABLE:
         rows = getattr(block, name).reshape(len(block), -1)
         good = np.isin(rows, STATES) if name == "state" else np.abs(rows) <= LARGEST
         bad = np.flatnonzero(~good.all(axis=1))  # NaN fails too
@@ -319,7 +161,7 @@ def _check_head(file: h5py.File, where: str) -> None:
 
 
 def _checked(place: h5py.Group, name: str, where: str) -> h5py.Dataset:
-    columns = _TABLE[name][0]
+    columns = TABLE[name][0]
     link = place.get(name, getlink=True)
     dataset = place[name] if isinstance(link, h5py.HardLink) else None
     time = place["time"] if isinstance(place.get("time", getlink=True), h5py.HardLink) else None

@@ -8,7 +8,7 @@ from typing import BinaryIO
 import numpy as np
 
 from vfplan.session.closing import Whole, require_same
-from vfplan.session.result import TickBlock
+from vfplan.session.ticks import TickBlock
 
 HEADER = (
     "t,x,y,z,proxy_x,proxy_y,proxy_z,normal_x,normal_y,normal_z,force_x,force_y,force_z,"

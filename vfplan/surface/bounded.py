@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from vfplan.errors import InputError
-from vfplan.io.disk import read_whole
+from vfplan.io.reading import read_whole
 
 MOST_FILE = 1 << 30
 MOST_UNPACKED = 1 << 30

@@ -206,15 +206,7 @@ def _seg(dataset: Any, asked: str | None, inputs: dict[str, str], where: str) ->
             "allowed in all",
             where=where,
         )
-    places = [_frame(dataset, k, where) for k in range(frames)]
-    axes = places[0][1]
-    if any(np.abs(place[1] - axes).max() > 1e-12 for place in places):
-        raise InputError("its frames differ in orientation or pixel spacing", where=where)
-    own = [k for k, place in enumerate(places) if place[2] in (None, chosen.number)]
-    corners = np.array([place[0] for place in places])
-    normal = np.cross(axes[:, 0], axes[:, 1])
-    normal /= np.linalg.norm(normal)
-    _refuse_doubled(np.sort(corners[own] @ normal), where)
+    corners, axes, normal, own = _frames(dataset, frames, chosen.number, where)
     most = float(dataset.get("MaximumFractionalValue", 1) or 1)
     rings: list[Array] = []
     shown, stairs = set(), 0
@@ -241,6 +233,22 @@ def _seg(dataset: Any, asked: str | None, inputs: dict[str, str], where: str) ->
         tuple(rings), structures, chosen.number, inputs, normal, corners[empty],
         told if stairs else (),
     )  # fmt: skip
+
+
+def _frames(
+    dataset: Any, count: int, segment: int, where: str
+) -> tuple[Array, Array, Array, list[int]]:
+    """Corners (count, 3) and axes (3, 2) [m] of the frames, their normal, and the segment's own."""
+    places = [_frame(dataset, k, where) for k in range(count)]
+    axes = places[0][1]
+    if any(np.abs(place[1] - axes).max() > 1e-12 for place in places):
+        raise InputError("its frames differ in orientation or pixel spacing", where=where)
+    own = [k for k, place in enumerate(places) if place[2] in (None, segment)]
+    corners = np.array([place[0] for place in places])
+    normal = np.cross(axes[:, 0], axes[:, 1])
+    normal /= np.linalg.norm(normal)
+    _refuse_doubled(np.sort(corners[own] @ normal), where)
+    return corners, axes, normal, own
 
 
 def _refuse_doubled(at: Array, where: str) -> None:

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from vfplan.errors import InputError
-from vfplan.io.disk import read_whole, write_whole
+from vfplan.io.disk import write_whole
+from vfplan.io.reading import read_whole
 
 FORMAT, VERSION = "vfplan-bench", "1.0"
 MOST_BYTES = 256 * 2**20

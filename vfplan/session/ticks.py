@@ -1,0 +1,75 @@
+"""What a replay found, a row a tick, and how a result file holds it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.session.types import Array
+
+RESULT_FORMAT = "vfplan-result"
+RESULT_VERSION = "1.0"
+
+# name -> (columns, type, unit)
+TABLE: dict[str, tuple[tuple[int, ...], str, str]] = {
+    "time": ((), "<f8", "s"),
+    "hip": ((3,), "<f8", "m"),
+    "proxy": ((3,), "<f8", "m"),
+    "normal": ((3,), "<f8", "1"),
+    "force": ((3,), "<f8", "N"),
+    "state": ((), "|i1", "1"),
+    "penetration": ((), "<f8", "m"),
+    "overlap": ((), "<f8", "m"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class TickBlock:
+    """A run of consecutive ticks of a replay, one row each.
+
+    Parameters
+    ----------
+    time, hip
+        (n,) [s] and (n, 3) [m], as the controller had them.
+    proxy, normal, force
+        (n, 3) at the end of each tick [m], [1], [N].
+    state
+        (n,) int8, -1, 0, 1 or 2.
+    penetration
+        (n,) |proxy - hip| [m].
+    overlap
+        (n,) how far the HIP is beyond the cloud's own surface [m], never below 0.
+    """
+
+    time: Array
+    hip: Array
+    proxy: Array
+    normal: Array
+    force: Array
+    state: NDArray[np.int8]
+    penetration: Array
+    overlap: Array
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+class Result(Protocol):
+    """What `write_result` writes; a `Replay` is one."""
+
+    @property
+    def ticks(self) -> TickBlock:
+        """One row a tick."""
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The root attributes."""
+
+
+def joined(blocks: list[TickBlock]) -> TickBlock:
+    """Blocks one after the other, as one."""
+    names = [field.name for field in fields(TickBlock)]
+    return TickBlock(**{n: np.concatenate([getattr(b, n) for b in blocks]) for n in names})
