@@ -33,7 +33,9 @@ constexpr const char* usage =
     "  --log SESSION.csv                      write ticks for `vfplan replay`; a new file\n"
     "  --simulated-time                       do not wait for the clock\n"
     "  --governor STEP,MAX                    force's change a tick and force at most [N]\n"
-    "  --keys KEYS.pub                        who must have signed the fixture; nobody\n"
+    "  --keys KEYS.pub                        who must have signed the fixture; wanted, unless\n"
+    "  --unsigned                             take it from anybody: all that is known is that it\n"
+    "                                         is undamaged\n"
     "  --case TOKEN, --robot-serial SERIAL    for which case and robot\n"
     "  --help                                 this page\n"
     "exit: 0 done, 2 usage, 3 bad input, 4 a bundle that cannot be trusted\n";
@@ -49,7 +51,7 @@ struct Options {
     std::optional<vfplan::Rule> rule;  // else the one nearest to what the bundle holds
     double seconds = 5;
     std::optional<vfplan::GovernorLimits> governor;
-    bool simulated_time = false;
+    bool simulated_time = false, from_anybody = false;
 };
 
 template <class T>
@@ -111,6 +113,8 @@ Options parse(const std::vector<std::string>& args) {
             o.governor = limits(value());
         else if (args[i] == "--simulated-time")
             o.simulated_time = true;
+        else if (args[i] == "--unsigned")
+            o.from_anybody = true;
         else if (o.fixture.empty() && !args[i].starts_with("--"))
             o.fixture = args[i];
         else
@@ -119,6 +123,10 @@ Options parse(const std::vector<std::string>& args) {
     if (o.fixture.empty()) throw UsageError("FIXTURE.h5 is missing");
     if (o.keys.empty() && (o.case_token || o.robot_serial))
         throw UsageError("--case and --robot-serial need --keys: the signature covers them");
+    if (o.keys.empty() != o.from_anybody)
+        throw UsageError(
+            "either --keys KEYS.pub, who must have signed the fixture, or --unsigned, which takes "
+            "what anybody may have made");
     return o;
 }
 
@@ -157,7 +165,13 @@ std::size_t run(Rendered& engine, std::optional<vfplan::Governor>& governor, con
 /// The fixture, approved by one of the keys. Without keys it is whole and undamaged, which says
 /// nothing of who made it: anybody who can write the file can seal another one.
 vfplan::bundle::Fixture approved(const Options& o) {
-    if (o.keys.empty()) return vfplan::bundle::read_fixture(o.fixture);
+    if (o.from_anybody) {
+        std::fprintf(stderr,
+                     "controller: warning: %s is loaded without a signature: it is undamaged, but "
+                     "anybody may have made it, for any patient\n",
+                     o.fixture.c_str());
+        return vfplan::bundle::read_fixture(o.fixture);
+    }
 #ifdef WITH_SIGNATURES
     vfplan::bundle::Trust trust;
     trust.keys = vfplan::bundle::read_keys(o.keys);
@@ -176,11 +190,6 @@ int control(const Options& o) {
         throw std::invalid_argument("vfplan: frame " + fixture.frame + "; robot_base wanted");
     const auto use = o.simulated_time ? vfplan::Use::offline : vfplan::Use::real_time;
     const vfplan::Parameters p = vfplan::bundle::parameters(fixture, o.rule);
-    if (o.keys.empty())
-        std::fprintf(stderr,
-                     "controller: warning: %s is loaded without a signature: it is undamaged, but "
-                     "anybody may have made it (--keys demands one)\n",
-                     o.fixture.c_str());
     Rendered engine(fixture, p, use);
     const Hand hand(fixture.points, 4 * p.R(), p.ignore_axis, o.seconds);
     const auto ticks = std::size_t(o.seconds / period + 0.5);

@@ -1,7 +1,7 @@
 """Render a fixture on a Franka arm, over its own protocol, at 1 kHz.
 
-    python loop.py FIXTURE.h5 --robot HOST [--seconds 10] [--no-governor]
-                   [--require-signature KEYS.pub]
+    python loop.py FIXTURE.h5 --robot HOST (--require-signature KEYS.pub | --unsigned)
+                   [--seconds 10] [--no-governor]
 
 Needs `pylibfranka`, Franka's own binding. The arm is held by your hand: the only torques are the
 fixture's, governed, and the arm compensates its own weight. Stop it by its button, or by Ctrl-C.
@@ -99,18 +99,19 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--robot", required=True, metavar="HOST")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--no-governor", action="store_true")
-    parser.add_argument("--require-signature", metavar="KEYS")
+    maker = parser.add_mutually_exclusive_group(required=True)
+    maker.add_argument("--require-signature", metavar="KEYS", help="one of these must have signed")
+    maker.add_argument("--unsigned", action="store_true", help="anybody may have made the fixture")
     given = parser.parse_args(arguments)
-    if given.require_signature:
+    trust = None
+    if given.unsigned:
+        print(f"warning: {given.fixture} is loaded without a signature: it is undamaged, but "
+              "anybody may have made it, for any patient", file=sys.stderr)  # fmt: skip
+    else:
         from vfplan.bundle import Trust, read_keys
 
-        fixture = vfplan.read_fixture(
-            given.fixture, trust=Trust(read_keys(given.require_signature))
-        )
-    else:
-        print("no signature is demanded: --require-signature KEYS.pub does, as an arm near a "
-              "patient should", file=sys.stderr)  # fmt: skip
-        fixture = vfplan.read_fixture(given.fixture)
+        trust = Trust(read_keys(given.require_signature))
+    fixture = vfplan.read_fixture(given.fixture, trust=trust)
     if fixture.guidance is not None:
         parser.error("the fixture guides; this loop renders forbidden regions only")
     stiffness = float(np.max(fixture.stiffness))

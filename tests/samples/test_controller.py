@@ -31,8 +31,8 @@ def controller(tmp_path_factory):
         done = subprocess.run([*map(str, command)], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
 
-    def run(*args):
-        command = [str(build / "controller"), *map(str, args)]
+    def run(*args, maker=("--unsigned",)):
+        command = [str(build / "controller"), *map(str, [*args, *maker])]
         return subprocess.run(
             command, capture_output=True, text=True, check=False, timeout=60, env=os.environ
         )
@@ -249,12 +249,13 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
     assert log.read_text() == "precious"
     bare = controller(curve)
     assert bare.returncode == 3  # says nothing of its rendering
-    assert bare.stderr.startswith(f"{curve}: vfplan: frame robot_base without rendering")
+    said = bare.stderr.splitlines()[-1]
+    assert said.startswith(f"{curve}: vfplan: frame robot_base without rendering")
     assert controller("--help").stdout.startswith("usage: controller FIXTURE.h5")
 
 
 def test_a_signature_can_be_demanded(controller, drawn, tmp_path):
-    """By a key, for a case and a robot; without keys the controller says what it does not know."""
+    """By a key, for a case and a robot; told to do without, it says what it does not know."""
     from vfplan.bundle import keygen, sign
 
     keys, other = keygen(tmp_path / "k")[0], keygen(tmp_path / "l")[0]
@@ -263,11 +264,14 @@ def test_a_signature_can_be_demanded(controller, drawn, tmp_path):
     plain = controller(drawn, *short)
     assert (plain.returncode, plain.stderr.count("\n")) == (0, 1)
     assert "loaded without a signature" in plain.stderr
-    approved = controller(tmp_path / "s.h5", *short, "--keys", keys, "--case", "17")
+    for words in ((), ("--case", "17"), ("--keys", keys, "--unsigned")):
+        refused = controller(drawn, *short, maker=words)
+        assert (refused.returncode, refused.stdout) == (2, ""), words
+        assert "--keys" in refused.stderr
+    approved = controller(tmp_path / "s.h5", *short, maker=("--keys", keys, "--case", "17"))
     assert (approved.returncode, approved.stderr) == (0, "")
     for words in ([drawn, "--keys", keys], [tmp_path / "s.h5", "--keys", other],
                   [tmp_path / "s.h5", "--keys", keys, "--case", "18"],
                   [tmp_path / "s.h5", "--keys", keys, "--robot-serial", "R2"]):  # fmt: skip
-        refused = controller(*words, *short)
+        refused = controller(*words, *short, maker=())
         assert (refused.returncode, refused.stdout) == (4, ""), words
-    assert controller(drawn, *short, "--case", "17").returncode == 2
