@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import bundles
 import pytest
@@ -240,6 +239,40 @@ def test_a_window_that_is_closed_ends_the_view():
     assert window.closed
 
 
+WAITING = (
+    AWAKE
+    + """
+import sys, threading
+from vfplan.cli.run import Report, command
+
+def tell():
+    print("waiting", flush=True)
+    sys.stdin.readline()
+    signal.pthread_kill(threading.get_ident(), int(sys.argv[1]))  # not to the thread that waits
+
+@command("wait")
+def wait():
+    threading.Thread(target=tell, daemon=True).start()
+    threading.Event().wait()
+    return Report({})
+
+wait([])
+"""
+)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_wait_without_an_end_is_left_at_the_first_signal(number, tmp_path):
+    """The system gives it to another thread: no wait is interrupted, as by one that comes early."""
+    child = subprocess.Popen([sys.executable, "-c", WAITING, str(int(number))], text=True,
+                             stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=tmp_path,
+                             stderr=subprocess.PIPE)  # fmt: skip
+    assert child.stdout.readline() == "waiting\n"
+    _, err = child.communicate("go\n", timeout=60)
+    assert child.returncode == 128 + number
+    assert f"stopped by {number.name}" in err
+
+
 BUSY = (
     AWAKE
     + """
@@ -274,7 +307,6 @@ def test_long_work_in_processes_ends_with_the_program(number, tmp_path):
                              stderr=subprocess.PIPE, cwd=tmp_path)  # fmt: skip
     assert child.stdout.readline() == "busy\n"
     assert child.stdout.readline() == "running\n"
-    time.sleep(0.5)  # Python may miss a signal just before it begins to wait
     child.send_signal(number)
     child.communicate(timeout=300)  # the workers hold the pipes: they are gone too
     assert child.returncode == 128 + number
