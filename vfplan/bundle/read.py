@@ -21,8 +21,8 @@ def read_fixture(path: str | Path, *, trust: Trust | None = None) -> Fixture:
     """Read a bundle; either the whole of it is sound or nothing is returned.
 
     With `trust`, the bytes that are read must also be signed by one of its keys, for its case and
-    robot, and not too long ago. Without it, what is known is that the bundle is whole, undamaged and
-    within the format's rules; not who made it, for which patient, or when.
+    robot, and not too long ago. Without it, the bundle is known to be whole, undamaged and within
+    the format's rules; not who made it, for which patient, or when.
 
     Raises
     ------
