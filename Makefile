@@ -9,15 +9,16 @@ STAMP  := $(VENV)/.vfplan-installed
 SOURCES := pyproject.toml README.md LICENSE \
            $(shell find vfplan cli schemas samples -type f -not -path '*/__pycache__/*' 2>/dev/null)
 
-.PHONY: franka franka-env demo test test-full docs pictures lint format install clean
+.PHONY: franka franka-env demo test test-full docs pictures lint format install lock clean
 install: $(VENV)/.vfplan-test
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install -q --upgrade pip
+	$(if $(CI),$(BIN)/python -m pip install -q --require-hashes -r requirements-ci.txt)
 
 $(VENV)/.vfplan-tools: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install -q "scikit-build-core>=1.1" "nanobind>=3.1" cmake ninja
+	$(BIN)/python -m pip install -q --group build
 	touch $@
 
 $(STAMP): $(SOURCES) | $(VENV)/.vfplan-tools
@@ -52,16 +53,22 @@ pictures: $(VENV)/.vfplan-test
 	$(BIN)/python docs/draw_house.py
 
 lint: | $(BIN)/python
-	$(BIN)/python -m pip install -q "ruff>=0.9" "clang-format==23.1.5"
+	$(BIN)/python -m pip install -q --group lint
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	find vfplan/native samples tests -name '*.hpp' -o -name '*.cpp' | xargs -r $(BIN)/clang-format --dry-run --Werror
 
 format: | $(BIN)/python
-	$(BIN)/python -m pip install -q "ruff>=0.9" "clang-format==23.1.5"
+	$(BIN)/python -m pip install -q --group lint
 	-$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	find vfplan/native samples tests -name '*.hpp' -o -name '*.cpp' | xargs -r $(BIN)/clang-format -i
+
+# requirements-ci.txt anew: every package that CI installs (CI=true), fixed by its hash.
+lock: | $(BIN)/python
+	$(BIN)/python -m pip install -q uv
+	$(BIN)/uv pip compile -q pyproject.toml --all-extras --group build --group lint --universal --upgrade \
+	  --generate-hashes --python-version 3.11 --custom-compile-command "make lock" -o requirements-ci.txt
 
 # A Franka's own protocol against its simulator, in an environment of its own (numpy 1, mujoco < 3.3).
 FRANKA := .venv-franka

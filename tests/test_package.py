@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+import tomllib
+from itertools import chain
 
 import pytest
 from conftest import ROOT
@@ -80,3 +83,20 @@ def test_headers_are_installed_and_the_type_marker_too():
     package = vfplan.cmake_dir().parents[2]
     assert (package / "include" / "vfplan" / "version.hpp").is_file()
     assert (package / "py.typed").is_file()
+
+
+def test_the_lock_holds_what_every_extra_asks_for():
+    """Of each package a version that pyproject.toml allows, and nothing without a hash."""
+    from packaging.requirements import Requirement
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    extras = project["project"]["optional-dependencies"].values()
+    groups = project["dependency-groups"].values()
+    wanted = [*project["project"]["dependencies"], *chain(*extras), *chain(*groups)]
+    entries = (ROOT / "requirements-ci.txt").read_text().split("\n    # via")
+    locked = re.findall(r"^([\w.-]+)==([^ ;\\]+)(.*(?:\n    --hash.*)*)", "\n".join(entries), re.M)
+    assert all("--hash=sha256:" in rest for *_, rest in locked)
+    for requirement in map(Requirement, wanted):
+        found = [version for name, version, _ in locked if name == requirement.name.lower()]
+        assert found, requirement
+        assert any(requirement.specifier.contains(version) for version in found), requirement
