@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import resource
 import struct
 import subprocess
@@ -129,39 +128,112 @@ def test_the_largest_slices_are_read(tmp_path, suffix):
     assert done.stdout.strip() == f"({side}, {side}, 3) 200"
 
 
-def deflated_dicom(path, size):
-    pydicom = pytest.importorskip("pydicom")
-    from pydicom.dataset import FileDataset, FileMetaDataset
+# --- DICOM -------------------------------------------------------------------------------------
 
-    meta = FileMetaDataset()
-    meta.TransferSyntaxUID = pydicom.uid.DeflatedExplicitVRLittleEndian
-    meta.MediaStorageSOPClassUID = pydicom.uid.SecondaryCaptureImageStorage
-    meta.MediaStorageSOPInstanceUID = "1.2.3"
-    dataset = FileDataset(str(path), {}, file_meta=meta, preamble=bytes(128))
-    dataset.Rows, dataset.Columns, dataset.SamplesPerPixel = 8, 8, 3
-    dataset.BitsAllocated = dataset.BitsStored = 8
-    dataset.HighBit, dataset.PixelRepresentation, dataset.PlanarConfiguration = 7, 0, 0
-    dataset.PhotometricInterpretation = "RGB"
-    dataset.PixelData = bytes(8 * 8 * 3)
-    held = io.BytesIO()
-    dataset.save_as(held, enforce_file_format=True)
-    data = held.getvalue()
-    start = 144 + int.from_bytes(data[140:144], "little")
-    if size:
-        inflated = zlib.decompress(data[start:], -zlib.MAX_WBITS)
+ENDLESS = b"\xff\xff\xff\xff"  # a length that is found by its end
+SEQUENCE = b"\x09\0\x10\0SQ\0\0" + ENDLESS
+PIXELS = b"\xe0\x7f\x10\0OB\0\0"
+
+
+def element(tag, kind, value):
+    """One with a short length."""
+    return struct.pack("<HH2sH", *tag, kind, len(value)) + value
+
+
+def dicom(syntax=b"1.2.840.10008.1.2.1", body=b"", pixels=None, **named):
+    """A capture of 8 x 8 pixels, with what is made up in `body`, before the pixels."""
+    kind = b"1.2.840.10008.5.1.4.1.1.7"
+    meta = [((2, 2), b"UI", kind + b"\0"), ((2, 3), b"UI", b"1.23"),
+            ((2, 16), b"UI", syntax + b"\0" * (len(syntax) % 2))]  # fmt: skip
+    meta = b"".join(element(*item) for item in meta)
+    short = {(40, 2): 3, (40, 6): 0, (40, 16): 8, (40, 17): 8, (40, 256): 8, (40, 257): 8,
+             (40, 258): 7, (40, 259): 0}  # fmt: skip
+    head = element((40, 2), b"US", struct.pack("<H", 3)) + element((40, 4), b"CS", b"RGB ")
+    head += named.get("frames", b"")
+    head += b"".join(element(tag, b"US", struct.pack("<H", short[tag])) for tag in list(short)[1:])
+    head += named.get("spacing", b"")
+    pixels = PIXELS + struct.pack("<I", 192) + bytes(192) if pixels is None else pixels
+    content = body + head + pixels
+    if named.get("deflate"):
         packer = zlib.compressobj(1, wbits=-zlib.MAX_WBITS)
-        parts = [packer.compress(inflated)]
-        parts += [packer.compress(bytes(1 << 22)) for _ in range(size >> 22)]
-        data = data[:start] + b"".join(parts) + packer.flush()
-    path.write_bytes(data)
+        parts = [packer.compress(content)]
+        parts += [packer.compress(bytes(1 << 22)) for _ in range(named["deflate"] >> 22)]
+        content = b"".join(parts) + packer.flush()
+    length = element((2, 0), b"UL", struct.pack("<I", len(meta)))
+    return bytes(128) + b"DICM" + length + meta + content
 
 
-def test_a_deflated_file_that_would_fill_memory_is_refused(tmp_path, monkeypatch):
-    import vfplan.images.dicom
+def fragment(data):
+    """Pixels of one frame, compressed."""
+    parts = b"", data + b"\0" * (len(data) % 2)
+    items = b"".join(b"\xfe\xff\x00\xe0" + struct.pack("<I", len(x)) + x for x in parts)
+    return PIXELS + ENDLESS + items + b"\xfe\xff\xdd\xe0" + bytes(4)
 
-    deflated_dicom(tmp_path / "a.dcm", 0)
+
+def many_elements(count):
+    tags = (struct.pack("<HH2sH", 9 + 2 * (k >> 15), 0x1000 + (k & 0x7FFF), b"LO", 0)
+            for k in range(count))  # fmt: skip
+    return b"".join(tags)
+
+
+def runs(count):
+    """RLE: three segments, each of so many runs of 128 equal bytes."""
+    segment = b"\x81\0" * count
+    head = struct.pack("<16I", 3, *(64 + k * len(segment) for k in range(3)), *[0] * 12)
+    return fragment(head + 3 * segment)
+
+
+RLE, JPEG, J2K = (b"1.2.840.10008.1.2.5", b"1.2.840.10008.1.2.4.50", b"1.2.840.10008.1.2.4.91")
+ITEM = b"\xfe\xff\x00\xe0" + bytes(4)
+CAPTURES = {
+    "deflated": lambda: dicom(b"1.2.840.10008.1.2.1.99", deflate=1 << 32),
+    "elements": lambda: dicom(body=many_elements(5_000_000)),
+    "items": lambda: dicom(body=SEQUENCE + 5_000_000 * ITEM),
+    "nested": lambda: dicom(body=300_000 * (SEQUENCE + ITEM[:4] + ENDLESS)),
+    "numbers": lambda: dicom(
+        body=struct.pack("<HH2sHI", 40, 0x30, b"UN", 0, 80_000_000) + b"1\\" * 40_000_000
+    ),
+    "frames": lambda: dicom(frames=element((40, 8), b"IS", b"999999999999")),
+    "fragments": lambda: dicom(
+        RLE, pixels=PIXELS + ENDLESS + 4_000_000 * ITEM, frames=element((40, 8), b"IS", b"4000000 ")
+    ),
+    "runs": lambda: dicom(RLE, pixels=runs(20_000_000)),
+    "wide.jpg": lambda: dicom(JPEG, pixels=fragment(jpeg(65000, 65000))),
+    "j2k": lambda: dicom(J2K, pixels=fragment(wide_jpeg2000())),
+}
+
+
+def wide_jpeg2000():
+    """Its header says 60000 x 60000 pixels."""
+    good = cv2.imencode(".jp2", np.zeros((64, 64, 3), np.uint8))[1].tobytes()
+    stream = bytearray(good[good.index(b"\xff\x4f\xff\x51") :])
+    for at in (8, 12, 24, 28):  # the picture, and its one tile
+        stream[at : at + 4] = struct.pack(">I", 60000)
+    return bytes(stream)
+
+
+def test_a_small_capture_is_read(tmp_path):
+    pytest.importorskip("pydicom")
+    (tmp_path / "a.dcm").write_bytes(dicom())
     assert read_image(tmp_path / "a.dcm").rgb.shape == (8, 8, 3)
-    monkeypatch.setattr(vfplan.images.dicom, "MOST_INFLATED", 1 << 24)
-    deflated_dicom(tmp_path / "b.dcm", 1 << 26)
-    with pytest.raises(ImageError, match="holds more than 16777216 deflated bytes"):
-        read_image(tmp_path / "b.dcm")
+    (tmp_path / "a.dcm").write_bytes(dicom(b"1.2.840.10008.1.2.1.99", deflate=1))
+    assert read_image(tmp_path / "a.dcm").rgb.shape == (8, 8, 3)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=[] if n in ("items", "wide.jpg") else pytest.mark.full)
+        for n in CAPTURES
+    ],
+)
+def test_a_capture_made_to_fill_memory_or_time_is_refused(tmp_path, name, monkeypatch):
+    """Its reader has limits of its own: here 2 s of 8, to save time."""
+    pytest.importorskip("pydicom")
+    monkeypatch.setattr("vfplan.io.apart.STEP_S", 2)
+    (tmp_path / "a.dcm").write_bytes(CAPTURES[name]())
+    before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
+    with pytest.raises(ImageError):
+        read_image(tmp_path / "a.dcm")
+    assert time.process_time() - began < 10
+    assert 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) < GIB

@@ -2,29 +2,33 @@
 
 A surgeon's drawing comes as a colour secondary capture; a grey slice holds no pen, but gives a
 vector curve its place (`T_patient_image`). Names, dates and other identifiers are not read.
+
+pydicom and its decoders run in a process apart: a file can be made to fill memory or time in many
+ways (elements without number, deflated zeros, runs, a JPEG larger than its own header says).
 """
 
 from __future__ import annotations
 
-import io
 import logging
+import os
 import warnings
-import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
+from contextlib import contextmanager, suppress
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import ImageError, MissingExtra
-from vfplan.images.header import MOST_PIXELS, check_size
+from vfplan.images.header import check_size
+from vfplan.io.apart import allow, apart
 
 COLOUR = {"RGB", "PALETTE COLOR"}
 DECIMALS = 1e-3  # of a direction: what writing it in decimals may cost
 GREY = {"MONOCHROME1", "MONOCHROME2"}
-DEFLATED = b"1.2.840.10008.1.2.1.99"  # the transfer syntax that is compressed as a whole
-MOST_INFLATED = 3 * MOST_PIXELS + (1 << 20)
+PIXEL_BYTES = 48  # of memory that a pixel may take while it is decoded, rescaled and windowed
+PIXELS_A_SECOND = 2_000_000  # at least, of the slowest decoder
+PART_BYTES = 1 << 26  # of pixels at a time on their way here
 
 
 def is_dicom(data: bytes) -> bool:
@@ -33,14 +37,14 @@ def is_dicom(data: bytes) -> bool:
 
 
 def read_dicom(
-    data: bytes, where: str, frame: int | None, imager_spacing: bool
+    file: BinaryIO, where: str, frame: int | None, imager_spacing: bool
 ) -> tuple[NDArray, tuple[float, float] | None, NDArray | None]:
-    """Pixels, spacing and place of a DICOM file's bytes.
+    """Pixels, spacing and place of a DICOM file.
 
     Parameters
     ----------
-    data, where
-        The file's bytes and its name for messages.
+    file, where
+        The open file and its name for messages.
     frame
         Which frame, from 1; needed when there are several.
     imager_spacing
@@ -55,15 +59,51 @@ def read_dicom(
     Raises
     ------
     ImageError
-        Not an image, damaged, or of a kind that is not supported.
+        Not an image, damaged, of a kind that is not supported, or its reading took too much.
     MissingExtra
         pydicom is not installed.
     """
+    job = "vfplan.images.dicom:decoded"
+    found = apart(job, where, frame, imager_spacing, file=file, where=where, kind=ImageError)
+    head = next(found)
+    rgb = np.empty(head["shape"], head["dtype"])
+    row = 0
+    for (part,) in found:
+        rgb[row : row + len(part)] = part
+        row += len(part)
+    place = head["place"]
+    return rgb, head["spacing"] and tuple(head["spacing"]), place and np.array(place)
+
+
+# What follows runs in a process apart (`vfplan.io.apart`).
+
+
+def prepare() -> None:
+    """Load the library before any file is read, if it is there."""
+    with suppress(ModuleNotFoundError):
+        import pydicom.pixels  # noqa: F401
+
+
+def decoded(
+    file: BinaryIO, where: str, frame: int | None, imager_spacing: bool
+) -> Iterator[dict[str, Any] | tuple[NDArray]]:
+    """What `read_dicom` returns: shape, type, spacing and place, then rows of pixels."""
+    allow(2 * file.seek(0, os.SEEK_END), 0)
+    file.seek(0)
     with _quiet(where):
-        dataset = _dataset(data, where)
+        dataset = _dataset(file, where)
         rgb = _pixels(dataset, where, _frame_index(dataset, frame, where))
         spacing = _spacing(dataset, where, imager_spacing)
-        return rgb, spacing, _place(dataset, _spacing(dataset, where, imager=False))
+        place = _place(dataset, _spacing(dataset, where, imager=False))
+    yield {
+        "shape": rgb.shape,
+        "dtype": rgb.dtype.str,
+        "spacing": spacing,
+        "place": None if place is None else place.tolist(),
+    }
+    rows = max(1, PART_BYTES // rgb[0].nbytes)
+    for first in range(0, len(rgb), rows):
+        yield (rgb[first : first + rows],)
 
 
 @contextmanager
@@ -85,35 +125,18 @@ def _quiet(where: str) -> Iterator[None]:
         log.setLevel(level)
 
 
-def _dataset(data: bytes, where: str) -> Any:
+def _dataset(file: BinaryIO, where: str) -> Any:
     try:
         import pydicom
     except ModuleNotFoundError:
         raise MissingExtra(
             "reading DICOM needs pydicom: pip install 'vfplan[dicom]'", where=where
         ) from None
-    _refuse_inflating(data, where)
-    dataset = pydicom.dcmread(io.BytesIO(data))
+    dataset = pydicom.dcmread(file)
     if not any(name in dataset for name in ("PixelData", "FloatPixelData", "DoubleFloatPixelData")):
         kind = dataset.get("Modality") or "no image"
         raise ImageError(f"the DICOM file holds no pixels ({kind})", where=where)
     return dataset
-
-
-def _refuse_inflating(data: bytes, where: str) -> None:
-    """Refuse a deflated file that holds more than the largest picture: all of it is inflated."""
-    if DEFLATED not in data[: 1 << 12]:
-        return
-    # The file's meta information begins with its own length (PS3.10 table 7.1-1).
-    tag, length = data[132:140], int.from_bytes(data[140:144], "little")
-    if tag != b"\x02\0\0\0UL\x04\0":
-        raise ImageError("is deflated, and its meta information has no length", where=where)
-    inflate, rest, size = zlib.decompressobj(-zlib.MAX_WBITS), data[144 + length :], 0
-    while rest and not inflate.eof:
-        size += len(inflate.decompress(rest, 1 << 20))
-        rest = inflate.unconsumed_tail
-        if size > MOST_INFLATED:
-            raise ImageError(f"holds more than {MOST_INFLATED} deflated bytes", where=where)
 
 
 def _frame_index(dataset: Any, frame: int | None, where: str) -> int:
@@ -133,6 +156,8 @@ def _pixels(dataset: Any, where: str, index: int) -> NDArray:
     if not (kind in COLOUR | GREY or kind.startswith("YBR")):
         raise ImageError(f"PhotometricInterpretation {kind!r} is not supported", where=where)
     check_size(int(dataset.Columns), int(dataset.Rows), where)
+    pixels = int(dataset.Columns) * int(dataset.Rows)
+    allow(PIXEL_BYTES * pixels, pixels // PIXELS_A_SECOND)
     bits = int(dataset.BitsAllocated)
     if bits not in (8, 16) and kind not in GREY:
         raise ImageError(f"has {bits} bits a sample; 8 or 16 are wanted", where=where)

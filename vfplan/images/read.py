@@ -108,8 +108,10 @@ def read_image(
     where = str(path)
     sha256 = hashlib.sha256(data).hexdigest()
     if is_dicom(data):
-        with _native_stderr():
-            rgb, spacing, place = read_dicom(data, where, frame, imager_spacing)
+        with _scratch("DICOM") as file:
+            file.write(data)
+            file.flush()
+            rgb, spacing, place = read_dicom(file, where, frame, imager_spacing)
         return PlannedImage(rgb, pixel_spacing_mm or spacing, sha256, place)
     _refuse_truncated(data, where)
     header = read_header(data, where)
@@ -199,17 +201,17 @@ def _upright(rgb: NDArray, header: Header) -> NDArray:
     return np.ascontiguousarray(rgb)
 
 
-def _scratch() -> BinaryIO:
+def _scratch(name: str) -> BinaryIO:
     """A nameless file; in memory where the system can, so that no folder need be writable."""
     if hasattr(os, "memfd_create"):
-        return os.fdopen(os.memfd_create("native stderr"), "w+b")
+        return os.fdopen(os.memfd_create(name), "w+b")
     return cast("BinaryIO", tempfile.TemporaryFile())
 
 
 @contextmanager
 def _native_stderr() -> Iterator[Callable[[], str]]:
     """Keep libpng, libjpeg and others off stderr; yields a function that tells what they said."""
-    with _scratch() as log:
+    with _scratch("native stderr") as log:
 
         def said() -> str:
             log.seek(0)

@@ -35,7 +35,7 @@ from vfplan.io.reading import OneFile, stream_over
 
 MEMORY_BYTES = 768 << 20  # of a reader, beyond what it shares with the helper
 STEP_S = 8  # of a processor's time between two answers
-_TYPES = ("<f8", "|i1")
+_TYPES = ("<f8", "|i1", "|u1", "<u2")
 _LENGTH = struct.Struct("<Q")
 _MOST_HEAD, _MOST_ARRAY = 16 << 20, 256 << 20
 
@@ -43,7 +43,7 @@ _MOST_HEAD, _MOST_ARRAY = 16 << 20, 256 << 20
 def apart(
     job: str,
     *args: Any,
-    file: OneFile | None = None,
+    file: OneFile | BinaryIO | None = None,
     where: str,
     kind: type[InputError] = InputError,
 ) -> Iterator[Any]:
@@ -52,7 +52,7 @@ def apart(
     Parameters
     ----------
     job
-        A generator function of JSON values, or of tuples of arrays of float64 or int8.
+        A generator function of JSON values, or of tuples of arrays: float64, int8, uint8, uint16.
     args
         Its arguments, after the file; JSON values.
     file
@@ -128,10 +128,10 @@ _lock = threading.Lock()
 _helper: tuple[int, socket.socket] | None = None  # the process that started it, the way to it
 
 
-def _ask(request: dict[str, Any], answers: int, file: OneFile | None) -> None:
+def _ask(request: dict[str, Any], answers: int, file: OneFile | BinaryIO | None) -> None:
     global _helper
     data = json.dumps(request).encode()
-    handed = [answers] if file is None else [answers, file.descriptor]
+    handed = [answers] if file is None else [answers, file.fileno()]
     with _lock:
         for attempt in range(2):
             if _helper is None or _helper[0] != os.getpid():
@@ -233,20 +233,29 @@ def _limit(step_s: int) -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     # rosbags unpacks compressed bags into temporary files.
     resource.setrlimit(resource.RLIMIT_FSIZE, (MEMORY_BYTES, MEMORY_BYTES))
-    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
+    _soften(resource.RLIMIT_DATA, MEMORY_BYTES)
     _more_time(step_s)
 
 
+def allow(memory_bytes: int, seconds: int) -> None:
+    """Called by a job: so much more of both, for what is as large as it says."""
+    _soften(resource.RLIMIT_DATA, resource.getrlimit(resource.RLIMIT_DATA)[0] + memory_bytes)
+    _soften(resource.RLIMIT_CPU, resource.getrlimit(resource.RLIMIT_CPU)[0] + seconds)
+
+
 def _more_time(step_s: int) -> None:
-    until = math.ceil(time.process_time()) + step_s
-    resource.setrlimit(resource.RLIMIT_CPU, (until, resource.getrlimit(resource.RLIMIT_CPU)[1]))
+    _soften(resource.RLIMIT_CPU, math.ceil(time.process_time()) + step_s)
+
+
+def _soften(limit: int, value: int) -> None:
+    resource.setrlimit(limit, (value, resource.getrlimit(limit)[1]))
 
 
 def _answer(pipe: BinaryIO, found: Any) -> None:
     if not isinstance(found, tuple):
         _send(pipe, {"value": found})
         return
-    kinds = ["|i1" if part.dtype == np.int8 else "<f8" for part in found]
+    kinds = [part.dtype.str if part.dtype.str in _TYPES else "<f8" for part in found]
     arrays = [np.ascontiguousarray(a, kind) for a, kind in zip(found, kinds, strict=True)]
     shapes = [[kind, a.shape] for kind, a in zip(kinds, arrays, strict=True)]
     _send(pipe, {"arrays": shapes}, *(a.tobytes() for a in arrays))

@@ -63,6 +63,10 @@ class OneFile:
         if hasattr(self, "descriptor"):
             os.close(self.descriptor)
 
+    def fileno(self) -> int:
+        """The descriptor, as every file names it."""
+        return self.descriptor
+
     def _seen(self) -> tuple[int, int]:
         status = os.fstat(self.descriptor)
         return status.st_size, status.st_mtime_ns
@@ -87,6 +91,8 @@ def stream_over(descriptor: int, owner: object = None) -> BinaryIO:
 
 
 class _View(io.RawIOBase):
+    name = ""  # as a file that is open has one
+
     def __init__(self, descriptor: int, owner: object) -> None:
         self._descriptor, self._owner, self._at = descriptor, owner, 0
 
