@@ -48,7 +48,7 @@ def design_point(trials: Trials, beyond_m: float) -> Array:
 
 def _depth(trials: Trials, z: Array) -> float:
     """The depth [m] of session 0, with the fixture's own K and no tremor."""
-    return trials.replay(trials.planned(z)[1], 0, np.random.default_rng(0)).depth_m
+    return trials.replay(trials.planned(z), 0, np.random.default_rng(0)).depth_m
 
 
 def _slope(trials: Trials, z: Array) -> Array:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -25,14 +26,18 @@ from vfplan.campaign.settings import TREMOR_HZ, CampaignSettings
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, RegistrationRecord
-from vfplan.registration.problem import make_problem
+from vfplan.registration.models import homogeneous
+from vfplan.registration.problem import Problem, make_problem
 from vfplan.registration.residuals import Fit, solve
 from vfplan.registration.result import Registration
+from vfplan.replaying.quantities import HELD_M, dots, row_norms
 from vfplan.session import Session
 
 Array = NDArray[np.float64]
-GUARD_M = 3e-3  # ticks farther than this from touching are left out, unless a trial strays as far
-STRIDE = 8  # of the ticks on the way to those that matter, so many are passed over
+Deepest = tuple[float, Array]  # how deep [m], and the proxy there
+# On the way to the deepest place so many ticks are looked at together, and each so many first.
+STRETCH, SPARSE = 16, 4
+ROUGH_M = 1e-5  # what sampling and the curve's own deviations may add between these
 FREE = -1.0  # depth [m] of a trial in which nothing was touched
 
 
@@ -84,10 +89,11 @@ class Trials:
         T = record.T_robot_image
         self._curve = _back(T, fixture.points)
         self._source, self._target = record.source, _apply(T, record.source)
-        self._model = record.model
         image = fixture.image
         spacing = None if image is None else image.pixel_spacing_mm
-        self._spacing = None if spacing is None else (1e-3 * spacing[0], 1e-3 * spacing[1])
+        metres = None if spacing is None else (1e-3 * spacing[0], 1e-3 * spacing[1])
+        self._markers = make_problem(self._source, self._target, record.model, metres, None, None)
+        self._along = homogeneous(self._markers.normaliser(self._curve))
         self._sigma = fixture.sigma
         self.shift: Array | None = None  # of the standard normals, where a rare event is sought
 
@@ -117,39 +123,36 @@ class Trials:
     def run(self, trial: int) -> dict[str, Any]:
         """One trial as a row of the campaign's table."""
         z, rng = self.draw(trial)
-        fit, points = self.planned(z)
+        problem = self._problem(z)
+        points = self._carried(problem, z)
         outcome = self.replay(points, trial, rng)
         row = {"trial": trial, **outcome.__dict__}
         if self.shift is not None:
             row["weight"] = float(np.exp(0.5 * self.shift @ self.shift - z @ self.shift))
         if self.settings.coverage:
-            row |= self._covered(fit)
+            row |= self._covered(solve(problem))
         return row
 
-    def planned(self, z: Array) -> tuple[Fit, Array]:
-        """The registration that these normals lead to, and the fixture's points (N, 3) [m]."""
-        ends = np.cumsum([self._source.size, self._target.size])
-        image, robot, across = np.split(z, ends)
-        source = self._source + self._axis_image * image.reshape(self._source.shape)
-        target = self._target + self._axis_robot * robot.reshape(self._target.shape)
-        fit = solve(make_problem(source, target, self._model, self._spacing, None, None))
-        points = self._registration(fit, source, target).apply(self._curve)
+    def planned(self, z: Array) -> Array:
+        """The fixture's points (N, 3) [m] that these normals lead to."""
+        return self._carried(self._problem(z), z)
+
+    def _problem(self, z: Array) -> Problem:
+        """The markers as these normals pick and touch them."""
+        image, robot = np.split(z[: self.markers], [self._source.size])
+        axis_image = self.settings.fle_image_px / np.sqrt(self._source.shape[1])
+        axis_robot = self.settings.fle_robot_m / np.sqrt(3.0)
+        true = self._markers
+        source = self._source + axis_image * image.reshape(self._source.shape)
+        target = true.y + axis_robot * robot.reshape(true.y.shape)
+        return replace(true, s=true.normaliser(source), y=target)
+
+    def _carried(self, problem: Problem, z: Array) -> Array:
+        m = problem.model.solve(problem.s, problem.y, problem.weights)
+        points = self._along @ m.T + problem.normaliser.target_centre
         if self._sigma is not None:
-            points = points + (self._sigma * across)[:, None] * self._across
-        return fit, points
-
-    @property
-    def _axis_image(self) -> float:
-        """Standard deviation of a marker's picked place along each axis."""
-        return self.settings.fle_image_px / np.sqrt(self._source.shape[1])
-
-    @property
-    def _axis_robot(self) -> float:
-        assert self.settings.fle_robot_m is not None
-        return self.settings.fle_robot_m / np.sqrt(3.0)
-
-    def _registration(self, fit: Fit, source: Array, target: Array) -> Registration:
-        return Registration(self._model, tuple(range(len(source))), source, target, fit)
+            points += (self._sigma * z[self.markers :])[:, None] * self._across
+        return points
 
     @cached_property
     def _across(self) -> Array:
@@ -174,18 +177,15 @@ class Trials:
         return self._engine(self.fixture.points, self.fixture.stiffness)
 
     @cached_property
-    def _wishes(self) -> list[tuple[Session, Array, list[slice]]]:
-        """Each session, how far its wish lies ahead (T, 3) [m], and the runs that may touch."""
+    def _wishes(self) -> list[tuple[Session, Array, Array]]:
+        """Each session, how far its wish lies ahead (T, 3), and its room to the curve (T,) [m]."""
         found = []
         for session in self.sessions:
             self._true.reset(session.hip[0])
             pull = session.hip - self._true.run(session.hip).proxy
             pushed = pull * self.fixture.stiffness / self.settings.hand_stiffness
-            near = self._true.distance(session.hip) < self._radius + GUARD_M
-            near |= np.abs(pull).max(axis=1) > 0
-            edges = np.flatnonzero(np.diff(near, prepend=False, append=False))
-            runs = [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-            found.append((session, pushed, runs))
+            room = self._true.distance(session.hip) - self._radius
+            found.append((session, pushed, np.where(pull.any(axis=1), -np.inf, room)))
         return found
 
     @property
@@ -194,49 +194,74 @@ class Trials:
 
     def replay(self, points: Array, trial: int, rng: np.random.Generator) -> Outcome:
         """Render these points (N, 3) [m] to the trial's hand, and look how far the tool came."""
-        session, pushed, runs = self._wishes[trial % len(self._wishes)]
+        session, pushed, room = self._wishes[trial % len(self._wishes)]
         hip, stiffness, k_h = session.hip, self.fixture.stiffness, self.settings.hand_stiffness
         if self.settings.stiffness_range is not None:
             stiffness = np.full(3, rng.uniform(*self.settings.stiffness_range))
         if self.settings.tremor_m > 0:
             hip = hip + tremor(session.time, self.settings.tremor_m, rng)
-        strayed = float(np.sqrt(((points - self.fixture.points) ** 2).sum(axis=1).max()))
-        if strayed + 3 * self.settings.tremor_m > GUARD_M:
-            runs = [slice(0, len(hip))]
+        strayed = float(row_norms(points - self.fixture.points).max())
+        near = room < strayed + 3 * self.settings.tremor_m  # elsewhere nothing can touch
+        edges = np.flatnonzero(np.diff(near, prepend=False, append=False))
         engine = self._engine(points, stiffness)
-        best, force, step = (FREE, -1), 0.0, 0.0
-        for run in runs:
+        deepest, force, step = (FREE, hip[0]), 0.0, 0.0
+        for run in map(slice, edges[::2], edges[1::2]):
             engine.reset(hip[run.start])
             trace = engine.run(hip[run])
             tool = (k_h * (hip[run] + pushed[run]) + stiffness * trace.proxy) / (k_h + stiffness)
-            felt = stiffness * (trace.proxy - tool)
-            force = max(force, float(np.sqrt((felt**2).sum(axis=1).max())))
-            steps = np.diff(felt, axis=0)
-            step = max(step, float(np.sqrt((steps**2).sum(axis=1)).max(initial=0.0)))
-            depth = ((trace.proxy - tool) * trace.normal).sum(axis=1)
-            may = depth > depth.max() - 2 * strayed  # deepest from the true surface: one of these
-            may[::STRIDE] = True
-            best = max(best, self._beyond(tool[may]))
-        return Outcome(*best, force, step)
+            away = trace.proxy - tool
+            felt = stiffness * away
+            force = max(force, float(row_norms(felt).max()))
+            step = max(step, float(row_norms(np.diff(felt, axis=0)).max(initial=0.0)))
+            deepest = self._beyond(tool, trace.proxy, trace.normal, strayed, deepest)
+        return Outcome(deepest[0], self._point(*deepest), force, step)
 
-    def _beyond(self, tool: Array) -> tuple[float, int]:
-        """How far (T, 3) places of the tool lie beyond the true surface, and near which point."""
-        self._true.reset(tool[0])
-        trace = self._true.run(tool)
-        depth = ((trace.proxy - tool) * trace.normal).sum(axis=1) - self.fixture.contact_radius
-        held = np.abs(trace.proxy - tool).max(axis=1) > 1e-9
-        if not held.any():
-            return FREE, -1
-        tick = int(np.argmax(np.where(held, depth, -np.inf)))
-        away = self.fixture.points - trace.proxy[tick]
-        if self.fixture.ignore_axis is not None:
-            away -= np.outer(away @ self.fixture.ignore_axis, self.fixture.ignore_axis)
-        return float(depth[tick]), int((away**2).sum(axis=1).argmin())
+    def _beyond(
+        self, tool: Array, rendered: Array, normal: Array, strayed: float, deepest: Deepest
+    ) -> Deepest:
+        """`deepest`, or what of (T, 3) places of the tool lies deeper beyond the true surface.
+
+        The depth is that to the `rendered` surface's proxies (T, 3), and how far these lie inside
+        the true one, but for what sampling adds. Where that may lead beyond the deepest place
+        found, the true engine follows the tool, from some ticks before on.
+        """
+        starts = np.arange(0, len(tool), STRETCH)
+        inside = self._radius - self._true.native.distance(rendered[::SPARSE].copy())
+        most = np.maximum.reduceat(dots(rendered - tool, normal), starts) + ROUGH_M
+        most += np.maximum.reduceat(inside, starts // SPARSE) - self.fixture.contact_radius
+        for k in np.argsort(-most, kind="stable"):
+            if most[k] <= deepest[0]:
+                break
+            first = max(0, starts[k] - STRETCH)
+            outside = rendered[first] + 2 * strayed * normal[first]
+            depth, proxy = self._deep(outside, tool[first : starts[k] + STRETCH])
+            tick = int(depth.argmax())
+            deepest = max(deepest, (float(depth[tick]), proxy[tick]), key=itemgetter(0))
+        return deepest
+
+    def _deep(self, start: Array, tool: Array) -> tuple[Array, Array]:
+        """(T,) depth beyond the true surface, and (T, 3) the nearest places on it [m]."""
+        engine = self._true.native
+        engine.reset(start)
+        proxy, normal = engine.run(tool)[:2]
+        away = proxy - tool
+        depth = dots(away, normal) - self.fixture.contact_radius
+        return np.where(np.abs(away).max(axis=1) > HELD_M, depth, FREE), proxy
+
+    def _point(self, depth: float, proxy: Array) -> int:
+        """The true curve's point nearest to where the tool came deepest; -1: nothing touched."""
+        if depth == FREE:
+            return -1
+        away = self.fixture.points - proxy
+        if (axis := self.fixture.ignore_axis) is not None:
+            away -= np.outer(away @ axis, axis)
+        return int(dots(away, away).argmin())
 
     def _covered(self, fit: Fit) -> dict[str, Any]:
         """Whether the trial's own 95 % bounds hold its own registration's error."""
-        found = self._registration(fit, self._source, self._target)
-        error = np.linalg.norm(found.apply(self._curve) - self.fixture.points, axis=1)
+        labels = tuple(range(len(self._source)))
+        found = Registration(fit.problem.model.name, labels, self._source, self._target, fit)
+        error = row_norms(found.apply(self._curve) - self.fixture.points)
         return {
             "inside_bound": float((error <= found.tre95_m(self._curve)).mean()),
             "inside_band": bool((error <= found.tre95_curve_m(self._curve)).all()),
