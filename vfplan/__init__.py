@@ -24,6 +24,7 @@ _LAZY: dict[str, str] = {
     "write_fixture": "vfplan.bundle",
     "Extraction": "vfplan.curve",
     "PlannedImage": "vfplan.images.read",
+    "MovingFrame": "vfplan.engine.moving",
     "Guide": "vfplan.engine.guide",
     "GuideStep": "vfplan.engine.guide",
     "GuideTrace": "vfplan.engine.guide",

@@ -6,5 +6,6 @@ parameters  the paper's Table I, and what every engine answers with
 tolerance   one tolerance in, every setting out
 renderable  whether an engine takes what a fixture holds
 proxy       `ProxyEngine`, the face over the native engine
+moving      `MovingFrame`, the frame of a tracked fixture
 guide       `Guide`, the drawn curve as a ruler, over the native guide
 """

@@ -32,6 +32,19 @@ def check_points(points: ArrayLike) -> Vector:
     return cloud
 
 
+def check_edit(
+    remove: ArrayLike | None, add: ArrayLike | None
+) -> tuple[NDArray[np.uint32], Vector]:
+    """Numbers of points to remove (n,) and points to add (m, 3) [m]; else `SceneError`."""
+    gone = np.asarray([] if remove is None else remove)
+    if gone.ndim != 1 or (gone.size and gone.dtype.kind not in "iu"):
+        raise SceneError(f"remove of shape {gone.shape}, {gone.dtype}: allowed is (n,), integers")
+    if gone.size and not 0 <= gone.min() <= gone.max() < 2**32:
+        raise SceneError(f"remove {gone.min()} to {gone.max()}: allowed are numbers of points")
+    new = np.empty((0, 3)) if add is None or np.size(add) == 0 else check_points(add)
+    return np.ascontiguousarray(gone, dtype=np.uint32), new
+
+
 def check_path(hips: ArrayLike, name: str = "hips") -> Vector:
     """HIP positions as (T, 3) contiguous float64 [m]; non-finite ones are left to the engine."""
     path = real_array(hips, name)

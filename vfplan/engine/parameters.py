@@ -48,6 +48,13 @@ class Status(IntFlag):
     """The proxy is inside the fixture and on its way out."""
     LIMIT = 4
     """The tick used up its iterations; the proxy is safe and goes on at the next tick."""
+    STALE = 8
+    """The moving fixture's pose is too old: its last frame stands.
+
+    Before the first pose nothing is rendered.
+    """
+    CHANGING = 16
+    """The fixture was exchanged or edited, and the force is on its way to K (proxy - HIP)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
-from vfplan.engine.checks import check_hip, check_path, check_points
+from vfplan.engine.checks import check_edit, check_hip, check_path, check_points
 from vfplan.engine.native import MAX_ITERATIONS, Search, iterations_of, native_parameters
 from vfplan.engine.parameters import ProxyParameters, Rule, Status, Step, Trace
 from vfplan.engine.renderable import best_rule, check_pieces, check_renderable
@@ -49,6 +49,8 @@ class ProxyEngine:
         Points that are no finite (N, 3) cloud.
     """
 
+    status = Status.OK  # of the last step
+
     def __init__(
         self,
         points: ArrayLike,
@@ -83,6 +85,7 @@ class ProxyEngine:
             raise SettingError(f"simd_width {simd_width!r}: allowed are None, 2, 4, 8")
         native = native_parameters(self.parameters, iterations_of(max_iterations), search)
         self._points = len(cloud)
+        self._source = cloud.copy(), native, WIDTHS[simd_width]
         self._engine = _core.Engine(cloud, native, WIDTHS[simd_width])
 
     @classmethod
@@ -170,6 +173,7 @@ class ProxyEngine:
         )
         native = native_parameters(self.parameters, MAX_ITERATIONS, "auto")
         self._points = len(vertices)
+        self._source = None
         self._engine = _core.Engine(vertices, bulges, stroke, closed, native)
         return self
 
@@ -210,16 +214,72 @@ class ProxyEngine:
     def step(self, hip: ArrayLike) -> Step:
         """One servo loop for the HIP at `hip` (3,) [m]."""
         rows, state, status = self._engine.step(check_hip(hip))
-        return Step(rows[0], rows[1], rows[2], state, Status(status))
+        self.status = Status(status)
+        return Step(rows[0], rows[1], rows[2], state, self.status)
 
     def run(self, hips: ArrayLike) -> Trace:
         """One tick for each row of `hips` (T, 3) [m], from the current proxy on; no GIL held."""
-        return Trace(*self._engine.run(check_path(hips))[:5])
+        trace = Trace(*self._engine.run(check_path(hips))[:5])
+        self.status = Status(int(trace.status[-1])) if len(trace) else self.status
+        return trace
 
     def run_timed(self, hips: ArrayLike) -> tuple[Trace, NDArray[np.float64]]:
         """As `run`, and how long each tick took, (T,) [µs], read around the native `step`."""
         *answer, seconds = self._engine.run(check_path(hips), timed=True)
         return Trace(*answer), 1e6 * seconds
+
+    def exchange(self, other: ProxyEngine | Fixture) -> None:
+        """Go on with another engine's fixture, from the next step on; `other` is then spent.
+
+        The proxy goes on from where it is. Where that is inside, it is led out from there. Until
+        the rule has taken over the force changes by at most K (R / 256 + |step of the HIP|) a tick,
+        and the status is CHANGING. A thread of its own may call this while another one steps.
+
+        Raises
+        ------
+        SceneError
+            A fixture that no engine takes; 4096 changes wait for a step.
+        """
+        made = ProxyEngine.of(other) if isinstance(other, Fixture) else other
+        if not self._engine.exchange(made._engine):
+            raise SceneError("exchange: 4096 changes wait for a step, none more can")
+        self.parameters, self._points, self._source = made.parameters, made._points, made._source
+
+    def edit(self, remove: ArrayLike | None = None, add: ArrayLike | None = None) -> bool:
+        """Take points of the cloud away and add others, from the next step on.
+
+        At most 64 changes are taken up a step; while some wait, and until the force is there, the
+        status is CHANGING. A thread of its own may call this while another one steps. False where
+        so many wait that this edit will go with the next one.
+
+        Parameters
+        ----------
+        remove
+            (n,) numbers of points: as they were given first, those added going on from there.
+        add
+            (m, 3) points [m].
+
+        Raises
+        ------
+        SceneError
+            Numbers of points that are not there, points out of range, none left; rule "exact",
+            which renders no points.
+        """
+        if self._source is None:
+            raise SceneError("edit: rule 'exact' renders a curve, which has no points to edit")
+        gone, new = check_edit(remove, add)
+        if self._source:
+            points, native, width = self._source
+            native.search = _core.Search.editable
+            if not self._engine.exchange(_core.Engine(points, native, width)):
+                raise SceneError("edit: 4096 changes wait for a step, none more can")
+            self._source = ()
+        try:
+            done = self._engine.edit(gone, new)
+        except ValueError as error:
+            raise SceneError(str(error).removeprefix("vfplan: ")) from None
+        self._points += len(new) - len(gone)
+        return done
 
     def distance(self, positions: ArrayLike) -> NDArray[np.float64]:
         """Distance (T,) [m] of `positions` (T, 3) [m] to the fixture, across an ignored axis.

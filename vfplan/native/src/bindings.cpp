@@ -1,31 +1,22 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // The Python face of the native engine. No logic here.
-#include <chrono>
+#include <nanobind/stl/optional.h>
 
-#include "numpy.hpp"
-#include "vfplan/engine.hpp"
+#include "ticks.hpp"
 #include "vfplan/version.hpp"
 #include "vfplan/work.hpp"
 
 void bind_governor(nb::module_& m);
 void bind_guide(nb::module_& m);
+void bind_moving(nb::module_& m);
 void bind_bundle(nb::module_& m);
 
 namespace {
 
-// An engine keeps its proxy from tick to tick: a call while another is under way is refused.
-struct Engine : vfplan::Engine {
-    using vfplan::Engine::Engine;
-    std::atomic_flag busy = ATOMIC_FLAG_INIT;
-};
-
-struct Serving : Turn {
-    explicit Serving(Engine& engine) : Turn(engine.busy, "ProxyEngine", "engine") {}
-};
-
 using Numbers = nb::ndarray<const double, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 using Ids = nb::ndarray<const std::int32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Numbers32 = nb::ndarray<const std::uint32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 using Flags = nb::ndarray<const std::uint8_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 
 std::vector<vfplan::Stroke> strokes(const Rows& vertices, const Numbers& bulges, const Ids& stroke,
@@ -42,46 +33,22 @@ std::vector<vfplan::Stroke> strokes(const Rows& vertices, const Numbers& bulges,
     return all;
 }
 
-nb::tuple step(Engine& engine, const Row& hip) {
-    const Serving turn(engine);
-    const vfplan::Step s = engine.step(vec(hip));
-    auto rows = array<double>(3, 3);
-    const vfplan::Vec3* from[] = {&s.proxy, &s.normal, &s.force};
-    for (int i = 0; i < 3; ++i) std::memcpy(rows.data() + 3 * i, from[i]->c, sizeof from[i]->c);
-    return nb::make_tuple(rows, static_cast<int>(s.state), static_cast<int>(s.status));
+// False where the loop takes up nothing.
+bool edit(Engine& engine, const std::optional<Numbers32>& remove, const std::optional<Rows>& add) {
+    const Turn turn(engine.edited, "ProxyEngine", "editor");
+    nb::gil_scoped_release release;
+    return engine.edit(remove ? remove->data() : nullptr, remove ? remove->shape(0) : 0,
+                       add ? add->data() : nullptr, add ? add->shape(0) : 0);
 }
 
-// Proxy, normal, force (T, 3), state, status (T,), and the time of each tick [s] when asked for.
-nb::tuple run(Engine& engine, const Rows& hips, bool timed) {
-    const Serving turn(engine);
-    const std::size_t n = hips.shape(0);
-    auto proxy = array<double>(n, 3), normal = array<double>(n, 3), force = array<double>(n, 3);
-    auto state = array<std::int8_t>(n, 1);
-    auto status = array<std::uint8_t>(n, 1);
-    auto seconds = array<double>(timed ? n : 0, 1);
-    double *p = proxy.data(), *v = normal.data(), *f = force.data(), *t = seconds.data();
-    std::int8_t* a = state.data();
-    std::uint8_t* b = status.data();
-    const double* h = hips.data();
-    {
-        nb::gil_scoped_release release;
-        using clock = std::chrono::steady_clock;
-        for (std::size_t i = 0; i < n; ++i) {
-            clock::time_point before;
-            if (timed) before = clock::now();
-            const vfplan::Step s = engine.step({{h[3 * i], h[3 * i + 1], h[3 * i + 2]}});
-            if (timed) t[i] = std::chrono::duration<double>(clock::now() - before).count();
-            std::memcpy(p + 3 * i, s.proxy.c, sizeof s.proxy.c);
-            std::memcpy(v + 3 * i, s.normal.c, sizeof s.normal.c);
-            std::memcpy(f + 3 * i, s.force.c, sizeof s.force.c);
-            a[i] = static_cast<std::int8_t>(s.state);
-            b[i] = s.status;
-        }
-    }
-    return nb::make_tuple(proxy, normal, force, state, status, seconds);
+bool exchange(Engine& engine, Engine& other) {
+    const Turn turn(engine.edited, "ProxyEngine", "editor");
+    const Serving theirs(other);
+    return engine.exchange(std::move(other));
 }
 
-nb::object distance(const Engine& engine, const Rows& points) {
+nb::object distance(Engine& engine, const Rows& points) {
+    const Serving turn(engine);
     const std::size_t n = points.shape(0);
     auto out = array<double>(n, 1);
     double* d = out.data();
@@ -110,7 +77,8 @@ NB_MODULE(_core, m) {
     nb::enum_<vfplan::Search>(m, "Search")
         .value("auto", vfplan::Search::automatic)
         .value("grid", vfplan::Search::grid)
-        .value("brute", vfplan::Search::brute);
+        .value("brute", vfplan::Search::brute)
+        .value("editable", vfplan::Search::editable);
 
     nb::class_<vfplan::Parameters>(m, "Parameters", "Table I, SI")
         .def(nb::init<>())
@@ -158,8 +126,31 @@ NB_MODULE(_core, m) {
                 e.reset(vec(hip));
             },
             "hip"_a)
-        .def("step", &step, "hip"_a)
-        .def("run", &run, "hips"_a, "timed"_a = false)
+        .def(
+            "step",
+            [](Engine& e, const Row& hip) {
+                const Serving turn(e);
+                return answer(e.step(vec(hip)));
+            },
+            "hip"_a)
+        .def(
+            "run",
+            [](Engine& e, const Rows& hips, bool timed) {
+                const Serving turn(e);
+                return ticks(hips, timed, [&](std::size_t, const vfplan::Vec3& hip) noexcept {
+                    return e.step(hip);
+                });
+            },
+            "hips"_a, "timed"_a = false)
+        .def("exchange", &exchange, "other"_a)
+        .def("edit", &edit, "remove"_a.none(), "add"_a.none())
+        .def("remake",
+             [](Engine& e) {
+                 const Turn turn(e.edited, "ProxyEngine", "editor");
+                 nb::gil_scoped_release release;
+                 return e.remake();
+             })
+        .def_prop_ro("taken", &Engine::taken)
         .def("distance", &distance, "points"_a)
         .def_prop_ro("bytes", &Engine::bytes)
         .def_prop_ro("cells", &Engine::cells)
@@ -167,5 +158,6 @@ NB_MODULE(_core, m) {
 
     bind_governor(m);
     bind_guide(m);
+    bind_moving(m);
     bind_bundle(m);
 }

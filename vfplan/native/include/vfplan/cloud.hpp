@@ -68,6 +68,10 @@ class Cloud {
     void set(std::size_t i, const Vec<D>& p) noexcept {
         for (int k = 0; k < D; ++k) axes_[k][i] = p.c[k];
     }
+    /// A lane without a point: no loop sees it.
+    void clear(std::size_t i) noexcept {
+        for (auto& axis : axes_) axis[i] = detail::far_away;
+    }
     Vec<D> operator[](std::size_t i) const noexcept {
         Vec<D> p;
         for (int k = 0; k < D; ++k) p.c[k] = axes_[k][i];

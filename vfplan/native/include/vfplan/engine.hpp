@@ -7,17 +7,14 @@
 //     engine.reset(hip);                          // optional: else the first HIP is the start
 //     for (;;) force = engine.step(hip).force;    // never allocates, throws, locks or waits
 //
-// What the scene does not need is left out by type, chosen once when the engine is made.
+// Meanwhile one other thread may exchange it for another engine or edit its points: what it makes
+// the loop takes up at the beginning of a tick, and gives the old one back.
 #pragma once
 
-#include <memory>
 #include <optional>
-#include <utility>
 
-#include "vfplan/curve/exact.hpp"
-#include "vfplan/paper.hpp"
-#include "vfplan/robust.hpp"
-#include "vfplan/space.hpp"
+#include "vfplan/editing.hpp"
+#include "vfplan/made.hpp"
 
 namespace vfplan {
 
@@ -28,89 +25,21 @@ struct Fixture;
 /// What an engine is made for: a loop of 1 kHz, or a replay or study, which can wait.
 enum class Use { real_time, offline };
 
-/// A rule in a space with a stiffness; all of it known to the compiler.
-template <class S, class RuleOf, class Stiffness>
-class BasicEngine {
-  public:
-    static constexpr int D = S::dimension;
-
-    BasicEngine(S space, RuleOf rule, Stiffness stiffness)
-        : space_(space), rule_(std::move(rule)), stiffness_(stiffness) {}
-
-    void reset(const Vec3& hip) noexcept {
-        rule_.reset();
-        last_ = {};
-        placed_ = good(hip);
-        if (!placed_) return;
-        last_.proxy = hip;
-        proxy_ = space_.across(hip);
-    }
-
-    Step step(const Vec3& hip) noexcept {
-        if (!good(hip)) return refuse();
-        if (!placed_) reset(hip);
-        const Vec<D> h = space_.across(hip);
-        const Tick<D> tick = rule_(proxy_, h);
-        last_.proxy = space_.place(proxy_, hip, h);
-        last_.normal = space_.direction(tick.normal);
-        last_.force = stiffness_.force(space_, proxy_ - h);
-        last_.state = tick.state;
-        last_.status = tick.status;
-        return last_;
-    }
-
-    RuleOf& rule() noexcept { return rule_; }
-
-  private:
-    static bool good(const Vec3& hip) noexcept {
-        for (int k = 0; k < 3; ++k)
-            if (!(std::abs(hip[k]) <= largest_coordinate)) return false;
-        return true;
-    }
-    Step refuse() noexcept {
-        Step s = last_;  // all 0 before there was any proxy: a controller is never given a NaN
-        s.status = bad_hip;
-        return s;
-    }
-
-    S space_;
-    RuleOf rule_;
-    Stiffness stiffness_;
-    Vec<D> proxy_;
-    Step last_;
-    bool placed_ = false;
-};
-
 class Engine {
   public:
-    /// Points of this many or fewer are looked through one by one: measured, a grid costs more.
-    static constexpr std::size_t small_cloud = 64;
+    static constexpr std::size_t small_cloud = detail::small_cloud;
 
     /// `xyz`: n points [m], x y z of each in turn. Throws std::invalid_argument.
-    Engine(const double* xyz, std::size_t n, const Parameters& p, Width width = Width::automatic) {
-        check(p);
-        if (p.rule == Rule::exact) reject("rule exact renders a curve, not points");
-        if (p.ignore_axis)
-            choose_rule(Slice(*p.ignore_axis), xyz, n, p, width);
-        else
-            choose_rule(Space{}, xyz, n, p, width);
+    Engine(const double* xyz, std::size_t n, const Parameters& p, Width width = Width::automatic)
+        : parameters_(p), width_(width) {
+        if (p.search == Search::editable) points_ = std::make_unique<detail::Points>(xyz, n);
+        made_ = make(xyz, n);
     }
 
     /// A drawn curve, rendered as it is: rule `exact`, across p.ignore_axis. Of the parameters,
     /// band and gain have no part. Throws std::invalid_argument.
-    Engine(const std::vector<Stroke>& strokes, Parameters p) {
-        p.rule = Rule::exact;
-        p.band = curve::ExactRule::band(p, strokes);
-        check(p);
-        check(strokes);
-        if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
-        const Slice space(*p.ignore_axis);
-        curve::ExactRule rule(curve::Curve(strokes, space, p.R()), p);
-        with_stiffness(p, [&](auto stiffness) {
-            using Made = Lines<decltype(stiffness)>;
-            made_ = std::make_unique<Made>(space, std::move(rule), stiffness);
-        });
-    }
+    Engine(const std::vector<Stroke>& strokes, const Parameters& p)
+        : made_(detail::make(strokes, p)) {}
 
     /// The engine of a bundle's fixture; include "vfplan/bundle/engine.hpp". Throws
     /// std::invalid_argument for one without rendering, and, unless it is used offline, for one
@@ -119,11 +48,88 @@ class Engine {
     explicit Engine(const bundle::Fixture& fixture, std::optional<Rule> rule = std::nullopt,
                     Use use = Use::real_time);
 
+    Engine(Engine&& other) noexcept { *this = std::move(other); }
+    /// Neither is in a loop.
+    Engine& operator=(Engine&& other) noexcept {
+        if (this == &other) return *this;
+        delete changes_.exchange(other.changes_.exchange(nullptr));
+        made_ = std::move(other.made_);
+        points_ = std::move(other.points_);
+        parameters_ = other.parameters_;
+        width_ = other.width_;
+        now_ = other.now_;
+        return *this;
+    }
+    ~Engine() { delete changes_.load(); }
+
     /// Puts the proxy at `hip` [m], wherever that is. A bad HIP (not finite, or beyond 1e6 m)
     /// leaves it unplaced: the first good one of a step is then its start.
-    void reset(const Vec3& hip) noexcept { made_->reset(hip); }
+    void reset(const Vec3& hip) noexcept {
+        now_ = {};
+        if (auto* changes = changes_.load(std::memory_order_acquire)) {
+            while (take(*changes)) continue;
+            changes->pace.stop();
+        }
+        made_->reset(hip);
+    }
+
     /// One servo loop.
-    Step step(const Vec3& hip) noexcept { return made_->step(hip); }
+    Step step(const Vec3& hip) noexcept {
+        auto* changes = changes_.load(std::memory_order_acquire);
+        if (changes)
+            for (int i = 0; i < detail::Changes::a_tick && take(*changes); ++i) continue;
+        Step s = made_->step(hip);
+        if (changes) pace(*changes, s, hip);
+        if (!(s.status & bad_hip)) now_ = {s.proxy, s.force, hip, true};
+        return s;
+    }
+
+    /// Hands `other`, made by the same thread and then spent, to the loop; false, and nothing done,
+    /// where 4096 changes wait. The proxy goes on from where it is.
+    bool exchange(Engine&& other) {
+        auto& c = changes();
+        if (c.waiting.room() == 0) return false;
+        if (auto* own = other.changes_.load())
+            while (other.take(*own)) continue;
+        points_ = std::move(other.points_);
+        parameters_ = other.parameters_;
+        width_ = other.width_;
+        return c.waiting.push({detail::Change::exchange, other.made_.release(), 0, {}});
+    }
+
+    /// Takes the points of the n numbers in `remove` away and adds m; of an engine made with
+    /// Search::editable. Points are numbered as they were given, those added go on from there.
+    /// False where the loop does not take up what waits: the edit is kept and goes with the next,
+    /// or with `remake`. Throws std::invalid_argument, and changes nothing, for what it cannot do.
+    bool edit(const std::uint32_t* remove, std::size_t n, const double* add, std::size_t m) {
+        if (!points_) reject("the points of this engine cannot be edited: Search::editable");
+        auto& c = changes();
+        const bool fits = parameters_.rule == Rule::robust && points_->fits(m);
+        const auto all = points_->edit(remove, n, add, m, parameters_);
+        if (!fits || c.waiting.room() < all.size()) return remake();
+        for (const detail::Change& change : all) c.waiting.push(change);
+        return true;
+    }
+    /// Makes the engine of an edited cloud anew and hands it over, as `edit` does when there is
+    /// much to tidy up.
+    bool remake() {
+        if (!points_) reject("the points of this engine cannot be edited: Search::editable");
+        auto& c = changes();
+        points_->missed();
+        if (c.waiting.room() == 0) return false;
+        const std::vector<double> left = points_->left();
+        points_->made();
+        return c.waiting.push(
+            {detail::Change::exchange, make(left.data(), points_->size()).release(), 0, {}});
+    }
+    /// Deletes the engines that the loop has given back; the calls above do too.
+    void collect() { changes(); }
+    /// Changes that the loop has taken up: an exchange, a point that went or came, is one.
+    std::uint64_t taken() const noexcept {
+        const auto* changes = changes_.load(std::memory_order_acquire);
+        return changes ? changes->taken.load(std::memory_order_relaxed) : 0;
+    }
+
     /// Memory held [bytes].
     std::size_t bytes() const noexcept { return made_->bytes(); }
     /// Cells of the grid; 0 without one.
@@ -131,100 +137,69 @@ class Engine {
     bool planar() const noexcept { return made_->planar(); }
     /// Distance from x to the nearest point [m].
     double distance(const Vec3& x) const noexcept { return made_->distance(x); }
+    /// Whether it was given to `exchange`.
+    bool spent() const noexcept { return !made_; }
 
   private:
-    struct Any {
-        virtual ~Any() = default;
-        virtual void reset(const Vec3&) noexcept = 0;
-        virtual Step step(const Vec3&) noexcept = 0;
-        virtual std::size_t bytes() noexcept = 0;
-        virtual std::size_t cells() noexcept = 0;
-        virtual bool planar() noexcept = 0;
-        virtual double distance(const Vec3&) noexcept = 0;
+    struct Now {
+        Vec3 proxy, force, hip;
+        bool placed = false;
     };
 
-    template <class S, class R, class K>
-    struct Some final : Any {
-        S space;
-        Kernels<S::dimension> kernels_;
-        BasicEngine<S, R, K> engine;
+    detail::Made make(const double* xyz, std::size_t n) const {
+        Parameters p = parameters_;
+        const bool few = n < detail::Points::worth_editing;
+        if (p.search == Search::editable && (few || p.rule == Rule::paper))
+            p.search = Search::automatic;
+        return detail::make(xyz, n, p, width_);
+    }
 
-        Some(S s, R rule, K k, const Kernels<S::dimension>& kernels)
-            : space(s), kernels_(kernels), engine(s, std::move(rule), k) {}
-        auto& search() noexcept { return engine.rule().neighbours(); }
-        void reset(const Vec3& hip) noexcept override { engine.reset(hip); }
-        Step step(const Vec3& hip) noexcept override { return engine.step(hip); }
-        std::size_t bytes() noexcept override { return sizeof(*this) + search().bytes(); }
-        std::size_t cells() noexcept override { return search().source().cells(); }
-        bool planar() noexcept override { return S::dimension == 2; }
-        double distance(const Vec3& at) noexcept override {
-            const auto x = space.across(at);
-            const auto& source = search().source();
-            double least = std::numeric_limits<double>::infinity();
-            const auto look = [&](const auto& s) noexcept {
-                least = std::min(least, kernels_.nearest2(s, x));
-            };
-            if constexpr (requires { source.cell(); })
-                for (double r = source.cell(), i = 0; i < 3; ++i, r *= 2) {
-                    source.visit(x, r, look);
-                    if (least <= r * r) return std::sqrt(least);
-                }
-            look(source.cloud().span(0, source.cloud().size()));
-            return std::sqrt(least);
+    /// The editor's: what it has for the loop, without what the loop gave back.
+    detail::Changes& changes() {
+        auto* changes = changes_.load(std::memory_order_relaxed);
+        if (!changes) {
+            changes = new detail::Changes;
+            changes_.store(changes, std::memory_order_release);
         }
-    };
+        changes->collect();
+        return *changes;
+    }
 
-    template <class K>
-    struct Lines final : Any {
-        Slice space;
-        BasicEngine<Slice, curve::ExactRule, K> engine;
-
-        Lines(Slice s, curve::ExactRule rule, K k) : space(s), engine(s, std::move(rule), k) {}
-        void reset(const Vec3& hip) noexcept override { engine.reset(hip); }
-        Step step(const Vec3& hip) noexcept override { return engine.step(hip); }
-        std::size_t bytes() noexcept override { return sizeof(*this) + engine.rule().bytes(); }
-        std::size_t cells() noexcept override { return engine.rule().cells(); }
-        bool planar() noexcept override { return true; }
-        double distance(const Vec3& at) noexcept override {
-            return engine.rule().distance(space.across(at));
+    /// The loop's: takes up the oldest change; false when there is none.
+    bool take(detail::Changes& changes) noexcept {
+        const detail::Change* change = changes.waiting.front();
+        if (!change) return false;
+        if (change->kind == detail::Change::exchange) {
+            changes.retire(made_.release());
+            made_.reset(change->engine);
+            if (now_.placed) made_->go_on(now_.proxy);
+        } else if (change->kind == detail::Change::add) {
+            made_->add(change->point);
+        } else {
+            made_->remove(change->id);
         }
-    };
-
-    template <class S>
-    void choose_rule(S space, const double* xyz, std::size_t n, const Parameters& p, Width width) {
-        const auto cloud = make_cloud(space, xyz, n);
-        check_resolved(p, xyz, n);
-        const bool brute =
-            p.search == Search::brute || (p.search == Search::automatic && n <= small_cloud);
-        constexpr int D = S::dimension;
-        if (p.rule == Rule::paper)
-            brute ? choose_stiffness<S, PaperRule<D, AllPoints>>(space, cloud, p, width)
-                  : choose_stiffness<S, PaperRule<D, Neighbours>>(space, cloud, p, width);
-        else
-            brute ? choose_stiffness<S, RobustRule<D, AllPoints>>(space, cloud, p, width)
-                  : choose_stiffness<S, RobustRule<D, Neighbours>>(space, cloud, p, width);
+        changes.pace.begin();
+        changes.waiting.pop();
+        changes.taken.fetch_add(1, std::memory_order_relaxed);
+        return true;
     }
 
-    template <class S, class R>
-    void choose_stiffness(S space, const Cloud<S::dimension>& cloud, const Parameters& p,
-                          Width width) {
-        const auto loops = kernels<S::dimension>(width);
-        with_stiffness(p, [&](auto stiffness) {
-            using Made = Some<S, R, decltype(stiffness)>;
-            made_ = std::make_unique<Made>(space, R(cloud, p, loops), stiffness, loops);
-        });
+    void pace(detail::Changes& changes, Step& s, const Vec3& hip) noexcept {
+        if (s.status & bad_hip) {
+            s.proxy = now_.proxy;
+            s.force = now_.force;
+        } else if (now_.placed) {
+            changes.pace(s, *made_, now_.force, norm(hip - now_.hip));
+        }
+        if (changes.waiting.front()) s.status |= changing;
     }
 
-    template <class F>
-    static void with_stiffness(const Parameters& p, F&& make) {
-        const Vec3& k = p.stiffness;
-        if (k[0] == k[1] && k[1] == k[2])
-            make(ScalarStiffness{k[0]});
-        else
-            make(DiagonalStiffness{k});
-    }
-
-    std::unique_ptr<Any> made_;
+    detail::Made made_;
+    Now now_;
+    std::atomic<detail::Changes*> changes_{nullptr};
+    std::unique_ptr<detail::Points> points_;  // the editor's, as what follows
+    Parameters parameters_;
+    Width width_ = Width::automatic;
 };
 
 }  // namespace vfplan

@@ -57,7 +57,6 @@ class Escape {
     static constexpr int most_hops = 48;             // from sphere to sphere along the way, a tick
     static constexpr int most_hops_to_choose = 128;  // along all ways together, a tick
     static constexpr int most_ticks_to_choose = 1024;
-    static constexpr double ramp = 1.0 / 256;  // of R, a tick
 
     Escape(const Around& around, double radius) noexcept : around_(around), R_(radius) {}
 
@@ -93,6 +92,9 @@ class Escape {
         active_ = !out;
         return out;
     }
+
+    /// The HIP is at h, wherever the way out began.
+    void meets(const Vec<D>& h) noexcept { last_ = h; }
 
     /// Where the proxy, now at x, may go while the rule takes over: the HIP has come to h.
     Leash<D> leash(const Vec<D>& x, const Vec<D>& h) noexcept {

@@ -15,8 +15,9 @@ namespace vfplan {
 template <int D>
 class Grid {
   public:
-    /// `cell`: side of a cell [m], about a third of the radius that will be asked for.
-    Grid(const Cloud<D>& cloud, double cell) : box_(cloud.box()) {
+    /// `cell`: side of a cell [m], about a third of the radius that will be asked for. `slots`:
+    /// takes where each of the cloud's points is kept.
+    Grid(const Cloud<D>& cloud, double cell, std::uint32_t* slots = nullptr) : box_(cloud.box()) {
         double extent = 0;
         for (int k = 0; k < D; ++k) extent = std::max(extent, box_.high.c[k] - box_.low.c[k]);
         cell_ = std::max(cell, extent / most_cells_an_axis);
@@ -26,11 +27,14 @@ class Grid {
             cells *= static_cast<double>(count_[k]);
         }
         dense_ = cells <= 2.0 * static_cast<double>(cloud.size()) + 64;
-        dense_ ? fill_dense(cloud, static_cast<std::size_t>(cells)) : fill_sparse(cloud);
+        dense_ ? fill_dense(cloud, static_cast<std::size_t>(cells), slots)
+               : fill_sparse(cloud, slots);
     }
 
     const Box<D>& box() const noexcept { return box_; }
     const Cloud<D>& cloud() const noexcept { return cloud_; }
+    /// Takes the point kept at `slot` out.
+    void clear(std::size_t slot) noexcept { cloud_.clear(slot); }
     double cell() const noexcept { return cell_; }
     std::size_t cells() const noexcept { return start_.size() - 1; }
     std::size_t bytes() const noexcept {
@@ -120,7 +124,7 @@ class Grid {
         return key(i[0], i[1], i[2]);
     }
 
-    void fill_dense(const Cloud<D>& from, std::size_t cells) {
+    void fill_dense(const Cloud<D>& from, std::size_t cells, std::uint32_t* slots) {
         const std::size_t n = from.size();
         start_.assign(cells + 1, 0);
         std::vector<std::uint32_t> home(n);
@@ -130,12 +134,16 @@ class Grid {
         }
         std::partial_sum(start_.begin(), start_.end(), start_.begin());
         cloud_ = Cloud<D>(n);
-        for (std::size_t i = 0; i < n; ++i) cloud_.set(start_[home[i]]++, from[i]);
+        for (std::size_t i = 0; i < n; ++i) {
+            const std::uint32_t slot = start_[home[i]]++;
+            cloud_.set(slot, from[i]);
+            if (slots) slots[i] = slot;
+        }
         for (std::size_t c = cells; c > 0; --c) start_[c] = start_[c - 1];
         start_[0] = 0;
     }
 
-    void fill_sparse(const Cloud<D>& from) {
+    void fill_sparse(const Cloud<D>& from, std::uint32_t* slots) {
         const std::size_t n = from.size();
         std::vector<std::pair<std::uint64_t, std::uint32_t>> order(n);
         for (std::size_t i = 0; i < n; ++i)
@@ -152,6 +160,7 @@ class Grid {
                 start_.push_back(static_cast<std::uint32_t>(i));
             }
             cloud_.set(i, from[order[i].second]);
+            if (slots) slots[order[i].second] = static_cast<std::uint32_t>(i);
         }
         start_.push_back(static_cast<std::uint32_t>(n));
     }

@@ -12,6 +12,9 @@
 
 namespace vfplan {
 
+/// Of R, a tick: how fast the force may change besides following the HIP.
+inline constexpr double ramp = 1.0 / 256;
+
 /// A ball that holds the proxy for one tick. Its middle is where the proxy would be had it gone
 /// with the HIP, its radius what K times it may add to the force, or turn it by.
 template <int D>
@@ -46,6 +49,8 @@ class Handover {
         next_ = count_ = unfinished_ = 0;
     }
     void stop() noexcept { active_ = planning_ = false; }
+    /// The way may lead into what is new.
+    void forget() noexcept { next_ = count_ = 0; }
 
     /// The rule goes to the HIP at h now, and tells each corner that it passes.
     void plan(const Vec<D>& h) noexcept {

@@ -8,24 +8,25 @@
 
 namespace vfplan {
 
-/// Points near a place, from a Grid. A neighbourhood too crowded for the list is read from the
-/// grid.
-template <int D>
-class Neighbours {
+/// Points near a place, from a Grid or Edited. A neighbourhood too crowded for the list is read
+/// from the grid.
+template <int D, class SourceOf>
+class Gathered {
   public:
-    using Source = Grid<D>;
+    using Source = SourceOf;
     static constexpr std::size_t most = 8192;  // points in the list
 
     /// `reach`: the largest radius that is asked for often; `skin`: how far x may go meanwhile;
     /// `cell`: side of the grid's cells [m].
-    Neighbours(const Cloud<D>& cloud, double reach, double skin, double cell,
-               const Kernels<D>& kernels)
+    Gathered(const Cloud<D>& cloud, double reach, double skin, double cell,
+             const Kernels<D>& kernels)
         : source_(cloud, cell),
           held_(std::clamp<std::size_t>(cloud.size() / 4, 1024, most)),
           radius_(reach + skin),
           kernels_(kernels) {}
 
     const Source& source() const noexcept { return source_; }
+    Source& source() noexcept { return source_; }
     std::size_t bytes() const noexcept { return source_.bytes() + held_.bytes(); }
 
     /// Calls f(Span) for stretches that together hold every point within `reach` of x (and more).
@@ -39,6 +40,10 @@ class Neighbours {
 
     /// The next answers depend on nothing asked before.
     void forget() noexcept { valid_ = false; }
+    /// Whether the list has to do with what lies at p.
+    bool reaches(const Vec<D>& p) const noexcept {
+        return !valid_ || norm(p - centre_) <= radius_ * (1 + 1e-9);
+    }
 
   private:
     /// Around a place ahead of x, as it went on from the last one: so the list serves longer.
@@ -84,6 +89,9 @@ class Neighbours {
     std::size_t count_ = 0;
     bool valid_ = false, crowded_ = false;
 };
+
+template <int D>
+using Neighbours = Gathered<D, Grid<D>>;
 
 /// The same calls on a small cloud: always all of it.
 template <int D>

@@ -33,6 +33,7 @@ class PaperRule {
         neighbours_.forget();
         known_ = false;
     }
+    void go_on() noexcept { reset(); }
     Search<D>& neighbours() noexcept { return neighbours_; }
 
     /// Algorithm 1, one servo loop.

@@ -23,7 +23,8 @@ inline constexpr double finest_band = 1e-8;
 inline constexpr double roundings_a_band = 1e4;
 
 enum class Rule { robust, paper, exact };
-enum class Search { automatic, grid, brute };
+/// `editable`: for Engine::edit; of the robust rule.
+enum class Search { automatic, grid, brute, editable };
 
 struct Parameters {
     double contact_radius = 5e-3;  ///< r_c [m]

@@ -52,6 +52,20 @@ class RobustRule {
         rest_.wake();
         now_ = {};
     }
+    /// As a reset, but a proxy that is inside is led out from where it is.
+    void go_on() noexcept {
+        reset();
+        now_.stays = true;
+    }
+    /// A point at p came or went.
+    void edited(const Vec<D>& p, bool came) noexcept {
+        handover_.forget();
+        if (!neighbours_.reaches(p)) return;
+        neighbours_.forget();
+        surfaces_.forget();
+        rest_.wake();
+        if (came && std::exchange(now_.held, false)) now_.stays = true;
+    }
 
     /// One servo loop.
     Tick<D> operator()(Vec<D>& proxy, const Vec<D>& hip) noexcept {
@@ -130,6 +144,8 @@ class RobustRule {
         bool blocked = false;  // the last iteration was stopped below R
         bool far = false;      // the way of this tick is longer than a tick may look at
         bool held = false;     // outside the fixture since the last reset
+        bool stays = false;    // on the way out the proxy does not go with the HIP
+        Vec<D> anchor;         // then: where the way out began
     };
 
     /// What is asked of the list of neighbours: a fit's samples, and what a brief sweep may meet.
@@ -143,15 +159,23 @@ class RobustRule {
     bool enter(Vec<D>& proxy, const Vec<D>& hip, Tick<D>& tick) noexcept {
         if (!escape_.active()) {
             if (nearest2(proxy, surfaces_.shell()) >= safe2_) return now_.held = true;
-            escape_.begin(neighbours_, hip);
+            now_.anchor = proxy;
+            escape_.begin(neighbours_, now_.stays ? proxy : hip);
             handover_.stop();
         }
-        now_.held = escape_.step(neighbours_, hip, proxy);
-        if (now_.held && !(proxy == hip)) handover_.begin();
+        now_.held = escape_.step(neighbours_, now_.stays ? now_.anchor : hip, proxy);
+        if (now_.held) leave(proxy, hip);
         tick.state = State::entrenched;
         tick.normal = escape_.way();
         tick.status = inside;
         return false;
+    }
+
+    /// The proxy is out: the rule takes over.
+    void leave(const Vec<D>& proxy, const Vec<D>& hip) noexcept {
+        if (!(proxy == hip)) handover_.begin();
+        escape_.meets(hip);
+        now_.stays = false;
     }
 
     /// Where nothing lies on the straight way, the proxy goes with the HIP, whatever it touches.

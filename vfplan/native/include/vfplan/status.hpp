@@ -20,10 +20,14 @@ enum class State : std::int8_t {
 /// What a tick has to say beside its result; bits, 0 when all is well.
 enum Status : std::uint8_t {
     ok = 0,
-    bad_hip = 1,  ///< HIP not finite or beyond 1e6 m: the proxy stayed, the force is its last;
-                  ///< before the first good HIP both are 0
-    inside = 2,   ///< started inside: the proxy is led out and handed to the rule
-    limit = 4,    ///< the tick used up its iterations; the proxy is safe and goes on next tick
+    bad_hip = 1,     ///< HIP not finite or beyond 1e6 m: the proxy stayed, the force is its last;
+                     ///< before the first good HIP both are 0
+    inside = 2,      ///< started inside: the proxy is led out and handed to the rule
+    limit = 4,       ///< the tick used up its iterations; the proxy is safe and goes on next tick
+    stale_pose = 8,  ///< the moving fixture's pose is too old: its last frame stands; before the
+                     ///< first pose nothing is rendered
+    changing = 16,   ///< the fixture was exchanged or edited: the force is on its way to K (proxy
+                     ///< - HIP), or changes wait for the next ticks
 };
 
 struct Step {

@@ -71,8 +71,13 @@ class ExactRule {
 
     void reset() noexcept {
         escape_.stop();
-        held_ = taking_over_ = rests_ = gathered_ = false;
+        held_ = taking_over_ = rests_ = gathered_ = stays_ = false;
         on_ = none;
+    }
+    /// As a reset, but a proxy that is inside is led out from where it is.
+    void go_on() noexcept {
+        reset();
+        stays_ = true;
     }
     std::size_t bytes() const noexcept {
         return curve_.bytes() + near_.capacity() * sizeof near_[0];
@@ -132,10 +137,15 @@ class ExactRule {
     bool enter(Vec2& proxy, const Vec2& hip) noexcept {
         if (!escape_.active()) {
             if (curve_.distance(proxy) >= R_ - band_) return held_ = true;
-            escape_.begin(curve_, hip);
+            anchor_ = proxy;
+            escape_.begin(curve_, stays_ ? proxy : hip);
         }
-        held_ = escape_.step(curve_, hip, proxy);
+        held_ = escape_.step(curve_, stays_ ? anchor_ : hip, proxy);
         taking_over_ = held_ && !(proxy == hip);
+        if (held_) {
+            escape_.meets(hip);
+            stays_ = false;
+        }
         unfinished_ = 0;
         on_ = none;
         rests_ = false;
@@ -373,13 +383,14 @@ class ExactRule {
     double R_, band_, outer_;
     Heights heights_;
     Escape<2, const Curve, Bands> escape_;
-    std::vector<int> near_;  // features near centre_
-    Vec2 centre_, hip_;
-    int on_ = none;  // what the proxy slid along last
+    std::vector<int> near_;       // features near centre_
+    Vec2 centre_, hip_, anchor_;  // anchor_: where a way out began on which the proxy stays
+    int on_ = none;               // what the proxy slid along last
     End end_ = End::arrived;
     Tick<2> last_;
     int unfinished_ = 0;
     bool gathered_ = false, held_ = false, taking_over_ = false, rests_ = false;
+    bool stays_ = false;  // on the way out the proxy does not go with the HIP
 };
 
 }  // namespace vfplan::curve

@@ -1,0 +1,218 @@
+"""A fixture exchanged or edited under the hand: side kept, force bounded, as one made afresh."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+import vfplan
+from vfplan import Status
+from vfplan.errors import SceneError
+
+K, R, BAND = 1000.0, 5e-3, 5e-5
+
+
+def sheet(z=0.0, half=20e-3, spacing=1e-3, hole=0.0):
+    g = np.arange(-half, half + spacing / 2, spacing)
+    x, y = np.meshgrid(g, g)
+    points = np.stack((x.ravel(), y.ravel(), np.full(x.size, z)), axis=1)
+    return points[np.hypot(x, y).ravel() >= hole]
+
+
+def engine(points, **settings):
+    return vfplan.ProxyEngine(points, **{"band": BAND, **settings})
+
+
+def pressed(points=None, depth=2e-3):
+    """An engine whose proxy the hand has pressed against a sheet; the HIP's last place."""
+    e = engine(sheet() if points is None else points)
+    path = np.linspace([0, 0, 8e-3], [0, 0, -depth], 300)
+    e.run(path)
+    return e, path[-1]
+
+
+def led(e, hips, last, k=K, r=R, before=None):
+    """Steps along `hips`, each force within K (R/256 + |step of the HIP|) of the one before."""
+    hips = np.asarray(hips)
+    before = hips[0] if before is None else before
+    first = e.step(hips[0])
+    rest = e.run(hips[1:])
+    force = np.vstack((last, first.force, rest.force))
+    moved = np.linalg.norm(np.diff(hips, axis=0, prepend=[before]), axis=1)
+    steps = np.linalg.norm(np.diff(force, axis=0), axis=1)
+    changing = np.concatenate(([True], rest.status & Status.CHANGING > 0))
+    changing[1:] |= np.concatenate(([first.status & Status.CHANGING > 0], changing[1:-1]))
+    assert (steps <= k * (r / 256 + moved) * (1 + 1e-9))[changing].all()
+    return first, rest
+
+
+def test_the_old_way_pops_through_and_an_exchange_does_not():
+    """A plan moved by 0.3 mm under a hand 7 N deep: made anew, +7 N becomes -2.7 N."""
+    e, h = pressed()
+    before = e.step(h).force
+    assert before == pytest.approx([0, 0, 7.0], abs=0.06)
+    for start in (h, e.step(h).proxy):
+        old = engine(sheet(0.3e-3))
+        old.reset(start)
+        assert old.run(np.tile(h, (600, 1))).force[-1, 2] == pytest.approx(-2.7, abs=0.1)
+    e.exchange(engine(sheet(0.3e-3)))
+    first, rest = led(e, np.tile(h, (600, 1)), before)
+    assert first.status & Status.INSIDE
+    assert first.status & Status.CHANGING
+    assert rest.force[-1] == pytest.approx([0, 0, 7.3], abs=0.06)
+    assert rest.status[-1] == e.status == Status.OK
+    assert (rest.proxy[:, 2] > 4.9e-3).all()
+
+
+def test_a_hole_that_opens_lets_the_force_go_slowly():
+    """6 mm open under the proxy: the old way drops 2 N in one tick."""
+    e, h = pressed(depth=-3e-3)
+    before = e.step(h).force
+    hole = sheet(hole=6e-3)
+    old = engine(hole)
+    old.reset(e.step(h).proxy)
+    assert np.linalg.norm(old.step(h).force - before) > 1.9
+    e.exchange(engine(hole))
+    _, rest = led(e, np.tile(h, (300, 1)), before)
+    assert not rest.force[-1].any()
+    assert np.count_nonzero(rest.status & Status.CHANGING) == pytest.approx(
+        2 / (K * R / 256), abs=3
+    )
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_whatever_is_exchanged_for_whatever_the_force_is_bounded_and_the_side_kept(seed):
+    draw = np.random.default_rng(seed)
+    e, h = pressed(depth=0.5e-3)
+    last = e.step(h)
+    for _ in range(25):
+        k, r = draw.uniform(300, 2000), draw.uniform(3e-3, 7e-3)
+        z = draw.uniform(-1e-3, 1e-3)
+        settings = {"stiffness": k, "contact_radius": r, "band": 5e-2 * r}
+        kind = draw.integers(4)
+        if kind == 0:
+            line = vfplan.fixture.Pieces(
+                np.array([[-1, 0, z], [1, 0, z]]), np.zeros(2), np.array([0, 0]), np.array([False])
+            )
+            other = vfplan.ProxyEngine.along(
+                line, contact_radius=r, stiffness=k, ignore_axis=[0, 1, 0]
+            )
+        else:
+            axis = {"ignore_axis": [0, 1, 0]} if kind == 1 else {}
+            rule = "paper" if kind == 2 else "robust"
+            settings |= {"stiffness": [k, 0.5 * k, 0.8 * k]} if kind == 3 else {}
+            other = engine(sheet(z), rule=rule, **settings, **axis)
+        e.exchange(other)
+        n = int(draw.integers(1, 400))
+        to = [*draw.uniform(-6e-3, 6e-3, 2), draw.uniform(-2e-3, 1e-3)]
+        hips = np.linspace(h, to, n + 1)[1:]
+        _, rest = led(e, hips, last.force, k, r, h)
+        h = hips[-1]
+        last = e.step(h)
+        for proxy, status in ((rest.proxy, rest.status), (last.proxy[None], [int(last.status)])):
+            if kind != 2 and len(proxy):
+                out = (np.asarray(status) & Status.INSIDE) == 0
+                assert (e.distance(proxy)[out] >= r * 0.95 - 1e-9).all()
+            assert (proxy[:, 2] > z).all()
+
+
+def test_an_engine_given_away_is_spent_and_a_bad_hip_holds_the_force():
+    e, h = pressed()
+    before = e.step(h).force
+    other = engine(sheet(-1e-3))
+    e.exchange(other)
+    with pytest.raises(RuntimeError, match="in exchange"):
+        other.step(h)
+    with pytest.raises(RuntimeError, match="in exchange"):
+        e.exchange(other)
+    bad = e.step([np.nan, 0, 0])
+    assert bad.status & Status.BAD_HIP
+    assert np.array_equal(bad.force, before)
+    led(e, np.tile(h, (100, 1)), before)
+    assert e.parameters is other.parameters
+
+
+def fresh(points, e, proxy):
+    other = engine(points)
+    other.reset(proxy)
+    return other
+
+
+@pytest.mark.parametrize("n", [2_000, 40_000])
+def test_after_any_edits_the_answer_is_a_fresh_engines(n):
+    """Within the band before the cloud is made anew, to the bit after it."""
+    draw = np.random.default_rng(n)
+    half = 0.5e-3 * np.sqrt(n)
+    g = np.arange(-half, half, 1e-3)
+    x, y = np.meshgrid(g, g)
+    points = np.stack((x.ravel(), y.ravel(), 0.3e-3 * np.sin(200 * x.ravel())), axis=1)
+    e = engine(points)
+    start = [0, 0, 8e-3]
+    e.run(np.linspace(start, [0, 0, 2e-3], 100))
+    alive = dict(enumerate(points))
+    number = len(points)
+    for _ in range(12):
+        gone = draw.choice(list(alive), 30, replace=False)
+        new = np.vstack([alive[i] for i in gone]) + draw.normal(0, 2e-6, (30, 3))
+        e.edit(remove=gone, add=new)
+        assert e.step([0, 0, 2e-3]).status & Status.CHANGING
+        for i in gone:
+            del alive[i]
+        alive.update(zip(range(number, number + 30), new, strict=True))
+        number += 30
+    left = np.array(list(alive.values()))
+    e.run(np.tile([0, 0, 2e-3], (300, 1)))
+    hips = draw.uniform([-15e-3, -15e-3, 0], [15e-3, 15e-3, 7e-3], (40, 3))
+    assert np.array_equal(e.distance(hips), engine(left).distance(hips))
+    way = np.concatenate([np.linspace(a, b, 60) for a, b in itertools.pairwise(hips)])
+    one, other = e.run(way), fresh(left, e, e.step(way[0]).proxy).run(way)
+    assert np.abs(one.proxy - other.proxy).max() <= 2 * BAND
+    e.native.remake()
+    at = e.step(way[0])
+    e.run(np.tile(way[0], (100, 1)))
+    other = engine(left)
+    other.reset(at.proxy)
+    e.reset(at.proxy)
+    for a, b in zip(vars(e.run(way)).values(), vars(other.run(way)).values(), strict=True):
+        assert np.array_equal(a, b)
+
+
+def test_points_burred_away_under_the_proxy_let_it_in_and_put_back_lead_it_out():
+    points = sheet(half=80e-3)
+    assert len(points) > 20_000
+    e, h = pressed(points, depth=-2e-3)
+    before = e.step(h).force
+    gone = np.flatnonzero(np.hypot(points[:, 0], points[:, 1]) < 8e-3)
+    assert e.edit(remove=gone)
+    _, rest = led(e, np.tile(h, (400, 1)), before)
+    assert not rest.force[-1].any()
+    assert np.array_equal(rest.proxy[-1], h)
+    assert e.edit(add=points[gone])
+    _, rest = led(e, np.tile(h, (800, 1)), np.zeros(3))
+    assert rest.status[0] & Status.INSIDE
+    assert rest.status[-1] == Status.OK
+    assert np.linalg.norm(rest.force[-1]) == pytest.approx(3.0, abs=0.06)
+
+
+def test_what_cannot_be_edited_is_refused_and_changes_nothing():
+    e = engine(sheet(half=3e-3))
+    for remove, add, says in (
+        ([49], None, "each a point that is there, once"),
+        ([3, 3], None, "each a point that is there, once"),
+        (list(range(49)), None, "at least one point"),
+        ([0.5], None, "integers"),
+        ([-1], None, "numbers of points"),
+        (None, [[np.nan, 0, 0]], "finite"),
+        (None, [[0, 0]], r"\(N, 3\)"),
+    ):
+        with pytest.raises(SceneError, match=says):
+            e.edit(remove=remove, add=add)
+    assert e.edit(remove=range(48))
+    assert e.edit(add=[[0, 0, 1.0]])
+    with pytest.raises(SceneError, match="once"):
+        e.edit(remove=[0])
+    assert e.edit(remove=[48])
+    e.step([0, 0, 0.5])
+    assert e.distance([[0, 0, 0.5]]) == pytest.approx([0.5])

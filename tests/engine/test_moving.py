@@ -1,0 +1,210 @@
+"""A fixture that moves: its frame against closed forms, its engine's guarantees in that frame."""
+
+from __future__ import annotations
+
+import subprocess
+
+import numpy as np
+import pytest
+from conftest import ROOT, need_program
+
+import vfplan
+from vfplan import Status
+from vfplan.errors import SceneError, SettingError
+
+K, R, T = 1000.0, 5e-3, 1e-3
+
+
+def turned(axis, angle, place=(0, 0, 0)):
+    """Rodrigues' formula."""
+    a = np.asarray(axis) / np.linalg.norm(axis)
+    cross = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+    pose = np.eye(4)
+    pose[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    pose[:3, 3] = place
+    return pose
+
+
+def shifted(x, y=0.0, z=0.0):
+    return turned([0, 0, 1], 0, [x, y, z])
+
+
+def sheet():
+    g = np.arange(-30e-3, 30.5e-3, 1e-3)
+    x, y = np.meshgrid(g, g)
+    return np.stack((x.ravel(), y.ravel(), np.zeros(x.size)), axis=1)
+
+
+def test_from_pose_to_pose_it_goes_evenly_one_sample_late():
+    f = vfplan.MovingFrame()
+    speed, turn, axis = 0.05, 0.4, [1, 2, -1]
+    for k in range(2001):
+        t = k * T
+        if k % 20 == 0:
+            assert f.pose(t, turned(axis, turn * t, [speed * t, 0, 0]))
+        at = f.at(t)
+        if k > 40:
+            late = turned(axis, turn * (t - 0.02), [speed * (t - 0.02), 0, 0])
+            assert np.abs(at - late).max() < 3e-7  # a chord for an arc, and nothing else
+    assert not f.stale
+    assert f.age_s == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_pose_moves_it_faster_than_told(seed):
+    draw = np.random.default_rng(seed)
+    pivot = draw.uniform(-0.1, 0.1, 3)
+    f = vfplan.MovingFrame(max_speed_m_s=0.2, max_turn_rad_s=0.7, pivot=pivot)
+    before, t = None, 0.0
+    for _ in range(1500):
+        step = draw.choice([T, T, T, 5 * T, 0.0])
+        t += step
+        if draw.random() < 0.05:
+            f.pose(
+                t - draw.uniform(0, 0.03),
+                turned(draw.normal(size=3), draw.uniform(-4, 4), draw.uniform(-1, 1, 3)),
+            )
+        now = f.at(t)
+        assert np.abs(now[:3, :3].T @ now[:3, :3] - np.eye(3)).max() < 1e-14
+        if before is not None and before[0]:
+            moved = now[:3] @ [*pivot, 1] - before[1][:3] @ [*pivot, 1]
+            cosine = (np.trace(before[1][:3, :3].T @ now[:3, :3]) - 1) / 2
+            sine = np.linalg.norm(before[1][:3, :3].T @ now[:3, :3] - np.eye(3)) / np.sqrt(8)
+            assert np.linalg.norm(moved) <= 0.2 * step + 1e-14
+            assert cosine > 0
+            assert 2 * np.arcsin(sine) <= 0.7 * step * (1 + 1e-6) + 1e-12
+        before = (before is not None and before[0]) or f.age_s < np.inf, now
+
+
+def test_stale_is_told_within_a_tick_and_coming_back_makes_no_step():
+    e, f = vfplan.ProxyEngine(sheet()), vfplan.MovingFrame(max_age_s=0.1)
+    hip = np.array([0, 0, 3e-3])
+    nothing = f.step(e, 0.0, hip)
+    assert nothing.status == Status.STALE
+    assert not nothing.force.any()
+    assert np.array_equal(nothing.proxy, hip)
+    assert f.step(e, 0.0, [np.nan, 0, 0]).status == Status.STALE | Status.BAD_HIP
+    f.pose(0.001, np.eye(4))
+    e.reset([0, 0, 8e-3])
+    forces, stale = [], []
+    for k in range(1, 501):
+        if k == 300:
+            f.pose(k * T, shifted(0, 0, 8e-3))
+        s = f.step(e, k * T, hip if k > 1 else [0, 0, 8e-3])
+        forces.append(s.force)
+        stale.append(bool(s.status & Status.STALE))
+    at = T * np.arange(1, 501)
+    assert stale == (at - np.where(at < 300 * T, 0.001, 300 * T) > 0.1).tolist()
+    steps = np.linalg.norm(np.diff(forces, axis=0), axis=1)
+    assert steps[1:].max() <= K * 0.25 * T * (1 + 1e-6)
+    assert forces[-1] == pytest.approx([0, 0, 10.0], abs=0.1)
+    early = vfplan.MovingFrame()
+    early.pose(0.0, np.eye(4))
+    early.pose(5.0, np.eye(4))  # a clock that is ahead
+    early.at(0.01)
+    assert early.stale
+
+
+def test_clearance_holds_in_the_fixtures_frame_and_k_turns_with_it():
+    k = [400.0, 700.0, 1000.0]
+    e, f = (
+        vfplan.ProxyEngine(sheet(), stiffness=k),
+        vfplan.MovingFrame(max_turn_rad_s=20, max_speed_m_s=1),
+    )
+    draw = np.random.default_rng(3)
+    n = 4000
+    t = T * np.arange(n)
+    hips = np.stack(
+        (8e-3 * np.sin(3 * t), 5e-3 * np.cos(2 * t), 6e-3 * np.cos(9 * t) + 3e-3), axis=1
+    )
+    seen = 0
+    for first in range(0, n, 17):
+        pose = turned([1, 1, 3], 0.5 * np.sin(t[first]), [3e-3 * np.sin(1.5 * t[first]), 0, 0])
+        pose[:3, 3] += draw.normal(0, 2e-4, 3)
+        f.pose(t[first], pose)
+        part = slice(first, first + 17)
+        trace, frames, ages = f.traced(e, t[part], hips[part])
+        turns = vfplan.engine.moving.matrices(frames)
+        proxies = np.einsum("tji,tj->ti", turns[:, :3, :3], trace.proxy - frames[:, :3])
+        out = trace.status & Status.INSIDE == 0
+        assert (e.distance(proxies)[out] >= R - e.parameters.band).all()
+        inner = np.einsum("tji,tj->ti", turns[:, :3, :3], trace.proxy - hips[part])
+        force = np.einsum("tij,tj->ti", turns[:, :3, :3], k * inner)
+        assert trace.force == pytest.approx(force, abs=1e-9)
+        assert (ages <= 0.017 + 1e-9).all()
+        seen += np.count_nonzero(trace.state == 1)
+    assert seen > 500
+
+
+def test_what_is_no_pose_is_refused():
+    f = vfplan.MovingFrame()
+    mirror = np.diag([1.0, 1.0, -1.0, 1.0])
+    for bad in (np.eye(3), 2 * np.eye(4), mirror, np.full((4, 4), np.nan), shifted(2e6)):
+        with pytest.raises(SceneError, match="pose"):
+            f.pose(0.0, bad)
+    with pytest.raises(SceneError, match="time"):
+        f.pose(np.nan, np.eye(4))
+    assert [f.pose(t, np.eye(4)) for t in (0.5, 0.5, 0.4)] == [True, False, False]
+    assert f.refused == 2
+    assert all(f.pose(1.0 + i, np.eye(4)) for i in range(63))
+    assert not f.pose(99.0, np.eye(4))
+    for bad in ({"max_age_s": 0}, {"max_speed_m_s": np.inf}, {"max_turn_rad_s": -1}):
+        with pytest.raises(SettingError, match=next(iter(bad))):
+            vfplan.MovingFrame(**bad)
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    """The loop and the thread beside it, built without Python, watched by ThreadSanitizer."""
+    made = tmp_path_factory.mktemp("changing") / "changing_ticks"
+    flags = ["-std=c++20", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-O0"]
+    include = ROOT / "vfplan" / "native" / "include"
+    command = [need_program("g++", "g++"), *flags, "-DVFPLAN_NARROW", "-fsanitize=thread"]
+    source = ROOT / "tests" / "native" / "changing_ticks.cpp"
+    subprocess.run([*command, f"-I{include}", source, "-o", made], check=True)
+    return made
+
+
+def play(program, *args):
+    done = subprocess.run([program, *map(str, args)], capture_output=True, text=True, timeout=1800)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_a_controllers_bits_are_pythons(program, tmp_path):
+    draw = np.random.default_rng(5)
+    rows, stamp = [], 0.0
+    for k in range(1500):
+        t = k * T
+        if t >= stamp + draw.uniform(0.01, 0.05):
+            stamp = t
+            q = np.array([1, 0, 0, 0]) + draw.normal(0, 0.02, 4)
+            rows.append([0, t - 0.005, *draw.normal(0, 5e-4, 3), *(q / np.linalg.norm(q))])
+        hip = [8e-3 * np.sin(3 * t), 5e-3 * np.cos(2 * t), 6e-3 * np.cos(9 * t) + 3e-3]
+        rows.append([1, t, *hip, 0, 0, 0, 0])
+    np.array(rows).tofile(tmp_path / "in")
+    play(program, "move", tmp_path / "in", tmp_path / "out")
+    found = np.fromfile(tmp_path / "out").reshape(-1, 7)
+    g = np.arange(-20, 21) * 1e-3
+    points = np.stack([c.ravel() for c in np.meshgrid(g, g, 0.0, indexing="ij")], axis=1)
+    e, f = vfplan.ProxyEngine(points, band=1e-5), vfplan.MovingFrame(pivot=[0, 0, 1e-3])
+    wanted = []
+    for kind, t, x, y, z, *q in rows:
+        if kind == 0:
+            f.native.pose(t, np.array([x, y, z]), np.array(q))
+        else:
+            s = f.step(e, t, [x, y, z])
+            wanted.append([*s.proxy, *s.force, int(s.status)])
+    assert np.array_equal(found, wanted)
+    assert np.count_nonzero(found[:, 5]) > 500
+
+
+def test_exchanges_and_edits_under_load_race_with_nothing(program):
+    assert "exchanged 60 " in play(program, "exchange", 60)
+    assert "edited 4000 " in play(program, "edit", 4000)
+
+
+@pytest.mark.full
+def test_ten_thousand_exchanges_and_a_million_edits_under_load(program):
+    assert "exchanged 10000 " in play(program, "exchange", 10_000)
+    assert "edited 1000000 " in play(program, "edit", 1_000_000)

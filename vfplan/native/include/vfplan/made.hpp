@@ -1,0 +1,216 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// A rule in its space with its stiffness, and the same behind a type that a controller can hold.
+// What the scene does not need is left out by type, chosen once when the engine is made.
+#pragma once
+
+#include <memory>
+
+#include "vfplan/changing.hpp"
+#include "vfplan/curve/exact.hpp"
+#include "vfplan/edited.hpp"
+#include "vfplan/paper.hpp"
+#include "vfplan/robust.hpp"
+#include "vfplan/space.hpp"
+
+namespace vfplan {
+
+/// A rule in a space with a stiffness; all of it known to the compiler.
+template <class S, class RuleOf, class Stiffness>
+class BasicEngine {
+  public:
+    static constexpr int D = S::dimension;
+
+    BasicEngine(S space, RuleOf rule, Stiffness stiffness)
+        : space_(space), rule_(std::move(rule)), stiffness_(stiffness) {}
+
+    void reset(const Vec3& hip) noexcept {
+        rule_.reset();
+        last_ = {};
+        placed_ = good(hip);
+        if (!placed_) return;
+        last_.proxy = hip;
+        proxy_ = space_.across(hip);
+    }
+
+    /// The next tick begins with the proxy at `proxy`, wherever that is.
+    void go_on(const Vec3& proxy) noexcept {
+        reset(proxy);
+        rule_.go_on();
+    }
+
+    Step step(const Vec3& hip) noexcept {
+        if (!good(hip)) return refuse();
+        if (!placed_) reset(hip);
+        const Vec<D> h = space_.across(hip);
+        const Tick<D> tick = rule_(proxy_, h);
+        last_.proxy = space_.place(proxy_, hip, h);
+        last_.normal = space_.direction(tick.normal);
+        last_.force = stiffness_.force(space_, proxy_ - h);
+        last_.state = tick.state;
+        last_.status = tick.status;
+        return last_;
+    }
+
+    RuleOf& rule() noexcept { return rule_; }
+
+    /// Point `id` of an edited cloud goes, or one comes.
+    void remove(std::size_t id) noexcept {
+        rule_.edited(rule_.neighbours().source().remove(id), false);
+    }
+    void add(const Vec3& point) noexcept {
+        const Vec<D> p = space_.across(point);
+        rule_.neighbours().source().add(p);
+        rule_.edited(p, true);
+    }
+
+  private:
+    static bool good(const Vec3& hip) noexcept {
+        for (int k = 0; k < 3; ++k)
+            if (!(std::abs(hip[k]) <= largest_coordinate)) return false;
+        return true;
+    }
+    Step refuse() noexcept {
+        Step s = last_;  // all 0 before there was any proxy: a controller is never given a NaN
+        s.status = bad_hip;
+        return s;
+    }
+
+    S space_;
+    RuleOf rule_;
+    Stiffness stiffness_;
+    Vec<D> proxy_;
+    Step last_;
+    bool placed_ = false;
+};
+
+namespace detail {
+
+/// Points of this many or fewer are looked through one by one: measured, a grid costs more.
+inline constexpr std::size_t small_cloud = 64;
+
+inline double most(const Parameters& p) noexcept {
+    return std::max({p.stiffness[0], p.stiffness[1], p.stiffness[2]});
+}
+
+template <class S, class R, class K>
+struct Some final : AnyEngine {
+    static constexpr bool editable = requires(R& rule) { rule.neighbours().source().remove(0); };
+    S space;
+    Kernels<S::dimension> kernels_;
+    BasicEngine<S, R, K> engine;
+
+    Some(S s, R rule, K k, const Kernels<S::dimension>& kernels, const Parameters& p)
+        : AnyEngine(most(p), p.R()), space(s), kernels_(kernels), engine(s, std::move(rule), k) {}
+    auto& search() noexcept { return engine.rule().neighbours(); }
+    void reset(const Vec3& hip) noexcept override { engine.reset(hip); }
+    void go_on(const Vec3& proxy) noexcept override { engine.go_on(proxy); }
+    Step step(const Vec3& hip) noexcept override { return engine.step(hip); }
+    void remove(std::size_t id) noexcept override {
+        if constexpr (editable) engine.remove(id);
+    }
+    void add(const Vec3& point) noexcept override {
+        if constexpr (editable) engine.add(point);
+    }
+    std::size_t bytes() noexcept override { return sizeof(*this) + search().bytes(); }
+    std::size_t cells() noexcept override { return search().source().cells(); }
+    bool planar() noexcept override { return S::dimension == 2; }
+    double distance(const Vec3& at) noexcept override {
+        const auto x = space.across(at);
+        const auto& source = search().source();
+        double least = std::numeric_limits<double>::infinity();
+        const auto look = [&](const auto& s) noexcept {
+            least = std::min(least, kernels_.nearest2(s, x));
+        };
+        if constexpr (requires { source.cell(); })
+            for (double r = source.cell(), i = 0; i < 3; ++i, r *= 2) {
+                source.visit(x, r, look);
+                if (least <= r * r) return std::sqrt(least);
+            }
+        source.visit(x, std::numeric_limits<double>::infinity(), look);
+        return std::sqrt(least);
+    }
+};
+
+template <class K>
+struct Lines final : AnyEngine {
+    Slice space;
+    BasicEngine<Slice, curve::ExactRule, K> engine;
+
+    Lines(Slice s, curve::ExactRule rule, K k, const Parameters& p)
+        : AnyEngine(most(p), p.R()), space(s), engine(s, std::move(rule), k) {}
+    void reset(const Vec3& hip) noexcept override { engine.reset(hip); }
+    void go_on(const Vec3& proxy) noexcept override { engine.go_on(proxy); }
+    Step step(const Vec3& hip) noexcept override { return engine.step(hip); }
+    std::size_t bytes() noexcept override { return sizeof(*this) + engine.rule().bytes(); }
+    std::size_t cells() noexcept override { return engine.rule().cells(); }
+    bool planar() noexcept override { return true; }
+    double distance(const Vec3& at) noexcept override {
+        return engine.rule().distance(space.across(at));
+    }
+};
+
+template <class F>
+void with_stiffness(const Parameters& p, F&& make) {
+    const Vec3& k = p.stiffness;
+    if (k[0] == k[1] && k[1] == k[2])
+        make(ScalarStiffness{k[0]});
+    else
+        make(DiagonalStiffness{k});
+}
+
+using Made = std::unique_ptr<AnyEngine>;
+
+template <class S, class R>
+Made with_rule(S space, const Cloud<S::dimension>& cloud, const Parameters& p, Width width) {
+    const auto loops = kernels<S::dimension>(width);
+    Made made;
+    with_stiffness(p, [&](auto stiffness) {
+        using Type = Some<S, R, decltype(stiffness)>;
+        made = std::make_unique<Type>(space, R(cloud, p, loops), stiffness, loops, p);
+    });
+    return made;
+}
+
+template <class S>
+Made in_space(S space, const double* xyz, std::size_t n, const Parameters& p, Width width) {
+    const auto cloud = make_cloud(space, xyz, n);
+    check_resolved(p, xyz, n);
+    const bool brute =
+        p.search == Search::brute || (p.search == Search::automatic && n <= small_cloud);
+    constexpr int D = S::dimension;
+    if (p.rule == Rule::paper)
+        return brute ? with_rule<S, PaperRule<D, AllPoints>>(space, cloud, p, width)
+                     : with_rule<S, PaperRule<D, Neighbours>>(space, cloud, p, width);
+    if (p.search == Search::editable)
+        return with_rule<S, RobustRule<D, EditedNeighbours>>(space, cloud, p, width);
+    return brute ? with_rule<S, RobustRule<D, AllPoints>>(space, cloud, p, width)
+                 : with_rule<S, RobustRule<D, Neighbours>>(space, cloud, p, width);
+}
+
+inline Made make(const double* xyz, std::size_t n, const Parameters& p, Width width) {
+    check(p);
+    if (p.rule == Rule::exact) reject("rule exact renders a curve, not points");
+    return p.ignore_axis ? in_space(Slice(*p.ignore_axis), xyz, n, p, width)
+                         : in_space(Space{}, xyz, n, p, width);
+}
+
+inline Made make(const std::vector<Stroke>& strokes, Parameters p) {
+    p.rule = Rule::exact;
+    p.band = curve::ExactRule::band(p, strokes);
+    check(p);
+    check(strokes);
+    if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
+    const Slice space(*p.ignore_axis);
+    curve::ExactRule rule(curve::Curve(strokes, space, p.R()), p);
+    Made made;
+    with_stiffness(p, [&](auto stiffness) {
+        using Type = Lines<decltype(stiffness)>;
+        made = std::make_unique<Type>(space, std::move(rule), stiffness, p);
+    });
+    return made;
+}
+
+}  // namespace detail
+
+}  // namespace vfplan

@@ -1,0 +1,211 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// A fixture that moves: its pose comes from a tracker at 20 to 100 Hz, late, noisy, or not at all,
+// and the engine steps in the fixture's frame:
+//
+//     vfplan::MovingFrame frame;                            // allocates
+//     frame.pose(stamp, {place, w, {x, y, z}});             // the tracker's thread
+//     for (;;) force = frame.step(engine, t, hip).force;    // never allocates, throws, locks,
+//     waits
+//
+// From each pose to the next the frame goes evenly, one sample late, never faster than it was told:
+// no predictor, which overshoots where a motion turns. K and ignore_axis turn with the fixture.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+#include "vfplan/cloud.hpp"
+#include "vfplan/ring.hpp"
+#include "vfplan/status.hpp"
+
+namespace vfplan {
+
+/// Where a frame lies: place + rotation by the unit quaternion w + v. Square roots only, so that
+/// every processor computes the same.
+struct Pose {
+    Vec3 place;
+    double w = 1;
+    Vec3 v;
+
+    Vec3 turn(const Vec3& x) const noexcept {
+        const Vec3 u = 2.0 * cross(v, x);
+        return x + w * u + cross(v, u);
+    }
+    Vec3 back(const Vec3& x) const noexcept { return Pose{{}, w, -1.0 * v}.turn(x); }
+    Vec3 out(const Vec3& x) const noexcept { return turn(x) + place; }  ///< from the frame
+    Vec3 in(const Vec3& x) const noexcept { return back(x - place); }   ///< into the frame
+
+    /// Of a rigid (4, 4) matrix, row by row.
+    static Pose of(const double* m) noexcept {
+        const double d[3] = {m[0], m[5], m[10]};
+        Pose p{{{m[3], m[7], m[11]}}, 0, {}};
+        const int i = d[0] >= d[1] ? (d[0] >= d[2] ? 0 : 2) : (d[1] >= d[2] ? 1 : 2);
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        const double trace = d[0] + d[1] + d[2];
+        const double wv = m[4 * k + j] - m[4 * j + k];
+        if (trace > d[i]) {
+            const double s = 2 * std::sqrt(1 + trace);
+            p.w = s / 4;
+            p.v = {{(m[9] - m[6]) / s, (m[2] - m[8]) / s, (m[4] - m[1]) / s}};
+        } else {
+            const double s = 2 * std::sqrt(1 + d[i] - d[j] - d[k]);
+            p.w = wv / s;
+            p.v[i] = s / 4;
+            p.v[j] = (m[4 * i + j] + m[4 * j + i]) / s;
+            p.v[k] = (m[4 * i + k] + m[4 * k + i]) / s;
+        }
+        return p;
+    }
+};
+
+struct MovingLimits {
+    double max_age = 0.1;     ///< of a pose [s]; older ones are told as `stale`
+    double max_speed = 0.25;  ///< of the pivot [m/s]
+    double max_turn = 1;      ///< of the frame about its pivot [rad/s]
+    Vec3 pivot;               ///< in the fixture's frame, near where the tool works [m]
+};
+
+class MovingFrame {
+  public:
+    static constexpr std::size_t most_waiting = 64;  // poses
+
+    /// Throws std::invalid_argument for a limit out of range.
+    explicit MovingFrame(const MovingLimits& limits = {}) : limits_(limits), poses_(most_waiting) {
+        const auto within = [](double x, double most) { return x > 0 && x <= most; };
+        if (!within(limits.max_age, 10)) reject("max_age must be above 0 and at most 10 s");
+        if (!within(limits.max_speed, 10)) reject("max_speed must be above 0 and at most 10 m/s");
+        if (!within(limits.max_turn, 100)) reject("max_turn must be above 0 and at most 100 rad/s");
+        if (!finite(limits.pivot)) reject("pivot must be finite and within 1e6 m");
+    }
+
+    /// The tracker's thread: the fixture's frame at `stamp`, on the loop's clock [s]. False, and
+    /// counted, for one that is not rigid to 1e-3, not younger than the last, or finds
+    /// `most_waiting` poses that the loop has not seen.
+    bool pose(double stamp, const Pose& pose) noexcept {
+        Pose p = pose;
+        const double size = std::sqrt(p.w * p.w + dot(p.v, p.v));
+        bool good = std::isfinite(stamp) && finite(p.place) && std::abs(size - 1) < 1e-3;
+        if (good) {
+            p.w /= size;
+            p.v = (1 / size) * p.v;
+            good = !(given_ && stamp <= youngest_) && poses_.push({stamp, p});
+        }
+        if (good) {
+            given_ = true;
+            youngest_ = stamp;
+        } else {
+            refused_.fetch_add(1, std::memory_order_relaxed);
+        }
+        return good;
+    }
+    std::uint64_t refused() const noexcept { return refused_.load(std::memory_order_relaxed); }
+
+    /// The loop: the frame at t [s], which does not go back.
+    const Pose& at(double t) noexcept {
+        if (!std::isfinite(t)) t = t_;
+        if (placed_) go(std::clamp(t - t_, 0.0, limits_.max_age), t);
+        t_ = std::max(t, t_);
+        const Stamped* next = poses_.front();
+        for (; next && next->stamp <= t; poses_.pop(), next = poses_.front()) take(*next, t);
+        ahead_ = next && next->stamp > t + limits_.max_age;
+        return now_;
+    }
+    const Pose& now() const noexcept { return now_; }
+    /// No pose yet, one older than max_age, or a clock that is that much ahead.
+    bool stale() const noexcept { return !placed_ || ahead_ || age() > limits_.max_age; }
+    /// Of the youngest pose taken up, at the last t [s].
+    double age() const noexcept {
+        return placed_ ? t_ - stamp_ : std::numeric_limits<double>::infinity();
+    }
+    /// Whether there has been a pose; before, nothing is rendered.
+    bool placed() const noexcept { return placed_; }
+
+    /// One servo loop of an engine that is in the fixture's frame. HIP and answer are in the base.
+    template <class E>
+    Step step(E& engine, double t, const Vec3& hip) noexcept {
+        at(t);
+        Step s;
+        if (!placed_) {
+            s.status = stale_pose;
+            if (finite(hip))
+                s.proxy = hip;
+            else
+                s.status |= bad_hip;
+            return s;
+        }
+        s = engine.step(now_.in(hip));
+        s.proxy = now_.out(s.proxy);
+        s.normal = now_.turn(s.normal);
+        s.force = now_.turn(s.force);
+        if (stale()) s.status |= stale_pose;
+        return s;
+    }
+
+  private:
+    struct Stamped {
+        double stamp;
+        Pose pose;
+    };
+
+    static bool finite(const Vec3& x) noexcept {
+        return std::abs(x[0]) <= largest_coordinate && std::abs(x[1]) <= largest_coordinate &&
+               std::abs(x[2]) <= largest_coordinate;
+    }
+
+    /// The frame is to be there when the next pose is due; the first one it begins at.
+    void take(const Stamped& next, double t) noexcept {
+        due_ = t + std::min(next.stamp - stamp_, limits_.max_age);
+        stamp_ = next.stamp;
+        goal_ = next.pose;
+        if (!placed_) now_ = goal_;
+        placed_ = true;
+    }
+
+    /// The part of what is left that belongs to the dt before t, or as much as the limits allow.
+    void go(double dt, double t) noexcept {
+        const double part = due_ > t ? dt / (due_ - t + dt) : 1;
+        const Vec3 from = now_.out(limits_.pivot), to = goal_.out(limits_.pivot);
+        const Vec3 way = part * (to - from);
+        const double length = norm(way), most = limits_.max_speed * dt;
+        const bool far = length > most;
+        const bool turned = turn(part, std::min(0.5 * limits_.max_turn * dt, 1.0));
+        if (part == 1 && !far && turned) {
+            now_ = goal_;
+        } else {
+            const Vec3 pivot = from + (far ? most / length : 1) * way;
+            now_.place = pivot - now_.turn(limits_.pivot);
+        }
+    }
+    /// Turns by `part` of what is left, by at most the angle whose half has the sine `most`; false
+    /// when that is less.
+    bool turn(double part, double most) noexcept {
+        const double c = now_.w * goal_.w + dot(now_.v, goal_.v), sign = c < 0 ? -1 : 1;
+        const double uw = sign * goal_.w - sign * c * now_.w;  // across now_, towards the goal
+        const Vec3 uv = sign * goal_.v - (sign * c) * now_.v;
+        const double sine = std::sqrt(uw * uw + dot(uv, uv));
+        if (!(sine > 0)) return true;
+        const double w = 1 - part + part * std::abs(c), u = part * sine;
+        const double whole = u / std::sqrt(w * w + u * u), s = std::min(whole, most);
+        const double keep = std::sqrt(1 - s * s), add = s / sine;
+        now_.w = keep * now_.w + add * uw;
+        now_.v = keep * now_.v + add * uv;
+        const double size = std::sqrt(now_.w * now_.w + dot(now_.v, now_.v));
+        now_.w /= size;
+        now_.v = (1 / size) * now_.v;
+        return whole <= most;
+    }
+
+    MovingLimits limits_;
+    Ring<Stamped> poses_;
+    std::atomic<std::uint64_t> refused_{0};
+    bool given_ = false;  // the tracker's
+    double youngest_ = 0;
+    Pose now_, goal_;  // the loop's
+    double t_ = -std::numeric_limits<double>::infinity();
+    double stamp_ = 0, due_ = 0;
+    bool placed_ = false, ahead_ = false;
+};
+
+}  // namespace vfplan

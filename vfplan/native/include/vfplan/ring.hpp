@@ -1,0 +1,52 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// What one thread hands to one other, in order: neither locks, waits or allocates.
+#pragma once
+
+#include <atomic>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace vfplan {
+
+template <class T>
+class Ring {
+  public:
+    /// Room for `least` items, rounded up to a power of two; allocates.
+    explicit Ring(std::size_t least) : items_(std::bit_ceil(least)), mask_(items_.size() - 1) {}
+    Ring(const Ring&) = delete;
+    Ring& operator=(const Ring&) = delete;
+
+    /// The giver's: how many more fit.
+    std::size_t room() const noexcept {
+        return items_.size() - std::size_t(head_.load(std::memory_order_relaxed) -
+                                           tail_.load(std::memory_order_acquire));
+    }
+    /// The giver's: false when the ring is full.
+    bool push(const T& item) noexcept {
+        if (room() == 0) return false;
+        const std::uint64_t at = head_.load(std::memory_order_relaxed);
+        items_[at & mask_] = item;
+        head_.store(at + 1, std::memory_order_release);
+        return true;
+    }
+    /// The taker's: the oldest item, or null.
+    const T* front() const noexcept {
+        const std::uint64_t at = tail_.load(std::memory_order_relaxed);
+        return at == head_.load(std::memory_order_acquire) ? nullptr : &items_[at & mask_];
+    }
+    /// The taker's, after `front` gave an item.
+    void pop() noexcept {
+        tail_.store(tail_.load(std::memory_order_relaxed) + 1, std::memory_order_release);
+    }
+
+  private:
+    std::vector<T> items_;
+    std::uint64_t mask_;
+    alignas(64) std::atomic<std::uint64_t> head_{0};
+    alignas(64) std::atomic<std::uint64_t> tail_{0};
+};
+
+}  // namespace vfplan

@@ -1,0 +1,64 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// The Python face of the moving frame. No logic here.
+#include "vfplan/moving.hpp"
+
+#include "ticks.hpp"
+
+namespace {
+
+using Numbers = nb::ndarray<const double, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Quaternion = nb::ndarray<const double, nb::shape<4>, nb::c_contig, nb::device::cpu>;
+using Matrix = nb::ndarray<const double, nb::shape<4, 4>, nb::c_contig, nb::device::cpu>;
+using vfplan::MovingFrame, vfplan::Pose, vfplan::Vec3;
+
+void write(const Pose& pose, double* to) noexcept {
+    const double all[7] = {pose.place[0], pose.place[1], pose.place[2], pose.w,
+                           pose.v[0],     pose.v[1],     pose.v[2]};
+    std::copy_n(all, 7, to);
+}
+
+}  // namespace
+
+void bind_moving(nb::module_& m) {
+    nb::class_<MovingFrame>(m, "MovingFrame", "the frame of a tracked fixture")
+        .def(
+            "__init__",
+            [](MovingFrame* self, double age, double speed, double turn, const Row& pivot) {
+                new (self) MovingFrame({age, speed, turn, vec(pivot)});
+            },
+            "max_age"_a, "max_speed"_a, "max_turn"_a, "pivot"_a)
+        .def("pose", [](MovingFrame& f, double stamp,
+                        const Matrix& m) { return f.pose(stamp, Pose::of(m.data())); })
+        .def("pose",
+             [](MovingFrame& f, double stamp, const Row& place, const Quaternion& q) {
+                 return f.pose(stamp, {vec(place), q(0), {{q(1), q(2), q(3)}}});
+             })
+        .def("at",
+             [](MovingFrame& f, double t) {
+                 auto row = array<double>(1, 7);
+                 write(f.at(t), row.data());
+                 return row;
+             })
+        .def("run",
+             [](MovingFrame& f, Engine& engine, const Numbers& t, const Rows& hips) {
+                 const Serving turn(engine);
+                 if (t.shape(0) != hips.shape(0))
+                     throw std::invalid_argument("vfplan: a time a HIP");
+                 const std::size_t n = hips.shape(0);
+                 auto poses = array<double>(n, 7), ages = array<double>(n, 1);
+                 double *p = poses.data(), *a = ages.data();
+                 const auto answers =
+                     ticks(hips, false, [&](std::size_t i, const Vec3& hip) noexcept {
+                         const vfplan::Step s = f.step(engine, t.data()[i], hip);
+                         write(f.now(), p + 7 * i);
+                         a[i] = f.age();
+                         return s;
+                     });
+                 return nb::make_tuple(answers, poses, ages);
+             })
+        .def_prop_ro("stale", &MovingFrame::stale)
+        .def_prop_ro("placed", &MovingFrame::placed)
+        .def_prop_ro("age", &MovingFrame::age)
+        .def_prop_ro("refused", &MovingFrame::refused);
+}
