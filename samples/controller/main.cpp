@@ -6,6 +6,7 @@
 #include <charconv>
 #include <iostream>
 #include <map>
+#include <memory>
 #include <optional>
 #include <variant>
 
@@ -17,6 +18,7 @@
 #include "vfplan/bundle/trust.hpp"
 #endif
 #include "vfplan/governor.hpp"
+#include "vfplan/telemetry.hpp"
 
 namespace {
 
@@ -33,6 +35,7 @@ constexpr const char* usage =
     "  --log SESSION.csv                      write ticks for `vfplan replay`; a new file\n"
     "  --simulated-time                       do not wait for the clock\n"
     "  --governor STEP,MAX                    force's change a tick and force at most [N]\n"
+    "  --telemetry HOST:PORT                  send every tick by UDP, for `vfplan live`\n"
     "  --keys KEYS.pub                        who must have signed the fixture; wanted, unless\n"
     "  --unsigned                             take it from anybody: all that is known is that it\n"
     "                                         is undamaged\n"
@@ -45,7 +48,7 @@ struct UsageError : std::runtime_error {
 };
 
 struct Options {
-    std::string fixture, log, keys;
+    std::string fixture, log, telemetry, keys;
     std::optional<std::string> case_token, robot_serial;
     Form form = Impedance{};
     std::optional<vfplan::Rule> rule;  // else the one nearest to what the bundle holds
@@ -82,6 +85,23 @@ vfplan::GovernorLimits limits(const std::string& value) {
     return limits;
 }
 
+/// Its sender, when ticks are to be sent; made before the loop.
+std::unique_ptr<vfplan::Telemetry> telemetry(const std::string& value) {
+    if (value.empty()) return nullptr;
+    const std::size_t colon = std::min(value.rfind(':'), value.size());
+    const char* const end = value.data() + value.size();
+    const char* const digits = std::min(value.data() + colon + 1, end);
+    std::uint16_t port = 0;
+    const auto [stop, error] = std::from_chars(digits, end, port);
+    if (error != std::errc{} || stop != end)
+        throw UsageError("--telemetry " + value + ": HOST:PORT is wanted, as 127.0.0.1:5005");
+    try {
+        return std::make_unique<vfplan::Telemetry>(port, value.substr(0, colon));
+    } catch (const std::invalid_argument& wrong) {
+        throw UsageError("--telemetry " + value + ": " + wrong.what());
+    }
+}
+
 Options parse(const std::vector<std::string>& args) {
     Options o;
     for (std::size_t i = 0; i < args.size(); ++i) {
@@ -103,6 +123,8 @@ Options parse(const std::vector<std::string>& args) {
             o.seconds = positive("--seconds", value());
         else if (args[i] == "--log")
             o.log = value();
+        else if (args[i] == "--telemetry")
+            o.telemetry = value();
         else if (args[i] == "--keys")
             o.keys = value();
         else if (args[i] == "--case")
@@ -139,10 +161,11 @@ std::optional<vfplan::Governor> governor(const Options& o, double stiffness) {
     return vfplan::Governor(limits);
 }
 
-/// The loop: read the tip, render, govern, hand the force to the arm. Nothing in it allocates or
-/// waits.
+/// The loop: read the tip, render, govern, show the tick, hand the force to the arm. Nothing in
+/// it allocates or waits.
 std::size_t run(Rendered& engine, std::optional<vfplan::Governor>& governor, const Hand& hand,
-                Form& form, std::size_t ticks, bool simulated_time, Log& log) {
+                Form& form, std::size_t ticks, bool simulated_time,
+                vfplan::Telemetry* sender, Log& log) {
     Tip tip{hand.start(), {}};
     engine.reset(tip.position);
     std::size_t missed = 0;
@@ -154,6 +177,7 @@ std::size_t run(Rendered& engine, std::optional<vfplan::Governor>& governor, con
         vfplan::Step step = engine.step(tip.position);
         const vfplan::Vec3 rendered = step.force;
         if (governor) step.force = governor->step(rendered).force;
+        if (sender != nullptr) sender->publish(t, tip.position, step);
         const std::chrono::duration<double, std::micro> took =
             std::chrono::steady_clock::now() - before;
         log.add({t, tip.position, step, rendered, took.count()});
@@ -196,11 +220,17 @@ int control(const Options& o) {
     auto governed = governor(o, engine.stiffness());
     Log log(ticks, governed.has_value());
     Form form = o.form;
+    const auto sender = telemetry(o.telemetry);
     mlockall(MCL_CURRENT | MCL_FUTURE);  // no page faults later; refused without the right to
-    const std::size_t missed = run(engine, governed, hand, form, ticks, o.simulated_time, log);
+    const std::size_t missed =
+        run(engine, governed, hand, form, ticks, o.simulated_time, sender.get(), log);
     munlockall();
     if (!o.log.empty()) log.write(o.log);
     log.report(missed);
+    if (sender)
+        std::printf("telemetry: %llu ticks dropped, %llu datagrams not taken by the system\n",
+                    static_cast<unsigned long long>(sender->dropped()),
+                    static_cast<unsigned long long>(sender->unsent()));
     if (governed)
         std::printf("governor: gave up to %.4f mJ of %.4f mJ stored\n",
                     1e3 * governed->energy_given(), 1e3 * governed->energy_stored());

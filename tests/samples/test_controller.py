@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import socket
 import subprocess
 
 import bundles
@@ -13,6 +14,7 @@ from conftest import ROOT, need_program
 
 import vfplan
 from vfplan.fixture import Curve, Fixture, Guidance, Provenance, Rendering
+from vfplan.live.wire import decode
 from vfplan.study.scenes import Omega, Sheet
 
 FORMS = ("impedance", "admittance", "velocity")
@@ -223,6 +225,28 @@ def test_report_names_percentiles_and_missed_deadlines(controller, drawn):
     assert re.search(r"missed deadlines: \d+ of 1000", done.stdout)
 
 
+@pytest.mark.parametrize("form", FORMS)
+def test_telemetry_sends_what_the_log_holds(form, controller, drawn, tmp_path):
+    """Every form's ticks arrive, to the bit and in order, while the loop keeps its time."""
+    log, parts = tmp_path / "log.csv", []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2**20)
+        place = f"127.0.0.1:{listening.getsockname()[1]}"
+        options = ("--form", form, "--seconds", 0.3, "--governor", "0.5,12")
+        done = controller(drawn, *options, "--log", log, "--telemetry", place)
+        assert done.returncode == 0, done.stderr
+        assert "telemetry: 0 ticks dropped, 0 datagrams not taken" in done.stdout
+        listening.setblocking(False)
+        while sum(map(len, parts)) < 300:
+            parts.append(decode(listening.recv(2048)).ticks)
+    ticks, table = np.concatenate(parts), logged(log)
+    assert np.array_equal(ticks["index"], np.arange(300))
+    assert np.array_equal(ticks["t"], table.pop("time"))
+    for name, values in table.items():
+        assert np.array_equal(ticks[name], values), name
+
+
 def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
     broken = tmp_path / "broken.h5"
     broken.write_bytes(drawn.read_bytes()[:-5])
@@ -237,6 +261,8 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
         (2, drawn, "--log"),
         (2, drawn, "--governor", "0.5"),
         (2, drawn, "--governor", "0.5,x"),
+        *((2, drawn, "--telemetry", place) for place in
+          ("5005", "127.0.0.1:", "127.0.0.1:0", "127.0.0.1:5x", "robot:5005", "127.0.0.1:70000")),
         (3, drawn, "--governor", "0.01,20"),
         (3, tmp_path / "none.h5"),
         (4, broken),
