@@ -67,11 +67,14 @@ def command(fixture: Path, source: str, openigtlink: int | None, mcap: Path | No
             (temporary,) = stack.enter_context(outputs(mcap))
             kept = stack.enter_context(McapWriter(temporary))
         data = _follow(ticks, server, kept, seconds)
-    if mcap is not None:
-        data["mcap"] = str(mcap)
     text = f"{data['ticks']} ticks, {data['dropped']} dropped by the controller, " \
            f"{data['lost_datagrams']} datagrams lost"  # fmt: skip
-    return Report(data, text + (f"\nwrote {mcap}" if mcap is not None else ""))
+    if mcap is None:
+        return Report(data, text)
+    data["mcap"], failed = str(mcap), ""
+    if kept.full:
+        failed = f"{mcap}: {kept.full.strerror}; it holds the first {kept.kept} ticks"
+    return Report(data, f"{text}\nwrote {mcap}", exit_code=2 * bool(failed), failed=failed)
 
 
 @contextmanager
@@ -98,6 +101,8 @@ def _follow(ticks: Any, server: Any, kept: Any, seconds: float | None) -> dict[s
                     server.show(found.ticks[-1])
                 if kept is not None:
                     kept.write(found.ticks, time.time())
+                    if kept.full and server is None:
+                        break
             data["dropped"], data["lost_datagrams"] = found.dropped, found.lost
             data["bad_datagrams"] = found.bad
             if stopped() or (seconds is not None and time.monotonic() - began >= seconds):

@@ -39,7 +39,7 @@ STEERING = ("Cc", "Cf", "Cs", "Co", "Cn")
 class Report:
     """What a command found: `data` for `--json`, `text` for a person, `exit_code` for a script.
 
-    `failed` says in a line what check did not hold; the exit code is then 1.
+    `failed` says in a line what check did not hold; the exit code is then 1, if no other is given.
     """
 
     data: dict[str, Any]
@@ -50,7 +50,7 @@ class Report:
 
     def __post_init__(self) -> None:
         """A check that failed is exit code 1."""
-        if self.failed:
+        if self.failed and not self.exit_code:
             object.__setattr__(self, "exit_code", 1)
 
 

@@ -1,26 +1,30 @@
 """Live: a controller's datagrams, OpenIGTLink to its last bit, MCAP and back."""
 
+import errno
 import itertools
 import json
-import shutil
+import resource
 import socket
 import struct
 import subprocess
+import threading
 import time
-from pathlib import Path
 
 import bundles
 import numpy as np
 import pytest
-from conftest import ROOT, need_program
+from click.testing import CliRunner
+from conftest import ROOT, need_header, need_program
+from vfplan.cli.main import cli
 
 import vfplan
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Curve
-from vfplan.live import igtl
+from vfplan.live import igtl, sources
 from vfplan.live.server import Server, still
-from vfplan.live.sources import of_port, where
+from vfplan.live.sources import Ticks, of_port, where
 from vfplan.live.wire import HEADER, MAGIC, decode
+from vfplan.session import mcapfile
 from vfplan.session.mcapfile import TICK, McapWriter, read_ticks
 
 
@@ -169,6 +173,21 @@ def test_two_clients_one_that_stalls_and_one_that_comes_again(server):
     stalled.close()
 
 
+def test_a_client_too_many_is_told_so(server, monkeypatch):
+    monkeypatch.setattr("vfplan.live.server.MOST_CLIENTS", 1)
+    client, coming = connected(server)
+    next(coming)
+    other, told = connected(server)
+    kind, device, body = next(told)
+    assert (kind, device, body[:2]) == ("STATUS", "vfplan_status", b"\x00\x06")  # BUSY
+    assert b"1 clients are served, and no more" in body
+    with pytest.raises(ConnectionError):
+        next(told)
+    assert server.refused == 1
+    client.close()
+    other.close()
+
+
 def test_slicer_sees_the_patient_unmirrored():
     """LPS to RAS turns x and y: a scene that no mirror image fits keeps its handedness."""
     lps = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.2, 0], [0, 0, 0.3]])
@@ -201,6 +220,41 @@ def test_mcap_holds_every_tick_to_the_bit(tmp_path):
             read_ticks(path)
 
 
+@pytest.fixture
+def short_of_room(monkeypatch):
+    """Files may not grow beyond 80 kB, of which the writer keeps 40 for its end."""
+    monkeypatch.setattr(mcapfile, "CHUNK", 2**13)
+    monkeypatch.setattr(mcapfile, "AHEAD", 40_000)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (80_000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_ends_the_recording_and_keeps_what_was_written(short_of_room, tmp_path):
+    pytest.importorskip("mcap", reason="needs pip install 'vfplan[live]'")
+    ticks = made(3000)
+    ticks["force"] = np.random.default_rng(1).normal(size=(3000, 3))  # hard to compress
+    ticks["hip"] = ticks["force"][::-1]
+    with McapWriter(tmp_path / "a.mcap") as writer:
+        for part in ticks.reshape(-1, 10):
+            writer.write(part, 1.7e9)
+    assert writer.full.errno == errno.EFBIG
+    assert 100 < writer.kept < 3000
+    assert read_ticks(tmp_path / "a.mcap").tobytes() == ticks[: writer.kept].tobytes()
+    fixture = tmp_path / "f.h5"
+    vfplan.write_fixture(bundles.whole(), fixture)
+    parts = iter([Ticks(part) for part in ticks.reshape(-1, 10)])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sources, "of_port", lambda address: parts)
+        words = ["live", str(fixture), "udp://127.0.0.1:5", "--mcap", str(tmp_path / "b.mcap")]
+        run = CliRunner().invoke(cli, words)
+    kept = len(read_ticks(tmp_path / "b.mcap"))
+    line = f"{tmp_path}/b.mcap: File too large; it holds the first {kept} ticks"
+    assert (run.exit_code, run.stderr) == (2, f"vfplan: failed: {line}\n")
+    assert next(parts, None) is not None, "it ended when nothing was left to do"
+
+
 def test_a_result_through_the_command(vfplan_cli, tmp_path):
     """Shown by the command, kept by it, and read back."""
     pytest.importorskip("mcap", reason="needs pip install 'vfplan[live]'")
@@ -227,16 +281,48 @@ def test_a_result_through_the_command(vfplan_cli, tmp_path):
     assert not (tmp_path / "x.mcap").exists()
 
 
-def test_the_reference_library_reads_it(server, tmp_path):
-    """Debian's OpenIGTLink client, where it is installed, reads every message and checks CRCs."""
-    include = Path("/usr/include/openigtlink")
-    if not include.is_dir() or shutil.which("g++") is None:
-        pytest.skip("needs apt package libopenigtlink-dev")
-    program = tmp_path / "client"
-    source = ROOT / "tests" / "native" / "igtl_client.cpp"
-    subprocess.run(["g++", "-std=c++17", f"-I{include}", source, "-o", program, "-lOpenIGTLink",
-                    "-lpthread"], check=True)  # fmt: skip
-    client = subprocess.Popen([program, str(server.port), "42"], stdout=subprocess.PIPE, text=True)
+@pytest.fixture(scope="module")
+def reference_client(tmp_path_factory):
+    """Debian's OpenIGTLink client, which checks every CRC."""
+    need_header("openigtlink/igtlClientSocket.h", "libopenigtlink-dev", "/usr/include")
+    program = tmp_path_factory.mktemp("client") / "client"
+    command = [need_program("g++", "g++"), "-std=c++17", "-I/usr/include/openigtlink",
+               ROOT / "tests" / "native" / "igtl_client.cpp", "-o", program]  # fmt: skip
+    subprocess.run([*command, "-lOpenIGTLink", "-lpthread"], check=True)
+    return program
+
+
+@pytest.mark.full
+def test_ten_minutes_at_100_hz(reference_client, publisher):
+    """A controller's 1 kHz, shown 100 times a second: the reference client gets 99.9 % of them."""
+    seconds, port = 600, free_port()
+    served, stop = Server(bundles.whole(), 0), threading.Event()
+    wanted = str(2 + 4 * 100 * seconds)
+    begun = time.monotonic()
+    client = subprocess.Popen([reference_client, str(served.port), wanted], stdout=subprocess.PIPE)
+    sending = subprocess.Popen([publisher, str(port), str(2000 * seconds), "4096", "1000"])
+    threading.Timer(seconds, stop.set).start()
+    lines = []
+    reading = threading.Thread(target=lambda: lines.extend(client.stdout))
+    reading.start()
+    for found in of_port(f"udp://127.0.0.1:{port}"):
+        if len(found.ticks):
+            served.show(found.ticks[-1])
+        if stop.is_set():
+            break
+    served.close()
+    reading.join()
+    sending.kill()
+    print(f"{len(lines)} of {wanted} messages in {time.monotonic() - begun:.1f} s")
+    assert not any(b"BAD CRC" in line for line in lines)
+    assert len(lines) >= 0.999 * int(wanted)
+
+
+def test_the_reference_library_reads_it(server, reference_client):
+    """Every kind of message, to the last bit."""
+    client = subprocess.Popen(
+        [reference_client, str(server.port), "42"], stdout=subprocess.PIPE, text=True
+    )
     ticks = made(10_000)
     for k in itertools.count():
         if client.poll() is not None or k >= len(ticks):

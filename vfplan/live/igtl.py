@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 HEADER = struct.Struct(">H12s20sQQQ")
 NEWTON = (0x0B << 54) | (1 << 50)  # the protocol's code of the unit N
-OK, WARNING = 1, 13  # status codes: fine; configuration or input that is not
+OK, BUSY, WARNING = 1, 6, 13  # status codes: fine; taken; configuration or input that is not
 POLYNOMIAL, ALL = 0x42F0E1EBA9EA3693, 2**64 - 1
 
 

@@ -21,6 +21,7 @@ from vfplan.fixture import Fixture
 from vfplan.live import igtl
 
 MOST_CLIENTS = 32
+LATE_S = 0.1  # so much of a client's rate is made up for after a pause
 STALLED_S = 5.0  # a client that takes nothing for so long is let go
 STATE = {-1: "no neighbour", 0: "free", 1: "in contact", 2: "entrenched"}
 FLAGS = ((1, "bad HIP"), (2, "inside"), (4, "limit"))
@@ -50,6 +51,7 @@ class Server:
         self._period = 1.0 / rate_hz
         self._newest: NDArray[np.void] | None = None
         self._closing = threading.Event()
+        self.refused = 0  # clients beyond the most
         self._served: set[socket.socket] = set()
         self._listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -97,12 +99,18 @@ class Server:
                 self._closing.wait(0.2)
                 continue
             if self.clients >= MOST_CLIENTS:
-                client.close()
+                self._refuse(client)
                 continue
             thread = threading.Thread(target=self._serve, args=(client,), daemon=True)
             self._threads = [self._threads[0], *(t for t in self._threads[1:] if t.is_alive())]
             self._threads.append(thread)
             thread.start()
+
+    def _refuse(self, client: socket.socket) -> None:
+        self.refused += 1
+        text = f"{MOST_CLIENTS} clients are served, and no more"
+        with client, suppress(OSError):
+            client.sendall(igtl.status("vfplan_status", time.time(), igtl.BUSY, "refused", text))
 
     def _serve(self, client: socket.socket) -> None:
         client.settimeout(STALLED_S)
@@ -111,7 +119,9 @@ class Server:
         try:
             with client, self._counted(client):
                 self._send_still(client)
-                while not self._closing.wait(self._period):
+                due = time.monotonic()
+                while not self._closing.wait(due - time.monotonic()):
+                    due = max(due + self._period, time.monotonic() - LATE_S)
                     newest = self._newest
                     if newest is not None and newest is not shown:
                         client.sendall(self._moving(newest))

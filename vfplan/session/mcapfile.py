@@ -6,6 +6,10 @@ Foxglove, rerun and `ros2 bag` read and plot them without vfplan. MCAP: https://
 
 from __future__ import annotations
 
+import errno
+import io
+import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType, TracebackType
@@ -39,10 +43,36 @@ CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 PADDING = bytes(6)
 MESSAGE_BYTES = TICK.itemsize - len(PADDING)
 BLOCK = 2**16
+CHUNK, AHEAD = 2**20, 2**22  # bytes: one chunk, and what the last chunk and the index need at most
+
+
+class _Roomy(io.FileIO):
+    """A file that takes room ahead, so that what is held can still be written on a full disk."""
+
+    taken = 0.0  # bytes of room
+    full: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        need = self.tell() + len(data) + AHEAD
+        if need > self.taken and self.full is None:
+            try:
+                os.posix_fallocate(self.fileno(), 0, need)
+                self.taken = need
+            except OSError as error:
+                if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+                    self.full = error
+                else:
+                    self.taken = math.inf  # a file system that takes no room ahead
+        return super().write(data)
+
+    def close(self) -> None:
+        if not self.closed:
+            self.truncate(self.tell())
+        super().close()
 
 
 class McapWriter:
-    """Write ticks as they come; the file is whole once it is closed.
+    """Write ticks as they come; the file is whole once it is closed, also on a full disk.
 
     Parameters
     ----------
@@ -57,16 +87,22 @@ class McapWriter:
 
     def __init__(self, path: Path) -> None:
         writing = _mcap("writer")
-        self._file = path.open("wb")
-        self._writer = writing.Writer(self._file, chunk_size=2**20)
+        self.kept, self.full = 0, None  # ticks; why the later ones were left out
+        self._room = _Roomy(path, "wb")
+        self._file = io.BufferedWriter(self._room)
+        self._writer = writing.Writer(self._file, chunk_size=CHUNK)
         self._writer.start(profile="", library="vfplan")
         schema = self._writer.register_schema(SCHEMA, "ros2msg", DEFINITION)
         self._channel = self._writer.register_channel(TOPIC, ENCODING, schema)
 
     def write(self, ticks: NDArray[np.void], received_s: float) -> None:
-        """Add (n,) of `TICK`; `received_s` since 1970."""
+        """Add (n,) of `TICK`; `received_s` since 1970. Nothing is added once it is `full`."""
         now = int(received_s * 1e9)
         for tick in ticks:
+            if self._room.full:
+                self.full = self._room.full
+                return
+            self.kept += 1
             body = CDR_LITTLE_ENDIAN + tick.tobytes()[:MESSAGE_BYTES]
             at = min(max(0, round(float(tick["t"]) * 1e9)), 2**63 - 1)
             self._writer.add_message(self._channel, now, body, at, int(tick["index"]) % 2**32)
