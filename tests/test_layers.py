@@ -11,7 +11,7 @@ from conftest import ROOT
 # each other.
 LAYERS = [
     ["errors", "records"],
-    ["io", "engine.checks"],
+    ["io", "engine.checks", "palette"],
     ["engine.spacing", "robot"],
     ["engine"],
     ["fixture", "images", "session"],

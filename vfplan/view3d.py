@@ -14,12 +14,12 @@ from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.disk import write_whole
 from vfplan.io.opengl import ready_pyvista
+from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.overview import contact_marks
 from vfplan.session import TickBlock
 
 Array = NDArray[np.float64]
 
-CLOUD, HIP, CONTACT, PROXY, FORCE = "#1f5fbf", "#2ca02c", "#d62728", "#b5179e", "#222222"
 _CLOUD = 5000  # points drawn: of more, every n-th
 
 

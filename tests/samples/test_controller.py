@@ -261,8 +261,17 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
         (2, drawn, "--log"),
         (2, drawn, "--governor", "0.5"),
         (2, drawn, "--governor", "0.5,x"),
-        *((2, drawn, "--telemetry", place) for place in
-          ("5005", "127.0.0.1:", "127.0.0.1:0", "127.0.0.1:5x", "robot:5005", "127.0.0.1:70000")),
+        *(
+            (2, drawn, "--telemetry", place)
+            for place in (
+                "5005",
+                "127.0.0.1:",
+                "127.0.0.1:0",
+                "127.0.0.1:5x",
+                "robot:5005",
+                "127.0.0.1:70000",
+            )
+        ),
         (3, drawn, "--governor", "0.01,20"),
         (3, tmp_path / "none.h5"),
         (4, broken),

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.arm import Rehearsal
-from vfplan.figures.style import CLOUD, CONTACT, FORCE, HIP, PROXY, new_figure, save_png, style
+from vfplan.figures.style import new_figure, save_png, style
+from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.quantities import row_norms
 
 Array = NDArray[np.float64]

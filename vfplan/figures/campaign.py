@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.figures.style import CLOUD, CONTACT, FORCE, new_figure, save_png, style
+from vfplan.figures.style import new_figure, save_png, style
 from vfplan.fixture import Fixture
+from vfplan.palette import CLOUD, CONTACT, FORCE
 from vfplan.replaying.ruler import CurveRuler
 
 Array = NDArray[np.float64]

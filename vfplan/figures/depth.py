@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError
-from vfplan.figures.style import CLOUD, PROXY, new_figure, save_png, style
+from vfplan.figures.style import new_figure, save_png, style
 from vfplan.fixture import Fixture
 from vfplan.images.read import PlannedImage
+from vfplan.palette import CLOUD, PROXY
 from vfplan.replaying import Replay
 from vfplan.replaying.quantities import HELD_M
 from vfplan.replaying.ruler import CurveRuler

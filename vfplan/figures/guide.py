@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from vfplan.figures.style import CLOUD, FORCE, HIP, new_figure, save_png, style
+from vfplan.figures.style import new_figure, save_png, style
+from vfplan.palette import CLOUD, FORCE, HIP
 from vfplan.replaying import Replay
 
 MM = 1e3

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
-from vfplan.figures.style import CONTACT, DPI, FORCE, HIP, new_figure, save_png, style
+from vfplan.figures.style import DPI, new_figure, save_png, style
+from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture

@@ -11,17 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from vfplan.figures.style import (
-    CLOUD,
-    CONTACT,
-    EPISODE,
-    FORCE,
-    HIP,
-    PROXY,
-    new_figure,
-    save_png,
-    style,
-)
+from vfplan.figures.style import new_figure, save_png, style
+from vfplan.palette import CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
 from vfplan.replaying import Replay
 from vfplan.replaying.episodes import episode_count
 from vfplan.replaying.overview import contact_marks

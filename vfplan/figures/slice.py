@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.figures.style import CLOUD, CONTACT, DPI, HIP, new_figure, save_png, style
+from vfplan.figures.style import DPI, new_figure, save_png, style
 from vfplan.io.disk import write_whole
+from vfplan.palette import BRIDGED, CLOUD, CONTACT, HIP, PROXY
 
 if TYPE_CHECKING:
     from vfplan.curve import Extraction, Stroke
     from vfplan.fixture import RegistrationRecord
     from vfplan.images.read import PlannedImage
 
-BRIDGED = "#e07b00"
-ASIDE = "#e58cff"
+ASIDE = PROXY
 WIDTH_PX = (900, 1600)  # of the picture on the page, smallest and largest
 LEGEND_IN = 0.45
 LEGEND = {"fontsize": 7.5, "columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5}

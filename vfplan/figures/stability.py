@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from vfplan.figures.style import RULE, new_figure, save_png, style
+from vfplan.figures.style import new_figure, save_png, style
+from vfplan.palette import CONTACT, RULE
 from vfplan.stability import Row
 
 MARKS = {0: "o", 1: "s", 3: "^"}
@@ -52,8 +53,8 @@ def stability_map(rows: list[Row]) -> Figure:
                 label=f"{rule}, {delay} ticks of delay",
             )
     if delays:
-        axes.fill_between(over, over / 0.5, 4e6, color="#d62728", alpha=0.07, lw=0)
-        axes.text(1.2e3, 2e5, "unstable whatever the delay", color="#d62728")
+        axes.fill_between(over, over / 0.5, 4e6, color=CONTACT, alpha=0.07, lw=0)
+        axes.text(1.2e3, 2e5, "unstable whatever the delay", color=CONTACT)
     axes.set(xscale="log", yscale="log", xlim=(500, 1e6), ylim=(100, 2e6))
     axes.set_xlabel("b / T, damping over the tick [N/m]")
     axes.set_ylabel("largest stable K [N/m]")
@@ -76,7 +77,7 @@ def passivity_plot(rows: list[Row]) -> Figure:
         axes.plot(x, excess, ".", color=RULE[rule], markersize=4)
     for rule, colour in RULE.items():
         axes.plot([], [], "o", color=colour, label=rule)
-    axes.axhline(0.0, color="#d62728", lw=1.0, label="bound: above it the fixture is active")
+    axes.axhline(0.0, color=CONTACT, lw=1.0, label="bound: above it the fixture is active")
     axes.set_yscale("symlog", linthresh=1e-3)
     axes.set_xticks(range(len(scenes)), scenes, rotation=20)
     axes.grid(False, axis="x")

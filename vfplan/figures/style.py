@@ -1,4 +1,4 @@
-"""One look for every picture: the paper's colours, sizes that read at page width, PNG output."""
+"""One look for every picture: one palette, sizes that read at page width, PNG output."""
 
 from __future__ import annotations
 
@@ -9,16 +9,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from vfplan.io.disk import write_whole
-
-# The paper's Figs. 2, 4 and 6: blue cloud, green HIP, red contact circle, magenta normal.
-CLOUD = "#1f5fbf"
-HIP = "#2ca02c"
-CONTACT = "#d62728"
-PROXY = "#b5179e"
-FORCE = "#222222"
-EPISODE = "#d9f2d9"
-# One colour a rule in every comparison.
-RULE = {"paper": "#e07b00", "robust": "#1f5fbf"}
+from vfplan.palette import CYCLE
 
 DPI = 150
 _RC = {
@@ -27,6 +18,7 @@ _RC = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
+    "axes.prop_cycle": mpl.cycler(color=CYCLE),
     "grid.alpha": 0.25,
     "legend.frameon": False,
 }

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.figures.style import CONTACT, FORCE, HIP, new_figure, save_png, style
+from vfplan.figures.style import new_figure, save_png, style
+from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
     from vfplan.surface import Surface

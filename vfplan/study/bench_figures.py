@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
-from vfplan.figures.style import RULE, new_figure, save_png, style
+from vfplan.figures.style import new_figure, save_png, style
+from vfplan.palette import BRIDGED, CONTACT, FORCE, HIP, PROXY, RULE
 
 COLUMNS = 4
 TITLES = {
@@ -38,7 +39,6 @@ FIXED = {
     "by curvature": (RULE["robust"], "o"),
     "affine": (RULE["robust"], "o"),
 }
-_COLOURS = ("#2a9d4e", "#8c564b", "#7f7f7f", "#17a2b8", "#9467bd", "#d4a200", "#c2185b", "#556b2f")
 _MARKERS = "^vDPX<>ph"
 
 
@@ -85,7 +85,7 @@ def diagram(document: dict[str, Any], stage: str) -> Figure:
 
 
 def _looks(methods: list[str]) -> Iterator[tuple[str, tuple[str, str]]]:
-    spare = zip(cycle(_COLOURS), cycle(_MARKERS), strict=False)
+    spare = zip(cycle((HIP, PROXY, CONTACT, FORCE)), cycle(_MARKERS), strict=False)
     for method in methods:
         yield method, FIXED.get(method) or next(spare)
 
@@ -107,7 +107,7 @@ def _panel(
     if results[0]["unit"] == "m" and stage != "register":
         axes.axhline(document["tolerance_m"] * 1e6, color="black", ls=":", lw=1.0)
     if stage in TICK_STAGES:
-        axes.axvline(document["budget_us"] * _clock(stage)[0], color="#c1121f", ls=":", lw=1.0)
+        axes.axvline(document["budget_us"] * _clock(stage)[0], color=CONTACT, ls=":", lw=1.0)
 
 
 def _clock(stage: str) -> tuple[float, str]:
@@ -126,7 +126,7 @@ def _star(axes: Axes, result: dict[str, Any], stage: str) -> None:
     (x, y), (_, top) = _place(result, stage), _place(result, stage, "error_max")
     axes.plot([x, x], [y, top], "-", color="black", lw=0.8, zorder=5)
     axes.plot([x], [top], "_", color="black", ms=6, zorder=5)
-    axes.plot([x], [y], "*", ms=12, mfc="#ffd400", mec="black", mew=0.8, zorder=6)
+    axes.plot([x], [y], "*", ms=12, mfc=BRIDGED, mec="black", mew=0.8, zorder=6)
 
 
 def _curve(axes: Axes, results: list[dict[str, Any]], colour: str, marker: str, stage: str) -> None:
@@ -181,12 +181,12 @@ def _legend(
     ]
     handles.append(Line2D([], [], color="#c8c8c8", lw=4, label="Pareto front"))
     if any(r.get("chosen") for r in results):
-        star = {"ls": "", "marker": "*", "ms": 11, "mfc": "#ffd400", "mec": "black"}
+        star = {"ls": "", "marker": "*", "ms": 11, "mfc": BRIDGED, "mec": "black"}
         handles.append(Line2D([], [], label="chosen", **star))
     if results[0]["unit"] == "m" and stage != "register":
         label = f"tolerance {document['tolerance_m'] * 1e6:g} µm"
         handles.append(Line2D([], [], color="black", ls=":", label=label))
     if stage in TICK_STAGES:
         label = f"budget {document['budget_us']:g} µs"
-        handles.append(Line2D([], [], color="#c1121f", ls=":", label=label))
+        handles.append(Line2D([], [], color=CONTACT, ls=":", label=label))
     return handles

@@ -12,16 +12,8 @@ from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
 from vfplan.figures.replay import MM, plane_basis, shade_episodes
-from vfplan.figures.style import (
-    CLOUD,
-    CONTACT,
-    FORCE,
-    HIP,
-    PROXY,
-    new_figure,
-    save_png,
-    style,
-)
+from vfplan.figures.style import new_figure, save_png, style
+from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying import Replay
 from vfplan.replaying.overview import contact_marks
 
@@ -83,7 +75,7 @@ def draw_experiment(run: Replay, numbers: dict[str, Any], path: Path) -> None:
     ticks = run.ticks
     trial = max(run.metrics["episodes"], key=lambda e: e["penetration_max_m"])
     shade_episodes(force, run)
-    force.axvspan(trial["start_s"], trial["end_s"], color="#8fd48f", lw=0, zorder=0)
+    force.axvspan(trial["start_s"], trial["end_s"], color="#a9dcb4", lw=0, zorder=0)
     for axis, name in enumerate("xyz"):
         force.plot(ticks.time, ticks.force[:, axis], lw=0.8, label=f"$F_{name}$")
     force.plot(ticks.time, np.linalg.norm(ticks.force, axis=1), color=FORCE, lw=1, label="$|F|$")
