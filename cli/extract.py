@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +13,7 @@ from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.run import Report, command, patience
 from vfplan.cli.values import FILE, Numbers
 
-from vfplan.errors import SettingError
+from vfplan.errors import CurveError, SettingError
 
 if TYPE_CHECKING:
     from vfplan.planning import Extracted
@@ -42,21 +44,40 @@ def command(
     IMAGE is a PNG, JPEG, TIFF, BMP or DICOM file; or, alone, a vector curve: a Slicer .mrk.json
     Curve or ClosedCurve or .fcsv, an ImageJ .roi, or a CSV u_px,v_px or X,Y.
 
-    With several candidates and none chosen by --stroke, --roi or --colour, each is described and
-    nothing is written (exit 3).
+    With several candidates and none chosen by --stroke, --roi or --colour, each is described,
+    --overlay-out shows them with their numbers, and nothing else is written (exit 3).
     """
     from vfplan.bundle import write_fixture
     from vfplan.planning import extract
 
     settings = extract_settings(given, density_per_mm=density_per_mm)
     refuse_existing(output, mask_out, overlay_out, overwrite=overwrite)
-    with patience(f"extracting the curve of {image.name}"):
+    with patience(f"extracting the curve of {image.name}"), numbered(image, settings, overlay_out):
         extracted = extract(image, settings, curve=given["curve"])
     with outputs(output, mask_out, overlay_out) as (path, mask, overlay):
         write_fixture(extracted.fixture, path)
         write_pictures(extracted, mask, overlay)
     text = f"{extracted_text(extracted.report)}\nwrote {output}"
     return Report(extracted.report, text, warnings=list(extracted.warnings))
+
+
+@contextmanager
+def numbered(image: Path, settings: Any, overlay: Path | None) -> Iterator[None]:
+    """Draw the candidates with their numbers when there are several and none was chosen."""
+    try:
+        yield
+    except CurveError as error:
+        if overlay is not None and error.candidates:
+            from vfplan.figures.slice import draw_candidates
+            from vfplan.images.read import read_image
+
+            seen = read_image(
+                image, frame=settings.frame, pixel_spacing_mm=settings.pixel_spacing_mm,
+                imager_spacing=bool(settings.imager_spacing),
+            )  # fmt: skip
+            draw_candidates(seen, error.candidates, overlay)
+            error.message += f"; {overlay} shows them with their numbers"
+        raise
 
 
 def write_pictures(extracted: Extracted, mask: Path | None, overlay: Path | None) -> None:

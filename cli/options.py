@@ -103,7 +103,7 @@ CURVE_OPTIONS = [
                  help="Accept DICOM's ImagerPixelSpacing, which is not the patient's."),
     click.option("--mask-out", type=PNG, metavar="PNG", help="Write the pen's mask."),
     click.option("--overlay-out", type=PNG, metavar="PNG",
-                 help="Write the slice with the curve found on it."),
+                 help="Write the slice with the curve found on it, or the candidates' numbers."),
 ]  # fmt: skip
 
 # How a curve becomes a fixture: `register` and `plan`.

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.extract import extracted_text, write_pictures
+from vfplan.cli.extract import extracted_text, numbered, write_pictures
 from vfplan.cli.options import (
     ROBOT,
     curve_options,
@@ -75,7 +75,7 @@ def command(
 
     reading, making, arm = extract_settings(given), fixture_settings(given), read_robot(robot)
     refuse_existing(output, mask_out, overlay_out, picture_out, overwrite=overwrite)
-    with patience(f"planning on {image.name}"):
+    with patience(f"planning on {image.name}"), numbered(image, reading, overlay_out):
         made = plan(
             image, markers, markers2, extraction=reading, settings=making, curve=given["curve"]
         )

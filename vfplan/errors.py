@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 
 class VfplanError(Exception):
@@ -78,7 +79,12 @@ class ImageError(InputError):
 
 
 class CurveError(InputError):
-    """No planned curve in the image, or one that would have to be guessed."""
+    """No planned curve in the image, or one that would have to be guessed.
+
+    `candidates` are the lines there were to choose from, (n, 2) [px] each, in their numbers' order.
+    """
+
+    candidates: tuple[Any, ...] = ()
 
 
 class MarkerError(InputError):

@@ -103,6 +103,11 @@ def test_several_candidates_exit_3_and_leave_nothing(vfplan_cli, tmp_path):
     assert done.json["error"]["kind"] == "CurveError"
     assert "2: " in done.error_line
     assert sorted(p.name for p in tmp_path.iterdir()) == ["two.png"]
+    numbers = tmp_path / "o.png"
+    done = vfplan_cli("extract", image, "-o", out, "--overlay-out", numbers)
+    assert done.code == 3
+    assert f"{numbers} shows them with their numbers" in done.error_line
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["o.png", "two.png"]
     chosen = vfplan_cli("extract", image, "-o", out, "--stroke", "longest", "--json")
     assert chosen.code == 0
     assert [mark["kind"] for mark in chosen.json["set_aside"]] == ["curve"]

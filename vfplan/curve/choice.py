@@ -50,10 +50,12 @@ def choose(
         )
         if len(candidates) > DESCRIBED:
             listed += f"; and {len(candidates) - DESCRIBED} shorter ones"
-        raise CurveError(
+        error = CurveError(
             f"{len(candidates)} candidates and none was chosen (--stroke all, longest or a "
             f"number; --roi; --colour): {listed}{_near_ends(candidates[:DESCRIBED], mask, origin)}"
         )
+        error.candidates = tuple(c.path + origin for c in candidates)
+        raise error
     chosen = candidates if stroke == "all" else candidates[:1]
     for candidate in chosen:
         _refuse_junctions(candidate, origin)

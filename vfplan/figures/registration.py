@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
-from vfplan.figures.style import DPI, new_figure, save_png, style
+from vfplan.figures.style import DPI, NICE, new_figure, nice_below, save_png, style
 from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ Array = NDArray[np.float64]
 WIDTH_PX = 900.0
 STRIP_IN = 0.9  # under the slice: scale bars and legend
 MAX_DRAWN = 2000  # points of the band
-NICE = (1, 2, 5)
 
 
 def draw_registration(
@@ -36,8 +35,8 @@ def draw_registration(
 
     The arrows and the band are drawn larger than life; the picture states by how much, and a bar
     beside it shows the length of one residual unit. The arrow goes from where the transform puts
-    the marker (seen in the image) to where it was measured; a residual across the slice's plane
-    cannot be drawn there and is written beside its marker.
+    the marker (seen in the image) to where it was measured; beside each marker stands the
+    whole residual, and its part across the slice's plane, which cannot be drawn there.
 
     Raises `SettingError` for a registration in 3-D, which has no slice to draw on.
     """
@@ -165,10 +164,16 @@ def _draw_markers(axes: Any, registration: Registration, factor: float) -> None:
         look = {"arrowstyle": "-|>", "color": CONTACT, "lw": 2.4 if flag else 1.4, "shrinkA": 0}
         axes.annotate("", xy=start + vector, xytext=start, arrowprops={**look, "shrinkB": 0})
     axes.plot([], [], color=CONTACT, lw=1.4, label=f"residual, drawn {factor:g}x")
-    across = registration.residual_vectors_m @ registration.geometry.normal * 1e3
-    for label, place, off, flag in zip(registration.labels, predicted, across, flags, strict=True):
-        text = f"{label}  {off:+.2f}" + ("  outlier" if flag else "")
-        where = {"xytext": (6, -11), "textcoords": "offset points", "fontsize": 7}
+    residuals = registration.residual_vectors_m * 1e3
+    across = residuals @ registration.geometry.normal
+    whole = np.linalg.norm(residuals, axis=1)
+    for label, place, length, off, flag in zip(
+        registration.labels, predicted, whole, across, flags, strict=True
+    ):
+        text = f"{label}  {length:.2f} mm ({off:+.2f})" + ("  outlier" if flag else "")
+        right = place[0] > 0.7 * axes.get_xlim()[1]  # the label would leave the slice
+        where = {"xytext": (-6 if right else 6, -11), "ha": "right" if right else "left"}
+        where |= {"textcoords": "offset points", "fontsize": 7}
         where["bbox"] = {"fc": "white", "ec": "none", "alpha": 0.6, "pad": 0.8}
         axes.annotate(text, place, color=CONTACT if flag else FORCE, **where)
 
@@ -183,7 +188,7 @@ def _draw_scale(
     """Two bars under the slice: a length in the slice, and a length of the residuals."""
     scale_mm = registration.geometry.scale * 1e3
     for left, drawn, what in ((0.02, 1.0, "in the slice"), (0.36, arrows, "of a residual")):
-        length = _nice_below(0.15 * width * scale_mm / drawn)
+        length = nice_below(0.15 * width * scale_mm / drawn)
         px = length * drawn / scale_mm
         y = height * (1 + 0.28 * STRIP_IN * DPI / WIDTH_PX * width / height)
         bar = {"color": FORCE, "lw": 2.5, "clip_on": False, "solid_capstyle": "butt"}
@@ -196,10 +201,5 @@ def _draw_scale(
             fontsize=8,
             clip_on=False,
         )
-    note = "beside each marker: residual across the slice [mm]"
+    note = "beside each marker: its residual\n(its part across the slice)"
     axes.text(0.70 * width, y, note, va="center", fontsize=7, clip_on=False)
-
-
-def _nice_below(value: float) -> float:
-    power = 10.0 ** np.floor(np.log10(value))
-    return max(power * n for n in NICE if power * n <= value)

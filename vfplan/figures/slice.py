@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from vfplan.figures.style import DPI, new_figure, save_png, style
+from vfplan.figures.style import DPI, new_figure, nice_below, save_png, style
 from vfplan.io.disk import write_whole
-from vfplan.palette import BRIDGED, CLOUD, CONTACT, HIP, PROXY
+from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, HIP, PROXY
 
 if TYPE_CHECKING:
     from vfplan.curve import Extraction, Stroke
@@ -22,6 +25,8 @@ WIDTH_PX = (900, 1600)  # of the picture on the page, smallest and largest
 LEGEND_IN = 0.45
 LEGEND = {"fontsize": 7.5, "columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5}
 ARROWS = 6  # a stroke
+OBLIQUE = 0.38  # of a direction, sin 22 degrees: from here on its side is named too
+HALO = (withStroke(linewidth=2.5, foreground="white"),)
 SEEN_APART = 4.0  # pixels of the picture between samples that can be told apart
 
 
@@ -47,8 +52,35 @@ def draw_overlay(
     """Write the slice with what was found on it.
 
     Drawn: each curve with its start and direction, its samples, bridged parts, marks of the pen's
-    colour that were set aside (with what they were taken for), and the markers where given.
+    colour that were set aside (with what they were taken for), and the markers where given; a
+    length in mm and the patient's sides where the image tells them.
     """
+
+    def draw(axes: Any, scale: float) -> None:
+        for number, stroke in enumerate(extraction.strokes, 1):
+            label = str(number) if len(extraction.strokes) > 1 else ""
+            _draw_stroke(axes, stroke, scale, extraction.method == "mask", label)
+        _draw_set_aside(axes, extraction.set_aside)
+        _draw_markers(axes, markers)
+
+    _draw_on(image, path, draw)
+
+
+def draw_candidates(image: PlannedImage, lines: tuple[NDArray, ...], path: Path) -> None:
+    """Write the slice with the lines there are to choose from, each with its number."""
+
+    def draw(axes: Any, scale: float) -> None:
+        for number, (line, colour) in enumerate(zip(lines, cycle(CYCLE), strict=False), 1):
+            axes.plot(*line.T, color=colour, lw=2.2, label=f"--stroke {number}")
+            where = {"xytext": (8, 8), "textcoords": "offset points", "weight": "bold"}
+            box = {"fc": "white", "ec": colour, "pad": 1.5}
+            axes.annotate(str(number), line[0], color=colour, bbox=box, zorder=7, **where)
+
+    _draw_on(image, path, draw)
+
+
+def _draw_on(image: PlannedImage, path: Path, draw: Callable[[Any, float], None]) -> None:
+    """Write the slice, a legend below it, and what `draw` puts on it."""
     scale = np.clip(image.width_px, *WIDTH_PX) / image.width_px
     width, height = image.width_px * scale / DPI, image.height_px * scale / DPI
     figure = new_figure(width, height + LEGEND_IN)
@@ -58,18 +90,53 @@ def draw_overlay(
         axes = figure.add_axes((0, 1 - share, 1, share))
         axes.imshow(_faded(image.rgb), interpolation="nearest")
         axes.set_axis_off()
-        for number, stroke in enumerate(extraction.strokes, 1):
-            label = str(number) if len(extraction.strokes) > 1 else ""
-            _draw_stroke(axes, stroke, scale, extraction.method == "mask", label)
-        _draw_set_aside(axes, extraction.set_aside)
-        _draw_markers(axes, markers)
+        draw(axes, scale)
+        _draw_bar(axes, image)
+        _draw_sides(axes, image)
         axes.set_xlim(-0.5, image.width_px - 0.5)
         axes.set_ylim(image.height_px - 0.5, -0.5)
         handles, labels = axes.get_legend_handles_labels()
         once = dict(zip(labels, handles, strict=True))
-        place = {"loc": "center", "bbox_to_anchor": (0.5, (1 - share) / 2), "ncols": len(once)}
+        place = {
+            "loc": "center",
+            "bbox_to_anchor": (0.5, (1 - share) / 2),
+            "ncols": min(8, len(once)),
+        }
         figure.legend(once.values(), once.keys(), frameon=False, **place, **LEGEND)
     save_png(figure, path)
+
+
+def _draw_bar(axes: Any, image: PlannedImage) -> None:
+    """A length across the slice, at the bottom on the left."""
+    if image.pixel_spacing_mm is None:
+        return
+    length = nice_below(0.2 * image.width_px * image.pixel_spacing_mm[0])
+    left, low = 0.03 * image.width_px, 0.96 * image.height_px
+    right = left + length / image.pixel_spacing_mm[0]
+    axes.plot([left, right], [low, low], color=FORCE, lw=2.5, path_effects=HALO, zorder=8)
+    where = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "fontsize": 8}
+    middle = ((left + right) / 2, low)
+    axes.annotate(f"{length:g} mm", middle, color=FORCE, path_effects=HALO, zorder=8, **where)
+
+
+def _draw_sides(axes: Any, image: PlannedImage) -> None:
+    """The patient's sides at the four edges, as DICOM names them."""
+    if image.T_patient_image is None:
+        return
+    along_u, along_v = image.T_patient_image[:3, :2].T
+    for (x, y), way in (
+        ((0.98, 0.5), along_u), ((0.02, 0.5), -along_u), ((0.5, 0.03), along_v),
+        ((0.5, 0.97), -along_v),
+    ):  # fmt: skip
+        axes.text(x, y, side(way), transform=axes.transAxes, ha="center", va="center",
+                  weight="bold", color=FORCE, path_effects=HALO, zorder=8)  # fmt: skip
+
+
+def side(way: NDArray) -> str:
+    """The letters of a direction in LPS, the main one first: L R, P A, H F; a second if oblique."""
+    share = np.abs(way) / np.linalg.norm(way)
+    order = [k for k in np.argsort(-share, kind="stable") if share[k] > OBLIQUE][:2]
+    return "".join("LPH"[k] if way[k] > 0 else "RAF"[k] for k in order)
 
 
 def _faded(rgb: NDArray) -> NDArray:

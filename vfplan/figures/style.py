@@ -6,12 +6,14 @@ import io
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure
 
 from vfplan.io.disk import write_whole
 from vfplan.palette import CYCLE
 
 DPI = 150
+NICE = (1, 2, 5)
 _RC = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
@@ -35,6 +37,12 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 def style():
     """The `with` block in which axes are made, so that they carry the common look."""
     return mpl.rc_context(_OWN)
+
+
+def nice_below(value: float) -> float:
+    """1, 2 or 5 times a power of ten, at most `value`: the length of a scale bar."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max(power * n for n in NICE if power * n <= value))
 
 
 def png_bytes(figure: Figure) -> bytes:

@@ -1,0 +1,62 @@
+"""The overlay: a length in mm, the patient's sides, and numbers where there is a choice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vfplan.curve import vector_stroke
+from vfplan.figures import slice as picture
+from vfplan.images.read import PlannedImage
+
+WAY = np.column_stack([np.linspace(50, 350, 60), np.full(60, 200.0)])
+
+
+@pytest.fixture
+def drawn(monkeypatch, tmp_path):
+    kept = []
+    monkeypatch.setattr(picture, "save_png", lambda figure, path: kept.append(figure))
+
+    def draw(image, **given):
+        if "lines" in given:
+            picture.draw_candidates(image, given["lines"], tmp_path / "p.png")
+        else:
+            picture.draw_overlay(image, vector_stroke(WAY, False, image, "w"), tmp_path / "p.png")
+        return kept[-1].axes[0]
+
+    return draw
+
+
+def sagittal(spacing=(0.5, 0.7)):
+    """u runs to the back, v to the feet, as a sagittal slice of DICOM lies."""
+    place = np.zeros((4, 3))
+    place[1, 0], place[2, 1], place[3, 2] = spacing[0] * 1e-3, -spacing[1] * 1e-3, 1
+    return PlannedImage(np.full((300, 400, 3), 90, np.uint8), spacing, "", place)
+
+
+def test_bar_is_as_long_as_it_says(drawn):
+    axes = drawn(sagittal())
+    text = next(t for t in axes.texts if t.get_text().endswith("mm"))
+    bar = next(line for line in axes.lines if line.get_linewidth() == 2.5)
+    assert np.ptp(bar.get_xdata()) * 0.5 == pytest.approx(float(text.get_text().split()[0])) == 20
+    bare = drawn(PlannedImage(np.zeros((300, 400, 3), np.uint8)))
+    assert not any("mm" in t.get_text() or t.get_text() in [*"LRAPHF"] for t in bare.texts)
+
+
+def test_sides_are_the_patients(drawn):
+    places = {t.get_position(): t.get_text() for t in drawn(sagittal()).texts}
+    right, left, bottom, top = (
+        places[at] for at in ((0.98, 0.5), (0.02, 0.5), (0.5, 0.03), (0.5, 0.97))
+    )
+    assert (right, left, bottom, top) == ("P", "A", "F", "H")
+    assert picture.side(np.array([1.0, 0, 0.2])) == "L"
+    assert picture.side(np.array([0.5, -0.8, 0])) == "AL"
+    assert picture.side(-np.array([0.5, -0.8, 0])) == "PR"
+
+
+def test_candidates_have_the_numbers_that_stroke_takes(drawn):
+    lines = tuple(np.add(WAY, [0, 30 * k]) for k in range(7))
+    axes = drawn(sagittal(), lines=lines)
+    numbers = {t.get_text(): t.xy for t in axes.texts if t.get_text().isdigit()}
+    assert {k: tuple(v) for k, v in numbers.items()} == {
+        str(k + 1): tuple(line[0]) for k, line in enumerate(lines)}  # fmt: skip
