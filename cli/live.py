@@ -1,4 +1,4 @@
-"""`vfplan live`: ticks as they come, in 3D Slicer and in an MCAP file."""
+"""`vfplan live`: ticks as they come, on a page, in 3D Slicer and in an MCAP file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vfplan.cli.stopping import SIGNALS
 from vfplan.cli.values import FILE, Real, Whole, Written
 
 
-@vfplan_command("live", short_help="A result or a controller's ticks, live, for Slicer and MCAP.")
+@vfplan_command("live", short_help="A result or a controller's ticks, live: a page, Slicer, MCAP.")
 @click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
 @click.argument("source", metavar="RESULT.h5|udp://HOST:PORT")
 @click.option(
@@ -26,6 +26,12 @@ from vfplan.cli.values import FILE, Real, Whole, Written
     metavar="PORT",
     help="Serve OpenIGTLink on 127.0.0.1 at this port (18944 is usual; 0: any free).",
 )
+@click.option(
+    "--web",
+    type=Whole(0, 65535),
+    metavar="PORT",
+    help="Serve a page to watch on 127.0.0.1 at this port (8080, say; 0: any free).",
+)
 @click.option("--mcap", type=Written(".mcap"), metavar="FILE", help="Keep every tick.")
 @click.option(
     "--rate",
@@ -33,7 +39,7 @@ from vfplan.cli.values import FILE, Real, Whole, Written
     default=100.0,
     show_default=True,
     metavar="HZ",
-    help="How often the newest tick goes to Slicer.",
+    help="How many ticks a second are shown.",
 )
 @click.option(
     "--seconds",
@@ -42,54 +48,61 @@ from vfplan.cli.values import FILE, Real, Whole, Written
     help="Stop after so long; without it at the result's end, or on Ctrl-C.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace the MCAP file if it exists.")
-def command(fixture: Path, source: str, openigtlink: int | None, mcap: Path | None, rate: float,
-            seconds: float | None, overwrite: bool) -> Report:  # fmt: skip
+def command(fixture: Path, source: str, openigtlink: int | None, web: int | None,
+            mcap: Path | None, rate: float, seconds: float | None,
+            overwrite: bool) -> Report:  # fmt: skip
     """Show ticks as they come: a result of `vfplan replay -o` at its own pace, or a controller.
 
     A controller sends with vfplan/telemetry.hpp to udp://HOST:PORT. Ctrl-C ends the showing in
     order: the MCAP file is finished and kept.
     """
-    if openigtlink is None and mcap is None:
-        raise click.UsageError("nothing to do: give --openigtlink, --mcap or both")
+    if openigtlink is None and web is None and mcap is None:
+        raise click.UsageError("nothing to do: give --openigtlink, --web or --mcap")
     refuse_existing(mcap, overwrite=overwrite)
     from vfplan.bundle import read_fixture
+    from vfplan.live.feed import MOST_CLIENTS, Feed
     from vfplan.live.sources import of_port, of_result
     from vfplan.session.mcapfile import McapWriter
 
-    shown = read_fixture(fixture)
+    shown, feed, servers = read_fixture(fixture), Feed(rate), []
     ticks = of_port(source) if source.startswith("udp:") else of_result(Path(source))
     with ExitStack() as stack:
-        server = None
         if openigtlink is not None:
-            server = stack.enter_context(_serving(shown, openigtlink, rate))
+            from vfplan.live.server import Server
+
+            servers.append(_closed(stack, Server(shown, openigtlink, feed)))
+            click.echo(f"vfplan: OpenIGTLink at 127.0.0.1:{servers[-1].port}", err=True)
+        if web is not None:
+            from vfplan.live.web import Web
+            from vfplan.report.live import live_page
+
+            servers.append(_closed(stack, Web(*live_page(shown, fixture.name), web, feed)))
+            click.echo(f"vfplan: page at http://127.0.0.1:{servers[-1].port}/", err=True)
         kept = None
         if mcap is not None:
             (temporary,) = stack.enter_context(outputs(mcap))
             kept = stack.enter_context(McapWriter(temporary))
-        data = _follow(ticks, server, kept, seconds)
+        data = _follow(ticks, feed if servers else None, kept, seconds)
+    warnings = [f"{n} clients were refused: {MOST_CLIENTS} are served at a time"
+                for n in [sum(s.refused for s in servers)] if n]  # fmt: skip
     text = f"{data['ticks']} ticks, {data['dropped']} dropped by the controller, " \
            f"{data['lost_datagrams']} datagrams lost"  # fmt: skip
     if mcap is None:
-        return Report(data, text)
+        return Report(data, text, warnings=warnings)
     data["mcap"], failed = str(mcap), ""
     if kept.full:
         failed = f"{mcap}: {kept.full.strerror}; it holds the first {kept.kept} ticks"
-    return Report(data, f"{text}\nwrote {mcap}", exit_code=2 * bool(failed), failed=failed)
+    text += f"\nwrote {mcap}"
+    return Report(data, text, 2 * bool(failed), warnings, failed)
 
 
-@contextmanager
-def _serving(fixture: Any, port: int, rate: float) -> Iterator[Any]:
-    from vfplan.live.server import Server
-
-    server = Server(fixture, port, rate)
-    click.echo(f"vfplan: OpenIGTLink at 127.0.0.1:{server.port}", err=True)
-    try:
-        yield server
-    finally:
-        server.close()
+def _closed(stack: ExitStack, server: Any) -> Any:
+    """The server, closed with the stack."""
+    stack.callback(server.close)
+    return server
 
 
-def _follow(ticks: Any, server: Any, kept: Any, seconds: float | None) -> dict[str, Any]:
+def _follow(ticks: Any, feed: Any, kept: Any, seconds: float | None) -> dict[str, Any]:
     """Pass on every tick until the source ends, the time is over, or a signal comes."""
     data = {"ticks": 0, "dropped": 0, "lost_datagrams": 0, "bad_datagrams": 0}
     began = time.monotonic()
@@ -97,11 +110,11 @@ def _follow(ticks: Any, server: Any, kept: Any, seconds: float | None) -> dict[s
         for found in ticks:
             if len(found.ticks):
                 data["ticks"] += len(found.ticks)
-                if server is not None:
-                    server.show(found.ticks[-1])
+                if feed is not None:
+                    feed.put(found.ticks)
                 if kept is not None:
                     kept.write(found.ticks, time.time())
-                    if kept.full and server is None:
+                    if kept.full and feed is None:
                         break
             data["dropped"], data["lost_datagrams"] = found.dropped, found.lost
             data["bad_datagrams"] = found.bad

@@ -21,6 +21,7 @@ import vfplan
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Curve
 from vfplan.live import igtl, sources
+from vfplan.live.feed import Feed
 from vfplan.live.server import Server, still
 from vfplan.live.sources import Ticks, of_port, where
 from vfplan.live.wire import HEADER, MAGIC, decode
@@ -140,13 +141,18 @@ def connected(server):
 
 
 @pytest.fixture
-def server():
-    running = Server(bundles.whole(), 0, rate_hz=200.0)
+def feed():
+    return Feed(200.0)
+
+
+@pytest.fixture
+def server(feed):
+    running = Server(bundles.whole(), 0, feed)
     yield running
     running.close()
 
 
-def test_two_clients_one_that_stalls_and_one_that_comes_again(server):
+def test_two_clients_one_that_stalls_and_one_that_comes_again(server, feed):
     fixture = bundles.whole()
     stalled, _ = connected(server)  # reads nothing, ever
     for _ in range(2):
@@ -158,7 +164,7 @@ def test_two_clients_one_that_stalls_and_one_that_comes_again(server):
         assert count == len(fixture.points)
         sent = np.frombuffer(first[0][2], ">f4", 3 * count, 40).reshape(-1, 3)
         assert np.array_equal(sent, (1e3 * fixture.points).astype(">f4"))
-        server.show(made(3)[2])
+        feed.put(made(3)[2:])
         kinds = [next(coming) for _ in range(4)]
         assert [m[:2] for m in kinds] == [
             ("TRANSFORM", "vfplan_hip"), ("TRANSFORM", "vfplan_proxy"),
@@ -171,6 +177,25 @@ def test_two_clients_one_that_stalls_and_one_that_comes_again(server):
         assert again[2] == first[0][2]
         client.close()
     stalled.close()
+
+
+def test_a_feed_hands_out_its_rate_and_waits_for_nobody():
+    feed, ticks = Feed(100.0), made(4000)
+    assert feed.after(-1, 0.0) == (-1, [])
+    seen, got = -1, []
+    for block in ticks[:1000].reshape(-1, 8):
+        feed.put(block)
+        seen, new = feed.after(seen, 0.0)
+        got += new
+    assert [int(t["index"]) for t in got] == list(range(0, 1000, 10))
+    assert feed.after(seen, 0.0) == (seen, [])
+    for block in ticks[1000:].reshape(-1, 8):
+        feed.put(block)
+    late, new = feed.after(seen, 0.0)
+    assert (late - seen, len(new), int(new[-1]["index"])) == (300, 50, 3990)
+    assert [int(t["index"]) for t in feed.after(-1, 0.0)[1]] == [3990]
+    feed.put(ticks[:1])  # a source that begins again
+    assert int(feed.after(late, 0.0)[1][0]["index"]) == 0
 
 
 def test_a_client_too_many_is_told_so(server, monkeypatch):
@@ -295,39 +320,44 @@ def reference_client(tmp_path_factory):
 @pytest.mark.full
 def test_ten_minutes_at_100_hz(reference_client, publisher):
     """A controller's 1 kHz, shown 100 times a second: the reference client gets 99.9 % of them."""
-    seconds, port = 600, free_port()
-    served, stop = Server(bundles.whole(), 0), threading.Event()
-    wanted = str(2 + 4 * 100 * seconds)
+    seconds, port, feed = 600, free_port(), Feed()
+    served = Server(bundles.whole(), 0, feed)
+    wanted = 2 + 4 * 100 * seconds
     begun = time.monotonic()
-    client = subprocess.Popen([reference_client, str(served.port), wanted], stdout=subprocess.PIPE)
-    sending = subprocess.Popen([publisher, str(port), str(2000 * seconds), "4096", "1000"])
-    threading.Timer(seconds, stop.set).start()
+    client = subprocess.Popen([reference_client, str(served.port), str(wanted)],
+                              stdout=subprocess.PIPE)  # fmt: skip
     lines = []
     reading = threading.Thread(target=lambda: lines.extend(client.stdout))
     reading.start()
-    for found in of_port(f"udp://127.0.0.1:{port}"):
+    while not served.clients:
+        time.sleep(0.01)
+    source = of_port(f"udp://127.0.0.1:{port}")
+    sending = subprocess.Popen([publisher, str(port), str(1000 * seconds), "4096", "1000"],
+                               stdout=subprocess.DEVNULL)  # fmt: skip
+    for found in source:
         if len(found.ticks):
-            served.show(found.ticks[-1])
-        if stop.is_set():
+            feed.put(found.ticks)
+        elif sending.poll() is not None:
             break
+    assert (found.lost, found.dropped) == (0, 0)
+    time.sleep(1)
     served.close()
     reading.join()
-    sending.kill()
     print(f"{len(lines)} of {wanted} messages in {time.monotonic() - begun:.1f} s")
     assert not any(b"BAD CRC" in line for line in lines)
-    assert len(lines) >= 0.999 * int(wanted)
+    assert len(lines) >= 0.999 * wanted
 
 
-def test_the_reference_library_reads_it(server, reference_client):
+def test_the_reference_library_reads_it(server, feed, reference_client):
     """Every kind of message, to the last bit."""
     client = subprocess.Popen(
         [reference_client, str(server.port), "42"], stdout=subprocess.PIPE, text=True
     )
-    ticks = made(10_000)
+    ticks = made(60_000)
     for k in itertools.count():
-        if client.poll() is not None or k >= len(ticks):
+        if client.poll() is not None or 10 * k >= len(ticks):
             break
-        server.show(ticks[k])
+        feed.put(ticks[10 * k :][:10])
         time.sleep(0.01)
     lines = client.communicate(timeout=60)[0].splitlines()
     assert client.returncode == 0, lines

@@ -17,6 +17,7 @@ int main(int argc, char** argv) {
     std::uint64_t dropped = 0, unsent = 0;
     {
         vfplan::Telemetry telemetry(std::uint16_t(number(1)), "127.0.0.1", std::size_t(number(3)));
+        auto due = std::chrono::steady_clock::now();
         for (long k = 0; k < number(2); ++k) {
             vfplan::Vec3 v[4];
             for (int i = 0; i < 12; ++i) v[i / 3][i % 3] = double(k + 1) / double(i + 3);
@@ -27,7 +28,8 @@ int main(int argc, char** argv) {
             const std::chrono::duration<double, std::nano> took =
                 std::chrono::steady_clock::now() - before;
             ns.push_back(took.count());
-            if (number(4) > 0) std::this_thread::sleep_for(std::chrono::microseconds(number(4)));
+            due += std::chrono::microseconds(number(4));
+            if (number(4) > 0) std::this_thread::sleep_until(due);
         }
         dropped = telemetry.dropped();
         unsent = telemetry.unsent();

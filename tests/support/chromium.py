@@ -50,7 +50,12 @@ class Page:
 
     def open(self, url):
         self.do("Page.navigate", url=url)
-        self._until(lambda: any(e["method"] == "Page.loadEventFired" for e in self.events))
+        self.loaded(1)
+
+    def loaded(self, times):
+        """Wait until a page has been loaded so often, by itself or by `open`."""
+        fired = "Page.loadEventFired"
+        self._until(lambda: sum(e["method"] == fired for e in self.events) >= times)
 
     def do(self, method, **parameters):
         return self._call(method, self._session, **parameters)

@@ -1,7 +1,7 @@
 """An OpenIGTLink server: what there is to see, to any number of clients.
 
-Each client has a thread of its own that sends what is newest, so that one that stalls holds up
-nobody: it misses ticks. What does not move (the cloud or the curve, the contact sphere) goes out
+Each client has a thread of its own that sends what the feed holds, so that one that stalls holds
+up nobody: it misses ticks. What does not move (the cloud or the curve, the contact sphere) goes out
 once to each client, and again when it asks.
 """
 
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from vfplan.errors import OutputError
 from vfplan.fixture import Fixture
 from vfplan.live import igtl
+from vfplan.live.feed import MOST_CLIENTS, Feed
 
-MOST_CLIENTS = 32
-LATE_S = 0.1  # so much of a client's rate is made up for after a pause
+ASKED_S = 0.2  # what a client asks for is looked at as often, at least
 STALLED_S = 5.0  # a client that takes nothing for so long is let go
 STATE = {-1: "no neighbour", 0: "free", 1: "in contact", 2: "entrenched"}
 FLAGS = ((1, "bad HIP"), (2, "inside"), (4, "limit"))
@@ -36,8 +36,8 @@ class Server:
         Shown once to each client.
     port
         0: one that the system chooses; see `port`.
-    rate_hz
-        How often the newest tick goes out.
+    feed
+        What goes out.
 
     Raises
     ------
@@ -45,11 +45,10 @@ class Server:
         The port is taken.
     """
 
-    def __init__(self, fixture: Fixture, port: int, rate_hz: float = 100.0) -> None:
+    def __init__(self, fixture: Fixture, port: int, feed: Feed) -> None:
         self._scale = igtl.to_ras(fixture.frame)
         self._still = still(fixture)
-        self._period = 1.0 / rate_hz
-        self._newest: NDArray[np.void] | None = None
+        self._feed = feed
         self._closing = threading.Event()
         self.refused = 0  # clients beyond the most
         self._served: set[socket.socket] = set()
@@ -74,10 +73,6 @@ class Server:
     def clients(self) -> int:
         """How many are being served."""
         return sum(thread.is_alive() for thread in self._threads[1:])
-
-    def show(self, tick: NDArray[np.void]) -> None:
-        """Make one of `vfplan.session.mcapfile.TICK` the newest."""
-        self._newest = tick
 
     def close(self) -> None:
         """Let every client go."""
@@ -115,17 +110,13 @@ class Server:
     def _serve(self, client: socket.socket) -> None:
         client.settimeout(STALLED_S)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        shown, asked = None, b""
+        seen, asked = -1, b""
         try:
             with client, self._counted(client):
                 self._send_still(client)
-                due = time.monotonic()
-                while not self._closing.wait(due - time.monotonic()):
-                    due = max(due + self._period, time.monotonic() - LATE_S)
-                    newest = self._newest
-                    if newest is not None and newest is not shown:
-                        client.sendall(self._moving(newest))
-                        shown = newest
+                while not self._closing.is_set():
+                    seen, due = self._feed.after(seen, ASKED_S)
+                    client.sendall(b"".join(map(self._moving, due)))
                     asked = self._answer(client, asked)
         except OSError:  # it went, or took nothing: its own loss
             return

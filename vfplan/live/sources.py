@@ -59,6 +59,7 @@ def of_port(address: str) -> Iterator[Ticks]:
     """What arrives at `udp://HOST:PORT`, without end; the socket is bound before this returns."""
     host, port = where(address)
     listening = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2**22)  # the system may give less
     try:
         listening.bind((host, port))
     except OSError as error:

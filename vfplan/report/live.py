@@ -1,0 +1,24 @@
+"""The page of `vfplan live --web`: the report's scene, fed by a WebSocket."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from html import escape
+from typing import Any
+
+from vfplan.fixture import Fixture
+from vfplan.report.page import document, part, scripts, section
+from vfplan.report.scrubber import scene_data, tick_row
+
+
+def live_page(fixture: Fixture, name: str) -> tuple[str, Callable[[Any], list[float]], str]:
+    """HTML text, how a tick goes to it, and what tells its scene from another's."""
+    data = scene_data(fixture)
+    scene = hashlib.sha256(json.dumps([name, data]).encode()).hexdigest()[:16]
+    body = f"<header><h1>Live: {escape(name)}</h1></header>" + section(
+        "As it happens", part("live.html").replace("{scene}", part("scene.html"))
+    )
+    text = body + scripts({**data, "scene": scene}, "live.js")
+    return document(f"Live: {escape(name)}", text, live=True), tick_row(fixture), scene
