@@ -9,7 +9,7 @@ import click
 from vfplan.cli import options, values
 from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.replay import guess, refuse_folder
-from vfplan.cli.run import Report, command, progress
+from vfplan.cli.run import Report, command, command_line, progress
 from vfplan.cli.values import FILE, Numbers
 
 BASE = Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)
@@ -90,7 +90,7 @@ def command(
         if report is not None:
             from vfplan.report.arm import write_rehearsal
 
-            write_rehearsal(found, report, overwrite=overwrite)
+            write_rehearsal(found, report, overwrite=overwrite, command=command_line())
     return Report(
         found.metrics, rehearsed_text(found.metrics), exit_code=int(not found.passed),
         warnings=warnings,

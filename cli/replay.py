@@ -11,7 +11,7 @@ import click
 from vfplan.cli import options, values
 from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.replay_text import check_line, replay_text
-from vfplan.cli.run import Report, progress
+from vfplan.cli.run import Report, command_line, progress
 from vfplan.cli.run import command as vfplan_command
 from vfplan.cli.values import FILE, Numbers, Real, Whole
 
@@ -141,7 +141,7 @@ def command(
         if page_path is not None:
             from vfplan.report.page import page
 
-            text = page(replayed, image=given["image"])
+            text = page(replayed, image=given["image"], command=command_line())
             write_whole(page_path, [text.encode("utf-8")], overwrite=True)
         text = replay_text(replayed.metrics)
     broken = [check for check in replayed.metrics.get("checks", []) if not check["pass"]]

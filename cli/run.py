@@ -13,6 +13,7 @@ import json
 import logging
 import math
 import os
+import shlex
 import sys
 import threading
 import time
@@ -52,6 +53,11 @@ class Report:
         """A check that failed is exit code 1."""
         if self.failed and not self.exit_code:
             object.__setattr__(self, "exit_code", 1)
+
+
+def command_line() -> str:
+    """The running command as it was typed."""
+    return shlex.join(["vfplan", *sys.argv[1:]])
 
 
 def jsonable(value: Any) -> Any:

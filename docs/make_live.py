@@ -43,7 +43,14 @@ def prepared(folder: Path) -> list[str]:
     first = ["chrt", "-f", "50"]  # as a controller is run, where the system lets it
     if subprocess.run([*first, "true"], check=False, capture_output=True).returncode:
         first = []
-    return [*first, str(build / "controller"), str(fixture), "--seconds", str(SECONDS)]
+    return [
+        *first,
+        str(build / "controller"),
+        str(fixture),
+        "--unsigned",
+        "--seconds",
+        str(SECONDS),
+    ]
 
 
 def loop(command: list[str], rounds: int) -> None:

@@ -11,7 +11,7 @@ LIGHT = {
     "hip": "#30a58e",
     "contact": "#be0000",
     "proxy": "#970d6c",
-    "bridged": "#e07b0c",
+    "bridged": "#de790c",
     "force": "#222222",
 }
 DARK = {

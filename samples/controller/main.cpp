@@ -164,8 +164,8 @@ std::optional<vfplan::Governor> governor(const Options& o, double stiffness) {
 /// The loop: read the tip, render, govern, show the tick, hand the force to the arm. Nothing in
 /// it allocates or waits.
 std::size_t run(Rendered& engine, std::optional<vfplan::Governor>& governor, const Hand& hand,
-                Form& form, std::size_t ticks, bool simulated_time,
-                vfplan::Telemetry* sender, Log& log) {
+                Form& form, std::size_t ticks, bool simulated_time, vfplan::Telemetry* sender,
+                Log& log) {
     Tip tip{hand.start(), {}};
     engine.reset(tip.position);
     std::size_t missed = 0;

@@ -7,17 +7,20 @@ import json
 import re
 from html.parser import HTMLParser
 
+import bundles
 import numpy as np
 import pytest
 from chromium import Page
 from conftest import need_program
 from replays import fixture_of, line, probing
 
+import vfplan
 from vfplan.errors import OutputError
 from vfplan.replaying import replay
 from vfplan.report import write_report
 from vfplan.report.page import page
-from vfplan.report.scrubber import scrubber_data
+from vfplan.report.scrubber import envelope, scrubber_data
+from vfplan.report.tables import unit_of
 from vfplan.robot import read_robot
 
 
@@ -30,7 +33,8 @@ def pressed():
 
 @pytest.fixture(scope="module")
 def written(pressed, tmp_path_factory):
-    return write_report(pressed, tmp_path_factory.mktemp("report") / "out")
+    folder = tmp_path_factory.mktemp("report") / "out"
+    return write_report(pressed, folder, command="vfplan replay 'a b.h5' s.csv")
 
 
 class Links(HTMLParser):
@@ -60,6 +64,51 @@ def test_numbers_and_verdict_are_the_replays(pressed, written):
     assert text.count('class="go"') == len(pressed.metrics["episodes"]) == 4
 
 
+def test_page_says_when_how_and_of_what_it_was_made(pressed, written, tmp_path):
+    text = written.read_text()
+    about = text[text.index("About this page") : text.index("Summary")]
+    assert re.search(r"made</td><td>.*\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", about)
+    assert f"vfplan {vfplan.__version__}" in about
+    assert "vfplan replay &#x27;a b.h5&#x27; s.csv" in about
+    assert "made in memory" in about
+    path = tmp_path / "f.h5"
+    vfplan.write_fixture(bundles.whole(), path)
+    replayed = replay(path, probing())
+    digest = replayed.metrics["fixture"]["sha256"]
+    about = page(replayed).split("Summary")[0]
+    assert "f.h5" in about
+    assert f'<code class="digest">{digest}' in about
+
+
+def test_rules_are_compared_and_limits_have_units(pressed, written):
+    text = written.read_text()
+    row = re.search(r"<tr><td[^>]*>force, largest</td>(.*?)</tr>", text)[1]
+    robust, paper, apart, unit = re.findall(r"<td[^>]*>(.*?)</td>", row)
+    assert float(robust) == pytest.approx(pressed.metrics["force_max_n"], abs=1e-3)
+    assert float(paper) - float(robust) == pytest.approx(float(apart), abs=2e-3)
+    assert unit == "N"
+    assert f"{1e6 * pressed.metrics['scene']['band_m']:.2f}" in text
+    checks = re.findall(r"(force_max_n|session.speed_max_m_s)</td>(.*?)</tr>", text)
+    assert {name: rest.split(">")[-2][:-4] for name, rest in checks} == {
+        "force_max_n": "N", "session.speed_max_m_s": "m/s"}  # fmt: skip
+    assert [unit_of(n) for n in ("energy_j", "k_n_per_m", "too_fast_ticks", "friction")] == [
+        "J", "N/m", "ticks", ""]  # fmt: skip
+
+
+def test_an_envelope_holds_every_tick(pressed):
+    ticks, span = pressed.ticks, (0.5, 1.5)
+    found = envelope(ticks, span, 37)
+    inside = (ticks.time >= span[0]) & (ticks.time <= span[1])
+    force = np.linalg.norm(ticks.force, axis=1)[inside]
+    assert len(found["time"]) == 37
+    starts = np.searchsorted(ticks.time[inside], np.array(found["time"]) - 1e-9)
+    for part, low, high in zip(np.split(force, starts[1:]), found["force_low"],
+                               found["force_high"], strict=True):  # fmt: skip
+        assert (low, high) == pytest.approx((part.min(), part.max()), abs=1e-4)
+    few = envelope(ticks, (0.0, 0.01), 400)
+    assert few["time"] == pytest.approx(ticks.time[ticks.time <= 0.01])
+
+
 def test_scrubber_holds_the_ticks(pressed):
     data = scrubber_data(pressed)
     assert data["dims"] == 2
@@ -84,8 +133,8 @@ def test_report_is_not_overwritten(pressed, written):
     with pytest.raises(OutputError, match="exists already"):
         write_report(pressed, written.parent)
     write_report(pressed, written.parent, overwrite=True)
-    step = rb"<td>time a tick.*?</tr>"
-    assert re.sub(step, b"", written.read_bytes()) == re.sub(step, b"", before)
+    anew = rb"<td[^>]*>time a tick.*?</tr>|made</td>.*?</tr>|<tr><td>command.*?</tr>"
+    assert re.sub(anew, b"", written.read_bytes()) == re.sub(anew, b"", before)
 
 
 def test_in_a_browser(pressed, written, tmp_path):
@@ -95,6 +144,7 @@ def test_in_a_browser(pressed, written, tmp_path):
         spoken = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
         problems = [e for e in browser.events if e["method"] in spoken]
         assert problems == []
+        assert browser.run("document.querySelectorAll('main > section').length") >= 6
         asked = [
             e["params"]["request"]["url"][:40]
             for e in browser.events
@@ -103,6 +153,8 @@ def test_in_a_browser(pressed, written, tmp_path):
         assert all(url.startswith(("file:", "data:")) for url in asked), asked
         assert sum(url.startswith("file:") for url in asked) == 1
         check_scrubber(browser, pressed)
+        check_zoom(browser, pressed)
+        check_hands_and_eyes(browser)
         printed = browser.do("Page.printToPDF", printBackground=True, preferCSSPageSize=True)
         pdf = base64.b64decode(printed["data"])
         assert pdf.startswith(b"%PDF")
@@ -141,3 +193,52 @@ def check_scrubber(browser, pressed):
     )
     assert all(complete and width > 300 for complete, width in drawn)
     assert browser.run("document.documentElement.scrollWidth <= window.innerWidth")
+
+
+def check_zoom(browser, pressed):
+    """A choice shows one episode, the wheel and the keys change the stretch, 0 shows all again."""
+    plot = "document.getElementById('force')"
+    picture = f"{plot}.toDataURL()"
+    pick = "(() => {{ const s = document.getElementById('zoomed'); s.value = '{}'; " \
+           "s.dispatchEvent(new Event('change')); }})()"  # fmt: skip
+    options = browser.run("document.getElementById('zoomed').options.length")
+    assert options == 1 + len(pressed.metrics["episodes"])
+    seen = []
+    for choice in ("whole", 0, 1):
+        browser.run(pick.format(choice))
+        seen.append(browser.run(picture))
+    press(browser, plot, "-")
+    seen.append(browser.run(picture))
+    press(browser, plot, "ArrowLeft")
+    seen.append(browser.run(picture))
+    assert len(set(seen)) == 5
+    press(browser, plot, "0")
+    assert browser.run(picture) == seen[0]
+
+
+def press(browser, element, key):
+    browser.run(f"{element}.focus()")
+    browser.run(f"{element}.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
+
+
+def check_hands_and_eyes(browser):
+    """Keys move the scene, every control has a name, and 390 px in the dark hold the page."""
+    view = "document.getElementById('view')"
+    before = browser.run(f"{view}.toDataURL()")
+    press(browser, view, "+")
+    assert browser.run(f"{view}.toDataURL()") != before
+    assert browser.run(f"document.activeElement === {view}")
+    nameless = (
+        "Array.from(document.querySelectorAll('button, input, select, canvas')).filter("
+        "e => !(e.textContent.trim() || e.getAttribute('aria-label') || e.labels?.length))"
+    )
+    assert browser.run(f"{nameless}.length") == 0
+    light = browser.run("getComputedStyle(document.body).backgroundColor")
+    browser.do("Emulation.setEmulatedMedia",
+               features=[{"name": "prefers-color-scheme", "value": "dark"}])  # fmt: skip
+    assert browser.run("getComputedStyle(document.body).backgroundColor") != light
+    browser.do("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=2,
+               mobile=True)  # fmt: skip
+    assert browser.run("document.documentElement.scrollWidth") == 390
+    browser.do("Emulation.clearDeviceMetricsOverride")
+    browser.do("Emulation.setEmulatedMedia", features=[])

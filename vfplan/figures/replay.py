@@ -94,6 +94,16 @@ def plane_basis(axis: Array) -> Array:
     return np.stack([first, np.cross(towards, first)], axis=1)
 
 
+def axis_names(basis: Array) -> list[str]:
+    """What a picture's axes are called: the frame's own, with a sign, or numbers across them."""
+    main = np.abs(basis).argmax(axis=0)
+    if not np.allclose(np.abs(basis).max(axis=0), 1):
+        return [f"in plane {k}" for k in range(1, 1 + basis.shape[1])]
+    return [
+        ("−" if column[k] < 0 else "") + "xyz"[k] for k, column in zip(main, basis.T, strict=True)
+    ]
+
+
 def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
     ticks, fixture = replayed.ticks, replayed.fixture
     assert fixture.ignore_axis is not None
@@ -125,12 +135,7 @@ def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
     axes.set_aspect("equal")
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
-    names = "xyz" if np.allclose(np.abs(basis).max(axis=0), 1) else None
-    labels = (
-        [names[i] for i in np.abs(basis).argmax(axis=0)]
-        if names
-        else ["in plane, 1", "in plane, 2"]
-    )
+    labels = axis_names(basis)
     axes.set_xlabel(f"{labels[0]} [mm]")
     axes.set_ylabel(f"{labels[1]} [mm]")
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize=8, markerscale=2.5)

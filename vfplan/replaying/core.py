@@ -168,7 +168,7 @@ def _loaded(fixture: Fixture | str | Path, trust: Any) -> tuple[Fixture, dict[st
 
     demanded = {} if trust is None else {"trust": trust}
     content, seal = read_bundle(fixture, **demanded)
-    record = {**seal.describe(), "signature_checked": bool(demanded)}
+    record = {"name": Path(fixture).name, **seal.describe(), "signature_checked": bool(demanded)}
     return from_content(content), {"fixture": record}
 
 

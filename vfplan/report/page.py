@@ -6,6 +6,7 @@ import base64
 import json
 import tempfile
 from html import escape
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -15,18 +16,22 @@ from matplotlib.figure import Figure
 from vfplan.figures.depth import depth_plot, slice_depth
 from vfplan.figures.replay import MARK_HZ, scene, timeline
 from vfplan.figures.style import png_bytes
+from vfplan.io.clock import now_utc
 from vfplan.io.disk import made_folder, write_whole
+from vfplan.palette import DARK, LIGHT
 from vfplan.replaying import Replay
 from vfplan.report.scrubber import scrubber_data
-from vfplan.report.tables import checks, episodes, findings, settings, summary
+from vfplan.report.tables import checks, code, episodes, findings, settings, summary, table
 
 # The page may show what it carries and fetch nothing.
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+_LIVE = "; connect-src 'self'"  # the live page's WebSocket
 
 
 def write_report(
-    replayed: Replay, folder: Path, *, image: Path | None = None, overwrite: bool = False
-) -> Path:
+    replayed: Replay, folder: Path, *, image: Path | None = None, overwrite: bool = False,
+    command: str = "",
+) -> Path:  # fmt: skip
     """Write `folder/index.html`, a page that needs nothing else.
 
     Parameters
@@ -37,6 +42,8 @@ def write_report(
         Made when it is not there; with `overwrite` its `index.html` is replaced.
     image
         The planned slice, to map depth back onto it.
+    command
+        The command line that led to it, if one did.
 
     Raises
     ------
@@ -44,47 +51,82 @@ def write_report(
         An image that is not the one the fixture was planned on.
     """
     folder = Path(folder)
-    text = page(replayed, image=image)
+    text = page(replayed, image=image, command=command)
     with made_folder(folder):
         write_whole(folder / "index.html", [text.encode("utf-8")], overwrite=overwrite)
     return folder / "index.html"
 
 
-def page(replayed: Replay, *, image: Path | None = None) -> str:
+def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> str:
     """The HTML text of the report."""
     found = replayed.metrics
-    parts = files("vfplan.report")
-    # "</" inside the data would end the script element.
-    data = json.dumps(scrubber_data(replayed), allow_nan=False).replace("</", "<\\/")
     title = f"Replay of {escape(found['session']['name'])}"
+    kept = f"of {found['ticks']} ticks"
+    if replayed.stride > 1:
+        kept = f"of the ticks kept, of each {replayed.stride} in a row the deepest"
+    words = f"Each column reaches from the least to the largest value {kept}."
+    scrubber = part("scrubber.html").replace("{scene}", part("scene.html"))
     body = "\n".join(
         [
             f"<header><h1>{title}</h1>{_verdict(found)}</header>",
+            about(command, {**_named("fixture", found), **_named("session", found)}),
             section("Summary", summary(found) + checks(found) + findings(found)),
             section("Over time", picture(timeline(replayed), "force and depth over time")),
-            section("Frame by frame", (parts / "scrubber.html").read_text("utf-8")),
+            section("Frame by frame", scrubber.replace("{envelope}", words)),
             *_places(replayed, image),
             section("Contact episodes", episodes(found)),
             section("What was replayed", settings(found, replayed.fixture)),
         ]
     )
-    script = (
-        f'<script type="application/json" id="data">{data}</script>'
-        f"<script>{(parts / 'scrubber.js').read_text('utf-8')}</script>"
-    )
-    return document(title, f"{body}\n{script}")
+    return document(title, body + scripts(scrubber_data(replayed), "scrubber.js"))
 
 
-def document(title: str, body: str) -> str:
-    """A whole page: title and body are HTML text."""
-    styles = (files("vfplan.report") / "style.css").read_text("utf-8")
+def _named(role: str, found: dict[str, Any]) -> dict[str, str]:
+    """A file's name and digest, where it came from a file."""
+    record = found.get(role, {})
+    digest = record.get("sha256", "")
+    return {role: record.get("name", "made in memory"), f"{role}'s SHA-256": digest}
+
+
+def about(command: str, sources: dict[str, str]) -> str:
+    """When the page was made, by what, and of which files."""
+    rows = {"made": now_utc(), "program": f"vfplan {version('vfplan')}", "command": command}
+    lines = [[escape(name), code(value)] for name, value in (rows | sources).items() if value]
+    return section("About this page", table([], lines, "settings"))
+
+
+def part(name: str) -> str:
+    """The text of a file beside this one."""
+    return (files("vfplan.report") / name).read_text("utf-8")
+
+
+def scripts(data: dict[str, Any], name: str) -> str:
+    """The page's data, and the scripts that draw it: the common ones, then its own."""
+    # "</" inside the data would end the script element.
+    text = json.dumps(data, allow_nan=False).replace("</", "<\\/")
+    drawing = "".join(part(file) for file in ("canvas.js", "scene.js", "plot.js", name))
+    return f'<script type="application/json" id="data">{text}</script><script>{drawing}</script>'
+
+
+def document(title: str, body: str, *, live: bool = False) -> str:
+    """A whole page: title and body are HTML text; `live`: it may listen to where it came from."""
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}{_LIVE if live else ""}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{title}</title>"
-        f"<style>{styles}</style></head><body>\n{body}</body></html>\n"
+        f"<title>{title}</title>{'<link rel=icon href=data:,>' if live else ''}"
+        f"<style>{_colours()}{part('style.css')}</style></head><body><main>\n{body}</main></body>"
+        "</html>\n"
     )
+
+
+def _colours() -> str:
+    """The palette, by its names."""
+    light, dark = (
+        "".join(f"--{name}: {value}; " for name, value in colours.items())
+        for colours in (LIGHT, DARK)
+    )
+    return f":root {{ {light}}}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark}}} }}\n"
 
 
 def _verdict(found: dict[str, Any]) -> str:

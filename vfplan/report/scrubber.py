@@ -1,20 +1,44 @@
-"""What the scrubber needs: a few thousand frames and the cloud, in millimetres, rounded."""
+"""What the scrubber and the plots need: frames, envelopes and the cloud, in mm, rounded."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.figures.replay import plane_basis
+from vfplan.figures.replay import axis_names, plane_basis
+from vfplan.fixture import Fixture
 from vfplan.replaying import Replay
 from vfplan.replaying.overview import thinned
+from vfplan.replaying.quantities import row_norms
+from vfplan.session import TickBlock
 
 Array = NDArray[np.float64]
 FRAMES = 4000
 CLOUD = 6000
+COLUMNS = 1200  # of the whole session's envelope
+CLOSE, CLOSE_COLUMNS = 40, 400  # episodes with an envelope of their own, and its columns
 MM = 1e3
+
+
+def placing(fixture: Fixture) -> tuple[Array, Array]:
+    """The picture's axes as columns, (3, 2) in a plane or (3, 3), and the point that is 0 [m]."""
+    axis = fixture.ignore_axis
+    return np.eye(3) if axis is None else plane_basis(axis), fixture.points.mean(axis=0)
+
+
+def scene_data(fixture: Fixture) -> dict[str, Any]:
+    """What stands still in the scene."""
+    basis, centre = placing(fixture)
+    step = -(-len(fixture.points) // CLOUD)
+    return {
+        "dims": basis.shape[1],
+        "axes": axis_names(basis),
+        "radius": MM * fixture.contact_radius,
+        "cloud": _flat(MM * (fixture.points[::step] - centre) @ basis, 3),
+    }
 
 
 def scrubber_data(replayed: Replay) -> dict[str, Any]:
@@ -23,16 +47,11 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
     Lengths in mm to 1 µm, times in s, forces in N. Longer sessions show of each stretch the tick
     with the deepest penetration.
     """
-    fixture = replayed.fixture
     ticks = thinned(replayed.ticks, -(-len(replayed.ticks) // FRAMES))
-    axis = fixture.ignore_axis
-    basis = np.eye(3) if axis is None else plane_basis(axis)
-    centre = fixture.points.mean(axis=0)
-    step = -(-len(fixture.points) // CLOUD)
+    basis, centre = placing(replayed.fixture)
+    episodes = replayed.metrics["episodes"]
     return {
-        "dims": basis.shape[1],
-        "radius": MM * fixture.contact_radius,
-        "cloud": _flat(MM * (fixture.points[::step] - centre) @ basis, 3),
+        **scene_data(replayed.fixture),
         "time": np.round(ticks.time, 6).tolist(),
         "hip": _flat(MM * (ticks.hip - centre) @ basis, 3),
         "proxy": _flat(MM * (ticks.proxy - centre) @ basis, 3),
@@ -40,8 +59,56 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
         "force": _flat(ticks.force @ basis, 4),
         "depth": np.round(MM * ticks.penetration, 4).tolist(),
         "state": ticks.state.tolist(),
-        "episodes": [[e["start_s"], e["end_s"]] for e in replayed.metrics["episodes"]],
+        "episodes": [[e["start_s"], e["end_s"]] for e in episodes],
+        "first_episode": episodes[0]["index"] if episodes else 0,
+        "zooms": _zooms(replayed.ticks, episodes[:CLOSE]),
     }
+
+
+def _zooms(ticks: TickBlock, episodes: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """An envelope of each episode with what is round it, and of the whole session."""
+    found = []
+    for episode in episodes:
+        start, end = episode["start_s"], episode["end_s"]
+        margin = max(0.05, 0.2 * (end - start))
+        found.append(envelope(ticks, (start - margin, end + margin), CLOSE_COLUMNS))
+    return [*found, envelope(ticks, (float(ticks.time[0]), float(ticks.time[-1])), COLUMNS)]
+
+
+def envelope(ticks: TickBlock, span: tuple[float, float], columns: int) -> dict[str, Any]:
+    """Least and largest force [N] and depth [mm] of at most so many stretches of equal length."""
+    first = np.searchsorted(ticks.time, span[0])
+    last = np.searchsorted(ticks.time, span[1], "right")
+    starts = np.unique(np.linspace(first, last, columns, endpoint=False).astype(int))
+    found: dict[str, Any] = {
+        "span": list(span), "time": np.round(ticks.time[starts], 6).tolist()
+    }  # fmt: skip
+    for name, values in (("force", row_norms(ticks.force)), ("depth", MM * ticks.penetration)):
+        for end, least in (("low", np.minimum), ("high", np.maximum)):
+            parts = least.reduceat(values[:last], starts)
+            found[f"{name}_{end}"] = (np.round(parts, 4) + 0.0).tolist()
+    return found
+
+
+def tick_row(fixture: Fixture) -> Callable[[NDArray[np.void]], list[float]]:
+    """How a tick of telemetry goes to the live page.
+
+    t, state, status, HIP, proxy, normal and force in the picture's axes, |F| and |proxy - HIP|.
+    """
+    basis, centre = placing(fixture)
+
+    def row(tick: NDArray[np.void]) -> list[float]:
+        parts = [
+            np.array([tick["t"], tick["state"], tick["status"]], float),
+            MM * (tick["hip"] - centre) @ basis,
+            MM * (tick["proxy"] - centre) @ basis,
+            tick["normal"] @ basis,
+            tick["force"] @ basis,
+            [np.linalg.norm(tick["force"]), MM * np.linalg.norm(tick["proxy"] - tick["hip"])],
+        ]
+        return _flat(np.concatenate(parts), 4)
+
+    return row
 
 
 def _flat(rows: Array, decimals: int) -> list[float]:

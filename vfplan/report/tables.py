@@ -13,6 +13,7 @@ _SUMMARY = (
     # name in the report, words, factor, unit, decimals
     ("duration_s", "duration", 1, "s", 3),
     ("contact_s", "time in contact", 1, "s", 3),
+    ("contact_episodes", "contact episodes", 1, "", 0),
     ("penetration_max_m", "penetration |proxy − HIP|, largest", 1e3, "mm", 3),
     ("penetration_rms_m", "penetration, RMS over the session", 1e3, "mm", 3),
     ("overlap_max_m", "overlap beyond the cloud's surface, largest", 1e3, "mm", 3),
@@ -20,6 +21,7 @@ _SUMMARY = (
     ("force_rms_n", "force, RMS over the session", 1, "N", 3),
     ("force_step_max_n", "change of force in one tick, largest", 1, "N", 3),
     ("clearance_min_m", "clearance of the proxy's ball, least", 1e6, "µm", 2),
+    ("band_m", "band: the clearance may go down to minus this", 1e6, "µm", 2),
     ("energy_j", "energy given to the hand", 1e3, "mJ", 4),
     ("energy_hold_j", "of it by holding the force over a tick", 1e3, "mJ", 4),
     ("friction", "apparent friction", 1, "", 5),
@@ -27,6 +29,7 @@ _SUMMARY = (
     ("lateral_max_m", "distance from the guide, largest", 1e3, "mm", 3),
     ("entrenched_ticks", "ticks entrenched", 1, "", 0),
     ("too_fast_ticks", "ticks too fast for the rule", 1, "", 0),
+    ("p999", "time a tick, p99.9", 1, "µs", 2),
 )
 _EPISODE = (
     ("start_s", "start", 1, "s", 3),
@@ -38,6 +41,10 @@ _EPISODE = (
     ("energy_j", "energy", 1e3, "mJ", 4),
     ("speed_at_touch_m_s", "touch", 1e3, "mm/s", 1),
 )
+# The last words of a number's name, the longest first.
+_UNITS = {"_m_s": "m/s", "_n_per_m": "N/m", "_deg": "°", "_ticks": "ticks", "_tick": "tick",
+          "_hz": "Hz", "_us": "µs", "_mm": "mm", "_nm": "N·m", "_j": "J", "_n": "N", "_s": "s",
+          "_m": "m"}  # fmt: skip
 EPISODES = 200
 
 
@@ -47,9 +54,13 @@ def _number(value: Any, factor: float, decimals: int) -> str:
 
 
 def table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
-    """A table of cells that are HTML already."""
-    heads = "".join(f"<th>{cell}</th>" for cell in head)
-    lines = "".join("<tr>" + "".join(f"<td>{c}</td>" for c in row) + "</tr>" for row in rows)
+    """A table of cells that are HTML already; a narrow screen shows each with its column's name."""
+    heads = "".join(f'<th scope="col">{cell}</th>' for cell in head)
+    names = [f' data-name="{cell}"' if cell else "" for cell in head] or [""] * 99
+    lines = "".join(
+        "<tr>" + "".join(f"<td{n}>{c}</td>" for n, c in zip(names, row, strict=False)) + "</tr>"
+        for row in rows
+    )
     thead = f"<thead><tr>{heads}</tr></thead>" if head else ""
     return f'<table class="{kind}">{thead}<tbody>{lines}</tbody></table>'
 
@@ -64,24 +75,36 @@ def _shown(value: Any) -> str:
     return str(value)
 
 
-def _code(value: Any) -> str:
+def code(value: Any) -> str:
+    """A value as it stands in a file; a digest on one line in print."""
     text = _shown(value)
-    kind = "digest" if re.fullmatch("[0-9a-f]{64}", text) else ""  # one line in print
+    kind = "digest" if re.fullmatch("[0-9a-f]{64}", text) else ""
     return f'<code class="{kind}">{escape(text)}</code>'
 
 
 def summary(found: dict[str, Any]) -> str:
-    """The main numbers; with two rules a column each."""
-    columns = [found] if "paper" not in found else [found, found["paper"]]
-    names = ["robust", "paper"] if len(columns) == 2 else [escape(found["rule"])]
+    """The main numbers; two rules are compared, a column each and one of their difference."""
+    rules = [found] if "paper" not in found else [found, found["paper"]]
+    names = ["robust", "paper"] if len(rules) == 2 else [escape(found["rule"])]
+    columns = [
+        {**rule, "band_m": rule["scene"]["band_m"], "contact_episodes": episode_count(rule),
+         "p999": rule["step_us"]["p999"]}
+        for rule in rules
+    ]  # fmt: skip
     rows = []
     for key, words, factor, unit, decimals in _SUMMARY:
-        if key in found:
-            values = [_number(column.get(key), factor, decimals) for column in columns]
-            rows.append([escape(words), *values, unit])
-    times = [column["step_us"] for column in columns]
-    rows.append(["time a tick, p99.9", *(f"{t['p999']:.2f}" for t in times), "µs"])
-    return table(["", *(f"rule {name}" for name in names), ""], rows, "numbers")
+        if key in columns[0]:
+            values = [column.get(key) for column in columns]
+            if len(values) == 2:
+                values.append(None if None in values else values[1] - values[0])
+            rows.append([escape(words), *(_number(v, factor, decimals) for v in values), unit])
+    heads = [f"rule {name}" for name in names] + ["paper − robust"] * (len(names) == 2)
+    apart = ""
+    if len(names) == 2:
+        apart = (f"<p>The proxies of the two rules are at most "
+                 f"{1e3 * found['apart']['proxy_max_m']:.3f} mm apart, their forces "
+                 f"{found['apart']['force_max_n']:.3f} N.</p>")  # fmt: skip
+    return table(["number", *heads, "unit"], rows, "numbers") + apart
 
 
 def checks(found: dict[str, Any]) -> str:
@@ -96,9 +119,15 @@ def checks(found: dict[str, Any]) -> str:
                 escape(check["name"]),
                 f"{check['value']:.6g}",
                 f"{sense.replace('_', ' ')} {check[sense]:g}",
+                unit_of(check["name"]),
             ]
         )
-    return table(["", "limit on", "found", "allowed"], rows) if rows else ""
+    return table(["verdict", "limit on", "found", "allowed", "unit"], rows) if rows else ""
+
+
+def unit_of(name: str) -> str:
+    """The unit that a number's name in the JSON report ends with."""
+    return next((unit for end, unit in _UNITS.items() if name.endswith(end)), "")
 
 
 def findings(found: dict[str, Any]) -> str:
@@ -107,7 +136,9 @@ def findings(found: dict[str, Any]) -> str:
         [f'<b class="{f["severity"]}">{f["severity"]}</b>', f["code"], escape(f["message"])]
         for f in found["findings"]
     ]
-    return table(["", "finding", ""], rows) if rows else "<p>Nothing to remark.</p>"
+    if not rows:
+        return "<p>Nothing to remark.</p>"
+    return table(["severity", "finding", "what it says"], rows)
 
 
 def episodes(found: dict[str, Any]) -> str:
@@ -116,12 +147,15 @@ def episodes(found: dict[str, Any]) -> str:
     if not shown:
         return "<p>No contact.</p>"
     along = any("deepest_along" in episode for episode in shown)
-    head = ["", *(f"{words} [{unit}]" for _, words, _, unit, _ in _EPISODE)]
+    head = ["episode", *(f"{words} [{unit}]" for _, words, _, unit, _ in _EPISODE)]
     head += (["along [mm]"] if along else []) + ["passive"]
     rows = []
-    for episode in shown:
+    for number, episode in enumerate(shown):
         time = episode["deepest"]["t_s"]
-        row = [f'<button class="go" data-time="{time!r}">{episode["index"]}</button>']
+        row = [
+            f'<button class="go" data-time="{time!r}" data-episode="{number}" '
+            f'aria-label="show episode {episode["index"]}">{episode["index"]}</button>'
+        ]
         row += [_number(episode.get(key), f, d) for key, _, f, _, d in _EPISODE]
         if along:
             row.append(_number(episode["deepest_along"]["s_m"], 1e3, 1))
@@ -147,7 +181,7 @@ def settings(found: dict[str, Any], fixture: Fixture) -> str:
     text = ""
     for group, values in groups.items():
         flat = {k: v for k, v in values.items() if not isinstance(v, (dict, list)) or len(v) <= 3}
-        rows = [[escape(str(k)), _code(v)] for k, v in flat.items() if v is not None]
+        rows = [[escape(str(k)), code(v)] for k, v in flat.items() if v is not None]
         shown = f"<h3>{escape(group.replace('_', ' '))}</h3>" + table([], rows, "settings")
         text += f'<div class="{"long" if len(rows) > 20 else "group"}">{shown}</div>'
     return text

@@ -1,0 +1,125 @@
+"use strict";
+// HIP, proxy, normal, force and contact circle over the cloud, in mm. Plane scenes are drawn in
+// their plane; others can be turned: by dragging, with the arrow keys, with the buttons.
+function makeScene(data) {
+  const dims = data.dims, view = document.getElementById("view");
+  const follow = document.getElementById("follow");
+  const row = (list, k) => list.slice(k * dims, k * dims + dims);
+  const size = (v) => Math.hypot(...v);
+  let turn = dims === 3 ? [0.6, 0.5] : [0, 0];
+  let camera = { x: 0, y: 0, zoom: 0 };
+  let pen, width = 1, height = 1, tick = null, path = data.cloud;
+
+  // Picture coordinates [mm], y up: the plane itself, or seen from azimuth and elevation.
+  function flat(v) {
+    if (dims === 2) return v;
+    const [a, e] = turn, ca = Math.cos(a), sa = Math.sin(a), ce = Math.cos(e), se = Math.sin(e);
+    return [ca * v[0] + sa * v[1], se * (ca * v[1] - sa * v[0]) + ce * v[2]];
+  }
+  function toScreen(v) {
+    const p = flat(v);
+    return [width / 2 + (p[0] - camera.x) * camera.zoom, height / 2 - (p[1] - camera.y) * camera.zoom];
+  }
+  function whole() {
+    let low = [Infinity, Infinity], high = [-Infinity, -Infinity];
+    for (const list of [data.cloud, path])
+      for (let k = 0; k < list.length / dims; k++) {
+        const p = flat(row(list, k));
+        for (let i = 0; i < 2; i++) { low[i] = Math.min(low[i], p[i]); high[i] = Math.max(high[i], p[i]); }
+      }
+    const margin = 2.4 * data.radius;
+    camera = { x: (low[0] + high[0]) / 2, y: (low[1] + high[1]) / 2,
+               zoom: Math.min(width / (high[0] - low[0] + margin), height / (high[1] - low[1] + margin)) };
+  }
+  function dots(list, name, side) {
+    pen.fillStyle = colour(name);
+    for (let k = 0; k < list.length / dims; k++) {
+      const [x, y] = toScreen(row(list, k));
+      pen.fillRect(x - side / 2, y - side / 2, side, side);
+    }
+  }
+  function arrow(from, to, name) {
+    const [a, b] = toScreen(from), [c, d] = toScreen(to), length = Math.hypot(c - a, d - b);
+    if (length < 2) return;
+    const x = (c - a) / length, y = (d - b) / length;
+    pen.strokeStyle = pen.fillStyle = colour(name); pen.lineWidth = 2.5;
+    pen.beginPath(); pen.moveTo(a, b); pen.lineTo(c, d); pen.stroke();
+    pen.beginPath(); pen.moveTo(c + 6 * x, d + 6 * y);
+    pen.lineTo(c - 5 * x - 5 * y, d - 5 * y + 5 * x); pen.lineTo(c - 5 * x + 5 * y, d - 5 * y - 5 * x); pen.fill();
+  }
+  function disc(at, radius, name) {
+    const [x, y] = toScreen(at);
+    pen.fillStyle = colour(name); pen.beginPath(); pen.arc(x, y, radius, 0, 2 * Math.PI); pen.fill();
+  }
+  // The frame's axes at the bottom on the left, a length at the bottom on the right.
+  function rulers() {
+    const origin = [34, height - 30];
+    pen.fillStyle = pen.strokeStyle = colour("ink"); pen.lineWidth = 1.5; pen.textAlign = "center";
+    data.axes.forEach((name, i) => {
+      const p = flat(data.axes.map((_, j) => (i === j ? 1 : 0)));
+      if (size(p) < 0.15) return; // it points at the eye
+      pen.beginPath(); pen.moveTo(...origin); pen.lineTo(origin[0] + 24 * p[0], origin[1] - 24 * p[1]); pen.stroke();
+      pen.fillText(name, origin[0] + 34 * p[0], origin[1] + 4 - 34 * p[1]);
+    });
+    const mm = roundBelow(Math.min(160, width / 3) / camera.zoom), px = mm * camera.zoom;
+    pen.fillRect(width - 14 - px, height - 16, px, 3);
+    pen.fillText(shownRound(mm) + " mm", width - 14 - px / 2, height - 22); pen.textAlign = "left";
+  }
+  function draw() {
+    ({ pen, width, height } = fitted(view));
+    if (!camera.zoom) whole();
+    if (tick && follow.checked) {
+      const p = flat(tick.proxy);
+      camera = { x: p[0], y: p[1], zoom: Math.min(width, height) / (8 * data.radius) };
+    }
+    dots(data.cloud, "cloud", 2.5);
+    if (tick) {
+      pen.globalAlpha = 0.35; dots(tick.trail, "hip", 2); pen.globalAlpha = 1;
+      const [x, y] = toScreen(tick.proxy);
+      pen.strokeStyle = colour("contact"); pen.lineWidth = 2; pen.beginPath();
+      pen.arc(x, y, data.radius * camera.zoom, 0, 2 * Math.PI); pen.stroke();
+      arrow(tick.proxy, tick.proxy.map((v, i) => v + data.radius * tick.normal[i]), "proxy");
+      if (size(tick.force) > 0)
+        arrow(tick.hip, tick.hip.map((v, i) => v + data.radius * tick.force[i] / tick.peak), "force");
+      disc(tick.proxy, 5, "proxy"); disc(tick.hip, 5, "hip");
+    }
+    rulers();
+  }
+  const zoom = (by) => { follow.checked = false; camera.zoom *= by; };
+  const turned = (a, e) => { turn = [turn[0] + a, Math.max(-1.57, Math.min(1.57, turn[1] + e))]; };
+  const moved = (x, y) => { follow.checked = false; camera.x -= x / camera.zoom; camera.y += y / camera.zoom; };
+  const push = (x, y) => (dims === 3 ? turned(x * 0.1, y * 0.1) : moved(x * 40, y * 40));
+  const acts = {
+    left: () => push(-1, 0), right: () => push(1, 0), up: () => push(0, -1), down: () => push(0, 1),
+    closer: () => zoom(1.25), farther: () => zoom(0.8), whole: () => { follow.checked = false; whole(); },
+  };
+  const keys = { ArrowLeft: "left", ArrowRight: "right", ArrowUp: "up", ArrowDown: "down",
+                 "+": "closer", "=": "closer", "-": "farther", 0: "whole" };
+  for (const button of document.querySelectorAll("button[data-act]"))
+    button.addEventListener("click", () => { acts[button.dataset.act](); draw(); });
+  if (dims === 2) for (const button of document.querySelectorAll("button.turn")) button.hidden = true;
+  view.addEventListener("keydown", (event) => {
+    const act = keys[event.key];
+    if (!act || event.ctrlKey || event.metaKey) return;
+    event.preventDefault(); acts[act](); draw();
+  });
+  // The wheel scrolls the page unless the scene has been chosen.
+  view.addEventListener("wheel", (event) => {
+    if (document.activeElement !== view) return;
+    event.preventDefault(); zoom(Math.exp(-event.deltaY / 500)); draw();
+  }, { passive: false });
+  view.addEventListener("pointermove", (event) => {
+    if (!event.buttons) return;
+    if (dims === 3 && !event.shiftKey) turned(event.movementX / 150, event.movementY / 150);
+    else moved(event.movementX, event.movementY);
+    draw();
+  });
+  follow.addEventListener("change", () => { if (!follow.checked) whole(); draw(); });
+  keptDrawn(view, draw);
+  return {
+    // A tick {hip, proxy, normal, force, trail, peak}; `all`: the path that the whole scene holds.
+    show(now, all) { tick = now; path = all || path; draw(); },
+    whole() { whole(); draw(); },
+    row, size,
+  };
+}
