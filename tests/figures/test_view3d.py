@@ -13,6 +13,7 @@ import vfplan
 from vfplan import view3d
 from vfplan.errors import MissingExtra, SettingError
 from vfplan.io import opengl
+from vfplan.palette import CLOUD, PROXY
 from vfplan.replaying import replay
 
 
@@ -27,6 +28,10 @@ def files(tmp_path_factory):
     vfplan.write_fixture(fixture_of(line()), folder / "f.h5")
     vfplan.write_result(replay(fixture_of(line()), probing(1.0)), folder / "r.h5")
     return folder / "f.h5", folder / "r.h5"
+
+
+def rgb(colour):
+    return tuple(bytes.fromhex(colour[1:]))
 
 
 def share(picture, rgb, within=60):
@@ -45,8 +50,8 @@ def test_screenshot_and_movie_without_a_screen(vfplan_cli, files, tmp_path):
     assert run.json["files"] == [str(png), str(gif)]
     assert Image.open(png).size == (1200, 900)
     assert 0.3 < share(png, (255, 255, 255)) < 0.99
-    assert share(png, (0x1F, 0x5F, 0xBF)) > 1e-4  # the cloud
-    assert share(png, (0xB5, 0x17, 0x9E)) > 1e-4  # the proxy and its path
+    assert share(png, rgb(CLOUD)) > 1e-4  # the cloud
+    assert share(png, rgb(PROXY)) > 1e-4  # the proxy and its path
     movie = Image.open(gif)
     assert movie.n_frames == 5
     assert movie.info["duration"] == 50
@@ -60,7 +65,7 @@ def test_time_and_cloud_alone(tmp_path):
         view3d.draw_view(fixture, tmp_path / f"{name}.png", ticks=ticks, at_s=at, size=(400, 300))
     assert (tmp_path / "start.png").read_bytes() != (tmp_path / "deep.png").read_bytes()
     view3d.draw_view(fixture, tmp_path / "cloud.png", size=(400, 300))
-    assert share(tmp_path / "cloud.png", (0xB5, 0x17, 0x9E)) == 0
+    assert share(tmp_path / "cloud.png", rgb(PROXY)) == 0
     with pytest.raises(SettingError, match=r"time 9 s; 0 to 0.999 s wanted"):
         view3d.draw_view(fixture, tmp_path / "no.png", ticks=ticks, at_s=9.0)
 
