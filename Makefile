@@ -47,6 +47,11 @@ docs: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_format.py
 	$(BIN)/python docs/make_transcripts.py
 
+# The reference of Python (pdoc) and C++ (apt package doxygen), as pages under build/api.
+api: $(VENV)/.vfplan-test
+	$(BIN)/python -m pip install -q "pdoc>=15"
+	$(BIN)/python -P docs/make_api.py
+
 pictures: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_pictures.py
 	$(BIN)/python docs/draw_algorithm.py

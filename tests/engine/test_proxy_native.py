@@ -51,10 +51,6 @@ def test_each_header_stands_alone(tmp_path):
         assert done.returncode == 0, done.stderr
 
 
-def test_a_user_writes_a_dozen_lines(build):
-    assert output(build("dozen_lines", "-O1")) == "5.000 4.000\n"
-
-
 def test_clang_compiles_the_same(build, tmp_path):
     """The loops are narrow there; a warning is an error, and the answers are the same."""
     compiler, program = need_program("clang++", "clang++"), tmp_path / "ticks"

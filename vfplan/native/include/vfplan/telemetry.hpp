@@ -68,6 +68,7 @@ class Telemetry {
     /// Take a tick in; false when the ring was full and the tick was dropped. Wait-free.
     /// @param t time of the tick [s]
     /// @param hip where the tool is [m]
+    /// @param step what the engine answered
     bool publish(double t, const Vec3& hip, const Step& step) noexcept {
         const std::uint64_t at = head_.load(std::memory_order_relaxed);
         if (at - tail_.load(std::memory_order_acquire) > mask_) {
