@@ -60,7 +60,7 @@ def test_touching_brings_the_surface_where_it_is(bone):
     assert found.held > 0.03
 
 
-@pytest.mark.parametrize("count", [20, pytest.param(150, marks=pytest.mark.full)])
+@pytest.mark.parametrize("count", [20, pytest.param(600, marks=pytest.mark.full)])
 def test_the_predicted_error_is_the_error(bone, count):
     """Over repetitions: mean square error against its prediction, and the share of the bounds."""
     rng = np.random.default_rng(11)
@@ -70,7 +70,7 @@ def test_the_predicted_error_is_the_error(bone, count):
         touched = touches(bone, rng, 40, flank)
         found = refine_by_touch(start, touched, bone.points, bone.mesh).registration
         away, at = off(found, bone), bone.points[::97]
-        whole = (away <= found.tre95_curve_m(bone.points)).all()
+        whole = (away[::97] <= found.tre95_curve_m(at)).all()
         rows.append([(off(start, bone) ** 2).mean(), (away**2).mean(),
                      (found.tre_m(at) ** 2).mean(), (away[::97] <= found.tre95_m(at)).mean(),
                      whole])  # fmt: skip
@@ -81,14 +81,17 @@ def test_the_predicted_error_is_the_error(bone, count):
     assert 0.7 < np.sqrt(error / predicted) < 1.4
     assert inside > 0.8
     assert error < markers / 2
+    if count > 100:
+        assert 0.93 <= inside <= 0.97
+        assert 0.93 <= whole <= 0.97
 
 
 def test_what_touched_something_else_is_left_out(bone):
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng(6)
     points = touches(bone, rng, 60, flank)
     points[[5, 17, 40]] += [[4e-3, 0, 0], [0, -3e-3, 2e-3], [0, 0, 5e-3]] @ R_TRUE.T
     found = refine_by_touch(marked(rng), points, bone.points, bone.mesh)
-    assert not found.used[[5, 17]].any()
+    assert not found.used[[5, 17, 40]].any()
     assert found.used.sum() > 50
     bound = found.registration.tre95_curve_m(bone.points)
     assert bound.max() < 1.5e-3

@@ -23,7 +23,7 @@ FARTHEST_M = 0.02  # half of the points from where the markers put the surface: 
 # How much the distances change, RMS, for a motion of 1 that the patch holds least. The normals of a
 # sampled surface are off by hundredths of a radian, which alone would seem to hold as much.
 HELD = 0.03
-STRAY = 4.0  # standard deviations: a point further off touched something else
+STRAY = 1e-4  # a good touch is as far off with this probability: it touched something else
 ROUNDS, MOST_STEPS = 3, 20  # each round with the scale of the one before
 ROUNDING_M = 1e-9
 
@@ -105,15 +105,20 @@ def refine_by_touch(
         )
     for _ in range(ROUNDS):
         m = patch.fitted(m, model, "cauchy")
-    distances = patch.look(m)[0]
-    sigma = max(_scale(distances), ROUNDING_M)
-    used = np.abs(distances) <= STRAY * sigma
-    if used.sum() < LEAST:
-        raise MarkerError(f"only {used.sum()} touched points lie on one surface; {LEAST} wanted")
     # The robust fit has found what is surface; of that, least squares give the least error.
-    kept = replace(patch, touched=touched[used])
-    m = kept.fitted(m, model, "linear")
     distances = patch.look(m)[0]
+    sigma, dof = _scale(distances), len(touched) - 6
+    for _ in range(ROUNDS):
+        used = np.abs(distances) <= _farthest(dof) * max(sigma, ROUNDING_M)
+        if used.sum() < LEAST:
+            raise MarkerError(
+                f"only {used.sum()} touched points lie on one surface; {LEAST} wanted"
+            )
+        kept = replace(patch, touched=touched[used])
+        m = kept.fitted(m, model, "linear")
+        distances = patch.look(m)[0]
+        dof = int(used.sum()) - 6
+        sigma = float(np.sqrt((distances[used] ** 2).sum() / dof))
     _, normals, places = kept.look(m)
     held = _check_held(normals, places)
     refined = _with_error(registration, m, distances[used], normals, places)
@@ -167,7 +172,7 @@ class _Patch:
             distances,
             np.zeros(6),
             slopes,
-            loss="cauchy",
+            loss=loss,
             f_scale=scale,
             x_scale="jac",
             max_nfev=MOST_STEPS,
@@ -175,9 +180,21 @@ class _Patch:
         return model.moved(m, found.x)
 
 
+def _farthest(dof: int) -> float:
+    """How many standard deviations, known to `dof` degrees of freedom, a good touch is off."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(dof, 1 - STRAY / 2))
+
+
 def _scale(distances: Array) -> float:
-    """Standard deviation of normal distances, by the median of their sizes."""
-    return 1.4826 * float(np.median(np.abs(distances)))
+    """Standard deviation of normal distances that a fit has left, by the median of their sizes.
+
+    With the factor for few of them of P. J. Rousseeuw and A. M. Leroy, "Robust regression and
+    outlier detection", 1987, ch. 5: six parameters make half of a few distances small.
+    """
+    few = 1 + 5 / max(len(distances) - 6, 1)
+    return 1.4826 * few * float(np.median(np.abs(distances)))
 
 
 def _jacobian(normals: Array, arms: Array) -> Array:
