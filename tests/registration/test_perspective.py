@@ -68,11 +68,13 @@ def test_the_bounds_hold_whatever_the_tilt(tilt):
 
 @pytest.mark.parametrize("view", [0, 3])
 def test_the_bounds_hold_in_real_photographs(shared_data, view):
-    point, said = [], []
+    point, whole, said = [], [], []
     for source, touched, curve, true in plates.photos(shared_data / "photo_px_to_mm", view, 9, 40):
         r = fit_registration(source, touched)
         error = np.linalg.norm(r.apply(curve) - true, axis=1)
         point.append((error <= r.tre95_m(curve)).mean())
+        whole.append((error <= r.tre95_curve_m(curve)).all())
         said.append(r.perspective is not None and r.perspective.sure)
     assert np.mean(said) > 0.95
     assert np.mean(point) > 0.94
+    assert np.mean(whole) >= 0.93
