@@ -18,6 +18,7 @@ REVERSED = tuple(range(N))[::-1]
 TRANSPOSED = (0, 3, 6, 1, 4, 7, 2, 5, 8)
 SHIFTED = (*range(1, N), 0)
 MIXED = (4, 0, 7, 1, 8, 2, 6, 5, 3)
+ORDERS_OF_FOUR = [(3, 2, 1, 0), (1, 2, 3, 0), (0, 2, 1, 3), (2, 1, 0, 3), (1, 0, 3, 2)]
 
 
 def by_hand(rng, jitter_px):
@@ -98,7 +99,7 @@ def test_one_bad_marker_does_not_hide_the_order():
 
 def test_a_grid_to_the_pixel_has_no_better_labelling():
     fit = fit_registration(GRID, planar(GRID)).fit
-    assert better_labelling(fit) is None
+    assert not better_labelling(fit).seems
 
 
 def test_stated_sigmas_that_the_residuals_exceed_ten_times_are_refused():
@@ -121,3 +122,31 @@ def test_good_markers_of_any_layout_are_not_refused():
         error = rng.standard_t(3, (len(source), 3)) * 10 ** rng.uniform(-4, -3)
         target = planar(source, 0) + error
         assert said(source, target, MODELS[k % 3], pixel_spacing=PX) is None
+
+
+@pytest.mark.parametrize("spacing", [PX, None])
+def test_four_markers_say_so_where_they_cannot_show_their_labels(spacing):
+    """No other order is far off without a word, and with a pixel spacing most are refused."""
+    rng = np.random.default_rng(8)
+    refused = 0
+    for k in range(48):
+        source = rng.uniform(0, [870, 780], (4, 2))
+        target = planar(source, 5e-4, seed=k)
+        order = list(ORDERS_OF_FOUR[k % len(ORDERS_OF_FOUR)])
+        if said(source, target[order], pixel_spacing=spacing) is not None:
+            refused += 1
+            continue
+        r = fit_registration(source, target[order], pixel_spacing=spacing)
+        warnings = " ".join(diagnose(r).warnings)
+        assert any(words in warnings for words in ("cannot show how", "it seems", "symmetric"))
+    assert refused >= (40 if spacing else 20)
+
+
+def test_what_the_pixel_spacing_rules_out_is_no_rival():
+    """An affine map takes a kite's labels in other orders too; a similarity does not."""
+    source = np.array([[100.0, 400], [420, 740], [760, 420], [400, 60]])
+    target = planar(source, 1e-3, seed=2)
+    without = diagnose(fit_registration(source, target))
+    assert "cannot show how they are labelled" in " ".join(without.warnings)
+    assert not any("label" in w for w in diagnose(
+        fit_registration(source, target, pixel_spacing=PX)).warnings)  # fmt: skip

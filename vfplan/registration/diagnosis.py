@@ -34,7 +34,7 @@ class Diagnosis:
     swapped
         Two labels that seem exchanged; `None` when none do.
     relabelled
-        Another labelling that fits far better, whichever labels it moves; `None` when none does.
+        Another labelling that fits far better, or as well; `None` when none does.
     labellings
         Labellings that fit the layout equally well, 1 when it has no symmetry; `None`: not checked.
     unchecked
@@ -103,7 +103,7 @@ def diagnose(registration: Registration) -> Diagnosis:
     everyone = fit if fit.used.all() else residuals.solve(fit.problem)
     pair = layout.swapped_labels(everyone)
     swapped = None if pair is None else (labels[pair[0]], labels[pair[1]])
-    relabelled = better_labelling(everyone)
+    relabelled = better_labelling(everyone, square=registration.pixel_spacing is not None)
     labellings = layout.symmetries(fit)
     unchecked = tuple(
         label
@@ -113,7 +113,7 @@ def diagnose(registration: Registration) -> Diagnosis:
     departure, sigma = _departure(registration)
     suspects = _suspects(registration, swapped)
     warnings = (
-        *_label_warnings(labels, swapped, relabelled),
+        *_label_warnings(registration, swapped, relabelled, labellings),
         *_suspect_warnings(suspects, swapped),
         *_perspective_warning(registration),
         *_layout_warnings(registration, labellings, unchecked),
@@ -231,15 +231,25 @@ def _free_scale_departure(
 
 
 def _label_warnings(
-    labels: tuple[Label, ...], swapped: tuple[Label, Label] | None, other: Relabelling | None
+    registration: Registration,
+    swapped: tuple[Label, Label] | None,
+    other: Relabelling | None,
+    labellings: int | None,
 ) -> tuple[str, ...]:
     if swapped:
         return (f"the labels of {swapped[0]} and {swapped[1]} seem exchanged: check both",)
-    if other is None:
-        return ()
+    if other is None or (not other.seems and (labellings or 1) > 1):
+        return ()  # of a symmetric layout that is said anyway
+    name = name_labelling(other.order, registration.labels)
+    if other.seems:
+        return (
+            f"it seems that {name}: so the markers would miss their places by "
+            f"{other.rms_m * 1e3:.3g} mm rms only; check the labels",
+        )
     return (
-        f"it seems that {name_labelling(other.order, labels)}: so the markers would miss their "
-        f"places by {other.rms_m * 1e3:.3g} mm rms only; check the labels",
+        f"these {len(registration.labels)} markers cannot show how they are labelled: they miss "
+        f"their places by {registration.fre_rms_m * 1e3:.3g} mm rms, and if {name}, by "
+        f"{other.rms_m * 1e3:.3g} mm; check the labels, or add a marker",
     )
 
 

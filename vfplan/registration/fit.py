@@ -70,7 +70,7 @@ def fit_registration(
     fit = solve(problem, _agreeing(problem) if robust else None)
     check_handedness(fit, facing)
     names = tuple(range(len(problem.s)) if labels is None else labels)
-    _check_explained(fit, names)
+    _check_explained(fit, names, square=pixel_spacing is not None)
     spacing = None if pixel_spacing is None else problem.normaliser.spacing
     return Registration(
         model,
@@ -94,23 +94,24 @@ def _agreeing(problem: Problem) -> np.ndarray:
     return np.ones(len(used), dtype=bool)
 
 
-def _check_explained(fit: Fit, labels: Sequence[str | int]) -> None:
+def _check_explained(fit: Fit, labels: Sequence[str | int], *, square: bool) -> None:
     """Refuse a transform that is not larger than its own error across the layout.
 
     Markers that coincide or lie on a line to within their error, labels all wrong, a wrong unit.
     Two labels exchanged are left to the diagnosis, which names them.
     """
     extent, error = extent_and_error(fit)
-    if extent < MIN_EXTENT * error and swapped_labels(fit) is None:
-        better = better_labelling(solve(fit.problem))
-        cause = "wrong labels or units, or markers on a line or in one place?"
-        if better is not None and better.sure and better.alone:
-            cause = name_labelling(better.order, labels)
-        raise MarkerError(
-            f"the transform does not explain the markers: they spread {extent * 1e3:.3g} mm across "
-            f"the layout and miss their places by {error * 1e3:.3g} mm an axis; at most a third is "
-            f"allowed ({cause})"
-        )
+    if extent >= MIN_EXTENT * error or swapped_labels(fit) is not None:
+        return
+    better = better_labelling(solve(fit.problem), square=square)
+    cause = "wrong labels or units, or markers on a line or in one place?"
+    if better is not None and better.sure and better.alone:
+        cause = name_labelling(better.order, labels)
+    raise MarkerError(
+        f"the transform does not explain the markers: they spread {extent * 1e3:.3g} mm across "
+        f"the layout and miss their places by {error * 1e3:.3g} mm an axis; at most a third is "
+        f"allowed ({cause})"
+    )
 
 
 def _direction(value: ArrayLike | None, name: str) -> np.ndarray | None:

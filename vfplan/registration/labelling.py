@@ -6,7 +6,10 @@ centimetres away. So the markers are matched as two *sets*: three markers far ap
 are sent to every ordered three of the target, the others follow, each is given the target nearest
 to it (all at once, as an assignment), and what fits is fitted again. The labellings found, and the
 usual mistakes, are held against the given one by their sums of squares; with one marker left out
-on both sides too, so that a single bad one does not hide the mistake.
+on both sides too, so that a single bad one does not hide the mistake. Few markers fit an affine map
+in almost any order: where the pixel spacing is known, the similarity must speak for a labelling
+too. What fits about as well as the given labelling is a rival: the markers cannot show which is
+right, and that is said.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.registration.models import Array, Orthogonal, homogeneous
+from vfplan.registration.models import Affine, Array, Orthogonal, homogeneous
 from vfplan.registration.problem import Problem
 from vfplan.registration.residuals import Fit
 from vfplan.registration.robust import spans
@@ -28,6 +31,7 @@ from vfplan.registration.robust import spans
 SURE = 5e-6
 SEEMS = 1e-4
 AS_GOOD = 1e-2
+ALL_ORDERS = 5  # markers: every order is looked at
 # All ordered threes of 32 markers; of more, the usual mistakes alone are tried.
 MAX_SEEDS = 30_000
 # The map through three markers fits worse than the one through all: by the noise that it carries
@@ -41,7 +45,7 @@ Order = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Relabelling:
-    """A labelling that fits better than the given one.
+    """A labelling that fits better than the given one, or about as well.
 
     Parameters
     ----------
@@ -51,6 +55,8 @@ class Relabelling:
         The given labelling's sum of squares over this one's.
     rms_m
         What this labelling leaves at the markers, RMS [m].
+    seems
+        Whether it fits far better; else it is a rival, that the markers cannot rule out.
     sure
         Whether good markers cannot look like this.
     alone
@@ -60,41 +66,70 @@ class Relabelling:
     order: Order
     gain: float
     rms_m: float
+    seems: bool
     sure: bool
     alone: bool
 
 
-def better_labelling(fit: Fit) -> Relabelling | None:
-    """The labelling that fits the markers far better than theirs; `None` where none does.
+def better_labelling(fit: Fit, *, square: bool = False) -> Relabelling | None:
+    """The labelling that fits the markers best, where one fits about as well as theirs or better.
 
     Parameters
     ----------
     fit
         Of all markers. Any model, planar or solid.
+    square
+        Whether the pixel spacing is known, so that a true map is near a similarity.
     """
     problem = fit.problem
-    spare = 3 * len(problem.s) - problem.model.parameters
-    dofs = {dropped: spare - 3 * dropped for dropped in (0, 1) if spare - 3 * dropped >= 3}
-    given = {dropped: _squares(problem, [_identity(problem)], dropped)[0] for dropped in dofs}
-    worth = max(given[dropped] / _limit(dof, SEEMS) for dropped, dof in dofs.items())
-    orders = _candidates(problem, worth)
+    problems = [problem]
+    if square and isinstance(problem.model, Affine) and problem.model.dimension == 2:
+        problems.append(replace(problem, model=Orthogonal(2, None, "similarity")))
+    worths = [_worth(one) for one in problems]
+    orders = sorted(set().union(*map(_candidates, problems, worths)) - {_identity(problem)})
     if not orders:
         return None
-    found = [_best(problem, orders, given[dropped], dropped, dof) for dropped, dof in dofs.items()]
-    return max((one for one in found if one), key=lambda one: (one.sure, one.gain), default=None)
-
-
-def _best(
-    problem: Problem, orders: list[Order], given: float, dropped: int, dof: int
-) -> Relabelling | None:
-    squares = _squares(problem, orders, dropped)
-    best = int(squares.argmin())
-    gain = float(given / squares[best])
-    if gain <= _limit(dof, SEEMS):
+    gains = np.array([_gains(one, orders, 0) for one in problems])
+    limits = [_limit(one, AS_GOOD) for one in problems]
+    possible = (gains * np.array(limits)[:, None] >= 1).all(axis=0)
+    orders, gains = [orders[k] for k in np.flatnonzero(possible)], gains[:, possible]
+    if not orders:
         return None
-    alike = int((squares <= squares[best] * _limit(dof, AS_GOOD)).sum())
+    found = [_best(one, orders, gains.min(axis=0), d) for one in problems for d in _dropped(one)]
+    return max(found, key=lambda one: (one.sure, one.seems, one.gain))
+
+
+def _best(problem: Problem, orders: list[Order], least: Array, dropped: int) -> Relabelling:
+    """The best of the labellings by one model; it fits far better only where `least` agrees."""
+    gains = _gains(problem, orders, dropped)
+    best = int(gains.argmax())
+    gain = float(gains[best])
+    alike = int((gains >= gain / _limit(problem, AS_GOOD, dropped)).sum())
     rms = float(np.sqrt(_squares(problem, [orders[best]], 0)[0] / len(problem.s)))
-    return Relabelling(orders[best], gain, rms, gain > _limit(dof, SURE), alike == 1)
+    seems, sure = (
+        bool(gain > _limit(problem, alpha, dropped) and (dropped or least[best] > 1))
+        for alpha in (SEEMS, SURE)
+    )
+    return Relabelling(orders[best], gain, rms, seems, sure, alike == 1)
+
+
+def _dropped(problem: Problem) -> list[int]:
+    """How many markers may be left out so that enough is left to judge by."""
+    return [d for d in (0, 1) if _dof(problem, d) >= 3]
+
+
+def _dof(problem: Problem, dropped: int) -> int:
+    return 3 * (len(problem.s) - dropped) - problem.model.parameters
+
+
+def _gains(problem: Problem, orders: list[Order], dropped: int) -> Array:
+    given = _squares(problem, [_identity(problem)], dropped)[0]
+    return np.asarray(given / _squares(problem, orders, dropped))
+
+
+def _worth(problem: Problem) -> float:
+    """The largest sum of squares [m²] that still is about as good as the given labelling's."""
+    return float(_squares(problem, [_identity(problem)], 0)[0] * _limit(problem, AS_GOOD))
 
 
 def name_labelling(order: Order, labels: Sequence[str | int]) -> str:
@@ -119,10 +154,11 @@ def _identity(problem: Problem) -> Order:
     return tuple(range(len(problem.s)))
 
 
-def _limit(dof: int, alpha: float) -> float:
+def _limit(problem: Problem, alpha: float, dropped: int = 0) -> float:
     from scipy.special import fdtri
 
-    return float(fdtri(float(dof), float(dof), 1 - alpha))
+    dof = float(_dof(problem, dropped))
+    return float(fdtri(dof, dof, 1 - alpha))
 
 
 def _shift(order: Order) -> int | None:
@@ -152,13 +188,14 @@ def _usual(n: int) -> Iterator[Order]:
     yield from (_transpose(*shape) for shape in _shapes(n))
 
 
-def _candidates(problem: Problem, worth: float) -> list[Order]:
-    """Labellings other than the given one that may leave less than `worth` [m²]."""
+def _candidates(problem: Problem, worth: float) -> set[Order]:
+    """Labellings that may leave less than `worth` [m²]."""
     n = len(problem.s)
+    if n <= ALL_ORDERS:
+        return set(permutations(range(n)))
     if n * (n - 1) * (n - 2) > MAX_SEEDS:
-        return sorted(set(_usual(n)) - {_identity(problem)})
-    matched = (_matched(problem, base, SLACK * worth) for base in _bases(problem, 2))
-    return sorted(set().union(*matched) - {_identity(problem)})
+        return set(_usual(n))
+    return set().union(*(_matched(problem, base, SLACK * worth) for base in _bases(problem, 2)))
 
 
 def _bases(problem: Problem, count: int) -> list[list[int]]:

@@ -47,7 +47,7 @@ def describe(
         report["perspective"] = {"p_value": seen.p_value, "said": seen.sure}
     if diagnosis.relabelled:
         other, labels = diagnosis.relabelled, registration.labels
-        report["better_labelling"] = {
+        report["better_labelling" if other.seems else "rival_labelling"] = {
             "labels": [labels[j] for j in other.order],
             "fre_rms_m": other.rms_m,
             "gain": other.gain,
