@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+from boxes import HIDDEN
 from slices import KINDS, TRAPS, draw
 from verdicts import judge
 
@@ -24,7 +25,7 @@ def row(kind, count, verbose):
     """Outcomes of a kind, with the RMS of its errors and of their z."""
     tally, errors, z = Counter(), [], []
     for seed in range(count):
-        drawn = draw(kind, seed)
+        drawn = draw(kind, seed, {**KINDS, **TRAPS, **HIDDEN})
         verdict = judge(drawn)
         tally[verdict.outcome] += 1
         if verdict.z is not None:
@@ -48,7 +49,7 @@ def main(given):
     print(f"| kind | {' | '.join(OUTCOMES)} | RMS error [px] | RMS z |")
     print("|" + "---|" * (len(OUTCOMES) + 3))
     total = Counter()
-    for kind in given[1:] or [*KINDS, *TRAPS]:
+    for kind in given[1:] or [*KINDS, *TRAPS, *HIDDEN]:
         total += row(kind, count, verbose)
     print(f"| all | {' | '.join(str(total[name]) for name in OUTCOMES)} | | |")
 

@@ -9,6 +9,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from boxes import HIDDEN
 from slices import KINDS, TRAPS, draw
 from verdicts import judge
 
@@ -17,6 +18,9 @@ FALSE = 0.05  # of the slices with one right answer: refused, or warned of, for 
 
 def verdicts(kinds, seeds):
     return {(kind, seed): judge(draw(kind, seed)) for kind in kinds for seed in seeds}
+
+
+TOLD = 0.7  # of boxes without colour over an end: a straight edge is all there is to see
 
 
 def silent(found):
@@ -40,6 +44,15 @@ def test_what_could_be_wrong_is_refused_or_told():
     assert all(v.why for v in found.values() if v.outcome != "right")
 
 
+def told_of_boxes(seeds):
+    found = [judge(draw(kind, seed, HIDDEN)) for kind in HIDDEN for seed in seeds]
+    return np.mean([v.outcome != "silent" for v in found])
+
+
+def test_a_box_without_colour_over_an_end_is_mostly_told():
+    assert told_of_boxes((4, 5)) >= TOLD
+
+
 @pytest.mark.full
 def test_the_whole_table():
     found = verdicts({**KINDS, **TRAPS}, range(20))
@@ -48,3 +61,4 @@ def test_the_whole_table():
     assert not silent(found)
     assert count["falsely refused"] <= 0.04 * clear
     assert count["falsely warned"] <= 0.03 * clear
+    assert told_of_boxes(range(20)) >= TOLD

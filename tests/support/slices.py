@@ -35,13 +35,13 @@ class Slice:
     clear: bool
 
 
-def draw(kind, seed):
-    """The slice of a kind's name with this seed."""
+def draw(kind, seed, kinds=None):
+    """The slice of a kind's name with this seed; `kinds` are others than those of this module."""
     rng = np.random.default_rng([seed, *kind.encode()])
     rasteriser = RASTERISERS[seed % len(RASTERISERS)]
     canvas = Canvas(anatomy(SHAPE, int(rng.integers(1000))), rasteriser)
     quality = (None, None, 90, 80)[seed % 4]
-    truth, closed = {**KINDS, **TRAPS}[kind](canvas, rng)
+    truth, closed = (kinds or {**KINDS, **TRAPS})[kind](canvas, rng)
     image = canvas.image(quality)
     return Slice(kind, seed, rasteriser, quality, image, truth, closed, kind in KINDS)
 
@@ -422,6 +422,16 @@ def end_among_specks(canvas, rng):
     return curve, False
 
 
+def beyond_a_long_lift(canvas, rng):
+    """One more stroke of 25 to 40 px, 30 to 60 px on, wherever the curve has bent to."""
+    curve, width = hand(rng, margin=0.12), pen(rng)
+    length = arc_of(curve)[-1]
+    start = length - rng.uniform(25, 40)
+    canvas.line(part(curve, 0, start - rng.uniform(30, 60) - width), width, RED)
+    canvas.line(part(curve, start, length), width, RED)
+    return curve, False
+
+
 def opening(canvas, rng):
     """A C: nearly closed, with an opening of 6 to 26 px."""
     curve = hand(rng, True)
@@ -462,6 +472,6 @@ TRAPS = {
     f.__name__.replace("_", " "): f
     for f in (
         goes_on_along_an_axis, short_pieces, goes_on_dashed, rectangle_with_a_line, end_under_a_box,
-        end_among_specks, opening, orange_bar, hidden_stretch,
+        end_among_specks, beyond_a_long_lift, opening, orange_bar, hidden_stretch,
     )
 }  # fmt: skip

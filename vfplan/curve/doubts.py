@@ -1,4 +1,4 @@
-"""What may be wrong with a measured curve: what a region cuts, an opening, a covered end.
+"""What may be wrong with a measured curve: what a region cuts, an opening, runs side by side.
 
 None of it proves the curve wrong, so it is told with its pixels; only two runs that surely lie side
 by side are refused.
@@ -13,14 +13,11 @@ from numpy.typing import NDArray
 
 from vfplan.curve.candidates import Candidate, angle_deg, inked_ends
 from vfplan.curve.doubling import Widening
-from vfplan.curve.pen import sample_pixels
-from vfplan.curve.unmixing import FOREIGN
 from vfplan.errors import CurveError
 
 AHEAD_DEG = 60.0  # between an end's direction and the way to what may carry it on
 NEAR_GAPS, NEAR_SHARE = 3.0, 0.1  # of the longest gap bridged, of the length: nearly closed
 MOST_LIFTS = 2  # a ring drawn with more is no C
-STRETCH, OVER_PX = 6, 4.0  # points back, px beyond a line's half width: the way ahead of an end
 
 
 def cut_off(
@@ -90,27 +87,6 @@ def _closed_over(line: Candidate, origin: tuple[int, int]) -> list[str]:
         f"a gap of about {len(run):.0f} px at ({u:.0f}, {v:.0f}) was bridged, which closes the "
         "curve; a smaller --max-gap leaves it open"
     ]
-
-
-def covered_ends(
-    rgb: NDArray, line: Candidate, points: NDArray, origin: tuple[int, int]
-) -> list[str]:
-    """A warning for each end of a measured open line, (M, 2) points, under another colour."""
-    if line.closed or len(points) <= STRETCH:
-        return []
-    pen, warnings = line.mark.pen, []
-    for at, inner in ((points[0], points[STRETCH]), (points[-1], points[-1 - STRETCH])):
-        onward = (at - inner) / np.hypot(*(at - inner))
-        ahead = at + np.arange(1.0, line.width_px + OVER_PX)[:, None] * onward
-        pixels = sample_pixels(rgb, *ahead.T)
-        along, across = pixels @ pen.along, pixels @ pen.across
-        if (np.maximum(np.abs(across), -along) > FOREIGN * pen.strength).sum() >= 2:
-            u, v = at + origin
-            warnings.append(
-                f"the curve ends at ({u:.0f}, {v:.0f}) where something of another colour begins: "
-                "what that hides of it is not followed"
-            )
-    return warnings
 
 
 def several(line: Candidate, single: bool) -> list[str]:

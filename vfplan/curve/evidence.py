@@ -26,6 +26,7 @@ BENT_DEG, UNEVEN_DEG = 50.0, 35.0  # from an end's direction, for a piece along 
 REACH = 3.0  # times its own length, beyond `max_gap`, a piece is looked for
 SLIM = 2.0  # times longer than wide: a piece that has a direction
 ALIKE = 2.5  # widths of one pen differ by no more
+SAME, STROKE, STROKE_PX = 1.3, 4.0, 20.0  # nearly so wide, so many times as long: a stroke of it
 LEAST_PIXELS, SPECKS = 3, 3
 NO_CONTINUATION = ("text", "frame", "scale bar", "leader", "other colour")
 LEFT = 0.5  # of a width, and a pixel: an honest fit does not leave the ink by more
@@ -197,10 +198,13 @@ def _carries_on(
     outward: NDArray,
     max_gap: float,
 ) -> bool:
-    if not 1 / ALIKE < piece.width_px / line.width_px < ALIKE:
+    wider = max(piece.width_px / line.width_px, line.width_px / piece.width_px)
+    if wider > ALIKE:
         return False
     if gap <= max_gap:
         return aside <= AHEAD_DEG
+    if wider <= SAME and piece.length_px >= max(STROKE * piece.width_px, STROKE_PX):
+        return aside < 90.0
     if piece.length_px < SLIM * piece.width_px:
         return aside <= AIMED_DEG
     # An arc turns by as much again beyond its chord's middle.

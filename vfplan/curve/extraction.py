@@ -19,13 +19,8 @@ from vfplan.curve.choice import (
     refuse_noise,
     set_aside,
 )
-from vfplan.curve.doubts import (
-    covered_ends,
-    cut_off,
-    nearly_closed,
-    several,
-    side_by_side,
-)
+from vfplan.curve.covers import covered_ends
+from vfplan.curve.doubts import cut_off, nearly_closed, several, side_by_side
 from vfplan.curve.evidence import (
     bridged_ink,
     pieces_beside,

@@ -1,0 +1,67 @@
+"""Curves whose end is hidden under a box without colour; nothing here uses vfplan.
+
+Such a box is told by its straight edge and its evenness, not by its colour, so that some go unseen:
+these kinds stand apart from those of `slices`, of which none may be silently wrong.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from canvas import rectangle
+from slices import RED, arc_of, hand, part, pen
+
+
+def _over_the_end(canvas, rng):
+    """A drawn curve, and the box that hides its last 35 to 90 px, half of them on whole pixels."""
+    curve = hand(rng)
+    canvas.line(curve, pen(rng), RED)
+    length = arc_of(curve)[-1]
+    hidden = part(curve, length - rng.uniform(35, 90), length)
+    low, high = hidden.min(0) - rng.uniform(4, 14), hidden.max(0) + rng.uniform(4, 14)
+    if rng.integers(2):
+        low, high = np.rint(low) - 0.5, np.rint(high) + 0.5
+    return curve, ((low + high) / 2, *(high - low))
+
+
+def _tone(rng):
+    return float(rng.choice([0.0, 255.0, rng.uniform(40, 215)]))
+
+
+def box_over_the_end(canvas, rng, opacity=1.0, words=False):
+    """White, black or grey."""
+    curve, (at, width, height) = _over_the_end(canvas, rng)
+    tone, before = _tone(rng), canvas.picture
+    canvas.box(at, width, height, (tone,) * 3)
+    if words:
+        for v in np.arange(at[1] - height / 2 + 12, at[1] + height / 2, 16):
+            text = "Lt 12 mm cut"[: max(1, int((width - 6) / 9))]
+            ink = (0.0 if tone > 127 else 255.0,) * 3
+            canvas.text(text, (at[0] - width / 2 + 3, v), ink, 0.4)
+    canvas.picture = (1 - opacity) * before + opacity * canvas.picture
+    return curve, False
+
+
+def framed_box_over_the_end(canvas, rng):
+    curve, (at, width, height) = _over_the_end(canvas, rng)
+    tone = _tone(rng)
+    canvas.box(at, width, height, (tone,) * 3)
+    canvas.line(rectangle(at, width, height), 1.0, (255 - tone,) * 3, True)
+    return curve, False
+
+
+def panel_over_the_end(canvas, rng):
+    """Words on white, black or grey."""
+    return box_over_the_end(canvas, rng, words=True)
+
+
+def veil_over_the_end(canvas, rng):
+    """Half to four fifths opaque: the ink shows through."""
+    return box_over_the_end(canvas, rng, opacity=rng.uniform(0.5, 0.8))
+
+
+HIDDEN = {
+    f.__name__.replace("_", " "): f
+    for f in (
+        box_over_the_end, framed_box_over_the_end, panel_over_the_end, veil_over_the_end,
+    )
+}  # fmt: skip
