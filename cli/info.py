@@ -53,6 +53,7 @@ def _summary(data: dict[str, Any]) -> str:
         lines.append(
             f"  guide       along {which}, tube {1e3 * data['/guidance@radius_m']:g} mm, K "
             f"{data['/guidance@stiffness_n_per_m']:g} N/m, ends {data['/guidance@ends']}"
+            + ("" if (n := data.get("/guidance@lead_force_n")) is None else f", led by {n:g} N")
         )
     if "/registration@model" in data:
         line = (

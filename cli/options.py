@@ -153,6 +153,11 @@ FIXTURE_OPTIONS = [
                  "free.  [default: stop]"),
     click.option("--guide-stroke", type=click.IntRange(0), metavar="N",
                  help="Only this stroke guides, the others are forbidden.  [default: all guide]"),
+    click.option("--guide-pull", type=Numbers(1, 2, metavar="N[,MM_PER_S]", positive=False),
+                 help="Lead the tip along the curve with this force, which has fallen to 0 at this "
+                 "speed, 20 mm/s unless given.  [default: no pull]"),
+    click.option("--guide-cut-bends", is_flag=True,
+                 help="Take bends tighter than the tube is wide: the tip may cut them."),
     click.option("--picture-out", type=PNG, metavar="PNG",
                  help="Write the slice with the residuals and the error along the curve."),
 ]  # fmt: skip
@@ -208,8 +213,13 @@ def fixture_settings(given: dict[str, Any]) -> Any:
     probability = isinstance(given["margin"], float)
     if probability != (given["campaign"] is not None):
         raise click.UsageError("--margin p=P and --campaign DIR: both or neither")
-    if given["guide_mm"] is None and (given["guide_ends"] or given["guide_stroke"] is not None):
-        raise click.UsageError("--ends and --guide-stroke have no effect without --guide MM")
+    more = given["guide_ends"], given["guide_pull"], given["guide_cut_bends"]
+    if given["guide_mm"] is None and (any(more) or given["guide_stroke"] is not None):
+        raise click.UsageError(
+            "--ends, --guide-stroke, --guide-pull and --guide-cut-bends have no effect without "
+            "--guide MM"
+        )
+    pull = given["guide_pull"] or ()
     density = given["density_per_mm"]
     return FixtureSettings(
         model=given["model"],
@@ -229,6 +239,8 @@ def fixture_settings(given: dict[str, Any]) -> Any:
         guide_m=given["guide_mm"] and given["guide_mm"][0] * 1e-3,
         guide_ends=given["guide_ends"],
         guide_stroke=given["guide_stroke"],
+        guide_pull=(*pull[:1], *(1e-3 * speed for speed in pull[1:])),
+        guide_cut_bends=given["guide_cut_bends"],
     )
 
 

@@ -207,6 +207,8 @@ def _guide_line(guide: dict[str, Any]) -> str:
         f"guide: a tube of {1e3 * guide['radius_m']:g} mm around {which}, "
         f"{_mm(sum(guide['lengths_m']))} long; ends {guide['ends']}"
     )
+    if guide["lead_force_n"]:
+        line += f"; led by {guide['lead_force_n']:g} N"
     if "clearance_min_m" in guide:
         line += f"; at least {_mm(guide['clearance_min_m'])} before the forbidden region"
     return line

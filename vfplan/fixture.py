@@ -139,12 +139,17 @@ class Guidance:
     stroke
         The one stroke that guides, the others are a forbidden region; `None`: every stroke guides,
         and nothing is forbidden.
+    lead_force, lead_speed
+        Pull along the curve [N], towards its beginning when negative, and the speed [m/s] at which
+        it has fallen to 0; `None`: no pull, 0.02 m/s.
     """
 
     radius: float
     stiffness: float
     ends: Literal["stop", "open"] = "stop"
     stroke: int | None = None
+    lead_force: float | None = None
+    lead_speed: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

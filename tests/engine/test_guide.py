@@ -145,10 +145,12 @@ def test_a_tube_that_runs_into_itself_is_refused_with_the_place(points, closed, 
     assert len(vfplan.Guide(points, 0.97 * fits, closed).lengths_m) == 1
 
 
-def test_a_bend_tighter_than_the_tube_is_said():
+def test_a_bend_tighter_than_the_tube_is_refused_or_said():
     corner = np.vstack([along_x(101), [0.1, 0, 0] + along_x(101)[1:, [1, 0, 2]]])
+    with pytest.raises(SettingError, match=r"radius 2 mm: at most 0\.\d+ mm fit the bends.*arc 9"):
+        vfplan.Guide(corner, 2e-3)
     with pytest.warns(UserWarning, match="bends more tightly at arc 9"):
-        guide = vfplan.Guide(corner, 2e-3)
+        guide = vfplan.Guide(corner, 2e-3, cut_bends=True)
     assert guide.tight_bend is not None
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -254,6 +256,9 @@ def test_a_bad_hip_changes_nothing():
         (SettingError, "closed: 2 values for 1 curves", {"closed": [True, False]}),
         (SettingError, "lead_speed 0 m/s", {"lead_speed": 0}),
         (SceneError, "2 points that differ", {"points": [[0, 0, 0], [0, 0, 0]]}),
+        (SettingError, "radius 500 mm: at most 100 mm, the extent", {"radius": 0.5}),
+        (SceneError, r"points \[\]: allowed is", {"points": []}),
+        (SceneError, "points 3: allowed is", {"points": 3}),
         (SceneError, r"points of shape \(3,\)", {"points": [[[0, 0, 0]], [0, 0, 0]]}),
     ],
 )

@@ -134,6 +134,7 @@ void play(const Shape& shape, vfplan::Ends ends, long ticks) {
     vfplan::GuideParameters p;
     p.radius = shape.radius;
     p.ends = ends;
+    p.cut_bends = true;
     if (shape.planar) p.ignore_axis = Vec3{{0, 0, 1}};
     vfplan::Guide guide(xyz.data(), points.size(), shape.closed, p);
     const auto across = [&](Vec3 x) {

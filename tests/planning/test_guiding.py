@@ -72,6 +72,27 @@ def test_a_guide_that_leads_into_the_forbidden_region_is_refused_with_the_place(
         add_guidance(two_lines(0, slope), FixtureSettings(guide_m=1e-3, guide_stroke=1))
 
 
+def test_a_pull_along_the_curve_is_in_the_bundle(tmp_path):
+    settings = FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_pull=(2.0, 0.03))
+    fixture = add_guidance(two_lines(0.02), settings)[0]
+    vfplan.write_fixture(fixture, tmp_path / "led.h5")
+    guide = vfplan.Guide.of(vfplan.read_fixture(tmp_path / "led.h5"), hold="at_once")
+    still = np.tile([0.05, 0.02, 0], (1000, 1))
+    assert guide.run(still).force[-1] == pytest.approx([2.0, 0, 0])
+    with pytest.raises(SettingError, match="guide pull 2 N, 0 m/s"):
+        FixtureSettings(guide_m=1e-3, guide_pull=(2.0, 0.0))
+
+
+def test_a_bend_tighter_than_the_tube_is_refused_unless_it_may_be_cut():
+    x = np.arange(0, 0.05, 0.5e-3)
+    bent = np.column_stack([x, 0.02 + np.abs(x - 0.025), 0 * x])
+    settings = {"guide_m": 3e-3, "guide_stroke": 1}
+    with pytest.raises(SettingError, match=r"mm fit the bends, .* at arc 3\d"):
+        add_guidance(two_lines(0, bent), FixtureSettings(**settings))
+    told = add_guidance(two_lines(0, bent), FixtureSettings(**settings, guide_cut_bends=True))[2]
+    assert "the tip may cut that corner" in told[0]
+
+
 @pytest.mark.parametrize(
     ("change", "says"),
     [

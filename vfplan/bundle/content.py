@@ -157,6 +157,8 @@ _GUIDANCE = (
     ("/guidance@radius_m", "radius"),
     ("/guidance@stiffness_n_per_m", "stiffness"),
     ("/guidance@ends", "ends"),
+    ("/guidance@lead_force_n", "lead_force"),
+    ("/guidance@lead_speed_m_s", "lead_speed"),
     ("/guidance@stroke", "stroke"),
 )
 

@@ -84,7 +84,7 @@ class Guide:
         the start is followed, never changed under the hand.
     radius
         ρ of the tube [m]. One that runs into itself, where the curve turns round or another strand
-        runs beside it, is refused; a bend that is tighter than the tube is wide brings a warning.
+        runs beside it, is refused, and so is a bend that is tighter than the tube is wide.
     closed
         Whether the last point joins the first; one truth, or one a curve.
     stiffness
@@ -95,6 +95,8 @@ class Guide:
     hold
         "at_once": from the first tick on, with whatever force that takes. "on_entry": once the tip
         is within the tube.
+    cut_bends
+        Takes bends tighter than the tube, with a warning: in the tube the tip may cut them.
     ignore_axis
         `None`, "x", "y", "z" or a (3,) direction along which curve and tube are infinite.
     lead_force, lead_speed
@@ -120,6 +122,7 @@ class Guide:
         *,
         ends: Ends = "stop",
         hold: Hold = "at_once",
+        cut_bends: bool = False,
         ignore_axis: str | ArrayLike | None = None,
         lead_force: float = 0.0,
         lead_speed: float = 0.02,
@@ -134,6 +137,7 @@ class Guide:
         native.stiffness = number("stiffness", stiffness, "N/m", above=0.0)
         native.ends = getattr(_core.Ends, _one_of("ends", ends, ENDS))
         native.hold = getattr(_core.Hold, _one_of("hold", hold, get_args(Hold)))
+        native.cut_bends = bool(cut_bends)
         native.lead_force = number("lead_force", lead_force, "N")
         native.lead_speed = number("lead_speed", lead_speed, "m/s", above=0.0)
         native.period = 1 / number("rate_hz", rate_hz, "Hz", above=0.0)
@@ -152,7 +156,7 @@ class Guide:
             warnings.warn(tight, stacklevel=2)
 
     @classmethod
-    def of(cls, fixture: Any, *, hold: Hold = "on_entry") -> Guide:
+    def of(cls, fixture: Any, *, hold: Hold = "on_entry", cut_bends: bool = True) -> Guide:
         """The guide that a fixture's guidance asks for.
 
         Raises
@@ -174,7 +178,10 @@ class Guide:
             guidance.stiffness,
             ends=guidance.ends,
             hold=hold,
+            cut_bends=cut_bends,
             ignore_axis=fixture.ignore_axis,
+            lead_force=guidance.lead_force or 0.0,
+            lead_speed=guidance.lead_speed or 0.02,
         )
 
     @property
@@ -225,7 +232,10 @@ class Guide:
 
 
 def _strokes(points: ArrayLike | Sequence[ArrayLike]) -> list[Vector]:
-    if isinstance(points, np.ndarray) or np.ndim(points[0]) == 1:
+    single = isinstance(points, np.ndarray) and points.dtype != object
+    if not single and (not isinstance(points, Sequence | np.ndarray) or len(points) == 0):
+        raise SceneError(f"points {points!r:.60}: allowed is (N, 3), or a sequence of such")
+    if single or np.ndim(np.asarray(points[0], object)) == 1:
         return [check_points(points)]
     return [check_points(stroke) for stroke in points]
 

@@ -21,7 +21,7 @@ def add_guidance(
     Raises
     ------
     SettingError
-        A tube that runs into itself, or a stroke that is not there.
+        A tube that runs into itself or is wider than a bend, or a stroke that is not there.
     CheckFailed
         The guide leads into the forbidden region of the other strokes; the message has the place.
     """
@@ -39,16 +39,18 @@ def add_guidance(
             "while others are forbidden; without it all guide"
         )
     guidance = Guidance(
-        settings.guide_m, min(settings.stiffness), settings.guide_ends or "stop", stroke
-    )
+        settings.guide_m, min(settings.stiffness), settings.guide_ends or "stop", stroke,
+        *settings.guide_pull,
+    )  # fmt: skip
     fixture = replace(fixture, guidance=guidance)
     with warnings.catch_warnings():  # told below
         warnings.simplefilter("ignore")
-        guide = Guide.of(fixture)
+        guide = Guide.of(fixture, cut_bends=settings.guide_cut_bends)
     report = {
         "radius_m": guidance.radius,
         "stiffness_n_per_m": guidance.stiffness,
         "ends": guidance.ends,
+        "lead_force_n": guidance.lead_force or 0.0,
         "lengths_m": guide.lengths_m,
     }
     told = [guide.tight_bend] if guide.tight_bend else []

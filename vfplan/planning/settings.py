@@ -110,6 +110,10 @@ class FixtureSettings:
         "stop" or "open": what an open curve's ends do; `None`: stop.
     guide_stroke
         The one stroke that guides, while the others are forbidden; `None`: every stroke guides.
+    guide_pull
+        Pull along the curve [N] and the speed [m/s] at which it has fallen to 0; (): none.
+    guide_cut_bends
+        Take bends that are tighter than the tube is wide.
 
     Raises
     ------
@@ -134,6 +138,8 @@ class FixtureSettings:
     guide_m: float | None = None
     guide_ends: Literal["stop", "open"] | None = None
     guide_stroke: int | None = None
+    guide_pull: tuple[float, ...] = ()
+    guide_cut_bends: bool = False
 
     def __post_init__(self) -> None:
         """Refuse what no bundle can hold, before any work is done; raises `SettingError`."""
@@ -149,7 +155,15 @@ class FixtureSettings:
                     raise SettingError(
                         f"{name} is {value:g} {unit}; {least:g} to {largest:g} {unit} are allowed"
                     )
-        if self.guide_m is None and (self.guide_ends or self.guide_stroke is not None):
-            raise SettingError("ends and stroke of a guide without its radius have no effect")
+        more = self.guide_ends, self.guide_pull, self.guide_cut_bends
+        if self.guide_m is None and (any(more) or self.guide_stroke is not None):
+            raise SettingError(
+                "ends, stroke, pull and bends of a guide have no effect without its radius"
+            )
+        force, speed = (*self.guide_pull, 0.0, 0.02)[:2] if self.guide_pull else (0.0, 0.02)
+        if not (abs(force) <= 1000 and 0 < speed <= 10):
+            raise SettingError(
+                f"guide pull {force:g} N, {speed:g} m/s; -1000 to 1000 N and up to 10 m/s allowed"
+            )
         if self.guide_m is not None and min(self.stiffness) <= 0:
             raise SettingError("a guide needs a stiffness above 0")

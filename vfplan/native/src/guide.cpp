@@ -77,6 +77,7 @@ void bind_guide(nb::module_& m) {
         .def_rw("stiffness", &GuideParameters::stiffness)
         .def_rw("ends", &GuideParameters::ends)
         .def_rw("hold", &GuideParameters::hold)
+        .def_rw("cut_bends", &GuideParameters::cut_bends)
         .def_rw("lead_force", &GuideParameters::lead_force)
         .def_rw("lead_speed", &GuideParameters::lead_speed)
         .def_rw("period", &GuideParameters::period)

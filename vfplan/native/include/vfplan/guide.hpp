@@ -4,9 +4,8 @@
 //
 //     vfplan::GuideParameters p;
 //     p.radius = 1e-3;                                    // of the tube [m]
-//     vfplan::Guide guide(xyz, n, false, p);              // allocates; throws
-//     std::invalid_argument for (;;) force = guide.step(hip).force;             // never allocates,
-//     throws, locks or waits
+//     vfplan::Guide guide(xyz, n, false, p);              // throws std::invalid_argument
+//     for (;;) force = guide.step(hip).force;             // never allocates, throws, locks, waits
 //
 // The guide keeps its place on the curve and moves it by descent of the distance, never by a search
 // among all of it: where strands run close by or cross, it stays on its own.
@@ -39,6 +38,7 @@ struct GuideParameters {
     double stiffness = 1000;  ///< K beyond it [N/m]
     Ends ends = Ends::stop;
     Hold hold = Hold::at_once;
+    bool cut_bends = false;           ///< takes bends that are tighter than the tube is wide
     std::optional<Vec3> ignore_axis;  ///< unit vector along which curve and tube are infinite
     double lead_force = 0;            ///< pull along the curve [N]; below 0: towards its beginning
     double lead_speed = 0.02;         ///< at which the pull has fallen to 0 [m/s]
@@ -144,18 +144,27 @@ class Guide {
     }
     void make() {
         if (path_.size() == 0) reject("a guide needs a curve");
-        const Narrow n = narrowest(path_, p_.radius);
-        if (!n.found) return;
         const auto text = [](double metres) {
             char digits[32];
             std::snprintf(digits, sizeof digits, "%.5g", 1e3 * metres);
             return std::string(digits);
         };
-        reject("radius " + text(p_.radius) + " mm: at most " + text(widest(path_, p_.radius)) +
-               " mm fit, as " +
-               (n.turn ? "the curve turns round" : "strands run beside each other") + " within " +
-               text(n.width) + " mm at arc " + text(n.arc) + " mm, [" + text(n.at[0]) + ", " +
-               text(n.at[1]) + ", " + text(n.at[2]) + "] mm");
+        const std::string asked = "radius " + text(p_.radius) + " mm: at most ";
+        const auto place = [&](const Narrow& n) {
+            return " at arc " + text(n.arc) + " mm, [" + text(n.at[0]) + ", " + text(n.at[1]) +
+                   ", " + text(n.at[2]) + "] mm";
+        };
+        if (const double most = path_.extent(); p_.radius > most)
+            reject(asked + text(most) + " mm, the extent of the curve itself");
+        if (const Narrow n = narrowest(path_, p_.radius); n.found)
+            reject(asked + text(widest(path_, p_.radius, narrowest)) + " mm fit, as " +
+                   (n.turn ? "the curve turns round" : "strands run beside each other") +
+                   " within " + text(n.width) + " mm" + place(n));
+        if (p_.cut_bends) return;
+        if (const Narrow n = tight_bend(path_, p_.radius); n.found)
+            reject(asked + text(widest(path_, p_.radius, tight_bend)) +
+                   " mm fit the bends, unless the tip may cut them (cut_bends); the tightest is" +
+                   place(n));
     }
 
     static bool good(const Vec3& x) noexcept {

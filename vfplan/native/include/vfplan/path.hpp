@@ -179,6 +179,17 @@ class Path {
         return p.ahead(std::clamp(arc - p.start, 0.0, p.length));
     }
 
+    /// Largest distance between two corners of the box about all curves, at least their own [m].
+    double extent() const noexcept {
+        Vec3 low = pieces_.front().from, high = low;
+        for (const Piece& p : pieces_)
+            for (int k = 0; k < 3; ++k) {
+                low[k] = std::min({low[k], p.from[k], p.to[k]});
+                high[k] = std::max({high[k], p.from[k], p.to[k]});
+            }
+        return norm(high - low);
+    }
+
     /// Strand, piece and point nearest to x.
     struct Place {
         std::size_t strand = 0, piece = 0;

@@ -160,12 +160,13 @@ inline Narrow tight_bend(const Path& path, double radius) {
     return detail::Room(path, radius).turns(0.5);
 }
 
-/// The widest tube that fits, to 1 % [m]; at most `radius`, which does not.
-inline double widest(const Path& path, double radius) {
+/// The widest tube of which `test` (narrowest or tight_bend) finds nothing, to 1 % [m]; at most
+/// `radius`, of which it does.
+inline double widest(const Path& path, double radius, Narrow (*test)(const Path&, double)) {
     double fits = 0, too_wide = radius;
     while (too_wide - fits > 0.01 * too_wide && too_wide > 1e-9) {
         const double middle = 0.5 * (fits + too_wide);
-        (narrowest(path, middle).found ? too_wide : fits) = middle;
+        (test(path, middle).found ? too_wide : fits) = middle;
     }
     return fits;
 }

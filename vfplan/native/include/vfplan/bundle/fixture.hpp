@@ -44,6 +44,8 @@ struct Guidance {
     double radius = 0;          // of the tube [m]
     double stiffness = 0;       // beyond it [N/m]
     bool open = false;          // the tip goes free at the ends of open strokes
+    double lead_force = 0;      // pull along the curve [N]
+    double lead_speed = 0.02;   // at which it has fallen to 0 [m/s]
     std::optional<int> stroke;  // the only one that guides, the others are forbidden; else all do
 };
 
@@ -139,6 +141,10 @@ inline Guidance guidance_of(const Content& content) {
     guidance.radius = content.at("/guidance@radius_m").number();
     guidance.stiffness = content.at("/guidance@stiffness_n_per_m").number();
     guidance.open = content.at("/guidance@ends").string() == "open";
+    if (const Value* force = content.find("/guidance@lead_force_n"))
+        guidance.lead_force = force->number();
+    if (const Value* speed = content.find("/guidance@lead_speed_m_s"))
+        guidance.lead_speed = speed->number();
     if (const Value* stroke = content.find("/guidance@stroke"))
         guidance.stroke = stroke->i4.front();
     return guidance;

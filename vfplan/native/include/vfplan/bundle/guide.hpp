@@ -18,6 +18,9 @@ inline Guide make_guide(const Fixture& fixture) {
     p.stiffness = g.stiffness;
     p.ends = g.open ? Ends::open : Ends::stop;
     p.hold = Hold::on_entry;
+    p.cut_bends = true;  // who planned it was told
+    p.lead_force = g.lead_force;
+    p.lead_speed = g.lead_speed;
     if (fixture.rendering && fixture.rendering->ignore_axis) {
         const auto& a = *fixture.rendering->ignore_axis;
         p.ignore_axis = Vec3{{a[0], a[1], a[2]}};

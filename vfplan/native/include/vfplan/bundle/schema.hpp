@@ -74,7 +74,7 @@ inline constexpr std::array<Size, 12> sizes{
     Size{'V', 1000000},
 };
 
-inline constexpr std::array<Row, 68> rows{
+inline constexpr std::array<Row, 70> rows{
     Row{"/", Kind::group, Type::none, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},
     Row{"/@format", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "vfplan-fixture", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},
     Row{"/@version", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},
@@ -111,6 +111,8 @@ inline constexpr std::array<Row, 68> rows{
     Row{"/guidance@radius_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", -infinity, 1.0, 0.0, infinity, infinity, {1, 1}},
     Row{"/guidance@stiffness_n_per_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "N/m", "", "", -infinity, 1000000.0, 0.0, infinity, infinity, {1, 1}},
     Row{"/guidance@ends", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "stop|open", -infinity, infinity, -infinity, infinity, infinity, {1, 1}},
+    Row{"/guidance@lead_force_n", Kind::attribute, Type::f8, Required::optional, {"", ""}, "N", "", "", -1000.0, 1000.0, -infinity, infinity, infinity, {1, 1}},
+    Row{"/guidance@lead_speed_m_s", Kind::attribute, Type::f8, Required::optional, {"", ""}, "m/s", "", "", -infinity, 10.0, 0.0, infinity, infinity, {1, 1}},
     Row{"/guidance@stroke", Kind::attribute, Type::i4, Required::optional, {"", ""}, "1", "", "", 0.0, 99999.0, -infinity, infinity, infinity, {1, 1}},
     Row{"/registration", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},
     Row{"/registration@model", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "affine|similarity|rigid", -infinity, infinity, -infinity, infinity, infinity, {0, 1}},
