@@ -1,6 +1,7 @@
 """How sure is a plan: many trials of it, each with other errors, and what they say together.
 
 settings    what a campaign varies
+errors      a hand's tremor, and the markers' error where nobody says it
 trial       one trial: markers, registration, fixture, hand, and how far the tool came
 statistics  probabilities, quantiles and margins with their intervals
 rare        where a rare event is most likely, so that trials can be drawn there

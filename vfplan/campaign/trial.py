@@ -22,9 +22,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.campaign.settings import TREMOR_HZ, CampaignSettings
+from vfplan.campaign.errors import fle_of, tremor
+from vfplan.campaign.settings import CampaignSettings
 from vfplan.engine.proxy import ProxyEngine
-from vfplan.errors import SceneError, SettingError
+from vfplan.errors import SceneError
 from vfplan.fixture import Fixture, RegistrationRecord
 from vfplan.registration.models import homogeneous
 from vfplan.registration.problem import Problem, make_problem
@@ -266,26 +267,6 @@ class Trials:
             "inside_bound": float((error <= found.tre95_m(self._curve)).mean()),
             "inside_band": bool((error <= found.tre95_curve_m(self._curve)).all()),
         }
-
-
-def tremor(time: Array, rms_m: float, rng: np.random.Generator) -> Array:
-    """(T, 3) [m] a sum of three waves of 8 to 12 Hz along each axis, of `rms_m` in all."""
-    hz = rng.uniform(*TREMOR_HZ, (3, 3))
-    phase = rng.uniform(0, 2 * np.pi, (3, 3))
-    waves = np.sin(2 * np.pi * hz * time[:, None, None] + phase).sum(axis=2)
-    return rms_m * np.sqrt(2.0 / 9.0) * waves
-
-
-def fle_of(record: RegistrationRecord) -> float:
-    """RMS localisation error [m] of a marker that a registration's residuals speak of."""
-    p = {"affine": 3 * (record.source.shape[1] + 1), "similarity": 7, "rigid": 6}[record.model]
-    dof = record.source.shape[0] * 3 - p
-    if dof < 1:
-        raise SettingError(
-            f"{len(record.source)} markers leave nothing to estimate their error from; "
-            "--fle-robot is wanted"
-        )
-    return float(np.sqrt(3 * (record.residuals_m**2).sum() / dof))
 
 
 def _registered(fixture: Fixture) -> RegistrationRecord:
