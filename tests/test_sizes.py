@@ -14,6 +14,7 @@ STILL_LONG = {
     "vfplan/registration/diagnosis.py",
     "vfplan/native/include/vfplan/bundle/parse.hpp",
     "vfplan/native/include/vfplan/curve/exact.hpp",
+    "vfplan/native/include/vfplan/robust.hpp",
 }
 LONGEST_UNEXPLAINED = 50  # lines of a function without a docstring
 NINE_OF_TEN = 20  # lines of a function's body, its docstring left out
