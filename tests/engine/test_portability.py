@@ -8,6 +8,9 @@ from conftest import ROOT, need_program
 INCLUDE = ROOT / "vfplan" / "native" / "include"
 SOURCE = """
 #include "vfplan/engine.hpp"
+#include "vfplan/governor.hpp"
+#include "vfplan/guide.hpp"
+#include "vfplan/telemetry.hpp"
 int main() {
     const double point[3] = {0, 0, 0};
     vfplan::Parameters p;

@@ -18,10 +18,11 @@
 
 namespace vfplan {
 
-/// Throws std::invalid_argument; in a program without exceptions, prints the reason and aborts.
+/// Throws; in a program without exceptions, prints the reason and aborts.
+template <class Error = std::invalid_argument>
 [[noreturn]] inline void reject(const std::string& why) {
 #ifdef __cpp_exceptions
-    throw std::invalid_argument("vfplan: " + why);
+    throw Error("vfplan: " + why);
 #else
     std::fprintf(stderr, "vfplan: %s\n", why.c_str());
     std::abort();

@@ -18,11 +18,11 @@
 #include <chrono>
 #include <cstdint>
 #include <cstring>
-#include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "vfplan/portable.hpp"
 #include "vfplan/status.hpp"
 
 namespace vfplan {
@@ -43,18 +43,18 @@ class Telemetry {
         : ring_(capacity), mask_(capacity - 1), period_(period) {
         static_assert(std::endian::native == std::endian::little, "the layout is little-endian");
         if (capacity < 2 || (capacity & mask_) != 0)
-            throw std::invalid_argument("telemetry: capacity " + std::to_string(capacity) +
-                                        ": a power of two of at least 2 is wanted");
-        if (port == 0) throw std::invalid_argument("telemetry: port 0: 1 to 65535 is wanted");
+            reject("telemetry: capacity " + std::to_string(capacity) +
+                   ": a power of two of at least 2 is wanted");
+        if (port == 0) reject("telemetry: port 0: 1 to 65535 is wanted");
         if (!(period > 0 && period <= 1))
-            throw std::invalid_argument("telemetry: period " + std::to_string(period) +
-                                        " s: above 0 and at most 1 is wanted");
+            reject("telemetry: period " + std::to_string(period) +
+                   " s: above 0 and at most 1 is wanted");
         to_.sin_family = AF_INET;
         to_.sin_port = htons(port);
         if (inet_pton(AF_INET, address.c_str(), &to_.sin_addr) != 1)
-            throw std::invalid_argument("telemetry: '" + address + "' is no IPv4 address");
+            reject("telemetry: '" + address + "' is no IPv4 address");
         socket_ = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-        if (socket_ < 0) throw std::runtime_error("telemetry: the system gives no socket");
+        if (socket_ < 0) reject<std::runtime_error>("telemetry: the system gives no socket");
         sender_ = std::thread([this] { send_all(); });
     }
     ~Telemetry() {

@@ -1,0 +1,28 @@
+#!/bin/sh
+# The engine elsewhere: for aarch64 it must give the bits that it gives here, on every scene and by
+# every rule; for Windows it must compile without a warning (where wine is, give the same bits).
+#
+#   tests/native/elsewhere.sh [TICKS=500]
+#
+# Debian, Ubuntu: apt install g++-aarch64-linux-gnu qemu-user g++-mingw-w64-x86-64-posix
+set -eu
+root=$(cd "$(dirname "$0")/../.." && pwd)
+ticks=${1:-500}
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+build() {
+    compiler=$1 && shift
+    "$compiler" -std=c++20 -O1 -ffp-contract=off -Wall -Wextra -Wpedantic -Werror "$@" \
+        -I"$root/vfplan/native/include" "$root/tests/native/engine_bits.cpp"
+}
+build aarch64-linux-gnu-g++ -static -o "$folder/arm" &
+arm=$!
+build x86_64-w64-mingw32-g++-posix -DVFPLAN_NARROW -static -o "$folder/windows.exe"
+wait $arm
+build g++ -DVFPLAN_NARROW -o "$folder/here"
+"$folder/here" "$ticks" >"$folder/here.txt"
+qemu-aarch64 "$folder/arm" "$ticks" | diff "$folder/here.txt" -
+if command -v wine >/dev/null; then
+    WINEDEBUG=-all wine "$folder/windows.exe" "$ticks" | tr -d '\r' | diff "$folder/here.txt" -
+fi
+echo "$(wc -l <"$folder/here.txt") scenes and rules: the same bits on aarch64; compiled for Windows"
