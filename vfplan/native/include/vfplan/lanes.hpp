@@ -21,8 +21,7 @@
 #define VFPLAN_X86 0
 #endif
 // Define VFPLAN_NARROW to compile the baseline only, in a third of the time; the bits are the same.
-// clang knows no `#pragma GCC target`: it gets the baseline.
-#if VFPLAN_X86 && !defined(VFPLAN_NARROW) && !defined(__clang__)
+#if VFPLAN_X86 && !defined(VFPLAN_NARROW)
 #define VFPLAN_WIDE 1
 #else
 #define VFPLAN_WIDE 0
@@ -124,23 +123,40 @@ namespace lanes2 {
 #undef VFPLAN_LANES
 
 #if VFPLAN_WIDE
+#if defined(__clang__)
+#pragma clang attribute push(__attribute__((target("avx2"))), apply_to = function)
+#else
 #pragma GCC push_options
 #pragma GCC target("avx2")
+#endif
 #define VFPLAN_LANES 4
 namespace lanes4 {
 #include "vfplan/lanes.inl"
 }
 #undef VFPLAN_LANES
+#if defined(__clang__)
+#pragma clang attribute pop
+#else
 #pragma GCC pop_options
+#endif
 
+#if defined(__clang__)
+#pragma clang attribute push(__attribute__((target("avx2,avx512f,avx512dq,avx512vl"))), \
+                             apply_to = function)
+#else
 #pragma GCC push_options
 #pragma GCC target("avx2,avx512f,avx512dq,avx512vl,prefer-vector-width=512")
+#endif
 #define VFPLAN_LANES 8
 namespace lanes8 {
 #include "vfplan/lanes.inl"
 }
 #undef VFPLAN_LANES
+#if defined(__clang__)
+#pragma clang attribute pop
+#else
 #pragma GCC pop_options
+#endif
 #endif
 
 #if defined(__GNUC__)
