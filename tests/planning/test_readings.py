@@ -71,12 +71,38 @@ def test_white_marks_are_held_against_too():
         hold_against_marks(image, pairs(MISREAD["v counted from below"](PLACES)))
 
 
-def test_from_one_and_a_shift_are_warned_of():
+def test_from_one_is_warned_of_and_a_shift_refused():
     image = drawn(3, "cyan", "cross")
     (said,) = hold_against_marks(image, pairs(PLACES + 1)).warnings
     assert "counted from 1" in said
-    (said,) = hold_against_marks(image, pairs(PLACES + np.array([60, -40]))).warnings
-    assert "moved by (-60, +40)" in said
+    with pytest.raises(MarkerError, match=r"are moved by \(-60, \+40\) px they meet"):
+        hold_against_marks(image, pairs(PLACES + np.array([60, -40])))
+
+
+@pytest.mark.parametrize("count", [4, 6])
+def test_few_clicks_of_half_a_pixel_tell_where_pixels_are_counted_from(count):
+    """An exactly drawn mark, its centre known; of 40 sets from 0 and 40 from 1."""
+    right, said = [], []
+    image = drawn(5, "green", "dot")
+    rng = np.random.default_rng(count)
+    for _ in range(20):
+        given = PLACES[:count] + rng.normal(0, 0.4, (count, 2))
+        right.append(hold_against_marks(image, pairs(given)).warnings)
+        said.append("from 1" in " ".join(hold_against_marks(image, pairs(given + 1)).warnings))
+    assert sum(map(bool, right)) <= 1
+    assert sum(said) >= (18 if count == 6 else 15)
+
+
+def test_every_reading_that_meets_the_marks_is_named():
+    """Marks symmetric from left to right, not from top to bottom: two readings meet them."""
+    image = texture(6)
+    ring = np.array([[99.5, 80], [599.5, 80], [349.5, 150], [219.5, 250], [479.5, 250]])
+    for u, v in ring:
+        at = (int(16 * u), int(16 * v))
+        cv2.circle(image, at, 64, COLOURS["cyan"], -1, cv2.LINE_AA, 4)
+    given = np.c_[ring[:, 0], HEIGHT - 1 - ring[:, 1]]
+    with pytest.raises(MarkerError, match=r"v counted from below, or with u .* and v from below th"):
+        hold_against_marks(image, pairs(given))
 
 
 def test_one_wrong_position_is_named():
@@ -122,10 +148,12 @@ def test_planned_slices(shared_data, name):
     markers = read_markers(*files)
     rgb = read_image(shared_data / "planned" / name).rgb
     noise = np.random.default_rng(3).normal(0, 1, markers.source.shape)
-    for source in (markers.source, markers.source + noise, markers.source + 0.5):
+    for source in (markers.source, markers.source + noise):
         held = hold_against_marks(rgb, pairs(source))
         assert held.near == len(source)
         assert held.warnings == ()
+    (said,) = hold_against_marks(rgb, pairs(markers.source + 0.5)).warnings
+    assert "counted from the first pixel's corner" in said
     with pytest.raises(MarkerError, match="v counted from below"):
         hold_against_marks(rgb, pairs(np.c_[markers.source[:, 0], 785 - markers.source[:, 1]]))
 

@@ -24,6 +24,8 @@ NEAR_PX = 8.0  # a mark further from a given position is not its own
 FEWEST = 3
 SHIFT_PX = 0.6  # half a pixel is a convention of where pixels begin, more is a mistake
 LONE_PX = 1.5
+DRAWN_PX, ROUNDED_PX = 0.1, 0.25  # a mark's centre as found, and as programs round it
+IS, MAY_BE = 0.01, 0.05  # chance of such positions counted from 0
 ON_MARK_PX, CLEAN = 2.0, 0.25
 SCALES = (0.2, 5.0)
 SAME_SCALE = 0.02
@@ -74,25 +76,30 @@ def hold_against_marks(rgb: NDArray, pairs: Correspondences) -> Held:
     if len(own) >= enough:
         return _compared(rgb, pairs, kinds, own)
     needed = max(enough, 2 * len(own))
+    met, unsure = [], []
     for name, read in _readings(given, rgb.shape).items():
         for kind in kinds:
             hits = _hits(read, kind)
-            if len(hits) < needed:
-                continue
-            if _drawn(rgb, read[list(hits)]) >= needed:
-                raise MarkerError(_misread(pairs, len(own), f"are read {name}"))
-            if _as_many(kind, len(given)):
-                return Held(len(own), warnings=(_unsure(len(hits), len(given), f"read {name}"),))
+            if len(hits) >= needed and _drawn(rgb, read[list(hits)]) >= needed:
+                met.append(name)
+            elif len(hits) >= needed and _as_many(kind, len(given)):
+                unsure.append(_unsure(len(hits), len(given), f"read {name}"))
+    if met:  # of a symmetric layout several do, and the marks cannot tell which
+        raise MarkerError(_misread(pairs, len(own), "are read " + ", or ".join(dict.fromkeys(met))))
+    if unsure:
+        return Held(len(own), warnings=tuple(unsure))
     for kind in kinds:
         scaled = _scaled(given, kind.places_px)
         if scaled is None or scaled[2] < needed:
             continue
         scale, shift, hits = scaled
-        moved = shift + scale * given
-        if _drawn(rgb, moved) < needed and not _as_many(kind, len(given)):
+        shown, as_many = _drawn(rgb, shift + scale * given) >= needed, _as_many(kind, len(given))
+        if not shown and not as_many:
             continue  # letters and other small things, some of which lie right by chance
         if np.abs(shift).max() <= NEAR_PX and abs(scale - 1) > SAME_SCALE:
             raise MarkerError(_misread(pairs, len(own), f"are multiplied by {scale:.3g}"))
+        if shown and as_many:  # no other marks are left for which the positions could be right
+            raise MarkerError(_misread(pairs, len(own), f"are {_moved(scale, shift)}"))
         return Held(len(own), warnings=(_elsewhere(scale, shift, hits, len(given)),))
     if not own:
         return Held(0, warnings=_others(rgb, kinds, len(given)))
@@ -193,11 +200,15 @@ def _misread(pairs: Correspondences, near: int, how: str) -> str:
 
 
 def _elsewhere(scale: float, shift: Array, hits: int, n: int) -> str:
-    times = "" if abs(scale - 1) <= SAME_SCALE else f"multiplied by {scale:.3g} and "
     return (
-        f"no marks are drawn at most of the given positions; {times}moved by ({shift[0]:+.0f}, "
-        f"{shift[1]:+.0f}) px {hits} of {n} would meet marks of one kind: check u_px and v_px"
+        f"no marks are drawn at most of the given positions; {_moved(scale, shift)} {hits} of {n} "
+        "would meet marks of one kind: check u_px and v_px"
     )
+
+
+def _moved(scale: float, shift: Array) -> str:
+    times = "" if abs(scale - 1) <= SAME_SCALE else f"multiplied by {scale:.3g} and "
+    return f"{times}moved by ({shift[0]:+.0f}, {shift[1]:+.0f}) px"
 
 
 def _compared(rgb: NDArray, pairs: Correspondences, kinds: list[Kind], own: dict[int, int]) -> Held:
@@ -257,11 +268,28 @@ def _doubts(pairs: Correspondences, index: NDArray, away: Array) -> tuple[str, .
         f"marker {pairs.labels[i]} is given {np.linalg.norm(d):.1f} px from the mark drawn near it"
         for i, d in zip(index[lone], away[lone], strict=True)
     ]
-    if (np.abs(mean) - 3 * error > SHIFT_PX).any():
-        one = np.abs(mean - 1).max() <= 0.25
-        why = ": counted from 1 instead of 0?" if one else ":"
-        doubts.append(
-            f"the given positions lie ({mean[0]:+.2f}, {mean[1]:+.2f}) px from the marks drawn on "
-            f"the slice{why} --find-markers takes the marks' own"
-        )
+    where = f"the given positions lie ({mean[0]:+.2f}, {mean[1]:+.2f}) px from the marks drawn on "
+    origin = _origin(rest, mean)
+    if origin or (np.abs(mean) - 3 * error > SHIFT_PX).any():
+        doubts.append(f"{where}the slice: {origin}--find-markers takes the marks' own")
     return tuple(doubts)
+
+
+def _origin(away: Array, mean: Array) -> str:
+    """Which other origin of the pixels the marks speak for, and how surely; else empty.
+
+    The likeliest of the three origins; the right one is ruled out by the scatter about the mean.
+    """
+    from scipy.special import fdtrc
+
+    dof = 2 * len(away) - 2
+    variance = max(float(((away - mean) ** 2).sum()) / dof, DRAWN_PX**2)
+    one = min((0.0, 0.5, 1.0), key=lambda origin: float(((mean - origin) ** 2).sum()))
+    rest = np.maximum(np.abs(mean) - ROUNDED_PX, 0.0)
+    chance = float(fdtrc(2, dof, len(away) * float((rest**2).sum()) / 2 / variance))
+    if one == 0 or chance > MAY_BE:
+        return ""
+    name = "from 1 instead of 0" if one == 1 else "from the first pixel's corner, not its centre"
+    if chance > IS:
+        return f"counted {name}, or from 0 and badly clicked? The marks do not decide; "
+    return f"counted {name}? "
