@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -127,6 +130,23 @@ def test_a_time_that_is_none_is_refused_in_one_line(vfplan_cli, tmp_path):
         assert run.code == 3
         assert f"SOURCE_DATE_EPOCH is {time!r}" in run.error_line
         assert not (tmp_path / "f.h5").exists()
+
+
+@pytest.mark.parametrize(
+    "call", ["extract('elbow.png', ExtractSettings())", "surface('bone.mrk.json')"]
+)
+def test_a_time_that_is_none_is_refused_by_the_api_too(call):
+    """In a fresh interpreter: NumPy reads the variable when SciPy imports the whole of it."""
+    program = (
+        "import vfplan; from vfplan.planning import ExtractSettings, extract\n"
+        "from vfplan.surface import surface\n"
+        f"try: {call}\nexcept vfplan.VfplanError as error: print(error)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True, text=True, cwd=SAMPLES, env=os.environ | {"SOURCE_DATE_EPOCH": "abc"},
+    )  # fmt: skip
+    assert "SOURCE_DATE_EPOCH is 'abc'; whole seconds since 1970" in run.stdout, run.stderr
 
 
 def test_provenance_names_inputs_by_hash_and_nothing_by_path():

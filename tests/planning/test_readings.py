@@ -101,7 +101,7 @@ def test_every_reading_that_meets_the_marks_is_named():
         at = (int(16 * u), int(16 * v))
         cv2.circle(image, at, 64, COLOURS["cyan"], -1, cv2.LINE_AA, 4)
     given = np.c_[ring[:, 0], HEIGHT - 1 - ring[:, 1]]
-    with pytest.raises(MarkerError, match=r"v counted from below, or with u .* and v from below th"):
+    with pytest.raises(MarkerError, match=r"from below, or with u .* and v from below th"):
         hold_against_marks(image, pairs(given))
 
 

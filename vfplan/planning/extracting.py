@@ -11,6 +11,7 @@ import numpy as np
 
 from vfplan.errors import ImageError, SettingError
 from vfplan.fixture import Curve, Fixture, SourceImage
+from vfplan.io.clock import now_utc
 from vfplan.planning.carrying import along
 from vfplan.planning.provenance import make_provenance
 from vfplan.planning.settings import ExtractSettings
@@ -60,6 +61,7 @@ def extract(
 
     Raises `ImageError`, `CurveError`, `SettingError` or `MissingExtra`.
     """
+    now_utc()  # what is no time is refused before NumPy stumbles on it
     from vfplan.curve import load_libraries
     from vfplan.curve.vector import is_vector
     from vfplan.images.read import read_image

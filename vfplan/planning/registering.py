@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Provenance, Rendering
+from vfplan.io.clock import now_utc
 from vfplan.planning.carrying import Carried, carry
 from vfplan.planning.chosen import as_settings, capped, choice_of, describe_carried, left_out
 from vfplan.planning.guiding import add_guidance
@@ -78,6 +79,7 @@ def register(
         The registration's error may be larger than `settings.max_tre_m`, or the guide leads into
         what is forbidden.
     """
+    now_utc()  # what is no time is refused before NumPy stumbles on it
     from vfplan.bundle import size_doubt
     from vfplan.registration.diagnosis import check_max_tre, target_error
     from vfplan.registration.report import describe as describe_registration

@@ -15,6 +15,7 @@ from vfplan.bundle import mesh_band
 from vfplan.bundle.leak import largest_cover, open_edges
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Rendering
+from vfplan.io.clock import now_utc
 from vfplan.planning.provenance import make_provenance
 from vfplan.surface.contours import Contours
 from vfplan.surface.errors import contour_error, left_out_error
@@ -109,6 +110,7 @@ def surface(
     SettingError
         A tolerance out of range, or too fine for this structure.
     """
+    now_utc()  # what is no time is refused before NumPy stumbles on it
     settings = settings or SurfaceSettings()
     started = time.perf_counter()
     step = settings.step_m
