@@ -20,6 +20,13 @@ def rms(values):
     return float(np.sqrt((values**2).mean()))
 
 
+def narrowest_deg(corners):
+    """The narrowest angle of triangles (K, 3, 3)."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    sides /= np.linalg.norm(sides, axis=2, keepdims=True)
+    return np.degrees(np.arccos((-sides * np.roll(sides, 1, axis=1)).sum(axis=2).max()))
+
+
 LONG = [pytest.param(BENT, gap, marks=pytest.mark.full) for gap in (1, 2, 3)]
 LONG += [pytest.param(bone, 2, marks=pytest.mark.full) for bone in (TUNNEL, BRANCHES)]
 CASES = [*LONG, (BENT, 5), (TUNNEL, 5), (BRANCHES, 5)]
@@ -38,6 +45,7 @@ def test_polygons_give_the_bone(bone, gap, tmp_path):
     assert report["open_edges"] == 0
     assert report["contour_error_mm"]["max"] < 0.2
     assert report["level_error_mm"] < 1e-4
+    assert narrowest_deg(made.fixture.points[made.fixture.mesh]) > 4
     # The outlines between slices are surely no worse than what a slice left out is missed by.
     assert rms(away) < report["left_out_slice_mm"]["rms"] + 0.02
 

@@ -2,7 +2,7 @@
 
 W. E. Lorensen and H. E. Cline, "Marching cubes", SIGGRAPH 1987, as scikit-image has it (Lewiner's
 tables: closed and without ambiguity). Corners near a grid node are drawn together first, so that no
-triangle is a needle.
+triangle is a needle, and edges opposite wide corners are flipped last.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
+from vfplan.surface.caps import without_caps
 from vfplan.surface.outline import Outline
 from vfplan.surface.stack import Stack
 
@@ -77,7 +78,7 @@ def zero_level(stack: Stack, step: float, *, closed: bool) -> Level:
     on_end = (places[:, 2] == low) | (places[:, 2] == high)
     cap = on_end & ~in_plane
     points, off = _onto_level(stack, places, on_end, cap, step, (low, high))
-    return Level(points, triangles, off)
+    return Level(points, without_caps(points, triangles), off)
 
 
 def _axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Array]:
