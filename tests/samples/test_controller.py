@@ -6,6 +6,7 @@ import os
 import re
 import socket
 import subprocess
+import sys
 
 import bundles
 import numpy as np
@@ -65,6 +66,21 @@ def planned(vfplan_cli, tmp_path_factory):
     command = "plan", samples / "elbow.png", *markers, "-o", path, "--pixel-spacing", 0.5
     assert vfplan_cli(*command, "--arcs", 0.002).code == 0
     return path
+
+
+@pytest.fixture(scope="session")
+def bone(vfplan_cli, tmp_path_factory):
+    """Outlines on slices, made a surface and registered by markers and touches."""
+    folder = tmp_path_factory.mktemp("bone")
+    subprocess.run([sys.executable, ROOT / "samples" / "make_bone.py"], check=True, cwd=folder)
+    for command in (
+        ("surface", "bone.mrk.json", "-o", "bone.h5", "--tolerance", 2),
+        ("register", "bone.h5", "bone_markers.mrk.json", "bone_robot.csv", "--model", "rigid",
+         "--touched", "bone_touched.csv", "-o", "fixture.h5"),
+    ):  # fmt: skip
+        run = vfplan_cli(*command, cwd=folder)
+        assert run.code == 0, run.stderr
+    return folder / "fixture.h5"
 
 
 def turned(axis):
@@ -139,6 +155,12 @@ def test_replay_reproduces_the_log_bit_for_bit(
     assert np.array_equal(log["time"], np.arange(1000 * seconds) * 1e-3)
     for name, values in log.items():
         assert np.array_equal(getattr(replayed, name), values), name
+
+
+def test_from_outlines_to_the_controller_bit_for_bit(controller, vfplan_cli, tmp_path, request):
+    test_replay_reproduces_the_log_bit_for_bit(
+        "bone", "impedance", "robust", controller, vfplan_cli, tmp_path, request
+    )
 
 
 @pytest.mark.parametrize("stroke", [None, 1], ids=["alone", "beside a region"])
