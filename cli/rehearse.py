@@ -70,7 +70,7 @@ def command(
     refuse_existing(output, picture_out, overwrite=overwrite)
     if report is not None:
         refuse_folder(report, overwrite)
-    planned, arm = _fixture(fixture, given["trust"]), made_arm(given["arm"], given)
+    (planned, digest), arm = _fixture(fixture, given["trust"]), made_arm(given["arm"], given)
     wanted, warnings = _session(session, given["units"], planned.frame, arm.robot.rate_hz)
     hand = Hand(stiffness=given["hand_n_per_m"][0])
     with progress("rehearse", len(wanted.hip)) as done:
@@ -90,7 +90,9 @@ def command(
         if report is not None:
             from vfplan.report.arm import write_rehearsal
 
-            write_rehearsal(found, report, overwrite=overwrite, command=command_line())
+            about = {"command": command_line(), "fixture": fixture.name,
+                     "fixture's SHA-256": digest}  # fmt: skip
+            write_rehearsal(found, report, overwrite=overwrite, about=about)
     return Report(
         found.metrics, rehearsed_text(found.metrics), exit_code=int(not found.passed),
         warnings=warnings,
@@ -106,10 +108,13 @@ def made_arm(choice: str, given: dict[str, Any]) -> Any:
     return Arm(choice, robot, base=given["base"], tool=given["tool"])
 
 
-def _fixture(path: Path, trust: Any) -> Any:
-    from vfplan.bundle import read_fixture
+def _fixture(path: Path, trust: Any) -> tuple[Any, str]:
+    """The fixture and its bundle's digest."""
+    from vfplan.bundle import read_bundle
+    from vfplan.bundle.content import from_content
 
-    return read_fixture(path, **({} if trust is None else {"trust": trust}))
+    content, seal = read_bundle(path, **({} if trust is None else {"trust": trust}))
+    return from_content(content), seal.describe()["sha256"]
 
 
 def _session(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Any, list[str]]:

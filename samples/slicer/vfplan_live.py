@@ -10,8 +10,8 @@ import slicer
 
 PORT = 18944
 LOOK = {  # device -> colour, opacity
-    "vfplan_cloud": ((0.12, 0.37, 0.75), 1.0),
-    "vfplan_contact": ((0.84, 0.15, 0.16), 0.35),
+    "vfplan_cloud": ((0.18, 0.32, 0.91), 1.0),
+    "vfplan_contact": ((0.75, 0.0, 0.0), 0.35),
 }
 
 

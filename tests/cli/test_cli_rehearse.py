@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from importlib.resources import files
 
 import numpy as np
@@ -46,6 +47,9 @@ def test_the_report_has_its_keys_and_the_files_appear(scene, vfplan_cli, tmp_pat
         assert key in found
     assert (found["reachable"], found["reflexes"]) == (True, [])
     assert "resampled to the arm's 1000 Hz" in done.stderr
+    about = (page / "index.html").read_text().split("What the arm said")[0]
+    assert re.search(r"fixture&#x27;s SHA-256</td><td><code class=\"digest\">[0-9a-f]{64}", about)
+    assert "vfplan rehearse" in about
     result, attrs = vfplan.read_result(out)
     assert len(result.time) == found["ticks"] == 791
     held = attrs["rehearsal"]

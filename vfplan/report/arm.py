@@ -15,22 +15,27 @@ from vfplan.report.tables import table
 
 def write_rehearsal(
     rehearsal: Rehearsal, folder: Path, *, overwrite: bool = False, name: str = "index.html",
-    command: str = "",
+    about: dict[str, str] | None = None,
 ) -> Path:  # fmt: skip
-    """Write `folder/index.html`, a page that needs nothing else; the folder is made."""
+    """Write `folder/index.html`, a page that needs nothing else; the folder is made.
+
+    `about`: what stands at its head: the command line, files, digests.
+    """
     folder = Path(folder)
     with made_folder(folder):
-        write_whole(folder / name, [page(rehearsal, command).encode("utf-8")], overwrite=overwrite)
+        write_whole(
+            folder / name, [page(rehearsal, about or {}).encode("utf-8")], overwrite=overwrite
+        )
     return folder / name
 
 
-def page(rehearsal: Rehearsal, command: str = "") -> str:
+def page(rehearsal: Rehearsal, facts: dict[str, str]) -> str:
     """The HTML text of the page."""
     found = rehearsal.metrics
     title = f"Rehearsal of {escape(rehearsal.session.name)} on {escape(rehearsal.arm.name)}"
     parts = [
         f"<header><h1>{title}</h1>{_verdict(rehearsal)}</header>",
-        about(command, {"session": rehearsal.session.name, "arm": rehearsal.arm.name}),
+        about(facts | {"session": rehearsal.session.name, "arm": rehearsal.arm.name}),
         section("What the arm said", _reflexes(found)),
         section(
             "In space", picture(in_space(rehearsal), "arm, fixture and the tip's path", "tall")

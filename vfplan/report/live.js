@@ -24,7 +24,7 @@
     if (!ticks.length) return;
     const now = ticks[ticks.length - 1], flags = FLAGS.filter(([bit]) => now.status & bit).map(([, name]) => name);
     const trail = ticks.slice(-TRAIL - 1, -1).flatMap((t) => t.hip);
-    scene.show({ ...now, peak, trail });
+    scene.show({ ...now, peak, trail }, trail.concat(now.hip));
     readout.textContent = "t = " + now.t.toFixed(3) + " s, " + [STATES[now.state] || "unknown", ...flags].join(", ") +
       ", |F| = " + now.strength.toFixed(3) + " N, |proxy − HIP| = " + now.depth.toFixed(3) + " mm";
     const strength = ticks.map((t) => t.strength);

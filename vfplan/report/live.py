@@ -9,7 +9,7 @@ from html import escape
 from typing import Any
 
 from vfplan.fixture import Fixture
-from vfplan.report.page import document, part, scripts, section
+from vfplan.report.page import document, part, scripts
 from vfplan.report.scrubber import scene_data, tick_row
 
 
@@ -17,8 +17,7 @@ def live_page(fixture: Fixture, name: str) -> tuple[str, Callable[[Any], list[fl
     """HTML text, how a tick goes to it, and what tells its scene from another's."""
     data = scene_data(fixture)
     scene = hashlib.sha256(json.dumps([name, data]).encode()).hexdigest()[:16]
-    body = f"<header><h1>Live: {escape(name)}</h1></header>" + section(
-        "As it happens", part("live.html").replace("{scene}", part("scene.html"))
-    )
+    shown = part("live.html").replace("{scene}", part("scene.html"))
+    body = f"<header><h1>Live: {escape(name)}</h1></header>{shown}"
     text = body + scripts({**data, "scene": scene}, "live.js")
     return document(f"Live: {escape(name)}", text, live=True), tick_row(fixture), scene

@@ -69,7 +69,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     body = "\n".join(
         [
             f"<header><h1>{title}</h1>{_verdict(found)}</header>",
-            about(command, {**_named("fixture", found), **_named("session", found)}),
+            about({"command": command, **_named("fixture", found), **_named("session", found)}),
             section("Summary", summary(found) + checks(found) + findings(found)),
             section("Over time", picture(timeline(replayed), "force and depth over time")),
             section("Frame by frame", scrubber.replace("{envelope}", words)),
@@ -88,10 +88,10 @@ def _named(role: str, found: dict[str, Any]) -> dict[str, str]:
     return {role: record.get("name", "made in memory"), f"{role}'s SHA-256": digest}
 
 
-def about(command: str, sources: dict[str, str]) -> str:
-    """When the page was made, by what, and of which files."""
-    rows = {"made": now_utc(), "program": f"vfplan {version('vfplan')}", "command": command}
-    lines = [[escape(name), code(value)] for name, value in (rows | sources).items() if value]
+def about(facts: dict[str, str]) -> str:
+    """When the page was made, by which program, and the facts given; empty ones are left out."""
+    rows = {"made": now_utc(), "program": f"vfplan {version('vfplan')}", **facts}
+    lines = [[escape(name), code(value)] for name, value in rows.items() if value]
     return section("About this page", table([], lines, "settings"))
 
 

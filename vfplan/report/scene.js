@@ -7,8 +7,8 @@ function makeScene(data) {
   const row = (list, k) => list.slice(k * dims, k * dims + dims);
   const size = (v) => Math.hypot(...v);
   let turn = dims === 3 ? [0.6, 0.5] : [0, 0];
-  let camera = { x: 0, y: 0, zoom: 0 };
-  let pen, width = 1, height = 1, tick = null, path = data.cloud;
+  let camera = { x: 0, y: 0, zoom: 1 }, chosen = false; // by hand, or all that there is
+  let pen, width = 1, height = 1, fittedTo = "", tick = null, path = data.cloud;
 
   // Picture coordinates [mm], y up: the plane itself, or seen from azimuth and elevation.
   function flat(v) {
@@ -21,6 +21,7 @@ function makeScene(data) {
     return [width / 2 + (p[0] - camera.x) * camera.zoom, height / 2 - (p[1] - camera.y) * camera.zoom];
   }
   function whole() {
+    chosen = false; fittedTo = width + " " + height;
     let low = [Infinity, Infinity], high = [-Infinity, -Infinity];
     for (const list of [data.cloud, path])
       for (let k = 0; k < list.length / dims; k++) {
@@ -61,20 +62,24 @@ function makeScene(data) {
       pen.beginPath(); pen.moveTo(...origin); pen.lineTo(origin[0] + 24 * p[0], origin[1] - 24 * p[1]); pen.stroke();
       pen.fillText(name, origin[0] + 34 * p[0], origin[1] + 4 - 34 * p[1]);
     });
-    const mm = roundBelow(Math.min(160, width / 3) / camera.zoom), px = mm * camera.zoom;
+    const mm = roundBelow(Math.min(120, width / 4) / camera.zoom), px = mm * camera.zoom;
     pen.fillRect(width - 14 - px, height - 16, px, 3);
     pen.fillText(shownRound(mm) + " mm", width - 14 - px / 2, height - 22); pen.textAlign = "left";
   }
+  function outside(v) {
+    const [x, y] = toScreen(v);
+    return x < 0 || y < 0 || x > width || y > height;
+  }
   function draw() {
     ({ pen, width, height } = fitted(view));
-    if (!camera.zoom) whole();
+    if (!chosen && (fittedTo !== width + " " + height || (tick && outside(tick.hip)))) whole();
     if (tick && follow.checked) {
       const p = flat(tick.proxy);
-      camera = { x: p[0], y: p[1], zoom: Math.min(width, height) / (8 * data.radius) };
+      chosen = true; camera = { x: p[0], y: p[1], zoom: Math.min(width, height) / (8 * data.radius) };
     }
     dots(data.cloud, "cloud", 2.5);
     if (tick) {
-      pen.globalAlpha = 0.35; dots(tick.trail, "hip", 2); pen.globalAlpha = 1;
+      pen.globalAlpha = 0.6; dots(tick.trail, "hip", 2); pen.globalAlpha = 1;
       const [x, y] = toScreen(tick.proxy);
       pen.strokeStyle = colour("contact"); pen.lineWidth = 2; pen.beginPath();
       pen.arc(x, y, data.radius * camera.zoom, 0, 2 * Math.PI); pen.stroke();
@@ -85,9 +90,9 @@ function makeScene(data) {
     }
     rulers();
   }
-  const zoom = (by) => { follow.checked = false; camera.zoom *= by; };
+  const zoom = (by) => { follow.checked = false; chosen = true; camera.zoom *= by; };
   const turned = (a, e) => { turn = [turn[0] + a, Math.max(-1.57, Math.min(1.57, turn[1] + e))]; };
-  const moved = (x, y) => { follow.checked = false; camera.x -= x / camera.zoom; camera.y += y / camera.zoom; };
+  const moved = (x, y) => { follow.checked = false; chosen = true; camera.x -= x / camera.zoom; camera.y += y / camera.zoom; };
   const push = (x, y) => (dims === 3 ? turned(x * 0.1, y * 0.1) : moved(x * 40, y * 40));
   const acts = {
     left: () => push(-1, 0), right: () => push(1, 0), up: () => push(0, -1), down: () => push(0, 1),
