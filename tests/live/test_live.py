@@ -19,7 +19,7 @@ from vfplan.cli.main import cli
 
 import vfplan
 from vfplan.errors import InputError, SessionError, SettingError
-from vfplan.fixture import Curve
+from vfplan.fixture import Curve, Fixture
 from vfplan.live import igtl, sources
 from vfplan.live.feed import Feed
 from vfplan.live.server import Server, still
@@ -177,6 +177,20 @@ def test_two_clients_one_that_stalls_and_one_that_comes_again(server, feed):
         assert again[2] == first[0][2]
         client.close()
     stalled.close()
+
+
+def test_forty_thousand_points_arrive_as_float32(feed):
+    points = np.random.default_rng(3).normal(scale=0.1, size=(40_000, 3))
+    cloud = Fixture("patient_lps", points, bundles.whole().provenance,
+                    rendering=bundles.whole().rendering)  # fmt: skip
+    server = Server(cloud, 0, feed)
+    client, coming = connected(server)
+    kind, device, body = next(coming)
+    client.close()
+    server.close()
+    assert (kind, device, struct.unpack(">I", body[:4])[0]) == ("POLYDATA", "vfplan_cloud", 40_000)
+    sent = np.frombuffer(body, ">f4", 120_000, 40).reshape(-1, 3)
+    assert np.array_equal(sent, (points * [-1e3, -1e3, 1e3]).astype(np.float32))
 
 
 def test_a_feed_hands_out_its_rate_and_waits_for_nobody():
