@@ -160,13 +160,13 @@ def story(planned: dict[str, Any], metrics: dict[str, Any]) -> str:
         f"{register['markers']} markers tie the slice to the robot ({register['model']}).",
         f"  FRE {mm(register['fre_rms_m'])} rms, worst marker {mm(worst)}; "
         f"predicted TRE of the curve {mm(register['tre_rms_m'])} rms.",
-        f"The fixture has {register['points']} points, {mm(register['spacing_m'])} apart.",
-        f"  Sampling moves its surface by at most {register['sampling_error_m'] * 1e6:.1f} um.",
+        f"The fixture has {register['pieces']['lines_and_arcs']} lines and arcs.",
+        f"  The curve lies at most {register['pieces']['error_m'] * 1e6:.1f} um beside them.",
         f"A hand probed it from both sides for {metrics['duration_s']:.1f} s.",
         f"  {len(metrics['episodes'])} contacts in {metrics['ticks']} ticks; it went up to "
         f"{mm(metrics['penetration_max_m'])} past the proxy and was pushed back with up to "
         f"{metrics['force_max_n']:.2f} N.",
-        f"  The proxy never came nearer to a point than R {metrics['clearance_min_m'] * 1e6:+.1f} "
+        f"  The proxy never came nearer to them than R {round(metrics['clearance_min_m'] * 1e6, 1) + 0.0:+.1f} "
         f"um; the force changed by at most {metrics['force_step_max_n']:.3f} N a tick.",
     ]
     return "\n".join(lines)

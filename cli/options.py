@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
-from vfplan.cli.values import FILE, HDF5, MARGIN, PNG, Duration, Numbers, Real, Whole
+from vfplan.cli.values import FILE, HDF5, MARGIN, PNG, Duration, Numbers, OrNone, Real, Whole
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -112,13 +112,13 @@ FIXTURE_OPTIONS = [
                  show_default=True, help="The transform from image to robot."),
     click.option("--robust", is_flag=True, help="Find and leave out outlying markers; names them."),
     click.option("--tolerance", "tolerance_mm", type=Numbers(1, metavar="MM"),
-                 help="How far the rendered surface may lie from the drawn one's; spacing, "
-                 "band and iteration limit follow from it.  [default: 0.01]"),
+                 help="How far a surface rendered from points may lie from the drawn one's; "
+                 "spacing, band and iteration limit follow from it.  [default: 0.01]"),
     click.option("--density", "density_per_mm", type=Numbers(1, metavar="PTS_PER_MM"),
                  help="Points a millimetre, instead of a tolerance."),
-    click.option("--arcs", "arcs_mm", type=Numbers(1, metavar="MM"),
-                 help="Also hold the curve as lines and arcs this near to it; the engine's rule "
-                 "`exact` renders them as they are."),
+    click.option("--arcs", "arcs_mm", type=OrNone(1, metavar="MM|none"),
+                 help="The curve is held as lines and arcs this near to it, which rule `exact` "
+                 "renders as they are; `none`: as points alone.  [default: 0.001, where it can]"),
     click.option("--stiffness", type=Numbers(1, 3, metavar="N_PER_M[,Y,Z]"), default="1000",
                  show_default=True, help="K, one for all axes of the robot's base or one each."),
     click.option("--contact-radius", "contact_radius_mm", type=Numbers(1, metavar="MM"),
@@ -226,7 +226,8 @@ def fixture_settings(given: dict[str, Any]) -> Any:
         robust=given["robust"],
         tolerance_m=(given["tolerance_mm"] or (0.01,))[0] * 1e-3,
         density_per_m=density and density[0] * 1e3,
-        arcs_m=given["arcs_mm"] and given["arcs_mm"][0] * 1e-3,
+        arcs_m=given["arcs_mm"][0] * 1e-3 if given["arcs_mm"] else None,
+        points_only=given["arcs_mm"] == (),
         stiffness=given["stiffness"],
         contact_radius=given["contact_radius_mm"][0] * 1e-3,
         point_radius=given["point_radius_mm"] * 1e-3,

@@ -108,13 +108,8 @@ def registered_text(report: dict[str, Any]) -> str:
         *_error_lines(report["tre"]),
         *_touched_lines(report),
         *_geometry_lines(report),
-        f"{report['points']} points, {_mm(report['spacing_m'])} apart",
+        _held_line(report),
     ]
-    if "sampling_error_m" in report:
-        lines[-1] += (
-            f"; between points the surface departs from the curve's by at most "
-            f"{report['sampling_error_m'] * 1e6:.1f} um"
-        )
     if "margin" in report:
         lines.append(_margin_line(report["margin"]))
     if "guide" in report:
@@ -212,6 +207,23 @@ def _guide_line(guide: dict[str, Any]) -> str:
     if "clearance_min_m" in guide:
         line += f"; at least {_mm(guide['clearance_min_m'])} before the forbidden region"
     return line
+
+
+def _held_line(report: dict[str, Any]) -> str:
+    """What is rendered, and what it costs."""
+    points = f"{report['points']} points, {_mm(report['spacing_m'])} apart"
+    if "pieces" in report:
+        pieces = report["pieces"]
+        return (
+            f"{pieces['lines_and_arcs']} lines and arcs within {pieces['error_m'] * 1e6:.2g} um of "
+            f"the curve; {points}, for engines that know points alone"
+        )
+    if "sampling_error_m" in report:
+        points += (
+            f"; between points the surface departs from the curve's by at most "
+            f"{report['sampling_error_m'] * 1e6:.1f} um"
+        )
+    return points
 
 
 def _margin_line(margin: dict[str, Any]) -> str:

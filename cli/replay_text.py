@@ -51,7 +51,7 @@ def _numbers(found: dict[str, Any]) -> list[str]:
     ]
     if "friction" in found:
         lines.append(
-            f"sliding      {_mm(found['slide_m'])}, apparent friction {found['friction']:.5f}, "
+            f"sliding      {_mm(found['slide_m'])}, apparent friction {round(found['friction'], 5) + 0.0:.5f}, "
             f"lag rms {1e6 * found['lag_rms_m']:.2f} µm"
         )
     if "guide" in found:
@@ -69,9 +69,13 @@ def _numbers(found: dict[str, Any]) -> list[str]:
 def _clearance(found: dict[str, Any]) -> list[str]:
     if "clearance_min_m" not in found:
         return []
+    scene = found["scene"]
+    of = f"{scene.get('lines_and_arcs')} lines and arcs"
+    if "band_m" in scene:
+        of = f"band {1e6 * scene['band_m']:.1f} µm"
     return [
-        f"clearance    min {round(1e6 * found['clearance_min_m'], 2) + 0.0:.2f} µm (band "
-        f"{1e6 * found['scene']['band_m']:.1f} µm); {found['entrenched_ticks']} ticks entrenched"
+        f"clearance    min {round(1e6 * found['clearance_min_m'], 2) + 0.0:.2f} µm ({of}); "
+        f"{found['entrenched_ticks']} ticks entrenched"
     ]
 
 

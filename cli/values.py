@@ -90,6 +90,16 @@ class Numbers(click.ParamType):
         return numbers
 
 
+class OrNone(Numbers):
+    """As `Numbers`, or `none`: no numbers."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        """Parse; a usage error (exit 2) names the value found and what is allowed."""
+        return () if value == "none" else super().convert(value, param, ctx)
+
+
 class Margin(click.ParamType):
     """`tre95`, or `p=P` with a probability P above 0 and below 1: the word, or the number."""
 

@@ -55,6 +55,11 @@ class Pieces:
     closed: NDArray[np.bool_]
     error: float = 0.0
 
+    @property
+    def count(self) -> int:
+        """How many lines and arcs."""
+        return len(self.bulges) - int((~self.closed).sum())
+
 
 @dataclass(frozen=True, eq=False)
 class Curve:
@@ -183,6 +188,11 @@ class Fixture:
     stability: StabilityVerdict | None = None
     mesh: NDArray[np.int32] | None = None
     guidance: Guidance | None = None
+
+    @property
+    def pieces(self) -> Pieces | None:
+        """The curve as lines and arcs, where it is known so."""
+        return self.curve and self.curve.pieces
 
     @property
     def forbidden(self) -> NDArray[np.float64]:

@@ -180,8 +180,13 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
     run = vfplan_cli(*call, tmp_path / "one", "--image", image, "--json")
     assert run.code == 0, run.stderr
     rendering = vfplan.read_fixture(fixture).rendering
-    assert run.json["scene"]["band_m"] == rendering.band
-    assert run.json["scene"].get("max_iterations") == rendering.max_iterations
+    robust = vfplan_cli(*call[:-1], "--rule", "robust", "--json").json["scene"]
+    assert (robust["band_m"], robust["max_iterations"]) == (
+        rendering.band,
+        rendering.max_iterations,
+    )
+    assert not {"band_m", "max_iterations"} & set(run.json["scene"])
+    assert run.json["scene"]["lines_and_arcs"] == vfplan.read_fixture(fixture).pieces.count
     assert "depth on the slice" in (tmp_path / "one" / "index.html").read_text()
     other = tmp_path / "other.png"
     other.write_bytes(image.read_bytes() + b" ")

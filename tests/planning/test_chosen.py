@@ -18,7 +18,7 @@ def elbow(**settings):
     names = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
     given = ExtractSettings(pixel_spacing_mm=(0.5, 0.5), **settings.pop("extraction", {}))
     return plan(*(ROOT / "samples" / n for n in names), extraction=given,
-                settings=FixtureSettings(**settings))  # fmt: skip
+                settings=FixtureSettings(points_only=True, **settings))  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -101,6 +101,18 @@ def test_density_and_bare_clouds_choose_nothing(made):
     mask = elbow(extraction={"method": "mask"})
     assert "chosen" not in mask.report["register"]
     assert mask.fixture.max_iterations is None
+
+
+def test_a_curve_of_lines_and_arcs_needs_no_choice():
+    names = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
+    given = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
+    made = plan(*(ROOT / "samples" / n for n in names), extraction=given)
+    report, settings = made.report["register"], made.fixture.provenance.settings
+    assert not {"chosen", "left_out_costs"} & set(report)
+    assert not [name for name in settings if name.startswith("chosen_")]
+    points = report["points"]
+    assert report["left_out"] == {"points": points, "coordinates": 1, "settings": 3}
+    assert made.fixture.band > 1e-6  # the points can still be rendered
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-5, 1e-6])

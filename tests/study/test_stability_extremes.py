@@ -52,9 +52,9 @@ def test_breach_sees_what_it_should():
     state = np.zeros(2, np.int8)
     trace = Trace(proxy, proxy, proxy, state, state.astype(np.uint8))
     expected = 5e-3 - engine.parameters.band - 4e-3
-    assert breach(engine, ground.points, trace) == pytest.approx(expected)
+    assert breach(engine, ground, trace) == pytest.approx(expected)
     untouched = Trace(proxy, proxy, 0 * proxy, state, state.astype(np.uint8))
-    assert breach(engine, ground.points, untouched) == np.inf
+    assert breach(engine, ground, untouched) == np.inf
 
 
 def test_what_a_bundle_cannot_meet_is_left_out():

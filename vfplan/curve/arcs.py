@@ -18,6 +18,7 @@ DENSE = 8  # places looked at between two measured points
 # A corner turns more than a smooth bend does: more than twice as much as the points beside it, and
 # more than noise does: the largest of 10^4 normal deviates is 5.8 times the median of their sizes.
 ISOLATED, OUTSTANDING = 2.0, 6.0
+TOGETHER = 128  # positions looked at together
 STRAIGHT = 1e-12  # a bulge below it is a rounding
 
 Vector = NDArray[np.float64]
@@ -42,12 +43,18 @@ class Arcs:
     closed: bool
 
     def distance(self, x: Vector) -> Vector:
-        """(T,) distance of the positions x (T, 2) from the pieces."""
-        ends = np.roll(self.vertices, -1, axis=0)
+        """(T,) distance of the positions x (T, 2) from the pieces; neighbours lie near in x."""
         count = max(1, len(self.vertices) - (not self.closed))  # a dot is a line of no length
+        a, b = self.vertices[:count], np.roll(self.vertices, -1, axis=0)[:count]
+        middle, half = (a + b) / 2, np.hypot(*(b - a).T) / 2  # of a ball around each piece
         least = np.full(len(x), np.inf)
-        for a, b, bulge in zip(self.vertices[:count], ends, self.bulges, strict=False):
-            least = np.minimum(least, _distance(a, b, float(bulge), x))
+        for first in range(0, len(x), TOGETHER):
+            part = x[first : first + TOGETHER]
+            reach = np.hypot(*(part - part[0]).T).max()
+            away = np.hypot(*(middle - part[0]).T)
+            for i in np.flatnonzero(away - half - 2 * reach <= (away + half).min()):
+                off = _distance(a[i], b[i], float(self.bulges[i]), part)
+                least[first : first + TOGETHER] = np.minimum(least[first : first + TOGETHER], off)
         return least
 
 

@@ -127,7 +127,7 @@ class ProxyEngine:
         if rule == "exact":
             if best_rule(fixture) != "exact":
                 raise SceneError("rule 'exact': needs a curve of lines and arcs, and an axis")
-            return cls.along(fixture.curve.pieces, **settings)
+            return cls.along(fixture.pieces, **settings)
         if not offline:
             check_work(fixture)
         band = None if rule == "paper" else fixture.band

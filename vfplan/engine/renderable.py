@@ -15,8 +15,8 @@ from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, Pieces
 
 
-def check_renderable(fixture: Fixture) -> None:
-    """Refuse a fixture whose rendering is outside the engine's ranges.
+def check_renderable(fixture: Fixture) -> ProxyParameters:
+    """What rule "robust" renders a fixture with; refuses one outside the engine's ranges.
 
     Raises
     ------
@@ -27,7 +27,7 @@ def check_renderable(fixture: Fixture) -> None:
     if fixture.rendering is None:
         raise SceneError("no rendering parameters: `vfplan register` makes a fixture of a curve")
     try:
-        ProxyParameters.make(
+        return ProxyParameters.make(
             fixture.points,
             contact_radius=fixture.contact_radius,
             band=fixture.band,
@@ -41,9 +41,8 @@ def check_renderable(fixture: Fixture) -> None:
 
 def best_rule(fixture: Fixture) -> Rule:
     """The rule nearest to the truth: "exact" where lines and arcs across an axis are known."""
-    known = fixture.curve is not None and fixture.curve.pieces is not None
-    known = known and fixture.rendering is not None and fixture.guidance is None
-    return "exact" if known and fixture.ignore_axis is not None else "robust"
+    planar = fixture.rendering is not None and fixture.ignore_axis is not None
+    return "exact" if fixture.pieces and planar and fixture.guidance is None else "robust"
 
 
 def check_pieces(pieces: Pieces) -> tuple[Vector, Vector, NDArray[np.int32], NDArray[np.uint8]]:

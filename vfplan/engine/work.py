@@ -5,7 +5,7 @@ from __future__ import annotations
 from vfplan import _core
 from vfplan.engine.checks import check_points
 from vfplan.engine.native import iterations_of, native_parameters
-from vfplan.engine.parameters import ProxyParameters
+from vfplan.engine.renderable import check_renderable
 from vfplan.errors import SceneError
 from vfplan.fixture import Fixture
 
@@ -17,16 +17,9 @@ def work_of(fixture: Fixture) -> float:
 
     A bound, computed in the C++ header work.hpp with the times of the machine of docs/engine.md.
 
-    Raises `SettingError` or `SceneError` for a rendering that no engine takes.
+    Raises `SceneError` for a rendering that no engine takes.
     """
-    parameters = ProxyParameters.make(
-        fixture.points,
-        contact_radius=fixture.contact_radius,
-        band=fixture.band,
-        point_radius=fixture.point_radius,
-        stiffness=fixture.stiffness,
-        ignore_axis=fixture.ignore_axis,
-    )
+    parameters = check_renderable(fixture)
     native = native_parameters(parameters, iterations_of(fixture.max_iterations), "auto")
     return _core.tick_work(check_points(fixture.points), native)
 

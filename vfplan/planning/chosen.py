@@ -17,6 +17,7 @@ from vfplan.planning.settings import FixtureSettings
 OPERATIONS = {3: 8, 2: 5}
 GROUPS = {3: 3, 2: 2}  # of contacts that can hold a proxy apart
 MOST_ITERATIONS = 16  # of the engine, unless told otherwise
+SETTINGS = 3  # that only points need
 
 
 def choice_of(curve: Fixture, settings: FixtureSettings) -> Choice | None:
@@ -56,8 +57,12 @@ def describe_carried(
         "points": len(carried.points),
         "spacing_m": carried.spacing_m,
         "left_out": counts,
-        "left_out_costs": costs(counts, rendering, carried, choice),
     }
+    pieces = carried.curve and carried.curve.pieces
+    if pieces:
+        report["pieces"] = {"lines_and_arcs": pieces.count, "error_m": pieces.error}
+    else:
+        report["left_out_costs"] = costs(counts, rendering, carried, choice)
     if choice is not None:
         report["chosen"] = describe_choice(choice, carried)
     if carried.sampling_error_m is not None:
@@ -91,8 +96,11 @@ def left_out(
     """What this scene does without, counted: points, coordinates, groups of contacts, iterations.
 
     `drawn` is how many points the curve was measured at. `operations_per_tick` is the arithmetic
-    that this saves in one pass over the neighbours of a proxy on a straight stretch.
+    that this saves in one pass over the neighbours of a proxy on a straight stretch. A curve of
+    lines and arcs does without its points, their spacing, the band and the iteration limit.
     """
+    if carried.curve and carried.curve.pieces:
+        return {"points": len(carried.points), "coordinates": 1, "settings": SETTINGS}
     counts = {"points": max(0, drawn - len(carried.points))}
     planar = rendering.ignore_axis is not None
     if planar:

@@ -2,48 +2,59 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Pieces
+from vfplan.planning.settings import DEFAULT_ARCS_M, FixtureSettings
+
+if TYPE_CHECKING:
+    from vfplan.registration import Registration
+
+Vector = NDArray[np.float64]
 
 
-def with_pieces(fixture: Fixture, strokes: list[NDArray[np.float64]], tolerance: float) -> Fixture:
-    """The fixture with its strokes as lines and arcs beside its points.
+def pieces_of(
+    curve: Fixture, registration: Registration, axis: Vector | None, settings: FixtureSettings
+) -> Pieces | None:
+    """The carried strokes as lines and arcs, where they can be rendered as such.
 
     Parameters
     ----------
-    fixture
-        One with a curve and an ignored axis; what guides is not rendered from pieces.
-    strokes
-        (M, 3) the measured curve of each, in the fixture's frame [m].
-    tolerance
-        How far the measured curve may lie from its pieces [m].
+    curve
+        The measured one, before it is carried over; a bare cloud has no strokes.
+    axis
+        (3,) that the fixture ignores; `None`: a curve in space.
+    settings
+        How far the measured curve may lie from its pieces; a guide has none.
 
     Raises
     ------
     SettingError
-        A fixture in space, without strokes, or that guides.
+        Lines and arcs are asked for, and there can be none.
     """
     from vfplan.curve.arcs import fit_arcs, measure, places, plane
 
-    if fixture.ignore_axis is None or fixture.curve is None or fixture.guidance is not None:
+    if settings.points_only:
+        return None
+    if axis is None or curve.curve is None or settings.guide_m is not None:
+        if settings.arcs_m is None:
+            return None
         raise SettingError("lines and arcs: only of strokes that forbid, across an ignored axis")
-    frame = plane(fixture.ignore_axis)
-    height = float((np.concatenate(strokes) @ fixture.ignore_axis).mean())
+    frame, tolerance = plane(axis), settings.arcs_m or DEFAULT_ARCS_M
+    carried = registration.apply(curve.points)
+    flat, height = carried @ frame.T, float((carried @ axis).mean())
     vertices, bulges, counts, error = [], [], [], 0.0
-    for points, closed in zip(strokes, fixture.curve.closed, strict=True):
-        flat = points @ frame.T
-        arcs = fit_arcs(flat, bool(closed), tolerance)
-        error = max(error, measure(arcs, places(flat, bool(closed), tolerance)))
-        vertices.append(arcs.vertices @ frame + height * fixture.ignore_axis)
+    for number, closed in enumerate(curve.curve.closed):
+        stroke = flat[curve.curve.stroke == number], bool(closed), tolerance
+        arcs = fit_arcs(*stroke)
+        error = max(error, measure(arcs, places(*stroke)))
+        vertices.append(arcs.vertices @ frame + height * axis)
         bulges.append(arcs.bulges)
         counts.append(len(arcs.bulges))
-    stroke = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
-    pieces = Pieces(
-        np.concatenate(vertices), np.concatenate(bulges), stroke, fixture.curve.closed, error
-    )
-    return replace(fixture, curve=replace(fixture.curve, pieces=pieces))
+    numbers = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+    closed = curve.curve.closed
+    return Pieces(np.concatenate(vertices), np.concatenate(bulges), numbers, closed, error)

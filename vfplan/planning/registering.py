@@ -7,9 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.io.clock import now_utc
@@ -18,7 +15,7 @@ from vfplan.planning.chosen import as_settings, capped, choice_of, describe_carr
 from vfplan.planning.guiding import add_guidance
 from vfplan.planning.margin import add_margin
 from vfplan.planning.matching import Matched, match
-from vfplan.planning.piecing import with_pieces
+from vfplan.planning.piecing import pieces_of
 from vfplan.planning.provenance import file_sha256, make_provenance
 from vfplan.planning.rendering import rendering_of
 from vfplan.planning.settings import FixtureSettings
@@ -101,6 +98,9 @@ def register(
     rendering = rendering_of(
         carried.points, making, registration, choice, guarded.mesh, matched.slice_axes
     )
+    pieces = pieces_of(guarded, registration, rendering.ignore_axis, making)
+    if pieces:  # the choice is that of the points alone
+        carried, choice = replace(carried, curve=replace(carried.curve, pieces=pieces)), None
     counts = left_out(rendering, carried, len(guarded.points), choice)
     hashes = _hashes(markers=markers, markers2=markers2, touched=touched)
     found = as_settings(choice, counts) | _markers_left_out(by_markers)
@@ -112,14 +112,12 @@ def register(
         rendering,
         _provenance(guarded, making, hashes, found),
     )
-    if making.arcs_m is not None:
-        fixture = with_pieces(fixture, _strokes(guarded, registration), making.arcs_m)
     fixture, guide, guide_warnings = add_guidance(fixture, settings)
     report = describe_registration(
         by_markers, drawn.points, diagnosis=matched.diagnosis, error=error
     )
     report["target_frame"] = fixture.frame
-    report |= describe_carried(carried, rendering, choice, counts) | _describe_pieces(fixture)
+    report |= describe_carried(carried, rendering, choice, counts)
     report |= matched.report | guide
     if margin is not None:
         report["margin"] = margin.report
@@ -162,14 +160,6 @@ def _fixture(
     )
 
 
-def _strokes(curve: Fixture, registration: Registration) -> list[NDArray[np.float64]]:
-    """The measured curve of each stroke (M, 3), carried over [m]; none of a bare cloud."""
-    if curve.curve is None:
-        return []
-    carried = registration.apply(curve.points)
-    return [carried[curve.curve.stroke == k] for k in range(len(curve.curve.closed))]
-
-
 def _provenance(
     curve: Fixture, settings: FixtureSettings, inputs: dict[str, str], found: dict[str, Any]
 ) -> Provenance:
@@ -187,14 +177,6 @@ def _markers_left_out(registration: Registration) -> dict[str, str]:
         return {}
     pairs = zip(registration.labels, registration.used, strict=True)
     return {"markers_left_out": ",".join(str(label) for label, used in pairs if not used)}
-
-
-def _describe_pieces(fixture: Fixture) -> dict[str, Any]:
-    pieces = fixture.curve and fixture.curve.pieces
-    if not pieces:
-        return {}
-    count = len(pieces.bulges) - int((~pieces.closed).sum())
-    return {"pieces": {"lines_and_arcs": count, "error_m": pieces.error}}
 
 
 def _hashes(**files: str | Path | None) -> dict[str, str]:

@@ -11,6 +11,7 @@ from vfplan.errors import SettingError
 CONTACT_RADIUS_M = (1e-5, 1.0)
 POINT_RADIUS_M = (0.0, 1.0)
 ARCS_M = (1e-7, 1e-3)  # finer than any measurement, coarser than any pen
+DEFAULT_ARCS_M = 1e-6
 GUIDE_M = (1e-5, 1.0)
 STIFFNESS_N_PER_M = (0.0, 1e6)
 
@@ -78,13 +79,15 @@ class FixtureSettings:
     model, robust
         The registration; see `vfplan.fit_registration`.
     tolerance_m
-        How far the rendered surface may lie from the drawn one [m]; `vfplan.engine.tolerance` takes
-        spacing, band and iteration limit from it.
+        How far a surface rendered from points may lie from the drawn one [m];
+        `vfplan.engine.tolerance` takes spacing, band and iteration limit from it.
     density_per_m
         Points a metre; takes the place of the tolerance.
     arcs_m
-        Also hold the strokes as lines and arcs this near to the measured curve [m], which rule
-        "exact" renders; `None`: points alone.
+        The strokes are also held as lines and arcs this near to the measured curve [m], which
+        rule "exact" renders; `None`: 1 µm, where they forbid across an ignored axis.
+    points_only
+        No lines and arcs: the fixture is rendered from its points.
     stiffness
         K [N/m], one number or one an axis.
     contact_radius, point_radius
@@ -126,6 +129,7 @@ class FixtureSettings:
     tolerance_m: float = 1e-5
     density_per_m: float | None = None
     arcs_m: float | None = None
+    points_only: bool = False
     stiffness: tuple[float, ...] = (1000.0,)
     contact_radius: float = 5e-3
     point_radius: float = 0.0

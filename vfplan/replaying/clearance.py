@@ -26,7 +26,7 @@ class CurveClearance:
     def __init__(self, fixture: Fixture) -> None:
         self._radius = fixture.contact_radius + fixture.point_radius
         self._frame = plane(fixture.ignore_axis)
-        self._strokes = strokes_of(fixture.curve.pieces, self._frame)
+        self._strokes = strokes_of(fixture.pieces, self._frame)
         self._nearest = np.inf
 
     @property

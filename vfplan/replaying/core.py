@@ -216,11 +216,14 @@ def _scene(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any]:
         "planar": fixture.ignore_axis is not None,
         "points": len(fixture.points),
         "contact_radius_m": parameters.contact_radius,
-        "band_m": parameters.band,
         "point_radius_m": parameters.point_radius,
         "stiffness_n_per_m": parameters.stiffness.tolist(),
         "frame": fixture.frame,
     }
+    if parameters.rule == "exact":
+        scene["lines_and_arcs"] = fixture.pieces.count
+    else:
+        scene["band_m"] = parameters.band
     if fixture.max_iterations is not None and parameters.rule == "robust":
         scene["max_iterations"] = fixture.max_iterations
     if fixture.ignore_axis is not None:

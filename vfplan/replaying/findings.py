@@ -110,14 +110,11 @@ def findings(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[s
             )
         )
     if report["too_fast_ticks"]:
-        count, rule = report["too_fast_ticks"], parameters.rule
-        why = {
-            "paper": f"the HIP moved more than r1 = {1e3 * parameters.r1:.3g} mm, as far as the "
-            "proxy may",
-            "robust": "the engine used up its iterations; the proxy is safe and follows later",
-        }
-        severity = "warning" if rule == "paper" else "info"
-        found.append(finding("too-fast", severity, f"in {count} ticks {why[rule]}"))
+        why = "the engine used up its iterations; the proxy is safe and follows later"
+        severity, r1 = "info", f"r1 = {1e3 * parameters.r1:.3g} mm"
+        if parameters.rule == "paper":
+            severity, why = "warning", f"the HIP moved more than {r1}, as far as the proxy may"
+        found.append(finding("too-fast", severity, f"in {report['too_fast_ticks']} ticks {why}"))
     if report["bad_hip_ticks"]:
         found.append(
             finding(

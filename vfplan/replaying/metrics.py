@@ -45,7 +45,8 @@ class Metrics:
         self._parameters = parameters
         self._ruler = CurveRuler.of(fixture)
         self._clearance = _clearance(fixture, parameters)
-        self._episodes = Episodes(parameters.band, join_s)
+        known = fixture.pieces.error if parameters.rule == "exact" else parameters.band
+        self._episodes = Episodes(known, join_s)
         self._states = np.zeros(len(STATES), dtype=np.int64)
         self._state_s = np.zeros(len(STATES))
         self._sums: dict[str, float] = {}

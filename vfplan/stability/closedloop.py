@@ -46,7 +46,7 @@ def closed_loop(scene: str, rule: Rule, robot: Robot, stiffness: float) -> Row:
 
 
 def closed_loop_bundle(fixture: Fixture, rule: Rule, robot: Robot, stiffness: float) -> Row:
-    """The row of a bundle's own points."""
+    """The row of a bundle's own points, or of its lines and arcs."""
     band = fixture.band if rule == "robust" else None
     return _row("bundle", rule, robot, stiffness, contacts.along(fixture), band)
 

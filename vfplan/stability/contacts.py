@@ -9,7 +9,7 @@ import numpy as np
 
 from vfplan import scenes
 from vfplan.engine.checks import Vector, check_axis
-from vfplan.fixture import Fixture
+from vfplan.fixture import Fixture, Pieces
 
 RADIUS = 5e-3  # R = r_c of the scenes [m]
 
@@ -35,6 +35,8 @@ class Contact:
         whose shape nobody has looked at, would else roll off.
     room
         How far from the touch there is nothing yet, in `radius`.
+    pieces
+        The cloud's curve as lines and arcs, where it is known so: rule "exact" presses on them.
     """
 
     points: Vector
@@ -44,6 +46,7 @@ class Contact:
     radius: float = RADIUS
     held: bool = False
     room: float = 0.2
+    pieces: Pieces | None = None
 
     @property
     def inward(self) -> Vector:
@@ -94,7 +97,8 @@ def channel() -> Iterator[Contact]:
     """A channel 5 µm wider than the proxy, pressed against one wall."""
     scene, down = scenes.Channel(), np.array([0.0, -1.0, 0.0])
     touch = (RADIUS - scene.width / 2) * down
-    yield Contact(scene.points, touch, down[None], scene.ignore_axis, room=0.0)
+    pieces = scene.lines_and_arcs
+    yield Contact(scene.points, touch, down[None], scene.ignore_axis, room=0.0, pieces=pieces)
 
 
 def point() -> Iterator[Contact]:
@@ -113,12 +117,13 @@ def omega() -> Iterator[Contact]:
     """The paper's Ω: over its top, inside its ring, and in the sharp corner at its foot."""
     scene = scenes.Omega()
     top, side = np.array([0.0, 74.5e-3, 0.0]), np.array([35e-3, 44e-3, 0.0])
-    yield from _either_side(scene.points, top, scene.ignore_axis, RADIUS)
-    yield from _either_side(scene.points, side, scene.ignore_axis, RADIUS)
+    pieces = scene.lines_and_arcs
+    yield from _either_side(scene.points, top, scene.ignore_axis, RADIUS, pieces)
+    yield from _either_side(scene.points, side, scene.ignore_axis, RADIUS, pieces)
     foot, out = np.array([14e-3, 0.0, 0.0]), np.array([np.cos(np.pi / 6), 0.5, 0.0])
     touch = first_touch(scene.points, foot + 14e-3 * out, -out, RADIUS)
     if touch is not None:
-        yield Contact(scene.points, touch, out[None], scene.ignore_axis, held=True)
+        yield Contact(scene.points, touch, out[None], scene.ignore_axis, held=True, pieces=pieces)
 
 
 SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
@@ -132,6 +137,7 @@ SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
     "omega": omega,
 }
 """Every scene of contact by its name."""
+CURVES = "channel", "omega"  # those with lines and arcs
 
 
 def along(fixture: Fixture, count: int = 5) -> Iterator[Contact]:
@@ -141,7 +147,8 @@ def along(fixture: Fixture, count: int = 5) -> Iterator[Contact]:
     """
     radius = fixture.contact_radius + fixture.point_radius
     for i in spread(fixture.points, count):
-        yield from _either_side(fixture.points, fixture.points[i], fixture.ignore_axis, radius)
+        at, axis = fixture.points[i], fixture.ignore_axis
+        yield from _either_side(fixture.points, at, axis, radius, fixture.pieces)
 
 
 def spread(points: Vector, count: int) -> Vector:
@@ -155,7 +162,11 @@ def spread(points: Vector, count: int) -> Vector:
 
 
 def _either_side(
-    points: Vector, at: Vector, axis: str | Vector | None, radius: float
+    points: Vector,
+    at: Vector,
+    axis: str | Vector | None,
+    radius: float,
+    pieces: Pieces | None = None,
 ) -> Iterator[Contact]:
     """The contacts at `at` (3,) along plus and minus the cloud's normal there."""
     a = check_axis(axis)
@@ -166,7 +177,7 @@ def _either_side(
     for n in (normal, -normal):
         touch = first_touch(flat_points, at - height + 1.5 * radius * n, -n, radius)
         if touch is not None:
-            yield Contact(points, touch + height, n[None], axis, radius, held=True)
+            yield Contact(points, touch + height, n[None], axis, radius, held=True, pieces=pieces)
 
 
 def first_touch(points: Vector, start: Vector, way: Vector, radius: float) -> Vector | None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vfplan.engine.renderable import check_renderable
+from vfplan.engine.renderable import best_rule, check_renderable
 from vfplan.errors import CheckFailed, SceneError
 from vfplan.fixture import Fixture, StabilityVerdict
 from vfplan.robot import Robot
@@ -56,7 +56,7 @@ def judge(robot: Robot, stiffness: float, rows: list[Row], margin: float) -> Sta
 
 
 def gate(fixture: Fixture, robot: Robot, margin: float = MARGIN) -> StabilityVerdict:
-    """Run the loop on the fixture's own points and judge its K.
+    """Run the loop on the fixture as its engine renders it, and judge its K.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def gate(fixture: Fixture, robot: Robot, margin: float = MARGIN) -> StabilityVer
         that passes.
     """
     stiffness = felt_stiffness(fixture)
-    row = closed_loop_bundle(fixture, "robust", robot, stiffness)
+    row = closed_loop_bundle(fixture, best_rule(fixture), robot, stiffness)
     found = judge(robot, stiffness, [row], margin)
     if not found.stable:
         raise CheckFailed(refusal(found))

@@ -57,7 +57,11 @@ def plant_of(robot: Robot, hand: float = 0.0) -> Plant:
 
 
 def engine_for(contact: Contact, rule: Rule, band: float | None = None) -> ProxyEngine:
-    """An engine of 1 N/m on the contact's cloud."""
+    """An engine of 1 N/m on the contact's cloud, or on its lines and arcs."""
+    if rule == "exact":
+        return ProxyEngine.along(
+            contact.pieces, contact.radius, stiffness=1.0, ignore_axis=contact.ignore_axis
+        )
     return ProxyEngine(
         contact.points,
         contact_radius=contact.radius,

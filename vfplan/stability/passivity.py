@@ -109,7 +109,7 @@ def passivity(scene: str, rule: Rule, stiffness: float, cycles: int = 20) -> lis
 
 
 def passivity_bundle(fixture: Fixture, rule: Rule, stiffness: float, cycles: int = 20) -> list[Row]:
-    """Rows of a bundle's own points."""
+    """Rows of a bundle's own points, or of its lines and arcs."""
     band = fixture.band if rule == "robust" else None
     return _rows("bundle", rule, stiffness, list(contacts.along(fixture)), band, cycles)
 

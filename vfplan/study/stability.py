@@ -6,7 +6,7 @@ import csv
 import io
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import as_completed
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -14,9 +14,11 @@ from typing import Any
 
 from vfplan.engine.checks import number
 from vfplan.engine.parameters import RULES, Rule
+from vfplan.engine.renderable import best_rule
 from vfplan.fixture import Fixture, StabilityVerdict
 from vfplan.io.workers import workers
 from vfplan.robot import Robot
+from vfplan.stability import contacts
 from vfplan.stability.chart import chart
 from vfplan.stability.closedloop import closed_loop, closed_loop_bundle, scenes_for
 from vfplan.stability.gate import MARGIN, felt_stiffness, judge, refusal
@@ -29,6 +31,7 @@ from vfplan.study.extremes import chosen, try_group
 DEFAULT_ROBOT = Robot("default", mass_kg=1.0, damping_n_s_per_m=5.0, rate_hz=1000.0)
 ROBOT_KEYS = ("robot", "mass_kg", "damping_n_s_per_m", "rate_hz", "delay_ticks")
 LIMITS = {"friction_n": "N", "quantum_m": "m", "force_limit_n": "N", "force_step_limit_n": "N"}
+ALL_RULES: tuple[Rule, ...] = (*RULES, "exact")
 DEFAULT_STIFFNESS = 1000.0  # [N/m], where there is no bundle to ask
 
 Task = Callable[[], list[Row]]
@@ -137,7 +140,7 @@ class Prepared:
         """Run in `jobs` processes; `done` is told each end of a task."""
         started = time.perf_counter()
         rows = [row for result in run_tasks(self.tasks, jobs, done) for row in result]
-        verdict = judge(self.robot, self.stiffness, _loops(rows), self.margin)
+        verdict = judge(self.robot, self.stiffness, _loops(rows, "robust", "exact"), self.margin)
         return Study(rows, verdict, self.left_out, time.perf_counter() - started)
 
 
@@ -196,15 +199,15 @@ def _check(robot: Robot, margin: float) -> None:
             number(name, getattr(robot, name), unit, above=0.0)
 
 
-def _loops(rows: list[Row], rule: Rule = "robust") -> list[Row]:
-    """The rows that say what K a rule bears: the default one, which a controller runs."""
-    return [row for row in rows if row.values.get("rule") == rule and row.unit == "N/m"]
+def _loops(rows: list[Row], *rules: Rule) -> list[Row]:
+    """The rows that say what K these rules bear."""
+    return [row for row in rows if row.values.get("rule") in rules and row.unit == "N/m"]
 
 
 def _smallest(rows: list[Row]) -> dict[str, float]:
     """The smallest K [N/m] that each rule bore over the scenes run."""
     found = {}
-    for rule in RULES:
+    for rule in ALL_RULES:
         borne = [row.measured for row in _loops(rows, rule) if row.measured is not None]
         if borne:
             found[rule] = min(borne)
@@ -232,13 +235,23 @@ Part = tuple[list[Task], dict[str, str]]
 
 
 def _closed_loop(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
-    names, out = scenes_for(fixture)
     tasks: list[Task] = []
-    for rule in RULES:
-        if fixture is not None:
-            tasks.append(partial(_one, closed_loop_bundle, fixture, rule, robot, stiffness))
-        tasks += [partial(_one, closed_loop, name, rule, robot, stiffness) for name in names]
-    return tasks, {f"closed-loop/{name}": why for name, why in out.items()}
+    for rule, on in _turns(fixture):
+        make = closed_loop if isinstance(on, str) else closed_loop_bundle
+        tasks.append(partial(_one, make, on, rule, robot, stiffness))
+    return tasks, {f"closed-loop/{name}": why for name, why in scenes_for(fixture)[1].items()}
+
+
+def _turns(fixture: Fixture | None) -> Iterator[tuple[Rule, Fixture | str]]:
+    """Each rule with all that it renders: the bundle, and the scenes of contact that it can meet.
+
+    Rule "exact" renders lines and arcs.
+    """
+    for rule in ALL_RULES:
+        if fixture is not None and rule in (*RULES, best_rule(fixture)):
+            yield rule, fixture
+        known = contacts.CURVES if rule == "exact" else contacts.SCENES
+        yield from ((rule, name) for name in scenes_for(fixture)[0] if name in known)
 
 
 def _one(make: Callable[..., Row], first: Fixture | str, rule: Rule, *rest: object) -> list[Row]:
@@ -246,13 +259,11 @@ def _one(make: Callable[..., Row], first: Fixture | str, rule: Rule, *rest: obje
 
 
 def _passivity(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
-    names, out = scenes_for(fixture)
     tasks: list[Task] = []
-    for rule in RULES:
-        if fixture is not None:
-            tasks.append(partial(passivity_bundle, fixture, rule, stiffness))
-        tasks += [partial(passivity, name, rule, stiffness) for name in names]
-    return tasks, {f"passivity/{name}": why for name, why in out.items()}
+    for rule, on in _turns(fixture):
+        make = passivity if isinstance(on, str) else passivity_bundle
+        tasks.append(partial(make, on, rule, stiffness))
+    return tasks, {f"passivity/{name}": why for name, why in scenes_for(fixture)[1].items()}
 
 
 def _chart(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:

@@ -79,7 +79,7 @@ def curve(kind: str) -> float:
     edges = np.arange(len(way))
     at = np.linspace(0, len(way) - 1, 40 * len(way))
     hips = np.column_stack([np.interp(at, edges, np.array(way)[:, k]) for k in range(3)])
-    return breach(engine, points, engine.run(hips))
+    return breach(engine, ground, engine.run(hips))
 
 
 def _curve(kind: str) -> Vector:

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from vfplan.curve.arcs import plane, strokes_of
 from vfplan.engine.checks import Vector, check_axis
 from vfplan.engine.parameters import Trace
 from vfplan.engine.proxy import ProxyEngine
-from vfplan.fixture import Fixture
+from vfplan.engine.renderable import best_rule
+from vfplan.fixture import Fixture, Pieces
 from vfplan.stability import contacts
 
 
@@ -26,16 +28,23 @@ class Ground:
         (3,) the proxy's place as it touches [m], and the unit vector away from the cloud.
     settings
         The engine's.
+    pieces
+        The points are these lines' and arcs' vertices, and the engine renders them.
     """
 
     points: Vector
     touch: Vector
     out: Vector
     settings: dict[str, Any] = field(default_factory=dict)
+    pieces: Pieces | None = None
 
     def engine(self, **more: Any) -> ProxyEngine:
         """An engine whose proxy starts 0.2 R off the touch."""
-        engine = ProxyEngine(self.points, **self.settings | more)
+        engine = (
+            ProxyEngine(self.points, **self.settings | more)
+            if self.pieces is None
+            else ProxyEngine.along(replace(self.pieces, vertices=self.points), **self.settings)
+        )
         engine.reset(self.start(engine))
         return engine
 
@@ -65,11 +74,13 @@ def of_fixture(fixture: Fixture) -> Ground | None:
         settings = {
             "contact_radius": fixture.contact_radius,
             "point_radius": fixture.point_radius,
-            "band": fixture.band,
             "ignore_axis": fixture.ignore_axis,
             "stiffness": fixture.stiffness,
         }
-        return Ground(fixture.points, contact.touch, contact.normals[0], settings)
+        way = contact.touch, contact.normals[0]
+        if best_rule(fixture) == "exact":
+            return Ground(fixture.pieces.vertices, *way, settings, fixture.pieces)
+        return Ground(fixture.points, *way, settings | {"band": fixture.band})
     return None
 
 
@@ -86,31 +97,37 @@ def walk_path(ground: Ground, engine: ProxyEngine, ticks: int, seed: int = 7) ->
     return ground.start(engine) + lead * R * (0.8 * wave - 0.7 * ground.out)
 
 
-def breach(engine: ProxyEngine, points: Vector, trace: Trace) -> float:
-    """How far the proxy came inside R - band of any point, at most over the ticks [m].
+def breach(engine: ProxyEngine, ground: Ground, trace: Trace) -> float:
+    """How far the proxy came inside R - band of the ground, at most over the ticks [m].
 
     0 where it never did; infinite where an answer is not finite, or where the path never touched
     and so showed nothing.
     """
-    from scipy.spatial import cKDTree
-
     answers = (trace.proxy, trace.normal, trace.force)
     if not (all(np.isfinite(a).all() for a in answers) and trace.force.any()):
         return float("inf")
     p = engine.parameters
-    proxy = trace.proxy
-    if p.ignore_axis is not None:
-        points = points - np.outer(points @ p.ignore_axis, p.ignore_axis)
-        proxy = proxy - np.outer(proxy @ p.ignore_axis, p.ignore_axis)
-    nearest, _ = cKDTree(points).query(proxy)
+    nearest = _distance(ground, trace.proxy, p.ignore_axis)
     return max(0.0, float((p.R - p.band - nearest).max()))
+
+
+def _distance(ground: Ground, proxy: Vector, axis: Vector | None) -> Vector:
+    """(T,) from what is rendered, across the axis [m]; with no code of the engine's."""
+    if ground.pieces is not None:
+        frame = plane(axis)
+        strokes = strokes_of(replace(ground.pieces, vertices=ground.points), frame)
+        return np.min([stroke.distance(proxy @ frame.T) for stroke in strokes], axis=0)
+    from scipy.spatial import cKDTree
+
+    across = np.eye(3) - (0 if axis is None else np.outer(axis, axis))
+    return cKDTree(ground.points @ across).query(proxy @ across)[0]
 
 
 def walked(ground: Ground, ticks: int = 3000, **settings: Any) -> float:
     """The breach over a random walk."""
     engine = ground.engine(**settings)
     trace = engine.run(walk_path(ground, engine, ticks))
-    return breach(engine, ground.points, trace)
+    return breach(engine, ground, trace)
 
 
 def moved(ground: Ground, offset: Vector, scale: float) -> Ground:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from vfplan.engine.parameters import Status
@@ -27,7 +29,7 @@ def jump(ground: Ground, distance: float) -> float:
     near = ground.start(engine)
     far = -distance * ground.out
     trace = engine.run(np.array([near, far, near, -far, near, far, far, near]))
-    return breach(engine, ground.points, trace)
+    return breach(engine, ground, trace)
 
 
 def pierce(ground: Ground, speed: float, rate: float) -> float:
@@ -41,16 +43,16 @@ def pierce(ground: Ground, speed: float, rate: float) -> float:
     at = np.linspace(0, len(path) - 1, min(ticks, 100_000))
     hips = np.column_stack([np.interp(at, np.arange(len(path)), path[:, k]) for k in range(3)])
     engine.reset(hips[0])
-    return breach(engine, ground.points, engine.run(hips))
+    return breach(engine, ground, engine.run(hips))
 
 
 def denormals(ground: Ground) -> float:
     """Breach while the HIP moves by the smallest numbers there are, around 0 and at a touch [m]."""
-    moved = Ground(ground.points - ground.touch, np.zeros(3), ground.out, ground.settings)
+    moved = replace(ground, points=ground.points - ground.touch, touch=np.zeros(3))
     engine = moved.engine()
     tiny = np.arange(-500, 500)[:, None] * 5e-324 * np.ones(3)
     trace = engine.run(np.concatenate([tiny, tiny - 1e-310 * moved.out, tiny - 1e-3 * moved.out]))
-    return breach(engine, moved.points, trace)
+    return breach(engine, moved, trace)
 
 
 def on_point(ground: Ground) -> float:
@@ -58,7 +60,7 @@ def on_point(ground: Ground) -> float:
     engine = ground.engine()
     nearest = np.argsort(np.linalg.norm(ground.points - ground.touch, axis=1))[:50]
     hips = np.repeat(ground.points[nearest], 3, axis=0)
-    return breach(engine, ground.points, engine.run(hips))
+    return breach(engine, ground, engine.run(hips))
 
 
 def medial() -> float:

@@ -29,7 +29,7 @@ def _run(ground: Ground, ticks: int) -> tuple[float, float, float]:
         started = time.thread_time()
         trace = engine.run(hips)
         times.append(time.thread_time() - started)
-        worst = max(worst, breach(engine, ground.points, trace))
+        worst = max(worst, breach(engine, ground, trace))
         memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
         hip = hips[-1]
     tenth = len(times) // 10
