@@ -149,6 +149,7 @@ def story(planned: dict[str, Any], metrics: dict[str, Any]) -> str:
     image, stroke = planned["extract"]["image"], planned["extract"]["strokes"][0]
     register = planned["register"]
     worst = max(r["residual_m"] for r in register["residuals"])
+    clearance_um = round(1e6 * metrics["clearance_min_m"], 1) + 0.0
 
     def mm(metres: float) -> str:
         return f"{metres * 1e3:.3f} mm"
@@ -166,7 +167,7 @@ def story(planned: dict[str, Any], metrics: dict[str, Any]) -> str:
         f"  {len(metrics['episodes'])} contacts in {metrics['ticks']} ticks; it went up to "
         f"{mm(metrics['penetration_max_m'])} past the proxy and was pushed back with up to "
         f"{metrics['force_max_n']:.2f} N.",
-        f"  The proxy never came nearer to them than R {round(metrics['clearance_min_m'] * 1e6, 1) + 0.0:+.1f} "
+        f"  The proxy never came nearer to them than R {clearance_um:+.1f} "
         f"um; the force changed by at most {metrics['force_step_max_n']:.3f} N a tick.",
     ]
     return "\n".join(lines)

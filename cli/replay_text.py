@@ -50,8 +50,9 @@ def _numbers(found: dict[str, Any]) -> list[str]:
         f"for a tick alone gives {1e3 * found['energy_hold_j']:.4f} mJ",
     ]
     if "friction" in found:
+        friction = round(found["friction"], 5) + 0.0
         lines.append(
-            f"sliding      {_mm(found['slide_m'])}, apparent friction {round(found['friction'], 5) + 0.0:.5f}, "
+            f"sliding      {_mm(found['slide_m'])}, apparent friction {friction:.5f}, "
             f"lag rms {1e6 * found['lag_rms_m']:.2f} µm"
         )
     if "guide" in found:

@@ -14,10 +14,9 @@ namespace controller {
 class Rendered {
   public:
     Rendered(const vfplan::bundle::Fixture& fixture, const vfplan::Parameters& p, vfplan::Use use) {
-        const bool exact = p.rule == vfplan::Rule::exact;  // its ticks are bounded
-        if (use == vfplan::Use::real_time && !exact) vfplan::bundle::check_work(fixture, p);
+        if (use == vfplan::Use::real_time) vfplan::bundle::check_work(fixture, p);
         const auto forbidden = fixture.forbidden();
-        if (exact)
+        if (p.rule == vfplan::Rule::exact)
             region_.emplace(fixture.pieces, p);
         else if (!forbidden.empty())
             region_.emplace(forbidden.data(), forbidden.size() / 3, p);

@@ -13,6 +13,7 @@ from vfplan import _core
 from vfplan.bundle import validate
 from vfplan.engine.work import MOST_TICK_WORK, work_of
 from vfplan.errors import SceneError
+from vfplan.fixture import Curve, Pieces
 
 
 def crowded():
@@ -27,13 +28,24 @@ def crowded():
     return replace(bundles.small(), points=points + 0.4)
 
 
+def serrated():
+    """A comb of 3,000 teeth on 20 mm, held as its lines."""
+    base = bundles.small()
+    teeth = np.column_stack([np.arange(3000) * 7e-6, np.arange(3000) % 2 * 2e-3, np.zeros(3000)])
+    strokes = np.zeros(len(teeth), np.int32), np.array([False])
+    own = np.zeros(len(base.points), np.int32)
+    curve = Curve(own, strokes[1], pieces=Pieces(teeth, np.zeros(len(teeth)), *strokes))
+    rendering = replace(base.rendering, ignore_axis=np.array([0.0, 0, 1]))
+    return replace(base, curve=curve, rendering=rendering)
+
+
 def patient():
     """Few points, and 10,000 iterations a tick."""
     base = bundles.small()
     return replace(base, rendering=replace(base.rendering, max_iterations=10_000))
 
 
-@pytest.mark.parametrize("make", [crowded, patient])
+@pytest.mark.parametrize("make", [crowded, patient, serrated])
 def test_validate_and_info_tell_of_a_bundle_that_is_too_much_for_a_robot(
     make, vfplan_cli, tmp_path
 ):
@@ -57,6 +69,29 @@ def test_an_engine_for_a_robot_refuses_it_and_one_for_a_replay_does_not():
     with pytest.raises(SceneError, match="a tick may take"):
         vfplan.ProxyEngine.of(crowded())
     vfplan.ProxyEngine.of(crowded(), offline=True)
+    with pytest.raises(SceneError, match="too many points or pieces"):
+        vfplan.ProxyEngine.of(serrated())
+    assert vfplan.ProxyEngine.of(serrated(), "robust").rule == "robust"
+    assert vfplan.ProxyEngine.of(serrated(), offline=True).rule == "exact"
+
+
+def test_the_bound_of_a_curve_counts_at_least_what_is_around_any_place():
+    """Lines of a scribble against brute force: both ends of a line are features too."""
+    draw = np.random.default_rng(6)
+    corners = draw.normal(size=(400, 2)) * 0.02
+    p = _core.Parameters()
+    p.set_ignore_axis(np.array([0.0, 0, 1]))
+    found = _core.tick_work(
+        np.column_stack([corners, np.zeros(400)]), np.zeros(400), np.zeros(400, np.int32),
+        np.zeros(1, np.uint8), p,
+    )  # fmt: skip
+    near = (found / 32 - 5e-6) / 10e-9
+    low, high = np.minimum(corners[1:], corners[:-1]), np.maximum(corners[1:], corners[:-1])
+    places = draw.normal(size=(2000, 1, 2)) * 0.02
+    gap = np.maximum(np.maximum(low - places, places - high), 0)
+    lines = (np.hypot(*np.moveaxis(gap, 2, 0)) <= 1.2 * 5e-3).sum(axis=1)
+    joints = (np.linalg.norm(places - corners, axis=2) <= 1.2 * 5e-3).sum(axis=1)
+    assert (lines + joints).max() <= near <= 799
 
 
 @pytest.mark.parametrize("planar", [False, True])

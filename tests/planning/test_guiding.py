@@ -45,7 +45,7 @@ def test_a_plan_guides_along_the_drawn_curve(tmp_path):
 def test_without_a_guide_a_bundle_is_of_the_version_that_holds_it(tmp_path):
     from vfplan.bundle import describe
 
-    made = plan(*ELBOW)
+    made = plan(*ELBOW, settings=FixtureSettings(points_only=True))
     vfplan.write_fixture(made.fixture, tmp_path / "a.h5")
     found = describe(tmp_path / "a.h5")
     assert found["version"] == "1.0"

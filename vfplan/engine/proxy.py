@@ -108,8 +108,8 @@ class ProxyEngine:
         ------
         SceneError
             No rendering, one that no engine takes, strokes that guide, rule "exact" without a
-            curve of pieces, or points so dense that a tick may take longer than a loop of 1 kHz
-            can wait.
+            curve of pieces, or points or pieces so dense that a tick may take longer than a loop
+            of 1 kHz can wait.
         """
         check_renderable(fixture)
         if fixture.guidance is not None:
@@ -124,12 +124,12 @@ class ProxyEngine:
             "stiffness": fixture.stiffness,
             "ignore_axis": fixture.ignore_axis,
         }
-        if rule == "exact":
-            if best_rule(fixture) != "exact":
-                raise SceneError("rule 'exact': needs a curve of lines and arcs, and an axis")
-            return cls.along(fixture.pieces, **settings)
+        if rule == "exact" and best_rule(fixture) != "exact":
+            raise SceneError("rule 'exact': needs a curve of lines and arcs, and an axis")
         if not offline:
-            check_work(fixture)
+            check_work(fixture, rule)
+        if rule == "exact":
+            return cls.along(fixture.pieces, **settings)
         band = None if rule == "paper" else fixture.band
         iterations = fixture.max_iterations
         return cls(fixture.points, rule=rule, band=band, max_iterations=iterations, **settings)

@@ -5,15 +5,18 @@ from __future__ import annotations
 from vfplan import _core
 from vfplan.engine.checks import check_points
 from vfplan.engine.native import iterations_of, native_parameters
-from vfplan.engine.renderable import check_renderable
+from vfplan.engine.parameters import Rule
+from vfplan.engine.renderable import best_rule, check_pieces, check_renderable
 from vfplan.errors import SceneError
 from vfplan.fixture import Fixture
 
 MOST_TICK_WORK = _core.most_tick_work  # [s] that a loop of 1 kHz gives a tick
 
 
-def work_of(fixture: Fixture) -> float:
-    """Time [s] that a tick of rule "robust" takes at most, by how many points lie together.
+def work_of(fixture: Fixture, rule: Rule | None = None) -> float:
+    """Time [s] that a tick takes at most, by how many points or pieces lie together.
+
+    Of rule "exact" for a curve of lines and arcs, else of "robust", unless a rule is given.
 
     A bound, computed in the C++ header work.hpp with the times of the machine of docs/engine.md.
 
@@ -21,17 +24,19 @@ def work_of(fixture: Fixture) -> float:
     """
     parameters = check_renderable(fixture)
     native = native_parameters(parameters, iterations_of(fixture.max_iterations), "auto")
+    if (rule or best_rule(fixture)) == "exact":
+        return _core.tick_work(*check_pieces(fixture.pieces), native)
     return _core.tick_work(check_points(fixture.points), native)
 
 
-def check_work(fixture: Fixture) -> None:
+def check_work(fixture: Fixture, rule: Rule | None = None) -> None:
     """Refuse a fixture whose ticks may take longer than a loop of 1 kHz can wait.
 
     Raises `SceneError` with the time, the time given, and what makes it so.
     """
-    work = work_of(fixture)
+    work = work_of(fixture, rule)
     if work > MOST_TICK_WORK:
         raise SceneError(
             f"a tick may take {1e6 * work:.0f} us, at most {1e6 * MOST_TICK_WORK:.0f} us are given"
-            " at 1 kHz: too many points around one place, or max_iterations too high"
+            " at 1 kHz: too many points or pieces around one place, or max_iterations too high"
         )

@@ -101,6 +101,13 @@ NB_MODULE(_core, m) {
             return vfplan::tick_work(points.data(), points.shape(0), p);
         },
         "points"_a, "parameters"_a, "time that a tick takes at most [s]");
+    m.def(
+        "tick_work",
+        [](const Rows& vertices, const Numbers& bulges, const Ids& stroke, const Flags& closed,
+           const vfplan::Parameters& p) {
+            return vfplan::tick_work(strokes(vertices, bulges, stroke, closed), p);
+        },
+        "vertices"_a, "bulges"_a, "stroke"_a, "closed"_a, "parameters"_a);
     m.attr("most_tick_work") = vfplan::most_tick_work;
 
     nb::class_<Engine>(m, "Engine")

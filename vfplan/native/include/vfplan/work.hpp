@@ -1,7 +1,7 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// How much a tick of the robust rule may have to look at: a bound that a cloud and its rendering
-// give before the first tick.
+// How much a tick may have to look at: a bound that a cloud, or a curve, and its rendering give
+// before the first tick.
 #pragma once
 
 #include <algorithm>
@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "vfplan/cloud.hpp"
+#include "vfplan/curve/exact.hpp"
 #include "vfplan/neighbours.hpp"
 #include "vfplan/parameters.hpp"
 #include "vfplan/space.hpp"
@@ -106,6 +107,48 @@ inline double tick_work(const double* xyz, std::size_t n, const Parameters& p) {
     check(p);
     if (p.ignore_axis) return tick_work(Slice(*p.ignore_axis), xyz, n, p);
     return tick_work(Space{}, xyz, n, p);
+}
+
+/// The most features of a curve whose boxes lie within `reach` of any place, or some more: counted
+/// on a grid, by what each box adds at its corners.
+inline double crowd(const curve::Curve& curve, double reach) {
+    Vec2 low = curve[0].least, high = curve[0].most;
+    for (std::size_t i = 0; i < curve.size(); ++i)
+        for (int k = 0; k < 2; ++k) {
+            low.c[k] = std::min(low.c[k], curve[static_cast<int>(i)].least.c[k]);
+            high.c[k] = std::max(high.c[k], curve[static_cast<int>(i)].most.c[k]);
+        }
+    double side = reach / 4;
+    const auto count = [&](int k) { return std::floor((high.c[k] - low.c[k]) / side) + 1; };
+    while (count(0) * count(1) > 8.0 * static_cast<double>(curve.size()) + 65536) side *= 1.25;
+    const auto cell = [&](double place, int k) {
+        const double most = count(k) - 1;
+        const double at = std::floor((place - low.c[k]) / side);
+        return static_cast<std::size_t>(std::min(std::max(at, 0.0), most));
+    };
+    const auto wide = static_cast<std::size_t>(count(0)) + 1;
+    std::vector<double> sum(wide * (static_cast<std::size_t>(count(1)) + 1));
+    for (std::size_t i = 0; i < curve.size(); ++i) {
+        const curve::Feature& f = curve[static_cast<int>(i)];
+        const std::size_t x0 = cell(f.least[0] - reach, 0), x1 = cell(f.most[0] + reach, 0) + 1;
+        const std::size_t y0 = cell(f.least[1] - reach, 1), y1 = cell(f.most[1] + reach, 1) + 1;
+        sum[y0 * wide + x0] += 1, sum[y1 * wide + x1] += 1;
+        sum[y0 * wide + x1] -= 1, sum[y1 * wide + x0] -= 1;
+    }
+    for (std::size_t i = 1; i < sum.size(); ++i)
+        if (i % wide != 0) sum[i] += sum[i - 1];
+    for (std::size_t i = wide; i < sum.size(); ++i) sum[i] += sum[i - wide];
+    return *std::max_element(sum.begin(), sum.end());
+}
+
+/// Time [s] that a tick of rule exact takes at most, by the features in its list; as above.
+inline double tick_work(const std::vector<Stroke>& strokes, const Parameters& p) {
+    constexpr double an_iteration = 5e-6, a_feature = 10e-9;  // [s]
+    check(strokes);
+    if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
+    const curve::Curve curve(strokes, Slice(*p.ignore_axis), p.R());
+    const double near = crowd(curve, curve::ExactRule::list_reach * p.R());
+    return curve::ExactRule::most_iterations * (an_iteration + a_feature * near);
 }
 
 /// The most tick_work [s] that a loop of 1 kHz is given.

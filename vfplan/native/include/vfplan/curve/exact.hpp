@@ -48,7 +48,9 @@ class ExactRule {
     static constexpr int dimension = 2;
     /// Of R: how far below R roundings may let the proxy sink.
     static constexpr double finest = 1e-7;
-    static constexpr int most_iterations = 64;
+    static constexpr int most_iterations = 32;
+    static constexpr double skin = 0.2;  // of R: how far the proxy may go with one gathered list
+    static constexpr double list_reach = 1 + skin + 4 * finest;  // of R
 
     /// What roundings take [m], where the strokes lie far from the origin too.
     static double band(const Parameters& p, const std::vector<Stroke>& strokes) noexcept {
@@ -122,9 +124,8 @@ class ExactRule {
 
   private:
     static constexpr int none = -1;
-    static constexpr int walls = 6;      // that are looked at together, at most
-    static constexpr int turns = 12;     // from feature to feature where the proxy stands
-    static constexpr double skin = 0.2;  // of R: how far a gathered list reaches
+    static constexpr int walls = 6;   // that are looked at together, at most
+    static constexpr int turns = 12;  // from feature to feature where the proxy stands
 
     enum class End { arrived, rest, corner, more, blocked, leash, limit };
     struct Hit {
@@ -311,11 +312,18 @@ class ExactRule {
         return (-path.along(in, w, 1)).falls();
     }
 
-    /// What the way meets first, within `most`; `skip` is none of it.
+    /// What the way meets first, within `most`; `skip` is none of it. Looked at from near to far.
     Hit sweep(const Way& path, double most, int skip) noexcept {
+        for (double reach = skin * R_ / 2;; reach *= 4) {
+            const Hit hit = within(path, std::min(reach, most), skip);
+            if (hit.feature != none || !(reach < most)) return hit;
+        }
+    }
+    Hit within(const Way& path, double most, int skip) noexcept {
         Hit hit;
         const auto look = [&](int i) noexcept {
-            if (i == skip) return;
+            const double reach = R_ + std::min(most, hit.t) + heights_.slack;
+            if (i == skip || curve_[i].box_square(path.x) > reach * reach) return;
             bool touching;
             const double t = meets(curve_[i], path, std::min(most, hit.t), heights_, touching);
             if (t < hit.t) hit = {t, i, touching};

@@ -50,6 +50,13 @@ struct Feature {
         return border[0].beyond(y) <= slack && border[1].beyond(y) <= slack;
     }
 
+    /// Squared distance of y from the box around the piece: a way as long meets it no sooner.
+    double box_square(const Vec2& y) const noexcept {
+        const double u = std::max({least[0] - y[0], y[0] - most[0], 0.0});
+        const double v = std::max({least[1] - y[1], y[1] - most[1], 0.0});
+        return u * u + v * v;
+    }
+
     /// Seen from y, which lies beside it and not on it.
     Contact contact(const Vec2& y) const noexcept {
         const Vec2 w = y - base, m = kappa * w - n;
