@@ -61,24 +61,13 @@ def _directions(p: int) -> Array:
 
 
 def _solve(largest_squared: Array, p: int, dof: int, probability: float) -> float:
+    from scipy.optimize import brentq
     from scipy.special import fdtr
 
     def lacking(kappa: float) -> float:
         return float(fdtr(p, dof, kappa**2 / (p * largest_squared)).mean()) - probability
 
-    low, high = 0.0, 1.0
-    while (above := lacking(high)) < 0:
-        low, high = high, 1.5 * high
-    below = lacking(low) if low else -probability
-    # Regula falsi in the Illinois form.
-    side = 0
-    for _ in range(50):
-        kappa = (low * above - high * below) / (above - below)
-        value = lacking(kappa)
-        if abs(value) < 1e-12:
-            return kappa
-        if value > 0:
-            high, above, below, side = kappa, value, below / (1 + (side == 1)), 1
-        else:
-            low, below, above, side = kappa, value, above / (1 + (side == -1)), -1
-    return high
+    high = 1.0
+    while lacking(high) < 0:
+        high *= 1.5
+    return float(brentq(lacking, 1e-9, high, xtol=1e-12))

@@ -153,13 +153,10 @@ def marker_rows(x: Array) -> Array:
 
 
 def rotation(axis_angle: Array) -> Array:
-    """The rotation matrix of a rotation vector [rad] (Rodrigues)."""
-    angle = float(np.linalg.norm(axis_angle))
-    x, y, z = axis_angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    a = np.sinc(angle / np.pi)
-    b = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
-    return np.eye(3) + a * cross + b * cross @ cross
+    """The rotation matrix of a rotation vector [rad]."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_rotvec(axis_angle).as_matrix()
 
 
 def _weighted_lstsq(x: Array, y: Array, w: Array) -> Array:

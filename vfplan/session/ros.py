@@ -186,18 +186,13 @@ def _rotation(q: Any, where: str) -> Array | None:
     """(3, 3) rotation of a unit quaternion with fields x, y, z, w."""
     if q is None:
         return None
-    x, y, z, w = (float(getattr(q, axis)) for axis in "xyzw")
-    norm = np.sqrt(x * x + y * y + z * z + w * w)
+    from scipy.spatial.transform import Rotation
+
+    quaternion = [float(getattr(q, axis)) for axis in "xyzw"]
+    norm = np.linalg.norm(quaternion)
     if not abs(norm - 1) < 1e-3:
         raise SessionError(f"a quaternion of length {norm:.6g}; 1 wanted", where=where)
-    x, y, z, w = (part / norm for part in (x, y, z, w))
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return Rotation.from_quat(quaternion).as_matrix()
 
 
 def _stamp(message: Any) -> int | None:
