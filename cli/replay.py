@@ -81,6 +81,18 @@ OPTIONS = [
                  help="ROS bag: the tip in the pose's frame [m]."),
     click.option("--rate", "rate_hz", type=Numbers(1, metavar="HZ"),
                  help="Resample the session by straight lines."),
+    click.option("--poses", type=FILE, metavar="POSES.csv",
+                 help="Where the moving fixture was: t,x,y,z,qw,qx,qy,qz, and `arrived` where a "
+                 "pose came later than its time."),
+    click.option("--events", type=FILE, metavar="EVENTS.h5",
+                 help="Exchanges and edits of the fixture, each with its tick."),
+    click.option("--pose-limits", type=Numbers(3, metavar="AGE,SPEED,TURN"),
+                 default="0.1,0.25,1", show_default=True,
+                 help="Moving fixture: age from which a pose is stale, and how fast the frame "
+                 "goes and turns at most [s, m/s, rad/s], as in the controller."),
+    click.option("--pivot", type=Numbers(3, metavar="X,Y,Z", positive=False), default="0,0,0",
+                 show_default=True,
+                 help="Moving fixture: the point of it whose speed is bounded [m]."),
     options.robot("Hold forces, force steps and speeds against a robot's limits."),
     click.option("--governor", type=Governing(), is_flag=False, flag_value="robot",
                  help="Hold the force and its change a tick to STEP,MAX [N], as the governor in a "
@@ -194,10 +206,18 @@ def _replayed(
             keep=65536 if pictures else 0,
             sinks=[*sinks, lambda name, block: done(_alone(name, rule) * len(block))],
             trust=given["trust"],
+            poses=given["poses"],
+            events=given["events"],
+            moving=_moving(given["pose_limits"], given["pivot"]),
         )
         if writer is not None:
             writer.set(replayed.record)
     return replayed
+
+
+def _moving(limits: tuple[float, ...], pivot: tuple[float, ...]) -> dict[str, Any]:
+    names = ("max_age_s", "max_speed_m_s", "max_turn_rad_s")
+    return {**dict(zip(names, limits, strict=True)), "pivot": pivot}
 
 
 def _alone(name: str, rule: str | None) -> bool:

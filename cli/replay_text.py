@@ -57,6 +57,8 @@ def _numbers(found: dict[str, Any]) -> list[str]:
         )
     if "guide" in found:
         lines.append(_guide(found))
+    if "exchanges" in found:
+        lines.append(_changes(found))
     if "governor" in found:
         lines.append(_governor(found["governor"]))
     times = found["step_us"]
@@ -65,6 +67,20 @@ def _numbers(found: dict[str, Any]) -> list[str]:
         f"{times['max']:.2f} µs max; all of it {found['real_time_factor']:.0f} times real time"
     )
     return lines
+
+
+def _changes(found: dict[str, Any]) -> str:
+    text = (
+        f"changes      {found['exchanges']} exchanges, {found['edits']} points edited; "
+        f"{found['changing_ticks']} ticks until the force was there"
+    )
+    if "fixture_energy_j" not in found:
+        return text
+    return (
+        f"{text}\nmotion       gave the hand {1e3 * found['fixture_energy_j']:.4f} mJ besides; "
+        f"poses up to {1e3 * found['pose_age_max_s']:.1f} ms old, "
+        f"{found['stale_ticks']} ticks stale, {found['poses_refused']} poses refused"
+    )
 
 
 def _clearance(found: dict[str, Any]) -> list[str]:

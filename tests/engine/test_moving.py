@@ -123,7 +123,7 @@ def test_clearance_holds_in_the_fixtures_frame_and_k_turns_with_it():
         pose[:3, 3] += draw.normal(0, 2e-4, 3)
         f.pose(t[first], pose)
         part = slice(first, first + 17)
-        trace, frames, ages = f.traced(e, t[part], hips[part])
+        trace, frames, ages, _ = f.traced(e, t[part], hips[part])
         turns = vfplan.engine.moving.matrices(frames)
         proxies = np.einsum("tji,tj->ti", turns[:, :3, :3], trace.proxy - frames[:, :3])
         out = trace.status & Status.INSIDE == 0

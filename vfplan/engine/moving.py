@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vfplan import _core
 from vfplan.engine.checks import Vector, check_hip, check_path, number, real_array
@@ -91,13 +91,13 @@ class MovingFrame:
 
     def traced(
         self, engine: Any, times: ArrayLike, hips: ArrayLike
-    ) -> tuple[Trace, NDArray[np.float64], NDArray[np.float64]]:
-        """As `run`, with the frames (T, 7), place and quaternion w x y z, and their ages (T,)."""
+    ) -> tuple[Trace, Vector, Vector, Vector]:
+        """As `run`, with the frames (T, 7), place and quaternion w x y z, their ages, and µs."""
         t, path = real_array(times, "times"), check_path(hips)
         if t.shape != (len(path),):
             raise SceneError(f"times of shape {t.shape}: allowed is ({len(path)},)")
         answers, poses, ages = self._frame.run(engine.native, t, path)
-        return Trace(*answers[:5]), poses.reshape(-1, 7), ages
+        return Trace(*answers[:5]), poses.reshape(-1, 7), ages, 1e6 * answers[5]
 
     @property
     def native(self) -> _core.MovingFrame:

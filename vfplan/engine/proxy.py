@@ -265,21 +265,25 @@ class ProxyEngine:
             Numbers of points that are not there, points out of range, none left; rule "exact",
             which renders no points.
         """
-        if self._source is None:
-            raise SceneError("edit: rule 'exact' renders a curve, which has no points to edit")
         gone, new = check_edit(remove, add)
-        if self._source:
-            points, native, width = self._source
-            native.search = _core.Search.editable
-            if not self._engine.exchange(_core.Engine(points, native, width)):
-                raise SceneError("edit: 4096 changes wait for a step, none more can")
-            self._source = ()
+        self.make_editable()
         try:
             done = self._engine.edit(gone, new)
         except ValueError as error:
             raise SceneError(str(error).removeprefix("vfplan: ")) from None
         self._points += len(new) - len(gone)
         return done
+
+    def make_editable(self) -> None:
+        """Exchange the engine for one whose points can be edited, as the first `edit` does."""
+        if self._source is None:
+            raise SceneError("edit: rule 'exact' renders a curve, which has no points to edit")
+        if self._source:
+            points, native, width = self._source
+            native.search = _core.Search.editable
+            if not self._engine.exchange(_core.Engine(points, native, width)):
+                raise SceneError("edit: 4096 changes wait for a step, none more can")
+            self._source = ()
 
     def distance(self, positions: ArrayLike) -> NDArray[np.float64]:
         """Distance (T,) [m] of `positions` (T, 3) [m] to the fixture, across an ignored axis.

@@ -13,6 +13,7 @@ from vfplan.engine.renderable import best_rule
 from vfplan.errors import SessionError, SettingError, at
 from vfplan.fixture import Fixture
 from vfplan.replaying.apart import Apart
+from vfplan.replaying.changing import Changing
 from vfplan.replaying.checks import check_limits, robot_limits
 from vfplan.replaying.engines import RULES
 from vfplan.replaying.episodes import episode_count
@@ -22,6 +23,8 @@ from vfplan.replaying.run import RuleRun
 from vfplan.replaying.watch import SessionWatch
 from vfplan.robot import Robot
 from vfplan.session import Source, TickBlock, open_session
+from vfplan.session.events import Event
+from vfplan.session.poses import Poses
 
 Sink = Callable[[str, TickBlock], None]
 Limits = tuple[tuple[str, str, float], ...]
@@ -90,6 +93,9 @@ def replay(
     keep: int | None = None,
     sinks: Sequence[Sink] = (),
     trust: Any = None,
+    poses: Poses | str | Path | None = None,
+    events: Sequence[Event] | str | Path | None = None,
+    moving: dict[str, Any] | None = None,
 ) -> Replay:
     """Replay a session against a fixture.
 
@@ -119,6 +125,13 @@ def replay(
         Called with (rule, block of ticks) as the replay goes.
     trust
         A `vfplan.bundle.Trust`: what a bundle's signature must show.
+    poses
+        Where the fixture was: a CSV of t,x,y,z,qw,qx,qy,qz, or `Poses`. Numbers of the report are
+        then those of the fixture's frame, and the energy of its own motion is told apart.
+    events
+        Exchanges and edits, each with its tick: a file, or `Event`s.
+    moving
+        The settings of the controller's `MovingFrame`, where they are not the defaults.
 
     Raises
     ------
@@ -135,7 +148,10 @@ def replay(
     link = link if link is not None and link.faulty else None
     rules = _rules(rule, fixture)
     with place:
-        settings = {"robot": robot, "governor": governor}
+        settings: dict[str, Any] = {"robot": robot, "governor": governor}
+        if poses is not None or events is not None:
+            _alone(rules, engine, link, governor)
+            settings["changing"] = Changing(fixture, rules[0], poses, events, moving or {}, trust)
         runs = [RuleRun(fixture, r, engine, link=link, keep=keep, **settings) for r in rules]
         clean = RuleRun(fixture, rules[0], engine, keep=0, **settings) if link else None
     watch, rules_apart, link_apart = SessionWatch(), Apart(), Apart()
@@ -157,6 +173,15 @@ def replay(
     if len(done) == 1:
         return done[0]
     return _side_by_side(*done, rules_apart)
+
+
+def _alone(rules: tuple[str, ...], engine: str, link: Link | None, governor: Robot | None) -> None:
+    """A fixture that moves or changes is replayed by one rule of the native engine."""
+    if len(rules) > 1 or engine != "native" or link is not None or governor is not None:
+        raise SettingError(
+            "poses and events go with one rule of the native engine, without a lossy link and "
+            "without a governor"
+        )
 
 
 def _loaded(fixture: Fixture | str | Path, trust: Any) -> tuple[Fixture, dict[str, Any]]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vfplan.engine.parameters import Trace
 from vfplan.fixture import Fixture
+from vfplan.replaying.changing import Changing
 from vfplan.replaying.engines import make_engine
 from vfplan.replaying.faults import Link, LossyLink
 from vfplan.replaying.governing import Governing
@@ -40,6 +41,8 @@ class RuleRun:
         The robot whose limits a governor holds the forces to, or `None`: there is no governor.
     keep
         Ticks kept for pictures; `None`: all.
+    changing
+        What happens to the fixture meanwhile, in place of an engine.
     """
 
     def __init__(
@@ -52,8 +55,10 @@ class RuleRun:
         link: Link | None = None,
         governor: Robot | None = None,
         keep: int | None = None,
+        changing: Changing | None = None,
     ) -> None:
-        self.engine = make_engine(fixture, rule, engine)
+        self.changing = changing
+        self.engine = changing or make_engine(fixture, rule, engine)
         self.rule = rule
         guided = isinstance(self.engine, Guided)
         stiffness = self.engine.stiffness if guided else self.engine.parameters.stiffness
@@ -69,8 +74,22 @@ class RuleRun:
 
     def feed(self, stamps: Array, hand: Array) -> TickBlock:
         """Run the engine over the next samples, and take them into the metrics."""
+        if self.changing is not None:
+            self.changing.at(stamps)
         hip, trace = self._rendered(stamps, hand)
-        block = TickBlock(
+        block = inner = self._block(stamps, hip, trace)
+        if self.changing is not None and len(hand):  # measured in the fixture's frame
+            hand, seen = self.changing.inner
+            inner = self._block(stamps, hand, seen)
+        self._metrics.note_status(trace.status)
+        steps = self._stepper.push(inner, hand)
+        if steps is not None:
+            self._metrics.update(steps)
+        self.overview.update(block)
+        return block
+
+    def _block(self, stamps: Array, hip: Array, trace: Trace) -> TickBlock:
+        return TickBlock(
             stamps,
             hip,
             trace.proxy,
@@ -80,12 +99,6 @@ class RuleRun:
             penetration(hip, trace.proxy),
             overlap(hip, trace.proxy, trace.normal, self._surface),
         )
-        self._metrics.note_status(trace.status)
-        steps = self._stepper.push(block, hand)
-        if steps is not None:
-            self._metrics.update(steps)
-        self.overview.update(block)
-        return block
 
     def _rendered(self, stamps: Array, hand: Array) -> tuple[Array, Trace]:
         """What the controller had, and what it answered."""
@@ -111,6 +124,8 @@ class RuleRun:
         """The metrics of the whole session."""
         self._metrics.update(self._stepper.finish())
         report = {**self._metrics.report(), "step_us": self._times.report()}
+        if self.changing is not None:
+            report |= self.changing.report()
         if isinstance(self.engine, Guided):
             report |= self.engine.report(report["duration_s"] / report["ticks"])
         return (

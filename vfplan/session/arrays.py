@@ -52,7 +52,8 @@ def _check_shapes(time: Any, hip: Any, where: str) -> int:
 
 
 @contextmanager
-def _opened(stream: BinaryIO, name: str) -> Iterator[h5py.File]:
+def opened_hdf5(stream: BinaryIO, name: str) -> Iterator[h5py.File]:
+    """The file; what libhdf5 says of a bad one is a `SessionError`."""
     try:
         with h5py.File(stream, "r") as file:
             yield file
@@ -76,8 +77,8 @@ def hdf5_header(stream: BinaryIO, name: str) -> Iterator[list[Any]]:
     SessionError
         Not HDF5, a dataset missing, or wrong shapes or types.
     """
-    with _opened(stream, name) as file:
-        pair = [_dataset(file, wanted, name) for wanted in _NAMES]
+    with opened_hdf5(stream, name) as file:
+        pair = [plain_dataset(file, wanted, name) for wanted in _NAMES]
         length = _check_shapes(*((d.shape, d.dtype) for d in pair), where=name)
         stated = [
             *_stated(file, {"units": "units", "unit": "units", "frame": "frame"}),
@@ -98,24 +99,27 @@ def _stated(place: h5py.Group | h5py.Dataset, names: dict[str, str]) -> list[tup
     return found
 
 
-def _dataset(file: h5py.File, name: str, where: str) -> h5py.Dataset:
+def plain_dataset(
+    file: h5py.File, name: str, where: str, wanted: str = "time, hip"
+) -> h5py.Dataset:
+    """A dataset that the file itself holds; else `SessionError`."""
     # A link to another file is never followed: a session is one file.
     if not isinstance(file.get(name, getlink=True), h5py.HardLink):
         held = ", ".join(sorted(file)) or "nothing"
         raise SessionError(
-            f"has no dataset {name!r} (holds {held[:80]}); time, hip wanted", where=where
+            f"has no dataset {name!r} (holds {held[:80]}); {wanted} wanted", where=where
         )
     found = file[name]
     plain = isinstance(found, h5py.Dataset) and found.shape is not None
     if not plain or found.external or found.is_virtual:
-        raise SessionError(f"{name!r} is not a plain dataset; time, hip wanted", where=where)
+        raise SessionError(f"{name!r} is not a plain dataset; {wanted} wanted", where=where)
     return found
 
 
 def read_hdf5(stream: BinaryIO, name: str, factor: float) -> Iterator[Pair]:
     """Yield (time [s], hip [m]) piece by piece."""
-    with _opened(stream, name) as file:
-        time, hip = (_dataset(file, wanted, name) for wanted in _NAMES)
+    with opened_hdf5(stream, name) as file:
+        time, hip = (plain_dataset(file, wanted, name) for wanted in _NAMES)
         for start in range(0, len(time), BLOCK):
             part = slice(start, start + BLOCK)
             yield np.asarray(time[part], float), np.asarray(hip[part], float) * factor

@@ -19,7 +19,7 @@ _PIECE = 1 << 21  # bytes read at a time
 _PLAIN = b"0123456789+-.eE, \t\nnaifNAIF"
 
 
-def csv_columns(file: BinaryIO, name: str) -> list[str]:
+def csv_columns(file: BinaryIO, name: str, wanted: tuple[str, ...] = WANTED) -> list[str]:
     """The names in the header line.
 
     Raises
@@ -30,30 +30,36 @@ def csv_columns(file: BinaryIO, name: str) -> list[str]:
     """
     line = file.readline(MOST_LINE + 1)
     if not line.strip():
-        raise SessionError("is empty; a header t,x,y,z and samples wanted", where=name)
+        raise SessionError(f"is empty; a header {','.join(wanted)} and rows wanted", where=name)
     if len(line) > MOST_LINE:
         raise SessionError(f"its first line is longer than {MOST_LINE} bytes", where=name)
     try:
         names = [column.strip().lower() for column in line.decode("utf-8-sig").split(",")]
     except UnicodeDecodeError:
-        raise SessionError("is not text; a CSV with header t,x,y,z wanted", where=name) from None
+        text = f"is not text; a CSV with header {','.join(wanted)} wanted"
+        raise SessionError(text, where=name) from None
     if len(names) > MOST_COLUMNS:
         raise SessionError(f"has {len(names)} columns; at most {MOST_COLUMNS} are read", where=name)
-    for column in WANTED:
+    for column in wanted:
         if names.count(column) != 1:
             raise SessionError(
                 f"column {column!r} occurs {names.count(column)} times in the header "
-                f"{','.join(names)[:80]!r}; t (s), x, y, z (m) wanted, once each",
+                f"{','.join(names)[:80]!r}; {', '.join(wanted)} (s, m) wanted, once each",
                 where=name,
             )
     return names
 
 
-def read_csv(file: OneFile, name: str, factor: float) -> Iterator[Pair]:
-    """Yield (time [s], hip [m]) piece by piece; `factor` turns the file's lengths into metres."""
+def read_csv(
+    file: OneFile, name: str, factor: float, wanted: tuple[str, ...] = WANTED
+) -> Iterator[Pair]:
+    """Yield (time [s], hip [m]) piece by piece; `factor` turns the file's lengths into metres.
+
+    With other columns `wanted`, the first of them and the rest.
+    """
     with file.view() as stream:
-        names = csv_columns(stream, name)
-        picks = [names.index(wanted) for wanted in WANTED]
+        names = csv_columns(stream, name, wanted)
+        picks = [names.index(column) for column in wanted]
         line = 2
         rest = b""
         while piece := stream.read(_PIECE):

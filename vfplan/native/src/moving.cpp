@@ -49,7 +49,7 @@ void bind_moving(nb::module_& m) {
                  auto poses = array<double>(n, 7), ages = array<double>(n, 1);
                  double *p = poses.data(), *a = ages.data();
                  const auto answers =
-                     ticks(hips, false, [&](std::size_t i, const Vec3& hip) noexcept {
+                     ticks(hips, true, [&](std::size_t i, const Vec3& hip) noexcept {
                          const vfplan::Step s = f.step(engine, t.data()[i], hip);
                          write(f.now(), p + 7 * i);
                          a[i] = f.age();

@@ -15,7 +15,7 @@ namespace vfplan::detail {
 class Points {
   public:
     /// Fewer are made anew at each edit: measured in docs/moving.md.
-    static constexpr std::size_t worth_editing = 20000;
+    static constexpr std::size_t worth_editing = 500;
 
     Points(const double* xyz, std::size_t n) : xyz_(xyz, xyz + 3 * n), local_(n), left_(n) {
         made();

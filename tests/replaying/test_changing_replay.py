@@ -1,0 +1,172 @@
+"""A controller's log with poses, exchanges and edits replays to the bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from replays import fixture_of
+
+import vfplan
+from vfplan.bundle import write_fixture
+from vfplan.errors import SessionError, SettingError
+from vfplan.session.events import Event, read_events, write_events
+from vfplan.session.poses import Poses, read_poses
+
+K, T, N = 1000.0, 1e-3, 2500
+
+
+def sheet(z=0.0, half=20e-3):
+    g = np.arange(-half, half + 5e-4, 1e-3)
+    x, y = np.meshgrid(g, g)
+    return np.stack((x.ravel(), y.ravel(), np.full(x.size, z)), axis=1)
+
+
+def fixture(z=0.0, half=25e-3):
+    return fixture_of(sheet(z, half), axis=None, stiffness=K, curve=False, band=5e-5)
+
+
+def hand():
+    t = T * np.arange(N)
+    down = 9e-3 * np.cos(2 * np.pi * t / 1.2) + 2e-3
+    return t, np.stack((6e-3 * np.sin(2 * t), 4e-3 * np.cos(3 * t), down), axis=1)
+
+
+def tracked(draw):
+    """Poses at 20 to 60 Hz that come 5 to 40 ms late, turned a little."""
+    time = np.cumsum(draw.uniform(0.016, 0.05, 160))
+    time = time[time < N * T]
+    q = np.column_stack((np.ones(len(time)), draw.normal(0, 5e-3, (len(time), 3))))
+    q /= np.linalg.norm(q, axis=1)[:, None]
+    place = np.column_stack((2e-3 * np.sin(time), 0 * time, 1e-3 * np.sin(4 * time)))
+    late = np.maximum.accumulate(time + draw.uniform(0.005, 0.04, len(time)))
+    return Poses(time, np.column_stack((place, q)), late)
+
+
+def happened(draw):
+    """An edit in every 97th tick, and two exchanges."""
+    gone = draw.permutation(len(sheet(half=25e-3)))[:200].reshape(-1, 10)
+    come = sheet(half=25e-3)[gone] - [0, 0, 2e-4]
+    events = [Event(97 * (i + 1), remove=gone[i], add=come[i]) for i in range(10)]
+    events += [Event(1100, fixture=fixture(0.5e-3, 20e-3)), Event(1101, remake=True)]
+    events += [Event(1200 + 97 * i, remove=[3 * i], add=come[i]) for i in range(5)]
+    return [*events, Event(2000, fixture=fixture(-0.5e-3))]
+
+
+def controller(poses, events):
+    """The loop, tick by tick, as docs/moving.md has it."""
+    engine, frame = vfplan.ProxyEngine.of(fixture()), vfplan.MovingFrame()
+    engine.make_editable()
+    events, n, forces = list(events), 0, []
+    for t, hip in zip(*hand(), strict=True):
+        while poses is not None and n < len(poses.time) and poses.arrived[n] <= t:
+            frame.native.pose(poses.time[n], poses.pose[n, :3].copy(), poses.pose[n, 3:].copy())
+            n += 1
+        while events and events[0].tick == round(t / T):
+            event = events.pop(0)
+            if event.kind == "exchange":
+                other = vfplan.ProxyEngine.of(event.fixture)
+                other.make_editable()
+                engine.exchange(other)
+            elif event.kind == "edit":
+                engine.edit(event.remove, event.add)
+            else:
+                engine.native.remake()
+        forces.append((frame.step(engine, t, hip) if poses is not None else engine.step(hip)).force)
+    return np.array(forces)
+
+
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("changes", [False, True])
+def test_a_log_replays_to_the_bit(moves, changes, tmp_path):
+    draw = np.random.default_rng(8)
+    poses = tracked(draw) if moves else None
+    events = happened(draw) if changes else []
+    forces = controller(poses, events)
+    times, hips = hand()
+    session = vfplan.Session(times, hips, "robot_base")
+    done = vfplan.replay(fixture(), session, rule="robust", poses=poses, events=events)
+    assert np.array_equal(done.trace.force, forces)
+    assert np.abs(forces).max() > 3
+    found = done.metrics
+    if moves or changes:
+        assert found["exchanges"] == (2 if changes else 0)
+        assert found["edits"] == (255 if changes else 0)
+        assert found["changing_ticks"] >= (18 if changes else 0)
+        assert found["clearance_min_m"] >= -5e-5
+    if moves:
+        assert 0.02 < found["pose_age_max_s"] < 0.1
+        assert found["stale_ticks"] == np.count_nonzero(times < poses.arrived[0])
+    if changes:
+        for event in events:
+            if event.fixture is not None:
+                write_fixture(event.fixture, tmp_path / "other.h5", overwrite=True)
+                object.__setattr__(event, "fixture", (tmp_path / "other.h5").read_bytes())
+        write_events(tmp_path / "events.h5", events)
+        read = read_events(tmp_path / "events.h5")
+        assert [event.kind for event in read] == [event.kind for event in events]
+        again = vfplan.replay(
+            fixture(), session, rule="robust", poses=poses, events=tmp_path / "events.h5"
+        )
+        assert np.array_equal(again.trace.force, forces)
+
+
+def test_the_fixtures_own_work_is_told_apart():
+    """A sheet that comes 4 mm up against a hand that is still: K/2 (d1² - d0²), lifted slowly."""
+    time = np.arange(0, 3, 0.02)
+    up = 4e-3 * np.clip((time - 0.5) / 2, 0, 1)
+    rows = np.zeros((len(time), 7))
+    rows[:, 2], rows[:, 3] = up, 1
+    hips = np.tile([0, 0, 3e-3], (3000, 1))
+    hips[:200, 2] = np.linspace(8e-3, 3e-3, 200)
+    session = vfplan.Session(T * np.arange(3000), hips, "robot_base")
+    found = vfplan.replay(fixture(), session, poses=Poses(time, rows, time)).metrics
+    spring = K / 2 * (6e-3**2 - 2e-3**2)
+    # The hand does not move: what the wall stores in the spring it takes from its own motion.
+    assert found["fixture_energy_j"] == pytest.approx(spring, rel=0.02)
+    assert found["energy_j"] == pytest.approx(-K / 2 * 6e-3**2, rel=0.02)
+
+
+def test_poses_and_events_are_read_strictly(tmp_path):
+    path = tmp_path / "poses.csv"
+    path.write_text("t,x,y,z,qw,qx,qy,qz\n0,0,0,0,1,0,0,0\n0.02,1e-3,0,0,0.6,0.8,0,0\n")
+    poses = read_poses(path)
+    assert poses.pose.shape == (2, 7)
+    assert np.array_equal(poses.arrived, [0, 0.02])
+    for text, says in (
+        ("t,x,y,z\n0,0,0,0\n", "qw"),
+        ("t,x,y,z,qw,qx,qy,qz\n", "no pose"),
+        ("t,x,y,z,qw,qx,qy,qz\n0,0,0,0,2,0,0,0\n", "unit quaternion"),
+        ("t,x,y,z,qw,qx,qy,qz\n1,0,0,0,1,0,0,0\n0,0,0,0,1,0,0,0\n", "in order"),
+        ("t,x,y,z,qw,qx,qy,qz\n0,0,0,nan,1,0,0,0\n", "finite"),
+    ):
+        path.write_text(text)
+        with pytest.raises(SessionError, match=says):
+            read_poses(path)
+    for content in (b"no hdf5", b""):
+        path.write_bytes(content)
+        with pytest.raises(SessionError, match="HDF5"):
+            read_events(path)
+    session = vfplan.Session(T * np.arange(9), np.zeros((9, 3)) + 0.1, "robot_base")
+    with pytest.raises(SettingError, match="one rule"):
+        vfplan.replay(fixture(), session, rule="both", events=[])
+
+
+def test_the_command_replays_poses_and_events(vfplan_cli, tmp_path):
+    write_fixture(fixture(), tmp_path / "f.h5")
+    times, hips = hand()
+    rows = np.column_stack((times, hips))
+    np.savetxt(tmp_path / "s.csv", rows, "%.17g", ",", header="t,x,y,z", comments="")
+    poses = tracked(np.random.default_rng(8))
+    table = np.column_stack((poses.time, poses.pose, poses.arrived))
+    head = "t,x,y,z,qw,qx,qy,qz,arrived"
+    np.savetxt(tmp_path / "p.csv", table, "%.17g", ",", header=head, comments="")
+    write_events(tmp_path / "e.h5", [Event(900, remove=[3, 4], add=[[0, 0, 1e-4]])])
+    where = ("f.h5", "s.csv", "--poses", "p.csv", "--events", "e.h5")
+    done = vfplan_cli("replay", *where, "--pivot", "0,0,0.001", "--json", cwd=tmp_path)
+    assert done.code == 0
+    assert done.json["edits"] == 3
+    assert done.json["stale_ticks"] == np.count_nonzero(times < poses.arrived[0])
+    assert "gave the hand" in vfplan_cli("replay", *where, cwd=tmp_path).stdout
+    bad = vfplan_cli("replay", *where, "--governor", cwd=tmp_path)
+    assert bad.code == 2
+    assert "one rule" in bad.stderr
