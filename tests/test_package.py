@@ -70,13 +70,14 @@ def test_cmake_folder_holds_the_package_file(tmp_path):
 
 
 def test_the_source_tree_says_that_it_is_not_the_installed_package():
-    code = "import vfplan; vfplan.ProxyEngine"
+    """Where no package is installed; where one is, it is taken: see below."""
+    code = "import sys; sys.path = [p for p in sys.path if 'site-packages' not in p]; import vfplan"
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT
-    )
+        [sys.executable, "-c", f"{code}; vfplan._core"],
+        capture_output=True, text=True, check=False, cwd=ROOT,
+    )  # fmt: skip
     assert done.returncode == 1
     assert "that is the source tree" in done.stderr.splitlines()[-1]
-    assert subprocess.run([sys.executable, "-P", "-c", code], check=True, cwd=ROOT)
 
 
 def test_headers_are_installed_and_the_type_marker_too():
@@ -100,3 +101,15 @@ def test_the_lock_holds_what_every_extra_asks_for():
         found = [version for name, version, _ in locked if name == requirement.name.lower()]
         assert found, requirement
         assert any(requirement.specifier.contains(version) for version in found), requirement
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["-c", "import vfplan; vfplan.ProxyEngine([[0.0] * 3]); print(vfplan.cmake_dir())"],
+     ["-m", "vfplan", "--cmake-dir"]],
+)  # fmt: skip
+def test_a_clones_root_does_not_shadow_the_installed_package(words):
+    done = subprocess.run(
+        [sys.executable, *words], capture_output=True, text=True, check=False, cwd=ROOT
+    )
+    assert done.stdout == f"{vfplan.cmake_dir()}\n", done.stderr

@@ -7,10 +7,27 @@ OpenCV, scikit-image, SciPy, Matplotlib, PyVista or h5py.
 from __future__ import annotations
 
 import importlib
+import sys
+from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any
 
 from vfplan.errors import VfplanError
+
+
+def _folder() -> str:
+    """Where the package is; in a clone's root, whose source shadows it, the installed one."""
+    here = Path(__file__).parent
+    if not list(here.glob("_core.*")):
+        found = PathFinder.find_spec(
+            "vfplan", [p for p in sys.path if Path(p).resolve() != here.parent]
+        )
+        if found is not None and found.submodule_search_locations:
+            return found.submodule_search_locations[0]
+    return str(here)
+
+
+__path__ = [_folder()]
 
 # public name -> module that defines it
 _LAZY: dict[str, str] = {
@@ -63,7 +80,7 @@ __all__ = ["VfplanError", "__version__", "cmake_dir", *_LAZY, *_MODULES]
 
 def cmake_dir() -> Path:
     """The folder to give CMake, as `vfplan_DIR` or in `CMAKE_PREFIX_PATH`."""
-    return Path(__file__).parent / "share" / "cmake" / "vfplan"
+    return Path(__path__[0]) / "share" / "cmake" / "vfplan"
 
 
 def __getattr__(name: str) -> Any:
@@ -75,10 +92,10 @@ def __getattr__(name: str) -> Any:
         return getattr(importlib.import_module(_LAZY[name]), name)
     if name in _MODULES:
         return importlib.import_module(_MODULES[name])
-    if name == "_core" and not list(Path(__file__).parent.glob("_core.*")):
+    if name == "_core" and not list(Path(__path__[0]).glob("_core.*")):
         raise ImportError(
-            f"vfplan's compiled part is not in {Path(__file__).parent}: that is the source tree, "
-            "not the installed package; run from another folder, or with python -P"
+            f"vfplan's compiled part is not in {__path__[0]}: that is the source tree, "
+            "and the package is not installed (make install)"
         )
     raise AttributeError(f"module 'vfplan' has no attribute {name!r}")
 
