@@ -1,4 +1,4 @@
-"""`vfplan export`: a bundle's points for other tools."""
+"""`vfplan export`: a bundle's points, or its lines and arcs, for other tools."""
 
 from __future__ import annotations
 
@@ -11,12 +11,16 @@ from vfplan.cli.run import Report
 from vfplan.cli.run import command as vfplan_command
 from vfplan.cli.values import FILE, Written
 
+SUFFIXES = ".ply", ".csv", ".mrk.json", ".dxf", ".svg"
 
-@vfplan_command("export", short_help="A bundle's points as PLY, CSV or .mrk.json.")
+
+@vfplan_command("export", short_help="A bundle as PLY, CSV, .mrk.json, DXF or SVG.")
 @click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
-@output("Where to; its ending says the form.", kind=Written(".ply", ".csv", ".mrk.json"))
+@output("Where to; its ending says the form.", kind=Written(*SUFFIXES))
 def command(fixture: Path, output: Path, overwrite: bool) -> Report:
-    """Write the points of FIXTURE.h5 as .ply or .csv [m], or its strokes as .mrk.json [mm]."""
+    """Write the points of FIXTURE.h5 as .ply or .csv [m], its strokes as .mrk.json [mm], or its
+    lines and arcs as .dxf or .svg [mm].
+    """
     refuse_existing(output, overwrite=overwrite)
     from vfplan.bundle import export, left_out, read_fixture
 
@@ -24,7 +28,10 @@ def command(fixture: Path, output: Path, overwrite: bool) -> Report:
     with outputs(output) as (path,):
         export(data, path)
     report = {"output": str(output), "points": len(data.points), "frame": data.frame}
-    text = f"wrote {len(data.points)} points of frame {data.frame} to {output}"
+    what = f"{len(data.points)} points"
+    if output.name.lower().endswith((".dxf", ".svg")):
+        what = f"{data.pieces.count} lines and arcs"
+    text = f"wrote {what} of frame {data.frame} to {output}"
     if missing := left_out(data, output):
         report["left_out"] = missing
         text += f"; left out: {', '.join(missing)}"

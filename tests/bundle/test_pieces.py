@@ -10,6 +10,7 @@ import pytest
 from conftest import ROOT
 
 import vfplan
+from vfplan.bundle import validate
 from vfplan.errors import SceneError
 from vfplan.fixture import Pieces
 
@@ -39,6 +40,16 @@ def test_pieces_come_back_to_the_bit(tmp_path):
     for name in ("vertices", "bulges", "stroke", "closed"):
         assert np.array_equal(getattr(back, name), getattr(pieces, name)), name
     assert back.error == 3e-6
+
+
+def test_pieces_that_do_not_follow_the_points_are_told_of(planned, tmp_path):
+    fixture = vfplan.read_fixture(planned[0])
+    off = replace(fixture.pieces, vertices=fixture.pieces.vertices + np.array([1e-4, 0, 0]))
+    vfplan.write_fixture(
+        replace(fixture, curve=replace(fixture.curve, pieces=off)), tmp_path / "f.h5"
+    )
+    assert "pieces.apart" in [issue.code for issue in validate(tmp_path / "f.h5")]
+    assert "pieces.apart" not in [issue.code for issue in validate(planned[0])]
 
 
 def test_a_bundle_without_pieces_stays_of_its_version(vfplan_cli, tmp_path):

@@ -1,4 +1,4 @@
-"""Points and curves for people's other tools: PLY, CSV and Slicer's .mrk.json."""
+"""Points and curves for people's other tools: PLY, CSV, Slicer's .mrk.json, DXF and SVG."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from vfplan.bundle.drawing import dxf, svg
 from vfplan.errors import InputError
 from vfplan.fixture import Fixture
 from vfplan.io.disk import write_whole
@@ -16,11 +17,11 @@ MRK_SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/"
     "Schema/markups-schema-v1.0.3.json#"
 )
-SUFFIXES = (".ply", ".csv", ".mrk.json")
+SUFFIXES = (".ply", ".csv", ".mrk.json", ".dxf", ".svg")
 
 
 def export(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> None:
-    """Write the points as .ply or .csv, or the strokes as .mrk.json, by the name's ending.
+    """Write points as .ply or .csv, strokes as .mrk.json, lines and arcs as .dxf or .svg.
 
     PLY and CSV keep the bundle's unit (m; px in the frame image). Slicer knows millimetres and
     patient axes only: points of the frame robot_base are written as they are, in mm, labelled LPS.
@@ -28,16 +29,18 @@ def export(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> No
     Raises
     ------
     InputError
-        Another ending, or pixels or a cloud without strokes as .mrk.json.
+        Another ending, pixels or a cloud without strokes as .mrk.json, or no lines and arcs.
     OutputError
         The path exists and `overwrite` is false, or cannot be written.
     """
-    text = {".ply": _ply, ".csv": _csv, ".mrk.json": _mrk}[_suffix(path)](fixture)
+    forms = {".ply": _ply, ".csv": _csv, ".mrk.json": _mrk, ".dxf": dxf, ".svg": svg}
+    text = forms[_suffix(path)](fixture)
     write_whole(Path(path), [text], overwrite=overwrite)
 
 
 # What of a fixture each form holds besides its points; a mesh's corners are points.
-HELD = {".ply": {"mesh"}, ".csv": {"sigma", "curve"}, ".mrk.json": {"curve"}}
+DRAWN = {".dxf": {"curve"}, ".svg": {"curve"}}
+HELD = {".ply": {"mesh"}, ".csv": {"sigma", "curve"}, ".mrk.json": {"curve"}} | DRAWN
 PARTS = ("sigma", "curve", "mesh", "image", "rendering", "registration", "stability")
 
 
@@ -49,6 +52,8 @@ def left_out(fixture: Fixture, path: str | Path) -> list[str]:
     if curve is not None and "curve" in held:
         closed = _suffix(path) == ".csv" and bool(np.any(curve.closed))
         there += ["curve/closed"] * closed + ["curve/bridged"] * (curve.bridged is not None)
+        drawn = _suffix(path) in DRAWN
+        there += ["points"] * drawn + ["curve/pieces"] * (curve.pieces is not None and not drawn)
     return there
 
 

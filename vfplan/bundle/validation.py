@@ -12,6 +12,7 @@ from vfplan.bundle import leak
 from vfplan.bundle.content import Content, from_content
 from vfplan.bundle.plausible import size_doubt
 from vfplan.bundle.read import opened_source, unsealed
+from vfplan.engine.proxy import ProxyEngine
 from vfplan.engine.renderable import check_renderable
 from vfplan.engine.work import check_work
 from vfplan.errors import BundleError, SceneError
@@ -80,6 +81,7 @@ def validate(source: str | Path | bytes) -> list[Issue]:
     if findings.valid:
         _certificate(content, findings)
         _rendering(content, findings)
+        _pieces(content, findings)
     _size(content, findings)
     _residuals(content, findings)
     _paths(content, findings)
@@ -131,6 +133,26 @@ def _rendering(content: Content, findings: Findings) -> None:
     except SceneError as error:
         message = f"{error.message}; it is for replay and study, not for a robot"
         findings.warning("rendering.work", "/rendering", message)
+
+
+def _pieces(content: Content, findings: Findings) -> None:
+    """Points and pieces are one curve: which of them is rendered depends on the controller."""
+    if "/pieces/vertices" not in content or "/rendering/stiffness" not in content:
+        return
+    from scipy.spatial import cKDTree
+
+    fixture = from_content(content)
+    pieces, across = fixture.pieces, np.eye(3) - np.outer(fixture.ignore_axis, fixture.ignore_axis)
+    engine = ProxyEngine.along(pieces, ignore_axis=fixture.ignore_axis)
+    off = float(engine.distance(fixture.points).max())
+    most = 2 * pieces.error + RESIDUAL_TOLERANCE_M
+    away = cKDTree(fixture.points @ across).query(pieces.vertices @ across)[0].max()
+    if off > most or away > content["/leak@largest_m"]:
+        text = (
+            f"points lie up to {off:.3g} m from the lines and arcs, at most {most:.3g} wanted, and "
+            f"their vertices up to {away:.3g} m from the points: engines render different curves"
+        )
+        findings.warning("pieces.apart", "/pieces", text)
 
 
 def _size(content: Content, findings: Findings) -> None:
