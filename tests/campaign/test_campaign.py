@@ -141,6 +141,17 @@ def test_no_deepest_place_is_passed_over(monkeypatch):
         assert row["depth_m"] == pytest.approx(wanted["depth_m"], abs=1e-7)
 
 
+def test_without_a_session_the_hand_goes_along_both_sides(tmp_path, vfplan_cli):
+    from vfplan.bundle import write_fixture
+
+    write_fixture(line_fixture(), tmp_path / "line.h5")
+    found = vfplan_cli("campaign", tmp_path / "line.h5", "-o", tmp_path / "c", "--trials", "2",
+                       "--workers", "1", "--beyond=-1,0", "--json").json  # fmt: skip
+    assert found["trials"] == 2
+    assert found["p_enter"][0]["p"] == 1.0, "5 mm past contact reach the line on average"
+    assert len(json.loads((tmp_path / "c" / "campaign.json").read_text())["session_sha256"]) == 2
+
+
 def test_a_rare_event_as_in_closed_form():
     """P = 1e-6: the straight line's depth is linear in the marker errors."""
     beyond = MEAN + norm.isf(1e-6) * SPREAD

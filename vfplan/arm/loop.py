@@ -98,7 +98,6 @@ def move(
     limits = arm.robot.torque_limit_nm
     most = None if limits is None else np.asarray(limits)
     speed = np.gradient(wanted, 1 / arm.robot.rate_hz, axis=0)
-    speed = np.gradient(wanted, 1 / arm.robot.rate_hz, axis=0)
     arm.hold(start)
     tip, turn, J = arm.look()
     site, qvel, qpos, applied = arm.site, data.qvel, data.qpos, data.qfrc_applied

@@ -104,6 +104,8 @@ class Governor:
         limits.period = 1 / rate
         self.least_passive_step_n = limits.least_passive_step
         """The least `force_step_n` that is passive with the other settings [N]."""
+        self.least_reversing_step_n = limits.least_reversing_step
+        """The least one that is so too when the force turns round at its largest [N]."""
         limits.force_step = number(
             "force_step_n",
             force_step_n,

@@ -53,6 +53,7 @@ void bind_governor(nb::module_& m) {
         .def_rw("mass", &GovernorLimits::mass)
         .def_rw("period", &GovernorLimits::period)
         .def_prop_ro("least_passive_step", &GovernorLimits::least_passive_step)
+        .def_prop_ro("least_reversing_step", &GovernorLimits::least_reversing_step)
         .def("set_torque", [](GovernorLimits& limits, int joint, double step, double max) {
             limits.torque_step[joint] = step;
             limits.torque_max[joint] = max;
