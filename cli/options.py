@@ -93,7 +93,7 @@ CURVE_OPTIONS = [
                  help="Take the outline of the one filled region."),
     click.option("--curve", type=FILE, metavar="FILE",
                  help="A curve drawn on the image as vectors: Slicer .mrk.json or .fcsv, ImageJ "
-                 ".roi, or CSV u_px,v_px or X,Y."),
+                 ".roi, CSV u_px,v_px or X,Y, or a DICOM presentation state or overlay."),
     click.option("--curve-origin", type=click.Choice(["centre", "corner"]),
                  help="Where on a pixel ImageJ counts from: a line's X,Y from the centre, an "
                  "area's from the corner; asked for where the file leaves it open."),

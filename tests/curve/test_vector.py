@@ -139,7 +139,7 @@ def test_a_missing_or_binary_file_is_refused(tmp_path):
     (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(CurveError, match="not text"):
         read_vector_curve(tmp_path / "b.csv")
-    with pytest.raises(CurveError, match="neither presentation states nor overlays"):
+    with pytest.raises(CurveError, match="DICOM with no drawing"):
         read_vector_curve(capture(tmp_path))
 
 

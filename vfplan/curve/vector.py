@@ -1,4 +1,4 @@
-"""A curve drawn as vectors: Slicer's Curve, ClosedCurve or `.fcsv`, ImageJ's selection, or a CSV.
+"""A curve drawn as vectors: by Slicer, ImageJ, on a DICOM image beside its pixels, or in a CSV.
 
 Nothing is measured here: the points are taken as given, and no standard deviation is known.
 """
@@ -6,7 +6,7 @@ Nothing is measured here: the points are taken as given, and no standard deviati
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vfplan.curve import imagej
 from vfplan.engine.spacing import MOST_POINTS
-from vfplan.errors import CurveError, MarkerError, SettingError
+from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.images.dicom import is_dicom
 from vfplan.io.reading import read_whole
 
@@ -24,7 +24,7 @@ OUT_OF_PLANE_M = 1e-3  # a curve further than this from the slice was not drawn 
 FURTHEST = 1e9  # pixels or metres; nothing real is, and squares of more overflow in the end
 KINDS = {"Curve": False, "ClosedCurve": True}
 SUFFIXES = (".json", ".csv", ".fcsv", ".roi")
-WANTED = "a .mrk.json, .fcsv, .roi or CSV is wanted"
+WANTED = "a .mrk.json, .fcsv, .roi, CSV or DICOM is wanted"
 SPLINE_TOLD_M = 1e-4  # a spline this far from straight lines is told where a file names neither
 
 
@@ -44,6 +44,8 @@ class VectorCurve:
         Of the file's bytes, lower-case hex.
     warnings
         What the file leaves open, and how it was taken.
+    drawn_on
+        The DICOM images that it says it was drawn on, each with its frames; none where it does not.
     """
 
     points: NDArray[np.float64]
@@ -51,6 +53,7 @@ class VectorCurve:
     smooth: bool
     sha256: str
     warnings: tuple[str, ...] = ()
+    drawn_on: dict[str, list[int]] = field(default_factory=dict)
 
     def fine(self, step: float) -> NDArray[np.float64]:
         """(K, 2|3) points along the curve, `step` apart in arc length, ends included.
@@ -94,8 +97,12 @@ def is_vector(path: str | Path) -> bool:
     return Path(path).suffix.lower() in SUFFIXES
 
 
-def read_vector_curve(path: str | Path, origin: imagej.PixelOrigin | None = None) -> VectorCurve:
-    """Read a Slicer `.mrk.json` with one Curve or ClosedCurve, a `.fcsv`, a `.roi`, or a CSV.
+def read_vector_curve(
+    path: str | Path,
+    origin: imagej.PixelOrigin | None = None,
+    number: int | str | None = None,
+) -> VectorCurve:
+    """Read a Slicer `.mrk.json` with one Curve or ClosedCurve, a `.fcsv`, `.roi`, CSV or DICOM.
 
     A CSV is `u_px,v_px`, or ImageJ's `X,Y`; it and a `.fcsv` are closed where the last row repeats
     the first.
@@ -107,23 +114,32 @@ def read_vector_curve(path: str | Path, origin: imagej.PixelOrigin | None = None
     origin
         Where on a pixel ImageJ's whole numbers lie, "centre" or "corner", if the file leaves it
         open (a `X,Y` table does).
+    number
+        Which of several graphics or overlay planes of a DICOM file, from 1.
 
     Raises
     ------
     CurveError
         The file is missing, is no such curve, or holds fewer than two different points.
     SettingError
-        An origin is given for a file that needs none.
+        An origin or a number is given for a file that needs none.
     MissingExtra
-        A `.roi` without the package roifile.
+        A `.roi` without the package roifile, a DICOM file without pydicom.
     """
     where = str(path)
     data = read_whole(Path(path), MAX_BYTES, CurveError)
     if origin is not None and origin not in imagej.ORIGINS:
         raise SettingError(f"curve_origin is {origin!r}; centre or corner is wanted")
+    dicom = is_dicom(data)
+    if number is not None and not (dicom and isinstance(number, int)):
+        raise SettingError(f"stroke {number!r} has no effect on a vector curve; leave it out")
     try:
-        curve = _read(data, Path(path).suffix.lower(), origin, where)
-    except MarkerError as error:
+        curve = (
+            _annotated(data, origin, number, where)
+            if dicom
+            else _read(data, Path(path).suffix.lower(), origin, where)
+        )
+    except (MarkerError, ImageError) as error:
         raise CurveError(error.message, where=error.where) from None
     return replace(curve, sha256=hashlib.sha256(data).hexdigest())
 
@@ -133,11 +149,6 @@ def _read(data: bytes, suffix: str, origin: imagej.PixelOrigin | None, where: st
         points, closed, warnings = imagej.read_roi(data, origin, where)
         points = _opened(points)[0] if closed else points
         return VectorCurve(_distinct(points, closed, where), closed, False, "", warnings)
-    if is_dicom(data):
-        raise CurveError(
-            f"is DICOM, of which neither presentation states nor overlays are read; {WANTED}",
-            where=where,
-        )
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -147,6 +158,25 @@ def _read(data: bytes, suffix: str, origin: imagej.PixelOrigin | None, where: st
     if origin is not None:
         raise SettingError(f"curve_origin {origin!r} has no effect on Slicer's curves")
     return _slicer(text, where) if suffix == ".json" else _control_points(text, where)
+
+
+def _annotated(
+    data: bytes, origin: imagej.PixelOrigin | None, number: int | None, where: str
+) -> VectorCurve:
+    from vfplan.curve.annotated import read_annotated
+
+    if origin is not None:
+        raise SettingError(f"curve_origin {origin!r} has no effect on DICOM")
+    points, drawn, known, told = read_annotated(data, number, where)
+    points, closed = _opened(points)
+    closed = known.get("closed", closed)
+    curve = VectorCurve(
+        _distinct(points, closed, where), closed, drawn.smooth, "", told, drawn.drawn_on
+    )
+    if not curve.smooth:
+        return curve
+    away = f"a spline is laid through its points, up to {curve.off_straight():.2g} px from straight"
+    return replace(curve, warnings=(*told, f"{where}: {away} lines; DICOM leaves its form open"))
 
 
 def onto_slice(curve: VectorCurve, T_patient_image: NDArray | None, where: str) -> VectorCurve:

@@ -1,7 +1,8 @@
 """Read a planned slice from DICOM, with the `dicom` extra (pydicom).
 
 A surgeon's drawing comes as a colour secondary capture; a grey slice holds no pen, but gives a
-vector curve its place (`T_patient_image`). Names, dates and other identifiers are not read.
+vector curve its place (`T_patient_image`). Names, dates and other identifiers are not read, but
+for the image's own, which a drawing on it is held against.
 
 pydicom and its decoders run in a process apart: a file can be made to fill memory or time in many
 ways (elements without number, deflated zeros, runs, a JPEG larger than its own header says).
@@ -38,7 +39,7 @@ def is_dicom(data: bytes) -> bool:
 
 def read_dicom(
     file: BinaryIO, where: str, frame: int | None, imager_spacing: bool
-) -> tuple[NDArray, tuple[float, float] | None, NDArray | None]:
+) -> tuple[NDArray, tuple[float, float] | None, NDArray | None, str]:
     """Pixels, spacing and place of a DICOM file.
 
     Parameters
@@ -52,9 +53,9 @@ def read_dicom(
 
     Returns
     -------
-    rgb, pixel_spacing_mm, T_patient_image
+    rgb, pixel_spacing_mm, T_patient_image, instance
         (H, W, 3) uint8 or uint16; (along u, along v) [mm/px] or `None`; (4, 3) mapping [u v 1] to
-        the patient's LPS frame [m], or `None`.
+        the patient's LPS frame [m], or `None`; the SOP instance UID, by which a drawing names it.
 
     Raises
     ------
@@ -72,7 +73,8 @@ def read_dicom(
         rgb[row : row + len(part)] = part
         row += len(part)
     place = head["place"]
-    return rgb, head["spacing"] and tuple(head["spacing"]), place and np.array(place)
+    spacing = head["spacing"] and tuple(head["spacing"])
+    return rgb, spacing, place and np.array(place), head["instance"]
 
 
 # What follows runs in a process apart (`vfplan.io.apart`).
@@ -90,8 +92,8 @@ def decoded(
     """What `read_dicom` returns: shape, type, spacing and place, then rows of pixels."""
     allow(2 * file.seek(0, os.SEEK_END), 0)
     file.seek(0)
-    with _quiet(where):
-        dataset = _dataset(file, where)
+    with quiet(where):
+        dataset = _image_of(file, where)
         rgb = _pixels(dataset, where, _frame_index(dataset, frame, where))
         spacing = _spacing(dataset, where, imager_spacing)
         place = _place(dataset, _spacing(dataset, where, imager=False))
@@ -100,6 +102,7 @@ def decoded(
         "dtype": rgb.dtype.str,
         "spacing": spacing,
         "place": None if place is None else place.tolist(),
+        "instance": str(dataset.get("SOPInstanceUID", "")),
     }
     rows = max(1, PART_BYTES // rgb[0].nbytes)
     for first in range(0, len(rgb), rows):
@@ -107,7 +110,7 @@ def decoded(
 
 
 @contextmanager
-def _quiet(where: str) -> Iterator[None]:
+def quiet(where: str) -> Iterator[None]:
     """Silence pydicom's warnings and turn whatever it raises into an `ImageError`."""
     log = logging.getLogger("pydicom")
     level = log.level
@@ -125,14 +128,19 @@ def _quiet(where: str) -> Iterator[None]:
         log.setLevel(level)
 
 
-def _dataset(file: BinaryIO, where: str) -> Any:
+def dataset_of(file: BinaryIO, where: str) -> Any:
+    """A DICOM file's data set, whatever it holds; raises `MissingExtra`."""
     try:
         import pydicom
     except ModuleNotFoundError:
         raise MissingExtra(
             "reading DICOM needs pydicom: pip install 'vfplan[dicom]'", where=where
         ) from None
-    dataset = pydicom.dcmread(file)
+    return pydicom.dcmread(file)
+
+
+def _image_of(file: BinaryIO, where: str) -> Any:
+    dataset = dataset_of(file, where)
     if not any(name in dataset for name in ("PixelData", "FloatPixelData", "DoubleFloatPixelData")):
         kind = dataset.get("Modality") or "no image"
         raise ImageError(f"the DICOM file holds no pixels ({kind})", where=where)

@@ -40,12 +40,15 @@ class PlannedImage:
         Of the file's bytes, lower-case hex; of the pixels for an array that came from no file.
     T_patient_image
         (4, 3) mapping [u v 1] to the patient's LPS frame [m]; DICOM only, `None` when unknown.
+    instance
+        DICOM's SOP instance UID; empty for other files.
     """
 
     rgb: NDArray[np.uint8] | NDArray[np.uint16]
     pixel_spacing_mm: tuple[float, float] | None = None
     sha256: str = ""
     T_patient_image: NDArray[np.float64] | None = None
+    instance: str = ""
 
     @property
     def width_px(self) -> int:
@@ -111,8 +114,8 @@ def read_image(
         with _scratch("DICOM") as file:
             file.write(data)
             file.flush()
-            rgb, spacing, place = read_dicom(file, where, frame, imager_spacing)
-        return PlannedImage(rgb, pixel_spacing_mm or spacing, sha256, place)
+            rgb, spacing, place, own = read_dicom(file, where, frame, imager_spacing)
+        return PlannedImage(rgb, pixel_spacing_mm or spacing, sha256, place, own)
     _refuse_truncated(data, where)
     header = read_header(data, where)
     return PlannedImage(_decode(data, header, where, frame), pixel_spacing_mm, sha256)

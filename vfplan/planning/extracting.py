@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 # Settings that only a pen's drawing, and only an image, can follow.
 OF_A_PEN = (
-    *("colour", "method", "stroke", "roi", "max_gap_px"),
+    *("colour", "method", "roi", "max_gap_px"),
     *("exclude", "start", "end", "accept_width", "outline"),
 )
 OF_AN_IMAGE = ("pixel_spacing_mm", "frame", "imager_spacing")
@@ -57,7 +57,8 @@ def extract(
         How the curve is read.
     curve
         A vector curve drawn on the slice, taken instead of a pen's: Slicer's `.mrk.json` or
-        `.fcsv` (a DICOM slice says where it lies), ImageJ's `.roi`, or a CSV `u_px,v_px` or `X,Y`.
+        `.fcsv` (a DICOM slice says where it lies), ImageJ's `.roi`, a CSV `u_px,v_px` or `X,Y`, or
+        a DICOM presentation state or overlay.
 
     Raises `ImageError`, `CurveError`, `SettingError` or `MissingExtra`.
     """
@@ -134,12 +135,14 @@ def _drawn_as_vectors(
     image: PlannedImage, path: str | Path, settings: ExtractSettings
 ) -> tuple[Extraction, str]:
     from vfplan.curve import vector_stroke
+    from vfplan.curve.annotated import check_drawn_on
     from vfplan.curve.vector import onto_slice, read_vector_curve
 
-    curve = read_vector_curve(path, settings.curve_origin)
+    curve = read_vector_curve(path, settings.curve_origin, settings.stroke)
     placed = onto_slice(curve, image.T_patient_image, str(path))
     extraction = vector_stroke(placed.fine(1.0), curve.closed, image, str(path))
-    return replace(extraction, warnings=curve.warnings), curve.sha256
+    told = check_drawn_on(curve.drawn_on, image, settings.frame, str(path))
+    return replace(extraction, warnings=(*curve.warnings, *told)), curve.sha256
 
 
 def _vector_alone(path: str | Path, settings: ExtractSettings) -> Extracted:
@@ -147,7 +150,7 @@ def _vector_alone(path: str | Path, settings: ExtractSettings) -> Extracted:
     from vfplan.curve.vector import FINE_M, read_vector_curve
 
     started = time.perf_counter()
-    curve = read_vector_curve(path, settings.curve_origin)
+    curve = read_vector_curve(path, settings.curve_origin, settings.stroke)
     flat = curve.points.shape[1] == 2
     density = settings.density_per_mm
     if flat and density is not None:

@@ -1,0 +1,169 @@
+"""Curves drawn on a DICOM image beside its pixels: presentation states and overlay planes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from captures import capture
+from drawing import coverage, normal_errors
+from pydicom.dataset import Dataset, FileMetaDataset
+from pydicom.uid import ExplicitVRLittleEndian
+from vector_files import polyline
+
+from vfplan.curve.vector import read_vector_curve
+from vfplan.errors import CurveError, SettingError
+from vfplan.planning import ExtractSettings, extract
+
+GREY = np.tile(np.arange(100, dtype=np.uint8), (80, 1))
+LINE = np.array([(20.5, 20.5), (60.5, 30.5), (70.5, 60.5)])  # from the first pixel's corner
+GSPS = "1.2.840.10008.5.1.4.1.1.11.1"
+
+
+def graphic(points=LINE, kind="POLYLINE", units="PIXEL"):
+    item = Dataset()
+    item.GraphicAnnotationUnits, item.GraphicDimensions = units, 2
+    item.NumberOfGraphicPoints, item.GraphicType = len(points), kind
+    item.GraphicData, item.GraphicFilled = np.ravel(points).tolist(), "N"
+    return item
+
+
+def references(uid, frames=None):
+    image = Dataset()
+    image.ReferencedSOPClassUID, image.ReferencedSOPInstanceUID = "1.2", uid
+    if frames:
+        image.ReferencedFrameNumber = frames
+    return [image]
+
+
+def state(tmp_path, *graphics, image="1.2.3.4", frames=None):
+    """A presentation state with a layer of graphics on an image."""
+    data, item = Dataset(), Dataset()
+    data.file_meta = FileMetaDataset()
+    data.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    data.file_meta.MediaStorageSOPClassUID = data.SOPClassUID = GSPS
+    data.file_meta.MediaStorageSOPInstanceUID = data.SOPInstanceUID = "1.2.3.5"
+    data.Modality = "PR"
+    item.GraphicLayer, item.GraphicObjectSequence = "CUT", list(graphics)
+    if image:
+        item.ReferencedImageSequence = references(image, frames)
+    data.GraphicAnnotationSequence = [item]
+    path = tmp_path / "state.dcm"
+    data.save_as(path, enforce_file_format=True)
+    return path
+
+
+def with_overlays(tmp_path, *planes, origin=(1, 1)):
+    """A grey slice with overlay planes, (H, W) bool."""
+    path = capture(tmp_path, GREY, "MONOCHROME2")
+    from pydicom import dcmread
+
+    data = dcmread(path)
+    for group, plane in zip(range(0x6000, 0x6020, 2), planes, strict=False):
+        bits = np.packbits(plane.ravel(), bitorder="little").tobytes()
+        data.add_new((group, 0x10), "US", plane.shape[0])
+        data.add_new((group, 0x11), "US", plane.shape[1])
+        data.add_new((group, 0x40), "CS", "G")
+        data.add_new((group, 0x50), "SS", list(origin))
+        data.add_new((group, 0x100), "US", 1)
+        data.add_new((group, 0x102), "US", 0)
+        data.add_new((group, 0x1500), "LO", f"cut {group:04x}")
+        data.add_new((group, 0x3000), "OW", bits + bytes(len(bits) % 2))
+    data.save_as(path, enforce_file_format=True)
+    return path
+
+
+def drawn(points, width=2.0):
+    return coverage(GREY.shape, np.asarray(points, float), width) > 0.5
+
+
+def test_a_presentation_states_polyline_counts_from_the_first_pixels_corner(tmp_path):
+    curve = read_vector_curve(state(tmp_path, graphic()))
+    assert curve.points.tolist() == (LINE - 0.5).tolist()
+    assert (curve.closed, curve.smooth, curve.warnings) == (False, False, ())
+
+
+def test_one_that_returns_is_closed_and_an_interpolated_one_is_a_spline_with_a_warning(tmp_path):
+    ring = np.vstack([LINE, LINE[:1]])
+    curve = read_vector_curve(state(tmp_path, graphic(ring, "INTERPOLATED")))
+    assert (curve.closed, curve.smooth, len(curve.points)) == (True, True, 3)
+    (told,) = curve.warnings
+    assert "px from straight lines" in told
+
+
+def test_of_several_one_is_chosen_and_named(tmp_path):
+    path = state(tmp_path, graphic(), graphic(LINE + 5), graphic(LINE[:1], "POINT"))
+    with pytest.raises(CurveError, match=r"2 curves and none was chosen .*1: POLYLINE of 3 points"):
+        read_vector_curve(path)
+    curve = read_vector_curve(path, number=2)
+    assert curve.points[0].tolist() == [25.0, 25.0]
+    assert "of 2 curves 2: POLYLINE of 3 points, layer 'CUT' is taken" in curve.warnings[0]
+    with pytest.raises(CurveError, match="no curve number 3"):
+        read_vector_curve(path, number=3)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ([graphic(units="DISPLAY")], "DISPLAY units"),
+        ([graphic(LINE[:2], "CIRCLE")], "CIRCLE of 2 points"),
+        ([], "no drawing"),
+        ([graphic([(1.0, 1.0), (1.0, 1.0)])], "different points"),
+        ([graphic([(1.0, np.nan), (1.0, 2.0)])], "not finite"),
+        ([graphic([(1.0, 1.0), (1.0, 2.0)])] * 2, "none was chosen"),
+    ],
+)
+def test_what_is_no_curve_is_refused_by_name(tmp_path, given, words):
+    with pytest.raises(CurveError, match=words):
+        read_vector_curve(state(tmp_path, *given))
+
+
+def test_a_state_is_taken_on_the_image_it_names_alone(tmp_path):
+    slice_ = capture(tmp_path, GREY, "MONOCHROME2")
+    made = extract(slice_, ExtractSettings(), curve=state(tmp_path, graphic()))
+    stroke = made.extraction.strokes[0]
+    assert np.abs(normal_errors(stroke.points_px, LINE - 0.5, False)).max() < 0.03
+    assert made.warnings == ()
+    with pytest.raises(CurveError, match=r"other image\(s\), the first 9\.9"):
+        extract(slice_, ExtractSettings(), curve=state(tmp_path, graphic(), image="9.9"))
+    with pytest.raises(CurveError, match="on frame 2, not 1"):
+        extract(slice_, ExtractSettings(), curve=state(tmp_path, graphic(), frames=[2]))
+    made = extract(slice_, ExtractSettings(), curve=state(tmp_path, graphic(), image=None))
+    assert made.warnings == ()
+
+
+def test_an_overlay_planes_line_is_followed_down_its_middle(tmp_path):
+    path = with_overlays(tmp_path, drawn(LINE - 0.5))
+    made = extract(path, ExtractSettings(), curve=path)
+    stroke = made.extraction.strokes[0]
+    assert np.abs(normal_errors(stroke.points_px, LINE - 0.5, False)).max() < 1.0
+    assert np.hypot(*(stroke.points_px[[0, -1]] - (LINE - 0.5)[[0, -1]]).T).max() < 2.0
+
+
+def test_an_overlay_begins_where_it_says_and_several_are_chosen_from(tmp_path):
+    moved = read_vector_curve(with_overlays(tmp_path, drawn(LINE - 0.5), origin=(11, 6)))
+    still = read_vector_curve(with_overlays(tmp_path, drawn(LINE - 0.5)))
+    assert np.allclose(moved.points - still.points, (5, 10))
+    two = with_overlays(tmp_path, drawn(LINE - 0.5), drawn(LINE[:2] + 9))
+    with pytest.raises(CurveError, match="1: overlay plane 6000 'cut 6000'; 2: overlay plane 6002"):
+        read_vector_curve(two)
+    assert "2: overlay plane 6002" in read_vector_curve(two, number=2).warnings[0]
+
+
+def test_an_empty_overlay_and_a_damaged_file_are_refused(tmp_path):
+    with pytest.raises(CurveError, match="overlay plane 6000 'cut 6000': no planned curve"):
+        read_vector_curve(with_overlays(tmp_path, np.zeros(GREY.shape, bool)))
+    path = state(tmp_path, graphic())
+    path.write_bytes(path.read_bytes()[:-30])
+    with pytest.raises(CurveError):
+        read_vector_curve(path)
+
+
+def test_a_number_has_no_effect_on_other_files(tmp_path):
+    with pytest.raises(SettingError, match="stroke 1 has no effect"):
+        read_vector_curve(polyline(tmp_path, [(1, 2), (3, 4)]), number=1)
+    with pytest.raises(SettingError, match="stroke 'all' has no effect"):
+        extract(
+            capture(tmp_path, GREY, "MONOCHROME2"),
+            ExtractSettings(stroke="all"),
+            curve=state(tmp_path, graphic()),
+        )

@@ -1,0 +1,128 @@
+"""What is drawn on a DICOM image beside its pixels: presentation states' graphics, overlay planes.
+
+Graphics (GSPS, PS3.3 C.10.5) count pixels from the upper left corner of the first one, so half a
+pixel is taken off; an overlay plane (C.9.2) is a bitmap that lies on whole pixels.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import CurveError
+from vfplan.images.dicom import dataset_of, quiet
+from vfplan.images.header import check_size
+from vfplan.io.apart import allow, apart
+
+CORNER_PX = 0.5  # from a pixel's corner to its centre
+LINES = {"POLYLINE": False, "INTERPOLATED": True}  # and whether it is curved between its points
+PLANES = range(0x6000, 0x6020, 2)
+PIXEL_BYTES = 16  # of memory that a pixel of an overlay may take
+WANTED = "a POLYLINE or INTERPOLATED graphic in PIXEL units, or an overlay plane, is wanted"
+
+
+@dataclass(frozen=True, eq=False)
+class Annotation:
+    """One thing drawn on an image.
+
+    Parameters
+    ----------
+    name
+        What it is, for messages.
+    drawn_on
+        The images' SOP instance UIDs, each with its frames, from 1; none where all are meant.
+    points, smooth
+        A graphic's (M, 2) points (u, v) [px], and whether it is curved between them.
+    plane, origin
+        An overlay's (H, W) bool, and where its first pixel lies (u, v) [px].
+    """
+
+    name: str
+    drawn_on: dict[str, list[int]]
+    points: NDArray[np.float64] | None = None
+    smooth: bool = False
+    plane: NDArray[np.bool_] | None = None
+    origin: tuple[int, int] = (0, 0)
+
+
+def read_annotations(file: BinaryIO, where: str) -> list[Annotation]:
+    """The lines and overlay planes of a DICOM file, in the file's order.
+
+    Raises `CurveError` where there is none, `ImageError` for a damaged file, `MissingExtra`.
+    """
+    found = apart(
+        "vfplan.images.annotations:found_in", where, file=file, where=where, kind=CurveError
+    )
+    return [
+        Annotation(plane=drawn[0].astype(bool), **head)
+        if head.pop("kind") == "plane"
+        else Annotation(points=drawn[0] - CORNER_PX, **head)
+        for head, drawn in zip(found, found, strict=True)
+    ]
+
+
+def found_in(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple[NDArray]]:
+    """What `read_annotations` returns, each as a head and its array; runs in a process apart."""
+    allow(2 * file.seek(0, os.SEEK_END), 0)
+    file.seek(0)
+    with quiet(where):
+        dataset = dataset_of(file, where)
+        drawn, others = [], []
+        for item in dataset.get("GraphicAnnotationSequence") or ():
+            drawn_on = _images(item) or _of_series(dataset)
+            for graphic in item.get("GraphicObjectSequence") or ():
+                kind, units = (
+                    str(graphic.get(name, ""))[:16]
+                    for name in ("GraphicType", "GraphicAnnotationUnits")
+                )
+                name = f"{kind} of {graphic.get('NumberOfGraphicPoints', 0)} points"
+                name += f", layer {str(item.get('GraphicLayer', ''))[:32]!r}"
+                if kind not in LINES or units != "PIXEL":
+                    others.append(f"{name}, in {units} units")
+                    continue
+                points = np.array(graphic.GraphicData, np.float64).reshape(-1, 2)
+                head = {"kind": "line", "name": name, "drawn_on": drawn_on, "smooth": LINES[kind]}
+                drawn += [head, (points,)]
+        for group in PLANES:
+            if (group, 0x3000) in dataset:
+                drawn += _plane(dataset, group, where)
+    if not drawn:
+        there = "; ".join(others[:6]) or f"no drawing ({str(dataset.get('Modality', ''))[:16]})"
+        raise CurveError(f"is DICOM with {there}; {WANTED}", where=where)
+    yield from drawn
+
+
+def _plane(dataset: Any, group: int, where: str) -> tuple[dict[str, Any], tuple[NDArray]]:
+    rows, columns = (int(dataset[group, element].value) for element in (0x10, 0x11))
+    check_size(columns, rows, where)
+    if (group, 0x15) in dataset and int(dataset[group, 0x15].value) != 1:
+        raise CurveError(f"overlay plane {group:04x} has several frames", where=where)
+    allow(PIXEL_BYTES * rows * columns, 0)
+    top, left = (int(x) for x in dataset[group, 0x50].value)  # of the image, from 1
+    label = str(dataset[group, 0x1500].value)[:32] if (group, 0x1500) in dataset else ""
+    name = f"overlay plane {group:04x}" + (f" {label!r}" if label else "")
+    drawn_on = {str(dataset.get("SOPInstanceUID", "")): []}
+    head = {"kind": "plane", "name": name, "drawn_on": drawn_on, "origin": (left - 1, top - 1)}
+    return head, (dataset.overlay_array(group).astype(np.uint8),)
+
+
+def _images(item: Any) -> dict[str, list[int]]:
+    """The images that an item refers to, each with its frames."""
+    found = {}
+    for image in item.get("ReferencedImageSequence") or ():
+        frames = image.get("ReferencedFrameNumber") or []
+        frames = frames if hasattr(frames, "__iter__") else [frames]
+        found[str(image.ReferencedSOPInstanceUID)] = [int(n) for n in frames]
+    return found
+
+
+def _of_series(dataset: Any) -> dict[str, list[int]]:
+    found = {}
+    for series in dataset.get("ReferencedSeriesSequence") or ():
+        found |= _images(series)
+    return found
