@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from canvas import RASTERISERS, Canvas, rectangle
-from drawing import anatomy, wavy
+from drawing import anatomy, blend, wavy
 
 SHAPE = (320, 380)
 RED, YELLOW, ORANGE, MAGENTA = (255, 0, 0), (255, 255, 0), (255, 165, 0), (255, 0, 255)
@@ -108,6 +108,41 @@ def downscaled(canvas, rng):
     big.line(2 * curve + 0.5, 2 * pen(rng), RED)
     canvas.picture = cv2.resize(big.picture, SHAPE[::-1], interpolation=cv2.INTER_AREA)
     return curve, False
+
+
+def upscaled(canvas, rng):
+    curve, by = hand(rng), rng.uniform(1.4, 2.6)
+    canvas.line(curve, pen(rng), RED)
+    way = (cv2.INTER_CUBIC, cv2.INTER_LINEAR, cv2.INTER_LANCZOS4)[int(rng.integers(3))]
+    canvas.picture = np.clip(
+        cv2.resize(canvas.picture, None, fx=by, fy=by, interpolation=way), 0, 255
+    )
+    return (curve + 0.5) * by - 0.5, False
+
+
+def linear_light(canvas, rng):
+    curve = hand(rng)
+    share = canvas.line_share(curve, pen(rng))
+    canvas.picture = blend(canvas.picture, share, RED, rng.uniform(0.5, 1), 2.2)
+    return curve, False
+
+
+def scanned(canvas, rng):
+    """A dull red on paper, blurred, with noise in every colour."""
+    curve = hand(rng)
+    canvas.line(curve, pen(rng), (200, 30, 40))
+    blurred = cv2.GaussianBlur(canvas.picture, (0, 0), rng.uniform(0.6, 1.2))
+    canvas.picture = blurred + rng.normal(0, rng.uniform(3, 9), blurred.shape)
+    return curve, False
+
+
+def leaves_the_picture(canvas, rng):
+    way = (rng.choice([-1, 1]) * rng.uniform(110, 150), rng.uniform(-60, 60))
+    curve = hand(rng) + way
+    canvas.line(curve, pen(rng), RED)
+    inside = np.flatnonzero(((curve > -0.5) & (curve < np.array(SHAPE[::-1]) - 0.5)).all(1))
+    runs = np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1)
+    return curve[max(runs, key=len)], False
 
 
 def mouse(canvas, rng):
@@ -451,6 +486,13 @@ def orange_bar(canvas, rng):
     return None, False
 
 
+def lone_bar(canvas, rng):
+    """No curve at all: one bar in a red that is nearly the pen's."""
+    red = ((255, 69, 0), (255, 80, 20), (250, 60, 0))[int(rng.integers(3))]
+    canvas.box(rng.uniform(90, 200, 2), rng.uniform(6, 9), rng.uniform(60, 110), red)
+    return None, False
+
+
 def hidden_stretch(canvas, rng):
     """Something broader than the longest bridged lies over the line."""
     curve, width = hand(rng), pen(rng)
@@ -463,7 +505,8 @@ def hidden_stretch(canvas, rng):
 KINDS = {
     f.__name__.replace("_", " "): f
     for f in (
-        plain, thin, downscaled, mouse, polygon, pressure, taper, glyphs, handles, scale_bar,
+        plain, thin, downscaled, upscaled, linear_light, scanned, leaves_the_picture, mouse,
+        polygon, pressure, taper, glyphs, handles, scale_bar,
         calliper, window_frame, region, dot_end, arrow_head, leader, crosses, words, lifts, touched,
         touched_red_on_top, crossed, bars,
     )
@@ -472,6 +515,6 @@ TRAPS = {
     f.__name__.replace("_", " "): f
     for f in (
         goes_on_along_an_axis, short_pieces, goes_on_dashed, rectangle_with_a_line, end_under_a_box,
-        end_among_specks, beyond_a_long_lift, opening, orange_bar, hidden_stretch,
+        end_among_specks, beyond_a_long_lift, opening, orange_bar, lone_bar, hidden_stretch,
     )
 }  # fmt: skip

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.candidates import Candidate, inked_ends
-from vfplan.curve.evidence import Piece
 from vfplan.curve.kinds import MIN_LENGTH_PX, crowd_of, dashes_of
 from vfplan.curve.marks import Mark
+from vfplan.curve.pieces import Piece
 from vfplan.errors import CurveError
 
 MOST_MARKS, CROWD = 3000, 16  # in all, and specks of the longest line's size: more is noise

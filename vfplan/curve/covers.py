@@ -70,6 +70,9 @@ def _shows_through(
     rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray, veiled: float
 ) -> bool:
     """Whether ink goes on ahead, too faint for the mask, and none does beside it."""
+    far = at + (VEIL_PX[1] + width / 2) * onward
+    if (far < 0).any() or (far > np.array(rgb.shape[1::-1]) - 1).any():
+        return False
     t = np.arange(*np.add(VEIL_PX, width / 2))[:, None, None]
     x = np.arange(-width, width + 0.1, 0.5)
     aside, lanes = np.array([-onward[1], onward[0]]), []

@@ -11,12 +11,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.candidates import Candidate, angle_deg, inked_ends
+from vfplan.curve.candidates import Candidate, inked_ends
 from vfplan.curve.doubling import Widening
+from vfplan.curve.joining import angle_deg
+from vfplan.curve.pen import Pen
 from vfplan.errors import CurveError
 
 AHEAD_DEG = 60.0  # between an end's direction and the way to what may carry it on
 NEAR_GAPS, NEAR_SHARE = 3.0, 0.1  # of the longest gap bridged, of the length: nearly closed
+BAR_PX, BAR_DEG, BAR_ASIDE = 5.0, 8.0, 0.04  # width, hue, share of its length: a chart's bar
 MOST_LIFTS = 2  # a ring drawn with more is no C
 
 
@@ -86,6 +89,19 @@ def _closed_over(line: Candidate, origin: tuple[int, int]) -> list[str]:
     return [
         f"a gap of about {len(run):.0f} px at ({u:.0f}, {v:.0f}) was bridged, which closes the "
         "curve; a smaller --max-gap leaves it open"
+    ]
+
+
+def a_bar(line: Candidate, pen: Pen, origin: tuple[int, int]) -> list[str]:
+    """A warning for a broad line along a row or column whose hue is not quite the pen's."""
+    if line.closed or line.width_px < BAR_PX or angle_deg(line.mark.pen.along, pen.along) < BAR_DEG:
+        return []
+    if np.ptp(line.path, axis=0).min() > BAR_ASIDE * line.length_px:
+        return []
+    u, v = line.path[len(line.path) // 2] + origin
+    return [
+        f"the line at ({u:.0f}, {v:.0f}), {line.width_px:.0f} px wide, runs straight along a row "
+        "or column, in a hue that is not quite the pen's: it may be a chart's bar"
     ]
 
 

@@ -20,10 +20,9 @@ from vfplan.curve.choice import (
     set_aside,
 )
 from vfplan.curve.covers import covered_ends
-from vfplan.curve.doubts import cut_off, nearly_closed, several, side_by_side
+from vfplan.curve.doubts import a_bar, cut_off, nearly_closed, several, side_by_side
 from vfplan.curve.evidence import (
     bridged_ink,
-    pieces_beside,
     refuse_blind_bridges,
     refuse_strayed,
     unexplained,
@@ -34,6 +33,7 @@ from vfplan.curve.model import METHODS, Extraction, Method, Stroke
 from vfplan.curve.outline import outline_of, region_of
 from vfplan.curve.path import drawn_length
 from vfplan.curve.pen import Pen
+from vfplan.curve.pieces import pieces_beside
 from vfplan.curve.ridge import Centreline, trace
 from vfplan.errors import CurveError, SettingError
 from vfplan.images.read import PlannedImage, as_image
@@ -123,6 +123,7 @@ def extract_curve(
             notes += bridged_ink(line, measured, mask, origin)
             notes += covered_ends(rgb, line, measured.points, origin)
         notes += several(line, measured.single)
+        notes += a_bar(line, pen, origin)
         notes += side_by_side(line, measured.widening, origin, accept_width)
         notes += cut_off(line, mask, roi, exclude, planned.rgb.shape)
         notes += nearly_closed(line, mask, max_gap_px, origin)

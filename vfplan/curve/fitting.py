@@ -27,6 +27,7 @@ LOUD_PX = (0.08, 0.14)
 CORRELATED = (0.05, 0.3)  # residuals of neighbours this alike are JPEG's, not the pixel grid's,
 NOISY_PX = (0.005, 0.015)  # and this large are noise, not the spline's own in bends
 SOFT_PX2 = 0.45  # of blur: a crisp pen, read between pixels, has 0.25, JPEG's colour 0.6
+TOUCHED_POINTS = 11  # within which the spline carries on what un-mixing gets wrong at one
 CLIPPED = 5.0  # a line of which the border cuts off a part is less sure by this times the part
 
 
@@ -77,6 +78,8 @@ def _refined(
     period: float | None,
 ) -> Fitted:
     """The spline with its knots as far apart as the noise wants, and its deviation."""
+    from scipy.ndimage import maximum_filter1d
+
     smooth = spline(s)
     residual = _along_normal(raw - smooth[:, :2], normal, valid)
     fast = np.where(valid, profiles.shading - smooth[:, 2], 0.0)
@@ -88,7 +91,8 @@ def _refined(
     residual = _along_normal(raw - spline(s), normal, valid)
     noise = Noise(profiles.noisy, profiles.blur > SOFT_PX2, alike, coarse, profiles.width)
     sigma = measured_sigma(residual, valid, normal, curvature_of(spline, s), noise)
-    sigma = np.sqrt(sigma**2 + doubt**2 + profiles.doubt**2) * (1 + CLIPPED * profiles.clipped)
+    touched = maximum_filter1d(profiles.doubt, TOUCHED_POINTS)
+    sigma = np.sqrt(sigma**2 + doubt**2 + touched**2) * (1 + CLIPPED * profiles.clipped)
     if period is None:
         sigma *= end_factor(s, *s[valid][[0, -1]])
     return Fitted(spline, sigma)

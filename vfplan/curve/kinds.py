@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.candidates import MAX_TURN_DEG, Candidate, ends_of
+from vfplan.curve.candidates import Candidate, ends_of
+from vfplan.curve.joining import MAX_TURN_DEG
 from vfplan.curve.marks import Mark
 from vfplan.curve.pointers import POINTER, is_arrow, is_leader, is_scale
 
