@@ -20,6 +20,7 @@ COMMANDS: dict[str, str] = {
     "plan": "A planned slice and its markers in, a fixture out.",
     "replay": "Replay a session against a fixture.",
     "rehearse": "Rehearse a session on a simulated arm.",
+    "burr": "Burr a fixture away: points go under the tool.",
     "validate": "Everything that is wrong with a bundle.",
     "info": "What a bundle holds.",
     "migrate": "Bring an old bundle up to date, in a new file.",

@@ -1,0 +1,98 @@
+"""`vfplan burr`: a ball at the tip takes away what it reaches; the demonstration of editing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from vfplan.cli import options, values
+from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.run import Report, progress
+from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.values import FILE, Real
+
+
+@vfplan_command("burr", short_help="Burr a fixture away: points go under the tool.")
+@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
+@click.argument("session", type=FILE, metavar="SESSION")
+@click.option(
+    "--radius",
+    "radius_mm",
+    type=Real(0, min_open=True),
+    metavar="MM",
+    required=True,
+    help="Of the ball at the tip; below the fixture's contact radius.",
+)
+@options.output("Per-tick result, HDF5.", required=False)
+@click.option(
+    "--events-out",
+    type=values.HDF5,
+    metavar="EVENTS.h5",
+    help="Write the edits, for `vfplan replay --events`.",
+)
+@click.option(
+    "--picture-out",
+    type=values.PNG,
+    metavar="PNG",
+    help="Write what was taken away, and the force over time.",
+)
+@click.option(
+    "--units",
+    type=click.Choice(["m", "mm"]),
+    default="m",
+    show_default=True,
+    help="Unit of the session's positions.",
+)
+@options.signature()  # fmt: skip
+def command(
+    fixture: Path,
+    session: Path,
+    radius_mm: float,
+    output: Path | None,
+    events_out: Path | None,
+    picture_out: Path | None,
+    overwrite: bool,
+    **given: Any,
+) -> Report:
+    """Let SESSION's hand burr FIXTURE.h5 with a ball at the tip.
+
+    Points within the ball around the HIP go, and deeper ones appear on the ball: a hand that
+    presses beyond the margin, contact radius less the ball's, takes away what it presses on. The
+    session is then replayed with these edits. A demonstration of editing under the hand: the
+    removal is a ball's, not a bone's.
+    """
+    from vfplan.bundle import read_fixture
+    from vfplan.replaying.burring import burr
+    from vfplan.session import read_session, write_result
+    from vfplan.session.events import write_events
+
+    refuse_existing(output, events_out, picture_out, overwrite=overwrite)
+    trust = {} if given["trust"] is None else {"trust": given["trust"]}
+    planned = read_fixture(fixture, **trust)
+    hand = read_session(session, units=given["units"], frame=planned.frame)
+    with progress("burr", len(hand.hip)) as done:
+        burred = burr(planned, hand, 1e-3 * radius_mm, done=done)
+    with outputs(output, events_out, picture_out) as (result, events, picture):
+        if result is not None:
+            write_result(burred.replayed, result)
+        if events is not None:
+            write_events(events, burred.events)
+        if picture is not None:
+            from vfplan.figures.burr import draw_burr
+
+            draw_burr(burred, picture)
+    return Report(burred.metrics, _text(burred.metrics))
+
+
+def _text(found: dict[str, Any]) -> str:
+    burr = found["burr"]
+    same = "the replay has the same bits" if burr["replayed_to_the_bit"] else "REPLAYED OTHERWISE"
+    return (
+        f"burred in {burr['burring_ticks']} of {found['ticks']} ticks: {burr['points_taken']} "
+        f"points went and came back deeper, {burr['places_lowered']} places, up to "
+        f"{1e3 * burr['deepest_m']:.2f} mm\n"
+        f"force        max {found['force_max_n']:.3f} N; under edits its step was at most "
+        f"{burr['force_step_of_bound']:.2f} of K (R/256 + step of the HIP)\n"
+        f"clearance    min {1e6 * found['clearance_min_m']:.2f} µm; {same}"
+    )

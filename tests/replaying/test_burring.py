@@ -1,0 +1,73 @@
+"""A ball at the tip burrs a sheet: force bounded, never through, replayed to the bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from replays import fixture_of
+
+import vfplan
+from vfplan.bundle import write_fixture
+from vfplan.errors import SettingError
+from vfplan.replaying.burring import burr
+
+K, R, B, BAND = 1000.0, 5e-3, 3e-3, 5e-5
+
+
+def scene():
+    g = np.arange(-14e-3, 14.01e-3, 0.7e-3)
+    x, y = np.meshgrid(g, g)
+    points = np.stack((x.ravel(), y.ravel(), 0.5e-3 * np.sin(100 * x.ravel())), axis=1)
+    t = 1e-3 * np.arange(2500)
+    z = np.where(t < 0.5, 10e-3 - 14e-3 * t, 3e-3 - 1e-3 * (t - 0.5))
+    hip = np.stack((4e-3 * np.sin(4 * t), 3e-3 * np.cos(3 * t), z), axis=1)
+    return fixture_of(points, axis=None, curve=False, band=BAND, stiffness=K), vfplan.Session(
+        t, hip
+    )
+
+
+def test_a_burr_takes_away_what_it_is_pressed_on_and_nothing_else():
+    fixture, session = scene()
+    burred = burr(fixture, session, B)
+    found = burred.metrics["burr"]
+    assert found["replayed_to_the_bit"]
+    assert found["places_lowered"] > 100
+    assert found["deepest_m"] > 0.5e-3
+    assert found["force_step_of_bound"] <= 1 + 1e-9
+    assert burred.metrics["clearance_min_m"] >= -BAND
+    assert burred.metrics["inside_ticks"] == 0
+    # What the hand never came near is as it was; what is left lies outside the ball's last places.
+    flat = np.hypot(*burred.before[:, :2].T) > 12e-3
+    assert np.array_equal(burred.before[flat], burred.after[flat])
+    away = np.linalg.norm(burred.after - session.hip[-1], axis=1)
+    assert away.min() > B - 2 * BAND - 1e-6
+    # Beyond R - B there is no more to press against: the force stays near K (R - B).
+    assert burred.metrics["force_max_n"] < 1.6 * K * (R - B)
+    untouched = burr(fixture, vfplan.Session(session.time[:400], session.hip[:400]), B)
+    assert untouched.events == []
+
+
+def test_a_ball_that_is_not_felt_first_is_refused():
+    fixture, session = scene()
+    for radius in (R, 0.0, np.nan):
+        with pytest.raises(SettingError, match="below the contact radius"):
+            burr(fixture, session, radius)
+
+
+def test_the_command_writes_what_replays(vfplan_cli, tmp_path):
+    fixture, session = scene()
+    write_fixture(fixture, tmp_path / "f.h5")
+    rows = np.column_stack((session.time, session.hip))
+    np.savetxt(tmp_path / "s.csv", rows, "%.17g", ",", header="t,x,y,z", comments="")
+    out = ("-o", "r.h5", "--events-out", "e.h5", "--picture-out", "p.png", "--json")
+    done = vfplan_cli("burr", "f.h5", "s.csv", "--radius", "3", *out, cwd=tmp_path)
+    assert done.code == 0, done.stderr
+    assert done.json["burr"]["replayed_to_the_bit"]
+    assert (tmp_path / "p.png").stat().st_size > 10_000
+    again = ("replay", "f.h5", "s.csv", "--events", "e.h5", "-o", "again.h5")
+    assert vfplan_cli(*again, cwd=tmp_path).code == 0
+    one, other = (vfplan.read_result(tmp_path / name) for name in ("r.h5", "again.h5"))
+    assert np.array_equal(one[0].force, other[0].force)
+    bad = vfplan_cli("burr", "f.h5", "s.csv", "--radius", "9", cwd=tmp_path)
+    assert bad.code == 2
+    assert "contact radius" in bad.error_line

@@ -1,0 +1,151 @@
+"""Burring: a ball at the tip takes points away that it reaches, and deeper ones appear.
+
+The demonstration of what editing is for; the removal is a ball's, not a bone's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vfplan.engine.checks import Vector
+from vfplan.engine.parameters import Status
+from vfplan.engine.proxy import ProxyEngine
+from vfplan.errors import SceneError, SettingError
+from vfplan.fixture import Fixture
+from vfplan.replaying.core import Replay, replay
+from vfplan.session import Session
+from vfplan.session.events import Event
+
+MOST = 32  # points a tick: each goes and comes, and a tick takes 64 changes
+
+
+@dataclass(frozen=True, eq=False)
+class Burred:
+    """What was burred away, and its replay.
+
+    Parameters
+    ----------
+    replayed
+        The session again with what happened; its metrics hold `burr` besides.
+    events
+        The edits, each with its tick.
+    before, after
+        The points (N, 3) [m] and the same when all was done: each that went has come back deeper.
+    tick
+        (E,) ticks of the edits.
+    """
+
+    replayed: Replay
+    events: list[Event]
+    before: Vector
+    after: Vector
+    tick: Vector
+
+    @property
+    def metrics(self) -> dict[str, Any]:
+        """The replay's report, with `burr`."""
+        return self.replayed.metrics
+
+
+class Burr:
+    """The ball, and the points as it has left them.
+
+    A point that the ball reaches by more than `least` comes back on it, straight below, as the
+    normal was where the tool first took any.
+    """
+
+    def __init__(self, points: Vector, radius: float, least: float, axis: Vector | None) -> None:
+        self.points = points.copy()
+        self._least, self._up = radius - least, np.zeros(3)
+        self._numbers = np.arange(len(points))  # that the engine has for them
+        self._next = len(points)
+        self._radius, self._axis = radius, axis
+
+    def bite(self, tick: int, hip: Vector, normal: Vector) -> Event | None:
+        """The edit for what the ball reaches; at most 32 points, the nearest first."""
+        away = self.points - hip
+        if self._axis is not None:
+            away -= np.outer(away @ self._axis, self._axis)
+        square = np.einsum("ij,ij->i", away, away)
+        near = np.flatnonzero(square < self._least**2)
+        self._up = self._up if self._up.any() else normal
+        if not len(near) or not self._up.any():
+            return None
+        near = near[np.argsort(square[near], kind="stable")][:MOST]
+        along = -(away[near] @ self._up)  # into the fixture
+        ahead = np.sqrt(along**2 + self._radius**2 - square[near]) - along
+        gone = self._numbers[near].copy()
+        self.points[near] -= np.outer(ahead, self._up)
+        self._numbers[near] = np.arange(self._next, self._next + len(near))
+        self._next += len(near)
+        return Event(tick, remove=gone, add=self.points[near].copy())
+
+
+def burr(
+    fixture: Fixture,
+    session: Session,
+    radius_m: float,
+    *,
+    done: Callable[[int], None] = lambda ticks: None,
+) -> Burred:
+    """Let the session's hand burr a fixture with a ball of `radius_m` at the tip, and replay it.
+
+    Raises
+    ------
+    SettingError
+        A radius not below the fixture's contact radius: it would take away before it is felt.
+    SceneError
+        A fixture whose points are not rendered.
+    """
+    if fixture.rendering is None or fixture.guidance is not None:
+        raise SceneError("a fixture with rendering, and without guidance, is burred")
+    most = fixture.contact_radius + fixture.point_radius
+    if not 0 < radius_m < most:
+        raise SettingError(
+            f"radius {1e3 * radius_m:g} mm: allowed is above 0 and below the contact radius, "
+            f"{1e3 * most:g} mm; a larger ball takes away before it is felt"
+        )
+    engine = ProxyEngine.of(fixture, "robust", offline=True)
+    engine.make_editable()
+    engine.reset(session.hip[0])
+    least = min(2 * engine.parameters.band, 0.1 * radius_m)
+    ball = Burr(fixture.points, radius_m, least, fixture.ignore_axis)
+    events, forces = [], np.empty_like(session.hip)
+    changing = np.zeros(len(forces) + 1, bool)
+    for k, hip in enumerate(session.hip):
+        step = engine.step(hip)
+        forces[k] = step.force
+        changing[k + 1] = step.status & Status.CHANGING
+        if not step.status & Status.INSIDE and engine.distance(hip[None])[0] < radius_m - least:
+            event = ball.bite(k + 1, hip, step.normal)
+            if event is not None and k + 1 < len(session.hip):
+                engine.edit(event.remove, event.add)
+                events.append(event)
+        if k % 1000 == 999:
+            done(1000)
+    replayed = replay(fixture, session, rule="robust", events=events)
+    deep = np.linalg.norm(ball.points - fixture.points, axis=1)
+    replayed.metrics["burr"] = {
+        "radius_m": radius_m,
+        "burring_ticks": len(events),
+        "points_taken": sum(len(event.remove) for event in events),
+        "places_lowered": int(np.count_nonzero(deep)),
+        "deepest_m": float(deep.max()),
+        "replayed_to_the_bit": bool(np.array_equal(replayed.trace.force, forces)),
+        "force_step_of_bound": _of_bound(fixture, session, forces, changing),
+    }
+    ticks = np.array([event.tick for event in events], int)
+    return Burred(replayed, events, fixture.points, ball.points, ticks)
+
+
+def _of_bound(fixture: Fixture, session: Session, forces: Vector, changing: Vector) -> float:
+    """The largest step of the force under edits, as a part of K (R/256 + |step of the HIP|)."""
+    steps = np.linalg.norm(np.diff(forces, axis=0), axis=1)
+    moved = np.linalg.norm(np.diff(session.hip, axis=0), axis=1)
+    radius = fixture.contact_radius + fixture.point_radius
+    parts = steps / (float(np.max(fixture.stiffness)) * (radius / 256 + moved))
+    return float(parts[(changing[1:-1] | changing[2:])].max(initial=0.0))
