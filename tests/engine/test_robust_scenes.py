@@ -445,3 +445,18 @@ def test_force_steps_stay_within_what_an_arm_takes(name):
     exact = np.linalg.norm(np.diff(exact, axis=0), axis=1)
     assert steps.max() <= 2 * exact.max() + 3 * K * play_band(scene)
     assert steps.max() < 1.2  # N a tick
+
+
+@pytest.mark.parametrize(("wide", "um"), [(1.4, 1.0), (2.0, 0.5)])
+def test_a_hollow_hardly_wider_than_the_proxy_is_followed(wide, um):
+    """Round inside a circle of 1.4 R and 2 R, 1 to 7 mm deep: the circle's own offset, in time."""
+    circle = scenes.Circle(radius=wide * R, spacing=0.25e-3)
+    turn = np.linspace(0, 2 * np.pi, 4000)
+    deep = np.minimum(4e-3 + 3e-3 * np.cos(3 * turn), turn / 0.05 * 7e-3)
+    round_ = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    engine = vfplan.ProxyEngine(circle.points, R, ignore_axis="z")
+    engine.reset(np.zeros(3))
+    trace = engine.run((wide * R - R + deep)[:, None] * round_)
+    off = np.linalg.norm(trace.proxy - (wide * R - R) * round_, axis=1)[100:]
+    assert np.sqrt((off**2).mean()) < 1e-6 * um
+    assert (trace.status & Status.LIMIT > 0).mean() < 0.01

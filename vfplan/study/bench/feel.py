@@ -132,7 +132,8 @@ def clouds(wave: Wave, quick: bool) -> Iterator[Scanned]:
     waxing = 0.05e-3 * 20 ** (0.5 - 0.5 * np.cos(s / 6e-3))  # 50 um to 1 mm apart, to and fro
     yield Scanned("density 1:20", fine[np.diff(np.floor(np.cumsum(1e-5 / waxing)), append=0) > 0])
     along = np.arange(len(even)) * SPACING
-    yield Scanned("gaps", even[(along % 11e-3) > rng.uniform(2e-3, 4e-3)])
+    gone = rng.uniform(1e-3, 2.5e-3, 1 + int(along[-1] / 11e-3))
+    yield Scanned("gaps", even[along % 11e-3 >= gone[(along / 11e-3).astype(int)]])
 
 
 def mask(wave: Wave, pixels: int, pitch: float) -> Array:

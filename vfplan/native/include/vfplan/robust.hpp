@@ -214,8 +214,9 @@ class RobustRule {
         low.t = std::min(low.t, most + dot(low.n, u));
         // Blocked below R, as in a hollow, where the way ahead rises: up first, on in the next.
         const bool lift = std::exchange(now_.blocked, false) && count() == 1 && low.t > rest();
-        const Vec<D> v =
-            lift ? low.t * low.n : project(u, count() == 1 ? &low : walls(), count(), slack());
+        const Vec<D> v = lift           ? low.t * low.n
+                         : count() == 1 ? slide(u, low)
+                                        : project(u, walls(), count(), slack());
         const double length = norm(v);
         if (!(length > rest())) return count() > 1 && squeeze(x, hip);
         const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, now_.far);
@@ -266,6 +267,19 @@ class RobustRule {
         if (!(norm(y - x) > rest() && norm(hip - y) < norm(u) - least)) return false;
         x = y;
         return true;
+    }
+    /// The step that keeps to one surface: over its plane, to beside the place of its circle of
+    /// curvature that is nearest to the HIP. On a bulge at most twice as far as to below the HIP,
+    /// for a HIP behind the circle's centre is nearer to no place than to the others.
+    Vec<D> slide(const Vec<D>& u, const Wall<D>& low) const noexcept {
+        const double deep = -dot(u, low.n);
+        if (!(deep + low.t > slack())) return u;
+        const Vec<D> on = u + deep * low.n;
+        const double across = norm(on);
+        if (!(across > 0)) return low.t * low.n;
+        const double bend = surfaces_.bend((1 / across) * on), near = 1 - bend * deep;
+        const double far = near > 0 ? std::hypot(near, bend * across) : 0;
+        return low.t * low.n + (1 / std::max(far, 0.5)) * on;
     }
     double rest() const noexcept { return tuned::rest * p_.band; }
     double slack() const noexcept { return tuned::slack * p_.band; }

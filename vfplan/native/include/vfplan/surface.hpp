@@ -47,6 +47,8 @@ template <int D>
 struct Fit {
     Vec<D> n;        ///< unit normal
     double off = 0;  ///< how far the points' centre is from the foot [length unit of the patch]
+    /// Second derivatives of the depth below the proxy, ss (tt st): above 0 on a bulge [1 / that].
+    double bend[D == 2 ? 1 : 3] = {};
 };
 
 /// The quadric through the points behind `m`, over the proxy, in the frame of `p`. Across a
@@ -88,7 +90,8 @@ Fit<D> fit(const Patch<D>& p, const Moments<D>& m) noexcept {
         const double off = m.a[1 + k] / weight + h * x[1 + k];
         off2 += off * off;
     }
-    return {along(n, 1), std::sqrt(off2)};
+    if constexpr (D == 2) return {along(n, 1), std::sqrt(off2), {2 * x[2]}};
+    if constexpr (D == 3) return {along(n, 1), std::sqrt(off2), {2 * x[3], 2 * x[4], x[5]}};
 }
 
 /// n where it leans no more than the angle of sine `lean` from the unit vector `axis`; `axis`

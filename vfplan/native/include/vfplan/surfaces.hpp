@@ -35,6 +35,17 @@ class Surfaces {
     bool known_at(const Vec<D>& x) const noexcept { return known_ && x == looked_at_; }
     int count() const noexcept { return count_; }
     const Wall<D>* walls() const noexcept { return wall_; }
+    /// How much the one surface that touches bends where the proxy goes, R above it, along the unit
+    /// vector `way` across its normal: above 0 on a bulge [1/m].
+    double bend(const Vec<D>& way) const noexcept {
+        const double s = dot(way, side_[0]);
+        double k = bend_[0] * s * s;
+        if constexpr (D == 3) {
+            const double t = dot(way, side_[1]);
+            k += bend_[1] * t * t + 2 * bend_[2] * s * t;
+        }
+        return k / std::max(1 + R_ * k, tuned::narrowest);
+    }
     const Contact<D>& contact(int j) const noexcept { return contacts_[j]; }
 
     /// The surfaces that touch the proxy at x.
@@ -68,7 +79,7 @@ class Surfaces {
     }
 
     /// The normal of one surface, and the height that is missing to R above its nearest point.
-    Wall<D> wall(Search& search, const Vec<D>& x, const Contact<D>& c) const noexcept {
+    Wall<D> wall(Search& search, const Vec<D>& x, const Contact<D>& c) noexcept {
         Patch<D> patch;
         patch.at = x;
         patch.up = c.direction;
@@ -88,6 +99,10 @@ class Surfaces {
         const double whole = std::clamp(
             (tuned::one_sided - f.off) / (tuned::one_sided - tuned::surrounded), 0.0, 1.0);
         w.n = lean_at_most(f.n, c.direction, whole * lean_);
+        std::copy(patch.side, patch.side + D - 1, side_);
+        const bool fits = whole > 0 && w.n == f.n;  // else no surface is known that could bend
+        for (std::size_t k = 0; k < std::size(bend_); ++k)
+            bend_[k] = fits ? whole * f.bend[k] / window_ : 0;
         w.t = std::clamp(R_ - c.r * dot(c.nearest, w.n), -deep_, deep_);
         return w;
     }
@@ -99,6 +114,8 @@ class Surfaces {
     double lean_;    // sine of the angle that a normal leans from the contact's on a surface
     Contacts<D> contacts_;
     Wall<D> wall_[Contacts<D>::most];
+    Vec<D> side_[D - 1];                // of the last wall looked at, ...
+    double bend_[D == 2 ? 1 : 3] = {};  // ... second derivatives of its depth
     Vec<D> looked_at_;
     int count_ = 0;
     bool known_ = false;  // what belongs to looked_at_
