@@ -25,52 +25,58 @@ def without_caps(points: Array, triangles: Triangles) -> Triangles:
     triangles
         (K, 3) rows of them, alike in orientation.
     """
-    triangles = triangles.copy()
+    triangles, near = triangles.copy(), np.arange(len(triangles))
     for _ in range(PASSES):
-        wide = _cosines(points[triangles])
-        rows = np.flatnonzero(wide.min(axis=1) < FLAT)
-        rows = rows[np.argsort(wide[rows].min(axis=1), kind="stable")]
-        if not sum([_flip(points, triangles, *pair) for pair in _pairs(triangles, wide, rows)]):
+        cosines = _cosines(points[triangles[near]])
+        flat = np.flatnonzero(cosines.min(axis=1) < FLAT)
+        flat = flat[np.argsort(cosines[flat].min(axis=1), kind="stable")]
+        rows, corner = near[flat], cosines[flat].argmin(axis=1)
+        touched = np.zeros(len(points), dtype=bool)
+        touched[triangles[rows]] = True
+        near = np.flatnonzero(touched[triangles].any(axis=1))
+        if not _flipped(points, triangles, _pairs(triangles, near, rows, corner)):
             break
     return triangles
 
 
-def _pairs(triangles: Triangles, wide: Array, rows: NDArray[np.intp]) -> list[tuple]:
-    """(triangle, its corner, the neighbour beyond, its corner) where the flip adds a new edge."""
-    size = int(triangles.max()) + 1
-    directed = triangles.astype(np.int64) * size + np.roll(triangles, -1, axis=1)
-    owner = {int(key): k // 3 for k, key in enumerate(directed.ravel())}
+def _pairs(
+    triangles: Triangles, near: NDArray[np.intp], rows: NDArray[np.intp], corner: NDArray[np.intp]
+) -> list[tuple[int, ...]]:
+    """Two triangles and the four corners (a, b, c, d) of each flip of b-c to a-d, a new edge.
+
+    No triangle is in two of them; `near` are all triangles at the corners of `rows`.
+    """
+    owner = {}
+    for row, (a, b, c) in zip(near.tolist(), triangles[near].tolist(), strict=True):
+        owner[a, b], owner[b, c], owner[c, a] = row, row, row
     pairs, taken = [], set()
-    for row in rows:
-        k = int(wide[row].argmin())
-        a, b, c = (int(triangles[row, (k + j) % 3]) for j in range(3))
-        other = owner.get(c * size + b)
-        if other is None or taken & {int(row), other}:
+    for row, k in zip(rows.tolist(), corner.tolist(), strict=True):
+        a, b, c = np.roll(triangles[row], -k).tolist()
+        other = owner.get((c, b))
+        if other is None or taken & {row, other}:
             continue
         d = int(triangles[other].sum()) - b - c
-        if a * size + d not in owner and d * size + a not in owner:
-            taken |= {int(row), other}
-            owner[a * size + d] = row  # a second flip must not make the same edge
-            pairs.append((int(row), (a, b, c), other, d))
+        if (a, d) not in owner and (d, a) not in owner:
+            taken |= {row, other}
+            owner[a, d] = row  # a second flip must not make the same edge
+            pairs.append((row, other, a, b, c, d))
     return pairs
 
 
-def _flip(
-    points: Array, triangles: Triangles, row: int, corners: tuple[int, int, int], other: int, d: int
-) -> bool:
-    """Flip one edge where that makes the narrowest corner wider."""
-    a, b, c = corners
-    new = np.array([[a, b, d], [a, d, c]])
-    before = _cosines(points[triangles[[row, other]]]).max()
-    if _cosines(points[new]).max() >= before:
-        return False
-    triangles[[row, other]] = new
-    return True
+def _flipped(points: Array, triangles: Triangles, pairs: list[tuple[int, ...]]) -> bool:
+    """Flip where that makes the narrowest corner wider; whether any was."""
+    row, other, a, b, c, d = np.array(pairs, dtype=np.int64).reshape(-1, 6).T
+    new = np.stack([np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)])
+    old = triangles[np.stack([row, other])]
+    narrow = [_cosines(points[two]).max(axis=2).max(axis=0) for two in (old, new)]
+    better = narrow[1] < narrow[0]
+    triangles[row[better]], triangles[other[better]] = new[0, better], new[1, better]
+    return bool(better.any())
 
 
 def _cosines(corners: Array) -> Array:
-    """(K, 3) of the angles of triangles (K, 3, 3)."""
-    along = np.roll(corners, -1, axis=1) - corners
-    back = np.roll(corners, 1, axis=1) - corners
-    sizes = np.linalg.norm(along, axis=2) * np.linalg.norm(back, axis=2)
-    return np.asarray((along * back).sum(axis=2) / np.maximum(sizes, np.finfo(float).tiny))
+    """(..., 3) of the angles of triangles (..., 3, 3)."""
+    along = np.roll(corners, -1, axis=-2) - corners
+    back = np.roll(corners, 1, axis=-2) - corners
+    sizes = np.sqrt((along**2).sum(axis=-1) * (back**2).sum(axis=-1))
+    return np.asarray((along * back).sum(axis=-1) / np.maximum(sizes, np.finfo(float).tiny))
