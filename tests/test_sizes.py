@@ -9,8 +9,6 @@ from conftest import ROOT
 
 LONGEST_FILE = 300
 STILL_LONG = {
-    "vfplan/registration/diagnosis.py",
-    "vfplan/native/include/vfplan/bundle/parse.hpp",
     "vfplan/native/include/vfplan/curve/exact.hpp",
     "vfplan/native/include/vfplan/robust.hpp",
 }

@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike
 
 from vfplan.errors import CheckFailed
 from vfplan.registration import layout, residuals
-from vfplan.registration.labelling import Relabelling, better_labelling, name_labelling
+from vfplan.registration import warnings as warn
+from vfplan.registration.labelling import Relabelling, better_labelling
 from vfplan.registration.models import Array, Orthogonal
 from vfplan.registration.result import Registration
 from vfplan.registration.robust import agreeing
 
 # Above this share in its own prediction a marker's error moves the fit and leaves no residual.
 UNCHECKED_LEVERAGE = 0.9
-LONG_LAYOUT = 10.0
 QUICK_SUBSETS = 20_000
 
 Label = str | int
@@ -113,11 +113,11 @@ def diagnose(registration: Registration) -> Diagnosis:
     departure, sigma = _departure(registration)
     suspects = _suspects(registration, swapped)
     warnings = (
-        *_label_warnings(registration, swapped, relabelled, labellings),
-        *_suspect_warnings(suspects, swapped),
-        *_perspective_warning(registration),
-        *_layout_warnings(registration, labellings, unchecked),
-        *_scale_warnings(registration, departure, sigma),
+        *warn.label_warnings(registration, swapped, relabelled, labellings),
+        *warn.suspect_warnings(suspects, swapped),
+        *warn.perspective_warning(registration),
+        *warn.layout_warnings(registration, labellings, unchecked),
+        *warn.scale_warnings(registration, departure, sigma),
     )
     return Diagnosis(
         suspects, swapped, relabelled, labellings, unchecked, departure, sigma, warnings
@@ -228,101 +228,3 @@ def _free_scale_departure(
     sigma = registration.sigma_m / (scale * problem.normaliser.radius * np.sqrt(spread))
     # A similarity normalises by the spacing's ratio alone; the known spacing is the unit there too.
     return (scale - 1,), (float(sigma),)
-
-
-def _label_warnings(
-    registration: Registration,
-    swapped: tuple[Label, Label] | None,
-    other: Relabelling | None,
-    labellings: int | None,
-) -> tuple[str, ...]:
-    if swapped:
-        return (f"the labels of {swapped[0]} and {swapped[1]} seem exchanged: check both",)
-    if other is None or (not other.seems and (labellings or 1) > 1):
-        return ()  # of a symmetric layout that is said anyway
-    name = name_labelling(other.order, registration.labels)
-    if other.seems:
-        return (
-            f"it seems that {name}: so the markers would miss their places by "
-            f"{other.rms_m * 1e3:.3g} mm rms only; check the labels",
-        )
-    return (
-        f"these {len(registration.labels)} markers cannot show how they are labelled: they miss "
-        f"their places by {registration.fre_rms_m * 1e3:.3g} mm rms, and if {name}, by "
-        f"{other.rms_m * 1e3:.3g} mm; check the labels, or add a marker",
-    )
-
-
-def _suspect_warnings(
-    suspects: dict[Label, str], swapped: tuple[Label, Label] | None
-) -> tuple[str, ...]:
-    if swapped:
-        return ()
-    return tuple(f"suspect marker {label}: {why}" for label, why in suspects.items())
-
-
-def _perspective_warning(registration: Registration) -> tuple[str, ...]:
-    seen = registration.perspective
-    if seen is None or not seen.sure:
-        return ()
-    left = np.sqrt(3 * seen.variance)
-    return (
-        "the markers show perspective, as a camera that does not look straight on gives: a "
-        f"homography leaves {left * 1e3:.3g} mm a marker, the {registration.model} model "
-        f"{np.sqrt(3) * registration.sigma_m * 1e3:.3g} mm; the bounds are widened by what the "
-        "model misses; rectify the picture",
-    )
-
-
-def _layout_warnings(
-    registration: Registration, labellings: int | None, unchecked: tuple[Label, ...]
-) -> tuple[str, ...]:
-    found = []
-    if labellings is not None and labellings > 1:
-        found.append(
-            f"the markers' layout is symmetric: {labellings} labellings fit it equally well, so "
-            "markers labelled in the wrong order leave no residual; move one marker"
-        )
-    if registration.condition > LONG_LAYOUT:
-        found.append(
-            f"the markers' layout is {registration.condition:.0f} times as long as wide: the error "
-            "grows fast across it"
-        )
-    if unchecked:
-        names = ", ".join(map(str, unchecked))
-        found.append(
-            f"no other marker checks {names}: an error there moves the fit and leaves no residual"
-        )
-    for a, b in _coincident(registration):
-        found.append(f"markers {a} and {b} stand at the same place in the source")
-    return tuple(found)
-
-
-def _coincident(registration: Registration) -> list[tuple[Label, Label]]:
-    s, labels = registration.fit.problem.s, registration.labels
-    apart = np.linalg.norm(s[:, None] - s[None], axis=2)
-    i, j = np.nonzero(np.triu(apart < 1e-6, 1))
-    return [(labels[a], labels[b]) for a, b in zip(i, j, strict=True)]
-
-
-def _scale_warnings(
-    registration: Registration,
-    departure: tuple[float, ...] | None,
-    sigma: tuple[float, ...] | None,
-) -> tuple[str, ...]:
-    from scipy.special import chdtrc
-
-    found = []
-    if departure and sigma:
-        worst = max(zip(departure, sigma, strict=True), key=lambda d: abs(d[0]))
-        if abs(worst[0]) > 0.005 and abs(worst[0]) > 4 * worst[1]:
-            found.append(
-                f"the scale the markers give departs by {worst[0]:+.2%} from the known one "
-                f"(standard error {worst[1]:.2%})"
-            )
-    unit = registration.fit.problem.sigma_unit_m
-    if unit is not None:
-        ratio = registration.sigma_m / unit
-        if chdtrc(registration.dof, registration.dof * ratio**2) < 0.01:
-            found.append(f"the residuals are {ratio:.1f} times what the stated sigmas allow")
-    return tuple(found)

@@ -278,7 +278,8 @@ class RobustRule {
         const double across = norm(on);
         if (!(across > 0)) return low.t * low.n;
         const double bend = surfaces_.bend((1 / across) * on), near = 1 - bend * deep;
-        const double far = near > 0 ? std::hypot(near, bend * across) : 0;
+        const double aside = bend * across;  // no hypot, whose last bit differs among libraries
+        const double far = near > 0 ? std::sqrt(near * near + aside * aside) : 0;
         return low.t * low.n + (1 / std::max(far, 0.5)) * on;
     }
     double rest() const noexcept { return tuned::rest * p_.band; }

@@ -5,7 +5,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -21,6 +20,7 @@
 #include "vfplan/bundle/finding.hpp"
 #include "vfplan/bundle/header.hpp"
 #include "vfplan/bundle/schema.hpp"
+#include "vfplan/bundle/superblock.hpp"
 #include "vfplan/bundle/text.hpp"
 #include "vfplan/bundle/values.hpp"
 
@@ -48,29 +48,6 @@ inline std::string filled(std::string_view text, const Content& content, bool as
         out.replace(at, std::string_view(name).size(), as_unit ? (metres ? "m" : "px") : known);
     }
     return out;
-}
-
-/// The address of the root, from a payload's first 48 bytes: a plain superblock of HDF5 1.10.
-inline std::uint64_t root_address(File& file, View data) {
-    const auto corrupt = [](const std::string& why) { throw BundleError("corrupt.hdf5", "", why); };
-    if (!data.begins("\x89HDF\r\n\x1a\n")) corrupt("no HDF5 file: the signature is missing");
-    if (data.size() < 48) corrupt("is too short for an HDF5 file");
-    if ((data[8] != 2 && data[8] != 3) || data[9] != 8 || data[10] != 8 || data[11] != 0) {
-        corrupt("superblock of another version or other sizes");
-    }
-    file.claim_checked(0, 48, "");
-    if (number_at(data, 20, 8) != nowhere) corrupt("the superblock has an extension");
-    // Relative to the payload, or to the bundle with its seal in front: libhdf5 takes either.
-    constexpr std::array<std::uint64_t, 5> bases{0, 512, 1024, 2048, 4096};
-    const auto base = number_at(data, 12, 8), end = number_at(data, 28, 8) - base;
-    if (std::find(bases.begin(), bases.end(), base) == bases.end()) {
-        corrupt("the superblock has another base address");
-    }
-    if (end != data.size()) {
-        corrupt("the superblock claims " + std::to_string(end) + " bytes, " +
-                std::to_string(data.size()) + " are there");
-    }
-    return number_at(data, 36, 8);
 }
 
 inline const Row& row_at(std::string_view path) {
