@@ -29,7 +29,7 @@ from vfplan.cli.values import FILE, Real
     "--events-out",
     type=values.HDF5,
     metavar="EVENTS.h5",
-    help="Write the edits, for `vfplan replay --events`.",
+    help="Write the edits, for `vfplan replay --rule robust --events`.",
 )
 @click.option(
     "--picture-out",

@@ -48,6 +48,10 @@ def _summary(data: dict[str, Any]) -> str:
         if work["us"] is not None:
             line += f", a tick at most {work['us']:.0f} us (given {work['at_most_us']:.0f})"
         lines.append(line)
+    if "/pieces/vertices" in data:
+        error = 1e6 * data["/pieces@error_m"]
+        count = len(data["/pieces/bulges"])
+        lines.append(f"  rendered as {count} lines and arcs within {error:.3g} um of the curve")
     if "/guidance@radius_m" in data:
         which = f"stroke {data['/guidance@stroke']}" if "/guidance@stroke" in data else "the curve"
         lines.append(

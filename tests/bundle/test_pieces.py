@@ -48,7 +48,8 @@ def test_pieces_that_do_not_follow_the_points_are_told_of(planned, tmp_path):
     vfplan.write_fixture(
         replace(fixture, curve=replace(fixture.curve, pieces=off)), tmp_path / "f.h5"
     )
-    assert "pieces.apart" in [issue.code for issue in validate(tmp_path / "f.h5")]
+    found = [(issue.code, issue.severity) for issue in validate(tmp_path / "f.h5")]
+    assert ("pieces.apart", "error") in found
     assert "pieces.apart" not in [issue.code for issue in validate(planned[0])]
 
 
@@ -97,3 +98,17 @@ def test_arcs_of_a_fixture_in_space_are_refused(vfplan_cli, tmp_path):
     assert run.code in (2, 3)
     assert "across an ignored axis" in run.stderr
     assert not path.exists()
+
+
+def test_arcs_that_a_margin_or_a_gate_does_not_count_are_refused(vfplan_cli, tmp_path):
+    command = "plan", SAMPLES / "elbow.png", *MARKERS, "-o", tmp_path / "f.h5", "--arcs", 1
+    for words in (("--margin", "tre95"), ("--max-tre", 0.5)):
+        run = vfplan_cli(*command, *words, "--pixel-spacing", 0.5)
+        assert (run.code, run.stdout) == (2, "")
+        assert "does not count" in run.error_line
+        assert not (tmp_path / "f.h5").exists()
+    assert vfplan_cli(*command, "--pixel-spacing", 0.5).code == 0
+    session = SAMPLES / "elbow_session.csv"
+    run = vfplan_cli("campaign", tmp_path / "f.h5", session, "-o", tmp_path / "c", "--trials", 64)
+    assert run.code == 3
+    assert "a campaign renders its points" in run.error_line

@@ -69,7 +69,8 @@ def test_a_report_that_cannot_be_written_leaves_no_file_behind(words, env, tmp_p
 STOPPED = """
 import os, signal, sys
 from pathlib import Path
-from vfplan.cli.run import Report, command, outputs
+from vfplan.cli.outputs import outputs
+from vfplan.cli.run import Report, command
 
 class Loud:
     def __del__(self):

@@ -79,8 +79,26 @@ def test_a_pull_along_the_curve_is_in_the_bundle(tmp_path):
     guide = vfplan.Guide.of(vfplan.read_fixture(tmp_path / "led.h5"), hold="at_once")
     still = np.tile([0.05, 0.02, 0], (1000, 1))
     assert guide.run(still).force[-1] == pytest.approx([2.0, 0, 0])
-    with pytest.raises(SettingError, match="guide pull 2 N, 0 m/s"):
+    with pytest.raises(SettingError, match="guide pull 2 N, 0 mm/s"):
         FixtureSettings(guide_m=1e-3, guide_pull=(2.0, 0.0))
+
+
+def test_a_pull_without_a_speed_has_the_usual_one():
+    settings = FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_pull=(2.0,))
+    assert vfplan.Guide.of(add_guidance(two_lines(0.02), settings)[0]) is not None
+
+
+@pytest.mark.parametrize("more", [{}, {"guide_stroke": 1, "margin_side": "left"}])
+def test_a_margin_that_would_do_nothing_for_a_guide_is_refused(more):
+    with pytest.raises(SettingError, match="a margin has no effect on a guide"):
+        FixtureSettings(guide_m=1e-3, margin=1e-3, **more)
+
+
+def test_a_closed_guide_has_no_ends():
+    base = two_lines(0.02)
+    closed = replace(base, curve=replace(base.curve, closed=np.array([False, True])))
+    with pytest.raises(SettingError, match="closed curve has no ends"):
+        add_guidance(closed, FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_ends="open"))
 
 
 def test_a_bend_tighter_than_the_tube_is_refused_unless_it_may_be_cut():
@@ -111,5 +129,5 @@ def test_what_cannot_guide_is_refused(change, says):
 def test_settings_without_a_guide_are_refused():
     with pytest.raises(SettingError, match="have no effect"):
         FixtureSettings(guide_ends="open")
-    with pytest.raises(SettingError, match="guide is 2 m"):
+    with pytest.raises(SettingError, match="guide is 2000 mm"):
         FixtureSettings(guide_m=2.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from replays import fixture_of
@@ -149,6 +151,14 @@ def test_poses_and_events_are_read_strictly(tmp_path):
     session = vfplan.Session(T * np.arange(9), np.zeros((9, 3)) + 0.1, "robot_base")
     with pytest.raises(SettingError, match="one rule"):
         vfplan.replay(fixture(), session, rule="both", events=[])
+
+
+def test_before_the_first_pose_nothing_was_entered():
+    times, hips = hand()
+    poses = tracked(np.random.default_rng(8))
+    late = replace(poses, time=poses.time + 1e3, arrived=poses.arrived + 1e3)
+    found = vfplan.replay(fixture(), vfplan.Session(times, hips), poses=late)
+    assert found.metrics["clearance_min_m"] > 100
 
 
 def test_the_command_replays_poses_and_events(vfplan_cli, tmp_path):

@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 Deepest = tuple[float, Array]  # how deep [m], and the proxy there
 # On the way to the deepest place so many ticks are looked at together, and each so many first.
 STRETCH, SPARSE = 16, 4
+MOST_DEPARTURE_M = 1e-5  # of lines and arcs from the curve, whose points are rendered here
 ROUGH_M = 1e-5  # what sampling and the curve's own deviations may add between these
 FREE = -1.0  # depth [m] of a trial in which nothing was touched
 
@@ -274,6 +275,11 @@ def _registered(fixture: Fixture) -> RegistrationRecord:
         raise SceneError(f"a fixture in frame {fixture.frame!r} renders nothing; robot_base wanted")
     if fixture.guidance is not None:
         raise SceneError("the fixture guides; a campaign tries forbidden regions only")
+    if fixture.pieces is not None and fixture.pieces.error > MOST_DEPARTURE_M:
+        raise SceneError(
+            f"the fixture's lines and arcs lie up to {fixture.pieces.error * 1e3:.3g} mm from the "
+            f"curve, and a campaign renders its points; {MOST_DEPARTURE_M * 1e3:g} mm are allowed"
+        )
     if fixture.registration is None:
         raise SceneError("the fixture has no registration, so there is nothing to vary")
     if fixture.provenance.settings.get("margin") is not None:

@@ -5,6 +5,7 @@ A thin Python face over `vfplan/moving.hpp`, which has the same words; the same 
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -96,6 +97,8 @@ class MovingFrame:
         t, path = real_array(times, "times"), check_path(hips)
         if t.shape != (len(path),):
             raise SceneError(f"times of shape {t.shape}: allowed is ({len(path)},)")
+        if not np.isfinite(t).all() or (np.diff(t) < 0).any():
+            raise SceneError("times: allowed are finite numbers that do not go back")
         answers, poses, ages = self._frame.run(engine.native, t, path)
         return Trace(*answers[:5]), poses.reshape(-1, 7), ages, 1e6 * answers[5]
 
@@ -133,7 +136,7 @@ def matrices(poses: Vector) -> Vector:
 
 
 def _time(t: float) -> float:
-    if not np.isfinite(t):
+    if not isinstance(t, Real) or not -1e300 < t < 1e300:
         raise SceneError(f"time {t!r} s: allowed is a finite number")
     return float(t)
 

@@ -241,6 +241,9 @@ class ProxyEngine:
             A fixture that no engine takes; 4096 changes wait for a step.
         """
         made = ProxyEngine.of(other) if isinstance(other, Fixture) else other
+        if not isinstance(made, ProxyEngine) or made is self:
+            what = "itself" if made is self else type(other).__name__
+            raise SceneError(f"exchange: for {what}; another ProxyEngine or a Fixture is wanted")
         if not self._engine.exchange(made._engine):
             raise SceneError("exchange: 4096 changes wait for a step, none more can")
         self.parameters, self._points, self._source = made.parameters, made._points, made._source
@@ -277,7 +280,9 @@ class ProxyEngine:
     def make_editable(self) -> None:
         """Exchange the engine for one whose points can be edited, as the first `edit` does."""
         if self._source is None:
-            raise SceneError("edit: rule 'exact' renders a curve, which has no points to edit")
+            raise SceneError(
+                "edit: rule 'exact' renders a curve, which has no points to edit; rule 'robust' has"
+            )
         if self._source:
             points, native, width = self._source
             native.search = _core.Search.editable

@@ -85,7 +85,10 @@ def found_in(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple[NDAr
                 if kind not in LINES or units != "PIXEL":
                     others.append(f"{name}, in {units} units")
                     continue
-                points = np.array(graphic.GraphicData, np.float64).reshape(-1, 2)
+                numbers = np.array(graphic.GraphicData, np.float64)
+                if len(numbers) != 2 * int(graphic.get("NumberOfGraphicPoints", -1)):
+                    raise CurveError(f"{name} has {len(numbers)} coordinates", where=where)
+                points = numbers.reshape(-1, 2)
                 head = {"kind": "line", "name": name, "drawn_on": drawn_on, "smooth": LINES[kind]}
                 drawn += [head, (points,)]
         for group in PLANES:

@@ -38,6 +38,9 @@ def add_guidance(
             f"guide stroke {stroke}: of {strokes} strokes one from 0 to {strokes - 1} may guide "
             "while others are forbidden; without it all guide"
         )
+    guiding = fixture.curve.closed if stroke is None else fixture.curve.closed[[stroke]]
+    if settings.guide_ends is not None and guiding.all():
+        raise SettingError("a closed curve has no ends that could stop or let go; leave them out")
     guidance = Guidance(
         settings.guide_m, min(settings.stiffness), settings.guide_ends or "stop", stroke,
         *settings.guide_pull,

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from vfplan.registration import Registration
 
 Vector = NDArray[np.float64]
+SMALL = 0.05  # of a margin or gate: what lines and arcs may depart beside it
 
 
 def pieces_of(
@@ -58,3 +59,25 @@ def pieces_of(
     numbers = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
     closed = curve.curve.closed
     return Pieces(np.concatenate(vertices), np.concatenate(bulges), numbers, closed, error)
+
+
+def require_small(pieces: Pieces, largest_m: float, settings: FixtureSettings) -> None:
+    """Refuse lines and arcs whose departure from the curve a margin or a gate does not count.
+
+    Parameters
+    ----------
+    largest_m
+        The margin that was added [m], or 0.
+
+    Raises
+    ------
+    SettingError
+        They depart by more than `SMALL` of the margin or of `max_tre_m`.
+    """
+    for name, beside in (("margin", largest_m), ("--max-tre", settings.max_tre_m or 0.0)):
+        if beside and pieces.error > SMALL * beside:
+            raise SettingError(
+                f"the lines and arcs depart by {pieces.error * 1e3:.4g} mm from the curve, which "
+                f"the {name} of {beside * 1e3:.4g} mm does not count; at most {SMALL:g} of it is "
+                f"allowed: --arcs {SMALL * beside * 1e3:.2g}, or less"
+            )

@@ -15,7 +15,7 @@ from vfplan.planning.chosen import as_settings, capped, choice_of, describe_carr
 from vfplan.planning.guiding import add_guidance
 from vfplan.planning.margin import add_margin
 from vfplan.planning.matching import Matched, match
-from vfplan.planning.piecing import pieces_of
+from vfplan.planning.piecing import pieces_of, require_small
 from vfplan.planning.provenance import file_sha256, make_provenance
 from vfplan.planning.rendering import rendering_of
 from vfplan.planning.settings import FixtureSettings
@@ -99,7 +99,9 @@ def register(
         carried.points, making, registration, choice, guarded.mesh, matched.slice_axes
     )
     pieces = pieces_of(guarded, registration, rendering.ignore_axis, making)
-    if pieces:  # the choice is that of the points alone
+    if pieces:
+        require_small(pieces, 0.0 if margin is None else margin.largest_m, settings)
+        # The choice is that of the points alone.
         carried, choice = replace(carried, curve=replace(carried.curve, pieces=pieces)), None
     counts = left_out(rendering, carried, len(guarded.points), choice)
     hashes = _hashes(markers=markers, markers2=markers2, touched=touched)

@@ -13,6 +13,7 @@ POINT_RADIUS_M = (0.0, 1.0)
 ARCS_M = (1e-7, 1e-3)  # finer than any measurement, coarser than any pen
 DEFAULT_ARCS_M = 1e-6
 GUIDE_M = (1e-5, 1.0)
+LEAD_SPEED_M_S = 0.02  # at which a pull has fallen to 0, unless it is given
 STIFFNESS_N_PER_M = (0.0, 1e6)
 
 
@@ -151,8 +152,8 @@ class FixtureSettings:
             ("contact radius", (self.contact_radius,), CONTACT_RADIUS_M, "m"),
             ("point radius", (self.point_radius,), POINT_RADIUS_M, "m"),
             ("stiffness", self.stiffness, STIFFNESS_N_PER_M, "N/m"),
-            ("arcs", () if self.arcs_m is None else (self.arcs_m,), ARCS_M, "m"),
-            ("guide", () if self.guide_m is None else (self.guide_m,), GUIDE_M, "m"),
+            ("arcs", _mm(self.arcs_m), _mm(*ARCS_M), "mm"),
+            ("guide", _mm(self.guide_m), _mm(*GUIDE_M), "mm"),
         ):
             for value in values:
                 if not least <= value <= largest:
@@ -164,10 +165,21 @@ class FixtureSettings:
             raise SettingError(
                 "ends, stroke, pull and bends of a guide have no effect without its radius"
             )
-        force, speed = (*self.guide_pull, 0.0, 0.02)[:2] if self.guide_pull else (0.0, 0.02)
+        force, speed = (*self.guide_pull, LEAD_SPEED_M_S)[:2] if self.guide_pull else (0.0, 1.0)
         if not (abs(force) <= 1000 and 0 < speed <= 10):
             raise SettingError(
-                f"guide pull {force:g} N, {speed:g} m/s; -1000 to 1000 N and up to 10 m/s allowed"
+                f"guide pull {force:g} N, {1e3 * speed:g} mm/s; -1000 to 1000 N and up to 10000 "
+                "mm/s are allowed"
+            )
+        thickens = self.guide_stroke is not None and self.margin_side == "both"
+        if self.guide_m is not None and self.margin is not None and not thickens:
+            raise SettingError(
+                "a margin has no effect on a guide; it thickens what is forbidden beside a "
+                "guide stroke, on side 'both'"
             )
         if self.guide_m is not None and min(self.stiffness) <= 0:
             raise SettingError("a guide needs a stiffness above 0")
+
+
+def _mm(*lengths_m: float | None) -> tuple[float, ...]:
+    return tuple(1e3 * x for x in lengths_m if x is not None)

@@ -19,7 +19,7 @@ from vfplan.session.events import Event, read_events
 from vfplan.session.poses import Poses, read_poses
 
 _TRACE = ("proxy", "normal", "force", "state", "status")
-_NEVER = np.iinfo(np.int64).max
+NOWHERE_M = 1e3  # where a fixture without a pose is for the metrics: out of reach of any tool
 
 
 class Changing:
@@ -42,6 +42,7 @@ class Changing:
             raise SettingError("poses and events are for forbidden regions, not for a guide")
         self._events = list(read_events(events) if isinstance(events, str | Path) else events or [])
         self._edits = any(event.kind != "exchange" for event in self._events)
+        self._rule = rule
         self._engine = self._made(fixture, rule)
         self._frame = None if poses is None else MovingFrame(**moving)
         self._poses = read_poses(poses) if isinstance(poses, str | Path) else poses
@@ -126,7 +127,8 @@ class Changing:
             given = from_content(read_bundle(given, **demanded)[0])
         from vfplan.engine.renderable import best_rule
 
-        return given, best_rule(given)
+        best = best_rule(given)  # a curve's own only where it was rendered by it before
+        return given, best if self._rule == "exact" else self._rule
 
     def _until(self, start: int, end: int) -> int:
         """The tick before which the next thing happens."""
@@ -146,6 +148,7 @@ class Changing:
             trace, frames, ages, micros = self._frame.traced(self._engine, times, hips)
             known = np.isfinite(ages)
             self._age = max(self._age, float(ages[known].max(initial=0.0)))
+            frames[~known, 0] = NOWHERE_M
         if self._changes:
             out = trace.status & Status.INSIDE == 0
             proxies = _inner(frames[out], trace.proxy[out] - frames[out, :3])

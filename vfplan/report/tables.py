@@ -85,20 +85,20 @@ def code(value: Any) -> str:
 def summary(found: dict[str, Any]) -> str:
     """The main numbers; two rules are compared, a column each and one of their difference."""
     rules = [found] if "paper" not in found else [found, found["paper"]]
-    names = ["robust", "paper"] if len(rules) == 2 else [escape(found["rule"])]
+    names = [escape(found["rule"]), "paper"][: len(rules)]
     columns = [
-        {**rule, "band_m": rule["scene"]["band_m"], "contact_episodes": episode_count(rule),
+        {**rule, "band_m": rule["scene"].get("band_m"), "contact_episodes": episode_count(rule),
          "p999": rule["step_us"]["p999"]}
         for rule in rules
     ]  # fmt: skip
     rows = []
     for key, words, factor, unit, decimals in _SUMMARY:
-        if key in columns[0]:
-            values = [column.get(key) for column in columns]
+        values = [column.get(key) for column in columns]
+        if any(value is not None for value in values):
             if len(values) == 2:
                 values.append(None if None in values else values[1] - values[0])
             rows.append([escape(words), *(_number(v, factor, decimals) for v in values), unit])
-    heads = [f"rule {name}" for name in names] + ["paper − robust"] * (len(names) == 2)
+    heads = [f"rule {name}" for name in names] + [f"paper − {names[0]}"] * (len(names) == 2)
     apart = ""
     if len(names) == 2:
         apart = (f"<p>The proxies of the two rules are at most "

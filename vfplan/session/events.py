@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import SessionError
 from vfplan.io.apart import apart
@@ -110,6 +110,9 @@ def stored_events(stream: BinaryIO, name: str) -> Iterator[Any]:
             and add.shape == (added.sum(), 3)
             and (np.diff(tick, prepend=0.0) >= 0).all()
             and ((remove >= 0) & (remove < 2**32)).all()
+            and all(_whole(table) for table in (tick, removed, added, remove))
+            and (counts.reshape(2, -1)[:, kind != 1] == 0).all()
+            and np.isfinite(add).all()
         )
         if not sound:
             raise SessionError("its tables of events do not fit together", where=name)
@@ -119,3 +122,7 @@ def stored_events(stream: BinaryIO, name: str) -> Iterator[Any]:
                 np.array([float(i)]),
                 np.asarray(plain_dataset(file, f"fixture/{i}", name), np.uint8).view(np.int8),
             )
+
+
+def _whole(numbers: NDArray[np.float64]) -> bool:
+    return bool((numbers < 2**53).all() and (numbers == np.floor(numbers)).all())
