@@ -48,8 +48,7 @@ def test_pieces_that_do_not_follow_the_points_are_told_of(planned, tmp_path):
     vfplan.write_fixture(
         replace(fixture, curve=replace(fixture.curve, pieces=off)), tmp_path / "f.h5"
     )
-    found = [(issue.code, issue.severity) for issue in validate(tmp_path / "f.h5")]
-    assert ("pieces.apart", "error") in found
+    assert "pieces.apart" in [issue.code for issue in validate(tmp_path / "f.h5")]
     assert "pieces.apart" not in [issue.code for issue in validate(planned[0])]
 
 

@@ -150,7 +150,7 @@ def _pieces(content: Content, findings: Findings) -> None:
     apart = "engines that know points alone render another curve"
     if off > most:
         text = f"points lie up to {off:.3g} m from the lines and arcs, at most {most:.3g} m wanted"
-        findings.error("pieces.apart", "/pieces", f"{text}: {apart}")
+        findings.warning("pieces.apart", "/pieces", f"{text}: {apart}")
     largest = content["/leak@largest_m"] + most
     if away > largest:
         text = f"vertices lie up to {away:.3g} m from the points, at most {largest:.3g} m wanted"
