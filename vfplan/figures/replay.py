@@ -52,7 +52,7 @@ def timeline(replayed: Replay) -> Figure:
     top.plot(ticks.time, row_norms(ticks.force), color=FORCE, lw=1.2, label="$|F|$")
     top.set_ylabel("force on the hand [N]")
     middle.plot(ticks.time, MM * ticks.penetration, color=PROXY, lw=1.1, label="|proxy − HIP|")
-    middle.plot(ticks.time, MM * ticks.overlap, color=CONTACT, lw=1.1, label="beyond the cloud")
+    middle.plot(ticks.time, MM * ticks.overlap, color=CONTACT, lw=1.1, label="beyond its surface")
     middle.set_ylabel("depth [mm]")
     bottom.step(ticks.time, ticks.state, where="post", color=CLOUD, lw=0.8)
     bottom.set_yticks([-1, 0, 1, 2], ["no neighbour", "free", "contact", "entrenched"])
@@ -159,7 +159,9 @@ def _scene_3d(replayed: Replay, mark_hz: float) -> Figure:
     with style():
         axes = figure.add_subplot(projection="3d")
     thin = max(1, len(fixture.points) // 4000)
-    axes.plot(*(MM * fixture.points[::thin]).T, ".", ms=1.0, color=CLOUD, alpha=0.4, label="cloud")
+    axes.plot(
+        *(MM * fixture.points[::thin]).T, ".", ms=1.0, color=CLOUD, alpha=0.4, label="fixture"
+    )
     axes.plot(*(MM * ticks.hip).T, ".", ms=1.5, color=HIP, label="HIP")
     axes.plot(*(MM * ticks.proxy).T, "-", lw=0.9, color=PROXY, label="proxy")
     picks = contact_marks(replayed.ticks, mark_hz)

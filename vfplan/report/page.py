@@ -157,7 +157,7 @@ def _places(replayed: Replay, image: Path | None) -> list[str]:
 
 def _in_space(replayed: Replay) -> str:
     """In its plane, or by PyVista; by Matplotlib where PyVista cannot render."""
-    words = "cloud, HIP and proxy path, contact circles and normals at 10 Hz"
+    words = "fixture, HIP and proxy path, contact circles and normals at 10 Hz"
     if replayed.fixture.ignore_axis is None:
         from vfplan import view3d
         from vfplan.io import opengl

@@ -16,7 +16,7 @@ _SUMMARY = (
     ("contact_episodes", "contact episodes", 1, "", 0),
     ("penetration_max_m", "penetration |proxy − HIP|, largest", 1e3, "mm", 3),
     ("penetration_rms_m", "penetration, RMS over the session", 1e3, "mm", 3),
-    ("overlap_max_m", "overlap beyond the cloud's surface, largest", 1e3, "mm", 3),
+    ("overlap_max_m", "overlap beyond the fixture's surface, largest", 1e3, "mm", 3),
     ("force_max_n", "force, largest", 1, "N", 3),
     ("force_rms_n", "force, RMS over the session", 1, "N", 3),
     ("force_step_max_n", "change of force in one tick, largest", 1, "N", 3),
