@@ -101,6 +101,20 @@ def test_of_several_one_is_chosen_and_named(tmp_path):
         read_vector_curve(path, number=3)
 
 
+def test_a_graphic_beside_the_curve_that_is_no_line_is_refused_by_name(tmp_path):
+    path = state(tmp_path, graphic(LINE[:2], "CIRCLE"), graphic())
+    with pytest.raises(CurveError, match=r"1 curve and none was chosen .*; not read: CIRCLE of 2"):
+        read_vector_curve(path)
+    curve = read_vector_curve(path, number=1)
+    assert curve.points.tolist() == (LINE - 0.5).tolist()
+    assert (
+        "of 1 curve 1: POLYLINE of 3 points, layer 'CUT' is taken; not read: CIRCLE"
+        in (curve.warnings[0])
+    )
+    with pytest.raises(CurveError, match="no curve number 2"):
+        read_vector_curve(path, number=2)
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [

@@ -25,18 +25,21 @@ def read_annotated(
     with tempfile.TemporaryFile() as file:
         file.write(data)
         file.flush()
-        drawn = read_annotations(file, where)
+        found = read_annotations(file, where)
+    drawn = [each for each in found if each.points is not None or each.plane is not None]
     one, told, stroke = drawn[0], (), number
-    if len(drawn) > 1:
+    others = "".join(f"; not read: {each.name}" for each in found[len(drawn) :][:8])
+    if len(found) > 1:
         names = [f"{k}: {each.name}" for k, each in enumerate(drawn, 1)]
-        listed = "; ".join(names[:8])
+        listed = "; ".join(names[:8]) + others
+        count = f"{len(drawn)} curve{'s' * (len(drawn) > 1)}"
         if number is None:
-            fault = f"{len(drawn)} curves and none was chosen (--stroke with a number): {listed}"
+            fault = f"{count} and none was chosen (--stroke with a number): {listed}"
             raise CurveError(f"holds {fault}", where=where)
         if number > len(drawn):
             raise CurveError(f"holds no curve number {number}: {listed}", where=where)
         one, stroke = drawn[number - 1], None
-        told = (f"{where}: of {len(drawn)} curves {names[number - 1]} is taken",)
+        told = (f"{where}: of {count} {names[number - 1]} is taken{others}",)
     if one.plane is None:
         if stroke not in (None, 1):
             raise CurveError(f"holds no curve number {number}: 1: {one.name}", where=where)

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 # So much of a thinned line's end, in widths beyond a thin line's, may turn to a corner of the pen.
 CROOKED, THIN_PX = 1.25, 2.5
+# Two places nearer than this share of a step, and more steps apart along the curve, are a meeting.
+MEETING, APART, TOGETHER = 0.75, 4, 2**16
 STRETCH_PX = 9.0  # of line, or a width, from which the bend at an end is taken
 
 
@@ -57,6 +59,23 @@ def evenly(points: NDArray, closed: bool) -> tuple[NDArray, float]:
     at = np.linspace(0, arc[-1], count + 1)
     even = np.column_stack([np.interp(at, arc, ring[:, k]) for k in (0, 1)])
     return (even[:-1] if closed else even), arc[-1] / count
+
+
+def meetings(points: NDArray, closed: bool, step: float) -> NDArray[np.bool_]:
+    """(M,) which points of a curve in even steps lie where it crosses, touches or doubles itself.
+
+    Of two straight runs that cross, some points lie no further apart than 0.71 steps.
+    """
+    from scipy.spatial import cKDTree
+
+    tree, count = cKDTree(points), len(points)
+    met = np.zeros(count, bool)
+    for part in np.array_split(np.arange(count), count // TOGETHER + 1):
+        off, other = tree.query(points[part], 2 * APART + 2, distance_upper_bound=MEETING * step)
+        along = np.abs(other - part[:, None])
+        along = np.minimum(along, count - along) if closed else along
+        met[part] = (np.isfinite(off) & (along > APART)).any(1)
+    return met
 
 
 def without_tips(path: NDArray, width: float) -> tuple[NDArray, float]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import imagej
+from vfplan.curve.path import meetings
 from vfplan.engine.spacing import MOST_POINTS
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.images.dicom import is_dicom
@@ -141,7 +142,8 @@ def read_vector_curve(
         )
     except (MarkerError, ImageError) as error:
         raise CurveError(error.message, where=error.where) from None
-    return replace(curve, sha256=hashlib.sha256(data).hexdigest())
+    told = (*curve.warnings, *_meets_itself(curve, where))
+    return replace(curve, sha256=hashlib.sha256(data).hexdigest(), warnings=told)
 
 
 def _read(data: bytes, suffix: str, origin: imagej.PixelOrigin | None, where: str) -> VectorCurve:
@@ -177,6 +179,20 @@ def _annotated(
         return curve
     away = f"a spline is laid through its points, up to {curve.off_straight():.2g} px from straight"
     return replace(curve, warnings=(*told, f"{where}: {away} lines; DICOM leaves its form open"))
+
+
+def _meets_itself(curve: VectorCurve, where: str) -> list[str]:
+    """A warning where a curve crosses, touches or doubles itself."""
+    unit, step, scale = ("px", 1.0, 1.0) if curve.points.shape[1] == 2 else ("mm", FINE_M, 1e3)
+    if not _chords(curve._ring())[-1] / step < MOST_POINTS:
+        return []  # refused where it is sampled
+    places = curve.fine(step)
+    met = meetings(places, curve.closed, step)
+    if not met.any():
+        return []
+    first = ", ".join(f"{x:.1f}" for x in scale * places[np.argmax(met)])
+    over = f"over {scale * step * met.sum():.3g} {unit} in all"
+    return [f"{where}: crosses, touches or doubles itself first at ({first}) {unit}, {over}"]
 
 
 def onto_slice(curve: VectorCurve, T_patient_image: NDArray | None, where: str) -> VectorCurve:

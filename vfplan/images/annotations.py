@@ -40,6 +40,8 @@ class Annotation:
         A graphic's (M, 2) points (u, v) [px], and whether it is curved between them.
     plane, origin
         An overlay's (H, W) bool, and where its first pixel lies (u, v) [px].
+
+    One with neither points nor a plane is a graphic that is no line.
     """
 
     name: str
@@ -51,19 +53,20 @@ class Annotation:
 
 
 def read_annotations(file: BinaryIO, where: str) -> list[Annotation]:
-    """The lines and overlay planes of a DICOM file, in the file's order.
+    """The lines and overlay planes of a DICOM file, then its graphics that are no lines.
 
-    Raises `CurveError` where there is none, `ImageError` for a damaged file, `MissingExtra`.
+    Raises `CurveError` where there is no line, `ImageError` for a damaged file, `MissingExtra`.
     """
     found = apart(
         "vfplan.images.annotations:found_in", where, file=file, where=where, kind=CurveError
     )
-    return [
-        Annotation(plane=drawn[0].astype(bool), **head)
-        if head.pop("kind") == "plane"
-        else Annotation(points=drawn[0] - CORNER_PX, **head)
-        for head, drawn in zip(found, found, strict=True)
-    ]
+    drawn = []
+    for head, values in zip(found, found, strict=True):
+        kind = head.pop("kind")
+        plane = values[0].astype(bool) if kind == "plane" else None
+        points = values[0] - CORNER_PX if kind == "line" else None
+        drawn.append(Annotation(plane=plane, points=points, **head))
+    return drawn
 
 
 def found_in(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple[NDArray]]:
@@ -98,6 +101,8 @@ def found_in(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple[NDAr
         there = "; ".join(others[:6]) or f"no drawing ({str(dataset.get('Modality', ''))[:16]})"
         raise CurveError(f"is DICOM with {there}; {WANTED}", where=where)
     yield from drawn
+    for name in others:
+        yield from ({"kind": "other", "name": name, "drawn_on": {}}, (np.zeros(0),))
 
 
 def _plane(dataset: Any, group: int, where: str) -> tuple[dict[str, Any], tuple[NDArray]]:
