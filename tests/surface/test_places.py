@@ -42,6 +42,34 @@ def test_an_oblique_series_gives_the_same_bone(tmp_path):
     assert made.report["contour_error_mm"]["max"] < 0.25
 
 
+def test_outlines_of_a_leaning_gantry_give_the_bone_itself(tmp_path):
+    """The table moves along z while the slices lean by 15 degrees: cuts of the true bone."""
+    lean = np.radians(15)
+    gantry = np.array([[1, 0, 0], [0, np.cos(lean), 0], [0, np.sin(lean), 1]])
+    places = np.arange(-25, 26, 3.0)
+    rays = np.c_[np.cos(bones.EVEN), np.sin(bones.EVEN)]
+    drawn = []
+    for z in places:
+        near, far = np.zeros(len(rays)), np.full(len(rays), 30.0)
+        for _ in range(50):
+            middle = (near + far) / 2
+            points = np.c_[middle[:, None] * rays, np.full(len(rays), z)] @ gantry.T
+            inside = BENT.level(points) < 0
+            near, far = np.where(inside, middle, near), np.where(inside, far, middle)
+        drawn.append((near[:, None] * rays, z))
+    path = struct(tmp_path, drawn, place=lambda points: points @ gantry.T)
+    made = surface(path, settings=SurfaceSettings(tolerance_m=5e-4))
+    assert made.report["spacing_mm"] == pytest.approx(3 * np.cos(lean), abs=1e-6)
+    assert made.report["normal"] == pytest.approx([0, -np.sin(lean), np.cos(lean)], abs=1e-7)
+    wanted = np.concatenate([np.c_[ring, np.full(len(ring), z)] for ring, z in drawn]) @ gantry.T
+    assert cKDTree(outline_places(made)).query(wanted)[0].max() < 1e-3
+    points = 1e3 * made.fixture.points
+    height = np.linalg.solve(gantry, points.T)[2]
+    away = BENT.distance(points[(height > places[0] + 0.1) & (height < places[-1] - 0.1)])
+    assert np.sqrt((away**2).mean()) <= 0.05
+    assert np.abs(away).max() <= 0.15
+
+
 def label_maps(tmp_path, grid, labels):
     return [
         bones.write_seg(tmp_path / "g.dcm", labels, grid),

@@ -25,14 +25,16 @@ class NearestOnMesh:
     """
 
     def __init__(self, points: Array, triangles: NDArray[np.int32]) -> None:
+        from scipy.sparse import csr_array
         from scipy.spatial import cKDTree
 
         self.points, self.triangles = points, triangles
-        used, compact = np.unique(triangles, return_inverse=True)
+        used = np.bincount(triangles.ravel(), minlength=len(points)) > 0
         self._tree = cKDTree(points[used])
-        order = np.argsort(compact.ravel(), kind="stable")
-        self._around = order // 3  # triangles around each corner, one corner after the other
-        self._first = np.searchsorted(compact.ravel()[order], np.arange(len(used) + 1))
+        corner = (np.cumsum(used) - 1)[triangles.ravel()]
+        held = csr_array((np.ones(len(corner)), (corner, np.arange(len(corner)) // 3)))
+        # Triangles around each corner, one corner after the other.
+        self._around, self._first = held.indices, held.indptr
 
     def __call__(self, places: Array) -> tuple[Array, NDArray[np.intp]]:
         """Nearest place (M, 3) on the mesh to each of (M, 3), and the triangle it lies in (M,)."""

@@ -51,7 +51,7 @@ def _pairs(
         owner[a, b], owner[b, c], owner[c, a] = row, row, row
     pairs, taken = [], set()
     for row, k in zip(rows.tolist(), corner.tolist(), strict=True):
-        a, b, c = np.roll(triangles[row], -k).tolist()
+        b, c, a = (triangles.item(row, (k + turn) % 3) for turn in (1, 2, 3))
         other = owner.get((c, b))
         if other is None or taken & {row, other}:
             continue

@@ -41,7 +41,7 @@ def left_out_error(sliced: Sliced) -> dict[str, Any] | None:
     away, places = [], []
     for stack in sliced.stacks:
         for k in range(1, len(stack.outlines) - 1) if len(stack.outlines) > 3 else ():
-            rest = Stack(stack.outlines[:k] + stack.outlines[k + 1 :])
+            rest = Stack(stack.outlines[max(0, k - 2) : k] + stack.outlines[k + 1 : k + 3])
             corners = np.concatenate(stack.outlines[k].cut_rings)
             corners = corners[:: max(1, len(corners) // A_SLICE)]
             at = np.c_[corners, np.full(len(corners), stack.outlines[k].z)]

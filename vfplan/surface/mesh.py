@@ -140,9 +140,7 @@ def _slice_values(outline: Outline, x: Array, y: Array, reach: float) -> Array:
     dx = x[:, None] - centre[block, 0]
     dy = y[None, :] - centre[block, 1]
     values = f[block] + dx * g[block, 0] + dy * g[block, 1]
-    half = BLOCK * (x[1] - x[0]) * np.sqrt(0.5)
-    near = np.abs(f)[block] < reach + half
-    a, b = np.nonzero(near)
+    a, b = np.nonzero(np.abs(f)[block] < reach + np.hypot(dx, dy))
     values[a, b] = outline.signed(np.column_stack([x[a], y[b]]))[0]
     return values
 
@@ -164,9 +162,10 @@ def _snapped(
     whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
     faces = faces[whole]
     # Two triangles on the same corners enclose nothing between them.
-    _, back, times = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True,
-                               return_counts=True)  # fmt: skip
-    faces = faces[times[back] == 1]
+    corners_of = np.sort(faces, axis=1)
+    order = np.lexsort(corners_of.T)
+    same = (corners_of[order[1:]] == corners_of[order[:-1]]).all(axis=1)
+    faces = np.delete(faces, order[np.r_[same, False] | np.r_[False, same]], axis=0)
     used, faces = np.unique(faces, return_inverse=True)
     return middle[used], flat[used], faces.reshape(-1, 3).astype(np.int32)
 

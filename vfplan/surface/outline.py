@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 CHANNEL_M = 1e-4  # a keyhole's channel is narrower; no tool draws bone as thin as this
 CHANNEL_TURNS = 20.0  # along the ring its two sides are at least so many widths apart
 STRAY_SHARE = 1e-3  # of a ring's area: what little loops at its ends may enclose
-MANY = 1 << 15  # points of one look that are worth a thread
+MANY = 1 << 12  # points of one look that are worth a thread
 EDGE_M = 2.5e-4  # longer edges are cut, so that the nearest corner finds the nearest edge
 
 
@@ -49,30 +49,24 @@ class Outline:
         H. Aanaes, "Signed distance computation using the angle weighted pseudonormal", IEEE TVCG
         11, 2005).
         """
-        start, end, normal, corner, tree, before, after = self._edges
+        start, along, normal, corner, tree, before, after = self._edges
+        place = _complex(xy)
         near = tree.query(xy, k=2, workers=-1 if len(xy) > MANY else 1)[1]
         edges = np.concatenate([near, before[near]], axis=1)
-        a, b = start[edges], end[edges]
-        along = b - a
-        t = ((xy[:, None] - a) * along).sum(axis=2) / (along**2).sum(axis=2)
-        t = np.clip(t, 0.0, 1.0)
-        away = xy[:, None] - (a + t[..., None] * along)
-        square = (away**2).sum(axis=2)
-        best = square.argmin(axis=1)
-        row = np.arange(len(xy))
-        away, t, edge = away[row, best], t[row, best], edges[row, best]
-        distance = np.sqrt(square[row, best])
+        away, way = place[:, None] - start[edges], along[edges]
+        t = np.clip((away * way.conj()).real / (way.real**2 + way.imag**2), 0.0, 1.0)
+        away -= t * way
+        square = away.real**2 + away.imag**2
+        best = np.arange(len(xy)), square.argmin(axis=1)
+        away, t, edge = away[best], t[best], edges[best]
         side = np.where(
-            (t > 0)[:, None] & (t < 1)[:, None],
-            normal[edge],
-            corner[np.where(t <= 0, edge, after[edge])],
+            (t > 0) & (t < 1), normal[edge], corner[np.where(t <= 0, edge, after[edge])]
         )
-        sign = np.where((away * side).sum(axis=1) < 0, -1.0, 1.0)
-        far = distance > 1e-12
-        gradient = np.where(
-            far[:, None], away / np.where(far, distance, 1.0)[:, None] * sign[:, None], normal[edge]
-        )
-        return sign * distance, gradient
+        signed = np.sqrt(square[best])
+        far = signed > 1e-12
+        signed[(away * side.conj()).real < 0] *= -1
+        gradient = np.where(far, away / np.where(far, signed, 1.0), normal[edge])
+        return signed, gradient.view(np.float64).reshape(-1, 2)
 
     @cached_property
     def rings(self) -> tuple[Array, ...]:
@@ -96,8 +90,8 @@ class Outline:
 
     @cached_property
     def _edges(self) -> tuple[Any, ...]:
-        """Start, end and outward normal of each edge, the normal of the corner it starts in, a
-        k-d tree of these corners, and the edges before and after each."""
+        """Start, way and outward normal of each edge and the normal of the corner it starts in, as
+        complex numbers; a k-d tree of these corners; the edges before and after each."""
         from scipy.spatial import cKDTree
 
         cut = self.cut_rings
@@ -106,12 +100,17 @@ class Outline:
         first = np.cumsum([0] + [len(ring) for ring in cut[:-1]])
         before = np.arange(len(start)) - 1
         before[first] = first + [len(ring) - 1 for ring in cut]
-        along = end - start
-        normal = np.column_stack([along[:, 1], -along[:, 0]])
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        along = _complex(end - start)
+        normal = -1j * along / np.abs(along)
         after = np.empty_like(before)
         after[before] = np.arange(len(before))
-        return start, end, normal, normal + normal[before], cKDTree(start), before, after
+        corner = normal + normal[before]
+        return _complex(start), along, normal, corner, cKDTree(start), before, after
+
+
+def _complex(xy: Array) -> NDArray[np.complex128]:
+    """(M,) x + iy of points (M, 2)."""
+    return np.ascontiguousarray(xy).view(np.complex128)[:, 0]
 
 
 def _cut(ring: Array) -> Array:

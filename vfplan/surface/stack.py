@@ -57,15 +57,18 @@ class Stack:
         """The function (M,) [m] at points (M, 3), below 0 inside, and its gradient (M, 3)."""
         which, w, dw = self.weights(points[:, 2])
         value, gradient = np.zeros(len(points)), np.zeros((len(points), 3))
-        for k, outline in enumerate(self.outlines):
-            rows, column = np.nonzero((which == k) & ((w != 0) | (dw != 0)))
-            if not len(rows):
-                continue
-            f, g = outline.signed(points[rows, :2])
+        rows, columns = np.nonzero((w != 0) | (dw != 0))
+        slices = which[rows, columns]
+        order = np.argsort(slices, kind="stable")
+        first = np.searchsorted(slices[order], np.arange(len(self.outlines) + 1))
+        for k in np.flatnonzero(np.diff(first)):
+            some = order[first[k] : first[k + 1]]
+            at, column = rows[some], columns[some]
+            f, g = self.outlines[k].signed(points[at, :2])
             # A slice stands once in a row: beyond the ends all weights are 0.
-            value[rows] += w[rows, column] * f
-            gradient[rows, :2] += w[rows, column, None] * g
-            gradient[rows, 2] += dw[rows, column] * f
+            value[at] += w[at, column] * f
+            gradient[at, :2] += w[at, column, None] * g
+            gradient[at, 2] += dw[at, column] * f
         return value, gradient
 
 
