@@ -27,8 +27,8 @@ from vfplan.cli.values import FILE, Real
 @options.output("Per-tick result, HDF5.", required=False)
 @click.option(
     "--events-out",
-    type=values.HDF5,
-    metavar="EVENTS.h5",
+    type=values.CSV,
+    metavar="EVENTS.csv",
     help="Write the edits, for `vfplan replay --rule robust --events`.",
 )
 @click.option(

@@ -84,15 +84,15 @@ OPTIONS = [
     click.option("--poses", type=FILE, metavar="POSES.csv",
                  help="Where the moving fixture was: t,x,y,z,qw,qx,qy,qz, and `arrived` where a "
                  "pose came later than its time."),
-    click.option("--events", type=FILE, metavar="EVENTS.h5",
+    click.option("--events", type=FILE, metavar="EVENTS.csv",
                  help="Exchanges and edits of the fixture, each with its tick."),
     click.option("--pose-limits", type=Numbers(3, metavar="AGE,SPEED,TURN"),
-                 default="0.1,0.25,1", show_default=True,
-                 help="Moving fixture: age from which a pose is stale, and how fast the frame "
-                 "goes and turns at most [s, m/s, rad/s], as in the controller."),
-    click.option("--pivot", type=Numbers(3, metavar="X,Y,Z", positive=False), default="0,0,0",
-                 show_default=True,
-                 help="Moving fixture: the point of it whose speed is bounded [m]."),
+                 help="With --poses: age from which a pose is stale, and how fast the frame "
+                 "goes and turns at most [s, m/s, rad/s], as in the controller.  "
+                 "[default: 0.1,0.25,1]"),
+    click.option("--pivot", type=Numbers(3, metavar="X,Y,Z", positive=False),
+                 help="With --poses: the point of the fixture whose speed is bounded [m].  "
+                 "[default: 0,0,0]"),
     options.robot("Hold forces, force steps and speeds against a robot's limits."),
     click.option("--governor", type=Governing(), is_flag=False, flag_value="robot",
                  help="Hold the force and its change a tick to STEP,MAX [N], as the governor in a "
@@ -208,16 +208,21 @@ def _replayed(
             trust=given["trust"],
             poses=given["poses"],
             events=given["events"],
-            moving=_moving(given["pose_limits"], given["pivot"]),
+            moving=_moving(given),
         )
         if writer is not None:
             writer.set(replayed.record)
     return replayed
 
 
-def _moving(limits: tuple[float, ...], pivot: tuple[float, ...]) -> dict[str, Any]:
+def _moving(given: dict[str, Any]) -> dict[str, Any]:
+    """The settings of the moving frame that were given."""
     names = ("max_age_s", "max_speed_m_s", "max_turn_rad_s")
-    return {**dict(zip(names, limits, strict=True)), "pivot": pivot}
+    moving = dict(zip(names, given["pose_limits"] or (), strict=False))
+    moving |= {} if given["pivot"] is None else {"pivot": given["pivot"]}
+    if moving and given["poses"] is None:
+        raise click.UsageError("--pose-limits and --pivot are for a fixture that moves: --poses")
+    return moving
 
 
 def _alone(name: str, rule: str | None) -> bool:

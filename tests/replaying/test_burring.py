@@ -59,12 +59,12 @@ def test_the_command_writes_what_replays(vfplan_cli, tmp_path):
     write_fixture(fixture, tmp_path / "f.h5")
     rows = np.column_stack((session.time, session.hip))
     np.savetxt(tmp_path / "s.csv", rows, "%.17g", ",", header="t,x,y,z", comments="")
-    out = ("-o", "r.h5", "--events-out", "e.h5", "--picture-out", "p.png", "--json")
+    out = ("-o", "r.h5", "--events-out", "e.csv", "--picture-out", "p.png", "--json")
     done = vfplan_cli("burr", "f.h5", "s.csv", "--radius", "3", *out, cwd=tmp_path)
     assert done.code == 0, done.stderr
     assert done.json["burr"]["replayed_to_the_bit"]
     assert (tmp_path / "p.png").stat().st_size > 10_000
-    again = ("replay", "f.h5", "s.csv", "--events", "e.h5", "-o", "again.h5")
+    again = ("replay", "f.h5", "s.csv", "--events", "e.csv", "-o", "again.h5")
     assert vfplan_cli(*again, cwd=tmp_path).code == 0
     one, other = (vfplan.read_result(tmp_path / name) for name in ("r.h5", "again.h5"))
     assert np.array_equal(one[0].force, other[0].force)

@@ -54,9 +54,10 @@ def happened(draw):
     return [*events, Event(2000, fixture=fixture(-0.5e-3))]
 
 
-def controller(poses, events):
+def controller(poses, events, robot=None):
     """The loop, tick by tick, as docs/moving.md has it."""
     engine, frame = vfplan.ProxyEngine.of(fixture()), vfplan.MovingFrame()
+    governor = None if robot is None else vfplan.Governor.of(robot, K)
     engine.make_editable()
     events, n, forces = list(events), 0, []
     for t, hip in zip(*hand(), strict=True):
@@ -73,7 +74,8 @@ def controller(poses, events):
                 engine.edit(event.remove, event.add)
             else:
                 engine.native.remake()
-        forces.append((frame.step(engine, t, hip) if poses is not None else engine.step(hip)).force)
+        force = (frame.step(engine, t, hip) if poses is not None else engine.step(hip)).force
+        forces.append(force if governor is None else governor.step(force))
     return np.array(forces)
 
 
@@ -101,13 +103,13 @@ def test_a_log_replays_to_the_bit(moves, changes, tmp_path):
     if changes:
         for event in events:
             if event.fixture is not None:
-                write_fixture(event.fixture, tmp_path / "other.h5", overwrite=True)
-                object.__setattr__(event, "fixture", (tmp_path / "other.h5").read_bytes())
-        write_events(tmp_path / "events.h5", events)
-        read = read_events(tmp_path / "events.h5")
+                write_fixture(event.fixture, tmp_path / f"{event.tick}.h5")
+                object.__setattr__(event, "fixture", f"{event.tick}.h5")
+        write_events(tmp_path / "events.csv", events)
+        read = read_events(tmp_path / "events.csv")
         assert [event.kind for event in read] == [event.kind for event in events]
         again = vfplan.replay(
-            fixture(), session, rule="robust", poses=poses, events=tmp_path / "events.h5"
+            fixture(), session, rule="robust", poses=poses, events=tmp_path / "events.csv"
         )
         assert np.array_equal(again.trace.force, forces)
 
@@ -144,9 +146,25 @@ def test_poses_and_events_are_read_strictly(tmp_path):
         path.write_text(text)
         with pytest.raises(SessionError, match=says):
             read_poses(path)
-    for content in (b"no hdf5", b""):
-        path.write_bytes(content)
-        with pytest.raises(SessionError, match="HDF5"):
+    head = "tick,what,x,y,z\n"
+    for text, says in (
+        ("", "a first line"),
+        (head + "\xff", "a whole number"),
+        (head + "-1,edit", "a whole number"),
+        (head + "1e3,edit", "a whole number"),
+        (head + "9,edit\n8,edit", "line 3: .*in order"),
+        (head + "9,remove,3", "without an edit"),
+        (head + "9,edit\n10,add,0,0,0", "without an edit"),
+        (head + "9,edit\n9,add,0,0", "add,X,Y,Z"),
+        (head + "9,edit\n9,add,0,nan,0", "nan"),
+        (head + "9,edit\n9,add,0,0,0\n9,remove,1", "after all of these"),
+        (head + "9,edit\n9,remove,4294967296", "below 4294967296"),
+        (head + "9,exchange", "BUNDLE"),
+        (head + "9,edit,1", "BUNDLE"),
+        (head + "9,burn", "BUNDLE"),
+    ):
+        path.write_text(text)
+        with pytest.raises(SessionError, match=says):
             read_events(path)
     session = vfplan.Session(T * np.arange(9), np.zeros((9, 3)) + 0.1, "robot_base")
     with pytest.raises(SettingError, match="one rule"):
@@ -164,19 +182,50 @@ def test_before_the_first_pose_nothing_was_entered():
 def test_the_command_replays_poses_and_events(vfplan_cli, tmp_path):
     write_fixture(fixture(), tmp_path / "f.h5")
     times, hips = hand()
+    edit = "tick,what,x,y,z\n9,edit\n9,remove,3\n"
+    (tmp_path / "again.csv").write_text(edit + edit[16:])
+    (tmp_path / "gone.csv").write_text(edit + "11,exchange,no.h5\n")
     rows = np.column_stack((times, hips))
     np.savetxt(tmp_path / "s.csv", rows, "%.17g", ",", header="t,x,y,z", comments="")
     poses = tracked(np.random.default_rng(8))
     table = np.column_stack((poses.time, poses.pose, poses.arrived))
     head = "t,x,y,z,qw,qx,qy,qz,arrived"
     np.savetxt(tmp_path / "p.csv", table, "%.17g", ",", header=head, comments="")
-    write_events(tmp_path / "e.h5", [Event(900, remove=[3, 4], add=[[0, 0, 1e-4]])])
-    where = ("f.h5", "s.csv", "--poses", "p.csv", "--events", "e.h5")
+    write_events(tmp_path / "e.csv", [Event(900, remove=[3, 4], add=[[0, 0, 1e-4]])])
+    where = ("f.h5", "s.csv", "--poses", "p.csv", "--events", "e.csv")
     done = vfplan_cli("replay", *where, "--pivot", "0,0,0.001", "--json", cwd=tmp_path)
     assert done.code == 0
     assert done.json["edits"] == 3
     assert done.json["stale_ticks"] == np.count_nonzero(times < poses.arrived[0])
     assert "gave the hand" in vfplan_cli("replay", *where, cwd=tmp_path).stdout
-    bad = vfplan_cli("replay", *where, "--governor", cwd=tmp_path)
-    assert bad.code == 2
-    assert "one rule" in bad.stderr
+    held = vfplan_cli("replay", *where, "--governor", "0.5,4", "--json", cwd=tmp_path)
+    assert held.json["governor"]["held_ticks"] > 100
+    assert held.json["force_max_n"] <= 4
+    assert held.json["fixture_energy_j"] != done.json["fixture_energy_j"]
+    for words, code, says in (
+        ((*where, "--drop", "0.1"), 2, "one rule"),
+        ((*where[:2], "--events", "e.csv", "--pivot", "0,0,1"), 2, "--poses"),
+        ((*where[:2], "--pose-limits", "1,1,1"), 2, "--poses"),
+        ((*where[:2], "--events", "again.csv"), 3, "again.csv, line 4: remove: each a point"),
+        ((*where[:2], "--events", "gone.csv"), 3, "no.h5"),
+    ):
+        bad = vfplan_cli("replay", *words, cwd=tmp_path)
+        assert bad.code == code
+        assert says in bad.stderr
+
+
+def test_a_governed_log_replays_to_the_bit():
+    """The governor is behind all of it: K is the stiffest that comes."""
+    draw = np.random.default_rng(8)
+    poses, events = tracked(draw), happened(draw)
+    robot = replace(vfplan.read_robot("franka"), force_step_limit_n=0.4, force_limit_n=5.0)
+    forces = controller(poses, events, robot)
+    session = vfplan.Session(*hand(), "robot_base")
+    done = vfplan.replay(fixture(), session, poses=poses, events=events, governor=robot)
+    assert np.array_equal(done.trace.force, forces)
+    found = done.metrics
+    assert found["governor"]["engine_force_max_n"] > 5.0 >= found["force_max_n"]
+    assert found["governor"]["held_ticks"] > 100
+    stiff = replace(fixture(), rendering=replace(fixture().rendering, stiffness=np.full(3, 9e4)))
+    with pytest.raises(SettingError, match="spring"):
+        vfplan.replay(fixture(), session, events=[Event(5, fixture=stiff)], governor=robot)

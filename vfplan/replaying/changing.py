@@ -11,7 +11,8 @@ import numpy as np
 from vfplan.engine.checks import Vector
 from vfplan.engine.moving import MovingFrame, matrices
 from vfplan.engine.parameters import Status, Trace
-from vfplan.errors import SettingError
+from vfplan.engine.renderable import best_rule, check_renderable
+from vfplan.errors import SceneError, SettingError, at
 from vfplan.fixture import Fixture
 from vfplan.replaying.engines import make_engine
 from vfplan.replaying.quantities import dots
@@ -25,8 +26,7 @@ NOWHERE_M = 1e3  # where a fixture without a pose is for the metrics: out of rea
 class Changing:
     """An engine with what happened to its fixture, tick by tick.
 
-    It runs as an engine does, in the session's frame; what the metrics are made of, in the
-    fixture's, is in `inner`.
+    It runs as an engine does, in the session's frame; `seen` gives what the metrics are made of.
     """
 
     def __init__(
@@ -42,13 +42,14 @@ class Changing:
             raise SettingError("poses and events are for forbidden regions, not for a guide")
         self._events = list(read_events(events) if isinstance(events, str | Path) else events or [])
         self._edits = any(event.kind != "exchange" for event in self._events)
-        self._rule = rule
+        self._rule, self._trust = rule, trust
+        self._others = [self._other(i) for i in range(len(self._events))]
         self._engine = self._made(fixture, rule)
+        others = [self._engine.parameters, *(check_renderable(o[0]) for o in self._others if o)]
+        self.stiffness = np.max([parameters.stiffness for parameters in others], axis=0)
         self._frame = None if poses is None else MovingFrame(**moving)
         self._poses = read_poses(poses) if isinstance(poses, str | Path) else poses
-        self._trust = trust
-        self._changes = bool(self._events)
-        self._tick = self._posed = 0
+        self._tick = self._posed = self._done = 0
         self._last: tuple[Vector, Vector] | None = None  # force, frame
         self._counts = dict.fromkeys(("stale", "changing", "exchange", "edit"), 0)
         self._energy = self._age = 0.0
@@ -69,10 +70,9 @@ class Changing:
         if self._frame is None:
             self._engine.reset(hip)
 
-    def at(self, times: Vector) -> Changing:
+    def due(self, times: Vector) -> None:
         """The times of the ticks that are run next."""
         self._times = times
-        return self
 
     def run_timed(self, hips: Vector) -> tuple[Trace, Vector]:
         """One tick a row, from the times told; as the engine's own."""
@@ -85,7 +85,7 @@ class Changing:
             start = end
         traces, micros, frames = zip(*parts, strict=True)
         trace = Trace(*(np.concatenate([getattr(t, name) for t in traces]) for name in _TRACE))
-        self._note(hips, trace, np.concatenate(frames))
+        self._frames = np.concatenate(frames)
         return trace, np.concatenate(micros)
 
     def _take_up(self, t: float) -> None:
@@ -99,18 +99,24 @@ class Changing:
             self._posed += 1
             if self._posed % 32 == 0:  # of many before the first tick; the frame holds 64
                 self._frame.native.at(t)
-        while self._events and self._events[0].tick <= self._tick:
-            self._apply(self._events.pop(0))
+        while self._done < len(self._events) and self._events[self._done].tick <= self._tick:
+            with at(self._where(self._done)):
+                self._apply(self._events[self._done], self._others[self._done])
+            self._done += 1
 
-    def _apply(self, event: Event) -> None:
-        if event.kind == "remake":
+    def _where(self, i: int) -> str:
+        return self._events[i].where or f"event {i + 1}, tick {self._events[i].tick}"
+
+    def _apply(self, event: Event, other: tuple[Fixture, str] | None) -> None:
+        if other is not None:
+            self._counts["exchange"] += 1
+            self._engine.exchange(self._made(*other))
+        elif event.remake:
+            self._engine.make_editable()
             self._engine.native.remake()
-        elif event.kind == "edit":
+        else:
             self._engine.edit(event.remove, event.add)
             self._counts["edit"] += len(event.remove) + len(event.add)
-        else:
-            self._counts["exchange"] += 1
-            self._engine.exchange(self._made(*self._fixture(event.fixture)))
 
     def _made(self, fixture: Fixture, rule: str) -> Any:
         engine = make_engine(fixture, rule)
@@ -118,22 +124,28 @@ class Changing:
             engine.make_editable()
         return engine
 
-    def _fixture(self, given: Any) -> tuple[Fixture, str]:
-        if not isinstance(given, Fixture):
-            from vfplan.bundle import read_bundle
-            from vfplan.bundle.content import from_content
+    def _other(self, i: int) -> tuple[Fixture, str] | None:
+        """For an exchange: the fixture and its rule."""
+        given = self._events[i].fixture
+        if given is None:
+            return None
+        with at(self._where(i)):
+            if not isinstance(given, Fixture):
+                from vfplan.bundle import read_fixture
 
-            demanded = {} if self._trust is None else {"trust": self._trust}
-            given = from_content(read_bundle(given, **demanded)[0])
-        from vfplan.engine.renderable import best_rule
-
-        best = best_rule(given)  # a curve's own only where it was rendered by it before
-        return given, best if self._rule == "exact" else self._rule
+                given = read_fixture(
+                    given, **({} if self._trust is None else {"trust": self._trust})
+                )
+            if given.guidance is not None:
+                raise SceneError("an exchange for a fixture that guides; a forbidden region wanted")
+            check_renderable(given)
+            # A curve's own rule only where it was rendered by it before.
+            return given, best_rule(given) if self._rule == "exact" else self._rule
 
     def _until(self, start: int, end: int) -> int:
         """The tick before which the next thing happens."""
-        if self._events:
-            end = min(end, start + self._events[0].tick - self._tick)
+        if self._done < len(self._events):
+            end = min(end, start + self._events[self._done].tick - self._tick)
         if self._poses is not None and self._posed < len(self._poses.time):
             late = self._poses.arrived[self._posed]
             end = min(end, start + int(np.searchsorted(self._times[start:], late)))
@@ -149,7 +161,7 @@ class Changing:
             known = np.isfinite(ages)
             self._age = max(self._age, float(ages[known].max(initial=0.0)))
             frames[~known, 0] = NOWHERE_M
-        if self._changes:
+        if self._events:
             out = trace.status & Status.INSIDE == 0
             proxies = _inner(frames[out], trace.proxy[out] - frames[out, :3])
             clear = self._engine.distance(proxies) - self._radius()
@@ -160,11 +172,13 @@ class Changing:
         p = self._engine.parameters
         return p.contact_radius + p.point_radius
 
-    def _note(self, hips: Vector, trace: Trace, frames: Vector) -> None:
+    def seen(self, hips: Vector, trace: Trace) -> tuple[Vector, Trace]:
+        """HIPs and ticks just run, with the forces commanded, as the fixture's frame has them."""
+        frames = self._frames
         moved = trace.proxy - frames[:, :3], hips - frames[:, :3]
         proxy, hip = (_inner(frames, rows) for rows in moved)
         normal, force = _inner(frames, trace.normal), _inner(frames, trace.force)
-        self.inner = hip, Trace(proxy, normal, force, trace.state, trace.status)
+        inner = hip, Trace(proxy, normal, force, trace.state, trace.status)
         forces, before = trace.force, frames
         if self._last is not None:
             forces = np.concatenate((self._last[0], forces))
@@ -177,6 +191,7 @@ class Changing:
         for name in ("stale", "changing"):
             flag = Status[name.upper()]
             self._counts[name] += int(np.count_nonzero(trace.status & flag))
+        return inner
 
     def report(self) -> dict[str, Any]:
         """What a replay's report has of it."""
@@ -192,7 +207,7 @@ class Changing:
                 "stale_ticks": self._counts["stale"],
                 "poses_refused": self._frame.refused,
             }
-        if self._changes and np.isfinite(self._clearance):
+        if self._events and np.isfinite(self._clearance):
             report["clearance_min_m"] = self._clearance
         return report
 

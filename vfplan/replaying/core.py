@@ -150,7 +150,7 @@ def replay(
     with place:
         settings: dict[str, Any] = {"robot": robot, "governor": governor}
         if poses is not None or events is not None:
-            _alone(rules, engine, link, governor)
+            _alone(rules, engine, link)
             settings["changing"] = Changing(fixture, rules[0], poses, events, moving or {}, trust)
         runs = [RuleRun(fixture, r, engine, link=link, keep=keep, **settings) for r in rules]
         clean = RuleRun(fixture, rules[0], engine, keep=0, **settings) if link else None
@@ -175,12 +175,11 @@ def replay(
     return _side_by_side(*done, rules_apart)
 
 
-def _alone(rules: tuple[str, ...], engine: str, link: Link | None, governor: Robot | None) -> None:
+def _alone(rules: tuple[str, ...], engine: str, link: Link | None) -> None:
     """A fixture that moves or changes is replayed by one rule of the native engine."""
-    if len(rules) > 1 or engine != "native" or link is not None or governor is not None:
+    if len(rules) > 1 or engine != "native" or link is not None:
         raise SettingError(
-            "poses and events go with one rule of the native engine, without a lossy link and "
-            "without a governor"
+            "poses and events go with one rule of the native engine, without a lossy link"
         )
 
 

@@ -60,8 +60,7 @@ class RuleRun:
         self.changing = changing
         self.engine = changing or make_engine(fixture, rule, engine)
         self.rule = rule
-        guided = isinstance(self.engine, Guided)
-        stiffness = self.engine.stiffness if guided else self.engine.parameters.stiffness
+        stiffness = getattr(self.engine, "stiffness", self.engine.parameters.stiffness)
         self._governing = None if governor is None else Governing(governor, stiffness)
         self.link = None if link is None else LossyLink(link)
         self.overview = Overview(keep)
@@ -75,11 +74,11 @@ class RuleRun:
     def feed(self, stamps: Array, hand: Array) -> TickBlock:
         """Run the engine over the next samples, and take them into the metrics."""
         if self.changing is not None:
-            self.changing.at(stamps)
+            self.changing.due(stamps)
         hip, trace = self._rendered(stamps, hand)
         block = inner = self._block(stamps, hip, trace)
         if self.changing is not None and len(hand):  # measured in the fixture's frame
-            hand, seen = self.changing.inner
+            hand, seen = self.changing.seen(hip, trace)
             inner = self._block(stamps, hand, seen)
         self._metrics.note_status(trace.status)
         steps = self._stepper.push(inner, hand)

@@ -1,24 +1,35 @@
-"""What happened to a fixture while it was rendered: exchanges and edits, each with its tick."""
+"""What happened to a fixture while it was rendered: exchanges and edits, each with its tick.
+
+A CSV, one thing a line:
+
+    tick,what,x,y,z
+    900,edit
+    900,remove,3
+    900,add,0.01,0.0,0.0001
+    1100,exchange,other.h5
+    1101,remake
+
+The lines `remove` (the number of a point) and `add` (its place [m]) belong to the `edit` above
+them. A bundle's path is taken from the folder of the events.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vfplan.errors import SessionError
-from vfplan.io.apart import apart
-from vfplan.io.disk import whole_file
-from vfplan.io.hdf5 import h5py
-from vfplan.io.reading import OneFile
-from vfplan.session.arrays import opened_hdf5, plain_dataset
+from vfplan.io.disk import write_whole
+from vfplan.io.numbers import MOST_TEXT, real
+from vfplan.io.reading import read_whole
 
-KINDS = ("exchange", "edit", "remake")
-_TABLES = ("tick", "kind", "removed", "added", "remove", "add")
+HEADER = "tick,what,x,y,z"
+MOST_WHOLE = {"tick": 2**53, "number": 2**32}
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +41,13 @@ class Event:
     tick
         Counted from the session's first.
     fixture
-        For an exchange: a bundle's bytes, or a `Fixture`.
+        For an exchange: a bundle's path, or a `Fixture`.
     remove, add
         For an edit: numbers (n,) and points (m, 3) [m], as for `ProxyEngine.edit`.
     remake
         The engine was made anew of the points that are left, as a controller does now and then.
+    where
+        The place in a file that it was read from.
     """
 
     tick: int
@@ -42,87 +55,74 @@ class Event:
     remove: ArrayLike = ()
     add: ArrayLike = ()
     remake: bool = False
+    where: str | None = None
 
     @property
     def kind(self) -> str:
-        """One of `KINDS`."""
+        """ "exchange", "edit" or "remake"."""
         if self.remake:
             return "remake"
         return "edit" if self.fixture is None else "exchange"
 
 
 def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool = False) -> None:
-    """Write events as HDF5; an exchange's fixture as its bundle's bytes.
+    """Write events as CSV; an exchange's fixture by its bundle's path.
 
     Raises `OutputError` when the file exists or cannot be written.
     """
-    gone = [np.asarray(event.remove, np.uint32).reshape(-1) for event in events]
-    come = [np.asarray(event.add, np.float64).reshape(-1, 3) for event in events]
-    tables = {
-        "tick": np.array([event.tick for event in events], np.int64),
-        "kind": np.array([KINDS.index(event.kind) for event in events], np.uint8),
-        "removed": np.array([len(rows) for rows in gone], np.int64),
-        "added": np.array([len(rows) for rows in come], np.int64),
-        "remove": np.concatenate([np.empty(0, np.uint32), *gone]),
-        "add": np.concatenate([np.empty((0, 3)), *come]),
-    }
-    with whole_file(Path(path), overwrite=overwrite) as stream, h5py.File(stream, "w") as file:
-        file.attrs["format"] = "vfplan-events"
-        for name, table in tables.items():
-            file[name] = table
-        for i, event in enumerate(events):
-            if event.fixture is not None:
-                file[f"fixture/{i}"] = np.frombuffer(event.fixture, np.uint8)
+    lines = [HEADER, *(line for event in events for line in _lines(event)), ""]
+    write_whole(Path(path), ["\n".join(lines).encode()], overwrite=overwrite)
+
+
+def _lines(event: Event) -> Iterator[str]:
+    head = f"{event.tick},{event.kind}"
+    yield head if event.fixture is None else f"{head},{event.fixture}"
+    yield from (f"{event.tick},remove,{i}" for i in np.asarray(event.remove, np.uint32).tolist())
+    for point in np.asarray(event.add, np.float64).reshape(-1, 3).tolist():
+        yield f"{event.tick},add,{','.join(map(repr, point))}"
 
 
 def read_events(path: str | Path) -> list[Event]:
     """Read what `write_events` wrote; raises `SessionError` for a file that is none."""
-    name = str(path)
-    file = OneFile(Path(path), SessionError)
-    job = "vfplan.session.events:stored_events"
-    tables, *fixtures = list(apart(job, name, file=file, where=name, kind=SessionError))
-    tick, kind, removed, added, remove, add = tables
-    bundles = {int(number[0]): data.tobytes() for number, data in fixtures}
-    ends = np.concatenate(([0], np.cumsum(removed))), np.concatenate(([0], np.cumsum(added)))
-    events = []
-    for i in range(len(tick)):
-        parts = [slice(int(end[i]), int(end[i + 1])) for end in ends]
-        gone, come = remove[parts[0]].astype(np.uint32), add[parts[1]]
-        events.append(Event(int(tick[i]), bundles.get(i), gone, come, kind[i] == 2))
-        if events[-1].kind != KINDS[int(kind[i])]:
-            raise SessionError(f"event {i + 1} is an exchange without a fixture", where=name)
+    events: list[Event] = []
+    data = read_whole(Path(path), MOST_TEXT, SessionError)
+    for number, line in enumerate(data.split(b"\n"), start=1):
+        where = f"{path}, line {number}"
+        try:
+            _take(line.decode("utf-8").strip(), number, events, Path(path).parent, where)
+        except ValueError as error:  # of text that is not UTF-8 too
+            raise SessionError(f"{line[:60]!r}: {error}", where=where) from None
     return events
 
 
-def stored_events(stream: BinaryIO, name: str) -> Iterator[Any]:
-    """The tables, then each fixture with its event's number; read in a process apart."""
-    with opened_hdf5(stream, name) as file:
-        wanted = ", ".join(_TABLES)
-        tables = [np.asarray(plain_dataset(file, t, name, wanted), float) for t in _TABLES]
-        tick, kind, removed, added, remove, add = tables
-        count = tick.shape if tick.ndim == 1 else None
-        counts = np.concatenate((removed.ravel(), added.ravel()))
-        sound = (
-            kind.shape == removed.shape == added.shape == count
-            and np.isin(kind, range(len(KINDS))).all()
-            and (counts >= 0).all()
-            and remove.shape == (removed.sum(),)
-            and add.shape == (added.sum(), 3)
-            and (np.diff(tick, prepend=0.0) >= 0).all()
-            and ((remove >= 0) & (remove < 2**32)).all()
-            and all(_whole(table) for table in (tick, removed, added, remove))
-            and (counts.reshape(2, -1)[:, kind != 1] == 0).all()
-            and np.isfinite(add).all()
-        )
-        if not sound:
-            raise SessionError("its tables of events do not fit together", where=name)
-        yield tuple(tables)
-        for i in np.flatnonzero(kind == 0).tolist():
-            yield (
-                np.array([float(i)]),
-                np.asarray(plain_dataset(file, f"fixture/{i}", name), np.uint8).view(np.int8),
-            )
+def _take(line: str, number: int, events: list[Event], folder: Path, where: str) -> None:
+    """Add a line's event, or what it adds to the one before."""
+    if number == 1 or not line:
+        if number == 1 and line != HEADER:
+            raise ValueError(f"a first line {HEADER} wanted")
+        return
+    tick, what, *values = line.split(",") if "," in line else (line, "")
+    at = _whole(tick, "tick")
+    if events and at < events[-1].tick:
+        raise ValueError(f"tick {at} after tick {events[-1].tick}; in order wanted")
+    if what in ("remove", "add"):
+        if not events or events[-1].kind != "edit" or events[-1].tick != at:
+            raise ValueError(f"{what} without an edit of its tick above it")
+        if what == "remove" and len(values) == 1 and not len(events[-1].add):
+            events[-1].remove.append(_whole(values[0], "number"))
+        elif what == "add" and len(values) == 3:
+            events[-1].add.append([real(value) for value in values])
+        else:
+            raise ValueError("remove,NUMBER, and after all of these add,X,Y,Z wanted")
+    elif what == "exchange" and len(values) == 1 and values[0]:
+        events.append(Event(at, fixture=folder / values[0], where=where))
+    elif what in ("edit", "remake") and not values:
+        events.append(Event(at, remove=[], add=[], remake=what == "remake", where=where))
+    else:
+        raise ValueError("exchange,BUNDLE.h5, edit, remake, remove,NUMBER or add,X,Y,Z wanted")
 
 
-def _whole(numbers: NDArray[np.float64]) -> bool:
-    return bool((numbers < 2**53).all() and (numbers == np.floor(numbers)).all())
+def _whole(text: str, what: str) -> int:
+    if not (text.isascii() and text.isdigit() and int(text) < MOST_WHOLE[what]):
+        raise ValueError(f"{what} {text!r}; a whole number below {MOST_WHOLE[what]} wanted")
+    return int(text)

@@ -28,6 +28,8 @@ enum class Use { real_time, offline };
 class Engine {
   public:
     static constexpr std::size_t small_cloud = detail::small_cloud;
+    /// An edit of more points makes the engine anew.
+    static constexpr std::size_t most_at_once = detail::Changes::room / 2;
 
     /// `xyz`: n points [m], x y z of each in turn. Throws std::invalid_argument.
     Engine(const double* xyz, std::size_t n, const Parameters& p, Width width = Width::automatic)
@@ -106,8 +108,8 @@ class Engine {
         auto& c = changes();
         const bool fits = parameters_.rule == Rule::robust && points_->fits(m);
         const auto all = points_->edit(remove, n, add, m, parameters_);
-        if (!fits || c.waiting.room() < all.size()) return remake();
-        for (const detail::Change& change : all) c.waiting.push(change);
+        if (!fits || all.size() > most_at_once || !c.waiting.push(all.data(), all.size()))
+            return remake();
         return true;
     }
     /// Makes the engine of an edited cloud anew and hands it over, as `edit` does when there is
@@ -128,6 +130,12 @@ class Engine {
     std::uint64_t taken() const noexcept {
         const auto* changes = changes_.load(std::memory_order_acquire);
         return changes ? changes->taken.load(std::memory_order_relaxed) : 0;
+    }
+
+    /// The editor's: changes handed over that the loop has not taken up.
+    std::size_t waiting() const noexcept {
+        const auto* changes = changes_.load(std::memory_order_relaxed);
+        return changes ? changes->waiting.waiting() : 0;
     }
 
     /// Memory held [bytes].
@@ -178,9 +186,9 @@ class Engine {
         } else {
             made_->remove(change->id);
         }
-        changes.pace.begin();
-        changes.waiting.pop();
+        if (now_.placed) changes.pace.begin();
         changes.taken.fetch_add(1, std::memory_order_relaxed);
+        changes.waiting.pop();
         return true;
     }
 
@@ -191,7 +199,6 @@ class Engine {
         } else if (now_.placed) {
             changes.pace(s, *made_, now_.force, norm(hip - now_.hip));
         }
-        if (changes.waiting.front()) s.status |= changing;
     }
 
     detail::Made made_;

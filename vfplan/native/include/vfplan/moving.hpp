@@ -100,15 +100,19 @@ class MovingFrame {
         }
         return good;
     }
+    /// The tracker's: how many more poses may wait.
+    std::size_t room() const noexcept { return poses_.room(); }
     std::uint64_t refused() const noexcept { return refused_.load(std::memory_order_relaxed); }
 
     /// The loop: the frame at t [s], which does not go back.
     const Pose& at(double t) noexcept {
         if (!std::isfinite(t)) t = t_;
-        if (placed_) go(std::clamp(t - t_, 0.0, limits_.max_age), t);
+        if (placed_ && t > t_) go(std::min(t - t_, limits_.max_age), t);
         t_ = std::max(t, t_);
         const Stamped* next = poses_.front();
-        for (; next && next->stamp <= t; poses_.pop(), next = poses_.front()) take(*next, t);
+        for (; next && next->stamp <= t; poses_.pop(), next = poses_.front(), ++taken_)
+            take(*next, t);
+        seen_ = taken_ + (next != nullptr);
         ahead_ = next && next->stamp > t + limits_.max_age;
         return now_;
     }
@@ -119,6 +123,8 @@ class MovingFrame {
     double age() const noexcept {
         return placed_ ? t_ - stamp_ : std::numeric_limits<double>::infinity();
     }
+    /// The loop's: of the poses not refused, those that the last tick knew of.
+    std::uint64_t seen() const noexcept { return seen_; }
     /// Whether there has been a pose; before, nothing is rendered.
     bool placed() const noexcept { return placed_; }
 
@@ -206,6 +212,7 @@ class MovingFrame {
     double t_ = -std::numeric_limits<double>::infinity();
     double stamp_ = 0, due_ = 0;
     bool placed_ = false, ahead_ = false;
+    std::uint64_t taken_ = 0, seen_ = 0;
 };
 
 }  // namespace vfplan

@@ -24,14 +24,17 @@ class Ring {
         return items_.size() - std::size_t(head_.load(std::memory_order_relaxed) -
                                            tail_.load(std::memory_order_acquire));
     }
-    /// The giver's: false when the ring is full.
-    bool push(const T& item) noexcept {
-        if (room() == 0) return false;
+    /// The giver's: false when they do not all fit; the taker sees all of them at once.
+    bool push(const T* items, std::size_t n) noexcept {
+        if (room() < n) return false;
         const std::uint64_t at = head_.load(std::memory_order_relaxed);
-        items_[at & mask_] = item;
-        head_.store(at + 1, std::memory_order_release);
+        for (std::size_t i = 0; i < n; ++i) items_[(at + i) & mask_] = items[i];
+        head_.store(at + n, std::memory_order_release);
         return true;
     }
+    bool push(const T& item) noexcept { return push(&item, 1); }
+    /// The giver's: how many the taker has not taken yet.
+    std::size_t waiting() const noexcept { return items_.size() - room(); }
     /// The taker's: the oldest item, or null.
     const T* front() const noexcept {
         const std::uint64_t at = tail_.load(std::memory_order_relaxed);

@@ -27,7 +27,7 @@ enum Status : std::uint8_t {
     stale_pose = 8,  ///< the moving fixture's pose is too old: its last frame stands; before the
                      ///< first pose nothing is rendered
     changing = 16,   ///< the fixture was exchanged or edited: the force is on its way to K (proxy
-                     ///< - HIP), or changes wait for the next ticks
+                     ///< - HIP)
 };
 
 struct Step {
