@@ -46,6 +46,25 @@ def refused(source, target, model="affine", **kwargs):
     return None
 
 
+ON_A_LINE = np.array([[708.8, 487.9], [299.6, 774.3], [833.8, 431], [825.2, 460.5], [404.3, 569.1]])
+TOUCHED = [  # the second 93 mm off; the others lie on a line to within 6 mm [m]
+    [0.4271, -0.2976, -0.0011],
+    [0.1828, -0.3712, 0.0012],
+    [0.4981, -0.2575, 0.0001],
+    [0.4966, -0.2747, 0.0016],
+    [0.2440, -0.3432, 0.0004],
+]
+
+
+@pytest.mark.parametrize("model", ["affine", "similarity", "rigid"])
+def test_a_bad_marker_that_leaves_next_to_no_layout_is_named_not_refused(model):
+    r = fit_registration(ON_A_LINE, TOUCHED, model=model, pixel_spacing=0.6e-3)
+    found = diagnose(r)
+    refuse_sure_faults(r, found)
+    assert list(found.suspects) == [1]
+    assert r.tre95_curve_m(ON_A_LINE).max() > 0.02
+
+
 @pytest.mark.parametrize("kind", ["equal", "axis", "markers"])
 def test_good_markers_are_not_refused(kind):
     rng = np.random.default_rng(7)

@@ -163,8 +163,8 @@ def _suspects(registration: Registration, swapped: tuple[Label, Label] | None) -
     suspects: dict[Label, str] = {}
     if swapped:
         suspects |= {a: f"its label and {b}'s seem exchanged" for a, b in (swapped, swapped[::-1])}
-    n = int(registration.used.sum())
-    for i, label in enumerate(registration.labels):
+    n, labels = int(registration.used.sum()), registration.labels
+    for i, label in enumerate(labels):
         if label not in registration.outliers or label in suspects:
             continue
         limit = residuals.f_limit(n, int(registration.studentised_dof[i]))
@@ -172,6 +172,10 @@ def _suspects(registration: Registration, swapped: tuple[Label, Label] | None) -
         verb = "stays in the fit" if registration.used[i] else "left out of the fit"
         f = registration.studentised_f[i]
         suspects[label] = f"residual {size:.3g} mm, F {f:.3g} over {limit:.3g}; {verb}"
+    alone = layout.one_to_blame(registration.fit)
+    if alone is not None:
+        why = "no transform explains it with the others, which agree without it"
+        suspects.setdefault(labels[alone], why)
     for label in _masked(registration):
         suspects.setdefault(label, "disagrees with the markers that agree best")
     return suspects

@@ -10,11 +10,16 @@ from numpy.typing import ArrayLike
 from vfplan.errors import MarkerError, SettingError
 from vfplan.registration.geometry import check_handedness
 from vfplan.registration.labelling import better_labelling, name_labelling
-from vfplan.registration.layout import MIN_EXTENT, extent_and_error, swapped_labels
+from vfplan.registration.layout import (
+    MIN_EXTENT,
+    extent_and_error,
+    one_to_blame,
+    swapped_labels,
+)
 from vfplan.registration.models import ModelName
 from vfplan.registration.perspective import perspective
 from vfplan.registration.problem import Problem, make_problem
-from vfplan.registration.residuals import Fit, f_limit, solve, studentised_f
+from vfplan.registration.residuals import Fit, f_limit, solve
 from vfplan.registration.result import Registration
 from vfplan.registration.robust import agreeing
 
@@ -107,24 +112,13 @@ def _check_explained(fit: Fit, labels: Sequence[str | int], *, square: bool) -> 
     cause = "wrong labels or units, or markers on a line or in one place?"
     if better is not None and better.sure and better.alone:
         cause = name_labelling(better.order, labels)
-    elif _one_is_to_blame(fit):
+    elif one_to_blame(fit) is not None:
         return
     raise MarkerError(
         f"the transform does not explain the markers: they spread {extent * 1e3:.3g} mm across "
         f"the layout and miss their places by {error * 1e3:.3g} mm an axis; at most a third is "
         f"allowed ({cause})"
     )
-
-
-def _one_is_to_blame(fit: Fit) -> bool:
-    """Whether a transform explains all markers but one, of which the diagnosis warns."""
-    if fit.dof < 6:
-        return False
-    f = np.where(fit.used, studentised_f(fit), 0.0)
-    worst = int(np.nanargmax(f))
-    rest = solve(fit.problem, fit.used & (np.arange(len(f)) != worst))
-    extent, error = extent_and_error(rest)
-    return bool(f[worst] > f_limit(len(f), rest.dof) and extent >= MIN_EXTENT * error)
 
 
 def _direction(value: ArrayLike | None, name: str) -> np.ndarray | None:

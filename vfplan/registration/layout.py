@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
-from vfplan.registration.models import Array, homogeneous
-from vfplan.registration.residuals import Fit
+from vfplan.registration.models import Affine, Array, Orthogonal, homogeneous
+from vfplan.registration.residuals import Fit, f_limit, solve, studentised_f
 
 MAX_PAIRS = 5000
 MAX_SYMMETRIC = 60
@@ -15,6 +16,7 @@ MAX_SYMMETRIC = 60
 MAX_TOLERANCE = 0.02
 # RMS extent of the layout's narrow direction over the error of a marker: less explains nothing.
 MIN_EXTENT = 3.0
+REST_EXTENT = 2.0  # of what is left without a bad marker: fewer, so that its error is less known
 
 
 def extent_and_error(fit: Fit) -> tuple[float, float]:
@@ -23,6 +25,26 @@ def extent_and_error(fit: Fit) -> tuple[float, float]:
     moved = (used - used.mean(axis=0)) @ fit.m[:, :-1].T
     extent = np.linalg.svd(moved, compute_uv=False)[1] / np.sqrt(len(used))
     return float(extent), float(np.sqrt(fit.variance))
+
+
+def one_to_blame(fit: Fit) -> int | None:
+    """The one marker without which the others agree where the transform does not explain them all.
+
+    A similarity judges a planar affine fit, which follows a bad marker.
+    """
+    extent, error = extent_and_error(fit)
+    if extent >= MIN_EXTENT * error:
+        return None
+    if isinstance(fit.problem.model, Affine) and fit.problem.model.dimension == 2:
+        fit = solve(replace(fit.problem, model=Orthogonal(2, None, "similarity")), fit.used)
+    if fit.dof < 6:
+        return None
+    f = np.nan_to_num(np.where(fit.used, studentised_f(fit), 0.0))
+    worst = int(f.argmax())
+    rest = solve(fit.problem, fit.used & (np.arange(len(f)) != worst))
+    extent, error = extent_and_error(rest)
+    alone = f[worst] > f_limit(len(f), rest.dof) and extent >= REST_EXTENT * error
+    return worst if alone else None
 
 
 def swapped_labels(fit: Fit, alpha: float = 0.01) -> tuple[int, int] | None:

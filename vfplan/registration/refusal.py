@@ -39,7 +39,8 @@ def refuse_sure_faults(registration: Registration, diagnosis: Diagnosis) -> None
     if diagnosis.relabelled:
         _refuse_relabelled(registration, diagnosis.relabelled)
     _refuse_beyond_sigma(registration)
-    _refuse_scale(diagnosis)
+    if layout.one_to_blame(registration.fit) is None:
+        _refuse_scale(diagnosis)
 
 
 def _refuse_exchanged(registration: Registration) -> None:
