@@ -112,7 +112,8 @@ def command(fixture: Path, sessions: tuple[Path, ...], folder: Path, trials: int
 
     A trial draws marker errors on both sides and of the curve, fits the registration, carries the
     curve, and renders that fixture to a hand that wants to go where SESSION went; without a SESSION
-    along both sides of the drawn curve, at 5 cm/s and 5 mm past contact. Told is how far
+    along both sides of the drawn curve, at 5 cm/s and 5 mm past contact, clear of open ends by the
+    distance at which the proxy stops and 5 mm: how safe an end is, a SESSION tells. Told is how far
     the tool came beyond the true curve: with what probability, where, and which margin makes it
     less probable than wished (`vfplan plan --margin p=0.01 --campaign DIR` takes it from there).
     """
@@ -128,7 +129,7 @@ def command(fixture: Path, sessions: tuple[Path, ...], folder: Path, trials: int
     from vfplan.session import read_session
 
     planned = read_fixture(fixture)
-    heard = [read_session(path) for path in sessions] or visit(planned)
+    heard = [read_session(path) for path in sessions] or visit(planned, to_ends=False)
     settings = _settings(given)
     began = time.perf_counter()
     with progress("campaign", trials) as done:
@@ -175,9 +176,15 @@ def _text(data: dict[str, Any]) -> str:
             f"  margin for p < {m['p']:g}: {m['margin_mm']:.3f} mm (95 %: {low} to {high})"
         )
     if "coverage" in data:
-        whole = data["coverage"]["whole_curve"]
-        lines.append(
-            f"  the registration's bounds hold: at a point {data['coverage']['tre95']:.3f}, "
-            f"whole curve {whole['p']:.3f} (95 %: {whole['low']:.3f} to {whole['high']:.3f})"
+        found = data["coverage"]
+        whole, plain = (
+            f"{part['p']:.3f} (95 %: {part['low']:.3f} to {part['high']:.3f})"
+            for part in (found["whole_curve"], found["not_widened"])
         )
+        lines += [
+            f"  the registration's bounds hold: at a point {found['tre95']:.3f}, along the whole "
+            f"curve {whole}",
+            f"  {100 * found['widened']:.1f} % of them are widened for perspective that is not "
+            f"there; the others hold along the whole curve {plain}",
+        ]
     return "\n".join(lines)

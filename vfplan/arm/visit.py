@@ -16,16 +16,22 @@ DEEP_M = 5e-3  # how far past contact the hand wants to go, the drawn line at mo
 CLEAR = 1.5  # of the distance at which the proxy stops, where a way begins and ends
 
 
-def visit(fixture: Fixture, rate_hz: float = 1000.0) -> list[Session]:
+def visit(fixture: Fixture, rate_hz: float = 1000.0, *, to_ends: bool = True) -> list[Session]:
     """Hands that press on the drawn curve: along each stroke, on each of its sides.
 
     Beside a curve that is endless along an axis; of one in space above and below it, in the
     robot's frame. Each begins and ends clear of the curve.
 
+    Parameters
+    ----------
+    to_ends
+        Whether open strokes are followed to their ends. A hand that presses there slips round
+        them; without it, it stays as far from them as the proxy stops and the hand presses.
+
     Raises
     ------
     InputError
-        A fixture that was not drawn as a curve.
+        A fixture that was not drawn as a curve, or an open stroke with nothing between its ends.
     """
     if fixture.curve is None or fixture.rendering is None:
         raise InputError("no drawn curve to go along; a session is wanted")
@@ -34,12 +40,27 @@ def visit(fixture: Fixture, rate_hz: float = 1000.0) -> list[Session]:
     for stroke in np.unique(numbers).tolist():
         part = fixture.points[numbers == stroke]
         beside = _beside(part, fixture.ignore_axis)
+        if not (to_ends or fixture.curve.closed[stroke]):
+            inner = _between_ends(part, fixture.contact_radius + fixture.point_radius + DEEP_M)
+            part, beside = part[inner], beside[inner]
         for name, side in (("left", beside), ("right", -beside)):
             hip = _way(fixture, part, side, rate_hz)
             time = np.arange(len(hip)) / rate_hz
             called = f"stroke {stroke}, {name} side"
             sessions.append(Session(time, hip, frame=fixture.frame, name=called))
     return sessions
+
+
+def _between_ends(part: Array, clear: float) -> NDArray[np.bool_]:
+    """(n,) which points of an open stroke are further along it from both ends than `clear` [m]."""
+    along = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(part, axis=0), axis=1))))
+    inner = (along >= clear) & (along[-1] - along >= clear)
+    if inner.sum() < 2:
+        raise InputError(
+            f"a drawn stroke is {1e3 * along[-1]:.3g} mm long; a hand that presses on it slips "
+            f"round an end within {1e3 * clear:.3g} mm of it: a session is wanted"
+        )
+    return inner
 
 
 def _beside(part: Array, axis: Array | None) -> Array:

@@ -84,6 +84,11 @@ def weighted(depth: Array, weight: Array, beyond_m: float) -> dict[str, float]:
     }  # fmt: skip
 
 
+def _share(held: NDArray[np.bool_]) -> dict[str, float]:
+    low, high = clopper_pearson(int(held.sum()), len(held))
+    return {"p": float(held.sum() / max(1, len(held))), "low": low, "high": high}
+
+
 def summary(
     asked: dict[str, Any], table: dict[str, Array], beyond_m: list[float], wanted: list[float]
 ) -> dict[str, Any]:
@@ -103,10 +108,11 @@ def summary(
     data["force_max_n"] = float(table["force_n"].max())
     data["force_step_max_n"] = float(table["force_step_n"].max())
     if "inside_band" in table:
-        held = int(table["inside_band"].sum())
-        low, high = clopper_pearson(held, len(depth))
+        held, widened = table["inside_band"], table["widened"]
         data["coverage"] = {
             "tre95": float(table["inside_bound"].mean()),
-            "whole_curve": {"p": held / len(depth), "low": low, "high": high},
+            "whole_curve": _share(held),
+            "widened": float(widened.mean()),
+            "not_widened": _share(held[~widened]),
         }
     return data

@@ -126,8 +126,7 @@ class Trials:
         """One trial as a row of the campaign's table."""
         z, rng = self.draw(trial)
         problem = self._problem(z)
-        points = self._carried(problem, z)
-        outcome = self.replay(points, trial, rng)
+        outcome = self.replay(self._carried(problem, z), trial, rng)
         row = {"trial": trial, **outcome.__dict__}
         if self.shift is not None:
             row["weight"] = float(np.exp(0.5 * self.shift @ self.shift - z @ self.shift))
@@ -267,6 +266,7 @@ class Trials:
         return {
             "inside_bound": float((error <= found.tre95_m(self._curve)).mean()),
             "inside_band": bool((error <= found.tre95_curve_m(self._curve)).all()),
+            "widened": found.perspective is not None,
         }
 
 
