@@ -29,27 +29,13 @@ _WEIGHTS = np.array([1.0, 1, 1, _ARM_M, _ARM_M, _ARM_M])[:, None]
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """An arm held still.
+    """An arm held still."""
 
-    Parameters
-    ----------
-    q
-        (n,) joint angles [rad].
-    tip
-        (3,) the tip [m].
-    margin
-        (n,) how far each joint is from its nearer limit [rad]; below 0 beyond it.
-    condition
-        Of the (3, n) position Jacobian, largest over smallest singular value.
-    mass_kg
-        The least apparent mass at the tip over all directions, 1 / λ_max(J M⁻¹ Jᵀ).
-    """
-
-    q: Array
-    tip: Array
-    margin: Array
-    condition: float
-    mass_kg: float
+    q: Array  # (n,) joint angles [rad]
+    tip: Array  # (3,) the tip [m]
+    margin: Array  # (n,) how far each joint is from its nearer limit [rad]; below 0 beyond it
+    condition: float  # of the (3, n) position Jacobian, largest over smallest singular value
+    mass_kg: float  # the least apparent mass at the tip over all directions, 1 / λ_max(J M⁻¹ Jᵀ)
 
 
 class Arm:

@@ -33,28 +33,14 @@ MOST_TICKS = 3_600_000  # an hour: all of them are kept
 
 @dataclass(frozen=True, eq=False)
 class Rehearsal:
-    """What a rehearsal found.
+    """What a rehearsal found."""
 
-    Parameters
-    ----------
-    metrics
-        The report; its keys are in docs/rehearse.md.
-    ticks
-        What a replay's result holds, of the simulated tip.
-    motion
-        The arm's side of it.
-    postures
-        Of `PLACES` ticks, evenly spread; `posture_ticks` says which.
-    session
-        Where the hand wanted the tip.
-    """
-
-    metrics: dict[str, Any]
-    ticks: TickBlock
-    motion: Motion
-    postures: list[Posture]
+    metrics: dict[str, Any]  # the report; its keys are in docs/rehearse.md
+    ticks: TickBlock  # what a replay's result holds, of the simulated tip
+    motion: Motion  # the arm's side of it
+    postures: list[Posture]  # of `PLACES` ticks, evenly spread; `posture_ticks` says which
     posture_ticks: NDArray[np.intp]
-    session: Session
+    session: Session  # where the hand wanted the tip
     fixture: Fixture
     arm: Arm
 

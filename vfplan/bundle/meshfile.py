@@ -52,21 +52,12 @@ Columns = dict[str, NDArray]
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """What a file holds.
+    """What a file holds."""
 
-    Parameters
-    ----------
-    points
-        (N, 3) float64, in the file's unit.
-    triangles
-        (K, 3) int32, rows of `points`; `None` when the file holds no faces.
-    left_out
-        What else the file says, each as "element.property".
-    """
-
-    points: NDArray[np.float64]
+    points: NDArray[np.float64]  # (N, 3) float64, in the file's unit
+    # (K, 3) int32, rows of `points`; `None` when the file holds no faces
     triangles: NDArray[np.int32] | None = None
-    left_out: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()  # what else the file says, each as "element.property"
 
 
 def read_mesh(data: bytes, suffix: str, where: str) -> Mesh:

@@ -37,28 +37,18 @@ LATEST = 253_402_300_799  # 9999-12-31T23:59:59Z
 
 @dataclass(frozen=True)
 class Seal:
-    """What a bundle's user block says; every field but the last five is about the payload.
+    """What a bundle's user block says; every field but the last five is about the payload."""
 
-    Parameters
-    ----------
-    payload_length, sha256
-        Of the HDF5 file that follows the block.
-    key_id
-        First 16 bytes of SHA-256 of the raw public key; `None` when unsigned.
-    signature
-        64 bytes; `None` when unsigned.
-    case, robot_serial
-        The case and the robot this bundle was approved for; "" when not given.
-    registered
-        When the patient was registered [s since 1970 UTC]; `None` when not given.
-    """
-
+    # Of the HDF5 file that follows the block
     payload_length: int
     sha256: bytes
+    # First 16 bytes of SHA-256 of the raw public key; `None` when unsigned
     key_id: bytes | None = None
-    signature: bytes | None = None
+    signature: bytes | None = None  # 64 bytes; `None` when unsigned
+    # The case and the robot this bundle was approved for; "" when not given
     case: str = ""
     robot_serial: str = ""
+    # When the patient was registered [s since 1970 UTC]; `None` when not given
     registered: int | None = None
 
     @classmethod

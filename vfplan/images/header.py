@@ -23,21 +23,11 @@ _WIDTH, _HEIGHT = 256, 257
 
 @dataclass(frozen=True)
 class Header:
-    """What a file holds.
+    """What a file holds."""
 
-    Parameters
-    ----------
-    kind
-        "PNG", "JPEG", "TIFF" or "BMP".
-    pages
-        How many pictures.
-    orientation
-        EXIF's, 1 to 8, of a PNG; 1 for the others, which OpenCV turns itself.
-    """
-
-    kind: str
-    pages: int = 1
-    orientation: int = 1
+    kind: str  # "PNG", "JPEG", "TIFF" or "BMP"
+    pages: int = 1  # how many pictures
+    orientation: int = 1  # EXIF's, 1 to 8, of a PNG; 1 for the others, which OpenCV turns itself
 
 
 def read_header(data: bytes, where: str) -> Header:

@@ -22,22 +22,13 @@ WAIT_S = 0.2  # a source says at least this often that there is nothing
 
 @dataclass(frozen=True, eq=False)
 class Ticks:
-    """Some ticks; none where a source has nothing to tell for the moment.
+    """Some ticks; none where a source has nothing to tell for the moment."""
 
-    Parameters
-    ----------
-    ticks
-        (n,) of `vfplan.session.mcapfile.TICK`.
-    dropped, lost
-        Ticks that the controller dropped, and datagrams that did not arrive, so far.
-    bad
-        Datagrams that were none, so far.
-    """
-
-    ticks: NDArray[np.void]
+    ticks: NDArray[np.void]  # (n,) of `vfplan.session.mcapfile.TICK`
+    # Ticks that the controller dropped, and datagrams that did not arrive, so far
     dropped: int = 0
     lost: int = 0
-    bad: int = 0
+    bad: int = 0  # datagrams that were none, so far
 
 
 def of_result(path: Path, *, pace: bool = True) -> Iterator[Ticks]:

@@ -18,21 +18,12 @@ HEADER = np.dtype([("magic", "S4"), ("version", "<u2"), ("count", "<u2"), ("sequ
 
 @dataclass(frozen=True, eq=False)
 class Datagram:
-    """One datagram.
+    """One datagram."""
 
-    Parameters
-    ----------
-    sequence
-        How many datagrams went before it.
-    dropped
-        Ticks that the controller's ring had to drop so far.
-    ticks
-        (n,) of `vfplan.session.mcapfile.TICK`, 1 to 11; `index` counts every tick of the loop,
-        dropped ones too.
-    """
-
-    sequence: int
-    dropped: int
+    sequence: int  # how many datagrams went before it
+    dropped: int  # ticks that the controller's ring had to drop so far
+    # (n,) of `vfplan.session.mcapfile.TICK`, 1 to 11; `index` counts every tick of the loop,
+    # dropped ones too
     ticks: NDArray[np.void]
 
 

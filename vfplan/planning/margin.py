@@ -26,25 +26,14 @@ ARC_STEP = 0.15  # radians between the samples of an arc around a corner
 
 @dataclass(frozen=True)
 class Margin:
-    """What was added, as the report has it.
+    """What was added, as the report has it."""
 
-    Parameters
-    ----------
-    kind
-        "tre95", or "given" for a number of metres.
-    side
-        "both": the points' radius grew; else the side the curve moved to.
-    largest_m, smallest_m
-        The margin along the curve [m]; equal for "both".
-    dropped
-        Samples of the moved curve left out, because they fell inside a tight bend.
-    """
-
-    kind: str
-    side: Side
+    kind: str  # "tre95", or "given" for a number of metres
+    side: Side  # "both": the points' radius grew; else the side the curve moved to
+    # The margin along the curve [m]; equal for "both"
     largest_m: float
     smallest_m: float
-    dropped: int = 0
+    dropped: int = 0  # samples of the moved curve left out, because they fell inside a tight bend
 
     @property
     def report(self) -> dict[str, Any]:

@@ -34,22 +34,13 @@ MOST_MARKS = 40  # of a kind; a scale is looked for among fewer
 
 @dataclass(frozen=True)
 class Held:
-    """How the given positions lie to the marks drawn.
+    """How the given positions lie to the marks drawn."""
 
-    Parameters
-    ----------
-    near
-        How many have a mark of one kind near them; 0 where the slice shows none there.
-    rms_px, shift_px
-        Distance of those from their marks, and its mean (given minus drawn); `None` where none is.
-    warnings
-        What a person should look at.
-    """
-
-    near: int
+    near: int  # how many have a mark of one kind near them; 0 where the slice shows none there
+    # Distance of those from their marks, and its mean (given minus drawn); `None` where none is
     rms_px: float | None = None
     shift_px: tuple[float, float] | None = None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()  # what a person should look at
 
     def as_dict(self) -> dict[str, Any]:
         """As a report holds it."""

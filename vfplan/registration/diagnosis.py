@@ -25,64 +25,31 @@ Label = str | int
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What the markers say against themselves.
+    """What the markers say against themselves."""
 
-    Parameters
-    ----------
-    suspects
-        label -> why it is suspected.
-    swapped
-        Two labels that seem exchanged; `None` when none do.
-    relabelled
-        Another labelling that fits far better, or as well; `None` when none does.
-    labellings
-        Labellings that fit the layout equally well, 1 when it has no symmetry; `None`: not checked.
-    unchecked
-        Labels of markers no other marker checks (leverage above 0.9).
-    spacing_departure
-        Scale found over the known one, minus 1; along u and v for the affine model.
-    spacing_departure_sigma
-        Standard errors of the departures.
-    warnings
-        One sentence for each of these that a user should read.
-    """
-
-    suspects: dict[Label, str]
-    swapped: tuple[Label, Label] | None
+    suspects: dict[Label, str]  # label -> why it is suspected
+    swapped: tuple[Label, Label] | None  # two labels that seem exchanged; `None` when none do
+    # Another labelling that fits far better, or as well; `None` when none does
     relabelled: Relabelling | None
+    # Labellings that fit the layout equally well, 1 when it has no symmetry; `None`: not checked
     labellings: int | None
-    unchecked: tuple[Label, ...]
+    unchecked: tuple[Label, ...]  # labels of markers no other marker checks (leverage above 0.9)
+    # Scale found over the known one, minus 1; along u and v for the affine model
     spacing_departure: tuple[float, ...] | None
-    spacing_departure_sigma: tuple[float, ...] | None
-    warnings: tuple[str, ...]
+    spacing_departure_sigma: tuple[float, ...] | None  # standard errors of the departures
+    warnings: tuple[str, ...]  # one sentence for each of these that a user should read
 
 
 @dataclass(frozen=True, eq=False)
 class TargetError:
-    """The predicted target registration error along a curve.
+    """The predicted target registration error along a curve."""
 
-    Parameters
-    ----------
-    rms_m
-        (M,) predicted RMS TRE at each point [m].
-    bound95_m
-        (M,) bound at each point, probability 0.95 for that point [m].
-    curve95_m
-        (M,) bound for all points at once, probability 0.95 [m].
-    worst
-        Index of the point with the largest bound.
-    outside_hull
-        (M,) bool: outside the markers' convex hull.
-    extrapolated
-        (M,) bool: predicted worse than at every marker.
-    """
-
-    rms_m: Array
-    bound95_m: Array
-    curve95_m: Array
-    worst: int
-    outside_hull: np.ndarray
-    extrapolated: np.ndarray
+    rms_m: Array  # (M,) predicted RMS TRE at each point [m]
+    bound95_m: Array  # (M,) bound at each point, probability 0.95 for that point [m]
+    curve95_m: Array  # (M,) bound for all points at once, probability 0.95 [m]
+    worst: int  # index of the point with the largest bound
+    outside_hull: np.ndarray  # (M,) bool: outside the markers' convex hull
+    extrapolated: np.ndarray  # (M,) bool: predicted worse than at every marker
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -13,30 +13,17 @@ from vfplan.registration.residuals import Fit
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """The linear part A (3, k) of T, taken apart.
+    """The linear part A (3, k) of T, taken apart."""
 
-    Parameters
-    ----------
-    singular_values
-        (k,) metres in a source unit along the principal directions, largest first.
-    axis_scales
-        (k,) length of each column: metres in a unit along u, v (or x, y, z).
-    anisotropy
-        s_1 / s_k - 1; 0 for square pixels.
-    shear
-        Largest |cosine| of the angle between two columns, signed; 0 for a right angle.
-    normal
-        (3,) unit u x v of a planar source in the target frame: with u to the right and v down it
-        points away from who looks at the image. `None` for a 3-D source.
-    spacing_departure
-        (2,) axis_scales over the known pixel spacing, minus 1; `None` when none is known.
-    """
-
+    # (k,) metres in a source unit along the principal directions, largest first
     singular_values: Array
-    axis_scales: Array
-    anisotropy: float
-    shear: float
+    axis_scales: Array  # (k,) length of each column: metres in a unit along u, v (or x, y, z)
+    anisotropy: float  # s_1 / s_k - 1; 0 for square pixels
+    shear: float  # largest |cosine| of the angle between two columns, signed; 0 for a right angle
+    # (3,) unit u x v of a planar source in the target frame: with u to the right and v down it
+    # points away from who looks at the image. `None` for a 3-D source.
     normal: Array | None
+    # (2,) axis_scales over the known pixel spacing, minus 1; `None` when none is known
     spacing_departure: Array | None
 
     @property

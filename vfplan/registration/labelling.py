@@ -45,30 +45,14 @@ Order = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Relabelling:
-    """A labelling that fits better than the given one, or about as well.
+    """A labelling that fits better than the given one, or about as well."""
 
-    Parameters
-    ----------
-    order
-        (N,) source marker i fits the target marker `order[i]`.
-    gain
-        The given labelling's sum of squares over this one's.
-    rms_m
-        What this labelling leaves at the markers, RMS [m].
-    seems
-        Whether it fits far better; else it is a rival, that the markers cannot rule out.
-    sure
-        Whether good markers cannot look like this.
-    alone
-        Whether no other labelling fits about as well as this one.
-    """
-
-    order: Order
-    gain: float
-    rms_m: float
-    seems: bool
-    sure: bool
-    alone: bool
+    order: Order  # (N,) source marker i fits the target marker `order[i]`
+    gain: float  # the given labelling's sum of squares over this one's
+    rms_m: float  # what this labelling leaves at the markers, RMS [m]
+    seems: bool  # whether it fits far better; else it is a rival, that the markers cannot rule out
+    sure: bool  # whether good markers cannot look like this
+    alone: bool  # whether no other labelling fits about as well as this one
 
 
 def better_labelling(fit: Fit, *, square: bool = False) -> Relabelling | None:

@@ -26,29 +26,17 @@ SAID = 5e-5
 
 @dataclass(frozen=True, eq=False)
 class Perspective:
-    """A homography that explains the markers better than the affine map.
+    """A homography that explains the markers better than the affine map."""
 
-    Parameters
-    ----------
-    m, q
-        (3, 3) and (2,) in normalised coordinates: y = M x~ / (1 + q·s).
-    root
-        (11, 11) A with A Aᵀ σ̂² the covariance of M's entries and q.
-    variance, dof
-        σ̂² [m²] of a weight of 1, and 3 N - 11.
-    p_value
-        Probability of this much perspective from markers without any.
-    studentised_f
-        (N,) of each marker against the homography.
-    """
-
+    # (3, 3) and (2,) in normalised coordinates: y = M x~ / (1 + q·s)
     m: Array
     q: Array
-    root: Array
+    root: Array  # (11, 11) A with A Aᵀ σ̂² the covariance of M's entries and q
+    # σ̂² [m²] of a weight of 1, and 3 N - 11
     variance: float
     dof: int
-    p_value: float
-    studentised_f: Array
+    p_value: float  # probability of this much perspective from markers without any
+    studentised_f: Array  # (N,) of each marker against the homography
 
     @property
     def sure(self) -> bool:

@@ -19,24 +19,12 @@ AXIS_NAMES = "xyz"
 
 @dataclass(frozen=True, eq=False)
 class Normaliser:
-    """Raw source -> centred coordinates of unit RMS radius, and the target's centre.
+    """Raw source -> centred coordinates of unit RMS radius, and the target's centre."""
 
-    Parameters
-    ----------
-    spacing
-        (k,) metres (or, unknown, 1) in a raw unit along each axis.
-    centre
-        (k,) centre of the markers in the raw unit times `spacing`.
-    radius
-        RMS distance of the markers from it.
-    target_centre
-        (3,) [m].
-    """
-
-    spacing: Array
-    centre: Array
-    radius: float
-    target_centre: Array
+    spacing: Array  # (k,) metres (or, unknown, 1) in a raw unit along each axis
+    centre: Array  # (k,) centre of the markers in the raw unit times `spacing`
+    radius: float  # RMS distance of the markers from it
+    target_centre: Array  # (3,) [m]
 
     def __call__(self, points: Array) -> Array:
         """Normalised s (..., k) of raw points (..., k)."""
@@ -54,30 +42,17 @@ class Normaliser:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Checked markers in normalised coordinates.
-
-    Parameters
-    ----------
-    s
-        (N, k) source.
-    y
-        (N, 3) target, centred [m].
-    weights
-        (N, 3) relative weights; 1 where every marker is as good as the others.
-    sigma_unit_m
-        Standard deviation that weight 1 stands for; `None` when none was stated.
-    floor_m
-        Residuals below this are rounding, not error.
-    """
+    """Checked markers in normalised coordinates."""
 
     model: Model
     normaliser: Normaliser
-    s: Array
-    y: Array
-    weights: Array
+    s: Array  # (N, k) source
+    y: Array  # (N, 3) target, centred [m]
+    weights: Array  # (N, 3) relative weights; 1 where every marker is as good as the others
+    # Standard deviation that weight 1 stands for; `None` when none was stated
     sigma_unit_m: float | None
     condition: float
-    floor_m: float
+    floor_m: float  # residuals below this are rounding, not error
 
     @property
     def x(self) -> Array:

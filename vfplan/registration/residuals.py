@@ -12,34 +12,18 @@ from vfplan.registration.problem import Problem
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A solved problem.
-
-    Parameters
-    ----------
-    m
-        (3, k+1) the transform in normalised coordinates.
-    used
-        (N,) markers the fit rests on.
-    vectors
-        (N, 3) target minus prediction [m].
-    hat
-        (N, 3, 3) diagonal blocks of the hat matrix; for a marker not used, what it would be.
-    variance
-        σ̂² [m²] of a weight of 1.
-    dof
-        ν = 3 N - p.
-    root
-        (3 (k+1), p) A with A Aᵀ σ̂² the covariance of row-major M: the inverse of a triangle with a
-        positive diagonal, which no rounding can turn, as it can the axes of equal eigenvalues.
-    """
+    """A solved problem."""
 
     problem: Problem
-    m: Array
-    used: np.ndarray
-    vectors: Array
+    m: Array  # (3, k+1) the transform in normalised coordinates
+    used: np.ndarray  # (N,) markers the fit rests on
+    vectors: Array  # (N, 3) target minus prediction [m]
+    # (N, 3, 3) diagonal blocks of the hat matrix; for a marker not used, what it would be
     hat: Array
-    variance: float
-    dof: int
+    variance: float  # σ̂² [m²] of a weight of 1
+    dof: int  # ν = 3 N - p
+    # (3 (k+1), p) A with A Aᵀ σ̂² the covariance of row-major M: the inverse of a triangle with a
+    # positive diagonal, which no rounding can turn, as it can the axes of equal eigenvalues
     root: Array
 
     @property

@@ -30,27 +30,15 @@ ROUNDING_M = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Touched:
-    """What touching made of a registration.
+    """What touching made of a registration."""
 
-    Parameters
-    ----------
-    registration
-        The refined one; its covariance is the touched points'.
-    distances_m
-        (T,) signed distance of each point from the surface [m], less the tip's radius.
-    before_m
-        (T,) the same under the markers' registration.
-    used
-        (T,) bool: points that lie on the surface; the others touched something else.
-    held
-        As `HELD`, of this patch.
-    """
-
-    registration: Registration
+    registration: Registration  # the refined one; its covariance is the touched points'
+    # (T,) signed distance of each point from the surface [m], less the tip's radius
     distances_m: Array
-    before_m: Array
+    before_m: Array  # (T,) the same under the markers' registration
+    # (T,) bool: points that lie on the surface; the others touched something else
     used: NDArray[np.bool_]
-    held: float
+    held: float  # as `HELD`, of this patch
 
     @property
     def rms_m(self) -> float:

@@ -25,25 +25,14 @@ MOST = 32  # points a tick: each goes and comes, and a tick takes 64 changes
 
 @dataclass(frozen=True, eq=False)
 class Burred:
-    """What was burred away, and its replay.
+    """What was burred away, and its replay."""
 
-    Parameters
-    ----------
-    replayed
-        The session again with what happened; its metrics hold `burr` besides.
-    events
-        The edits, each with its tick.
-    before, after
-        The points (N, 3) [m] and the same when all was done: each that went has come back deeper.
-    tick
-        (E,) ticks of the edits.
-    """
-
-    replayed: Replay
-    events: list[Event]
+    replayed: Replay  # the session again with what happened; its metrics hold `burr` besides
+    events: list[Event]  # the edits, each with its tick
+    # The points (N, 3) [m] and the same when all was done: each that went has come back deeper
     before: Vector
     after: Vector
-    tick: Vector
+    tick: Vector  # (E,) ticks of the edits
 
     @property
     def metrics(self) -> dict[str, Any]:

@@ -17,30 +17,19 @@ Array = NDArray[np.float64]
 class Link:
     """What a link does to a stream of positions; a fault that is `None` is absent.
 
-    Parameters
-    ----------
-    drop
-        Probability that a packet is lost, in [0, 1); the robot then repeats the last command.
-    jitter_s
-        Each sample is older than its stamp by up to this [s], evenly distributed; order is kept.
-    delay_ticks
-        Every sample arrives this many ticks late.
-    quantum_m
-        Positions are rounded to multiples of this [m].
-    seed
-        Of the random numbers: the same seed gives the same faults.
-
     Raises
     ------
     SettingError
         A value outside its range.
     """
 
+    # Probability that a packet is lost, in [0, 1); the robot then repeats the last command
     drop: float | None = None
+    # Each sample is older than its stamp by up to this [s], evenly distributed; order is kept
     jitter_s: float | None = None
-    delay_ticks: int | None = None
-    quantum_m: float | None = None
-    seed: int = 0
+    delay_ticks: int | None = None  # every sample arrives this many ticks late
+    quantum_m: float | None = None  # positions are rounded to multiples of this [m]
+    seed: int = 0  # of the random numbers: the same seed gives the same faults
 
     def __post_init__(self) -> None:
         for name, value, good, wanted in (
@@ -66,17 +55,10 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class Delivered:
-    """A block of ticks as the controller had them.
+    """A block of ticks as the controller had them."""
 
-    Parameters
-    ----------
-    hip
-        (m, 3) positions that arrived [m].
-    row
-        (n,) for each tick the row of `hip` in force; -1: the last one of the block before.
-    """
-
-    hip: Array
+    hip: Array  # (m, 3) positions that arrived [m]
+    # (n,) for each tick the row of `hip` in force; -1: the last one of the block before
     row: NDArray[np.intp]
 
 

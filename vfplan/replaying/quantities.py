@@ -48,23 +48,12 @@ def overlap(hip: Array, proxy: Array, normal: Array, contact_radius: float) -> A
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Consecutive ticks, each with what changes until the next one.
+    """Consecutive ticks, each with what changes until the next one."""
 
-    Parameters
-    ----------
-    first
-        Index of the first tick in the session.
-    ticks
-        n ticks.
-    hand
-        (n, 3) where the hand really was [m]; `ticks.hip` unless a lossy link lay between.
-    dt, dhand, dproxy, dhip, dforce
-        Forward differences of time, hand, proxy, HIP and force: (n,) [s], (n, 3) [m] and [N].
-    """
-
-    first: int
-    ticks: TickBlock
-    hand: Array
+    first: int  # index of the first tick in the session
+    ticks: TickBlock  # n ticks
+    hand: Array  # (n, 3) where the hand really was [m]; `ticks.hip` unless a lossy link lay between
+    # Forward differences of time, hand, proxy, HIP and force: (n,) [s], (n, 3) [m] and [N]
     dt: Array
     dhand: Array
     dproxy: Array

@@ -17,21 +17,11 @@ WANTED = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Poses of a fixture's frame in the session's.
+    """Poses of a fixture's frame in the session's."""
 
-    Parameters
-    ----------
-    time
-        (n,) when the tracker looked [s], on the session's clock.
-    pose
-        (n, 7) place [m] and unit quaternion w x y z.
-    arrived
-        (n,) when the loop had it [s], never decreasing.
-    """
-
-    time: Array
-    pose: Array
-    arrived: Array
+    time: Array  # (n,) when the tracker looked [s], on the session's clock
+    pose: Array  # (n, 7) place [m] and unit quaternion w x y z
+    arrived: Array  # (n,) when the loop had it [s], never decreasing
 
 
 def read_poses(path: str | Path) -> Poses:

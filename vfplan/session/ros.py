@@ -21,21 +21,13 @@ _FIELDS = ("O_T_EE", "o_t_ee", "pose", "transform", "point", "position", "transl
 
 @dataclass(frozen=True)
 class RosOptions:
-    """Which part of a bag holds the positions.
+    """Which part of a bag holds the positions."""
 
-    Parameters
-    ----------
-    topic
-        `None`: the only one whose messages hold a position.
-    field
-        Dotted path to a point, a pose, a transform, or 16 numbers: a column-major 4 x 4 matrix as
-        in a Franka state's `O_T_EE`. `None`: the first that is found.
-    tool_tip
-        (x, y, z) of the tip in the frame of the pose [m]; `None`: the pose's own origin.
-    """
-
-    topic: str | None = None
+    topic: str | None = None  # `None`: the only one whose messages hold a position
+    # Dotted path to a point, a pose, a transform, or 16 numbers: a column-major 4 x 4 matrix as in
+    # a Franka state's `O_T_EE`. `None`: the first that is found.
     field: str | None = None
+    # (x, y, z) of the tip in the frame of the pose [m]; `None`: the pose's own origin
     tool_tip: tuple[float, float, float] | None = None
 
 

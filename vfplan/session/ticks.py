@@ -28,30 +28,18 @@ TABLE: dict[str, tuple[tuple[int, ...], str, str]] = {
 
 @dataclass(frozen=True, eq=False)
 class TickBlock:
-    """A run of consecutive ticks of a replay, one row each.
+    """A run of consecutive ticks of a replay, one row each."""
 
-    Parameters
-    ----------
-    time, hip
-        (n,) [s] and (n, 3) [m], as the controller had them.
-    proxy, normal, force
-        (n, 3) at the end of each tick [m], [1], [N].
-    state
-        (n,) int8, -1, 0, 1 or 2.
-    penetration
-        (n,) |proxy - hip| [m].
-    overlap
-        (n,) how far the HIP is beyond the cloud's own surface [m], never below 0.
-    """
-
+    # (n,) [s] and (n, 3) [m], as the controller had them
     time: Array
     hip: Array
+    # (n, 3) at the end of each tick [m], [1], [N]
     proxy: Array
     normal: Array
     force: Array
-    state: NDArray[np.int8]
-    penetration: Array
-    overlap: Array
+    state: NDArray[np.int8]  # (n,) int8, -1, 0, 1 or 2
+    penetration: Array  # (n,) |proxy - hip| [m]
+    overlap: Array  # (n,) how far the HIP is beyond the cloud's own surface [m], never below 0
 
     def __len__(self) -> int:
         return len(self.time)

@@ -99,24 +99,16 @@ class Session:
 
 @dataclass(frozen=True, eq=False)
 class SessionStream:
-    """A recording that is read block by block, each time `blocks` is called.
+    """A recording that is read block by block, each time `blocks` is called."""
 
-    Parameters
-    ----------
-    read
-        Opens the file and yields pieces of any length: (time [s], hip [m]).
-    name, frame, sha256, notes
-        As in `Session`.
-    length
-        The number of samples when the file says it.
-    """
-
+    # Opens the file and yields pieces of any length: (time [s], hip [m])
     read: Callable[[], Iterator[Pair]]
+    # As in `Session`
     name: str
     frame: str = "robot_base"
     sha256: str | None = None
     notes: dict[str, object] = field(default_factory=dict)
-    length: int | None = None
+    length: int | None = None  # the number of samples when the file says it
 
     @property
     def ticks(self) -> int | None:

@@ -16,36 +16,18 @@ RADIUS = 5e-3  # R = r_c of the scenes [m]
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """One place to press against.
+    """One place to press against."""
 
-    Parameters
-    ----------
-    points
-        (N, 3) cloud [m].
-    touch
-        (3,) the proxy's position as it touches [m].
-    normals
-        (M, 3) unit normals of the walls that hold it there.
-    ignore_axis
-        As the engine takes it.
-    radius
-        R = r_c + r_v [m].
-    held
-        The hand also holds the mass sideways: a ball pressed onto a convex place, or onto a place
-        whose shape nobody has looked at, would else roll off.
-    room
-        How far from the touch there is nothing yet, in `radius`.
-    pieces
-        The cloud's curve as lines and arcs, where it is known so: rule "exact" presses on them.
-    """
-
-    points: Vector
-    touch: Vector
-    normals: Vector
-    ignore_axis: str | Vector | None = None
-    radius: float = RADIUS
+    points: Vector  # (N, 3) cloud [m]
+    touch: Vector  # (3,) the proxy's position as it touches [m]
+    normals: Vector  # (M, 3) unit normals of the walls that hold it there
+    ignore_axis: str | Vector | None = None  # as the engine takes it
+    radius: float = RADIUS  # R = r_c + r_v [m]
+    # The hand also holds the mass sideways: a ball pressed onto a convex place, or onto a place
+    # whose shape nobody has looked at, would else roll off
     held: bool = False
-    room: float = 0.2
+    room: float = 0.2  # how far from the touch there is nothing yet, in `radius`
+    # The cloud's curve as lines and arcs, where it is known so: rule "exact" presses on them
     pieces: Pieces | None = None
 
     @property

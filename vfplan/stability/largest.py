@@ -29,21 +29,11 @@ REACH = 16.0  # how far above theory the search goes
 
 @dataclass(frozen=True)
 class Largest:
-    """The largest stable stiffness of one contact.
+    """The largest stable stiffness of one contact."""
 
-    Parameters
-    ----------
-    measured
-        [N/m]; the last K that was stable, within `RESOLUTION`.
-    exact
-        [N/m], spectral radius of plant and spring.
-    beyond
-        Still stable at `REACH` times `exact`, where the search ended.
-    """
-
-    measured: float
-    exact: float
-    beyond: bool = False
+    measured: float  # [N/m]; the last K that was stable, within `RESOLUTION`
+    exact: float  # [N/m], spectral radius of plant and spring
+    beyond: bool = False  # still stable at `REACH` times `exact`, where the search ended
 
     @property
     def ratio(self) -> float:

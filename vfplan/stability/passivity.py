@@ -27,27 +27,14 @@ from vfplan.stability.rows import Row, verdict
 
 @dataclass(frozen=True)
 class Cycle:
-    """Work over one closed cycle of the HIP.
+    """Work over one closed cycle of the HIP."""
 
-    Parameters
-    ----------
-    work_j
-        Σ F_k·(x_{k+1} - x_k), what the fixture gave the hand [J]; negative: what it took.
-    bound_j
-        The sampled-data bound without receding [J].
-    recede_m
-        Largest growth of |proxy - HIP| in one tick with the HIP where it is [m].
-    contact_ticks
-        Ticks with a force.
-    stored_j
-        Largest U along the cycle [J], to hold the other figures against.
-    """
-
+    # Σ F_k·(x_{k+1} - x_k), what the fixture gave the hand [J]; negative: what it took
     work_j: float
-    bound_j: float
-    recede_m: float
-    contact_ticks: int
-    stored_j: float
+    bound_j: float  # the sampled-data bound without receding [J]
+    recede_m: float  # largest growth of |proxy - HIP| in one tick with the HIP where it is [m]
+    contact_ticks: int  # ticks with a force
+    stored_j: float  # largest U along the cycle [J], to hold the other figures against
 
     @property
     def excess(self) -> float:

@@ -18,28 +18,14 @@ MOST_TICKS = 10_000
 
 @dataclass(frozen=True)
 class Press:
-    """What a press did.
+    """What a press did."""
 
-    Parameters
-    ----------
-    energy_j
-        Net work of the fixture on the hand's mass over the press, + out [J].
-    limit_cycle_m
-        Peak to peak of the position along the push over the last quarter [m].
-    rest_s
-        Until the position stays within 5 % of its final depth [s]; `None` when
-        it does not.
-    overshoot
-        Largest depth over the final depth, less 1.
-    limited_ticks
-        Ticks in which a force limit acted; `None` without limits.
-    """
-
-    energy_j: float
-    limit_cycle_m: float
+    energy_j: float  # net work of the fixture on the hand's mass over the press, + out [J]
+    limit_cycle_m: float  # peak to peak of the position along the push over the last quarter [m]
+    # Until the position stays within 5 % of its final depth [s]; `None` when it does not
     rest_s: float | None
-    overshoot: float
-    limited_ticks: int | None = None
+    overshoot: float  # largest depth over the final depth, less 1
+    limited_ticks: int | None = None  # ticks in which a force limit acted; `None` without limits
 
 
 def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> Press:

@@ -40,24 +40,12 @@ Done = Callable[[int], None]
 
 @dataclass(frozen=True)
 class Study:
-    """What a study found.
+    """What a study found."""
 
-    Parameters
-    ----------
-    rows
-        In the order of the tables.
-    verdict
-        On the K asked about.
-    left_out
-        Case -> why this bundle cannot meet it.
-    elapsed_s
-        Run time [s].
-    """
-
-    rows: list[Row]
-    verdict: StabilityVerdict
-    left_out: dict[str, str]
-    elapsed_s: float
+    rows: list[Row]  # in the order of the tables
+    verdict: StabilityVerdict  # on the K asked about
+    left_out: dict[str, str]  # case -> why this bundle cannot meet it
+    elapsed_s: float  # run time [s]
 
     @property
     def failed(self) -> list[Row]:
@@ -118,20 +106,11 @@ class Study:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A study that is ready to run.
+    """A study that is ready to run."""
 
-    Parameters
-    ----------
-    tasks
-        Each makes some rows; they can be pickled.
-    left_out
-        Case -> why this bundle cannot meet it.
-    robot, stiffness, margin
-        What is judged.
-    """
-
-    tasks: list[Task]
-    left_out: dict[str, str]
+    tasks: list[Task]  # each makes some rows; they can be pickled
+    left_out: dict[str, str]  # case -> why this bundle cannot meet it
+    # What is judged
     robot: Robot
     stiffness: float
     margin: float

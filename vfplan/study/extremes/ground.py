@@ -18,24 +18,14 @@ from vfplan.stability import contacts
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """A cloud, a place where the proxy touches it, and the way off it.
+    """A cloud, a place where the proxy touches it, and the way off it."""
 
-    Parameters
-    ----------
-    points
-        (N, 3) [m].
-    touch, out
-        (3,) the proxy's place as it touches [m], and the unit vector away from the cloud.
-    settings
-        The engine's.
-    pieces
-        The points are these lines' and arcs' vertices, and the engine renders them.
-    """
-
-    points: Vector
+    points: Vector  # (N, 3) [m]
+    # (3,) the proxy's place as it touches [m], and the unit vector away from the cloud
     touch: Vector
     out: Vector
-    settings: dict[str, Any] = field(default_factory=dict)
+    settings: dict[str, Any] = field(default_factory=dict)  # the engine's
+    # The points are these lines' and arcs' vertices, and the engine renders them
     pieces: Pieces | None = None
 
     def engine(self, **more: Any) -> ProxyEngine:

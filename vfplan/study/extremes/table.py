@@ -18,37 +18,19 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class Extreme:
-    """One case.
+    """One case."""
 
-    Parameters
-    ----------
-    name
-        In the report "extreme/<group>/<name>".
-    group
-        What is extreme: the cloud, the HIP, a setting, the markers or the image; or a long run.
-    expected
-        In words.
-    probe
-        Function of the group's module that returns the figure held against `limit`.
-    args
-        Its arguments.
-    limit, unit
-        The figure is at most this; `None`: only a refusal will do.
-    refusal
-        Names of errors (`vfplan.errors`) that are as good.
-    full
-        Runs with `--full` only.
-    """
-
-    name: str
+    name: str  # in the report "extreme/<group>/<name>"
+    # What is extreme: the cloud, the HIP, a setting, the markers or the image; or a long run
     group: Group
-    expected: str
-    probe: str
-    args: dict[str, Any] = field(default_factory=dict)
+    expected: str  # in words
+    probe: str  # function of the group's module that returns the figure held against `limit`
+    args: dict[str, Any] = field(default_factory=dict)  # its arguments
+    # The figure is at most this; `None`: only a refusal will do
     limit: float | None = ROUNDING
     unit: str = INSIDE
-    refusal: tuple[str, ...] = ()
-    full: bool = False
+    refusal: tuple[str, ...] = ()  # names of errors (`vfplan.errors`) that are as good
+    full: bool = False  # runs with `--full` only
 
 
 def _press(name: str, limit: float, **args: Any) -> Extreme:

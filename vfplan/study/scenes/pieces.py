@@ -16,21 +16,11 @@ from vfplan.engine.checks import Vector
 
 
 class Look(NamedTuple):
-    """Distance to each of M pieces, seen from one position.
+    """Distance to each of M pieces, seen from one position."""
 
-    Parameters
-    ----------
-    distance
-        (M,) [m].
-    normal
-        (M, 3) gradient of the distance: unit vector away from the piece.
-    hessian
-        (M, 3, 3) second derivative of the distance [1/m].
-    """
-
-    distance: Vector
-    normal: Vector
-    hessian: Vector
+    distance: Vector  # (M,) [m]
+    normal: Vector  # (M, 3) gradient of the distance: unit vector away from the piece
+    hessian: Vector  # (M, 3, 3) second derivative of the distance [1/m]
 
 
 class Pieces(Protocol):
@@ -144,21 +134,12 @@ class Spheres:
 
 @dataclass(frozen=True, eq=False)
 class Arcs:
-    """Circular arcs in the plane z = 0, endless along z.
+    """Circular arcs in the plane z = 0, endless along z."""
 
-    Parameters
-    ----------
-    centre
-        (M, 2) [m].
-    radius
-        (M,) [m], above 0.
-    start, sweep
-        (M,) angle of the first end and signed angle to the second [rad], |sweep| <= π / 4: an arc
-        that long has one nearest point for a proxy that matters.
-    """
-
-    centre: Vector
-    radius: Vector
+    centre: Vector  # (M, 2) [m]
+    radius: Vector  # (M,) [m], above 0
+    # (M,) angle of the first end and signed angle to the second [rad], |sweep| <= π / 4: an arc
+    # that long has one nearest point for a proxy that matters
     start: Vector
     sweep: Vector
 
