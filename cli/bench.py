@@ -9,9 +9,10 @@ from typing import Any
 
 import click
 from click.core import ParameterSource
+from vfplan.cli.options import OVERWRITE, option, taking
 from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.run import Report, command, progress
-from vfplan.cli.values import FILE, Numbers
+from vfplan.cli.values import FILE, MM
 
 from vfplan.errors import InputError
 
@@ -20,19 +21,21 @@ STAGES = ("extract", "sample", "register", "proxy", "feel", "plan")
 
 @command("bench", short_help="Error against run time, for every stage.")
 @click.argument("stage", type=click.Choice([*STAGES, "all"]), default="all")
-@click.option("-o", "--output", type=FILE, metavar="DIR",
-              help="Folder for bench.json, bench.csv and one diagram a stage.")  # fmt: skip
-@click.option("--overwrite", is_flag=True, help="Replace output files that exist.")
-@click.option("--quick", is_flag=True, help="Under a minute, instead of under ten.")
-@click.option("--peer", "peers", multiple=True, metavar="CMD",
-              help="An outside program to run beside the engines: CMD FOLDER reads points.csv, "
-              "path.csv and settings.csv there and writes proxies.csv.")  # fmt: skip
-@click.option("--surface", type=FILE, metavar="MESH",
-              help="A bone's surface (STL, PLY; mm) as one more scene of proxy.")  # fmt: skip
-@click.option("--tolerance", "tolerance_mm", type=Numbers(1, metavar="MM"), default="0.01",
-              show_default=True, help="What the chosen settings are to keep.")  # fmt: skip
-@click.option("--from", "source", type=FILE, metavar="JSON",
-              help="Measure nothing: draw again what a bench.json holds.")  # fmt: skip
+@taking(
+    option("-o", "--output", type=FILE, metavar="DIR",
+           help="Folder for bench.json, bench.csv and one diagram a stage."),
+    OVERWRITE,
+    option("--quick", is_flag=True, help="Under a minute, instead of under ten."),
+    option("--peer", "peers", multiple=True, metavar="CMD",
+           help="An outside program to run beside the engines: CMD FOLDER reads points.csv, "
+           "path.csv and settings.csv there and writes proxies.csv."),
+    option("--surface", type=FILE, metavar="MESH",
+           help="A bone's surface (STL, PLY; mm) as one more scene of proxy."),
+    option("--tolerance", "tolerance_m", type=MM, default="0.01",
+           help="What the chosen settings are to keep."),
+    option("--from", "source", type=FILE, metavar="JSON",
+           help="Measure nothing: draw again what a bench.json holds."),
+)  # fmt: skip
 def command(
     stage: str,
     output: Path | None,
@@ -40,7 +43,7 @@ def command(
     quick: bool,
     peers: tuple[str, ...],
     surface: Path | None,
-    tolerance_mm: tuple[float, ...],
+    tolerance_m: float,
     source: Path | None,
 ) -> Report:
     """Measure STAGE (all of them by default) against known truth, and draw error over time."""
@@ -61,7 +64,7 @@ def command(
             document = bench(
                 stages,
                 quick=quick,
-                tolerance_m=tolerance_mm[0] * 1e-3,
+                tolerance_m=tolerance_m,
                 peers=[Peer(word) for word in peers],
                 surface=surface,
                 progress=tell,
@@ -78,7 +81,7 @@ def _refuse_idle(stages: tuple[str, ...], source: Path | None) -> None:
     context = click.get_current_context()
     given = [
         name
-        for name in ("quick", "peers", "surface", "tolerance_mm")
+        for name in ("quick", "peers", "surface", "tolerance_m")
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
     ]
     if source is not None and given:
@@ -89,7 +92,7 @@ def _refuse_idle(stages: tuple[str, ...], source: Path | None) -> None:
 
 
 def _flags(names: list[str]) -> str:
-    flags = {"peers": "--peer", "tolerance_mm": "--tolerance"}
+    flags = {"peers": "--peer", "tolerance_m": "--tolerance"}
     return ", ".join(flags.get(name, f"--{name}") for name in names)
 
 

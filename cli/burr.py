@@ -5,46 +5,27 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import click
-from vfplan.cli import options, values
+from vfplan.cli import options
+from vfplan.cli.options import option, taking
 from vfplan.cli.outputs import outputs, refuse_existing
-from vfplan.cli.run import Report, progress
-from vfplan.cli.run import command as vfplan_command
-from vfplan.cli.values import FILE, Real
+from vfplan.cli.run import Report, command, progress
+from vfplan.cli.values import CSV, PNG, Real
 
 
-@vfplan_command("burr", short_help="Burr a fixture away: points go under the tool.")
-@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
-@click.argument("session", type=FILE, metavar="SESSION")
-@click.option(
-    "--radius",
-    "radius_mm",
-    type=Real(0, min_open=True),
-    metavar="MM",
-    required=True,
-    help="Of the ball at the tip; below the fixture's contact radius.",
-)
-@options.output("Per-tick result, HDF5.", required=False)
-@click.option(
-    "--events-out",
-    type=values.CSV,
-    metavar="EVENTS.csv",
-    help="Write the edits, for `vfplan replay --rule robust --events`.",
-)
-@click.option(
-    "--picture-out",
-    type=values.PNG,
-    metavar="PNG",
-    help="Write what was taken away, and the force over time.",
-)
-@click.option(
-    "--units",
-    type=click.Choice(["m", "mm"]),
-    default="m",
-    show_default=True,
-    help="Unit of the session's positions.",
-)
-@options.signature()  # fmt: skip
+@command("burr", short_help="Burr a fixture away: points go under the tool.")
+@taking(
+    options.FIXTURE,
+    options.SESSION,
+    option("--radius", "radius_mm", type=Real(0, min_open=True), metavar="MM", required=True,
+           help="Of the ball at the tip; below the fixture's contact radius."),
+    options.output("Per-tick result, HDF5.", required=False),
+    option("--events-out", type=CSV, metavar="EVENTS.csv",
+           help="Write the edits, for `vfplan replay --rule robust --events`."),
+    option("--picture-out", type=PNG, metavar="PNG",
+           help="Write what was taken away, and the force over time."),
+    options.UNITS,
+    options.signature(),
+)  # fmt: skip
 def command(
     fixture: Path,
     session: Path,
@@ -68,8 +49,7 @@ def command(
     from vfplan.session.events import write_events
 
     refuse_existing(output, events_out, picture_out, overwrite=overwrite)
-    trust = {} if given["trust"] is None else {"trust": given["trust"]}
-    planned = read_fixture(fixture, **trust)
+    planned = read_fixture(fixture, trust=given["trust"])
     hand = read_session(session, units=given["units"], frame=planned.frame)
     with progress("burr", len(hand.hip)) as done:
         burred = burr(planned, hand, 1e-3 * radius_mm, done=done)

@@ -8,102 +8,46 @@ from pathlib import Path
 from typing import Any
 
 import click
+from vfplan.cli.options import FIXTURE, MILLI, option, settings, taking
 from vfplan.cli.outputs import outputs, refuse_existing
-from vfplan.cli.run import Report, progress
-from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.run import Report, command, progress
 from vfplan.cli.values import FILE, PNG, Numbers, Real, Whole
 
 from vfplan.errors import SettingError
 
 
-@vfplan_command("campaign", short_help="How sure is a plan: many trials with other errors.")
-@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
+@command("campaign", short_help="How sure is a plan: many trials with other errors.")
+@FIXTURE
 @click.argument("sessions", type=FILE, nargs=-1, metavar="[SESSION...]")
-@click.option(
-    "-o",
-    "--output",
-    "folder",
-    type=FILE,
-    required=True,
-    metavar="DIR",
-    help="The campaign's folder; a later call goes on with what is there.",
-)
-@click.option(
-    "--trials",
-    type=Whole(1),
-    default=1000,
-    show_default=True,
-    help="How many trials, in whole blocks of 64.",
-)
-@click.option(
-    "--seed",
-    type=Whole(0, 2**63 - 1),
-    default=0,
-    show_default=True,
-    help="Trial k draws from (seed, k), whatever the workers.",
-)
-@click.option(
-    "--fle-image",
-    type=Real(0),
-    default=0.0,
-    metavar="PX",
-    help="RMS error of a marker's picked pixel.",
-)
-@click.option(
-    "--fle-robot",
-    type=Real(0),
-    metavar="MM",
-    help="RMS error of a touched marker; without it, what FIXTURE's residuals say.",
-)
-@click.option(
-    "--tremor",
-    type=Real(0),
-    default=0.0,
-    metavar="MM",
-    help="RMS of the hand's tremor, 8 to 12 Hz.",
-)
-@click.option(
-    "--stiffness-range", type=Numbers(2, metavar="A,B"), help="K drawn evenly from A to B [N/m]."
-)
-@click.option(
-    "--hand",
-    type=Real(0, min_open=True),
-    default=500.0,
-    show_default=True,
-    metavar="N_PER_M",
-    help="Stiffness of the hand that follows the session.",
-)
-@click.option(
-    "--beyond",
-    type=Numbers(*range(1, 21), metavar="MM[,MM...]", positive=False),
-    default="0,0.5,1",
-    show_default=True,
-    help="Depths beyond the true curve whose probability is told.",
-)
-@click.option(
-    "--margin-for",
-    type=Numbers(*range(1, 21), metavar="P[,P...]"),
-    default="0.05,0.01",
-    show_default=True,
-    help="Probabilities whose margin is told.",
-)
-@click.option(
-    "--coverage", is_flag=True, help="Count how often the registration's 95 % bounds hold."
-)
-@click.option(
-    "--rare",
-    type=Real(0, min_open=True),
-    metavar="MM",
-    help="A rare event: draw trials where the tool comes this far, and weigh them.",
-)
-@click.option(
-    "--workers",
-    type=Whole(1, 4096),
-    help="Processes on this machine; without it, one a core.",
-)
-@click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, e.g. tcp://HOST:8786.")
-@click.option("--picture-out", type=PNG, help="Where along the curve, and how far.")
-@click.option("--overwrite", is_flag=True, help="Replace the picture if it exists.")
+@taking(
+    option("-o", "--output", "folder", type=FILE, required=True, metavar="DIR",
+           help="The campaign's folder; a later call goes on with what is there."),
+    option("--trials", type=Whole(1), default=1000, help="How many trials, in whole blocks of 64."),
+    option("--seed", type=Whole(0, 2**63 - 1), default=0,
+           help="Trial k draws from (seed, k), whatever the workers."),
+    option("--fle-image", "fle_image_px", type=Real(0), default=0, metavar="PX",
+           help="RMS error of a marker's picked pixel."),
+    option("--fle-robot", "fle_robot_m", type=Real(0), metavar="MM", **MILLI,
+           help="RMS error of a touched marker; without it, what FIXTURE's residuals say."),
+    option("--tremor", "tremor_m", type=Real(0), default=0, metavar="MM", **MILLI,
+           help="RMS of the hand's tremor, 8 to 12 Hz."),
+    option("--stiffness-range", type=Numbers(2, metavar="A,B"),
+           help="K drawn evenly from A to B [N/m]."),
+    option("--hand", "hand_stiffness", type=Real(0, min_open=True), default=500.0,
+           metavar="N_PER_M", help="Stiffness of the hand that follows the session."),
+    option("--beyond", type=Numbers(*range(1, 21), metavar="MM[,MM...]", positive=False),
+           default="0,0.5,1", help="Depths beyond the true curve whose probability is told."),
+    option("--margin-for", type=Numbers(*range(1, 21), metavar="P[,P...]"), default="0.05,0.01",
+           help="Probabilities whose margin is told."),
+    option("--coverage", is_flag=True, help="Count how often the registration's 95 % bounds hold."),
+    option("--rare", "rare_m", type=Real(0, min_open=True), metavar="MM", **MILLI,
+           help="A rare event: draw trials where the tool comes this far, and weigh them."),
+    option("--workers", type=Whole(1, 4096),
+           help="Processes on this machine; without it, one a core."),
+    option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, e.g. tcp://HOST:8786."),
+    option("--picture-out", type=PNG, help="Where along the curve, and how far."),
+    option("--overwrite", is_flag=True, help="Replace the picture if it exists."),
+)  # fmt: skip
 def command(fixture: Path, sessions: tuple[Path, ...], folder: Path, trials: int,
             workers: int | None, scheduler: str | None, picture_out: Path | None,
             overwrite: bool, beyond: tuple[float, ...], margin_for: tuple[float, ...],
@@ -124,17 +68,17 @@ def command(fixture: Path, sessions: tuple[Path, ...], folder: Path, trials: int
     refuse_existing(picture_out, overwrite=overwrite)
     from vfplan.arm.visit import visit
     from vfplan.bundle import read_fixture
-    from vfplan.campaign import read_campaign, run_campaign
+    from vfplan.campaign import CampaignSettings, read_campaign, run_campaign
     from vfplan.campaign.statistics import summary
     from vfplan.session import read_session
 
     planned = read_fixture(fixture)
     heard = [read_session(path) for path in sessions] or visit(planned, to_ends=False)
-    settings = _settings(given)
+    how = settings(CampaignSettings, given)
     began = time.perf_counter()
     with progress("campaign", trials) as done:
         made = run_campaign(
-            planned, heard, folder, trials, settings, scheduler=scheduler,
+            planned, heard, folder, trials, how, scheduler=scheduler,
             workers=workers or os.cpu_count() or 1, done=done,
         )  # fmt: skip
     elapsed = time.perf_counter() - began
@@ -147,18 +91,6 @@ def command(fixture: Path, sessions: tuple[Path, ...], folder: Path, trials: int
         with outputs(picture_out) as (picture,):
             draw_campaign(planned, table, 1e-3 * beyond[0], picture)
     return Report(data, _text(data))
-
-
-def _settings(given: dict[str, Any]) -> Any:
-    from vfplan.campaign import CampaignSettings
-
-    def metres(mm: float | None) -> float | None:
-        return None if mm is None else 1e-3 * mm
-
-    return CampaignSettings(
-        given["seed"], given["fle_image"], metres(given["fle_robot"]), 1e-3 * given["tremor"],
-        given["stiffness_range"], given["hand"], given["coverage"], metres(given["rare"]),
-    )  # fmt: skip
 
 
 def _text(data: dict[str, Any]) -> str:

@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import Any
 
 import click
+from vfplan.cli.options import OVERWRITE, option, taking
 from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.run import Report, command, jsonable
 from vfplan.cli.values import FILE
@@ -26,16 +27,11 @@ FILES = ("mask.png", "overlay.png", "fixture.h5", "result.h5", "force.png", "sce
 @click.argument(
     "what", type=click.Choice(["pipeline", "paper", "experiments", "panda"]), default="pipeline"
 )
-@click.option(
-    "-o",
-    "--output",
-    type=FILE,
-    default="vfplan-demo",
-    show_default=True,
-    metavar="DIR",
-    help="The folder to fill; made when it is not there.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace output files that exist.")
+@taking(
+    option("-o", "--output", type=FILE, default="vfplan-demo", metavar="DIR",
+           help="The folder to fill; made when it is not there."),
+    OVERWRITE,
+)  # fmt: skip
 def command(what: str, output: Path, overwrite: bool) -> Report:
     """Plan a fixture on a drawn elbow slice, replay a probing session against it, draw both.
 

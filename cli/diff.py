@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.run import Report
-from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE
 
 
-@vfplan_command("diff", short_help="What differs between two bundles.")
+@command("diff", short_help="What differs between two bundles.")
 @click.argument("a", type=FILE, metavar="A.h5")
 @click.argument("b", type=FILE, metavar="B.h5")
 @click.argument("session", type=FILE, required=False)

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
-from vfplan.cli.options import output
+from vfplan.cli.options import FIXTURE, output
 from vfplan.cli.outputs import outputs, refuse_existing
-from vfplan.cli.run import Report
-from vfplan.cli.run import command as vfplan_command
-from vfplan.cli.values import FILE, Written
+from vfplan.cli.run import Report, command
+from vfplan.cli.values import Written
 
 SUFFIXES = ".ply", ".csv", ".mrk.json", ".dxf", ".svg"
 
 
-@vfplan_command("export", short_help="A bundle as PLY, CSV, .mrk.json, DXF or SVG.")
-@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
+@command("export", short_help="A bundle as PLY, CSV, .mrk.json, DXF or SVG.")
+@FIXTURE
 @output("Where to; its ending says the form.", kind=Written(*SUFFIXES))
 def command(fixture: Path, output: Path, overwrite: bool) -> Report:
     """Write the points of FIXTURE.h5 as .ply or .csv [m], its strokes as .mrk.json [mm], or its

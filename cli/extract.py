@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from vfplan.cli.options import curve_options, extract_settings, output
+from vfplan.cli.options import CURVE, extract_settings, option, output, taking
 from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.run import Report, command, patience
-from vfplan.cli.values import FILE, Numbers
+from vfplan.cli.values import FILE, Number
 
 from vfplan.errors import CurveError, SettingError
 
@@ -21,22 +21,18 @@ if TYPE_CHECKING:
 
 @command("extract", short_help="A planned slice in, its drawn curve out.")
 @click.argument("image", type=FILE)
-@output("The curve to write: a bundle in the frame of the image.")
-@curve_options
-@click.option(
-    "--density",
-    "density_per_mm",
-    type=Numbers(1, metavar="PTS_PER_MM"),
-    callback=lambda ctx, param, value: value and value[0],
-    help="Points a millimetre; needs a pixel spacing.  [default: one a pixel]",
-)
+@taking(
+    output("The curve to write: a bundle in the frame of the image."),
+    CURVE,
+    option("--density", "density_per_mm", type=Number("PTS_PER_MM"),
+           help="Points a millimetre; needs a pixel spacing.  [default: one a pixel]"),
+)  # fmt: skip
 def command(
     image: Path,
     output: Path,
     overwrite: bool,
     mask_out: Path | None,
     overlay_out: Path | None,
-    density_per_mm: float | None,
     **given: Any,
 ) -> Report:
     """Extract the curve drawn on IMAGE to sub-pixel points.
@@ -50,7 +46,7 @@ def command(
     from vfplan.bundle import write_fixture
     from vfplan.planning import extract
 
-    settings = extract_settings(given, density_per_mm=density_per_mm)
+    settings = extract_settings(given)
     refuse_existing(output, mask_out, overlay_out, overwrite=overwrite)
     with patience(f"extracting the curve of {image.name}"), numbered(image, settings, overlay_out):
         extracted = extract(image, settings, curve=given["curve"])

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
-from vfplan.cli.options import output
+from vfplan.cli.options import option, output, taking
 from vfplan.cli.outputs import outputs, refuse_existing
-from vfplan.cli.run import Report
-from vfplan.cli.run import command as vfplan_command
-from vfplan.cli.values import FILE, Numbers
+from vfplan.cli.run import Report, command
+from vfplan.cli.values import FILE, MM, Number, Numbers
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
@@ -18,79 +17,32 @@ if TYPE_CHECKING:
 AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
 
-def _millimetres(name: str, default: str, text: str) -> click.Option:
-    kind = Numbers(1, metavar="MM", positive=name != "--point-radius")
-    return click.option(name, type=kind, default=default, show_default=True, help=text)
-
-
-@vfplan_command("import", short_help="A bundle from any point cloud or mesh.")
+@command("import", short_help="A bundle from any point cloud or mesh.")
 @click.argument("cloud", type=FILE, metavar="CLOUD.ply|stl|csv|npy")
-@click.option(
-    "--units",
-    type=click.Choice(["m", "cm", "mm", "um", "in"]),
-    required=True,
-    help="Unit of the file's numbers; files do not say.",
-)
-@click.option(
-    "--frame",
-    type=click.Choice(["robot_base", "patient_lps"]),
-    default="robot_base",
-    show_default=True,
-    help="Frame of the file's numbers.",
-)
-@click.option(
-    "--curve",
-    type=click.Choice(["open", "closed"]),
-    help="The points are one curve, in order; otherwise a bare cloud, which nothing certifies.",
-)
-@click.option(
-    "--spacing", type=Numbers(1, metavar="MM"), help="Longest edge of a mesh.  [default: R/10]"
-)
-@click.option(
-    "--stiffness",
-    type=Numbers(1, 3, metavar="N_PER_M[,Y,Z]", positive=False),
-    default="1000",
-    show_default=True,
-    help="K along the axes of the frame.",
-)
-@_millimetres("--contact-radius", "5", "The proxy's radius r_c.")
-@_millimetres("--point-radius", "0", "Radius r_v of each point.")
-@click.option(
-    "--ignore-axis",
-    type=click.Choice(list(AXES)),
-    default="none",
-    show_default=True,
-    help="The fixture is infinite along it.",
-)
-@output("The fixture bundle.")
-def command(
-    cloud: Path,
-    units: str,
-    frame: str,
-    curve: str | None,
-    spacing: tuple[float] | None,
-    stiffness: tuple[float, ...],
-    contact_radius: tuple[float],
-    point_radius: tuple[float],
-    ignore_axis: str,
-    output: Path,
-    overwrite: bool,
-) -> Report:
+@taking(
+    option("--units", type=click.Choice(["m", "cm", "mm", "um", "in"]), required=True,
+           help="Unit of the file's numbers; files do not say."),
+    option("--frame", type=click.Choice(["robot_base", "patient_lps"]), default="robot_base",
+           help="Frame of the file's numbers."),
+    option("--curve", type=click.Choice(["open", "closed"]),
+           help="The points are one curve, in order; otherwise a bare cloud, which nothing "
+           "certifies."),
+    option("--spacing", type=MM, help="Longest edge of a mesh.  [default: R/10]"),
+    option("--stiffness", type=Numbers(1, 3, metavar="N_PER_M[,Y,Z]", positive=False),
+           default="1000", help="K along the axes of the frame."),
+    option("--contact-radius", type=MM, default="5", help="The proxy's radius r_c."),
+    option("--point-radius", type=Number("MM", 1e-3, positive=False), default="0",
+           help="Radius r_v of each point."),
+    option("--ignore-axis", type=click.Choice(list(AXES)), default="none",
+           help="The fixture is infinite along it."),
+    output("The fixture bundle."),
+)  # fmt: skip
+def command(cloud: Path, output: Path, overwrite: bool, **given: Any) -> Report:
     """Make a fixture bundle of the points in CLOUD; a mesh is sampled and certified."""
     refuse_existing(output, overwrite=overwrite)
     from vfplan.bundle import import_cloud, read_bundle, write_fixture
 
-    fixture = import_cloud(
-        cloud,
-        units=units,
-        frame=frame,
-        curve=curve,
-        spacing=spacing and spacing[0] * 1e-3,
-        stiffness=stiffness if len(stiffness) == 3 else stiffness[0],
-        contact_radius=contact_radius[0] * 1e-3,
-        point_radius=point_radius[0] * 1e-3,
-        ignore_axis=AXES[ignore_axis],
-    )
+    fixture = import_cloud(cloud, **given | {"ignore_axis": AXES[given["ignore_axis"]]})
     with outputs(output) as (path,):
         write_fixture(fixture, path)
         content, _ = read_bundle(path)

@@ -5,16 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import click
-from vfplan.cli.run import Report
-from vfplan.cli.run import command as vfplan_command
-from vfplan.cli.values import FILE
+from vfplan.cli.options import FIXTURE, option
+from vfplan.cli.run import Report, command
 
 
-@vfplan_command("info", short_help="What a bundle holds.")
-@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
-@click.option("--all", "everything", is_flag=True, help="Every attribute and table of the file.")
-@click.option("--values", is_flag=True, help="In --json, the per-point tables in full too.")
+@command("info", short_help="What a bundle holds.")
+@FIXTURE
+@option("--all", "everything", is_flag=True, help="Every attribute and table of the file.")
+@option("--values", is_flag=True, help="In --json, the per-point tables in full too.")
 def command(fixture: Path, everything: bool, values: bool) -> Report:
     """Show what FIXTURE.h5 holds, in about ten lines; with --all, all of it.
 

@@ -6,12 +6,11 @@ from pathlib import Path
 
 from vfplan.cli.options import output
 from vfplan.cli.outputs import refuse_existing
-from vfplan.cli.run import Report
-from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.run import Report, command
 from vfplan.cli.values import Written
 
 
-@vfplan_command("keygen", short_help="Make a key pair for signing bundles.")
+@command("keygen", short_help="Make a key pair for signing bundles.")
 @output("The private key, for its owner only; the public key gets the suffix .pub.", kind=Written())
 def command(output: Path, overwrite: bool) -> Report:
     """Make an Ed25519 key pair: a private key to sign with, a public key for robots to trust."""

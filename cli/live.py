@@ -10,44 +10,28 @@ from pathlib import Path
 from typing import Any
 
 import click
+from vfplan.cli.options import FIXTURE, option, taking
 from vfplan.cli.outputs import outputs, refuse_existing
-from vfplan.cli.run import Report
-from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.run import Report, command
 from vfplan.cli.stopping import SIGNALS
-from vfplan.cli.values import FILE, Real, Whole, Written
+from vfplan.cli.values import Real, Whole, Written
 
 
-@vfplan_command("live", short_help="A result or a controller's ticks, live: a page, Slicer, MCAP.")
-@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
+@command("live", short_help="A result or a controller's ticks, live: a page, Slicer, MCAP.")
+@FIXTURE
 @click.argument("source", metavar="RESULT.h5|udp://HOST:PORT")
-@click.option(
-    "--openigtlink",
-    type=Whole(0, 65535),
-    metavar="PORT",
-    help="Serve OpenIGTLink on 127.0.0.1 at this port (18944 is usual; 0: any free).",
-)
-@click.option(
-    "--web",
-    type=Whole(0, 65535),
-    metavar="PORT",
-    help="Serve a page to watch on 127.0.0.1 at this port (8080, say; 0: any free).",
-)
-@click.option("--mcap", type=Written(".mcap"), metavar="FILE", help="Keep every tick.")
-@click.option(
-    "--rate",
-    type=Real(1, 1000),
-    default=100.0,
-    show_default=True,
-    metavar="HZ",
-    help="How many ticks a second are shown.",
-)
-@click.option(
-    "--seconds",
-    type=Real(0, min_open=True),
-    metavar="S",
-    help="Stop after so long; without it at the result's end, or on Ctrl-C.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace the MCAP file if it exists.")
+@taking(
+    option("--openigtlink", type=Whole(0, 65535), metavar="PORT",
+           help="Serve OpenIGTLink on 127.0.0.1 at this port (18944 is usual; 0: any free)."),
+    option("--web", type=Whole(0, 65535), metavar="PORT",
+           help="Serve a page to watch on 127.0.0.1 at this port (8080, say; 0: any free)."),
+    option("--mcap", type=Written(".mcap"), metavar="FILE", help="Keep every tick."),
+    option("--rate", type=Real(1, 1000), default=100.0, metavar="HZ",
+           help="How many ticks a second are shown."),
+    option("--seconds", type=Real(0, min_open=True), metavar="S",
+           help="Stop after so long; without it at the result's end, or on Ctrl-C."),
+    option("--overwrite", is_flag=True, help="Replace the MCAP file if it exists."),
+)  # fmt: skip
 def command(fixture: Path, source: str, openigtlink: int | None, web: int | None,
             mcap: Path | None, rate: float, seconds: float | None,
             overwrite: bool) -> Report:  # fmt: skip

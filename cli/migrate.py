@@ -7,12 +7,11 @@ from pathlib import Path
 import click
 from vfplan.cli.options import output
 from vfplan.cli.outputs import outputs, refuse_existing
-from vfplan.cli.run import Report
-from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE
 
 
-@vfplan_command("migrate", short_help="Bring an old bundle up to date, in a new file.")
+@command("migrate", short_help="Bring an old bundle up to date, in a new file.")
 @click.argument("old", type=FILE, metavar="OLD.h5")
 @output("The new bundle.")
 def command(old: Path, output: Path, overwrite: bool) -> Report:

@@ -8,45 +8,38 @@ from typing import Any
 import click
 from vfplan.cli.extract import extracted_text, numbered, write_pictures
 from vfplan.cli.options import (
+    CURVE,
+    MAKING,
     ROBOT,
-    curve_options,
     extract_settings,
-    fixture_options,
     fixture_settings,
     hold_campaign,
+    option,
     output,
+    taking,
 )
 from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.register import registered_text, write_registration_picture
-from vfplan.cli.rehearse import BASE, objections, rehearsed_text
+from vfplan.cli.rehearse import BASE, TOOL, objections, rehearsed_text
 from vfplan.cli.run import Report, command, patience
-from vfplan.cli.values import FILE, Numbers
+from vfplan.cli.values import FILE
 
 
 @command("plan", short_help="A planned slice and its markers in, a fixture out.")
 @click.argument("image", type=FILE)
 @click.argument("markers", type=FILE)
 @click.argument("markers2", type=FILE, required=False)
-@output("The fixture bundle to write.")
-@curve_options
-@fixture_options
-@ROBOT
-@click.option(
-    "--rehearse",
-    metavar="panda|fr3|FILE.xml",
-    help="Let a simulated arm go along the curve first, on each side; write nothing "
-    "(exit 1) where it would not reach or would stop. Its limits: --robot's, or its own.",
-)
-@click.option(
-    "--base", type=BASE, help="That arm's base in the fixture's frame [m].  [default: 0,0,0]"
-)
-@click.option(
-    "--tool",
-    type=Numbers(3, metavar="X,Y,Z", positive=False),
-    default="0,0,0.1",
-    show_default=True,
-    help="That arm's tip in its flange's frame [m].",
-)
+@taking(
+    output("The fixture bundle to write."),
+    CURVE,
+    MAKING,
+    ROBOT,
+    option("--rehearse", metavar="panda|fr3|FILE.xml",
+           help="Let a simulated arm go along the curve first, on each side; write nothing (exit "
+           "1) where it would not reach or would stop. Its limits: --robot's, or its own."),
+    option("--base", **BASE, help="That arm's base in the fixture's frame [m].  [default: 0,0,0]"),
+    option("--tool", **TOOL, help="That arm's tip in its flange's frame [m]."),
+)  # fmt: skip
 def command(
     image: Path,
     markers: Path,

@@ -6,7 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from vfplan.cli.options import fixture_options, fixture_settings, hold_campaign, output
+from vfplan.cli.options import (
+    MAKING,
+    MILLI,
+    fixture_settings,
+    hold_campaign,
+    option,
+    output,
+    taking,
+)
 from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE, Real
@@ -21,30 +29,19 @@ if TYPE_CHECKING:
 @click.argument("curve", type=FILE, metavar="CURVE.h5")
 @click.argument("markers", type=FILE)
 @click.argument("markers2", type=FILE, required=False)
-@output("The fixture bundle to write.")
-@click.option(
-    "--image",
-    type=FILE,
-    metavar="IMAGE",
-    help="The slice the curve was drawn on: the markers are held against the marks on it; for "
-    "--find-markers, under --picture-out, and for markers in the patient's frame, to which a DICOM "
-    "slice carries the curve.",
-)
-@click.option(
-    "--touched",
-    type=FILE,
-    metavar="POINTS.csv",
-    help="Points that the robot touched on the surface (x_m,y_m,z_m) refine its "
-    "rigid registration.",
-)
-@click.option(
-    "--tip-radius",
-    "tip_radius_mm",
-    type=Real(min=0),
-    metavar="MM",
-    help="Radius of the ball that touched them.  [default: 0]",
-)
-@fixture_options
+@taking(
+    output("The fixture bundle to write."),
+    option("--image", type=FILE, metavar="IMAGE",
+           help="The slice the curve was drawn on: the markers are held against the marks on it; "
+           "for --find-markers, under --picture-out, and for markers in the patient's frame, to "
+           "which a DICOM slice carries the curve."),
+    option("--touched", type=FILE, metavar="POINTS.csv",
+           help="Points that the robot touched on the surface (x_m,y_m,z_m) refine its rigid "
+           "registration."),
+    option("--tip-radius", type=Real(min=0), metavar="MM", **MILLI,
+           help="Radius of the ball that touched them.  [default: 0]"),
+    MAKING,
+)  # fmt: skip
 def command(
     curve: Path,
     markers: Path,
@@ -53,7 +50,7 @@ def command(
     overwrite: bool,
     image: Path | None,
     touched: Path | None,
-    tip_radius_mm: float | None,
+    tip_radius: float | None,
     picture_out: Path | None,
     **given: Any,
 ) -> Report:
@@ -69,14 +66,14 @@ def command(
     settings = fixture_settings(given)
     if settings.find_markers and image is None:
         raise click.UsageError("--find-markers needs --image, the slice the markers are drawn on")
-    if tip_radius_mm is not None and touched is None:
+    if tip_radius is not None and touched is None:
         raise click.UsageError("--tip-radius has no effect without --touched")
     refuse_existing(output, picture_out, overwrite=overwrite)
     drawn = read_fixture(curve)
     slice_ = None if image is None else read_image(image)
     planned = register(
         drawn, markers, markers2, settings, image=slice_, touched=touched,
-        tip_radius=1e-3 * (tip_radius_mm or 0.0),
+        tip_radius=tip_radius or 0.0,
     )  # fmt: skip
     hold_campaign(given, planned.fixture)
     with outputs(output, picture_out) as (path, picture):

@@ -5,49 +5,36 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import click
-from vfplan.cli import options, values
+from vfplan.cli import options
+from vfplan.cli.options import option, taking
 from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.replay import guess, refuse_folder
 from vfplan.cli.run import Report, command, command_line, progress
-from vfplan.cli.values import FILE, Numbers
+from vfplan.cli.values import FILE, PNG, Number, Numbers
 
-BASE = Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)
-
-
-OPTIONS = [
-    click.option("--arm", default="panda", show_default=True, metavar="panda|fr3|FILE.xml",
-                 help="The arm: a shipped one, or an MJCF file of hinges with a site `tip`."),
-    options.robot("The limits it has; its own for a shipped arm."),
-    click.option("--base", type=BASE,
-                 help="Its base in the fixture's frame [m].  [default: 0,0,0]"),
-    click.option("--tool", type=Numbers(3, metavar="X,Y,Z", positive=False), default="0,0,0.1",
-                 show_default=True, help="The tip in the flange's frame [m]."),
-    click.option("--no-governor", is_flag=True, help="Command the engine's force as it is."),
-    click.option("--hand", "hand_n_per_m", type=Numbers(1, metavar="N_PER_M"), default="600",
-                 show_default=True,
-                 help="How stiffly the hand wants the tip where the session is."),
-    click.option("--units", type=click.Choice(["m", "mm"]), default="m", show_default=True,
-                 help="Unit of the session's positions."),
-    click.option("--report", type=FILE, metavar="DIR",
-                 help="Folder for one self-contained HTML page with pictures."),
-    click.option("--picture-out", type=values.PNG, metavar="PNG",
-                 help="Write the arm over the fixture."),
-]  # fmt: skip
-
-
-def _with_options(function: Any) -> Any:
-    for option in reversed(OPTIONS):
-        function = option(function)
-    return function
+BASE = {"type": Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)}
+TOOL = {"type": options.VECTOR, "default": "0,0,0.1"}
 
 
 @command("rehearse", short_help="Rehearse a session on a simulated arm.")
-@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
-@click.argument("session", type=FILE, metavar="SESSION")
-@options.output("Per-tick result of the simulated tip, HDF5.", required=False)
-@_with_options
-@options.signature()
+@taking(
+    options.FIXTURE,
+    options.SESSION,
+    options.output("Per-tick result of the simulated tip, HDF5.", required=False),
+    option("--arm", default="panda", metavar="panda|fr3|FILE.xml",
+           help="The arm: a shipped one, or an MJCF file of hinges with a site `tip`."),
+    options.robot("The limits it has; its own for a shipped arm."),
+    option("--base", **BASE, help="Its base in the fixture's frame [m].  [default: 0,0,0]"),
+    option("--tool", **TOOL, help="The tip in the flange's frame [m]."),
+    option("--no-governor", is_flag=True, help="Command the engine's force as it is."),
+    option("--hand", "hand_n_per_m", type=Number("N_PER_M"), default="600",
+           help="How stiffly the hand wants the tip where the session is."),
+    options.UNITS,
+    option("--report", type=FILE, metavar="DIR",
+           help="Folder for one self-contained HTML page with pictures."),
+    option("--picture-out", type=PNG, metavar="PNG", help="Write the arm over the fixture."),
+    options.signature(),
+)  # fmt: skip
 def command(
     fixture: Path,
     session: Path,
@@ -72,7 +59,7 @@ def command(
         refuse_folder(report, overwrite)
     (planned, digest), arm = _fixture(fixture, given["trust"]), made_arm(given["arm"], given)
     wanted, warnings = _session(session, given["units"], planned.frame, arm.robot.rate_hz)
-    hand = Hand(stiffness=given["hand_n_per_m"][0])
+    hand = Hand(stiffness=given["hand_n_per_m"])
     with progress("rehearse", len(wanted.hip)) as done:
         found = rehearse(
             planned, wanted, arm, governed=not given["no_governor"], hand=hand, done=done
@@ -113,7 +100,7 @@ def _fixture(path: Path, trust: Any) -> tuple[Any, str]:
     from vfplan.bundle import read_bundle
     from vfplan.bundle.content import from_content
 
-    content, seal = read_bundle(path, **({} if trust is None else {"trust": trust}))
+    content, seal = read_bundle(path, trust=trust)
     return from_content(content), seal.describe()["sha256"]
 
 

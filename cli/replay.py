@@ -9,122 +9,87 @@ from typing import Any
 
 import click
 from vfplan.cli import options, values
+from vfplan.cli.options import FIXTURE, SESSION, option
 from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.replay_text import check_line, replay_text
-from vfplan.cli.run import Report, command_line, progress
-from vfplan.cli.run import command as vfplan_command
-from vfplan.cli.values import FILE, Numbers, Real, Whole
+from vfplan.cli.run import Report, command, command_line, progress
+from vfplan.cli.values import FILE, Number, Numbers, Parsed, Real, Whole
 
 from vfplan.io.disk import write_whole
 from vfplan.io.numbers import real
 
 
-class Bound(click.ParamType):
+class Bound(Parsed):
     """`NAME=NUMBER`: a number of the report and its limit."""
 
-    name = "bound"
-
-    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
-        """The name shown in the help."""
-        return "NAME=NUMBER"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, float]:
-        """Parse; a usage error (exit 2) names the value found and what is allowed."""
-        if isinstance(value, tuple):
-            return value
-        name, _, number = str(value).partition("=")
+    def parse(self, text: str) -> tuple[str, float]:
+        """As `Parsed` has it."""
+        name, _, number = text.partition("=")
         try:
             limit = real(number)
         except ValueError:
-            self.fail(f"{value!r}; NAME=NUMBER wanted, e.g. force_max_n=20", param, ctx)
+            raise ValueError(f"{text!r}; NAME=NUMBER wanted, e.g. force_max_n=20") from None
         if not abs(limit) < float("inf"):
-            self.fail(f"{value!r}; a finite number wanted", param, ctx)
+            raise ValueError(f"{text!r}; a finite number wanted")
         return name, limit
 
 
-class Governing(Numbers):
-    """`STEP,MAX`; nothing: the robot's own limits."""
-
-    def __init__(self) -> None:
-        super().__init__(2, metavar="[STEP,MAX]")
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        """The two numbers, or none."""
-        return () if value == "robot" else super().convert(value, param, ctx)
-
-
-OPTIONS = [
-    click.option("--csv", "csv_out", type=values.CSV, help="Per-tick result as CSV."),
-    click.option("--report", type=FILE, metavar="DIR",
-                 help="Folder for one self-contained HTML report with pictures."),
-    click.option("--image", type=FILE, metavar="IMAGE",
-                 help="The planned slice: the report maps depth back onto it."),
-    click.option("--rule", type=click.Choice(["robust", "paper", "exact", "both"]),
-                 help="How the proxy moves; `both`: robust and paper side by side.  [default: "
-                 "exact where the fixture holds lines and arcs, else robust; paper with "
-                 "--engine reference]"),
-    click.option("--engine", type=click.Choice(["native", "reference"]), default="native",
-                 show_default=True, is_eager=True,
-                 help="The controller's own core, or the paper's algorithms in NumPy, which have "
-                 "the rule `paper` only."),
-    click.option("--units", type=click.Choice(["m", "mm"]), default="m", show_default=True,
-                 help="Unit of the session's positions."),
-    click.option("--frame", default="robot_base", show_default=True,
-                 help="Frame of the session's positions."),
-    click.option("--topic", help="ROS bag: the topic; needed when several hold positions."),
-    click.option("--field", help="ROS bag: the message's field, e.g. pose or O_T_EE."),
-    click.option("--tool-tip", type=Numbers(3, metavar="X,Y,Z", positive=False),
-                 help="ROS bag: the tip in the pose's frame [m]."),
-    click.option("--rate", "rate_hz", type=Numbers(1, metavar="HZ"),
-                 help="Resample the session by straight lines."),
-    click.option("--poses", type=FILE, metavar="POSES.csv",
-                 help="Where the moving fixture was: t,x,y,z,qw,qx,qy,qz, and `arrived` where a "
-                 "pose came later than its time."),
-    click.option("--events", type=FILE, metavar="EVENTS.csv",
-                 help="Exchanges and edits of the fixture, each with its tick."),
-    click.option("--pose-limits", type=Numbers(3, metavar="AGE,SPEED,TURN"),
-                 help="With --poses: age from which a pose is stale, and how fast the frame "
-                 "goes and turns at most [s, m/s, rad/s], as in the controller.  "
-                 "[default: 0.1,0.25,1]"),
-    click.option("--pivot", type=Numbers(3, metavar="X,Y,Z", positive=False),
-                 help="With --poses: the point of the fixture whose speed is bounded [m].  "
-                 "[default: 0,0,0]"),
+BOUND = Bound("NAME=NUMBER")
+OPTIONS = options.taking(
+    option("--csv", "csv_out", type=values.CSV, help="Per-tick result as CSV."),
+    option("--report", type=FILE, metavar="DIR",
+           help="Folder for one self-contained HTML report with pictures."),
+    option("--image", type=FILE, metavar="IMAGE",
+           help="The planned slice: the report maps depth back onto it."),
+    option("--rule", type=click.Choice(["robust", "paper", "exact", "both"]),
+           help="How the proxy moves; `both`: robust and paper side by side.  [default: exact "
+           "where the fixture holds lines and arcs, else robust; paper with --engine reference]"),
+    option("--engine", type=click.Choice(["native", "reference"]), default="native", is_eager=True,
+           help="The controller's own core, or the paper's algorithms in NumPy, which have the "
+           "rule `paper` only."),
+    options.UNITS,
+    option("--frame", default="robot_base", help="Frame of the session's positions."),
+    option("--topic", help="ROS bag: the topic; needed when several hold positions."),
+    option("--field", help="ROS bag: the message's field, e.g. pose or O_T_EE."),
+    option("--tool-tip", type=options.VECTOR, help="ROS bag: the tip in the pose's frame [m]."),
+    option("--rate", "rate_hz", type=Number("HZ"), help="Resample the session by straight lines."),
+    option("--poses", type=FILE, metavar="POSES.csv",
+           help="Where the moving fixture was: t,x,y,z,qw,qx,qy,qz, and `arrived` where a pose "
+           "came later than its time."),
+    option("--events", type=FILE, metavar="EVENTS.csv",
+           help="Exchanges and edits of the fixture, each with its tick."),
+    option("--pose-limits", type=Numbers(3, metavar="AGE,SPEED,TURN"),
+           help="With --poses: age from which a pose is stale, and how fast the frame goes and "
+           "turns at most [s, m/s, rad/s], as in the controller.  [default: 0.1,0.25,1]"),
+    option("--pivot", type=options.VECTOR,
+           help="With --poses: the point of the fixture whose speed is bounded [m].  [default: "
+           "0,0,0]"),
     options.robot("Hold forces, force steps and speeds against a robot's limits."),
-    click.option("--governor", type=Governing(), is_flag=False, flag_value="robot",
-                 help="Hold the force and its change a tick to STEP,MAX [N], as the governor in a "
-                 "controller does; without numbers to the limits of --robot, or of franka."),
-    click.option("--at-most", type=Bound(), multiple=True,
-                 help="A check: this number of the report is no larger. Repeatable."),
-    click.option("--at-least", type=Bound(), multiple=True,
-                 help="A check: this number of the report is no smaller. Repeatable."),
-    click.option("--drop", type=Real(0, 1, max_open=True), metavar="P",
-                 help="Lossy link: probability that a packet is lost."),
-    click.option("--jitter", type=Real(0), metavar="MS",
-                 help="Lossy link: samples are up to this much older than their stamp."),
-    click.option("--delay", type=Whole(0), metavar="TICKS",
-                 help="Lossy link: samples arrive this many ticks late."),
-    click.option("--quantise", type=Real(0, min_open=True), metavar="UM",
-                 help="Lossy link: positions are rounded to multiples of this."),
-    click.option("--seed", type=Whole(0), default=0, show_default=True,
-                 help="Lossy link: seed of its random numbers."),
-]  # fmt: skip
+    option("--governor", type=Numbers(2, metavar="[STEP,MAX]", word="robot"), is_flag=False,
+           flag_value="robot",
+           help="Hold the force and its change a tick to STEP,MAX [N], as the governor in a "
+           "controller does; without numbers to the limits of --robot, or of franka."),
+    option("--at-most", type=BOUND, multiple=True,
+           help="A check: this number of the report is no larger. Repeatable."),
+    option("--at-least", type=BOUND, multiple=True,
+           help="A check: this number of the report is no smaller. Repeatable."),
+    option("--drop", type=Real(0, 1, max_open=True), metavar="P",
+           help="Lossy link: probability that a packet is lost."),
+    option("--jitter", type=Real(0), metavar="MS",
+           help="Lossy link: samples are up to this much older than their stamp."),
+    option("--delay", type=Whole(0), metavar="TICKS",
+           help="Lossy link: samples arrive this many ticks late."),
+    option("--quantise", type=Real(0, min_open=True), metavar="UM",
+           help="Lossy link: positions are rounded to multiples of this."),
+    option("--seed", type=Whole(0), default=0, help="Lossy link: seed of its random numbers."),
+)  # fmt: skip
 
 
-def _with_options(function: Any) -> Any:
-    for option in reversed(OPTIONS):
-        function = option(function)
-    return function
-
-
-@vfplan_command("replay", short_help="Replay a session against a fixture.")
-@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
-@click.argument("session", type=FILE, metavar="SESSION")
+@command("replay", short_help="Replay a session against a fixture.")
+@FIXTURE
+@SESSION
 @options.output("Per-tick result, HDF5.", required=False)
-@_with_options
+@OPTIONS
 @options.signature()
 def command(
     fixture: Path,
@@ -253,7 +218,7 @@ def _source(session: Path, given: dict[str, Any]) -> Any:
     ros = RosOptions(given["topic"], given["field"], given["tool_tip"])
     asked = ros if ros != RosOptions() else None
     source = open_session(session, units=given["units"], frame=given["frame"], ros=asked)
-    return resampled(source, given["rate_hz"][0]) if given["rate_hz"] else source
+    return resampled(source, given["rate_hz"]) if given["rate_hz"] else source
 
 
 def _files(

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
-from vfplan.cli.options import output
+from vfplan.cli.options import FIXTURE, option, output, taking
 from vfplan.cli.outputs import outputs, refuse_existing
-from vfplan.cli.run import Report
-from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE
 
 
-@vfplan_command("sign", short_help="Approve a bundle with a private key.")
-@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
-@click.option("--key", type=FILE, required=True, help="The private key, from `vfplan keygen`.")
-@click.option("--case", default="", help="Case token that the signature is to cover.")
-@click.option("--robot-serial", default="", help="The one robot this bundle is for.")
-@click.option(
-    "--registered-at",
-    metavar="UTC",
-    help="When the patient was registered, e.g. 2026-01-31T12:00:00Z.",
-)
-@output("The signed bundle.")
+@command("sign", short_help="Approve a bundle with a private key.")
+@FIXTURE
+@taking(
+    option("--key", type=FILE, required=True, help="The private key, from `vfplan keygen`."),
+    option("--case", default="", help="Case token that the signature is to cover."),
+    option("--robot-serial", default="", help="The one robot this bundle is for."),
+    option("--registered-at", metavar="UTC",
+           help="When the patient was registered, e.g. 2026-01-31T12:00:00Z."),
+    output("The signed bundle."),
+)  # fmt: skip
 def command(
     fixture: Path,
     key: Path,

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 from vfplan.cli import options, values
+from vfplan.cli.options import OVERWRITE, option, taking
 from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.run import Report, command, jsonable, progress
 
@@ -25,62 +26,32 @@ _above = values.Real(min=0, min_open=True)
 
 @command("stability", short_help="Is K stable with this robot? Closed loop and extreme cases.")
 @click.argument("fixture", type=values.FILE, required=False)
-@options.ROBOT
-@click.option(
-    "--mass", "mass_kg", type=_above, metavar="KG", help="Moving mass at the tip.  [default: 1]"
-)
-@click.option(
-    "--damping",
-    "damping_n_s_per_m",
-    type=values.Real(min=0),
-    metavar="N_S_PER_M",
-    help="Viscous damping at the tip.  [default: 5]",
-)
-@click.option("--rate", "rate_hz", type=_above, metavar="HZ", help="Control rate.  [default: 1000]")
-@click.option(
-    "--delay-ticks",
-    type=values.Whole(0, 1000),
-    metavar="N",
-    help="Ticks between a position and its force.  [default: 0]",
-)
-@click.option("--friction", "friction_n", type=_above, metavar="N", help="Coulomb friction.")
-@click.option(
-    "--quantum", "quantum_m", type=_above, metavar="M", help="Resolution of a measured position."
-)
-@click.option("--force-limit", "force_limit_n", type=_above, metavar="N", help="Largest force.")
-@click.option(
-    "--force-step-limit",
-    "force_step_limit_n",
-    type=_above,
-    metavar="N",
-    help="Largest change of force in a tick.",
-)
-@click.option(
-    "--stiffness",
-    type=_above,
-    metavar="N_PER_M",
-    help="The K to judge.  [default: the bundle's, or 1000]",
-)
-@click.option(
-    "--margin",
-    type=values.Real(min=1),
-    default=1.25,
-    show_default=True,
-    help="K times this must be stable.",
-)
-@click.option(
-    "--part", "parts", multiple=True, type=click.Choice(PARTS), help="Only this part (repeatable)."
-)
-@click.option("--full", is_flag=True, help="Also the long runs (many minutes).")
-@click.option("--jobs", type=values.Whole(1, 64), default=2, show_default=True, help="Processes.")
-@click.option(
-    "-o",
-    "--output",
-    type=values.FILE,
-    metavar="DIR",
-    help="Write the report, the tables and the pictures there.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace output files that exist.")  # fmt: skip
+@taking(
+    options.ROBOT,
+    option("--mass", "mass_kg", type=_above, metavar="KG",
+           help="Moving mass at the tip.  [default: 1]"),
+    option("--damping", "damping_n_s_per_m", type=values.Real(min=0), metavar="N_S_PER_M",
+           help="Viscous damping at the tip.  [default: 5]"),
+    option("--rate", "rate_hz", type=_above, metavar="HZ", help="Control rate.  [default: 1000]"),
+    option("--delay-ticks", type=values.Whole(0, 1000), metavar="N",
+           help="Ticks between a position and its force.  [default: 0]"),
+    option("--friction", "friction_n", type=_above, metavar="N", help="Coulomb friction."),
+    option("--quantum", "quantum_m", type=_above, metavar="M",
+           help="Resolution of a measured position."),
+    option("--force-limit", "force_limit_n", type=_above, metavar="N", help="Largest force."),
+    option("--force-step-limit", "force_step_limit_n", type=_above, metavar="N",
+           help="Largest change of force in a tick."),
+    option("--stiffness", type=_above, metavar="N_PER_M",
+           help="The K to judge.  [default: the bundle's, or 1000]"),
+    option("--margin", type=values.Real(min=1), default=1.25, help="K times this must be stable."),
+    option("--part", "parts", multiple=True, type=click.Choice(PARTS),
+           help="Only this part (repeatable)."),
+    option("--full", is_flag=True, help="Also the long runs (many minutes)."),
+    option("--jobs", type=values.Whole(1, 64), default=2, help="Processes."),
+    option("-o", "--output", type=values.FILE, metavar="DIR",
+           help="Write the report, the tables and the pictures there."),
+    OVERWRITE,
+)  # fmt: skip
 def command(
     fixture: Path | None,
     robot: str | None,

@@ -6,73 +6,31 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import output
+from vfplan.cli.options import COLOUR, MILLI, STIFFNESS, option, output, settings, taking
 from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.run import Report, command, patience
-from vfplan.cli.values import PNG, Numbers, Real
+from vfplan.cli.values import MM, PNG, Real
 
 
 @command("surface", short_help="Outlined slices in, a surface out.")
 @click.argument("sources", type=click.Path(path_type=Path), nargs=-1, required=True)
-@output("The surface's bundle, in patient_lps.")
-@click.option(
-    "--structure", metavar="NAME|N", help="Which of several structures, by name or number."
-)
-@click.option(
-    "--tolerance",
-    "tolerance_mm",
-    type=Numbers(1, metavar="MM"),
-    default="0.1",
-    show_default=True,
-    help="How far the rendered surface may lie from the outlines'.",
-)
-@click.option(
-    "--keep-open",
-    is_flag=True,
-    help="Leave the ends open.  [default: flat caps half a slice beyond]",
-)
-@click.option(
-    "--max-spacing",
-    "max_spacing_mm",
-    type=Numbers(1, metavar="MM"),
-    help="Interpolate across slices this far apart.  [default: 1.5 times the usual]",
-)
-@click.option(
-    "--colour",
-    default="red",
-    show_default=True,
-    metavar="NAME|#RRGGBB",
-    help="The pen's colour, on drawn slices.",
-)
-@click.option(
-    "--stiffness",
-    type=Numbers(1, 3, metavar="N_PER_M[,Y,Z]"),
-    default="1000",
-    show_default=True,
-    help="K along the axes of the frame.",
-)
-@click.option(
-    "--contact-radius",
-    "contact_radius_mm",
-    type=Numbers(1, metavar="MM"),
-    default="5",
-    show_default=True,
-    help="The proxy's radius r_c.",
-)
-@click.option(
-    "--point-radius",
-    "point_radius_mm",
-    type=Real(min=0),
-    default=0.0,
-    metavar="MM",
-    help="Radius r_v of each point.  [default: 0]",
-)
-@click.option(
-    "--picture-out",
-    type=PNG,
-    metavar="PNG",
-    help="Write the surface with the outlines, and three slices of it.",
-)
+@taking(
+    output("The surface's bundle, in patient_lps."),
+    option("--structure", metavar="NAME|N", help="Which of several structures, by name or number."),
+    option("--tolerance", "tolerance_m", type=MM, default="0.1",
+           help="How far the rendered surface may lie from the outlines'."),
+    option("--keep-open", is_flag=True,
+           help="Leave the ends open.  [default: flat caps half a slice beyond]"),
+    option("--max-spacing", "max_spacing_m", type=MM,
+           help="Interpolate across slices this far apart.  [default: 1.5 times the usual]"),
+    option("--colour", **COLOUR, help="The pen's colour, on drawn slices."),
+    option("--stiffness", type=STIFFNESS, default="1000", help="K along the axes of the frame."),
+    option("--contact-radius", type=MM, default="5", help="The proxy's radius r_c."),
+    option("--point-radius", type=Real(min=0), default=0, metavar="MM", **MILLI,
+           help="Radius r_v of each point."),
+    option("--picture-out", type=PNG, metavar="PNG",
+           help="Write the surface with the outlines, and three slices of it."),
+)  # fmt: skip
 def command(
     sources: tuple[Path, ...],
     output: Path,
@@ -87,15 +45,11 @@ def command(
     """
     refuse_existing(output, picture_out, overwrite=overwrite)
     from vfplan.bundle import write_fixture
-    from vfplan.surface import surface
+    from vfplan.surface import SurfaceSettings, surface
 
+    how = settings(SurfaceSettings, given)
     with patience("meshing"):
-        made = surface(
-            *sources,
-            structure=given["structure"],
-            colour=given["colour"],
-            settings=_settings(given),
-        )
+        made = surface(*sources, structure=given["structure"], colour=given["colour"], settings=how)
     with outputs(output, picture_out) as (path, picture):
         write_fixture(made.fixture, path)
         if picture is not None:
@@ -103,20 +57,6 @@ def command(
 
             draw_surface(made, picture)
     return Report(made.report, f"{_text(made.report)}\nwrote {output}", warnings=[*made.warnings])
-
-
-def _settings(given: dict[str, Any]) -> Any:
-    from vfplan.surface import SurfaceSettings
-
-    widest = given["max_spacing_mm"]
-    return SurfaceSettings(
-        tolerance_m=given["tolerance_mm"][0] * 1e-3,
-        keep_open=given["keep_open"],
-        max_spacing_m=widest and widest[0] * 1e-3,
-        contact_radius=given["contact_radius_mm"][0] * 1e-3,
-        point_radius=given["point_radius_mm"] * 1e-3,
-        stiffness=given["stiffness"],
-    )
 
 
 def _text(report: dict[str, Any]) -> str:

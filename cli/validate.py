@@ -7,12 +7,11 @@ from dataclasses import asdict
 from pathlib import Path
 
 import click
-from vfplan.cli.run import Report
-from vfplan.cli.run import command as vfplan_command
+from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE
 
 
-@vfplan_command("validate", short_help="Everything that is wrong with a bundle.")
+@command("validate", short_help="Everything that is wrong with a bundle.")
 @click.argument("fixture", type=FILE, metavar="FILE.h5")
 def command(fixture: Path) -> Report:
     """List every issue of FILE.h5, not the first one only; exit 1 if any is an error."""

@@ -17,10 +17,7 @@ FILE = click.Path(path_type=Path)
 class Written(click.Path):
     """A file to write: its suffix is the format's, so that no other program is misled.
 
-    Parameters
-    ----------
-    suffixes
-        What is allowed, e.g. ".png"; upper case will do. None: any but "-".
+    `suffixes` are allowed, in upper case too; without any, every name but "-".
     """
 
     def __init__(self, *suffixes: str) -> None:
@@ -42,89 +39,93 @@ class Written(click.Path):
 PNG, GIF, CSV, HDF5 = Written(".png"), Written(".gif"), Written(".csv"), Written(".h5", ".hdf5")
 
 
-class Numbers(click.ParamType):
-    """One number, or several separated by commas, e.g. `0.59` or `0.59,0.61`.
+class Parsed(click.ParamType):
+    """A value written as text: `parse` makes it, and its `ValueError` is a usage error (exit 2)."""
 
-    Parameters
-    ----------
-    counts
-        How many numbers are allowed, e.g. `(1, 2)`.
-    metavar
-        The name shown in the help.
-    positive
-        Refuse numbers that are not above zero.
-    """
+    name = "value"
 
-    name = "numbers"
-
-    def __init__(self, *counts: int, metavar: str, positive: bool = True) -> None:
-        self.counts = counts
+    def __init__(self, metavar: str) -> None:
         self.metavar = metavar
-        self.positive = positive
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
         """The name shown in the help."""
         return self.metavar
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        """Parse; a usage error (exit 2) names the value found and what is allowed."""
-        if isinstance(value, tuple):
-            return value
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The value; what is parsed already stays as it is."""
         try:
-            numbers = tuple(real(part) for part in str(value).split(","))
+            return self.parse(value) if isinstance(value, str) else value
         except ValueError as error:
-            self.fail(
-                f"{value!r} is not a number or a comma-separated list of numbers: {error}",
-                param,
-                ctx,
-            )
+            self.fail(str(error), param, ctx)
+
+    def parse(self, text: str) -> Any:
+        """The value that the text says; the error names the value found and what is allowed."""
+        raise NotImplementedError
+
+
+class Numbers(Parsed):
+    """Several numbers separated by commas, e.g. `0.59,0.61`; `counts` says how many are allowed.
+
+    They are above zero if `positive`; `word` may stand for none of them.
+    """
+
+    def __init__(
+        self, *counts: int, metavar: str, positive: bool = True, word: str | None = None
+    ) -> None:
+        super().__init__(metavar)
+        self.counts, self.positive, self.word = counts, positive, word
+
+    def parse(self, text: str) -> Any:
+        """As `Parsed` has it."""
+        if text == self.word:
+            return ()
+        try:
+            numbers = tuple(real(part) for part in text.split(","))
+        except ValueError as error:
+            what = f"{text!r} is not a number or a comma-separated list of numbers: {error}"
+            raise ValueError(what) from None
         if len(numbers) not in self.counts:
             allowed = " or ".join(map(str, self.counts))
-            self.fail(f"{value!r} has {len(numbers)} numbers; {allowed} wanted", param, ctx)
+            raise ValueError(f"{text!r} has {len(numbers)} numbers; {allowed} wanted")
         # Written so that NaN fails too.
         if not all(abs(x) < float("inf") and (x > 0 or not self.positive) for x in numbers):
             wanted = "finite and above 0" if self.positive else "finite"
-            self.fail(f"{value!r} holds a number that is not {wanted}", param, ctx)
+            raise ValueError(f"{text!r} holds a number that is not {wanted}")
         return numbers
 
 
-class OrNone(Numbers):
-    """As `Numbers`, or `none`: no numbers."""
+class Number(Numbers):
+    """One number, in another unit: times `scale`."""
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        """Parse; a usage error (exit 2) names the value found and what is allowed."""
-        return () if value == "none" else super().convert(value, param, ctx)
+    def __init__(self, metavar: str, scale: float = 1.0, positive: bool = True) -> None:
+        super().__init__(1, metavar=metavar, positive=positive)
+        self.scale = scale
+
+    def parse(self, text: str) -> float:
+        """As `Parsed` has it."""
+        return float(super().parse(text)[0] * self.scale)
 
 
-class Margin(click.ParamType):
+MM = Number("MM", 1e-3)  # given in millimetres, passed on in metres
+
+
+class Margin(Parsed):
     """`tre95`, or `p=P` with a probability P above 0 and below 1: the word, or the number."""
 
-    name = "margin"
-
-    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
-        """The name shown in the help."""
-        return "tre95|p=P"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> str | float:
-        """Parse; a usage error (exit 2) names the value found and what is allowed."""
-        if value == "tre95" or isinstance(value, float):
-            return value
+    def parse(self, text: str) -> str | float:
+        """As `Parsed` has it."""
+        if text == "tre95":
+            return text
         try:
-            p = real(str(value).removeprefix("p="))
+            p = real(text.removeprefix("p="))
         except ValueError:
             p = 0.0
-        if not str(value).startswith("p=") or not 0 < p < 1:
-            self.fail(f"{value!r}: allowed are tre95 and p=P with 0 < P < 1", param, ctx)
+        if not text.startswith("p=") or not 0 < p < 1:
+            raise ValueError(f"{text!r}: allowed are tre95 and p=P with 0 < P < 1")
         return p
 
 
-MARGIN = Margin()
+MARGIN = Margin("tre95|p=P")
 
 
 class _Strict(click.ParamType):
@@ -148,23 +149,14 @@ class Whole(_Strict, click.IntRange):
     """A whole number within bounds."""
 
 
-class Duration(click.ParamType):
+class Duration(Parsed):
     """A length of time, e.g. `90s`, `30min`, `12h` or `2d`, as seconds."""
 
-    name = "duration"
     UNITS: ClassVar = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
-    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
-        """The name shown in the help."""
-        return "TIME"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """Parse; a usage error (exit 2) names the value found and what is allowed."""
-        if isinstance(value, float):
-            return value
-        match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(s|min|h|d)", str(value))
+    def parse(self, text: str) -> float:
+        """As `Parsed` has it."""
+        match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(s|min|h|d)", text)
         if match is None:
-            self.fail(f"{value!r} is not a time; 90s, 30min, 12h and 2d are", param, ctx)
+            raise ValueError(f"{text!r} is not a time; 90s, 30min, 12h and 2d are")
         return float(match[1]) * self.UNITS[match[2]]

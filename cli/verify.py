@@ -5,18 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-from vfplan.cli.options import signature
-from vfplan.cli.run import Report
-from vfplan.cli.run import command as vfplan_command
-from vfplan.cli.values import FILE
+from vfplan.cli.options import FIXTURE, signature
+from vfplan.cli.run import Report, command
 
 if TYPE_CHECKING:
     from vfplan.bundle import Trust
 
 
-@vfplan_command("verify", short_help="Check a bundle's signature.")
-@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
+@command("verify", short_help="Check a bundle's signature.")
+@FIXTURE
 @signature("--keys", required=True)
 def command(fixture: Path, trust: Trust) -> Report:
     """Check that FIXTURE.h5 is sound and signed by a trusted key; exit 4 if it is not."""

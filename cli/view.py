@@ -6,37 +6,29 @@ from pathlib import Path
 from typing import Any
 
 import click
+from vfplan.cli.options import FIXTURE, OVERWRITE, option, taking
 from vfplan.cli.outputs import outputs, refuse_existing
-from vfplan.cli.run import Report, patience
-from vfplan.cli.run import command as vfplan_command
-from vfplan.cli.values import FILE, GIF, PNG, Numbers, Whole
+from vfplan.cli.run import Report, command, patience
+from vfplan.cli.values import FILE, GIF, PNG, Number, Whole
 
 
-@vfplan_command("view", short_help="A fixture and a replay in three dimensions.")
-@click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
+@command("view", short_help="A fixture and a replay in three dimensions.")
+@FIXTURE
 @click.argument("result", type=FILE, required=False, metavar="[RESULT.h5]")
-@click.option("--screenshot", type=PNG, metavar="PNG", help="Write one view; needs no screen.")
-@click.option("--movie", type=GIF, metavar="GIF", help="Write the replay; needs no screen.")
-@click.option(
-    "--at",
-    "at_s",
-    type=Numbers(1, metavar="S", positive=False),
-    help="The time shown by --screenshot.  [default: the deepest tick]",
-)
-@click.option(
-    "--frames",
-    type=Whole(1, 2000),
-    default=120,
-    show_default=True,
-    help="Frames of --movie.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace output files that exist.")  # fmt: skip
+@taking(
+    option("--screenshot", type=PNG, metavar="PNG", help="Write one view; needs no screen."),
+    option("--movie", type=GIF, metavar="GIF", help="Write the replay; needs no screen."),
+    option("--at", "at_s", type=Number("S", positive=False),
+           help="The time shown by --screenshot.  [default: the deepest tick]"),
+    option("--frames", type=Whole(1, 2000), default=120, help="Frames of --movie."),
+    OVERWRITE,
+)  # fmt: skip
 def command(
     fixture: Path,
     result: Path | None,
     screenshot: Path | None,
     movie: Path | None,
-    at_s: tuple[float] | None,
+    at_s: float | None,
     frames: int,
     overwrite: bool,
 ) -> Report:
@@ -61,7 +53,7 @@ def command(
         view3d.show(cloud, ticks)
     with outputs(screenshot, movie) as (picture, film):
         if picture is not None:
-            view3d.draw_view(cloud, picture, ticks=ticks, at_s=at_s[0] if at_s else None)
+            view3d.draw_view(cloud, picture, ticks=ticks, at_s=at_s)
         if film is not None:
             view3d.draw_movie(cloud, film, ticks, frames=frames)
     written = [str(path) for path in (screenshot, movie) if path is not None]
