@@ -144,8 +144,12 @@ def _replayed(
 ) -> Any:
     from vfplan.replaying import Link, replay
     from vfplan.robot import read_robot
+    from vfplan.session.taken import as_taken
 
     source = _source(session, given)
+    poses, events = given["poses"], given["events"]
+    if not given["rate_hz"]:
+        poses, events = as_taken(session, poses, events)
     link = Link(
         drop=given["drop"],
         jitter_s=None if given["jitter"] is None else given["jitter"] / 1e3,
@@ -171,8 +175,8 @@ def _replayed(
             keep=65536 if pictures else 0,
             sinks=[*sinks, lambda name, block: done(_alone(name, rule) * len(block))],
             trust=given["trust"],
-            poses=given["poses"],
-            events=given["events"],
+            poses=poses,
+            events=events,
             moving=_moving(given),
         )
         if writer is not None:

@@ -10,6 +10,7 @@
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
+#include <functional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -56,9 +57,12 @@ class Log {
         vfplan::Step step;      // its force is the one that was commanded
         vfplan::Vec3 rendered;  // the engine's force, before a governor
         double step_us;
+        std::uint64_t poses = 0, changes = 0;  // that the tick knew of
     };
 
     Log(std::size_t ticks, bool governed) : governed_(governed) { rows_.reserve(ticks); }
+    /// Of changes the events that they are; for a fixture that moves, is exchanged or edited.
+    std::function<std::size_t(std::uint64_t)> begun;
     void add(const Row& row) { rows_.push_back(row); }
 
     /// A session: t, x, y, z as `vfplan replay` reads them, and what was answered, to the last bit.
@@ -66,13 +70,15 @@ class Log {
         std::FILE* file = std::fopen(path.c_str(), "wx");
         if (file == nullptr) throw std::runtime_error(path + ": exists or cannot be written");
         std::fputs("t,x,y,z,proxy_x,proxy_y,proxy_z,force_x,force_y,force_z,state,status", file);
-        std::fputs(governed_ ? ",engine_x,engine_y,engine_z\n" : "\n", file);
+        if (governed_) std::fputs(",engine_x,engine_y,engine_z", file);
+        std::fputs(begun ? ",poses,events\n" : "\n", file);
         for (const Row& r : rows_) {
             std::fprintf(file, "%.17g", r.t);
             for (const vfplan::Vec3* v : {&r.hip, &r.step.proxy, &r.step.force})
                 for (int k = 0; k < 3; ++k) std::fprintf(file, ",%.17g", (*v)[k]);
             std::fprintf(file, ",%d,%u", int(r.step.state), unsigned(r.step.status));
             for (int k = 0; governed_ && k < 3; ++k) std::fprintf(file, ",%.17g", r.rendered[k]);
+            if (begun) std::fprintf(file, ",%zu,%zu", std::size_t(r.poses), begun(r.changes));
             std::fputc('\n', file);
         }
         const bool bad = std::ferror(file) != 0;

@@ -11,9 +11,9 @@
 #include <variant>
 
 #include "arm.hpp"
+#include "changing.hpp"
 #include "hand.hpp"
 #include "loop.hpp"
-#include "rendered.hpp"
 #ifdef WITH_SIGNATURES
 #include "vfplan/bundle/trust.hpp"
 #endif
@@ -35,6 +35,12 @@ constexpr const char* usage =
     "  --log SESSION.csv                      write ticks for `vfplan replay`; a new file\n"
     "  --simulated-time                       do not wait for the clock\n"
     "  --governor STEP,MAX                    force's change a tick and force at most [N]\n"
+    "  --poses POSES.csv                      where the moving fixture is\n"
+    "  --pose-limits AGE,SPEED,TURN           age of a stale pose, the frame's speeds;\n"
+    "                                         0.1,0.25,1 [s, m/s, rad/s]\n"
+    "  --pivot X,Y,Z                          the point whose speed is bounded; 0,0,0 [m]\n"
+    "  --events EVENTS.csv                    exchanges and edits of the fixture; both files as\n"
+    "                                         for `vfplan replay`, in real time from a thread\n"
     "  --telemetry HOST:PORT                  send every tick by UDP, for `vfplan live`\n"
     "  --keys KEYS.pub                        who must have signed the fixture; wanted, unless\n"
     "  --unsigned                             take it from anybody: all that is known is that it\n"
@@ -48,7 +54,8 @@ struct UsageError : std::runtime_error {
 };
 
 struct Options {
-    std::string fixture, log, telemetry, keys;
+    std::string fixture, log, telemetry, keys, poses, events;
+    std::optional<vfplan::MovingLimits> moving;
     std::optional<std::string> case_token, robot_serial;
     Form form = Impedance{};
     std::optional<vfplan::Rule> rule;  // else the one nearest to what the bundle holds
@@ -83,6 +90,16 @@ vfplan::GovernorLimits limits(const std::string& value) {
     limits.force_max = positive("--governor", value.substr(comma + 1));
     limits.period = period;
     return limits;
+}
+
+/// A part of how a fixture moves.
+std::vector<double> three(const std::string& option, const std::string& value) try {
+    std::vector<double> numbers;
+    for (const std::string& field : split(value)) numbers.push_back(number<double>(field));
+    if (numbers.size() != 3) throw FileError("three numbers are wanted");
+    return numbers;
+} catch (const FileError& error) {
+    throw UsageError(option + " " + value + ": " + error.what());
 }
 
 /// Its sender, when ticks are to be sent; made before the loop.
@@ -133,7 +150,19 @@ Options parse(const std::vector<std::string>& args) {
             o.robot_serial = value();
         else if (args[i] == "--governor")
             o.governor = limits(value());
-        else if (args[i] == "--simulated-time")
+        else if (args[i] == "--poses")
+            o.poses = value();
+        else if (args[i] == "--events")
+            o.events = value();
+        else if (args[i] == "--pose-limits" || args[i] == "--pivot") {
+            if (!o.moving) o.moving.emplace();
+            const bool pivot = args[i] == "--pivot";
+            const std::vector<double> v = three(args[i], value());
+            if (pivot)
+                o.moving->pivot = {{v[0], v[1], v[2]}};
+            else
+                o.moving->max_age = v[0], o.moving->max_speed = v[1], o.moving->max_turn = v[2];
+        } else if (args[i] == "--simulated-time")
             o.simulated_time = true;
         else if (args[i] == "--unsigned")
             o.from_anybody = true;
@@ -143,6 +172,8 @@ Options parse(const std::vector<std::string>& args) {
             throw UsageError(args[i] + ": not understood");
     }
     if (o.fixture.empty()) throw UsageError("FIXTURE.h5 is missing");
+    if (o.moving && o.poses.empty())
+        throw UsageError("--pose-limits and --pivot are for a fixture that moves: --poses");
     if (o.keys.empty() && (o.case_token || o.robot_serial))
         throw UsageError("--case and --robot-serial need --keys: the signature covers them");
     if (o.keys.empty() != o.from_anybody)
@@ -163,67 +194,102 @@ std::optional<vfplan::Governor> governor(const Options& o, double stiffness) {
 
 /// The loop: read the tip, render, govern, show the tick, hand the force to the arm. Nothing in
 /// it allocates or waits.
-std::size_t run(Rendered& engine, std::optional<vfplan::Governor>& governor, const Hand& hand,
+std::size_t run(Changing& engine, std::optional<vfplan::Governor>& governor, const Hand& hand,
                 Form& form, std::size_t ticks, bool simulated_time, vfplan::Telemetry* sender,
                 Log& log) {
     Tip tip{hand.start(), {}};
     engine.reset(tip.position);
     std::size_t missed = 0;
+    if (!simulated_time) engine.start(period);
     Clock clock(period, simulated_time);
     for (std::size_t k = 0; k < ticks; ++k) {
         missed += clock.wait();
         const double t = double(k) * period;
+        if (simulated_time) engine.due(k, t);
         const auto before = std::chrono::steady_clock::now();
-        vfplan::Step step = engine.step(tip.position);
+        vfplan::Step step = engine.step(t, tip.position);
         const vfplan::Vec3 rendered = step.force;
         if (governor) step.force = governor->step(rendered).force;
         if (sender != nullptr) sender->publish(t, tip.position, step);
         const std::chrono::duration<double, std::micro> took =
             std::chrono::steady_clock::now() - before;
-        log.add({t, tip.position, step, rendered, took.count()});
+        log.add({t, tip.position, step, rendered, took.count(), engine.seen(), engine.taken()});
         std::visit([&](auto& arm) { arm.tick(tip, hand.force(tip, t), step.force, period); }, form);
     }
+    engine.finish();
     return missed;
 }
 
 /// The fixture, approved by one of the keys. Without keys it is whole and undamaged, which says
 /// nothing of who made it: anybody who can write the file can seal another one.
-vfplan::bundle::Fixture approved(const Options& o) {
+vfplan::bundle::Fixture approved(const Options& o, const std::string& path) {
     if (o.from_anybody) {
         std::fprintf(stderr,
                      "controller: warning: %s is loaded without a signature: it is undamaged, but "
                      "anybody may have made it, for any patient\n",
-                     o.fixture.c_str());
-        return vfplan::bundle::read_fixture(o.fixture);
+                     path.c_str());
+        return vfplan::bundle::read_fixture(path);
     }
 #ifdef WITH_SIGNATURES
     vfplan::bundle::Trust trust;
     trust.keys = vfplan::bundle::read_keys(o.keys);
     trust.case_token = o.case_token;
     trust.robot_serial = o.robot_serial;
-    return vfplan::bundle::read_fixture(o.fixture, trust);
+    return vfplan::bundle::read_fixture(path, trust);
 #else
     throw UsageError("--keys: this controller was built without OpenSSL");
 #endif
 }
 
+/// The engines that the events exchange, each by its own best rule where the first one's is exact;
+/// the stiffness of the stiffest [N/m].
+double make_engines(std::vector<Event>& events, const Options& o, vfplan::Rule rule,
+                    vfplan::Use use, vfplan::Search search) {
+    double stiffness = 0;
+    for (Event& event : events) {
+        if (!event.exchanges()) continue;
+        const auto other = approved(o, event.bundle.string());
+        const bool region = other.frame == "robot_base" && !other.guidance;
+        if (!region) throw FileError(event.where + ": no forbidden region in robot_base");
+        const bool exact = rule == vfplan::Rule::exact;
+        const vfplan::Rule own = exact ? vfplan::bundle::best_rule(other) : rule;
+        vfplan::Parameters p = vfplan::bundle::parameters(other, own);
+        p.search = search;
+        Rendered made(other, p, use);
+        stiffness = std::max(stiffness, made.stiffness());
+        event.engine.emplace(std::move(made.region()));
+    }
+    return stiffness;
+}
+
 int control(const Options& o) {
     // Load, check, copy to plain arrays, close: no file meets the loop.
-    const vfplan::bundle::Fixture fixture = approved(o);
+    const vfplan::bundle::Fixture fixture = approved(o, o.fixture);
     if (fixture.frame != "robot_base")
         throw std::invalid_argument("vfplan: frame " + fixture.frame + "; robot_base wanted");
+    auto poses = o.poses.empty() ? std::vector<Posed>{} : read_poses(o.poses);
+    auto events = o.events.empty() ? std::vector<Event>{} : read_events(o.events);
+    const bool changes = !poses.empty() || !o.events.empty();
+    if (changes && fixture.guidance)
+        throw std::invalid_argument("vfplan: poses and events are for forbidden regions");
     const auto use = o.simulated_time ? vfplan::Use::offline : vfplan::Use::real_time;
-    const vfplan::Parameters p = vfplan::bundle::parameters(fixture, o.rule);
+    vfplan::Parameters p = vfplan::bundle::parameters(fixture, o.rule);
+    if (!std::all_of(events.begin(), events.end(), [](auto& e) { return e.exchanges(); }))
+        p.search = vfplan::Search::editable;
+    const double stiffest = make_engines(events, o, p.rule, use, p.search);
     Rendered engine(fixture, p, use);
+    Changing changing(engine, std::move(poses), std::move(events),
+                      o.moving.value_or(vfplan::MovingLimits{}));
     const Hand hand(fixture.points, 4 * p.R(), p.ignore_axis, o.seconds);
     const auto ticks = std::size_t(o.seconds / period + 0.5);
-    auto governed = governor(o, engine.stiffness());
+    auto governed = governor(o, std::max(stiffest, engine.stiffness()));
     Log log(ticks, governed.has_value());
+    if (changes) log.begun = [&](std::uint64_t taken) { return changing.begun(taken); };
     Form form = o.form;
     const auto sender = telemetry(o.telemetry);
     mlockall(MCL_CURRENT | MCL_FUTURE);  // no page faults later; refused without the right to
     const std::size_t missed =
-        run(engine, governed, hand, form, ticks, o.simulated_time, sender.get(), log);
+        run(changing, governed, hand, form, ticks, o.simulated_time, sender.get(), log);
     munlockall();
     if (!o.log.empty()) log.write(o.log);
     log.report(missed);
@@ -255,6 +321,9 @@ int main(int argc, char** argv) {
     } catch (const vfplan::bundle::BundleError& error) {
         std::cerr << error.what() << "\n";  // names the file
         return error.kind() == "InputError" ? 3 : 4;
+    } catch (const FileError& error) {
+        std::cerr << error.what() << "\n";
+        return 3;
     } catch (const std::exception& error) {
         std::cerr << options.fixture << ": " << error.what() << "\n";
         return 3;

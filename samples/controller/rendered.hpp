@@ -27,6 +27,9 @@ class Rendered {
         }
     }
 
+    /// Of the forbidden strokes; not of a fixture that only guides.
+    [[nodiscard]] vfplan::Engine& region() { return *region_; }
+    [[nodiscard]] std::uint64_t taken() const noexcept { return region_ ? region_->taken() : 0; }
     /// Of all springs together, at most [N/m].
     [[nodiscard]] double stiffness() const { return stiffness_; }
 

@@ -217,6 +217,75 @@ def test_a_governed_log_replays_bit_for_bit(scene, form, controller, vfplan_cli,
     assert float(given) < float(stored)
 
 
+def happens(folder):
+    """A level sheet under the hand that is moved, exchanged twice and edited, as files."""
+    draw, g = np.random.default_rng(3), np.arange(-15, 15.5) * 1e-3
+    level = np.stack([c.ravel() for c in np.meshgrid(g, g, 0.3)], axis=1)
+    for name, up, k in (("first", 0, 1000), ("other", 4e-4, 600), ("third", -3e-4, 1500)):
+        bundle(folder / f"{name}.h5", np.add(level, [0, 0, up]), stiffness=np.full(3, k), band=5e-5)
+    time = np.cumsum(draw.uniform(0.005, 0.025, 60))
+    q = np.column_stack((np.ones(60), draw.normal(0, 5e-3, (60, 3))))
+    poses = np.column_stack((
+        time, draw.normal(0, 2e-4, (60, 2)), 1e-3 * np.sin(9 * time),
+        q / np.linalg.norm(q, axis=1)[:, None],
+        np.maximum.accumulate(time + draw.uniform(0, 0.03, 60)),
+    ))  # fmt: skip
+    poses[20, 0] = poses[19, 0] - 1e-3  # out of order: refused by both
+    np.savetxt(folder / "poses.csv", poses, "%.17g", ",", comments="",
+               header="t,x,y,z,qw,qx,qy,qz,arrived")  # fmt: skip
+    lines = ["tick,what,x,y,z"]
+    for n, tick in enumerate((20, 150, 151, 152, 260, 400, 700)):
+        lines.append(f"{tick},edit")
+        lines += [f"{tick},remove,{i}" for i in range(90 * n, 90 * n + 90)]
+        lines += [
+            f"{tick},add,{x!r},{y!r},0.3003" for x, y, _ in level[90 * n : 90 * n + 90].tolist()
+        ]
+    lines += ["800,exchange,other.h5", "800,edit", "800,remove,7", "820,remake"]
+    (folder / "events.csv").write_text("\n".join([*lines, "900,exchange,third.h5", ""]))
+    return {
+        "poses": ("--poses", folder / "poses.csv"),
+        "events": ("--events", folder / "events.csv"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("which", "settings"),
+    [
+        (("poses",), ("--pivot", "0,0,0.3", "--pose-limits", "0.05,0.1,0.5")),
+        (("events",), ("--rule", "paper")),
+        (("poses", "events"), ("--governor", "0.6,9")),
+        (("poses", "events"), ("--pivot", "0,0,0.3", "in real time")),
+    ],
+)
+def test_what_moves_and_changes_replays_bit_for_bit(
+    which, settings, controller, vfplan_cli, tmp_path
+):
+    """In real time the log says which tick knew of which pose and event."""
+    files, session = happens(tmp_path), tmp_path / "session.csv"
+    given = [word for name in which for word in files[name]]
+    given += [word for word in settings if word != "in real time"]
+    clock = () if "in real time" in settings else ("--simulated-time",)
+    fixture = tmp_path / "first.h5"
+    done = controller(fixture, "--seconds", 1.2, "--log", session, *clock, *given)
+    assert done.returncode == 0, done.stderr
+    again = vfplan_cli("replay", fixture, session, "-o", tmp_path / "r.h5", "--json", *given)
+    assert again.code == 0, again.stderr
+    (replayed, _), log = vfplan.read_result(tmp_path / "r.h5"), logged(session)
+    for name, values in log.items():
+        assert np.array_equal(getattr(replayed, name), values), name
+    assert np.abs(log["force"]).max() > 1
+    known = np.genfromtxt(session, delimiter=",", names=True)[["poses", "events"]][-1].tolist()
+    assert known == (59 if "poses" in which else 0, 11 if "events" in which else 0)
+    assert again.json["exchanges"] == (2 if "events" in which else 0)
+    assert again.json["edits"] == (1261 if "events" in which else 0)
+    short = tmp_path / "short.csv"
+    if "events" in which:
+        short.write_text("tick,what,x,y,z\n5,remake\n")
+        bad = vfplan_cli("replay", fixture, session, *given, "--events", short)
+        assert bad.code == 3
+        assert "column 'events' ends with 11 and has to rise, to at most 1" in bad.stderr
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_every_form_presses_on_the_fixture_and_stays_calm(form, controller, drawn, tmp_path):
     """A hand of at most 15 N: the fixture answers as much, the proxy keeps out, no sudden push."""

@@ -25,6 +25,7 @@ from vfplan.robot import Robot
 from vfplan.session import Source, TickBlock, open_session
 from vfplan.session.events import Event
 from vfplan.session.poses import Poses
+from vfplan.session.taken import as_taken
 
 Sink = Callable[[str, TickBlock], None]
 Limits = tuple[tuple[str, str, float], ...]
@@ -129,7 +130,8 @@ def replay(
         Where the fixture was: a CSV of t,x,y,z,qw,qx,qy,qz, or `Poses`. Numbers of the report are
         then those of the fixture's frame, and the energy of its own motion is told apart.
     events
-        Exchanges and edits, each with its tick: a file, or `Event`s.
+        Exchanges and edits, each with its tick: a file, or `Event`s. A session's path to a log with
+        columns `poses` and `events` says in which ticks the loop knew of them.
     moving
         The settings of the controller's `MovingFrame`, where they are not the defaults.
 
@@ -143,7 +145,10 @@ def replay(
     began = clock.perf_counter()
     place = at(None if isinstance(fixture, Fixture) else fixture)
     fixture, record = _loaded(fixture, trust)
-    source = open_session(session) if isinstance(session, (str, Path)) else session
+    if isinstance(session, (str, Path)):
+        source, (poses, events) = open_session(session), as_taken(session, poses, events)
+    else:
+        source = session
     _same_frame(fixture, source)
     link = link if link is not None and link.faulty else None
     rules = _rules(rule, fixture)

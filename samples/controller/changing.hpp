@@ -1,0 +1,226 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// What happens to the fixture while the loop runs: a tracker's poses, exchanges and edits, as the
+// files of docs/replay.md have them. All that can be made beforehand is; what is left is handed to
+// the loop, at its tick, or in real time by a thread of its own.
+#pragma once
+
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "rendered.hpp"
+#include "vfplan/moving.hpp"
+
+namespace controller {
+
+/// A file that is not what it should be; names it and the line.
+struct FileError : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
+struct Posed {
+    double time;  // when the tracker looked [s]
+    vfplan::Pose pose;
+    double arrived;  // when the loop has it [s]
+};
+
+struct Event {
+    std::size_t tick = 0;
+    std::string what, where;  // exchange, edit or remake; file and line
+    std::filesystem::path bundle;
+    std::vector<std::uint32_t> remove;
+    std::vector<double> add;
+    std::optional<vfplan::Engine> engine;  // of an exchange
+
+    [[nodiscard]] bool exchanges() const { return what == "exchange"; }
+};
+
+template <class T>
+T number(const std::string& text) {
+    T value{};
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (error != std::errc{} || end != text.data() + text.size())
+        throw FileError(text + " is not the number wanted");
+    return value;
+}
+
+inline std::vector<std::string> split(const std::string& text) {
+    std::vector<std::string> fields(1);
+    for (const char c : text)
+        if (c == ',')
+            fields.emplace_back();
+        else if (c != '\r')
+            fields.back() += c;
+    return fields;
+}
+
+/// `use(fields, place)` of each line but the first, which must be one of the `heads`.
+template <class F>
+void each_line(const std::string& path, const std::vector<std::string>& heads, F&& use) {
+    std::ifstream file(path);
+    std::string text;
+    if (!std::getline(file, text)) throw FileError(path + ": cannot be read");
+    text.resize(text.find_last_not_of('\r') + 1);
+    if (std::find(heads.begin(), heads.end(), text) == heads.end())
+        throw FileError(path + ": its first line is not " + heads.front());
+    for (int line = 2; std::getline(file, text); ++line) {
+        const std::string place = path + ", line " + std::to_string(line);
+        try {
+            if (text.find_first_not_of('\r') < text.size()) use(split(text), place);
+        } catch (const FileError& error) {
+            throw FileError(place + ": " + error.what());
+        }
+    }
+}
+
+inline std::vector<Posed> read_poses(const std::string& path) {
+    std::vector<Posed> poses;
+    const std::string head = "t,x,y,z,qw,qx,qy,qz";
+    each_line(path, {head, head + ",arrived"}, [&](const auto& fields, const auto&) {
+        std::vector<double> v;
+        for (const std::string& field : fields) v.push_back(number<double>(field));
+        if (v.size() == 8) v.push_back(v[0]);
+        if (v.size() != 9) throw FileError(std::to_string(fields.size()) + " fields");
+        if (!poses.empty() && v[8] < poses.back().arrived) throw FileError("not in order");
+        poses.push_back({v[0], {{{v[1], v[2], v[3]}}, v[4], {{v[5], v[6], v[7]}}}, v[8]});
+    });
+    if (poses.empty()) throw FileError(path + ": holds no pose");
+    return poses;
+}
+
+inline std::vector<Event> read_events(const std::string& path) {
+    std::vector<Event> events;
+    each_line(path, {"tick,what,x,y,z"}, [&](const auto& fields, const auto& place) {
+        const std::size_t n = fields.size(), tick = number<std::size_t>(fields[0]);
+        const std::string what = n > 1 ? fields[1] : "";
+        Event* last = events.empty() ? nullptr : &events.back();
+        if (last && tick < last->tick) throw FileError("not in order");
+        const bool goes_on = last && last->what == "edit" && tick == last->tick;
+        if (what == "remove" && n == 3 && goes_on && last->add.empty())
+            last->remove.push_back(number<std::uint32_t>(fields[2]));
+        else if (what == "add" && n == 5 && goes_on)
+            for (std::size_t i = 2; i < 5; ++i) last->add.push_back(number<double>(fields[i]));
+        else if ((what == "edit" || what == "remake") ? n == 2 : what == "exchange" && n == 3)
+            events.push_back({tick, what, place, {}, {}, {}, {}});
+        else
+            throw FileError("no event, or not the next of an edit");
+        if (what == "exchange")
+            events.back().bundle = std::filesystem::path(path).parent_path() / fields[2];
+    });
+    return events;
+}
+
+class Changing {
+  public:
+    Changing(Rendered& engine, std::vector<Posed> poses, std::vector<Event> events,
+             const vfplan::MovingLimits& limits)
+        : engine_(engine), poses_(std::move(poses)), events_(std::move(events)) {
+        if (!poses_.empty()) frame_.emplace(limits);
+        before_.reserve(events_.size());
+    }
+
+    /// Begins at the tip; a moving fixture does at its first pose.
+    void reset(const vfplan::Vec3& tip) {
+        if (!frame_) engine_.reset(tip);
+    }
+    vfplan::Step step(double t, const vfplan::Vec3& tip) noexcept {
+        return frame_ ? frame_->step(engine_, t, tip) : engine_.step(tip);
+    }
+
+    /// In simulated time: all that tick k, at t, begins with.
+    void due(std::size_t k, double t) {
+        for (; posed_ < poses_.size() && poses_[posed_].arrived <= t; ++posed_) {
+            if (frame_->room() == 0) frame_->at(t);
+            frame_->pose(poses_[posed_].time, poses_[posed_].pose);
+        }
+        while (before_.size() < events_.size() && events_[before_.size()].tick <= k) next();
+    }
+    /// In real time: the same by another thread, each at its time. `finish` ends it, and throws
+    /// what it could not do.
+    void start(double period) {
+        thread_ = std::jthread([this, period](const std::stop_token& over) {
+            try {
+                serve(over, period);
+            } catch (...) {
+                failed_ = std::current_exception();
+            }
+        });
+    }
+    void finish() {
+        if (thread_.joinable()) thread_.request_stop(), thread_.join();
+        if (failed_) std::rethrow_exception(failed_);
+    }
+
+    /// What a log needs to be replayed: poses that the tick knew of, changes that it had taken up.
+    [[nodiscard]] std::uint64_t seen() const noexcept { return frame_ ? frame_->seen() : 0; }
+    [[nodiscard]] std::uint64_t taken() const noexcept { return engine_.taken(); }
+    /// Of the changes, the events that had begun.
+    [[nodiscard]] std::size_t begun(std::uint64_t taken) const {
+        return std::size_t(std::lower_bound(before_.begin(), before_.end(), taken) -
+                           before_.begin());
+    }
+
+  private:
+    void next() {
+        Event& event = events_[before_.size()];
+        vfplan::Engine& region = engine_.region();
+        before_.push_back(region.taken() + region.waiting());
+        try {
+            const std::size_t n = event.remove.size(), m = event.add.size() / 3;
+            const bool done = event.exchanges() ? region.exchange(std::move(*event.engine))
+                              : event.what == "edit"
+                                  ? region.edit(event.remove.data(), n, event.add.data(), m)
+                                  : region.remake();
+            if (!done) throw FileError("too much waits for the loop");
+        } catch (const std::exception& error) {
+            throw FileError(event.where + ": " + error.what());
+        }
+    }
+
+    void serve(const std::stop_token& over, double period) {
+        using clock = std::chrono::steady_clock;
+        const auto began = clock::now();
+        const auto wait = [&](double t, auto&& room) {
+            const auto early = [&] {
+                return std::chrono::duration<double>(clock::now() - began).count() < t;
+            };
+            while (!over.stop_requested() && (early() || !room()))
+                std::this_thread::sleep_for(std::chrono::microseconds(200));
+            return !over.stop_requested();
+        };
+        while (posed_ < poses_.size() || before_.size() < events_.size()) {
+            const Posed* pose = posed_ < poses_.size() ? &poses_[posed_] : nullptr;
+            const Event* event =
+                before_.size() < events_.size() ? &events_[before_.size()] : nullptr;
+            if (pose && !(event && double(event->tick) * period < pose->arrived)) {
+                if (!wait(pose->arrived, [&] { return frame_->room() > 0; })) return;
+                frame_->pose(pose->time, pose->pose);
+                ++posed_;
+            } else {  // the loop has all of the one before: what a tick takes up is then the file's
+                const auto idle = [&] { return engine_.region().waiting() == 0; };
+                if (!wait(double(event->tick) * period, idle)) return;
+                next();
+            }
+        }
+    }
+
+    Rendered& engine_;
+    std::vector<Posed> poses_;
+    std::vector<Event> events_;
+    std::optional<vfplan::MovingFrame> frame_;
+    std::size_t posed_ = 0;
+    std::vector<std::uint64_t> before_;  // changes handed over before each event
+    std::exception_ptr failed_;
+    std::jthread thread_;
+};
+
+}  // namespace controller
