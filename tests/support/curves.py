@@ -166,6 +166,7 @@ def way_left(parts, x, hip) -> float:
     """
     turn = np.linspace(0, 2 * np.pi, 1440, endpoint=False)
     pull, most = np.hypot(*(hip - x)), 0.0
+    parts = [part for part in parts if distance([part], x[None])[0] < 1.1 * R]  # others: no part
     for r in (1e-3 * R, 1e-2 * R):
         y = x + r * np.column_stack([np.cos(turn), np.sin(turn)])
         free = distance(parts, y) >= R * (1 - 1e-9)
