@@ -85,6 +85,21 @@ def test_never_inside_in_ten_million_ticks():
     assert tally["ticks"] > 1e7, tally
 
 
+@pytest.mark.parametrize("slope", 10.0 ** np.arange(-9, 1))
+def test_rests_at_once_in_a_hollow_kink_however_slight(slope):
+    """There the offsets meet at (0, R / cos): met from both sides, with roundings for a way."""
+    bent = np.array([[-0.04, 0.04 * slope], [0, 0], [0.04, 0.04 * slope]]), np.zeros(3), False
+    engine = vfplan.ProxyEngine.along(curves.pieces([bent]), R)
+    for x in (-1e-2, -1e-3, 3e-3, 0.0):
+        for hip in ([0.1 * x * slope, -2e-3, 0], [1e-3 * x * slope, 1e-8, 0]):
+            engine.reset([x, 0.03, 0])
+            trace = engine.run([hip, hip])
+            best = np.hypot(hip[0], R * np.hypot(1, slope) - hip[1])
+            assert (trace.status == 0).all()
+            assert (trace.proxy[0] == trace.proxy[1]).all()
+            assert abs(np.hypot(*(trace.proxy[0] - hip)[:2]) - best) < 1e-7 * R
+
+
 def test_the_checks_find_what_samples_miss():
     """The same judge of rule "robust" on the curve's samples: it comes nearer than R."""
     curve = curves.pieces([(np.array([[0.02, 0], [-0.02, 0]]), np.ones(2), True)])

@@ -116,9 +116,18 @@ class Slider {
             if (!(norm(h - y) < norm(u))) return End::rest;
             x = y;
             on_ = stop.next;
-            return stop.end;
+            return wedged(w.feature[i], hit, x, h) ? End::corner : stop.end;
         }
         return End::rest;
+    }
+
+    /// In a slight hollow kink, between a feature and one that the way along it had sunk into: each
+    /// holds from sliding on the other. In a gate, sinking a little gets the proxy through.
+    bool wedged(int feature, const Hit& hit, const Vec2& x, const Vec2& h) const noexcept {
+        if (!hit.touching || on_ != hit.feature) return false;
+        Walls both;
+        return both.add(near_, feature, x) && both.add(near_, on_, x) &&
+               dot(both.touch[0].normal, both.touch[1].normal) > 0 && both.free(h - x) == none;
     }
 
     /// Where a way along a feature ends, nothing else met, and on what it goes on.
