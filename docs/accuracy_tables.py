@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from statistics import median
 from typing import Any
 
-ENGINES = ("robust", "paper", "nanoflann_peer", "paper in NumPy", "nearest-point penalty")
+ENGINES = ("exact", "robust", "paper", "nanoflann_peer", "paper in NumPy", "nearest-point penalty")
+RULES = ("exact", "robust", "paper")
 SPACING = 0.5e-3
 
 
@@ -155,23 +156,22 @@ def _cell(result: dict[str, Any]) -> str:
 
 
 def promises(document: dict[str, Any]) -> str:
-    """What the two rules do besides being near: come inside, lag across the exact force."""
+    """What the rules do besides being near: come inside, lag across the exact force."""
     lines = []
     for scene in names(r["scene"] for r in of(document, stage="proxy")):
         found = _at_half_a_millimetre(document, scene)
-        cells = [
-            text
-            for rule in ("robust", "paper")
-            for text in (
-                f"{micrometres(found[rule]['inside_m'])} µm",
-                f"{micrometres(found[rule]['lag_rms_m'])} µm",
-                f"{1e3 * found[rule]['force_rms_n']:.3g} mN",
-            )
-        ]
+        cells = [text for rule in RULES for text in _kept(found.get(rule))]
         lines.append([scene, *cells])
-    heads = [f"`{rule}`: {what}" for rule in ("robust", "paper") for what in
+    heads = [f"`{rule}`: {what}" for rule in RULES for what in
              ("inside, worst", "lag, RMS", "force error, RMS")]  # fmt: skip
     return table(["scene", *heads], lines)
+
+
+def _kept(r: dict[str, Any] | None) -> tuple[str, str, str]:
+    if r is None:
+        return ("–",) * 3
+    inside, lag = micrometres(r["inside_m"]), micrometres(r["lag_rms_m"])
+    return f"{inside} µm", f"{lag} µm", f"{1e3 * r['force_rms_n']:.3g} mN"
 
 
 def left_out(document: dict[str, Any]) -> str:
@@ -209,7 +209,7 @@ def _steps(r: dict[str, Any]) -> str:
 
 def chosen(document: dict[str, Any]) -> str:
     """What the tolerance chose, by scene."""
-    head = ["scene", "points", "surface, worst", "kept", "proxy, RMS / worst",
+    head = ["scene", "points, or lines and arcs", "surface, worst", "kept", "proxy, RMS / worst",
             "where it can be followed", "kept there", "force, RMS", "tick, median / p99.9",
             "against the cheapest"]  # fmt: skip
     return table(head, (_chosen_row(r) for r in of(document, stage="proxy", chosen=True)))
@@ -224,7 +224,7 @@ def _chosen_row(r: dict[str, Any]) -> list[str]:
     )
     return [
         r["scene"],
-        str(r["points"]),
+        str(r["points"]) if "lines_and_arcs" not in r else f"{r['lines_and_arcs']} arcs",
         f"{micrometres(max(r['surface_error_m'], r['inside_m']))} µm",
         "yes" if r["meets_tolerance"] else "**no**",
         f"{micrometres(r['error_rms'])} / {micrometres(r['error_max'])} µm",
@@ -239,12 +239,13 @@ def _chosen_row(r: dict[str, Any]) -> list[str]:
 def choice(document: dict[str, Any]) -> str:
     """The settings of this run's tolerance."""
     c = document["chosen"]
-    space = max(r["settings"]["max_iterations"] for r in of(document, stage="proxy", chosen=True))
+    made = [r["settings"] for r in of(document, stage="proxy", chosen=True)]
+    space = max(s["max_iterations"] for s in made if "max_iterations" in s)
     return (
         f"For {c['tolerance_m'] * 1e3:g} mm and R = 5 mm: points at most "
         f"{c['spacing_m'] * 1e3:.3g} mm apart, a band of {c['band_m'] * 1e6:.3g} µm, "
         f"{c['max_iterations']} iterations in the plane and {space} in space. "
-        "On the bench's scenes:"
+        "On the bench's scenes, the planar drawings by their lines and arcs:"
     )
 
 

@@ -12,25 +12,13 @@ from __future__ import annotations
 import numpy as np
 
 import vfplan
-from vfplan.curve.arcs import fit_arcs
-from vfplan.fixture import Pieces
+from vfplan.study.bench.cases import fitted
 from vfplan.study.scenes import SCENES
 
 R = 5e-3
 PLANAR = ("circle", "wedge", "corner", "channel", "omega", "teapot")
 JUMP = 20
 HEAD = "exact um", "fit um", "robust um", "exact N", "robust N", "truth N", "exact us", "robust us"
-
-
-def fitted(scene, tolerance=1e-6):
-    """The runs' samples as lines and arcs."""
-    arcs = [fit_arcs(run.sample(5e-4), run.closed, tolerance) for run in scene.runs]
-    flat = np.vstack([a.vertices for a in arcs])
-    counts = [len(a.bulges) for a in arcs]
-    return Pieces(
-        np.column_stack([flat, 0 * flat[:, 0]]), np.concatenate([a.bulges for a in arcs]),
-        np.repeat(np.arange(len(arcs), dtype=np.int32), counts), np.array([a.closed for a in arcs]),
-    )  # fmt: skip
 
 
 def judge(engine, scene, hips, truth):

@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.engine.tolerance import DEPTH, Choice
+from vfplan.fixture import Pieces
+from vfplan.planning.settings import DEFAULT_ARCS_M
 from vfplan.study.bench.record import Array
 from vfplan.study.scenes import SCENES, Drawn, Scene
 
@@ -141,9 +143,28 @@ def experiment_2() -> Case:
     return Case("experiment-2, session", Elbow(), hips)
 
 
+def is_drawn(scene: Scene) -> TypeGuard[Drawn]:
+    """Whether a plan of it has lines and arcs."""
+    return isinstance(scene, Drawn) and scene.ignore_axis is not None
+
+
+def fitted(scene: Drawn, tolerance_m: float = DEFAULT_ARCS_M) -> Pieces:
+    """Lines and arcs through a drawing's points, as a plan fits them."""
+    from vfplan.curve.arcs import fit_arcs
+
+    arcs = [fit_arcs(run.sample(scene.spacing), run.closed, tolerance_m) for run in scene.runs]
+    flat = np.vstack([a.vertices for a in arcs])
+    return Pieces(
+        np.column_stack([flat, np.zeros(len(flat))]),
+        np.concatenate([a.bulges for a in arcs]),
+        np.repeat(np.arange(len(arcs), dtype=np.int32), [len(a.bulges) for a in arcs]),
+        np.array([a.closed for a in arcs]),
+    )
+
+
 def chosen_points(scene: Scene, choice: Choice) -> Array:
     """The cloud that a tolerance asks for: by curvature on a drawing, an even one on a surface."""
-    if not isinstance(scene, Drawn) or scene.ignore_axis is None:
+    if not is_drawn(scene):
         return replace(scene, spacing=_even(scene, choice)).points
     from vfplan.planning.sampling import sample_curve
 

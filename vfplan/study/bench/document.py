@@ -19,8 +19,8 @@ COLUMNS = (
     "stage", "scene", "method", "settings", "error_rms", "error_max", "unit", "time_us_median",
     "time_us_low", "time_us_high", "time_us_p99", "time_us_p999", "time_us_max", "repeats",
     "pareto", "chosen", "peer", "points", "force_rms_n", "force_max_n", "surface_error_m",
-    "inside_m", "followed_rms_m", "followed_ticks", "ticks", "clearance_min_m", "lag_rms_m",
-    "friction", "force_jumps", "force_jumps_large", "force_step_max_n", "limit_share",
+    "lines_and_arcs", "inside_m", "followed_rms_m", "followed_ticks", "ticks", "clearance_min_m",
+    "lag_rms_m", "friction", "force_jumps", "force_jumps_large", "force_step_max_n", "limit_share",
     "meets_tolerance", "follows", "time_over_cheapest",
 )  # fmt: skip
 _NEEDED = ("stages", "results", "tolerance_m", "budget_us", "machine", "peers", "elapsed_s")

@@ -29,11 +29,13 @@ from typing import Any
 import numpy as np
 
 from vfplan.engine.tolerance import Choice, choose
+from vfplan.planning.settings import DEFAULT_ARCS_M
 from vfplan.study.bench.baselines import NearestPointPenalty
-from vfplan.study.bench.cases import Case, cases, chosen_points
+from vfplan.study.bench.cases import Case, cases, chosen_points, fitted, is_drawn
 from vfplan.study.bench.peers import Peer
 from vfplan.study.bench.record import Array, Errors, Setting, Trial
 from vfplan.study.bench.stepping import timed_ticks
+from vfplan.study.scenes import Drawn
 
 R = 5e-3
 STIFFNESS = 1000.0
@@ -79,14 +81,14 @@ def _native(**settings: Any) -> Make:
     return make
 
 
-def _reference(points: Array, axis: str | None) -> Any:
-    from vfplan.reference import PaperProxy
+def _python(name: str) -> Make:
+    def make(points: Array, axis: str | None) -> Any:
+        from vfplan.reference import PaperProxy
 
-    return PaperProxy(points, ignore_axis=axis, stiffness=STIFFNESS)
+        kind = {"paper": PaperProxy, "penalty": NearestPointPenalty}[name]
+        return kind(points, ignore_axis=axis, stiffness=STIFFNESS)
 
-
-def _penalty(points: Array, axis: str | None) -> Any:
-    return NearestPointPenalty(points, ignore_axis=axis, stiffness=STIFFNESS)
+    return make
 
 
 def _limited(n: int) -> Method:
@@ -104,8 +106,8 @@ METHODS: dict[str, Method] = {
     "paper, every point": Method(
         _native(rule="paper", search="brute"), BRUTE_WORK, (("search", "brute"),), True
     ),
-    "paper in NumPy": Method(_reference, NUMPY_WORK),
-    "nearest-point penalty": Method(_penalty),
+    "paper in NumPy": Method(_python("paper"), NUMPY_WORK),
+    "nearest-point penalty": Method(_python("penalty")),
 }
 
 
@@ -130,6 +132,8 @@ def _trials(case: Case, quick: bool, tolerance_m: float, peers: Sequence[Peer]) 
                     yield from solid.trials(name, method, spacing)
             else:
                 yield from finer.trials(name, method, spacing)
+        if is_drawn(finer.case.scene):
+            yield finer.exact_trial(spacing)
         for peer in peers:
             yield finer.peer_trial(peer, spacing)
     best = Rendered(case, choice, points=chosen_points(case.scene, choice))
@@ -142,17 +146,11 @@ class Rendered:
 
     case: Case
     choice: Choice
-    points_: Array | None = None
+    points: Array = None  # (N, 3) [m]; the scene's own where none are given
 
-    def __init__(self, case: Case, choice: Choice, points: Array | None = None) -> None:
-        object.__setattr__(self, "case", case)
-        object.__setattr__(self, "choice", choice)
-        object.__setattr__(self, "points_", points)
-
-    @property
-    def points(self) -> Array:
-        """(N, 3) [m]."""
-        return self.case.scene.points if self.points_ is None else self.points_
+    def __post_init__(self) -> None:
+        if self.points is None:
+            object.__setattr__(self, "points", self.case.scene.points)
 
     @cached_property
     def solid(self) -> Rendered | None:
@@ -170,31 +168,33 @@ class Rendered:
         settings: dict[str, Setting] = {"spacing_m": spacing, **dict(method.settings)}
         yield self._trial(name, settings, engine)
 
-    def chosen_trial(self) -> Trial:
-        """The robust engine with everything that follows from the tolerance."""
-        from vfplan.engine.proxy import ProxyEngine
+    def exact_trial(self, spacing: float) -> Trial:
+        """Rule `exact` along lines and arcs fitted to the drawing's points."""
+        return self._trial("exact", {"spacing_m": spacing}, _along(self.case.scene))
 
-        choice = self.choice
-        engine = ProxyEngine(
-            self.points,
-            ignore_axis=self.case.scene.ignore_axis,
-            stiffness=STIFFNESS,
-            band=choice.band_m,
-            max_iterations=choice.max_iterations,
-        )
-        settings: dict[str, Setting] = {
-            "tolerance_m": choice.tolerance_m,
+    def chosen_trial(self) -> Trial:
+        """What a plan makes of it: lines and arcs, or `robust` with what the tolerance gives."""
+        choice, scene = self.choice, self.case.scene
+        given: dict[str, Setting] = {"tolerance_m": choice.tolerance_m}
+        if is_drawn(scene):
+            given["arcs_m"] = DEFAULT_ARCS_M
+            return self._trial("chosen by tolerance", given, _along(scene), chosen=True)
+        given |= {
             "spacing_m": choice.spacing_m,
             "band_m": choice.band_m,
             "max_iterations": choice.max_iterations,
         }
-        return self._trial("chosen by tolerance", settings, engine, chosen=True)
+        make = _native(band=choice.band_m, max_iterations=choice.max_iterations)
+        engine = make(self.points, scene.ignore_axis)
+        return self._trial("chosen by tolerance", given, engine, chosen=True)
 
     def _trial(
         self, name: str, settings: dict[str, Setting], engine: Any, chosen: bool = False
     ) -> Trial:
         case, points = self.case, self.points
         more = {"points": len(points), "band_m": engine.parameters.band}
+        if getattr(engine, "rule", None) == "exact":
+            more["lines_and_arcs"] = fitted(case.scene).count
         if chosen:
             more["left_out"] = dict(engine.left_out)
 
@@ -224,6 +224,12 @@ class Rendered:
             "m",
             peer=True,
         )
+
+
+def _along(scene: Drawn) -> Any:
+    from vfplan.engine.proxy import ProxyEngine
+
+    return ProxyEngine.along(fitted(scene), R, stiffness=STIFFNESS)
 
 
 def judge(case: Case, points: Array, proxy: Array, more: dict[str, Any]) -> Errors:
