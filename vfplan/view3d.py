@@ -34,25 +34,14 @@ def draw_view(
 ) -> None:
     """Write one view as a PNG, without a screen.
 
-    Parameters
-    ----------
-    fixture
-        Its cloud.
-    ticks
-        A replay's ticks; `None`: the cloud alone.
-    at_s
-        The time shown [s]; `None`: the deepest tick.
-    mark_hz
-        Instead of one tick, contact circles and normals so often a second (the paper's Fig. 4b).
-    size
-        (width, height) [px].
-
-    Raises
-    ------
-    MissingExtra
-        Nothing here can render; the message names the package that helps.
-    SettingError
-        A time outside the replay.
+    fixture: its cloud
+    ticks: a replay's ticks; `None`: the cloud alone
+    at_s: the time shown [s]; `None`: the deepest tick
+    mark_hz: instead of one tick, contact circles and normals so often a second (the paper's Fig.
+        4b).
+    size: (width, height) [px]
+    Raises MissingExtra: nothing here can render; the message names the package that helps
+    Raises SettingError: a time outside the replay
     """
     from PIL import Image
 
@@ -136,12 +125,8 @@ def _attend(plotter: Any) -> None:
 class Stage:
     """The cloud and paths, and the parts that move with time.
 
-    Parameters
-    ----------
-    pyvista
-        The module, imported when it is known to work.
-    fixture, ticks, size, off_screen
-        As for `draw_view`.
+    pyvista: the module, imported when it is known to work
+    fixture, ticks, size, off_screen: as for `draw_view`
     """
 
     def __init__(

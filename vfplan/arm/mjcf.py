@@ -44,12 +44,9 @@ def mujoco() -> Any:
 def compile_model(choice: str | Path, shipped: tuple[str, ...]) -> Any:
     """The `MjModel` of a shipped arm, or of an MJCF file.
 
-    Raises
-    ------
-    InputError
-        A file that cannot be read, that names what is not allowed here, or that MuJoCo refuses.
-    MissingExtra
-        No MuJoCo.
+    Raises InputError: a file that cannot be read, that names what is not allowed here, or that
+        MuJoCo refuses
+    Raises MissingExtra: no MuJoCo
     """
     module = mujoco()
     if str(choice) in shipped:

@@ -41,25 +41,14 @@ class Posture:
 class Arm:
     """A shipped arm or an MJCF file, with its base placed and a tool on its site `tip`.
 
-    Parameters
-    ----------
-    choice
-        "panda", "fr3", or the path of an MJCF file with hinges only and `<site name="tip"/>`.
-    robot
-        Whose limits it has; `None`: those of the shipped robot file.
-    base
-        (3,) or (7,) the arm's base in the fixture's frame: x, y, z [m] and a quaternion w, x, y, z.
-    tool
-        (3,) the tip in the frame of the site `tip` [m].
-
-    Raises
-    ------
-    InputError
-        A model that cannot be read, or is no such arm.
-    SettingError
-        A base or tool of another form; no robot for a file.
-    MissingExtra
-        No MuJoCo.
+    choice: "panda", "fr3", or the path of an MJCF file with hinges only and `<site name="tip"/>`
+    robot: whose limits it has; `None`: those of the shipped robot file
+    base: (3,) or (7,) the arm's base in the fixture's frame: x, y, z [m] and a quaternion w, x, y,
+        z
+    tool: (3,) the tip in the frame of the site `tip` [m]
+    Raises InputError: a model that cannot be read, or is no such arm
+    Raises SettingError: a base or tool of another form; no robot for a file
+    Raises MissingExtra: no MuJoCo
     """
 
     def __init__(

@@ -61,23 +61,13 @@ def rehearse(
 ) -> Rehearsal:
     """Let the session's hand move a simulated arm that renders the fixture.
 
-    Parameters
-    ----------
-    session
-        Where the hand wants the tip, at the arm's rate.
-    governed
-        Whether a governor of the arm's limits stands between engine and torques.
-    hand
-        How stiffly it wants that.
-    done
-        Called with the number of ticks just run.
-
-    Raises
-    ------
-    SessionError
-        A session in another frame or at another rate, or longer than an hour.
-    InputError, SettingError
-        A fixture that cannot be rendered; limits that are not passive with its stiffness.
+    session: where the hand wants the tip, at the arm's rate
+    governed: whether a governor of the arm's limits stands between engine and torques
+    hand: how stiffly it wants that
+    done: called with the number of ticks just run
+    Raises SessionError: a session in another frame or at another rate, or longer than an hour
+    Raises InputError, SettingError: a fixture that cannot be rendered; limits that are not passive
+        with its stiffness
     """
     began = clock.perf_counter()
     _check(session, fixture, arm)

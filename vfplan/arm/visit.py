@@ -22,16 +22,10 @@ def visit(fixture: Fixture, rate_hz: float = 1000.0, *, to_ends: bool = True) ->
     Beside a curve that is endless along an axis; of one in space above and below it, in the
     robot's frame. Each begins and ends clear of the curve.
 
-    Parameters
-    ----------
-    to_ends
-        Whether open strokes are followed to their ends. A hand that presses there slips round
+    to_ends: whether open strokes are followed to their ends. A hand that presses there slips round
         them; without it, it stays as far from them as the proxy stops and the hand presses.
-
-    Raises
-    ------
-    InputError
-        A fixture that was not drawn as a curve, or an open stroke with nothing between its ends.
+    Raises InputError: a fixture that was not drawn as a curve, or an open stroke with nothing
+        between its ends
     """
     if fixture.curve is None or fixture.rendering is None:
         raise InputError("no drawn curve to go along; a session is wanted")

@@ -47,10 +47,7 @@ def check_trust(seal: Sealed, trust: Trust, now: float | None = None) -> None:
 
     `now` is in seconds since 1970 UTC.
 
-    Raises
-    ------
-    SignatureError
-        The signature is missing, wrong, by an unknown key, or for something else.
+    Raises SignatureError: the signature is missing, wrong, by an unknown key, or for something else
     """
     if not seal.signed:
         raise SignatureError("is not signed; a signature of a trusted key is demanded")

@@ -19,14 +19,9 @@ BINS = 40
 def draw_campaign(fixture: Fixture, table: dict[str, Array], beyond_m: float, path: Path) -> None:
     """Write three views: probability along the curve, on the curve, and of the depth.
 
-    Parameters
-    ----------
-    fixture
-        With a curve, in `robot_base`.
-    table
-        The trials, of `read_campaign`.
-    beyond_m
-        The depth beyond the true curve [m] whose probability is drawn.
+    fixture: with a curve, in `robot_base`
+    table: the trials, of `read_campaign`
+    beyond_m: the depth beyond the true curve [m] whose probability is drawn
     """
     ruler = CurveRuler.of(fixture)
     depth, point = table["depth_m"], table["point"].astype(int)

@@ -38,10 +38,7 @@ def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
     A tick counts for the planned point nearest to its proxy, and a slide from one tick to the next
     for the points between; 0 where the hand never pressed.
 
-    Raises
-    ------
-    InputError
-        The fixture was not drawn as a curve.
+    Raises InputError: the fixture was not drawn as a curve
     """
     ruler = CurveRuler.of(replayed.fixture)
     if ruler is None:
@@ -65,10 +62,7 @@ def image_places(fixture: Fixture) -> Array:
 
     The least-squares inverse of the registration's 2-D -> 3-D map; exact for points it made.
 
-    Raises
-    ------
-    InputError
-        The fixture was not registered from an image.
+    Raises InputError: the fixture was not registered from an image
     """
     record = fixture.registration
     if record is None or record.T_robot_image.shape != (3, 3):
@@ -101,10 +95,7 @@ def depth_plot(replayed: Replay) -> Figure:
 def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     """The figure of `draw_slice_depth`.
 
-    Raises
-    ------
-    InputError
-        Another image than the one the fixture was planned on.
+    Raises InputError: another image than the one the fixture was planned on
     """
     planned = replayed.fixture.provenance.inputs.get("image")
     if planned is not None and planned != image.sha256:

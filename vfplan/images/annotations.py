@@ -30,16 +30,10 @@ WANTED = "a POLYLINE or INTERPOLATED graphic in PIXEL units, or an overlay plane
 class Annotation:
     """One thing drawn on an image.
 
-    Parameters
-    ----------
-    name
-        What it is, for messages.
-    drawn_on
-        The images' SOP instance UIDs, each with its frames, from 1; none where all are meant.
-    points, smooth
-        A graphic's (M, 2) points (u, v) [px], and whether it is curved between them.
-    plane, origin
-        An overlay's (H, W) bool, and where its first pixel lies (u, v) [px].
+    name: what it is, for messages
+    drawn_on: the images' SOP instance UIDs, each with its frames, from 1; none where all are meant
+    points, smooth: a graphic's (M, 2) points (u, v) [px], and whether it is curved between them
+    plane, origin: an overlay's (H, W) bool, and where its first pixel lies (u, v) [px]
 
     One with neither points nor a plane is a graphic that is no line.
     """

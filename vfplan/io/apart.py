@@ -49,21 +49,11 @@ def apart(
 ) -> Iterator[Any]:
     """What `job`, "module:function" of vfplan, yields when it is called in a process apart.
 
-    Parameters
-    ----------
-    job
-        A generator function of JSON values, or of tuples of arrays: float64, int8, uint8, uint16.
-    args
-        Its arguments, after the file; JSON values.
-    file
-        Opened here, so that it is the very file whose digest is known; handed over as a stream.
-    where, kind
-        The name in, and the kind of, the error of a reader that crashed or was ended.
-
-    Raises
-    ------
-    VfplanError
-        What the job raised, or one of `kind` when it did not come to its end.
+    job: a generator function of JSON values, or of tuples of arrays: float64, int8, uint8, uint16
+    args: its arguments, after the file; JSON values
+    file: opened here, so that it is the very file whose digest is known; handed over as a stream
+    where, kind: the name in, and the kind of, the error of a reader that crashed or was ended
+    Raises VfplanError: what the job raised, or one of `kind` when it did not come to its end
     """
     read_end, write_end = os.pipe()
     with open(read_end, "rb") as pipe:

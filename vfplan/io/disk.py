@@ -84,10 +84,8 @@ def write_whole(path: Path, parts: list[bytes], *, overwrite: bool, mode: int = 
     A temporary file in the same folder, fsync, rename, fsync of the folder. Without `overwrite` no
     file is ever replaced, not even one that appears meanwhile.
 
-    Raises
-    ------
-    OutputError
-        The path exists and `overwrite` is false, is a directory, or cannot be written.
+    Raises OutputError: the path exists and `overwrite` is false, is a directory, or cannot be
+        written
     """
     with whole_file(Path(path), overwrite=overwrite, mode=mode) as file:
         file.writelines(parts)
@@ -197,11 +195,8 @@ def move_whole(moves: Iterable[tuple[Path, Path]], *, overwrite: bool) -> Placed
     Every file's bytes are on the disk before the first rename, every rename before this returns;
     a power cut leaves the old or the new of each, whole. The caller says `keep` or `undo`.
 
-    Raises
-    ------
-    OutputError
-        A file cannot be put into its place, or is there already and `overwrite` is false; the
-        others are as they were.
+    Raises OutputError: a file cannot be put into its place, or is there already and `overwrite` is
+        false; the others are as they were
     """
     pairs = list(moves)
     placed, at = Placed(), pairs[0][1] if pairs else Path()

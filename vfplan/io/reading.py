@@ -47,10 +47,7 @@ def read_whole(path: Path, most: int, kind: type[InputError] = InputError) -> by
 class OneFile:
     """A regular file, opened once: whatever takes its name meanwhile, this one is read.
 
-    Parameters
-    ----------
-    path, kind
-        As for `opened_file`, which raises.
+    path, kind: as for `opened_file`, which raises
     """
 
     def __init__(self, path: Path, kind: type[InputError] = InputError) -> None:

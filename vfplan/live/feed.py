@@ -15,10 +15,7 @@ BEHIND_S = 0.5  # a reader that is further behind misses the oldest
 class Feed:
     """Takes in every tick, and holds the first one of each period of the rate for a short while.
 
-    Parameters
-    ----------
-    rate_hz
-        How many ticks a second are handed out, in the ticks' own time.
+    rate_hz: how many ticks a second are handed out, in the ticks' own time
     """
 
     def __init__(self, rate_hz: float = 100.0) -> None:

@@ -30,19 +30,10 @@ FLAGS = ((1, "bad HIP"), (2, "inside"), (4, "limit"))
 class Server:
     """Serves on the loopback until it is closed.
 
-    Parameters
-    ----------
-    fixture
-        Shown once to each client.
-    port
-        0: one that the system chooses; see `port`.
-    feed
-        What goes out.
-
-    Raises
-    ------
-    OutputError
-        The port is taken.
+    fixture: shown once to each client
+    port: 0: one that the system chooses; see `port`
+    feed: what goes out
+    Raises OutputError: the port is taken
     """
 
     def __init__(self, fixture: Fixture, port: int, feed: Feed) -> None:

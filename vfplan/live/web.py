@@ -23,25 +23,13 @@ _SILENT = logging.Logger("websockets", logging.CRITICAL + 1)
 class Web:
     """Serves until it is closed.
 
-    Parameters
-    ----------
-    page
-        HTML text; it opens a WebSocket at /ticks.
-    row
-        A tick as the page's script takes it.
-    scene
-        Names what the page shows: one that came from another program loads itself anew.
-    port
-        0: one that the system chooses; see `port`.
-    feed
-        What is shown.
-
-    Raises
-    ------
-    MissingExtra
-        Without the package websockets.
-    OutputError
-        The port is taken.
+    page: HTML text; it opens a WebSocket at /ticks
+    row: a tick as the page's script takes it
+    scene: names what the page shows: one that came from another program loads itself anew
+    port: 0: one that the system chooses; see `port`
+    feed: what is shown
+    Raises MissingExtra: without the package websockets
+    Raises OutputError: the port is taken
     """
 
     def __init__(

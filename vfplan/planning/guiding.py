@@ -18,12 +18,10 @@ def add_guidance(
 ) -> tuple[Fixture, dict[str, Any], tuple[str, ...]]:
     """The fixture with the guidance that was asked for, what is reported of it, and warnings.
 
-    Raises
-    ------
-    SettingError
-        A tube that runs into itself or is wider than a bend, or a stroke that is not there.
-    CheckFailed
-        The guide leads into the forbidden region of the other strokes; the message has the place.
+    Raises SettingError: a tube that runs into itself or is wider than a bend, or a stroke that is
+        not there
+    Raises CheckFailed: the guide leads into the forbidden region of the other strokes; the message
+        has the place
     """
     from vfplan.engine.guide import Guide
 

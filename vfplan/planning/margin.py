@@ -54,12 +54,8 @@ def add_margin(
     value is added to the point radius r_v; on one side each sample moves there, in the slice's
     plane, by the margin at that sample.
 
-    Raises
-    ------
-    SettingError
-        An unknown margin or side, or a side that this curve does not have.
-    CurveError
-        A margin that leaves nothing of a stroke.
+    Raises SettingError: an unknown margin or side, or a side that this curve does not have
+    Raises CurveError: a margin that leaves nothing of a stroke
     """
     if settings.margin is None:
         return curve, settings, None

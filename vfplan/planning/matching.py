@@ -82,13 +82,11 @@ def match(
 ) -> Matched:
     """Read and fit the markers, and refuse those that are surely wrong.
 
-    Raises
-    ------
-    MarkerError
-        Markers that determine no transform, that no slice or robot can have (`check_plausible`), or
-        that contradict each other beyond doubt (`vfplan.registration.refusal`).
-    SettingError
-        Markers to be found in a slice that is not there, a model that cannot be fitted.
+    Raises MarkerError: markers that determine no transform, that no slice or robot can have
+        (`check_plausible`), or that contradict each other beyond doubt
+        (`vfplan.registration.refusal`)
+    Raises SettingError: markers to be found in a slice that is not there, a model that cannot be
+        fitted
     """
     from vfplan.registration.diagnosis import diagnose
     from vfplan.registration.refusal import refuse_sure_faults

@@ -20,19 +20,11 @@ SAME_SPACING = 1e-6  # relative: decimals of the same number
 def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDArray[np.float64]]:
     """The curve in "patient_lps" [m], and the slice's two axes there, (3, 2) [m/px].
 
-    Parameters
-    ----------
-    curve
-        In frame "image".
-    image
-        The slice it was drawn on; DICOM says where that lies (`T_patient_image`).
-
-    Raises
-    ------
-    MarkerError
-        No slice, or one that does not say where it lies: the markers do not fit the curve.
-    SettingError
-        A pixel spacing that is not the slice's own.
+    curve: in frame "image"
+    image: the slice it was drawn on; DICOM says where that lies (`T_patient_image`)
+    Raises MarkerError: no slice, or one that does not say where it lies: the markers do not fit the
+        curve
+    Raises SettingError: a pixel spacing that is not the slice's own
     """
     place = None if image is None else image.T_patient_image
     if place is None:

@@ -26,11 +26,8 @@ def check_plausible(pairs: Correspondences, curve: Fixture, image: PlannedImage 
 
     A planar fit is exact under any unit and either exchange of axes, so these leave no residual.
 
-    Raises
-    ------
-    MarkerError
-        Markers spread over more or less than `LARGEST_RADIUS_M` and `LEAST_RADIUS_M`, outside the
-        image, or drawn where row and column are exchanged.
+    Raises MarkerError: markers spread over more or less than `LARGEST_RADIUS_M` and
+        `LEAST_RADIUS_M`, outside the image, or drawn where row and column are exchanged
     """
     _check_size(pairs.target, "target")
     if pairs.source_frame != "image":

@@ -52,11 +52,9 @@ class Held:
 def hold_against_marks(rgb: NDArray, pairs: Correspondences) -> Held:
     """Compare the given positions with the marks drawn on the slice.
 
-    Raises
-    ------
-    MarkerError
-        Nothing is drawn near most of the given positions, but another reading of them (rows from
-        below, columns from the right, another scale) puts them onto marks of one kind.
+    Raises MarkerError: nothing is drawn near most of the given positions, but another reading of
+        them (rows from below, columns from the right, another scale) puts them onto marks of one
+        kind
     """
     from vfplan.markers.finding.spots import kinds_of_spots
 

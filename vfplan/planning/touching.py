@@ -27,12 +27,9 @@ def touch(
 ) -> Refined:
     """Refine the registration of a surface by the points in a file.
 
-    Raises
-    ------
-    SettingError
-        The fixture is no surface, the registration is not rigid, or the radius is out of range.
-    MarkerError
-        The file cannot be read, or its points do not hold the bone.
+    Raises SettingError: the fixture is no surface, the registration is not rigid, or the radius is
+        out of range
+    Raises MarkerError: the file cannot be read, or its points do not hold the bone
     """
     from vfplan.markers.touched import read_touched
     from vfplan.registration.touching import refine_by_touch

@@ -29,15 +29,10 @@ MAX_POINTS = 100  # the error varies smoothly along a curve: more points change 
 def curve_factor(parts: Array, pointwise: Array, dof: int, probability: float = 0.95) -> float:
     """κ ≥ 1, by which the pointwise bound must grow to hold for all points at once.
 
-    Parameters
-    ----------
-    parts
-        (M, 3, p) J_r A σ̂ at the curve's points: how the error there follows from p independent
-        parameters of unit variance [m]; A of `residuals.Fit.root`.
-    pointwise
-        (M,) the points' own bounds [m].
-    dof
-        Degrees of freedom of σ̂.
+    parts: (M, 3, p) J_r A σ̂ at the curve's points: how the error there follows from p independent
+        parameters of unit variance [m]; A of `residuals.Fit.root`
+    pointwise: (M,) the points' own bounds [m]
+    dof: degrees of freedom of σ̂
     """
     if not pointwise.max() > 0:  # an exact fit: nothing to widen
         return 1.0

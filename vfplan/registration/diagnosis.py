@@ -111,10 +111,7 @@ def target_error(registration: Registration, points: ArrayLike) -> TargetError:
 def check_max_tre(error: TargetError, limit_m: float) -> None:
     """The gate: the 95 % bound for the whole curve must stay below the limit everywhere.
 
-    Raises
-    ------
-    CheckFailed
-        With the largest bound, where it is, and the limit.
+    Raises CheckFailed: with the largest bound, where it is, and the limit
     """
     worst = int(error.curve95_m.argmax())
     value = float(error.curve95_m[worst])

@@ -56,10 +56,7 @@ def check_handedness(fit: Fit, seen_from: Array | None) -> None:
     A 3-D source shows it by itself. A planar one fits its mirror image as well (turned over), so
     it is checked against `seen_from`, the direction from which the image is looked at, if given.
 
-    Raises
-    ------
-    MarkerError
-        The markers are mirrored.
+    Raises MarkerError: the markers are mirrored
     """
     if fit.problem.model.dimension == 3:
         if _is_mirrored(fit):

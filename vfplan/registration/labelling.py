@@ -58,12 +58,8 @@ class Relabelling:
 def better_labelling(fit: Fit, *, square: bool = False) -> Relabelling | None:
     """The labelling that fits the markers best, where one fits about as well as theirs or better.
 
-    Parameters
-    ----------
-    fit
-        Of all markers. Any model, planar or solid.
-    square
-        Whether the pixel spacing is known, so that a true map is near a similarity.
+    fit: of all markers. Any model, planar or solid.
+    square: whether the pixel spacing is known, so that a true map is near a similarity
     """
     problem = fit.problem
     problems = [problem]

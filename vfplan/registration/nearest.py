@@ -16,12 +16,8 @@ class NearestOnMesh:
     That is the nearest place of the whole mesh where its triangles are of about one size and the
     point is not much further away than they are large; elsewhere a place somewhat further.
 
-    Parameters
-    ----------
-    points
-        (N, 3) corners [m].
-    triangles
-        (K, 3) rows of them.
+    points: (N, 3) corners [m]
+    triangles: (K, 3) rows of them
     """
 
     def __init__(self, points: Array, triangles: NDArray[np.int32]) -> None:

@@ -70,12 +70,9 @@ def make_problem(
 ) -> Problem:
     """Check everything that can be wrong with the markers, then normalise them.
 
-    Raises
-    ------
-    MarkerError
-        Shapes that do not fit, non-finite values, too few markers, coincident or collinear ones.
-    SettingError
-        An unknown model, a bad pixel spacing, `rigid` from pixels without one.
+    Raises MarkerError: shapes that do not fit, non-finite values, too few markers, coincident or
+        collinear ones
+    Raises SettingError: an unknown model, a bad pixel spacing, `rigid` from pixels without one
     """
     if model not in MODELS:
         raise SettingError(f"model is {model!r}; allowed: {', '.join(MODELS)}")

@@ -28,11 +28,8 @@ MAX_SCALE_FACTOR = 2.0
 def refuse_sure_faults(registration: Registration, diagnosis: Diagnosis) -> None:
     """Refuse markers that are surely wrong and still in the fit.
 
-    Raises
-    ------
-    MarkerError
-        Labels exchanged or in another order, residuals far beyond the stated sigmas, or a scale
-        that is not the known one.
+    Raises MarkerError: labels exchanged or in another order, residuals far beyond the stated
+        sigmas, or a scale that is not the known one
     """
     if diagnosis.swapped:
         _refuse_exchanged(registration)

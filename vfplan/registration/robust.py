@@ -26,10 +26,7 @@ _BEST = 10  # starts that are concentrated to the end
 def agreeing(problem: Problem, alpha: float = 0.05) -> np.ndarray:
     """(N,) bool: the markers that a robust fit rests on; `alpha` as in `residuals.f_limit`.
 
-    Raises
-    ------
-    SettingError
-        More minimal subsets than can be searched.
+    Raises SettingError: more minimal subsets than can be searched
     """
     n, size = len(problem.s), problem.model.minimal
     subsets = comb(n, size)

@@ -55,24 +55,13 @@ def refine_by_touch(
 ) -> Touched:
     """Bring points touched on a bone onto its surface.
 
-    Parameters
-    ----------
-    registration
-        Rigid, from the surface's frame to the robot's, good to some millimetres.
-    touched
-        (T, 3) places of the tip's centre in the robot's frame [m].
-    points, triangles
-        The surface in the source frame [m], its triangles anticlockwise from outside.
-    tip_radius
-        Of the ball that touches [m].
-
-    Raises
-    ------
-    SettingError
-        A registration that is not rigid.
-    MarkerError
-        Too few points, points that lie nowhere near the surface, or on a patch that leaves a motion
-        free.
+    registration: rigid, from the surface's frame to the robot's, good to some millimetres
+    touched: (T, 3) places of the tip's centre in the robot's frame [m]
+    points, triangles: the surface in the source frame [m], its triangles anticlockwise from outside
+    tip_radius: of the ball that touches [m]
+    Raises SettingError: a registration that is not rigid
+    Raises MarkerError: too few points, points that lie nowhere near the surface, or on a patch that
+        leaves a motion free
     """
     model = registration.fit.problem.model
     if not isinstance(model, Orthogonal) or model.name != "rigid" or model.dimension != 3:

@@ -83,12 +83,9 @@ def burr(
 ) -> Burred:
     """Let the session's hand burr a fixture with a ball of `radius_m` at the tip, and replay it.
 
-    Raises
-    ------
-    SettingError
-        A radius not below the fixture's contact radius: it would take away before it is felt.
-    SceneError
-        A fixture whose points are not rendered.
+    Raises SettingError: a radius not below the fixture's contact radius: it would take away before
+        it is felt
+    Raises SceneError: a fixture whose points are not rendered
     """
     if fixture.rendering is None or fixture.guidance is not None:
         raise SceneError("a fixture with rendering, and without guidance, is burred")

@@ -73,17 +73,9 @@ def check_limits(
 ) -> list[dict[str, Any]]:
     """Each limit against the report.
 
-    Parameters
-    ----------
-    report
-        As a replay gives it.
-    limits
-        (name of a number in the report, "at_most" or "at_least", limit); `a.b` is b within a.
-
-    Raises
-    ------
-    SettingError
-        A name that is no number of the report.
+    report: as a replay gives it
+    limits: (name of a number in the report, "at_most" or "at_least", limit); `a.b` is b within a
+    Raises SettingError: a name that is no number of the report
     """
     checks = []
     for name, sense, limit in limits:

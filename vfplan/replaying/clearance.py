@@ -17,10 +17,7 @@ _STRIDE = 64  # far ticks looked at together
 class CurveClearance:
     """Keep the minimum of the distance to lines and arcs, less R [m].
 
-    Parameters
-    ----------
-    fixture
-        Its pieces, radii and ignored axis.
+    fixture: its pieces, radii and ignored axis
     """
 
     def __init__(self, fixture: Fixture) -> None:
@@ -48,10 +45,7 @@ class Clearance:
     and each group is compared with its own and the neighbouring cells. A tick with nothing there is
     farther than one cell from the cloud; it is measured in full only while no nearer tick is known.
 
-    Parameters
-    ----------
-    fixture
-        Its forbidden points, radii and ignored axis.
+    fixture: its forbidden points, radii and ignored axis
     """
 
     def __init__(self, fixture: Fixture) -> None:

@@ -16,12 +16,9 @@ ENGINES = ("native", "reference")
 def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
     """An engine that renders `fixture` by `rule` ("robust", "paper" or "exact").
 
-    Raises
-    ------
-    SceneError
-        A fixture that is not registered, or has a rendering that no engine takes.
-    SettingError
-        An unknown rule or engine, or the reference engine with a rule it does not have.
+    Raises SceneError: a fixture that is not registered, or has a rendering that no engine takes
+    Raises SettingError: an unknown rule or engine, or the reference engine with a rule it does not
+        have
     """
     if engine not in ENGINES:
         raise SettingError(f"engine {engine!r}; {' or '.join(ENGINES)} wanted")

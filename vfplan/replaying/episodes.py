@@ -114,10 +114,7 @@ class Episode:
 class Episodes:
     """Collect episodes from `Steps`, block after block: the `MOST` deepest of them.
 
-    Parameters
-    ----------
-    slack_m
-        As of `Episode.passive`.
+    slack_m: as of `Episode.passive`
     """
 
     def __init__(self, slack_m: float, join_s: float = JOIN_S) -> None:

@@ -17,10 +17,7 @@ from vfplan.robot import Robot
 class Governing:
     """Pass an engine's forces through the governor of a robot's limits, block by block.
 
-    Raises
-    ------
-    SettingError
-        Limits that are missing, or not passive with this stiffness.
+    Raises SettingError: limits that are missing, or not passive with this stiffness
     """
 
     def __init__(self, robot: Robot, stiffness: Vector) -> None:

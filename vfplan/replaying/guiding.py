@@ -23,14 +23,9 @@ class Guided:
     The proxy, normal and state are the region's; of a guide alone its own: state 1 where it pushes,
     else 0, and -1 while it has no hold of the tip.
 
-    Parameters
-    ----------
-    fixture
-        With guidance.
-    parameters
-        What the fixture's rendering asks for.
-    region
-        The engine of the forbidden strokes; `None`: every stroke guides.
+    fixture: with guidance
+    parameters: what the fixture's rendering asks for
+    region: the engine of the forbidden strokes; `None`: every stroke guides
     """
 
     def __init__(self, fixture: Fixture, parameters: ProxyParameters, region: Any | None) -> None:

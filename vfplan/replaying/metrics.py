@@ -22,16 +22,10 @@ STATES = (-1, 0, 1, 2)
 class Metrics:
     """Sums, maxima and episodes over a replay.
 
-    Parameters
-    ----------
-    fixture
-        The fixture that is replayed.
-    parameters
-        The engine's, as it runs them.
-    robot
-        Whose limits to watch, or `None`.
-    join_s
-        Runs of contact closer than this [s] are one episode.
+    fixture: the fixture that is replayed
+    parameters: the engine's, as it runs them
+    robot: whose limits to watch, or `None`
+    join_s: runs of contact closer than this [s] are one episode
     """
 
     def __init__(

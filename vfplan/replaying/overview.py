@@ -23,10 +23,7 @@ _NONE = TickBlock(
 class Overview:
     """Keep at most `capacity` ticks; every tick while the session is that short.
 
-    Parameters
-    ----------
-    capacity
-        Ticks kept, 2 at least; 0: none; `None`: all of them.
+    capacity: ticks kept, 2 at least; 0: none; `None`: all of them
     """
 
     def __init__(self, capacity: int | None = 65536) -> None:

@@ -15,10 +15,7 @@ Array = NDArray[np.float64]
 class CurveRuler:
     """Arc length along a fixture's strokes.
 
-    Parameters
-    ----------
-    fixture
-        One with a `curve`.
+    fixture: one with a `curve`
     """
 
     def __init__(self, fixture: Fixture) -> None:

@@ -29,20 +29,12 @@ _TRACE = ("proxy", "normal", "force", "state", "status")
 class RuleRun:
     """Feed blocks of HIP positions through one engine, and measure.
 
-    Parameters
-    ----------
-    fixture, rule, engine
-        As for `make_engine`.
-    robot
-        Whose limits to watch, or `None`.
-    link
-        The link between hand and controller; `None`: a perfect one.
-    governor
-        The robot whose limits a governor holds the forces to, or `None`: there is no governor.
-    keep
-        Ticks kept for pictures; `None`: all.
-    changing
-        What happens to the fixture meanwhile, in place of an engine.
+    fixture, rule, engine: as for `make_engine`
+    robot: whose limits to watch, or `None`
+    link: the link between hand and controller; `None`: a perfect one
+    governor: the robot whose limits a governor holds the forces to, or `None`: there is no governor
+    keep: ticks kept for pictures; `None`: all
+    changing: what happens to the fixture meanwhile, in place of an engine
     """
 
     def __init__(

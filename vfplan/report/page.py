@@ -34,21 +34,11 @@ def write_report(
 ) -> Path:  # fmt: skip
     """Write `folder/index.html`, a page that needs nothing else.
 
-    Parameters
-    ----------
-    replayed
-        A replay that kept ticks.
-    folder
-        Made when it is not there; with `overwrite` its `index.html` is replaced.
-    image
-        The planned slice, to map depth back onto it.
-    command
-        The command line that led to it, if one did.
-
-    Raises
-    ------
-    InputError
-        An image that is not the one the fixture was planned on.
+    replayed: a replay that kept ticks
+    folder: made when it is not there; with `overwrite` its `index.html` is replaced
+    image: the planned slice, to map depth back onto it
+    command: the command line that led to it, if one did
+    Raises InputError: an image that is not the one the fixture was planned on
     """
     folder = Path(folder)
     text = page(replayed, image=image, command=command)

@@ -67,15 +67,9 @@ def opened_hdf5(stream: BinaryIO, name: str) -> Iterator[h5py.File]:
 def hdf5_header(stream: BinaryIO, name: str) -> Iterator[list[Any]]:
     """The length T, and what the file states of itself.
 
-    Yields
-    ------
-    T, and (what, value, where it stands): "units" or "frame" of the root or of `hip`, "time unit"
-    of `time`. Attributes `unit` and `units` mean the same.
-
-    Raises
-    ------
-    SessionError
-        Not HDF5, a dataset missing, or wrong shapes or types.
+    Yields T, and (what, value, where it stands): "units" or "frame" of the root or of `hip`, "time
+        unit" of `time`. Attributes `unit` and `units` mean the same.
+    Raises SessionError: not HDF5, a dataset missing, or wrong shapes or types
     """
     with opened_hdf5(stream, name) as file:
         pair = [plain_dataset(file, wanted, name) for wanted in _NAMES]

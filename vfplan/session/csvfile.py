@@ -22,11 +22,8 @@ _PLAIN = b"0123456789+-.eE, \t\nnaifNAIF"
 def csv_columns(file: BinaryIO, name: str, wanted: tuple[str, ...] = WANTED) -> list[str]:
     """The names in the header line.
 
-    Raises
-    ------
-    SessionError
-        An empty file, text that is not UTF-8, a line too long, too many columns, a wanted column
-        missing or named twice.
+    Raises SessionError: an empty file, text that is not UTF-8, a line too long, too many columns, a
+        wanted column missing or named twice
     """
     line = file.readline(MOST_LINE + 1)
     if not line.strip():

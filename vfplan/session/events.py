@@ -36,18 +36,11 @@ MOST_WHOLE = {"tick": 2**53, "number": 2**32}
 class Event:
     """What the loop takes up at the beginning of a tick.
 
-    Parameters
-    ----------
-    tick
-        Counted from the session's first.
-    fixture
-        For an exchange: a bundle's path, or a `Fixture`.
-    remove, add
-        For an edit: numbers (n,) and points (m, 3) [m], as for `ProxyEngine.edit`.
-    remake
-        The engine was made anew of the points that are left, as a controller does now and then.
-    where
-        The place in a file that it was read from.
+    tick: counted from the session's first
+    fixture: for an exchange: a bundle's path, or a `Fixture`
+    remove, add: for an edit: numbers (n,) and points (m, 3) [m], as for `ProxyEngine.edit`
+    remake: the engine was made anew of the points that are left, as a controller does now and then
+    where: the place in a file that it was read from
     """
 
     tick: int

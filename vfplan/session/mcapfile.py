@@ -74,15 +74,8 @@ class _Roomy(io.FileIO):
 class McapWriter:
     """Write ticks as they come; the file is whole once it is closed, also on a full disk.
 
-    Parameters
-    ----------
-    path
-        Made anew.
-
-    Raises
-    ------
-    MissingExtra
-        Without the package mcap.
+    path: made anew
+    Raises MissingExtra: without the package mcap
     """
 
     def __init__(self, path: Path) -> None:
@@ -147,10 +140,7 @@ def read_ticks(path: Path) -> NDArray[np.void]:
 def blocks(stream: BinaryIO, name: str) -> Iterator[NDArray[np.void]]:
     """Yield (n,) of `TICK`.
 
-    Raises
-    ------
-    SessionError
-        Damaged, or of another layout.
+    Raises SessionError: damaged, or of another layout
     """
     held: list[bytes] = []
     try:

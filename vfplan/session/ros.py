@@ -70,12 +70,8 @@ def bag_header(place: str, *asked: Any) -> Iterator[list[Any]]:
 
     `asked` are the parts of a `RosOptions`.
 
-    Raises
-    ------
-    SessionError
-        No bag, or no topic with a position, or several and none chosen.
-    MissingExtra
-        The library `rosbags` is not installed.
+    Raises SessionError: no bag, or no topic with a position, or several and none chosen
+    Raises MissingExtra: the library `rosbags` is not installed
     """
     path, options = Path(place), RosOptions(*asked)
     with _opened(path) as reader:
@@ -127,13 +123,9 @@ def tip_position(value: Any, tip: Array | None, factor: float, where: str) -> Ar
 
     `factor` turns the message's lengths into metres; `tip` is in metres.
 
-    Raises
-    ------
-    SessionError
-        16 numbers that are no column-major transform, a quaternion that is not of unit length, or
-        something that holds no position.
-    SettingError
-        A tip for a value without orientation.
+    Raises SessionError: 16 numbers that are no column-major transform, a quaternion that is not of
+        unit length, or something that holds no position
+    Raises SettingError: a tip for a value without orientation
     """
     matrix = _matrix(value, where)
     if matrix is not None:

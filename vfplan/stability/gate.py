@@ -19,10 +19,7 @@ MARGIN = 1.25  # K may be at most k_max / MARGIN
 def felt_stiffness(fixture: Fixture) -> float:
     """The largest stiffness in any direction that the fixture renders [N/m]: of P K P.
 
-    Raises
-    ------
-    SceneError
-        A curve that is no fixture yet, or a rendering that no engine takes.
+    Raises SceneError: a curve that is no fixture yet, or a rendering that no engine takes
     """
     if fixture.frame != "robot_base" or fixture.rendering is None:
         raise SceneError(

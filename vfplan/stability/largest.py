@@ -65,10 +65,7 @@ def engine_for(contact: Contact, rule: Rule, band: float | None = None) -> Proxy
 def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> Largest:
     """Bisect for the largest K at which a struck mass comes to rest.
 
-    Parameters
-    ----------
-    engine
-        Of stiffness 1 N/m, on the contact's cloud.
+    engine: of stiffness 1 N/m, on the contact's cloud
     """
     share = HAND if contact.held else 0.0
     exact = exact_bound(plant_of(robot), robot.delay_ticks, share)

@@ -63,16 +63,10 @@ def random_cycle(contact: Contact, rng: np.random.Generator, rate: float = 1000.
 def measure(trace: Trace, hips: Vector, stiffness: float, axis: Vector | None = None) -> Cycle:
     """The cycle's energy balance.
 
-    Parameters
-    ----------
-    trace
-        The engine's answers to `hips`.
-    hips
-        (T, 3) [m], the last row equal to the first.
-    stiffness
-        K [N/m], isotropic.
-    axis
-        (3,) the ignored axis; nothing happens along it.
+    trace: the engine's answers to `hips`
+    hips: (T, 3) [m], the last row equal to the first
+    stiffness: K [N/m], isotropic
+    axis: (3,) the ignored axis; nothing happens along it
     """
     dx = np.diff(hips, axis=0)
     if axis is not None:

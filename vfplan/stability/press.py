@@ -31,12 +31,8 @@ class Press:
 def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> Press:
     """From rest at the first touch, under a constant push: a step response.
 
-    Parameters
-    ----------
-    engine
-        Of stiffness 1 N/m, on the contact's cloud.
-    stiffness
-        K [N/m].
+    engine: of stiffness 1 N/m, on the contact's cloud
+    stiffness: K [N/m]
     """
     hand: Hand = pressing_hand(contact, stiffness)
     inward = contact.inward / np.linalg.norm(contact.inward)

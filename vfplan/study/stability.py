@@ -134,25 +134,14 @@ def prepare(
 ) -> Prepared:
     """The parts of the study that this bundle and robot can meet.
 
-    Parameters
-    ----------
-    fixture
-        The bundle to judge; `None`: the standard scenes, and `stiffness` is judged.
-    stiffness
-        K [N/m] to judge; `None`: the bundle's largest, or 1000.
-    margin
-        K times this must be stable.
-    full
-        Also the long runs.
-    parts
-        Of `PARTS`; none: all. The closed loop always runs: the verdict needs it.
-
-    Raises
-    ------
-    SceneError
-        A curve that is no fixture yet.
-    SettingError
-        A stiffness, a margin or a figure of the robot that is not finite or outside its range.
+    fixture: the bundle to judge; `None`: the standard scenes, and `stiffness` is judged
+    stiffness: K [N/m] to judge; `None`: the bundle's largest, or 1000
+    margin: K times this must be stable
+    full: also the long runs
+    parts: of `PARTS`; none: all. The closed loop always runs: the verdict needs it.
+    Raises SceneError: a curve that is no fixture yet
+    Raises SettingError: a stiffness, a margin or a figure of the robot that is not finite or
+        outside its range
     """
     _check(robot, margin)
     felt = DEFAULT_STIFFNESS if fixture is None else felt_stiffness(fixture)
