@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from vfplan.bundle.table import Row, table
 from vfplan.errors import CorruptError, InputError
 from vfplan.fixture import (
     Curve,
@@ -29,172 +31,113 @@ Content = dict[str, Any]
 NUMBER = re.compile(r"-?(0|[1-9][0-9]*)(\.[0-9]+)?([eE][+-]?[0-9]+)?")
 
 
+# part -> {path: field}; the first path is there if and only if the part is.
+_PARTS: dict[str, dict[str, str]] = {
+    "curve": {
+        "/curve/stroke": "stroke",
+        "/curve/closed": "closed",
+        "/curve/bridged": "bridged",
+    },
+    "pieces": {
+        "/pieces/vertices": "vertices",
+        "/pieces/bulges": "bulges",
+        "/pieces/stroke": "stroke",
+        "/pieces@error_m": "error",
+    },
+    "image": {
+        "/image@width_px": "width_px",
+        "/image@height_px": "height_px",
+        "/image/pixel_spacing": "pixel_spacing_mm",
+    },
+    "rendering": {
+        "/rendering/stiffness": "stiffness",
+        "/rendering@contact_radius_m": "contact_radius",
+        "/rendering@band_m": "band",
+        "/rendering@point_radius_m": "point_radius",
+        "/rendering/ignore_axis": "ignore_axis",
+        "/rendering@max_iterations": "max_iterations",
+    },
+    "guidance": {
+        "/guidance@radius_m": "radius",
+        "/guidance@stiffness_n_per_m": "stiffness",
+        "/guidance@ends": "ends",
+        "/guidance@lead_force_n": "lead_force",
+        "/guidance@lead_speed_m_s": "lead_speed",
+        "/guidance@stroke": "stroke",
+    },
+    "registration": {
+        "/registration@model": "model",
+        "/registration@source_frame": "source_frame",
+        "/registration@fre_rms_m": "fre_rms_m",
+        "/registration@loo_rms_m": "loo_rms_m",
+        "/registration@tre_rms_m": "tre_rms_m",
+        "/registration/T_robot_image": "T_robot_image",
+        "/registration/labels": "labels",
+        "/registration/source": "source",
+        "/registration/target": "target",
+        "/registration/residuals": "residuals_m",
+        "/registration/covariance": "covariance",
+        "/registration/tre": "tre_m",
+    },
+}
+_OWN = {"/@frame": "frame", "/points": "points", "/sigma": "sigma", "/mesh/triangles": "mesh"}
+
+
 def to_content(fixture: Fixture) -> Content:
     """Every value that a bundle of this fixture holds, but for `format` and `version`."""
-    content: Content = {"/@frame": fixture.frame, "/points": _f8(fixture.points)}
-    if fixture.sigma is not None:
-        content["/sigma"] = _f8(fixture.sigma)
-    if fixture.curve is not None:
-        content |= _curve(fixture.curve)
-    if fixture.mesh is not None:
-        content["/mesh/triangles"] = np.ascontiguousarray(fixture.mesh, dtype="<i4")
-    if fixture.image is not None:
-        content |= _image(fixture.image)
-    if fixture.rendering is not None:
-        content |= _rendering(fixture.rendering)
-    if fixture.guidance is not None:
-        content |= _present({p: getattr(fixture.guidance, f) for p, f in _GUIDANCE})
-    if fixture.registration is not None:
-        content |= _registration(fixture.registration)
+    content = _coded(fixture, _OWN)
+    for name, fields in _PARTS.items():
+        content |= _coded(getattr(fixture, name), fields)
     if fixture.stability is not None:
-        content |= _stability(fixture.stability)
+        numbers = [getattr(fixture.stability, field) for field in _STABILITY]
+        content["/rendering@robot"] = fixture.stability.robot
+        content["/rendering/stability"] = np.array(numbers, dtype="<f8")
     return content | _provenance(fixture.provenance)
+
+
+def _coded(part: Any, fields: dict[str, str]) -> Content:
+    """The values of a part that are there, of the types in the format's table."""
+    values = {path: getattr(part, field, None) for path, field in fields.items()}
+    rows = {row.path: row for row in table().rows}
+    return {path: _typed(v, rows[path]) for path, v in values.items() if v is not None}
+
+
+def _typed(value: Any, row: Row) -> Any:
+    if row.kind == "attribute":
+        return {"f8": float, "text": str}.get(row.type, int)(value)
+    if row.type == "text":
+        return tuple(map(str, value))
+    return np.ascontiguousarray(value, dtype=f"<{row.type}")
 
 
 def from_content(content: Content) -> Fixture:
     """The fixture that a checked content describes."""
+    curve = _part(Curve, "curve", content)
+    if curve is not None:
+        curve = replace(curve, pieces=_part(Pieces, "pieces", content, closed=curve.closed))
+    image = _part(SourceImage, "image", content)
+    if image is not None and image.pixel_spacing_mm is not None:
+        image = replace(image, pixel_spacing_mm=tuple(image.pixel_spacing_mm.tolist()))
     return Fixture(
-        frame=content["/@frame"],
-        points=content["/points"],
+        **{field: content.get(path) for path, field in _OWN.items()},
         provenance=_to_provenance(content),
-        sigma=content.get("/sigma"),
-        curve=_to_curve(content) if "/curve/stroke" in content else None,
-        image=_to_image(content) if "/image@width_px" in content else None,
-        rendering=_to_rendering(content) if "/rendering/stiffness" in content else None,
-        registration=_to_registration(content) if "/registration@model" in content else None,
+        curve=curve,
+        image=image,
+        rendering=_part(Rendering, "rendering", content),
+        registration=_part(RegistrationRecord, "registration", content),
         stability=_to_stability(content),
-        mesh=content.get("/mesh/triangles"),
-        guidance=Guidance(**{field: content.get(path) for path, field in _GUIDANCE})
-        if "/guidance@radius_m" in content
-        else None,
+        guidance=_part(Guidance, "guidance", content),
     )
 
 
-def _f8(values: Any) -> np.ndarray:
-    return np.ascontiguousarray(values, dtype="<f8")
-
-
-def _present(content: Content) -> Content:
-    return {path: value for path, value in content.items() if value is not None}
-
-
-def _curve(curve: Curve) -> Content:
-    content = {
-        "/curve/stroke": np.ascontiguousarray(curve.stroke, dtype="<i4"),
-        "/curve/closed": np.ascontiguousarray(curve.closed, dtype="u1"),
-    }
-    if curve.bridged is not None:
-        content["/curve/bridged"] = np.ascontiguousarray(curve.bridged, dtype="u1")
-    if curve.pieces is not None:
-        content["/pieces/vertices"] = _f8(curve.pieces.vertices)
-        content["/pieces/bulges"] = _f8(curve.pieces.bulges)
-        content["/pieces/stroke"] = np.ascontiguousarray(curve.pieces.stroke, dtype="<i4")
-        content["/pieces@error_m"] = float(curve.pieces.error)
-    return content
-
-
-def _to_curve(content: Content) -> Curve:
-    bridged = content.get("/curve/bridged")
-    closed = content["/curve/closed"].astype(bool)
-    pieces = None
-    if "/pieces/vertices" in content:
-        fields = (content[f"/pieces/{name}"] for name in ("vertices", "bulges", "stroke"))
-        pieces = Pieces(*fields, closed, content["/pieces@error_m"])
-    return Curve(
-        stroke=content["/curve/stroke"],
-        closed=closed,
-        bridged=None if bridged is None else bridged.astype(bool),
-        pieces=pieces,
-    )
-
-
-def _image(image: SourceImage) -> Content:
-    content: Content = {
-        "/image@width_px": int(image.width_px),
-        "/image@height_px": int(image.height_px),
-    }
-    if image.pixel_spacing_mm is not None:
-        content["/image/pixel_spacing"] = _f8(image.pixel_spacing_mm)
-    return content
-
-
-def _to_image(content: Content) -> SourceImage:
-    spacing = content.get("/image/pixel_spacing")
-    return SourceImage(
-        width_px=content["/image@width_px"],
-        height_px=content["/image@height_px"],
-        pixel_spacing_mm=None if spacing is None else (float(spacing[0]), float(spacing[1])),
-    )
-
-
-def _rendering(rendering: Rendering) -> Content:
-    content: Content = {
-        "/rendering/stiffness": _f8(rendering.stiffness),
-        "/rendering@contact_radius_m": float(rendering.contact_radius),
-        "/rendering@band_m": float(rendering.band),
-        "/rendering@point_radius_m": float(rendering.point_radius),
-    }
-    if rendering.ignore_axis is not None:
-        content["/rendering/ignore_axis"] = _f8(rendering.ignore_axis)
-    if rendering.max_iterations is not None:
-        content["/rendering@max_iterations"] = int(rendering.max_iterations)
-    return content
-
-
-def _to_rendering(content: Content) -> Rendering:
-    return Rendering(
-        stiffness=content["/rendering/stiffness"],
-        contact_radius=content["/rendering@contact_radius_m"],
-        band=content["/rendering@band_m"],
-        point_radius=content["/rendering@point_radius_m"],
-        ignore_axis=content.get("/rendering/ignore_axis"),
-        max_iterations=content.get("/rendering@max_iterations"),
-    )
-
-
-# (path, field) of the guidance
-_GUIDANCE = (
-    ("/guidance@radius_m", "radius"),
-    ("/guidance@stiffness_n_per_m", "stiffness"),
-    ("/guidance@ends", "ends"),
-    ("/guidance@lead_force_n", "lead_force"),
-    ("/guidance@lead_speed_m_s", "lead_speed"),
-    ("/guidance@stroke", "stroke"),
-)
-
-# (path, field) of the registration's plain values
-_REGISTRATION = (
-    ("/registration@model", "model"),
-    ("/registration@source_frame", "source_frame"),
-    ("/registration@fre_rms_m", "fre_rms_m"),
-    ("/registration@loo_rms_m", "loo_rms_m"),
-    ("/registration@tre_rms_m", "tre_rms_m"),
-    ("/registration/T_robot_image", "T_robot_image"),
-    ("/registration/labels", "labels"),
-    ("/registration/source", "source"),
-    ("/registration/target", "target"),
-    ("/registration/residuals", "residuals_m"),
-    ("/registration/covariance", "covariance"),
-    ("/registration/tre", "tre_m"),
-)
-
-
-def _registration(record: RegistrationRecord) -> Content:
-    content: Content = {path: getattr(record, field) for path, field in _REGISTRATION}
-    for path, value in content.items():
-        if value is None:
-            continue
-        if path.endswith("_m"):
-            content[path] = float(value)
-        elif path == "/registration/labels":
-            content[path] = tuple(str(label) for label in value)
-        elif "@" not in path:
-            content[path] = _f8(value)
-    return _present(content)
-
-
-def _to_registration(content: Content) -> RegistrationRecord:
-    return RegistrationRecord(**{field: content.get(path) for path, field in _REGISTRATION})
+def _part(kind: type, name: str, content: Content, **more: Any) -> Any:
+    """A part of the fixture; `None` where the content has none. Bytes in tables are flags."""
+    fields = _PARTS[name]
+    if next(iter(fields)) not in content:
+        return None
+    values = {field: content.get(path) for path, field in fields.items()}
+    flags = {f: v.astype(bool) for f, v in values.items() if getattr(v, "dtype", None) == np.uint8}
+    return kind(**values | flags | more)
 
 
 # The numbers of `/rendering/stability`, in order.
@@ -207,11 +150,6 @@ _STABILITY = (
     "k_max_n_per_m",
     "margin",
 )
-
-
-def _stability(verdict: StabilityVerdict) -> Content:
-    numbers = [getattr(verdict, field) for field in _STABILITY]
-    return {"/rendering@robot": verdict.robot, "/rendering/stability": _f8(numbers)}
 
 
 def _to_stability(content: Content) -> StabilityVerdict | None:
