@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from vfplan.replaying.checks import LIMITS
 from vfplan.replaying.episodes import episode_count
 
 EPISODES = 20  # listed; --json has all
@@ -152,16 +153,11 @@ def _governor(found: dict[str, Any]) -> str:
 
 def _robot(robot: dict[str, Any]) -> str:
     units = {"force": "N", "force_step": "N a tick", "speed": "m/s"}
-    keys = {
-        "force": "force_limit_n",
-        "force_step": "force_step_limit_n",
-        "speed": "speed_limit_m_s",
-    }
     parts = [
-        f"{name.replace('_', ' ')} over {robot[keys[name]]:g} {unit} in "
+        f"{name.replace('_', ' ')} over {robot[LIMITS[name][0]]:g} {unit} in "
         f"{robot[f'{name}_over_ticks']} ticks"
         for name, unit in units.items()
-        if keys[name] in robot
+        if LIMITS[name][0] in robot
     ]
     return f"robot {robot['name']}: " + ", ".join(parts)
 

@@ -19,14 +19,11 @@ class Apart:
 
     def __init__(self) -> None:
         self._ticks = 0
-        self._first: int | None = None
-        self._first_s: float | None = None
         self._differ: int | None = None
         self._count = 0
         self._proxy = (0.0, 0)
         self._force = (0.0, 0)
         self._force2 = 0.0
-        self._span: dict[str, Any] | None = None
         self._spans: list[dict[str, Any]] = []
 
     def update(self, a: TickBlock, b: TickBlock) -> None:

@@ -15,11 +15,10 @@ from vfplan.engine.renderable import best_rule, check_renderable
 from vfplan.errors import SceneError, SettingError, at
 from vfplan.fixture import Fixture
 from vfplan.replaying.engines import make_engine
-from vfplan.replaying.quantities import dots
+from vfplan.replaying.quantities import dots, stacked
 from vfplan.session.events import Event, read_events
 from vfplan.session.poses import Poses, read_poses
 
-_TRACE = ("proxy", "normal", "force", "state", "status")
 NOWHERE_M = 1e3  # where a fixture without a pose is for the metrics: out of reach of any tool
 
 
@@ -84,9 +83,8 @@ class Changing:
             self._tick += end - start
             start = end
         traces, micros, frames = zip(*parts, strict=True)
-        trace = Trace(*(np.concatenate([getattr(t, name) for t in traces]) for name in _TRACE))
         self._frames = np.concatenate(frames)
-        return trace, np.concatenate(micros)
+        return stacked(traces), np.concatenate(micros)
 
     def _take_up(self, t: float) -> None:
         """All that the tick at `t` begins with."""
@@ -133,9 +131,7 @@ class Changing:
             if not isinstance(given, Fixture):
                 from vfplan.bundle import read_fixture
 
-                given = read_fixture(
-                    given, **({} if self._trust is None else {"trust": self._trust})
-                )
+                given = read_fixture(given, trust=self._trust)
             if given.guidance is not None:
                 raise SceneError("an exchange for a fixture that guides; a forbidden region wanted")
             check_renderable(given)

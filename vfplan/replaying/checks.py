@@ -10,6 +10,13 @@ from vfplan.errors import SettingError
 from vfplan.replaying.quantities import Steps
 from vfplan.robot import Robot
 
+# name -> (the robot's limit, the number of the report that it bounds)
+LIMITS = {
+    "force": ("force_limit_n", "force_max_n"),
+    "force_step": ("force_step_limit_n", "force_step_max_n"),
+    "speed": ("speed_limit_m_s", "session.speed_max_m_s"),
+}
+
 
 class RobotWatch:
     """Count the ticks in which a robot would have objected.
@@ -25,33 +32,26 @@ class RobotWatch:
 
     def update(self, steps: Steps) -> None:
         """Take in the next ticks."""
-        robot = self._robot
-        self._count("force", steps.force_n, robot.force_limit_n, steps.first)
         # The step from tick k to k + 1 is the robot's at k + 1.
-        self._count("force_step", steps.force_step_n, robot.force_step_limit_n, steps.first + 1)
-        self._count("speed", steps.speed, robot.speed_limit_m_s, steps.first + 1)
-
-    def _count(self, name: str, values: np.ndarray, limit: float | None, first: int) -> None:
-        if limit is None:
-            return
-        over = np.flatnonzero(values > limit)
-        self._over[name] = self._over.get(name, 0) + len(over)
-        if len(over):
-            self._first.setdefault(name, first + int(over[0]))
+        for name, values, first in (
+            ("force", steps.force_n, steps.first),
+            ("force_step", steps.force_step_n, steps.first + 1),
+            ("speed", steps.speed, steps.first + 1),
+        ):
+            limit = getattr(self._robot, LIMITS[name][0])
+            over = np.flatnonzero(values > limit) if limit is not None else ()
+            self._over[name] = self._over.get(name, 0) + len(over)
+            if len(over):
+                self._first.setdefault(name, first + int(over[0]))
 
     def report(self) -> dict[str, Any]:
         """The `robot` part of a replay's report; a limit the robot does not have is absent."""
         robot = self._robot
         data: dict[str, Any] = {"name": robot.name, "rate_hz": robot.rate_hz}
-        limits = {
-            "force": ("force_limit_n", robot.force_limit_n),
-            "force_step": ("force_step_limit_n", robot.force_step_limit_n),
-            "speed": ("speed_limit_m_s", robot.speed_limit_m_s),
-        }
-        for name, (key, limit) in limits.items():
-            if limit is None:
+        for name, (key, _) in LIMITS.items():
+            if getattr(robot, key) is None:
                 continue
-            data[key] = limit
+            data[key] = getattr(robot, key)
             data[f"{name}_over_ticks"] = self._over.get(name, 0)
             if name in self._first:
                 data[f"{name}_over_first_tick"] = self._first[name]
@@ -60,12 +60,8 @@ class RobotWatch:
 
 def robot_limits(robot: Robot) -> tuple[tuple[str, str, float], ...]:
     """The robot's limits as checks of a replay's report."""
-    pairs = (
-        ("force_max_n", robot.force_limit_n),
-        ("force_step_max_n", robot.force_step_limit_n),
-        ("session.speed_max_m_s", robot.speed_limit_m_s),
-    )
-    return tuple((name, "at_most", limit) for name, limit in pairs if limit is not None)
+    found = ((number, getattr(robot, key)) for key, number in LIMITS.values())
+    return tuple((number, "at_most", limit) for number, limit in found if limit is not None)
 
 
 def check_limits(

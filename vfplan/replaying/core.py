@@ -195,9 +195,9 @@ def _loaded(fixture: Fixture | str | Path, trust: Any) -> tuple[Fixture, dict[st
     from vfplan.bundle import read_bundle
     from vfplan.bundle.content import from_content
 
-    demanded = {} if trust is None else {"trust": trust}
-    content, seal = read_bundle(fixture, **demanded)
-    record = {"name": Path(fixture).name, **seal.describe(), "signature_checked": bool(demanded)}
+    content, seal = read_bundle(fixture, trust=trust)
+    checked = trust is not None
+    record = {"name": Path(fixture).name, **seal.describe(), "signature_checked": checked}
     return from_content(content), {"fixture": record}
 
 

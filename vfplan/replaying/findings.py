@@ -84,56 +84,36 @@ def arm_findings(report: dict[str, Any], session: dict[str, Any]) -> list[dict[s
 def findings(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[str, str]]:
     """What the numbers of a run say; `report` as `Metrics.report` gives it."""
     found = []
-    clearance = report.get("clearance_min_m", 0.0)
+
+    def say(code: str, severity: str, message: str) -> None:
+        found.append(finding(code, severity, message))
+
+    clearance, inside = report.get("clearance_min_m", 0.0), report["inside_ticks"]
     if clearance < -parameters.band - _ROUNDING_M:
-        found.append(
-            finding(
-                "proxy-inside",
-                "warning" if report["inside_ticks"] else "error",
-                f"the proxy came {-clearance:.3g} m inside the fixture; the band is "
-                f"{parameters.band:.3g} m",
-            )
-        )
+        say("proxy-inside", "warning" if inside else "error",
+            f"the proxy came {-clearance:.3g} m inside the fixture; the band is "
+            f"{parameters.band:.3g} m")  # fmt: skip
     if clearance > FAR_M:
-        message = (
-            f"the tool never came nearer to the cloud than {clearance:.3g} m: are units and frame "
-            "the fixture's?"
-        )
-        found.append(finding("never-near", "warning", message))
-    if report["inside_ticks"]:
-        found.append(
-            finding(
-                "started-inside",
-                "warning",
-                f"{report['inside_ticks']} ticks in which the proxy was on its way out of the "
-                "fixture",
-            )
-        )
+        say("never-near", "warning", f"the tool never came nearer to the cloud than "
+            f"{clearance:.3g} m: are units and frame the fixture's?")  # fmt: skip
+    if inside:
+        say("started-inside", "warning",
+            f"{inside} ticks in which the proxy was on its way out of the fixture")  # fmt: skip
     if report["too_fast_ticks"]:
         why = "the engine used up its iterations; the proxy is safe and follows later"
         severity, r1 = "info", f"r1 = {1e3 * parameters.r1:.3g} mm"
         if parameters.rule == "paper":
             severity, why = "warning", f"the HIP moved more than {r1}, as far as the proxy may"
-        found.append(finding("too-fast", severity, f"in {report['too_fast_ticks']} ticks {why}"))
+        say("too-fast", severity, f"in {report['too_fast_ticks']} ticks {why}")
     if report["bad_hip_ticks"]:
-        found.append(
-            finding(
-                "hip-out-of-range",
-                "error",
-                f"{report['bad_hip_ticks']} ticks farther than 1e6 m: the engine held its answer",
-            )
-        )
+        say("hip-out-of-range", "error",
+            f"{report['bad_hip_ticks']} ticks farther than 1e6 m: the engine held its answer"
+            )  # fmt: skip
     active = [e["index"] for e in report["episodes"] if not e["passive"]]
     more = report.get("episodes_left_out", {"active": 0})["active"]
     if active or more:
         first = f" (the first of those listed is {active[0]})" if more and active else ""
         first = f" (the first is {active[0]})" if active and not more else first
-        found.append(
-            finding(
-                "active",
-                "warning",
-                f"in {len(active) + more} episodes{first} the fixture gave the hand "
-                "more energy than holding each force for a tick explains",
-            )
-        )
+        say("active", "warning", f"in {len(active) + more} episodes{first} the fixture gave the "
+            "hand more energy than holding each force for a tick explains")  # fmt: skip
     return found

@@ -13,6 +13,7 @@ from vfplan.engine.guide import Guide, GuideTrace
 from vfplan.engine.parameters import ProxyParameters, Trace
 from vfplan.fixture import Fixture
 from vfplan.replaying.quantities import dots, row_norms
+from vfplan.replaying.timing import timed
 
 BINS = 512  # along the guide's strokes together, of the profile
 
@@ -73,8 +74,8 @@ class Guided:
         if self.region is None:
             trace = _alone(guide)
         else:
-            trace, own = _timed(self.region, hips)
-            micros += own
+            trace, own = timed(self.region, hips) if len(hips) else (self.region.run(hips), micros)
+            micros += 1e6 * own
         if len(hips):
             self._note(hips, guide, trace)
         if self.region is not None:
@@ -147,15 +148,6 @@ class Guided:
             "lateral_max_m": self._lateral_max,
             "guide": guide,
         }
-
-
-def _timed(region: Any, hips: Vector) -> tuple[Trace, Vector]:
-    """The region's answers and the time of each tick [µs]; a mean where it does not time them."""
-    if hasattr(region, "run_timed"):
-        return region.run_timed(hips)
-    began = time.perf_counter()
-    trace = region.run(hips)
-    return trace, np.full(len(hips), 1e6 * (time.perf_counter() - began) / max(1, len(hips)))
 
 
 def _alone(guide: GuideTrace) -> Trace:

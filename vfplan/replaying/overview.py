@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.replaying.quantities import HELD_M
 from vfplan.session import TickBlock
 from vfplan.session.ticks import joined
-
-_NAMES = [field.name for field in fields(TickBlock)]
-
 
 _ROWS, _VECTORS = np.empty(0), np.empty((0, 3))
 _NONE = TickBlock(
@@ -66,7 +61,7 @@ def thinned(block: TickBlock, stride: int) -> TickBlock:
     depth[:n] = block.penetration
     rows = depth.reshape(-1, stride)
     picks = rows.argmax(axis=1) + np.arange(len(rows)) * stride
-    return TickBlock(**{name: getattr(block, name)[picks] for name in _NAMES})
+    return block[picks]
 
 
 def contact_marks(ticks: TickBlock, rate_hz: float) -> NDArray[np.intp]:

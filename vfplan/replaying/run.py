@@ -16,14 +16,13 @@ from vfplan.replaying.governing import Governing
 from vfplan.replaying.guiding import Guided
 from vfplan.replaying.metrics import Metrics
 from vfplan.replaying.overview import Overview
-from vfplan.replaying.quantities import overlap, penetration
+from vfplan.replaying.quantities import overlap, penetration, picked, stacked
 from vfplan.replaying.stepping import Stepper
 from vfplan.replaying.timing import StepTimes
 from vfplan.robot import Robot
 from vfplan.session import TickBlock
 
 Array = NDArray[np.float64]
-_TRACE = ("proxy", "normal", "force", "state", "status")
 
 
 class RuleRun:
@@ -100,10 +99,10 @@ class RuleRun:
         hip = arrived.hip
         if self._last is not None:  # row -1 is then the last packet of the blocks before
             hip = np.concatenate((hip, self._last[0]))
-            trace = _stacked([trace, self._last[1]])
+            trace = stacked([trace, self._last[1]])
         kept = len(arrived.hip) - 1 if len(arrived.hip) else -1
-        self._last = hip[[kept]], _picked(trace, np.array([kept]))
-        return hip[arrived.row], _picked(trace, arrived.row)
+        self._last = hip[[kept]], picked(trace, np.array([kept]))
+        return hip[arrived.row], picked(trace, arrived.row)
 
     def _ran(self, hip: Array) -> Trace:
         if self._last is None and len(hip) and not self._times.ticks:
@@ -122,11 +121,3 @@ class RuleRun:
         return (
             report if self._governing is None else report | {"governor": self._governing.report()}
         )
-
-
-def _picked(trace: Trace, rows: NDArray[np.intp]) -> Trace:
-    return Trace(*(getattr(trace, name)[rows] for name in _TRACE))
-
-
-def _stacked(traces: list[Trace]) -> Trace:
-    return Trace(*(np.concatenate([getattr(t, name) for t in traces]) for name in _TRACE))

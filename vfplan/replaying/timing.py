@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.engine.parameters import Trace
+from vfplan.replaying.quantities import stacked
 
 _PER_OCTAVE = 64  # bins of 1.1 %
 _LOWEST_S = 1e-9
@@ -33,11 +34,7 @@ class StepTimes:
         self.ticks += len(hip)
         if not len(hip):
             return engine.run(hip)
-        if hasattr(engine, "run_timed"):
-            trace, micros = engine.run_timed(hip)
-            seconds = 1e-6 * micros
-        else:
-            trace, seconds = _in_groups(engine, hip)
+        trace, seconds = timed(engine, hip)
         bins = np.log2(np.maximum(seconds, _LOWEST_S) / _LOWEST_S) * _PER_OCTAVE
         bins = np.minimum(bins.astype(np.int64), _BINS - 1)
         self._bins += np.bincount(bins, minlength=_BINS)
@@ -55,12 +52,15 @@ class StepTimes:
         return {**report, "max": top}
 
 
-def _in_groups(engine: Any, hip: NDArray[np.float64]) -> tuple[Trace, NDArray[np.float64]]:
+def timed(engine: Any, hip: NDArray[np.float64]) -> tuple[Trace, NDArray[np.float64]]:
+    """`engine.run(hip)`, and the time of each tick (n,) [s]; in groups where it does not time."""
+    if hasattr(engine, "run_timed"):
+        trace, micros = engine.run_timed(hip)
+        return trace, 1e-6 * micros
     parts, seconds = [], np.empty(len(hip))
     for start in range(0, len(hip), _GROUP):
         group = slice(start, start + _GROUP)
         began = time.perf_counter()
         parts.append(engine.run(hip[group]))
         seconds[group] = (time.perf_counter() - began) / len(hip[group])
-    names = ("proxy", "normal", "force", "state", "status")
-    return Trace(*(np.concatenate([getattr(part, n) for part in parts]) for n in names)), seconds
+    return stacked(parts), seconds

@@ -27,7 +27,6 @@ class SessionWatch:
         self._last: tuple[float, Array] | None = None
         self._nominal = 0.0
         self._count = 0
-        self._intervals = 0
         self._even = 0
         self._jitter2 = 0.0
         self._dt_max = 0.0
@@ -61,7 +60,6 @@ class SessionWatch:
 
     def _watch_time(self, dt: Array, time: Array) -> None:
         gap = dt > GAP * self._nominal
-        self._intervals += len(dt)
         self._even += int(np.count_nonzero(~gap))
         self._jitter2 += float(((dt[~gap] - self._nominal) ** 2).sum())
         self._dt_max = max(self._dt_max, float(dt.max()))

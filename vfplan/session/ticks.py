@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -44,6 +44,10 @@ class TickBlock:
     def __len__(self) -> int:
         return len(self.time)
 
+    def __getitem__(self, rows: slice | NDArray[np.intp]) -> TickBlock:
+        """These ticks alone."""
+        return TickBlock(*(getattr(self, name)[rows] for name in TABLE))
+
 
 class Result(Protocol):
     """What `write_result` writes; a `Replay` is one."""
@@ -59,5 +63,4 @@ class Result(Protocol):
 
 def joined(blocks: list[TickBlock]) -> TickBlock:
     """Blocks one after the other, as one."""
-    names = [field.name for field in fields(TickBlock)]
-    return TickBlock(**{n: np.concatenate([getattr(b, n) for b in blocks]) for n in names})
+    return TickBlock(*(np.concatenate([getattr(b, name) for b in blocks]) for name in TABLE))
