@@ -159,7 +159,7 @@ def draw(folder: Path) -> dict[str, dict[str, Any]]:
 
 
 def _draw_one(figure: str, folder: Path) -> dict[str, Any]:
-    from vfplan.study.paper_figures import draw_experiment, draw_plan, draw_simulations
+    from vfplan.samples.paper_figures import draw_experiment, draw_plan, draw_simulations
 
     if figure == "fig5":
         return draw_plan(files("vfplan.samples") / "elbow.png", folder / "fig5.png")

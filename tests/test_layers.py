@@ -26,7 +26,7 @@ LAYERS = [
     ["arm"],
     ["study"],
     ["figures", "view3d"],
-    ["study.paper_figures", "study.bench_figures"],
+    ["study.bench_figures"],
     ["report"],
     ["samples"],
     ["cli"],

@@ -4,9 +4,8 @@ import json
 
 import numpy as np
 import pytest
+import vfplan.samples.paper_figures as figures
 from vfplan.samples import paper
-
-import vfplan.study.paper_figures as figures
 
 
 @pytest.fixture(scope="module")

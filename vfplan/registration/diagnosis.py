@@ -81,7 +81,7 @@ def diagnose(registration: Registration) -> Diagnosis:
     suspects = _suspects(registration, swapped)
     warnings = (
         *warn.label_warnings(registration, swapped, relabelled, labellings),
-        *warn.suspect_warnings(suspects, swapped),
+        *(f"suspect marker {label}: {why}" for label, why in suspects.items() if not swapped),
         *warn.perspective_warning(registration),
         *warn.layout_warnings(registration, labellings, unchecked),
         *warn.scale_warnings(registration, departure, sigma),

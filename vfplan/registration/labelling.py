@@ -65,12 +65,12 @@ def better_labelling(fit: Fit, *, square: bool = False) -> Relabelling | None:
     problems = [problem]
     if square and isinstance(problem.model, Affine) and problem.model.dimension == 2:
         problems.append(replace(problem, model=Orthogonal(2, None, "similarity")))
-    worths = [_worth(one) for one in problems]
+    limits = [_limit(one, AS_GOOD) for one in problems]
+    worths = [_squares(p, [_identity(p)], 0)[0] * k for p, k in zip(problems, limits, strict=True)]
     orders = sorted(set().union(*map(_candidates, problems, worths)) - {_identity(problem)})
     if not orders:
         return None
     gains = np.array([_gains(one, orders, 0) for one in problems])
-    limits = [_limit(one, AS_GOOD) for one in problems]
     possible = (gains * np.array(limits)[:, None] >= 1).all(axis=0)
     orders, gains = [orders[k] for k in np.flatnonzero(possible)], gains[:, possible]
     if not orders:
@@ -105,11 +105,6 @@ def _dof(problem: Problem, dropped: int) -> int:
 def _gains(problem: Problem, orders: list[Order], dropped: int) -> Array:
     given = _squares(problem, [_identity(problem)], dropped)[0]
     return np.asarray(given / _squares(problem, orders, dropped))
-
-
-def _worth(problem: Problem) -> float:
-    """The largest sum of squares [m²] that still is about as good as the given labelling's."""
-    return float(_squares(problem, [_identity(problem)], 0)[0] * _limit(problem, AS_GOOD))
 
 
 def name_labelling(order: Order, labels: Sequence[str | int]) -> str:
@@ -169,7 +164,7 @@ def _usual(n: int) -> Iterator[Order]:
 
 
 def _candidates(problem: Problem, worth: float) -> set[Order]:
-    """Labellings that may leave less than `worth` [m²]."""
+    """Labellings that may leave less than `worth` [m²]: about as good as the given one's."""
     n = len(problem.s)
     if n <= ALL_ORDERS:
         return set(permutations(range(n)))
@@ -240,19 +235,14 @@ def _assigned(cost: Array) -> Order:
 def _refined(problem: Problem, order: Order) -> Order:
     """The labelling that the map through all markers gives, from the one through three."""
     for _ in range(3):
-        turned = _relabelled(problem, order)
-        m = problem.model.solve(turned.s, turned.y, turned.weights)
+        index = list(order)
+        m = problem.model.solve(problem.s, problem.y[index], problem.weights[index])
         moved = problem.x @ m.T
         better = _assigned(_apart(moved[None], problem.y)[0])
         if better == order:
             break
         order = better
     return order
-
-
-def _relabelled(problem: Problem, order: Order) -> Problem:
-    index = list(order)
-    return replace(problem, y=problem.y[index], weights=problem.weights[index])
 
 
 def _squares(problem: Problem, orders: Sequence[Order], dropped: int) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from vfplan.registration.models import Affine, Array, homogeneous, marker_rows
 from vfplan.registration.problem import Problem
-from vfplan.registration.residuals import Fit, solve, studentised_f
+from vfplan.registration.residuals import Fit, solve, studentised_f, without_itself
 
 PARAMETERS = 11
 FEWEST_MARKERS = 6
@@ -68,7 +68,10 @@ def perspective(fit: Fit) -> Perspective | None:
         fit = solve(replace(problem, model=Affine(2)), used)
     dof, sse = 3 * n - PARAMETERS, fit.variance * fit.dof
     limit = float(fdtri(2.0, float(dof), 1 - WIDENED))
-    if not sse > n * problem.floor_m**2 or _gain(sse, _after_a_step(fit), dof) < limit / 2:
+    if not sse > n * problem.floor_m**2:
+        return None
+    after_a_step = max(_step(problem, fit.m, np.zeros(2), used)[1], problem.floor_m**2)
+    if _gain(sse, after_a_step, dof) < limit / 2:
         return None
     m, q = _homography(problem, fit.m, used)
     if not (1 + problem.s @ q > 0).all():
@@ -79,8 +82,15 @@ def perspective(fit: Fit) -> Perspective | None:
     p_value = float(fdtrc(2.0, float(dof), gain))
     if gain < limit or p_value > _best_outlier(fit):
         return None
-    root = _root(problem, m, q, used)
-    f = _studentised(problem, m, q, used, root, error, left, dof)
+    r = np.linalg.qr(_weighted(problem, m, q, used), mode="r")
+    root = np.linalg.solve(r * np.sign(np.diag(r))[:, None], np.eye(PARAMETERS))
+    # As `residuals.studentised_f`, of the linearised homography.
+    spread = _rows(m, q, problem.s) @ root
+    hat = np.einsum("nap,nbp,nb->nab", spread, spread, problem.weights)
+    deleted = without_itself(error, np.eye(3) + np.where(used, -1.0, 1.0)[:, None, None] * hat)
+    lost = (problem.weights * error * deleted).sum(axis=1)
+    remaining = np.maximum(left - lost * used, problem.floor_m**2)
+    f = (lost / 3) / (remaining / (dof - 3 * used))
     return Perspective(m, q, root, left / dof, dof, p_value, f)
 
 
@@ -112,11 +122,6 @@ def _step(problem: Problem, m: Array, q: Array, used: np.ndarray) -> tuple[Array
     return step, float(((right - rows @ step) ** 2).sum())
 
 
-def _after_a_step(fit: Fit) -> float:
-    left = _step(fit.problem, fit.m, np.zeros(2), fit.used)[1]
-    return max(left, fit.problem.floor_m**2)
-
-
 def _homography(problem: Problem, m: Array, used: np.ndarray) -> tuple[Array, Array]:
     q = np.zeros(2)
     for _ in range(30):
@@ -125,33 +130,6 @@ def _homography(problem: Problem, m: Array, used: np.ndarray) -> tuple[Array, Ar
         if np.abs(step[9:]).max() < 1e-12:
             break
     return m, q
-
-
-def _root(problem: Problem, m: Array, q: Array, used: np.ndarray) -> Array:
-    r = np.linalg.qr(_weighted(problem, m, q, used), mode="r")
-    return np.linalg.solve(r * np.sign(np.diag(r))[:, None], np.eye(PARAMETERS))
-
-
-def _studentised(
-    problem: Problem,
-    m: Array,
-    q: Array,
-    used: np.ndarray,
-    root: Array,
-    error: Array,
-    left: float,
-    dof: int,
-) -> Array:
-    """As `residuals.studentised_f`, of the linearised homography."""
-    spread = _rows(m, q, problem.s) @ root
-    hat = np.einsum("nap,nbp,nb->nab", spread, spread, problem.weights)
-    rest = np.eye(3) + np.where(used, -1.0, 1.0)[:, None, None] * hat
-    open_ = np.linalg.svd(rest, compute_uv=False)[:, -1] > 1e-9
-    lost = np.full(len(used), np.nan)
-    deleted = np.linalg.solve(rest[open_], error[open_][:, :, None])[:, :, 0]
-    lost[open_] = (problem.weights[open_] * error[open_] * deleted).sum(axis=1)
-    remaining = np.maximum(left - lost * used, problem.floor_m**2)
-    return (lost / 3) / (remaining / (dof - 3 * used))
 
 
 def _best_outlier(fit: Fit) -> float:

@@ -14,7 +14,6 @@ from vfplan.registration.models import MODELS, Array, Model, ModelName, homogene
 # Longest over shortest RMS extent. Beyond it a layout determines nothing across its length: an
 # affine TRE at one length off the line would be a thousand times the marker error.
 MAX_CONDITION = 1e3
-AXIS_NAMES = "xyz"
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +91,9 @@ def make_problem(
     _condition(y, target_m, "target", rank)
     normaliser = Normaliser(spacing, centre, radius, target_centre)
     weights, unit = _weights(sigma, len(raw), names)
-    floor = 64 * np.finfo(float).eps * _magnitude(y, target_m, metric - centre, metric)
+    # The largest number a residual is a difference of [m]; sources carried over by the scale.
+    scale = np.linalg.norm(y) / np.linalg.norm(metric - centre)
+    floor = 64 * np.finfo(float).eps * float(np.abs(target_m).max() + np.abs(metric).max() * scale)
     return Problem(
         make_model(model, raw.shape[1], radius),
         normaliser,
@@ -212,9 +213,3 @@ def _weights(
         )
     unit = float(1 / np.sqrt((1 / table**2).mean()))
     return (unit / table) ** 2, unit
-
-
-def _magnitude(y: Array, target: Array, s: Array, metric: Array) -> float:
-    """The largest number a residual is a difference of [m]; sources carried over by the scale."""
-    scale = np.linalg.norm(y) / np.linalg.norm(s)
-    return float(np.abs(target).max() + np.abs(metric).max() * scale)

@@ -64,18 +64,6 @@ def leave_one_out(fit: Fit) -> Array:
     """
     if isinstance(fit.problem.model, Affine):
         return np.linalg.norm(_deleted_vectors(fit), axis=1)
-    return _refitted(fit)
-
-
-def _deleted_vectors(fit: Fit) -> Array:
-    rest = np.eye(3) - fit.hat * fit.used[:, None, None]
-    open_ = np.linalg.svd(rest, compute_uv=False)[:, -1] > 1e-9
-    vectors = np.full_like(fit.vectors, np.nan)
-    vectors[open_] = np.linalg.solve(rest[open_], fit.vectors[open_][:, :, None])[:, :, 0]
-    return vectors
-
-
-def _refitted(fit: Fit) -> Array:
     problem, n = fit.problem, len(fit.used)
     if fit.used.sum() - 1 < problem.model.minimal:
         return np.where(fit.used, np.nan, np.linalg.norm(fit.vectors, axis=1))
@@ -85,6 +73,18 @@ def _refitted(fit: Fit) -> Array:
     error = problem.y - np.einsum("nak,nk->na", m, problem.x)
     spread = _second_extent(problem.s, keep)
     return np.where(spread > 1e-6, np.linalg.norm(error, axis=1), np.nan)
+
+
+def _deleted_vectors(fit: Fit) -> Array:
+    return without_itself(fit.vectors, np.eye(3) - fit.hat * fit.used[:, None, None])
+
+
+def without_itself(vectors: Array, rest: Array) -> Array:
+    """(N, 3) residuals of the fits without each marker, from I - H (N, 3, 3); NaN if singular."""
+    open_ = np.linalg.svd(rest, compute_uv=False)[:, -1] > 1e-9
+    found = np.full_like(vectors, np.nan)
+    found[open_] = np.linalg.solve(rest[open_], vectors[open_][:, :, None])[:, :, 0]
+    return found
 
 
 def _second_extent(s: Array, keep: np.ndarray) -> Array:

@@ -63,6 +63,8 @@ def refine_by_touch(
     Raises MarkerError: too few points, points that lie nowhere near the surface, or on a patch that
         leaves a motion free
     """
+    from scipy.special import stdtrit
+
     model = registration.fit.problem.model
     if not isinstance(model, Orthogonal) or model.name != "rigid" or model.dimension != 3:
         raise SettingError(
@@ -86,7 +88,8 @@ def refine_by_touch(
     distances = patch.look(m)[0]
     sigma, dof = _scale(distances), len(touched) - 6
     for _ in range(ROUNDS):
-        used = np.abs(distances) <= _farthest(dof) * max(sigma, ROUNDING_M)
+        farthest = float(stdtrit(dof, 1 - STRAY / 2)) * max(sigma, ROUNDING_M)
+        used = np.abs(distances) <= farthest
         if used.sum() < LEAST:
             raise MarkerError(
                 f"only {used.sum()} touched points lie on one surface; {LEAST} wanted"
@@ -155,13 +158,6 @@ class _Patch:
             max_nfev=MOST_STEPS,
         )
         return model.moved(m, found.x)
-
-
-def _farthest(dof: int) -> float:
-    """How many standard deviations, known to `dof` degrees of freedom, a good touch is off."""
-    from scipy.special import stdtrit
-
-    return float(stdtrit(dof, 1 - STRAY / 2))
 
 
 def _scale(distances: Array) -> float:

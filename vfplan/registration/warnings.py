@@ -36,15 +36,6 @@ def label_warnings(
     )
 
 
-def suspect_warnings(
-    suspects: dict[Label, str], swapped: tuple[Label, Label] | None
-) -> tuple[str, ...]:
-    """Single markers, unless two exchanged labels explain them."""
-    if swapped:
-        return ()
-    return tuple(f"suspect marker {label}: {why}" for label, why in suspects.items())
-
-
 def perspective_warning(registration: Registration) -> tuple[str, ...]:
     """A camera that does not look straight on."""
     seen = registration.perspective
