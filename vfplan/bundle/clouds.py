@@ -79,8 +79,10 @@ def import_cloud(
     else:
         band = default_band(points, contact_radius, point_radius, axis)
     settings = {"units": units, "curve": curve or "none"}
-    if found.left_out:
-        settings["left_out"] = _listed(found.left_out)
+    if found.left_out:  # as one short text without control characters
+        text = ", ".join(found.left_out)
+        clean = "".join(c if c.isprintable() and c not in "/\\" else "?" for c in text)
+        settings["left_out"] = clean if len(clean) <= 200 else clean[:200] + "..."
     return Fixture(
         frame=frame,
         points=points,
@@ -103,13 +105,6 @@ def mesh_band(points: Points, triangles: NDArray[np.int32], radius: float) -> fl
     """The paper's band, or the deepest dimple of a proxy of `radius` in the mesh's samples [m]."""
     cover, _ = largest_cover(triangles, points)
     return max(PAPER_BAND, float(radius - np.sqrt(max(radius**2 - cover**2, 0.0))))
-
-
-def _listed(names: tuple[str, ...]) -> str:
-    """Names as one short text without control characters, as the provenance holds it."""
-    text = ", ".join(names)
-    clean = "".join(c if c.isprintable() and c not in "/\\" else "?" for c in text)
-    return clean if len(clean) <= 200 else clean[:200] + "..."
 
 
 def _as_curve(count: int, curve: str | None) -> Curve | None:

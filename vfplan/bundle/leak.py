@@ -20,23 +20,10 @@ BLOCK = 1 << 18  # triangles or points at a time, to bound memory
 STEPS = 16  # along a tree's order, to bound the distance to the nearest neighbour
 
 
-def kind_of(content: Content) -> str:
-    """ "mesh", "curve" or "cloud": what the samples are known to lie on."""
-    if "/mesh/triangles" in content:
-        return "mesh"
-    return "curve" if "/curve/stroke" in content else "cloud"
-
-
-def limit_of(content: Content, kind: str) -> float | None:
-    """The largest opening [m] that holds the proxy back; `None` for a bare cloud."""
-    radius = content["/rendering@contact_radius_m"] + content["/rendering@point_radius_m"]
-    reach = radius - content["/rendering@band_m"]
-    return {"curve": 2 * reach, "mesh": reach}.get(kind)
-
-
 def certificate(content: Content) -> Content:
     """The values of `/leak`, computed from the rest of a bundle's content with `/rendering`."""
-    kind = kind_of(content)
+    kind = "curve" if "/curve/stroke" in content else "cloud"
+    kind = "mesh" if "/mesh/triangles" in content else kind  # what the samples are known to lie on
     points = Across(content)
     own = content["/points"]
     leak: Content = {"/leak@kind": kind}
@@ -52,7 +39,9 @@ def certificate(content: Content) -> Content:
     else:
         largest, index = loneliest(points)
         place = own[index]
-    limit = limit_of(content, kind)
+    radius = content["/rendering@contact_radius_m"] + content["/rendering@point_radius_m"]
+    reach = radius - content["/rendering@band_m"]
+    limit = {"curve": 2 * reach, "mesh": reach}.get(kind)  # a bare cloud has none
     leak["/leak@largest_m"] = float(largest)
     leak["/leak/place"] = np.ascontiguousarray(place, dtype="<f8")
     leak["/leak@certified"] = int(limit is not None and largest <= limit)

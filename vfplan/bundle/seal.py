@@ -20,6 +20,7 @@ import hashlib
 import struct
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Any
 
 from vfplan._core import Sealed
 from vfplan.errors import SettingError
@@ -54,17 +55,12 @@ class Seal:
     @classmethod
     def of(cls, sealed: Sealed) -> Seal:
         """The seal of a bundle's bytes, as the reader found it."""
-        if not sealed.signed:
-            return cls(sealed.payload_length, sealed.sha256)
-        return cls(
-            sealed.payload_length,
-            sealed.sha256,
-            sealed.key_id,
-            sealed.signature,
-            sealed.case,
-            sealed.robot_serial,
-            sealed.registered or None,
-        )
+        signed: dict[str, Any] = {}
+        if sealed.signed:
+            names = ("key_id", "signature", "case", "robot_serial")
+            signed = {name: getattr(sealed, name) for name in names}
+            signed["registered"] = sealed.registered or None
+        return cls(sealed.payload_length, sealed.sha256, **signed)
 
     @property
     def signed(self) -> bool:
@@ -76,10 +72,7 @@ class Seal:
         key_id = self.key_id.hex() if self.key_id else None
         data: dict[str, object] = {"ok": True, "signed": self.signed, "key_id": key_id}
         data["sha256"] = self.sha256.hex()
-        if self.case:
-            data["case"] = self.case
-        if self.robot_serial:
-            data["robot_serial"] = self.robot_serial
+        data |= {n: v for n in ("case", "robot_serial") if (v := getattr(self, n))}
         if self.registered is not None:
             moment = datetime.fromtimestamp(self.registered, UTC)
             data["registered_utc"] = moment.strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partialmethod
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +18,7 @@ from vfplan.engine.renderable import check_renderable
 from vfplan.engine.work import check_work
 from vfplan.errors import BundleError, SceneError
 
+Severity = Literal["error", "warning", "note"]
 RESIDUAL_TOLERANCE_M = 1e-6
 UNSIGNED = "is not signed: protected against accident, not against intent"
 SAME = 1e-9  # relative agreement of a stored certificate with a recomputed one
@@ -28,7 +30,7 @@ class Issue:
 
     location: str
     code: str
-    severity: Literal["error", "warning", "note"]
+    severity: Severity
     message: str
 
 
@@ -38,17 +40,15 @@ class Findings:
 
     issues: list[Issue] = field(default_factory=list)
 
-    def error(self, code: str, location: str, message: str) -> None:
-        """Add what makes the bundle invalid."""
-        self.issues.append(Issue(location, code, "error", message))
+    def add(self, severity: Severity, code: str, location: str, message: str) -> None:
+        """Add an issue."""
+        self.issues.append(Issue(location, code, severity, message))
 
-    def warning(self, code: str, location: str, message: str) -> None:
-        """Add something that is probably a mistake but breaks no rule."""
-        self.issues.append(Issue(location, code, "warning", message))
-
-    def note(self, code: str, location: str, message: str) -> None:
-        """Add something a person should know that does not make the bundle invalid."""
-        self.issues.append(Issue(location, code, "note", message))
+    # What makes the bundle invalid; what is probably a mistake but breaks no rule; what a person
+    # should know.
+    error = partialmethod(add, "error")
+    warning = partialmethod(add, "warning")
+    note = partialmethod(add, "note")
 
     @property
     def valid(self) -> bool:
@@ -107,32 +107,27 @@ def _certificate(content: Content, findings: Findings) -> None:
         size = content["/leak@largest_m"]
         text = f"a bare cloud, nothing certified; the loneliest point is {size:.6g} m from the next"
         findings.note("leak.uncertified", "/leak", text)
-    if "/leak/open_ends" in content:
-        count = len(content["/leak/open_ends"])
-        findings.note("leak.open_ends", "/leak/open_ends", f"{count} open ends to pass around")
-    if "/leak@between_m" in content:
-        size = content["/leak@between_m"]
-        text = f"an open end is {size:.6g} m from the nearest other stroke"
-        findings.note("leak.between", "/leak@between_m", text)
-    if "/leak@open_edges" in content:
-        count = content["/leak@open_edges"]
-        findings.note("leak.open_edges", "/leak@open_edges", f"an open sheet: {count} rim edges")
+    for code, path, text in (
+        ("open_ends", "/leak/open_ends", lambda ends: f"{len(ends)} open ends to pass around"),
+        ("between", "/leak@between_m",
+         lambda size: f"an open end is {size:.6g} m from the nearest other stroke"),
+        ("open_edges", "/leak@open_edges", lambda count: f"an open sheet: {count} rim edges"),
+    ):  # fmt: skip
+        if path in content:
+            findings.note(f"leak.{code}", path, text(content[path]))
 
 
 def _rendering(content: Content, findings: Findings) -> None:
     """The engine's ranges, which are narrower than the format's."""
     if "/rendering/stiffness" not in content:
         return
+    code, more = "rendering.engine", ""
     try:
         check_renderable(from_content(content))
-    except SceneError as error:
-        findings.warning("rendering.engine", "/rendering", error.message)
-        return
-    try:
+        code, more = "rendering.work", "; it is for replay and study, not for a robot"
         check_work(from_content(content))
     except SceneError as error:
-        message = f"{error.message}; it is for replay and study, not for a robot"
-        findings.warning("rendering.work", "/rendering", message)
+        findings.warning(code, "/rendering", f"{error.message}{more}")
 
 
 def _pieces(content: Content, findings: Findings) -> None:
@@ -148,13 +143,14 @@ def _pieces(content: Content, findings: Findings) -> None:
     most = 2 * pieces.error + RESIDUAL_TOLERANCE_M
     away = cKDTree(fixture.points @ across).query(pieces.vertices @ across)[0].max()
     apart = "engines that know points alone render another curve"
-    if off > most:
-        text = f"points lie up to {off:.3g} m from the lines and arcs, at most {most:.3g} m wanted"
-        findings.warning("pieces.apart", "/pieces", f"{text}: {apart}")
     largest = content["/leak@largest_m"] + most
-    if away > largest:
-        text = f"vertices lie up to {away:.3g} m from the points, at most {largest:.3g} m wanted"
-        findings.warning("pieces.apart", "/pieces", f"{text}: {apart}")
+    for what, found, allowed in (
+        ("points lie up to {} m from the lines and arcs", off, most),
+        ("vertices lie up to {} m from the points", away, largest),
+    ):
+        if found > allowed:
+            text = f"{what.format(f'{found:.3g}')}, at most {allowed:.3g} m wanted: {apart}"
+            findings.warning("pieces.apart", "/pieces", text)
 
 
 def _size(content: Content, findings: Findings) -> None:

@@ -39,13 +39,6 @@ def write_fixture(fixture: Fixture, path: str | Path, *, overwrite: bool = False
     write_content(completed(to_content(fixture)), Path(path), overwrite=overwrite)
 
 
-def object_id(content: Content) -> str:
-    """The id of a bundle's geometry: equal for equal points in the same frame."""
-    digest = hashlib.sha256(content["/@frame"].encode() + b"\0")
-    digest.update(np.ascontiguousarray(content["/points"], dtype="<f8").data)
-    return digest.hexdigest()[:32]
-
-
 def completed(content: Content) -> Content:
     """A content with what the format adds: head, object id and leak certificate."""
     since = max([VERSION, *(row.since for row in table().rows if row.path in content)])
@@ -55,7 +48,10 @@ def completed(content: Content) -> Content:
     content = head | {p: v for p, v in content.items() if p not in head and "/leak" not in p}
     _check_arrays(content)
     _check_texts(content)
-    content["/@id"] = object_id(content)
+    # The id of the geometry: equal for equal points in the same frame.
+    digest = hashlib.sha256(content["/@frame"].encode() + b"\0")
+    digest.update(np.ascontiguousarray(content["/points"], dtype="<f8").data)
+    content["/@id"] = digest.hexdigest()[:32]
     if "/rendering@contact_radius_m" in content:
         content |= leak.certificate(content)
         if content["/leak@kind"] != "cloud" and not content["/leak@certified"]:

@@ -122,13 +122,15 @@ def _named(files: str | Path) -> Iterator[None]:
 def _fit(curve: Fixture, pairs: Correspondences, settings: FixtureSettings) -> Registration:
     from vfplan.registration import fit_registration
 
+    spacing = curve.image and curve.image.pixel_spacing_mm
+    known = spacing and (spacing[0] * 1e-3, spacing[1] * 1e-3)
     return fit_registration(
         pairs.source,
         pairs.target,
         model=settings.model,
         robust=settings.robust,
         labels=pairs.labels,
-        pixel_spacing=_spacing_m(curve) if pairs.source_frame == "image" else None,
+        pixel_spacing=known if pairs.source_frame == "image" else None,
         sigma=pairs.sigma,
         seen_from=settings.seen_from,
     )
@@ -172,8 +174,3 @@ def _image_warning(curve: Fixture, image: PlannedImage | None) -> tuple[str, ...
         "the image given is not the file the curve was drawn on (SHA-256 differs): nothing was "
         "checked against it",
     )
-
-
-def _spacing_m(curve: Fixture) -> tuple[float, float] | None:
-    spacing = curve.image and curve.image.pixel_spacing_mm
-    return spacing and (spacing[0] * 1e-3, spacing[1] * 1e-3)
