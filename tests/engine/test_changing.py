@@ -118,6 +118,68 @@ def test_whatever_is_exchanged_for_whatever_the_force_is_bounded_and_the_side_ke
             assert (proxy[:, 2] > z).all()
 
 
+def turned(axis, angle):
+    """Rodrigues' formula."""
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def wall(kind, turn, height):
+    """A plane by one of three rules, turned, and shifted along its normal."""
+    shift, axis = height * turn[:, 2], [0, 1, 0]
+    if kind == 0:
+        return engine(sheet(half=40e-3) @ turn.T + shift)
+    ends = np.array([[-60e-3, 0, 0], [60e-3, 0, 0]])
+    if kind == 1:
+        return engine(np.linspace(*ends, 240) @ turn.T + shift, ignore_axis=axis)
+    ends = ends @ turn.T + shift
+    line = vfplan.fixture.Pieces(ends, np.zeros(2), np.array([0, 0]), np.array([False]))
+    return vfplan.ProxyEngine.along(line, ignore_axis=axis)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_plan_moved_over_the_proxy_pushes_it_out_on_its_own_side(seed):
+    """By up to 3 R and 17 degrees; past its middle the shortest way out would lead beyond."""
+    draw, past = np.random.default_rng(seed), 0
+    for i in range(36):
+        y = np.array([0, 1.0, 0])
+        turn = turned(y, draw.uniform(-3, 3))
+        e, up, deep = wall(i % 3, turn, 0), turn[:, 2], draw.uniform(0, 4e-3)
+        e.run(np.linspace(8e-3, -deep, 100)[:, None] * up)
+        last = e.step(-deep * up)
+        axis = y if i % 3 else draw.normal(size=3)
+        turn, height = turned(axis, draw.uniform(-0.3, 0.3)) @ turn, draw.uniform(-3 * R, 3 * R)
+        over = turn[:, 2] @ last.proxy - height
+        if BAND - R < over < R:  # else its place is free
+            e.exchange(wall(i % 3, turn, height))
+            _, rest = led(e, np.tile(-deep * up, (1200, 1)), last.force)
+            assert not (rest.status & Status.CROSSED).any()
+            assert not rest.status[-1]
+            assert (rest.proxy @ turn[:, 2] - height)[-1] >= R - BAND
+            past += over < 0
+    assert past >= 2
+
+
+def test_where_no_free_way_is_left_it_is_told():
+    """A room that is filled: out through what was its wall."""
+    g = np.linspace(-9e-3, 9e-3, 37)
+    side = np.full(37, 9e-3)
+    room = np.concatenate(
+        [np.stack(pair, 1) for pair in ((g, side), (g, -side), (side, g), (-side, g))]
+    )
+    e = engine(np.insert(room, 1, 0, axis=1), ignore_axis=[0, 1, 0])
+    e.run(np.linspace([0, 0, 0], [1e-3, 0, 3e-3], 50))
+    block = np.stack([c.ravel() for c in np.meshgrid(g, 0.0, g)], axis=1)
+    e.exchange(engine(block, ignore_axis=[0, 1, 0]))
+    trace = e.run(np.tile([1e-3, 0, 3e-3], (1500, 1)))
+    told = trace.status & Status.CROSSED > 0
+    assert told.sum() > 100
+    assert (trace.status[told] & Status.INSIDE > 0).all()
+    assert not trace.status[-1]
+    assert np.abs(trace.proxy[-1]).max() > 13e-3
+
+
 def test_an_engine_given_away_is_spent_and_a_bad_hip_holds_the_force():
     e, h = pressed()
     before = e.step(h).force

@@ -55,6 +55,8 @@ class Status(IntFlag):
     """
     CHANGING = 16
     """The fixture was exchanged or edited, and the force is on its way to K (proxy - HIP)."""
+    CROSSED = 32
+    """With INSIDE: no way out was found on the side where the proxy was before the exchange."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -231,7 +231,8 @@ class ProxyEngine:
     def exchange(self, other: ProxyEngine | Fixture) -> None:
         """Go on with another engine's fixture, from the next step on; `other` is then spent.
 
-        The proxy goes on from where it is. Where that is inside, it is led out from there. Until
+        The proxy goes on from where it is. Where that is inside, it is led out from there, on its
+        own side where there is a way (else the status has CROSSED). Until
         the rule has taken over the force changes by at most K (R / 256 + |step of the HIP|) a tick,
         and the status is CHANGING. A thread of its own may call this while another one steps.
 

@@ -50,7 +50,7 @@ class Changing:
         self._poses = read_poses(poses) if isinstance(poses, str | Path) else poses
         self._tick = self._posed = self._done = 0
         self._last: tuple[Vector, Vector] | None = None  # force, frame
-        self._counts = dict.fromkeys(("stale", "changing", "exchange", "edit"), 0)
+        self._counts = dict.fromkeys(("stale", "changing", "crossed", "exchange", "edit"), 0)
         self._energy = self._age = 0.0
         self._clearance = np.inf
 
@@ -184,7 +184,7 @@ class Changing:
         carried = hips[1:] - _outer(before[:-1], hip[1:]) - before[:-1, :3]
         self._energy += float(dots(forces[:-1], carried).sum())
         self._last = trace.force[-1:], frames[-1:]
-        for name in ("stale", "changing"):
+        for name in ("stale", "changing", "crossed"):
             flag = Status[name.upper()]
             self._counts[name] += int(np.count_nonzero(trace.status & flag))
         return inner
@@ -195,6 +195,7 @@ class Changing:
             "exchanges": self._counts["exchange"],
             "edits": self._counts["edit"],
             "changing_ticks": self._counts["changing"],
+            "crossed_ticks": self._counts["crossed"],
         }
         if self._frame is not None:
             report |= {

@@ -99,6 +99,10 @@ def findings(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[s
     if inside:
         say("started-inside", "warning",
             f"{inside} ticks in which the proxy was on its way out of the fixture")  # fmt: skip
+    if report.get("crossed_ticks"):
+        say("crossed", "warning",
+            f"in {report['crossed_ticks']} ticks after an exchange no way out was found on the "
+            "side where the proxy had been: it was led out another way")  # fmt: skip
     if report["too_fast_ticks"]:
         why = "the engine used up its iterations; the proxy is safe and follows later"
         severity, r1 = "info", f"r1 = {1e3 * parameters.r1:.3g} mm"

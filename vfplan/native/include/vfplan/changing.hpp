@@ -14,11 +14,12 @@ namespace vfplan::detail {
 
 /// An engine behind its type.
 struct AnyEngine {
-    AnyEngine(double stiffness, double radius) noexcept : stiffness(stiffness), radius(radius) {}
+    AnyEngine(double stiffness, double radius, double band) noexcept
+        : stiffness(stiffness), radius(radius), band(band) {}
     virtual ~AnyEngine() = default;
     virtual void reset(const Vec3&) noexcept = 0;
-    /// The next tick begins with the proxy of another engine.
-    virtual void go_on(const Vec3& proxy) noexcept = 0;
+    /// The next tick begins with the proxy of another engine, one that was out of `before`.
+    virtual void go_on(const Vec3& proxy, AnyEngine* before) noexcept = 0;
     virtual Step step(const Vec3&) noexcept = 0;
     virtual void remove(std::size_t) noexcept {}
     virtual void add(const Vec3&) noexcept {}
@@ -26,9 +27,11 @@ struct AnyEngine {
     virtual std::size_t cells() noexcept = 0;
     virtual bool planar() noexcept = 0;
     virtual double distance(const Vec3&) noexcept = 0;
+    /// The same, or `reach` where that is less.
+    virtual double within(const Vec3&, double reach) noexcept = 0;
 
-    double stiffness, radius;   // the largest of K; R
-    AnyEngine* next = nullptr;  // of those that are retired
+    double stiffness, radius, band;  // the largest of K; R
+    AnyEngine* next = nullptr;       // of those that are retired
 };
 
 struct Change {

@@ -56,6 +56,7 @@ class Engine {
         if (this == &other) return *this;
         delete changes_.exchange(other.changes_.exchange(nullptr));
         made_ = std::move(other.made_);
+        before_ = std::move(other.before_);
         points_ = std::move(other.points_);
         parameters_ = other.parameters_;
         width_ = other.width_;
@@ -71,6 +72,7 @@ class Engine {
         if (auto* changes = changes_.load(std::memory_order_acquire)) {
             while (take(*changes)) continue;
             changes->pace.stop();
+            if (before_) changes->retire(before_.release());
         }
         made_->reset(hip);
     }
@@ -82,6 +84,7 @@ class Engine {
             for (int i = 0; i < detail::Changes::a_tick && take(*changes); ++i) continue;
         Step s = made_->step(hip);
         if (changes) pace(*changes, s, hip);
+        if (before_ && !(s.status & (inside | bad_hip))) changes->retire(before_.release());
         if (!(s.status & bad_hip)) now_ = {s.proxy, s.force, hip, true};
         return s;
     }
@@ -178,9 +181,11 @@ class Engine {
         const detail::Change* change = changes.waiting.front();
         if (!change) return false;
         if (change->kind == detail::Change::exchange) {
-            changes.retire(made_.release());
+            // While the proxy is on its way out, its side is the one that it had before.
+            if (before_) changes.retire(made_.release());
+            if (!before_) before_ = std::move(made_);
             made_.reset(change->engine);
-            if (now_.placed) made_->go_on(now_.proxy);
+            if (now_.placed) made_->go_on(now_.proxy, before_.get());
         } else if (change->kind == detail::Change::add) {
             made_->add(change->point);
         } else {
@@ -201,7 +206,7 @@ class Engine {
         }
     }
 
-    detail::Made made_;
+    detail::Made made_, before_;  // before_: until the proxy is out of made_
     Now now_;
     std::atomic<detail::Changes*> changes_{nullptr};
     std::unique_ptr<detail::Points> points_;  // the editor's, as what follows

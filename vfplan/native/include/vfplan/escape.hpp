@@ -8,8 +8,20 @@
 
 #include "vfplan/handover.hpp"
 #include "vfplan/neighbours.hpp"
+#include "vfplan/status.hpp"
 
 namespace vfplan {
+
+/// The free space before an exchange. A way out leads to the proxy's own side if the proxy could
+/// have gone it before, and comes out with the fixture, in the direction -out, where it was.
+template <int D>
+class Passage {
+  public:
+    virtual bool free(const Vec<D>& d, double length, const Vec<D>& out) const noexcept = 0;
+
+  protected:
+    ~Passage() = default;
+};
 
 /// What a start may be inside of: the balls of radius R around the points of a cloud.
 template <int D>
@@ -62,7 +74,14 @@ class Escape {
 
     bool active() const noexcept { return active_; }
     const Vec<D>& way() const noexcept { return way_; }
-    void stop() noexcept { active_ = false; }
+    void stop() noexcept {
+        active_ = crossed_ = false;
+        passage_ = nullptr;
+    }
+    /// The next way out is one that keeps to this, where there is one.
+    void keep_to(const Passage<D>* passage) noexcept { passage_ = passage; }
+    /// `inside`, and whether no way out on the proxy's own side was found.
+    std::uint8_t status() const noexcept { return crossed_ ? inside | crossed : inside; }
 
     /// The HIP is at h, and the proxy inside: look for the way out, from the next step on.
     void begin(Search& search, const Vec<D>& h) noexcept {
@@ -75,6 +94,7 @@ class Escape {
         best_ = never;
         for (double& t : reached_) t = 0;
         ticks_to_choose_ = most_ticks_to_choose;
+        crossed_ = false;
     }
 
     /// One tick; true when the proxy has reached the free space.
@@ -85,6 +105,7 @@ class Escape {
             out = hop(search, h, way_) == free;
         } else {
             ticks_to_choose_ = 0;
+            passage_ = nullptr;
             out = go(search, h);
         }
         last_ = h;
@@ -134,17 +155,31 @@ class Escape {
                 const Vec<D> d = candidate(i);
                 const double s = hop(search, start_ + reached_[i] * d, d);
                 if (s == free)
-                    best_ = reached_[i], way_ = d;
+                    best_ = reached_[i], way_ = d, chosen_ = i;
                 else
                     reached_[i] += s;
             }
         }
+        if (!own(search, way_, best_)) return refuse();
         for (int i = 0; i < 2; ++i) {
             const Vec<D> d = from_nearest(search, start_ + best_ * way_);
             const double t = exit(search, start_, d, best_);
-            if (t < best_) best_ = t, way_ = d;
+            if (t < best_ && own(search, d, t)) best_ = t, way_ = d;
         }
         return true;
+    }
+    bool own(Search& search, const Vec<D>& d, double length) noexcept {
+        return !passage_ || passage_->free(d, length, from_nearest(search, start_ + length * d));
+    }
+    /// The shortest way leads to the other side: the next one, or of all, where none is left.
+    bool refuse() noexcept {
+        reached_[chosen_] = best_ = never;
+        for (double t : reached_)
+            if (t < never) return false;
+        for (double& t : reached_) t = 0;
+        passage_ = nullptr;
+        crossed_ = true;
+        return false;
     }
 
     /// One tick along the way; true when that ends outside.
@@ -186,6 +221,9 @@ class Escape {
     Vec<D> start_, nearest_;
     double reached_[ring + 2] = {};  // along each candidate, from the start
     double best_ = never;
+    int chosen_ = 0;  // of the candidates
+    const Passage<D>* passage_ = nullptr;
+    bool crossed_ = false;
     int ticks_to_choose_ = 0;
 };
 

@@ -15,6 +15,32 @@
 
 namespace vfplan {
 
+/// What was free before an exchange.
+template <class S>
+struct Before final : Passage<S::dimension> {
+    static constexpr int most_looks = 64;      // along a way; a longer one is none
+    static constexpr double stride = 1 / 8.0;  // of R: no wall is passed over
+
+    const S* space = nullptr;
+    detail::AnyEngine* engine = nullptr;
+    Vec3 from;
+
+    bool free(const Vec<S::dimension>& d, double length,
+              const Vec<S::dimension>& out) const noexcept override {
+        const double R = engine->radius, enough = R - 2 * engine->band;
+        const Vec3 way = space->direction(d), up = 2 * stride * R * space->direction(out);
+        if (engine->within(from + up, 2 * R) < engine->within(from - up, 2 * R)) return false;
+        double t = 0;
+        for (int i = 0; i < most_looks; ++i) {
+            const double room = engine->within(from + t * way, 2 * R) - enough;
+            if (!(room >= 0)) return false;
+            if (t >= length) return true;
+            t = std::min(t + std::max(room, stride * R), length);
+        }
+        return false;
+    }
+};
+
 /// A rule in a space with a stiffness; all of it known to the compiler.
 template <class S, class RuleOf, class Stiffness>
 class BasicEngine {
@@ -33,10 +59,13 @@ class BasicEngine {
         proxy_ = space_.across(hip);
     }
 
-    /// The next tick begins with the proxy at `proxy`, wherever that is.
-    void go_on(const Vec3& proxy) noexcept {
+    /// The next tick begins with the proxy at `proxy`, wherever that is; out of `before` it was.
+    void go_on(const Vec3& proxy, detail::AnyEngine* before) noexcept {
         reset(proxy);
-        rule_.go_on();
+        before_.from = proxy;
+        before_.engine = before;
+        before_.space = &space_;
+        rule_.go_on(before ? &before_ : nullptr);
     }
 
     Step step(const Vec3& hip) noexcept {
@@ -79,6 +108,7 @@ class BasicEngine {
     S space_;
     RuleOf rule_;
     Stiffness stiffness_;
+    Before<S> before_;
     Vec<D> proxy_;
     Step last_;
     bool placed_ = false;
@@ -101,10 +131,15 @@ struct Some final : AnyEngine {
     BasicEngine<S, R, K> engine;
 
     Some(S s, R rule, K k, const Kernels<S::dimension>& kernels, const Parameters& p)
-        : AnyEngine(most(p), p.R()), space(s), kernels_(kernels), engine(s, std::move(rule), k) {}
+        : AnyEngine(most(p), p.R(), p.band),
+          space(s),
+          kernels_(kernels),
+          engine(s, std::move(rule), k) {}
     auto& search() noexcept { return engine.rule().neighbours(); }
     void reset(const Vec3& hip) noexcept override { engine.reset(hip); }
-    void go_on(const Vec3& proxy) noexcept override { engine.go_on(proxy); }
+    void go_on(const Vec3& proxy, AnyEngine* before) noexcept override {
+        engine.go_on(proxy, before);
+    }
     Step step(const Vec3& hip) noexcept override { return engine.step(hip); }
     void remove(std::size_t id) noexcept override {
         if constexpr (editable) engine.remove(id);
@@ -115,20 +150,19 @@ struct Some final : AnyEngine {
     std::size_t bytes() noexcept override { return sizeof(*this) + search().bytes(); }
     std::size_t cells() noexcept override { return search().source().cells(); }
     bool planar() noexcept override { return S::dimension == 2; }
-    double distance(const Vec3& at) noexcept override {
+    double within(const Vec3& at, double reach) noexcept override {
         const auto x = space.across(at);
-        const auto& source = search().source();
-        double least = std::numeric_limits<double>::infinity();
-        const auto look = [&](const auto& s) noexcept {
+        double least = reach * reach;
+        search().source().visit(x, reach, [&](const auto& s) noexcept {
             least = std::min(least, kernels_.nearest2(s, x));
-        };
-        if constexpr (requires { source.cell(); })
-            for (double r = source.cell(), i = 0; i < 3; ++i, r *= 2) {
-                source.visit(x, r, look);
-                if (least <= r * r) return std::sqrt(least);
-            }
-        source.visit(x, std::numeric_limits<double>::infinity(), look);
+        });
         return std::sqrt(least);
+    }
+    double distance(const Vec3& at) noexcept override {
+        if constexpr (requires { search().source().cell(); })
+            for (double r = search().source().cell(), i = 0; i < 3; ++i, r *= 2)
+                if (const double d = within(at, r); d < r) return d;
+        return within(at, std::numeric_limits<double>::infinity());
     }
 };
 
@@ -138,15 +172,20 @@ struct Lines final : AnyEngine {
     BasicEngine<Slice, curve::ExactRule, K> engine;
 
     Lines(Slice s, curve::ExactRule rule, K k, const Parameters& p)
-        : AnyEngine(most(p), p.R()), space(s), engine(s, std::move(rule), k) {}
+        : AnyEngine(most(p), p.R(), p.band), space(s), engine(s, std::move(rule), k) {}
     void reset(const Vec3& hip) noexcept override { engine.reset(hip); }
-    void go_on(const Vec3& proxy) noexcept override { engine.go_on(proxy); }
+    void go_on(const Vec3& proxy, AnyEngine* before) noexcept override {
+        engine.go_on(proxy, before);
+    }
     Step step(const Vec3& hip) noexcept override { return engine.step(hip); }
     std::size_t bytes() noexcept override { return sizeof(*this) + engine.rule().bytes(); }
     std::size_t cells() noexcept override { return engine.rule().cells(); }
     bool planar() noexcept override { return true; }
     double distance(const Vec3& at) noexcept override {
         return engine.rule().distance(space.across(at));
+    }
+    double within(const Vec3& at, double reach) noexcept override {
+        return std::min(distance(at), reach);
     }
 };
 

@@ -33,7 +33,7 @@ class PaperRule {
         neighbours_.forget();
         known_ = false;
     }
-    void go_on() noexcept { reset(); }
+    void go_on(const void*) noexcept { reset(); }
     Search<D>& neighbours() noexcept { return neighbours_; }
 
     /// Algorithm 1, one servo loop.

@@ -53,9 +53,10 @@ class RobustRule {
         now_ = {};
     }
     /// As a reset, but a proxy that is inside is led out from where it is.
-    void go_on() noexcept {
+    void go_on(const Passage<D>* before) noexcept {
         reset();
         now_.stays = true;
+        escape_.keep_to(before);
     }
     /// A point at p came or went.
     void edited(const Vec<D>& p, bool came) noexcept {
@@ -158,7 +159,8 @@ class RobustRule {
     /// out.
     bool enter(Vec<D>& proxy, const Vec<D>& hip, Tick<D>& tick) noexcept {
         if (!escape_.active()) {
-            if (nearest2(proxy, surfaces_.shell()) >= safe2_) return now_.held = true;
+            if (nearest2(proxy, surfaces_.shell()) >= safe2_)
+                return escape_.stop(), now_.held = true;
             now_.anchor = proxy;
             escape_.begin(neighbours_, now_.stays ? proxy : hip);
             handover_.stop();
@@ -167,7 +169,7 @@ class RobustRule {
         if (now_.held) leave(proxy, hip);
         tick.state = State::entrenched;
         tick.normal = escape_.way();
-        tick.status = inside;
+        tick.status = escape_.status();
         return false;
     }
 

@@ -28,6 +28,8 @@ enum Status : std::uint8_t {
                      ///< first pose nothing is rendered
     changing = 16,   ///< the fixture was exchanged or edited: the force is on its way to K (proxy
                      ///< - HIP)
+    crossed = 32,    ///< with `inside`: no way out was found on the side where the proxy was before
+                     ///< the exchange
 };
 
 struct Step {

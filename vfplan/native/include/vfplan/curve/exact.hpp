@@ -70,9 +70,10 @@ class ExactRule {
         slider_.let_go();
     }
     /// As a reset, but a proxy that is inside is led out from where it is.
-    void go_on() noexcept {
+    void go_on(const Passage<2>* before) noexcept {
         reset();
         stays_ = true;
+        escape_.keep_to(before);
     }
     std::size_t bytes() const noexcept { return curve().bytes() + slider_.near().bytes(); }
     std::size_t cells() const noexcept { return curve().boxes(); }
@@ -84,7 +85,7 @@ class ExactRule {
             Tick<2> tick;
             tick.state = State::entrenched;
             tick.normal = escape_.way();
-            tick.status = inside;
+            tick.status = escape_.status();
             return tick;
         }
         if (rests_ && hip == hip_) return last_;
@@ -119,7 +120,7 @@ class ExactRule {
     /// Makes sure that the proxy is outside; false while it is on its way out.
     bool enter(Vec2& proxy, const Vec2& hip) noexcept {
         if (!escape_.active()) {
-            if (curve().distance(proxy) >= R_ - band_) return held_ = true;
+            if (curve().distance(proxy) >= R_ - band_) return escape_.stop(), held_ = true;
             anchor_ = proxy;
             escape_.begin(curve(), stays_ ? proxy : hip);
         }
