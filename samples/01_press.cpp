@@ -3,12 +3,14 @@
 // Press a tip onto three points; beside it in Python: 01_press.py.
 #include <cstdio>
 
+#include "vfplan/dips.hpp"
 #include "vfplan/engine.hpp"
 
 int main() {
     const double points[] = {0, 0, 0, 0.0005, 0, 0, 0.001, 0, 0};  // x y z of each [m]
     vfplan::Parameters p;
     p.stiffness = {{800, 800, 800}};  // [N/m]
+    p.band = vfplan::band_for(points, 3, p);
     vfplan::Engine engine(points, 3, p);
     vfplan::Step s;
     for (int i = 0; i <= 20; ++i) s = engine.step({{0.0005, 0, 0.010 - 0.0005 * i}});

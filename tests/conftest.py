@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -14,6 +15,12 @@ from typing import Any, NoReturn
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+
+
+def dimple_depth(spacing: float, radius: float, *, planar: bool) -> float:
+    """How deep a ball sinks in the middle of a square of samples, or between two of a line [m]."""
+    quarter = spacing * spacing / (4 if planar else 2)
+    return quarter / (radius + math.sqrt(radius * radius - quarter))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -12,7 +12,7 @@ from conftest import ROOT
 LAYERS = [
     ["errors", "records"],
     ["io", "engine.checks", "palette"],
-    ["engine.spacing", "robot"],
+    ["robot"],
     ["engine"],
     ["fixture", "images", "session"],
     ["engine.renderable"],

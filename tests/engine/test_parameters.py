@@ -5,7 +5,7 @@ import pytest
 
 from vfplan import ProxyEngine, ProxyParameters, VfplanError, _core
 from vfplan.engine.checks import check_hip, check_path, check_points
-from vfplan.engine.parameters import PAPER_BAND, dimple_depth
+from vfplan.engine.parameters import PAPER_BAND
 from vfplan.errors import SceneError, SettingError
 
 POINT = [[0.0, 0.0, 0.0]]
@@ -53,14 +53,6 @@ def test_band_never_exceeds_half_of_the_contact_radius():
 def test_band_scales_with_the_scene(scale):
     band = MAKE(grid(1e-3 * scale), contact_radius=5e-3 * scale).band
     assert band / scale == pytest.approx(5e-3 - np.sqrt(25e-6 - 0.5e-6), rel=1e-9)
-
-
-@pytest.mark.parametrize("planar", [True, False])
-def test_dimple_depth_is_the_formula(planar):
-    share = 4 if planar else 2
-    for h in (1e-4, 2e-3, 5e-3):
-        exact = 5e-3 - np.sqrt(25e-6 - h * h / share)
-        assert dimple_depth(h, 5e-3, planar=planar) == pytest.approx(exact, rel=1e-9)
 
 
 @pytest.mark.parametrize(

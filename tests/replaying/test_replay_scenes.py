@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import dimple_depth
 from replays import fixture_of
 from vfplan.samples.experiments import planned_curve, probing_hand, square
 
 import vfplan
-from vfplan.engine.parameters import ProxyParameters, dimple_depth
+from vfplan.engine.parameters import ProxyParameters
 from vfplan.replaying import replay
 from vfplan.session import Session, read_session
 from vfplan.study.scenes import SCENES

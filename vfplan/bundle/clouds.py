@@ -57,7 +57,7 @@ def import_cloud(
         Longest edge of a mesh [m]; `None`: a tenth of R.
     stiffness, contact_radius, point_radius, ignore_axis
         As in `Rendering` [N/m, m]; one stiffness serves all axes. The band is the paper's 10 um,
-        or the dimple between the samples if that is deeper.
+        or what a ball sinks into between the samples if that is deeper.
 
     Raises
     ------

@@ -6,7 +6,6 @@ settings from here, so that a default or a check exists once.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import Literal, get_args
@@ -14,8 +13,8 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vfplan import _core
 from vfplan.engine.checks import LIMIT, Vector, check_axis, check_points, check_stiffness, number
-from vfplan.engine.spacing import cloud_spacing
 from vfplan.errors import SettingError
 
 Rule = Literal["robust", "paper", "exact"]
@@ -184,13 +183,13 @@ class ProxyParameters:
         Parameters
         ----------
         points
-            (N, 3) cloud [m]; the default band follows from its spacing. Rule "exact": vertices.
+            (N, 3) cloud [m]; the default band follows from it. Rule "exact": vertices.
         contact_radius, point_radius
             r_c from 1e-9 to 1e6 and r_v from 0 to 1e6 [m].
         band
             r2 - r_c = r_c - r1 [m], from 1e-8 (r_c + r_v) to r_c, and at least 2.2e-12 of the
-            largest coordinate. `None`: the paper's 10 µm, or the cloud's dimple depth if that is
-            more (`default_band`); rule "paper": 10 µm; rule "exact": what roundings take.
+            largest coordinate. `None`: what the cloud asks for (`default_band`); rule "paper":
+            10 µm; rule "exact": what roundings take.
         stiffness
             K [N/m] > 0, one number or one an axis.
         rule
@@ -237,34 +236,14 @@ class ProxyParameters:
         return cls(rule, rc, band, rv, r3, xi, check_stiffness(stiffness), axis)
 
 
-def dimple_depth(spacing: float, radius: float, *, planar: bool) -> float:
-    """How deep a sphere of `radius` sinks between points of a flat cloud [m].
-
-    `R - sqrt(R² - h²/2)` in the middle of a square of side h, `R - sqrt(R² - h²/4)` between two
-    points of a straight curve.
-
-    Parameters
-    ----------
-    spacing
-        h [m], at most `radius`.
-    radius
-        R = r_c + r_v [m].
-    planar
-        The cloud is a curve in the plane (the fixture ignores an axis).
-    """
-    quarter = spacing * spacing / (4 if planar else 2)
-    # The difference of two nearly equal lengths, without cancellation.
-    return quarter / (radius + math.sqrt(radius * radius - quarter))
-
-
 def default_band(points: Vector, rc: float, rv: float, axis: Vector | None) -> float:
-    """The paper's band of 10 µm, or the cloud's dimple depth if that is more [m].
+    """The paper's band of 10 µm, or what a ball of r_c + r_v sinks between the points [m].
 
-    Points further apart than R = r_c + r_v are separate objects here: the proxy goes between them
-    or rests on one. Never less than 1e-8 R, nor more than r_c / 2.
+    `vfplan::band_for` of the C++ header dips.hpp: for even points the dimple's depth; more for
+    noise, pixels' stairs and gaps. Never less than 1e-8 R, nor more than r_c / 2.
     """
-    planar = axis is not None
-    flat = points - np.outer(points @ axis, axis) if planar else points
-    spacing = cloud_spacing(flat, rc + rv)
-    dimple = 0.0 if spacing is None else dimple_depth(spacing, rc + rv, planar=planar)
-    return min(max(PAPER_BAND, dimple, FINEST_BAND * (rc + rv)), rc / 2)
+    p = _core.Parameters()
+    p.contact_radius, p.point_radius = rc, rv
+    if axis is not None:
+        p.set_ignore_axis(axis)
+    return _core.band_for(points, p)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.spacing import cloud_spacing
 from vfplan.fixture import Curve, Fixture
 from vfplan.planning.settings import FixtureSettings
 
@@ -30,7 +29,8 @@ class Carried:
     source
         (N, 3) the same points in the curve's own frame.
     spacing_m
-        Mean distance between neighbours along the curve; for a bare cloud its spacing [m].
+        Mean distance between neighbours along the curve; for a bare cloud the median
+        distance to the nearest other point [m].
     sigma
         (N,) standard deviation across the curve [m].
     curve
@@ -63,7 +63,7 @@ def carry(
     if curve.curve is None:
         points = _on_grid(registration.apply(curve.points))
         sigma = None if curve.sigma is None else curve.sigma * metres_per_unit(registration)
-        return Carried(points, curve.points, cloud_spacing(points, settings.contact_radius), sigma)
+        return Carried(points, curve.points, _spacing(points), sigma)
     members = [curve.curve.stroke == k for k in range(len(curve.curve.closed))]
     samples = [
         _sample(curve, k, own, registration, settings, tolerance_m) for k, own in enumerate(members)
@@ -91,6 +91,13 @@ def carry(
         sampling_error_m=max(s.sampling_error_m for s in samples),
         tight_bends=tuple(bend for s in samples for bend in s.tight_bends),
     )
+
+
+def _spacing(points: NDArray[np.float64]) -> float | None:
+    from scipy.spatial import cKDTree
+
+    nearest = cKDTree(points).query(points, 2)[0][:, 1]
+    return float(np.median(nearest)) if len(points) > 1 else None
 
 
 def _on_grid(points: NDArray[np.float64]) -> NDArray[np.float64]:

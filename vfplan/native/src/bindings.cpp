@@ -4,6 +4,7 @@
 #include <nanobind/stl/optional.h>
 
 #include "ticks.hpp"
+#include "vfplan/dips.hpp"
 #include "vfplan/version.hpp"
 #include "vfplan/work.hpp"
 
@@ -94,6 +95,13 @@ NB_MODULE(_core, m) {
         .def("set_ignore_axis",
              [](vfplan::Parameters& p, const Row& a) { p.ignore_axis = vec(a); });
 
+    m.def(
+        "band_for",
+        [](const Rows& points, const vfplan::Parameters& p) {
+            nb::gil_scoped_release release;
+            return vfplan::band_for(points.data(), points.shape(0), p);
+        },
+        "points"_a, "parameters"_a, "the band that a cloud asks for [m]");
     m.def(
         "tick_work",
         [](const Rows& points, const vfplan::Parameters& p) {

@@ -28,7 +28,7 @@ enum class Search { automatic, grid, brute, editable };
 
 struct Parameters {
     double contact_radius = 5e-3;  ///< r_c [m]
-    double band = 1e-5;            ///< r2 - r_c = r_c - r1 [m]; at least the cloud's dimple depth
+    double band = 1e-5;            ///< r2 - r_c = r_c - r1 [m]; `band_for` (dips.hpp) has a cloud's
     double point_radius = 0;       ///< r_v [m]
     double outer_radius = 1e-2;    ///< r3 [m]
     double gain = 1;               ///< xi of eq. (5)
