@@ -55,12 +55,64 @@ SCENES = {
 }  # fmt: skip
 
 
+# Under a hand that presses on a sheet: name, and what happens to it.
+PRESSED = [(0, 0, 0.006), (0, 0, -0.01), (0.01, 0, -0.01)]
+CHANGES = ("it moves", "it is exchanged", "it is edited", "all three", "a new engine and a reset")
+
+
+class Changing:
+    """A sheet under the hand that moves, is exchanged, is edited, tick by tick.
+
+    It breathes, 5 mm at 0.5 Hz, seen at 60 Hz, 30 ms late, with 0.25 mm of noise. Every 300 ticks
+    it is exchanged, for one 1 mm higher, and one with a hole of 9 mm: by `exchange`, or, for
+    comparison, by a new engine and a reset. From tick 400 on a burr takes 16 points a tick away.
+    """
+
+    def __init__(self, what: str, origin: np.ndarray, stiffness: float) -> None:
+        self.what, self.origin, self.stiffness = what, origin, stiffness
+        self.engine, self.tick = self.made(0), 0
+        self.frame = vfplan.MovingFrame(pivot=origin)
+        self.draw = np.random.default_rng(1)
+
+    def made(self, i: int) -> vfplan.ProxyEngine:
+        cloud = (sheet(), np.add(sheet(), [0, 0, 1e-3]), sheet(hole=0.009))[i % 3]
+        engine = vfplan.ProxyEngine(cloud + self.origin, stiffness=self.stiffness)
+        engine.make_editable()
+        return engine
+
+    def reset(self, hip: np.ndarray) -> None:
+        self.frame.pose(-0.03, np.eye(4))
+
+    def step(self, hip: np.ndarray) -> vfplan.Step:
+        t, self.tick = self.tick / 1000, self.tick + 1
+        everything = self.what == "all three"
+        if (everything or self.what == "it moves") and self.tick % 17 == 0:
+            pose = np.eye(4)
+            pose[:3, 3] = self.draw.normal(0, 0.25e-3 / 3**0.5, 3)
+            pose[2, 3] += 5e-3 * np.sin(np.pi * (t - 0.03))
+            self.frame.pose(t - 0.03, pose)
+        if self.tick % 300 == 0:
+            other = self.made(self.tick // 300)
+            if everything or self.what == "it is exchanged":
+                self.engine.exchange(other)
+            elif self.what == "a new engine and a reset":
+                self.engine = other
+                self.engine.reset(hip)
+        if (everything or self.what == "it is edited") and 400 <= self.tick < 440:
+            first = 16 * (self.tick - 400) + 1500
+            self.engine.edit(remove=range(first, first + 16))
+        return self.frame.step(self.engine, t, hip)
+
+
 def run(robot, model, name: str, stiffness: float, governed: bool) -> Run:
     """One scene about the tip as it is now; afterwards the hand brings it back."""
-    cloud, axis, way = SCENES[name]
+    cloud, axis, way = SCENES.get(name, (None, None, PRESSED))
     home = tip(robot.read_once())
     origin = home - np.array(way[0])
-    engine = vfplan.ProxyEngine(cloud + origin, stiffness=stiffness, ignore_axis=axis)
+    if cloud is None:
+        engine = Changing(name, origin, stiffness)
+    else:
+        engine = vfplan.ProxyEngine(cloud + origin, stiffness=stiffness, ignore_axis=axis)
     engine.reset(home)
     limits = vfplan.read_robot("fr3")
     governor = vfplan.Governor.of(limits, stiffness, torques=True) if governed else None
@@ -83,7 +135,7 @@ def hand(stops: np.ndarray):
     return torques
 
 
-def study(repeats: int, stiffnesses=STIFFNESSES, scenes=tuple(SCENES)) -> list[tuple]:
+def study(repeats: int, stiffnesses=STIFFNESSES, scenes=(*SCENES, *CHANGES)) -> list[tuple]:
     """Rows (scene, K, governed, Run) over the protocol."""
     rows = []
     with as_file(files("vfplan.arm") / "models" / "fr3.xml") as model_file:

@@ -136,6 +136,31 @@ def test_clearance_holds_in_the_fixtures_frame_and_k_turns_with_it():
     assert seen > 500
 
 
+def test_a_guide_moves_with_its_frame():
+    x = np.arange(0, 0.06, 1e-3)
+    curve = np.stack((x, 2e-3 * np.sin(90 * x), 0 * x), axis=1)
+    made = [vfplan.Guide(curve, 1e-3, lead_force=0.5) for _ in range(2)]
+    f = vfplan.MovingFrame(pivot=[0.03, 0, 0])
+    t = T * np.arange(1200)
+    hips = np.stack((0.03 + 0.02 * np.sin(3 * t), 3e-3 * np.cos(7 * t), 2e-3 * np.sin(9 * t)), 1)
+    parts = []
+    assert f.step(made[0], 0.0, hips[0]).status == Status.STALE
+    for first in range(0, 1200, 20):
+        f.pose(t[first], turned([1, -1, 2], 0.2 * t[first], [2e-3 * t[first], 0, 1e-3]))
+        parts.append(f.traced(made[0], t[first : first + 20], hips[first : first + 20])[:2])
+    traces, frames = zip(*parts, strict=True)
+    poses = vfplan.engine.moving.matrices(np.concatenate(frames))
+    inner = np.einsum("tji,tj->ti", poses[:, :3, :3], hips - poses[:, :3, 3])
+    wanted = made[1].run(inner)
+    for name in ("arc_m", "lateral_m", "remaining_m", "held"):
+        found = np.concatenate([getattr(trace, name) for trace in traces])
+        assert found == pytest.approx(getattr(wanted, name), abs=1e-12), name
+    force = np.concatenate([trace.force for trace in traces])
+    outer = np.einsum("tij,tj->ti", poses[:, :3, :3], wanted.force)
+    assert force == pytest.approx(outer, abs=1e-9)
+    assert np.linalg.norm(force, axis=1).max() > 1
+
+
 def test_what_is_no_pose_is_refused():
     f = vfplan.MovingFrame()
     mirror = np.diag([1.0, 1.0, -1.0, 1.0])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -54,6 +54,11 @@ class GuideTrace:
 
     def __len__(self) -> int:
         return len(self.arc_m)
+
+    def first(self) -> GuideStep:
+        """The first tick's answer."""
+        row = [getattr(self, field.name)[0] for field in fields(self)]
+        return GuideStep(*row[:2], *(value.item() for value in row[2:-1]), Status(int(row[-1])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +190,11 @@ class Guide:
         )
 
     @property
+    def native(self) -> _core.Guide:
+        """The guide behind it, which checks nothing."""
+        return self._guide
+
+    @property
     def lengths_m(self) -> list[float]:
         """Length of each curve [m]."""
         return self._guide.lengths
@@ -212,19 +222,7 @@ class Guide:
 
     def step(self, hip: ArrayLike) -> GuideStep:
         """One servo loop for the HIP at `hip` (3,) [m]."""
-        proxy, force, arc, lateral, remaining, stroke, held, status = self._guide.run(
-            check_hip(hip)[None, :]
-        )
-        return GuideStep(
-            proxy[0],
-            force[0],
-            float(arc[0]),
-            float(lateral[0]),
-            float(remaining[0]),
-            int(stroke[0]),
-            bool(held[0]),
-            Status(int(status[0])),
-        )
+        return self.run(check_hip(hip)[None]).first()
 
     def run(self, hips: ArrayLike) -> GuideTrace:
         """One tick for each row of `hips` (T, 3) [m], from where the guide is; no GIL held."""

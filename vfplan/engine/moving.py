@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from vfplan import _core
 from vfplan.engine.checks import Vector, check_hip, check_path, number, real_array
+from vfplan.engine.guide import Guide, GuideTrace
 from vfplan.engine.parameters import Status, Step, Trace
 from vfplan.errors import SceneError
 
@@ -74,32 +75,40 @@ class MovingFrame:
         """The frame (4, 4) at `t` [s], which does not go back; the identity before any pose."""
         return matrices(self._frame.at(_time(t)).reshape(1, 7))[0]
 
-    def step(self, engine: Any, t: float, hip: ArrayLike) -> Step:
-        """One servo loop at `t` [s] of an engine that is in the fixture's frame.
+    def step(self, engine: Any, t: float, hip: ArrayLike) -> Any:
+        """One servo loop at `t` [s] of an engine, or a `Guide`, that is in the fixture's frame.
 
-        HIP and answer are in the base. Before the first pose nothing is rendered.
+        HIP and answer, a `Step` or a `GuideStep`, are in the base. Before the first pose nothing is
+        rendered.
         """
         trace = self.run(engine, [t], check_hip(hip)[None])
+        if isinstance(trace, GuideTrace):
+            return trace.first()
         return Step(
             *(rows[0] for rows in (trace.proxy, trace.normal, trace.force)),
             int(trace.state[0]),
             Status(int(trace.status[0])),
         )
 
-    def run(self, engine: Any, times: ArrayLike, hips: ArrayLike) -> Trace:
+    def run(self, engine: Any, times: ArrayLike, hips: ArrayLike) -> Any:
         """One tick a row, at `times` (T,) [s] for `hips` (T, 3) [m]."""
         return self.traced(engine, times, hips)[0]
 
     def traced(
         self, engine: Any, times: ArrayLike, hips: ArrayLike
-    ) -> tuple[Trace, Vector, Vector, Vector]:
-        """As `run`, with the frames (T, 7), place and quaternion w x y z, their ages, and µs."""
+    ) -> tuple[Any, Vector, Vector, Vector | None]:
+        """As `run`, with the frames (T, 7), place and quaternion w x y z, their ages, and µs.
+
+        Of a guide no times are taken.
+        """
         t, path = real_array(times, "times"), check_path(hips)
         if t.shape != (len(path),):
             raise SceneError(f"times of shape {t.shape}: allowed is ({len(path)},)")
         if not np.isfinite(t).all() or (np.diff(t) < 0).any():
             raise SceneError("times: allowed are finite numbers that do not go back")
         answers, poses, ages = self._frame.run(engine.native, t, path)
+        if isinstance(engine, Guide):
+            return GuideTrace(*answers), poses.reshape(-1, 7), ages, None
         return Trace(*answers[:5]), poses.reshape(-1, 7), ages, 1e6 * answers[5]
 
     @property

@@ -1,48 +1,11 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // The Python face of the guide. No logic here.
-#include "vfplan/guide.hpp"
-
 #include <nanobind/stl/vector.h>
 
-#include "numpy.hpp"
+#include "guides.hpp"
 
 namespace {
-
-struct Guide : vfplan::Guide {
-    using vfplan::Guide::Guide;
-    std::atomic_flag busy = ATOMIC_FLAG_INIT;
-};
-struct Serving : Turn {
-    explicit Serving(Guide& guide) : Turn(guide.busy, "Guide", "guide") {}
-};
-
-// Proxy, force (T, 3), arc, lateral, remaining (T,), strand, held, status (T,).
-nb::tuple run(Guide& guide, const Rows& hips) {
-    const Serving turn(guide);
-    const std::size_t n = hips.shape(0);
-    auto proxy = array<double>(n, 3), force = array<double>(n, 3);
-    auto arc = array<double>(n, 1), lateral = array<double>(n, 1), remaining = array<double>(n, 1);
-    auto strand = array<std::int32_t>(n, 1);
-    auto held = array<bool>(n, 1);
-    auto status = array<std::uint8_t>(n, 1);
-    {
-        nb::gil_scoped_release release;
-        const double* h = hips.data();
-        for (std::size_t i = 0; i < n; ++i) {
-            const vfplan::GuideStep s = guide.step({{h[3 * i], h[3 * i + 1], h[3 * i + 2]}});
-            std::memcpy(proxy.data() + 3 * i, s.proxy.c, sizeof s.proxy.c);
-            std::memcpy(force.data() + 3 * i, s.force.c, sizeof s.force.c);
-            arc.data()[i] = s.arc;
-            lateral.data()[i] = s.lateral;
-            remaining.data()[i] = s.remaining;
-            strand.data()[i] = static_cast<std::int32_t>(s.strand);
-            held.data()[i] = s.held;
-            status.data()[i] = s.status;
-        }
-    }
-    return nb::make_tuple(proxy, force, arc, lateral, remaining, strand, held, status);
-}
 
 // Points of the curve (M, 3) at arc lengths, across an ignored axis.
 nb::object at(const Guide& guide, std::size_t strand, const std::vector<double>& arcs) {
@@ -94,11 +57,19 @@ void bind_guide(nb::module_& m) {
         .def(
             "reset",
             [](Guide& g, const Row& hip) {
-                const Serving turn(g);
+                const Guiding turn(g);
                 g.reset(vec(hip));
             },
             "hip"_a)
-        .def("run", &run, "hips"_a)
+        .def(
+            "run",
+            [](Guide& g, const Rows& hips) {
+                const Guiding turn(g);
+                return guided(hips, [&](std::size_t, const vfplan::Vec3& hip) noexcept {
+                    return g.step(hip);
+                });
+            },
+            "hips"_a)
         .def("at", &at, "strand"_a, "arcs"_a)
         .def("tight_bend", &tight_bend)
         .def_prop_ro("lengths",

@@ -3,6 +3,7 @@
 // The Python face of the moving frame. No logic here.
 #include "vfplan/moving.hpp"
 
+#include "guides.hpp"
 #include "ticks.hpp"
 
 namespace {
@@ -16,6 +17,23 @@ void write(const Pose& pose, double* to) noexcept {
     const double all[7] = {pose.place[0], pose.place[1], pose.place[2], pose.w,
                            pose.v[0],     pose.v[1],     pose.v[2]};
     std::copy_n(all, 7, to);
+}
+
+// What `answered` gives of ticks of an engine or a guide in its frame, with the frame's poses (T,
+// 7) and their ages (T,).
+template <class E, class F>
+nb::tuple run(MovingFrame& f, E& engine, const Numbers& t, const Rows& hips, F&& answered) {
+    const std::size_t n = hips.shape(0);
+    if (t.shape(0) != n) throw std::invalid_argument("vfplan: a time a HIP");
+    auto poses = array<double>(n, 7), ages = array<double>(n, 1);
+    double *p = poses.data(), *a = ages.data();
+    const auto answers = answered(hips, [&](std::size_t i, const Vec3& hip) noexcept {
+        const auto s = f.step(engine, t.data()[i], hip);
+        write(f.now(), p + 7 * i);
+        a[i] = f.age();
+        return s;
+    });
+    return nb::make_tuple(answers, poses, ages);
 }
 
 }  // namespace
@@ -43,19 +61,14 @@ void bind_moving(nb::module_& m) {
         .def("run",
              [](MovingFrame& f, Engine& engine, const Numbers& t, const Rows& hips) {
                  const Serving turn(engine);
-                 if (t.shape(0) != hips.shape(0))
-                     throw std::invalid_argument("vfplan: a time a HIP");
-                 const std::size_t n = hips.shape(0);
-                 auto poses = array<double>(n, 7), ages = array<double>(n, 1);
-                 double *p = poses.data(), *a = ages.data();
-                 const auto answers =
-                     ticks(hips, true, [&](std::size_t i, const Vec3& hip) noexcept {
-                         const vfplan::Step s = f.step(engine, t.data()[i], hip);
-                         write(f.now(), p + 7 * i);
-                         a[i] = f.age();
-                         return s;
-                     });
-                 return nb::make_tuple(answers, poses, ages);
+                 return run(f, engine, t, hips,
+                            [](const Rows& rows, auto&& tick) { return ticks(rows, true, tick); });
+             })
+        .def("run",
+             [](MovingFrame& f, Guide& guide, const Numbers& t, const Rows& hips) {
+                 const Guiding turn(guide);
+                 return run(f, guide, t, hips,
+                            [](const Rows& rows, auto&& tick) { return guided(rows, tick); });
              })
         .def_prop_ro("stale", &MovingFrame::stale)
         .def_prop_ro("placed", &MovingFrame::placed)

@@ -128,11 +128,12 @@ class MovingFrame {
     /// Whether there has been a pose; before, nothing is rendered.
     bool placed() const noexcept { return placed_; }
 
-    /// One servo loop of an engine that is in the fixture's frame. HIP and answer are in the base.
+    /// One servo loop of an engine, or a Guide, that is in the fixture's frame. HIP and answer are
+    /// in the base.
     template <class E>
-    Step step(E& engine, double t, const Vec3& hip) noexcept {
+    auto step(E& engine, double t, const Vec3& hip) noexcept {
         at(t);
-        Step s;
+        decltype(engine.step(hip)) s;
         if (!placed_) {
             s.status = stale_pose;
             if (finite(hip))
@@ -143,7 +144,7 @@ class MovingFrame {
         }
         s = engine.step(now_.in(hip));
         s.proxy = now_.out(s.proxy);
-        s.normal = now_.turn(s.normal);
+        if constexpr (requires { s.normal; }) s.normal = now_.turn(s.normal);
         s.force = now_.turn(s.force);
         if (stale()) s.status |= stale_pose;
         return s;
