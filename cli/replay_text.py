@@ -89,6 +89,8 @@ def _clearance(found: dict[str, Any]) -> list[str]:
         return []
     scene = found["scene"]
     of = f"{scene.get('lines_and_arcs')} lines and arcs"
+    if "triangles" in scene:
+        of = f"the corners of {scene['triangles']} triangles"
     if "band_m" in scene:
         of = f"band {1e6 * scene['band_m']:.1f} µm"
     return [

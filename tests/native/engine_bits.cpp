@@ -25,18 +25,13 @@ struct Sum {
 /// To a nanometre: sine and cosine differ between C libraries.
 double snapped(double x) { return std::nearbyint(x * 0x1p30) * 0x1p-30; }
 
-vfplan::Engine make(const scenes::Scene& s, const vfplan::Parameters& p) {
-    if (p.rule == vfplan::Rule::exact) return {s.strokes, p};
-    return {s.points.data(), s.points.size() / 3, p};
-}
-
 void play(const scenes::Scene& scene, vfplan::Rule rule, long ticks) {
     vfplan::Parameters p;
     p.rule = rule;
     p.point_radius = scene.point_radius;
     p.band = rule == vfplan::Rule::paper ? 1e-5 : 2e-5;
     if (scene.planar) p.ignore_axis = vfplan::Vec3{{0, 0, 1}};
-    vfplan::Engine engine = make(scene, p);
+    vfplan::Engine engine = scene.engine(p);
     scenes::Path path(scene.points);
     Sum in, out;
     for (long t = 0; t < ticks; ++t) {
@@ -60,4 +55,5 @@ int main(int argc, char** argv) {
         for (auto rule : {vfplan::Rule::paper, vfplan::Rule::robust}) play(scene, rule, ticks);
     }
     for (const auto& scene : scenes::curves()) play(scene, vfplan::Rule::exact, ticks);
+    for (const auto& scene : scenes::meshes()) play(scene, vfplan::Rule::exact, ticks);
 }

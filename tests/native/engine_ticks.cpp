@@ -48,18 +48,13 @@ double nearest(const scenes::Scene& s, const vfplan::Vec3& x) {
     return std::sqrt(least);
 }
 
-vfplan::Engine make(const scenes::Scene& s, const vfplan::Parameters& p) {
-    if (p.rule == vfplan::Rule::exact) return {s.strokes, p};
-    return {s.points.data(), s.points.size() / 3, p};
-}
-
 void play(const scenes::Scene& scene, vfplan::Rule rule, long ticks) {
     vfplan::Parameters p;
     p.rule = rule;
     p.point_radius = scene.point_radius;
     p.band = rule == vfplan::Rule::paper ? 1e-5 : 2e-5;
     if (scene.planar) p.ignore_axis = vfplan::Vec3{{0, 0, 1}};
-    vfplan::Engine engine = make(scene, p);
+    vfplan::Engine engine = scene.engine(p);
     scenes::Path path(scene.points);
     long contacts = 0, inside = 0;
     const long before = allocations;
@@ -98,7 +93,7 @@ void reset_badly(const scenes::Scene& scene, vfplan::Rule rule, double bad) {
     p.rule = rule;
     p.band = 2e-5;
     if (scene.planar) p.ignore_axis = vfplan::Vec3{{0, 0, 1}};
-    vfplan::Engine engine = make(scene, p), fresh = make(scene, p);
+    vfplan::Engine engine = scene.engine(p), fresh = scene.engine(p);
     scenes::Path path(scene.points);
     for (long t = 0; t < 100; ++t) engine.step(path(t));
     engine.reset({{bad, 0, 0}});
@@ -118,8 +113,9 @@ void reset_badly(const scenes::Scene& scene, vfplan::Rule rule, double bad) {
 
 int main(int argc, char** argv) {
     const long ticks = argc > 1 ? std::atol(argv[1]) : 100000;
-    const auto list = scenes::all(), curves = scenes::curves();
-    const long each = ticks / static_cast<long>(2 * list.size() + curves.size()) + 1;
+    const auto list = scenes::all(), curves = scenes::curves(), meshes = scenes::meshes();
+    const long each =
+        ticks / static_cast<long>(2 * list.size() + curves.size() + meshes.size()) + 1;
     const auto judge = [each](const scenes::Scene& scene, vfplan::Rule rule) {
         for (double bad : {std::nan(""), 1.0 / 0.0, 1e200}) reset_badly(scene, rule, bad);
         play(scene, rule, each);
@@ -127,4 +123,5 @@ int main(int argc, char** argv) {
     for (const auto& scene : list)
         for (auto rule : {vfplan::Rule::paper, vfplan::Rule::robust}) judge(scene, rule);
     for (const auto& scene : curves) judge(scene, vfplan::Rule::exact);
+    for (const auto& scene : meshes) judge(scene, vfplan::Rule::exact);
 }

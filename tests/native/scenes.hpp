@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "vfplan/curve/stroke.hpp"
+#include "vfplan/engine.hpp"
 
 namespace scenes {
 
@@ -86,7 +86,35 @@ struct Scene {
     bool planar;
     double point_radius;
     std::vector<vfplan::Stroke> strokes = {};  // that the points sample, where it is a curve
+    std::vector<std::int32_t> triangles = {};  // of the points, where it is a mesh
+
+    vfplan::Engine engine(const vfplan::Parameters& p) const {
+        if (!triangles.empty())
+            return {{points.data(), points.size() / 3, triangles.data(), triangles.size() / 3}, p};
+        if (p.rule == vfplan::Rule::exact) return {strokes, p};
+        return {points.data(), points.size() / 3, p};
+    }
 };
+
+/// Triangles: an open sheet with bumps, a box, a corner, some that go through each other.
+inline std::vector<Scene> meshes() {
+    Scene bumps{"bumps, mesh", sheet(13, 4e-3), false, 0}, box{"box, mesh", {}, false, 0};
+    for (int i = 0; i < 169; ++i) {
+        bumps.points[static_cast<std::size_t>(3 * i + 2)] = 5e-4 * (i * i % 7);
+        if (const int a = i, b = i + 1; i % 13 < 12 && i < 156)
+            bumps.triangles.insert(bumps.triangles.end(), {a, b, a + 13, b, b + 13, a + 13});
+    }
+    for (int i = 0; i < 8; ++i)
+        add(box.points, i & 1 ? 0.02 : -0.02, i & 2 ? 0.01 : -0.01, i & 4 ? 0.015 : -0.015);
+    box.triangles = {0, 1, 3, 0, 3, 2, 4, 5, 7, 4, 7, 6, 0, 1, 5, 0, 5, 4,
+                     2, 3, 7, 2, 7, 6, 0, 2, 6, 0, 6, 4, 1, 3, 7, 1, 7, 5};
+    const Scene walls{
+        "three walls, mesh",        {0, 0, 0, 0.04, 0, 0, 0, 0.04, 0, 0, 0, 0.04}, false, 0, {},
+        {0, 1, 2, 0, 2, 3, 0, 3, 1}};
+    Scene heap{"heap, mesh", dust(60, 0.02), false, 2e-3};
+    for (int i = 0; i < 60; ++i) heap.triangles.push_back(i);
+    return {bumps, box, walls, heap};
+}
 
 inline Scene drawn(const char* name, std::vector<vfplan::Stroke> strokes) {
     Points p;

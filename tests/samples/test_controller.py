@@ -157,9 +157,12 @@ def test_replay_reproduces_the_log_bit_for_bit(
         assert np.array_equal(getattr(replayed, name), values), name
 
 
-def test_from_outlines_to_the_controller_bit_for_bit(controller, vfplan_cli, tmp_path, request):
+@pytest.mark.parametrize("rule", ["robust", "exact"])
+def test_from_outlines_to_the_controller_bit_for_bit(
+    rule, controller, vfplan_cli, tmp_path, request
+):
     test_replay_reproduces_the_log_bit_for_bit(
-        "bone", "impedance", "robust", controller, vfplan_cli, tmp_path, request
+        "bone", "impedance", rule, controller, vfplan_cli, tmp_path, request
     )
 
 

@@ -22,6 +22,7 @@ RULES: tuple[Rule, ...] = ("robust", "paper")  # those that render points
 
 # Of R, and of the largest coordinate: what roundings may take from the clearance of rule "exact".
 EXACT_BAND = 1e-7
+MESH_BAND = 1e-5  # where it renders triangles: also what single precision takes, as in STL
 PAPER_BAND = 10e-6  # r2 - rc = rc - r1 of Algorithm 1 [m]
 
 # What float64 serves among coordinates of up to 1e6 m. Squares of such radii neither under- nor
@@ -218,9 +219,7 @@ class ProxyParameters:
         far = float(np.abs(points).max())
         least = ROUNDINGS_A_BAND * float(np.finfo(float).eps) * far
         if rule == "exact":
-            if axis is None:
-                raise SettingError("rule 'exact' is planar: ignore_axis None; allowed is an axis")
-            band = max(EXACT_BAND * (rc + rv), least)
+            band = max((EXACT_BAND if axis is not None else MESH_BAND) * (rc + rv), least)
         elif band is None:
             band = PAPER_BAND if rule == "paper" else default_band(points, rc, rv, axis)
         band = number("band", band, "m", above=0.0, most=rc, why="at most contact_radius")

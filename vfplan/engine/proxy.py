@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
+from vfplan.engine import renderable as allowed
 from vfplan.engine.checks import check_edit, check_hip, check_path, check_points
 from vfplan.engine.native import MAX_ITERATIONS, Search, iterations_of, native_parameters
 from vfplan.engine.parameters import ProxyParameters, Rule, Status, Step, Trace
-from vfplan.engine.renderable import best_rule, check_pieces, check_renderable
 from vfplan.engine.work import check_work
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, Pieces
@@ -68,7 +68,7 @@ class ProxyEngine:
         simd_width: int | None = None,
     ) -> None:
         if rule == "exact":
-            raise SettingError("rule 'exact' renders a curve, not points: use ProxyEngine.of")
+            raise SettingError("rule 'exact' renders no points: use ProxyEngine.of")
         cloud = check_points(points)
         self.parameters = ProxyParameters.make(
             cloud,
@@ -96,8 +96,6 @@ class ProxyEngine:
 
         Parameters
         ----------
-        fixture
-            One with rendering parameters.
         rule
             `None`: "exact" where the fixture knows its curve, else "robust". Rule "paper" has its
             own band.
@@ -107,29 +105,28 @@ class ProxyEngine:
         Raises
         ------
         SceneError
-            No rendering, one that no engine takes, strokes that guide, rule "exact" without a
-            curve of pieces, or points or pieces so dense that a tick may take longer than a loop
-            of 1 kHz can wait.
+            No rendering, one that no engine takes, strokes that guide, rule "exact" without what
+            it renders, or so much around one place that a tick may take too long for 1 kHz.
         """
-        check_renderable(fixture)
+        allowed.check_renderable(fixture)
         if fixture.guidance is not None:
             raise SceneError(
                 "the fixture guides: vfplan.Guide.of makes the guide, and of fixture.forbidden "
                 "an engine is made"
             )
-        rule = rule or best_rule(fixture)
-        settings = {
-            "contact_radius": fixture.contact_radius,
-            "point_radius": fixture.point_radius,
-            "stiffness": fixture.stiffness,
-            "ignore_axis": fixture.ignore_axis,
-        }
-        if rule == "exact" and best_rule(fixture) != "exact":
-            raise SceneError("rule 'exact': needs a curve of lines and arcs, and an axis")
+        rule = rule or allowed.best_rule(fixture)
+        names = "contact_radius", "point_radius", "stiffness", "ignore_axis"
+        settings = {name: getattr(fixture, name) for name in names}
+        kind = allowed.exact_of(fixture)
+        if rule == "exact" and kind is None:
+            raise SceneError("rule 'exact': needs a curve of pieces and an axis, or a mesh without")
         if not offline:
             check_work(fixture, rule)
-        if rule == "exact":
+        if rule == "exact" and kind == "curve":
             return cls.along(fixture.pieces, **settings)
+        if rule == "exact":
+            del settings["ignore_axis"]
+            return cls.on(fixture.points, fixture.mesh, **settings)
         band = None if rule == "paper" else fixture.band
         iterations = fixture.max_iterations
         return cls(fixture.points, rule=rule, band=band, max_iterations=iterations, **settings)
@@ -144,37 +141,40 @@ class ProxyEngine:
         ignore_axis: str | ArrayLike | None = "z",
         outer_radius: float | None = None,
     ) -> ProxyEngine:
-        """Rule "exact": an engine that renders lines and arcs as they are.
+        """Rule "exact": an engine that renders lines and arcs [m] as they are.
 
-        Parameters
-        ----------
-        pieces
-            The curve [m].
-        contact_radius, point_radius, stiffness, ignore_axis, outer_radius
-            As for the class; an axis must be ignored.
-
-        Raises
-        ------
-        SettingError
-            A parameter outside its range.
-        SceneError
-            Vertices, bulges or strokes that are no curve.
+        Settings are as for the class, an axis must be ignored; raises as it does.
         """
-        vertices, bulges, stroke, closed = check_pieces(pieces)
+        shape = allowed.check_pieces(pieces)
+        if ignore_axis is None:
+            raise SettingError("lines and arcs are planar: ignore_axis None; allowed is an axis")
+        return cls._exact(shape, contact_radius, point_radius, stiffness, ignore_axis, outer_radius)
+
+    @classmethod
+    def on(
+        cls,
+        points: ArrayLike,
+        triangles: ArrayLike,
+        contact_radius: float = 5e-3,
+        point_radius: float = 0.0,
+        stiffness: float | ArrayLike = 1000.0,
+        outer_radius: float | None = None,
+    ) -> ProxyEngine:
+        """Rule "exact": an engine that renders triangles, from both sides.
+
+        Corners (N, 3) [m], (K, 3) rows of them, and settings as for the class; raises as it does.
+        """
+        shape = allowed.check_triangles(points, triangles)
+        return cls._exact(shape, contact_radius, point_radius, stiffness, None, outer_radius)
+
+    @classmethod
+    def _exact(cls, shape: tuple, rc: float, rv: float, k: ArrayLike, axis, r3) -> ProxyEngine:
+        """Of what `check_pieces` or `check_triangles` gives."""
         self = cls.__new__(cls)
-        self.parameters = ProxyParameters.make(
-            vertices,
-            contact_radius=contact_radius,
-            point_radius=point_radius,
-            stiffness=stiffness,
-            rule="exact",
-            ignore_axis=ignore_axis,
-            outer_radius=outer_radius,
-        )
+        self.parameters = ProxyParameters.make(shape[0], rc, None, rv, k, "exact", axis, r3)
         native = native_parameters(self.parameters, MAX_ITERATIONS, "auto")
-        self._points = len(vertices)
-        self._source = None
-        self._engine = _core.Engine(vertices, bulges, stroke, closed, native)
+        self._points, self._source = len(shape[0]), None
+        self._engine = _core.Engine(*shape, native)
         return self
 
     @property
@@ -282,7 +282,7 @@ class ProxyEngine:
         """Exchange the engine for one whose points can be edited, as the first `edit` does."""
         if self._source is None:
             raise SceneError(
-                "edit: rule 'exact' renders a curve, which has no points to edit; rule 'robust' has"
+                "edit: rule 'exact' renders no points, which could be edited; rule 'robust' does"
             )
         if self._source:
             points, native, width = self._source
@@ -294,7 +294,7 @@ class ProxyEngine:
     def distance(self, positions: ArrayLike) -> NDArray[np.float64]:
         """Distance (T,) [m] of `positions` (T, 3) [m] to the fixture, across an ignored axis.
 
-        To the curve itself under rule "exact", else to the nearest point. A proxy's clearance is
+        To curve or triangles under rule "exact", else to the nearest point. A proxy's clearance is
         this less R = r_c + r_v.
         """
         return self._engine.distance(check_path(positions))

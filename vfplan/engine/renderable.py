@@ -6,8 +6,10 @@ range (docs/engine.md). A bundle outside it is sound, and no robot renders it.
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vfplan.engine.checks import Vector, check_points
 from vfplan.engine.parameters import ProxyParameters, Rule
@@ -39,10 +41,32 @@ def check_renderable(fixture: Fixture) -> ProxyParameters:
         raise SceneError(f"no engine renders it: {error.message}") from error
 
 
+def exact_of(fixture: Fixture) -> Literal["curve", "mesh"] | None:
+    """What rule "exact" renders: lines and arcs across an axis, triangles in space, or nothing."""
+    if fixture.rendering is None or fixture.guidance is not None:
+        return None
+    if fixture.ignore_axis is not None:
+        return "curve" if fixture.pieces else None
+    return "mesh" if fixture.mesh is not None else None
+
+
 def best_rule(fixture: Fixture) -> Rule:
     """The rule nearest to the truth: "exact" where lines and arcs across an axis are known."""
-    planar = fixture.rendering is not None and fixture.ignore_axis is not None
-    return "exact" if fixture.pieces and planar and fixture.guidance is None else "robust"
+    return "exact" if exact_of(fixture) == "curve" else "robust"
+
+
+def check_triangles(points: ArrayLike, triangles: ArrayLike) -> tuple[Vector, NDArray[np.int32]]:
+    """Points (N, 3) and triangles (K, 3) of them as the engine takes them.
+
+    Raises `SceneError` for shapes that do not fit, and for rows that are not there.
+    """
+    points, rows = check_points(points), np.asarray(triangles)
+    if rows.ndim != 2 or rows.shape[1:] != (3,) or not len(rows) or rows.dtype.kind not in "iu":
+        raise SceneError(f"triangles {rows.shape} {rows.dtype}: allowed are (K, 3) rows of points")
+    if rows.min() < 0 or rows.max() >= len(points):
+        least, most = rows.min(), rows.max()
+        raise SceneError(f"triangles of points {least} to {most}: there are 0 to {len(points) - 1}")
+    return points, np.ascontiguousarray(rows, dtype=np.int32)
 
 
 def check_pieces(pieces: Pieces) -> tuple[Vector, Vector, NDArray[np.int32], NDArray[np.uint8]]:

@@ -6,7 +6,13 @@ from vfplan import _core
 from vfplan.engine.checks import check_points
 from vfplan.engine.native import iterations_of, native_parameters
 from vfplan.engine.parameters import Rule
-from vfplan.engine.renderable import best_rule, check_pieces, check_renderable
+from vfplan.engine.renderable import (
+    best_rule,
+    check_pieces,
+    check_renderable,
+    check_triangles,
+    exact_of,
+)
 from vfplan.errors import SceneError
 from vfplan.fixture import Fixture
 
@@ -14,9 +20,9 @@ MOST_TICK_WORK = _core.most_tick_work  # [s] that a loop of 1 kHz gives a tick
 
 
 def work_of(fixture: Fixture, rule: Rule | None = None) -> float:
-    """Time [s] that a tick takes at most, by how many points or pieces lie together.
+    """Time [s] that a tick takes at most, by how many points, pieces or triangles lie together.
 
-    Of rule "exact" for a curve of lines and arcs, else of "robust", unless a rule is given.
+    Of the best rule unless one is given.
 
     A bound, computed in the C++ header work.hpp with the times of the machine of docs/engine.md.
 
@@ -25,6 +31,8 @@ def work_of(fixture: Fixture, rule: Rule | None = None) -> float:
     parameters = check_renderable(fixture)
     native = native_parameters(parameters, iterations_of(fixture.max_iterations), "auto")
     if (rule or best_rule(fixture)) == "exact":
+        if exact_of(fixture) == "mesh":
+            return _core.tick_work(*check_triangles(fixture.points, fixture.mesh), native)
         return _core.tick_work(*check_pieces(fixture.pieces), native)
     return _core.tick_work(check_points(fixture.points), native)
 

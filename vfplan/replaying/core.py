@@ -107,8 +107,7 @@ def replay(
     session
         A `Session`, a `SessionStream`, or the path of a session file.
     rule
-        "robust", "paper", "exact", or "both": robust and paper side by side. `None`: "exact" where
-        the fixture holds lines and arcs, else "robust".
+        "robust", "paper", "exact", or "both": robust and paper. `None`: the fixture's best.
     engine
         "native", or "reference": the paper's algorithms in NumPy (rule "paper" only).
     robot
@@ -249,15 +248,16 @@ def _scene(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any]:
         "stiffness_n_per_m": parameters.stiffness.tolist(),
         "frame": fixture.frame,
     }
-    if parameters.rule == "exact":
+    if parameters.rule != "exact":
+        scene["band_m"] = parameters.band
+    elif fixture.pieces:
         scene["lines_and_arcs"] = fixture.pieces.count
     else:
-        scene["band_m"] = parameters.band
+        scene["triangles"] = len(fixture.mesh)
     if fixture.max_iterations is not None and parameters.rule == "robust":
         scene["max_iterations"] = fixture.max_iterations
-    if fixture.ignore_axis is not None:
-        scene["ignore_axis"] = fixture.ignore_axis.tolist()
-    return scene
+    axis = fixture.ignore_axis
+    return scene if axis is None else scene | {"ignore_axis": axis.tolist()}
 
 
 def _result(

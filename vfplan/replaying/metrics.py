@@ -39,7 +39,8 @@ class Metrics:
         self._parameters = parameters
         self._ruler = CurveRuler.of(fixture)
         self._clearance = _clearance(fixture, parameters)
-        known = fixture.pieces.error if parameters.rule == "exact" else parameters.band
+        drawn = parameters.rule == "exact" and fixture.pieces
+        known = drawn.error if drawn else parameters.band
         self._episodes = Episodes(known, join_s)
         self._states = np.zeros(len(STATES), dtype=np.int64)
         self._state_s = np.zeros(len(STATES))
@@ -156,6 +157,6 @@ class Metrics:
 
 def _clearance(fixture: Fixture, parameters: ProxyParameters) -> Clearance | CurveClearance | None:
     """To what the rule renders: the curve itself, the points, or nothing where all guides."""
-    if parameters.rule == "exact":
+    if parameters.rule == "exact" and fixture.pieces:
         return CurveClearance(fixture)
     return Clearance(fixture) if len(fixture.forbidden) else None

@@ -17,6 +17,7 @@ namespace {
 
 using Numbers = nb::ndarray<const double, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 using Ids = nb::ndarray<const std::int32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Triples = nb::ndarray<const std::int32_t, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 using Numbers32 = nb::ndarray<const std::uint32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 using Flags = nb::ndarray<const std::uint8_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 
@@ -32,6 +33,10 @@ std::vector<vfplan::Stroke> strokes(const Rows& vertices, const Numbers& bulges,
         s.bulges.push_back(bulges(i));
     }
     return all;
+}
+
+vfplan::mesh::Surface surface(const Rows& points, const Triples& triangles) {
+    return {points.data(), points.shape(0), triangles.data(), triangles.shape(0)};
 }
 
 // False where the loop takes up nothing.
@@ -116,6 +121,13 @@ NB_MODULE(_core, m) {
             return vfplan::tick_work(strokes(vertices, bulges, stroke, closed), p);
         },
         "vertices"_a, "bulges"_a, "stroke"_a, "closed"_a, "parameters"_a);
+    m.def(
+        "tick_work",
+        [](const Rows& points, const Triples& triangles, const vfplan::Parameters& p) {
+            nb::gil_scoped_release release;
+            return vfplan::tick_work(surface(points, triangles), p);
+        },
+        "points"_a, "triangles"_a, "parameters"_a);
     m.attr("most_tick_work") = vfplan::most_tick_work;
 
     nb::class_<Engine>(m, "Engine")
@@ -134,6 +146,14 @@ NB_MODULE(_core, m) {
                 new (self) Engine(strokes(vertices, bulges, stroke, closed), p);
             },
             "vertices"_a, "bulges"_a, "stroke"_a, "closed"_a, "parameters"_a)
+        .def(
+            "__init__",
+            [](Engine* self, const Rows& points, const Triples& triangles,
+               const vfplan::Parameters& p) {
+                nb::gil_scoped_release release;
+                new (self) Engine(surface(points, triangles), p);
+            },
+            "points"_a, "triangles"_a, "parameters"_a)
         .def(
             "reset",
             [](Engine& e, const Row& hip) {

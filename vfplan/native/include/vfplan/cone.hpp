@@ -25,9 +25,10 @@ bool keeps(const Vec<D>& v, const Wall<D>* walls, int count, double slack) noexc
 }
 
 /// Nearest to u on the intersection of k <= 3 walls' planes, by Cramer's rule on their Gram matrix;
-/// false when two of them are nearly parallel.
+/// false where its determinant is `flattest` or less: two of them are nearly parallel.
 template <int D>
-bool on_planes(const Vec<D>& u, const Wall<D>* const* w, int k, Vec<D>& v) noexcept {
+bool on_planes(const Vec<D>& u, const Wall<D>* const* w, int k, double flattest,
+               Vec<D>& v) noexcept {
     double g[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, r[3] = {};
     for (int i = 0; i < k; ++i) {
         r[i] = w[i]->t - dot(w[i]->n, u);
@@ -39,7 +40,7 @@ bool on_planes(const Vec<D>& u, const Wall<D>* const* w, int k, Vec<D>& v) noexc
                m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0]);
     };
     const double all = determinant(g);
-    if (!(all > 1e-9)) return false;
+    if (!(all > flattest)) return false;
     v = u;
     for (int i = 0; i < k; ++i) {
         double m[3][3];
@@ -54,13 +55,14 @@ bool on_planes(const Vec<D>& u, const Wall<D>* const* w, int k, Vec<D>& v) noexc
 
 /// The nearest allowed step among all choices of at most D walls; 0 when the walls leave none.
 template <int D>
-Vec<D> project(const Vec<D>& u, const Wall<D>* walls, int count, double slack) noexcept {
+Vec<D> project(const Vec<D>& u, const Wall<D>* walls, int count, double slack,
+               double flattest = 1e-9) noexcept {
     if (detail::keeps(u, walls, count, slack)) return u;
     Vec<D> best;
     double least = -1;
     const auto offer = [&](const Wall<D>* const* chosen, int k) noexcept {
         Vec<D> v;
-        if (!detail::on_planes(u, chosen, k, v)) return;
+        if (!detail::on_planes(u, chosen, k, flattest, v)) return;
         const Vec<D> off = v - u;
         const double distance = dot(off, off);
         if (least >= 0 && distance >= least) return;

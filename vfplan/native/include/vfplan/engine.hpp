@@ -43,10 +43,13 @@ class Engine {
     Engine(const std::vector<Stroke>& strokes, const Parameters& p)
         : made_(detail::make(strokes, p)) {}
 
+    /// A mesh, rendered from its triangles: rule `exact`, in space. As for a curve.
+    Engine(const mesh::Surface& surface, const Parameters& p) : made_(detail::make(surface, p)) {}
+
     /// The engine of a bundle's fixture; include "vfplan/bundle/engine.hpp". Throws
     /// std::invalid_argument for one without rendering, and, unless it is used offline, for one
     /// whose ticks may take longer than a loop of 1 kHz can wait.
-    /// Without a rule: exact where it holds lines and arcs, else robust.
+    /// Without a rule: bundle::best_rule.
     explicit Engine(const bundle::Fixture& fixture, std::optional<Rule> rule = std::nullopt,
                     Use use = Use::real_time);
 

@@ -9,6 +9,7 @@
 #include "vfplan/changing.hpp"
 #include "vfplan/curve/exact.hpp"
 #include "vfplan/edited.hpp"
+#include "vfplan/mesh/exact.hpp"
 #include "vfplan/paper.hpp"
 #include "vfplan/robust.hpp"
 #include "vfplan/space.hpp"
@@ -166,12 +167,13 @@ struct Some final : AnyEngine {
     }
 };
 
-template <class K>
-struct Lines final : AnyEngine {
-    Slice space;
-    BasicEngine<Slice, curve::ExactRule, K> engine;
+/// Lines and arcs, or triangles, as they are.
+template <class S, class R, class K>
+struct Exact final : AnyEngine {
+    S space;
+    BasicEngine<S, R, K> engine;
 
-    Lines(Slice s, curve::ExactRule rule, K k, const Parameters& p)
+    Exact(S s, R rule, K k, const Parameters& p)
         : AnyEngine(most(p), p.R(), p.band), space(s), engine(s, std::move(rule), k) {}
     void reset(const Vec3& hip) noexcept override { engine.reset(hip); }
     void go_on(const Vec3& proxy, AnyEngine* before) noexcept override {
@@ -180,7 +182,7 @@ struct Lines final : AnyEngine {
     Step step(const Vec3& hip) noexcept override { return engine.step(hip); }
     std::size_t bytes() noexcept override { return sizeof(*this) + engine.rule().bytes(); }
     std::size_t cells() noexcept override { return engine.rule().cells(); }
-    bool planar() noexcept override { return true; }
+    bool planar() noexcept override { return S::dimension == 2; }
     double distance(const Vec3& at) noexcept override {
         return engine.rule().distance(space.across(at));
     }
@@ -234,6 +236,16 @@ inline Made make(const double* xyz, std::size_t n, const Parameters& p, Width wi
                          : in_space(Space{}, xyz, n, p, width);
 }
 
+template <class S, class R>
+Made exactly(S space, R rule, const Parameters& p) {
+    Made made;
+    with_stiffness(p, [&](auto stiffness) {
+        using Type = Exact<S, R, decltype(stiffness)>;
+        made = std::make_unique<Type>(space, std::move(rule), stiffness, p);
+    });
+    return made;
+}
+
 inline Made make(const std::vector<Stroke>& strokes, Parameters p) {
     p.rule = Rule::exact;
     p.band = curve::ExactRule::band(p, strokes);
@@ -241,13 +253,16 @@ inline Made make(const std::vector<Stroke>& strokes, Parameters p) {
     check(strokes);
     if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
     const Slice space(*p.ignore_axis);
-    curve::ExactRule rule(curve::Curve(strokes, space, p.R()), p);
-    Made made;
-    with_stiffness(p, [&](auto stiffness) {
-        using Type = Lines<decltype(stiffness)>;
-        made = std::make_unique<Type>(space, std::move(rule), stiffness, p);
-    });
-    return made;
+    return exactly(space, curve::ExactRule(curve::Curve(strokes, space, p.R()), p), p);
+}
+
+inline Made make(const mesh::Surface& surface, Parameters p) {
+    p.rule = Rule::exact;
+    mesh::check(surface);
+    p.band = mesh::ExactRule::band(p, surface);
+    check(p);
+    if (p.ignore_axis) reject("rule exact renders a mesh in space: without an ignore_axis");
+    return exactly(Space{}, mesh::ExactRule(mesh::Mesh(surface), p), p);
 }
 
 }  // namespace detail

@@ -11,6 +11,7 @@
 
 #include "vfplan/cloud.hpp"
 #include "vfplan/curve/exact.hpp"
+#include "vfplan/mesh/exact.hpp"
 #include "vfplan/neighbours.hpp"
 #include "vfplan/parameters.hpp"
 #include "vfplan/space.hpp"
@@ -149,6 +150,28 @@ inline double tick_work(const std::vector<Stroke>& strokes, const Parameters& p)
     const curve::Curve curve(strokes, Slice(*p.ignore_axis), p.R());
     const double near = crowd(curve, curve::ExactRule::list_reach * p.R());
     return curve::ExactRule::most_iterations * (an_iteration + a_feature * near);
+}
+
+/// Likewise for a mesh: the most triangles that reach into a ball, counted by their middles.
+inline double tick_work(const mesh::Surface& s, const Parameters& p) {
+    using Rule = mesh::ExactRule;
+    constexpr double an_iteration = 3e-6, a_triangle = 30e-9;  // [s]
+    mesh::check(s);
+    std::vector<double> middles(3 * s.k);
+    double size = 0;
+    for (std::size_t i = 0; i < s.k; ++i) {
+        Vec3 corner[3], middle;
+        for (std::size_t j = 0; j < 3; ++j) {
+            const double* c = s.points + 3 * static_cast<std::size_t>(s.triangles[3 * i + j]);
+            corner[j] = {{c[0], c[1], c[2]}};
+            middle = middle + (1.0 / 3) * corner[j];
+        }
+        for (const Vec3& c : corner) size = std::max(size, norm(c - middle));
+        std::copy_n(middle.c, 3, &middles[3 * i]);
+    }
+    const auto cloud = make_cloud(Space{}, middles.data(), s.k);
+    return Rule::most_iterations *
+           (an_iteration + a_triangle * crowd(cloud, Rule::list_reach * p.R() + size));
 }
 
 /// The most tick_work [s] that a loop of 1 kHz is given.

@@ -42,18 +42,25 @@ inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked =
     return p;
 }
 
+/// The fixture's mesh; it stays the fixture's.
+inline mesh::Surface surface(const Fixture& fixture) {
+    return {fixture.points.data(), fixture.size(), fixture.mesh.data(), fixture.mesh.size() / 3};
+}
+
 /// Throws std::invalid_argument where a tick may take longer than a loop of 1 kHz can wait.
 inline void check_work(const Fixture& fixture, const Parameters& p) {
-    const double work = p.rule == Rule::exact ? tick_work(fixture.pieces, p)
-                                              : tick_work(fixture.points.data(), fixture.size(), p);
+    const double work = p.rule != Rule::exact  ? tick_work(fixture.points.data(), fixture.size(), p)
+                        : fixture.mesh.empty() ? tick_work(fixture.pieces, p)
+                                               : tick_work(surface(fixture), p);
     if (work > most_tick_work)
         reject("a tick may take " + rounded(1e6 * work) + " us, at most " +
                rounded(1e6 * most_tick_work) +
-               " us are given: too many points or pieces around one place, or max_iterations too "
+               " us are given: too many points or pieces around one place, or "
+               "max_iterations too "
                "high; Use::offline takes it");
 }
 
-/// By its lines and arcs, or by its points. One that guides is no
+/// By its lines and arcs, its triangles, or its points. One that guides is no
 /// forbidden region, or not all of it: std::invalid_argument.
 inline Engine make_engine(const Fixture& fixture, const Parameters& p, Use use) {
     if (fixture.guidance)
@@ -61,6 +68,7 @@ inline Engine make_engine(const Fixture& fixture, const Parameters& p, Use use) 
             "the fixture guides: vfplan/bundle/guide.hpp makes the guide, and of forbidden() "
             "an engine is made");
     if (use == Use::real_time) check_work(fixture, p);
+    if (p.rule == Rule::exact && !fixture.mesh.empty()) return {surface(fixture), p};
     if (p.rule == Rule::exact) return {fixture.pieces, p};
     return {fixture.points.data(), fixture.size(), p};
 }

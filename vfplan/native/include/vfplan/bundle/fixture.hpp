@@ -61,6 +61,7 @@ struct Fixture {
     bool certified = false;  // no proxy of this radius passes between samples
     std::string created_utc;
     std::vector<vfplan::Stroke> pieces;  // lines and arcs, a stroke each; none where unknown
+    std::vector<std::int32_t> mesh;      // three points a triangle, or empty
     Seal seal;
 
     [[nodiscard]] std::size_t size() const { return points.size() / 3; }
@@ -193,6 +194,7 @@ inline Fixture to_fixture(Bundle bundle) {
     }
     if (content.has("/curve/stroke")) fixture.strokes = detail::strokes_of(content);
     if (content.has("/guidance@radius_m")) fixture.guidance = detail::guidance_of(content);
+    if (content.has("/mesh/triangles")) fixture.mesh = content.take("/mesh/triangles").i4;
     if (content.has("/pieces/vertices")) fixture.pieces = detail::pieces_of(content);
     fixture.seal = std::move(bundle.seal);
     return fixture;

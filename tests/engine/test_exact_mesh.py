@@ -1,0 +1,203 @@
+"""Rule "exact" among triangles: the guarantees against the mesh itself, its truth in closed form.
+
+`meshes.py` draws the cases and judges them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import meshes
+import numpy as np
+import pytest
+from meshes import R
+
+import vfplan
+from vfplan.errors import SceneError
+from vfplan.fixture import Fixture, Provenance, Rendering
+from vfplan.study.bench.mesh import Triangles
+from vfplan.study.scenes import god_object
+
+BROKEN = "inside", "grown", "through", "restless", "stuck"
+
+
+def case(seed, tally):
+    """One mesh, ten paths: guarantees 1 to 3 in every tick, the last one held."""
+    rng = np.random.default_rng(seed)
+    points, triangles, closed = meshes.mesh(rng)
+    offset = rng.choice([0, 0, 1.0]) * rng.normal(size=3)
+    points = points + offset
+    corners = points[triangles]
+    share = rng.choice([1.0, 1.0, 0.6])
+    engine = vfplan.ProxyEngine.on(points, triangles, share * R, R - share * R)
+    band = engine.parameters.band
+    proxy = points.mean(axis=0) + np.array([1, 0.3, 0.2]) * (np.ptp(points) + 6 * R)
+    if rng.random() < 0.15:
+        proxy = points[rng.integers(len(points))] + rng.normal(size=3) * R / 2
+    normal = np.array([1.0, 0, 0])
+    engine.reset(proxy)
+    for _ in range(10):
+        hips = meshes.path(rng, proxy, normal, corners)
+        hips = np.vstack([hips, np.repeat(hips[-1:], 3, axis=0)])
+        trace = engine.run(hips)
+        x = trace.proxy
+        before = np.vstack([proxy, x[:-1]])
+        out = (trace.status & vfplan.Status.INSIDE) == 0
+        out[1:] &= out[:-1]
+        assert np.isfinite(trace.force).all()
+        low = R - band - meshes.distance(corners, x)
+        grown = np.linalg.norm(x - hips, axis=1) - np.linalg.norm(before - hips, axis=1)
+        tally["ticks"] += len(x)
+        tally["contact"] += int((trace.state > 0).sum())
+        tally["inside"] += int((out & (low > 1e-13)).sum())
+        tally["grown"] += int((out & (grown > band)).sum())
+        tally["limit"] += int((trace.status & vfplan.Status.LIMIT > 0).sum())
+        if closed:
+            side = meshes.winding(corners, np.vstack([before[:1], x]))
+            tally["through"] += int((out & (side[1:] != side[:-1])).sum())
+        if out[-4:].all() and not (trace.status[-1] & vfplan.Status.LIMIT):
+            tally["rests"] += 1
+            settled = trace.status[-2] == 0
+            tally["restless"] += int(settled and not np.array_equal(x[-1], x[-2]))
+            tally["stuck"] += int(meshes.way_left(rng, corners, x[-1], hips[-1]) > 0.05)
+        proxy, normal = x[-1], trace.normal[-1]
+
+
+def test_never_inside_never_grows_and_rests():
+    tally = Counter()
+    for seed in range(12):
+        case(seed, tally)
+    print(dict(tally))  # pytest -s: the numbers of docs/algorithm.md
+    assert [tally[name] for name in BROKEN] == [0] * len(BROKEN), tally
+    assert tally["contact"] > 0.3 * tally["ticks"] > 2e3, tally
+
+
+@pytest.mark.full
+def test_never_inside_in_a_million_ticks():
+    tally = Counter()
+    for seed in range(100, 1800):
+        case(seed, tally)
+    print(dict(tally))
+    assert [tally[name] for name in BROKEN] == [0] * len(BROKEN), tally
+    assert tally["ticks"] > 1e6, tally
+
+
+def test_a_box_is_rounded_in_closed_form():
+    """Over faces, edges and corners: the HIP, carried from the box's nearest place to R from it."""
+    size = np.array([0.03, 0.02, 0.025])
+    engine = vfplan.ProxyEngine.on(*meshes.box(size), R)
+    rng = np.random.default_rng(5)
+    way = np.cumsum(rng.normal(size=(4000, 3)), axis=0)
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    nearest = np.clip(way * 0.05, -size / 2, size / 2)
+    normal = way * 0.05 - nearest
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    engine.reset(nearest[0] + 2 * R * normal[0])
+    trace = engine.run(nearest + R * rng.uniform(0.4, 0.9, size=(4000, 1)) * normal)
+    assert np.abs(trace.proxy - nearest - R * normal).max() < 5e-7
+    assert (trace.status == 0).mean() > 0.99
+    assert (trace.state == 1).all()
+
+
+def test_corners_and_grooves_hold_it_where_two_and_three_walls_meet():
+    corner = np.vstack([np.zeros(3), np.eye(3)]), [[0, 1, 2], [0, 2, 3], [0, 3, 1]]
+    engine = vfplan.ProxyEngine.on(*corner, R)
+    engine.reset([0.02, 0.03, 0.04])
+    held = engine.step([-1e-3, -2e-3, 3e-3])
+    assert held.proxy == pytest.approx([R, R, R], abs=1e-9)
+    assert held.force == pytest.approx([6, 7, 2], abs=1e-6)
+    wide, deep = 0.02, 0.03
+    points = [[x, y, z] for x, z in ((-wide, deep), (0, 0), (wide, deep)) for y in (-1, 1)]
+    engine = vfplan.ProxyEngine.on(points, [[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4]], R)
+    engine.reset([0, 0, 0.05])
+    low = R * np.hypot(wide, deep) / wide  # where the ball touches both sides
+    along = np.linspace(0, 0.2, 300)
+    trace = engine.run(np.column_stack([0 * along, along, 0 * along + 1e-3]))
+    assert trace.proxy[1:] == pytest.approx(
+        np.column_stack([0 * along, along, 0 * along + low])[1:], abs=1e-9
+    )
+
+
+def test_a_rough_sheet_as_the_slow_god_object_has_it():
+    """The truth slides in small steps among distances alone, by another method."""
+    rng = np.random.default_rng(8)
+    points, triangles = meshes.sheet(rng, 4, 1e-3)
+    truth = (Triangles(points[triangles]),)
+    engine = vfplan.ProxyEngine.on(points, triangles, R)
+    spots = rng.uniform(-1, 1, size=(6, 3)) * [1.5 * R, 1.5 * R, 1e-3]
+    for spot in spots:
+        start, hip = np.add(spot, [0, 0, 3 * R]), np.add(spot, [0, 0, 2e-3])
+        engine.reset(start)
+        engine.step(start)
+        found = engine.run(np.repeat(hip[None], 20, axis=0)).proxy[-1]
+        assert np.abs(found - god_object.follow(truth, start, hip, R)).max() < 1e-6
+
+
+def test_a_sphere_of_many_triangles_is_the_sphere():
+    """Within what the facets take of it; the proxy stays at R from the mesh itself."""
+    points, triangles = meshes.sphere(0.03, 5)
+    engine = vfplan.ProxyEngine.on(points, triangles, R)
+    turn = np.linspace(0, 1, 600)
+    way = np.column_stack([np.cos(turn), np.sin(turn) * 0.8, np.sin(turn) * 0.6])
+    engine.reset(0.05 * way[0])
+    trace = engine.run(0.033 * way)
+    assert np.abs(np.linalg.norm(trace.proxy, axis=1) - 0.03 - R).max() < 3e-5
+    assert engine.distance(trace.proxy).min() >= R - engine.parameters.band
+    assert (trace.status == 0).all()
+
+
+def test_a_start_inside_is_led_out_without_a_jump():
+    rng = np.random.default_rng(3)
+    for seed in range(8):
+        points, triangles, _ = meshes.mesh(np.random.default_rng(seed))
+        engine = vfplan.ProxyEngine.on(points, triangles, R, stiffness=1000.0)
+        start = points[triangles[rng.integers(len(triangles)), 0]]
+        path = np.cumsum(rng.normal(size=(1500, 3)) * 2e-5, axis=0) + start
+        engine.reset(path[0])
+        trace = engine.run(path)
+        busy = (trace.status & vfplan.Status.INSIDE) > 0
+        assert busy[0]
+        assert not busy[-1]
+        moved = np.linalg.norm(np.diff(path, axis=0), axis=1)
+        jump = np.linalg.norm(np.diff(trace.force, axis=0), axis=1)
+        assert (jump <= 1000 * (2 * moved + R / 128))[busy[1:] & busy[:-1]].all()
+
+
+def fixture(points, triangles):
+    made = Provenance("2026-01-01T00:00:00Z", "vfplan test")
+    rendering = Rendering(np.full(3, 1000.0), R, 1e-5)
+    return Fixture("robot_base", points, made, mesh=triangles, rendering=rendering)
+
+
+def test_a_fixture_with_a_mesh():
+    ball = fixture(*meshes.sphere(0.03, 4))
+    engine = vfplan.ProxyEngine.of(ball, "exact")
+    assert engine.rule == "exact"
+    middle = ball.points[ball.mesh[0]].mean(axis=0)
+    assert engine.distance([middle])[0] < 1e-15
+    assert vfplan.ProxyEngine.of(ball, "robust").distance([middle])[0] > 1e-4
+    with pytest.raises(SceneError, match="needs a curve of pieces and an axis, or a mesh"):
+        vfplan.ProxyEngine.of(fixture(ball.points, None), "exact")
+
+
+@pytest.mark.parametrize(
+    ("triangles", "said"),
+    [
+        ([[0, 1]], r"\(K, 3\)"),
+        ([[0, 1, 3]], "there are 0 to 2"),
+        ([[0, -1, 2]], "there are 0 to 2"),
+        ([[0.0, 1, 2]], "rows of points"),
+        (np.empty((0, 3), int), "rows of points"),
+    ],
+)
+def test_what_is_no_mesh_is_refused(triangles, said):
+    with pytest.raises(SceneError, match=said):
+        vfplan.ProxyEngine.on(np.eye(3), triangles)
+
+
+def test_too_many_triangles_in_one_place_are_refused():
+    points, triangles = meshes.sphere(0.004, 5)
+    dense = fixture(points, triangles)
+    with pytest.raises(SceneError, match="a tick may take"):
+        vfplan.ProxyEngine.of(dense, "exact")
+    assert vfplan.ProxyEngine.of(dense, "exact", offline=True).rule == "exact"

@@ -1,0 +1,231 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// Rule `exact` for a mesh: the proxy among triangles, not among samples of them.
+//
+// A step is the one nearest to the HIP that keeps to all walls met so far, swept anew until it
+// meets no other triangle. Free space between walls is convex: no step passes through anything, and
+// each brings the proxy nearer to the HIP.
+#pragma once
+
+#include <utility>
+
+#include "vfplan/escape.hpp"
+#include "vfplan/mesh/near.hpp"
+#include "vfplan/paper.hpp"
+
+namespace vfplan::mesh {
+
+/// What a start may be inside of: all that lies nearer to the mesh than R.
+class Bands {
+  public:
+    explicit Bands(double radius) noexcept : R_(radius) {}
+
+    Vec3 from_nearest(const Mesh& mesh, const Vec3& x) const noexcept {
+        double least = R_ * (1 + 1e-6);
+        const auto i = mesh.nearest(x, least);
+        return i == Mesh::none ? Vec3{} : x - mesh[i].nearest(x);
+    }
+    /// Out of what lies around the nearest triangle.
+    double out(const Mesh& mesh, const Vec3& y, const Vec3& d) const noexcept {
+        double least = R_ * (1 - 1e-9);
+        const auto i = mesh.nearest(y, least);
+        if (i == Mesh::none) return -never;
+        double s = mesh[i].reaches(d) - dot(d, y) + R_;  // beyond the end, and back to it
+        for (int k = 0; k < 32; ++k) {
+            const Vec3 w = y + s * d - mesh[i].nearest(y + s * d);
+            const double r = norm(w), over = r - R_;
+            if (!(over > 1e-10 * R_)) break;
+            s -= over * r / dot(w, d);
+        }
+        return std::max(s, 0.0);
+    }
+
+  private:
+    double R_;
+};
+
+class ExactRule {
+  public:
+    static constexpr int dimension = 3;
+    /// Of R: what a file's single precision, and roundings, may let the proxy sink.
+    static constexpr double finest = 1e-5;
+    static constexpr int most_iterations = 16;
+    static constexpr double list_reach = Near::list_reach;  // of R
+
+    static double band(const Parameters& p, const Surface& s) noexcept {
+        double most = 0;
+        for (std::size_t i = 0; i < 3 * s.n; ++i) most = std::max(most, std::abs(s.points[i]));
+        const double rounding = std::numeric_limits<double>::epsilon() * most;
+        return std::max(finest * p.R(), roundings_a_band * rounding);
+    }
+
+    ExactRule(Mesh mesh, const Parameters& p)
+        : R_(p.R()),
+          band_(p.band),
+          outer_(p.outer_radius + p.point_radius),
+          near_(std::move(mesh), R_, band_),
+          walls_(R_, band_),
+          escape_(Bands(R_), R_) {}
+
+    void reset() noexcept {
+        escape_.stop();
+        held_ = taking_over_ = rests_ = stays_ = false;
+        near_.forget();
+        walls_.clear();
+    }
+    /// As a reset, but a proxy that is inside is led out from where it is.
+    void go_on(const Passage<3>* before) noexcept {
+        reset();
+        stays_ = true;
+        escape_.keep_to(before);
+    }
+    std::size_t bytes() const noexcept { return near_.bytes(); }
+    std::size_t cells() const noexcept { return mesh().boxes(); }
+    double distance(const Vec3& x) const noexcept {
+        double least = never;
+        mesh().nearest(x, least);
+        return least;
+    }
+
+    /// One servo loop.
+    Tick<3> operator()(Vec3& proxy, const Vec3& hip) noexcept {
+        Tick<3> tick;
+        if (!held_ && !enter(proxy, hip)) {
+            tick.state = State::entrenched;
+            tick.normal = escape_.way();
+            tick.status = escape_.status();
+            return tick;
+        }
+        if (rests_ && hip == hip_) return last_;
+        hip_ = hip;
+        const Vec3 start = proxy;
+        Leash<3> leash{};
+        if (taking_over_) leash = escape_.leash(proxy, hip);
+        const End end = go(proxy, hip, taking_over_ ? &leash : nullptr);
+        if (taking_over_) {
+            taking_over_ = end == End::leash || (end == End::limit && ++unfinished_ < 32);
+            if (taking_over_) tick.status = inside;
+        }
+        if (end == End::limit) tick.status |= limit;
+        double near = near_.nearest(proxy, walls_);
+        if (!(near >= R_ - band_)) {  // cannot happen; if it does, stay where it was safe
+            proxy = start;
+            walls_.clear();
+            near = near_.nearest(proxy, walls_);
+            tick.status |= limit;
+            held_ = near >= R_ - band_;  // else it is taken out, from the next tick on
+        }
+        rests_ = tick.status == ok;
+        describe(proxy, hip, near, tick);
+        return last_ = tick;
+    }
+
+  private:
+    enum class End { rest, leash, limit };
+
+    const Mesh& mesh() const noexcept { return near_.mesh(); }
+
+    /// Makes sure that the proxy is outside; false while it is on its way out.
+    bool enter(Vec3& proxy, const Vec3& hip) noexcept {
+        if (!escape_.active()) {
+            double least = R_ - band_;
+            if (mesh().nearest(proxy, least) == Mesh::none) return escape_.stop(), held_ = true;
+            anchor_ = proxy;
+            escape_.begin(mesh(), stays_ ? proxy : hip);
+        }
+        held_ = escape_.step(mesh(), stays_ ? anchor_ : hip, proxy);
+        taking_over_ = held_ && !(proxy == hip);
+        if (held_) {
+            escape_.meets(hip);
+            stays_ = false;
+        }
+        unfinished_ = 0;
+        walls_.clear();
+        rests_ = false;
+        return false;
+    }
+
+    /// From x towards the HIP at h.
+    End go(Vec3& x, const Vec3& h, const Leash<3>* leash) noexcept {
+        for (int i = 0; i < most_iterations; ++i) {
+            const Vec3 u = h - x, v = rounds(x, u, step(x, u));
+            const double length = norm(v);
+            const double most =
+                leash && length > 0 ? (*leash)(x, (1 / length) * v, length) : length;
+            x = most < length ? x + (most / length) * v : v == u ? h : x + v;
+            if (most < length) return End::leash;
+            if (v == u || length < band_ / 8) return End::rest;
+        }
+        return End::limit;
+    }
+
+    /// The step from x that is nearest to u and meets nothing; it leaves its walls.
+    Vec3 step(const Vec3& x, const Vec3& u) noexcept {
+        Vec3 v = u;
+        const Walls before = walls_;
+        walls_.clear();
+        for (int j = 0; j < before.count(); ++j) {  // what touches it most likely holds it again
+            Hit hit;
+            hit.t = band_ / (norm(v) + band_);
+            if (near_.meets(before.on(j), x, v, hit)) walls_.turn(x, u, hit, v);
+        }
+        for (;;) {
+            const Hit hit = near_.sweep(x, v, walls_);
+            if (hit.i == Mesh::none) return v;
+            const Vec3 tried = v;
+            if (!walls_.turn(x, u, hit, v)) return hit.t * tried;
+        }
+    }
+
+    /// The step v, which meets one wall, further where it rounds an edge or a corner and falls off
+    /// behind: to where it comes no nearer to the HIP at most.
+    Vec3 rounds(const Vec3& x, const Vec3& u, const Vec3& v) noexcept {
+        if (walls_.count() != 1) return v;
+        const Vec3 fall = walls_.met() * u, n = walls_.normal(0);
+        const Triangle& t = mesh()[walls_.on(0)];
+        Vec3 slide = v - fall;
+        int straight = 0;
+        for (const Vec3& side : {t.ab, t.ac, t.ac - t.ab}) {
+            const double p = dot(n, side), square = dot(side, side);
+            if (!(square > 0) || p * p > 1e-12 * square) continue;
+            if (++straight > 1) return v;  // its face
+            slide = slide - (dot(slide, side) / square) * side;
+        }
+        const double left = R_ + dot(n, u - fall);
+        const double more = 1.9 * left > R_ ? R_ / left - 1 : 0.9;
+        if (!(more > 0 && dot(slide, slide) > band_ * band_ / 64)) return v;
+        const Vec3 further = v + more * slide;
+        return near_.sweep(x, further, walls_).i == Mesh::none ? further : v;
+    }
+
+    void describe(const Vec3& x, const Vec3& hip, double near, Tick<3>& tick) noexcept {
+        if (near <= R_ + band_) {
+            tick.state = State::in_contact;
+            tick.normal = walls_.count() == 1 ? walls_.normal(0) : along(x - hip, 1);
+            if (!(dot(tick.normal, tick.normal) > 0)) tick.normal = away(x);
+            return;
+        }
+        double least = outer_;
+        if (near < outer_ || (seen_ < mesh().size() && mesh()[seen_].distance(x) < outer_))
+            tick.state = State::free_motion;
+        else if ((seen_ = mesh().nearest(x, least)) != Mesh::none)
+            tick.state = State::free_motion;
+    }
+    Vec3 away(const Vec3& x) const noexcept {
+        double least = never;
+        return along(x - mesh()[mesh().nearest(x, least)].nearest(x), 1);
+    }
+
+    double R_, band_, outer_;
+    Near near_;
+    Walls walls_;  // of the last step
+    Escape<3, const Mesh, Bands> escape_;
+    Vec3 hip_, anchor_;                // anchor_: where a way out began on which the proxy stays
+    std::uint32_t seen_ = Mesh::none;  // lay near a free proxy
+    Tick<3> last_;
+    int unfinished_ = 0;
+    bool held_ = false, taking_over_ = false, rests_ = false;
+    bool stays_ = false;  // on the way out the proxy does not go with the HIP
+};
+
+}  // namespace vfplan::mesh

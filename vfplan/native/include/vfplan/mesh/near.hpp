@@ -1,0 +1,187 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// Steps among triangles: what a straight one meets first, and the walls that it then keeps to.
+//
+// All that lies nearer to a triangle than R is convex. Where a way first meets it, a plane parts
+// the two: a wall. A triangle behind a wall needs none of its own, so that coplanar neighbours are
+// one.
+#pragma once
+
+#include "vfplan/cone.hpp"
+#include "vfplan/mesh/triangles.hpp"
+
+namespace vfplan::mesh {
+
+/// Triangle i is met after the part t of a step, where `at` is its nearest place.
+struct Hit {
+    double t = 1;
+    std::uint32_t i = Mesh::none;
+    Vec3 normal, at;
+};
+
+/// The walls of a step from one place.
+class Walls {
+  public:
+    static constexpr int most = 8;
+    static constexpr double flattest = 1e-14;  // of two walls: the square of the angle between
+
+    Walls(double radius, double band) noexcept : R_(radius), band_(band) {}
+
+    void clear() noexcept { count_ = 0; }
+    int count() const noexcept { return count_; }
+    std::uint32_t on(int j) const noexcept { return on_[j]; }
+    const Vec3& normal(int j) const noexcept { return wall_[j].n; }
+    /// The part of the way towards the HIP at which it met the first.
+    double met() const noexcept { return met_; }
+
+    /// Another wall of steps from x, and the one nearest to u that keeps to all; false, and v as it
+    /// was, where there is none.
+    bool turn(const Vec3& x, const Vec3& u, const Hit& hit, Vec3& v) noexcept {
+        if (count_ == most) return false;
+        if (count_ == 0) met_ = hit.t;
+        for (int j = 0; j < count_; ++j)
+            if (on_[j] == hit.i && dot(wall_[j].n, hit.normal) > 1 - 1e-12) return false;
+        on_[count_] = hit.i;
+        level_[count_] = dot(hit.normal, hit.at);
+        wall_[count_] = {hit.normal, R_ - dot(hit.normal, x - hit.at)};
+        ++count_;
+        const Vec3 w = project(u, wall_, count_, band_ / 16, flattest);
+        const bool done = dot(w, w) > 0 || detail::keeps(w, wall_, count_, band_ / 16);
+        if (done)
+            v = w;
+        else
+            --count_;
+        return done;
+    }
+
+    /// Whether a triangle lies behind a wall, so that no step that keeps to that wall meets it.
+    bool hide(const Triangle& t) const noexcept {
+        for (int j = 0; j < count_; ++j)
+            if (t.reaches(wall_[j].n) <= level_[j] + band_ / 4) return true;
+        return false;
+    }
+    /// Whether one of them parts x from all that lies nearer than about R to a triangle.
+    bool part(const Vec3& x, const Triangle& t) const noexcept {
+        for (int j = 0; j < count_; ++j)
+            if (dot(wall_[j].n, x) - t.reaches(wall_[j].n) >= R_ - band_ / 2) return true;
+        return false;
+    }
+
+  private:
+    double R_, band_;
+    Wall<3> wall_[most];
+    double level_[most] = {};  // along its normal, of what lies behind a wall
+    std::uint32_t on_[most] = {};
+    int count_ = 0;
+    double met_ = 0;
+};
+
+/// A mesh, and a list of what of it lies near the proxy.
+class Near {
+  public:
+    static constexpr double skin = 0.1;                 // of R: how far it may go with one list
+    static constexpr double list_reach = 1 + 2 * skin;  // of R
+
+    Near(Mesh mesh, double radius, double band)
+        : mesh_(std::move(mesh)), R_(radius), band_(band), low_(radius - band / 2) {
+        list_.reserve(mesh_.size());
+    }
+    const Mesh& mesh() const noexcept { return mesh_; }
+    std::size_t bytes() const noexcept {
+        return mesh_.bytes() + list_.capacity() * sizeof list_[0];
+    }
+    void forget() noexcept { gathered_ = false; }
+
+    /// Whether x + t v comes nearer to triangle i than roundings take, before hit.t. The distance
+    /// from it is convex along the way: Newton's method goes up to the meeting, never beyond.
+    bool meets(std::uint32_t i, const Vec3& x, const Vec3& v, Hit& hit) const noexcept {
+        constexpr int most = 24;
+        const Triangle& triangle = mesh_[i];
+        double t = 0;
+        for (int k = 1; k <= most; ++k) {
+            const Vec3 y = x + t * v, at = triangle.nearest(y), w = y - at;
+            const double r = norm(w), slope = dot(w, v), over = r - low_;
+            if (!(slope < 0)) return false;
+            if (over <= band_ / 16 || k == most) {
+                hit = {t, i, (1 / r) * w, at};
+                return true;
+            }
+            t -= over * r / slope;
+            if (!(t < hit.t)) return false;
+        }
+        return false;
+    }
+
+    /// What the step v from x meets first, behind no wall. Looked at from near to far.
+    Hit sweep(const Vec3& x, const Vec3& v, const Walls& walls) noexcept {
+        Hit hit;
+        const double length = norm(v), first = skin * R_ / 2;
+        hit.t = length > first ? first / length : 1;
+        gather(x, hit.t * length);
+        for (const Item& n : list_) {
+            const double reach = R_ + hit.t * length + n.size;
+            const Vec3 w = x - n.middle;
+            if (dot(w, w) < reach * reach && !walls.hide(mesh_[n.i])) meets(n.i, x, v, hit);
+        }
+        if (hit.i != Mesh::none || !(length > first)) return hit;
+        hit.t = 1;
+        mesh_.visit(
+            [&](const Vec3& low, const Vec3& high) noexcept {
+                double a, b;
+                return Box<3>{low, high}.clip(x, v, hit.t, R_, a, b);
+            },
+            [&](std::uint32_t i) noexcept {
+                if (!walls.hide(mesh_[i])) meets(i, x, v, hit);
+            });
+        return hit;
+    }
+
+    /// Distance from the mesh where that is less than about R, else some more [m]. What the proxy's
+    /// walls part from it is not looked at: it is no nearer than they are.
+    double nearest(const Vec3& x, const Walls& walls) noexcept {
+        gather(x, 0);
+        double least = never;
+        for (int j = 0; j < walls.count(); ++j)
+            least = std::min(least, mesh_[walls.on(j)].distance(x));
+        const bool touches = least <= R_ + band_;
+        for (const Item& n : list_) {
+            const double reach = least + n.size;
+            const Vec3 w = x - n.middle;
+            if (dot(w, w) < reach * reach && !(touches && walls.part(x, mesh_[n.i])))
+                least = std::min(least, mesh_[n.i].distance(x));
+        }
+        return least;
+    }
+
+  private:
+    struct Item {
+        Vec3 middle;
+        double size;  // from the middle to a corner
+        std::uint32_t i;
+    };
+
+    /// The list serves a step of this length from x; gathered anew if it has to.
+    void gather(const Vec3& x, double length) noexcept {
+        if (gathered_ && norm(x - centre_) + length <= skin * R_) return;
+        list_.clear();
+        centre_ = x;
+        gathered_ = true;
+        const double reach = R_ * (1 + skin) + 2 * band_;
+        mesh_.around(x, reach, [&](std::uint32_t i) noexcept {
+            const Triangle& t = mesh_[i];
+            const Vec3 middle = t.a + (1.0 / 3) * (t.ab + t.ac);
+            double size = 0;
+            for (const Vec3& c : {t.a, t.a + t.ab, t.a + t.ac})
+                size = std::max(size, norm(c - middle));
+            if (norm(x - middle) <= reach + size) list_.push_back({middle, size, i});
+        });
+    }
+
+    Mesh mesh_;
+    double R_, band_, low_;
+    std::vector<Item> list_;  // triangles near centre_
+    Vec3 centre_;
+    bool gathered_ = false;
+};
+
+}  // namespace vfplan::mesh

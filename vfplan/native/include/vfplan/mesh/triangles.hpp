@@ -1,0 +1,180 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// Triangles in space, and what of them lies near: the place of each that is nearest to a point, and
+// a tree of boxes above them.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "vfplan/cloud.hpp"
+
+namespace vfplan::mesh {
+
+inline constexpr double never = std::numeric_limits<double>::infinity();
+
+/// A mesh as it is handed to the engine: three rows of points a triangle.
+struct Surface {
+    const double* points = nullptr;  ///< x y z of each in turn [m]
+    std::size_t n = 0;
+    const std::int32_t* triangles = nullptr;
+    std::size_t k = 0;
+};
+
+/// Throws std::invalid_argument on a surface that no engine takes.
+inline void check(const Surface& s) {
+    if (s.k == 0) reject("a mesh needs at least one triangle");
+    for (std::size_t i = 0; i < 3 * s.n; ++i)
+        if (!(std::abs(s.points[i]) <= largest_coordinate)) reject("points must be within 1e6 m");
+    for (std::size_t i = 0; i < 3 * s.k; ++i)
+        if (s.triangles[i] < 0 || static_cast<std::size_t>(s.triangles[i]) >= s.n)
+            reject("triangles name points that are not there");
+}
+
+struct Triangle {
+    Vec3 a, ab, ac;         ///< a corner, and the sides to the other two
+    double aa, bb, cc = 0;  ///< |ab|², |ac|², ab·ac
+
+    Triangle(const Vec3& p, const Vec3& q, const Vec3& r) noexcept
+        : a(p), ab(q - p), ac(r - p), aa(dot(ab, ab)), bb(dot(ac, ac)), cc(dot(ab, ac)) {}
+
+    /// The place nearest to y. One of no area is its sides.
+    Vec3 nearest(const Vec3& y) const noexcept {
+        const Vec3 w = y - a;
+        const double p = dot(w, ab), q = dot(w, ac);
+        const double s = bb * p - cc * q, t = aa * q - cc * p, area = aa * bb - cc * cc;
+        if (s > 0 && t > 0 && s + t < area) return a + (s / area) * ab + (t / area) * ac;
+        Vec3 best;
+        double least = never;
+        const auto side = [&](const Vec3& from, const Vec3& way, double along, double square) {
+            const double share = along > 0 ? (along < square ? along / square : 1.0) : 0.0;
+            const Vec3 at = from + share * way, off = y - at;
+            if (const double d = dot(off, off); d < least) least = d, best = at;
+        };
+        side(a, ab, p, aa);
+        side(a, ac, q, bb);
+        side(a + ab, ac - ab, q - p + aa - cc, aa + bb - 2 * cc);
+        return best;
+    }
+    double distance(const Vec3& y) const noexcept { return norm(y - nearest(y)); }
+
+    /// How far it reaches along n.
+    double reaches(const Vec3& n) const noexcept {
+        return dot(a, n) + std::max({dot(ab, n), dot(ac, n), 0.0});
+    }
+};
+
+class Mesh {
+  public:
+    static constexpr std::uint32_t none = ~std::uint32_t{0};
+
+    explicit Mesh(const Surface& s) {
+        std::vector<Item> items;
+        items.reserve(s.k);
+        const auto corner = [&](std::size_t i) {
+            const double* p = s.points + 3 * static_cast<std::size_t>(s.triangles[i]);
+            return Vec3{{p[0], p[1], p[2]}};
+        };
+        for (std::size_t i = 0; i < 3 * s.k; i += 3)
+            items.emplace_back(corner(i), corner(i + 1), corner(i + 2));
+        plant(items, 0, items.size());
+        triangles_.reserve(s.k);
+        for (const Item& i : items) triangles_.emplace_back(i.corner[0], i.corner[1], i.corner[2]);
+    }
+
+    const Triangle& operator[](std::uint32_t i) const noexcept { return triangles_[i]; }
+    std::size_t size() const noexcept { return triangles_.size(); }
+    std::size_t boxes() const noexcept { return nodes_.size(); }
+    std::size_t bytes() const noexcept {
+        return triangles_.capacity() * sizeof(Triangle) + nodes_.capacity() * sizeof(Node);
+    }
+
+    /// Calls f(i) for every triangle under a box (least, most) that `near` says so of.
+    template <class Near, class F>
+    void visit(Near&& near, F&& f) const noexcept {
+        for (std::uint32_t k = 0; k < nodes_.size();) {
+            const Node& node = nodes_[k];
+            if (!near(node.least, node.most)) {
+                k = node.skip;
+                continue;
+            }
+            for (std::uint32_t i = node.first; i < node.last; ++i) f(i);
+            ++k;
+        }
+    }
+    /// ... for every one within `reach` of y, which may shrink, and some more.
+    template <class F>
+    void around(const Vec3& y, const double& reach, F&& f) const noexcept {
+        visit(
+            [&](const Vec3& least, const Vec3& most) noexcept {
+                double square = 0;
+                for (int k = 0; k < 3; ++k) {
+                    const double gap = std::max({least.c[k] - y.c[k], y.c[k] - most.c[k], 0.0});
+                    square += gap * gap;
+                }
+                return square <= reach * reach;
+            },
+            f);
+    }
+
+    /// The triangle nearest to y where that is nearer than `least` [m], which it then becomes.
+    std::uint32_t nearest(const Vec3& y, double& least) const noexcept {
+        std::uint32_t found = none;
+        around(y, least, [&](std::uint32_t i) noexcept {
+            if (const double d = triangles_[i].distance(y); d < least) least = d, found = i;
+        });
+        return found;
+    }
+
+  private:
+    static constexpr std::size_t leaf = 4;  // triangles under one box
+
+    struct Item {
+        std::array<Vec3, 3> corner;
+        Vec3 middle;
+        Item(const Vec3& a, const Vec3& b, const Vec3& c)
+            : corner{a, b, c}, middle((1.0 / 3) * (a + b + c)) {}
+    };
+    struct Node {
+        Vec3 least, most;
+        std::uint32_t first = 0, last = 0;  // triangles of a leaf; none of a branch
+        std::uint32_t skip = 0;             // the node behind all that hang on this one
+    };
+
+    /// Halves them along the longest side of their box, in an order that no library chooses.
+    void plant(std::vector<Item>& items, std::size_t first, std::size_t last) {
+        const std::size_t at = nodes_.size();
+        Node node;
+        node.least = {{never, never, never}};
+        node.most = {{-never, -never, -never}};
+        for (std::size_t i = first; i < last; ++i)
+            for (const Vec3& c : items[i].corner)
+                for (int k = 0; k < 3; ++k) {
+                    node.least.c[k] = std::min(node.least.c[k], c.c[k]);
+                    node.most.c[k] = std::max(node.most.c[k], c.c[k]);
+                }
+        nodes_.push_back(node);
+        if (last - first <= leaf) {
+            nodes_[at].first = static_cast<std::uint32_t>(first);
+            nodes_[at].last = static_cast<std::uint32_t>(last);
+        } else {
+            const Vec3 size = node.most - node.least;
+            int k = size[1] > size[0] ? 1 : 0;
+            if (size[2] > size[k]) k = 2;
+            const auto from = items.begin() + static_cast<std::ptrdiff_t>(first);
+            std::stable_sort(
+                from, items.begin() + static_cast<std::ptrdiff_t>(last),
+                [k](const Item& a, const Item& b) { return a.middle[k] < b.middle[k]; });
+            const std::size_t half = first + (last - first) / 2;
+            plant(items, first, half);
+            plant(items, half, last);
+        }
+        nodes_[at].skip = static_cast<std::uint32_t>(nodes_.size());
+    }
+
+    std::vector<Triangle> triangles_;
+    std::vector<Node> nodes_;
+};
+
+}  // namespace vfplan::mesh
