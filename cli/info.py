@@ -55,7 +55,7 @@ def _summary(data: dict[str, Any]) -> str:
         lines.append(
             f"  guide       along {which}, tube {1e3 * data['/guidance@radius_m']:g} mm, K "
             f"{data['/guidance@stiffness_n_per_m']:g} N/m, ends {data['/guidance@ends']}"
-            + ("" if (n := data.get("/guidance@lead_force_n")) is None else f", led by {n:g} N")
+            + _led(data.get("/guidance@lead_force_n"), data.get("/guidance@lead_speed_m_s"))
         )
     if "/registration@model" in data:
         line = (
@@ -85,3 +85,12 @@ def _short(value: Any) -> str:
         shape = " x ".join(map(str, value["shape"]))
         return f"{shape}, from {value['min']:.6g} to {value['max']:.6g}"
     return str(value.tolist() if hasattr(value, "tolist") else value)
+
+
+def _led(force: float | None, speed: float | None) -> str:
+    if force is None:
+        return ""
+    from vfplan.planning.settings import LEAD_SPEED_M_S
+
+    most = LEAD_SPEED_M_S if speed is None else speed
+    return f", led by {force:g} N up to {1e3 * most:g} mm/s"

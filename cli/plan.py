@@ -72,13 +72,14 @@ def command(
         made = plan(
             image, markers, markers2, extraction=reading, settings=making, curve=given["curve"]
         )
-    fixture, verdict = made.fixture, {}
+    fixture, verdict, warnings = made.fixture, {}, list(made.warnings)
     hold_campaign(given, fixture)
     if arm is not None:
         from vfplan.stability import approved
 
         fixture = approved(made.fixture, arm)
         verdict = {"stability": fixture.stability.as_dict()}
+        warnings += strong_pull(fixture, arm)
     if rehearse is not None:
         verdict |= {"rehearsal": rehearsed(fixture, rehearse, arm, base, tool)}
     given_paths = (output, mask_out, overlay_out, picture_out)
@@ -95,7 +96,19 @@ def command(
         text += "\nstable up to {k_max_n_per_m:.0f} N/m with robot {robot}".format(
             **verdict["stability"]
         )
-    return Report(made.report | verdict, f"{text}\nwrote {output}", warnings=list(made.warnings))
+    return Report(made.report | verdict, f"{text}\nwrote {output}", warnings=warnings)
+
+
+def strong_pull(fixture: Any, robot: Any) -> list[str]:
+    """That the robot cannot pull along the guide as it is asked to."""
+    pull = fixture.guidance and fixture.guidance.lead_force
+    limit = robot.force_limit_n
+    if not pull or limit is None or abs(pull) <= limit:
+        return []
+    return [
+        f"the guide pulls with {abs(pull):g} N, robot {robot.name!r} gives {limit:g} N at most: "
+        "its governor holds the rest back, of the tube's force too"
+    ]
 
 
 def rehearsed(

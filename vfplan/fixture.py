@@ -5,7 +5,7 @@ Nothing here reads, writes or computes; the modules that do all speak in these t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -59,6 +59,17 @@ class Pieces:
     def count(self) -> int:
         """How many lines and arcs."""
         return len(self.bulges) - int((~self.closed).sum())
+
+    def of(self, kept: NDArray[np.bool_]) -> Pieces:
+        """Those of the strokes kept, (S,), numbered anew."""
+        mine, number = kept[self.stroke], np.cumsum(kept, dtype=np.int32) - 1
+        return Pieces(
+            self.vertices[mine],
+            self.bulges[mine],
+            number[self.stroke[mine]],
+            self.closed[kept],
+            self.error,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,11 +208,27 @@ class Fixture:
     @property
     def forbidden(self) -> NDArray[np.float64]:
         """(M, 3) the points that a forbidden region is made of, none where all strokes guide."""
+        return self.points[:0] if self.region is None else self.region.points
+
+    @property
+    def region(self) -> Fixture | None:
+        """What is forbidden, as a fixture of its own; `None` where all strokes guide."""
         if self.guidance is None or self.curve is None:
-            return self.points
+            return self
         if self.guidance.stroke is None:
-            return self.points[:0]
-        return self.points[self.curve.stroke != self.guidance.stroke]
+            return None
+        mine = self.curve.stroke != self.guidance.stroke
+        kept = np.arange(len(self.curve.closed)) != self.guidance.stroke
+        number = np.cumsum(kept, dtype=np.int32) - 1
+        bridged = None if self.curve.bridged is None else self.curve.bridged[mine]
+        curve = Curve(
+            number[self.curve.stroke[mine]],
+            self.curve.closed[kept],
+            bridged,
+            self.pieces and self.pieces.of(kept),
+        )
+        sigma = None if self.sigma is None else self.sigma[mine]
+        return replace(self, points=self.points[mine], sigma=sigma, curve=curve, guidance=None)
 
     @property
     def stiffness(self) -> NDArray[np.float64]:

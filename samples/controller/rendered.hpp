@@ -17,7 +17,9 @@ class Rendered {
         if (use == vfplan::Use::real_time) vfplan::bundle::check_work(fixture, p);
         const auto forbidden = fixture.forbidden();
         if (p.rule == vfplan::Rule::exact)
-            region_.emplace(vfplan::bundle::make_engine(fixture, p, vfplan::Use::offline));
+            region_.emplace(fixture.guidance
+                                ? vfplan::Engine(fixture.pieces_of(false), p)
+                                : vfplan::bundle::make_engine(fixture, p, vfplan::Use::offline));
         else if (!forbidden.empty())
             region_.emplace(forbidden.data(), forbidden.size() / 3, p);
         if (region_) stiffness_ = std::max({p.stiffness[0], p.stiffness[1], p.stiffness[2]});

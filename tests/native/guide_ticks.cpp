@@ -38,7 +38,23 @@ struct Shape {
     bool closed, planar;
     int points;
     std::function<Vec3(double)> curve;  // over [0, 1]
+    bool arcs = false;                  // the guide goes along `meander`, not through points
 };
+
+/// Three lines joined by half circles of 6 mm, to the left and to the right.
+const vfplan::Stroke meander{
+    {0, 0, 0, 0.02, 0, 0, 0.02, 0.012, 0, 0, 0.012, 0, 0, 0.024, 0, 0.02, 0.024, 0},
+    {0, 1, 0, -1, 0, 0},
+    false};
+Vec3 along_meander(double t) {
+    constexpr double leg = 0.02, r = 6e-3, bend = pi * r;
+    double s = t * (3 * leg + 2 * bend);
+    if (s < leg) return {{s, 0, 0}};
+    if ((s -= leg) < bend) return {{leg + r * std::sin(s / r), r - r * std::cos(s / r), 0}};
+    if ((s -= bend) < leg) return {{leg - s, 2 * r, 0}};
+    if ((s -= leg) < bend) return {{-r * std::sin(s / r), 3 * r - r * std::cos(s / r), 0}};
+    return {{s - bend, 4 * r, 0}};
+}
 
 /// Two strands 10 mm apart, joined by a half circle.
 Vec3 hairpin(double t) {
@@ -61,6 +77,8 @@ Vec3 zigzag(double t) {
 }
 
 const Shape shapes[] = {
+    {"lines and arcs", 1e-3, false, true, 900, along_meander, true},
+    {"lines and arcs, wide", 5.5e-3, false, true, 900, along_meander, true},
     {"hairpin", 1e-3, false, false, 300, hairpin},
     {"wide hairpin", 4.5e-3, false, false, 300, hairpin},
     {"eight", 1e-3, true, false, 400,
@@ -136,7 +154,8 @@ void play(const Shape& shape, vfplan::Ends ends, long ticks) {
     p.ends = ends;
     p.cut_bends = true;
     if (shape.planar) p.ignore_axis = Vec3{{0, 0, 1}};
-    vfplan::Guide guide(xyz.data(), points.size(), shape.closed, p);
+    vfplan::Guide guide = shape.arcs ? vfplan::Guide({meander}, p)
+                                     : vfplan::Guide(xyz.data(), points.size(), shape.closed, p);
     const auto across = [&](Vec3 x) {
         if (shape.planar) x[2] = 0;
         return x;

@@ -14,6 +14,7 @@ from vfplan.errors import CheckFailed, SettingError
 from vfplan.fixture import Curve, Guidance
 from vfplan.planning import FixtureSettings, plan
 from vfplan.planning.guiding import add_guidance
+from vfplan.robot import Robot
 
 SAMPLES = files("vfplan.samples")
 ELBOW = [SAMPLES / f"elbow{end}" for end in (".png", "_markers_image.csv", "_markers_robot.csv")]
@@ -131,3 +132,27 @@ def test_settings_without_a_guide_are_refused():
         FixtureSettings(guide_ends="open")
     with pytest.raises(SettingError, match="guide is 2000 mm"):
         FixtureSettings(guide_m=2.0)
+
+
+def test_a_pull_that_the_robot_cannot_give_is_warned_of():
+    from vfplan.cli.plan import strong_pull
+
+    settings = FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_pull=(-25.0,))
+    fixture = add_guidance(two_lines(0.02), settings)[0]
+    weak = Robot("weak", 1.0, 1.0, 1000.0, force_limit_n=20.0)
+    (said,) = strong_pull(fixture, weak)
+    assert "pulls with 25 N, robot 'weak' gives 20 N at most" in said
+    assert not strong_pull(fixture, replace(weak, force_limit_n=25.0))
+    assert not strong_pull(fixture, replace(weak, force_limit_n=None))
+
+
+def test_lines_and_arcs_guide_and_ticks_too_long_are_warned_of(monkeypatch):
+    monkeypatch.setattr("vfplan.engine.work.MOST_TICK_WORK", 1e-6)
+    made = plan(*ELBOW, settings=FixtureSettings(guide_m=1e-3))
+    assert made.fixture.pieces.error < 2e-6
+    guide = vfplan.Guide.of(made.fixture, hold="at_once")
+    on = made.fixture.points @ np.diag([1.0, 1, 0])
+    assert np.abs(guide.run(on).lateral_m).max() < 5e-6
+    assert any("a tick may take" in said for said in made.warnings)
+    with pytest.raises(SettingError, match=r"the guide of 0\.1 mm does not count"):
+        plan(*ELBOW, settings=FixtureSettings(guide_m=1e-4, arcs_m=1e-3))

@@ -10,7 +10,7 @@ from replays import fixture_of, line
 
 import vfplan
 from vfplan.errors import SceneError, SettingError
-from vfplan.fixture import Curve, Guidance
+from vfplan.fixture import Curve, Guidance, Pieces
 from vfplan.replaying import replay
 from vfplan.session import Session
 
@@ -73,6 +73,22 @@ def test_forces_of_region_and_guide_add_and_both_are_reported():
     session = along(y, np.full(1500, 0.05))
     paper = replay(fixture, session, rule="paper", engine="reference")
     assert np.abs(paper.ticks.force - found.ticks.force).max() < 0.05
+
+
+def test_beside_a_guide_the_region_is_its_lines_and_arcs():
+    """As above, of two straight pieces: to a rounding, and its clearance is that of the line."""
+    both = np.vstack([line(), np.add(line(), [0, 5.5e-3, 0])])
+    ends = both[[0, 199, 200, 399]]
+    pieces = Pieces(ends, np.zeros(4), np.repeat([0, 1], 2).astype(np.int32), np.zeros(2, bool))
+    curve = Curve(np.repeat([0, 1], 200).astype(np.int32), np.zeros(2, bool), pieces=pieces)
+    fixture = guided(replace(fixture_of(both), curve=curve), stroke=1)
+    y = np.r_[np.linspace(6e-3, 8e-3, 500), np.linspace(8e-3, 4e-3, 1000)]
+    found = replay(fixture, along(y, np.full(1500, 0.05)))
+    force = K * (np.maximum(5e-3 - y, 0) + np.maximum(4.5e-3 - y, 0) - np.maximum(y - 6.5e-3, 0))
+    assert np.abs(found.ticks.force[:, 1] - force).max() < 1e-6
+    assert found.metrics["rule"] == "exact"
+    assert found.metrics["scene"]["lines_and_arcs"] == 1
+    assert abs(found.metrics["clearance_min_m"]) < 1e-9
 
 
 def test_a_guide_alone_has_no_rule_to_compare():

@@ -7,6 +7,7 @@ import re
 import socket
 import subprocess
 import sys
+from dataclasses import replace
 
 import bundles
 import numpy as np
@@ -14,7 +15,8 @@ import pytest
 from conftest import ROOT, need_program
 
 import vfplan
-from vfplan.fixture import Curve, Fixture, Guidance, Provenance, Rendering
+from vfplan.curve.arcs import fit_arcs
+from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering
 from vfplan.live.wire import decode
 from vfplan.study.scenes import Omega, Sheet
 
@@ -166,18 +168,27 @@ def test_from_outlines_to_the_controller_bit_for_bit(
     )
 
 
-@pytest.mark.parametrize("stroke", [None, 1], ids=["alone", "beside a region"])
-def test_a_guide_replays_bit_for_bit(stroke, controller, vfplan_cli, tmp_path):
+@pytest.mark.parametrize(("stroke", "arcs"), [(None, False), (1, False), (None, True), (0, True)])
+def test_a_guide_replays_bit_for_bit(stroke, arcs, controller, vfplan_cli, tmp_path):
     x = np.arange(0, 0.08, 1e-3)
     wave = np.column_stack([x, 2e-3 * np.sin(80 * x), 0 * x])
-    curve = Curve(np.repeat([0, 1], len(x)).astype(np.int32), np.zeros(2, bool))
     fixture, session = tmp_path / "guide.h5", tmp_path / "session.csv"
+    fits = [fit_arcs(wave[:, :2] + [0, up], False, 1e-6) for up in (0, 6e-3)]
+    flat = np.vstack([fit.vertices for fit in fits])
+    pieces = Pieces(
+        np.column_stack([flat, 0 * flat[:, 0]]),
+        np.concatenate([fit.bulges for fit in fits]),
+        np.repeat(np.arange(2, dtype=np.int32), [len(fit.bulges) for fit in fits]),
+        np.zeros(2, bool),
+        1e-6,
+    )
+    curve = Curve(np.repeat([0, 1], len(x)).astype(np.int32), np.zeros(2, bool))
     whole = Fixture(
         "robot_base",
         np.vstack([wave, np.add(wave, [0, 6e-3, 0])]),
         Provenance("2026-01-01T00:00:00Z", "vfplan test"),
-        curve=curve,
-        rendering=Rendering(np.full(3, 900.0), 5e-3, 5e-5),
+        curve=replace(curve, pieces=pieces) if arcs else curve,
+        rendering=Rendering(np.full(3, 900.0), 5e-3, 5e-5, 0.0, np.eye(3)[2] if arcs else None),
         guidance=Guidance(1e-3, 800.0, "open", stroke),
     )
     vfplan.write_fixture(whole, fixture)
@@ -189,6 +200,7 @@ def test_a_guide_replays_bit_for_bit(stroke, controller, vfplan_cli, tmp_path):
     report = vfplan_cli("replay", fixture, session, "-o", result, "--governor", "0.6,12", "--json")
     assert report.code == 0, report.stderr
     assert report.json["guide"]["held_ticks"] > 300
+    assert report.json["rule"] == ("exact" if arcs and stroke == 0 else "robust")
     assert report.json["force_max_n"] > 0.1
     (replayed, _), log = vfplan.read_result(result), logged(session)
     for name, values in log.items():

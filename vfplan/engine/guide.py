@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from vfplan import _core
 from vfplan.engine.checks import Vector, check_axis, check_hip, check_path, check_points, number
 from vfplan.engine.parameters import Status
+from vfplan.engine.renderable import check_pieces
 from vfplan.errors import SceneError, SettingError
+from vfplan.fixture import Pieces
 
 Ends = Literal["stop", "open"]
 ENDS: tuple[Ends, ...] = get_args(Ends)
@@ -86,7 +88,8 @@ class Guide:
     ----------
     points
         (N, 3) the curve's points in order [m]; or several such curves, of which the one nearest at
-        the start is followed, never changed under the hand.
+        the start is followed, never changed under the hand. Or lines and arcs, across an axis: then
+        `closed` is theirs.
     radius
         ρ of the tube [m]. One that runs into itself, where the curve turns round or another strand
         runs beside it, is refused, and so is a bend that is tighter than the tube is wide.
@@ -120,7 +123,7 @@ class Guide:
 
     def __init__(
         self,
-        points: ArrayLike | Sequence[ArrayLike],
+        points: ArrayLike | Sequence[ArrayLike] | Pieces,
         radius: float,
         closed: bool | Sequence[bool] = False,
         stiffness: float = 1000.0,
@@ -133,10 +136,6 @@ class Guide:
         lead_speed: float = 0.02,
         rate_hz: float = 1000.0,
     ) -> None:
-        strokes = _strokes(points)
-        closing = [closed] * len(strokes) if np.isscalar(closed) else [bool(c) for c in closed]
-        if len(closing) != len(strokes):
-            raise SettingError(f"closed: {len(closing)} values for {len(strokes)} curves")
         native = _core.GuideParameters()
         native.radius = number("radius", radius, "m", least=1e-9, most=1e6)
         native.stiffness = number("stiffness", stiffness, "N/m", above=0.0)
@@ -150,13 +149,12 @@ class Guide:
         if self.ignore_axis is not None:
             native.set_ignore_axis(self.ignore_axis)
         self.radius, self.stiffness, self.ends = native.radius, native.stiffness, ends
-        cloud, counts = np.vstack(strokes), [len(stroke) for stroke in strokes]
+        self.closed, curves = _curves(points, closed, self.ignore_axis)
         try:
-            self._guide = _core.Guide(cloud, counts, closing, native)
+            self._guide = _core.Guide(*curves, native)
         except ValueError as error:
             kind = SettingError if "radius" in str(error) else SceneError
             raise kind(str(error).removeprefix("vfplan: ")) from None
-        self.closed = tuple(closing)
         if (tight := self.tight_bend) is not None:
             warnings.warn(tight, stacklevel=2)
 
@@ -174,12 +172,16 @@ class Guide:
         guidance = fixture.guidance
         if guidance is None:
             raise SceneError("the fixture has no guidance")
-        drawn = range(len(fixture.curve.closed))
-        chosen = drawn if guidance.stroke is None else [guidance.stroke]
+        drawn = np.arange(len(fixture.curve.closed))
+        chosen = drawn == (drawn if guidance.stroke is None else guidance.stroke)
+        if fixture.pieces is not None and fixture.ignore_axis is not None:
+            curves: Any = fixture.pieces.of(chosen)
+        else:
+            curves = [fixture.points[fixture.curve.stroke == s] for s in drawn[chosen]]
         return cls(
-            [fixture.points[fixture.curve.stroke == stroke] for stroke in chosen],
+            curves,
             guidance.radius,
-            [bool(fixture.curve.closed[stroke]) for stroke in chosen],
+            fixture.curve.closed[chosen].tolist(),
             guidance.stiffness,
             ends=guidance.ends,
             hold=hold,
@@ -227,6 +229,19 @@ class Guide:
     def run(self, hips: ArrayLike) -> GuideTrace:
         """One tick for each row of `hips` (T, 3) [m], from where the guide is; no GIL held."""
         return GuideTrace(*self._guide.run(check_path(hips)))
+
+
+def _curves(points: Any, closed: Any, axis: Vector | None) -> tuple[tuple[bool, ...], tuple]:
+    """Which are closed, and the curves as the native guide takes them."""
+    if isinstance(points, Pieces):
+        if axis is None:
+            raise SettingError("lines and arcs: only across an ignored axis")
+        return tuple(points.closed.tolist()), check_pieces(points)
+    strokes = _strokes(points)
+    closing = [closed] * len(strokes) if np.isscalar(closed) else [bool(c) for c in closed]
+    if len(closing) != len(strokes):
+        raise SettingError(f"closed: {len(closing)} values for {len(strokes)} curves")
+    return tuple(closing), (np.vstack(strokes), [len(stroke) for stroke in strokes], closing)
 
 
 def _strokes(points: ArrayLike | Sequence[ArrayLike]) -> list[Vector]:

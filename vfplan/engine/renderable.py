@@ -43,15 +43,18 @@ def check_renderable(fixture: Fixture) -> ProxyParameters:
 
 def exact_of(fixture: Fixture) -> Literal["curve", "mesh"] | None:
     """What rule "exact" renders: lines and arcs across an axis, triangles in space, or nothing."""
-    if fixture.rendering is None or fixture.guidance is not None:
+    if fixture.rendering is None or fixture.region is None:
         return None
     if fixture.ignore_axis is not None:
-        return "curve" if fixture.pieces else None
-    return "mesh" if fixture.mesh is not None else None
+        return "curve" if fixture.region.pieces else None
+    return "mesh" if fixture.mesh is not None and fixture.guidance is None else None
 
 
 def best_rule(fixture: Fixture) -> Rule:
-    """The rule nearest to the truth: "exact" where lines and arcs across an axis are known."""
+    """The rule nearest to the truth: "exact" where lines and arcs across an axis are known.
+
+    Of what is forbidden; "robust" where all strokes guide.
+    """
     return "exact" if exact_of(fixture) == "curve" else "robust"
 
 

@@ -67,13 +67,7 @@ def _clearance(fixture: Fixture, guide: Any) -> tuple[float, list[str]]:
     from vfplan.engine.proxy import ProxyEngine
 
     radius = fixture.contact_radius + fixture.point_radius
-    region = ProxyEngine(
-        fixture.forbidden,
-        fixture.contact_radius,
-        fixture.band,
-        fixture.point_radius,
-        ignore_axis=fixture.ignore_axis,
-    )
+    region = ProxyEngine.of(fixture.region, offline=True)
     step = min(guide.radius, 0.1 * radius)
     arcs = np.linspace(0, guide.lengths_m[0], 2 + int(guide.lengths_m[0] / step))
     places = guide.at(arcs)

@@ -30,7 +30,7 @@ def pieces_of(
     axis
         (3,) that the fixture ignores; `None`: a curve in space.
     settings
-        How far the measured curve may lie from its pieces; a guide has none.
+        How far the measured curve may lie from its pieces.
 
     Raises
     ------
@@ -41,10 +41,10 @@ def pieces_of(
 
     if settings.points_only:
         return None
-    if axis is None or curve.curve is None or settings.guide_m is not None:
+    if axis is None or curve.curve is None:
         if settings.arcs_m is None:
             return None
-        raise SettingError("lines and arcs: only of strokes that forbid, across an ignored axis")
+        raise SettingError("lines and arcs: only of drawn strokes, across an ignored axis")
     frame, tolerance = plane(axis), settings.arcs_m or DEFAULT_ARCS_M
     carried = registration.apply(curve.points)
     flat, height = carried @ frame.T, float((carried @ axis).mean())
@@ -62,7 +62,7 @@ def pieces_of(
 
 
 def require_small(pieces: Pieces, largest_m: float, settings: FixtureSettings) -> None:
-    """Refuse lines and arcs whose departure from the curve a margin or a gate does not count.
+    """Refuse lines and arcs whose departure from the curve a margin, gate or tube does not count.
 
     Parameters
     ----------
@@ -72,9 +72,10 @@ def require_small(pieces: Pieces, largest_m: float, settings: FixtureSettings) -
     Raises
     ------
     SettingError
-        They depart by more than `SMALL` of the margin or of `max_tre_m`.
+        They depart by more than `SMALL` of the margin, of `max_tre_m` or of the guide's radius.
     """
-    for name, beside in (("margin", largest_m), ("--max-tre", settings.max_tre_m or 0.0)):
+    counted = ("margin", largest_m), ("--max-tre", settings.max_tre_m), ("guide", settings.guide_m)
+    for name, beside in counted:
         if beside and pieces.error > SMALL * beside:
             raise SettingError(
                 f"the lines and arcs depart by {pieces.error * 1e3:.4g} mm from the curve, which "

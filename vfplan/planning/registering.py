@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vfplan.engine.work import work_doubt
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.io.clock import now_utc
@@ -126,14 +127,14 @@ def register(
     if refined is not None:
         report |= {"T_robot_image": registration.T_target_source, "touched": refined.report}
     report["elapsed_s"] = time.perf_counter() - started
-    doubt = size_doubt(fixture.points)
+    doubts = size_doubt(fixture.points), work_doubt(fixture) if pieces else None
     warnings = (
         *matched.diagnosis.warnings,
         *(error.warnings if refined is None else refined.warnings),
         *matched.warnings,
         *capped(choice),
         *guide_warnings,
-        *((doubt,) if doubt else ()),
+        *(doubt for doubt in doubts if doubt),
     )
     return Planned(fixture, registration, report, warnings)
 

@@ -251,7 +251,7 @@ def _scene(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any]:
     if parameters.rule != "exact":
         scene["band_m"] = parameters.band
     elif fixture.pieces:
-        scene["lines_and_arcs"] = fixture.pieces.count
+        scene["lines_and_arcs"] = fixture.region.pieces.count
     else:
         scene["triangles"] = len(fixture.mesh)
     if fixture.max_iterations is not None and parameters.rule == "robust":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from vfplan.engine.renderable import check_renderable
@@ -33,9 +32,8 @@ def _guided(fixture: Fixture, rule: str, engine: str) -> Any:
     """The guide, with the region of the forbidden strokes where there are any."""
     from vfplan.replaying.guiding import Guided
 
-    if len(fixture.forbidden):
-        cloud = replace(fixture, points=fixture.forbidden, curve=None, guidance=None)
-        region = _region(cloud, rule, engine)
+    if fixture.region is not None:
+        region = _region(fixture.region, rule, engine)
         return Guided(fixture, region.parameters, region)
     if (rule, engine) != ("robust", "native"):
         raise SettingError(f"every stroke guides: there is no region for rule {rule!r} ({engine})")

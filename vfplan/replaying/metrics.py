@@ -158,5 +158,5 @@ class Metrics:
 def _clearance(fixture: Fixture, parameters: ProxyParameters) -> Clearance | CurveClearance | None:
     """To what the rule renders: the curve itself, the points, or nothing where all guides."""
     if parameters.rule == "exact" and fixture.pieces:
-        return CurveClearance(fixture)
+        return CurveClearance(fixture.region)
     return Clearance(fixture) if len(fixture.forbidden) else None

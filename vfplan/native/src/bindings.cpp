@@ -3,6 +3,7 @@
 // The Python face of the native engine. No logic here.
 #include <nanobind/stl/optional.h>
 
+#include "strokes.hpp"
 #include "ticks.hpp"
 #include "vfplan/dips.hpp"
 #include "vfplan/version.hpp"
@@ -15,25 +16,8 @@ void bind_bundle(nb::module_& m);
 
 namespace {
 
-using Numbers = nb::ndarray<const double, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
-using Ids = nb::ndarray<const std::int32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
-using Triples = nb::ndarray<const std::int32_t, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 using Numbers32 = nb::ndarray<const std::uint32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
-using Flags = nb::ndarray<const std::uint8_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
-
-std::vector<vfplan::Stroke> strokes(const Rows& vertices, const Numbers& bulges, const Ids& stroke,
-                                    const Flags& closed) {
-    if (bulges.shape(0) != vertices.shape(0) || stroke.shape(0) != vertices.shape(0))
-        throw std::invalid_argument("vfplan: a bulge and a stroke a vertex");
-    std::vector<vfplan::Stroke> all(closed.shape(0));
-    for (std::size_t s = 0; s < all.size(); ++s) all[s].closed = closed(s) != 0;
-    for (std::size_t i = 0; i < vertices.shape(0); ++i) {
-        vfplan::Stroke& s = all.at(static_cast<std::size_t>(stroke(i)));
-        s.vertices.insert(s.vertices.end(), {vertices(i, 0), vertices(i, 1), vertices(i, 2)});
-        s.bulges.push_back(bulges(i));
-    }
-    return all;
-}
+using Triples = nb::ndarray<const std::int32_t, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 
 vfplan::mesh::Surface surface(const Rows& points, const Triples& triangles) {
     return {points.data(), points.shape(0), triangles.data(), triangles.shape(0)};

@@ -4,6 +4,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "guides.hpp"
+#include "strokes.hpp"
 
 namespace {
 
@@ -54,6 +55,13 @@ void bind_guide(nb::module_& m) {
                 new (self) Guide(points.data(), counts, closed, p);
             },
             "points"_a, "counts"_a, "closed"_a, "parameters"_a)
+        .def(
+            "__init__",
+            [](Guide* self, const Rows& vertices, const Numbers& bulges, const Ids& stroke,
+               const Flags& closed, const GuideParameters& p) {
+                new (self) Guide(strokes(vertices, bulges, stroke, closed), p);
+            },
+            "vertices"_a, "bulges"_a, "stroke"_a, "closed"_a, "parameters"_a)
         .def(
             "reset",
             [](Guide& g, const Row& hip) {

@@ -92,6 +92,14 @@ class Guide {
         make();
     }
 
+    /// Lines and arcs across p.ignore_axis, as they are.
+    Guide(const std::vector<Stroke>& strokes, const GuideParameters& p) : Guide(p) {
+        check(strokes);
+        if (!p.ignore_axis) reject("lines and arcs need an ignore_axis: they are planar");
+        for (const Stroke& s : strokes) path_.add(s, *p.ignore_axis, p.radius / 2);
+        make();
+    }
+
     /// The tip is at `hip` [m]: take the nearest place, and hold it as `hold` says.
     void reset(const Vec3& hip) noexcept {
         last_ = {};

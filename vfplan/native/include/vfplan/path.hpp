@@ -11,116 +11,10 @@
 #include <string>
 #include <vector>
 
-#include "vfplan/vec.hpp"
+#include "vfplan/curve/stroke.hpp"
+#include "vfplan/piece.hpp"
 
 namespace vfplan {
-
-/// A straight line, or an arc of less than half a turn.
-struct Piece {
-    Vec3 from, to;
-    Vec3 entering, leaving;  ///< unit tangents at both, in drawing order
-    Vec3 out;                ///< arc: unit vector from its centre to `from`
-    double radius = 0;       ///< [m]; 0: straight
-    double cosine = 1;       ///< arc: of its turn
-    double sine = 0;         ///< arc: of its turn
-    double length = 0;       ///< [m]
-    double start = 0;        ///< arc length of the curve at `from` [m]
-
-    Vec3 centre() const noexcept { return from - radius * out; }
-
-    /// Where descent of |x - c| ends that begins at c on the piece; `side`: -1 and 1 where that is
-    /// the beginning or the end of the piece, 0 where it is between.
-    struct Foot {
-        Vec3 at;
-        int side;
-    };
-    Foot descend(const Vec3& x, const Vec3& c) const noexcept {
-        if (radius == 0) {
-            const double t = dot(x - from, entering);
-            if (t <= 0) return {from, -1};
-            return t < length ? Foot{from + t * entering, 0} : Foot{to, 1};
-        }
-        const Vec3 m = centre(), w = x - m;
-        const double a = dot(w, entering), b = dot(w, out);
-        if (a > 0 && a * cosine - b * sine < 0)
-            return {m + (radius / std::sqrt(a * a + b * b)) * (b * out + a * entering), 0};
-        return dot(w, tangent(c)) > 0 ? Foot{to, 1} : Foot{from, -1};
-    }
-
-    /// The point of the piece nearest to x.
-    Vec3 nearest(const Vec3& x) const noexcept {
-        const Vec3 a = descend(x, from).at, b = radius == 0 ? a : descend(x, to).at;
-        const Vec3 u = x - a, v = x - b;
-        return dot(u, u) <= dot(v, v) ? a : b;
-    }
-
-    /// Unit tangent at c on the piece.
-    Vec3 tangent(const Vec3& c) const noexcept {
-        if (radius == 0) return entering;
-        const Vec3 w = c - centre();
-        return along(dot(w, out) * entering - dot(w, entering) * out, 1);
-    }
-
-    /// A point between a and b on the piece; near a for a small share.
-    Vec3 between(const Vec3& a, const Vec3& b, double share) const noexcept {
-        const Vec3 c = a + share * (b - a);
-        if (radius == 0) return c;
-        const Vec3 m = centre();
-        return m + along(c - m, radius);
-    }
-
-    /// The point of the piece at arc length t from its beginning [m].
-    Vec3 ahead(double t) const noexcept {
-        if (radius == 0) return from + t * entering;
-        return centre() + radius * (std::cos(t / radius) * out + std::sin(t / radius) * entering);
-    }
-
-    /// Arc length of the curve at c on the piece [m].
-    double arc(const Vec3& c) const noexcept {
-        const double chord = norm(c - from);
-        if (radius == 0) return start + std::min(chord, length);
-        return start +
-               std::min(2 * radius * std::asin(std::min(1.0, 0.5 * chord / radius)), length);
-    }
-};
-
-namespace detail {
-
-inline Piece straight(const Vec3& p, const Vec3& q) noexcept {
-    Piece s;
-    s.from = p;
-    s.to = q;
-    s.length = norm(q - p);
-    s.entering = s.leaving = (1 / s.length) * (q - p);
-    return s;
-}
-
-/// The arc from p to q that leaves p along t (`enters`: that arrives in q along t).
-inline Piece bend(const Vec3& p, const Vec3& q, const Vec3& t, bool enters) noexcept {
-    Piece s = straight(p, q);
-    const double lengthwise = dot(q - p, t);
-    const Vec3 aside = (q - p) - lengthwise * t;
-    const double off = norm(aside);
-    if (off < 1e-6 * s.length) return s;  // turns by less than 2e-6 rad
-    s.radius = 0.5 * s.length * s.length / off;
-    const Vec3 inwards = (enters ? -1.0 / off : 1.0 / off) * aside;  // towards the centre, at t
-    const double half = std::min(1.0, off / s.length);
-    s.sine = 2 * half * (lengthwise / s.length);
-    s.cosine = 1 - 2 * half * half;
-    if (enters) {
-        s.leaving = t;
-        s.out = -s.cosine * inwards - s.sine * t;
-        s.entering = s.cosine * t - s.sine * inwards;
-    } else {
-        s.entering = t;
-        s.out = -1.0 * inwards;
-        s.leaving = s.cosine * t + s.sine * inwards;
-    }
-    s.length = 2 * s.radius * std::asin(half);
-    return s;
-}
-
-}  // namespace detail
 
 /// A curve that never branches: pieces one after the other.
 struct Strand {
@@ -152,9 +46,26 @@ class Path {
             const std::size_t j = (i + 1) % p.size();
             join(p[i], t[i], p[j], t[j], s.length);
         }
-        s.count = pieces_.size() - s.first;
-        strands_.push_back(s);
-        for (std::size_t i = s.first; i < pieces_.size(); i += block) bound(i, s.first + s.count);
+        end(s);
+    }
+
+    /// Adds lines and arcs across an axis, halved until they are at most `longest` [m], but into
+    /// `most_parts` at most: how wide a tube may be is looked for at their ends.
+    void add(const Stroke& stroke, const Vec3& axis, double longest) {
+        std::vector<Vec3> p(stroke.bulges.size());
+        for (std::size_t i = 0; i < p.size(); ++i) {
+            const double* v = stroke.vertices.data() + 3 * i;
+            p[i] = Vec3{{v[0], v[1], v[2]}};
+            p[i] = p[i] - dot(axis, p[i]) * axis;
+        }
+        const std::size_t sides = p.size() - (stroke.closed ? 0 : 1);
+        double length = 0;
+        for (std::size_t i = 0; i < sides; ++i) length += norm(p[(i + 1) % p.size()] - p[i]);
+        Strand s{pieces_.size(), 0, stroke.closed, 0};
+        for (std::size_t i = 0; i < sides; ++i)
+            cut(p[i], p[(i + 1) % p.size()], stroke.bulges[i], axis,
+                std::max(longest, length / most_parts), s.length);
+        end(s);
     }
 
     const std::vector<Strand>& strands() const noexcept { return strands_; }
@@ -226,6 +137,32 @@ class Path {
 
   private:
     static constexpr std::size_t block = 16;
+    static constexpr double most_parts = 1e5;
+    static constexpr double quarter = 0.41421356237309515;  // tan(pi / 8): a quarter circle's bulge
+
+    void end(Strand& s) {
+        s.count = pieces_.size() - s.first;
+        if (s.count == 0) reject("a curve needs 2 points that differ, a closed one 3");
+        strands_.push_back(s);
+        for (std::size_t i = s.first; i < pieces_.size(); i += block) bound(i, s.first + s.count);
+    }
+    /// A line or an arc of a half circle at most; one of no length is none.
+    void cut(const Vec3& a, const Vec3& b, double bulge, const Vec3& axis, double longest,
+             double& length) {
+        const double chord = norm(b - a);
+        if (!(chord > shortest)) return;
+        const Vec3 e = (1 / chord) * (b - a), left = cross(axis, e);
+        if (std::abs(bulge) > quarter || chord > longest) {
+            const Vec3 middle = 0.5 * (a + b) - (bulge * chord / 2) * left;
+            const double half = bulge / (1 + std::sqrt(1 + bulge * bulge));
+            cut(a, middle, half, axis, longest, length);
+            cut(middle, b, half, axis, longest, length);
+            return;
+        }
+        const double share = 1 / (1 + bulge * bulge);
+        const Vec3 begins = ((1 - bulge * bulge) * share) * e - (2 * bulge * share) * left;
+        push(detail::bend(a, b, begins, false), length);
+    }
 
     /// Unit tangents at the points: of the circle through each and its neighbours; 0 where the
     /// curve turns back on itself.

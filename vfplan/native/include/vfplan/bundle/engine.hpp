@@ -16,9 +16,10 @@ namespace vfplan {
 
 namespace bundle {
 
-/// The rule nearest to the truth: exact where lines and arcs across an axis are known.
+/// The rule nearest to the truth: exact where lines and arcs across an axis are known of what is
+/// forbidden.
 inline Rule best_rule(const Fixture& fixture) {
-    return fixture.pieces.empty() || fixture.guidance ? Rule::robust : Rule::exact;
+    return fixture.pieces_of(false).empty() ? Rule::robust : Rule::exact;
 }
 
 /// Table I as the bundle holds it, for its best rule or another one; the paper's keeps its own
@@ -50,7 +51,7 @@ inline mesh::Surface surface(const Fixture& fixture) {
 /// Throws std::invalid_argument where a tick may take longer than a loop of 1 kHz can wait.
 inline void check_work(const Fixture& fixture, const Parameters& p) {
     const double work = p.rule != Rule::exact  ? tick_work(fixture.points.data(), fixture.size(), p)
-                        : fixture.mesh.empty() ? tick_work(fixture.pieces, p)
+                        : fixture.mesh.empty() ? tick_work(fixture.pieces_of(false), p)
                                                : tick_work(surface(fixture), p);
     if (work > most_tick_work)
         reject("a tick may take " + rounded(1e6 * work) + " us, at most " +

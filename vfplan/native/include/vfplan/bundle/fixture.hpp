@@ -76,6 +76,16 @@ struct Fixture {
         left.erase(from, from + std::ptrdiff_t(3 * guides.count));
         return left;
     }
+    /// The lines and arcs of the strokes that guide, or of those that forbid.
+    [[nodiscard]] std::vector<vfplan::Stroke> pieces_of(bool guide) const {
+        std::vector<vfplan::Stroke> some;
+        for (std::size_t i = 0; i < pieces.size(); ++i) {
+            const bool guides =
+                guidance && (!guidance->stroke || std::size_t(*guidance->stroke) == i);
+            if (guides == guide) some.push_back(pieces[i]);
+        }
+        return some;
+    }
 };
 
 /// The whole content of a bundle, by path, and its seal.

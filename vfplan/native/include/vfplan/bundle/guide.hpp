@@ -25,6 +25,7 @@ inline Guide make_guide(const Fixture& fixture) {
         const auto& a = *fixture.rendering->ignore_axis;
         p.ignore_axis = Vec3{{a[0], a[1], a[2]}};
     }
+    if (p.ignore_axis && !fixture.pieces.empty()) return {fixture.pieces_of(true), p};
     std::size_t first = 0;
     std::vector<std::size_t> counts;
     std::vector<bool> closed;

@@ -1,0 +1,119 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// A line or an arc in space, and where descent of the distance ends on it.
+#pragma once
+
+#include <algorithm>
+
+#include "vfplan/vec.hpp"
+
+namespace vfplan {
+
+/// A straight line, or an arc of less than half a turn.
+struct Piece {
+    Vec3 from, to;
+    Vec3 entering, leaving;  ///< unit tangents at both, in drawing order
+    Vec3 out;                ///< arc: unit vector from its centre to `from`
+    double radius = 0;       ///< [m]; 0: straight
+    double cosine = 1;       ///< arc: of its turn
+    double sine = 0;         ///< arc: of its turn
+    double length = 0;       ///< [m]
+    double start = 0;        ///< arc length of the curve at `from` [m]
+
+    Vec3 centre() const noexcept { return from - radius * out; }
+
+    /// Where descent of |x - c| ends that begins at c on the piece; `side`: -1 and 1 where that is
+    /// the beginning or the end of the piece, 0 where it is between.
+    struct Foot {
+        Vec3 at;
+        int side;
+    };
+    Foot descend(const Vec3& x, const Vec3& c) const noexcept {
+        if (radius == 0) {
+            const double t = dot(x - from, entering);
+            if (t <= 0) return {from, -1};
+            return t < length ? Foot{from + t * entering, 0} : Foot{to, 1};
+        }
+        const Vec3 m = centre(), w = x - m;
+        const double a = dot(w, entering), b = dot(w, out);
+        if (a > 0 && a * cosine - b * sine < 0)
+            return {m + (radius / std::sqrt(a * a + b * b)) * (b * out + a * entering), 0};
+        return dot(w, tangent(c)) > 0 ? Foot{to, 1} : Foot{from, -1};
+    }
+
+    /// The point of the piece nearest to x.
+    Vec3 nearest(const Vec3& x) const noexcept {
+        const Vec3 a = descend(x, from).at, b = radius == 0 ? a : descend(x, to).at;
+        const Vec3 u = x - a, v = x - b;
+        return dot(u, u) <= dot(v, v) ? a : b;
+    }
+
+    /// Unit tangent at c on the piece.
+    Vec3 tangent(const Vec3& c) const noexcept {
+        if (radius == 0) return entering;
+        const Vec3 w = c - centre();
+        return along(dot(w, out) * entering - dot(w, entering) * out, 1);
+    }
+
+    /// A point between a and b on the piece; near a for a small share.
+    Vec3 between(const Vec3& a, const Vec3& b, double share) const noexcept {
+        const Vec3 c = a + share * (b - a);
+        if (radius == 0) return c;
+        const Vec3 m = centre();
+        return m + along(c - m, radius);
+    }
+
+    /// The point of the piece at arc length t from its beginning [m].
+    Vec3 ahead(double t) const noexcept {
+        if (radius == 0) return from + t * entering;
+        return centre() + radius * (std::cos(t / radius) * out + std::sin(t / radius) * entering);
+    }
+
+    /// Arc length of the curve at c on the piece [m].
+    double arc(const Vec3& c) const noexcept {
+        const double chord = norm(c - from);
+        if (radius == 0) return start + std::min(chord, length);
+        return start +
+               std::min(2 * radius * std::asin(std::min(1.0, 0.5 * chord / radius)), length);
+    }
+};
+
+namespace detail {
+
+inline Piece straight(const Vec3& p, const Vec3& q) noexcept {
+    Piece s;
+    s.from = p;
+    s.to = q;
+    s.length = norm(q - p);
+    s.entering = s.leaving = (1 / s.length) * (q - p);
+    return s;
+}
+
+/// The arc from p to q that leaves p along t (`enters`: that arrives in q along t).
+inline Piece bend(const Vec3& p, const Vec3& q, const Vec3& t, bool enters) noexcept {
+    Piece s = straight(p, q);
+    const double lengthwise = dot(q - p, t);
+    const Vec3 aside = (q - p) - lengthwise * t;
+    const double off = norm(aside);
+    if (off < 1e-6 * s.length) return s;  // turns by less than 2e-6 rad
+    s.radius = 0.5 * s.length * s.length / off;
+    const Vec3 inwards = (enters ? -1.0 / off : 1.0 / off) * aside;  // towards the centre, at t
+    const double half = std::min(1.0, off / s.length);
+    s.sine = 2 * half * (lengthwise / s.length);
+    s.cosine = 1 - 2 * half * half;
+    if (enters) {
+        s.leaving = t;
+        s.out = -s.cosine * inwards - s.sine * t;
+        s.entering = s.cosine * t - s.sine * inwards;
+    } else {
+        s.entering = t;
+        s.out = -1.0 * inwards;
+        s.leaving = s.cosine * t + s.sine * inwards;
+    }
+    s.length = 2 * s.radius * std::asin(half);
+    return s;
+}
+
+}  // namespace detail
+
+}  // namespace vfplan
