@@ -8,6 +8,8 @@
 #include <algorithm>
 #include <charconv>
 #include <chrono>
+#include <cmath>
+#include <cstdio>
 #include <exception>
 #include <filesystem>
 #include <fstream>
@@ -48,8 +50,8 @@ template <class T>
 T number(const std::string& text) {
     T value{};
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-    if (error != std::errc{} || end != text.data() + text.size())
-        throw FileError(text + " is not the number wanted");
+    if (error != std::errc{} || end != text.data() + text.size() || !std::isfinite(double(value)))
+        throw FileError("'" + text + "' is not the number wanted");
     return value;
 }
 
@@ -90,6 +92,8 @@ inline std::vector<Posed> read_poses(const std::string& path) {
         for (const std::string& field : fields) v.push_back(number<double>(field));
         if (v.size() == 8) v.push_back(v[0]);
         if (v.size() != 9) throw FileError(std::to_string(fields.size()) + " fields");
+        const double size = v[4] * v[4] + v[5] * v[5] + v[6] * v[6] + v[7] * v[7];
+        if (!(std::abs(std::sqrt(size) - 1) < 1e-3)) throw FileError("no unit quaternion");
         if (!poses.empty() && v[8] < poses.back().arrived) throw FileError("not in order");
         poses.push_back({v[0], {{{v[1], v[2], v[3]}}, v[4], {{v[5], v[6], v[7]}}}, v[8]});
     });
@@ -167,6 +171,14 @@ class Changing {
     [[nodiscard]] std::size_t begun(std::uint64_t taken) const {
         return std::size_t(std::lower_bound(before_.begin(), before_.end(), taken) -
                            before_.begin());
+    }
+
+    /// What became of the files in the end.
+    void report() const {
+        const std::uint64_t known = seen(), refused = frame_ ? frame_->refused() : 0;
+        std::printf("fixture: %zu of %zu poses known, %zu refused; %zu of %zu events begun\n",
+                    std::size_t(known), poses_.size(), std::size_t(refused), begun(taken()),
+                    events_.size());
     }
 
   private:

@@ -272,6 +272,9 @@ int control(const Options& o) {
     const bool changes = !poses.empty() || !o.events.empty();
     if (changes && fixture.guidance)
         throw std::invalid_argument("vfplan: poses and events are for forbidden regions");
+    if (changes && !o.telemetry.empty())
+        std::fprintf(stderr,
+                     "controller: warning: `vfplan live` draws the fixture as it was first\n");
     const auto use = o.simulated_time ? vfplan::Use::offline : vfplan::Use::real_time;
     vfplan::Parameters p = vfplan::bundle::parameters(fixture, o.rule);
     if (!std::all_of(events.begin(), events.end(), [](auto& e) { return e.exchanges(); }))
@@ -293,6 +296,7 @@ int control(const Options& o) {
     munlockall();
     if (!o.log.empty()) log.write(o.log);
     log.report(missed);
+    if (changes) changing.report();
     if (sender)
         std::printf("telemetry: %llu ticks dropped, %llu datagrams not taken by the system\n",
                     static_cast<unsigned long long>(sender->dropped()),

@@ -271,6 +271,9 @@ def test_what_cannot_be_edited_is_refused_and_changes_nothing():
     ):
         with pytest.raises(SceneError, match=says):
             e.edit(remove=remove, add=add)
+    crowd = np.random.default_rng(1).uniform(-5e-4, 5e-4, (1100, 3))
+    with pytest.raises(SceneError, match="so many points in one place"):
+        e.edit(add=crowd)
     assert e.edit(remove=range(48))
     assert e.edit(add=[[0, 0, 1.0]])
     with pytest.raises(SceneError, match="once"):

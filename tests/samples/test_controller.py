@@ -289,6 +289,11 @@ def test_what_moves_and_changes_replays_bit_for_bit(
     for name, values in log.items():
         assert np.array_equal(getattr(replayed, name), values), name
     assert np.abs(log["force"]).max() > 1
+    poses = (
+        "59 of 60 poses known, 1 refused" if "poses" in which else "0 of 0 poses known, 0 refused"
+    )
+    events = "11 of 11 events" if "events" in which else "0 of 0 events"
+    assert f"fixture: {poses}; {events} begun\n" in done.stdout
     known = np.genfromtxt(session, delimiter=",", names=True)[["poses", "events"]][-1].tolist()
     assert known == (59 if "poses" in which else 0, 11 if "events" in which else 0)
     assert again.json["exchanges"] == (2 if "events" in which else 0)
@@ -299,6 +304,40 @@ def test_what_moves_and_changes_replays_bit_for_bit(
         bad = vfplan_cli("replay", fixture, session, *given, "--events", short)
         assert bad.code == 3
         assert "column 'events' ends with 11 and has to rise, to at most 1" in bad.stderr
+
+
+POSE = "t,x,y,z,qw,qx,qy,qz\n0,0,0,0,1,0,0,0\n"
+EVENT = "tick,what,x,y,z\n0,edit\n"
+HOSTILE = [
+    ("--poses", "", "cannot be read"),
+    ("--poses", "t,x,y,z\n0,0,0,0", "its first line"),
+    ("--poses", POSE[:20], "holds no pose"),
+    ("--poses", POSE + "1,0,0,nan,1,0,0,0", "line 3: 'nan'"),
+    ("--poses", POSE + "1,0,0,0,2,0,0,0", "line 3: no unit"),
+    ("--poses", POSE + "1,0,0,0,1,0,0", "line 3: 7 fields"),
+    ("--poses", POSE + "\r\n-1,0,0,0,1,0,0,0", "line 4: not in order"),
+    ("--events", EVENT + "0,remove,99999", "line 2: vfplan: remove: each a point"),
+    ("--events", EVENT + "0,remove,-1", "line 3: '-1'"),
+    ("--events", EVENT + "1,remove,1", "line 3: no event"),
+    ("--events", EVENT + "0,add,0,0,1e9", "line 2: vfplan: points must be"),
+    ("--events", EVENT + "0,add,0,0", "line 3: no event"),
+    ("--events", EVENT + "0,exchange,none.h5", "none.h5"),
+    ("--events", EVENT + "0,burn", "line 3: no event"),
+]
+
+
+@pytest.mark.parametrize(("option", "text", "says"), HOSTILE)
+@pytest.mark.parametrize("clock", [(), ("--simulated-time",)])
+def test_files_of_poses_and_events_are_read_strictly(
+    option, text, says, clock, controller, drawn, tmp_path
+):
+    """By the loop's thread or another one: named with its line, and nothing is logged."""
+    (tmp_path / "f.csv").write_text(text)
+    log = tmp_path / "log.csv"
+    done = controller(drawn, "--seconds", 0.5, "--log", log, *clock, option, tmp_path / "f.csv")
+    assert done.returncode == 3
+    assert says in done.stderr.splitlines()[-1]
+    assert not log.exists()
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -367,6 +406,8 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
         (2, drawn, "--log"),
         (2, drawn, "--governor", "0.5"),
         (2, drawn, "--governor", "0.5,x"),
+        (2, drawn, "--pivot", "0,0,0"),
+        (2, drawn, "--poses", drawn, "--pose-limits", "0.1,0.25"),
         *(
             (2, drawn, "--telemetry", place)
             for place in (

@@ -266,8 +266,8 @@ class ProxyEngine:
         Raises
         ------
         SceneError
-            Numbers of points that are not there, points out of range, none left; rule "exact",
-            which renders no points.
+            Numbers of points that are not there, points out of range or so close together that a
+            tick would take too long, none left; rule "exact", which renders no points.
         """
         gone, new = check_edit(remove, add)
         self.make_editable()

@@ -9,6 +9,7 @@
 #include "vfplan/changing.hpp"
 #include "vfplan/edited.hpp"
 #include "vfplan/parameters.hpp"
+#include "vfplan/work.hpp"
 
 namespace vfplan::detail {
 
@@ -53,6 +54,7 @@ class Points {
             if (!(std::abs(add[i]) <= largest_coordinate))
                 reject("points must be finite and within 1e6 m");
         check_resolved(p, add, m);
+        if ((next_ - base_ + m) / a_look > (next_ - base_) / a_look) check_crowd(add, m, p);
         std::vector<Change> all;
         all.reserve(n + m);
         for (std::size_t i = 0; i < n; ++i) {
@@ -76,6 +78,16 @@ class Points {
 
   private:
     static constexpr std::size_t gone = ~std::size_t{0};
+    static constexpr std::size_t a_look = 1024;  // points: in one place less than most_tick_work
+
+    /// Refuses points that came, and would, so close together that a tick takes too long.
+    void check_crowd(const double* add, std::size_t m, const Parameters& p) const {
+        std::vector<double> came(add, add + 3 * m);
+        for (std::size_t i = local_.size() - (next_ - base_); i < local_.size(); ++i)
+            if (local_[i] != gone) came.insert(came.end(), &xyz_[3 * i], &xyz_[3 * i] + 3);
+        if (!(tick_work(came.data(), came.size() / 3, p) <= most_tick_work))
+            reject("add: so many points in one place that a tick would take longer than 0.3 ms");
+    }
 
     std::vector<double> xyz_;
     std::vector<std::size_t> local_;  // each point's number in the engine made last
