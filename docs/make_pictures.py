@@ -32,6 +32,42 @@ def main() -> None:
     draw_experiments()
     draw_extraction()
     draw_campaign()
+    draw_guidance()
+
+
+def draw_guidance() -> None:
+    """The sample's curve as a guide of 1 mm, and a hand that swings beside it at 30 mm/s."""
+    import numpy as np
+
+    import vfplan
+    from vfplan.figures.guide import draw_guide
+    from vfplan.figures.replay import scene
+    from vfplan.figures.style import save_png
+    from vfplan.planning import ExtractSettings, FixtureSettings, plan
+    from vfplan.replaying import replay
+    from vfplan.session import Session
+
+    samples = Path(__file__).parents[1] / "samples"
+    files = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
+    reading = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
+    made = plan(
+        *(samples / name for name in files),
+        extraction=reading,
+        settings=FixtureSettings(guide_m=1e-3),
+    )
+    guide = vfplan.Guide.of(made.fixture)
+    t = np.arange(0, guide.lengths_m[0] / 0.03, 1e-3)
+    at = guide.at(0.03 * t)
+    way = np.gradient(at, axis=0)
+    left = np.column_stack([-way[:, 1], way[:, 0], 0 * t]) / np.linalg.norm(way, axis=1)[:, None]
+    swing = 2.2e-3 * np.sin(2.83 * t) * np.sin(0.38 * t) + 1e-4 * np.sin(56.5 * t)
+    hips = at + swing[:, None] * left + [0, 0, made.fixture.points[0, 2]]
+    replayed = replay(made.fixture, Session(t, hips))
+    draw_guide(replayed, PICTURES / "guide_lateral.png")
+    figure = scene(replayed)
+    figure.axes[0].set_xlim(465, 600)
+    figure.axes[0].set_ylim(-115, -20)
+    save_png(figure, PICTURES / "guide_scene.png")
 
 
 def draw_experiments() -> None:

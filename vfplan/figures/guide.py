@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from vfplan.figures.style import new_figure, save_png, style
-from vfplan.palette import CLOUD, FORCE, HIP
+from vfplan.palette import BRIDGED, CLOUD, FORCE, HIP
 from vfplan.replaying import Replay
 
 MM = 1e3
@@ -29,7 +29,7 @@ def guide_plot(replayed: Replay) -> Figure:
     figure = new_figure(7.0, 3.4)
     with style():
         top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    top.axhspan(0, MM * guide["radius_m"], color=CLOUD, alpha=0.15, lw=0, label="tube")
+    top.axhspan(0, MM * guide["radius_m"], color=BRIDGED, alpha=0.3, lw=0, label="tube")
     top.plot(arc, lateral, color=HIP, lw=1.1, label="tip, largest lateral error")
     bottom.plot(arc, force, color=FORCE, lw=1.1)
     for start in MM * np.cumsum(guide["lengths_m"])[:-1]:
@@ -41,5 +41,5 @@ def guide_plot(replayed: Replay) -> Figure:
     top.set_title(f"outside for {guide['outside_s']:.2f} s", loc="left")
     bottom.set_ylabel("force [N]")
     bottom.set_xlabel("arc length along the guide [mm]")
-    bottom.margins(x=0)
+    bottom.set_xlim(0, MM * sum(guide["lengths_m"]))
     return figure

@@ -12,7 +12,8 @@ from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from vfplan.figures.style import new_figure, save_png, style
-from vfplan.palette import CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
+from vfplan.fixture import Fixture
+from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
 from vfplan.replaying import Replay
 from vfplan.replaying.episodes import episode_count
 from vfplan.replaying.overview import contact_marks
@@ -121,6 +122,10 @@ def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
     axes.plot(*hip.T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
     axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy", zorder=4)
     picks = contact_marks(replayed.ticks, mark_hz)
+    if fixture.guidance is not None:
+        _tube(axes, fixture, basis)
+    if fixture.region is None:
+        picks = picks[:0]  # a tube has no contact circle
     circles = [Circle(tuple(c), radius) for c in proxy[picks]]
     axes.add_collection(
         PatchCollection(circles, facecolor="none", edgecolor=CONTACT, lw=0.6, alpha=0.7)
@@ -130,8 +135,9 @@ def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
         *proxy[picks].T, *arrows.T, angles="xy", scale_units="xy", scale=1,
         color=PROXY, width=0.0025, zorder=5,
     )  # fmt: skip
-    label = f"contact circle, {mark_hz:g} Hz"
-    axes.plot([], [], "o", ms=3, mfc="none", mec=CONTACT, label=label)
+    if fixture.region is not None:
+        label = f"contact circle, {mark_hz:g} Hz"
+        axes.plot([], [], "o", ms=3, mfc="none", mec=CONTACT, label=label)
     axes.set_aspect("equal")
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
@@ -140,6 +146,21 @@ def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
     axes.set_ylabel(f"{labels[1]} [mm]")
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize=8, markerscale=2.5)
     return figure
+
+
+def _tube(axes: Axes, fixture: Fixture, basis: Array) -> None:
+    """The band beside the strokes that guide."""
+    guidance, label = fixture.guidance, "tube"
+    for stroke, closed in enumerate(fixture.curve.closed):
+        if guidance.stroke not in (None, stroke):
+            continue
+        line = MM * fixture.points[fixture.curve.stroke == stroke] @ basis
+        line = np.vstack([line, line[:1]]) if closed else line
+        way = np.gradient(line, axis=0)
+        off = MM * guidance.radius * way[:, ::-1] * [-1, 1] / np.hypot(*way.T)[:, None]
+        band = np.vstack([line + off, (line - off)[::-1]])
+        axes.fill(*band.T, color=BRIDGED, alpha=0.3, lw=0, label=label, zorder=1)
+        label = None
 
 
 def _window(path: Array, cloud: Array, margin: float) -> tuple[Array, Array]:
