@@ -23,10 +23,7 @@ CLOSE_M = 1e-6
 def design_point(trials: Trials, beyond_m: float) -> Array:
     """(D,) the most probable standard normals that bring the tool `beyond_m` beyond the curve.
 
-    Raises
-    ------
-    SettingError
-        The hand does not touch the curve, or no such place was found.
+    Raises SettingError: the hand does not touch the curve, or no such place was found
     """
     z = np.zeros(trials.dimension)
     for _ in range(STEPS):

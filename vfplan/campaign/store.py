@@ -78,17 +78,9 @@ def markers_sha256(fixture: Fixture) -> str:
 class Store:
     """The folder of a campaign.
 
-    Parameters
-    ----------
-    folder
-        Made where it is not there; its parent must be.
-    asked
-        What `question` gives.
-
-    Raises
-    ------
-    OutputError
-        The folder holds something else, or another question.
+    folder: made where it is not there; its parent must be
+    asked: what `question` gives
+    Raises OutputError: the folder holds something else, or another question
     """
 
     def __init__(self, folder: Path, asked: dict[str, Any]) -> None:

@@ -45,20 +45,13 @@ FREE = -1.0  # depth [m] of a trial in which nothing was touched
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a trial tells.
+    """What a trial tells."""
 
-    Parameters
-    ----------
-    depth_m
-        How far the tool came beyond the true curve's surface at most [m]; below 0 it never did.
-    point
-        Index of the true curve's point nearest to where that was; -1 where nothing was touched.
-    force_n, force_step_n
-        Largest force and largest change of it in a tick [N].
-    """
-
+    # How far the tool came beyond the true curve's surface at most [m]; below 0 it never did
     depth_m: float
+    # Index of the true curve's point nearest to where that was; -1 where nothing was touched
     point: int
+    # Largest force and largest change of it in a tick [N]
     force_n: float
     force_step_n: float
 

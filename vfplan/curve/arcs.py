@@ -26,21 +26,12 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Arcs:
-    """A stroke as lines and arcs.
+    """A stroke as lines and arcs."""
 
-    Parameters
-    ----------
-    vertices
-        (K, 2), in the unit of the points.
-    bulges
-        (K,) tan(sweep / 4) of the piece from each vertex on; 0 at the last one of an open stroke.
-    closed
-        Whether the last piece leads back to the first vertex.
-    """
-
-    vertices: Vector
+    vertices: Vector  # (K, 2), in the unit of the points
+    # (K,) tan(sweep / 4) of the piece from each vertex on; 0 at the last one of an open stroke
     bulges: Vector
-    closed: bool
+    closed: bool  # whether the last piece leads back to the first vertex
 
     def distance(self, x: Vector) -> Vector:
         """(T,) distance of the positions x (T, 2) from the pieces; neighbours lie near in x."""
@@ -61,15 +52,10 @@ class Arcs:
 def fit_arcs(points: Vector, closed: bool, tolerance: float) -> Arcs:
     """Lines and arcs through a measured curve.
 
-    Parameters
-    ----------
-    points
-        (M, 2) in order, M of 2 or more; a cubic spline runs through them from corner to corner.
-    closed
-        Whether the last point joins the first.
-    tolerance
-        How far the spline may lie from the pieces, in the unit of the points. A bend too tight for
-        it between two places looked at may lie further off: `measure` finds how far.
+    points: (M, 2) in order, M of 2 or more; a cubic spline runs through them from corner to corner
+    closed: whether the last point joins the first
+    tolerance: how far the spline may lie from the pieces, in the unit of the points. A bend too
+        tight for it between two places looked at may lie further off: `measure` finds how far.
     """
     runs = [_run(*run, tolerance) for run in _smooth_runs(points, closed, tolerance)]
     vertices = np.vstack([*(run[0][:-1] for run in runs), runs[-1][0][-1:]])

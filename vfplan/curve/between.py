@@ -29,10 +29,8 @@ def between(
     One of them alone gives the direction, and cuts off what lies beyond it; on a ring `start` says
     where it begins.
 
-    Raises
-    ------
-    CurveError
-        A place lies off the line; both are the same place; an `end` was given for a ring.
+    Raises CurveError: a place lies off the line; both are the same place; an `end` was given for a
+        ring
     """
     if start is None and end is None:
         return found

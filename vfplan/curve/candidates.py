@@ -13,30 +13,16 @@ from vfplan.curve.marks import Mark
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One line that may be the planned curve.
+    """One line that may be the planned curve."""
 
-    Parameters
-    ----------
-    path
-        (M, 2) float64 (u, v), about one point a pixel, gaps filled with straight runs.
-    closed
-        Whether it ends where it began.
-    bridged
-        (M,) bool, points on a bridged gap.
-    marks
-        The marks it was joined from.
-    junctions
-        (u, v) where it forks or crosses itself; it cannot be used when there are any.
-    kind
-        "curve", "junction", or what it was taken for instead.
-    """
-
+    # (M, 2) float64 (u, v), about one point a pixel, gaps filled with straight runs
     path: NDArray[np.float64]
-    closed: bool
-    bridged: NDArray[np.bool_]
-    marks: tuple[Mark, ...]
+    closed: bool  # whether it ends where it began
+    bridged: NDArray[np.bool_]  # (M,) bool, points on a bridged gap
+    marks: tuple[Mark, ...]  # the marks it was joined from
+    # (u, v) where it forks or crosses itself; it cannot be used when there are any
     junctions: tuple[tuple[int, int], ...] = ()
-    kind: str = "curve"
+    kind: str = "curve"  # "curve", "junction", or what it was taken for instead
 
     @property
     def is_candidate(self) -> bool:

@@ -37,25 +37,15 @@ RISEN = (1.04, 1.05)  # of mass over peak, at least, where the mass alone speaks
 
 @dataclass(frozen=True, eq=False)
 class Widening:
-    """The widest run of a line.
+    """The widest run of a line."""
 
-    Parameters
-    ----------
-    ratio
-        Its width over the line's own median.
-    place
-        (u, v) of its middle [px].
-    doubted, refused
-        Whether this may be, or surely is, no single run of the pen.
-    doubt
-        (M,) how far from either run the line may be measured, where it is doubted, or from the
-        line itself in a dot on it [px]; else 0.
-    """
-
-    ratio: float
-    place: tuple[float, float]
+    ratio: float  # its width over the line's own median
+    place: tuple[float, float]  # (u, v) of its middle [px]
+    # Whether this may be, or surely is, no single run of the pen
     doubted: bool
     refused: bool
+    # (M,) how far from either run the line may be measured, where it is doubted, or from the line
+    # itself in a dot on it [px]; else 0
     doubt: NDArray[np.float64]
 
 

@@ -50,12 +50,8 @@ MIDDLE_PX = 0.5
 def ink_ends(profiles: Profiles, valid: NDArray) -> tuple[float, float]:
     """Where the coverage summed across the line falls to one half, as indices into the path.
 
-    Parameters
-    ----------
-    profiles
-        What was read across a path that reaches beyond both ends, about a point a pixel.
-    valid
-        (M,) bool, where the line was seen.
+    profiles: what was read across a path that reaches beyond both ends, about a point a pixel
+    valid: (M,) bool, where the line was seen
     """
     on, last = np.flatnonzero(valid), len(valid) - 1
     return last - _half(profiles.mass[::-1], last - on[0]), _half(profiles.mass, on[-1])
@@ -117,16 +113,10 @@ def line_ends(
 
     A line that is drawn out to a point may end beyond the path.
 
-    Parameters
-    ----------
-    rgb
-        (H, W, 3) image.
-    line, used
-        (M, 2) the line as it was measured, a point for each of the path, and where it was.
-    profiles
-        What was read across the path.
-    pen, width
-        The pen, and the width of its mask [px].
+    rgb: (H, W, 3) image
+    line, used: (M, 2) the line as it was measured, a point for each of the path, and where it was
+    profiles: what was read across the path
+    pen, width: the pen, and the width of its mask [px]
     """
     last, inner = len(line) - 1, np.flatnonzero(used)[[0, -1]]
     views = _views(rgb, line, used, profiles, pen, width)

@@ -33,17 +33,11 @@ def faint_runs(
 ) -> list[NDArray[np.int64]]:
     """The pixels, as indices into `where`, that carry lines on; a list for each run.
 
-    Parameters
-    ----------
-    smooth
-        (H, W) uint8, 1 in the strong mask.
-    pieces
-        The strong mask's flat pixels, in order, and the connected piece of each, from 1.
-    where, label, level
-        (P,) flat indices of all that has the pen's hue, in order, the connected mark each belongs
-        to, and how strong it is.
-    strong
-        (P,) strength of that mark.
+    smooth: (H, W) uint8, 1 in the strong mask
+    pieces: the strong mask's flat pixels, in order, and the connected piece of each, from 1
+    where, label, level: (P,) flat indices of all that has the pen's hue, in order, the connected
+        mark each belongs to, and how strong it is
+    strong: (P,) strength of that mark
     """
     low = level > FAINT * strong
     firm = _without_islands(smooth, where, label, pieces)

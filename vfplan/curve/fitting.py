@@ -44,16 +44,10 @@ def fit_line(
 ) -> Fitted:
     """The spline through what was read along a path; a first one where `knots` [px] are given.
 
-    Parameters
-    ----------
-    s, base
-        (M,) arc length and (M, 2) the path, in equal steps [px].
-    profiles, valid
-        What was read there, and (M,) bool, which of it counts.
-    closed
-        Whether the path is a ring.
-    knots
-        The knots' distance [px]; `None` lets it follow from the noise, and states the deviation.
+    s, base: (M,) arc length and (M, 2) the path, in equal steps [px]
+    profiles, valid: what was read there, and (M,) bool, which of it counts
+    closed: whether the path is a ring
+    knots: the knots' distance [px]; `None` lets it follow from the noise, and states the deviation
     """
     normal = normals(base, closed)
     period = s[-1] + s[1] if closed else None

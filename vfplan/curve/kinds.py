@@ -35,14 +35,9 @@ def tell_apart(
 ) -> tuple[list[Candidate], list[Candidate]]:
     """Split into what may be the curve and what is set aside, each with its kind.
 
-    Parameters
-    ----------
-    candidates
-        The longest first.
-    mask
-        (H, W) bool, the pen's mask.
-    max_gap_px
-        How near to a curve's end an arrow may be the curve's own other part.
+    candidates: the longest first
+    mask: (H, W) bool, the pen's mask
+    max_gap_px: how near to a curve's end an arrow may be the curve's own other part
     """
     named = [replace(c, kind=_alone(c, mask)) for c in candidates]
     longest = max((c.length_px for c in named if c.kind == "curve"), default=0.0)

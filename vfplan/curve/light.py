@@ -49,16 +49,11 @@ def with_light(
 ) -> NDArray[np.float64]:
     """(M,) offsets with what the brightness adds.
 
-    Parameters
-    ----------
-    x
-        (K,) places across the path [px].
-    pixels, seen
-        (M, K, 3) colours there on 0..255, and where they count; a row that lacks one is left.
-    offset
-        (M,) of the line by its colour [px].
-    width
-        The line's width [px].
+    x: (K,) places across the path [px]
+    pixels, seen: (M, K, 3) colours there on 0..255, and where they count; a row that lacks one is
+        left
+    offset: (M,) of the line by its colour [px]
+    width: the line's width [px]
     """
     left, rough = without_ground(x, pixels @ LUMINANCE, width)
     depth = left[:, np.abs(x) <= MIDDLE_PX].mean(1)

@@ -32,35 +32,19 @@ FILLED = 0.35  # of its box: more is a panel with holes
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """One connected mark in the pen's colour.
+    """One connected mark in the pen's colour."""
 
-    Parameters
-    ----------
-    kind
-        "curve" (a line without forks), "junction" (a line with forks), or what it was taken for:
-        "panel", "other colour", "speck".
-    pen
-        Its own colour and strength, measured.
-    width_px
-        Its area over its length.
-    branches, junctions
-        Its skeleton, spurs cut off; (u, v) pixels where branches meet.
-    area_px
-        Pixels.
-    box
-        (u, v, width, height) px.
-    faint
-        Whether a part of it was followed below half of its strength.
-    """
-
+    # "curve" (a line without forks), "junction" (a line with forks), or what it was taken for:
+    # "panel", "other colour", "speck"
     kind: str
-    pen: Pen
-    width_px: float
+    pen: Pen  # its own colour and strength, measured
+    width_px: float  # its area over its length
+    # Its skeleton, spurs cut off; (u, v) pixels where branches meet
     branches: tuple[Branch, ...]
     junctions: tuple[tuple[int, int], ...]
-    area_px: int
-    box: tuple[int, int, int, int]
-    faint: bool = False
+    area_px: int  # pixels
+    box: tuple[int, int, int, int]  # (u, v, width, height) px
+    faint: bool = False  # whether a part of it was followed below half of its strength
 
     @property
     def length_px(self) -> float:

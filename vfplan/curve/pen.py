@@ -26,21 +26,11 @@ MIN_CHROMA = 30.0  # of a named pen's colour, on the 0..255 scale
 
 @dataclass(frozen=True, eq=False)
 class Pen:
-    """A pen's colour in the chroma plane (the plane across grey), on the scale 0..255.
+    """A pen's colour in the chroma plane (the plane across grey), on the scale 0..255."""
 
-    Parameters
-    ----------
-    along
-        (3,) unit vector: the pen's own direction, e.
-    across
-        (3,) unit vector of the same plane at right angles to it.
-    strength
-        |c⊥| times the opacity: what p · e reaches in the middle of the line.
-    """
-
-    along: NDArray[np.float64]
-    across: NDArray[np.float64]
-    strength: float
+    along: NDArray[np.float64]  # (3,) unit vector: the pen's own direction, e
+    across: NDArray[np.float64]  # (3,) unit vector of the same plane at right angles to it
+    strength: float  # |c⊥| times the opacity: what p · e reaches in the middle of the line
 
     @classmethod
     def of_chroma(cls, chroma: NDArray) -> Pen:

@@ -17,24 +17,14 @@ LEAST_PIXELS = 3
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Connected ink that the curve does not explain.
+    """Connected ink that the curve does not explain."""
 
-    Parameters
-    ----------
-    pixels
-        (N, 2) int64 (u, v).
-    kind
-        "own" where it hangs together with the curve, else what its mark was taken for.
-    middle, along
-        (2,) its centre, and the unit direction in which it extends.
-    length_px, width_px
-        Along that direction, and its area over that length.
-    """
-
-    pixels: NDArray[np.int64]
-    kind: str
+    pixels: NDArray[np.int64]  # (N, 2) int64 (u, v)
+    kind: str  # "own" where it hangs together with the curve, else what its mark was taken for
+    # (2,) its centre, and the unit direction in which it extends
     middle: NDArray[np.float64]
     along: NDArray[np.float64]
+    # Along that direction, and its area over that length
     length_px: float
     width_px: float
 

@@ -28,48 +28,24 @@ SHADING_MOST = 0.4  # and linear light shifts no edge by more, from black to whi
 
 @dataclass(frozen=True, eq=False)
 class Profiles:
-    """What was read across the line at each point of a path.
+    """What was read across the line at each point of a path."""
 
-    Parameters
-    ----------
-    x
-        (K,) places across the path [px].
-    alpha, seen
-        (M, K) coverage there, and bool, where nothing foreign hid it.
-    offset
-        (M,) of the line from the path along the normal [px]; 0 where not valid.
-    mass
-        (M,) coverage summed across the line, 1 in the middle of its run.
-    valid
-        (M,) bool: the line was seen and nothing foreign hid it.
-    clipped
-        (M,) share of the line's own width that lies outside the image.
-    shading
-        (M,) grey just beyond the line on one side minus on the other, -1..1.
-    double
-        Whether these are two lines side by side.
-    noisy
-        Whether the colour beside the line has noise, as JPEG's has.
-    blur
-        Variance of the line's blur, a pixel's square included [px²].
-    width
-        The line's width [px].
-    doubt
-        (M,) what un-mixing may have got wrong where another colour touches the line [px].
-    """
-
-    x: NDArray[np.float64]
+    x: NDArray[np.float64]  # (K,) places across the path [px]
+    # (M, K) coverage there, and bool, where nothing foreign hid it
     alpha: NDArray[np.float64]
     seen: NDArray[np.bool_]
+    # (M,) of the line from the path along the normal [px]; 0 where not valid
     offset: NDArray[np.float64]
-    mass: NDArray[np.float64]
-    valid: NDArray[np.bool_]
-    clipped: NDArray[np.float64]
+    mass: NDArray[np.float64]  # (M,) coverage summed across the line, 1 in the middle of its run
+    valid: NDArray[np.bool_]  # (M,) bool: the line was seen and nothing foreign hid it
+    clipped: NDArray[np.float64]  # (M,) share of the line's own width that lies outside the image
+    # (M,) grey just beyond the line on one side minus on the other, -1..1
     shading: NDArray[np.float64]
-    double: bool
-    noisy: bool
-    blur: float
-    width: float
+    double: bool  # whether these are two lines side by side
+    noisy: bool  # whether the colour beside the line has noise, as JPEG's has
+    blur: float  # variance of the line's blur, a pixel's square included [px²]
+    width: float  # the line's width [px]
+    # (M,) what un-mixing may have got wrong where another colour touches the line [px]
     doubt: NDArray[np.float64]
 
 
@@ -221,12 +197,9 @@ def shading_shift(
     Zero where no such effect stands out; one to the bright side has another cause, as a sharpened
     picture's overshoot cut off at white.
 
-    Parameters
-    ----------
-    shading, fast
-        (M,) the grey's difference across the line, and its part that a smooth line cannot follow.
-    residual, valid
-        (M,) measured offsets minus the smooth line [px], and where there are any.
+    shading, fast: (M,) the grey's difference across the line, and its part that a smooth line
+        cannot follow
+    residual, valid: (M,) measured offsets minus the smooth line [px], and where there are any
     """
     power = float(fast @ fast)
     none = np.zeros(len(fast))

@@ -48,35 +48,18 @@ LEAST = 8  # profiles from which a line can be measured
 
 @dataclass(frozen=True, eq=False)
 class Centreline:
-    """A measured line.
+    """A measured line."""
 
-    Parameters
-    ----------
-    points
-        (M, 2) float64 (u, v) [px], evenly spaced along the curve.
-    sigma
-        (M,) standard deviation across the line [px].
-    bridged
-        (M,) bool, where nothing could be measured and the spline carries the line across.
-    closed
-        Whether the last point joins the first.
-    length
-        Arc length, closing step included [px].
-    widening
-        Its widest run; `None` where its width was not measured.
-    single
-        Whether its profile is that of one line; if not, two may lie side by side all along.
-    fading
-        Whether ink goes on beyond its (first, last) point where JPEG hides how far.
-    """
-
-    points: NDArray[np.float64]
-    sigma: NDArray[np.float64]
+    points: NDArray[np.float64]  # (M, 2) float64 (u, v) [px], evenly spaced along the curve
+    sigma: NDArray[np.float64]  # (M,) standard deviation across the line [px]
+    # (M,) bool, where nothing could be measured and the spline carries the line across
     bridged: NDArray[np.bool_]
-    closed: bool
-    length: float
-    widening: Widening | None = None
+    closed: bool  # whether the last point joins the first
+    length: float  # arc length, closing step included [px]
+    widening: Widening | None = None  # its widest run; `None` where its width was not measured
+    # Whether its profile is that of one line; if not, two may lie side by side all along
     single: bool = True
+    # Whether ink goes on beyond its (first, last) point where JPEG hides how far
     fading: tuple[bool, bool] = (False, False)
 
 
@@ -92,23 +75,13 @@ def trace(
 ) -> Centreline:
     """Measure the line along a pixel path.
 
-    Parameters
-    ----------
-    rgb
-        (H, W, 3) image.
-    path, closed, bridged
-        (M, 2) pixel path, whether it is a ring, and (M,) which points lie on a gap.
-    pen, width
-        The pen and the line's width [px].
-    origin
-        (u, v) of `rgb` in the image that errors speak of [px].
-    fades
-        Whether a part of the line is less than half as strong as the rest.
-
-    Raises
-    ------
-    CurveError
-        The line is two lines side by side.
+    rgb: (H, W, 3) image
+    path, closed, bridged: (M, 2) pixel path, whether it is a ring, and (M,) which points lie on a
+        gap
+    pen, width: the pen and the line's width [px]
+    origin: (u, v) of `rgb` in the image that errors speak of [px]
+    fades: whether a part of the line is less than half as strong as the rest
+    Raises CurveError: the line is two lines side by side
     """
     from scipy.ndimage import gaussian_filter1d
 

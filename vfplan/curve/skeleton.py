@@ -18,20 +18,11 @@ EATEN, EATEN_PX = 1.5, 3.0  # times half the width, and so much more [px]
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """A run of skeleton pixels between two places where the path ends, forks or closes.
+    """A run of skeleton pixels between two places where the path ends, forks or closes."""
 
-    Parameters
-    ----------
-    path
-        (M, 2) int64 pixels (u, v), in order.
-    closed
-        Whether the last pixel touches the first.
-    free
-        Whether its (first, last) pixel ends freely; `False` where it runs into a junction.
-    """
-
-    path: NDArray[np.int64]
-    closed: bool
+    path: NDArray[np.int64]  # (M, 2) int64 pixels (u, v), in order
+    closed: bool  # whether the last pixel touches the first
+    # Whether its (first, last) pixel ends freely; `False` where it runs into a junction
     free: tuple[bool, bool]
 
     @property
@@ -110,17 +101,9 @@ def branches_of(
 ) -> tuple[list[Branch], list[tuple[int, int]]]:
     """Split one connected skeleton into branches.
 
-    Parameters
-    ----------
-    rows, cols
-        (M,) int64 pixels of one connected skeleton, sorted by row, then column.
-    width
-        Columns of the image.
-
-    Returns
-    -------
-    branches, junctions
-        The branches, and the pixels (u, v) where three or more of them meet.
+    rows, cols: (M,) int64 pixels of one connected skeleton, sorted by row, then column
+    width: columns of the image
+    Returns the branches, and the pixels (u, v) where three or more of them meet
     """
     pairs = edges_of(rows, cols, width)
     neighbours: list[list[int]] = [[] for _ in rows]

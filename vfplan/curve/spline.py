@@ -20,18 +20,11 @@ BEND_SHARE = 0.5  # of the radius of curvature: the knots' distance in a bend
 def fit_spline(s: NDArray, points: NDArray, valid: NDArray, period: float | None, knots: NDArray):
     """Least-squares cubic spline of points over arc length, with the knots given.
 
-    Parameters
-    ----------
-    s
-        (M,) arc length of each point, increasing.
-    points
-        (M, K) values; only those where `valid` count.
-    valid
-        (M,) bool.
-    period
-        Length of a closed curve; `None` for an open one.
-    knots
-        (Q,) inner and end knots, increasing, of one period.
+    s: (M,) arc length of each point, increasing
+    points: (M, K) values; only those where `valid` count
+    valid: (M,) bool
+    period: length of a closed curve; `None` for an open one
+    knots: (Q,) inner and end knots, increasing, of one period
     """
     from scipy.interpolate import make_lsq_spline
 

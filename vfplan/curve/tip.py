@@ -25,25 +25,14 @@ RIDGE = 1e-6  # of the mean square: what nothing in the picture determines stays
 
 @dataclass(frozen=True, eq=False)
 class Tip:
-    """A pen's end.
+    """A pen's end."""
 
-    Parameters
-    ----------
-    half
-        Half the pen's width [px].
-    blur
-        Standard deviation of its edges in the picture [px].
-    disc
-        (A, X) coverage round a round end at `TABLE_PX` steps, along the line from `first` px
-        before its centre, and across from the middle.
-    first
-        See there [px].
-    """
-
-    half: float
-    blur: float
+    half: float  # half the pen's width [px]
+    blur: float  # standard deviation of its edges in the picture [px]
+    # (A, X) coverage round a round end at `TABLE_PX` steps, along the line from `first` px before
+    # its centre, and across from the middle
     disc: NDArray[np.float64]
-    first: float
+    first: float  # see there [px]
 
     @classmethod
     def of_profile(cls, x: NDArray, profile: NDArray, halves: NDArray) -> Tip:
@@ -105,18 +94,12 @@ class Tip:
 
 @dataclass(frozen=True, eq=False)
 class Around:
-    """Pixels around a line's end.
+    """Pixels around a line's end."""
 
-    Parameters
-    ----------
-    s, x
-        (N,) along the path, in its points, and across it [px].
-    u, v
-        (N,) columns and rows of the picture.
-    """
-
+    # (N,) along the path, in its points, and across it [px]
     s: NDArray[np.float64]
     x: NDArray[np.float64]
+    # (N,) columns and rows of the picture
     u: NDArray[np.int64]
     v: NDArray[np.int64]
 

@@ -42,27 +42,13 @@ END, END_PX = 4.5, 4.0  # how much larger it is at an end, and over how much lin
 
 @dataclass(frozen=True)
 class Noise:
-    """What is known of a picture's noise.
+    """What is known of a picture's noise."""
 
-    Parameters
-    ----------
-    colour
-        Whether the colour has noise, as JPEG's has.
-    soft
-        Whether its colour is coarse, or the picture was enlarged.
-    alike
-        Correlation of neighbouring residuals.
-    coarse
-        0..1, how far the knots were drawn apart for that.
-    width
-        Of the line [px]; the thinner, the more of the grid shows.
-    """
-
-    colour: bool
-    soft: bool
-    alike: float
-    coarse: float
-    width: float
+    colour: bool  # whether the colour has noise, as JPEG's has
+    soft: bool  # whether its colour is coarse, or the picture was enlarged
+    alike: float  # correlation of neighbouring residuals
+    coarse: float  # 0..1, how far the knots were drawn apart for that
+    width: float  # of the line [px]; the thinner, the more of the grid shows
 
 
 def measured_sigma(
@@ -70,14 +56,9 @@ def measured_sigma(
 ) -> NDArray[np.float64]:
     """(M,) standard deviation of the fitted line where it was seen [px].
 
-    Parameters
-    ----------
-    residual, valid
-        (M,) measured offset minus the spline [px], and where there is any.
-    normal, curvature
-        (M, 2) unit normals of the line, and (M,) its curvature [1/px].
-    picture
-        What is known of its noise.
+    residual, valid: (M,) measured offset minus the spline [px], and where there is any
+    normal, curvature: (M, 2) unit normals of the line, and (M,) its curvature [1/px]
+    picture: what is known of its noise
     """
     square = residual[valid] ** 2
     whole = float(min(square.mean(), OUTLYING * np.median(square)))

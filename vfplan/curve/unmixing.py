@@ -24,14 +24,9 @@ PURE = 0.8  # of the strongest of a mark: such pixels hold nothing else
 class OtherColours:
     """The marks of other colours round a line.
 
-    Parameters
-    ----------
-    rgb
-        (H, W, 3) image.
-    path
-        (M, 2) the line, roughly [px].
-    pen, width
-        The line's pen and its width [px].
+    rgb: (H, W, 3) image
+    path: (M, 2) the line, roughly [px]
+    pen, width: the line's pen and its width [px]
     """
 
     def __init__(self, rgb: NDArray, path: NDArray, pen: Pen, width: float) -> None:

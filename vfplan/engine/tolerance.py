@@ -41,31 +41,16 @@ FACES = 3  # in space; two in the plane
 
 @dataclass(frozen=True)
 class Choice:
-    """The cheapest settings that keep a tolerance.
+    """The cheapest settings that keep a tolerance."""
 
-    Parameters
-    ----------
-    tolerance_m
-        How far the proxy may be from where the planned surface puts it [m].
-    kept_m
-        The tolerance that the settings below keep [m]: `tolerance_m`, or `largest_tolerance` where
-        that is less.
-    sampling_tolerance_m
-        What of it the spacing may use, the dimples' depth [m].
-    spacing_m
-        Distance of the points on a straight stretch [m]; less where the curve bends.
-    band_m
-        r2 - r_c [m].
-    max_iterations
-        A tick.
-    """
-
-    tolerance_m: float
+    tolerance_m: float  # how far the proxy may be from where the planned surface puts it [m]
+    # The tolerance that the settings below keep [m]: `tolerance_m`, or `largest_tolerance` where
+    # that is less
     kept_m: float
-    sampling_tolerance_m: float
-    spacing_m: float
-    band_m: float
-    max_iterations: int
+    sampling_tolerance_m: float  # what of it the spacing may use, the dimples' depth [m]
+    spacing_m: float  # distance of the points on a straight stretch [m]; less where the curve bends
+    band_m: float  # r2 - r_c [m]
+    max_iterations: int  # a tick
 
     @property
     def lag_m(self) -> float:
@@ -89,23 +74,13 @@ def choose(
 ) -> Choice:
     """The settings that a tolerance allows.
 
-    Parameters
-    ----------
-    tolerance_m
-        τ [m] > 0. Of more than `largest_tolerance(radius_m)` only that is used; `kept_m` tells.
-    radius_m
-        R = r_c + r_v [m].
-    planar
-        Whether the fixture ignores an axis.
-    speed_m_s, rate_hz
-        The fastest hand and the servo rate that the tolerance is to hold for.
-    depth_m
-        The deepest press that it is to hold for, below R [m]; `None`: R/2.
-
-    Raises
-    ------
-    SettingError
-        A value that is not positive and finite, or a depth that is not below R.
+    tolerance_m: τ [m] > 0. Of more than `largest_tolerance(radius_m)` only that is used; `kept_m`
+        tells.
+    radius_m: R = r_c + r_v [m]
+    planar: whether the fixture ignores an axis
+    speed_m_s, rate_hz: the fastest hand and the servo rate that the tolerance is to hold for
+    depth_m: the deepest press that it is to hold for, below R [m]; `None`: R/2
+    Raises SettingError: a value that is not positive and finite, or a depth that is not below R
     """
     depth = DEPTH * radius_m if depth_m is None else depth_m
     for name, value, unit in (

@@ -23,27 +23,14 @@ MarkerFrame = Literal["image", "patient_lps", "robot_base"]
 
 @dataclass(frozen=True, eq=False)
 class MarkerPoints:
-    """Labelled positions in one frame.
+    """Labelled positions in one frame."""
 
-    Parameters
-    ----------
-    frame
-        "image" [px], "patient_lps" [m] or "robot_base" [m].
-    labels
-        (N,) labels, each once.
-    positions
-        (N, 2) in "image", (N, 3) elsewhere.
-    sigma
-        (N,) or (N, 3) standard deviations [m] an axis; `None` where the file names none.
-    where
-        The file, for messages.
-    """
-
-    frame: MarkerFrame
-    labels: tuple[str, ...]
-    positions: NDArray[np.float64]
+    frame: MarkerFrame  # "image" [px], "patient_lps" [m] or "robot_base" [m]
+    labels: tuple[str, ...]  # (N,) labels, each once
+    positions: NDArray[np.float64]  # (N, 2) in "image", (N, 3) elsewhere
+    # (N,) or (N, 3) standard deviations [m] an axis; `None` where the file names none
     sigma: NDArray[np.float64] | None = None
-    where: str | None = None
+    where: str | None = None  # the file, for messages
 
     def __post_init__(self) -> None:
         if not self.labels:

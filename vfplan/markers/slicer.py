@@ -33,11 +33,8 @@ def parse_mrk_json(text: str, where: str) -> MarkerPoints:
     Positions in `coordinateSystem` (LPS unless stated) and `coordinateUnits` (mm unless stated);
     points whose `positionStatus` is not "defined" (undefined, preview, missing) are no markers.
 
-    Raises
-    ------
-    MarkerError
-        Not JSON, another schema, an unknown unit or coordinate system, a position that is not
-        three finite numbers.
+    Raises MarkerError: not JSON, another schema, an unknown unit or coordinate system, a position
+        that is not three finite numbers
     """
     labels: list[str] = []
     positions: list[np.ndarray] = []
@@ -147,10 +144,8 @@ def fcsv_points(text: str, where: str) -> list[tuple[str | None, np.ndarray]]:
     file version` line the columns are Slicer 4's, at fixed places; without one they are Slicer 3's
     `label,x,y,z,sel,vis` in RAS.
 
-    Raises
-    ------
-    MarkerError
-        An unknown coordinate system, other columns, a position that is not three finite numbers.
+    Raises MarkerError: an unknown coordinate system, other columns, a position that is not three
+        finite numbers
     """
     lines = [line.strip() for line in text.splitlines()]
     header = {

@@ -23,10 +23,8 @@ def parse_table(text: str, where: str) -> list[MarkerPoints]:
     `sigma`, one standard deviation an axis [m]) or `sigma_x_m,sigma_y_m,sigma_z_m`. Other columns
     are notes and are left alone, unless they look like a coordinate in another unit.
 
-    Raises
-    ------
-    MarkerError
-        A missing or doubled column, a missing cell, a value that is not a finite number.
+    Raises MarkerError: a missing or doubled column, a missing cell, a value that is not a finite
+        number
     """
     rows = table_rows(text, where)
     if not rows:

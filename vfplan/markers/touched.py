@@ -19,10 +19,8 @@ KNOWN = {*ROBOT, "label", "t"}
 def read_touched(path: str | Path) -> NDArray[np.float64]:
     """(T, 3) places [m] in the robot's frame; columns `label` and `t` may stand beside them.
 
-    Raises
-    ------
-    MarkerError
-        The file cannot be read, has other columns, or holds a value that is not a finite number.
+    Raises MarkerError: the file cannot be read, has other columns, or holds a value that is not a
+        finite number
     """
     where = str(path)
     try:

@@ -18,12 +18,8 @@ PASSES = 12
 def without_caps(points: Array, triangles: Triangles) -> Triangles:
     """The same surface with the edges opposite wide corners flipped.
 
-    Parameters
-    ----------
-    points
-        (N, 3) corners.
-    triangles
-        (K, 3) rows of them, alike in orientation.
+    points: (N, 3) corners
+    triangles: (K, 3) rows of them, alike in orientation
     """
     triangles, near = triangles.copy(), np.arange(len(triangles))
     for _ in range(PASSES):

@@ -14,49 +14,25 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Structure:
-    """One of the structures that a source holds.
+    """One of the structures that a source holds."""
 
-    Parameters
-    ----------
-    number
-        As the source numbers it.
-    name
-        As the source names it; empty where it does not.
-    """
-
-    number: int
-    name: str = ""
+    number: int  # as the source numbers it
+    name: str = ""  # as the source names it; empty where it does not
 
 
 @dataclass(frozen=True, eq=False)
 class Contours:
-    """One structure as a stack of outlines.
+    """One structure as a stack of outlines."""
 
-    Parameters
-    ----------
-    rings
-        Each (M, 3), patient LPS [m], its last corner joined to its first.
-    structures
-        All structures of the source.
-    chosen
-        The number of this one.
-    inputs
-        Role -> SHA-256 of the source's bytes.
-    normal
-        (3,) unit normal of the slices where the source says it; `None`: what the rings say.
-    empty
-        (E, 3) a point of each slice that is known to show nothing of the structure.
-    told
-        What a person should know.
-    """
-
-    rings: tuple[Array, ...]
-    structures: tuple[Structure, ...]
-    chosen: int
-    inputs: dict[str, str]
+    rings: tuple[Array, ...]  # each (M, 3), patient LPS [m], its last corner joined to its first
+    structures: tuple[Structure, ...]  # all structures of the source
+    chosen: int  # the number of this one
+    inputs: dict[str, str]  # role -> SHA-256 of the source's bytes
+    # (3,) unit normal of the slices where the source says it; `None`: what the rings say
     normal: Array | None = None
+    # (E, 3) a point of each slice that is known to show nothing of the structure
     empty: Array = field(default_factory=lambda: np.empty((0, 3)))
-    told: tuple[str, ...] = ()
+    told: tuple[str, ...] = ()  # what a person should know
 
 
 def choose_structure(structures: tuple[Structure, ...], asked: str | None) -> Structure:

@@ -54,10 +54,8 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     Slices without a drawing are passed over; they are named by their place in the folder's order,
     for exporters name files by identifiers.
 
-    Raises
-    ------
-    InputError
-        A file that is no DICOM slice, has no place in the patient, or a drawing that is not closed.
+    Raises InputError: a file that is no DICOM slice, has no place in the patient, or a drawing that
+        is not closed
     """
     from vfplan.curve import load_libraries
     from vfplan.images.read import read_image

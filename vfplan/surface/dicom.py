@@ -53,12 +53,9 @@ def plainly_dicom(data: bytes) -> bool:
 def read_dicom_contours(path: Path, structure: str | None) -> Contours:
     """One structure of an RTSTRUCT or a DICOM SEG.
 
-    Raises
-    ------
-    InputError
-        Damaged, of another kind, without such a structure, or of a shape that is not supported.
-    MissingExtra
-        pydicom is not installed.
+    Raises InputError: damaged, of another kind, without such a structure, or of a shape that is not
+        supported
+    Raises MissingExtra: pydicom is not installed
     """
     where = str(path)
     data, digest = read_bytes(path, MOST_BYTES)

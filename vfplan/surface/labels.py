@@ -22,23 +22,13 @@ LEAST_M, LARGEST_M = 1e-5, 0.1  # a voxel's sides
 
 @dataclass(frozen=True, eq=False)
 class LabelVolume:
-    """A label map as its file has it.
+    """A label map as its file has it."""
 
-    Parameters
-    ----------
-    layers
-        (L, I, J, K) integers.
-    held
-        Number of a structure -> its layer, and the label that its voxels have there.
-    T_lps_voxel
-        (4, 4) maps [i j k 1] to patient LPS [m].
-    structures, inputs
-        As in `Contours`.
-    """
-
-    layers: NDArray
+    layers: NDArray  # (L, I, J, K) integers
+    # Number of a structure -> its layer, and the label that its voxels have there
     held: dict[int, tuple[int, int]]
-    T_lps_voxel: Array
+    T_lps_voxel: Array  # (4, 4) maps [i j k 1] to patient LPS [m]
+    # As in `Contours`
     structures: tuple[Structure, ...]
     inputs: dict[str, str]
 
@@ -107,12 +97,8 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
     The slices are those of the axis along which the voxels are longest, the last where all are
     equal.
 
-    Raises
-    ------
-    InputError
-        No such structure, or several and none was named.
-    CurveError
-        The structure has no voxels.
+    Raises InputError: no such structure, or several and none was named
+    Raises CurveError: the structure has no voxels
     """
     chosen = choose_structure(volume.structures, structure)
     across = volume.slice_axis

@@ -27,39 +27,20 @@ NEWTON_STEPS = 6
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """The surface of one stack, in its own frame.
+    """The surface of one stack, in its own frame."""
 
-    Parameters
-    ----------
-    points
-        (N, 3) corners [m].
-    triangles
-        (K, 3) rows of `points`, seen anticlockwise from outside.
-    off_m
-        How far the farthest corner that could be moved onto the level is from it [m].
-    """
-
-    points: Array
-    triangles: Triangles
-    off_m: float
+    points: Array  # (N, 3) corners [m]
+    triangles: Triangles  # (K, 3) rows of `points`, seen anticlockwise from outside
+    off_m: float  # how far the farthest corner that could be moved onto the level is from it [m]
 
 
 def zero_level(stack: Stack, step: float, *, closed: bool) -> Level:
     """The surface on which a stack's function is 0.
 
-    Parameters
-    ----------
-    stack
-        The slices.
-    step
-        Size of a grid cell [m]; across the slices as much or less, so that each is a grid plane.
-    closed
-        Whether flat caps close it, half a slice beyond its first and last slice.
-
-    Raises
-    ------
-    SettingError
-        A step that takes more nodes than fit in memory.
+    stack: the slices
+    step: size of a grid cell [m]; across the slices as much or less, so that each is a grid plane
+    closed: whether flat caps close it, half a slice beyond its first and last slice
+    Raises SettingError: a step that takes more nodes than fit in memory
     """
     from skimage.measure import marching_cubes
 

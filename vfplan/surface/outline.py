@@ -28,18 +28,10 @@ EDGE_M = 2.5e-4  # longer edges are cut, so that the nearest corner finds the ne
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """What a slice shows of a structure.
+    """What a slice shows of a structure."""
 
-    Parameters
-    ----------
-    z
-        Place of the slice along the normal [m].
-    parts
-        Polygons with holes, in the slice's plane [m], that do not overlap.
-    """
-
-    z: float
-    parts: tuple[Polygon, ...]
+    z: float  # place of the slice along the normal [m]
+    parts: tuple[Polygon, ...]  # polygons with holes, in the slice's plane [m], that do not overlap
 
     def signed(self, xy: Array) -> tuple[Array, Array]:
         """Signed distance (M,) [m] of points (M, 2), below 0 inside, and its gradient (M, 2).
@@ -125,10 +117,8 @@ def _cut(ring: Array) -> Array:
 def outline_of(rings: list[Array], z: float, where: str) -> tuple[Outline, list[str]]:
     """The polygons that closed rings (M, 2) [m] of one slice bound, and what a person should know.
 
-    Raises
-    ------
-    CurveError
-        A ring without area, one that crosses itself or another, or one that is there twice.
+    Raises CurveError: a ring without area, one that crosses itself or another, or one that is there
+        twice
     """
     from shapely import Polygon
 

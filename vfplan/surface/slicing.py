@@ -28,21 +28,12 @@ EVEN = 0.01  # of the usual distance
 
 @dataclass(frozen=True, eq=False)
 class Sliced:
-    """A structure's slices.
+    """A structure's slices."""
 
-    Parameters
-    ----------
-    R_slice_patient
-        (3, 3) rotation into the frame of the stacks: two axes in the slices' planes, the normal.
-    stacks
-        One for each run of slices without an empty one between.
-    told
-        What a person should know.
-    """
-
+    # (3, 3) rotation into the frame of the stacks: two axes in the slices' planes, the normal
     R_slice_patient: Array
-    stacks: tuple[Stack, ...]
-    told: tuple[str, ...]
+    stacks: tuple[Stack, ...]  # one for each run of slices without an empty one between
+    told: tuple[str, ...]  # what a person should know
 
     @property
     def gaps_m(self) -> Array:
@@ -57,19 +48,11 @@ class Sliced:
 def slice_contours(contours: Contours, max_gap_m: float | None = None) -> Sliced:
     """Sort rings into slices and slices into runs.
 
-    Parameters
-    ----------
-    contours
-        What a reader found.
-    max_gap_m
-        The largest distance between slices that is interpolated across [m]; `None`: one and a half
-        times the usual one.
-
-    Raises
-    ------
-    CurveError
-        Rings that are not flat, not parallel, cross or repeat each other; slices that are doubled,
-        missing, or alone.
+    contours: what a reader found
+    max_gap_m: the largest distance between slices that is interpolated across [m]; `None`: one and
+        a half times the usual one
+    Raises CurveError: rings that are not flat, not parallel, cross or repeat each other; slices
+        that are doubled, missing, or alone
     """
     normal = _normal(contours)
     axes = _axes(normal)

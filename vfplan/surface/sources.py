@@ -18,19 +18,10 @@ def read_contours(
 ) -> Contours:
     """The outlines of one structure.
 
-    Parameters
-    ----------
-    sources
-        One file; or several `.mrk.json`; or a folder of DICOM slices, each with a drawing.
-    structure
-        Its name or number in a source that holds several.
-    colour
-        The pen's, on drawn slices.
-
-    Raises
-    ------
-    InputError
-        A source that is none of these, damaged, or without such a structure.
+    sources: one file; or several `.mrk.json`; or a folder of DICOM slices, each with a drawing
+    structure: its name or number in a source that holds several
+    colour: the pen's, on drawn slices
+    Raises InputError: a source that is none of these, damaged, or without such a structure
     """
     from vfplan.surface import curves, dicom, volumes
 

@@ -35,12 +35,8 @@ MOST_LABELS = 65536
 def read_nrrd(path: Path) -> LabelVolume:
     """A Slicer segmentation, or any label map, in one NRRD file.
 
-    Raises
-    ------
-    InputError
-        Damaged, without a place in the patient, or no label map.
-    MissingExtra
-        pynrrd is not installed.
+    Raises InputError: damaged, without a place in the patient, or no label map
+    Raises MissingExtra: pynrrd is not installed
     """
     where = str(path)
     data, digest = read_bytes(path)
@@ -145,12 +141,8 @@ def _nrrd_segments(header: dict[str, Any], where: str) -> list[tuple[Structure, 
 def read_nifti(path: Path) -> LabelVolume:
     """A label map in a `.nii` or `.nii.gz` file.
 
-    Raises
-    ------
-    InputError
-        Damaged, without a place in the patient or with two, or no label map.
-    MissingExtra
-        nibabel is not installed.
+    Raises InputError: damaged, without a place in the patient or with two, or no label map
+    Raises MissingExtra: nibabel is not installed
     """
     where = str(path)
     data, digest = read_bytes(path)

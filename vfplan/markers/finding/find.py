@@ -19,27 +19,14 @@ MAX_MISFIT = 0.45  # RMS: above it, no cross and no dot
 
 @dataclass(frozen=True)
 class FoundMarker:
-    """A marker as drawn in the image.
+    """A marker as drawn in the image."""
 
-    Parameters
-    ----------
-    label
-        Its label.
-    position_px
-        (u, v) of its centre; the centre of the top-left pixel is (0, 0).
-    moved_px
-        Distance from where it was said to be.
-    shape
-        "cross" or "dot".
-    misfit
-        RMS of the drawn coverage (0..1) minus the shape's, over the mark.
-    """
-
-    label: str
+    label: str  # its label
+    # (u, v) of its centre; the centre of the top-left pixel is (0, 0)
     position_px: tuple[float, float]
-    moved_px: float
-    shape: Shape
-    misfit: float
+    moved_px: float  # distance from where it was said to be
+    shape: Shape  # "cross" or "dot"
+    misfit: float  # RMS of the drawn coverage (0..1) minus the shape's, over the mark
 
 
 def find_markers(
@@ -47,23 +34,13 @@ def find_markers(
 ) -> tuple[FoundMarker, ...]:
     """The drawn marker nearest to each given position.
 
-    Parameters
-    ----------
-    rgb
-        (H, W, 3) uint8 or uint16.
-    labels
-        (N,) names, for messages and in the result.
-    positions_px
-        (N, 2) where the markers are said to be (u, v).
-    search_px
-        How far a marker's centre may be from there.
-
-    Raises
-    ------
-    MarkerError
-        A position outside the image, no cross or dot near it, or two markers found in one place.
-    SettingError
-        A search radius that is not above 0.
+    rgb: (H, W, 3) uint8 or uint16
+    labels: (N,) names, for messages and in the result
+    positions_px: (N, 2) where the markers are said to be (u, v)
+    search_px: how far a marker's centre may be from there
+    Raises MarkerError: a position outside the image, no cross or dot near it, or two markers found
+        in one place
+    Raises SettingError: a search radius that is not above 0
     """
     if not 0 < search_px < float("inf"):
         raise SettingError(f"search radius is {search_px} px; a finite number above 0 is wanted")

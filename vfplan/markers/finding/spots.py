@@ -18,15 +18,9 @@ MOST_SPOTS = 400  # more of one hue is a colour picture, not marks
 
 @dataclass(frozen=True, eq=False)
 class Kind:
-    """Marks of one hue and size.
+    """Marks of one hue and size."""
 
-    Parameters
-    ----------
-    places_px
-        (M, 2) their centres of area (u, v).
-    """
-
-    places_px: Array
+    places_px: Array  # (M, 2) their centres of area (u, v)
 
 
 def kinds_of_spots(rgb: NDArray) -> list[Kind]:
@@ -34,10 +28,7 @@ def kinds_of_spots(rgb: NDArray) -> list[Kind]:
 
     CT has no colour, but white specks: what is made of white ones must be looked at more closely.
 
-    Parameters
-    ----------
-    rgb
-        (H, W, 3) uint8 or uint16.
+    rgb: (H, W, 3) uint8 or uint16
     """
     import cv2
 

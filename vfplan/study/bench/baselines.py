@@ -16,12 +16,8 @@ class NearestPointPenalty:
     The "proxy" of a penalty force F = K (R - |x|) x/|x| is where that force would be zero. Once the
     HIP is past the cloud it is pushed out on the other side.
 
-    Parameters
-    ----------
-    points
-        (N, 3) [m].
-    parameters
-        As for `ProxyEngine`.
+    points: (N, 3) [m]
+    parameters: as for `ProxyEngine`
     """
 
     def __init__(self, points: Array, **parameters: Any) -> None:

@@ -69,16 +69,10 @@ def nearest_on(corners: Array, x: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Bone(Scene):
-    """A closed surface read from a mesh file.
-
-    Parameters
-    ----------
-    source
-        PLY or STL, in millimetres.
-    """
+    """A closed surface read from a mesh file."""
 
     name: ClassVar[str] = "bone"
-    source: Path = field(default=Path(), kw_only=True)
+    source: Path = field(default=Path(), kw_only=True)  # PLY or STL, in millimetres
 
     @cached_property
     def _whole(self) -> tuple[Array, Array]:

@@ -34,15 +34,9 @@ TIMEOUT_S = 120.0
 
 @dataclass(frozen=True)
 class Peer:
-    """An outside program.
+    """An outside program."""
 
-    Parameters
-    ----------
-    command
-        As a shell would split it; the folder is appended.
-    """
-
-    command: str
+    command: str  # as a shell would split it; the folder is appended
 
     @property
     def name(self) -> str:
@@ -63,10 +57,8 @@ class Peer:
     def run(self, points: Array, hips: Array, settings: ProxyParameters) -> tuple[Array, Array]:
         """Proxies (T, 3) [m] and times (T,) [µs]; the settings' ignored axis is honoured.
 
-        Raises
-        ------
-        SettingError
-            The program failed, took longer than two minutes, or wrote something else.
+        Raises SettingError: the program failed, took longer than two minutes, or wrote something
+            else
         """
         axis = settings.ignore_axis
         flat = np.eye(3) if axis is None else np.eye(3) - np.outer(axis, axis)

@@ -21,20 +21,11 @@ _SUB = 8
 
 @dataclass(frozen=True)
 class Drawing:
-    """One way to draw the bench's curve.
+    """One way to draw the bench's curve."""
 
-    Parameters
-    ----------
-    pen_px
-        The pen's width at scale 1 [px].
-    quality
-        JPEG quality with 4:2:0 chroma; `None`: lossless.
-    scale
-        Pixels of the image for each pixel of the original: how fine the slice was captured.
-    """
-
-    pen_px: float = 3.0
-    quality: int | None = None
+    pen_px: float = 3.0  # the pen's width at scale 1 [px]
+    quality: int | None = None  # JPEG quality with 4:2:0 chroma; `None`: lossless
+    # Pixels of the image for each pixel of the original: how fine the slice was captured
     scale: float = 1.0
 
     def picture(self) -> NDArray[np.uint8]:

@@ -33,33 +33,20 @@ class Errors(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One point of a work-precision diagram, yet to be measured.
+    """One point of a work-precision diagram, yet to be measured."""
 
-    Parameters
-    ----------
-    scene, method, settings
-        What is compared, by whom, how it is set.
-    run
-        Does the work once: the answer and the times of its parts (K,) [µs] (one element for a
-        call, one a tick for an engine).
-    score
-        Answer -> `Errors`.
-    unit
-        Of the errors: "px" or "m".
-    chosen
-        Whether these are the settings that `vfplan.engine.tolerance` takes from the tolerance.
-    peer
-        Whether an outside program does it.
-    """
-
+    # What is compared, by whom, how it is set
     scene: str
     method: str
     settings: dict[str, Setting]
+    # Does the work once: the answer and the times of its parts (K,) [µs] (one element for a call,
+    # one a tick for an engine)
     run: Callable[[], tuple[Any, Array]]
-    score: Callable[[Any], Errors]
-    unit: str
+    score: Callable[[Any], Errors]  # answer -> `Errors`
+    unit: str  # of the errors: "px" or "m"
+    # Whether these are the settings that `vfplan.engine.tolerance` takes from the tolerance
     chosen: bool = False
-    peer: bool = False
+    peer: bool = False  # whether an outside program does it
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,24 +66,12 @@ class Refusal:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A measured trial.
+    """A measured trial."""
 
-    Parameters
-    ----------
-    trial
-        What was measured.
-    stage
-        "extract", "sample", "register", "proxy", "feel" or "plan".
-    errors
-        Against the truth.
-    times
-        (repeats, K) [µs].
-    """
-
-    stage: str
-    trial: Trial
-    errors: Errors
-    times: list[Array] = field(repr=False)
+    stage: str  # "extract", "sample", "register", "proxy", "feel" or "plan"
+    trial: Trial  # what was measured
+    errors: Errors  # against the truth
+    times: list[Array] = field(repr=False)  # (repeats, K) [µs]
 
     @property
     def time_us(self) -> dict[str, float]:

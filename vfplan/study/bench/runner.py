@@ -21,16 +21,10 @@ def run_trials(
     Every round runs each trial once, in another order each time; the first round warms caches up
     and gives the answers to score, and is not timed. Slow trials run in the first rounds only.
 
-    Parameters
-    ----------
-    stage
-        The results' stage.
-    trials
-        Of one scene.
-    repeats
-        Timed rounds, at most.
-    advance
-        Told 1 for each trial in each round, len(trials) * (1 + repeats) in all.
+    stage: the results' stage
+    trials: of one scene
+    repeats: timed rounds, at most
+    advance: told 1 for each trial in each round, len(trials) * (1 + repeats) in all
     """
     rng = np.random.default_rng(0)
     errors: dict[int, Errors] = {}

@@ -28,21 +28,11 @@ PRESS_M = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A true curve in the plane z = 0.
+    """A true curve in the plane z = 0."""
 
-    Parameters
-    ----------
-    name
-        Of the scene.
-    fine
-        (M, 3) [m], every 20 µm of arc.
-    closed
-        Whether the last vertex joins the first.
-    """
-
-    name: str
-    fine: Array
-    closed: bool = False
+    name: str  # of the scene
+    fine: Array  # (M, 3) [m], every 20 µm of arc
+    closed: bool = False  # whether the last vertex joins the first
 
 
 def scenes(quick: bool, tolerance_m: float) -> Iterator[list[Trial]]:

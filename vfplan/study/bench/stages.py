@@ -42,30 +42,14 @@ def bench(
 ) -> dict[str, Any]:
     """Measure error against run time.
 
-    Parameters
-    ----------
-    stages
-        Which; see `STAGES`.
-    quick
-        Fewer scenes, settings and repeats: under a minute instead of under ten.
-    tolerance_m
-        For the settings that are chosen by it [m].
-    peers
-        Outside programs for stage "proxy".
-    surface
-        A mesh file (PLY or STL, mm), e.g. a bone's: one more scene of stage "proxy".
-    progress
-        Told the scene at work, how many of its runs are done, and of how many.
-
-    Returns
-    -------
-    dict
-        The document of docs/accuracy.md: `results`, `peers`, `machine`, `chosen`, ...
-
-    Raises
-    ------
-    SettingError
-        An unknown stage, a tolerance that is none, a peer that failed.
+    stages: which; see `STAGES`
+    quick: fewer scenes, settings and repeats: under a minute instead of under ten
+    tolerance_m: for the settings that are chosen by it [m]
+    peers: outside programs for stage "proxy"
+    surface: a mesh file (PLY or STL, mm), e.g. a bone's: one more scene of stage "proxy".
+    progress: told the scene at work, how many of its runs are done, and of how many
+    Returns the document of docs/accuracy.md: `results`, `peers`, `machine`, `chosen`, ...
+    Raises SettingError: an unknown stage, a tolerance that is none, a peer that failed
     """
     wanted = _checked(stages)
     choice = choose(tolerance_m, 5e-3)

@@ -29,21 +29,11 @@ def look(pieces: tuple[Pieces, ...], x: Vector) -> Look:
 def follow(pieces: tuple[Pieces, ...], proxy: Vector, hip: Vector, radius: float) -> Vector:
     """The local minimum of |x - hip| over the free space that a proxy slides into.
 
-    Parameters
-    ----------
-    pieces
-        The exact geometry.
-    proxy
-        (3,) where the proxy was [m]: in the free space.
-    hip
-        (3,) [m].
-    radius
-        R = r_c + r_v [m].
-
-    Raises
-    ------
-    SceneError
-        The proxy starts inside the fixture by more than a rounding, or finds no rest.
+    pieces: the exact geometry
+    proxy: (3,) where the proxy was [m]: in the free space
+    hip: (3,) [m]
+    radius: R = r_c + r_v [m]
+    Raises SceneError: the proxy starts inside the fixture by more than a rounding, or finds no rest
     """
     *_, rest = way(pieces, proxy, hip, radius)
     return rest
@@ -92,12 +82,8 @@ def sensitivity(pieces: tuple[Pieces, ...], proxy: Vector, hip: Vector, radius: 
     Kuhn and Tucker, by the implicit function theorem: 1 over the least eigenvalue of I - Σ f_j H_j
     in the directions that no touched piece holds.
 
-    Parameters
-    ----------
-    pieces, radius
-        As for `follow`.
-    proxy, hip
-        (3,) the exact proxy of this HIP, and the HIP [m].
+    pieces, radius: as for `follow`
+    proxy, hip: (3,) the exact proxy of this HIP, and the HIP [m]
     """
     from scipy.optimize import nnls
 
