@@ -59,9 +59,10 @@ def command(
         if events is not None:
             write_events(events, burred.events)
         if picture is not None:
-            from vfplan.figures.burr import draw_burr
+            from vfplan.figures.burr import burr_figure
+            from vfplan.figures.style import save_png
 
-            draw_burr(burred, picture)
+            save_png(burr_figure(burred), picture)
     return Report(burred.metrics, _text(burred.metrics))
 
 

@@ -117,8 +117,9 @@ def run_sample(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """The pipeline on the sample's files; the reports of planning and of replaying."""
     from vfplan.bundle import write_fixture
-    from vfplan.figures.replay import draw_scene, draw_timeline
+    from vfplan.figures import replay as figures
     from vfplan.figures.slice import draw_mask, draw_overlay
+    from vfplan.figures.style import save_png
     from vfplan.planning import ExtractSettings, plan
     from vfplan.replaying import replay
     from vfplan.session import read_session, write_result
@@ -135,8 +136,8 @@ def run_sample(
     seen = made.extracted
     draw_mask(seen.extraction, mask)
     draw_overlay(seen.image, seen.extraction, overlay, markers=made.fixture.registration)
-    draw_timeline(replayed, force)
-    draw_scene(replayed, scene)
+    save_png(figures.timeline(replayed), force)
+    save_png(figures.scene(replayed), scene)
     return made.report, replayed.metrics
 
 

@@ -71,9 +71,10 @@ def command(
             with ResultWriter(result, {"rehearsal": found.metrics}) as file:
                 file.append(found.ticks)
         if picture is not None:
-            from vfplan.figures.arm import draw_arm
+            from vfplan.figures.arm import in_space
+            from vfplan.figures.style import save_png
 
-            draw_arm(found, picture)
+            save_png(in_space(found), picture)
         if report is not None:
             from vfplan.report.arm import write_rehearsal
 

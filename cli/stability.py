@@ -117,7 +117,8 @@ def _check_folder(folder: Path | None, overwrite: bool) -> None:
 
 def _write(folder: Path, found: Any) -> None:
     """The report and the table; a picture where there is something to draw."""
-    from vfplan.figures.stability import draw_map, draw_passivity
+    from vfplan.figures.stability import passivity_plot, stability_map
+    from vfplan.figures.style import save_png
 
     kinds = {row.case.partition("/")[0] for row in found.rows}
     chart = folder / MAP if "map" in kinds else None
@@ -128,6 +129,6 @@ def _write(folder: Path, found: Any) -> None:
         write_whole(report, [text.encode()], overwrite=True)
         write_whole(table, [found.as_csv().encode()], overwrite=True)
         if chart_file is not None:
-            draw_map(found.rows, chart_file)
+            save_png(stability_map(found.rows), chart_file)
         if passivity_file is not None:
-            draw_passivity(found.rows, passivity_file)
+            save_png(passivity_plot(found.rows), passivity_file)

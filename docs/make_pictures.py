@@ -40,7 +40,7 @@ def draw_guidance() -> None:
     import numpy as np
 
     import vfplan
-    from vfplan.figures.guide import draw_guide
+    from vfplan.figures.guide import guide_plot
     from vfplan.figures.replay import scene
     from vfplan.figures.style import save_png
     from vfplan.planning import ExtractSettings, FixtureSettings, plan
@@ -63,7 +63,7 @@ def draw_guidance() -> None:
     swing = 2.2e-3 * np.sin(2.83 * t) * np.sin(0.38 * t) + 1e-4 * np.sin(56.5 * t)
     hips = at + swing[:, None] * left + [0, 0, made.fixture.points[0, 2]]
     replayed = replay(made.fixture, Session(t, hips))
-    draw_guide(replayed, PICTURES / "guide_lateral.png")
+    save_png(guide_plot(replayed), PICTURES / "guide_lateral.png")
     figure = scene(replayed)
     figure.axes[0].set_xlim(465, 600)
     figure.axes[0].set_ylim(-115, -20)

@@ -96,8 +96,9 @@ def draw(folder: Path) -> dict[str, dict[str, float]]:
     Leaves `FILES` in `folder`.
     """
     from vfplan import view3d
-    from vfplan.figures.depth import draw_slice_depth
-    from vfplan.figures.replay import draw_scene, draw_timeline
+    from vfplan.figures.depth import slice_depth
+    from vfplan.figures.replay import scene, timeline
+    from vfplan.figures.style import save_png
     from vfplan.images.read import read_image
     from vfplan.io import opengl
 
@@ -108,12 +109,12 @@ def draw(folder: Path) -> dict[str, dict[str, float]]:
         ("experiment-2", planned_curve(), hand),
     ):
         found = replay(fixture, session)
-        draw_timeline(found, folder / f"{name}-force.png")
+        save_png(timeline(found), folder / f"{name}-force.png")
         space = folder / f"{name}-scene.png"
         if fixture.ignore_axis is None and opengl.offscreen_window() is not None:
             view3d.draw_view(fixture, space, ticks=found.ticks, mark_hz=10.0, size=(1000, 750))
         else:
-            draw_scene(found, space)
+            save_png(scene(found), space)
         m = found.metrics
         numbers[name] = {
             "points": len(fixture.points),
@@ -124,5 +125,5 @@ def draw(folder: Path) -> dict[str, dict[str, float]]:
             "clearance_min_um": round(1e6 * m["clearance_min_m"], 2) + 0.0,  # not -0.0
         }
     slice_ = read_image(files("vfplan.samples") / "elbow.png")
-    draw_slice_depth(found, slice_, folder / "experiment-2-slice.png")
+    save_png(slice_depth(found, slice_), folder / "experiment-2-slice.png")
     return numbers

@@ -27,7 +27,8 @@ FILES = (
 def draw(folder: Path) -> dict[str, dict[str, Any]]:
     """Run both on the simulated arm; leave `FILES` in `folder`, return each run's numbers."""
     from vfplan.arm import Arm, rehearse
-    from vfplan.figures.arm import draw_arm, draw_depth, draw_efforts
+    from vfplan.figures.arm import depth, efforts, in_space
+    from vfplan.figures.style import save_png
 
     hand: Session = read_session(str(files("vfplan.samples") / "elbow_session.csv"))
     numbers = {}
@@ -36,9 +37,9 @@ def draw(folder: Path) -> dict[str, dict[str, Any]]:
         ("panda-2", planned_curve(), hand, (0.15, 0.0, 0.0)),
     ):
         found = rehearse(fixture, session, Arm("panda", base=base))
-        draw_depth(found, folder / f"{name}-depth.png")
-        draw_arm(found, folder / f"{name}-arm.png")
-        draw_efforts(found, folder / f"{name}-efforts.png")
+        save_png(depth(found), folder / f"{name}-depth.png")
+        save_png(in_space(found), folder / f"{name}-arm.png")
+        save_png(efforts(found), folder / f"{name}-efforts.png")
         depth = found.ticks.penetration
         force = np.linalg.norm(found.motion.force, axis=1)
         touched = depth > 1e-4

@@ -8,8 +8,9 @@ from PIL import Image
 from replays import fixture_of, line, probing
 
 from vfplan.errors import InputError
-from vfplan.figures.depth import depth_along, draw_depth, image_places, slice_depth
-from vfplan.figures.replay import draw_scene, draw_timeline, plane_basis, scene, timeline
+from vfplan.figures.depth import depth_along, depth_plot, image_places, slice_depth
+from vfplan.figures.replay import plane_basis, scene, timeline
+from vfplan.figures.style import save_png
 from vfplan.fixture import Fixture, Provenance, RegistrationRecord
 from vfplan.images.read import PlannedImage
 from vfplan.replaying import replay
@@ -43,17 +44,17 @@ def test_scene_has_circles_at_contacts_of_the_contact_radius(pressed):
 
 
 def test_the_same_replay_gives_the_same_picture(pressed, tmp_path):
-    for draw in (draw_timeline, draw_scene, draw_depth):
+    for draw in (timeline, scene, depth_plot):
         names = [tmp_path / f"{draw.__name__}{k}.png" for k in (1, 2)]
         for name in names:
-            draw(pressed, name)
+            save_png(draw(pressed), name)
         assert names[0].read_bytes() == names[1].read_bytes()
         assert Image.open(names[0]).size[0] == 1050
 
 
 def test_solid_scenes_are_drawn_too(tmp_path):
     found = replay(fixture_of(line(), axis=None), probing(1.0))
-    draw_scene(found, tmp_path / "s.png")
+    save_png(scene(found), tmp_path / "s.png")
     assert np.asarray(Image.open(tmp_path / "s.png")).std() > 1
 
 

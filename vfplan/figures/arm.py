@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.arm import Rehearsal
-from vfplan.figures.style import new_figure, save_png, style
+from vfplan.figures.style import new_figure, style
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.quantities import row_norms
 
@@ -20,23 +18,8 @@ MOST_TICKS = 4000
 POSTURES = 6
 
 
-def draw_arm(rehearsal: Rehearsal, path: Path) -> None:
-    """The arm in some of its postures, the fixture and the tip's path, as a PNG."""
-    save_png(in_space(rehearsal), path)
-
-
-def draw_efforts(rehearsal: Rehearsal, path: Path) -> None:
-    """Force, torques, their steps and the joints' ranges over time, as a PNG."""
-    save_png(efforts(rehearsal), path)
-
-
-def draw_depth(rehearsal: Rehearsal, path: Path) -> None:
-    """The commanded force against the depth, apart for the faces that were felt, as a PNG."""
-    save_png(depth(rehearsal), path)
-
-
 def depth(rehearsal: Rehearsal) -> Figure:
-    """The figure of `draw_depth`.
+    """The commanded force against the depth, apart for the faces that were felt.
 
     Faces are told apart by the normal: along the axis on which normals differ most, and against it.
     """
@@ -62,7 +45,7 @@ def depth(rehearsal: Rehearsal) -> Figure:
 
 
 def in_space(rehearsal: Rehearsal) -> Figure:
-    """The figure of `draw_arm`."""
+    """The arm in some of its postures, the fixture and the tip's path."""
     figure = new_figure(6.6, 5.6)
     with style():
         axes = figure.add_subplot(projection="3d")
@@ -102,7 +85,7 @@ def _outline(rehearsal: Rehearsal, q: Array) -> Array:
 
 
 def efforts(rehearsal: Rehearsal) -> Figure:
-    """The figure of `draw_efforts`."""
+    """Force, torques, their steps and the joints' ranges over time."""
     motion, arm = rehearsal.motion, rehearsal.arm
     robot, time = arm.robot, rehearsal.ticks.time
     figure = new_figure(7.0, 7.2)

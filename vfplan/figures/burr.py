@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.figure import Figure
 
-from vfplan.figures.style import new_figure, save_png, style
+from vfplan.figures.style import new_figure, style
 from vfplan.replaying.burring import Burred
 from vfplan.replaying.quantities import row_norms
 
 MM = 1e3
 
 
-def draw_burr(burred: Burred, path: Path) -> None:
-    """Both pictures as one PNG."""
-    save_png(burr_figure(burred), path)
-
-
 def burr_figure(burred: Burred) -> Figure:
-    """The figure of `draw_burr`."""
+    """What was taken away, from above and in a section, and the force over time."""
     figure = new_figure(7.5, 6.0)
     with style():
         grid = figure.add_gridspec(2, 2, height_ratios=(3, 2))

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError
-from vfplan.figures.style import new_figure, save_png, style
+from vfplan.figures.style import new_figure, style
 from vfplan.fixture import Fixture
 from vfplan.images.read import PlannedImage
 from vfplan.palette import CLOUD, PROXY
@@ -20,16 +18,6 @@ from vfplan.replaying.ruler import CurveRuler
 Array = NDArray[np.float64]
 MM = 1e3
 _SLIDE = 50  # planned points: the proxy that passes more in a tick left the curve between
-
-
-def draw_depth(replayed: Replay, path: Path) -> None:
-    """Deepest penetration along the planned curve, as a PNG."""
-    save_png(depth_plot(replayed), path)
-
-
-def draw_slice_depth(replayed: Replay, image: PlannedImage, path: Path) -> None:
-    """The slice with the planned curve on it, coloured by the deepest penetration, as a PNG."""
-    save_png(slice_depth(replayed, image), path)
 
 
 def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
@@ -73,7 +61,7 @@ def image_places(fixture: Fixture) -> Array:
 
 
 def depth_plot(replayed: Replay) -> Figure:
-    """The figure of `draw_depth`."""
+    """Deepest penetration along the planned curve."""
     ruler, depth = depth_along(replayed)
     figure = new_figure(7.0, 2.6)
     with style():
@@ -93,7 +81,7 @@ def depth_plot(replayed: Replay) -> Figure:
 
 
 def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
-    """The figure of `draw_slice_depth`.
+    """The slice with the planned curve on it, coloured by the deepest penetration.
 
     Raises InputError: another image than the one the fixture was planned on
     """

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.figure import Figure
 
-from vfplan.figures.style import new_figure, save_png, style
+from vfplan.figures.style import new_figure, style
 from vfplan.palette import BRIDGED, CLOUD, FORCE, HIP
 from vfplan.replaying import Replay
 
 MM = 1e3
 
 
-def draw_guide(replayed: Replay, path: Path) -> None:
-    """Largest lateral error and force over arc length, as a PNG."""
-    save_png(guide_plot(replayed), path)
-
-
 def guide_plot(replayed: Replay) -> Figure:
-    """The figure of `draw_guide`."""
+    """Largest lateral error and force over arc length."""
     guide = replayed.metrics["guide"]
     profile = guide["profile"]
     arc = MM * np.array(profile["arc_m"])

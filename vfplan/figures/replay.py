@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
@@ -11,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from vfplan.figures.style import new_figure, save_png, style
+from vfplan.figures.style import new_figure, style
 from vfplan.fixture import Fixture
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
 from vfplan.replaying import Replay
@@ -26,21 +24,8 @@ MM = 1e3
 MARK_HZ = 10.0
 
 
-def draw_timeline(replayed: Replay, path: Path) -> None:
-    """Force, penetration and overlap over time, contact episodes shaded, as a PNG."""
-    save_png(timeline(replayed), path)
-
-
-def draw_scene(replayed: Replay, path: Path, *, mark_hz: float = MARK_HZ) -> None:
-    """Cloud, HIP and proxy path, contact circles and normals, as a PNG.
-
-    A planar fixture is drawn in its plane, any other in perspective.
-    """
-    save_png(scene(replayed, mark_hz=mark_hz), path)
-
-
 def timeline(replayed: Replay) -> Figure:
-    """The figure of `draw_timeline`."""
+    """Force, penetration and overlap over time, contact episodes shaded."""
     ticks = replayed.ticks
     figure = new_figure(7.0, 4.6)
     with style():
@@ -76,7 +61,10 @@ def shade_episodes(axes: Axes, replayed: Replay) -> None:
 
 
 def scene(replayed: Replay, *, mark_hz: float = MARK_HZ) -> Figure:
-    """The figure of `draw_scene`."""
+    """Cloud, HIP and proxy path, contact circles and normals.
+
+    A planar fixture is drawn in its plane, any other in perspective.
+    """
     if replayed.fixture.ignore_axis is None:
         return _scene_3d(replayed, mark_hz)
     return _scene_2d(replayed, mark_hz)

@@ -2,30 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.figure import Figure
 
-from vfplan.figures.style import new_figure, save_png, style
+from vfplan.figures.style import new_figure, style
 from vfplan.palette import CONTACT, RULE
 from vfplan.stability import Row
 
 MARKS = {0: "o", 1: "s", 3: "^"}
 
 
-def draw_map(rows: list[Row], path: Path) -> None:
-    """K over b/T: the theory's curves and the points measured with both rules, as a PNG."""
-    save_png(stability_map(rows), path)
-
-
-def draw_passivity(rows: list[Row], path: Path) -> None:
-    """Net work less the bound of each random closed cycle, by scene and rule, as a PNG."""
-    save_png(passivity_plot(rows), path)
-
-
 def stability_map(rows: list[Row]) -> Figure:
-    """The figure of `draw_map`; takes the rows of part "map"."""
+    """K over b/T: the theory's curves and the points measured, from the rows of part "map"."""
     places = [row for row in rows if row.case.startswith("map/")]
     figure = new_figure(7.0, 4.4)
     with style():
@@ -63,7 +51,7 @@ def stability_map(rows: list[Row]) -> Figure:
 
 
 def passivity_plot(rows: list[Row]) -> Figure:
-    """The figure of `draw_passivity`; takes the rows of part "passivity"."""
+    """Net work less the bound of each random cycle, from the rows of part "passivity"."""
     rows = [row for row in rows if row.case.startswith("passivity/")]
     scenes = list(dict.fromkeys(row.values["scene"] for row in rows))
     figure = new_figure(7.0, 3.6)

@@ -87,14 +87,17 @@ inline void check_identity(const Content& content, Findings& findings) {
     }
 }
 
+/// Whether these are 0, ..., 0, 1, ..., 1, 2, ...
+inline bool counts_up(const std::vector<std::int32_t>& stroke) {
+    const auto jump = std::adjacent_find(
+        stroke.begin(), stroke.end(),
+        [](std::int64_t one, std::int64_t next) { return next != one && next != one + 1; });
+    return stroke.front() == 0 && jump == stroke.end();
+}
+
 inline void check_curve(const Content& content, Findings& findings) {
     const std::vector<std::int32_t>& stroke = content.at("/curve/stroke").i4;
-    bool counts = stroke.front() == 0;
-    for (std::size_t i = 1; i < stroke.size(); ++i) {
-        const std::int64_t step = std::int64_t{stroke[i]} - stroke[i - 1];
-        counts = counts && (step == 0 || step == 1);
-    }
-    if (!counts) {
+    if (!counts_up(stroke)) {
         return findings.error("corrupt.value", "/curve/stroke",
                               "must count 0, 1, ... along the points");
     }
@@ -114,13 +117,8 @@ inline void check_pieces(const Content& content, Findings& findings) {
                               "needs /curve and /rendering/ignore_axis");
     }
     const std::vector<std::int32_t>& stroke = content.at("/pieces/stroke").i4;
-    bool counts = stroke.front() == 0;
-    for (std::size_t i = 1; i < stroke.size(); ++i) {
-        const std::int64_t step = std::int64_t{stroke[i]} - stroke[i - 1];
-        counts = counts && (step == 0 || step == 1);
-    }
     const std::size_t strokes = content.at("/curve/closed").u1.size();
-    if (!counts || static_cast<std::size_t>(stroke.back()) + 1 != strokes) {
+    if (!counts_up(stroke) || static_cast<std::size_t>(stroke.back()) + 1 != strokes) {
         findings.error("corrupt.value", "/pieces/stroke",
                        "must count 0, 1, ... to the " + std::to_string(strokes) +
                            " strokes of /curve along the vertices");
