@@ -11,37 +11,11 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <new>
 #include <thread>
 
+#include "allocations.hpp"
 #include "vfplan/engine.hpp"
 #include "vfplan/moving.hpp"
-
-static thread_local long allocations = 0;
-
-[[gnu::noinline]] void* operator new(std::size_t n) {
-    ++allocations;
-    if (void* p = std::malloc(n ? n : 1)) return p;
-    throw std::bad_alloc();
-}
-[[gnu::noinline]] void* operator new(std::size_t n, std::align_val_t line) {
-    ++allocations;
-    const auto step = static_cast<std::size_t>(line);
-    if (void* p = std::aligned_alloc(step, (n + step) / step * step)) return p;
-    throw std::bad_alloc();
-}
-[[gnu::noinline]] void operator delete(void* p) noexcept {
-    ++allocations;
-    std::free(p);
-}
-[[gnu::noinline]] void operator delete(void* p, std::align_val_t) noexcept {
-    ++allocations;
-    std::free(p);
-}
-[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept {
-    ++allocations;
-    std::free(p);
-}
 
 namespace {
 

@@ -8,28 +8,10 @@
 // 1 names the first failure.
 #include <cstdio>
 #include <cstdlib>
-#include <new>
 
+#include "allocations.hpp"
 #include "scenes.hpp"
 #include "vfplan/engine.hpp"
-
-static long allocations = 0;
-
-// Out of line, else g++ takes the two for a pair that does not match.
-[[gnu::noinline]] void* operator new(std::size_t n) {
-    ++allocations;
-    if (void* p = std::malloc(n ? n : 1)) return p;
-    throw std::bad_alloc();
-}
-[[gnu::noinline]] void* operator new(std::size_t n, std::align_val_t line) {
-    ++allocations;
-    const auto step = static_cast<std::size_t>(line);
-    if (void* p = std::aligned_alloc(step, (n + step) / step * step)) return p;
-    throw std::bad_alloc();
-}
-[[gnu::noinline]] void operator delete(void* p) noexcept { std::free(p); }
-[[gnu::noinline]] void operator delete(void* p, std::align_val_t) noexcept { std::free(p); }
-[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
 namespace {
 

@@ -11,21 +11,11 @@
 #include <cstdio>
 #include <cstdlib>
 #include <functional>
-#include <new>
 #include <numbers>
 #include <random>
 
+#include "allocations.hpp"
 #include "vfplan/guide.hpp"
-
-static long allocations = 0;
-
-void* operator new(std::size_t n) {
-    ++allocations;
-    if (void* p = std::malloc(n ? n : 1)) return p;
-    throw std::bad_alloc();
-}
-void operator delete(void* p) noexcept { std::free(p); }
-void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
 namespace {
 
