@@ -45,7 +45,7 @@ def _line(difference: dict[str, Any]) -> str:
 
 
 def _replayed(a: Path, b: Path, session: Path) -> dict[str, Any]:
-    from vfplan.bundle.compare import first_tick
+    from vfplan.bundle.describe import first_tick
     from vfplan.replaying import replay
     from vfplan.session import read_session
 

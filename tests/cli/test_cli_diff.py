@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan.bundle.compare import first_tick
+from vfplan.bundle.describe import first_tick
 
 
 @pytest.fixture

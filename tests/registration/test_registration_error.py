@@ -7,7 +7,7 @@ import pytest
 from layouts import MODELS, PX, R, grid, planar, solid
 from scipy.special import fdtr
 
-from vfplan.registration import band, fit_registration, tre
+from vfplan.registration import bounds, fit_registration
 from vfplan.registration.models import homogeneous, marker_rows
 
 TRIANGLE = np.array([[100.0, 100], [700, 150], [300, 600]])
@@ -110,12 +110,12 @@ def test_the_band_is_the_one_that_many_random_directions_give(model):
     x = homogeneous(fit.problem.normaliser(np.column_stack([150 + 500 * t, 350 + 150 * t**2])))
     root = np.sqrt(fit.variance) * fit.root
     parts = marker_rows(x).reshape(len(x), 3, -1) @ root
-    pointwise = tre.bound(tre.tre_covariance(fit.covariance, x), fit.dof)
+    pointwise = bounds.bound(bounds.tre_covariance(fit.covariance, x), fit.dof)
     omega = np.random.default_rng(1).standard_normal((30_000, root.shape[1]))
     omega /= np.linalg.norm(omega, axis=1, keepdims=True)
     error = np.einsum("dai,mi->dma", (omega @ root.T).reshape(len(omega), 3, -1), x)
     largest = ((error**2).sum(axis=2) / pointwise**2).max(axis=1)
-    kappa = band.curve_factor(parts, pointwise, fit.dof)
+    kappa = bounds.curve_factor(parts, pointwise, fit.dof)
     covered = fdtr(root.shape[1], fit.dof, kappa**2 / (root.shape[1] * largest)).mean()
     assert covered == pytest.approx(0.95, abs=1e-3)
 

@@ -6,8 +6,7 @@ docs/format.md is the normative text, schemas/bundle-1.1.json its machine-readab
 """
 
 from vfplan.bundle.clouds import import_cloud, mesh_band
-from vfplan.bundle.compare import diff
-from vfplan.bundle.describe import describe
+from vfplan.bundle.describe import describe, diff
 from vfplan.bundle.exporting import export, left_out
 from vfplan.bundle.keys import keygen, read_keys
 from vfplan.bundle.migration import migrate

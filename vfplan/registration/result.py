@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Frame, RegistrationRecord
-from vfplan.registration import band, residuals, tre
+from vfplan.registration import bounds, residuals
 from vfplan.registration.geometry import Geometry, geometry
 from vfplan.registration.models import Array, ModelName, homogeneous, marker_rows
 from vfplan.registration.perspective import Perspective, perspective
@@ -168,7 +168,7 @@ class Registration:
 
     def tre_covariance(self, points: ArrayLike) -> Array:
         """(M, 3, 3) covariance [m²] of the registration's error at source points, by its model."""
-        return tre.tre_covariance(self.fit.covariance, self._x(points))
+        return bounds.tre_covariance(self.fit.covariance, self._x(points))
 
     def tre_m(self, points: ArrayLike) -> Array:
         """(M,) predicted RMS target registration error at source points [m].
@@ -176,7 +176,7 @@ class Registration:
         Sure `perspective` counts, and no less: what good markers show now and then would bias it.
         """
         if self.perspective is None or not self.perspective.sure:
-            return tre.rms(self.tre_covariance(points))
+            return bounds.rms(self.tre_covariance(points))
         parts, bent, _ = self._error(points)
         return np.sqrt((parts**2).sum(axis=(1, 2)) + bent.departure**2 + 3 * bent.variance)
 
@@ -205,10 +205,10 @@ class Registration:
         """
         parts, bent, dof = self._error(points)
         pointwise = _bound(parts, 0.0, dof)
-        together = band.curve_factor(parts, pointwise, dof) * pointwise
+        together = bounds.curve_factor(parts, pointwise, dof) * pointwise
         if self.perspective is None:
             return together
-        share = 1 - 0.05 / min(len(parts), band.MAX_POINTS)
+        share = 1 - 0.05 / min(len(parts), bounds.MAX_POINTS)
         return bent.departure + together + _bound(parts, bent.variance, dof, share)
 
     def _error(self, points: ArrayLike) -> tuple[Array, _Bent, int]:
@@ -283,4 +283,4 @@ class _Bent(NamedTuple):
 
 def _bound(parts: Array, variance: float, dof: int, probability: float = 0.95) -> Array:
     covariances = parts @ np.swapaxes(parts, 1, 2) + variance * np.eye(3)
-    return tre.bound(covariances, dof, probability)
+    return bounds.bound(covariances, dof, probability)

@@ -16,8 +16,7 @@ from vfplan.replaying.governing import Governing
 from vfplan.replaying.guiding import Guided
 from vfplan.replaying.metrics import Metrics
 from vfplan.replaying.overview import Overview
-from vfplan.replaying.quantities import overlap, penetration, picked, stacked
-from vfplan.replaying.stepping import Stepper
+from vfplan.replaying.quantities import Stepper, overlap, penetration, picked, stacked
 from vfplan.replaying.timing import StepTimes
 from vfplan.robot import Robot
 from vfplan.session import TickBlock

@@ -9,10 +9,9 @@ from __future__ import annotations
 from vfplan.session.read import open_session, read_session
 from vfplan.session.resample import resampled
 from vfplan.session.result import read_result, require_fixture
-from vfplan.session.resultwriter import ResultWriter, write_result
+from vfplan.session.resultwriter import CsvWriter, ResultWriter, write_result
 from vfplan.session.ros import RosOptions
 from vfplan.session.ticks import RESULT_FORMAT, RESULT_VERSION, TickBlock
-from vfplan.session.ticksfile import CsvWriter
 from vfplan.session.types import BLOCK, Session, SessionStream, Source
 
 __all__ = [

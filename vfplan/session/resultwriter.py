@@ -1,4 +1,4 @@
-"""Replay results written as they come: HDF5 with `format = "vfplan-result"`, a row a tick."""
+"""Replay results written as they come, a row a tick: HDF5, and CSV for spreadsheets."""
 
 from __future__ import annotations
 
@@ -14,6 +14,11 @@ from vfplan.io.hdf5 import h5py
 from vfplan.session.closing import Steady, Whole, require_same
 from vfplan.session.ticks import RESULT_FORMAT, RESULT_VERSION, TABLE, Result, TickBlock
 from vfplan.session.types import BLOCK
+
+HEADER = (
+    "t,x,y,z,proxy_x,proxy_y,proxy_z,normal_x,normal_y,normal_z,force_x,force_y,force_z,"
+    "state,penetration,overlap"
+)
 
 
 class ResultWriter(Whole):
@@ -105,3 +110,50 @@ def write_result(replayed: Result, path: str | Path) -> None:
     """Write a whole result at once: its ticks, and what `ResultWriter` takes as attributes."""
     with ResultWriter(path, replayed.record) as writer:
         writer.append(replayed.ticks)
+
+
+class CsvWriter(Whole):
+    """Write ticks as CSV, one line a tick; numbers read back to the same bits.
+
+    The file appears, whole, when the `with` statement ends well; raises `OutputError` when there
+    is one already, or it cannot be written.
+    """
+
+    def _begin(self, file: BinaryIO) -> None:
+        self._file = file
+        self._sum = 0
+        self._write(HEADER + "\n")
+
+    def _write(self, text: str) -> None:
+        data = text.encode("ascii")
+        self._sum = zlib.crc32(data, self._sum)
+        self._file.write(data)
+
+    def append(self, block: TickBlock) -> None:
+        """Add a block of ticks."""
+        floats = np.column_stack(
+            (block.time, block.hip, block.proxy, block.normal, block.force)
+        ).tolist()
+        tail = zip(
+            floats,
+            block.state.tolist(),
+            block.penetration.tolist(),
+            block.overlap.tolist(),
+            strict=True,
+        )
+        self._write(
+            "".join(
+                f"{','.join(map(repr, row))},{state},{depth!r},{over!r}\n"
+                for row, state, depth, over in tail
+            )
+        )
+
+    def _close(self) -> None:
+        pass
+
+    def _verify(self) -> None:
+        self._file.seek(0)
+        found = 0
+        while piece := self._file.read(1 << 20):
+            found = zlib.crc32(piece, found)
+        require_same(found, self._sum)
