@@ -67,10 +67,9 @@ class Steps:
     first: int  # index of the first tick in the session
     ticks: TickBlock  # n ticks
     hand: Array  # (n, 3) where the hand really was [m]; `ticks.hip` unless a lossy link lay between
-    # Forward differences of time, hand, proxy, HIP and force: (n,) [s], (n, 3) [m] and [N]
+    # Forward differences of time, hand, HIP and force: (n,) [s], (n, 3) [m] and [N]
     dt: Array
     dhand: Array
-    dproxy: Array
     dhip: Array
     dforce: Array
 
@@ -176,7 +175,6 @@ class Stepper:
             hand=hand[:-1],
             dt=np.diff(block.time),
             dhand=np.diff(hand, axis=0),
-            dproxy=np.diff(block.proxy, axis=0),
             dhip=np.diff(block.hip, axis=0),
             dforce=np.diff(block.force, axis=0),
         )

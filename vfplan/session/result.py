@@ -44,11 +44,6 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
     return joined(blocks), attrs
 
 
-def result_blocks(path: str | Path, *, group: str = "") -> Iterator[TickBlock]:
-    """Read a result file block by block; raises as `read_result`."""
-    return _blocks(_found(path), Path(path).name, group)
-
-
 def _blocks(file: OneFile, where: str, group: str) -> Iterator[TickBlock]:
     start, last = 0, -np.inf
     for arrays in apart("vfplan.session.result:stored", where, group, file=file, where=where):

@@ -33,7 +33,6 @@ class Cycle:
     work_j: float
     bound_j: float  # the sampled-data bound without receding [J]
     recede_m: float  # largest growth of |proxy - HIP| in one tick with the HIP where it is [m]
-    contact_ticks: int  # ticks with a force
     stored_j: float  # largest U along the cycle [J], to hold the other figures against
 
     @property
@@ -79,7 +78,6 @@ def measure(trace: Trace, hips: Vector, stiffness: float, axis: Vector | None = 
         work_j=float((trace.force[:-1] * dx).sum()),
         bound_j=float(stored[0] - stored[-1] + 0.5 * stiffness * (dx * dx).sum()),
         recede_m=float(np.maximum(length[1:] - old, 0.0).max(initial=0.0)),
-        contact_ticks=int((length > 0).sum()),
         stored_j=float(stored.max()),
     )
 

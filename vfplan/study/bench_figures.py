@@ -47,11 +47,6 @@ def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
     save_png(diagram(document, stage), path)
 
 
-def stages_of(document: dict[str, Any]) -> tuple[str, ...]:
-    """The stages that a document holds results of, in its order."""
-    return tuple(dict.fromkeys(r["stage"] for r in document["results"]))
-
-
 def diagram(document: dict[str, Any], stage: str) -> Figure:
     """The figure of `draw_stage`."""
     results = [r for r in document["results"] if r["stage"] == stage]
