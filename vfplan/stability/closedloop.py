@@ -40,17 +40,6 @@ def scenes_for(fixture: Fixture | None) -> tuple[list[str], dict[str, str]]:
     return [name for name in contacts.SCENES if name not in out], out
 
 
-def closed_loop(scene: str, rule: Rule, robot: Robot, stiffness: float) -> Row:
-    """The row of one named scene; `stiffness` K [N/m] is that of the press."""
-    return _row(scene, rule, robot, stiffness, contacts.SCENES[scene](), None)
-
-
-def closed_loop_bundle(fixture: Fixture, rule: Rule, robot: Robot, stiffness: float) -> Row:
-    """The row of a bundle's own points, or of its lines and arcs."""
-    band = fixture.band if rule == "robust" else None
-    return _row("bundle", rule, robot, stiffness, contacts.along(fixture), band)
-
-
 def weakest(
     places: Iterable[Contact], robot: Robot, make: Callable[[Contact], Engine]
 ) -> tuple[Largest, Contact, Engine, int] | None:
@@ -72,22 +61,20 @@ def weakest(
     return None if found is None else (*found, count)
 
 
-def _row(
-    scene: str,
-    rule: Rule,
-    robot: Robot,
-    stiffness: float,
-    places: Iterable[Contact],
-    band: float | None,
-) -> Row:
+def closed_loop(on: Fixture | str, rule: Rule, robot: Robot, stiffness: float) -> list[Row]:
+    """The row of a named scene, or of a bundle's own points, or lines and arcs.
+
+    stiffness: K [N/m] of the press
+    """
+    scene, places, band = contacts.met(on, rule)
     case = f"closed-loop/{scene}/{rule}"
     if robot.damping_n_s_per_m == 0.0:
         detail = "without damping no sampled spring is stable, however soft"
-        return Row(case, "fail", detail, 0.0, 0.0, "N/m", {"scene": scene, "rule": rule})
+        return [Row(case, "fail", detail, 0.0, 0.0, "N/m", {"scene": scene, "rule": rule})]
     found = weakest(places, robot, lambda place: engine_for(place, rule, band))
     if found is None:
         detail = "no ball of the contact radius fits beside any point tried"
-        return Row(case, "fail", detail, unit="N/m", values={"places": 0})
+        return [Row(case, "fail", detail, unit="N/m", values={"places": 0})]
     largest, place, engine, count = found
     felt = press(place, robot, engine, min(stiffness, 0.5 * largest.measured))
     good = largest.ratio >= ELSEWHERE
@@ -114,6 +101,5 @@ def _row(
     if felt.limited_ticks is not None:
         values["limited_ticks"] = felt.limited_ticks
     share = 1 - FLAT_TOLERANCE if scene == "flat" else ELSEWHERE
-    return Row(
-        case, verdict(good, rule), detail, share * largest.exact, largest.measured, "N/m", values
-    )
+    limit = share * largest.exact
+    return [Row(case, verdict(good, rule), detail, limit, largest.measured, "N/m", values)]

@@ -122,6 +122,13 @@ SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
 CURVES = "channel", "omega"  # those with lines and arcs
 
 
+def met(on: Fixture | str, rule: str) -> tuple[str, Iterator[Contact], float | None]:
+    """A name, the contacts and the engine's band: of a scene by its name, or of a bundle."""
+    if isinstance(on, str):
+        return on, SCENES[on](), None
+    return "bundle", along(on), on.band if rule == "robust" else None
+
+
 def along(fixture: Fixture, count: int = 5) -> Iterator[Contact]:
     """Contacts on either side of `count` points spread over a fixture's cloud.
 

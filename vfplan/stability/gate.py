@@ -10,7 +10,7 @@ from vfplan.engine.renderable import best_rule, check_renderable
 from vfplan.errors import CheckFailed, SceneError
 from vfplan.fixture import Fixture, StabilityVerdict
 from vfplan.robot import Robot
-from vfplan.stability.closedloop import closed_loop_bundle
+from vfplan.stability.closedloop import closed_loop
 from vfplan.stability.rows import Row
 
 MARGIN = 1.25  # K may be at most k_max / MARGIN
@@ -62,8 +62,8 @@ def gate(fixture: Fixture, robot: Robot, margin: float = MARGIN) -> StabilityVer
         that passes.
     """
     stiffness = felt_stiffness(fixture)
-    row = closed_loop_bundle(fixture, best_rule(fixture), robot, stiffness)
-    found = judge(robot, stiffness, [row], margin)
+    rows = closed_loop(fixture, best_rule(fixture), robot, stiffness)
+    found = judge(robot, stiffness, rows, margin)
     if not found.stable:
         raise CheckFailed(refusal(found))
     return found

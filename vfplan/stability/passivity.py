@@ -82,25 +82,10 @@ def measure(trace: Trace, hips: Vector, stiffness: float, axis: Vector | None = 
     )
 
 
-def passivity(scene: str, rule: Rule, stiffness: float, cycles: int = 20) -> list[Row]:
-    """Rows of one named scene of contact; K = `stiffness` [N/m]."""
-    return _rows(scene, rule, stiffness, list(contacts.SCENES[scene]()), None, cycles)
-
-
-def passivity_bundle(fixture: Fixture, rule: Rule, stiffness: float, cycles: int = 20) -> list[Row]:
-    """Rows of a bundle's own points, or of its lines and arcs."""
-    band = fixture.band if rule == "robust" else None
-    return _rows("bundle", rule, stiffness, list(contacts.along(fixture)), band, cycles)
-
-
-def _rows(
-    scene: str,
-    rule: Rule,
-    stiffness: float,
-    places: list[Contact],
-    band: float | None,
-    cycles: int,
-) -> list[Row]:
+def passivity(on: Fixture | str, rule: Rule, stiffness: float, cycles: int = 20) -> list[Row]:
+    """Rows of a named scene, or of a bundle's own points, or lines and arcs; K [N/m]."""
+    scene, met, band = contacts.met(on, rule)
+    places = list(met)
     rng = np.random.default_rng(9)
     found: list[Cycle] = []
     if not places:

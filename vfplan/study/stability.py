@@ -20,9 +20,9 @@ from vfplan.io.workers import workers
 from vfplan.robot import Robot
 from vfplan.stability import contacts
 from vfplan.stability.chart import chart
-from vfplan.stability.closedloop import closed_loop, closed_loop_bundle, scenes_for
+from vfplan.stability.closedloop import closed_loop, scenes_for
 from vfplan.stability.gate import MARGIN, felt_stiffness, judge, refusal
-from vfplan.stability.passivity import passivity, passivity_bundle
+from vfplan.stability.passivity import passivity
 from vfplan.stability.precision import precision
 from vfplan.stability.rows import Row
 from vfplan.stability.theory import Plant, exact_bound
@@ -203,11 +203,18 @@ Part = tuple[list[Task], dict[str, str]]
 
 
 def _closed_loop(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
-    tasks: list[Task] = []
-    for rule, on in _turns(fixture):
-        make = closed_loop if isinstance(on, str) else closed_loop_bundle
-        tasks.append(partial(_one, make, on, rule, robot, stiffness))
-    return tasks, {f"closed-loop/{name}": why for name, why in scenes_for(fixture)[1].items()}
+    turns = _turns(fixture)
+    tasks: list[Task] = [partial(closed_loop, on, rule, robot, stiffness) for rule, on in turns]
+    return tasks, _not_met("closed-loop", fixture)
+
+
+def _passivity(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
+    tasks: list[Task] = [partial(passivity, on, rule, stiffness) for rule, on in _turns(fixture)]
+    return tasks, _not_met("passivity", fixture)
+
+
+def _not_met(part: str, fixture: Fixture | None) -> dict[str, str]:
+    return {f"{part}/{name}": why for name, why in scenes_for(fixture)[1].items()}
 
 
 def _turns(fixture: Fixture | None) -> Iterator[tuple[Rule, Fixture | str]]:
@@ -220,18 +227,6 @@ def _turns(fixture: Fixture | None) -> Iterator[tuple[Rule, Fixture | str]]:
             yield rule, fixture
         known = contacts.CURVES if rule == "exact" else contacts.SCENES
         yield from ((rule, name) for name in scenes_for(fixture)[0] if name in known)
-
-
-def _one(make: Callable[..., Row], first: Fixture | str, rule: Rule, *rest: object) -> list[Row]:
-    return [make(first, rule, *rest)]
-
-
-def _passivity(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
-    tasks: list[Task] = []
-    for rule, on in _turns(fixture):
-        make = passivity if isinstance(on, str) else passivity_bundle
-        tasks.append(partial(make, on, rule, stiffness))
-    return tasks, {f"passivity/{name}": why for name, why in scenes_for(fixture)[1].items()}
 
 
 def _chart(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
