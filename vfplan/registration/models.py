@@ -152,6 +152,12 @@ def marker_rows(x: Array) -> Array:
     return np.einsum("ab,ni->nabi", np.eye(3), x).reshape(3 * len(x), -1)
 
 
+def root_of_inverse(rows: Array) -> Array:
+    """(p, p) A with A Aᵀ the inverse of XᵀX, from X (n, p): with a positive diagonal, so unique."""
+    r = np.linalg.qr(rows, mode="r")
+    return np.linalg.solve(r * np.sign(np.diag(r))[:, None], np.eye(len(r)))
+
+
 def rotation(axis_angle: Array) -> Array:
     """The rotation matrix of a rotation vector [rad]."""
     from scipy.spatial.transform import Rotation

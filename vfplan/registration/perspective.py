@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vfplan.registration.models import Affine, Array, homogeneous, marker_rows
+from vfplan.registration.models import Affine, Array, homogeneous, marker_rows, root_of_inverse
 from vfplan.registration.problem import Problem
 from vfplan.registration.residuals import Fit, solve, studentised_f, without_itself
 
@@ -82,8 +82,7 @@ def perspective(fit: Fit) -> Perspective | None:
     p_value = float(fdtrc(2.0, float(dof), gain))
     if gain < limit or p_value > _best_outlier(fit):
         return None
-    r = np.linalg.qr(_weighted(problem, m, q, used), mode="r")
-    root = np.linalg.solve(r * np.sign(np.diag(r))[:, None], np.eye(PARAMETERS))
+    root = root_of_inverse(_weighted(problem, m, q, used))
     # As `residuals.studentised_f`, of the linearised homography.
     spread = _rows(m, q, problem.s) @ root
     hat = np.einsum("nap,nbp,nb->nab", spread, spread, problem.weights)

@@ -106,11 +106,15 @@ def make_problem(
     )
 
 
-def _positions(values: ArrayLike, what: str, dimensions: tuple[int, ...]) -> Array:
+def _numbers(values: ArrayLike, what: str) -> Array:
     try:
-        array = np.array(values, dtype=np.float64)
+        return np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise MarkerError(f"{what} positions are not numbers in rows of equal length") from None
+        raise MarkerError(f"{what} not numbers in rows of equal length") from None
+
+
+def _positions(values: ArrayLike, what: str, dimensions: tuple[int, ...]) -> Array:
+    array = _numbers(values, f"{what} positions are")
     if array.ndim != 2 or array.shape[1] not in dimensions:
         allowed = " or ".join(f"(N, {d})" for d in dimensions)
         raise MarkerError(f"{what} has shape {array.shape}; {allowed} is wanted")
@@ -198,10 +202,7 @@ def _weights(
 ) -> tuple[NDArray[np.float64], float | None]:
     if sigma is None:
         return np.ones((n, 3)), None
-    try:
-        array = np.array(sigma, dtype=float)
-    except (TypeError, ValueError):
-        raise MarkerError("sigma is not numbers in rows of equal length") from None
+    array = _numbers(sigma, "sigma is")
     if array.shape not in ((n,), (n, 3)):
         raise MarkerError(f"sigma has shape {array.shape}; ({n},) or ({n}, 3) is wanted")
     table = np.broadcast_to(array.reshape(n, -1), (n, 3))

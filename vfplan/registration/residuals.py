@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfplan.registration.models import Affine, Array, marker_rows
+from vfplan.registration.models import Affine, Array, marker_rows, root_of_inverse
 from vfplan.registration.problem import Problem
 
 
@@ -47,8 +47,7 @@ def solve(problem: Problem, used: np.ndarray | None = None) -> Fit:
     jacobian = (marker_rows(problem.x) @ tangent).reshape(len(used), 3, -1)
     root = np.sqrt(weights)[:, :, None] * jacobian
     # Columns have unlike units (radians, metres): scale them, or rounding decides the rank.
-    r = np.linalg.qr(root[used].reshape(-1, root.shape[2]), mode="r")
-    inverse = np.linalg.solve(r * np.sign(np.diag(r))[:, None], np.eye(len(r)))
+    inverse = root_of_inverse(root[used].reshape(-1, root.shape[2]))
     unit = inverse @ inverse.T
     dof = 3 * int(used.sum()) - model.parameters
     sse = float((weights[used] * vectors[used] ** 2).sum())

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.registration.models import Array, Orthogonal, homogeneous
+from vfplan.registration.models import Array, Orthogonal, homogeneous, root_of_inverse
 from vfplan.registration.nearest import NearestOnMesh
 from vfplan.registration.result import Registration
 
@@ -207,14 +207,12 @@ def _with_error(
     fit = registration.fit
     slopes = _jacobian(normals, places - m[:, 3])
     dof = len(distances) - 6
-    r = np.linalg.qr(slopes, mode="r")
-    inverse = np.linalg.solve(r * np.sign(np.diag(r))[:, None], np.eye(6))
     refined = replace(
         fit,
         m=m,
         vectors=fit.problem.y - fit.problem.x @ m.T,
         variance=float((distances**2).sum()) / dof,
         dof=dof,
-        root=fit.problem.model.tangent(m) @ inverse,
+        root=fit.problem.model.tangent(m) @ root_of_inverse(slopes),
     )
     return replace(registration, fit=refined)
