@@ -31,29 +31,16 @@ SPLINE_TOLD_M = 1e-4  # a spline this far from straight lines is told where a fi
 
 @dataclass(frozen=True, eq=False)
 class VectorCurve:
-    """A curve as a drawing program left it.
+    """A curve as a drawing program left it."""
 
-    Parameters
-    ----------
-    points
-        (M, 2) control points or vertices (u, v) [px], or (M, 3) in the patient's LPS frame [m].
-    closed
-        Whether the last point joins the first.
-    smooth
-        Whether a cubic spline runs through the points (Slicer), or straight lines (CSV, ImageJ).
-    sha256
-        Of the file's bytes, lower-case hex.
-    warnings
-        What the file leaves open, and how it was taken.
-    drawn_on
-        The DICOM images that it says it was drawn on, each with its frames; none where it does not.
-    """
-
+    # (M, 2) control points or vertices (u, v) [px], or (M, 3) in the patient's LPS frame [m]
     points: NDArray[np.float64]
-    closed: bool
+    closed: bool  # whether the last point joins the first
+    # Whether a cubic spline runs through the points (Slicer), or straight lines (CSV, ImageJ)
     smooth: bool
-    sha256: str
-    warnings: tuple[str, ...] = ()
+    sha256: str  # of the file's bytes, lower-case hex
+    warnings: tuple[str, ...] = ()  # what the file leaves open, and how it was taken
+    # The DICOM images that it says it was drawn on, each with its frames; none where it does not
     drawn_on: dict[str, list[int]] = field(default_factory=dict)
 
     def fine(self, step: float) -> NDArray[np.float64]:
@@ -108,24 +95,14 @@ def read_vector_curve(
     A CSV is `u_px,v_px`, or ImageJ's `X,Y`; it and a `.fcsv` are closed where the last row repeats
     the first.
 
-    Parameters
-    ----------
-    path
-        The file.
-    origin
-        Where on a pixel ImageJ's whole numbers lie, "centre" or "corner", if the file leaves it
-        open (a `X,Y` table does).
-    number
-        Which of several graphics or overlay planes of a DICOM file, from 1.
-
-    Raises
-    ------
-    CurveError
-        The file is missing, is no such curve, or holds fewer than two different points.
-    SettingError
-        An origin or a number is given for a file that needs none.
-    MissingExtra
-        A `.roi` without the package roifile, a DICOM file without pydicom.
+    path: the file
+    origin: where on a pixel ImageJ's whole numbers lie, "centre" or "corner", if the file leaves it
+        open (a `X,Y` table does)
+    number: which of several graphics or overlay planes of a DICOM file, from 1
+    Raises CurveError: the file is missing, is no such curve, or holds fewer than two different
+        points
+    Raises SettingError: an origin or a number is given for a file that needs none
+    Raises MissingExtra: a `.roi` without the package roifile, a DICOM file without pydicom
     """
     where = str(path)
     data = read_whole(Path(path), MAX_BYTES, CurveError)

@@ -40,22 +40,13 @@ class GovernorStatus(IntFlag):
 
 @dataclass(frozen=True, eq=False)
 class Governed:
-    """What a governor made of a path of forces, row by row.
+    """What a governor made of a path of forces, row by row."""
 
-    Parameters
-    ----------
-    force, torque
-        (T, 3) [N] and (T, n) [N·m] to command; n is 0 without Jacobians.
-    held_back
-        (T,) |force asked for - force to command| [N].
-    status
-        (T,) uint8, values of `GovernorStatus`.
-    """
-
+    # (T, 3) [N] and (T, n) [N·m] to command; n is 0 without Jacobians
     force: Vector
     torque: Vector
-    held_back: Vector
-    status: NDArray[np.uint8]
+    held_back: Vector  # (T,) |force asked for - force to command| [N]
+    status: NDArray[np.uint8]  # (T,) uint8, values of `GovernorStatus`
 
 
 class Governor:

@@ -20,34 +20,19 @@ GRID_DECIMALS = 9
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """The fixture's points and what came with them.
+    """The fixture's points and what came with them."""
 
-    Parameters
-    ----------
-    points
-        (N, 3) in `robot_base` [m].
-    source
-        (N, 3) the same points in the curve's own frame.
-    spacing_m
-        Mean distance between neighbours along the curve; for a bare cloud the median
-        distance to the nearest other point [m].
-    sigma
-        (N,) standard deviation across the curve [m].
-    curve
-        Strokes and order; `None` for a bare cloud (every mask pixel a point).
-    sampling_error_m
-        Bound on what the spacing adds to the surface [m]; `None` for a bare cloud.
-    tight_bends
-        Where the curve bends tighter than the proxy's radius.
-    """
-
-    points: NDArray[np.float64]
-    source: NDArray[np.float64]
+    points: NDArray[np.float64]  # (N, 3) in `robot_base` [m]
+    source: NDArray[np.float64]  # (N, 3) the same points in the curve's own frame
+    # Mean distance between neighbours along the curve; for a bare cloud the median distance to the
+    # nearest other point [m]
     spacing_m: float
-    sigma: NDArray[np.float64] | None
+    sigma: NDArray[np.float64] | None  # (N,) standard deviation across the curve [m]
+    # Strokes and order; `None` for a bare cloud (every mask pixel a point)
     curve: Curve | None = None
+    # Bound on what the spacing adds to the surface [m]; `None` for a bare cloud
     sampling_error_m: float | None = None
-    tight_bends: tuple[TightBend, ...] = ()
+    tight_bends: tuple[TightBend, ...] = ()  # where the curve bends tighter than the proxy's radius
 
 
 def carry(

@@ -33,49 +33,23 @@ DENSE = 4  # steps in each interval of the fine curve
 
 @dataclass(frozen=True)
 class TightBend:
-    """A stretch where the curve bends tighter than the proxy's radius, so it cannot be followed.
+    """A stretch where the curve bends tighter than the proxy's radius, so it cannot be followed."""
 
-    Parameters
-    ----------
-    arclength_m
-        Where the curvature is largest, along the curve [m].
-    position_m
-        (x, y, z) of that place [m].
-    radius_m
-        Radius of curvature there [m].
-    """
-
-    arclength_m: float
-    position_m: tuple[float, float, float]
-    radius_m: float
+    arclength_m: float  # where the curvature is largest, along the curve [m]
+    position_m: tuple[float, float, float]  # (x, y, z) of that place [m]
+    radius_m: float  # radius of curvature there [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """Points along a curve.
+    """Points along a curve."""
 
-    Parameters
-    ----------
-    points
-        (N, 3) [m].
-    arclength
-        (N,) of each point along the curve [m].
-    parameter
-        (N,) float index into the fine curve.
-    spacing_m
-        Largest distance between neighbours along the curve [m].
-    sampling_error_m
-        Bound on how far the union of spheres lies from the swept curve [m].
-    tight_bends
-        Where the radius of curvature is below `radius_m`.
-    """
-
-    points: NDArray[np.float64]
-    arclength: NDArray[np.float64]
-    parameter: NDArray[np.float64]
-    spacing_m: float
-    sampling_error_m: float
-    tight_bends: tuple[TightBend, ...]
+    points: NDArray[np.float64]  # (N, 3) [m]
+    arclength: NDArray[np.float64]  # (N,) of each point along the curve [m]
+    parameter: NDArray[np.float64]  # (N,) float index into the fine curve
+    spacing_m: float  # largest distance between neighbours along the curve [m]
+    sampling_error_m: float  # bound on how far the union of spheres lies from the swept curve [m]
+    tight_bends: tuple[TightBend, ...]  # where the radius of curvature is below `radius_m`
 
 
 def sample_curve(

@@ -35,16 +35,10 @@ MOST_SENSITIVE = 1 / (1 - DEPTH) + 1e-9
 class Case:
     """A scene and a path through it.
 
-    Parameters
-    ----------
-    name
-        For the reader.
-    scene
-        Its geometry.
-    hips
-        (T, 3) [m].
-    origin
-        A case of the same geometry and path: clouds of other spacings share its truth.
+    name: for the reader
+    scene: its geometry
+    hips: (T, 3) [m]
+    origin: a case of the same geometry and path: clouds of other spacings share its truth
     """
 
     def __init__(self, name: str, scene: Scene, hips: Array, origin: Case | None = None) -> None:

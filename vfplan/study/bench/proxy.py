@@ -49,27 +49,13 @@ Make = Callable[[Array, str | None], Any]
 
 @dataclass(frozen=True)
 class Method:
-    """A way to render.
+    """A way to render."""
 
-    Parameters
-    ----------
-    make
-        (points, ignored axis) -> engine.
-    most_work
-        Points x ticks beyond which it is left out.
-    settings
-        Beyond the spacing.
-    full_only
-        Left out of a quick run.
-    in_space
-        Given the cloud of an extruded drawing, without an ignored axis.
-    """
-
-    make: Make
-    most_work: float = np.inf
-    settings: tuple[tuple[str, Setting], ...] = ()
-    full_only: bool = False
-    in_space: bool = False
+    make: Make  # (points, ignored axis) -> engine
+    most_work: float = np.inf  # points x ticks beyond which it is left out
+    settings: tuple[tuple[str, Setting], ...] = ()  # beyond the spacing
+    full_only: bool = False  # left out of a quick run
+    in_space: bool = False  # given the cloud of an extruded drawing, without an ignored axis
 
 
 def _native(**settings: Any) -> Make:
