@@ -147,7 +147,7 @@ def engines(document: dict[str, Any]) -> str:
 
 def _at_half_a_millimetre(document: dict[str, Any], scene: str) -> dict[str, dict[str, Any]]:
     rows = of(document, stage="proxy", scene=scene)
-    return {r["method"]: r for r in rows if r["settings"]["spacing_m"] == SPACING}
+    return {r["method"]: r for r in rows if r["settings"].get("spacing_m") == SPACING}
 
 
 def _cell(result: dict[str, Any]) -> str:
