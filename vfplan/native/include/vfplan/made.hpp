@@ -19,7 +19,7 @@ namespace vfplan {
 /// What was free before an exchange.
 template <class S>
 struct Before final : Passage<S::dimension> {
-    static constexpr int most_looks = 64;      // along a way; a longer one is none
+    static constexpr int most_looks = 24;      // along a way; a longer one is none
     static constexpr double stride = 1 / 8.0;  // of R: no wall is passed over
 
     const S* space = nullptr;
