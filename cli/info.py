@@ -48,7 +48,7 @@ def _summary(data: dict[str, Any]) -> str:
         lines.append(line)
     if "/pieces/vertices" in data:
         error = 1e6 * data["/pieces@error_m"]
-        count = len(data["/pieces/bulges"])
+        count = len(data["/pieces/bulges"]) - sum(not closed for closed in data["/curve/closed"])
         lines.append(f"  rendered as {count} lines and arcs within {error:.3g} um of the curve")
     if "/guidance@radius_m" in data:
         which = f"stroke {data['/guidance@stroke']}" if "/guidance@stroke" in data else "the curve"
