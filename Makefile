@@ -69,17 +69,19 @@ format: | $(BIN)/python
 	$(BIN)/ruff format .
 	find vfplan/native samples tests -name '*.hpp' -o -name '*.cpp' | xargs -r $(BIN)/clang-format -i
 
-# requirements-ci.txt anew: every package that CI installs (CI=true), fixed by its hash.
+# Anew: every package that CI installs (CI=true), and the simulator's, fixed by its hash.
+LOCKED = $(BIN)/uv pip compile -q --universal --upgrade --generate-hashes --python-version 3.11 \
+  --custom-compile-command "make lock"
 lock: | $(BIN)/python
 	$(BIN)/python -m pip install -q uv
-	$(BIN)/uv pip compile -q pyproject.toml --all-extras --group build --group lint --universal --upgrade \
-	  --generate-hashes --python-version 3.11 --custom-compile-command "make lock" -o requirements-ci.txt
+	$(LOCKED) pyproject.toml --all-extras --group build --group lint -o requirements-ci.txt
+	$(LOCKED) --group franka -o requirements-franka.txt
 
 # A Franka's own protocol against its simulator, in an environment of its own (numpy 1, mujoco < 3.3).
 FRANKA := .venv-franka
-$(FRANKA)/.simulator: Makefile
+$(FRANKA)/.simulator: requirements-franka.txt
 	$(PYTHON) -m venv $(FRANKA)
-	$(FRANKA)/bin/python -m pip install -q franka-sim==1.1.7 pylibfranka==0.21.3 h5py click
+	$(FRANKA)/bin/python -m pip install -q --require-hashes -r requirements-franka.txt
 	touch $@
 
 franka-env: $(FRANKA)/.simulator $(STAMP)

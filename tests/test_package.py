@@ -86,15 +86,18 @@ def test_headers_are_installed_and_the_type_marker_too():
     assert (package / "py.typed").is_file()
 
 
-def test_the_lock_holds_what_every_extra_asks_for():
+@pytest.mark.parametrize("lock", ["ci", "franka"])
+def test_the_lock_holds_what_every_extra_asks_for(lock):
     """Of each package a version that pyproject.toml allows, and nothing without a hash."""
     from packaging.requirements import Requirement
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    extras = project["project"]["optional-dependencies"].values()
-    groups = project["dependency-groups"].values()
-    wanted = [*project["project"]["dependencies"], *chain(*extras), *chain(*groups)]
-    entries = (ROOT / "requirements-ci.txt").read_text().split("\n    # via")
+    groups = project["dependency-groups"]
+    wanted = groups.pop("franka")
+    if lock == "ci":
+        extras = project["project"]["optional-dependencies"].values()
+        wanted = [*project["project"]["dependencies"], *chain(*extras), *chain(*groups.values())]
+    entries = (ROOT / f"requirements-{lock}.txt").read_text().split("\n    # via")
     locked = re.findall(r"^([\w.-]+)==([^ ;\\]+)(.*(?:\n    --hash.*)*)", "\n".join(entries), re.M)
     assert all("--hash=sha256:" in rest for *_, rest in locked)
     for requirement in map(Requirement, wanted):
