@@ -112,6 +112,7 @@ def test_none_of_many_flipped_bits_ends_or_stops_the_program(tmp_path, kind, mon
     """Hundreds to a process; what ended or stopped one is read again as the program does."""
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     monkeypatch.setattr(vfplan.io.apart, "_helper", None)  # one that knows this folder
+    monkeypatch.setattr(vfplan.io.apart, "STEP_S", 1)  # of 8, to save time
     (make, read), path, total = KINDS[kind], tmp_path / "a.h5", 50_000
     make(path)
     data, job, k, found, ended = path.read_bytes(), f"{Path(__file__).stem}:many", 0, 0, 0
