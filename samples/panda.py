@@ -40,9 +40,9 @@ def draw(folder: Path) -> dict[str, dict[str, Any]]:
         save_png(depth(found), folder / f"{name}-depth.png")
         save_png(in_space(found), folder / f"{name}-arm.png")
         save_png(efforts(found), folder / f"{name}-efforts.png")
-        depth = found.ticks.penetration
+        deep = found.ticks.penetration
         force = np.linalg.norm(found.motion.force, axis=1)
-        touched = depth > 1e-4
-        slope = float((depth[touched] @ force[touched]) / (depth[touched] @ depth[touched]))
+        touched = deep > 1e-4
+        slope = float((deep[touched] @ force[touched]) / (deep[touched] @ deep[touched]))
         numbers[name] = {**found.metrics, "points": len(fixture.points), "slope_n_per_m": slope}
     return numbers

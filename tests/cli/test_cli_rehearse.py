@@ -95,3 +95,14 @@ def test_plan_rehearses_before_it_writes(vfplan_cli, tmp_path):
     assert bad.code == 1
     assert "arm panda, stroke 0, left side: not reached" in bad.stderr
     assert not far.exists()
+
+
+@pytest.mark.full
+def test_the_experiments_on_the_simulated_arm_leave_their_pictures(tmp_path, vfplan_cli):
+    run = vfplan_cli("demo", "panda", "-o", tmp_path / "demo", "--json")
+    assert run.code == 0, run.stderr
+    found = run.json
+    assert sorted(found["files"]) == sorted(path.name for path in (tmp_path / "demo").iterdir())
+    for numbers in found["experiments"].values():
+        assert numbers["reachable"]
+        assert numbers["slope_n_per_m"] == pytest.approx(1000, rel=0.02)
