@@ -152,11 +152,15 @@ def judge(trace, past, rooms, engine, axis):
 )  # fmt: skip
 @given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(sorted(CLOUDS)))
 def every_case(seed, kind):
+    case(seed, kind, 10)
+
+
+def case(seed, kind, chunks):
     rng = np.random.default_rng(seed)
     points, axis, engine = make(rng, kind)
     par = engine.parameters
     rooms = Rooms(points, par.R - par.band, np.eye(3)[:2], R / 40) if axis is not None else None
-    for trace, past in play(rng, engine, points, axis):
+    for trace, past in play(rng, engine, points, axis, chunks):
         judge(trace, past, rooms, engine, axis)
 
 
@@ -168,6 +172,22 @@ def test_never_inside_lets_go_never_grows():
     assert TALLY["ticks"] >= 1e5, TALLY
     assert TALLY["contact"] >= 0.3 * TALLY["ticks"], TALLY
     assert TALLY["let go"] >= 2000, TALLY
+
+
+def test_a_hip_where_the_proxy_is_but_for_a_rounding_does_not_lift_it():
+    case(1_000_037, "plane", 71)
+
+
+@pytest.mark.full
+def test_never_over_ten_million_ticks():
+    """Some 2500 other cases, each ten times as long."""
+    TALLY.clear()
+    for seed in range(10**6, 2 * 10**6):
+        if TALLY["ticks"] >= 10**7:
+            break
+        case(seed, sorted(CLOUDS)[seed % 5], 100)
+    print(dict(TALLY))
+    assert TALLY["contact"] >= 0.3 * TALLY["ticks"], TALLY
 
 
 def test_paper_fails_what_robust_holds():

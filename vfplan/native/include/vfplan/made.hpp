@@ -153,11 +153,8 @@ struct Some final : AnyEngine {
     bool planar() noexcept override { return S::dimension == 2; }
     double within(const Vec3& at, double reach) noexcept override {
         const auto x = space.across(at);
-        double least = reach * reach;
-        search().source().visit(x, reach, [&](const auto& s) noexcept {
-            least = std::min(least, kernels_.nearest2(s, x));
-        });
-        return std::sqrt(least);
+        const double least = nearest2(search().source(), kernels_, x, reach);
+        return std::sqrt(std::min(reach * reach, least));
     }
     double distance(const Vec3& at) noexcept override {
         if constexpr (requires { search().source().cell(); })

@@ -90,6 +90,16 @@ class Gathered {
     bool valid_ = false, crowded_ = false;
 };
 
+/// Square of the distance from x to the nearest point within `reach`, or to one further off.
+template <class Search, int D>
+double nearest2(Search& search, const Kernels<D>& kernels, const Vec<D>& x, double reach) noexcept {
+    double least = std::numeric_limits<double>::infinity();
+    search.visit(x, reach, [&](const Span<D>& span) noexcept {
+        least = std::min(least, kernels.nearest2(span, x));
+    });
+    return least;
+}
+
 template <int D>
 using Neighbours = Gathered<D, Grid<D>>;
 

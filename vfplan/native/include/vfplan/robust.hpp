@@ -151,8 +151,7 @@ class RobustRule {
 
     /// What is asked of the list of neighbours: a fit's samples, and what a brief sweep may meet.
     double reach() const noexcept {
-        return std::max((1.01 + tuned::brief) * R_,  // 1 % against rounding
-                        surfaces_.reach());
+        return std::max((1.01 + tuned::brief) * R_, surfaces_.reach());  // 1 %: roundings
     }
 
     /// Makes sure that the proxy is outside, as the guarantee needs; false while it is on its way
@@ -166,18 +165,15 @@ class RobustRule {
             handover_.stop();
         }
         now_.held = escape_.step(neighbours_, now_.stays ? now_.anchor : hip, proxy);
-        if (now_.held) leave(proxy, hip);
+        if (now_.held) {  // the rule takes over
+            if (!(proxy == hip)) handover_.begin();
+            escape_.meets(hip);
+            now_.stays = false;
+        }
         tick.state = State::entrenched;
         tick.normal = escape_.way();
         tick.status = escape_.status();
         return false;
-    }
-
-    /// The proxy is out: the rule takes over.
-    void leave(const Vec<D>& proxy, const Vec<D>& hip) noexcept {
-        if (!(proxy == hip)) handover_.begin();
-        escape_.meets(hip);
-        now_.stays = false;
     }
 
     /// Where nothing lies on the straight way, the proxy goes with the HIP, whatever it touches.
@@ -188,6 +184,11 @@ class RobustRule {
         for (int j = 0; j < count(); ++j)
             if (surfaces_.contact(j).r <= R_ && dot(surfaces_.contact(j).nearest, u) < 0)
                 return false;
+        return straight(x, hip, distance) || distance <= slack();  // there but for a rounding
+    }
+    /// To the HIP, or, where nothing touches, up to what is met; true where it is there.
+    bool straight(Vec<D>& x, const Vec<D>& hip, double distance) noexcept {
+        const Vec<D> u = hip - x;
         const double s = travel_(neighbours_, x, (1 / distance) * u, distance, hard_, now_.far);
         x = s >= distance ? hip : count() == 0 ? x + (s / distance) * u : x;
         return s >= distance;
@@ -199,15 +200,7 @@ class RobustRule {
         const double distance = norm(u);
         if (!(distance > 0)) return false;
         look(x);
-        if (count() == 0) {
-            const double s = travel_(neighbours_, x, (1 / distance) * u, distance, hard_, now_.far);
-            if (s >= distance) {
-                x = hip;
-                return false;
-            }
-            x = x + (s / distance) * u;
-            return true;
-        }
+        if (count() == 0) return !straight(x, hip, distance);
         // |proxy - HIP| never grows by more than the band in a tick: a lift has to wait.
         // What is known of the surfaces at x is left as it is, for the ticks that follow.
         Wall<D> low = walls()[0];
@@ -217,7 +210,7 @@ class RobustRule {
         // Blocked below R, as in a hollow, where the way ahead rises: up first, on in the next.
         const bool lift = std::exchange(now_.blocked, false) && count() == 1 && low.t > rest();
         const Vec<D> v = lift           ? low.t * low.n
-                         : count() == 1 ? slide(u, low)
+                         : count() == 1 ? surfaces_.slide(u, low, slack())
                                         : project(u, walls(), count(), slack());
         const double length = norm(v);
         if (!(length > rest())) return count() > 1 && squeeze(x, hip);
@@ -260,9 +253,8 @@ class RobustRule {
     bool squeeze(Vec<D>& x, const Vec<D>& hip) noexcept {
         const Vec<D> u = hip - x;
         const Vec<D> v = touched_(neighbours_, x, u, R_ + rest(), slack());
-        const double length = norm(v);
         // A way as flat as the slopes between samples gains nothing: the proxy would wander on it.
-        if (!(length > std::max(rest(), grain_ * norm(u)))) return false;
+        if (!(norm(v) > std::max(rest(), grain_ * norm(u)))) return false;
         const Vec<D> y = moved(x, v);
         // Between several walls a gain of the band may be no more than sinking through it.
         const double least = count() > 1 ? tuned::deep * p_.band : 0;
@@ -270,51 +262,22 @@ class RobustRule {
         x = y;
         return true;
     }
-    /// The step that keeps to one surface: over its plane, to beside the place of its circle of
-    /// curvature that is nearest to the HIP. On a bulge at most twice as far as to below the HIP,
-    /// for a HIP behind the circle's centre is nearer to no place than to the others.
-    Vec<D> slide(const Vec<D>& u, const Wall<D>& low) const noexcept {
-        const double deep = -dot(u, low.n);
-        if (!(deep + low.t > slack())) return u;
-        const Vec<D> on = u + deep * low.n;
-        const double across = norm(on);
-        if (!(across > 0)) return low.t * low.n;
-        const double bend = surfaces_.bend((1 / across) * on), near = 1 - bend * deep;
-        const double aside = bend * across;  // no hypot, whose last bit differs among libraries
-        const double far = near > 0 ? std::sqrt(near * near + aside * aside) : 0;
-        return low.t * low.n + (1 / std::max(far, 0.5)) * on;
-    }
     double rest() const noexcept { return tuned::rest * p_.band; }
     double slack() const noexcept { return tuned::slack * p_.band; }
 
     int count() const noexcept { return surfaces_.count(); }
     const Wall<D>* walls() const noexcept { return surfaces_.walls(); }
     void look(const Vec<D>& x) noexcept { surfaces_.look(neighbours_, x); }
-    bool looked_at(const Vec<D>& x) const noexcept { return surfaces_.known_at(x); }
 
     double nearest2(const Vec<D>& x, double reach) noexcept {
-        double least = std::numeric_limits<double>::infinity();
-        neighbours_.visit(x, reach, [&](const Span<D>& s) noexcept {
-            least = std::min(least, kernels_.nearest2(s, x));
-        });
-        return least;
+        return vfplan::nearest2(neighbours_, kernels_, x, reach);
     }
-
     void describe(const Vec<D>& x, const Vec<D>& hip, double near2, Tick<D>& tick) noexcept {
         const double touching = R_ + p_.band, near = p_.outer_radius + p_.point_radius;
-        if (near2 <= touching * touching || (looked_at(x) && count() > 0)) {
+        if (near2 <= touching * touching || (surfaces_.known_at(x) && count() > 0)) {
             tick.state = State::in_contact;
             look(x);
-            if (count() == 1) tick.normal = walls()[0].n;
-            if (count() > 1) {
-                const Vec<D> u = hip - x;
-                Vec<D> n = project(u, walls(), count(), slack()) - u;
-                if (!(norm(n) > rest())) {
-                    n = {};
-                    for (int j = 0; j < count(); ++j) n = n + walls()[j].n;
-                }
-                tick.normal = along(n, 1);
-            }
+            tick.normal = surfaces_.normal(hip - x, rest(), slack());
         } else if (near2 < near * near || nearest2(x, near) < near * near) {
             tick.state = State::free_motion;
         }
@@ -322,8 +285,7 @@ class RobustRule {
 
     Parameters p_;
     Kernels<D> kernels_;
-    double R_, safe2_;
-    double grain_;  // g of tuned.hpp
+    double R_, safe2_, grain_;  // grain_: g of tuned.hpp
     Obstacles soft_, hard_;
     Surfaces<D, Search> surfaces_;
     Search neighbours_;

@@ -35,18 +35,32 @@ class Surfaces {
     bool known_at(const Vec<D>& x) const noexcept { return known_ && x == looked_at_; }
     int count() const noexcept { return count_; }
     const Wall<D>* walls() const noexcept { return wall_; }
-    /// How much the one surface that touches bends where the proxy goes, R above it, along the unit
-    /// vector `way` across its normal: above 0 on a bulge [1/m].
-    double bend(const Vec<D>& way) const noexcept {
-        const double s = dot(way, side_[0]);
-        double k = bend_[0] * s * s;
-        if constexpr (D == 3) {
-            const double t = dot(way, side_[1]);
-            k += bend_[1] * t * t + 2 * bend_[2] * s * t;
-        }
-        return k / std::max(1 + R_ * k, tuned::narrowest);
-    }
     const Contact<D>& contact(int j) const noexcept { return contacts_[j]; }
+
+    /// The step that keeps to the one surface that touches: over its plane, to beside the place of
+    /// its circle of curvature that is nearest to the HIP at u. On a bulge at most twice as far as
+    /// to below the HIP, for a HIP behind the circle's centre is nearer to no place than to the
+    /// others. `low`: its wall.
+    Vec<D> slide(const Vec<D>& u, const Wall<D>& low, double slack) const noexcept {
+        const double deep = -dot(u, low.n);
+        if (!(deep + low.t > slack)) return u;
+        const Vec<D> on = u + deep * low.n;
+        const double across = norm(on);
+        if (!(across > 0)) return low.t * low.n;
+        const double bends = bend((1 / across) * on), near = 1 - bends * deep;
+        const double aside = bends * across;  // no hypot, whose last bit differs among libraries
+        const double far = near > 0 ? std::sqrt(near * near + aside * aside) : 0;
+        return low.t * low.n + (1 / std::max(far, 0.5)) * on;
+    }
+    /// Where all of them together push a proxy whose HIP is at u; 0 where none touches.
+    Vec<D> normal(const Vec<D>& u, double rest, double slack) const noexcept {
+        if (count_ < 2) return count_ == 1 ? wall_[0].n : Vec<D>{};
+        Vec<D> n = project(u, wall_, count_, slack) - u;
+        if (norm(n) > rest) return along(n, 1);
+        n = {};
+        for (int j = 0; j < count_; ++j) n = n + wall_[j].n;
+        return along(n, 1);
+    }
 
     /// The surfaces that touch the proxy at x.
     void look(Search& search, const Vec<D>& x) noexcept {
@@ -71,6 +85,18 @@ class Surfaces {
 
     /// Of the cloud whose dimples are as deep as the band, in R.
     double spacing() const noexcept { return (D == 2 ? std::sqrt(8.0) : 2.0) * grain_; }
+
+    /// How much the surface bends where the proxy goes, R above it, along the unit vector `way`
+    /// across its normal: above 0 on a bulge [1/m].
+    double bend(const Vec<D>& way) const noexcept {
+        const double s = dot(way, side_[0]);
+        double k = bend_[0] * s * s;
+        if constexpr (D == 3) {
+            const double t = dot(way, side_[1]);
+            k += bend_[1] * t * t + 2 * bend_[2] * s * t;
+        }
+        return k / std::max(1 + R_ * k, tuned::narrowest);
+    }
 
     void touch(const Span<D>& s, std::size_t i, const Vec<D>& x) noexcept {
         Vec<D> away = x;
