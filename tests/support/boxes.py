@@ -1,7 +1,7 @@
-"""Curves whose end is hidden under a box without colour; nothing here uses vfplan.
+"""Curves with a cover without colour over an end, or a letter at it; nothing here uses vfplan.
 
-Such a box is told by its straight edge and its evenness, not by its colour, so that some go unseen:
-these kinds stand apart from those of `slices`, of which none may be silently wrong.
+Such a cover is told by its edge and its evenness, not by its colour, so that some go unseen: these
+kinds stand apart from those of `slices`, of which none may be silently wrong.
 """
 
 from __future__ import annotations
@@ -59,9 +59,36 @@ def veil_over_the_end(canvas, rng):
     return box_over_the_end(canvas, rng, opacity=rng.uniform(0.5, 0.8))
 
 
+def disc_over_the_end(canvas, rng):
+    """White, black or grey, as large as what it hides."""
+    curve, (at, width, height) = _over_the_end(canvas, rng)
+    canvas.disc(at, np.hypot(width, height) / 2, (_tone(rng),) * 3)
+    return curve, False
+
+
+def turned_box_over_the_end(canvas, rng):
+    """At any angle."""
+    curve, (at, width, height) = _over_the_end(canvas, rng)
+    turn, size = rng.uniform(0, np.pi / 2), np.hypot(width, height)
+    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    canvas.fill(at + rectangle((0, 0), size, size) @ axes, (_tone(rng),) * 3)
+    return curve, False
+
+
+def letter_at_the_end(canvas, rng):
+    """A letter in the pen's colour that the curve runs into."""
+    curve, width = hand(rng), pen(rng)
+    canvas.line(curve, width, RED)
+    way = (curve[-1] - curve[-10]) / np.hypot(*(curve[-1] - curve[-10]))
+    at = curve[-1] + (width / 2 + rng.uniform(3, 7)) * way
+    canvas.text("LATxK"[int(rng.integers(5))], np.add(at, (-5, 6)), RED, rng.uniform(0.4, 0.6))
+    return curve, False
+
+
 HIDDEN = {
     f.__name__.replace("_", " "): f
     for f in (
-        box_over_the_end, framed_box_over_the_end, panel_over_the_end, veil_over_the_end,
+        box_over_the_end, framed_box_over_the_end, panel_over_the_end, disc_over_the_end,
+        turned_box_over_the_end, veil_over_the_end, letter_at_the_end,
     )
 }  # fmt: skip

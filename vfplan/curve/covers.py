@@ -1,8 +1,10 @@
 """Whether something drawn later hides where a line goes on: a coloured patch, a box, a panel.
 
-Another colour is seen at once. A box in white, black or grey is told by its edge: level ground that
-begins along a row or column just where the ink ends, and without the ramp that a bone's edge has.
-Under a box that is half transparent the ink goes on, fainter.
+Another colour is seen at once. A box, disc or panel in white, black or grey is told as a drawn
+thing: level, plain in shape, as its outline is nearly its own convex hull, and sharp nearly all
+round, without the ramp that air and bone end in; the ink stops where it begins. Over CT slices of a
+phantom 1 to 2 % of random ends lie at such an area. Under a half transparent one ink goes on,
+fainter.
 """
 
 from __future__ import annotations
@@ -11,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.candidates import Candidate
-from vfplan.curve.light import LUMINANCE
 from vfplan.curve.pen import Pen, sample_pixels
 from vfplan.curve.unmixing import FOREIGN
 
@@ -19,15 +20,15 @@ WIDE, NOISE = 24, 0.5  # px around an end; levels of colour there, as JPEG's, no
 STRETCH, OVER_PX = 6, 4.0  # points back, px beyond a line's half width: the way ahead of an end
 VEILED, FULL = (0.05, 0.12), 0.6  # of the pen's strength, and in JPEG: more is a dot
 VEIL_PX = (2.0, 10.0)  # ahead
-# Where a box begins, the ink is cut off along a row or column, and beside it over `LONG` pixels
-# either level ground begins there or the brightness changes at once. Over CT slices of a phantom
-# with flat faces 2 % of random ends lie at such an edge, 3 % in JPEG.
-NEAR, LONG = (1, 4), 12  # pixels back and onward from the ink's end; of edge
-BEFORE, BEYOND, ASIDE = 0.4, 0.3, 2  # of the ink across the line, two pixels off the edge
-LEVEL = (3.0, 7.0)  # grey levels that level ground varies by; in JPEG
-STEP, RAMP, EVEN, SHOWN = 15.0, 0.85, 0.85, 0.6  # grey levels; shares of the pixels
-LEAP, BESIDE, SHARP = 20.0, 0.25, 0.8  # grey levels; of the leap, a pixel farther; of the pixels
-STEEP = 0.3  # cosine of the widest angle between a line and the edge's normal
+# A drawn area: grey levels that its own differ by, and over how many pixels words on it are
+# bridged, one pair after the other; in JPEG. Then pixels to either side that are looked at.
+LEVELS = (((1.0, 0), (2.0, 0), (1.0, 5)), ((2.5, 0), (5.0, 0), (2.5, 5)))
+AHEAD_PX, REACH_PX, AROUND = 4.0, 5.5, 160  # beyond the ink: where it is looked for, and begins
+LEVEL_SHARE, GREY = 0.3, 3.0  # of the pixels there, at least; times what its levels differ by
+CONVEX, FILLED = (0.9, 0.95), 0.5  # as boxes and discs are, without and with words on them
+LEAST_AREA, LEAST_EDGE = 150, 25  # pixels
+STEP, SHARP, EDGED = (8.0, 15.0), (0.8, 0.75), 0.5  # levels; of the change 2 px on; of the edge
+OUTWARD_PX, BLUR_PX = np.arange(0.0, 6.1, 0.5), 1.5
 
 
 def covered_ends(
@@ -61,8 +62,8 @@ def _cover(rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray) -
     noisy = bool(np.quantile(tint, 0.8) > NOISE)
     if _shows_through(rgb, pen, width, at, onward, VEILED[noisy]):
         return "something that its ink shows through faintly"
-    if _meets_edge(rgb, pen, width, at, onward, LEVEL[noisy]):
-        return "the straight edge of something evenly grey, white or black"
+    if _meets_drawn(rgb, pen, width, at, onward, noisy):
+        return "an evenly grey, white or black area with a sharp edge"
     return ""
 
 
@@ -84,66 +85,99 @@ def _shows_through(
     return bool(veiled + max(lane[0] for lane in beside) < least and most < FULL)
 
 
-def _meets_edge(
-    rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray, within: float
+def _meets_drawn(
+    rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray, noisy: bool
 ) -> bool:
-    """Whether an end is cut off by the edge of something along a row or column."""
-    size = sum(NEAR) + LONG + round(width / STEEP)
-    u, v = np.rint(at).astype(int)
-    rows, cols = np.ogrid[v - size : v + size + 1, u - size : u + size + 1]
-    inside = (rows >= 0) & (rows < rgb.shape[0]) & (cols >= 0) & (cols < rgb.shape[1])
-    pixels = rgb[rows.clip(0, rgb.shape[0] - 1), cols.clip(0, rgb.shape[1] - 1)]
-    pixels = pixels * (255.0 / np.iinfo(rgb.dtype).max)
-    grey, ink = pixels @ LUMINANCE, np.maximum(pixels @ pen.along / pen.strength, 0.0)
-    grey[~inside] = np.nan
-    off, way = at - (u, v), np.array(onward)
-    for _ in range(4):  # turned so that the edge lies ahead, along a row
-        if way[1] > STEEP:
-            reach = round(width / 2 / way[1]) + 1
-            first = round(off[1]) + size
-            along = np.arange(len(grey)) - size - off[1]
-            middle = np.rint(size + off[0] + way[0] / way[1] * along)
-            for row in range(first - NEAR[0], first + NEAR[1] + 1):
-                if _is_edge(grey, ink, row, middle.astype(int), reach, within):
-                    return True
-        grey, ink = np.rot90(grey), np.rot90(ink)
-        off, way = off[::-1] * (1, -1), way[::-1] * (1, -1)
+    """Whether an end's ink stops at something level, plain in shape and sharp all round."""
+    cut = at + _ink_beyond(rgb, pen, width, at, onward) * onward
+    low = np.maximum(np.rint(cut).astype(int) - AROUND, 0)
+    u, v = np.maximum(np.rint(cut).astype(int) + AROUND + 1, 0)
+    near = np.ascontiguousarray(rgb[low[1] : v, low[0] : u])
+    if near.dtype != np.uint8:
+        near = (near * (255.0 / np.iinfo(rgb.dtype).max)).astype(np.float32)
+    aside = (width / 2 + 3) * np.array([-onward[1], onward[0]])
+    back = [cut - low - 4 * onward, *(cut - low - 5 * onward + side * aside for side in (1, -1))]
+    for within, bridged in LEVELS[noisy]:
+        area = _level_area(near, cut - low + AHEAD_PX * onward, width, within, bridged)
+        if area is None:
+            continue
+        outline, level = area
+        own, left, right = (_encloses(outline, place) for place in back)
+        off = np.hypot(*(outline - (cut - low)).T).min()
+        if off > REACH_PX or own or (left and right):
+            continue
+        if _is_sharp(near, outline, level, STEP[noisy], SHARP[noisy]):
+            return True
     return False
 
 
-def _is_edge(
-    grey: NDArray, ink: NDArray, row: int, middle: NDArray, reach: int, within: float
-) -> bool:
-    """Whether ink that is `reach` px to either side of (R,) `middle` is cut off at a row."""
-    mass = [
-        ink[j, max(middle[j] - reach - 1, 0) : middle[j] + reach + 2].sum()
-        for j in (*range(row - 8, row - 3), row - 2, row + 2)
-    ]
-    usual = np.median(mass[:5])
-    beside = reach + 1 + np.arange(LONG)
-    cols = middle[row] + np.r_[-beside[::-1], beside]
-    cut = mass[5] >= BEFORE * usual and mass[6] <= BEYOND * usual
-    if not cut or cols[0] < 0 or cols[-1] >= len(grey):
-        return False
-    level = np.median(grey[row + 1 : row + 4, middle[row] - ASIDE : middle[row] + ASIDE + 1])
-    lines = grey[row - 5 : row + 6][:, cols]
-    parts = (slice(LONG), slice(LONG // 2, -LONG // 2), slice(LONG, None))  # it may be a corner
-    return any(_begins(lines[:, part] - level, within) or _leaps(lines[:, part]) for part in parts)
+def _ink_beyond(rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray) -> float:
+    """How far beyond an end the ink falls to half [px]."""
+    aside = np.array([-onward[1], onward[0]])
+    t = np.arange(-9.0, width / 2 + 6, 0.25)
+    lanes = np.linspace(-width / 4, width / 4, 3)[:, None]
+    places = at + t[:, None, None] * onward + lanes * aside
+    ink = sample_pixels(rgb, *np.moveaxis(places, 2, 0)) @ pen.along
+    ink = np.maximum(ink, 0.0).mean(1)
+    ended = (t > -2) & (ink < np.median(ink[t < -3]) / 2)
+    return float(t[ended.argmax()]) if ended.any() else 0.0
 
 
-def _begins(lines: NDArray, within: float) -> bool:
-    """Whether level ground, 0, begins amid (11, `LONG`) lines, without a ramp before."""
-    even = (np.abs(lines[6:9]) <= within).all(0)
-    on = even & (np.abs(lines[4]) >= STEP)
-    if even.mean() < EVEN or on.mean() < SHOWN:
-        return False
-    near, far = (np.median(np.abs(lines[k])[on]) for k in (4, 2))
-    return bool(near >= RAMP * far)
+def _level_area(
+    near: NDArray, at: NDArray, width: float, within: float, bridged: int
+) -> tuple[NDArray, float] | None:
+    """The (K, 2) outline of the level area round a place, and its level, if its shape is plain."""
+    import cv2
+
+    (u, v), reach = np.rint(at).astype(int), max(3, int(np.ceil(width / 2)))
+    if min(u, v) < reach or u + reach >= near.shape[1] or v + reach >= near.shape[0]:
+        return None
+    here = (slice(v - reach, v + reach + 1), slice(u - reach, u + reach + 1))
+    pixels = near[here].reshape(-1, 3).astype(float)
+    grey = pixels[np.ptp(pixels, axis=1) <= GREY * within].mean(1)
+    alike = np.abs(grey[:, None] - grey) <= within
+    if alike.sum(1).max(initial=0) < LEVEL_SHARE * len(pixels):
+        return None
+    level = float(np.median(grey[alike[alike.sum(1).argmax()]]))
+    even = cv2.inRange(near, *(np.full(3, level + side * (within + 0.5)) for side in (-1, 1)))
+    if bridged:
+        even = cv2.morphologyEx(even, cv2.MORPH_CLOSE, np.ones((bridged, bridged), np.uint8))
+    _, label, boxes, _ = cv2.connectedComponentsWithStats(even, connectivity=4)
+    own = max(np.unique(label[here][label[here] > 0]), key=lambda k: boxes[k, 4], default=0)
+    left, top, wide, high, count = boxes[own].tolist()
+    whole = left > 0 and top > 0 and left + wide < near.shape[1] and top + high < near.shape[0]
+    if not own or not whole:
+        return None
+    outlines, _ = cv2.findContours(
+        (label == own).view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+    )
+    outline = max(outlines, key=len)
+    size = cv2.contourArea(outline)
+    convex = CONVEX[bridged > 0] * cv2.contourArea(cv2.convexHull(outline))
+    plain = size >= max(LEAST_AREA, convex)
+    return (outline[:, 0], level) if plain and count >= FILLED * size else None
 
 
-def _leaps(lines: NDArray) -> bool:
-    """Whether the brightness changes one way in the middle of (11, `LONG`) lines, not beside."""
-    leap = lines[6] - lines[4]
-    most = BESIDE * np.abs(leap) + 3.0
-    alone = (np.abs(lines[4] - lines[2]) <= most) & (np.abs(lines[8] - lines[6]) <= most)
-    return max((alone & (way * leap >= LEAP)).mean() for way in (1, -1)) >= SHARP
+def _encloses(outline: NDArray, place: NDArray) -> bool:
+    import cv2
+
+    return cv2.pointPolygonTest(outline[:, None].astype(np.float32), place.tolist(), False) >= 0
+
+
+def _is_sharp(near: NDArray, outline: NDArray, level: float, step: float, sharp: float) -> bool:
+    """Whether at most of a level area's outline the picture changes at once, and not by a ramp."""
+    import cv2
+
+    filled = cv2.fillPoly(np.zeros(near.shape[:2], np.float32), [outline[:, None]], 1.0)
+    slope = np.gradient(cv2.GaussianBlur(filled, (0, 0), BLUR_PX))[::-1]
+    normal = -np.column_stack([part[outline[:, 1], outline[:, 0]] for part in slope])
+    normal /= np.maximum(np.hypot(*normal.T), 1e-9)[:, None]
+    places = (outline[:, None] + OUTWARD_PX[:, None] * normal[:, None]).astype(np.float32)
+    inside = ((places[:, 9] >= 0) & (places[:, 9] <= np.array(near.shape[1::-1]) - 1)).all(1)
+    pixels = cv2.remap(near, places[..., 0], places[..., 1], cv2.INTER_LINEAR)
+    off = np.abs(pixels - level).max(2)
+    begins = (off >= off[:, 5:6] / 2).argmax(1)
+    row, last = np.arange(len(off)), len(OUTWARD_PX) - 1
+    soon, later = (off[row, np.minimum(begins + k, last)] for k in (3, 7))
+    good = inside & (np.maximum(soon, later) >= step) & (soon >= sharp * later)
+    return bool(good.sum() >= max(LEAST_EDGE, EDGED * inside.sum()))

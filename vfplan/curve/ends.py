@@ -32,6 +32,9 @@ SEARCH_PX, TRIAL_PX = 2.5, 0.1
 # Of a pen drawn out to a point, so much coverage is seen surely, and the rest follows; a blunt end
 # has lost it so soon, in clean pictures and where JPEG's noise goes on.
 POINT, BLUNT_PX, SHORT = (0.3, 0.2), (4.0, 6.0), 3
+# Of the usual ink: so little, so much less than nearer to the end, within so many pixels of it;
+# more than so much there is an arrow's head.
+THINNED, BREAK, BREAK_PX, HEAD = 0.75, 0.55, 14, 2.2
 # A dot at an end: so many widths across, how round, how long; and the points over which it begins.
 BLOT, ROUNDISH, LONGEST_BLOT, ABRUPT = 1.4, 0.25, 6.0, 3
 BEYOND_PX = 4  # further than the path was read: ground there tells ink from none
@@ -72,6 +75,23 @@ def fading_ends(profiles: Profiles, used: NDArray) -> tuple[bool, bool]:
     beyond = (mass[int(np.ceil(_half(mass, at))) :] for mass, at in _outward(profiles, used))
     pairs = zip(beyond, points_of(profiles, used), strict=True)
     return tuple(len(m) > SHORT and m.min() >= POINT[1] and not found for m, found in pairs)
+
+
+def broken_ends(profiles: Profiles, used: NDArray, width: float) -> tuple[bool, bool]:
+    """Whether the ink all but stops shortly before either end, and comes back: it may be a sign's.
+
+    A letter that touches the line's end is thinner, forks and bends; a pen's own end does not.
+    """
+    first, last = np.flatnonzero(used)[[0, -1]]
+    found = []
+    for turn, at in ((-1, len(used) - 1 - first), (1, last)):
+        mass, seen = profiles.mass[::turn], profiles.seen.all(1)[::turn]
+        end = int(_half(mass, int(at)))
+        run = slice(end, max(end - int(width / 2) - BREAK_PX, 0), -1)
+        beyond = np.maximum.accumulate(mass[run])
+        thin = seen[run] & (mass[run] < THINNED) & (beyond < HEAD)
+        found.append(bool((thin & (mass[run] < beyond - BREAK)).any()))
+    return found[0], found[1]
 
 
 def _outward(profiles: Profiles, used: NDArray) -> tuple[tuple[NDArray, int], ...]:
@@ -131,6 +151,7 @@ def line_ends(
     odds = np.clip(head.flat_odds + tail.flat_odds - ROUND, -50, 50)
     share = np.array([1.0, np.exp(-odds)]) / (1 + np.exp(-odds))  # one pen drew both ends
     first, end = (float((found.places - short) @ share - BEYOND_PX) for found in (head, tail))
+    first, end = min(first, last - start), min(end, stop)  # within the ink
     drawn_out = points_of(profiles, used)
     if drawn_out[0]:
         first = last - start + drawn_out[0]

@@ -47,12 +47,17 @@ def unexplained(
             carrying += piece
             warnings += told
         warnings += _hanging(line, found, pieces, origin)
-        for at, fades in zip(found.points[[0, -1]], found.fading, strict=True):
+        ends = zip(found.points[[0, -1]] + origin, found.fading, found.broken, strict=True)
+        for (u, v), fades, broken in ends:
             if fades:
-                u, v = at + origin
                 warnings.append(
                     f"the pen is drawn out towards the curve's end at ({u:.0f}, {v:.0f}), and ink "
                     "goes on beyond it, too thin or faint to be followed"
+                )
+            if broken:
+                warnings.append(
+                    f"the ink all but stops shortly before the curve's end at ({u:.0f}, {v:.0f}) "
+                    "and comes back: what touches the end there may be no part of it"
                 )
     return carrying, warnings
 

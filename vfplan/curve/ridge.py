@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.doubling import Widening, widest_run
-from vfplan.curve.ends import fading_ends, ink_ends, line_ends, points_of
+from vfplan.curve.ends import broken_ends, fading_ends, ink_ends, line_ends, points_of
 from vfplan.curve.fitting import FIRST_KNOTS_PX, Fitted, fit_line
 from vfplan.curve.path import (
     arc_length,
@@ -61,6 +61,8 @@ class Centreline:
     single: bool = True
     # Whether ink goes on beyond its (first, last) point where JPEG hides how far
     fading: tuple[bool, bool] = (False, False)
+    # Whether the ink all but stops before its (first, last) point and comes back
+    broken: tuple[bool, bool] = (False, False)
 
 
 def trace(
@@ -91,7 +93,7 @@ def trace(
     base, lost = (smooth, 0.0) if closed else without_tips(smooth, width)
     passes = [FIRST_KNOTS_PX] * (1 + (width > BROAD_PX and not closed)) + [None]
     taken, point = 0, 0.0  # of extensions; how much further ink thinner than half the line goes
-    fading = (False, False)
+    fading = broken = (False, False)
     while passes:
         knots = passes.pop(0)
         # Far enough to see the line end, and no further: what lies beyond may be red as well.
@@ -122,6 +124,7 @@ def trace(
         fitted = fit_line(s, base, profiles, used, closed, knots)
         if not closed and not passes:
             ends = line_ends(rgb, fitted.spline(s), used, even, pen, width)
+            broken = broken_ends(profiles, used, width)
             if profiles.noisy and width > THIN_PX:
                 fading = fading_ends(even, used)
             start, stop = pitch * np.array(ends)
@@ -133,7 +136,8 @@ def trace(
     widest = widest_run(profiles, seen_along[0], valid, width, closed)
     fitted = replace(fitted, sigma=np.hypot(fitted.sigma, widest.doubt))
     line = _result(fitted, s, valid, used, closed, start, stop, rgb.shape, width)
-    return replace(line, widening=widest, single=verdict == "single", fading=fading)
+    single = verdict == "single"
+    return replace(line, widening=widest, single=single, fading=fading, broken=broken)
 
 
 def _evened(profiles: Profiles, valid: NDArray, width: float) -> Profiles:
