@@ -85,7 +85,7 @@ def test_no_pieces_no_exact_rule(vfplan_cli, tmp_path):
     vfplan.write_fixture(bundles.whole(), path)
     run = vfplan_cli("replay", path, SAMPLES / "elbow_session.csv", "--rule", "exact")
     assert run.code == 3
-    assert "needs a curve of lines and arcs" in run.stderr
+    assert "needs a curve of pieces and an axis" in run.stderr
     with pytest.raises(SceneError, match="needs a curve"):
         vfplan.ProxyEngine.of(bundles.whole(), "exact")
 
