@@ -13,6 +13,7 @@ import pytest
 from meshes import R
 
 import vfplan
+from vfplan.bundle.refining import refined
 from vfplan.errors import SceneError
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.study.bench.mesh import Triangles
@@ -36,7 +37,7 @@ def case(seed, tally):
         proxy = points[rng.integers(len(points))] + rng.normal(size=3) * R / 2
     normal = np.array([1.0, 0, 0])
     engine.reset(proxy)
-    for _ in range(10):
+    for _ in range(12):
         hips = meshes.path(rng, proxy, normal, corners)
         hips = np.vstack([hips, np.repeat(hips[-1:], 3, axis=0)])
         trace = engine.run(hips)
@@ -178,6 +179,37 @@ def test_a_fixture_with_a_mesh():
     assert vfplan.ProxyEngine.of(ball, "robust").distance([middle])[0] > 1e-4
     with pytest.raises(SceneError, match="needs a curve of pieces and an axis, or a mesh"):
         vfplan.ProxyEngine.of(fixture(ball.points, None), "exact")
+
+
+@pytest.mark.parametrize("times", [0, 2])
+def test_a_refined_mesh_is_rendered_from_no_more_triangles_than_it_had(times):
+    """Turned and moved, so that nothing lies on round numbers; what is left is the same surface."""
+    rng = np.random.default_rng(6)
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    points, triangles = meshes.sphere(0.03, times) if times else meshes.box()
+    finer, many = refined(points, triangles, 2e-3)
+    finer = finer @ turn.T + [0.5, 0.2, 0.3]
+    assert len(many) > 50 * len(triangles)
+    engine = vfplan.ProxyEngine.on(finer, many, R)
+    plain = vfplan.ProxyEngine.on(points @ turn.T + [0.5, 0.2, 0.3], triangles, R)
+    assert engine._engine.cells == plain._engine.cells  # boxes of its tree
+    inside = np.einsum("kij,ki->kj", finer[many], rng.dirichlet(np.ones(3), size=len(many)))
+    assert engine.distance(inside).max() < 1e-10
+    around = finer[rng.integers(len(finer), size=300)] + rng.normal(size=(300, 3)) * R
+    assert engine.distance(around) == pytest.approx(plain.distance(around), abs=1e-10)
+
+
+def test_what_sticks_out_of_a_plane_or_its_edge_stays():
+    """A spike of no width, a sheet's rounded edge, a dent of a tenth of a micrometre."""
+    points = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0.02, 0.02, 0], [3e-3, 3e-3, 1e-7]])
+    fan = np.array([[0, 1, 4], [1, 2, 4], [2, 0, 4], [1, 3, 3], [0, 0, 0]], np.int32)
+    spike = vfplan.ProxyEngine.on(points, fan, R)
+    assert spike.distance(points).max() < 1e-15
+    turn = np.linspace(0, np.pi, 200)
+    edge = 0.02 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    rows = np.column_stack([0 * turn[1:], np.arange(1, 200), np.arange(2, 201)])
+    disc = vfplan.ProxyEngine.on(np.vstack([np.zeros((1, 3)), edge]), rows.astype(int), R)
+    assert disc.distance(edge).max() < 1e-12
 
 
 @pytest.mark.parametrize(

@@ -259,7 +259,7 @@ inline Made make(const mesh::Surface& surface, Parameters p) {
     p.band = mesh::ExactRule::band(p, surface);
     check(p);
     if (p.ignore_axis) reject("rule exact renders a mesh in space: without an ignore_axis");
-    return exactly(Space{}, mesh::ExactRule(mesh::Mesh(surface), p), p);
+    return exactly(Space{}, mesh::ExactRule({surface, mesh::ExactRule::tolerance * p.R()}, p), p);
 }
 
 }  // namespace detail

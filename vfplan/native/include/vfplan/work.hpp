@@ -110,35 +110,47 @@ inline double tick_work(const double* xyz, std::size_t n, const Parameters& p) {
     return tick_work(Space{}, xyz, n, p);
 }
 
-/// The most features of a curve whose boxes lie within `reach` of any place, or some more: counted
-/// on a grid, by what each box adds at its corners.
-inline double crowd(const curve::Curve& curve, double reach) {
-    Vec2 low = curve[0].least, high = curve[0].most;
-    for (std::size_t i = 0; i < curve.size(); ++i)
-        for (int k = 0; k < 2; ++k) {
-            low.c[k] = std::min(low.c[k], curve[static_cast<int>(i)].least.c[k]);
-            high.c[k] = std::max(high.c[k], curve[static_cast<int>(i)].most.c[k]);
+/// The most of these boxes that lie within `reach` of any place, or some more: counted on a grid,
+/// by what each box adds at its corners.
+template <int D>
+double crowd(const std::vector<Box<D>>& boxes, double reach) {
+    Box<D> all = boxes[0];
+    for (const Box<D>& b : boxes)
+        for (int k = 0; k < D; ++k) {
+            all.low.c[k] = std::min(all.low.c[k], b.low.c[k]);
+            all.high.c[k] = std::max(all.high.c[k], b.high.c[k]);
         }
     double side = reach / 4;
-    const auto count = [&](int k) { return std::floor((high.c[k] - low.c[k]) / side) + 1; };
-    while (count(0) * count(1) > 8.0 * static_cast<double>(curve.size()) + 65536) side *= 1.25;
-    const auto cell = [&](double place, int k) {
-        const double most = count(k) - 1;
-        const double at = std::floor((place - low.c[k]) / side);
-        return static_cast<std::size_t>(std::min(std::max(at, 0.0), most));
+    const auto count = [&](int k) { return std::floor((all.high.c[k] - all.low.c[k]) / side) + 1; };
+    const auto cells = [&] {
+        double product = 1;
+        for (int k = 0; k < D; ++k) product *= count(k);
+        return product;
     };
-    const auto wide = static_cast<std::size_t>(count(0)) + 1;
-    std::vector<double> sum(wide * (static_cast<std::size_t>(count(1)) + 1));
-    for (std::size_t i = 0; i < curve.size(); ++i) {
-        const curve::Feature& f = curve[static_cast<int>(i)];
-        const std::size_t x0 = cell(f.least[0] - reach, 0), x1 = cell(f.most[0] + reach, 0) + 1;
-        const std::size_t y0 = cell(f.least[1] - reach, 1), y1 = cell(f.most[1] + reach, 1) + 1;
-        sum[y0 * wide + x0] += 1, sum[y1 * wide + x1] += 1;
-        sum[y0 * wide + x1] -= 1, sum[y1 * wide + x0] -= 1;
-    }
-    for (std::size_t i = 1; i < sum.size(); ++i)
-        if (i % wide != 0) sum[i] += sum[i - 1];
-    for (std::size_t i = wide; i < sum.size(); ++i) sum[i] += sum[i - wide];
+    while (cells() > 8.0 * static_cast<double>(boxes.size()) + (D == 3 ? 1048576 : 65536))
+        side *= 1.25;
+    std::size_t stride[D + 1] = {1};
+    for (int k = 0; k < D; ++k)
+        stride[k + 1] = stride[k] * (static_cast<std::size_t>(count(k)) + 1);
+    const auto cell = [&](double place, int k) {
+        const double at = std::floor((place - all.low.c[k]) / side);
+        return static_cast<std::size_t>(std::min(std::max(at, 0.0), count(k) - 1)) * stride[k];
+    };
+    std::vector<double> sum(stride[D]);
+    for (const Box<D>& b : boxes)
+        for (int corner = 0; corner < 1 << D; ++corner) {
+            std::size_t at = 0;
+            double sign = 1;
+            for (int k = 0; k < D; ++k) {
+                const bool high = corner >> k & 1;
+                at += high ? cell(b.high.c[k] + reach, k) + stride[k] : cell(b.low.c[k] - reach, k);
+                if (high) sign = -sign;
+            }
+            sum[at] += sign;
+        }
+    for (int k = 0; k < D; ++k)
+        for (std::size_t i = stride[k]; i < sum.size(); ++i)
+            if (i % stride[k + 1] >= stride[k]) sum[i] += sum[i - stride[k]];
     return *std::max_element(sum.begin(), sum.end());
 }
 
@@ -148,30 +160,29 @@ inline double tick_work(const std::vector<Stroke>& strokes, const Parameters& p)
     check(strokes);
     if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
     const curve::Curve curve(strokes, Slice(*p.ignore_axis), p.R());
-    const double near = crowd(curve, curve::ExactRule::list_reach * p.R());
+    std::vector<Box<2>> boxes;
+    for (std::size_t i = 0; i < curve.size(); ++i)
+        boxes.push_back({curve[static_cast<int>(i)].least, curve[static_cast<int>(i)].most});
+    const double near = crowd(boxes, curve::ExactRule::list_reach * p.R());
     return curve::ExactRule::most_iterations * (an_iteration + a_feature * near);
 }
 
-/// Likewise for a mesh: the most triangles that reach into a ball, counted by their middles.
+/// Likewise for a mesh, by the triangles in its list.
 inline double tick_work(const mesh::Surface& s, const Parameters& p) {
-    using Rule = mesh::ExactRule;
     constexpr double an_iteration = 3e-6, a_triangle = 30e-9;  // [s]
     mesh::check(s);
-    std::vector<double> middles(3 * s.k);
-    double size = 0;
-    for (std::size_t i = 0; i < s.k; ++i) {
-        Vec3 corner[3], middle;
-        for (std::size_t j = 0; j < 3; ++j) {
-            const double* c = s.points + 3 * static_cast<std::size_t>(s.triangles[3 * i + j]);
-            corner[j] = {{c[0], c[1], c[2]}};
-            middle = middle + (1.0 / 3) * corner[j];
-        }
-        for (const Vec3& c : corner) size = std::max(size, norm(c - middle));
-        std::copy_n(middle.c, 3, &middles[3 * i]);
-    }
-    const auto cloud = make_cloud(Space{}, middles.data(), s.k);
-    return Rule::most_iterations *
-           (an_iteration + a_triangle * crowd(cloud, Rule::list_reach * p.R() + size));
+    std::vector<Box<3>> boxes;
+    mesh::Coarse(s, mesh::ExactRule::tolerance * p.R())
+        .each([&](const Vec3& a, const Vec3& b, const Vec3& c) {
+            Box<3> box;
+            for (int k = 0; k < 3; ++k) {
+                box.low.c[k] = std::min({a.c[k], b.c[k], c.c[k]});
+                box.high.c[k] = std::max({a.c[k], b.c[k], c.c[k]});
+            }
+            boxes.push_back(box);
+        });
+    const double near = crowd(boxes, mesh::ExactRule::list_reach * p.R());
+    return mesh::ExactRule::most_iterations * (an_iteration + a_triangle * near);
 }
 
 /// The most tick_work [s] that a loop of 1 kHz is given.

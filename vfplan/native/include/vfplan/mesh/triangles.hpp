@@ -9,28 +9,9 @@
 #include <vector>
 
 #include "vfplan/cloud.hpp"
+#include "vfplan/mesh/coarse.hpp"
 
 namespace vfplan::mesh {
-
-inline constexpr double never = std::numeric_limits<double>::infinity();
-
-/// A mesh as it is handed to the engine: three rows of points a triangle.
-struct Surface {
-    const double* points = nullptr;  ///< x y z of each in turn [m]
-    std::size_t n = 0;
-    const std::int32_t* triangles = nullptr;
-    std::size_t k = 0;
-};
-
-/// Throws std::invalid_argument on a surface that no engine takes.
-inline void check(const Surface& s) {
-    if (s.k == 0) reject("a mesh needs at least one triangle");
-    for (std::size_t i = 0; i < 3 * s.n; ++i)
-        if (!(std::abs(s.points[i]) <= largest_coordinate)) reject("points must be within 1e6 m");
-    for (std::size_t i = 0; i < 3 * s.k; ++i)
-        if (s.triangles[i] < 0 || static_cast<std::size_t>(s.triangles[i]) >= s.n)
-            reject("triangles name points that are not there");
-}
 
 struct Triangle {
     Vec3 a, ab, ac;         ///< a corner, and the sides to the other two
@@ -69,17 +50,14 @@ class Mesh {
   public:
     static constexpr std::uint32_t none = ~std::uint32_t{0};
 
-    explicit Mesh(const Surface& s) {
+    /// `tolerance` [m]: how far its places may move where it has more triangles than it needs.
+    Mesh(const Surface& s, double tolerance) {
         std::vector<Item> items;
-        items.reserve(s.k);
-        const auto corner = [&](std::size_t i) {
-            const double* p = s.points + 3 * static_cast<std::size_t>(s.triangles[i]);
-            return Vec3{{p[0], p[1], p[2]}};
-        };
-        for (std::size_t i = 0; i < 3 * s.k; i += 3)
-            items.emplace_back(corner(i), corner(i + 1), corner(i + 2));
+        Coarse(s, tolerance).each([&](const Vec3& a, const Vec3& b, const Vec3& c) {
+            items.emplace_back(a, b, c);
+        });
         plant(items, 0, items.size());
-        triangles_.reserve(s.k);
+        triangles_.reserve(items.size());
         for (const Item& i : items) triangles_.emplace_back(i.corner[0], i.corner[1], i.corner[2]);
     }
 
