@@ -63,7 +63,8 @@ def command(
             from vfplan.figures.style import save_png
 
             save_png(burr_figure(burred), picture)
-    return Report(burred.metrics, _text(burred.metrics))
+    held = [f["message"] for f in burred.metrics["findings"] if f["code"] == "burr-held"]
+    return Report(burred.metrics, _text(burred.metrics), warnings=held)
 
 
 def _text(found: dict[str, Any]) -> str:
@@ -73,7 +74,8 @@ def _text(found: dict[str, Any]) -> str:
         f"burred in {burr['burring_ticks']} of {found['ticks']} ticks: {burr['points_taken']} "
         f"points went and came back deeper, {burr['places_lowered']} places, up to "
         f"{1e3 * burr['deepest_m']:.2f} mm\n"
-        f"force        max {found['force_max_n']:.3f} N; under edits its step was at most "
+        f"force        max {found['force_max_n']:.3f} N (K times the margin: "
+        f"{burr['margin_force_n']:.3f} N); under edits its step was at most "
         f"{burr['force_step_of_bound']:.2f} of K (R/256 + step of the HIP)\n"
         f"clearance    min {1e6 * found['clearance_min_m']:.2f} µm; {same}"
     )

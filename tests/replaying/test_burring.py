@@ -9,6 +9,7 @@ from replays import fixture_of
 import vfplan
 from vfplan.bundle import write_fixture
 from vfplan.errors import SettingError
+from vfplan.figures.burr import burr_figure
 from vfplan.replaying.burring import burr
 
 K, R, B, BAND = 1000.0, 5e-3, 3e-3, 5e-5
@@ -45,6 +46,35 @@ def test_a_burr_takes_away_what_it_is_pressed_on_and_nothing_else():
     assert burred.metrics["force_max_n"] < 1.6 * K * (R - B)
     untouched = burr(fixture, vfplan.Session(session.time[:400], session.hip[:400]), B)
     assert untouched.events == []
+
+
+def test_a_round_bone_is_burred_towards_its_middle():
+    """A hand 2 mm deep from pole to pole of a ball feels no more than the margin's force."""
+    n = 8000
+    height, turn = 1 - (2 * np.arange(n) + 1) / n, np.pi * (1 + 5**0.5) * np.arange(n)
+    flat = np.sqrt(1 - height**2)
+    points = 20e-3 * np.stack((flat * np.cos(turn), flat * np.sin(turn), height), axis=1)
+    fixture = fixture_of(points, axis=None, curve=False, band=BAND, stiffness=K)
+    t = 1e-3 * np.arange(3000)
+    angle, away = np.pi * np.clip(t - 0.5, 0, 2.5) / 2.5, 25e-3 - 2e-3 * np.minimum(t / 0.5, 1)
+    hip = away[:, None] * np.stack((np.sin(angle), 0 * t, np.cos(angle)), axis=1)
+    burred = burr(fixture, vfplan.Session(t, hip), 0.8 * R)
+    assert burred.metrics["burr"]["deepest_m"] < 1.2e-3
+    assert burred.metrics["force_max_n"] < 2 * K * 0.2 * R
+    assert not [f for f in burred.metrics["findings"] if f["code"] == "burr-held"]
+
+
+def test_a_line_pressed_through_is_told():
+    """From both sides, deeper than the proxy is wide: it stays behind, and the report says so."""
+    x = np.arange(-20e-3, 20e-3, 0.5e-3)
+    points = np.stack((x, 0 * x, 0 * x), axis=1)
+    fixture = fixture_of(points, axis=[0, 0, 1.0], curve=False, band=BAND, stiffness=K)
+    t = 1e-3 * np.arange(1500)
+    y = 8e-3 * np.cos(2 * np.pi * t / 1.5)
+    burred = burr(fixture, vfplan.Session(t, np.stack((0 * t, y, 0 * t), axis=1)), 0.9 * R)
+    (held,) = [f for f in burred.metrics["findings"] if f["code"] == "burr-held"]
+    assert f"the force reached {burred.metrics['force_max_n']:.3g} N" in held["message"]
+    assert len(burr_figure(burred).axes) == 3  # its plane, the force, and the points' count
 
 
 def test_a_ball_that_is_not_felt_first_is_refused():

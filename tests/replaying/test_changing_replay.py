@@ -104,7 +104,7 @@ def test_a_log_replays_to_the_bit(moves, changes, tmp_path):
         for event in events:
             if event.fixture is not None:
                 write_fixture(event.fixture, tmp_path / f"{event.tick}.h5")
-                object.__setattr__(event, "fixture", f"{event.tick}.h5")
+                object.__setattr__(event, "fixture", tmp_path / f"{event.tick}.h5")
         write_events(tmp_path / "events.csv", events)
         read = read_events(tmp_path / "events.csv")
         assert [event.kind for event in read] == [event.kind for event in events]
@@ -229,3 +229,29 @@ def test_a_governed_log_replays_to_the_bit():
     stiff = replace(fixture(), rendering=replace(fixture().rendering, stiffness=np.full(3, 9e4)))
     with pytest.raises(SettingError, match="spring"):
         vfplan.replay(fixture(), session, events=[Event(5, fixture=stiff)], governor=robot)
+
+
+def test_events_go_to_a_file_and_back(tmp_path, monkeypatch):
+    """A bundle's path is that from the file's folder, wherever the program runs."""
+    (tmp_path / "sub").mkdir()
+    monkeypatch.chdir(tmp_path)
+    write_events("sub/w.csv", [Event(5, fixture="even.h5")])
+    (read,) = read_events("sub/w.csv")
+    assert read.fixture.resolve() == tmp_path / "even.h5"
+    for bad in ("a,b.h5", "a\nb.h5", " a.h5"):
+        with pytest.raises(SessionError, match="a path with commas"):
+            write_events("x.csv", [Event(5, fixture=tmp_path / bad)])
+    with pytest.raises(SessionError, match="got a Fixture"):
+        write_events("x.csv", [Event(5, fixture=fixture())])
+
+
+def test_what_never_came_and_what_was_too_old_is_told():
+    time = T * np.arange(500)
+    session = vfplan.Session(time, np.tile([0, 0, 9e-3], (500, 1)), "robot_base")
+    poses = Poses(np.zeros(1), np.array([[0, 0, 0, 1.0, 0, 0, 0]]), np.zeros(1))
+    events = [Event(90000, remove=[3])]
+    found = vfplan.replay(fixture(), session, rule="robust", poses=poses, events=events).metrics
+    told = {f["code"]: f["message"] for f in found["findings"]}
+    assert told["stale"].startswith(f"in {found['stale_ticks']} of 500 ticks")
+    assert found["stale_ticks"] >= 398
+    assert told["events-left"].startswith("1 events")

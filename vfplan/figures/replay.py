@@ -106,7 +106,7 @@ def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
     figure = new_figure(7.0, float(np.clip(tall, 1.8, 8.0)) + 0.9)
     with style():
         axes = figure.subplots()
-    axes.plot(*cloud.T, ".", ms=1.5, color=CLOUD, label=f"cloud, {len(cloud)} points", zorder=2)
+    axes.plot(*cloud.T, ".", ms=1.5, color=CLOUD, label=f"fixture, {len(cloud)} points", zorder=2)
     axes.plot(*hip.T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
     axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy", zorder=4)
     picks = contact_marks(replayed.ticks, mark_hz)

@@ -204,6 +204,8 @@ class Changing:
                 "stale_ticks": self._counts["stale"],
                 "poses_refused": self._frame.refused,
             }
+        if self._done < len(self._events):
+            report["events_left"] = len(self._events) - self._done
         if self._events and np.isfinite(self._clearance):
             report["clearance_min_m"] = self._clearance
         return report

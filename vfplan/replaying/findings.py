@@ -103,6 +103,15 @@ def findings(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[s
         say("crossed", "warning",
             f"in {report['crossed_ticks']} ticks after an exchange no way out was found on the "
             "side where the proxy had been: it was led out another way")  # fmt: skip
+    if report.get("stale_ticks"):
+        say("stale", "warning", f"in {report['stale_ticks']} of {report['ticks']} ticks the pose "
+            "was too old, or none had come")  # fmt: skip
+    if report.get("poses_refused"):
+        say("poses-refused", "warning", f"{report['poses_refused']} poses were refused: too far "
+            "away, of no rotation, or earlier than one before")  # fmt: skip
+    if report.get("events_left"):
+        say("events-left", "warning",
+            f"{report['events_left']} events are of ticks after the session's last")  # fmt: skip
     if report["too_fast_ticks"]:
         why = "the engine used up its iterations; the proxy is safe and follows later"
         severity, r1 = "info", f"r1 = {1e3 * parameters.r1:.3g} mm"

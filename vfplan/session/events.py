@@ -15,6 +15,7 @@ them. A bundle's path is taken from the folder of the events.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,20 +60,31 @@ class Event:
 
 
 def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool = False) -> None:
-    """Write events as CSV; an exchange's fixture by its bundle's path.
+    """Write events as CSV; an exchange's fixture by its bundle's path from the file's folder.
 
-    Raises `OutputError` when the file exists or cannot be written.
+    Raises `OutputError` when the file exists or cannot be written, and `SessionError` for a path
+    that a line cannot hold.
     """
-    lines = [HEADER, *(line for event in events for line in _lines(event)), ""]
+    folder = Path(path).resolve().parent
+    lines = [HEADER, *(line for event in events for line in _lines(event, folder)), ""]
     write_whole(Path(path), ["\n".join(lines).encode()], overwrite=overwrite)
 
 
-def _lines(event: Event) -> Iterator[str]:
+def _lines(event: Event, folder: Path) -> Iterator[str]:
     head = f"{event.tick},{event.kind}"
-    yield head if event.fixture is None else f"{head},{event.fixture}"
+    yield head if event.fixture is None else f"{head},{_from(folder, event.fixture)}"
     yield from (f"{event.tick},remove,{i}" for i in np.asarray(event.remove, np.uint32).tolist())
     for point in np.asarray(event.add, np.float64).reshape(-1, 3).tolist():
         yield f"{event.tick},add,{','.join(map(repr, point))}"
+
+
+def _from(folder: Path, bundle: Any) -> str:
+    if not isinstance(bundle, str | Path):
+        raise SessionError("an exchange's fixture is written by its bundle's path; got a Fixture")
+    found = os.path.relpath(Path(bundle).resolve(), folder)
+    if any(c in found for c in ",\r\n") or found != found.strip():
+        raise SessionError(f"{found!r}: a path with commas, line breaks or blanks at its ends")
+    return found
 
 
 def read_events(path: str | Path) -> list[Event]:
