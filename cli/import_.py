@@ -54,19 +54,29 @@ def command(cloud: Path, output: Path, overwrite: bool, **given: Any) -> Report:
         "leak": {p: content[p] for p in content if p.startswith("/leak@")},
         "extent_m": [fixture.points.min(axis=0), fixture.points.max(axis=0)],
     }
-    size = ", ".join(f"{1e3 * (b - a):.1f}" for a, b in zip(*data["extent_m"], strict=True))
+    size = ", ".join(f"{1e3 * (b - a):.4g}" for a, b in zip(*data["extent_m"], strict=True))
     certified = "certified" if content["/leak@certified"] else "not certified"
     text = (
         f"{data['points']} points, {data['triangles']} triangles, {size} mm across;"
         f" {content['/leak@kind']}, {certified}: largest opening"
         f" {1e3 * content['/leak@largest_m']:.3f} mm\nwrote {output}"
     )
-    return Report(data, text, warnings=_warnings(fixture))
+    return Report(data, text, warnings=_warnings(fixture, content["/leak@largest_m"]))
 
 
-def _warnings(fixture: Fixture) -> list[str]:
-    from vfplan.bundle import size_doubt
+def _warnings(fixture: Fixture, opening: float) -> list[str]:
+    from vfplan.bundle import mesh_doubts, size_doubt
 
     doubt, left_out = size_doubt(fixture.points), fixture.provenance.settings.get("left_out")
-    found = [f"the file says more than points and triangles, which is left out: {left_out}"]
-    return ([doubt] if doubt else []) + (found if left_out else [])
+    found = [doubt] if doubt else []
+    if left_out:
+        found.append(f"the file says more than points and triangles, which is left out: {left_out}")
+    if fixture.mesh is not None:
+        return found + mesh_doubts(fixture)
+    wide = 2 * (fixture.contact_radius + fixture.point_radius)
+    if fixture.curve is None and opening > wide:
+        found.append(
+            f"a bare cloud, and a point is {1e3 * opening:.3g} mm from the next: the proxy, "
+            f"{1e3 * wide:g} mm wide, goes between"
+        )
+    return found

@@ -68,6 +68,8 @@ def _summary(data: dict[str, Any]) -> str:
     if "/leak@limit_m" in data:
         gap, limit = (1e3 * data[f"/leak@{name}_m"] for name in ("largest", "limit"))
         lines.append(f"  leak        none: largest opening {gap:.3f} mm, allowed {limit:.3f} mm")
+        if "/leak@open_edges" in data:
+            lines.append(f"              but an open sheet: {data['/leak@open_edges']} rim edges")
     elif "/leak@largest_m" in data:
         gap = 1e3 * data["/leak@largest_m"]
         lines.append(f"  leak        not certified: a bare cloud, points up to {gap:.3f} mm apart")

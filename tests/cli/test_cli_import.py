@@ -37,6 +37,22 @@ def test_a_mesh_is_refined_certified_and_in_metres(stl, vfplan_cli, tmp_path):
     assert fixture.band >= 1e-5
 
 
+def test_what_a_certificate_does_not_see_is_warned_of(stl, vfplan_cli, tmp_path):
+    """A hole, a face there twice, a cloud with gaps wider than the proxy."""
+    assert not vfplan_cli("import", stl, "--units", "mm", "-o", tmp_path / "t.h5").stderr
+    facets = stl.read_text().split("outer loop")
+    stl.write_text("outer loop".join(facets[:2] + facets[3:]))  # without the face 0, 1, 3
+    run = vfplan_cli("import", stl, "--units", "mm", "-q", "-o", tmp_path / "open.h5")
+    assert "the mesh is open: 256 edges on 1 rim, the widest 42.4 mm across" in run.stderr
+    assert "but an open sheet: 256 rim edges" in vfplan_cli("info", tmp_path / "open.h5").stdout
+    stl.write_text("outer loop".join([*facets[:2], facets[1], *facets[2:]]))
+    run = vfplan_cli("import", stl, "--units", "mm", "-q", "-o", tmp_path / "twice.h5")
+    assert "edges belong to three triangles or more" in run.stderr
+    np.save(tmp_path / "c.npy", np.mgrid[:3, :3, :1].reshape(3, -1).T * 0.04)
+    run = vfplan_cli("import", tmp_path / "c.npy", "--units", "m", "-q", "-o", tmp_path / "c.h5")
+    assert "a point is 40 mm from the next: the proxy, 10 mm wide, goes between" in run.stderr
+
+
 def test_a_bare_cloud_gets_the_band_that_its_spacing_needs(vfplan_cli, tmp_path):
     """A ball of radius 30 mm in points about 1.1 mm apart: dimples deeper than the paper's band.
 

@@ -10,7 +10,7 @@ from vfplan.bundle.describe import describe, diff
 from vfplan.bundle.exporting import export, left_out
 from vfplan.bundle.keys import keygen, read_keys
 from vfplan.bundle.migration import migrate
-from vfplan.bundle.plausible import size_doubt
+from vfplan.bundle.plausible import mesh_doubts, size_doubt
 from vfplan.bundle.read import read_bundle, read_fixture, require_signature
 from vfplan.bundle.signing import sign
 from vfplan.bundle.trust import Trust
@@ -27,6 +27,7 @@ __all__ = [
     "keygen",
     "left_out",
     "mesh_band",
+    "mesh_doubts",
     "migrate",
     "read_bundle",
     "read_fixture",

@@ -51,7 +51,9 @@ def svg(fixture: Fixture) -> bytes:
 
 def _pieces(fixture: Fixture) -> tuple[Pieces, Vector]:
     if fixture.pieces is None or fixture.rendering is None or fixture.ignore_axis is None:
-        raise InputError("a fixture without lines and arcs cannot be drawn; .csv and .ply can be")
+        raise InputError(
+            "a fixture without lines and arcs has no .dxf or .svg; its points have the other forms"
+        )
     return fixture.pieces, fixture.ignore_axis
 
 

@@ -138,15 +138,20 @@ def covering_radius(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def open_edges(triangles: NDArray[np.int32]) -> int:
     """Number of edges that belong to exactly one triangle."""
-    edges = np.empty((3, len(triangles)), dtype=np.int64)  # (lower << 32 | higher) end
+    return int(np.count_nonzero(shared_edges(triangles)[1] == 1))
+
+
+def shared_edges(triangles: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+    """The edges, as (lower << 32 | higher) end, and in how many triangles each is."""
+    edges = np.empty((3, len(triangles)), dtype=np.int64)
     for row, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
         np.minimum(triangles[:, i], triangles[:, j], out=edges[row])
         edges[row] <<= 32
         edges[row] |= np.maximum(triangles[:, i], triangles[:, j])
     edges = edges.ravel()
     edges.sort()
-    again = np.concatenate([[False], edges[1:] == edges[:-1], [False]])
-    return int(np.count_nonzero(~again[1:] & ~again[:-1]))
+    first = np.flatnonzero(np.append(True, edges[1:] != edges[:-1]))
+    return edges[first], np.diff(np.append(first, len(edges)))
 
 
 def loneliest(points: Across) -> tuple[float, int]:
