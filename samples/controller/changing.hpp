@@ -19,15 +19,11 @@
 #include <thread>
 #include <vector>
 
+#include "loop.hpp"
 #include "rendered.hpp"
 #include "vfplan/moving.hpp"
 
 namespace controller {
-
-/// A file that is not what it should be; names it and the line.
-struct FileError : std::runtime_error {
-    using std::runtime_error::runtime_error;
-};
 
 struct Posed {
     double time;  // when the tracker looked [s]
@@ -55,45 +51,86 @@ T number(const std::string& text) {
     return value;
 }
 
+inline std::string trimmed(const std::string& text) {
+    const std::size_t first = std::min(text.find_first_not_of(" \t\r"), text.size());
+    return text.substr(first, text.find_last_not_of(" \t\r") + 1 - first);
+}
+
+/// A coordinate or time, as `vfplan replay` reads one: blanks around it, and a sign.
+inline double real(const std::string& text) {
+    const std::string plain = trimmed(text);
+    const bool plus = plain.starts_with('+') && !plain.starts_with("+-");
+    return number<double>(plain.substr(plus));
+}
+
 inline std::vector<std::string> split(const std::string& text) {
     std::vector<std::string> fields(1);
     for (const char c : text)
         if (c == ',')
             fields.emplace_back();
-        else if (c != '\r')
+        else
             fields.back() += c;
     return fields;
 }
 
-/// `use(fields, place)` of each line but the first, which must be one of the `heads`.
-template <class F>
-void each_line(const std::string& path, const std::vector<std::string>& heads, F&& use) {
+/// `use(fields, place)` of each line after the first, which is given to `head`.
+template <class H, class F>
+void each_line(const std::string& path, H&& head, F&& use) {
     std::ifstream file(path);
     std::string text;
     if (!std::getline(file, text)) throw FileError(path + ": cannot be read");
-    text.resize(text.find_last_not_of('\r') + 1);
-    if (std::find(heads.begin(), heads.end(), text) == heads.end())
-        throw FileError(path + ": its first line is not " + heads.front());
-    for (int line = 2; std::getline(file, text); ++line) {
+    for (int line = 1; file; ++line, std::getline(file, text)) {
         const std::string place = path + ", line " + std::to_string(line);
+        text = trimmed(text);
         try {
-            if (text.find_first_not_of('\r') < text.size()) use(split(text), place);
+            if (line == 1)
+                head(text);
+            else if (!text.empty())
+                use(split(text), place);
         } catch (const FileError& error) {
             throw FileError(place + ": " + error.what());
         }
     }
 }
 
+/// The column of each of the `wanted` names, and last how many columns there are.
+inline std::vector<std::size_t> columns(std::string head, std::vector<std::string> wanted) {
+    if (head.starts_with("\xef\xbb\xbf")) head.erase(0, 3);
+    for (char& c : head) c = c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c;
+    std::vector<std::string> names;
+    for (const std::string& name : split(head)) names.push_back(trimmed(name));
+    if (std::count(names.begin(), names.end(), "arrived") == 0) wanted.pop_back();
+    std::vector<std::size_t> at;
+    for (const std::string& name : wanted) {
+        if (std::count(names.begin(), names.end(), name) != 1)
+            throw FileError("a header with t,x,y,z,qw,qx,qy,qz wanted, each once; no or two " +
+                            name);
+        at.push_back(std::size_t(std::find(names.begin(), names.end(), name) - names.begin()));
+    }
+    if (at.size() == 8) at.push_back(at[0]);  // arrived when it was taken
+    at.push_back(names.size());
+    return at;
+}
+
+/// By the names in the header, `arrived` where it is there.
 inline std::vector<Posed> read_poses(const std::string& path) {
     std::vector<Posed> poses;
-    const std::string head = "t,x,y,z,qw,qx,qy,qz";
-    each_line(path, {head, head + ",arrived"}, [&](const auto& fields, const auto&) {
-        std::vector<double> v;
-        for (const std::string& field : fields) v.push_back(number<double>(field));
-        if (v.size() == 8) v.push_back(v[0]);
-        if (v.size() != 9) throw FileError(std::to_string(fields.size()) + " fields");
+    std::vector<std::size_t> at;
+    const auto head = [&](const std::string& text) {
+        at = columns(text, {"t", "x", "y", "z", "qw", "qx", "qy", "qz", "arrived"});
+    };
+    each_line(path, head, [&](const auto& fields, const auto&) {
+        if (fields.size() != at[9])
+            throw FileError(std::to_string(fields.size()) + " fields; " + std::to_string(at[9]) +
+                            " wanted");
+        std::vector<double> all, v;
+        for (const std::string& field : fields) all.push_back(real(field));
+        for (int k = 0; k < 9; ++k) v.push_back(all[at[std::size_t(k)]]);
         const double size = v[4] * v[4] + v[5] * v[5] + v[6] * v[6] + v[7] * v[7];
         if (!(std::abs(std::sqrt(size) - 1) < 1e-3)) throw FileError("no unit quaternion");
+        for (int k = 1; k < 4; ++k)
+            if (!(std::abs(v[std::size_t(k)]) <= vfplan::largest_coordinate))
+                throw FileError("a place beyond 1e6 m");
         if (!poses.empty() && v[8] < poses.back().arrived) throw FileError("not in order");
         poses.push_back({v[0], {{{v[1], v[2], v[3]}}, v[4], {{v[5], v[6], v[7]}}}, v[8]});
     });
@@ -103,7 +140,10 @@ inline std::vector<Posed> read_poses(const std::string& path) {
 
 inline std::vector<Event> read_events(const std::string& path) {
     std::vector<Event> events;
-    each_line(path, {"tick,what,x,y,z"}, [&](const auto& fields, const auto& place) {
+    const auto head = [](const std::string& text) {
+        if (text != "tick,what,x,y,z") throw FileError("a first line tick,what,x,y,z wanted");
+    };
+    each_line(path, head, [&](const auto& fields, const auto& place) {
         const std::size_t n = fields.size(), tick = number<std::size_t>(fields[0]);
         const std::string what = n > 1 ? fields[1] : "";
         Event* last = events.empty() ? nullptr : &events.back();
@@ -112,7 +152,7 @@ inline std::vector<Event> read_events(const std::string& path) {
         if (what == "remove" && n == 3 && goes_on && last->add.empty())
             last->remove.push_back(number<std::uint32_t>(fields[2]));
         else if (what == "add" && n == 5 && goes_on)
-            for (std::size_t i = 2; i < 5; ++i) last->add.push_back(number<double>(fields[i]));
+            for (std::size_t i = 2; i < 5; ++i) last->add.push_back(real(fields[i]));
         else if ((what == "edit" || what == "remake") ? n == 2 : what == "exchange" && n == 3)
             events.push_back({tick, what, place, {}, {}, {}, {}});
         else
@@ -121,6 +161,19 @@ inline std::vector<Event> read_events(const std::string& path) {
             events.back().bundle = std::filesystem::path(path).parent_path() / fields[2];
     });
     return events;
+}
+
+/// Hands an event to an engine, with the one that an exchange brings; what the engine cannot do is
+/// said with the event's line.
+inline void hand_over(const Event& event, vfplan::Engine& region, vfplan::Engine* other) try {
+    const std::size_t n = event.remove.size(), m = event.add.size() / 3;
+    const bool done = event.exchanges() ? region.exchange(std::move(*other))
+                      : event.what == "edit"
+                          ? region.edit(event.remove.data(), n, event.add.data(), m)
+                          : region.remake();
+    if (!done) throw FileError("too much waits for the loop");
+} catch (const std::exception& error) {
+    throw FileError(event.where + ": " + error.what());
 }
 
 class Changing {
@@ -141,15 +194,18 @@ class Changing {
     }
 
     /// In simulated time: all that tick k, at t, begins with.
-    void due(std::size_t k, double t) {
+    void due(std::size_t k, double t) noexcept try {
+        if (failed_) return;
         for (; posed_ < poses_.size() && poses_[posed_].arrived <= t; ++posed_) {
             if (frame_->room() == 0) frame_->at(t);
             frame_->pose(poses_[posed_].time, poses_[posed_].pose);
         }
         while (before_.size() < events_.size() && events_[before_.size()].tick <= k) next();
+    } catch (...) {
+        failed_ = std::current_exception();
     }
-    /// In real time: the same by another thread, each at its time. `finish` ends it, and throws
-    /// what it could not do.
+    /// In real time: the same by another thread, each at its time, until `finish`. After what it
+    /// cannot do nothing more is handed over, and the loop goes on.
     void start(double period) {
         thread_ = std::jthread([this, period](const std::stop_token& over) {
             try {
@@ -161,6 +217,9 @@ class Changing {
     }
     void finish() {
         if (thread_.joinable()) thread_.request_stop(), thread_.join();
+    }
+    /// Throws what could not be done.
+    void check() const {
         if (failed_) std::rethrow_exception(failed_);
     }
 
@@ -174,11 +233,12 @@ class Changing {
     }
 
     /// What became of the files in the end.
-    void report() const {
-        const std::uint64_t known = seen(), refused = frame_ ? frame_->refused() : 0;
-        std::printf("fixture: %zu of %zu poses known, %zu refused; %zu of %zu events begun\n",
-                    std::size_t(known), poses_.size(), std::size_t(refused), begun(taken()),
-                    events_.size());
+    void report(std::size_t stale) const {
+        if (frame_)
+            std::printf("poses: %zu of %zu known, %zu refused; %zu stale ticks\n",
+                        std::size_t(seen()), poses_.size(), std::size_t(frame_->refused()), stale);
+        if (!events_.empty())
+            std::printf("events: %zu of %zu begun\n", begun(taken()), events_.size());
     }
 
   private:
@@ -186,16 +246,7 @@ class Changing {
         Event& event = events_[before_.size()];
         vfplan::Engine& region = engine_.region();
         before_.push_back(region.taken() + region.waiting());
-        try {
-            const std::size_t n = event.remove.size(), m = event.add.size() / 3;
-            const bool done = event.exchanges() ? region.exchange(std::move(*event.engine))
-                              : event.what == "edit"
-                                  ? region.edit(event.remove.data(), n, event.add.data(), m)
-                                  : region.remake();
-            if (!done) throw FileError("too much waits for the loop");
-        } catch (const std::exception& error) {
-            throw FileError(event.where + ": " + error.what());
-        }
+        hand_over(event, region, event.exchanges() ? &*event.engine : nullptr);
     }
 
     void serve(const std::stop_token& over, double period) {

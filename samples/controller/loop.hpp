@@ -7,17 +7,25 @@
 #include <time.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
+#include <cstring>
 #include <functional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "vfplan/status.hpp"
 
 namespace controller {
+
+/// A file that is not what it should be; names it and the line.
+struct FileError : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
 
 /// Absolute deadlines, one period apart; in simulated time it never waits.
 class Clock {
@@ -48,7 +56,8 @@ class Clock {
     timespec next_{};
 };
 
-/// Time and answer of every tick, written to disk only after the loop.
+/// Time and answer of every tick. Its file is claimed before the loop and written after it; one
+/// that is not written is taken away.
 class Log {
   public:
     struct Row {
@@ -60,15 +69,30 @@ class Log {
         std::uint64_t poses = 0, changes = 0;  // that the tick knew of
     };
 
-    Log(std::size_t ticks, bool governed) : governed_(governed) { rows_.reserve(ticks); }
+    /// Without a path there is no file.
+    Log(std::string path, std::size_t ticks, bool governed)
+        : path_(std::move(path)), governed_(governed) {
+        rows_.reserve(ticks);
+        if (path_.empty()) return;
+        file_ = std::fopen(path_.c_str(), "wx");
+        if (file_ == nullptr)
+            throw FileError(path_ + ": the log cannot be written: " + std::strerror(errno));
+    }
+    Log(const Log&) = delete;
+    Log& operator=(const Log&) = delete;
+    ~Log() {
+        if (file_ == nullptr) return;
+        std::fclose(file_);
+        std::remove(path_.c_str());
+    }
     /// Of changes the events that they are; for a fixture that moves, is exchanged or edited.
     std::function<std::size_t(std::uint64_t)> begun;
     void add(const Row& row) { rows_.push_back(row); }
 
     /// A session: t, x, y, z as `vfplan replay` reads them, and what was answered, to the last bit.
-    void write(const std::string& path) const {
-        std::FILE* file = std::fopen(path.c_str(), "wx");
-        if (file == nullptr) throw std::runtime_error(path + ": exists or cannot be written");
+    void write() {
+        std::FILE* const file = std::exchange(file_, nullptr);
+        if (file == nullptr) return;
         std::fputs("t,x,y,z,proxy_x,proxy_y,proxy_z,force_x,force_y,force_z,state,status", file);
         if (governed_) std::fputs(",engine_x,engine_y,engine_z", file);
         std::fputs(begun ? ",poses,events\n" : "\n", file);
@@ -83,9 +107,16 @@ class Log {
         }
         const bool bad = std::ferror(file) != 0;
         if (std::fclose(file) != 0 || bad) {
-            std::remove(path.c_str());
-            throw std::runtime_error(path + ": write failed");
+            std::remove(path_.c_str());
+            throw FileError(path_ + ": the log could not be written");
         }
+    }
+
+    /// Ticks that had no pose young enough.
+    [[nodiscard]] std::size_t stale() const {
+        return std::size_t(std::count_if(rows_.begin(), rows_.end(), [](const Row& r) {
+            return (r.step.status & vfplan::stale_pose) != 0;
+        }));
     }
 
     void report(std::size_t missed) const {
@@ -112,7 +143,9 @@ class Log {
     }
 
   private:
+    std::string path_;
     bool governed_;
+    std::FILE* file_ = nullptr;
     std::vector<Row> rows_;
 };
 

@@ -92,6 +92,14 @@ vfplan::GovernorLimits limits(const std::string& value) {
     return limits;
 }
 
+/// What `use` refuses is the option's fault.
+template <class F>
+auto as_option(const std::string& option, F&& use) try {
+    return use();
+} catch (const std::invalid_argument& error) {
+    throw UsageError(option + ": " + error.what());
+}
+
 /// A part of how a fixture moves.
 std::vector<double> three(const std::string& option, const std::string& value) try {
     std::vector<double> numbers;
@@ -157,11 +165,12 @@ Options parse(const std::vector<std::string>& args) {
         else if (args[i] == "--pose-limits" || args[i] == "--pivot") {
             if (!o.moving) o.moving.emplace();
             const bool pivot = args[i] == "--pivot";
-            const std::vector<double> v = three(args[i], value());
+            const std::vector<double> v = three(pivot ? "--pivot" : "--pose-limits", value());
             if (pivot)
                 o.moving->pivot = {{v[0], v[1], v[2]}};
             else
                 o.moving->max_age = v[0], o.moving->max_speed = v[1], o.moving->max_turn = v[2];
+            as_option(args[i - 1] + " " + args[i], [&] { vfplan::MovingFrame frame(*o.moving); });
         } else if (args[i] == "--simulated-time")
             o.simulated_time = true;
         else if (args[i] == "--unsigned")
@@ -189,7 +198,9 @@ std::optional<vfplan::Governor> governor(const Options& o, double stiffness) {
     if (!o.governor) return std::nullopt;
     vfplan::GovernorLimits limits = *o.governor;
     limits.stiffness = stiffness;
-    return vfplan::Governor(limits);
+    char given[64];
+    std::snprintf(given, sizeof given, "--governor %g,%g", limits.force_step, limits.force_max);
+    return as_option(given, [&] { return vfplan::Governor(limits); });
 }
 
 /// The loop: read the tip, render, govern, show the tick, hand the force to the arm. Nothing in
@@ -242,12 +253,22 @@ vfplan::bundle::Fixture approved(const Options& o, const std::string& path) {
 }
 
 /// The engines that the events exchange, each by its own best rule where the first one's is exact;
-/// the stiffness of the stiffest [N/m].
+/// the stiffness of the stiffest [N/m]. Every event is tried on an engine `trial` first: what it
+/// cannot do is found before the loop.
 double make_engines(std::vector<Event>& events, const Options& o, vfplan::Rule rule,
-                    vfplan::Use use, vfplan::Search search) {
+                    vfplan::Use use, vfplan::Search search, vfplan::Engine& trial) {
     double stiffness = 0;
+    vfplan::Rule now = rule;
     for (Event& event : events) {
-        if (!event.exchanges()) continue;
+        while (trial.waiting() > 0) trial.step({});
+        if (!event.exchanges()) {
+            if (now == vfplan::Rule::exact)
+                throw FileError(event.where +
+                                ": edit: rule 'exact' renders no points, which "
+                                "could be edited; rule 'robust' does");
+            hand_over(event, trial, nullptr);
+            continue;
+        }
         const auto other = approved(o, event.bundle.string());
         const bool region = other.frame == "robot_base" && !other.guidance;
         if (!region) throw FileError(event.where + ": no forbidden region in robot_base");
@@ -258,6 +279,8 @@ double make_engines(std::vector<Event>& events, const Options& o, vfplan::Rule r
         Rendered made(other, p, use);
         stiffness = std::max(stiffness, made.stiffness());
         event.engine.emplace(std::move(made.region()));
+        hand_over(event, trial, &Rendered(other, p, vfplan::Use::offline).region());
+        now = own;
     }
     return stiffness;
 }
@@ -275,28 +298,37 @@ int control(const Options& o) {
     if (changes && !o.telemetry.empty())
         std::fprintf(stderr,
                      "controller: warning: `vfplan live` draws the fixture as it was first\n");
+    if (o.rule == vfplan::Rule::exact && fixture.mesh.empty() && fixture.pieces_of(false).empty())
+        throw FileError(o.fixture +
+                        ": --rule exact wants lines and arcs, or triangles, and it has "
+                        "none: `vfplan plan --arcs` keeps them; --rule robust takes its points");
     const auto use = o.simulated_time ? vfplan::Use::offline : vfplan::Use::real_time;
     vfplan::Parameters p = vfplan::bundle::parameters(fixture, o.rule);
     if (!std::all_of(events.begin(), events.end(), [](auto& e) { return e.exchanges(); }))
         p.search = vfplan::Search::editable;
-    const double stiffest = make_engines(events, o, p.rule, use, p.search);
     Rendered engine(fixture, p, use);
+    double stiffest = engine.stiffness();
+    if (!events.empty()) {
+        Rendered trial(fixture, p, vfplan::Use::offline);
+        stiffest =
+            std::max(stiffest, make_engines(events, o, p.rule, use, p.search, trial.region()));
+    }
     Changing changing(engine, std::move(poses), std::move(events),
                       o.moving.value_or(vfplan::MovingLimits{}));
     const Hand hand(fixture.points, 4 * p.R(), p.ignore_axis, o.seconds);
     const auto ticks = std::size_t(o.seconds / period + 0.5);
-    auto governed = governor(o, std::max(stiffest, engine.stiffness()));
-    Log log(ticks, governed.has_value());
+    auto governed = governor(o, stiffest);
+    const auto sender = telemetry(o.telemetry);
+    Log log(o.log, ticks, governed.has_value());
     if (changes) log.begun = [&](std::uint64_t taken) { return changing.begun(taken); };
     Form form = o.form;
-    const auto sender = telemetry(o.telemetry);
     mlockall(MCL_CURRENT | MCL_FUTURE);  // no page faults later; refused without the right to
     const std::size_t missed =
         run(changing, governed, hand, form, ticks, o.simulated_time, sender.get(), log);
     munlockall();
-    if (!o.log.empty()) log.write(o.log);
+    log.write();
     log.report(missed);
-    if (changes) changing.report();
+    changing.report(log.stale());
     if (sender)
         std::printf("telemetry: %llu ticks dropped, %llu datagrams not taken by the system\n",
                     static_cast<unsigned long long>(sender->dropped()),
@@ -304,6 +336,7 @@ int control(const Options& o) {
     if (governed)
         std::printf("governor: gave up to %.4f mJ of %.4f mJ stored\n",
                     1e3 * governed->energy_given(), 1e3 * governed->energy_stored());
+    changing.check();
     return 0;
 }
 

@@ -289,11 +289,11 @@ def test_what_moves_and_changes_replays_bit_for_bit(
     for name, values in log.items():
         assert np.array_equal(getattr(replayed, name), values), name
     assert np.abs(log["force"]).max() > 1
-    poses = (
-        "59 of 60 poses known, 1 refused" if "poses" in which else "0 of 0 poses known, 0 refused"
-    )
-    events = "11 of 11 events" if "events" in which else "0 of 0 events"
-    assert f"fixture: {poses}; {events} begun\n" in done.stdout
+    stale = again.json.get("stale_ticks")
+    poses = f"poses: 59 of 60 known, 1 refused; {stale} stale ticks\n" if "poses" in which else ""
+    events = "events: 11 of 11 begun\n" if "events" in which else ""
+    said = [line for line in done.stdout.splitlines(True) if line[:6] in ("poses:", "events")]
+    assert "".join(said) == poses + events
     known = np.genfromtxt(session, delimiter=",", names=True)[["poses", "events"]][-1].tolist()
     assert known == (59 if "poses" in which else 0, 11 if "events" in which else 0)
     assert again.json["exchanges"] == (2 if "events" in which else 0)
@@ -310,7 +310,14 @@ POSE = "t,x,y,z,qw,qx,qy,qz\n0,0,0,0,1,0,0,0\n"
 EVENT = "tick,what,x,y,z\n0,edit\n"
 HOSTILE = [
     ("--poses", "", "cannot be read"),
-    ("--poses", "t,x,y,z\n0,0,0,0", "its first line"),
+    ("--poses", "t,x,y,z\n0,0,0,0", "line 1: a header"),
+    ("--poses", "t," + POSE, "line 1: a header"),
+    ("--poses", POSE + "1,0,0,0,1.005,0,0,0", "line 3: no unit"),
+    ("--poses", POSE + "1,0,0,0,0,0,0,0", "line 3: no unit"),
+    ("--poses", POSE + "1,1e9,0,0,1,0,0,0", "line 3: a place beyond"),
+    ("--poses", POSE + "1,0,0,0,1,0,0,0,2", "line 3: 9 fields; 8 wanted"),
+    ("--poses", "arrived," + POSE, "line 2: 8 fields; 9 wanted"),
+    ("--poses", POSE + "1,0,0,0,1,0,0,+-0", "line 3: '+-0'"),
     ("--poses", POSE[:20], "holds no pose"),
     ("--poses", POSE + "1,0,0,nan,1,0,0,0", "line 3: 'nan'"),
     ("--poses", POSE + "1,0,0,0,2,0,0,0", "line 3: no unit"),
@@ -323,6 +330,8 @@ HOSTILE = [
     ("--events", EVENT + "0,add,0,0", "line 3: no event"),
     ("--events", EVENT + "0,exchange,none.h5", "none.h5"),
     ("--events", EVENT + "0,burn", "line 3: no event"),
+    ("--events", EVENT + "9999999,edit\n9999999,remove,99999", "line 3: vfplan: remove"),
+    ("--events", "x" + EVENT, "line 1: a first line"),
 ]
 
 
@@ -338,6 +347,50 @@ def test_files_of_poses_and_events_are_read_strictly(
     assert done.returncode == 3
     assert says in done.stderr.splitlines()[-1]
     assert not log.exists()
+
+
+def test_columns_of_poses_go_by_their_names(controller, drawn, vfplan_cli, tmp_path):
+    """In any order, others beside them, blanks around them: as a replay takes them."""
+    (tmp_path / "p.csv").write_bytes(
+        b"\xef\xbb\xbfarrived, QW,qx,qy,qz,t,x,y,z,note\r\n"
+        b"0.02,1,0,0,0,0.01, +1e-4,0,0,7\r\n \r\n0.05,1,0,0,0,0.04,2e-4,0,0,7\r\n"
+    )
+    given, session = ("--poses", tmp_path / "p.csv"), tmp_path / "s.csv"
+    done = controller(drawn, "--seconds", 0.3, "--simulated-time", "--log", session, *given)
+    assert done.returncode == 0, done.stderr
+    again = vfplan_cli("replay", drawn, session, "-o", tmp_path / "r.h5", "--json", *given)
+    assert again.code == 0, again.stderr
+    stale = again.json["stale_ticks"]
+    assert stale > 150  # 20 before the first pose, the others 0.1 s after the last
+    assert f"poses: 2 of 2 known, 0 refused; {stale} stale ticks\n" in done.stdout
+    replayed, log = vfplan.read_result(tmp_path / "r.h5")[0], logged(session)
+    for name, values in log.items():
+        assert np.array_equal(getattr(replayed, name), values), name
+
+
+def test_what_fails_in_the_loop_is_told_after_its_log_is_written(controller, drawn, tmp_path):
+    """More changes at one tick than the ring holds; none of them is bad by itself."""
+    (tmp_path / "e.csv").write_text("tick,what,x,y,z\n" + "5,remake\n" * 4200)
+    log = tmp_path / "log.csv"
+    given = ("--events", tmp_path / "e.csv", "--seconds", 0.05, "--simulated-time")
+    done = controller(drawn, *given, "--log", log)
+    assert done.returncode == 3
+    assert re.search(r"e.csv, line \d+: too much waits", done.stderr)
+    assert len(logged(log)["time"]) == 50
+
+
+def test_a_curve_has_no_points_to_edit(controller, planned, drawn, tmp_path):
+    (tmp_path / "e.csv").write_text(EVENT + "0,remove,1\n")
+    done = controller(planned, "--seconds", 0.05, "--events", tmp_path / "e.csv")
+    assert done.returncode == 3
+    assert done.stderr.endswith(
+        "e.csv, line 2: edit: rule 'exact' renders no points, which could be edited; rule "
+        "'robust' does\n"
+    )
+    bare = controller(drawn, "--rule", "exact")
+    assert bare.returncode == 3
+    assert "--rule exact wants" in bare.stderr
+    assert "vfplan plan --arcs" in bare.stderr
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -419,7 +472,16 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
                 "127.0.0.1:70000",
             )
         ),
-        (3, drawn, "--governor", "0.01,20"),
+        (2, drawn, "--governor", "0.01,20"),
+        *(
+            (2, drawn, "--poses", "p.csv", *words)
+            for words in (
+                ("--pose-limits", "0,1,1"),
+                ("--pose-limits", "nan,1,1"),
+                ("--pivot", "inf,0,0"),
+                ("--pivot", "1e9,0,0"),
+            )
+        ),
         (3, tmp_path / "none.h5"),
         (4, broken),
         (3, drawn, "--seconds", 0.01, "--log", log),
@@ -428,6 +490,10 @@ def test_bad_calls_end_with_a_line_and_a_code(controller, drawn, tmp_path):
         assert done.returncode == code, (args, done)
         assert done.stderr.strip()
         assert done.stdout == ""
+        if "p.csv" in args or "0.01,20" in args:
+            assert any(" ".join(args[-2:]) in line for line in done.stderr.splitlines()), args
+        if log in args:
+            assert done.stderr.splitlines()[-1].startswith(f"{log}: the log cannot be written")
     assert log.read_text() == "precious"
     bare = controller(curve)
     assert bare.returncode == 3  # says nothing of its rendering

@@ -13,6 +13,7 @@ from vfplan.session.csvfile import csv_columns, read_csv
 from vfplan.session.types import Array
 
 WANTED = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
+LARGEST_M = 1e6  # of a place; what the engine takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +45,12 @@ def _check(time: Array, pose: Array, arrived: Array, name: str) -> None:
         raise SessionError("holds no pose", where=name)
     rigid = np.abs(np.linalg.norm(pose[:, 3:], axis=1) - 1) < 1e-3
     good = np.isfinite(np.column_stack((time, pose, arrived))).all(axis=1) & rigid
+    good &= np.abs(pose[:, :3]).max(axis=1) <= LARGEST_M
     good[1:] &= np.diff(arrived) >= 0
     if not good.all():
         i = int(np.argmin(good))
         raise SessionError(
             f"pose {i + 1}, {pose[i].tolist()} at {time[i]} s, arrived {arrived[i]} s: finite "
-            "numbers, a unit quaternion and times of arrival in order wanted",
+            "numbers, a place within 1e6 m, a unit quaternion and times of arrival in order wanted",
             where=name,
         )
