@@ -94,8 +94,10 @@ def command(fixture: Path, sessions: tuple[Path, ...], folder: Path, trials: int
 
 
 def _text(data: dict[str, Any]) -> str:
-    lines = [f"{data['trials']} trials, {data['trials_made']} of them made now, "
-             f"{data['trials_per_minute']:.0f} a minute"]  # fmt: skip
+    from vfplan.campaign.settings import BLOCK
+
+    lines = [f"{data['trials']} trials counted; {data['trials_made']} made now, in whole blocks of "
+             f"{BLOCK}, {data['trials_per_minute']:.0f} a minute"]  # fmt: skip
     lines += [
         f"  beyond the true curve by more than {e['beyond_mm']:g} mm: p = {e['p']:.3g} "
         f"(95 %: {e['low']:.3g} to {e['high']:.3g})"

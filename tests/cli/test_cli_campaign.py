@@ -31,6 +31,8 @@ def test_report_picture_and_going_on(vfplan_cli, planned, tmp_path):
     assert (tmp_path / "p.png").read_bytes()[:4] == b"\x89PNG"
     again = vfplan_cli(*words, "--trials", "128", "--json").json
     assert (again["trials"], again["trials_made"]) == (128, 64)
+    part = vfplan_cli(*words, "--trials", "130").stdout
+    assert part.startswith("130 trials counted; 64 made now, in whole blocks of 64, ")
 
     margin = ("--margin", "p=0.2", "--campaign", tmp_path / "c")
     wider = vfplan_cli("plan", image, *markers, "--pixel-spacing", "0.5", *margin,

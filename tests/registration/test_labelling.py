@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from layouts import MODELS, PX, planar, solid
 
 from vfplan.errors import MarkerError
@@ -95,6 +96,24 @@ def test_one_bad_marker_does_not_hide_the_order():
         target[bad] += [0.006, -0.004, 0.003]
         assert "in reverse order" in said(source, target[list(REVERSED)])
         assert said(source, target) is None
+
+
+def test_a_mistyped_marker_is_the_only_doubt():
+    """x5 of the sample with two digits exchanged: 27 mm off, and no word of other labels."""
+    rows = [
+        np.loadtxt(ROOT / f"samples/elbow_markers_{name}.csv", delimiter=",", skiprows=1, dtype=str)
+        for name in ("image", "robot")
+    ]
+    source, target = (table[:, 1:].astype(float) for table in rows)
+    assert target[4, 0] == 0.574602
+    target[4, 0] = 0.547602
+    for spacing in (None, 0.5e-3):
+        r = fit_registration(source, target, labels=rows[0][:, 0].tolist(), pixel_spacing=spacing)
+        found = diagnose(r)
+        assert found.relabelled is None
+        (warning,) = found.warnings
+        assert warning.startswith("suspect marker x5: it is 26.9 mm from where the others put it")
+        assert "without it they fit to 0.2" in warning
 
 
 def test_a_grid_to_the_pixel_has_no_better_labelling():

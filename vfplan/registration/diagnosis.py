@@ -81,7 +81,7 @@ def diagnose(registration: Registration) -> Diagnosis:
     suspects = _suspects(registration, swapped)
     warnings = (
         *warn.label_warnings(registration, swapped, relabelled, labellings),
-        *(f"suspect marker {label}: {why}" for label, why in suspects.items() if not swapped),
+        *(() if swapped else warn.suspect_warnings(registration, suspects)),
         *warn.perspective_warning(registration),
         *warn.layout_warnings(registration, labellings, unchecked),
         *warn.scale_warnings(registration, departure, sigma),

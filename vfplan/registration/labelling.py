@@ -9,7 +9,7 @@ usual mistakes, are held against the given one by their sums of squares; with on
 on both sides too, so that a single bad one does not hide the mistake. Few markers fit an affine map
 in almost any order: where the pixel spacing is known, the similarity must speak for a labelling
 too. What fits about as well as the given labelling is a rival: the markers cannot show which is
-right, and that is said.
+right, and that is said; where one is an outlier, only of what does so without one too.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from vfplan.registration.models import Affine, Array, Orthogonal, homogeneous
 from vfplan.registration.problem import Problem
-from vfplan.registration.residuals import Fit
+from vfplan.registration.residuals import Fit, f_limit, studentised_f
 from vfplan.registration.robust import spans
 
 # One labelling of a good set fits better by F of this tail only where the layout is symmetric to
@@ -76,7 +76,21 @@ def better_labelling(fit: Fit, *, square: bool = False) -> Relabelling | None:
     if not orders:
         return None
     found = [_best(one, orders, gains.min(axis=0), d) for one in problems for d in _dropped(one)]
-    return max(found, key=lambda one: (one.sure, one.seems, one.gain))
+    best = max(found, key=lambda one: (one.sure, one.seems, one.gain))
+    return best if best.seems or not _outlying(fit) or _rivals(problem, orders) else None
+
+
+def _outlying(fit: Fit) -> bool:
+    """Whether a marker's F is over the limit, so that the residuals are not noise alone."""
+    f = np.nan_to_num(studentised_f(fit))
+    return bool(f.max() > f_limit(len(f), max(fit.dof - 3, 1)))
+
+
+def _rivals(problem: Problem, orders: list[Order]) -> bool:
+    """Whether a labelling fits about as well with one marker left out on both sides too."""
+    if 1 not in _dropped(problem):
+        return True
+    return bool((_gains(problem, orders, 1) * _limit(problem, AS_GOOD, 1) >= 1).any())
 
 
 def _best(problem: Problem, orders: list[Order], least: Array, dropped: int) -> Relabelling:

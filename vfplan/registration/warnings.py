@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vfplan.registration import residuals
 from vfplan.registration.labelling import Relabelling, name_labelling
 from vfplan.registration.result import Registration
 
@@ -34,6 +35,23 @@ def label_warnings(
         f"their places by {registration.fre_rms_m * 1e3:.3g} mm rms, and if {name}, by "
         f"{other.rms_m * 1e3:.3g} mm; check the labels, or add a marker",
     )
+
+
+def suspect_warnings(registration: Registration, suspects: dict[Label, str]) -> tuple[str, ...]:
+    """Each suspect marker; a single one with how far it is off, and how the others fit then."""
+    names = list(suspects)
+    if len(names) == 1 and not registration.perspective:
+        used, one = registration.used, registration.labels.index(names[0])
+        rest = used & (np.arange(len(used)) != one)
+        if used[one] and 3 * rest.sum() > registration.fit.problem.model.parameters:
+            left = residuals.solve(registration.fit.problem, rest).vectors[rest]
+            return (
+                f"suspect marker {names[0]}: it is {registration.loo_m[one] * 1e3:.3g} mm from "
+                "where the others put it, and without it they fit to "
+                f"{np.sqrt((left**2).sum(axis=1).mean()) * 1e3:.3g} mm rms; it stays in the fit: "
+                "correct it, or leave it out with --robust",
+            )
+    return tuple(f"suspect marker {label}: {why}" for label, why in suspects.items())
 
 
 def perspective_warning(registration: Registration) -> tuple[str, ...]:
