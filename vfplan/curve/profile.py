@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.bends import drawn_outward
 from vfplan.curve.light import is_coarse, is_tinted, with_light
 from vfplan.curve.pen import Pen, sample_pixels
 from vfplan.curve.unmixing import FOREIGN, OtherColours
@@ -95,7 +96,7 @@ def read_profiles(
     offset = _matched(x, alpha, valid[:, None] & shown, mean)
     blur = blur_of(x, _mean_profile(alpha, (valid & ~touched & seen.all(1))[:, None] & seen), width)
     if bend is not None:
-        offset = offset - bend * blur / 2  # blur draws both edges of a bend inward
+        offset = drawn_outward(offset, bend, blur)
     valid &= np.abs(offset) < width / 2 + 1.5
     if coarse:
         offset = with_light(x, pixels, valid[:, None] & seen, np.where(valid, offset, 0.0), width)

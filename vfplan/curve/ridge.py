@@ -15,12 +15,12 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.bends import bend_of
 from vfplan.curve.doubling import Widening, widest_run
 from vfplan.curve.ends import broken_ends, fading_ends, ink_ends, line_ends, points_of
 from vfplan.curve.fitting import FIRST_KNOTS_PX, Fitted, fit_line
 from vfplan.curve.path import (
     arc_length,
-    bend_of,
     evenly,
     extended,
     normals,

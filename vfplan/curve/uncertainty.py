@@ -15,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.bends import less_sure
+
 FLOOR_PX = 0.0025  # what programs that draw round off
 WINDOW_PX, CORNER_PX = 61, 9  # of line over which the noise is taken for the same; of a corner
 CORNER_SHARE, CORNER = 1 / 3, 4.0  # of the power left over there beyond so many times the usual
@@ -35,7 +37,6 @@ NOISY_GRID, CLEAN_GRID = 0.45, 1.2
 UNSEEN_PX, SOFT_UNSEEN_PX, MOST_PX = 0.025, 0.07, 0.12
 NOISY_SLANT, CLEAN_SLANT = 0.12, 0.10  # sine of the angle to the grid's nearer axis
 DIAGONAL, DIAGONAL_SLANT = 0.6, 0.02  # the same along diagonals, over that along rows
-TIGHT, TIGHTEST = 0.11, 0.25  # curvature that doubles the error, and the largest that counts [1/px]
 SWAY = 1.5  # times its usual bend, what a line may do in a gap
 END, END_PX = 4.5, 4.0  # how much larger it is at an end, and over how much line that fades
 
@@ -72,8 +73,7 @@ def measured_sigma(
         corner = CUT * (near - grid**2)
     noise = np.maximum(_ratio(picture, np.sqrt(whole)) ** 2 * power, corner)
     level = _along_grid(normal, np.sqrt(whole), picture)
-    bend = 1 + (np.minimum(np.abs(curvature), TIGHTEST) / TIGHT) ** 2
-    return bend * np.sqrt(noise + level**2 + FLOOR_PX**2)
+    return less_sure(curvature) * np.sqrt(noise + level**2 + FLOOR_PX**2)
 
 
 def end_factor(s: NDArray, first: float, last: float) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@
 #include "vfplan/bundle/bytes.hpp"
 #include "vfplan/bundle/checksum.hpp"
 #include "vfplan/bundle/finding.hpp"
+#include "vfplan/bundle/links.hpp"
 #include "vfplan/bundle/schema.hpp"
 #include "vfplan/bundle/text.hpp"
 
@@ -91,11 +92,6 @@ class File {
     std::uint64_t claimed_ = 0;
 };
 
-struct Link {
-    std::string name;
-    std::uint64_t address;
-};
-
 /// An attribute, its parts as they are written.
 struct Attribute {
     std::string name;
@@ -122,14 +118,6 @@ struct Object {
     }
 };
 
-/// The name of a link or an attribute: UTF-8 that can be shown.
-inline void check_name(const Window& body, std::string_view name) {
-    if (name.empty() || !is_utf8(name) || has_control(name) ||
-        name.find('/') != std::string_view::npos) {
-        body.corrupt("has the name " + in_quotes(name) + ", which is none");
-    }
-}
-
 /// Link info and attribute info: heap and index must not be there, nor creation order.
 inline void read_info(Window& body) {
     body.wanted(2, 0, "version and flags of link or attribute info");
@@ -146,18 +134,11 @@ inline void read_group_info(Window& body) {
     body.take(((flags & 1) != 0 ? 4u : 0u) + ((flags & 2) != 0 ? 4u : 0u));
 }
 
-inline void read_link(Window& body, Object& object) {
-    body.wanted(1, 1, "version of a link");
-    const auto flags = body.number(1);
-    if ((flags & 0x08) != 0 && body.number(1) != 0) {
-        body.unsafe("unsafe.link", "holds a link that is not hard; no other is allowed");
-    }
-    if ((flags & ~std::uint64_t{0x1B}) != 0) body.corrupt("link flags");
-    if ((flags & 0x10) != 0 && body.number(1) > 1) body.corrupt("has a name of another encoding");
-    const auto name = body.take(body.number(std::size_t{1} << (flags & 3))).text();
-    check_name(body, name);
-    if (object.link(name) != nullptr) body.corrupt("has two links of the name " + in_quotes(name));
-    object.links.push_back({std::string(name), body.number(8)});
+inline void add_link(Window& body, Object& object) {
+    Link link = read_link(body);
+    if (object.link(link.name) != nullptr)
+        body.corrupt("has two links of the name " + in_quotes(link.name));
+    object.links.push_back(std::move(link));
     if (object.links.size() > limits::links_per_group) {
         body.unsafe("unsafe.cap",
                     "has more than " + std::to_string(limits::links_per_group) + " links");
@@ -206,7 +187,7 @@ inline void read_message(std::uint64_t kind, Window& body, Object& object) {
         case 0x05:
             return keep(object.fill);
         case 0x06:
-            return read_link(body, object);
+            return add_link(body, object);
         case 0x08:
             return keep(object.layout);
         case 0x0A:
