@@ -1,4 +1,4 @@
-"""Curves with a cover without colour over an end, or a letter at it; nothing here uses vfplan.
+"""Curves with a cover without colour over an end, a letter at it, or a dot beside; no vfplan here.
 
 Such a cover is told by its edge and its evenness, not by its colour, so that some go unseen: these
 kinds stand apart from those of `slices`, of which none may be silently wrong.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from canvas import rectangle
-from slices import RED, arc_of, hand, part, pen
+from slices import RED, arc_of, hand, normal_of, part, pen
 
 
 def _over_the_end(canvas, rng):
@@ -85,10 +85,21 @@ def letter_at_the_end(canvas, rng):
     return curve, False
 
 
+def dot_beside(canvas, rng):
+    """A dot of the same pen that touches the line from one side."""
+    curve, width = hand(rng), float(rng.choice([3.0, 4.0, 5.0]))
+    at = int(rng.uniform(0.3, 0.7) * len(curve))
+    radius = width * rng.uniform(1.2, 1.8)
+    canvas.line(curve, width, RED)
+    canvas.disc(curve[at] + rng.uniform(0.7, 0.9) * radius * normal_of(curve)[at], radius, RED)
+    return curve, False
+
+
 HIDDEN = {
     f.__name__.replace("_", " "): f
     for f in (
         box_over_the_end, framed_box_over_the_end, panel_over_the_end, disc_over_the_end,
         turned_box_over_the_end, veil_over_the_end, letter_at_the_end,
+        dot_beside,
     )
 }  # fmt: skip

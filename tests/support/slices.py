@@ -502,6 +502,18 @@ def hidden_stretch(canvas, rng):
     return curve, False
 
 
+def letter_turns_off(canvas, rng):
+    """A thinner stroke of a letter that goes off to one side from the curve's end."""
+    curve, width = hand(rng), float(rng.choice([3.0, 4.0, 5.0]))
+    along = (curve[-1] - curve[-10]) / np.hypot(*(curve[-1] - curve[-10]))
+    turn = rng.choice([-1, 1]) * rng.uniform(1.1, 1.7)
+    aside = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ along
+    canvas.line(curve, width, RED)
+    start = curve[-1] + 0.2 * width * along
+    canvas.line([start, start + rng.uniform(12, 16) * aside], width / 2, RED)
+    return curve, False
+
+
 KINDS = {
     f.__name__.replace("_", " "): f
     for f in (
@@ -516,5 +528,6 @@ TRAPS = {
     for f in (
         goes_on_along_an_axis, short_pieces, goes_on_dashed, rectangle_with_a_line, end_under_a_box,
         end_among_specks, beyond_a_long_lift, opening, orange_bar, lone_bar, hidden_stretch,
+        letter_turns_off,
     )
 }  # fmt: skip

@@ -154,7 +154,7 @@ def refuse_blind_bridges(
 ) -> None:
     """Raise `CurveError` where more than a caller allows could not be measured."""
     slack = BRIDGE_WIDTHS * line.width_px + BRIDGE_PX
-    for run in _runs(found.bridged, found.closed):
+    for run in runs(found.bridged, found.closed):
         length = float(np.hypot(*np.diff(found.points[run], axis=0).T).sum())
         if length > max_gap_px + slack:
             u, v = found.points[run[len(run) // 2]] + origin
@@ -171,7 +171,7 @@ def bridged_ink(
     """A warning for each bridge that runs over ink, beyond what its edges lack of a profile."""
     warnings = []
     slack = BRIDGE_WIDTHS * line.width_px + BRIDGE_PX
-    for run in _runs(found.bridged, found.closed):
+    for run in runs(found.bridged, found.closed):
         u, v = np.rint(found.points[run]).astype(int).T
         inked = mask[v.clip(0, mask.shape[0] - 1), u.clip(0, mask.shape[1] - 1)]
         if inked.sum() > slack:
@@ -203,7 +203,7 @@ def refuse_strayed(line: Candidate, found: Centreline, origin: tuple[int, int]) 
         )
 
 
-def _runs(flags: NDArray[np.bool_], closed: bool) -> Iterator[NDArray[np.int64]]:
+def runs(flags: NDArray[np.bool_], closed: bool) -> Iterator[NDArray[np.int64]]:
     """Indices of each run of flags; on a ring one may run through the seam."""
     if flags.all() or not flags.any():
         yield from [np.arange(len(flags))] if flags.any() else []

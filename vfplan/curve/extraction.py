@@ -27,6 +27,7 @@ from vfplan.curve.evidence import (
     refuse_strayed,
     unexplained,
 )
+from vfplan.curve.intruders import intruders
 from vfplan.curve.kinds import tell_apart
 from vfplan.curve.marks import find_marks
 from vfplan.curve.model import METHODS, Extraction, Method, Stroke
@@ -121,6 +122,7 @@ def extract_curve(
             refuse_blind_bridges(line, measured, max_gap_px, origin)
             refuse_strayed(line, measured, origin)
             notes += bridged_ink(line, measured, mask, origin)
+            notes += intruders(line, measured, mask, origin)
             notes += covered_ends(rgb, line, measured.points, origin)
         notes += several(line, measured.single)
         notes += a_bar(line, pen, origin)
