@@ -49,7 +49,7 @@ def suspect_warnings(registration: Registration, suspects: dict[Label, str]) -> 
                 f"suspect marker {names[0]}: it is {registration.loo_m[one] * 1e3:.3g} mm from "
                 "where the others put it, and without it they fit to "
                 f"{np.sqrt((left**2).sum(axis=1).mean()) * 1e3:.3g} mm rms; it stays in the fit: "
-                "correct it, or leave it out with --robust",
+                "check it, and correct it or leave it out with --robust",
             )
     return tuple(f"suspect marker {label}: {why}" for label, why in suspects.items())
 
