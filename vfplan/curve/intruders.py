@@ -32,8 +32,8 @@ def intruders(
     line: Candidate, found: Centreline, mask: NDArray[np.bool_], origin: tuple[int, int]
 ) -> list[str]:
     """A warning for each dot beside the line, and for each sign that it was followed into."""
-    if len(found.points) < 4 * FLANK:
-        return []
+    if len(found.points) <= FLANK * max(line.width_px, 3.0) + SPARE_PX:
+        return []  # too short for either
     beside = _reaches(found.points, found.closed, mask, line.width_px)
     warnings = []
     for place, length, off in _dots(line, found, beside, mask):
