@@ -138,11 +138,13 @@ def covering_radius(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def open_edges(triangles: NDArray[np.int32]) -> int:
     """Number of edges that belong to exactly one triangle."""
-    return int(np.count_nonzero(shared_edges(triangles)[1] == 1))
+    edges = sorted_edges(triangles)
+    again = np.concatenate([[False], edges[1:] == edges[:-1], [False]])
+    return int(np.count_nonzero(~again[1:] & ~again[:-1]))
 
 
-def shared_edges(triangles: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-    """The edges, as (lower << 32 | higher) end, and in how many triangles each is."""
+def sorted_edges(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Edges as (lower << 32 | higher) end, in order, each once for every triangle that it is of."""
     edges = np.empty((3, len(triangles)), dtype=np.int64)
     for row, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
         np.minimum(triangles[:, i], triangles[:, j], out=edges[row])
@@ -150,8 +152,7 @@ def shared_edges(triangles: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArr
         edges[row] |= np.maximum(triangles[:, i], triangles[:, j])
     edges = edges.ravel()
     edges.sort()
-    first = np.flatnonzero(np.append(True, edges[1:] != edges[:-1]))
-    return edges[first], np.diff(np.append(first, len(edges)))
+    return edges
 
 
 def loneliest(points: Across) -> tuple[float, int]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.bundle.leak import shared_edges
+from vfplan.bundle.leak import sorted_edges
 from vfplan.fixture import Fixture
 
 LEAST_M, MOST_M = 1e-3, 3.0  # across: a mark on a bone, a patient
@@ -34,7 +34,7 @@ def mesh_doubts(fixture: Fixture) -> list[str]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    edges, count = shared_edges(fixture.mesh)
+    edges, count = np.unique(sorted_edges(fixture.mesh), return_counts=True)
     found, crowded = [], int(np.count_nonzero(count > 2))
     if (count == 1).any():
         ends = np.stack((edges[count == 1] >> 32, edges[count == 1] & 0xFFFFFFFF))
