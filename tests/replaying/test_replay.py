@@ -15,8 +15,9 @@ import vfplan
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.replaying import replay
-from vfplan.replaying.clearance import Clearance
+from vfplan.replaying.clearance import Clearance, MeshClearance
 from vfplan.session import Session, read_result, write_result
+from vfplan.study.bench.mesh import nearest_on
 
 PAPER = {"rule": "paper", "engine": "reference"}
 
@@ -178,6 +179,24 @@ def test_clearance_is_the_least_distance(axis, far):
         assert clearance.minimum_m == pytest.approx(
             np.sqrt((gaps**2).sum(2)).min() - 5e-3, abs=1e-12
         ), trial
+
+
+def test_a_meshs_clearance_is_to_its_triangles():
+    """Large and small ones, against each in turn by another formula; and no area at all."""
+    rng = np.random.default_rng(8)
+    corners = rng.uniform(-1, 1, (300, 3, 3)) * 10 ** rng.uniform(-3.5, -1.5, (300, 1, 1))
+    corners += rng.uniform(-0.05, 0.05, (300, 1, 3))
+    corners[0, 1] = corners[0, 0]
+    given = fixture_of(corners.reshape(-1, 3), axis=None, curve=False)
+    fixture = dataclasses.replace(given, mesh=np.arange(900, dtype=np.int32).reshape(-1, 3))
+    for far in [[0, 0, 0.01]] * 6 + [[0.3, 0, 0]]:
+        path = rng.normal(0, 1e-3, (300, 3)).cumsum(axis=0) + far
+        clearance = MeshClearance(fixture)
+        clearance.update(path[:200])
+        clearance.update(path[200:])
+        nearest = [nearest_on(corners[1:], x)[0] - x for x in path]
+        truth = np.linalg.norm(nearest, axis=2).min() - 5e-3
+        assert clearance.minimum_m == pytest.approx(truth, abs=1e-12)
 
 
 def test_gaps_repeats_and_jumps_are_reported():

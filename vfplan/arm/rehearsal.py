@@ -17,7 +17,7 @@ from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SessionError
 from vfplan.fixture import Fixture
-from vfplan.replaying.clearance import Clearance
+from vfplan.replaying.clearance import clearance_of
 from vfplan.replaying.quantities import overlap, penetration, row_norms
 from vfplan.replaying.ruler import CurveRuler
 from vfplan.session import Session, TickBlock
@@ -87,7 +87,7 @@ def rehearse(
         penetration(motion.tip, motion.proxy),
         overlap(motion.tip, motion.proxy, motion.normal, fixture.contact_radius),
     )  # fmt: skip
-    clearance = Clearance(fixture)
+    clearance = clearance_of(fixture, engine.rule)
     clearance.update(motion.proxy)
     metrics = {
         "arm": arm.name,

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.arcs import plane, strokes_of
+from vfplan.engine.parameters import Rule
+from vfplan.engine.renderable import exact_of
 from vfplan.fixture import Fixture
+from vfplan.registration.nearest import on_triangles
 from vfplan.replaying.ruler import flattened
 
 Array = NDArray[np.float64]
 _PAIRS = 2_000_000  # distances held at a time
 _STRIDE = 64  # far ticks looked at together
+
+
+def clearance_of(fixture: Fixture, rule: Rule) -> Clearance | CurveClearance | MeshClearance | None:
+    """To what the rule renders: the curve, the triangles, the points; `None` where all guides."""
+    kind = exact_of(fixture) if rule == "exact" else None
+    if kind == "curve":
+        return CurveClearance(fixture.region)
+    if kind == "mesh":
+        return MeshClearance(fixture)
+    return Clearance(fixture) if len(fixture.forbidden) else None
 
 
 class CurveClearance:
@@ -36,6 +51,56 @@ class CurveClearance:
         flat = proxy @ self._frame.T
         for stroke in self._strokes:
             self._nearest = min(self._nearest, float(stroke.distance(flat).min()))
+
+
+class MeshClearance:
+    """Keep the minimum of the distance to triangles, less R [m].
+
+    fixture: its mesh and radii
+    """
+
+    def __init__(self, fixture: Fixture) -> None:
+        from scipy.spatial import cKDTree
+
+        self._radius = fixture.contact_radius + fixture.point_radius
+        corners = fixture.points[fixture.mesh]
+        self._corners, self._middle = corners, corners.mean(axis=1)
+        self._size = np.linalg.norm(corners - self._middle[:, None], axis=2).max(axis=1)
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        self._normal = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+        # Those of about one size in a tree of their own: a few large ones widen no other's search.
+        kind = np.frexp(self._size)[1]
+        self._rows = [np.flatnonzero(kind == k) for k in np.unique(kind)]
+        self._trees = [cKDTree(self._middle[rows]) for rows in self._rows]
+        self._nearest = np.inf
+
+    @property
+    def minimum_m(self) -> float:
+        """The least clearance so far [m]."""
+        return float(self._nearest - self._radius)
+
+    def update(self, proxy: Array) -> None:
+        """Take in the proxies of a block, (n, 3) [m]."""
+        for start in range(0, len(proxy), _STRIDE):
+            places = proxy[start : start + _STRIDE]
+            away = [tree.query(places)[0] for tree in self._trees]
+            self._nearest = min(self._nearest, float(np.min(away)))
+            for tree, rows, off in zip(self._trees, self._rows, away, strict=True):
+                reach = self._nearest + self._size[rows].max()
+                if (off <= reach).any():
+                    self._look(places[off <= reach], tree, rows, reach)
+
+    def _look(self, places: Array, tree: Any, rows: NDArray[np.intp], reach: float) -> None:
+        from scipy.spatial import cKDTree
+
+        pairs = cKDTree(places).sparse_distance_matrix(tree, reach, output_type="ndarray")
+        x, k = places[pairs["i"]], rows[pairs["j"]]
+        # Each lies in a disk around its middle.
+        high = ((x - self._middle[k]) * self._normal[k]).sum(axis=1)
+        wide = np.sqrt(np.maximum(pairs["v"] ** 2 - high**2, 0.0)) - self._size[k]
+        near = np.hypot(high, np.maximum(wide, 0.0)) <= self._nearest
+        found = on_triangles(x[near], self._corners[k[near]]) - x[near]
+        self._nearest = float(np.linalg.norm(found, axis=1).min(initial=self._nearest))
 
 
 class Clearance:

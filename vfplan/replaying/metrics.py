@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vfplan.engine.parameters import ProxyParameters, Status
 from vfplan.fixture import Fixture
 from vfplan.replaying.checks import RobotWatch
-from vfplan.replaying.clearance import Clearance, CurveClearance
+from vfplan.replaying.clearance import clearance_of
 from vfplan.replaying.episodes import JOIN_S, Episodes
 from vfplan.replaying.quantities import Steps, row_norms
 from vfplan.replaying.ruler import CurveRuler
@@ -38,7 +38,7 @@ class Metrics:
         self._robot = None if robot is None else RobotWatch(robot)
         self._parameters = parameters
         self._ruler = CurveRuler.of(fixture)
-        self._clearance = _clearance(fixture, parameters)
+        self._clearance = clearance_of(fixture, parameters.rule)
         drawn = parameters.rule == "exact" and fixture.pieces
         known = drawn.error if drawn else parameters.band
         self._episodes = Episodes(known, join_s)
@@ -153,10 +153,3 @@ class Metrics:
         if self._parameters.rule == "paper":
             return int(self._sums["fast"])
         return self._status["limit"]
-
-
-def _clearance(fixture: Fixture, parameters: ProxyParameters) -> Clearance | CurveClearance | None:
-    """To what the rule renders: the curve itself, the points, or nothing where all guides."""
-    if parameters.rule == "exact" and fixture.pieces:
-        return CurveClearance(fixture.region)
-    return Clearance(fixture) if len(fixture.forbidden) else None
