@@ -16,7 +16,7 @@ from vfplan.cli.run import Report, command, jsonable, progress
 from vfplan.errors import OutputError, at
 from vfplan.io.disk import write_whole
 
-PARTS = ("closed-loop", "map", "passivity", "extremes", "precision")
+PARTS = ("closed-loop", "map", "passivity", "extremes")
 REPORT, TABLE, MAP, PASSIVITY = FILES = (
     "stability.json", "cases.csv", "stability_map.png", "passivity.png",
 )  # fmt: skip

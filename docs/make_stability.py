@@ -56,17 +56,13 @@ def passivity(cases: list[dict]) -> list[str]:
 
 
 def extremes(cases: list[dict]) -> list[str]:
-    """Extreme cases and precision: expected and found."""
+    """Extreme cases: expected and found."""
     lines = ["| case | expected | found | outcome |", "|---|---|---|---|"]
     for c in cases:
         kind, _, name = c["case"].partition("/")
-        if kind == "extreme":
-            expected, _, found = c["detail"].partition("; ")
-            expected = expected.removeprefix("expected ")
-        elif kind == "precision":
-            expected, found = f"at most {c['limit']:g} {c['unit']}", c["detail"]
-        else:
+        if kind != "extreme":
             continue
+        expected, _, found = c["detail"].removeprefix("expected ").partition("; ")
         found = found if len(found) < 90 else found[:87] + "..."
         lines.append(f"| {name.replace('/', ': ', 1)} | {expected} | {found} | {c['outcome']} |")
     return lines

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import mpmath
 import numpy as np
 import pytest
 
-from vfplan import ProxyEngine
 from vfplan.engine.parameters import Trace
-from vfplan.stability.precision import paper_tick, precision
 from vfplan.study.extremes import TABLE, Extreme, chosen, try_extreme, try_group
 from vfplan.study.extremes.ground import breach, patch
 
@@ -62,38 +59,7 @@ def test_what_a_bundle_cannot_meet_is_left_out():
 
     groups, out = chosen(whole(), full=False)
     assert set(groups) == {"hip"}
-    assert {"extreme/image", "extreme/markers", "extreme/cloud"} <= set(out)
-
-
-def test_precision_rows_pass():
-    for row in precision(count=60):
-        assert row.outcome == "pass", row.detail
-
-
-def test_ticks_agree_with_mpmath():
-    """The tick of `paper_tick` in mpmath: another arithmetic than the command's."""
-    rng = np.random.default_rng(4)
-    worst = 0.0
-    with mpmath.workdps(40):
-
-        def exact(x):
-            return [mpmath.mpf(float(c)) for c in x]
-
-        for _ in range(100):
-            points = rng.normal(size=(8, 3))
-            points *= (
-                5e-3 * rng.choice([0.9, 1.0, 1.3], (8, 1)) / np.linalg.norm(points, axis=1)[:, None]
-            )
-            hip = rng.normal(size=3) * 3e-3
-            engine = ProxyEngine(points, rule="paper")
-            engine.reset(np.zeros(3))
-            found = engine.step(hip).proxy
-            cloud = [exact(p) for p in points]
-            tick = paper_tick(cloud, exact(np.zeros(3)), exact(hip), engine.parameters, mpmath.mpf)
-            worst = max(
-                worst, *(abs(float(a - b)) for a, b in zip(exact(found), tick, strict=True))
-            )
-    assert worst < 200 * np.spacing(5e-3)
+    assert {"extreme/setting", "extreme/cloud"} <= set(out)
 
 
 def test_the_long_run_takes_the_bundles_own_points():

@@ -23,7 +23,6 @@ from vfplan.stability.chart import chart
 from vfplan.stability.closedloop import closed_loop, scenes_for
 from vfplan.stability.gate import MARGIN, felt_stiffness, judge, refusal
 from vfplan.stability.passivity import passivity
-from vfplan.stability.precision import precision
 from vfplan.stability.rows import Row
 from vfplan.stability.theory import Plant, exact_bound
 from vfplan.study.extremes import chosen, try_group
@@ -240,17 +239,10 @@ def _extremes(fixture: Fixture | None, robot: Robot, stiffness: float, full: boo
     return [partial(try_group, cases, fixture) for cases in groups.values()], out
 
 
-def _precision(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
-    if fixture is not None:
-        return [], {"precision": "the arithmetic's, not this bundle's"}
-    return [precision], {}
-
-
 PARTS: dict[str, Callable[[Fixture | None, Robot, float, bool], Part]] = {
     "closed-loop": _closed_loop,
     "map": _chart,
     "passivity": _passivity,
     "extremes": _extremes,
-    "precision": _precision,
 }
 """The parts of the study by name, in the order of the report."""

@@ -16,8 +16,6 @@ __all__ = ["TABLE", "Extreme", "chosen", "try_extreme", "try_group"]
 NOT_OF_A_BUNDLE = {
     "cloud": "the bundle's cloud is what it is",
     "setting": "the bundle's settings are what they are",
-    "markers": "the bundle is registered already",
-    "image": "the bundle is extracted already",
 }
 ON_GROUND = {"hip", "long"}  # groups that are tried on the bundle's own points
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-Group = Literal["cloud", "hip", "setting", "markers", "image", "long"]
+Group = Literal["cloud", "hip", "setting", "long"]
 
 INSIDE = "m inside the free distance R - band"
 # Rounding of a distance of centimetres; the guarantee itself has no slack.
@@ -21,7 +21,7 @@ class Extreme:
     """One case."""
 
     name: str  # in the report "extreme/<group>/<name>"
-    # What is extreme: the cloud, the HIP, a setting, the markers or the image; or a long run
+    # What is extreme: the cloud, the HIP or a setting; or a long run
     group: Group
     expected: str  # in words
     probe: str  # function of the group's module that returns the figure held against `limit`
@@ -136,37 +136,6 @@ HIPS = (
             {}, 0.0, "m"),
 )  # fmt: skip
 
-_MARKED = "right to 1e-9 of the layout, or refused"
-MARKERS = (
-    *(
-        Extreme(f"condition {c:g}", "markers", _MARKED, "thin", {"condition": c}, 1e-9,
-                "of the layout", ("MarkerError",))
-        for c in (1e4, 1e8, 1e12)
-    ),
-    Extreme("1 km away", "markers", "right to 1 nm", "far", {"distance": 1e3}, 1e-9, "m"),
-    Extreme("0.01 px apart", "markers", "right to 1e-9 of the layout, or refused", "close",
-            {"spacing_px": 0.01}, 1e-9, "of the layout", ("MarkerError",)),
-    _refused("all in one place", "markers", "close", "MarkerError", spacing_px=0.0),
-    _refused("two markers", "markers", "few", "MarkerError", count=2),
-)  # fmt: skip
-
-_NONE = ("CurveError", "ImageError")
-IMAGES = (
-    _refused("1 x 1", "image", "blank", *_NONE, size=1),
-    _refused("8 x 8", "image", "blank", *_NONE, size=8),
-    _refused("no red at all", "image", "blank", *_NONE, size=300),
-    _refused("all red", "image", "blank", *_NONE, size=300, red=True),
-    _refused("one red pixel", "image", "one_pixel", *_NONE),
-    _refused("1 bit", "image", "one_bit", *_NONE),
-    Extreme("pen 0.5 px", "image", "within 0.2 px, or refused", "ring", {"pen": 0.5}, 0.2,
-            "px rms", _NONE),
-    Extreme("pen 3 px", "image", "within 0.05 px", "ring", {"pen": 3.0}, 0.05, "px rms"),
-    Extreme("pen 60 px", "image", "within 0.5 px, or refused", "ring", {"pen": 60.0}, 0.5,
-            "px rms", _NONE),
-    Extreme("16384 x 16384", "image", "within 0.05 px", "ring", {"pen": 3.0, "size": 16384}, 0.05,
-            "px rms", full=True),
-)  # fmt: skip
-
 LONG = (
     Extreme("1e8 ticks of random motion", "long", "the proxy stays outside", "wander",
             {"ticks": 100_000_000}, full=True),
@@ -176,5 +145,5 @@ LONG = (
             "bytes", full=True),
 )  # fmt: skip
 
-TABLE: tuple[Extreme, ...] = (*CLOUDS, *SETTINGS, *HIPS, *MARKERS, *IMAGES, *LONG)
+TABLE: tuple[Extreme, ...] = (*CLOUDS, *SETTINGS, *HIPS, *LONG)
 """Every case, in the order of the report."""

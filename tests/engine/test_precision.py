@@ -1,8 +1,8 @@
 """The engine's tick against the same tick in 50 digits, in units in the last place.
 
 The paper's tick is written once more, for one state at a time and any number type, and run in
-decimal arithmetic. Of the robust rule, whose path is its own, the figures that have a closed form
-are checked: where a flight meets a single point, and the distance it promises to keep.
+decimal arithmetic and in mpmath's. Of the robust rule, whose path is its own, those figures are
+checked that have a closed form: where a flight meets a single point, and the distance it keeps.
 
 One ulp here is that of R, 8.7e-19 m at 5 mm: positions are of that size.
 """
@@ -13,16 +13,16 @@ from collections.abc import Callable, Sequence
 from decimal import Decimal, localcontext
 from typing import Any
 
+import mpmath
 import numpy as np
+import pytest
 
-from vfplan.engine.checks import Vector
-from vfplan.engine.parameters import ProxyParameters
-from vfplan.engine.proxy import ProxyEngine
-from vfplan.stability.rows import Row, verdict
+from vfplan import ProxyEngine, ProxyParameters
 
 R = 5e-3
 ULP = float(np.spacing(R))
 DIGITS = 50
+COUNT = 60
 Numbers = list[Any]
 
 
@@ -107,33 +107,62 @@ def _near_roots(near: list, proxy: Numbers, way: Numbers, rc: Any) -> list:
     return roots
 
 
-def precision(seed: int = 5, count: int = 300) -> list[Row]:
-    """The rows of this part."""
-    rng = np.random.default_rng(seed)
+@pytest.fixture(autouse=True)
+def digits():
     with localcontext() as context:
         context.prec = DIGITS
-        return [
-            _row("paper/random states", _paper(_random_states(rng, count)), 64.0),
-            _row("paper/between two walls", _paper(_walls(rng, count)), 64.0),
-            _row("robust/distance kept, flight onto a point", _flights(rng, count, 0.9), 4.0),
-            _row("robust/distance kept, grazing flight", _flights(rng, count, 1 - 1e-9), 4.0),
-            _row("robust/distance kept, random", _kept(rng, count), 4.0),
-        ]
+        yield
 
 
-def _row(name: str, ulps: list[float], limit: float) -> Row:
-    worst = max(ulps)
-    detail = (
-        f"against {DIGITS} digits: at most {worst:.3g} ulp, median {float(np.median(ulps)):.2g},"
-        f" over {len(ulps)} states"
-    )
-    case = f"precision/{name}"
-    return Row(
-        case, verdict(worst <= limit), detail, limit, worst, "ulp of R", {"states": len(ulps)}
-    )
+@pytest.fixture
+def rng():
+    return np.random.default_rng(5)
 
 
-State = tuple[Vector, Vector, Vector]
+def test_paper_ticks_among_random_points(rng):
+    assert max(_paper(_random_states(rng, COUNT))) <= 64
+
+
+def test_paper_ticks_between_two_walls(rng):
+    assert max(_paper(_walls(rng, COUNT))) <= 64
+
+
+@pytest.mark.parametrize("miss", [0.9, 1 - 1e-9], ids=["onto a point", "grazing"])
+def test_a_robust_flight_keeps_its_distance(rng, miss):
+    assert max(_flights(rng, COUNT, miss)) <= 4
+
+
+def test_the_robust_rule_keeps_its_distance_among_random_points(rng):
+    assert max(_kept(rng, COUNT)) <= 4
+
+
+def test_ticks_agree_with_mpmath():
+    """The tick of `paper_tick` in mpmath: another arithmetic than decimal's."""
+    rng = np.random.default_rng(4)
+    worst = 0.0
+    with mpmath.workdps(40):
+
+        def exact(x):
+            return [mpmath.mpf(float(c)) for c in x]
+
+        for _ in range(100):
+            points = rng.normal(size=(8, 3))
+            points *= (
+                5e-3 * rng.choice([0.9, 1.0, 1.3], (8, 1)) / np.linalg.norm(points, axis=1)[:, None]
+            )
+            hip = rng.normal(size=3) * 3e-3
+            engine = ProxyEngine(points, rule="paper")
+            engine.reset(np.zeros(3))
+            found = engine.step(hip).proxy
+            cloud = [exact(p) for p in points]
+            tick = paper_tick(cloud, exact(np.zeros(3)), exact(hip), engine.parameters, mpmath.mpf)
+            worst = max(
+                worst, *(abs(float(a - b)) for a, b in zip(exact(found), tick, strict=True))
+            )
+    assert worst < 200 * np.spacing(5e-3)
+
+
+State = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _random_states(rng: np.random.Generator, count: int) -> list[State]:
@@ -211,9 +240,9 @@ def _kept(rng: np.random.Generator, count: int) -> list[float]:
     return ulps
 
 
-def _exact(x: Vector) -> Numbers:
+def _exact(x: np.ndarray) -> Numbers:
     return [Decimal(float(c)) for c in x]
 
 
-def _distance(found: Vector, exact: Numbers) -> float:
+def _distance(found: np.ndarray, exact: Numbers) -> float:
     return max(abs(float(Decimal(float(a)) - b)) for a, b in zip(found, exact, strict=True))
