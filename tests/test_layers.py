@@ -10,13 +10,13 @@ from conftest import ROOT
 # Lowest first. A module belongs to the longest name that fits it; modules of one row may not import
 # each other.
 LAYERS = [
-    ["errors", "records"],
+    ["errors"],
     ["io", "engine.checks", "palette"],
+    ["records"],
     ["robot"],
     ["engine"],
     ["fixture", "images", "session"],
     ["engine.renderable"],
-    ["engine.work"],
     ["engine.proxy", "engine.guide"],
     ["engine.moving"],
     ["markers"],

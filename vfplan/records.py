@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from vfplan.io.clock import now_utc
 
 Frame = Literal["image", "robot_base", "patient_lps"]
 FRAMES: tuple[Frame, ...] = ("image", "robot_base", "patient_lps")
@@ -124,3 +126,22 @@ class Provenance:
     inputs: dict[str, str] = field(default_factory=dict)
     settings: dict[str, str | float | int | bool] = field(default_factory=dict)
     history: tuple[str, ...] = ()
+
+    @classmethod
+    def now(cls, inputs: dict[str, str], settings: Any) -> Provenance:
+        """Of what is made now, or at the time that SOURCE_DATE_EPOCH says, by this program.
+
+        settings: a dataclass; what is `None` is left out
+        Raises `InputError` where SOURCE_DATE_EPOCH is no time.
+        """
+        from vfplan import __version__
+
+        flat = {k: _plain(v) for k, v in asdict(settings).items() if v is not None}
+        return cls(now_utc(), f"vfplan {__version__}", inputs, flat)
+
+
+def _plain(value: Any) -> str | float | int | bool:
+    if not isinstance(value, (tuple, list)):
+        return value
+    nested = any(isinstance(v, (tuple, list)) for v in value)
+    return (";" if nested else ",").join(str(_plain(v)) for v in value)

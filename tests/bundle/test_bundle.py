@@ -16,9 +16,8 @@ import pytest
 import vfplan
 from vfplan.bundle import read_bundle
 from vfplan.bundle.content import to_content
-from vfplan.bundle.store import to_payload
 from vfplan.bundle.table import table
-from vfplan.bundle.write import completed
+from vfplan.bundle.write import completed, to_payload
 from vfplan.errors import BundleError, InputError, OutputError
 
 MAKE = {"minimal": bundles.minimal, "everything": bundles.whole}

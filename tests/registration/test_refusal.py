@@ -9,7 +9,7 @@ from layouts import PX, grid, planar, solid
 
 from vfplan.errors import MarkerError
 from vfplan.images.read import read_image
-from vfplan.planning.plausible import rows_and_columns_exchanged
+from vfplan.planning.matching import rows_and_columns_exchanged
 from vfplan.registration import fit_registration
 from vfplan.registration.diagnosis import diagnose
 from vfplan.registration.refusal import refuse_sure_faults

@@ -16,11 +16,10 @@ import h5py
 import hdf5_spans
 import numpy as np
 
-from vfplan.bundle import store
+from vfplan.bundle import write
 from vfplan.bundle.content import to_content
-from vfplan.bundle.store import to_payload
 from vfplan.bundle.table import table
-from vfplan.bundle.write import completed
+from vfplan.bundle.write import completed, to_payload
 
 CASES = {}
 ACCEPTED = {}
@@ -929,7 +928,7 @@ def raw_accepted():
 def one_row_a_chunk() -> bytes:
     """Every table of 4096 points in chunks of one row: 4096 chunks each, their index in pages."""
     content = completed(to_content(bundles.large(4096)))
-    with unittest.mock.patch.object(store, "chunk_shape", lambda shape, _: (1, *shape[1:])):
+    with unittest.mock.patch.object(write, "chunk_shape", lambda shape, _: (1, *shape[1:])):
         return to_payload(content, table())
 
 

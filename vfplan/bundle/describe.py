@@ -11,7 +11,7 @@ import numpy as np
 from vfplan.bundle.content import Content, from_content
 from vfplan.bundle.read import read_bundle
 from vfplan.bundle.table import Row, table
-from vfplan.engine.work import MOST_TICK_WORK, work_of
+from vfplan.engine.renderable import MOST_TICK_WORK, work_of
 from vfplan.errors import VfplanError
 
 

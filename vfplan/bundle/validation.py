@@ -14,8 +14,7 @@ from vfplan.bundle.content import Content, from_content
 from vfplan.bundle.plausible import size_doubt
 from vfplan.bundle.read import opened_source, unsealed
 from vfplan.engine.proxy import ProxyEngine
-from vfplan.engine.renderable import check_renderable
-from vfplan.engine.work import check_work
+from vfplan.engine.renderable import check_renderable, check_work
 from vfplan.errors import BundleError, SceneError
 
 Severity = Literal["error", "warning", "note"]

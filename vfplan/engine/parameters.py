@@ -19,6 +19,8 @@ from vfplan.errors import SettingError
 
 Rule = Literal["robust", "paper", "exact"]
 RULES: tuple[Rule, ...] = ("robust", "paper")  # those that render points
+Search = Literal["auto", "grid", "brute"]
+MAX_ITERATIONS = 16  # of the robust rule, a tick
 
 # Of R, and of the largest coordinate: what roundings may take from the clearance of rule "exact".
 EXACT_BAND = 1e-7
@@ -234,6 +236,24 @@ class ProxyParameters:
         xi = number("gain", gain, "", above=0.0, most=1.0)
         return cls(rule, rc, band, rv, r3, xi, check_stiffness(stiffness), axis)
 
+    def native(self, iterations: int | None = None, search: str = "auto") -> _core.Parameters:
+        """As the native engine takes them; iterations a tick `None`: 16.
+
+        Raises `SettingError` for another search, or no integer of at least 1.
+        """
+        if search not in get_args(Search):
+            raise SettingError(f"search {search!r}: allowed are {', '.join(get_args(Search))}")
+        p = _core.Parameters()
+        for name in ("contact_radius", "band", "point_radius", "outer_radius", "gain"):
+            setattr(p, name, getattr(self, name))
+        p.rule = getattr(_core.Rule, self.rule)
+        p.search = getattr(_core.Search, search)
+        p.max_iterations = iterations_of(iterations)
+        p.set_stiffness(self.stiffness)
+        if self.ignore_axis is not None:
+            p.set_ignore_axis(self.ignore_axis)
+        return p
+
 
 def default_band(points: Vector, rc: float, rv: float, axis: Vector | None) -> float:
     """The paper's band of 10 µm, or what a ball of r_c + r_v sinks between the points [m].
@@ -246,3 +266,12 @@ def default_band(points: Vector, rc: float, rv: float, axis: Vector | None) -> f
     if axis is not None:
         p.set_ignore_axis(axis)
     return _core.band_for(points, p)
+
+
+def iterations_of(value: int | None) -> int:
+    """Iterations a tick; `None`: 16. Raises `SettingError` for what is no integer of at least 1."""
+    if value is None:
+        return MAX_ITERATIONS
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise SettingError(f"max_iterations {value!r}: allowed is an integer of at least 1")
+    return min(int(value), 10**6)

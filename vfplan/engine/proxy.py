@@ -12,9 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from vfplan import _core
 from vfplan.engine import renderable as allowed
 from vfplan.engine.checks import check_edit, check_hip, check_path, check_points
-from vfplan.engine.native import MAX_ITERATIONS, Search, iterations_of, native_parameters
-from vfplan.engine.parameters import ProxyParameters, Rule, Status, Step, Trace
-from vfplan.engine.work import check_work
+from vfplan.engine.parameters import ProxyParameters, Rule, Search, Status, Step, Trace
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, Pieces
 
@@ -83,7 +81,7 @@ class ProxyEngine:
         )
         if not isinstance(simd_width, int | np.integer | None) or simd_width not in WIDTHS:
             raise SettingError(f"simd_width {simd_width!r}: allowed are None, 2, 4, 8")
-        native = native_parameters(self.parameters, iterations_of(max_iterations), search)
+        native = self.parameters.native(max_iterations, search)
         self._points = len(cloud)
         self._source = cloud.copy(), native, WIDTHS[simd_width]
         self._engine = _core.Engine(cloud, native, WIDTHS[simd_width])
@@ -121,7 +119,7 @@ class ProxyEngine:
         if rule == "exact" and kind is None:
             raise SceneError("rule 'exact': needs a curve of pieces and an axis, or a mesh without")
         if not offline:
-            check_work(fixture, rule)
+            allowed.check_work(fixture, rule)
         if rule == "exact" and kind == "curve":
             return cls.along(fixture.pieces, **settings)
         if rule == "exact":
@@ -172,7 +170,7 @@ class ProxyEngine:
         """Of what `check_pieces` or `check_triangles` gives."""
         self = cls.__new__(cls)
         self.parameters = ProxyParameters.make(shape[0], rc, None, rv, k, "exact", axis, r3)
-        native = native_parameters(self.parameters, MAX_ITERATIONS, "auto")
+        native = self.parameters.native()
         self._points, self._source = len(shape[0]), None
         self._engine = _core.Engine(*shape, native)
         return self

@@ -1,4 +1,4 @@
-"""Whether an engine takes what a bundle holds.
+"""Whether an engine takes what a bundle holds, and how long its ticks may take.
 
 The format allows any radius above 0, a stiffness of 0, any band below R; float64 serves a narrower
 range (docs/engine.md). A bundle outside it is sound, and no robot renders it.
@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vfplan import _core
 from vfplan.engine.checks import Vector, check_points
 from vfplan.engine.parameters import ProxyParameters, Rule
 from vfplan.errors import SceneError, SettingError
@@ -93,3 +94,43 @@ def check_pieces(pieces: Pieces) -> tuple[Vector, Vector, NDArray[np.int32], NDA
     if not np.array_equal(np.unique(stroke), np.arange(len(closed))) or np.any(np.diff(stroke) < 0):
         raise SceneError(f"strokes of vertices: allowed are 0 to {len(closed) - 1}, in order")
     return vertices, bulges, stroke.astype(np.int32), closed.astype(np.uint8)
+
+
+MOST_TICK_WORK = _core.most_tick_work  # [s] that a loop of 1 kHz gives a tick
+
+
+def work_of(fixture: Fixture, rule: Rule | None = None) -> float:
+    """Time [s] that a tick takes at most, by how many points, pieces or triangles lie together.
+
+    Of the best rule unless one is given.
+
+    A bound, computed in the C++ header work.hpp with the times of the machine of docs/engine.md.
+
+    Raises `SceneError` for a rendering that no engine takes.
+    """
+    native = check_renderable(fixture).native(fixture.max_iterations)
+    if (rule or best_rule(fixture)) == "exact":
+        if exact_of(fixture) == "mesh":
+            return _core.tick_work(*check_triangles(fixture.points, fixture.mesh), native)
+        return _core.tick_work(*check_pieces(fixture.region.pieces), native)
+    return _core.tick_work(check_points(fixture.points), native)
+
+
+def work_doubt(fixture: Fixture, rule: Rule | None = None) -> str | None:
+    """Why a loop of 1 kHz cannot wait for a fixture's ticks; `None` where it can."""
+    work = work_of(fixture, rule)
+    if work <= MOST_TICK_WORK:
+        return None
+    return (
+        f"a tick may take {1e6 * work:.0f} us, at most {1e6 * MOST_TICK_WORK:.0f} us are given"
+        " at 1 kHz: too many points or pieces around one place, or max_iterations too high"
+    )
+
+
+def check_work(fixture: Fixture, rule: Rule | None = None) -> None:
+    """Refuse a fixture whose ticks may take longer than a loop of 1 kHz can wait.
+
+    Raises `SceneError` with the time, the time given, and what makes it so.
+    """
+    if (doubt := work_doubt(fixture, rule)) is not None:
+        raise SceneError(doubt)

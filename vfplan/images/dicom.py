@@ -32,11 +32,6 @@ PIXELS_A_SECOND = 2_000_000  # at least, of the slowest decoder
 PART_BYTES = 1 << 26  # of pixels at a time on their way here
 
 
-def is_dicom(data: bytes) -> bool:
-    """Whether the bytes begin as a DICOM file does (PS3.10 §7.1)."""
-    return data[128:132] == b"DICM"
-
-
 def read_dicom(
     file: BinaryIO, where: str, frame: int | None, imager_spacing: bool
 ) -> tuple[NDArray, tuple[float, float] | None, NDArray | None, str]:
@@ -111,7 +106,20 @@ def decoded(
 
 @contextmanager
 def quiet(where: str) -> Iterator[None]:
-    """Silence pydicom's warnings and turn whatever it raises into an `ImageError`."""
+    """Silence pydicom and turn whatever it raises into an `ImageError`."""
+    try:
+        with silent():
+            yield
+    except (ImageError, MissingExtra, MemoryError):
+        raise
+    except Exception as error:  # a file from outside: pydicom raises all kinds
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ImageError(f"the DICOM file cannot be read: {reason}", where=where) from None
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """Let pydicom neither log nor warn."""
     log = logging.getLogger("pydicom")
     level = log.level
     log.setLevel(logging.CRITICAL)
@@ -119,11 +127,6 @@ def quiet(where: str) -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
-    except (ImageError, MissingExtra, MemoryError):
-        raise
-    except Exception as error:  # a file from outside: pydicom raises all kinds
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise ImageError(f"the DICOM file cannot be read: {reason}", where=where) from None
     finally:
         log.setLevel(level)
 

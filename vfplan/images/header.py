@@ -50,6 +50,11 @@ def read_header(data: bytes, where: str) -> Header:
     raise ImageError("is not an image that can be read (PNG, JPEG, TIFF, BMP, DICOM)", where=where)
 
 
+def is_dicom(data: bytes) -> bool:
+    """Whether the bytes begin as a DICOM file does (PS3.10 §7.1)."""
+    return data[128:132] == b"DICM"
+
+
 def check_size(width: int, height: int, where: str) -> None:
     """Raise `ImageError` for a page without pixels, or of more than are read."""
     if not 0 < width * height <= MOST_PIXELS or width < 0:

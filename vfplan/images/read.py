@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import ImageError
-from vfplan.images.dicom import is_dicom, read_dicom
-from vfplan.images.header import JPEG, PNG, Header, read_header
+from vfplan.images.header import JPEG, PNG, Header, is_dicom, read_header
 from vfplan.io.reading import read_whole
 
 MOST_BYTES = 2**31 - 1  # more the decoders do not take
@@ -111,6 +110,8 @@ def read_image(
     where = str(path)
     sha256 = hashlib.sha256(data).hexdigest()
     if is_dicom(data):
+        from vfplan.images.dicom import read_dicom
+
         with _scratch("DICOM") as file:
             file.write(data)
             file.flush()

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vfplan.errors import ImageError, SettingError
-from vfplan.fixture import Curve, Fixture, SourceImage
+from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
 from vfplan.io.clock import now_utc
 from vfplan.planning.carrying import along
-from vfplan.planning.provenance import make_provenance
 from vfplan.planning.settings import ExtractSettings
 
 if TYPE_CHECKING:
@@ -161,7 +160,7 @@ def _vector_alone(path: str | Path, settings: ExtractSettings) -> Extracted:
     fixture = Fixture(
         frame="image" if flat else "patient_lps",
         points=points,
-        provenance=make_provenance({"curve": curve.sha256}, settings),
+        provenance=Provenance.now({"curve": curve.sha256}, settings),
         curve=Curve(np.zeros(len(points), np.int32), np.array([curve.closed])),
     )
     ring = np.vstack([points, points[:1]]) if curve.closed else points
@@ -189,9 +188,7 @@ def planned_curve(
     return Fixture(
         frame="image",
         points=np.c_[points, np.zeros(len(points))],
-        provenance=make_provenance(
-            inputs or {"image": image.sha256}, settings or ExtractSettings()
-        ),
+        provenance=Provenance.now(inputs or {"image": image.sha256}, settings or ExtractSettings()),
         sigma=None
         if extraction.method == "vector"
         else np.concatenate([s.sigma_px for s in strokes]),

@@ -7,18 +7,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vfplan.engine.work import work_doubt
+from vfplan.engine.renderable import work_doubt
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.io.clock import now_utc
-from vfplan.planning.carrying import Carried, carry
-from vfplan.planning.chosen import as_settings, capped, choice_of, describe_carried, left_out
+from vfplan.io.reading import OneFile
+from vfplan.planning.carrying import Carried, carry, pieces_of, require_small
 from vfplan.planning.guiding import add_guidance
 from vfplan.planning.margin import add_margin
 from vfplan.planning.matching import Matched, match
-from vfplan.planning.piecing import pieces_of, require_small
-from vfplan.planning.provenance import file_sha256, make_provenance
-from vfplan.planning.rendering import rendering_of
+from vfplan.planning.rendering import (
+    as_settings,
+    capped,
+    choice_of,
+    describe_carried,
+    left_out,
+    rendering_of,
+)
 from vfplan.planning.settings import FixtureSettings
 from vfplan.planning.touching import touch
 
@@ -105,7 +110,8 @@ def register(
         # The choice is that of the points alone.
         carried, choice = replace(carried, curve=replace(carried.curve, pieces=pieces)), None
     counts = left_out(rendering, carried, len(guarded.points), choice)
-    hashes = _hashes(markers=markers, markers2=markers2, touched=touched)
+    read = {"markers": markers, "markers2": markers2, "touched": touched}
+    hashes = {role: OneFile(Path(path)).sha256() for role, path in read.items() if path is not None}
     found = as_settings(choice, counts) | _markers_left_out(by_markers)
     fixture = _fixture(
         matched,
@@ -170,7 +176,7 @@ def _provenance(
     before = curve.provenance
     if curve.mesh is not None:  # its samples keep the tolerance that it was made with
         settings = replace(settings, tolerance_m=None)
-    now = make_provenance(before.inputs | inputs, settings)
+    now = Provenance.now(before.inputs | inputs, settings)
     return replace(now, settings=before.settings | now.settings | found, history=before.history)
 
 
@@ -180,7 +186,3 @@ def _markers_left_out(registration: Registration) -> dict[str, str]:
         return {}
     pairs = zip(registration.labels, registration.used, strict=True)
     return {"markers_left_out": ",".join(str(label) for label, used in pairs if not used)}
-
-
-def _hashes(**files: str | Path | None) -> dict[str, str]:
-    return {role: file_sha256(path) for role, path in files.items() if path is not None}

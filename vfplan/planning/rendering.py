@@ -1,19 +1,181 @@
-"""How a planned fixture is rendered: radii, band, stiffness, and the axis that is ignored."""
+"""How a fixture is rendered: what the tolerance chose, what it left out and at what price."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.engine.parameters import FINEST_BAND, MAX_ITERATIONS
+from vfplan.engine.tolerance import BAND_SHARE, Choice, choose
 from vfplan.errors import SettingError
-from vfplan.fixture import Rendering
+from vfplan.fixture import Fixture, Rendering
+from vfplan.planning.carrying import Carried
 from vfplan.planning.settings import FixtureSettings
 
 if TYPE_CHECKING:
     from vfplan.engine.tolerance import Choice
     from vfplan.registration import Registration
+
+# Operations for one point's squared distance: differences, products, sums.
+OPERATIONS = {3: 8, 2: 5}
+GROUPS = {3: 3, 2: 2}  # of contacts that can hold a proxy apart
+SETTINGS = 3  # that only points need
+
+
+def choice_of(curve: Fixture, settings: FixtureSettings) -> Choice | None:
+    """What the tolerance asks for; `None` where a density or a bare cloud leaves no choice.
+
+    Raises `SettingError` for a tolerance whose band would be finer than the engine takes.
+    """
+    if curve.curve is None or settings.density_per_m is not None:
+        return None
+    radius = settings.contact_radius + settings.point_radius
+    least = FINEST_BAND / BAND_SHARE * radius
+    if settings.tolerance_m < least:
+        raise SettingError(
+            f"tolerance {settings.tolerance_m * 1e3:g} mm: at least {least * 1e3:g} mm is wanted, "
+            f"{FINEST_BAND / BAND_SHARE:g} of r_c + r_v = {radius * 1e3:g} mm"
+        )
+    drawn = "none" if curve.image is None and curve.frame != "image" else "normal"
+    planar = (settings.ignore_axis or drawn) != "none"
+    return choose(settings.tolerance_m, radius, planar=planar)
+
+
+def capped(choice: Choice | None) -> tuple[str, ...]:
+    """A warning where less than the tolerance asked for was used."""
+    if choice is None or choice.kept_m == choice.tolerance_m:
+        return ()
+    return (
+        f"the tolerance of {choice.tolerance_m * 1e3:g} mm is more than r_c + r_v allow: "
+        f"{choice.kept_m * 1e3:.4g} mm was used, beyond which the points are bumps",
+    )
+
+
+def describe_carried(
+    carried: Carried, rendering: Rendering, choice: Choice | None, counts: dict[str, int]
+) -> dict[str, Any]:
+    """What `register --json` reports of the fixture's points."""
+    report: dict[str, Any] = {
+        "points": len(carried.points),
+        "spacing_m": carried.spacing_m,
+        "left_out": counts,
+    }
+    pieces = carried.curve and carried.curve.pieces
+    if pieces:
+        report["pieces"] = {"lines_and_arcs": pieces.count, "error_m": pieces.error}
+    else:
+        report["left_out_costs"] = costs(counts, rendering, carried, choice)
+    if choice is not None:
+        report["chosen"] = describe_choice(choice, carried)
+    if carried.sampling_error_m is not None:
+        report["sampling_error_m"] = carried.sampling_error_m
+    if carried.tight_bends:
+        report["tight_bends"] = [asdict(bend) for bend in carried.tight_bends]
+    return report
+
+
+def describe_choice(choice: Choice, carried: Carried) -> dict[str, Any]:
+    """The settings taken, and the share of the error that each may cause [m]."""
+    lag = choice.lag_m
+    return {
+        "tolerance_m": choice.tolerance_m,
+        "tolerance_used_m": choice.kept_m,
+        "spacing_m": choice.spacing_m,
+        "band_m": choice.band_m,
+        "max_iterations": choice.max_iterations,
+        "error_m": {
+            "spacing": carried.sampling_error_m,
+            "band": choice.band_m,
+            "iterations": lag,
+            "total": (carried.sampling_error_m or 0.0) + choice.band_m + lag,
+        },
+    }
+
+
+def left_out(
+    rendering: Rendering, carried: Carried, drawn: int, choice: Choice | None
+) -> dict[str, int]:
+    """What this scene does without, counted: points, coordinates, groups of contacts, iterations.
+
+    `drawn` is how many points the curve was measured at. `operations_per_tick` is the arithmetic
+    that this saves in one pass over the neighbours of a proxy on a straight stretch. A curve of
+    lines and arcs does without its points, their spacing, the band and the iteration limit.
+    """
+    if carried.curve and carried.curve.pieces:
+        return {"points": len(carried.points), "coordinates": 1, "settings": SETTINGS}
+    counts = {"points": max(0, drawn - len(carried.points))}
+    planar = rendering.ignore_axis is not None
+    if planar:
+        counts["coordinates"] = 1
+        counts["groups"] = GROUPS[3] - GROUPS[2]
+    if choice is not None:
+        counts["iterations"] = max(0, MAX_ITERATIONS - choice.max_iterations)
+    near = _neighbours(rendering, carried)
+    all_near = near * max(1.0, drawn / len(carried.points))
+    saved = all_near * OPERATIONS[3] - near * OPERATIONS[2 if planar else 3]
+    counts["operations_per_tick"] = round(saved)
+    return counts
+
+
+def costs(
+    counts: dict[str, int], rendering: Rendering, carried: Carried, choice: Choice | None
+) -> list[dict[str, Any]]:
+    """For each thing left out: the error it costs [m] and the operations a tick it saves."""
+    near = _neighbours(rendering, carried)
+    per_point = OPERATIONS[2 if rendering.ignore_axis is not None else 3]
+    share = counts["points"] / len(carried.points)
+    rows = [
+        {
+            "left_out": "points",
+            "count": counts["points"],
+            "error_m": carried.sampling_error_m or 0.0,
+            "operations_per_tick": round(share * near * OPERATIONS[3]),
+        }
+    ]
+    if "coordinates" in counts:
+        saved = round(near * (OPERATIONS[3] - per_point))
+        rows += [
+            {"left_out": "coordinates", "count": 1, "error_m": 0.0, "operations_per_tick": saved},
+            {"left_out": "groups", "count": 1, "error_m": 0.0},
+        ]
+    if choice is not None and counts.get("iterations"):
+        worst = round(counts["iterations"] * near * per_point)
+        rows.append(
+            {
+                "left_out": "iterations",
+                "count": counts["iterations"],
+                "error_m": choice.lag_m,
+                "operations_per_worst_tick": worst,
+            }
+        )
+    return rows
+
+
+def _neighbours(rendering: Rendering, carried: Carried) -> float:
+    """How many points of a straight stretch lie within r3 + r_v of a proxy that rests on it."""
+    reach = 2 * rendering.contact_radius + rendering.point_radius
+    rest = rendering.contact_radius + rendering.point_radius
+    half = math.sqrt(max(0.0, reach * reach - rest * rest))
+    return min(float(len(carried.points)), 2 * half / carried.spacing_m + 1)
+
+
+def as_settings(choice: Choice | None, counts: dict[str, int]) -> dict[str, float | int]:
+    """The same for a bundle's provenance, flat."""
+    flat: dict[str, float | int] = {f"left_out_{name}": n for name, n in counts.items()}
+    if choice is not None:
+        flat |= {
+            "chosen_tolerance_m": choice.kept_m,
+            "chosen_spacing_m": choice.spacing_m,
+            "chosen_band_m": choice.band_m,
+            "chosen_max_iterations": choice.max_iterations,
+            "chosen_lag_m": choice.lag_m,
+        }
+    return flat
+
 
 # An ignored axis further than this from the slice's normal would collapse the curve.
 MAX_IGNORED_TILT_DEG = 45.0

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from vfplan.bundle import mesh_band
 from vfplan.bundle.leak import largest_cover, open_edges
 from vfplan.errors import SettingError
-from vfplan.fixture import Fixture, Rendering
+from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.io.clock import now_utc
-from vfplan.planning.provenance import make_provenance
 from vfplan.surface.contours import Contours
 from vfplan.surface.errors import contour_error, left_out_error
 from vfplan.surface.mesh import Level, zero_level
@@ -122,7 +121,7 @@ def surface(
     fixture = Fixture(
         frame="patient_lps",
         points=points,
-        provenance=make_provenance(contours.inputs, settings),
+        provenance=Provenance.now(contours.inputs, settings),
         mesh=triangles,
         rendering=Rendering(
             stiffness=np.array(np.broadcast_to(settings.stiffness, 3), dtype=float),

@@ -7,8 +7,6 @@ loses its name.
 from __future__ import annotations
 
 import io
-import logging
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError, MissingExtra, VfplanError
+from vfplan.images.dicom import silent
+from vfplan.images.header import is_dicom
 from vfplan.surface.bounded import read_bytes
 from vfplan.surface.contours import Contours, Structure, choose_structure
 from vfplan.surface.labels import rings_of_mask, rings_of_share
@@ -41,7 +41,7 @@ def plainly_dicom(data: bytes) -> bool:
 
     Without preamble a data set begins with group 0002 or 0008, in either of the usual encodings.
     """
-    if data[128:132] == b"DICM":
+    if is_dicom(data):
         return True
     group, element = data[:2], int.from_bytes(data[2:4], "little")
     if group not in (b"\x02\x00", b"\x08\x00") or element > 0x1199:
@@ -76,12 +76,8 @@ def read_dicom_contours(path: Path, structure: str | None) -> Contours:
 @contextmanager
 def _quiet(where: str) -> Iterator[None]:
     """Silence pydicom and turn what it raises into one line without the values it stumbled over."""
-    log = logging.getLogger("pydicom")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with silent():
             yield
     except (VfplanError, MemoryError):
         raise
@@ -94,8 +90,6 @@ def _quiet(where: str) -> Iterator[None]:
         raise InputError(
             f"the DICOM file cannot be read ({type(error).__name__})", where=where
         ) from None
-    finally:
-        log.setLevel(level)
 
 
 def _dataset(data: bytes, where: str) -> Any:

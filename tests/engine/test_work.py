@@ -11,7 +11,7 @@ from conftest import ROOT, need_program
 import vfplan
 from vfplan import _core
 from vfplan.bundle import validate
-from vfplan.engine.work import MOST_TICK_WORK, work_of
+from vfplan.engine.renderable import MOST_TICK_WORK, work_of
 from vfplan.errors import SceneError
 from vfplan.fixture import Curve, Pieces
 
