@@ -26,12 +26,7 @@ struct Sum {
 double snapped(double x) { return std::nearbyint(x * 0x1p30) * 0x1p-30; }
 
 void play(const scenes::Scene& scene, vfplan::Rule rule, long ticks) {
-    vfplan::Parameters p;
-    p.rule = rule;
-    p.point_radius = scene.point_radius;
-    p.band = rule == vfplan::Rule::paper ? 1e-5 : 2e-5;
-    if (scene.planar) p.ignore_axis = vfplan::Vec3{{0, 0, 1}};
-    vfplan::Engine engine = scene.engine(p);
+    vfplan::Engine engine = scene.engine(scene.parameters(rule));
     scenes::Path path(scene.points);
     Sum in, out;
     for (long t = 0; t < ticks; ++t) {

@@ -31,11 +31,7 @@ double nearest(const scenes::Scene& s, const vfplan::Vec3& x) {
 }
 
 void play(const scenes::Scene& scene, vfplan::Rule rule, long ticks) {
-    vfplan::Parameters p;
-    p.rule = rule;
-    p.point_radius = scene.point_radius;
-    p.band = rule == vfplan::Rule::paper ? 1e-5 : 2e-5;
-    if (scene.planar) p.ignore_axis = vfplan::Vec3{{0, 0, 1}};
+    const vfplan::Parameters p = scene.parameters(rule);
     vfplan::Engine engine = scene.engine(p);
     scenes::Path path(scene.points);
     long contacts = 0, inside = 0;
@@ -71,10 +67,7 @@ void play(const scenes::Scene& scene, vfplan::Rule rule, long ticks) {
 /// After such a reset an engine is as a new one: nothing until the first good HIP, which is its
 /// start.
 void reset_badly(const scenes::Scene& scene, vfplan::Rule rule, double bad) {
-    vfplan::Parameters p;
-    p.rule = rule;
-    p.band = 2e-5;
-    if (scene.planar) p.ignore_axis = vfplan::Vec3{{0, 0, 1}};
+    const vfplan::Parameters p = scene.parameters(rule);
     vfplan::Engine engine = scene.engine(p), fresh = scene.engine(p);
     scenes::Path path(scene.points);
     for (long t = 0; t < 100; ++t) engine.step(path(t));

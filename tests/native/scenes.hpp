@@ -88,6 +88,15 @@ struct Scene {
     std::vector<vfplan::Stroke> strokes = {};  // that the points sample, where it is a curve
     std::vector<std::int32_t> triangles = {};  // of the points, where it is a mesh
 
+    vfplan::Parameters parameters(vfplan::Rule rule) const {
+        vfplan::Parameters p;
+        p.rule = rule;
+        p.point_radius = point_radius;
+        p.band = rule == vfplan::Rule::paper ? 1e-5 : 2e-5;
+        if (planar) p.ignore_axis = vfplan::Vec3{{0, 0, 1}};
+        return p;
+    }
+
     vfplan::Engine engine(const vfplan::Parameters& p) const {
         if (!triangles.empty())
             return {{points.data(), points.size() / 3, triangles.data(), triangles.size() / 3}, p};

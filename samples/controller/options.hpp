@@ -1,0 +1,171 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// What the controller is told on its command line.
+#pragma once
+#include <charconv>
+#include <map>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "arm.hpp"
+#include "changing.hpp"
+#include "vfplan/governor.hpp"
+
+namespace controller {
+
+using Form = std::variant<Impedance, Admittance, Velocity>;
+
+inline constexpr double period = 1e-3;  // [s]
+inline constexpr const char* usage =
+    "usage: controller FIXTURE.h5 [options]\n"
+    "  --form impedance|admittance|velocity   how the force reaches the arm; impedance\n"
+    "  --rule robust|paper|exact              how the proxy moves; exact where the bundle holds\n"
+    "                                         lines and arcs, else robust\n"
+    "  --seconds S                            how long, up to 3600; 5\n"
+    "  --log SESSION.csv                      write ticks for `vfplan replay`; a new file\n"
+    "  --simulated-time                       do not wait for the clock\n"
+    "  --governor STEP,MAX                    force's change a tick and force at most [N]\n"
+    "  --poses POSES.csv                      where the moving fixture is\n"
+    "  --pose-limits AGE,SPEED,TURN           age of a stale pose, the frame's speeds;\n"
+    "                                         0.1,0.25,1 [s, m/s, rad/s]\n"
+    "  --pivot X,Y,Z                          the point whose speed is bounded; 0,0,0 [m]\n"
+    "  --events EVENTS.csv                    exchanges and edits of the fixture; both files as\n"
+    "                                         for `vfplan replay`, in real time from a thread\n"
+    "  --telemetry HOST:PORT                  send every tick by UDP, for `vfplan live`\n"
+    "  --keys KEYS.pub                        who must have signed the fixture; wanted, unless\n"
+    "  --unsigned                             take it from anybody: all that is known is that it\n"
+    "                                         is undamaged\n"
+    "  --case TOKEN, --robot-serial SERIAL    for which case and robot\n"
+    "  --help                                 this page\n"
+    "exit: 0 done, 2 usage, 3 bad input, 4 a bundle that cannot be trusted\n";
+
+struct UsageError : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
+struct Options {
+    std::string fixture, log, telemetry, keys, poses, events;
+    std::optional<vfplan::MovingLimits> moving;
+    std::optional<std::string> case_token, robot_serial;
+    Form form = Impedance{};
+    std::optional<vfplan::Rule> rule;  // else the one nearest to what the bundle holds
+    double seconds = 5;
+    std::optional<vfplan::GovernorLimits> governor;
+    bool simulated_time = false, from_anybody = false;
+};
+
+template <class T>
+T choose(const std::map<std::string, T>& allowed, const std::string& option,
+         const std::string& value) {
+    const auto found = allowed.find(value);
+    if (found != allowed.end()) return found->second;
+    std::string names;
+    for (const auto& [name, unused] : allowed) names += (names.empty() ? "" : ", ") + name;
+    throw UsageError(option + " " + value + ": allowed are " + names);
+}
+
+inline double positive(const std::string& option, const std::string& value) {
+    double number = 0;
+    const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), number);
+    if (error != std::errc{} || end != value.data() + value.size() ||
+        !(number > 0 && number <= 3600))
+        throw UsageError(option + " " + value + ": allowed is above 0 and at most 3600");
+    return number;
+}
+
+inline vfplan::GovernorLimits limits(const std::string& value) {
+    const std::size_t comma = std::min(value.find(','), value.size() - 1);
+    vfplan::GovernorLimits limits;
+    limits.force_step = positive("--governor", value.substr(0, comma));
+    limits.force_max = positive("--governor", value.substr(comma + 1));
+    limits.period = period;
+    return limits;
+}
+
+/// What `use` refuses is the option's fault.
+template <class F>
+auto as_option(const std::string& option, F&& use) try {
+    return use();
+} catch (const std::invalid_argument& error) {
+    throw UsageError(option + ": " + error.what());
+}
+
+/// A part of how a fixture moves.
+inline std::vector<double> three(const std::string& option, const std::string& value) try {
+    std::vector<double> numbers;
+    for (const std::string& field : split(value)) numbers.push_back(number<double>(field));
+    if (numbers.size() != 3) throw FileError("three numbers are wanted");
+    return numbers;
+} catch (const FileError& error) {
+    throw UsageError(option + " " + value + ": " + error.what());
+}
+
+inline Options parse(const std::vector<std::string>& args) {
+    Options o;
+    for (std::size_t i = 0; i < args.size(); ++i) {
+        const auto value = [&] {
+            if (i + 1 == args.size()) throw UsageError(args[i] + ": a value is missing");
+            return args[++i];
+        };
+        if (args[i] == "--form")
+            o.form = choose<Form>({{"impedance", Impedance{}},
+                                   {"admittance", Admittance{}},
+                                   {"velocity", Velocity{}}},
+                                  "--form", value());
+        else if (args[i] == "--rule")
+            o.rule = choose<vfplan::Rule>({{"robust", vfplan::Rule::robust},
+                                           {"paper", vfplan::Rule::paper},
+                                           {"exact", vfplan::Rule::exact}},
+                                          "--rule", value());
+        else if (args[i] == "--seconds")
+            o.seconds = positive("--seconds", value());
+        else if (args[i] == "--log")
+            o.log = value();
+        else if (args[i] == "--telemetry")
+            o.telemetry = value();
+        else if (args[i] == "--keys")
+            o.keys = value();
+        else if (args[i] == "--case")
+            o.case_token = value();
+        else if (args[i] == "--robot-serial")
+            o.robot_serial = value();
+        else if (args[i] == "--governor")
+            o.governor = limits(value());
+        else if (args[i] == "--poses")
+            o.poses = value();
+        else if (args[i] == "--events")
+            o.events = value();
+        else if (args[i] == "--pose-limits" || args[i] == "--pivot") {
+            if (!o.moving) o.moving.emplace();
+            const bool pivot = args[i] == "--pivot";
+            const std::vector<double> v = three(pivot ? "--pivot" : "--pose-limits", value());
+            if (pivot)
+                o.moving->pivot = {{v[0], v[1], v[2]}};
+            else
+                o.moving->max_age = v[0], o.moving->max_speed = v[1], o.moving->max_turn = v[2];
+            as_option(args[i - 1] + " " + args[i], [&] { vfplan::MovingFrame frame(*o.moving); });
+        } else if (args[i] == "--simulated-time")
+            o.simulated_time = true;
+        else if (args[i] == "--unsigned")
+            o.from_anybody = true;
+        else if (o.fixture.empty() && !args[i].starts_with("--"))
+            o.fixture = args[i];
+        else
+            throw UsageError(args[i] + ": not understood");
+    }
+    if (o.fixture.empty()) throw UsageError("FIXTURE.h5 is missing");
+    if (o.moving && o.poses.empty())
+        throw UsageError("--pose-limits and --pivot are for a fixture that moves: --poses");
+    if (o.keys.empty() && (o.case_token || o.robot_serial))
+        throw UsageError("--case and --robot-serial need --keys: the signature covers them");
+    if (o.keys.empty() != o.from_anybody)
+        throw UsageError(
+            "either --keys KEYS.pub, who must have signed the fixture, or --unsigned, which takes "
+            "what anybody may have made");
+    return o;
+}
+
+}  // namespace controller
