@@ -13,7 +13,7 @@ import numpy as np
 
 import vfplan
 from vfplan.bundle import mesh_band
-from vfplan.bundle.refining import refined
+from vfplan.bundle.clouds import refined
 
 R = 5e-3
 HEAD = "triangles", "points", "exact um", "robust um", "exact us", "robust us"

@@ -8,8 +8,8 @@ import pytest
 
 import vfplan
 from vfplan.bundle import export, import_cloud
+from vfplan.bundle.clouds import refined
 from vfplan.bundle.leak import covering_radius, largest_cover
-from vfplan.bundle.refining import refined
 
 TETRAHEDRON = np.array([[0, 0, 0], [30, 0, 0], [0, 30, 0], [0, 0, 30]], dtype=float)
 FACES = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)]

@@ -13,7 +13,7 @@ import pytest
 from meshes import R
 
 import vfplan
-from vfplan.bundle.refining import refined
+from vfplan.bundle.clouds import refined
 from vfplan.errors import SceneError
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.study.bench.mesh import Triangles

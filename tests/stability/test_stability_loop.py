@@ -11,9 +11,9 @@ from vfplan.engine.parameters import Status, Step
 from vfplan.reference import PaperProxy
 from vfplan.robot import Robot
 from vfplan.stability import Hand, exact_bound, settle, simulate
+from vfplan.stability.closedloop import press
 from vfplan.stability.contacts import Contact, along, first_touch, patch, point, spread
 from vfplan.stability.largest import engine_for, largest_stiffness, plant_of, pressing_hand
-from vfplan.stability.press import press
 from vfplan.stability.theory import closed_loop
 
 ROBOT = Robot("test", 1.0, 5.0, 1000.0)

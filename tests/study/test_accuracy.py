@@ -12,10 +12,10 @@ from vfplan.engine.tolerance import choose
 from vfplan.errors import CurveError, InputError, SettingError
 from vfplan.reference import PaperProxy
 from vfplan.study.bench import Peer, bench, pictures, read_document, write_json
-from vfplan.study.bench.baselines import NearestPointPenalty
 from vfplan.study.bench.cases import Case, cases, chosen_points
 from vfplan.study.bench.extracting import from_line
 from vfplan.study.bench.mesh import Bone, nearest_on
+from vfplan.study.bench.peers import NearestPointPenalty
 from vfplan.study.bench.proxy import judge
 from vfplan.study.bench.record import (
     Errors,
@@ -24,9 +24,9 @@ from vfplan.study.bench.record import (
     judge_chosen,
     mark_pareto,
     non_dominated,
+    run_trials,
 )
 from vfplan.study.bench.registering import apply, markers_px, true_map
-from vfplan.study.bench.runner import run_trials
 from vfplan.study.bench.sampling import METHODS, lines, planned_surface, surface_error
 from vfplan.study.scenes import SCENES, travel
 from vfplan.study.scenes.base import way

@@ -10,10 +10,10 @@ import pytest
 
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.engine.tolerance import choose
-from vfplan.study.bench.baselines import NearestPointPenalty
 from vfplan.study.bench.cases import FULL, SPEED_M_S, Case, chosen_points, is_drawn
+from vfplan.study.bench.peers import NearestPointPenalty
 from vfplan.study.bench.proxy import R, Rendered, judge
-from vfplan.study.bench.stepping import timed_ticks
+from vfplan.study.bench.record import timed_ticks
 from vfplan.study.scenes import SCENES
 
 TOLERANCE = 1e-5

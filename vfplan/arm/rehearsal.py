@@ -18,8 +18,8 @@ from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SessionError
 from vfplan.fixture import Fixture
 from vfplan.replaying.clearance import clearance_of
+from vfplan.replaying.episodes import CurveRuler
 from vfplan.replaying.quantities import overlap, penetration, row_norms
-from vfplan.replaying.ruler import CurveRuler
 from vfplan.session import Session, TickBlock
 from vfplan.stability.gate import felt_stiffness
 from vfplan.stability.theory import Plant, exact_bound

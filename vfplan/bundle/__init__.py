@@ -10,11 +10,10 @@ from vfplan.bundle.describe import describe, diff
 from vfplan.bundle.exporting import export, left_out
 from vfplan.bundle.keys import keygen, read_keys
 from vfplan.bundle.migration import migrate
-from vfplan.bundle.plausible import mesh_doubts, size_doubt
 from vfplan.bundle.read import read_bundle, read_fixture, require_signature
 from vfplan.bundle.signing import sign
 from vfplan.bundle.trust import Trust
-from vfplan.bundle.validation import Issue, validate
+from vfplan.bundle.validation import Issue, mesh_doubts, size_doubt, validate
 from vfplan.bundle.write import write_fixture
 
 __all__ = [

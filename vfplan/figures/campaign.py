@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.fixture import Fixture
 from vfplan.palette import CLOUD, CONTACT, FORCE
-from vfplan.replaying.ruler import CurveRuler
+from vfplan.replaying.episodes import CurveRuler
 
 Array = NDArray[np.float64]
 BINS = 40

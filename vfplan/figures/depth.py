@@ -12,8 +12,8 @@ from vfplan.fixture import Fixture
 from vfplan.images.read import PlannedImage
 from vfplan.palette import CLOUD, PROXY
 from vfplan.replaying import Replay
+from vfplan.replaying.episodes import CurveRuler
 from vfplan.replaying.quantities import HELD_M
-from vfplan.replaying.ruler import CurveRuler
 
 Array = NDArray[np.float64]
 MM = 1e3

@@ -12,7 +12,7 @@ from vfplan.engine.parameters import Rule
 from vfplan.engine.renderable import exact_of
 from vfplan.fixture import Fixture
 from vfplan.registration.nearest import on_triangles
-from vfplan.replaying.ruler import flattened
+from vfplan.replaying.quantities import flattened
 
 Array = NDArray[np.float64]
 _PAIRS = 2_000_000  # distances held at a time

@@ -11,9 +11,8 @@ from vfplan.engine.parameters import ProxyParameters, Status
 from vfplan.fixture import Fixture
 from vfplan.replaying.checks import RobotWatch
 from vfplan.replaying.clearance import clearance_of
-from vfplan.replaying.episodes import JOIN_S, Episodes
+from vfplan.replaying.episodes import JOIN_S, CurveRuler, Episodes
 from vfplan.replaying.quantities import Steps, row_norms
-from vfplan.replaying.ruler import CurveRuler
 from vfplan.robot import Robot
 
 STATES = (-1, 0, 1, 2)

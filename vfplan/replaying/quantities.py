@@ -36,6 +36,11 @@ def dots(a: Array, b: Array) -> Array:
     return np.einsum("ij,ij->i", a, b)
 
 
+def flattened(places: Array, axis: Array | None) -> Array:
+    """(n, 3) places without their part along an ignored axis (a unit vector, or `None`)."""
+    return places if axis is None else places - np.outer(places @ axis, axis)
+
+
 def picked(trace: Trace, rows: NDArray[np.intp]) -> Trace:
     """These ticks of a trace."""
     return Trace(*(getattr(trace, name)[rows] for name in _TRACE))

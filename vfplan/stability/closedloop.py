@@ -1,24 +1,31 @@
-"""The closed loop over scenes of contact: one row a scene and rule."""
+"""The closed loop: a row a scene of contact and rule, the press in it, and the map over robots."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from itertools import product
 
+import numpy as np
+
+from vfplan.engine.checks import Vector
 from vfplan.engine.parameters import Rule
 from vfplan.fixture import Fixture
 from vfplan.robot import Robot
 from vfplan.stability import contacts
-from vfplan.stability.contacts import Contact
+from vfplan.stability.contacts import Contact, patch
 from vfplan.stability.largest import (
     Largest,
     engine_for,
     is_stable,
     largest_stiffness,
+    plant_of,
+    pressing_hand,
     run_length,
 )
-from vfplan.stability.loop import Engine
-from vfplan.stability.press import press
+from vfplan.stability.loop import Engine, Hand, simulate
 from vfplan.stability.rows import Row, verdict
+from vfplan.stability.theory import linear_bound
 
 FLAT_TOLERANCE = 0.02  # the flat wall's measured K against the exact bound
 ELSEWHERE = 0.95  # of the exact bound, at least
@@ -103,3 +110,90 @@ def closed_loop(on: Fixture | str, rule: Rule, robot: Robot, stiffness: float) -
     share = 1 - FLAT_TOLERANCE if scene == "flat" else ELSEWHERE
     limit = share * largest.exact
     return [Row(case, verdict(good, rule), detail, limit, largest.measured, "N/m", values)]
+
+
+RESTING = 0.05  # of the depth: within it the mass counts as at rest
+MOST_TICKS = 10_000
+
+
+@dataclass(frozen=True)
+class Press:
+    """What a press did."""
+
+    energy_j: float  # net work of the fixture on the hand's mass over the press, + out [J]
+    limit_cycle_m: float  # peak to peak of the position along the push over the last quarter [m]
+    # Until the position stays within 5 % of its final depth [s]; `None` when it does not
+    rest_s: float | None
+    overshoot: float  # largest depth over the final depth, less 1
+    limited_ticks: int | None = None  # ticks in which a force limit acted; `None` without limits
+
+
+def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> Press:
+    """From rest at the first touch, under a constant push: a step response.
+
+    engine: of stiffness 1 N/m, on the contact's cloud
+    stiffness: K [N/m]
+    """
+    hand: Hand = pressing_hand(contact, stiffness)
+    inward = contact.inward / np.linalg.norm(contact.inward)
+    engine.reset(contact.start)
+    ticks = press_length(robot, stiffness)
+    start = contact.touch - 1e-6 * contact.radius * inward
+    motion = simulate(engine, robot, hand, stiffness, start, np.zeros(3), ticks)
+    depth: Vector = (motion.x - contact.touch) @ inward
+    quarter = len(depth) // 4
+    final = float(depth[-quarter:].mean())
+    astray = np.flatnonzero(np.abs(depth - final) > RESTING * abs(final))
+    settled = int(astray[-1]) + 1 if astray.size else 0
+    work = (motion.held[:-1] * np.diff(motion.x, axis=0)).sum()
+    return Press(
+        energy_j=float(work),
+        limit_cycle_m=float(np.ptp(depth[-quarter:])),
+        rest_s=settled / robot.rate_hz if settled < len(depth) - quarter else None,
+        overshoot=float(depth.max() / final - 1.0) if final > 0 else 0.0,
+        limited_ticks=motion.limited_ticks,
+    )
+
+
+def press_length(robot: Robot, stiffness: float) -> int:
+    """Ticks for the step response to die down: nine time constants of the slower mode."""
+    m, b = robot.mass_kg, robot.damping_n_s_per_m
+    slow = 2 * m / b if b * b < 4 * m * stiffness else b / stiffness  # [s]; b > 0 is the caller's
+    return int(min(max(9 * slow * robot.rate_hz, 400), MOST_TICKS))
+
+
+# Damping [N·s/m] and rate [Hz] of the points measured, for each delay in ticks.
+PLACES = ((2.0, 500.0), (5.0, 1000.0), (10.0, 2000.0), (40.0, 2000.0), (50.0, 8000.0))
+DELAYS = (0, 1, 3)
+
+
+def chart(rule: Rule, mass: float = 1.0) -> list[Row]:
+    """One row a place of the map."""
+    contact = patch()
+    engine = engine_for(contact, rule)
+    rows = []
+    for delay, (damping, rate) in product(DELAYS, PLACES):
+        robot = Robot("chart", mass, damping, rate, delay)
+        found = largest_stiffness(contact, robot, engine)
+        values = {
+            "rule": rule,
+            "damping_n_s_per_m": damping,
+            "rate_hz": rate,
+            "delay_ticks": delay,
+            "k_exact_n_per_m": found.exact,
+            "k_linear_n_per_m": linear_bound(plant_of(robot), delay),
+            "ratio": found.ratio,
+        }
+        rows.append(
+            Row(
+                case=f"map/b={damping:g} rate={rate:g} delay={delay}/{rule}",
+                outcome=verdict(abs(found.ratio - 1) <= FLAT_TOLERANCE, rule),
+                detail=f"largest stable K {found.measured:.0f} N/m, {found.ratio:.4f} of the exact"
+                f" bound {found.exact:.0f}",
+                limit=(1 - FLAT_TOLERANCE) * found.exact,
+                measured=found.measured,
+                unit="N/m on the map",
+                values=values,
+            )
+        )
+    return rows

@@ -19,8 +19,7 @@ from vfplan.fixture import Fixture, StabilityVerdict
 from vfplan.io.workers import workers
 from vfplan.robot import Robot
 from vfplan.stability import contacts
-from vfplan.stability.chart import chart
-from vfplan.stability.closedloop import closed_loop, scenes_for
+from vfplan.stability.closedloop import chart, closed_loop, scenes_for
 from vfplan.stability.gate import MARGIN, felt_stiffness, judge, refusal
 from vfplan.stability.passivity import passivity
 from vfplan.stability.rows import Row

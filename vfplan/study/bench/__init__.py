@@ -1,12 +1,10 @@
 """Error against run time, for every stage: `bench()` measures, `vfplan.study.bench_figures` draws.
 
-record      what is measured and how it is written down; the Pareto front
-runner      trials side by side, interleaved
+record      what is measured, side by side, and how it is written down; the Pareto front
 extracting, sampling, registering, proxy, feel, planning
             one stage each: scenes with known truth, methods, settings
-baselines, peers
-            what a user would pick instead, ours and outside programs
-document    the bench as one JSON document and as CSV
+peers       what a user would pick instead: a penalty force, and outside programs
+document    the bench as one JSON document and as CSV; the machine
 """
 
 from __future__ import annotations

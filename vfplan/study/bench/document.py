@@ -1,4 +1,4 @@
-"""The bench on disk: one JSON document, and its results as CSV."""
+"""The bench on disk: one JSON document, the machine it ran on, and its results as CSV."""
 
 from __future__ import annotations
 
@@ -6,8 +6,13 @@ import csv
 import io
 import json
 import math
+import os
+import platform
+import time
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from vfplan.errors import InputError
 from vfplan.io.disk import write_whole
@@ -93,3 +98,32 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def describe_machine() -> dict[str, Any]:
+    """Processor, cores, system, Python, NumPy; the clock's own cost [µs]."""
+    return {
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0))
+        if hasattr(os, "sched_getaffinity")
+        else os.cpu_count(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "clock_us": _clock_us(),
+    }
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def _clock_us() -> float:
+    ticks = [time.perf_counter_ns() for _ in range(2001)]
+    return float(np.median(np.diff(ticks))) / 1e3

@@ -26,8 +26,7 @@ import numpy as np
 
 from vfplan.engine.parameters import Status, Trace
 from vfplan.engine.proxy import ProxyEngine
-from vfplan.study.bench.record import Array, Errors, Trial
-from vfplan.study.bench.stepping import timed_ticks
+from vfplan.study.bench.record import Array, Errors, Trial, timed_ticks
 from vfplan.study.scenes import Drawn, outline
 
 R, STIFFNESS, RATE_HZ = 5e-3, 1000.0, 1000.0

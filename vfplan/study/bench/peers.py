@@ -1,4 +1,6 @@
-"""Outside programs in the same run: anything that reads points and a path and writes proxies.
+"""What a user would pick instead: outside programs in the same run, and a penalty force.
+
+An outside program is anything that reads points and a path and writes proxies.
 
 A peer is called as
 
@@ -25,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.engine.parameters import ProxyParameters
+from vfplan.engine.parameters import ProxyParameters, Status, Step
 from vfplan.errors import SettingError
 from vfplan.study.bench.record import Array
 
@@ -126,3 +128,37 @@ def nanoflann_hint() -> str:
         "the nanoflann peer did not run: apt install libnanoflann-dev, compile "
         "vfplan/samples/peer/nanoflann_peer.cpp (g++ -std=c++20 -O2) and give --peer its path"
     )
+
+
+class NearestPointPenalty:
+    """A vector field: pushed out of the ball of radius R around the nearest point, no memory.
+
+    The "proxy" of a penalty force F = K (R - |x|) x/|x| is where that force would be zero. Once the
+    HIP is past the cloud it is pushed out on the other side.
+
+    points: (N, 3) [m]
+    parameters: as for `ProxyEngine`
+    """
+
+    def __init__(self, points: Array, **parameters: Any) -> None:
+        from scipy.spatial import cKDTree
+
+        self.parameters = ProxyParameters.make(points, rule="paper", **parameters)
+        axis = self.parameters.ignore_axis
+        self._flat = np.eye(3) if axis is None else np.eye(3) - np.outer(axis, axis)
+        self._points = points @ self._flat
+        self._tree = cKDTree(self._points)
+
+    def reset(self, hip: Array) -> None:
+        """Nothing to remember."""
+
+    def step(self, hip: Array) -> Step:
+        """One tick."""
+        x = self._flat @ hip
+        distance, i = self._tree.query(x)
+        away = x - self._points[i]
+        short = self.parameters.R - distance
+        normal = away / distance if distance > 0 else np.zeros(3)
+        push = normal * max(short, 0.0)
+        force = self.parameters.stiffness * push
+        return Step(hip + push, normal, force, 1 if short > 0 else 0, Status.OK)

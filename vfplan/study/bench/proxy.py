@@ -30,11 +30,9 @@ import numpy as np
 
 from vfplan.engine.tolerance import Choice, choose
 from vfplan.planning.settings import DEFAULT_ARCS_M
-from vfplan.study.bench.baselines import NearestPointPenalty
 from vfplan.study.bench.cases import Case, cases, chosen_points, fitted, is_drawn
-from vfplan.study.bench.peers import Peer
-from vfplan.study.bench.record import Array, Errors, Setting, Trial
-from vfplan.study.bench.stepping import timed_ticks
+from vfplan.study.bench.peers import NearestPointPenalty, Peer
+from vfplan.study.bench.record import Array, Errors, Setting, Trial, timed_ticks
 from vfplan.study.scenes import Drawn
 
 R = 5e-3

@@ -1,17 +1,19 @@
-"""What the bench measures and how it is written down: trials in, results out.
+"""What the bench measures, side by side, and how it is written down: trials in, results out.
 
 A trial is one method with one set of settings on one scene. It runs several times; its error is
-scored once (every method here is deterministic), its time by the median over all runs.
-"""
+scored once (every method here is deterministic), its time by the median over all runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from vfplan.errors import InputError
 
 Array = NDArray[np.float64]
 Setting = str | float | int | bool | None
@@ -173,3 +175,71 @@ def timed(work: Callable[[], Any]) -> tuple[Any, Array]:
     began = time.perf_counter_ns()
     answer = work()
     return answer, np.array([(time.perf_counter_ns() - began) / 1e3])
+
+
+Advance = Callable[[int], None]
+FEWEST, ENOUGH_S = 3, 0.25  # a trial timed so often and for so long sits out the other rounds
+
+
+def run_trials(
+    stage: str, trials: Sequence[Trial], repeats: int, advance: Advance = lambda n: None
+) -> tuple[list[Result], list[Refusal]]:
+    """Measure the trials of one scene: their results, and the trials that refused their input.
+
+    Every round runs each trial once, in another order each time; the first round warms caches up
+    and gives the answers to score, and is not timed. Slow trials run in the first rounds only.
+
+    stage: the results' stage
+    trials: of one scene
+    repeats: timed rounds, at most
+    advance: told 1 for each trial in each round, len(trials) * (1 + repeats) in all
+    """
+    rng = np.random.default_rng(0)
+    errors: dict[int, Errors] = {}
+    refused: list[Refusal] = []
+    for i, trial in enumerate(trials):
+        try:
+            errors[i] = trial.score(trial.run()[0])
+        except InputError as error:
+            refused.append(Refusal(stage, trial, error.message))
+        advance(1)
+    times: dict[int, list[np.ndarray]] = {i: [] for i in errors}
+    for _ in range(repeats):
+        for i in rng.permutation(len(trials)):
+            if i in errors and not _enough(times[i]):
+                times[i].append(trials[i].run()[1])
+            advance(1)
+    return [Result(stage, trials[i], errors[i], times[i]) for i in errors], refused
+
+
+def _enough(times: list[np.ndarray]) -> bool:
+    return len(times) >= FEWEST and 1e-6 * sum(run.sum() for run in times) > ENOUGH_S
+
+
+def timed_ticks(engine: Any, hips: Array) -> tuple[Any, Array]:
+    """Run a path from its first HIP on: the trace, and the time of each tick (T,) [µs].
+
+    The native engine times itself around each step; any other is stepped from Python.
+    """
+    engine.reset(hips[0])
+    if hasattr(engine, "run_timed"):
+        return engine.run_timed(hips)
+    steps, times = [], np.empty(len(hips))
+    for i, hip in enumerate(hips):
+        began = time.perf_counter_ns()
+        steps.append(engine.step(hip))
+        times[i] = (time.perf_counter_ns() - began) / 1e3
+    return stack(steps), times
+
+
+def stack(steps: list[Any]) -> Any:
+    """Steps as a `Trace`."""
+    from vfplan.engine.parameters import Trace
+
+    return Trace(
+        proxy=np.array([s.proxy for s in steps]),
+        normal=np.array([s.normal for s in steps]),
+        force=np.array([s.force for s in steps]),
+        state=np.array([s.state for s in steps], np.int8),
+        status=np.array([s.status for s in steps], np.uint8),
+    )

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vfplan.engine.tolerance import choose
-from vfplan.study.bench.record import Array, Errors, Trial
-from vfplan.study.bench.stepping import timed_ticks
+from vfplan.study.bench.record import Array, Errors, Trial, timed_ticks
 
 R = 5e-3
 FINE_M = 20e-6  # arc between the true curve's vertices

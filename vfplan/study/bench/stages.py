@@ -10,11 +10,9 @@ from typing import Any, Literal, get_args
 
 from vfplan.engine.tolerance import choose
 from vfplan.errors import SettingError
-from vfplan.study.bench.document import FORMAT, VERSION
-from vfplan.study.bench.machine import describe_machine
+from vfplan.study.bench.document import FORMAT, VERSION, describe_machine
 from vfplan.study.bench.peers import Peer, nanoflann_hint
-from vfplan.study.bench.record import Refusal, Result, Trial, judge_chosen, mark_pareto
-from vfplan.study.bench.runner import run_trials
+from vfplan.study.bench.record import Refusal, Result, Trial, judge_chosen, mark_pareto, run_trials
 
 Stage = Literal["extract", "sample", "register", "proxy", "feel", "plan"]
 STAGES: tuple[Stage, ...] = get_args(Stage)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 from typing import Any
 
 from vfplan.errors import VfplanError
 from vfplan.fixture import Fixture
 from vfplan.stability.rows import Row
+from vfplan.study.extremes import probes
 from vfplan.study.extremes.ground import Ground, of_fixture, patch
 from vfplan.study.extremes.table import TABLE, Extreme
 
@@ -44,7 +44,7 @@ def try_group(cases: list[Extreme], fixture: Fixture | None = None) -> list[Row]
 
 def try_extreme(case: Extreme, ground: Ground | None = None) -> Row:
     """Try one case and hold what came of it against the table."""
-    probe = getattr(importlib.import_module(f"{__name__}.{case.group}"), case.probe)
+    probe = getattr(probes, case.probe)
     args: dict[str, Any] = dict(case.args)
     if case.group in ON_GROUND and case.probe != "medial":
         args["ground"] = ground or patch()

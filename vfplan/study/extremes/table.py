@@ -24,7 +24,7 @@ class Extreme:
     # What is extreme: the cloud, the HIP or a setting; or a long run
     group: Group
     expected: str  # in words
-    probe: str  # function of the group's module that returns the figure held against `limit`
+    probe: str  # function of `probes` that returns the figure held against `limit`
     args: dict[str, Any] = field(default_factory=dict)  # its arguments
     # The figure is at most this; `None`: only a refusal will do
     limit: float | None = ROUNDING
