@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 import vfplan
 from vfplan.registration import diagnosis as diagnosing
-from vfplan.registration.refusal import SURE_EXCHANGE, refuse_sure_faults
+from vfplan.registration.labelling import SURE
+from vfplan.registration.register import refuse_sure_faults
 
 PIXEL = 0.6e-3  # m
 NOISE = (0.1e-3, 2e-3)  # m an axis
@@ -66,10 +67,8 @@ def judged(source: NDArray, target: NDArray, model: str, true: NDArray | None = 
         refuse_sure_faults(found, diagnosis)
     except vfplan.VfplanError as error:
         return f"refused {error}"
-    if diagnosis.swapped or (diagnosis.relabelled and diagnosis.relabelled.seems):
-        return "seems"
-    if diagnosis.relabelled or (diagnosis.labellings or 1) > 1:
-        return "cannot"
+    if diagnosis.relabelled:
+        return "seems" if diagnosis.relabelled.seems else "cannot"
     if true is None:
         return "taken"
     away = np.linalg.norm(found.apply(source) - true, axis=1).max()
@@ -119,7 +118,7 @@ def bound(n: int) -> float:
     from scipy.special import chndtr, fdtri
 
     dof, pairs = 3 * n - 9, n * (n - 1) / 2
-    limit = fdtri(dof, dof, 1 - SURE_EXCHANGE / pairs)
+    limit = fdtri(dof, dof, 1 - SURE)
     shift = np.geomspace(dof / 4, dof * 8, 4000)
     return float(pairs * chndtr(shift / limit, dof, shift).max())
 

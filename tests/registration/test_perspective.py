@@ -9,8 +9,8 @@ from docs_modules import load
 from layouts import MODELS, PX, grid, planar
 
 from vfplan.registration import fit_registration
+from vfplan.registration.bounds import perspective
 from vfplan.registration.diagnosis import diagnose
-from vfplan.registration.perspective import perspective
 
 plates = load(ROOT / "docs" / "make_perspective_table.py")
 

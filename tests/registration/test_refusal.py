@@ -12,7 +12,7 @@ from vfplan.images.read import read_image
 from vfplan.planning.matching import rows_and_columns_exchanged
 from vfplan.registration import fit_registration
 from vfplan.registration.diagnosis import diagnose
-from vfplan.registration.refusal import refuse_sure_faults
+from vfplan.registration.register import refuse_sure_faults
 
 SAMPLES = ROOT / "samples"
 

@@ -27,9 +27,9 @@ from vfplan.campaign.settings import CampaignSettings
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError
 from vfplan.fixture import Fixture, RegistrationRecord
+from vfplan.registration.fit import Fit, solve
 from vfplan.registration.models import homogeneous
 from vfplan.registration.problem import Problem, make_problem
-from vfplan.registration.residuals import Fit, solve
 from vfplan.registration.result import Registration
 from vfplan.replaying.quantities import HELD_M, dots, row_norms
 from vfplan.session import Session

@@ -83,12 +83,12 @@ def match(
 
     Raises MarkerError: markers that determine no transform, that no slice or robot can have
         (`check_plausible`), or that contradict each other beyond doubt
-        (`vfplan.registration.refusal`)
+        (`vfplan.registration.register`)
     Raises SettingError: markers to be found in a slice that is not there, a model that cannot be
         fitted
     """
     from vfplan.registration.diagnosis import diagnose
-    from vfplan.registration.refusal import refuse_sure_faults
+    from vfplan.registration.register import refuse_sure_faults
 
     pairs, curve, slice_axes = _pairs(curve, markers, markers2, image)
     with _named(markers if markers2 is None else f"{markers}, {markers2}"):

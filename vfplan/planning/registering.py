@@ -84,7 +84,7 @@ def register(
     """
     now_utc()  # what is no time is refused before NumPy stumbles on it
     from vfplan.bundle import size_doubt
-    from vfplan.registration.diagnosis import check_max_tre, target_error
+    from vfplan.registration.report import check_max_tre, target_error
     from vfplan.registration.report import describe as describe_registration
 
     settings = settings or FixtureSettings()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vfplan.registration.fit import fit_registration
+from vfplan.registration.register import fit_registration
 from vfplan.registration.result import Registration
 
 __all__ = ["Registration", "fit_registration"]

@@ -1,21 +1,19 @@
-"""What may be wrong with a registration, named: suspects, symmetry, reach, scale."""
+"""What may be wrong with a registration, named: suspects, labels, layout, scale, perspective."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from vfplan.errors import CheckFailed
-from vfplan.registration import layout, residuals
-from vfplan.registration import warnings as warn
-from vfplan.registration.labelling import Relabelling, better_labelling
-from vfplan.registration.models import Array, Orthogonal
+from vfplan.registration.fit import agreeing, f_limit, one_to_blame, solve
+from vfplan.registration.labelling import Relabelling, better_labelling, name_labelling
+from vfplan.registration.models import Affine, Array, Orthogonal
 from vfplan.registration.result import Registration
-from vfplan.registration.robust import agreeing
 
+LONG_LAYOUT = 10.0
+STRETCHED = 1e-4  # chance of this much stretch from markers without any
 # Above this share in its own prediction a marker's error moves the fit and leaves no residual.
 UNCHECKED_LEVERAGE = 0.9
 QUICK_SUBSETS = 20_000
@@ -31,8 +29,7 @@ class Diagnosis:
     swapped: tuple[Label, Label] | None  # two labels that seem exchanged; `None` when none do
     # Another labelling that fits far better, or as well; `None` when none does
     relabelled: Relabelling | None
-    # Labellings that fit the layout equally well, 1 when it has no symmetry; `None`: not checked
-    labellings: int | None
+    labellings: int  # that fit about as well as the given one, and that one
     unchecked: tuple[Label, ...]  # labels of markers no other marker checks (leverage above 0.9)
     # Scale found over the known one, minus 1; along u and v for the affine model
     spacing_departure: tuple[float, ...] | None
@@ -40,38 +37,13 @@ class Diagnosis:
     warnings: tuple[str, ...]  # one sentence for each of these that a user should read
 
 
-@dataclass(frozen=True, eq=False)
-class TargetError:
-    """The predicted target registration error along a curve."""
-
-    rms_m: Array  # (M,) predicted RMS TRE at each point [m]
-    bound95_m: Array  # (M,) bound at each point, probability 0.95 for that point [m]
-    curve95_m: Array  # (M,) bound for all points at once, probability 0.95 [m]
-    worst: int  # index of the point with the largest bound
-    outside_hull: np.ndarray  # (M,) bool: outside the markers' convex hull
-    extrapolated: np.ndarray  # (M,) bool: predicted worse than at every marker
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """A sentence where part of the curve lies beyond the markers."""
-        beyond = int((self.outside_hull | self.extrapolated).sum())
-        if not beyond:
-            return ()
-        share = beyond / len(self.rms_m)
-        return (
-            f"{beyond} of {len(self.rms_m)} curve points ({share:.0%}) lie beyond the markers: "
-            "the registration is extrapolated there",
-        )
-
-
 def diagnose(registration: Registration) -> Diagnosis:
     """Everything the markers say against themselves; nothing is repaired or dropped."""
     fit, labels = registration.fit, registration.labels
-    everyone = fit if fit.used.all() else residuals.solve(fit.problem)
-    pair = layout.swapped_labels(everyone)
-    swapped = None if pair is None else (labels[pair[0]], labels[pair[1]])
+    everyone = fit if fit.used.all() else solve(fit.problem)
     relabelled = better_labelling(everyone, square=registration.pixel_spacing is not None)
-    labellings = layout.symmetries(fit)
+    pair = relabelled and relabelled.pair
+    swapped = None if pair is None else (labels[pair[0]], labels[pair[1]])
     unchecked = tuple(
         label
         for label, h, used in zip(labels, fit.leverage, fit.used, strict=True)
@@ -80,47 +52,23 @@ def diagnose(registration: Registration) -> Diagnosis:
     departure, sigma = _departure(registration)
     suspects = _suspects(registration, swapped)
     warnings = (
-        *warn.label_warnings(registration, swapped, relabelled, labellings),
-        *(() if swapped else warn.suspect_warnings(registration, suspects)),
-        *warn.perspective_warning(registration),
-        *warn.layout_warnings(registration, labellings, unchecked),
-        *warn.scale_warnings(registration, departure, sigma),
+        *label_warnings(registration, relabelled),
+        *(() if swapped else suspect_warnings(registration, suspects)),
+        *perspective_warning(registration),
+        *layout_warnings(registration, unchecked),
+        *scale_warnings(registration, departure, sigma),
+        *stretch_warning(registration),
     )
     return Diagnosis(
-        suspects, swapped, relabelled, labellings, unchecked, departure, sigma, warnings
+        suspects,
+        swapped,
+        relabelled,
+        relabelled.alike if relabelled and not relabelled.seems else 1,
+        unchecked,
+        departure,
+        sigma,
+        warnings,
     )
-
-
-def target_error(registration: Registration, points: ArrayLike) -> TargetError:
-    """The predicted error along a curve given in the source frame, (M, 2|3)."""
-    rms = registration.tre_m(points)
-    bound = registration.tre95_m(points)
-    problem = registration.fit.problem
-    s = registration.normalised(points)
-    at_markers = registration.tre_m(registration.source[registration.used])
-    return TargetError(
-        rms,
-        bound,
-        registration.tre95_curve_m(points),
-        int(bound.argmax()),
-        layout.outside_hull(problem.s[registration.used], s),
-        rms > at_markers.max() * (1 + 1e-9),
-    )
-
-
-def check_max_tre(error: TargetError, limit_m: float) -> None:
-    """The gate: the 95 % bound for the whole curve must stay below the limit everywhere.
-
-    Raises CheckFailed: with the largest bound, where it is, and the limit
-    """
-    worst = int(error.curve95_m.argmax())
-    value = float(error.curve95_m[worst])
-    if not value <= limit_m:
-        raise CheckFailed(
-            f"the registration error may reach {value * 1e3:.3f} mm (95 % bound over the curve), "
-            f"more than the {limit_m * 1e3:g} mm allowed",
-            where=f"curve point {worst}",
-        )
 
 
 def _suspects(registration: Registration, swapped: tuple[Label, Label] | None) -> dict[Label, str]:
@@ -131,12 +79,12 @@ def _suspects(registration: Registration, swapped: tuple[Label, Label] | None) -
     for i, label in enumerate(labels):
         if label not in registration.outliers or label in suspects:
             continue
-        limit = residuals.f_limit(n, int(registration.studentised_dof[i]))
+        limit = f_limit(n, int(registration.studentised_dof[i]))
         size = registration.residuals_m[i] * 1e3
         verb = "stays in the fit" if registration.used[i] else "left out of the fit"
         f = registration.studentised_f[i]
         suspects[label] = f"residual {size:.3g} mm, F {f:.3g} over {limit:.3g}; {verb}"
-    alone = layout.one_to_blame(registration.fit)
+    alone = one_to_blame(registration.fit)
     if alone is not None:
         why = "no transform explains it with the others, which agree without it"
         suspects.setdefault(labels[alone], why)
@@ -196,3 +144,126 @@ def _free_scale_departure(
     sigma = registration.sigma_m / (scale * problem.normaliser.radius * np.sqrt(spread))
     # A similarity normalises by the spacing's ratio alone; the known spacing is the unit there too.
     return (scale - 1,), (float(sigma),)
+
+
+def label_warnings(registration: Registration, other: Relabelling | None) -> tuple[str, ...]:
+    """Labels exchanged, in another order, or that these markers cannot show."""
+    if other is None:
+        return ()
+    name = name_labelling(other.order, registration.labels)
+    if other.seems:
+        return (
+            f"it seems that {name}: so the markers would miss their places by "
+            f"{other.rms_m * 1e3:.3g} mm rms only; check the labels",
+        )
+    return (
+        f"these {len(registration.labels)} markers cannot show how they are labelled: "
+        f"{other.alike} labellings fit about as well; they miss their places by "
+        f"{registration.fre_rms_m * 1e3:.3g} mm rms, and if {name}, by {other.rms_m * 1e3:.3g} mm; "
+        "check the labels, or move or add a marker",
+    )
+
+
+def suspect_warnings(registration: Registration, suspects: dict[Label, str]) -> tuple[str, ...]:
+    """Each suspect marker; a single one with how far it is off, and how the others fit then."""
+    names = list(suspects)
+    if len(names) == 1 and not registration.perspective:
+        used, one = registration.used, registration.labels.index(names[0])
+        rest = used & (np.arange(len(used)) != one)
+        if used[one] and 3 * rest.sum() > registration.fit.problem.model.parameters:
+            left = solve(registration.fit.problem, rest).vectors[rest]
+            return (
+                f"suspect marker {names[0]}: it is {registration.loo_m[one] * 1e3:.3g} mm from "
+                "where the others put it, and without it they fit to "
+                f"{np.sqrt((left**2).sum(axis=1).mean()) * 1e3:.3g} mm rms; it stays in the fit: "
+                "check it, and correct it or leave it out with --robust",
+            )
+    return tuple(f"suspect marker {label}: {why}" for label, why in suspects.items())
+
+
+def perspective_warning(registration: Registration) -> tuple[str, ...]:
+    """A camera that does not look straight on."""
+    seen = registration.perspective
+    if seen is None or not seen.sure:
+        return ()
+    left = np.sqrt(3 * seen.variance)
+    return (
+        "the markers show perspective, as a camera that does not look straight on gives: a "
+        f"homography leaves {left * 1e3:.3g} mm a marker, the {registration.model} model "
+        f"{np.sqrt(3) * registration.sigma_m * 1e3:.3g} mm; the bounds are widened by what the "
+        "model misses; rectify the picture",
+    )
+
+
+def layout_warnings(registration: Registration, unchecked: tuple[Label, ...]) -> tuple[str, ...]:
+    """A layout that hides errors: long, or with markers that nothing checks."""
+    found = []
+    if registration.condition > LONG_LAYOUT:
+        found.append(
+            f"the markers' layout is {registration.condition:.0f} times as long as wide: the error "
+            "grows fast across it"
+        )
+    if unchecked:
+        names = ", ".join(map(str, unchecked))
+        found.append(
+            f"no other marker checks {names}: an error there moves the fit and leaves no residual"
+        )
+    for a, b in _coincident(registration):
+        found.append(f"markers {a} and {b} stand at the same place in the source")
+    return tuple(found)
+
+
+def _coincident(registration: Registration) -> list[tuple[Label, Label]]:
+    s, labels = registration.fit.problem.s, registration.labels
+    apart = np.linalg.norm(s[:, None] - s[None], axis=2)
+    i, j = np.nonzero(np.triu(apart < 1e-6, 1))
+    return [(labels[a], labels[b]) for a, b in zip(i, j, strict=True)]
+
+
+def scale_warnings(
+    registration: Registration,
+    departure: tuple[float, ...] | None,
+    sigma: tuple[float, ...] | None,
+) -> tuple[str, ...]:
+    """Residuals or a scale beyond what is known."""
+    from scipy.special import chdtrc
+
+    found = []
+    if departure and sigma:
+        worst = max(zip(departure, sigma, strict=True), key=lambda d: abs(d[0]))
+        if abs(worst[0]) > 0.005 and abs(worst[0]) > 4 * worst[1]:
+            found.append(
+                f"the scale the markers give departs by {worst[0]:+.2%} from the known one "
+                f"(standard error {worst[1]:.2%})"
+            )
+    unit = registration.fit.problem.sigma_unit_m
+    if unit is not None:
+        ratio = registration.sigma_m / unit
+        if chdtrc(registration.dof, registration.dof * ratio**2) < 0.01:
+            found.append(f"the residuals are {ratio:.1f} times what the stated sigmas allow")
+    return tuple(found)
+
+
+def stretch_warning(registration: Registration) -> tuple[str, ...]:
+    """A planar model without stretch where an affine map fits far better: F of what it adds."""
+    from scipy.special import fdtrc
+
+    fit, problem = registration.fit, registration.fit.problem
+    least = Affine(2).minimal + 1
+    if (
+        registration.source.shape[1] != 2
+        or registration.model == "affine"
+        or fit.used.sum() < least
+    ):
+        return ()
+    free = solve(replace(problem, model=Affine(2)), fit.used)
+    more = fit.dof - free.dof
+    variance = max(free.variance, problem.floor_m**2)
+    gain = (fit.variance * fit.dof / variance - free.dof) / more
+    if registration.perspective or fdtrc(more, free.dof, gain) > STRETCHED:
+        return ()
+    return (
+        f"an affine map leaves {np.sqrt(3 * free.variance) * 1e3:.3g} mm a marker, the "
+        f"{registration.model} model {np.sqrt(3 * fit.variance) * 1e3:.3g} mm: the slice is "
+        "stretched, or its pixel spacing is another: check it, or use the model affine",
+    )

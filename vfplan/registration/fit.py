@@ -1,130 +1,255 @@
-"""From markers to a registration: the one call."""
+"""A solved fit, what each marker says about it, and which markers agree.
+
+Residual, leverage, leave-one-out error and studentised F of each. Which agree is found without a
+random number: least trimmed squares (P. J. Rousseeuw and K. Van Driessen, Data Min. Knowl. Discov.
+12, 2006) over all minimal subsets finds the half that agrees best; a forward search (A. C. Atkinson
+and M. Riani, "Robust diagnostic regression analysis", 2000) then takes in one marker after another
+as long as the next one's studentised F stays below the limit that also flags outliers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, islice
+from math import comb
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from vfplan.errors import MarkerError, SettingError
-from vfplan.registration.geometry import check_handedness
-from vfplan.registration.labelling import better_labelling, name_labelling
-from vfplan.registration.layout import (
-    MIN_EXTENT,
-    extent_and_error,
-    one_to_blame,
-    swapped_labels,
+from vfplan.errors import SettingError
+from vfplan.registration.models import (
+    Affine,
+    Array,
+    Orthogonal,
+    marker_rows,
+    root_of_inverse,
 )
-from vfplan.registration.models import ModelName
-from vfplan.registration.perspective import perspective
-from vfplan.registration.problem import Problem, make_problem
-from vfplan.registration.residuals import Fit, f_limit, solve
-from vfplan.registration.result import Registration
-from vfplan.registration.robust import agreeing
+from vfplan.registration.problem import Problem
+
+MAX_SUBSETS = 500_000
+_CHUNK = 10_000
+_BEST = 10  # starts that are concentrated to the end
+# RMS extent of the layout's narrow direction over the error of a marker: less explains nothing.
+MIN_EXTENT = 3.0
+REST_EXTENT = 2.0  # of what is left without a bad marker: fewer, so that its error is less known
 
 
-def fit_registration(
-    source: ArrayLike,
-    target: ArrayLike,
-    *,
-    model: ModelName = "affine",
-    robust: bool = False,
-    labels: Sequence[str] | None = None,
-    pixel_spacing: float | tuple[float, float] | None = None,
-    sigma: ArrayLike | None = None,
-    seen_from: ArrayLike | None = None,
-) -> Registration:
-    """Fit the transform source -> target that markers determine, with its error everywhere.
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A solved problem."""
 
-    Parameters
-    ----------
-    source
-        (N, 2) pixels u, v, or (N, 3) [m].
-    target
-        (N, 3) the same markers in the robot's frame [m].
-    model
-        "affine" (the paper's ordinary least squares), "similarity" or "rigid".
-    robust
-        Leave out the markers that do not agree with the others (they are named in `outliers` and
-        false in `used`); every minimal subset is tried, so the result is deterministic.
-    labels
-        (N,) the markers' names, each once; their indices when `None`.
-    pixel_spacing
-        (along u, along v) [m/px], or one number; needed for "rigid" from pixels. For "similarity"
-        only its ratio counts.
-    sigma
-        (N,) or (N, 3) standard deviation of each target position an axis [m]. Only ratios count:
-        the size of the error is estimated from the residuals.
-    seen_from
-        (3,) direction in the target frame from which a planar image is looked at, u to the right
-        and v down; a mirrored set of markers is then refused. Without it a mirrored planar set
-        cannot be told from one that is turned over; a mirrored 3-D set is always refused.
+    problem: Problem
+    m: Array  # (3, k+1) the transform in normalised coordinates
+    used: np.ndarray  # (N,) markers the fit rests on
+    vectors: Array  # (N, 3) target minus prediction [m]
+    # (N, 3, 3) diagonal blocks of the hat matrix; for a marker not used, what it would be
+    hat: Array
+    variance: float  # σ̂² [m²] of a weight of 1
+    dof: int  # ν = 3 N - p
+    # (3 (k+1), p) A with A Aᵀ σ̂² the covariance of row-major M: the inverse of a triangle with a
+    # positive diagonal, which no rounding can turn, as it can the axes of equal eigenvalues
+    root: Array
 
-    Raises
-    ------
-    MarkerError
-        Positions that determine no transform: non-finite, too few, coincident, collinear (or for a
-        3-D affine coplanar), mirrored, or not explained by any transform.
-    SettingError
-        An unknown model, a direction without length, a pixel spacing that is missing or out of
-        range, or more markers than a robust search allows.
+    @property
+    def covariance(self) -> Array:
+        """(3 (k+1), 3 (k+1)) of row-major M."""
+        return self.variance * self.root @ self.root.T
+
+    @property
+    def leverage(self) -> Array:
+        """(N,) mean of each hat block's diagonal; for the affine model the leverage h."""
+        return np.trace(self.hat, axis1=1, axis2=2) / 3
+
+
+def solve(problem: Problem, used: np.ndarray | None = None) -> Fit:
+    """Fit the markers in `used` (all by default) and everything that follows linearly from it."""
+    used = np.ones(len(problem.s), dtype=bool) if used is None else used
+    model, weights = problem.model, problem.weights
+    m = model.solve(problem.s[used], problem.y[used], weights[used])
+    vectors = problem.y - problem.x @ m.T
+    tangent = model.tangent(m)
+    jacobian = (marker_rows(problem.x) @ tangent).reshape(len(used), 3, -1)
+    root = np.sqrt(weights)[:, :, None] * jacobian
+    # Columns have unlike units (radians, metres): scale them, or rounding decides the rank.
+    inverse = root_of_inverse(root[used].reshape(-1, root.shape[2]))
+    unit = inverse @ inverse.T
+    dof = 3 * int(used.sum()) - model.parameters
+    sse = float((weights[used] * vectors[used] ** 2).sum())
+    variance = sse / dof
+    hat = np.einsum("nap,pq,nbq,nb->nab", jacobian, unit, jacobian, weights, optimize=True)
+    return Fit(problem, m, used, vectors, hat, variance, dof, tangent @ inverse)
+
+
+def leave_one_out(fit: Fit) -> Array:
+    """(N,) [m] error at each marker of the fit without it; NaN where that fit is undetermined.
+
+    Affine: (I - H_i)⁻¹ e_i, exact without refitting. Otherwise every fit is done.
     """
-    facing = _direction(seen_from, "seen_from")
-    problem = make_problem(source, target, model, pixel_spacing, sigma, labels)
-    fit = solve(problem, _agreeing(problem) if robust else None)
-    check_handedness(fit, facing)
-    names = tuple(range(len(problem.s)) if labels is None else labels)
-    _check_explained(fit, names, square=pixel_spacing is not None)
-    spacing = None if pixel_spacing is None else problem.normaliser.spacing
-    return Registration(
-        model,
-        names,
-        np.array(source, dtype=np.float64),
-        np.array(target, dtype=np.float64),
-        fit,
-        robust,
-        spacing,
-    )
+    if isinstance(fit.problem.model, Affine):
+        return np.linalg.norm(_deleted_vectors(fit), axis=1)
+    problem, n = fit.problem, len(fit.used)
+    if fit.used.sum() - 1 < problem.model.minimal:
+        return np.where(fit.used, np.nan, np.linalg.norm(fit.vectors, axis=1))
+    keep = fit.used & ~np.eye(n, dtype=bool)
+    weights = problem.weights * keep[:, :, None]
+    m = problem.model.solve(problem.s[None], problem.y[None], weights)
+    error = problem.y - np.einsum("nak,nk->na", m, problem.x)
+    spread = _second_extent(problem.s, keep)
+    return np.where(spread > 1e-6, np.linalg.norm(error, axis=1), np.nan)
 
 
-def _agreeing(problem: Problem) -> np.ndarray:
-    """The markers that agree; all of them where perspective explains those that do not."""
-    used = agreeing(problem)
-    if used.all():
-        return used
-    seen = perspective(solve(problem))
-    if seen is None or (seen.studentised_f > f_limit(len(used), seen.dof - 3)).any():
-        return used
-    return np.ones(len(used), dtype=bool)
+def _deleted_vectors(fit: Fit) -> Array:
+    return without_itself(fit.vectors, np.eye(3) - fit.hat * fit.used[:, None, None])
 
 
-def _check_explained(fit: Fit, labels: Sequence[str | int], *, square: bool) -> None:
-    """Refuse a transform that is not larger than its own error across the layout.
+def without_itself(vectors: Array, rest: Array) -> Array:
+    """(N, 3) residuals of the fits without each marker, from I - H (N, 3, 3); NaN if singular."""
+    open_ = np.linalg.svd(rest, compute_uv=False)[:, -1] > 1e-9
+    found = np.full_like(vectors, np.nan)
+    found[open_] = np.linalg.solve(rest[open_], vectors[open_][:, :, None])[:, :, 0]
+    return found
 
-    Markers that coincide or lie on a line to within their error, labels all wrong, a wrong unit.
-    Two labels exchanged, or one bad marker, are left to the diagnosis, which names them.
+
+def _second_extent(s: Array, keep: np.ndarray) -> Array:
+    count = keep.sum(axis=1)[:, None]
+    centred = s - (keep @ s / count)[:, None, :]
+    return np.linalg.svd(centred * keep[:, :, None], compute_uv=False)[:, 1]
+
+
+def studentised_f(fit: Fit) -> Array:
+    """(N,) externally studentised F of each marker, of 3 and ν - 3 degrees of freedom.
+
+    q = eᵀ W (I - H)⁻¹ e is what the sum of squares loses without the marker; F is (q/3) over the
+    mean square of the others (R. D. Cook and S. Weisberg, "Residuals and influence in regression",
+    1982). A marker the fit did not use is tested as a new observation, which is the same F. NaN
+    where no degree of freedom is left.
+    """
+    problem = fit.problem
+    rest_dof = fit.dof - 3 * fit.used
+    deleted = _deleted_vectors(fit)
+    lost = (problem.weights * fit.vectors * deleted).sum(axis=1)
+    outside = np.eye(3) + fit.hat
+    new = np.linalg.solve(outside, fit.vectors[:, :, None])[:, :, 0]
+    lost = np.where(fit.used, lost, (problem.weights * fit.vectors * new).sum(axis=1))
+    sse = fit.variance * fit.dof
+    floor = problem.floor_m**2
+    rest = np.maximum(sse - lost * fit.used, floor)
+    f = (lost / 3) / (rest / np.maximum(rest_dof, 1))
+    f = np.where(lost > floor, f, 0.0)
+    return np.where((rest_dof > 0) & np.isfinite(lost), f, np.nan)
+
+
+def f_limit(n: int, dof: int, alpha: float = 0.05) -> float:
+    """F that a good marker exceeds with probability α/N (Bonferroni): α for any of N markers."""
+    from scipy.special import fdtri
+
+    return float(fdtri(3.0, float(dof), 1 - alpha / n))
+
+
+def extent_and_error(fit: Fit) -> tuple[float, float]:
+    """RMS extent [m] across the transformed layout, and the error [m] of a marker an axis."""
+    used = fit.problem.s[fit.used]
+    moved = (used - used.mean(axis=0)) @ fit.m[:, :-1].T
+    extent = np.linalg.svd(moved, compute_uv=False)[1] / np.sqrt(len(used))
+    return float(extent), float(np.sqrt(fit.variance))
+
+
+def one_to_blame(fit: Fit) -> int | None:
+    """The one marker without which the others agree where the transform does not explain them all.
+
+    A similarity judges a planar affine fit, which follows a bad marker.
     """
     extent, error = extent_and_error(fit)
-    if extent >= MIN_EXTENT * error or swapped_labels(fit) is not None:
-        return
-    better = better_labelling(solve(fit.problem), square=square)
-    cause = "wrong labels or units, or markers on a line or in one place?"
-    if better is not None and better.sure and better.alone:
-        cause = name_labelling(better.order, labels)
-    elif one_to_blame(fit) is not None:
-        return
-    raise MarkerError(
-        f"the transform does not explain the markers: they spread {extent * 1e3:.3g} mm across "
-        f"the layout and miss their places by {error * 1e3:.3g} mm an axis; at most a third is "
-        f"allowed ({cause})"
-    )
-
-
-def _direction(value: ArrayLike | None, name: str) -> np.ndarray | None:
-    if value is None:
+    if extent >= MIN_EXTENT * error:
         return None
-    array = np.array(value, dtype=np.float64)
-    if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
-        raise SettingError(f"{name} is {value!r}; three finite numbers, not all 0, are wanted")
-    return array
+    if isinstance(fit.problem.model, Affine) and fit.problem.model.dimension == 2:
+        fit = solve(replace(fit.problem, model=Orthogonal(2, None, "similarity")), fit.used)
+    if fit.dof < 6:
+        return None
+    f = np.nan_to_num(np.where(fit.used, studentised_f(fit), 0.0))
+    worst = int(f.argmax())
+    rest = solve(fit.problem, fit.used & (np.arange(len(f)) != worst))
+    extent, error = extent_and_error(rest)
+    alone = f[worst] > f_limit(len(f), rest.dof) and extent >= REST_EXTENT * error
+    return worst if alone else None
+
+
+def agreeing(problem: Problem, alpha: float = 0.05) -> np.ndarray:
+    """(N,) bool: the markers that a robust fit rests on; `alpha` as in `f_limit`.
+
+    Raises SettingError: more minimal subsets than can be searched
+    """
+    n, size = len(problem.s), problem.model.minimal
+    subsets = comb(n, size)
+    if subsets > MAX_SUBSETS:
+        raise SettingError(
+            f"a robust fit searches all {subsets} subsets of {size} of {n} markers; at most "
+            f"{MAX_SUBSETS} are allowed"
+        )
+    half = _half(n, problem)
+    starts = sorted(_best_subsets(problem, half))[:_BEST]
+    concentrated = (_concentrate(problem, np.array(subset), half) for _, subset in starts)
+    _, core = min(concentrated, key=lambda found: (found[0], found[1]))
+    used = np.zeros(n, dtype=bool)
+    used[list(core)] = True
+    return _grow(problem, used, alpha)
+
+
+def _half(n: int, problem: Problem) -> int:
+    """Markers in the trimmed sum: the most outliers are tolerated, a residual is left."""
+    least = problem.model.parameters // 3 + 1
+    return min(n, max((n + problem.model.minimal + 1) // 2, least))
+
+
+def _best_subsets(problem: Problem, half: int) -> list[tuple[float, tuple[int, ...]]]:
+    every = combinations(range(len(problem.s)), problem.model.minimal)
+    best: list[tuple[float, tuple[int, ...]]] = []
+    while chunk := list(islice(every, _CHUNK)):
+        index = np.array(chunk)
+        index = index[spans(problem, index)]
+        if not len(index):
+            continue
+        m = problem.model.through(problem.s[index], problem.y[index])
+        score = np.partition(_squares(problem, m), half - 1, axis=1)[:, :half].sum(axis=1)
+        order = np.argsort(score, kind="stable")[:_BEST]
+        best += [(float(score[i]), tuple(index[i].tolist())) for i in order]
+    return best
+
+
+def spans(problem: Problem, index: np.ndarray) -> np.ndarray:
+    """Subsets that are not themselves collinear (3-D affine: coplanar)."""
+    s = problem.s[index]
+    edges = s - s.mean(axis=1, keepdims=True)
+    squared = np.linalg.eigvalsh(np.swapaxes(edges, 1, 2) @ edges)[:, ::-1]
+    rank = problem.model.dimension if problem.model.name == "affine" else 2
+    return squared[:, rank - 1] > 1e-6
+
+
+def _squares(problem: Problem, m: Array) -> Array:
+    """(..., N) weighted squared residuals of every marker under M (..., 3, k+1)."""
+    error = problem.y - problem.x @ np.swapaxes(m, -1, -2)
+    return (problem.weights * error**2).sum(axis=-1)
+
+
+def _concentrate(problem: Problem, subset: np.ndarray, half: int) -> tuple[float, tuple[int, ...]]:
+    """Fit, keep the `half` nearest markers, fit again, until the set stays."""
+    m = problem.model.solve(problem.s[subset], problem.y[subset], problem.weights[subset])
+    for _ in range(50):
+        nearest = np.sort(np.argsort(_squares(problem, m), kind="stable")[:half])
+        if np.array_equal(nearest, subset) or not spans(problem, nearest[None])[0]:
+            break
+        subset = nearest
+        m = problem.model.solve(problem.s[subset], problem.y[subset], problem.weights[subset])
+    score = np.sort(_squares(problem, m))[:half].sum()
+    return float(score), tuple(nearest.tolist())
+
+
+def _grow(problem: Problem, used: np.ndarray, alpha: float) -> np.ndarray:
+    while not used.all():
+        fit = solve(problem, used)
+        f = np.where(used, np.inf, studentised_f(fit))
+        nearest = int(np.argmin(f))
+        if f[nearest] > f_limit(len(used), fit.dof, alpha):
+            break
+        used = used.copy()
+        used[nearest] = True
+    return used

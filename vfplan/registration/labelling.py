@@ -16,15 +16,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
+from itertools import combinations, permutations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.registration.fit import Fit, f_limit, spans, studentised_f
 from vfplan.registration.models import Affine, Array, Orthogonal, homogeneous
 from vfplan.registration.problem import Problem
-from vfplan.registration.residuals import Fit, f_limit, studentised_f
-from vfplan.registration.robust import spans
 
 # One labelling of a good set fits better by F of this tail only where the layout is symmetric to
 # within the noise and the noise happens to undo the difference; there are a few dozen such.
@@ -53,6 +52,13 @@ class Relabelling:
     seems: bool  # whether it fits far better; else it is a rival, that the markers cannot rule out
     sure: bool  # whether good markers cannot look like this
     alone: bool  # whether no other labelling fits about as well as this one
+    alike: int = 1  # labellings that fit about as well as the given one, and that one
+
+    @property
+    def pair(self) -> tuple[int, int] | None:
+        """The two markers that it exchanges, where it does no more and fits far better."""
+        moved = [i for i, j in enumerate(self.order) if i != j]
+        return (moved[0], moved[1]) if self.seems and len(moved) == 2 else None
 
 
 def better_labelling(fit: Fit, *, square: bool = False) -> Relabelling | None:
@@ -77,20 +83,16 @@ def better_labelling(fit: Fit, *, square: bool = False) -> Relabelling | None:
         return None
     found = [_best(one, orders, gains.min(axis=0), d) for one in problems for d in _dropped(one)]
     best = max(found, key=lambda one: (one.sure, one.seems, one.gain))
-    return best if best.seems or not _outlying(fit) or _rivals(problem, orders) else None
+    # Where a marker is an outlier a rival must fit about as well with one left out too.
+    spared = max(_dropped(problem)) if _outlying(fit) else 0
+    rivals = int((_gains(problem, orders, spared) * _limit(problem, AS_GOOD, spared) >= 1).sum())
+    return replace(best, alike=1 + rivals) if best.seems or rivals else None
 
 
 def _outlying(fit: Fit) -> bool:
     """Whether a marker's F is over the limit, so that the residuals are not noise alone."""
     f = np.nan_to_num(studentised_f(fit))
     return bool(f.max() > f_limit(len(f), max(fit.dof - 3, 1)))
-
-
-def _rivals(problem: Problem, orders: list[Order]) -> bool:
-    """Whether a labelling fits about as well with one marker left out on both sides too."""
-    if 1 not in _dropped(problem):
-        return True
-    return bool((_gains(problem, orders, 1) * _limit(problem, AS_GOOD, 1) >= 1).any())
 
 
 def _best(problem: Problem, orders: list[Order], least: Array, dropped: int) -> Relabelling:
@@ -109,7 +111,7 @@ def _best(problem: Problem, orders: list[Order], least: Array, dropped: int) -> 
 
 def _dropped(problem: Problem) -> list[int]:
     """How many markers may be left out so that enough is left to judge by."""
-    return [d for d in (0, 1) if _dof(problem, d) >= 3]
+    return [d for d in (0, 1) if d == 0 or _dof(problem, d) >= 3]
 
 
 def _dof(problem: Problem, dropped: int) -> int:
@@ -183,8 +185,17 @@ def _candidates(problem: Problem, worth: float) -> set[Order]:
     if n <= ALL_ORDERS:
         return set(permutations(range(n)))
     if n * (n - 1) * (n - 2) > MAX_SEEDS:
-        return set(_usual(n))
-    return set().union(*(_matched(problem, base, SLACK * worth) for base in _bases(problem, 2)))
+        return {*_usual(n), *_exchanges(n)}
+    matched = (_matched(problem, base, SLACK * worth) for base in _bases(problem, 2))
+    return set().union(_exchanges(n), *matched)
+
+
+def _exchanges(n: int) -> Iterator[Order]:
+    """Every two labels exchanged."""
+    for i, j in combinations(range(n), 2):
+        order = list(range(n))
+        order[i], order[j] = j, i
+        yield tuple(order)
 
 
 def _bases(problem: Problem, count: int) -> list[list[int]]:

@@ -192,3 +192,42 @@ def _procrustes(s: Array, y: Array, w: Array, scale: float | None) -> Array:
         r = r * scale
     t = y_mean - np.einsum("...ab,...b->...a", r, s_mean)
     return np.concatenate([r[..., :k], t[..., None]], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """The linear part A (3, k) of T, taken apart."""
+
+    # (k,) metres in a source unit along the principal directions, largest first
+    singular_values: Array
+    axis_scales: Array  # (k,) length of each column: metres in a unit along u, v (or x, y, z)
+    anisotropy: float  # s_1 / s_k - 1; 0 for square pixels
+    shear: float  # largest |cosine| of the angle between two columns, signed; 0 for a right angle
+    # (3,) unit u x v of a planar source in the target frame: with u to the right and v down it
+    # points away from who looks at the image. `None` for a 3-D source.
+    normal: Array | None
+    # (2,) axis_scales over the known pixel spacing, minus 1; `None` when none is known
+    spacing_departure: Array | None
+
+    @property
+    def scale(self) -> float:
+        """Geometric mean of the singular values."""
+        return float(np.exp(np.log(self.singular_values).mean()))
+
+
+def geometry(transform: Array, pixel_spacing: Array | None) -> Geometry:
+    """Take apart a T (3, 3) of a planar source or (4, 4) of a 3-D one."""
+    planar = transform.shape[0] == 3
+    a = transform[:3, : 2 if planar else 3]
+    values = np.linalg.svd(a, compute_uv=False)
+    lengths = np.linalg.norm(a, axis=0)
+    cosines = (a.T @ a / np.outer(lengths, lengths))[np.triu_indices(a.shape[1], 1)]
+    normal = np.cross(a[:, 0], a[:, 1]) if planar else None
+    return Geometry(
+        values,
+        lengths,
+        float(values[0] / values[-1] - 1),
+        float(cosines[np.abs(cosines).argmax()]),
+        None if normal is None else normal / np.linalg.norm(normal),
+        None if pixel_spacing is None else lengths / pixel_spacing - 1,
+    )

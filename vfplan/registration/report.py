@@ -1,14 +1,88 @@
-"""A registration as data for `--json`: every number with its unit in its name."""
+"""The error along a curve, and a registration as data for `--json`: units in the names."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vfplan.registration.diagnosis import Diagnosis, TargetError, diagnose, target_error
+from vfplan.errors import CheckFailed
+from vfplan.registration.diagnosis import Diagnosis, diagnose
+from vfplan.registration.models import Array
 from vfplan.registration.result import Registration
+
+
+@dataclass(frozen=True, eq=False)
+class TargetError:
+    """The predicted target registration error along a curve."""
+
+    rms_m: Array  # (M,) predicted RMS TRE at each point [m]
+    bound95_m: Array  # (M,) bound at each point, probability 0.95 for that point [m]
+    curve95_m: Array  # (M,) bound for all points at once, probability 0.95 [m]
+    worst: int  # index of the point with the largest bound
+    outside_hull: np.ndarray  # (M,) bool: outside the markers' convex hull
+    extrapolated: np.ndarray  # (M,) bool: predicted worse than at every marker
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """A sentence where part of the curve lies beyond the markers."""
+        beyond = int((self.outside_hull | self.extrapolated).sum())
+        if not beyond:
+            return ()
+        share = beyond / len(self.rms_m)
+        return (
+            f"{beyond} of {len(self.rms_m)} curve points ({share:.0%}) lie beyond the markers: "
+            "the registration is extrapolated there",
+        )
+
+
+def target_error(registration: Registration, points: ArrayLike) -> TargetError:
+    """The predicted error along a curve given in the source frame, (M, 2|3)."""
+    rms = registration.tre_m(points)
+    bound = registration.tre95_m(points)
+    problem = registration.fit.problem
+    s = registration.normalised(points)
+    at_markers = registration.tre_m(registration.source[registration.used])
+    return TargetError(
+        rms,
+        bound,
+        registration.tre95_curve_m(points),
+        int(bound.argmax()),
+        outside_hull(problem.s[registration.used], s),
+        rms > at_markers.max() * (1 + 1e-9),
+    )
+
+
+def check_max_tre(error: TargetError, limit_m: float) -> None:
+    """The gate: the 95 % bound for the whole curve must stay below the limit everywhere.
+
+    Raises CheckFailed: with the largest bound, where it is, and the limit
+    """
+    worst = int(error.curve95_m.argmax())
+    value = float(error.curve95_m[worst])
+    if not value <= limit_m:
+        raise CheckFailed(
+            f"the registration error may reach {value * 1e3:.3f} mm (95 % bound over the curve), "
+            f"more than the {limit_m * 1e3:g} mm allowed",
+            where=f"curve point {worst}",
+        )
+
+
+def outside_hull(markers: Array, points: Array) -> np.ndarray:
+    """(M,) bool: points (M, k) outside the convex hull of markers (N, k); flat hulls in 3-D too."""
+    from scipy.spatial import ConvexHull
+
+    centre = markers.mean(axis=0)
+    _, extent, axes = np.linalg.svd(markers - centre, full_matrices=False)
+    basis = axes[extent > extent[0] * 1e-9]
+    flat, inside = (markers - centre) @ basis.T, (points - centre) @ basis.T
+    planes = ConvexHull(flat).equations
+    tolerance = 1e-9 * extent[0]
+    beyond = (inside @ planes[:, :-1].T + planes[:, -1] > tolerance).any(axis=1)
+    off = np.linalg.norm((points - centre) - inside @ basis, axis=1) > 1e-6 * extent[0]
+    return beyond | off
 
 
 def describe(

@@ -11,11 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Frame, RegistrationRecord
-from vfplan.registration import bounds, residuals
-from vfplan.registration.geometry import Geometry, geometry
-from vfplan.registration.models import Array, ModelName, homogeneous, marker_rows
-from vfplan.registration.perspective import Perspective, perspective
-from vfplan.registration.residuals import Fit
+from vfplan.registration import bounds
+from vfplan.registration.bounds import Perspective, perspective
+from vfplan.registration.fit import Fit, f_limit, leave_one_out, studentised_f
+from vfplan.registration.models import (
+    Array,
+    Geometry,
+    ModelName,
+    geometry,
+    homogeneous,
+    marker_rows,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +130,7 @@ class Registration:
     @cached_property
     def loo_m(self) -> Array:
         """(N,) error at each marker of the fit without it [m]; NaN where that is undetermined."""
-        return residuals.leave_one_out(self.fit)
+        return leave_one_out(self.fit)
 
     @property
     def loo_rms_m(self) -> float | None:
@@ -148,7 +154,7 @@ class Registration:
         Against the homography where there is `perspective`.
         """
         seen = self.perspective
-        return residuals.studentised_f(self.fit) if seen is None else seen.studentised_f
+        return studentised_f(self.fit) if seen is None else seen.studentised_f
 
     @property
     def studentised_dof(self) -> NDArray[np.intp]:
@@ -162,7 +168,7 @@ class Registration:
         n = int(self.used.sum())
         flagged = ~self.used
         for i, (f, dof) in enumerate(zip(self.studentised_f, self.studentised_dof, strict=True)):
-            if dof > 0 and f > residuals.f_limit(n, int(dof)):
+            if dof > 0 and f > f_limit(n, int(dof)):
                 flagged[i] = True
         return tuple(label for label, bad in zip(self.labels, flagged, strict=True) if bad)
 
