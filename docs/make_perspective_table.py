@@ -70,7 +70,7 @@ def row(name: str, cases: Iterator[tuple[NDArray, ...]]) -> str:
         error = np.linalg.norm(r.apply(curve) - true, axis=1)
         point, whole = r.tre95_m(curve), r.tre95_curve_m(curve)
         passes = whole.max() <= GATE
-        count["said"] += r.perspective is not None and r.perspective.sure
+        count["said"] += r.perspective is not None and r.perspective.said
         count["point"] += (error <= point).mean()
         count["whole"] += bool((error <= whole).all())
         count["passes"] += bool(passes)

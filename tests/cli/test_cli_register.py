@@ -111,7 +111,7 @@ def test_exchanged_labels_are_refused_and_diagnosed_when_left_out(vfplan_cli, cu
     run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "a.h5", "--json", "--robust")
     assert run.code == 0
     assert run.json["swapped_labels"] == ["x2", "x7"]
-    assert "labels of x2 and x7 seem exchanged" in run.stderr
+    assert "labels of x2 and x7 are exchanged" in run.stderr
 
 
 def test_mirrored_markers(vfplan_cli, curve, tmp_path):

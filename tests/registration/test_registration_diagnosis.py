@@ -264,3 +264,19 @@ def test_robust_refuses_a_search_without_end():
     target = np.column_stack([many, np.zeros(140)]) + rng.normal(0, 1e-3, (140, 3))
     target[7] += 0.1
     assert 7 in fit_registration(many, target, robust=True).outliers
+
+
+@pytest.mark.parametrize("model", ["similarity", "rigid"])
+def test_three_markers_cannot_show_their_labels(model):
+    source = np.array([[100.0, 100], [700, 100], [400, 619.6]])
+    d = diagnose(fit(source, planar(source), model))
+    assert d.labellings > 1
+    assert any("cannot show how they are labelled" in line for line in d.warnings)
+
+
+@pytest.mark.parametrize("model", ["similarity", "rigid"])
+def test_a_slice_stretched_along_one_axis_is_said(model):
+    target = planar(grid())
+    assert not any("stretched" in line for line in diagnose(fit(grid(), target, model)).warnings)
+    d = diagnose(fit(grid() * [1, 0.9], target, model))
+    assert any("stretched" in line for line in d.warnings)

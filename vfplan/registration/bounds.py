@@ -41,10 +41,12 @@ MAX_POINTS = 100  # the error varies smoothly along a curve: more points change 
 PARAMETERS = 11
 FEWEST_MARKERS = 6
 # The bound is widened where good markers come once in ten sets: too wide does no harm, too narrow
-# does. It is said, and counts in the predicted TRE, where they come once in 20,000: far beyond
-# a strip of markers a homography of chance is so wide that one in ten thousand biases the TRE.
-WIDENED = 0.1
-SAID = 5e-5
+# does. Few markers show perspective badly: theirs, where good ones come three times in ten. It is
+# warned of where they come once in 100, and counts in the predicted TRE where once in 20,000: far
+# beyond a strip of markers a homography of chance is so wide that one in ten thousand biases it.
+WIDENED, WIDENED_OF_FEW, FEW_MARKERS = 0.1, 0.3, 8
+SAID = 0.01
+COUNTED = 5e-5
 
 
 def tre_covariance(covariance: Array, x: Array) -> Array:
@@ -133,7 +135,12 @@ class Perspective:
 
     @property
     def sure(self) -> bool:
-        """Whether it is said, and not only allowed for in the bound."""
+        """Whether it counts in the predicted TRE, and not only in the bound."""
+        return self.p_value < COUNTED
+
+    @property
+    def said(self) -> bool:
+        """Whether it is warned of."""
         return self.p_value < SAID
 
     def apply(self, s: Array) -> Array:
@@ -160,7 +167,8 @@ def perspective(fit: Fit) -> Perspective | None:
     if not isinstance(problem.model, Affine):
         fit = solve(replace(problem, model=Affine(2)), used)
     dof, sse = 3 * n - PARAMETERS, fit.variance * fit.dof
-    limit = float(fdtri(2.0, float(dof), 1 - WIDENED))
+    chance = WIDENED_OF_FEW if n <= FEW_MARKERS else WIDENED
+    limit = float(fdtri(2.0, float(dof), 1 - chance))
     if not sse > n * problem.floor_m**2:
         return None
     after_a_step = max(_step(problem, fit.m, np.zeros(2), used)[1], problem.floor_m**2)

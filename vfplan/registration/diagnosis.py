@@ -184,11 +184,11 @@ def suspect_warnings(registration: Registration, suspects: dict[Label, str]) -> 
 def perspective_warning(registration: Registration) -> tuple[str, ...]:
     """A camera that does not look straight on."""
     seen = registration.perspective
-    if seen is None or not seen.sure:
+    if seen is None or not seen.said:
         return ()
-    left = np.sqrt(3 * seen.variance)
+    left, show = np.sqrt(3 * seen.variance), "show" if seen.sure else "may show"
     return (
-        "the markers show perspective, as a camera that does not look straight on gives: a "
+        f"the markers {show} perspective, as a camera that does not look straight on gives: a "
         f"homography leaves {left * 1e3:.3g} mm a marker, the {registration.model} model "
         f"{np.sqrt(3) * registration.sigma_m * 1e3:.3g} mm; the bounds are widened by what the "
         "model misses; rectify the picture",

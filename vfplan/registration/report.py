@@ -118,7 +118,7 @@ def describe(
         report["swapped_labels"] = list(diagnosis.swapped)
     seen = registration.perspective
     if seen is not None:
-        report["perspective"] = {"p_value": seen.p_value, "said": seen.sure}
+        report["perspective"] = {"p_value": seen.p_value, "said": seen.said}
     if diagnosis.relabelled:
         other, labels = diagnosis.relabelled, registration.labels
         report["better_labelling" if other.seems else "rival_labelling"] = {
