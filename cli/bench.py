@@ -10,7 +10,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 from vfplan.cli.options import OVERWRITE, option, taking
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import Report, command, progress
 from vfplan.cli.values import FILE, MM
 
@@ -57,8 +57,8 @@ def command(
         stages = tuple(s for s in stages if s in held)
         if not stages:
             raise InputError(f"holds no results of stage {stage}", where=str(source))
-    files = _files(output, stages)
-    _refuse(output, files, overwrite)
+    names = ["bench.json", "bench.csv", *(f"bench_{stage}.png" for stage in stages)]
+    refuse_folder(output, *names, overwrite=overwrite)
     if document is None:
         with _bars() as tell:
             document = bench(
@@ -70,7 +70,7 @@ def command(
                 progress=tell,
             )
     if output is not None:
-        _write(document, stages, files)
+        _write(document, stages, [output / name for name in names])
     text = "\n".join(_text(document, stages))
     absent = [p["message"] for p in document["peers"] if not p["ran"]]
     return Report(document, text + (f"\nwrote {output}/" if output else ""), warnings=absent)
@@ -94,23 +94,6 @@ def _refuse_idle(stages: tuple[str, ...], source: Path | None) -> None:
 def _flags(names: list[str]) -> str:
     flags = {"peers": "--peer", "tolerance_m": "--tolerance"}
     return ", ".join(flags.get(name, f"--{name}") for name in names)
-
-
-def _files(output: Path | None, stages: tuple[str, ...]) -> list[Path]:
-    if output is None:
-        return []
-    names = ["bench.json", "bench.csv", *(f"bench_{stage}.png" for stage in stages)]
-    return [output / name for name in names]
-
-
-def _refuse(output: Path | None, files: list[Path], overwrite: bool) -> None:
-    """As for every output; the folder itself may be new, its parent may not."""
-    if output is None:
-        return
-    if output.is_dir():
-        refuse_existing(*files, overwrite=overwrite)
-    else:
-        refuse_existing(output, overwrite=False)
 
 
 def _write(document: dict[str, Any], stages: tuple[str, ...], files: list[Path]) -> None:

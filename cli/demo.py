@@ -13,11 +13,12 @@ from typing import Any
 import click
 from vfplan.cli.options import OVERWRITE, option, taking
 from vfplan.cli.outputs import outputs, refuse_existing
-from vfplan.cli.run import Report, command, jsonable
-from vfplan.cli.values import FILE
+from vfplan.cli.run import Report, command
+from vfplan.cli.values import FILE, mm
 
 from vfplan.errors import OutputError
 from vfplan.io.disk import write_whole
+from vfplan.io.numbers import jsonable
 
 # Left behind in the folder by the pipeline, in the order of the story.
 FILES = ("mask.png", "overlay.png", "fixture.h5", "result.h5", "force.png", "scene.png")
@@ -147,9 +148,6 @@ def story(planned: dict[str, Any], metrics: dict[str, Any]) -> str:
     register = planned["register"]
     worst = max(r["residual_m"] for r in register["residuals"])
     clearance_um = round(1e6 * metrics["clearance_min_m"], 1) + 0.0
-
-    def mm(metres: float) -> str:
-        return f"{metres * 1e3:.3f} mm"
 
     lines = [
         f"A red curve stands on an elbow slice of {image['width_px']} x {image['height_px']} px.",

@@ -37,6 +37,20 @@ def refuse_existing(*paths: Path | None, overwrite: bool) -> None:
             raise OutputError(error.strerror or str(error), where=str(path)) from None
 
 
+def refuse_folder(folder: Path | None, *names: str, overwrite: bool) -> None:
+    """As `refuse_existing`, of files in a folder that is made; without names it must be empty."""
+    if folder is None:
+        return
+    if folder.is_dir():
+        refuse_existing(*(folder / name for name in names), overwrite=overwrite)
+        if not names and any(folder.iterdir()) and not overwrite:
+            raise OutputError("is not empty; give --overwrite to replace it", where=str(folder))
+    elif folder.exists():
+        raise OutputError("is a file; a folder is wanted", where=str(folder))
+    else:
+        refuse_existing(folder, overwrite=False)
+
+
 def _refuse_place(path: Path, overwrite: bool) -> None:
     if path.exists() and not overwrite:
         raise OutputError("exists already; give --overwrite to replace it", where=str(path))

@@ -17,7 +17,7 @@ from vfplan.cli.options import (
 )
 from vfplan.cli.outputs import outputs, refuse_existing
 from vfplan.cli.run import Report, command
-from vfplan.cli.values import FILE, Real
+from vfplan.cli.values import FILE, Real, mm
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
@@ -98,8 +98,8 @@ def registered_text(report: dict[str, Any]) -> str:
     """The registration on a screen."""
     lines = [
         f"{report['model']} registration from {report['markers']} markers: "
-        f"FRE {_mm(report['fre_rms_m'])} rms, leave-one-out {_mm(report['loo_rms_m'])} rms",
-        f"  localisation error (FLE) about {_mm(report['fle_rms_m'])} a marker",
+        f"FRE {mm(report['fre_rms_m'])} rms, leave-one-out {mm(report['loo_rms_m'])} rms",
+        f"  localisation error (FLE) about {mm(report['fle_rms_m'])} a marker",
         *_marker_lines(report),
         *_marks_line(report),
         *_error_lines(report["tre"]),
@@ -112,10 +112,6 @@ def registered_text(report: dict[str, Any]) -> str:
     if "guide" in report:
         lines.append(_guide_line(report["guide"]))
     return "\n".join(lines)
-
-
-def _mm(metres: float | None) -> str:
-    return "unknown" if metres is None else f"{metres * 1e3:.3f} mm"
 
 
 def _marker_lines(report: dict[str, Any]) -> list[str]:
@@ -161,9 +157,9 @@ def _error_lines(tre: dict[str, Any]) -> list[str]:
     if len(tre["worst_source"]) == 3:
         place = ", ".join(f"{1e3 * x:.1f}" for x in tre["worst_source"]) + " mm"
     return [
-        f"  predicted TRE over the curve {_mm(tre['rms_m'])} rms, at most {_mm(tre['max_rms_m'])}",
-        f"  95 % bound: {_mm(tre['bound95_max_m'])} at its worst point ({place}), "
-        f"{_mm(tre['curve95_max_m'])} for the whole curve at once",
+        f"  predicted TRE over the curve {mm(tre['rms_m'])} rms, at most {mm(tre['max_rms_m'])}",
+        f"  95 % bound: {mm(tre['bound95_max_m'])} at its worst point ({place}), "
+        f"{mm(tre['curve95_max_m'])} for the whole curve at once",
     ]
 
 
@@ -173,8 +169,8 @@ def _touched_lines(report: dict[str, Any]) -> list[str]:
     touched = report["touched"]
     used = touched["points"] - len(touched["left_out"])
     return [
-        f"  refined by {used} touched points: {_mm(touched['before_rms_m'])} rms off the surface "
-        f"before, {_mm(touched['rms_m'])} after; the surface moved by {_mm(touched['moved_max_m'])}"
+        f"  refined by {used} touched points: {mm(touched['before_rms_m'])} rms off the surface "
+        f"before, {mm(touched['rms_m'])} after; the surface moved by {mm(touched['moved_max_m'])}"
         " at most",
     ]
 
@@ -197,18 +193,18 @@ def _guide_line(guide: dict[str, Any]) -> str:
     which = f"stroke {guide['stroke']}" if "stroke" in guide else "the curve"
     line = (
         f"guide: a tube of {1e3 * guide['radius_m']:g} mm around {which}, "
-        f"{_mm(sum(guide['lengths_m']))} long; ends {guide['ends']}"
+        f"{mm(sum(guide['lengths_m']))} long; ends {guide['ends']}"
     )
     if guide["lead_force_n"]:
         line += f"; led by {guide['lead_force_n']:g} N"
     if "clearance_min_m" in guide:
-        line += f"; at least {_mm(guide['clearance_min_m'])} before the forbidden region"
+        line += f"; at least {mm(guide['clearance_min_m'])} before the forbidden region"
     return line
 
 
 def _held_line(report: dict[str, Any]) -> str:
     """What is rendered, and what it costs."""
-    points = f"{report['points']} points, {_mm(report['spacing_m'])} apart"
+    points = f"{report['points']} points, {mm(report['spacing_m'])} apart"
     if "pieces" in report:
         pieces = report["pieces"]
         return (
@@ -225,8 +221,8 @@ def _held_line(report: dict[str, Any]) -> str:
 
 def _margin_line(margin: dict[str, Any]) -> str:
     if margin["side"] == "both":
-        return f"margin: {_mm(margin['largest_m'])} added to the point radius"
+        return f"margin: {mm(margin['largest_m'])} added to the point radius"
     return (
-        f"margin: the curve moved {_mm(margin['smallest_m'])} to {_mm(margin['largest_m'])} "
+        f"margin: the curve moved {mm(margin['smallest_m'])} to {mm(margin['largest_m'])} "
         f"to the {margin['side']}, {margin['samples_dropped']} samples dropped in tight bends"
     )

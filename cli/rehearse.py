@@ -7,8 +7,8 @@ from typing import Any
 
 from vfplan.cli import options
 from vfplan.cli.options import option, taking
-from vfplan.cli.outputs import outputs, refuse_existing
-from vfplan.cli.replay import guess, refuse_folder
+from vfplan.cli.outputs import outputs, refuse_existing, refuse_folder
+from vfplan.cli.replay import guess
 from vfplan.cli.run import Report, command, command_line, progress
 from vfplan.cli.values import FILE, PNG, Number, Numbers
 
@@ -56,7 +56,7 @@ def command(
 
     refuse_existing(output, picture_out, overwrite=overwrite)
     if report is not None:
-        refuse_folder(report, overwrite)
+        refuse_folder(report, overwrite=overwrite)
     (planned, digest), arm = _fixture(fixture, given["trust"]), made_arm(given["arm"], given)
     wanted, warnings = _session(session, given["units"], planned.frame, arm.robot.rate_hz)
     hand = Hand(stiffness=given["hand_n_per_m"])

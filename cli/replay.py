@@ -10,7 +10,7 @@ from typing import Any
 import click
 from vfplan.cli import options, values
 from vfplan.cli.options import FIXTURE, SESSION, option
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs, refuse_existing, refuse_folder
 from vfplan.cli.replay_text import check_line, replay_text
 from vfplan.cli.run import Report, command, command_line, progress
 from vfplan.cli.values import FILE, Number, Numbers, Parsed, Real, Whole
@@ -109,7 +109,7 @@ def command(
     """
     refuse_existing(output, csv_out, overwrite=overwrite)
     if report is not None:
-        refuse_folder(report, overwrite)
+        refuse_folder(report, overwrite=overwrite)
     elif given["image"] is not None:
         raise click.UsageError("--image is for the pictures of --report DIR")
     index = None if report is None else report / "index.html"
@@ -125,16 +125,6 @@ def command(
     return Report(replayed.metrics, text, failed="; ".join(map(check_line, broken)))
 
 
-def refuse_folder(folder: Path, overwrite: bool) -> None:
-    """Refuse a folder for a report that holds something already."""
-    from vfplan.errors import OutputError
-
-    if folder.is_dir() and any(folder.iterdir()) and not overwrite:
-        raise OutputError("is not empty; give --overwrite to replace it", where=str(folder))
-    if not folder.is_dir():
-        refuse_existing(folder, overwrite=False)
-
-
 def _replayed(
     fixture: Path,
     session: Path,
@@ -144,7 +134,7 @@ def _replayed(
 ) -> Any:
     from vfplan.replaying import Link, replay
     from vfplan.robot import read_robot
-    from vfplan.session.taken import as_taken
+    from vfplan.session.events import as_taken
 
     source = _source(session, given)
     poses, events = given["poses"], given["events"]

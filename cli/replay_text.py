@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from vfplan.cli.values import mm
+
 from vfplan.replaying.checks import LIMITS
 from vfplan.replaying.episodes import episode_count
 
@@ -41,9 +43,9 @@ def _head(found: dict[str, Any]) -> str:
 
 def _numbers(found: dict[str, Any]) -> list[str]:
     lines = [
-        f"penetration  max {_mm(found['penetration_max_m'])}, "
-        f"rms {_mm(found['penetration_rms_m'])}"
-        + (f"; overlap max {_mm(found['overlap_max_m'])}" if "overlap_max_m" in found else ""),
+        f"penetration  max {mm(found['penetration_max_m'])}, "
+        f"rms {mm(found['penetration_rms_m'])}"
+        + (f"; overlap max {mm(found['overlap_max_m'])}" if "overlap_max_m" in found else ""),
         f"force        max {found['force_max_n']:.3f} N, rms {found['force_rms_n']:.3f} N, "
         f"step max {found['force_step_max_n']:.3f} N",
         *_clearance(found),
@@ -53,7 +55,7 @@ def _numbers(found: dict[str, Any]) -> list[str]:
     if "friction" in found:
         friction = round(found["friction"], 5) + 0.0
         lines.append(
-            f"sliding      {_mm(found['slide_m'])}, apparent friction {friction:.5f}, "
+            f"sliding      {mm(found['slide_m'])}, apparent friction {friction:.5f}, "
             f"lag rms {1e6 * found['lag_rms_m']:.2f} µm"
         )
     if "guide" in found:
@@ -105,8 +107,8 @@ def _guide(found: dict[str, Any]) -> str:
         return "guide        never had hold of the tip"
     first, last = found["arc_m"]
     line = (
-        f"guide        tube of {_mm(guide['radius_m'])}: lateral max {_mm(found['lateral_max_m'])} "
-        f"(tick {guide['lateral_max_tick']}), rms {_mm(guide['lateral_rms_m'])}; "
+        f"guide        tube of {mm(guide['radius_m'])}: lateral max {mm(found['lateral_max_m'])} "
+        f"(tick {guide['lateral_max_tick']}), rms {mm(guide['lateral_rms_m'])}; "
         f"arc {1e3 * first:.2f} to {1e3 * last:.2f} mm; outside for {guide['outside_s']:.3f} s, "
         f"force max {guide['force_max_n']:.3f} N, work {1e3 * guide['work_j']:.4f} mJ"
     )
@@ -115,16 +117,12 @@ def _guide(found: dict[str, Any]) -> str:
     return line
 
 
-def _mm(metres: float) -> str:
-    return f"{1e3 * metres:.3f} mm"
-
-
 def _apart(who: str, apart: dict[str, Any]) -> str:
     if not apart["span_count"]:
         return f"{who} never part by more than {1e6 * apart['threshold_m']:.0f} µm"
     return (
         f"{who} part {apart['span_count']} times, first at tick {apart['first_tick']} "
-        f"({apart['first_s']:.3f} s); at most {_mm(apart['proxy_max_m'])} and "
+        f"({apart['first_s']:.3f} s); at most {mm(apart['proxy_max_m'])} and "
         f"{apart['force_max_n']:.3f} N apart"
     )
 
@@ -173,7 +171,7 @@ def _episode(episode: dict[str, Any]) -> str:
         place = f", {1e3 * along['s_m']:.1f} mm along stroke {along['stroke']}"
     return (
         f"  episode {episode['index']}: {episode['start_s']:.3f}-{episode['end_s']:.3f} s, "
-        f"up to {_mm(episode['penetration_max_m'])} deep{place}, "
+        f"up to {mm(episode['penetration_max_m'])} deep{place}, "
         f"up to {episode['force_max_n']:.3f} N"
     )
 

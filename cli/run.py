@@ -11,7 +11,6 @@ import errno
 import functools
 import json
 import logging
-import math
 import os
 import shlex
 import sys
@@ -31,6 +30,7 @@ from vfplan.cli.stopping import Stopped, stoppable
 
 from vfplan.errors import VfplanError
 from vfplan.io.clock import now_utc
+from vfplan.io.numbers import jsonable
 
 # Unicode's kinds of signs that are not to be seen: controls, directions, halves, unknown ones.
 STEERING = ("Cc", "Cf", "Cs", "Co", "Cn")
@@ -58,19 +58,6 @@ class Report:
 def command_line() -> str:
     """The running command as it was typed."""
     return shlex.join(["vfplan", *sys.argv[1:]])
-
-
-def jsonable(value: Any) -> Any:
-    """The value as JSON holds it: arrays as nested lists, NaN and infinities as `null`."""
-    if isinstance(value, dict):
-        return {str(k): jsonable(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [jsonable(v) for v in value]
-    if hasattr(value, "tolist"):  # NumPy arrays and scalars, without importing NumPy here
-        return jsonable(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.Command]:

@@ -10,11 +10,12 @@ from typing import Any
 import click
 from vfplan.cli import options, values
 from vfplan.cli.options import OVERWRITE, option, taking
-from vfplan.cli.outputs import outputs, refuse_existing
-from vfplan.cli.run import Report, command, jsonable, progress
+from vfplan.cli.outputs import outputs, refuse_folder
+from vfplan.cli.run import Report, command, progress
 
-from vfplan.errors import OutputError, at
+from vfplan.errors import at
 from vfplan.io.disk import write_whole
+from vfplan.io.numbers import jsonable
 
 PARTS = ("closed-loop", "map", "passivity", "extremes")
 REPORT, TABLE, MAP, PASSIVITY = FILES = (
@@ -72,7 +73,7 @@ def command(
     from vfplan.bundle import read_fixture
     from vfplan.study.stability import prepare
 
-    _check_folder(output, overwrite)
+    refuse_folder(output, *FILES, overwrite=overwrite)
     arm = chosen_robot(robot, given)
     judged = None if fixture is None else read_fixture(fixture)
     with at(fixture):
@@ -101,18 +102,6 @@ def chosen_robot(choice: str | None, given: dict[str, Any]) -> Any:
 
     robot = read_robot(choice) or DEFAULT_ROBOT
     return replace(robot, **{name: value for name, value in given.items() if value is not None})
-
-
-def _check_folder(folder: Path | None, overwrite: bool) -> None:
-    """Refuse a folder that cannot take the files, before any work is done."""
-    if folder is None:
-        return
-    if folder.exists() and not folder.is_dir():
-        raise OutputError("is a file; a folder is wanted", where=str(folder))
-    if folder.is_dir():
-        refuse_existing(*(folder / name for name in FILES), overwrite=overwrite)
-    elif not folder.parent.is_dir():
-        raise OutputError("its folder does not exist", where=str(folder))
 
 
 def _write(folder: Path, found: Any) -> None:

@@ -40,8 +40,7 @@ def draw_guidance() -> None:
     import numpy as np
 
     import vfplan
-    from vfplan.figures.guide import guide_plot
-    from vfplan.figures.replay import scene
+    from vfplan.figures.replay import guide_plot, scene
     from vfplan.figures.style import save_png
     from vfplan.planning import ExtractSettings, FixtureSettings, plan
     from vfplan.replaying import replay

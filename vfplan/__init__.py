@@ -29,44 +29,25 @@ def _folder() -> str:
 
 __path__ = [_folder()]
 
-# public name -> module that defines it
-_LAZY: dict[str, str] = {
-    "ProxyParameters": "vfplan.engine.parameters",
-    "Status": "vfplan.engine.parameters",
-    "Step": "vfplan.engine.parameters",
-    "Trace": "vfplan.engine.parameters",
-    "Governor": "vfplan.engine.governor",
-    "GovernorStatus": "vfplan.engine.governor",
-    "read_fixture": "vfplan.bundle",
-    "write_fixture": "vfplan.bundle",
-    "Extraction": "vfplan.curve",
-    "PlannedImage": "vfplan.images.read",
-    "MovingFrame": "vfplan.engine.moving",
-    "Guide": "vfplan.engine.guide",
-    "GuideStep": "vfplan.engine.guide",
-    "GuideTrace": "vfplan.engine.guide",
-    "ProxyEngine": "vfplan.engine.proxy",
-    "extract_curve": "vfplan.curve",
-    "read_image": "vfplan.images.read",
-    "sample_curve": "vfplan.planning.sampling",
-    "Correspondences": "vfplan.markers",
-    "Registration": "vfplan.registration",
-    "fit_registration": "vfplan.registration",
-    "read_markers": "vfplan.markers",
-    "ExtractSettings": "vfplan.planning",
-    "FixtureSettings": "vfplan.planning",
-    "extract": "vfplan.planning",
-    "plan": "vfplan.planning",
-    "register": "vfplan.planning",
-    "Replay": "vfplan.replaying",
-    "replay": "vfplan.replaying",
-    "Session": "vfplan.session",
-    "read_result": "vfplan.session",
-    "read_session": "vfplan.session",
-    "write_result": "vfplan.session",
-    "Robot": "vfplan.robot",
-    "read_robot": "vfplan.robot",
+# module -> the public names that it defines
+_DEFINED = {
+    "bundle": "read_fixture write_fixture",
+    "curve": "Extraction extract_curve",
+    "engine.governor": "Governor GovernorStatus",
+    "engine.guide": "Guide GuideStep GuideTrace",
+    "engine.moving": "MovingFrame",
+    "engine.parameters": "ProxyParameters Status Step Trace",
+    "engine.proxy": "ProxyEngine",
+    "images.read": "PlannedImage read_image",
+    "markers": "Correspondences read_markers",
+    "planning": "ExtractSettings FixtureSettings extract plan register",
+    "planning.sampling": "sample_curve",
+    "registration": "Registration fit_registration",
+    "replaying": "Replay replay",
+    "robot": "Robot read_robot",
+    "session": "Session read_result read_session write_result",
 }
+_LAZY = {name: f"vfplan.{home}" for home, names in _DEFINED.items() for name in names.split()}
 # public name -> the module that it is
 _MODULES: dict[str, str] = {
     "markers": "vfplan.markers",

@@ -144,3 +144,12 @@ class MissingExtra(VfplanError):  # noqa: N818 - names the missing thing
     """An optional dependency that this call needs is not installed."""
 
     exit_code = 2
+
+
+@contextmanager
+def needing(what: str, extra: str, where: str | None = None) -> Iterator[None]:
+    """An import inside that fails is a `MissingExtra`: `what` needs a package of the extra."""
+    try:
+        yield
+    except ImportError:
+        raise MissingExtra(f"{what}: pip install 'vfplan[{extra}]'", where=where) from None

@@ -14,18 +14,9 @@ from numpy.typing import NDArray
 from vfplan.records import FRAMES, Frame, Provenance, RegistrationRecord, StabilityVerdict
 
 __all__ = [
-    "FRAMES",
-    "Curve",
-    "Fixture",
-    "Frame",
-    "Guidance",
-    "Pieces",
-    "Provenance",
-    "RegistrationRecord",
-    "Rendering",
-    "SourceImage",
-    "StabilityVerdict",
-]
+    "FRAMES", "Curve", "Fixture", "Frame", "Guidance", "Pieces", "Provenance", "RegistrationRecord",
+    "Rendering", "SourceImage", "StabilityVerdict",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

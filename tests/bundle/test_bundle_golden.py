@@ -8,11 +8,11 @@ import h5py
 import numpy as np
 import pytest
 from conftest import ROOT, need_program
-from vfplan.cli.run import jsonable
 
 import vfplan
 from vfplan.bundle import describe, migrate, require_signature, validate
 from vfplan.errors import InputError, SignatureError, VersionError
+from vfplan.io.numbers import jsonable
 
 ARCHIVE = ROOT / "tests" / "data" / "bundles"
 CURRENT = sorted(ARCHIVE.glob("1.*.h5"))

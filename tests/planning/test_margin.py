@@ -26,11 +26,6 @@ def moved(curve, side, registration=None):
 COUNTER = drawn(np.c_[400 + 150 * np.cos(T), 380 - 150 * np.sin(T)], closed=True)
 
 
-def test_no_margin_changes_nothing():
-    settings = FixtureSettings()
-    assert add_margin(LINE, registered(), settings) == (LINE, settings, None)
-
-
 def test_both_sides_is_a_larger_point_radius():
     registration = registered()
     settings = FixtureSettings(margin="tre95", point_radius=1e-3)

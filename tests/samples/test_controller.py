@@ -17,7 +17,7 @@ from conftest import ROOT, need_program
 import vfplan
 from vfplan.curve.arcs import fit_arcs
 from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering
-from vfplan.live.wire import decode
+from vfplan.live.sources import decode
 from vfplan.study.scenes import Omega, Sheet
 
 FORMS = ("impedance", "admittance", "velocity")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
-from vfplan.errors import InputError, MissingExtra
+from vfplan.errors import InputError, needing
 from vfplan.io.reading import read_whole
 
 _LOG = logging.getLogger("vfplan")
@@ -31,10 +31,8 @@ FORBIDDEN = {"file", "meshdir", "texturedir", "assetdir", "plugin", "mesh", "hfi
 
 def mujoco() -> Any:
     """The module; `MissingExtra` without it."""
-    try:
+    with needing("a simulated arm needs MuJoCo", "arm"):
         import mujoco
-    except ImportError:
-        raise MissingExtra("a simulated arm needs MuJoCo: pip install 'vfplan[arm]'") from None
     if mujoco.get_mju_user_warning() is None:
         # By itself it would write them into a file of the current folder.
         mujoco.set_mju_user_warning(_LOG.warning)

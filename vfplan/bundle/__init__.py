@@ -17,23 +17,7 @@ from vfplan.bundle.validation import Issue, mesh_doubts, size_doubt, validate
 from vfplan.bundle.write import write_fixture
 
 __all__ = [
-    "Issue",
-    "Trust",
-    "describe",
-    "diff",
-    "export",
-    "import_cloud",
-    "keygen",
-    "left_out",
-    "mesh_band",
-    "mesh_doubts",
-    "migrate",
-    "read_bundle",
-    "read_fixture",
-    "read_keys",
-    "require_signature",
-    "sign",
-    "size_doubt",
-    "validate",
-    "write_fixture",
-]
+    "Issue", "Trust", "describe", "diff", "export", "import_cloud", "keygen", "left_out",
+    "mesh_band", "mesh_doubts", "migrate", "read_bundle", "read_fixture", "read_keys",
+    "require_signature", "sign", "size_doubt", "validate", "write_fixture",
+]  # fmt: skip

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from vfplan.errors import InputError, MissingExtra, SettingError
+from vfplan.errors import InputError, SettingError, needing
 from vfplan.io.disk import write_together
 from vfplan.io.reading import opened_file
 
@@ -21,13 +21,9 @@ BEGIN, END = b"-----BEGIN PUBLIC KEY-----", b"-----END PUBLIC KEY-----"
 
 
 def _ed25519() -> tuple[Any, Any]:
-    try:
+    with needing("signatures need the package cryptography", "sign"):
         from cryptography.hazmat.primitives import serialization
         from cryptography.hazmat.primitives.asymmetric import ed25519
-    except ImportError:
-        raise MissingExtra(
-            "signatures need the package cryptography: pip install 'vfplan[sign]'"
-        ) from None
     return ed25519, serialization
 
 

@@ -19,10 +19,6 @@ from vfplan.campaign.store import read_campaign
 from vfplan.campaign.trial import Trials
 
 __all__ = [
-    "CampaignSettings",
-    "Trials",
-    "margin_for",
-    "read_campaign",
-    "require_same_plan",
+    "CampaignSettings", "Trials", "margin_for", "read_campaign", "require_same_plan",
     "run_campaign",
-]
+]  # fmt: skip

@@ -12,7 +12,7 @@ from vfplan.campaign.rare import design_point
 from vfplan.campaign.settings import BLOCK, CampaignSettings
 from vfplan.campaign.store import Store, parquet, question
 from vfplan.campaign.trial import Trials
-from vfplan.errors import InputError, MissingExtra, SettingError
+from vfplan.errors import InputError, SettingError, needing
 from vfplan.fixture import Fixture
 from vfplan.io.workers import workers as processes
 from vfplan.session import Session
@@ -105,10 +105,8 @@ def _cluster(
     trials: Trials, missing: list[int], scheduler: str
 ) -> Iterator[Iterator[tuple[int, Rows]]]:
     """On a Dask cluster; a worker that dies has its blocks made by another."""
-    try:
+    with needing("--scheduler needs dask", "campaign"):
         from distributed import Client, as_completed
-    except ImportError:
-        raise MissingExtra("--scheduler needs dask: pip install 'vfplan[campaign]'") from None
     try:
         client = Client(scheduler, timeout="20s", set_as_default=False)
     except (OSError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""What a campaign varies, and how a hand answers."""
+"""What a campaign varies: the errors of markers, hand and stiffness, and how a hand answers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ from dataclasses import asdict, dataclass
 from math import isfinite
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vfplan.errors import SettingError
+from vfplan.fixture import RegistrationRecord
 
 BLOCK = 64  # trials a block: about half a second of work
 TREMOR_HZ = (8.0, 12.0)  # physiological tremor (Riviere, Gangloff, de Mathelin 2006)
@@ -67,3 +71,26 @@ class CampaignSettings:
     def as_dict(self) -> dict[str, Any]:
         """What is set, by name."""
         return {name: value for name, value in asdict(self).items() if value is not None}
+
+
+Array = NDArray[np.float64]
+
+
+def tremor(time: Array, rms_m: float, rng: np.random.Generator) -> Array:
+    """(T, 3) [m] a sum of three waves of 8 to 12 Hz along each axis, of `rms_m` in all."""
+    hz = rng.uniform(*TREMOR_HZ, (3, 3))
+    phase = rng.uniform(0, 2 * np.pi, (3, 3))
+    waves = np.sin(2 * np.pi * hz * time[:, None, None] + phase).sum(axis=2)
+    return rms_m * np.sqrt(2.0 / 9.0) * waves
+
+
+def fle_of(record: RegistrationRecord) -> float:
+    """RMS localisation error [m] of a marker that a registration's residuals speak of."""
+    p = {"affine": 3 * (record.source.shape[1] + 1), "similarity": 7, "rigid": 6}[record.model]
+    dof = record.source.shape[0] * 3 - p
+    if dof < 1:
+        raise SettingError(
+            f"{len(record.source)} markers leave nothing to estimate their error from; "
+            "--fle-robot is wanted"
+        )
+    return float(np.sqrt(3 * (record.residuals_m**2).sum() / dof))

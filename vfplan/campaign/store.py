@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.campaign.settings import BLOCK, CampaignSettings
-from vfplan.errors import InputError, MissingExtra, OutputError
+from vfplan.errors import InputError, OutputError, needing
 from vfplan.fixture import Fixture
 from vfplan.io.disk import write_whole
 from vfplan.io.reading import read_whole
@@ -30,10 +30,8 @@ NUMBERS = ("depth_m", "point", "force_n", "force_step_n")
 
 def parquet() -> Any:
     """pyarrow.parquet, or the error that names the extra."""
-    try:
+    with needing("campaigns need pyarrow", "campaign"):
         import pyarrow.parquet
-    except ImportError:
-        raise MissingExtra("campaigns need pyarrow: pip install 'vfplan[campaign]'") from None
     return pyarrow.parquet
 
 

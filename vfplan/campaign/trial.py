@@ -22,8 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.campaign.errors import fle_of, tremor
-from vfplan.campaign.settings import CampaignSettings
+from vfplan.campaign.settings import CampaignSettings, fle_of, tremor
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError
 from vfplan.fixture import Fixture, RegistrationRecord

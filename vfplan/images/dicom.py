@@ -20,7 +20,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import ImageError, MissingExtra
+from vfplan.errors import ImageError, MissingExtra, needing
 from vfplan.images.header import check_size
 from vfplan.io.apart import allow, apart
 
@@ -133,12 +133,8 @@ def silent() -> Iterator[None]:
 
 def dataset_of(file: BinaryIO, where: str) -> Any:
     """A DICOM file's data set, whatever it holds; raises `MissingExtra`."""
-    try:
+    with needing("reading DICOM needs pydicom", "dicom", where):
         import pydicom
-    except ModuleNotFoundError:
-        raise MissingExtra(
-            "reading DICOM needs pydicom: pip install 'vfplan[dicom]'", where=where
-        ) from None
     return pydicom.dcmread(file)
 
 

@@ -1,9 +1,10 @@
-"""How a number is read from text, wherever text from outside holds one."""
+"""How a number is read from text, wherever text from outside holds one, and written as JSON."""
 
 from __future__ import annotations
 
 import math
 import re
+from typing import Any
 
 # Digits, a point, an exponent: not the 1_000, 0x10, 1d3, nan or digits of other scripts that one
 # reader or another takes.
@@ -37,4 +38,17 @@ def real(text: str) -> float:
     value = float(match[1])
     if math.isinf(value):
         raise ValueError(f"{text[:40]!r} is larger than a float64 holds, 1.8e308")
+    return value
+
+
+def jsonable(value: Any) -> Any:
+    """The value as JSON holds it: arrays as nested lists, NaN and infinities as `null`."""
+    if isinstance(value, dict):
+        return {str(k): jsonable(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [jsonable(v) for v in value]
+    if hasattr(value, "tolist"):  # NumPy arrays and scalars, without importing NumPy here
+        return jsonable(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
     return value

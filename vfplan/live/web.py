@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import MissingExtra, OutputError
+from vfplan.errors import OutputError, needing
 from vfplan.live.feed import MOST_CLIENTS, Feed
 
 QUIET_S = 0.2  # a client that went is noticed as soon, at least
@@ -92,10 +92,6 @@ class Web:
 
 
 def _serve() -> Callable[..., Any]:
-    try:
+    with needing("the page needs the package websockets", "live"):
         from websockets.sync.server import serve
-    except ImportError:
-        raise MissingExtra(
-            "the page needs the package websockets: pip install 'vfplan[live]'"
-        ) from None
     return serve

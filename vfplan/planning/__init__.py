@@ -19,17 +19,9 @@ from vfplan.planning.registering import Planned, register
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 
 __all__ = [
-    "ExtractSettings",
-    "Extracted",
-    "FixtureSettings",
-    "Plan",
-    "Planned",
-    "describe_extraction",
-    "extract",
-    "plan",
-    "planned_curve",
-    "register",
-]
+    "ExtractSettings", "Extracted", "FixtureSettings", "Plan", "Planned", "describe_extraction",
+    "extract", "plan", "planned_curve", "register",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,8 +25,6 @@ def add_guidance(
     """
     from vfplan.engine.guide import Guide
 
-    if settings.guide_m is None:
-        return fixture, {}, ()
     strokes = 0 if fixture.curve is None else len(fixture.curve.closed)
     stroke = settings.guide_stroke
     if not strokes:

@@ -46,7 +46,7 @@ class Margin:
 
 def add_margin(
     curve: Fixture, registration: Registration, settings: FixtureSettings
-) -> tuple[Fixture, FixtureSettings, Margin | None]:
+) -> tuple[Fixture, FixtureSettings, Margin]:
     """The curve and the settings with the margin that `settings.margin` asks for.
 
     "tre95" is the bound that the registration's error stays within over the whole curve with
@@ -57,8 +57,6 @@ def add_margin(
     Raises SettingError: an unknown margin or side, or a side that this curve does not have
     Raises CurveError: a margin that leaves nothing of a stroke
     """
-    if settings.margin is None:
-        return curve, settings, None
     given = settings.margin
     if given != "tre95" and not (isinstance(given, float) and 0 <= given < np.inf):
         raise SettingError(f"margin is {given!r}; metres of at least 0, 'tre95' or none is allowed")

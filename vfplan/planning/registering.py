@@ -98,7 +98,9 @@ def register(
     error = target_error(registration, drawn.points)
     if settings.max_tre_m is not None:
         check_max_tre(error, settings.max_tre_m)
-    guarded, making, margin = add_margin(drawn, registration, settings)
+    guarded, making, margin = drawn, settings, None
+    if settings.margin is not None:
+        guarded, making, margin = add_margin(drawn, registration, settings)
     choice = choice_of(guarded, making)
     carried = carry(guarded, registration, making, choice and choice.sampling_tolerance_m)
     rendering = rendering_of(
@@ -121,7 +123,9 @@ def register(
         rendering,
         _provenance(guarded, making, hashes, found),
     )
-    fixture, guide, guide_warnings = add_guidance(fixture, settings)
+    guide, guide_warnings = {}, ()
+    if settings.guide_m is not None:
+        fixture, guide, guide_warnings = add_guidance(fixture, settings)
     report = describe_registration(
         by_markers, drawn.points, diagnosis=matched.diagnosis, error=error
     )

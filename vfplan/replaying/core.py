@@ -23,9 +23,8 @@ from vfplan.replaying.run import RuleRun
 from vfplan.replaying.watch import SessionWatch
 from vfplan.robot import Robot
 from vfplan.session import Source, TickBlock, open_session
-from vfplan.session.events import Event
+from vfplan.session.events import Event, as_taken
 from vfplan.session.poses import Poses
-from vfplan.session.taken import as_taken
 
 Sink = Callable[[str, TickBlock], None]
 Limits = tuple[tuple[str, str, float], ...]

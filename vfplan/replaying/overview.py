@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from vfplan.replaying.quantities import HELD_M
 from vfplan.session import TickBlock
-from vfplan.session.ticks import joined
+from vfplan.session.result import joined
 
 _ROWS, _VECTORS = np.empty(0), np.empty((0, 3))
 _NONE = TickBlock(

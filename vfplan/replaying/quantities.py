@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vfplan.engine.parameters import Trace
 from vfplan.session import TickBlock
-from vfplan.session.ticks import joined
+from vfplan.session.result import joined
 
 Array = NDArray[np.float64]
 _TRACE = ("proxy", "normal", "force", "state", "status")

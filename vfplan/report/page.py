@@ -131,7 +131,7 @@ def _verdict(found: dict[str, Any]) -> str:
 def _places(replayed: Replay, image: Path | None) -> list[str]:
     shown = [section("In space", _in_space(replayed))]
     if replayed.metrics.get("arc_m") is not None:
-        from vfplan.figures.guide import guide_plot
+        from vfplan.figures.replay import guide_plot
 
         words = "lateral error and force over arc length"
         shown.append(section("Along the guide", picture(guide_plot(replayed), words)))

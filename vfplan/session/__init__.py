@@ -8,27 +8,19 @@ from __future__ import annotations
 
 from vfplan.session.read import open_session, read_session
 from vfplan.session.resample import resampled
-from vfplan.session.result import read_result, require_fixture
+from vfplan.session.result import (
+    RESULT_FORMAT,
+    RESULT_VERSION,
+    TickBlock,
+    read_result,
+    require_fixture,
+)
 from vfplan.session.resultwriter import CsvWriter, ResultWriter, write_result
 from vfplan.session.ros import RosOptions
-from vfplan.session.ticks import RESULT_FORMAT, RESULT_VERSION, TickBlock
 from vfplan.session.types import BLOCK, Session, SessionStream, Source
 
 __all__ = [
-    "BLOCK",
-    "RESULT_FORMAT",
-    "RESULT_VERSION",
-    "CsvWriter",
-    "ResultWriter",
-    "RosOptions",
-    "Session",
-    "SessionStream",
-    "Source",
-    "TickBlock",
-    "open_session",
-    "read_result",
-    "read_session",
-    "require_fixture",
-    "resampled",
-    "write_result",
-]
+    "BLOCK", "RESULT_FORMAT", "RESULT_VERSION", "CsvWriter", "ResultWriter", "RosOptions",
+    "Session", "SessionStream", "Source", "TickBlock", "open_session", "read_result",
+    "read_session", "require_fixture", "resampled", "write_result",
+]  # fmt: skip

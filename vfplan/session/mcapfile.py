@@ -18,7 +18,7 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import MissingExtra, SessionError
+from vfplan.errors import MissingExtra, SessionError, needing
 from vfplan.io.reading import opened_file
 from vfplan.session.types import Pair
 
@@ -163,7 +163,5 @@ def blocks(stream: BinaryIO, name: str) -> Iterator[NDArray[np.void]]:
 def _mcap(module: str) -> ModuleType | Any:
     import importlib
 
-    try:
+    with needing("MCAP needs the package mcap", "live"):
         return importlib.import_module(f"mcap.{module}")
-    except ImportError:
-        raise MissingExtra("MCAP needs the package mcap: pip install 'vfplan[live]'") from None

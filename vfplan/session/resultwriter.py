@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vfplan.io.hdf5 import h5py
 from vfplan.session.closing import Steady, Whole, require_same
-from vfplan.session.ticks import RESULT_FORMAT, RESULT_VERSION, TABLE, Result, TickBlock
+from vfplan.session.result import RESULT_FORMAT, RESULT_VERSION, TABLE, Result, TickBlock
 from vfplan.session.types import BLOCK
 
 HEADER = (

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.errors import MissingExtra, SessionError, SettingError
+from vfplan.errors import MissingExtra, SessionError, SettingError, needing
 from vfplan.session.types import BLOCK, Array, Pair
 
 # Fields looked for when none is named, in this order; the first that a message has is taken.
@@ -240,11 +240,9 @@ def _promising(reader: Any, connection: Any, field: str | None) -> bool:
 
 @functools.cache
 def _library() -> tuple[Callable[..., Any], Any]:
-    try:
+    with needing("ROS bags need the package rosbags", "ros"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise MissingExtra("ROS bags need the package rosbags: pip install 'vfplan[ros]'") from None
     return AnyReader, get_typestore(Stores.LATEST)
 
 

@@ -15,16 +15,6 @@ from vfplan.stability.rows import Row
 from vfplan.stability.theory import Plant, exact_bound, linear_bound, spectral_radius
 
 __all__ = [
-    "Hand",
-    "Motion",
-    "Plant",
-    "Row",
-    "approved",
-    "exact_bound",
-    "gate",
-    "linear_bound",
-    "refusal",
-    "settle",
-    "simulate",
-    "spectral_radius",
-]
+    "Hand", "Motion", "Plant", "Row", "approved", "exact_bound", "gate", "linear_bound", "refusal",
+    "settle", "simulate", "spectral_radius",
+]  # fmt: skip

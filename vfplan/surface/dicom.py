@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import InputError, MissingExtra, VfplanError
+from vfplan.errors import InputError, VfplanError, needing
 from vfplan.images.dicom import silent
 from vfplan.images.header import is_dicom
 from vfplan.surface.bounded import read_bytes
@@ -93,12 +93,8 @@ def _quiet(where: str) -> Iterator[None]:
 
 
 def _dataset(data: bytes, where: str) -> Any:
-    try:
+    with needing("reading DICOM needs pydicom", "surface", where):
         import pydicom
-    except ModuleNotFoundError:
-        raise MissingExtra(
-            "reading DICOM needs pydicom: pip install 'vfplan[surface]'", where=where
-        ) from None
     if DEFLATED in data[:4096]:
         raise InputError("is deflated as a whole, which is not supported", where=where)
     beside = _pixels_begin(data)

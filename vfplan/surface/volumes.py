@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import InputError, MissingExtra
+from vfplan.errors import InputError, needing
 from vfplan.surface.bounded import MOST_UNPACKED, first_unpacked, read_bytes, unpacked
 from vfplan.surface.contours import Structure
 from vfplan.surface.labels import LabelVolume, checked_place
@@ -56,12 +56,8 @@ def read_nrrd(path: Path) -> LabelVolume:
 
 
 def _nrrd_header(head: bytes, where: str) -> dict[str, Any]:
-    try:
+    with needing("reading NRRD needs pynrrd", "surface", where):
         import nrrd
-    except ModuleNotFoundError:
-        raise MissingExtra(
-            "reading NRRD needs pynrrd: pip install 'vfplan[surface]'", where=where
-        ) from None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -146,12 +142,8 @@ def read_nifti(path: Path) -> LabelVolume:
     """
     where = str(path)
     data, digest = read_bytes(path)
-    try:
+    with needing("reading NIfTI needs nibabel", "surface", where):
         import nibabel
-    except ModuleNotFoundError:
-        raise MissingExtra(
-            "reading NIfTI needs nibabel: pip install 'vfplan[surface]'", where=where
-        ) from None
     if data[:2] == b"\x1f\x8b":
         data = unpacked(data, "gzip", where, _nifti_bytes(first_unpacked(data), where))
     log = logging.getLogger("nibabel.global")

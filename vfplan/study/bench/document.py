@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
 import os
 import platform
 import time
@@ -16,6 +15,7 @@ import numpy as np
 
 from vfplan.errors import InputError
 from vfplan.io.disk import write_whole
+from vfplan.io.numbers import jsonable
 from vfplan.io.reading import read_whole
 
 FORMAT, VERSION = "vfplan-bench", "1.0"
@@ -35,7 +35,7 @@ _NUMBERS = ("error_rms", "error_max", "time_us_median", "time_us_low", "time_us_
 
 def write_json(document: dict[str, Any], path: Path) -> None:
     """Write the document; numbers that are not finite become null."""
-    text = json.dumps(_plain(document), indent=1, allow_nan=False) + "\n"
+    text = json.dumps(jsonable(document), indent=1, allow_nan=False) + "\n"
     write_whole(path, [text.encode()], overwrite=True)
 
 
@@ -86,18 +86,6 @@ def _check_results(results: Any, where: str) -> None:
                 raise InputError(f"{name} {value!r}: {wanted} is wanted", where=at)
         if result["unit"] not in ("m", "px") or not isinstance(result.get("pareto"), bool):
             raise InputError("unit or pareto is none that a bench writes", where=at)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if hasattr(value, "tolist"):
-        return _plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def describe_machine() -> dict[str, Any]:

@@ -25,22 +25,6 @@ SCENES: dict[str, type[Scene]] = {
 """Every scene by its name."""
 
 __all__ = [
-    "SCENES",
-    "Bend",
-    "Channel",
-    "Circle",
-    "Corner",
-    "Cylinder",
-    "DoubleSheet",
-    "Drawn",
-    "Omega",
-    "Point",
-    "Scene",
-    "Segment",
-    "Sheet",
-    "Sphere",
-    "Teapot",
-    "ThreeWalls",
-    "Wedge",
-    "travel",
-]
+    "SCENES", "Bend", "Channel", "Circle", "Corner", "Cylinder", "DoubleSheet", "Drawn", "Omega",
+    "Point", "Scene", "Segment", "Sheet", "Sphere", "Teapot", "ThreeWalls", "Wedge", "travel",
+]  # fmt: skip
