@@ -131,12 +131,13 @@ class Provenance:
     def now(cls, inputs: dict[str, str], settings: Any) -> Provenance:
         """Of what is made now, or at the time that SOURCE_DATE_EPOCH says, by this program.
 
-        settings: a dataclass; what is `None` is left out
+        settings: a dataclass or a dict; what is `None` is left out
         Raises `InputError` where SOURCE_DATE_EPOCH is no time.
         """
         from vfplan import __version__
 
-        flat = {k: _plain(v) for k, v in asdict(settings).items() if v is not None}
+        named = settings if isinstance(settings, dict) else asdict(settings)
+        flat = {k: _plain(v) for k, v in named.items() if v is not None}
         return cls(now_utc(), f"vfplan {__version__}", inputs, flat)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import warnings
-from importlib.metadata import version as installed_version
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,6 @@ from vfplan.bundle.table import table
 from vfplan.engine.parameters import PAPER_BAND, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
-from vfplan.io.clock import now_utc
 from vfplan.io.numbers import real, require_short
 from vfplan.io.reading import opened_file
 
@@ -26,6 +24,7 @@ METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")
 MOST_BYTES = 1 << 31
 Points = NDArray[np.float64]
+Triangles = NDArray[np.int32]
 
 
 def import_cloud(
@@ -85,9 +84,7 @@ def import_cloud(
     return Fixture(
         frame=frame,
         points=points,
-        provenance=Provenance(
-            now_utc(), f"vfplan {installed_version('vfplan')}", {"cloud": digest}, settings
-        ),
+        provenance=Provenance.now({"cloud": digest}, settings),
         mesh=mesh,
         curve=_as_curve(len(points), curve),
         rendering=Rendering(
@@ -215,10 +212,6 @@ def _columns(names: list[str], units: str) -> tuple[int, ...]:
     if said & (METRES.keys() | {"px"}) - {units}:
         raise ValueError(f"the header names {', '.join(names)}; {units} was given as their unit")
     return tuple(bare.index(axis) for axis in "xyz")
-
-
-Points = NDArray[np.float64]
-Triangles = NDArray[np.int32]
 
 
 def refined(points: Points, triangles: Triangles, spacing: float) -> tuple[Points, Triangles]:

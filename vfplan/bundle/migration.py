@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from importlib.metadata import version as installed_version
 from pathlib import Path
 
+from vfplan import __version__
 from vfplan._core import read_payload
 from vfplan.bundle.content import Content
 from vfplan.bundle.read import opened_source
@@ -35,8 +35,8 @@ def migrate(old: str | Path, new: str | Path, *, overwrite: bool = False) -> Con
     """
     content, digest = _content_of_0_1(old)
     line = (
-        f"{now_utc()} vfplan {installed_version('vfplan')}: migrated from"
-        f" {content['/@version']} to {VERSION}, SHA-256 {digest}"
+        f"{now_utc()} vfplan {__version__}: migrated from {content['/@version']} to {VERSION},"
+        f" SHA-256 {digest}"
     )
     content = completed(content | {HISTORY: (*content.get(HISTORY, ()), line)})
     write_content(content, Path(new), overwrite=overwrite)

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.arm import Rehearsal
-from vfplan.figures.style import new_figure, style
+from vfplan.figures.style import subplots
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.quantities import row_norms
 
@@ -24,9 +24,7 @@ def depth(rehearsal: Rehearsal) -> Figure:
     Faces are told apart by the normal: along the axis on which normals differ most, and against it.
     """
     ticks, held = rehearsal.ticks, rehearsal.ticks.penetration > 1e-5
-    figure = new_figure(5.2, 3.6)
-    with style():
-        axes = figure.subplots()
+    figure, axes = subplots(5.2, 3.6)
     normals, force = ticks.normal[held], row_norms(rehearsal.motion.force)[held]
     deep = 1e3 * ticks.penetration[held]
     axis = int(np.ptp(normals, axis=0).argmax()) if len(normals) else 0
@@ -46,9 +44,7 @@ def depth(rehearsal: Rehearsal) -> Figure:
 
 def in_space(rehearsal: Rehearsal) -> Figure:
     """The arm in some of its postures, the fixture and the tip's path."""
-    figure = new_figure(6.6, 5.6)
-    with style():
-        axes = figure.add_subplot(projection="3d")
+    figure, axes = subplots(6.6, 5.6, subplot_kw={"projection": "3d"})
     arm, motion = rehearsal.arm, rehearsal.motion
     shown = np.linspace(0, len(motion.q) - 1, POSTURES).astype(int)
     outlines = [_outline(rehearsal, motion.q[k]) for k in shown]
@@ -88,9 +84,7 @@ def efforts(rehearsal: Rehearsal) -> Figure:
     """Force, torques, their steps and the joints' ranges over time."""
     motion, arm = rehearsal.motion, rehearsal.arm
     robot, time = arm.robot, rehearsal.ticks.time
-    figure = new_figure(7.0, 7.2)
-    with style():
-        force, torque, step, margin = figure.subplots(4, 1, sharex=True)
+    figure, (force, torque, step, margin) = subplots(7.0, 7.2, 4, 1, sharex=True)
     force.plot(time, row_norms(motion.rendered), color=PROXY, lw=0.8, label="rendered")
     force.plot(time, row_norms(motion.force), color=FORCE, lw=1.0, label="commanded")
     force.plot(time, row_norms(motion.pull), color=HIP, lw=0.6, alpha=0.7, label="hand")

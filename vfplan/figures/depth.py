@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError
-from vfplan.figures.style import new_figure, style
+from vfplan.figures.style import subplots
 from vfplan.fixture import Fixture
 from vfplan.images.read import PlannedImage
 from vfplan.palette import CLOUD, PROXY
@@ -63,16 +63,13 @@ def image_places(fixture: Fixture) -> Array:
 def depth_plot(replayed: Replay) -> Figure:
     """Deepest penetration along the planned curve."""
     ruler, depth = depth_along(replayed)
-    figure = new_figure(7.0, 2.6)
-    with style():
-        axes = figure.subplots()
+    figure, axes = subplots(7.0, 2.6)
     for stroke in np.unique(ruler.stroke):
         part = ruler.stroke == stroke
         where, deep = MM * ruler.arclength[part], MM * depth[part]
         axes.fill_between(where, deep, color=PROXY, alpha=0.25, lw=0)
         axes.plot(where, deep, lw=0.9, color=PROXY, label=f"stroke {stroke}")
-    axes.set_xlabel("along the planned curve [mm]")
-    axes.set_ylabel("deepest penetration [mm]")
+    axes.set(xlabel="along the planned curve [mm]", ylabel="deepest penetration [mm]")
     axes.set_ylim(bottom=0)
     axes.margins(x=0)
     if len(np.unique(ruler.stroke)) > 1:
@@ -94,9 +91,7 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     _, depth = depth_along(replayed)
     places = image_places(replayed.fixture)
     height, width = image.rgb.shape[:2]
-    figure = new_figure(7.0, max(3.0, 7.0 * height / width - 0.4))
-    with style():
-        axes = figure.subplots()
+    figure, axes = subplots(7.0, max(3.0, 7.0 * height / width - 0.4))
     grey = np.asarray(image.rgb, float).mean(axis=2)
     axes.imshow(grey, cmap="gray", vmax=1.25 * max(1.0, grey.max()), interpolation="nearest")
     pressed = depth > 0

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from vfplan.figures.style import new_figure, style
+from vfplan.figures.style import subplots
 from vfplan.fixture import Fixture
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
 from vfplan.replaying import Replay
@@ -27,9 +27,7 @@ MARK_HZ = 10.0
 def timeline(replayed: Replay) -> Figure:
     """Force, penetration and overlap over time, contact episodes shaded."""
     ticks = replayed.ticks
-    figure = new_figure(7.0, 4.6)
-    with style():
-        top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 1))
+    figure, (top, middle, bottom) = subplots(7.0, 4.6, 3, 1, sharex=True, height_ratios=(3, 2, 1))
     peak = row_norms(ticks.force).max()
     for axis, name in enumerate("xyz"):
         if np.abs(ticks.force[:, axis]).max() <= 1e-6 * peak:
@@ -103,9 +101,7 @@ def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
     radius = MM * fixture.contact_radius
     low, high = _window(hip, cloud, 2.5 * radius)
     tall = 5.9 * (high[1] - low[1]) / (high[0] - low[0])
-    figure = new_figure(7.0, float(np.clip(tall, 1.8, 8.0)) + 0.9)
-    with style():
-        axes = figure.subplots()
+    figure, axes = subplots(7.0, float(np.clip(tall, 1.8, 8.0)) + 0.9)
     axes.plot(*cloud.T, ".", ms=1.5, color=CLOUD, label=f"fixture, {len(cloud)} points", zorder=2)
     axes.plot(*hip.T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
     axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy", zorder=4)
@@ -130,8 +126,7 @@ def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     labels = axis_names(basis)
-    axes.set_xlabel(f"{labels[0]} [mm]")
-    axes.set_ylabel(f"{labels[1]} [mm]")
+    axes.set(xlabel=f"{labels[0]} [mm]", ylabel=f"{labels[1]} [mm]")
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize=8, markerscale=2.5)
     return figure
 
@@ -164,9 +159,7 @@ def _window(path: Array, cloud: Array, margin: float) -> tuple[Array, Array]:
 
 def _scene_3d(replayed: Replay, mark_hz: float) -> Figure:
     ticks, fixture = replayed.ticks, replayed.fixture
-    figure = new_figure(7.0, 6.0)
-    with style():
-        axes = figure.add_subplot(projection="3d")
+    figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
     thin = max(1, len(fixture.points) // 4000)
     axes.plot(
         *(MM * fixture.points[::thin]).T, ".", ms=1.0, color=CLOUD, alpha=0.4, label="fixture"
@@ -186,8 +179,7 @@ def _scene_3d(replayed: Replay, mark_hz: float) -> Figure:
             color=CONTACT,
             lw=0.5,
         )
-    axes.set_xlabel("x [mm]")
-    axes.set_ylabel("y [mm]")
+    axes.set(xlabel="x [mm]", ylabel="y [mm]")
     axes.set_zlabel("z [mm]")
     axes.set_aspect("equal")
     axes.legend(loc="upper left", fontsize=8)
@@ -204,9 +196,6 @@ def _ring(centre: Array, normal: Array, radius: float) -> Array:
     return centre + radius * (np.cos(turn) * normal + np.sin(turn) * side)
 
 
-MM = 1e3
-
-
 def guide_plot(replayed: Replay) -> Figure:
     """Largest lateral error and force over arc length."""
     guide = replayed.metrics["guide"]
@@ -214,9 +203,7 @@ def guide_plot(replayed: Replay) -> Figure:
     arc = MM * np.array(profile["arc_m"])
     lateral = MM * np.array([np.nan if v is None else v for v in profile["lateral_m"]])
     force = np.where(np.isnan(lateral), np.nan, profile["force_n"])
-    figure = new_figure(7.0, 3.4)
-    with style():
-        top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    figure, (top, bottom) = subplots(7.0, 3.4, 2, 1, sharex=True, height_ratios=(2, 1))
     top.axhspan(0, MM * guide["radius_m"], color=BRIDGED, alpha=0.3, lw=0, label="tube")
     top.plot(arc, lateral, color=HIP, lw=1.1, label="tip, largest lateral error")
     bottom.plot(arc, force, color=FORCE, lw=1.1)

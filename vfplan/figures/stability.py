@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from vfplan.figures.style import new_figure, style
+from vfplan.figures.style import subplots
 from vfplan.palette import CONTACT, RULE
 from vfplan.stability import Row
 
@@ -15,9 +15,7 @@ MARKS = {0: "o", 1: "s", 3: "^"}
 def stability_map(rows: list[Row]) -> Figure:
     """K over b/T: the theory's curves and the points measured, from the rows of part "map"."""
     places = [row for row in rows if row.case.startswith("map/")]
-    figure = new_figure(7.0, 4.4)
-    with style():
-        axes = figure.subplots()
+    figure, axes = subplots(7.0, 4.4)
     over = np.geomspace(500, 1e6, 50)  # b/T [N/m]
     delays = sorted({row.values["delay_ticks"] for row in places})
     for delay, shade in zip(delays, ("#222222", "#777777", "#aaaaaa"), strict=False):
@@ -44,8 +42,7 @@ def stability_map(rows: list[Row]) -> Figure:
         axes.fill_between(over, over / 0.5, 4e6, color=CONTACT, alpha=0.07, lw=0)
         axes.text(1.2e3, 2e5, "unstable whatever the delay", color=CONTACT)
     axes.set(xscale="log", yscale="log", xlim=(500, 1e6), ylim=(100, 2e6))
-    axes.set_xlabel("b / T, damping over the tick [N/m]")
-    axes.set_ylabel("largest stable K [N/m]")
+    axes.set(xlabel="b / T, damping over the tick [N/m]", ylabel="largest stable K [N/m]")
     axes.legend(loc="lower right", ncols=3, fontsize=7)
     return figure
 
@@ -54,9 +51,7 @@ def passivity_plot(rows: list[Row]) -> Figure:
     """Net work less the bound of each random cycle, from the rows of part "passivity"."""
     rows = [row for row in rows if row.case.startswith("passivity/")]
     scenes = list(dict.fromkeys(row.values["scene"] for row in rows))
-    figure = new_figure(7.0, 3.6)
-    with style():
-        axes = figure.subplots()
+    figure, axes = subplots(7.0, 3.6)
     for row in rows:
         rule, column = row.values["rule"], scenes.index(row.values["scene"])
         excess = np.array(row.values["excess"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -32,6 +33,13 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     """A figure with its own canvas: no pyplot, no global state, no screen."""
     with style():
         return Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
+
+
+def subplots(width_in: float, height_in: float, *grid: int, **how: Any) -> tuple[Figure, Any]:
+    """A new figure, and its axes in the common look, as `Figure.subplots` gives them."""
+    figure = new_figure(width_in, height_in)
+    with style():
+        return figure, figure.subplots(*grid, **how)
 
 
 def style():
