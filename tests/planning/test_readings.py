@@ -52,6 +52,7 @@ def drawn(seed, colour, shape, contrast=18):
 MISREAD = {
     "v counted from below": lambda p: np.c_[p[:, 0], HEIGHT - 1 - p[:, 1]],
     "u counted from the right": lambda p: np.c_[WIDTH - 1 - p[:, 0], p[:, 1]],
+    "row and column exchanged": lambda p: p[:, ::-1],
     "multiplied by 1.25": lambda p: p * 0.8,
     "multiplied by 0.5": lambda p: p * 2.0,
 }
@@ -175,3 +176,11 @@ def test_plan_holds_them_without_being_asked(vfplan_cli, tmp_path):
     marks = good.json["register"]["marks_drawn"]
     assert marks["near"] == 9
     assert marks["rms_px"] < 0.3
+
+
+def test_few_positions_near_marks_of_which_as_many_are_drawn():
+    away = [[-33, 21], [40, 35], [-28, 47], [51, -38], [24, -44], [-46, -29]]
+    places = np.r_[PLACES[:2], PLACES[2:] + away]
+    held = hold_against_marks(drawn(3, "cyan", "cross"), pairs(places))
+    assert held.near == 2
+    assert held.warnings[0].startswith("2 of the 8 given positions have a mark near them, but 8")

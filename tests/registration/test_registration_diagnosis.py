@@ -277,6 +277,15 @@ def test_three_markers_cannot_show_their_labels(model):
 @pytest.mark.parametrize("model", ["similarity", "rigid"])
 def test_a_slice_stretched_along_one_axis_is_said(model):
     target = planar(grid())
-    assert not any("stretched" in line for line in diagnose(fit(grid(), target, model)).warnings)
+    assert not any(
+        "as long as wide" in line for line in diagnose(fit(grid(), target, model)).warnings
+    )
     d = diagnose(fit(grid() * [1, 0.9], target, model))
-    assert any("stretched" in line for line in d.warnings)
+    assert any("as long as wide" in line for line in d.warnings)
+
+
+def test_a_column_in_another_unit_and_markers_wider_than_a_scanner_are_said():
+    (warning,) = diagnose(fit_registration(grid(), planar(grid()) * [3, 1, 1])).warnings
+    assert "times as long as wide" in warning
+    (warning,) = diagnose(fit_registration(grid(), 10 * planar(grid()))).warnings
+    assert "is the unit metres?" in warning

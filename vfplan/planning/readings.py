@@ -90,8 +90,9 @@ def hold_against_marks(rgb: NDArray, pairs: Correspondences) -> Held:
         if shown and as_many:  # no other marks are left for which the positions could be right
             raise MarkerError(_misread(pairs, len(own), f"are {_moved(scale, shift)}"))
         return Held(len(own), warnings=(_elsewhere(scale, shift, hits, len(given)),))
-    if not own:
-        return Held(0, warnings=_others(rgb, kinds, len(given)))
+    elsewhere = _others(rgb, kinds, len(given), len(own))
+    if not own or elsewhere:
+        return Held(len(own), warnings=elsewhere)
     return _compared(rgb, pairs, kinds, own)
 
 
@@ -107,15 +108,15 @@ def _drawn(rgb: NDArray, places: Array) -> int:
     return sum(marker_drawn(rgb, place) for place in places)
 
 
-def _others(rgb: NDArray, kinds: list[Kind], n: int) -> tuple[str, ...]:
+def _others(rgb: NDArray, kinds: list[Kind], n: int, near: int) -> tuple[str, ...]:
     """A warning where about as many crosses, or dots, as there are markers stand elsewhere."""
     for kind in kinds:
         count = len(kind.places_px)
         if _as_many(kind, n) and _all_of_one_shape(rgb, kind.places_px):
             u, v = kind.places_px[0]
             return (
-                f"no mark is drawn near any given position, but {count} of one kind are drawn "
-                f"elsewhere, one at ({u:.0f}, {v:.0f}): check u_px and v_px",
+                f"{near} of the {n} given positions have a mark near them, but {count} of one kind "
+                f"are drawn, one at ({u:.0f}, {v:.0f}): check u_px and v_px",
             )
     return ()
 
@@ -154,6 +155,7 @@ def _readings(given: Array, shape: tuple[int, ...]) -> dict[str, Array]:
         "with v counted from below": below + given * [1, -1],
         "with u counted from the right": right + given * [-1, 1],
         "with u counted from the right and v from below": right + below - given,
+        "with row and column exchanged": given[:, ::-1],
     }
 
 

@@ -13,7 +13,10 @@ from vfplan.registration.models import Affine, Array, Orthogonal
 from vfplan.registration.result import Registration
 
 LONG_LAYOUT = 10.0
-STRETCHED = 1e-4  # chance of this much stretch from markers without any
+# Chance of this much stretch from markers without any; and how much an affine map may show, as a
+# camera 25° off does.
+STRETCHED, SQUARE = 1e-4, 1.1
+LARGEST_RADIUS_M = 1.0  # RMS, of markers seen in one slice: no scanner is so wide
 # Above this share in its own prediction a marker's error moves the fit and leaves no residual.
 UNCHECKED_LEVERAGE = 0.9
 QUICK_SUBSETS = 20_000
@@ -236,6 +239,9 @@ def scale_warnings(
                 f"the scale the markers give departs by {worst[0]:+.2%} from the known one "
                 f"(standard error {worst[1]:.2%})"
             )
+    y = registration.fit.problem.y
+    if (radius := float(np.sqrt((y**2).sum(axis=1).mean()))) > LARGEST_RADIUS_M:
+        found.append(f"the markers lie {radius:.3g} m (rms) from their centre: is the unit metres?")
     unit = registration.fit.problem.sigma_unit_m
     if unit is not None:
         ratio = registration.sigma_m / unit
@@ -245,25 +251,28 @@ def scale_warnings(
 
 
 def stretch_warning(registration: Registration) -> tuple[str, ...]:
-    """A planar model without stretch where an affine map fits far better: F of what it adds."""
+    """Pixels stretched: an affine map of a slice fits far better than a model without, by F.
+
+    A printer's stretch, or a screen's, is no reason to doubt an affine map; `SQUARE` is.
+    """
     from scipy.special import fdtrc
 
     fit, problem = registration.fit, registration.fit.problem
-    least = Affine(2).minimal + 1
-    if (
-        registration.source.shape[1] != 2
-        or registration.model == "affine"
-        or fit.used.sum() < least
-    ):
+    if registration.source.shape[1] != 2 or fit.used.sum() <= Affine(2).minimal:
         return ()
     free = solve(replace(problem, model=Affine(2)), fit.used)
-    more = fit.dof - free.dof
-    variance = max(free.variance, problem.floor_m**2)
-    gain = (fit.variance * fit.dof / variance - free.dof) / more
-    if registration.perspective or fdtrc(more, free.dof, gain) > STRETCHED:
+    least = fit
+    if registration.model == "affine":
+        least = solve(replace(problem, model=Orthogonal(2, None, "similarity")), fit.used)
+    more = least.dof - free.dof
+    gain = (least.variance * least.dof / max(free.variance, problem.floor_m**2) - free.dof) / more
+    long, short = np.linalg.svd(free.m[:, :2], compute_uv=False)
+    expected = registration.model == "affine" and long < SQUARE * short
+    if expected or registration.perspective or fdtrc(more, free.dof, gain) > STRETCHED:
         return ()
+    left = [f"{np.sqrt(3 * one.variance) * 1e3:.3g} mm" for one in (free, least)]
     return (
-        f"an affine map leaves {np.sqrt(3 * free.variance) * 1e3:.3g} mm a marker, the "
-        f"{registration.model} model {np.sqrt(3 * fit.variance) * 1e3:.3g} mm: the slice is "
-        "stretched, or its pixel spacing is another: check it, or use the model affine",
+        f"the markers show pixels {long / short:.3g} times as long as wide, where square ones (or "
+        f"of the given spacing) would leave {left[1]} a marker, not {left[0]}: is a column in "
+        "another unit, or the pixel spacing or the model another?",
     )
