@@ -9,12 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError
-from vfplan.io.reading import read_whole
-from vfplan.markers.points import MarkerFrame, MarkerPoints
+from vfplan.markers.points import MarkerFrame, MarkerPoints, read_text
 from vfplan.markers.slicer import parse_fcsv, parse_mrk_json
 from vfplan.markers.table import parse_table
-
-MAX_BYTES = 16 * 2**20
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,17 +77,10 @@ def _read(path: Path) -> list[MarkerPoints]:
         raise MarkerError(
             f"has suffix {path.suffix!r}; .csv, .mrk.json or .fcsv is wanted", where=where
         )
-    text = _text(path)
+    text = read_text(path)
     if kind == ".json":
         return [parse_mrk_json(text, where)]
     return [parse_fcsv(text, where)] if kind == ".fcsv" else parse_table(text, where)
-
-
-def _text(path: Path) -> str:
-    try:
-        return read_whole(path, MAX_BYTES, MarkerError).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise MarkerError("is not UTF-8 text", where=str(path)) from None
 
 
 def _single(path: Path) -> MarkerPoints:

@@ -7,6 +7,7 @@ import io
 import math
 from collections import Counter
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 from unicodedata import category
 
@@ -15,7 +16,9 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError
 from vfplan.io.numbers import real
+from vfplan.io.reading import read_whole
 
+MAX_BYTES = 16 * 2**20
 FURTHEST = 1e9  # pixels or metres; nothing real is, and squares of more overflow in the end
 
 MarkerFrame = Literal["image", "patient_lps", "robot_base"]
@@ -41,6 +44,14 @@ class MarkerPoints:
                     f"label {label!r} occurs {count} times; each marker may occur once",
                     where=self.where,
                 )
+
+
+def read_text(path: str | Path) -> str:
+    """A marker file's text, or a `MarkerError`."""
+    try:
+        return read_whole(Path(path), MAX_BYTES, MarkerError).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise MarkerError("is not UTF-8 text", where=str(path)) from None
 
 
 def table_rows(text: str, where: str) -> list[list[str]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -36,19 +37,17 @@ def parse_mrk_json(text: str, where: str) -> MarkerPoints:
     Raises MarkerError: not JSON, another schema, an unknown unit or coordinate system, a position
         that is not three finite numbers
     """
-    labels: list[str] = []
-    positions: list[np.ndarray] = []
-    for markup in _fiducials(markups_of(text, where), where):
-        scale = _metres(markup.get("coordinateUnits", "mm"), where) * _lps(markup, where)
-        for point in _list(markup, "controlPoints", where):
-            if point.get("positionStatus", "defined") != "defined":
-                continue
-            label = label_of(point.get("label"), f"control point {point.get('id')!r}", where)
-            labels.append(label)
-            positions.append(_position(point.get("position"), label, where) * scale)
-    return MarkerPoints(
-        "patient_lps", tuple(labels), np.array(positions).reshape(-1, 3), where=where
-    )
+    found = [
+        (label_of(point.get("label"), f"control point {point.get('id')!r}", where), position)
+        for markup in _fiducials(markups_of(text, where), where)
+        for point, position in _defined(markup, where)
+    ]
+    return _points(found, where)
+
+
+def _points(found: list[tuple[str, np.ndarray]], where: str) -> MarkerPoints:
+    positions = np.array([position for _, position in found]).reshape(-1, 3)
+    return MarkerPoints("patient_lps", tuple(label for label, _ in found), positions, where=where)
 
 
 def markups_of(text: str, where: str) -> list[dict[str, Any]]:
@@ -64,13 +63,16 @@ def markups_of(text: str, where: str) -> list[dict[str, Any]]:
 
 def lps_points(markup: dict[str, Any], where: str) -> np.ndarray:
     """(P, 3) defined control points of one markup, in LPS [m]; labels do not matter."""
+    return np.array([position for _, position in _defined(markup, where)]).reshape(-1, 3)
+
+
+def _defined(markup: dict[str, Any], where: str) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
+    """The defined control points, and their positions in LPS [m]."""
     scale = _metres(markup.get("coordinateUnits", "mm"), where) * _lps(markup, where)
-    points = [
-        _position(point.get("position"), str(point.get("id")), where) * scale
-        for point in _list(markup, "controlPoints", where)
-        if point.get("positionStatus", "defined") == "defined"
-    ]
-    return np.array(points).reshape(-1, 3)
+    for point in _list(markup, "controlPoints", where):
+        if point.get("positionStatus", "defined") == "defined":
+            name = str(point.get("label") or point.get("id"))
+            yield point, _position(point.get("position"), name, where) * scale
 
 
 def _fiducials(markups: list[dict[str, Any]], where: str) -> list[dict[str, Any]]:
@@ -128,13 +130,8 @@ def _position(value: Any, label: str, where: str) -> np.ndarray:
 
 def parse_fcsv(text: str, where: str) -> MarkerPoints:
     """The points of a Slicer `.fcsv` as markers, each with its label; raises as `fcsv_points`."""
-    labels, positions = [], []
-    for i, (label, position) in enumerate(fcsv_points(text, where), start=1):
-        labels.append(label_of(label, "it", f"{where}, point {i}"))
-        positions.append(position)
-    return MarkerPoints(
-        "patient_lps", tuple(labels), np.array(positions).reshape(-1, 3), where=where
-    )
+    points = enumerate(fcsv_points(text, where), start=1)
+    return _points([(label_of(k, "it", f"{where}, point {i}"), p) for i, (k, p) in points], where)
 
 
 def fcsv_points(text: str, where: str) -> list[tuple[str | None, np.ndarray]]:

@@ -1,11 +1,13 @@
-"""Marker tables: CSV with a header that names each column and its unit."""
+"""Tables of markers, and of touched places: CSV with a header that names columns and units."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 
 from vfplan.errors import MarkerError
-from vfplan.markers.points import MarkerPoints, label_of, number, table_rows
+from vfplan.markers.points import MarkerPoints, label_of, number, read_text, table_rows
 
 IMAGE = ("u_px", "v_px")
 ROBOT = ("x_m", "y_m", "z_m")
@@ -31,7 +33,7 @@ def parse_table(text: str, where: str) -> list[MarkerPoints]:
         raise MarkerError(f"is empty; a CSV with a header is wanted ({ALLOWED})", where=where)
     header = [cell.strip().lower() for cell in rows[0]]
     _check_header(header, where)
-    records = [_record(header, row, f"{where}, row {i}") for i, row in enumerate(rows[1:], start=2)]
+    records = [_record(header, row, at) for at, row in _places(rows[1:], where)]
     labels = tuple(
         label_of(record["label"], f"row {i}", where) for i, record in enumerate(records, start=2)
     )
@@ -109,3 +111,25 @@ def _sigma(
                 f"sigma of marker {label!r} is {row.min():g} m; above 0 is wanted", where=where
             )
     return sigma[:, 0] if len(names) == 1 else sigma
+
+
+def read_touched(path: str | Path) -> np.ndarray:
+    """(T, 3) places [m] that a robot touched; columns `label` and `t` may stand beside them.
+
+    Raises MarkerError: the file cannot be read, has other columns, or holds a value that is not a
+        finite number
+    """
+    where = str(path)
+    header, *rows = table_rows(read_text(path), where) or [[]]
+    names = [name.strip().lower() for name in header]
+    if not set(ROBOT) <= set(names) <= {*ROBOT, "label", "t"} or len(set(names)) != len(names):
+        shown = ",".join(names)[:80]
+        raise MarkerError(f"its columns are {shown!r}; {','.join(ROBOT)} is wanted", where=where)
+    records = [(_record(names, row, at), at) for at, row in _places(rows, where)]
+    return np.array(
+        [[number(record[name].strip(), name, at) for name in ROBOT] for record, at in records]
+    ).reshape(-1, 3)
+
+
+def _places(rows: list[list[str]], where: str) -> list[tuple[str, list[str]]]:
+    return [(f"{where}, row {i}", row) for i, row in enumerate(rows, start=2)]

@@ -31,7 +31,7 @@ def touch(
         out of range
     Raises MarkerError: the file cannot be read, or its points do not hold the bone
     """
-    from vfplan.markers.touched import read_touched
+    from vfplan.markers.table import read_touched
     from vfplan.registration.touching import refine_by_touch
 
     if curve.mesh is None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from vfplan.registration.fit import agreeing, f_limit, one_to_blame, solve
 from vfplan.registration.labelling import Relabelling, better_labelling, name_labelling
-from vfplan.registration.models import Affine, Array, Orthogonal
+from vfplan.registration.models import Affine, Orthogonal
 from vfplan.registration.result import Registration
 
 LONG_LAYOUT = 10.0
@@ -112,41 +112,21 @@ def _masked(registration: Registration) -> list[Label]:
 def _departure(
     registration: Registration,
 ) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None]:
-    """Scale over the known scale, minus 1, and its standard error."""
-    known = registration.pixel_spacing
-    planar = registration.source.shape[1] == 2
-    if planar and known is None:
+    """Scale over the known scale, minus 1, and its standard error; a rigid fit's, were it free."""
+    fit, problem = registration.fit, registration.fit.problem
+    k = problem.model.dimension
+    if k == 2 and registration.pixel_spacing is None:
         return None, None
-    if registration.model == "affine":
-        return _affine_departure(registration, known if planar else np.ones(3))
-    return _free_scale_departure(registration, known if planar else np.ones(3))
-
-
-def _affine_departure(
-    registration: Registration, known: Array
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    k = len(known)
-    columns = registration.T_target_source[:3, :k]
+    if registration.model == "rigid":
+        fit = solve(replace(problem, model=Orthogonal(k, None, "similarity")), fit.used)
+    columns = fit.m[:, :k]  # the known spacing is in the normalised source already
     lengths = np.linalg.norm(columns, axis=0)
-    c = registration.covariance.reshape(3, k + 1, 3, k + 1)
-    unit = columns / lengths
-    variance = [unit[:, j] @ c[:, j, :, j] @ unit[:, j] for j in range(k)]
-    sigma = np.sqrt(np.maximum(variance, 0.0)) / known
-    return tuple((lengths / known - 1).tolist()), tuple(sigma.tolist())
-
-
-def _free_scale_departure(
-    registration: Registration, known: Array
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    fit, used = registration.fit, registration.used
-    problem = fit.problem
-    free = Orthogonal(problem.model.dimension, None, "similarity")
-    m = free.solve(problem.s[used], problem.y[used], problem.weights[used])
-    scale = float(np.linalg.norm(m[:, 0])) / problem.normaliser.radius
-    spread = float((problem.weights[used].mean(axis=1) @ (problem.s[used] ** 2)).sum())
-    sigma = registration.sigma_m / (scale * problem.normaliser.radius * np.sqrt(spread))
-    # A similarity normalises by the spacing's ratio alone; the known spacing is the unit there too.
-    return (scale - 1,), (float(sigma),)
+    c = fit.covariance.reshape(3, k + 1, 3, k + 1)
+    variance = np.einsum("aj,ajbj,bj->j", columns, c[:, :k, :, :k], columns) / lengths**2
+    sigma = np.sqrt(np.maximum(variance, 0.0)) / problem.normaliser.radius
+    each = slice(k if registration.model == "affine" else 1)
+    departure = lengths / problem.normaliser.radius - 1
+    return tuple(departure[each].tolist()), tuple(sigma[each].tolist())
 
 
 def label_warnings(registration: Registration, other: Relabelling | None) -> tuple[str, ...]:

@@ -138,27 +138,18 @@ def describe(
 
 def describe_markers(registration: Registration) -> list[dict[str, Any]]:
     """One entry a marker: residual, leverage, leave-one-out error, studentised F."""
-    columns = zip(
-        registration.labels,
-        registration.residuals_m,
-        registration.residual_vectors_m,
-        registration.leverage,
-        registration.loo_m,
-        registration.studentised_f,
-        registration.used,
-        strict=True,
-    )
+    residuals = registration.residuals_m
     return [
         {
             "label": label,
-            "residual_m": float(residual),
-            "vector_m": vector,
-            "leverage": float(leverage),
-            "loo_m": float(loo),
-            "f": float(f),
-            "used": bool(used),
+            "residual_m": float(residuals[i]),
+            "vector_m": registration.residual_vectors_m[i],
+            "leverage": float(registration.leverage[i]),
+            "loo_m": float(registration.loo_m[i]),
+            "f": float(registration.studentised_f[i]),
+            "used": bool(registration.used[i]),
         }
-        for label, residual, vector, leverage, loo, f, used in columns
+        for i, label in enumerate(registration.labels)
     ]
 
 
