@@ -105,13 +105,18 @@ struct Scene {
     }
 };
 
-/// Triangles: an open sheet with bumps, a box, a corner, some that go through each other.
+/// Triangles: an open sheet with bumps, a saddle, a box, a corner, some that go through each other.
 inline std::vector<Scene> meshes() {
     Scene bumps{"bumps, mesh", sheet(13, 4e-3), false, 0}, box{"box, mesh", {}, false, 0};
     for (int i = 0; i < 169; ++i) {
         bumps.points[static_cast<std::size_t>(3 * i + 2)] = 5e-4 * (i * i % 7);
         if (const int a = i, b = i + 1; i % 13 < 12 && i < 156)
             bumps.triangles.insert(bumps.triangles.end(), {a, b, a + 13, b, b + 13, a + 13});
+    }
+    Scene saddle{"saddle, mesh", bumps.points, false, 0, {}, bumps.triangles};
+    for (std::size_t i = 0; i < saddle.points.size(); i += 3) {
+        const double x = saddle.points[i], y = saddle.points[i + 1];
+        saddle.points[i + 2] = 20 * (x * x - y * y);
     }
     for (int i = 0; i < 8; ++i)
         add(box.points, i & 1 ? 0.02 : -0.02, i & 2 ? 0.01 : -0.01, i & 4 ? 0.015 : -0.015);
@@ -122,7 +127,7 @@ inline std::vector<Scene> meshes() {
         {0, 1, 2, 0, 2, 3, 0, 3, 1}};
     Scene heap{"heap, mesh", dust(60, 0.02), false, 2e-3};
     for (int i = 0; i < 60; ++i) heap.triangles.push_back(i);
-    return {bumps, box, walls, heap};
+    return {bumps, saddle, box, walls, heap};
 }
 
 inline Scene drawn(const char* name, std::vector<vfplan::Stroke> strokes) {

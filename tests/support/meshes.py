@@ -88,6 +88,17 @@ def sheet(rng, n, height):
     return points, faces.astype(np.int32)
 
 
+def facets(rng):
+    """A ball, an ellipsoid or a wavy sheet that facets stand for: as `mesh`."""
+    if rng.random() < 0.5:
+        points, faces = sphere(rng.uniform(0.4, 2) * R, rng.integers(2, 4))
+        return points * rng.uniform(0.8, 1.2, size=3), faces, True
+    points, faces = sheet(rng, 8, 0)
+    waves = np.sin(points[:, :2] * rng.uniform(0, 0.8, size=2) / R + rng.uniform(0, 6, size=2))
+    points[:, 2] = rng.uniform(0, 1) * R * waves.sum(axis=1)
+    return points, faces, False
+
+
 def mesh(rng):
     """(points, triangles, closed): of one of the kinds that break a rule."""
     kind = rng.integers(7)

@@ -6,6 +6,8 @@ nothing in Python.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -169,10 +171,10 @@ class ProxyEngine:
     def _exact(cls, shape: tuple, rc: float, rv: float, k: ArrayLike, axis, r3) -> ProxyEngine:
         """Of what `check_pieces` or `check_triangles` gives."""
         self = cls.__new__(cls)
-        self.parameters = ProxyParameters.make(shape[0], rc, None, rv, k, "exact", axis, r3)
-        native = self.parameters.native()
+        made = ProxyParameters.make(shape[0], rc, None, rv, k, "exact", axis, r3)
         self._points, self._source = len(shape[0]), None
-        self._engine = _core.Engine(*shape, native)
+        self._engine = _core.Engine(*shape, made.native())
+        self.parameters = replace(made, band=self._engine.band)
         return self
 
     @property

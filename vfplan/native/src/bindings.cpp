@@ -171,6 +171,7 @@ NB_MODULE(_core, m) {
              })
         .def_prop_ro("taken", &Engine::taken)
         .def("distance", &distance, "points"_a)
+        .def_prop_ro("band", &Engine::band)
         .def_prop_ro("bytes", &Engine::bytes)
         .def_prop_ro("cells", &Engine::cells)
         .def_prop_ro("planar", &Engine::planar);

@@ -144,6 +144,8 @@ class Engine {
         return changes ? changes->waiting.waiting() : 0;
     }
 
+    /// How far below R the proxy may be [m]: of a mesh, also what its smooth body takes.
+    double band() const noexcept { return made_->band; }
     /// Memory held [bytes].
     std::size_t bytes() const noexcept { return made_->bytes(); }
     /// Cells of the grid; 0 without one.

@@ -259,7 +259,10 @@ inline Made make(const mesh::Surface& surface, Parameters p) {
     p.band = mesh::ExactRule::band(p, surface);
     check(p);
     if (p.ignore_axis) reject("rule exact renders a mesh in space: without an ignore_axis");
-    return exactly(Space{}, mesh::ExactRule({surface, mesh::ExactRule::tolerance * p.R()}, p), p);
+    mesh::Mesh triangles(surface, mesh::ExactRule::tolerance * p.R());
+    mesh::Smooth smooth(triangles, p.R());
+    p.band += smooth.rise();
+    return exactly(Space{}, mesh::ExactRule(std::move(triangles), std::move(smooth), p), p);
 }
 
 }  // namespace detail

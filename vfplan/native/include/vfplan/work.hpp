@@ -173,7 +173,7 @@ inline double tick_work(const mesh::Surface& s, const Parameters& p) {
     mesh::check(s);
     std::vector<Box<3>> boxes;
     mesh::Coarse(s, mesh::ExactRule::tolerance * p.R())
-        .each([&](const Vec3& a, const Vec3& b, const Vec3& c) {
+        .each([&](const Vec3& a, const Vec3& b, const Vec3& c, const auto&) {
             Box<3> box;
             for (int k = 0; k < 3; ++k) {
                 box.low.c[k] = std::min({a.c[k], b.c[k], c.c[k]});

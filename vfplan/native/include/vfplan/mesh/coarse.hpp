@@ -52,11 +52,11 @@ class Coarse {
         }
     }
 
-    /// Calls f(a, b, c) with the corners of each triangle that is left.
+    /// Calls f(a, b, c, rows) with the corners of each triangle that is left.
     template <class F>
     void each(F&& f) const {
         for (const Face& t : faces_)
-            if (t[0] != gone) f(at(t[0]), at(t[1]), at(t[2]));
+            if (t[0] != gone) f(at(t[0]), at(t[1]), at(t[2]), t);
     }
 
   private:

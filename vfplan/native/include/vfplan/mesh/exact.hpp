@@ -10,7 +10,7 @@
 #include <utility>
 
 #include "vfplan/escape.hpp"
-#include "vfplan/mesh/near.hpp"
+#include "vfplan/mesh/settle.hpp"
 #include "vfplan/paper.hpp"
 
 namespace vfplan::mesh {
@@ -60,12 +60,14 @@ class ExactRule {
         return std::max(finest * p.R(), roundings_a_band * rounding);
     }
 
-    ExactRule(Mesh mesh, const Parameters& p)
-        : R_(p.R()),
-          band_(p.band),
+    /// The triangles hold the proxy off by R less the body's rise: what the band has of it.
+    ExactRule(Mesh mesh, Smooth smooth, const Parameters& p)
+        : R_(p.R() - smooth.rise()),
+          band_(p.band - smooth.rise()),
           outer_(p.outer_radius + p.point_radius),
           near_(std::move(mesh), R_, band_),
           walls_(R_, band_),
+          settle_(std::move(smooth), p.R(), band_),
           escape_(Bands(R_), R_) {}
 
     void reset() noexcept {
@@ -73,6 +75,7 @@ class ExactRule {
         held_ = taking_over_ = rests_ = stays_ = false;
         near_.forget();
         walls_.clear();
+        settle_.forget();
     }
     /// As a reset, but a proxy that is inside is led out from where it is.
     void go_on(const Passage<3>* before) noexcept {
@@ -80,7 +83,7 @@ class ExactRule {
         stays_ = true;
         escape_.keep_to(before);
     }
-    std::size_t bytes() const noexcept { return near_.bytes(); }
+    std::size_t bytes() const noexcept { return near_.bytes() + settle_.bytes(); }
     std::size_t cells() const noexcept { return mesh().boxes(); }
     double distance(const Vec3& x) const noexcept {
         double least = never;
@@ -99,6 +102,7 @@ class ExactRule {
         }
         if (rests_ && hip == hip_) return last_;
         hip_ = hip;
+        if (!taking_over_ && settle_(near_, proxy, hip, proxy)) return last_ = settled(proxy, hip);
         const Vec3 start = proxy;
         Leash<3> leash{};
         if (taking_over_) leash = escape_.leash(proxy, hip);
@@ -117,6 +121,10 @@ class ExactRule {
             held_ = near >= R_ - band_;  // else it is taken out, from the next tick on
         }
         rests_ = tick.status == ok;
+        settle_.hold(mesh(), proxy, walls_);
+        if (rests_ && settle_(near_, proxy, hip, start)) return last_ = settled(proxy, hip);
+        settle_.forget();
+        if (rests_) settle_.lift(near_, proxy, hip, start, walls_);
         describe(proxy, hip, near, tick);
         return last_ = tick;
     }
@@ -199,6 +207,13 @@ class ExactRule {
         return near_.sweep(x, further, walls_).i == Mesh::none ? further : v;
     }
 
+    Tick<3> settled(const Vec3& x, const Vec3& hip) noexcept {
+        Tick<3> tick;
+        rests_ = true;
+        describe(x, hip, settle_.count() > 0 ? 0 : never, tick);
+        if (settle_.count() == 1) tick.normal = settle_.normal();
+        return tick;
+    }
     void describe(const Vec3& x, const Vec3& hip, double near, Tick<3>& tick) noexcept {
         if (near <= R_ + band_) {
             tick.state = State::in_contact;
@@ -220,6 +235,7 @@ class ExactRule {
     double R_, band_, outer_;
     Near near_;
     Walls walls_;  // of the last step
+    Settle settle_;
     Escape<3, const Mesh, Bands> escape_;
     Vec3 hip_, anchor_;                // anchor_: where a way out began on which the proxy stays
     std::uint32_t seen_ = Mesh::none;  // lay near a free proxy

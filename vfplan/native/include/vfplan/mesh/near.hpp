@@ -31,6 +31,8 @@ class Walls {
     int count() const noexcept { return count_; }
     std::uint32_t on(int j) const noexcept { return on_[j]; }
     const Vec3& normal(int j) const noexcept { return wall_[j].n; }
+    /// How far x is from what lies behind it.
+    double height(int j, const Vec3& x) const noexcept { return dot(wall_[j].n, x) - level_[j]; }
     /// The part of the way towards the HIP at which it met the first.
     double met() const noexcept { return met_; }
 
@@ -126,9 +128,11 @@ class Near {
         if (hit.i != Mesh::none || !(length > first)) return hit;
         hit.t = 1;
         mesh_.visit(
-            [&](const Vec3& low, const Vec3& high) noexcept {
-                double a, b;
-                return Box<3>{low, high}.clip(x, v, hit.t, R_, a, b);
+            [&](const Disc& disc) noexcept {
+                const Vec3 w = disc.middle - x;
+                const double share = dot(w, v) / dot(v, v), reach = R_ + disc.size();
+                const Vec3 off = w - std::min(std::max(share, 0.0), hit.t) * v;
+                return dot(off, off) <= reach * reach;
             },
             [&](std::uint32_t i) noexcept {
                 if (!walls.hide(mesh_[i])) meets(i, x, v, hit);

@@ -46,6 +46,21 @@ struct Triangle {
     }
 };
 
+/// A round box: what lies in it is at most `wide` from the line through its middle along n, and at
+/// most `high` from its middle along that.
+struct Disc {
+    Vec3 middle, n;
+    double wide = 0, high = 0;
+
+    double distance2(const Vec3& y) const noexcept {
+        const Vec3 w = y - middle;
+        const double up = dot(w, n), beside = std::sqrt(std::max(dot(w, w) - up * up, 0.0));
+        const double over = std::max(std::abs(up) - high, 0.0), off = std::max(beside - wide, 0.0);
+        return over * over + off * off;
+    }
+    double size() const noexcept { return std::sqrt(wide * wide + high * high); }
+};
+
 class Mesh {
   public:
     static constexpr std::uint32_t none = ~std::uint32_t{0};
@@ -53,27 +68,32 @@ class Mesh {
     /// `tolerance` [m]: how far its places may move where it has more triangles than it needs.
     Mesh(const Surface& s, double tolerance) {
         std::vector<Item> items;
-        Coarse(s, tolerance).each([&](const Vec3& a, const Vec3& b, const Vec3& c) {
-            items.emplace_back(a, b, c);
-        });
+        Coarse(s, tolerance).each([&](const auto&... corner) { items.emplace_back(corner...); });
         plant(items, 0, items.size());
         triangles_.reserve(items.size());
-        for (const Item& i : items) triangles_.emplace_back(i.corner[0], i.corner[1], i.corner[2]);
+        faces_.reserve(items.size());
+        for (const Item& i : items) {
+            triangles_.emplace_back(i.corner[0], i.corner[1], i.corner[2]);
+            faces_.push_back(i.rows);
+        }
     }
 
     const Triangle& operator[](std::uint32_t i) const noexcept { return triangles_[i]; }
+    /// The rows of its corners in the surface.
+    const Coarse::Face& face(std::uint32_t i) const noexcept { return faces_[i]; }
     std::size_t size() const noexcept { return triangles_.size(); }
     std::size_t boxes() const noexcept { return nodes_.size(); }
     std::size_t bytes() const noexcept {
-        return triangles_.capacity() * sizeof(Triangle) + nodes_.capacity() * sizeof(Node);
+        return triangles_.capacity() * (sizeof(Triangle) + sizeof(Coarse::Face)) +
+               nodes_.capacity() * sizeof(Node);
     }
 
-    /// Calls f(i) for every triangle under a box (least, most) that `near` says so of.
+    /// Calls f(i) for every triangle in a disc that `near` says so of.
     template <class Near, class F>
     void visit(Near&& near, F&& f) const noexcept {
         for (std::uint32_t k = 0; k < nodes_.size();) {
             const Node& node = nodes_[k];
-            if (!near(node.least, node.most)) {
+            if (!near(node.disc)) {
                 k = node.skip;
                 continue;
             }
@@ -84,16 +104,7 @@ class Mesh {
     /// ... for every one within `reach` of y, which may shrink, and some more.
     template <class F>
     void around(const Vec3& y, const double& reach, F&& f) const noexcept {
-        visit(
-            [&](const Vec3& least, const Vec3& most) noexcept {
-                double square = 0;
-                for (int k = 0; k < 3; ++k) {
-                    const double gap = std::max({least.c[k] - y.c[k], y.c[k] - most.c[k], 0.0});
-                    square += gap * gap;
-                }
-                return square <= reach * reach;
-            },
-            f);
+        visit([&](const Disc& disc) noexcept { return disc.distance2(y) <= reach * reach; }, f);
     }
 
     /// The triangle nearest to y where that is nearer than `least` [m], which it then becomes.
@@ -111,33 +122,49 @@ class Mesh {
     struct Item {
         std::array<Vec3, 3> corner;
         Vec3 middle;
-        Item(const Vec3& a, const Vec3& b, const Vec3& c)
-            : corner{a, b, c}, middle((1.0 / 3) * (a + b + c)) {}
+        Coarse::Face rows;
+        Item(const Vec3& a, const Vec3& b, const Vec3& c, const Coarse::Face& face)
+            : corner{a, b, c}, middle((1.0 / 3) * (a + b + c)), rows(face) {}
     };
     struct Node {
-        Vec3 least, most;
+        Disc disc;
         std::uint32_t first = 0, last = 0;  // triangles of a leaf; none of a branch
         std::uint32_t skip = 0;             // the node behind all that hang on this one
     };
 
+    /// Around `middle`, but for how high that is.
+    static Disc disc(const std::vector<Item>& items, std::size_t first, std::size_t last,
+                     const Vec3& middle, const Vec3& n) {
+        double low = never, top = -never, wide2 = 0;
+        for (std::size_t i = first; i < last; ++i)
+            for (const Vec3& p : items[i].corner) {
+                const Vec3 w = p - middle;
+                const double up = dot(w, n);
+                low = std::min(low, up), top = std::max(top, up);
+                wide2 = std::max(wide2, dot(w, w) - up * up);
+            }
+        constexpr double more = 1 + 1e-9;  // roundings
+        return {middle + (low + top) / 2 * n, n, more * std::sqrt(wide2), more * (top - low) / 2};
+    }
     /// Halves them along the longest side of their box, in an order that no library chooses.
     void plant(std::vector<Item>& items, std::size_t first, std::size_t last) {
         const std::size_t at = nodes_.size();
-        Node node;
-        node.least = {{never, never, never}};
-        node.most = {{-never, -never, -never}};
-        for (std::size_t i = first; i < last; ++i)
-            for (const Vec3& c : items[i].corner)
+        Vec3 least{{never, never, never}}, most = -1 * least, up;
+        for (std::size_t i = first; i < last; ++i) {
+            const auto& [a, b, c] = items[i].corner;
+            up = up + cross(b - a, c - a);
+            for (const Vec3& p : items[i].corner)
                 for (int k = 0; k < 3; ++k) {
-                    node.least.c[k] = std::min(node.least.c[k], c.c[k]);
-                    node.most.c[k] = std::max(node.most.c[k], c.c[k]);
+                    least.c[k] = std::min(least.c[k], p.c[k]);
+                    most.c[k] = std::max(most.c[k], p.c[k]);
                 }
-        nodes_.push_back(node);
+        }
+        nodes_.push_back({disc(items, first, last, 0.5 * (least + most), along(up, 1)), 0, 0, 0});
         if (last - first <= leaf) {
             nodes_[at].first = static_cast<std::uint32_t>(first);
             nodes_[at].last = static_cast<std::uint32_t>(last);
         } else {
-            const Vec3 size = node.most - node.least;
+            const Vec3 size = most - least;
             int k = size[1] > size[0] ? 1 : 0;
             if (size[2] > size[k]) k = 2;
             const auto from = items.begin() + static_cast<std::ptrdiff_t>(first);
@@ -152,6 +179,7 @@ class Mesh {
     }
 
     std::vector<Triangle> triangles_;
+    std::vector<Coarse::Face> faces_;
     std::vector<Node> nodes_;
 };
 
