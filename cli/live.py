@@ -44,8 +44,7 @@ def command(fixture: Path, source: str, openigtlink: int | None, web: int | None
         raise click.UsageError("nothing to do: give --openigtlink, --web or --mcap")
     refuse_existing(mcap, overwrite=overwrite)
     from vfplan.bundle import read_fixture
-    from vfplan.live.feed import MOST_CLIENTS, Feed
-    from vfplan.live.sources import of_port, of_result
+    from vfplan.live.sources import MOST_CLIENTS, Feed, of_port, of_result
     from vfplan.session.mcapfile import McapWriter
 
     shown, feed, servers = read_fixture(fixture), Feed(rate), []

@@ -21,9 +21,8 @@ import vfplan
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Curve, Fixture
 from vfplan.live import igtl, sources
-from vfplan.live.feed import Feed
 from vfplan.live.server import Server, still
-from vfplan.live.sources import HEADER, MAGIC, Ticks, decode, of_port, where
+from vfplan.live.sources import HEADER, MAGIC, Feed, Ticks, decode, of_port, where
 from vfplan.session import mcapfile
 from vfplan.session.mcapfile import TICK, McapWriter, read_ticks
 

@@ -1,4 +1,4 @@
-"""Regular files opened to be read, once: what takes their name meanwhile is another file."""
+"""Regular files opened to be read, once, of a bounded size, also once they are unpacked."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import hashlib
 import io
 import os
 import stat
+import zlib
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, cast
 
 from vfplan.errors import InputError
+
+MOST_FILE = MOST_UNPACKED = 1 << 30  # bytes
 
 
 def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
@@ -111,3 +115,41 @@ class _View(io.RawIOBase):
 
     def tell(self) -> int:
         return self._at
+
+
+def read_bytes(path: Path, most: int = MOST_FILE) -> tuple[bytes, str]:
+    """A file's bytes and their SHA-256; raises `InputError` as `read_whole` does."""
+    with suppress(OSError):  # what is not there, `read_whole` names
+        most = min(most, path.stat().st_size + 1)  # a read takes room for all that it may get
+    data = read_whole(path, most, InputError)
+    return data, hashlib.sha256(data).hexdigest()
+
+
+def unpacked(data: bytes, kind: str, where: str, most: int = MOST_UNPACKED) -> bytes:
+    """What "gzip" or "bzip2" bytes hold, never more than `most`.
+
+    Raises `InputError` when they are damaged, cut short, or hold more.
+    """
+    try:
+        if kind == "gzip":
+            worker = zlib.decompressobj(wbits=zlib.MAX_WBITS | 32)
+        else:
+            import bz2
+
+            worker = bz2.BZ2Decompressor()
+        found = worker.decompress(data, most + 1)
+    except (zlib.error, OSError, ValueError):
+        raise InputError(f"its {kind} data are damaged", where=where) from None
+    if len(found) > most:
+        raise InputError(f"unpacks to more than {most} bytes", where=where)
+    if not worker.eof:
+        raise InputError(f"its {kind} data are cut short", where=where)
+    return found
+
+
+def first_unpacked(data: bytes, count: int = 540) -> bytes:
+    """The first bytes that gzip data hold; fewer where they are damaged."""
+    try:
+        return zlib.decompressobj(wbits=zlib.MAX_WBITS | 32).decompress(data, count)
+    except zlib.error:
+        return b""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vfplan.errors import OutputError
 from vfplan.fixture import Fixture
 from vfplan.live import igtl
-from vfplan.live.feed import MOST_CLIENTS, Feed
+from vfplan.live.sources import MOST_CLIENTS, Feed
 
 ASKED_S = 0.2  # what a client asks for is looked at as often, at least
 STALLED_S = 5.0  # a client that takes nothing for so long is let go

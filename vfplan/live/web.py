@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import OutputError, needing
-from vfplan.live.feed import MOST_CLIENTS, Feed
+from vfplan.live.sources import MOST_CLIENTS, Feed
 
 QUIET_S = 0.2  # a client that went is noticed as soon, at least
 _SILENT = logging.Logger("websockets", logging.CRITICAL + 1)

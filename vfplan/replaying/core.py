@@ -14,11 +14,10 @@ from vfplan.errors import SessionError, SettingError, at
 from vfplan.fixture import Fixture
 from vfplan.replaying.apart import Apart
 from vfplan.replaying.changing import Changing
-from vfplan.replaying.checks import check_limits, robot_limits
+from vfplan.replaying.checks import check_limits, findings, robot_limits
 from vfplan.replaying.engines import RULES
 from vfplan.replaying.episodes import episode_count
 from vfplan.replaying.faults import Link
-from vfplan.replaying.findings import arm_findings, findings, link_findings, session_findings
 from vfplan.replaying.run import RuleRun
 from vfplan.replaying.watch import SessionWatch
 from vfplan.robot import Robot
@@ -172,7 +171,7 @@ def replay(
     if clean is not None:
         record["link"] = _link_report(link, runs[0], clean, link_apart, robot)
     record["elapsed_s"] = clock.perf_counter() - began
-    done = [_result(fixture, run, engine, record, watch, robot, limits) for run in runs]
+    done = [_result(fixture, run, engine, record, robot, limits) for run in runs]
     if len(done) == 1:
         return done[0]
     return _side_by_side(*done, rules_apart)
@@ -264,7 +263,6 @@ def _result(
     run: RuleRun,
     engine: str,
     record: dict[str, Any],
-    watch: SessionWatch,
     robot: Robot | None,
     limits: Limits,
 ) -> Replay:
@@ -276,12 +274,7 @@ def _result(
         "scene": _scene(fixture, run.engine.parameters),
         "left_out": dict(run.engine.left_out),
         **record,
-        "findings": [
-            *session_findings(record["session"], robot),
-            *link_findings(record.get("link", {})),
-            *findings(found, run.engine.parameters),
-            *([] if robot is not None else arm_findings(found, record["session"])),
-        ],
+        "findings": findings(found, record, run.engine.parameters, robot),
     }
     metrics["real_time_factor"] = found["duration_s"] / record["elapsed_s"]
     asked = (*limits, *(robot_limits(robot) if robot is not None else ()))

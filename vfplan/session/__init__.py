@@ -7,7 +7,6 @@ than a few of them; `ResultWriter` writes a result as it comes.
 from __future__ import annotations
 
 from vfplan.session.read import open_session, read_session
-from vfplan.session.resample import resampled
 from vfplan.session.result import (
     RESULT_FORMAT,
     RESULT_VERSION,
@@ -17,7 +16,7 @@ from vfplan.session.result import (
 )
 from vfplan.session.resultwriter import CsvWriter, ResultWriter, write_result
 from vfplan.session.ros import RosOptions
-from vfplan.session.types import BLOCK, Session, SessionStream, Source
+from vfplan.session.types import BLOCK, Session, SessionStream, Source, resampled
 
 __all__ = [
     "BLOCK", "RESULT_FORMAT", "RESULT_VERSION", "CsvWriter", "ResultWriter", "RosOptions",

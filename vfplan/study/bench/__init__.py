@@ -9,8 +9,7 @@ document    the bench as one JSON document and as CSV; the machine
 
 from __future__ import annotations
 
-from vfplan.study.bench.document import read_document, write_csv, write_json
 from vfplan.study.bench.peers import Peer
-from vfplan.study.bench.stages import STAGES, Stage, bench
+from vfplan.study.bench.stages import STAGES, Stage, bench, read_document, write_csv, write_json
 
 __all__ = ["STAGES", "Peer", "Stage", "bench", "read_document", "write_csv", "write_json"]

@@ -1,16 +1,25 @@
-"""bench(stages) -> one document: every stage's trials measured, fronts marked."""
+"""bench(stages) -> one document: all trials measured, fronts marked; as JSON and as CSV."""
 
 from __future__ import annotations
 
+import csv
+import io
+import json
+import os
+import platform
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from vfplan.engine.tolerance import choose
-from vfplan.errors import SettingError
-from vfplan.study.bench.document import FORMAT, VERSION, describe_machine
+from vfplan.errors import InputError, SettingError
+from vfplan.io.disk import write_whole
+from vfplan.io.numbers import jsonable
+from vfplan.io.reading import read_whole
 from vfplan.study.bench.peers import Peer, nanoflann_hint
 from vfplan.study.bench.record import Refusal, Result, Trial, judge_chosen, mark_pareto, run_trials
 
@@ -120,3 +129,102 @@ def _peers(peers: Sequence[Peer], wanted: bool) -> list[dict[str, Any]]:
     if wanted and not any("nanoflann" in p.name for p in peers):
         ran.append({"name": "nanoflann", "ran": False, "message": nanoflann_hint()})
     return ran
+
+
+FORMAT, VERSION = "vfplan-bench", "1.0"
+MOST_BYTES = 256 * 2**20
+COLUMNS = (
+    "stage", "scene", "method", "settings", "error_rms", "error_max", "unit", "time_us_median",
+    "time_us_low", "time_us_high", "time_us_p99", "time_us_p999", "time_us_max", "repeats",
+    "pareto", "chosen", "peer", "points", "force_rms_n", "force_max_n", "surface_error_m",
+    "lines_and_arcs", "inside_m", "followed_rms_m", "followed_ticks", "ticks", "clearance_min_m",
+    "lag_rms_m", "friction", "force_jumps", "force_jumps_large", "force_step_max_n", "limit_share",
+    "meets_tolerance", "follows", "time_over_cheapest",
+)  # fmt: skip
+_NEEDED = ("stages", "results", "tolerance_m", "budget_us", "machine", "peers", "elapsed_s")
+_TEXTS = ("stage", "scene", "method", "unit")
+_NUMBERS = ("error_rms", "error_max", "time_us_median", "time_us_low", "time_us_high")
+
+
+def write_json(document: dict[str, Any], path: Path) -> None:
+    """Write the document; numbers that are not finite become null."""
+    text = json.dumps(jsonable(document), indent=1, allow_nan=False) + "\n"
+    write_whole(path, [text.encode()], overwrite=True)
+
+
+def write_csv(document: dict[str, Any], path: Path) -> None:
+    """Write one row a result; settings as `name=value` pairs, what does not apply is empty."""
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", restval="")
+    writer.writeheader()
+    for result in document["results"]:
+        pairs = " ".join(f"{k}={v}" for k, v in result["settings"].items())
+        writer.writerow(result | {"settings": pairs})
+    write_whole(path, [text.getvalue().encode()], overwrite=True)
+
+
+def read_document(path: str | Path) -> dict[str, Any]:
+    """Read what `write_json` wrote.
+
+    Raises `InputError` for a file that is missing, no JSON, no bench of this version, or damaged.
+    """
+    try:
+        document = json.loads(read_whole(Path(path), MOST_BYTES).decode("utf-8"))
+    except ValueError as error:
+        raise InputError(f"is not JSON: {error}", where=str(path)) from None
+    found = document.get("format") if isinstance(document, dict) else None
+    if found != FORMAT:
+        raise InputError(f"format {found!r}: {FORMAT!r} is wanted", where=str(path))
+    if str(document.get("version", "")).split(".")[0] != VERSION.split(".")[0]:
+        raise InputError(f"version {document.get('version')!r}: {VERSION} is read", where=str(path))
+    missing = [name for name in _NEEDED if name not in document]
+    if missing:
+        raise InputError(f"lacks {', '.join(missing)}", where=str(path))
+    _check_results(document["results"], str(path))
+    return document
+
+
+def _check_results(results: Any, where: str) -> None:
+    """Everything that a diagram is drawn from is there, and a finite number where one is needed."""
+    if not isinstance(results, list) or not results:
+        raise InputError("holds no results", where=where)
+    for i, result in enumerate(results):
+        at = f"{where}: results[{i}]"
+        if not isinstance(result, dict) or not isinstance(result.get("settings"), dict):
+            raise InputError("is no result with its settings", where=at)
+        for name in (*_TEXTS, *_NUMBERS):
+            value, kind = result.get(name), str if name in _TEXTS else (int, float)
+            if isinstance(value, bool) or not isinstance(value, kind):
+                wanted = "a text" if name in _TEXTS else "a number"
+                raise InputError(f"{name} {value!r}: {wanted} is wanted", where=at)
+        if result["unit"] not in ("m", "px") or not isinstance(result.get("pareto"), bool):
+            raise InputError("unit or pareto is none that a bench writes", where=at)
+
+
+def describe_machine() -> dict[str, Any]:
+    """Processor, cores, system, Python, NumPy; the clock's own cost [µs]."""
+    return {
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0))
+        if hasattr(os, "sched_getaffinity")
+        else os.cpu_count(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "clock_us": _clock_us(),
+    }
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def _clock_us() -> float:
+    ticks = [time.perf_counter_ns() for _ in range(2001)]
+    return float(np.median(np.diff(ticks))) / 1e3
