@@ -16,7 +16,7 @@ from vfplan.errors import MarkerError
 
 if TYPE_CHECKING:
     from vfplan.markers import Correspondences
-    from vfplan.markers.finding.spots import Kind
+    from vfplan.markers.finding.marks import Kind
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def hold_against_marks(rgb: NDArray, pairs: Correspondences) -> Held:
         them (rows from below, columns from the right, another scale) puts them onto marks of one
         kind
     """
-    from vfplan.markers.finding.spots import kinds_of_spots
+    from vfplan.markers.finding.marks import kinds_of_spots
 
     given = pairs.source
     kinds = kinds_of_spots(rgb)

@@ -248,7 +248,8 @@ def stretch_warning(registration: Registration) -> tuple[str, ...]:
     gain = (least.variance * least.dof / max(free.variance, problem.floor_m**2) - free.dof) / more
     long, short = np.linalg.svd(free.m[:, :2], compute_uv=False)
     expected = registration.model == "affine" and long < SQUARE * short
-    if expected or registration.perspective or fdtrc(more, free.dof, gain) > STRETCHED:
+    seen = registration.perspective
+    if expected or (seen and seen.said) or fdtrc(more, free.dof, gain) > STRETCHED:
         return ()
     left = [f"{np.sqrt(3 * one.variance) * 1e3:.3g} mm" for one in (free, least)]
     return (

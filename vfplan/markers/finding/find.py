@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.markers.finding.brightness import fit_mark
 from vfplan.markers.finding.marks import REACH_PX, coverages, marks_near
-from vfplan.markers.finding.shapes import GOOD_MISFIT, Shape
+from vfplan.markers.finding.shapes import GOOD_MISFIT, Shape, fit_mark
 
 SEARCH_PX = 8.0  # how far a marker may be from where it was said to be
 MAX_MISFIT = 0.45  # RMS: above it, no cross and no dot
