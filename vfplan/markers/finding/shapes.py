@@ -51,7 +51,7 @@ def brightness_mark(mark: Mark, patch: Array, by_colour: Fitted) -> Mark:
     contrast = ink - background
     told = np.abs(contrast) > MIN_CONTRAST / 2
     alpha = np.where(told, (grey - background) / np.where(told, contrast, 1.0), 0.0)
-    weight = np.abs(contrast) / np.abs(contrast).max()
+    weight = np.abs(contrast) / (np.abs(contrast).max() or 1.0)
     return replace(mark, alpha=alpha, valid=mark.valid & told, weight=weight)
 
 
@@ -142,8 +142,8 @@ def _solve(mark: Mark, model: Callable[..., Array], start: list[float]) -> tuple
     solution = least_squares(residual, np.clip(start, low, high), bounds=(low, high), max_nfev=60)
     drawn = (mark.alpha * mark.weight)[mark.valid]
     # Relative to the ink, so that an empty margin cannot make a bad fit look good.
-    misfit = float(np.sqrt((solution.fun**2).sum() / (drawn**2).sum()))
-    return solution.x, misfit
+    ink = float((drawn**2).sum())
+    return solution.x, float(np.sqrt((solution.fun**2).sum() / ink)) if ink > 0 else np.inf
 
 
 def _bar(x: Array, half: float, blur: float) -> Array:
