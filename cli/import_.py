@@ -41,6 +41,7 @@ def command(cloud: Path, output: Path, overwrite: bool, **given: Any) -> Report:
     """Make a fixture bundle of the points in CLOUD; a mesh is sampled and certified."""
     refuse_existing(output, overwrite=overwrite)
     from vfplan.bundle import import_cloud, read_bundle, write_fixture
+    from vfplan.engine.renderable import best_rule
 
     fixture = import_cloud(cloud, **given | {"ignore_axis": AXES[given["ignore_axis"]]})
     with outputs(output) as (path,):
@@ -50,6 +51,7 @@ def command(cloud: Path, output: Path, overwrite: bool, **given: Any) -> Report:
         "output": str(output),
         "points": len(fixture.points),
         "triangles": 0 if fixture.mesh is None else len(fixture.mesh),
+        "rule": best_rule(fixture) if fixture.rendering else None,
         "band_m": fixture.band,
         "leak": {p: content[p] for p in content if p.startswith("/leak@")},
         "extent_m": [fixture.points.min(axis=0), fixture.points.max(axis=0)],
@@ -59,8 +61,10 @@ def command(cloud: Path, output: Path, overwrite: bool, **given: Any) -> Report:
     text = (
         f"{data['points']} points, {data['triangles']} triangles, {size} mm across;"
         f" {content['/leak@kind']}, {certified}: largest opening"
-        f" {1e3 * content['/leak@largest_m']:.3f} mm\nwrote {output}"
+        f" {1e3 * content['/leak@largest_m']:.3f} mm"
     )
+    text += f"; rule {data['rule']}" if data["rule"] else ""
+    text += f"\nwrote {output}"
     return Report(data, text, warnings=_warnings(fixture, content["/leak@largest_m"]))
 
 

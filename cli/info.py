@@ -44,7 +44,8 @@ def _summary(data: dict[str, Any]) -> str:
         line = f"  rendering   K {stiffness} N/m, R {1e3 * radius:g} mm"
         work = data["tick_work"]
         if work["us"] is not None:
-            line += f", a tick at most {work['us']:.0f} us (given {work['at_most_us']:.0f})"
+            line += f", rule {work['rule']}, a tick at most {work['us']:.0f} us"
+            line += f" (given {work['at_most_us']:.0f})"
         lines.append(line)
     if "/pieces/vertices" in data:
         error = 1e6 * data["/pieces@error_m"]

@@ -187,11 +187,10 @@ def test_a_meshs_clearance_is_to_its_triangles():
     corners = rng.uniform(-1, 1, (300, 3, 3)) * 10 ** rng.uniform(-3.5, -1.5, (300, 1, 1))
     corners += rng.uniform(-0.05, 0.05, (300, 1, 3))
     corners[0, 1] = corners[0, 0]
-    given = fixture_of(corners.reshape(-1, 3), axis=None, curve=False)
-    fixture = dataclasses.replace(given, mesh=np.arange(900, dtype=np.int32).reshape(-1, 3))
+    triangles = np.arange(900, dtype=np.int32).reshape(-1, 3)
     for far in [[0, 0, 0.01]] * 6 + [[0.3, 0, 0]]:
         path = rng.normal(0, 1e-3, (300, 3)).cumsum(axis=0) + far
-        clearance = MeshClearance(fixture)
+        clearance = MeshClearance(corners.reshape(-1, 3), triangles, 5e-3)
         clearance.update(path[:200])
         clearance.update(path[200:])
         nearest = [nearest_on(corners[1:], x)[0] - x for x in path]

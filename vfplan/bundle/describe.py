@@ -11,7 +11,7 @@ import numpy as np
 from vfplan.bundle.content import Content, from_content
 from vfplan.bundle.read import read_bundle
 from vfplan.bundle.table import Row, table
-from vfplan.engine.renderable import MOST_TICK_WORK, work_of
+from vfplan.engine.renderable import MOST_TICK_WORK, best_rule, work_of
 from vfplan.errors import VfplanError
 
 
@@ -40,13 +40,17 @@ def describe(path: str | Path, *, values: bool = False, work: bool = False) -> d
     return described
 
 
-def _work(content: Content) -> dict[str, float | None]:
-    """How long a tick may take, and what 1 kHz gives it [us]; `None` where no engine renders it."""
+def _work(content: Content) -> dict[str, Any]:
+    """The rule it is rendered by unless another is asked for, how long a tick may take, and what
+    1 kHz gives it [us]; `None` where no engine renders it.
+    """
     try:
-        work = 1e6 * work_of(from_content(content))
+        fixture = from_content(content)
+        rule = best_rule(fixture)
+        work = 1e6 * work_of(fixture, rule)
     except VfplanError:
-        work = None
-    return {"us": work, "at_most_us": 1e6 * MOST_TICK_WORK}
+        rule = work = None
+    return {"rule": rule, "us": work, "at_most_us": 1e6 * MOST_TICK_WORK}
 
 
 def _shown(value: Any, row: Row, values: bool) -> Any:

@@ -52,11 +52,18 @@ def exact_of(fixture: Fixture) -> Literal["curve", "mesh"] | None:
 
 
 def best_rule(fixture: Fixture) -> Rule:
-    """The rule nearest to the truth: "exact" where lines and arcs across an axis are known.
+    """The rule nearest to the truth, of what is forbidden; "robust" where all strokes guide.
 
-    Of what is forbidden; "robust" where all strokes guide.
+    "exact" where lines and arcs across an axis are known, and for a mesh whose triangles are few
+    enough around any place for 1 kHz: the controller's own choice (`vfplan::by_triangles`).
+
+    Raises `SceneError` for a mesh that no engine takes.
     """
-    return "exact" if exact_of(fixture) == "curve" else "robust"
+    if exact_of(fixture) != "mesh":
+        return "exact" if exact_of(fixture) else "robust"
+    native = check_renderable(fixture).native(None)
+    triangles = check_triangles(fixture.points, fixture.mesh)
+    return "exact" if _core.by_triangles(*triangles, native) else "robust"
 
 
 def check_triangles(points: ArrayLike, triangles: ArrayLike) -> tuple[Vector, NDArray[np.int32]]:

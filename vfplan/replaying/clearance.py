@@ -25,7 +25,8 @@ def clearance_of(fixture: Fixture, rule: Rule) -> Clearance | CurveClearance | M
     if kind == "curve":
         return CurveClearance(fixture.region)
     if kind == "mesh":
-        return MeshClearance(fixture)
+        radius = fixture.contact_radius + fixture.point_radius
+        return MeshClearance(fixture.points, fixture.mesh, radius)
     return Clearance(fixture) if len(fixture.forbidden) else None
 
 
@@ -56,14 +57,14 @@ class CurveClearance:
 class MeshClearance:
     """Keep the minimum of the distance to triangles, less R [m].
 
-    fixture: its mesh and radii
+    points, triangles: (N, 3) corners [m], and (K, 3) rows of them
+    radius: R [m]
     """
 
-    def __init__(self, fixture: Fixture) -> None:
+    def __init__(self, points: Array, triangles: NDArray[np.int32], radius: float) -> None:
         from scipy.spatial import cKDTree
 
-        self._radius = fixture.contact_radius + fixture.point_radius
-        corners = fixture.points[fixture.mesh]
+        self._radius, corners = radius, points[triangles]
         self._corners, self._middle = corners, corners.mean(axis=1)
         self._size = np.linalg.norm(corners - self._middle[:, None], axis=2).max(axis=1)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -17,6 +17,7 @@ from vfplan.stability.contacts import Contact, patch
 from vfplan.stability.largest import (
     Largest,
     engine_for,
+    engines_for,
     is_stable,
     largest_stiffness,
     plant_of,
@@ -69,7 +70,7 @@ def weakest(
 
 
 def closed_loop(on: Fixture | str, rule: Rule, robot: Robot, stiffness: float) -> list[Row]:
-    """The row of a named scene, or of a bundle's own points, or lines and arcs.
+    """The row of a named scene, or of a bundle's own points, lines and arcs, or triangles.
 
     stiffness: K [N/m] of the press
     """
@@ -78,7 +79,7 @@ def closed_loop(on: Fixture | str, rule: Rule, robot: Robot, stiffness: float) -
     if robot.damping_n_s_per_m == 0.0:
         detail = "without damping no sampled spring is stable, however soft"
         return [Row(case, "fail", detail, 0.0, 0.0, "N/m", {"scene": scene, "rule": rule})]
-    found = weakest(places, robot, lambda place: engine_for(place, rule, band))
+    found = weakest(places, robot, engines_for(rule, band))
     if found is None:
         detail = "no ball of the contact radius fits beside any point tried"
         return [Row(case, "fail", detail, unit="N/m", values={"places": 0})]

@@ -6,9 +6,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vfplan import scenes
 from vfplan.engine.checks import Vector, check_axis
+from vfplan.engine.renderable import exact_of
 from vfplan.fixture import Fixture, Pieces
 
 RADIUS = 5e-3  # R = r_c of the scenes [m]
@@ -27,8 +29,9 @@ class Contact:
     # whose shape nobody has looked at, would else roll off
     held: bool = False
     room: float = 0.2  # how far from the touch there is nothing yet, in `radius`
-    # The cloud's curve as lines and arcs, where it is known so: rule "exact" presses on them
-    pieces: Pieces | None = None
+    # What rule "exact" presses on, where it is known: lines and arcs, or (K, 3) rows of points that
+    # are triangles
+    exact: Pieces | NDArray[np.int32] | None = None
 
     @property
     def inward(self) -> Vector:
@@ -80,7 +83,7 @@ def channel() -> Iterator[Contact]:
     scene, down = scenes.Channel(), np.array([0.0, -1.0, 0.0])
     touch = (RADIUS - scene.width / 2) * down
     pieces = scene.lines_and_arcs
-    yield Contact(scene.points, touch, down[None], scene.ignore_axis, room=0.0, pieces=pieces)
+    yield Contact(scene.points, touch, down[None], scene.ignore_axis, room=0.0, exact=pieces)
 
 
 def point() -> Iterator[Contact]:
@@ -105,7 +108,7 @@ def omega() -> Iterator[Contact]:
     foot, out = np.array([14e-3, 0.0, 0.0]), np.array([np.cos(np.pi / 6), 0.5, 0.0])
     touch = first_touch(scene.points, foot + 14e-3 * out, -out, RADIUS)
     if touch is not None:
-        yield Contact(scene.points, touch, out[None], scene.ignore_axis, held=True, pieces=pieces)
+        yield Contact(scene.points, touch, out[None], scene.ignore_axis, held=True, exact=pieces)
 
 
 SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
@@ -137,7 +140,8 @@ def along(fixture: Fixture, count: int = 5) -> Iterator[Contact]:
     radius = fixture.contact_radius + fixture.point_radius
     for i in spread(fixture.points, count):
         at, axis = fixture.points[i], fixture.ignore_axis
-        yield from _either_side(fixture.points, at, axis, radius, fixture.pieces)
+        exact = fixture.pieces if exact_of(fixture) == "curve" else fixture.mesh
+        yield from _either_side(fixture.points, at, axis, radius, exact)
 
 
 def spread(points: Vector, count: int) -> Vector:
@@ -155,7 +159,7 @@ def _either_side(
     at: Vector,
     axis: str | Vector | None,
     radius: float,
-    pieces: Pieces | None = None,
+    exact: Pieces | NDArray[np.int32] | None = None,
 ) -> Iterator[Contact]:
     """The contacts at `at` (3,) along plus and minus the cloud's normal there."""
     a = check_axis(axis)
@@ -166,7 +170,7 @@ def _either_side(
     for n in (normal, -normal):
         touch = first_touch(flat_points, at - height + 1.5 * radius * n, -n, radius)
         if touch is not None:
-            yield Contact(points, touch + height, n[None], axis, radius, held=True, pieces=pieces)
+            yield Contact(points, touch + height, n[None], axis, radius, held=True, exact=exact)
 
 
 def first_touch(points: Vector, start: Vector, way: Vector, radius: float) -> Vector | None:

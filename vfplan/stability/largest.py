@@ -9,12 +9,15 @@ than twice what the blow brought in.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from vfplan.engine.checks import Vector
 from vfplan.engine.parameters import Rule
 from vfplan.engine.proxy import ProxyEngine
+from vfplan.fixture import Pieces
 from vfplan.robot import Robot
 from vfplan.stability.contacts import Contact
 from vfplan.stability.loop import Engine, Hand, settle, simulate
@@ -47,11 +50,13 @@ def plant_of(robot: Robot, hand: float = 0.0) -> Plant:
 
 
 def engine_for(contact: Contact, rule: Rule, band: float | None = None) -> ProxyEngine:
-    """An engine of 1 N/m on the contact's cloud, or on its lines and arcs."""
-    if rule == "exact":
+    """An engine of 1 N/m on the contact's cloud, or on its lines and arcs, or triangles."""
+    if rule == "exact" and isinstance(contact.exact, Pieces):
         return ProxyEngine.along(
-            contact.pieces, contact.radius, stiffness=1.0, ignore_axis=contact.ignore_axis
+            contact.exact, contact.radius, stiffness=1.0, ignore_axis=contact.ignore_axis
         )
+    if rule == "exact":
+        return ProxyEngine.on(contact.points, contact.exact, contact.radius, stiffness=1.0)
     return ProxyEngine(
         contact.points,
         contact_radius=contact.radius,
@@ -60,6 +65,18 @@ def engine_for(contact: Contact, rule: Rule, band: float | None = None) -> Proxy
         rule=rule,
         ignore_axis=contact.ignore_axis,
     )
+
+
+def engines_for(rule: Rule, band: float | None = None) -> Callable[[Contact], ProxyEngine]:
+    """`engine_for`, one engine for all contacts that follow each other on one cloud."""
+    last: list[tuple[Vector, ProxyEngine]] = []
+
+    def make(contact: Contact) -> ProxyEngine:
+        if not last or last[0][0] is not contact.points:
+            last[:] = [(contact.points, engine_for(contact, rule, band))]
+        return last[0][1]
+
+    return make
 
 
 def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> Largest:

@@ -21,7 +21,7 @@ from vfplan.engine.parameters import Rule, Trace
 from vfplan.fixture import Fixture
 from vfplan.stability import contacts
 from vfplan.stability.contacts import Contact
-from vfplan.stability.largest import engine_for
+from vfplan.stability.largest import engines_for
 from vfplan.stability.rows import Row, verdict
 
 
@@ -83,15 +83,16 @@ def measure(trace: Trace, hips: Vector, stiffness: float, axis: Vector | None = 
 
 
 def passivity(on: Fixture | str, rule: Rule, stiffness: float, cycles: int = 20) -> list[Row]:
-    """Rows of a named scene, or of a bundle's own points, or lines and arcs; K [N/m]."""
+    """Rows of a named scene, or of a bundle's own points, lines and arcs, or triangles; K [N/m]."""
     scene, met, band = contacts.met(on, rule)
     places = list(met)
     rng = np.random.default_rng(9)
     found: list[Cycle] = []
+    make = engines_for(rule, band)
     if not places:
         return []
     for contact in places:
-        engine = engine_for(contact, rule, band)
+        engine = make(contact)
         par = engine.parameters
         for _ in range(-(-cycles // len(places))):
             hips = random_cycle(contact, rng)

@@ -218,12 +218,14 @@ def _not_met(part: str, fixture: Fixture | None) -> dict[str, str]:
 def _turns(fixture: Fixture | None) -> Iterator[tuple[Rule, Fixture | str]]:
     """Each rule with all that it renders: the bundle, and the scenes of contact that it can meet.
 
-    Rule "exact" renders lines and arcs.
+    Rule "exact" renders lines and arcs, or a bundle's triangles.
     """
     for rule in ALL_RULES:
         if fixture is not None and rule in (*RULES, best_rule(fixture)):
             yield rule, fixture
         known = contacts.CURVES if rule == "exact" else contacts.SCENES
+        if rule == "exact" and fixture is not None and fixture.mesh is not None:
+            known = ()
         yield from ((rule, name) for name in scenes_for(fixture)[0] if name in known)
 
 

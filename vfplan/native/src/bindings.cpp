@@ -112,6 +112,13 @@ NB_MODULE(_core, m) {
             return vfplan::tick_work(surface(points, triangles), p);
         },
         "points"_a, "triangles"_a, "parameters"_a);
+    m.def(
+        "by_triangles",
+        [](const Rows& points, const Triples& triangles, const vfplan::Parameters& p) {
+            nb::gil_scoped_release release;
+            return vfplan::by_triangles(surface(points, triangles), p);
+        },
+        "points"_a, "triangles"_a, "parameters"_a, "whether rule exact is the best for a mesh");
     m.attr("most_tick_work") = vfplan::most_tick_work;
 
     nb::class_<Engine>(m, "Engine")

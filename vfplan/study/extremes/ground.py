@@ -6,13 +6,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vfplan.curve.arcs import plane, strokes_of
 from vfplan.engine.checks import Vector, check_axis
-from vfplan.engine.parameters import Trace
+from vfplan.engine.parameters import ProxyParameters, Trace
 from vfplan.engine.proxy import ProxyEngine
-from vfplan.engine.renderable import best_rule
+from vfplan.engine.renderable import best_rule, exact_of
 from vfplan.fixture import Fixture, Pieces
+from vfplan.replaying.clearance import MeshClearance
 from vfplan.stability import contacts
 
 
@@ -25,16 +27,18 @@ class Ground:
     touch: Vector
     out: Vector
     settings: dict[str, Any] = field(default_factory=dict)  # the engine's
-    # The points are these lines' and arcs' vertices, and the engine renders them
-    pieces: Pieces | None = None
+    # The points are the vertices of these lines and arcs, or of triangles (K, 3), and the engine
+    # renders them
+    exact: Pieces | NDArray[np.int32] | None = None
 
     def engine(self, **more: Any) -> ProxyEngine:
         """An engine whose proxy starts 0.2 R off the touch."""
-        engine = (
-            ProxyEngine(self.points, **self.settings | more)
-            if self.pieces is None
-            else ProxyEngine.along(replace(self.pieces, vertices=self.points), **self.settings)
-        )
+        if self.exact is None:
+            engine = ProxyEngine(self.points, **self.settings | more)
+        elif isinstance(self.exact, Pieces):
+            engine = ProxyEngine.along(replace(self.exact, vertices=self.points), **self.settings)
+        else:
+            engine = ProxyEngine.on(self.points, self.exact, **self.settings)
         engine.reset(self.start(engine))
         return engine
 
@@ -64,13 +68,15 @@ def of_fixture(fixture: Fixture) -> Ground | None:
         settings = {
             "contact_radius": fixture.contact_radius,
             "point_radius": fixture.point_radius,
-            "ignore_axis": fixture.ignore_axis,
             "stiffness": fixture.stiffness,
         }
-        way = contact.touch, contact.normals[0]
-        if best_rule(fixture) == "exact":
-            return Ground(fixture.pieces.vertices, *way, settings, fixture.pieces)
-        return Ground(fixture.points, *way, settings | {"band": fixture.band})
+        way, across = (contact.touch, contact.normals[0]), {"ignore_axis": fixture.ignore_axis}
+        kind = exact_of(fixture) if best_rule(fixture) == "exact" else None
+        if kind == "curve":
+            return Ground(fixture.pieces.vertices, *way, settings | across, fixture.pieces)
+        if kind == "mesh":
+            return Ground(fixture.points, *way, settings, fixture.mesh)
+        return Ground(fixture.points, *way, settings | across | {"band": fixture.band})
     return None
 
 
@@ -97,20 +103,24 @@ def breach(engine: ProxyEngine, ground: Ground, trace: Trace) -> float:
     if not (all(np.isfinite(a).all() for a in answers) and trace.force.any()):
         return float("inf")
     p = engine.parameters
-    nearest = _distance(ground, trace.proxy, p.ignore_axis)
-    return max(0.0, float((p.R - p.band - nearest).max()))
+    return max(0.0, -p.band - _clearance(ground, trace.proxy, p))
 
 
-def _distance(ground: Ground, proxy: Vector, axis: Vector | None) -> Vector:
-    """(T,) from what is rendered, across the axis [m]; with no code of the engine's."""
-    if ground.pieces is not None:
-        frame = plane(axis)
-        strokes = strokes_of(replace(ground.pieces, vertices=ground.points), frame)
-        return np.min([stroke.distance(proxy @ frame.T) for stroke in strokes], axis=0)
+def _clearance(ground: Ground, proxy: Vector, p: ProxyParameters) -> float:
+    """Least distance from what is rendered less R, across the axis [m]; with no engine's code."""
+    if isinstance(ground.exact, Pieces):
+        frame = plane(p.ignore_axis)
+        strokes = strokes_of(replace(ground.exact, vertices=ground.points), frame)
+        return float(np.min([stroke.distance(proxy @ frame.T) for stroke in strokes]) - p.R)
+    if ground.exact is not None:
+        clearance = MeshClearance(ground.points, ground.exact, p.R)
+        clearance.update(proxy)
+        return clearance.minimum_m
     from scipy.spatial import cKDTree
 
+    axis = p.ignore_axis
     across = np.eye(3) - (0 if axis is None else np.outer(axis, axis))
-    return cKDTree(ground.points @ across).query(proxy @ across)[0]
+    return float(cKDTree(ground.points @ across).query(proxy @ across)[0].min() - p.R)
 
 
 def walked(ground: Ground, ticks: int = 3000, **settings: Any) -> float:

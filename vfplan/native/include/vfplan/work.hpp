@@ -188,4 +188,10 @@ inline double tick_work(const mesh::Surface& s, const Parameters& p) {
 /// The most tick_work [s] that a loop of 1 kHz is given.
 inline constexpr double most_tick_work = 0.3e-3;
 
+/// Whether a mesh is rendered best by its triangles: nearer to the truth than by its points
+/// (docs/make_mesh.py), if a tick is short enough.
+inline bool by_triangles(const mesh::Surface& s, const Parameters& p) {
+    return tick_work(s, p) <= most_tick_work;
+}
+
 }  // namespace vfplan

@@ -16,15 +16,26 @@ namespace vfplan {
 
 namespace bundle {
 
+/// The fixture's mesh; it stays the fixture's.
+inline mesh::Surface surface(const Fixture& fixture) {
+    return {fixture.points.data(), fixture.size(), fixture.mesh.data(), fixture.mesh.size() / 3};
+}
+
+inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked = std::nullopt);
+
 /// The rule nearest to the truth: exact where lines and arcs across an axis are known of what is
-/// forbidden.
+/// forbidden, and for a mesh in space that `by_triangles` says so of.
 inline Rule best_rule(const Fixture& fixture) {
-    return fixture.pieces_of(false).empty() ? Rule::robust : Rule::exact;
+    if (!fixture.pieces_of(false).empty()) return Rule::exact;
+    const bool mesh = !fixture.mesh.empty() && !fixture.guidance && fixture.rendering &&
+                      !fixture.rendering->ignore_axis;
+    return mesh && by_triangles(surface(fixture), parameters(fixture, Rule::exact)) ? Rule::exact
+                                                                                    : Rule::robust;
 }
 
 /// Table I as the bundle holds it, for its best rule or another one; the paper's keeps its own
 /// band. Throws std::invalid_argument for a fixture without rendering.
-inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked = std::nullopt) {
+inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked) {
     const Rule rule = asked.value_or(best_rule(fixture));
     if (!fixture.rendering)
         reject("frame " + fixture.frame +
@@ -41,11 +52,6 @@ inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked =
     if (r.max_iterations) p.max_iterations = *r.max_iterations;
     p.rule = rule;
     return p;
-}
-
-/// The fixture's mesh; it stays the fixture's.
-inline mesh::Surface surface(const Fixture& fixture) {
-    return {fixture.points.data(), fixture.size(), fixture.mesh.data(), fixture.mesh.size() / 3};
 }
 
 /// Throws std::invalid_argument where a tick may take longer than a loop of 1 kHz can wait.

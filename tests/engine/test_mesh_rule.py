@@ -1,0 +1,56 @@
+"""Which rule a mesh is rendered by when nothing is asked for, and what then stands on triangles."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import meshes
+import numpy as np
+import pytest
+from replays import fixture_of
+
+import vfplan
+from vfplan.bundle.clouds import refined
+from vfplan.engine.renderable import MOST_TICK_WORK, best_rule, work_of
+from vfplan.replaying import replay
+from vfplan.session import Session
+from vfplan.stability.contacts import along
+from vfplan.stability.largest import engine_for
+from vfplan.study.extremes import ground, probes
+
+
+def meshed(points, triangles, axis=None):
+    return replace(fixture_of(points, axis=axis, curve=False), mesh=triangles)
+
+
+@pytest.mark.parametrize("shape", [meshes.box(), meshes.sphere(0.02, 3)])
+def test_a_mesh_is_rendered_from_its_triangles(shape):
+    """However much finer than it need be."""
+    for points, triangles in (shape, refined(*shape, 3e-3)):
+        fixture = meshed(points, triangles)
+        assert best_rule(fixture) == vfplan.ProxyEngine.of(fixture).rule == "exact"
+    assert best_rule(meshed(*shape, axis=(0.0, 0.0, 1.0))) == "robust"
+
+
+def test_ticks_too_long_for_its_triangles_leave_its_points():
+    rng = np.random.default_rng(3)
+    points = rng.uniform(0, 2e-3, (900, 3))
+    fixture = meshed(points, np.arange(900, dtype=np.int32).reshape(-1, 3))
+    heap = replace(fixture, mesh=np.vstack([fixture.mesh, *rng.integers(0, 900, (3, 900, 3))]))
+    assert work_of(heap, "exact") > MOST_TICK_WORK
+    assert best_rule(heap) == "robust"
+
+
+def test_replay_gate_and_probes_stand_on_the_triangles():
+    """A box of 12 triangles has no point near the middle of its sides."""
+    fixture = meshed(*refined(*meshes.box(), 12e-3))
+    s = np.linspace(0, 1, 400)[:, None]
+    hips = (1 - s) * [0.0, 0.03, 0.0] + s * [0.0, 0.012, 0.004]
+    found = replay(fixture, Session(np.arange(400) / 1000, hips)).metrics
+    assert found["rule"] == "exact"
+    assert found["clearance_min_m"] == pytest.approx(0.0, abs=1e-7)
+    assert {engine_for(place, "exact").rule for place in along(fixture, 2)} == {"exact"}
+    stand = ground.of_fixture(fixture)
+    assert stand.engine().rule == "exact"
+    assert ground.walked(stand, 500) < 1e-9
+    assert probes.jump(stand, 1.0) < 1e-9
