@@ -8,7 +8,6 @@ marks       connected marks, and what each of them is
 candidates  lines joined over pen lifts, in a fixed order
 choice      which candidate it is, or why none
 ridge       the measurement: a pixel path -> the line's centre and its uncertainty
-unmixing    other colours that touch the line
 ends        where the ink of a line begins and ends
 evidence    the measured line held against the ink
 doubts      what a person should look at

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vfplan.curve.candidates import Candidate
 from vfplan.curve.pen import Pen, sample_pixels
-from vfplan.curve.unmixing import FOREIGN
+from vfplan.curve.profile import FOREIGN
 
 WIDE, NOISE = 24, 0.5  # px around an end; levels of colour there, as JPEG's, not of clean ground
 STRETCH, OVER_PX = 6, 4.0  # points back, px beyond a line's half width: the way ahead of an end

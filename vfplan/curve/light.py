@@ -45,17 +45,16 @@ def is_tinted(beside: NDArray) -> bool:
 
 
 def with_light(
-    x: NDArray, pixels: NDArray, seen: NDArray, offset: NDArray, width: float
+    x: NDArray, left: NDArray, rough: NDArray, seen: NDArray, offset: NDArray, width: float
 ) -> NDArray[np.float64]:
     """(M,) offsets with what the brightness adds.
 
     x: (K,) places across the path [px]
-    pixels, seen: (M, K, 3) colours there on 0..255, and where they count; a row that lacks one is
-        left
+    left, rough: (M, K) brightness less the ground, and (M,) how rough the ground is
+    seen: (M, K) where they count; a row that lacks one is left
     offset: (M,) of the line by its colour [px]
     width: the line's width [px]
     """
-    left, rough = without_ground(x, pixels @ LUMINANCE, width)
     depth = left[:, np.abs(x) <= MIDDLE_PX].mean(1)
     clear = seen.all(1) & (np.abs(depth) > CLEAR * rough)
     if clear.sum() < LEAST:

@@ -7,20 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.bends import drawn_outward
-from vfplan.curve.light import is_coarse, is_tinted, with_light
+from vfplan.curve.light import LUMINANCE, is_coarse, is_tinted, with_light, without_ground
 from vfplan.curve.pen import Pen, sample_pixels
-from vfplan.curve.unmixing import FOREIGN, OtherColours
 
 MARGIN_PX = 2.0  # profiles reach this far beyond the line's edge
 STEP_PX = 0.5
 INNER_PX = 0.5  # of the profile's middle: it must lie in the image
+FOREIGN = 0.35  # of the pen's strength across its hue: more is another colour
 TINGED = 0.15  # of the pen's strength across its hue: a pixel that another colour may hide in part
 TOUCHED_PX = 0.15, 0.45  # doubt of a line on top of another colour, of one measured by one edge
 VISIBLE = 0.85  # of the usual coverage: the pen lies on top of the other colour
 RISE = 0.2  # of full coverage, past the line's edge: a neighbour
 FAR_PX = 5.0  # beyond a width from the line's middle a pen that was enlarged has faded as well
-DOUBLE = 0.85  # of its maximum: a mean profile lower than this in its middle is two lines
 SEEN = 0.25  # of the usual coverage: less is no line
 SHADING_T = 5.0  # a shading effect below this many standard errors is not there,
 SHADING_DOUBT = 0.4  # share of the correction that may be wrong
@@ -35,6 +33,9 @@ class Profiles:
     # (M, K) coverage there, and bool, where nothing foreign hid it
     alpha: NDArray[np.float64]
     seen: NDArray[np.bool_]
+    # (M, K) brightness less the ground's, on 0..255, and (M,) how rough the ground is
+    light: NDArray[np.float64]
+    rough: NDArray[np.float64]
     # (M,) of the line from the path along the normal [px]; 0 where not valid
     offset: NDArray[np.float64]
     mass: NDArray[np.float64]  # (M,) coverage summed across the line, 1 in the middle of its run
@@ -42,7 +43,6 @@ class Profiles:
     clipped: NDArray[np.float64]  # (M,) share of the line's own width that lies outside the image
     # (M,) grey just beyond the line on one side minus on the other, -1..1
     shading: NDArray[np.float64]
-    double: bool  # whether these are two lines side by side
     noisy: bool  # whether the colour beside the line has noise, as JPEG's has
     blur: float  # variance of the line's blur, a pixel's square included [px²]
     width: float  # the line's width [px]
@@ -56,16 +56,14 @@ def read_profiles(
     normal: NDArray,
     pen: Pen,
     width: float,
-    others: OtherColours,
     least: float = SEEN,
-    bend: NDArray | None = None,
+    bend: NDArray | float = 0.0,
 ) -> Profiles:
     """Read profiles across a (M, 2) path with (M, 2) unit normals.
 
-    Coverage of less than `least` of the usual is no line. Where `others` touch the line, it is
-    measured by what they leave of it: all of it, or one of its edges. With the path's (M,)
-    curvature, `bend` [1/px], the offsets are freed of what blur in bends adds: for a path that is
-    already on the line.
+    Coverage of less than `least` of the usual is no line. Where another colour touches the line, it
+    is measured by what that leaves of it: all of it, or one of its edges. `bend` [1/px] is the (M,)
+    curvature of a path that is already on the line.
     """
     half = np.ceil((width / 2 + MARGIN_PX) / STEP_PX)
     x = np.arange(-half, half + 1) * STEP_PX
@@ -77,7 +75,6 @@ def read_profiles(
     )
     across = pixels @ pen.across / pen.strength
     foreign = (np.abs(across) > FOREIGN) | (alpha < -FOREIGN)
-    alpha = others.unmixed(base, alpha, across)
     core = np.abs(x) <= width / 2 + 0.5
     touched = foreign[:, core].any(1)
     foreign |= _beyond_valley(alpha, x, width)
@@ -92,14 +89,16 @@ def read_profiles(
     off = (width + FAR_PX) * normal
     beside = sample_pixels(rgb, *np.moveaxis(np.stack([base - off, base + off], 1), 2, 0))
     beside = (beside @ pen.along / pen.strength)[valid]
-    coarse = is_coarse(beside)
     offset = _matched(x, alpha, valid[:, None] & shown, mean)
     blur = blur_of(x, _mean_profile(alpha, (valid & ~touched & seen.all(1))[:, None] & seen), width)
-    if bend is not None:
-        offset = drawn_outward(offset, bend, blur)
+    offset -= bend * blur / 2  # blur draws both edges of a bend inward
     valid &= np.abs(offset) < width / 2 + 1.5
+    light, rough = without_ground(x, pixels @ LUMINANCE, width)
+    coarse = is_coarse(beside)
     if coarse:
-        offset = with_light(x, pixels, valid[:, None] & seen, np.where(valid, offset, 0.0), width)
+        offset = with_light(
+            x, light, rough, valid[:, None] & seen, np.where(valid, offset, 0.0), width
+        )
     grey = pixels.mean(2) / 255
     shading = grey[:, -3:].mean(1) - grey[:, :3].mean(1)
     outer = np.r_[0:3, -3:0]
@@ -110,13 +109,14 @@ def read_profiles(
     return Profiles(
         x=x,
         alpha=alpha,
+        light=light,
+        rough=rough,
         seen=seen,
         offset=offset,
         mass=mass,
         valid=valid,
         clipped=clipped,
         shading=shading,
-        double=is_double(mean),
         noisy=coarse or is_tinted(beside),
         blur=blur,
         width=width,
@@ -151,15 +151,6 @@ def _beyond_valley(alpha: NDArray, x: NDArray, width: float) -> NDArray[np.bool_
             bottom = int(np.argmin(run[row, : np.argmax(rises[row])]))
             beyond[row, outward[bottom + 1 :]] = True
     return beyond
-
-
-def is_double(alpha_mean: NDArray) -> bool:
-    """Whether the mean profile has a valley in its middle: two lines side by side, or a hollow one.
-
-    A single pen's profile is highest in the middle.
-    """
-    centre = len(alpha_mean) // 2
-    return bool(alpha_mean[centre] < DOUBLE * alpha_mean.max())
 
 
 def _mean_profile(alpha: NDArray, seen: NDArray) -> NDArray[np.float64]:

@@ -15,12 +15,12 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.bends import bend_of
-from vfplan.curve.doubling import Widening, widest_run
+from vfplan.curve.doubling import Widening, lines_in, widest_run
 from vfplan.curve.ends import broken_ends, fading_ends, ink_ends, line_ends, points_of
 from vfplan.curve.fitting import FIRST_KNOTS_PX, Fitted, fit_line
 from vfplan.curve.path import (
     arc_length,
+    bend_of,
     evenly,
     extended,
     normals,
@@ -31,8 +31,6 @@ from vfplan.curve.pen import Pen
 from vfplan.curve.profile import SEEN, Profiles, read_profiles
 from vfplan.curve.spline import curvature_of
 from vfplan.curve.uncertainty import bridged_sigma
-from vfplan.curve.unmixing import OtherColours
-from vfplan.curve.valley import lines_in
 from vfplan.errors import CurveError
 
 BROAD_PX = 5.0  # a pen this wide hides its ends so well that they are approached twice
@@ -89,7 +87,6 @@ def trace(
 
     smooth = gaussian_filter1d(path, 2.0, axis=0, mode="wrap" if closed else "nearest")
     gap = _gap_finder(smooth, bridged)
-    others = OtherColours(rgb, smooth, pen, width)
     base, lost = (smooth, 0.0) if closed else without_tips(smooth, width)
     passes = [FIRST_KNOTS_PX] * (1 + (width > BROAD_PX and not closed)) + [None]
     taken, point = 0, 0.0  # of extensions; how much further ink thinner than half the line goes
@@ -100,12 +97,10 @@ def trace(
         beyond = lost + width / 2 + 2 + point
         base, pitch = evenly(base if closed else extended(base, beyond, width), closed)
         seen_along, middle = (base, normals(base, closed)), base[len(base) // 2]
-        bend = None if knots else bend_of(base, closed)
+        bend = 0.0 if knots else bend_of(base, closed)
         least = FAINTEST if fades else SEEN
-        profiles = read_profiles(rgb, *seen_along, pen, width, others, least, bend)
+        profiles = read_profiles(rgb, *seen_along, pen, width, least, bend)
         valid = profiles.valid & ~gap(base)
-        if profiles.double:
-            _refuse_double(middle + origin, width)
         if valid.sum() < LEAST:  # nothing to measure: leave the line where thinning put it
             return _unmeasured(smooth, bridged, closed, width)
         s = np.arange(len(base)) * pitch
@@ -123,14 +118,14 @@ def trace(
                 point = min(2 * drawn_out, point + FARTHER_PX) if drawn_out > point else point
         fitted = fit_line(s, base, profiles, used, closed, knots)
         if not closed and not passes:
-            ends = line_ends(rgb, fitted.spline(s), used, even, pen, width)
+            ends = line_ends(even, used, width)
             broken = broken_ends(profiles, used, width)
             if profiles.noisy and width > THIN_PX:
                 fading = fading_ends(even, used)
             start, stop = pitch * np.array(ends)
         inner = (0.0, stop) if closed else s[used][[0, -1]]
         base = fitted.spline(np.arange(*inner, pitch))
-    verdict = lines_in(rgb, *seen_along, profiles, valid, width)
+    verdict = lines_in(profiles, valid, width)
     if verdict == "several":
         _refuse_double(middle + origin, width)
     widest = widest_run(profiles, seen_along[0], valid, width, closed)

@@ -15,8 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.bends import less_sure
-
 FLOOR_PX = 0.0025  # what programs that draw round off
 WINDOW_PX, CORNER_PX = 61, 9  # of line over which the noise is taken for the same; of a corner
 CORNER_SHARE, CORNER = 1 / 3, 4.0  # of the power left over there beyond so many times the usual
@@ -34,9 +32,10 @@ CUT = 2.0  # times what is left over beyond that: the spline's own error at a co
 # The grid's share where the line runs along it, over the residual's RMS elsewhere, and at least;
 # it fades as the line slants.
 NOISY_GRID, CLEAN_GRID = 0.45, 1.2
-UNSEEN_PX, SOFT_UNSEEN_PX, MOST_PX = 0.025, 0.07, 0.12
+UNSEEN_PX, MOST_PX = (0.025, 0.07), 0.12  # in crisp pictures, in soft ones
 NOISY_SLANT, CLEAN_SLANT = 0.12, 0.10  # sine of the angle to the grid's nearer axis
 DIAGONAL, DIAGONAL_SLANT = 0.6, 0.02  # the same along diagonals, over that along rows
+TIGHT, TIGHTEST = 0.11, 0.25  # curvature that doubles the error, the largest that counts [1/px]
 SWAY = 1.5  # times its usual bend, what a line may do in a gap
 END, END_PX = 4.5, 4.0  # how much larger it is at an end, and over how much line that fades
 
@@ -73,7 +72,8 @@ def measured_sigma(
         corner = CUT * (near - grid**2)
     noise = np.maximum(_ratio(picture, np.sqrt(whole)) ** 2 * power, corner)
     level = _along_grid(normal, np.sqrt(whole), picture)
-    return less_sure(curvature) * np.sqrt(noise + level**2 + FLOOR_PX**2)
+    tight = 1 + (np.minimum(np.abs(curvature), TIGHTEST) / TIGHT) ** 2
+    return tight * np.sqrt(noise + level**2 + FLOOR_PX**2)
 
 
 def end_factor(s: NDArray, first: float, last: float) -> NDArray[np.float64]:
@@ -102,7 +102,7 @@ def _ratio(picture: Noise, rms: float) -> float:
 def _along_grid(normal: NDArray, rms: float, picture: Noise) -> NDArray[np.float64]:
     """(M,) what of the grid's share is left where it is as smooth as the line [px]."""
     share, width = (NOISY_GRID, NOISY_SLANT) if picture.colour else (CLEAN_GRID, CLEAN_SLANT)
-    size = max(share * min(rms, MOST_PX), SOFT_UNSEEN_PX if picture.soft else UNSEEN_PX)
+    size = max(share * min(rms, MOST_PX), UNSEEN_PX[picture.soft])
     slant = np.abs(normal).min(1)
     diagonal = DIAGONAL * np.exp(-(((slant - np.sqrt(0.5)) / DIAGONAL_SLANT) ** 2))
     return size * np.hypot(np.exp(-((slant / width) ** 2)), diagonal)
