@@ -69,7 +69,8 @@ def command(cloud: Path, output: Path, overwrite: bool, **given: Any) -> Report:
 
 
 def _warnings(fixture: Fixture, opening: float) -> list[str]:
-    from vfplan.bundle import mesh_doubts, size_doubt
+    from vfplan.bundle import mesh_doubts
+    from vfplan.fixture import size_doubt
 
     doubt, left_out = size_doubt(fixture.points), fixture.provenance.settings.get("left_out")
     found = [doubt] if doubt else []

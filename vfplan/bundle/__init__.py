@@ -13,11 +13,11 @@ from vfplan.bundle.migration import migrate
 from vfplan.bundle.read import read_bundle, read_fixture, require_signature
 from vfplan.bundle.signing import sign
 from vfplan.bundle.trust import Trust
-from vfplan.bundle.validation import Issue, mesh_doubts, size_doubt, validate
+from vfplan.bundle.validation import Issue, mesh_doubts, validate
 from vfplan.bundle.write import write_fixture
 
 __all__ = [
     "Issue", "Trust", "describe", "diff", "export", "import_cloud", "keygen", "left_out",
     "mesh_band", "mesh_doubts", "migrate", "read_bundle", "read_fixture", "read_keys",
-    "require_signature", "sign", "size_doubt", "validate", "write_fixture",
+    "require_signature", "sign", "validate", "write_fixture",
 ]  # fmt: skip

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.bundle import leak
 from vfplan.bundle.content import Content, from_content
@@ -17,7 +16,7 @@ from vfplan.bundle.read import opened_source, unsealed
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.engine.renderable import check_renderable, check_work
 from vfplan.errors import BundleError, SceneError
-from vfplan.fixture import Fixture
+from vfplan.fixture import Fixture, size_doubt
 
 Severity = Literal["error", "warning", "note"]
 RESIDUAL_TOLERANCE_M = 1e-6
@@ -182,23 +181,6 @@ def _paths(content: Content, findings: Findings) -> None:
         if text.startswith('"') and ("/" in text or "\\" in text):
             message = f"{text} looks like a path; bundles hold none"
             findings.warning("provenance.path", "/provenance/setting_values", message)
-
-
-LEAST_M, MOST_M = 1e-3, 3.0  # across: a mark on a bone, a patient
-FARTHEST_M = 10.0  # from the origin: a robot in the same room
-
-
-def size_doubt(points: NDArray[np.float64]) -> str | None:
-    """What is doubtful about the size of a fixture's points (N, 3) [m]; `None` if nothing is."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    across = float(np.max(high - low))
-    far = float(np.max(np.maximum(np.abs(low), np.abs(high))))
-    if far <= FARTHEST_M and (len(points) == 1 or LEAST_M <= across <= MOST_M):
-        return None
-    return (
-        f"the points are {across:.3g} m across and up to {far:.3g} m from the origin along an axis;"
-        f" {LEAST_M:g} to {MOST_M:g} m across, within {FARTHEST_M:g} m, is usual: is a unit wrong?"
-    )
 
 
 def mesh_doubts(fixture: Fixture) -> list[str]:

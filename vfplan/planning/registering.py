@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from vfplan.engine.renderable import work_doubt
 from vfplan.errors import SettingError
-from vfplan.fixture import Fixture, Provenance, Rendering
+from vfplan.fixture import Fixture, Provenance, Rendering, size_doubt
 from vfplan.io.clock import now_utc
 from vfplan.io.reading import OneFile
 from vfplan.planning.carrying import Carried, carry, pieces_of, require_small
@@ -83,7 +83,6 @@ def register(
         what is forbidden.
     """
     now_utc()  # what is no time is refused before NumPy stumbles on it
-    from vfplan.bundle import size_doubt
     from vfplan.registration.report import check_max_tre, target_error
     from vfplan.registration.report import describe as describe_registration
 
