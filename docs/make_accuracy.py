@@ -1,7 +1,7 @@
 """Put a bench's tables and pictures into docs/accuracy.md.
 
-    vfplan bench all -o DIR --peer ./nanoflann_peer --surface femur.stl
-    python docs/make_accuracy.py DIR
+    python docs/make_accuracy.py femur.stl    # runs the whole bench: about 10 minutes, idle
+    python docs/make_accuracy.py DIR          # of a run that there is
 
 Every number between `<!-- NAME -->` and `<!-- end -->` comes from DIR/bench.json, those of
 the paper's scenes from `vfplan demo paper`, which this runs.
@@ -21,11 +21,26 @@ from accuracy_tables import TABLES, scenes
 from PIL import Image
 
 DOCS = Path(__file__).parent
+PROGRAM = Path(sys.executable).with_name("vfplan")
 PAGE, PICTURES = DOCS / "accuracy.md", DOCS / "pictures"
 
 
-def main(folder: Path) -> None:
-    """Fill the page and copy the diagrams."""
+def main(given: Path) -> None:
+    """Fill the page and copy the diagrams, of a run's folder or of a run with this bone."""
+    if given.is_dir():
+        fill(given)
+        return
+    with tempfile.TemporaryDirectory() as made:
+        peer, folder = Path(made) / "nanoflann_peer", Path(made) / "bench"
+        source = DOCS.parent / "samples/peer/nanoflann_peer.cpp"
+        subprocess.run(["g++", "-std=c++20", "-O2", "-o", peer, source], check=True)
+        with_ = "--peer", peer, "--surface", given
+        subprocess.run([PROGRAM, "bench", "all", "-o", folder, *with_], check=True)
+        fill(folder)
+
+
+def fill(folder: Path) -> None:
+    """The page, from a run's folder."""
     document = json.loads((folder / "bench.json").read_text())
     page = PAGE.read_text()
     for name, make in TABLES.items():
@@ -33,6 +48,7 @@ def main(folder: Path) -> None:
     for stage in document["stages"]:
         keep(folder / f"bench_{stage}.png", PICTURES / f"bench_{stage}.png")
     page = filled(page, "scenes", scenes(papers_scenes()))
+    page = filled(page, "since", "")  # what an older run's numbers lack
     PAGE.write_text(page)
 
 
@@ -47,8 +63,7 @@ def filled(page: str, name: str, text: str) -> str:
 def papers_scenes() -> dict[str, dict[str, Any]]:
     """Draw the paper's figures; the numbers of each scene."""
     with tempfile.TemporaryDirectory() as made:
-        program = Path(sys.executable).with_name("vfplan")
-        subprocess.run([program, "demo", "paper", "-o", made, "-q"], check=True)
+        subprocess.run([PROGRAM, "demo", "paper", "-o", made, "-q"], check=True)
         for figure in ("fig2", "fig4", "fig5", "fig6"):
             keep(Path(made) / f"{figure}.png", PICTURES / f"paper_{figure}.png")
         told = {

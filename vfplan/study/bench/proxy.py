@@ -28,12 +28,13 @@ from typing import Any
 
 import numpy as np
 
+from vfplan.curve.vector import FINE_M
 from vfplan.engine.tolerance import Choice, choose
+from vfplan.fixture import Pieces
 from vfplan.planning.settings import DEFAULT_ARCS_M
 from vfplan.study.bench.cases import Case, cases, chosen_points, fitted, is_drawn
 from vfplan.study.bench.peers import NearestPointPenalty, Peer
 from vfplan.study.bench.record import Array, Errors, Setting, Trial, timed_ticks
-from vfplan.study.scenes import Drawn
 
 R = 5e-3
 STIFFNESS = 1000.0
@@ -154,15 +155,20 @@ class Rendered:
 
     def exact_trial(self, spacing: float) -> Trial:
         """Rule `exact` along lines and arcs fitted to the drawing's points."""
-        return self._trial("exact", {"spacing_m": spacing}, _along(self.case.scene))
+        pieces = fitted(self.case.scene)
+        return self._trial("exact", {"spacing_m": spacing}, _along(pieces), pieces=pieces)
 
     def chosen_trial(self) -> Trial:
-        """What a plan makes of it: lines and arcs, or `robust` with what the tolerance gives."""
+        """What a plan makes of it: lines and arcs, or `robust` with what the tolerance gives.
+
+        A drawing is measured as a plan measures vectors.
+        """
         choice, scene = self.choice, self.case.scene
         given: dict[str, Setting] = {"tolerance_m": choice.tolerance_m}
         if is_drawn(scene):
-            given["arcs_m"] = DEFAULT_ARCS_M
-            return self._trial("chosen by tolerance", given, _along(scene), chosen=True)
+            given["arcs_m"], pieces = DEFAULT_ARCS_M, fitted(replace(scene, spacing=FINE_M))
+            made = _along(pieces)
+            return self._trial("chosen by tolerance", given, made, chosen=True, pieces=pieces)
         given |= {
             "spacing_m": choice.spacing_m,
             "band_m": choice.band_m,
@@ -173,12 +179,17 @@ class Rendered:
         return self._trial("chosen by tolerance", given, engine, chosen=True)
 
     def _trial(
-        self, name: str, settings: dict[str, Setting], engine: Any, chosen: bool = False
+        self,
+        name: str,
+        settings: dict[str, Setting],
+        engine: Any,
+        chosen: bool = False,
+        pieces: Pieces | None = None,
     ) -> Trial:
         case, points = self.case, self.points
         more = {"points": len(points), "band_m": engine.parameters.band}
-        if getattr(engine, "rule", None) == "exact":
-            more["lines_and_arcs"] = fitted(case.scene).count
+        if pieces is not None:
+            more["lines_and_arcs"] = pieces.count
         if chosen:
             more["left_out"] = dict(engine.left_out)
 
@@ -210,10 +221,10 @@ class Rendered:
         )
 
 
-def _along(scene: Drawn) -> Any:
+def _along(pieces: Pieces) -> Any:
     from vfplan.engine.proxy import ProxyEngine
 
-    return ProxyEngine.along(fitted(scene), R, stiffness=STIFFNESS)
+    return ProxyEngine.along(pieces, R, stiffness=STIFFNESS)
 
 
 def judge(case: Case, points: Array, proxy: Array, more: dict[str, Any]) -> Errors:
