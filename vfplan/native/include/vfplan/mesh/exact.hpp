@@ -51,7 +51,7 @@ class ExactRule {
     static constexpr double finest = 1e-5;
     static constexpr double tolerance = 1e-8;  // of R: what coplanar triangles may differ by
     static constexpr int most_iterations = 16;
-    static constexpr double list_reach = Near::list_reach;  // of R
+    static constexpr double list_reach = Near::reach;  // of R
 
     static double band(const Parameters& p, const Surface& s) noexcept {
         double most = 0;
@@ -73,7 +73,6 @@ class ExactRule {
     void reset() noexcept {
         escape_.stop();
         held_ = taking_over_ = rests_ = stays_ = false;
-        near_.forget();
         walls_.clear();
         settle_.forget();
     }
@@ -228,8 +227,9 @@ class ExactRule {
             tick.state = State::free_motion;
     }
     Vec3 away(const Vec3& x) const noexcept {
-        double least = never;
-        return along(x - mesh()[mesh().nearest(x, least)].nearest(x), 1);
+        double least = Near::reach * R_;
+        const auto i = mesh().nearest(x, least);
+        return i == Mesh::none ? Vec3{} : along(x - mesh()[i].nearest(x), 1);
     }
 
     double R_, band_, outer_;

@@ -78,21 +78,16 @@ class Walls {
     double met_ = 0;
 };
 
-/// A mesh, and a list of what of it lies near the proxy.
+/// What of a mesh lies near the proxy and on its way.
 class Near {
   public:
-    static constexpr double skin = 0.1;                 // of R: how far it may go with one list
-    static constexpr double list_reach = 1 + 2 * skin;  // of R
+    static constexpr double beginning = 0.05;  // of a step: of R
+    static constexpr double reach = 1.2;       // of R: how far is looked around a place at most
 
     Near(Mesh mesh, double radius, double band)
-        : mesh_(std::move(mesh)), R_(radius), band_(band), low_(radius - band / 2) {
-        list_.reserve(mesh_.size());
-    }
+        : mesh_(std::move(mesh)), R_(radius), band_(band), low_(radius - band / 2) {}
     const Mesh& mesh() const noexcept { return mesh_; }
-    std::size_t bytes() const noexcept {
-        return mesh_.bytes() + list_.capacity() * sizeof list_[0];
-    }
-    void forget() noexcept { gathered_ = false; }
+    std::size_t bytes() const noexcept { return mesh_.bytes(); }
 
     /// Whether x + t v comes nearer to triangle i than roundings take, before hit.t. The distance
     /// from it is convex along the way: Newton's method goes up to the meeting, never beyond.
@@ -114,78 +109,45 @@ class Near {
         return false;
     }
 
-    /// What the step v from x meets first, behind no wall. Looked at from near to far.
-    Hit sweep(const Vec3& x, const Vec3& v, const Walls& walls) noexcept {
+    /// What the step v from x meets first, behind no wall. First looked at is its beginning.
+    Hit sweep(const Vec3& x, const Vec3& v, const Walls& walls) const noexcept {
         Hit hit;
-        const double length = norm(v), first = skin * R_ / 2;
-        hit.t = length > first ? first / length : 1;
-        gather(x, hit.t * length);
-        for (const Item& n : list_) {
-            const double reach = R_ + hit.t * length + n.size;
-            const Vec3 w = x - n.middle;
-            if (dot(w, w) < reach * reach && !walls.hide(mesh_[n.i])) meets(n.i, x, v, hit);
+        const double length = norm(v), first = beginning * R_;
+        if (!(length > 0)) return hit;
+        for (hit.t = length > first ? first / length : 1;; hit.t = 1) {
+            const double all = hit.t, half = R_ + all * length / 2;
+            const Vec3 middle = x + (all / 2) * v;
+            mesh_.visit(
+                [&](const Disc& disc) noexcept {
+                    const Vec3 w = disc.middle - x;
+                    const double share = dot(w, v) / (length * length), reach = R_ + disc.size();
+                    const Vec3 off = w - std::min(std::max(share, 0.0), hit.t) * v;
+                    return dot(off, off) <= reach * reach && disc.distance2(middle) <= half * half;
+                },
+                [&](std::uint32_t i) noexcept {
+                    if (!walls.hide(mesh_[i])) meets(i, x, v, hit);
+                });
+            if (hit.i != Mesh::none || all == 1) return hit;
         }
-        if (hit.i != Mesh::none || !(length > first)) return hit;
-        hit.t = 1;
-        mesh_.visit(
-            [&](const Disc& disc) noexcept {
-                const Vec3 w = disc.middle - x;
-                const double share = dot(w, v) / dot(v, v), reach = R_ + disc.size();
-                const Vec3 off = w - std::min(std::max(share, 0.0), hit.t) * v;
-                return dot(off, off) <= reach * reach;
-            },
-            [&](std::uint32_t i) noexcept {
-                if (!walls.hide(mesh_[i])) meets(i, x, v, hit);
-            });
-        return hit;
     }
 
     /// Distance from the mesh where that is less than about R, else some more [m]. What the proxy's
     /// walls part from it is not looked at: it is no nearer than they are.
-    double nearest(const Vec3& x, const Walls& walls) noexcept {
-        gather(x, 0);
-        double least = never;
+    double nearest(const Vec3& x, const Walls& walls) const noexcept {
+        double least = reach * R_;
         for (int j = 0; j < walls.count(); ++j)
             least = std::min(least, mesh_[walls.on(j)].distance(x));
         const bool touches = least <= R_ + band_;
-        for (const Item& n : list_) {
-            const double reach = least + n.size;
-            const Vec3 w = x - n.middle;
-            if (dot(w, w) < reach * reach && !(touches && walls.part(x, mesh_[n.i])))
-                least = std::min(least, mesh_[n.i].distance(x));
-        }
+        mesh_.around(x, least, [&](std::uint32_t i) noexcept {
+            if (!(touches && walls.part(x, mesh_[i])))
+                least = std::min(least, mesh_[i].distance(x));
+        });
         return least;
     }
 
   private:
-    struct Item {
-        Vec3 middle;
-        double size;  // from the middle to a corner
-        std::uint32_t i;
-    };
-
-    /// The list serves a step of this length from x; gathered anew if it has to.
-    void gather(const Vec3& x, double length) noexcept {
-        if (gathered_ && norm(x - centre_) + length <= skin * R_) return;
-        list_.clear();
-        centre_ = x;
-        gathered_ = true;
-        const double reach = R_ * (1 + skin) + 2 * band_;
-        mesh_.around(x, reach, [&](std::uint32_t i) noexcept {
-            const Triangle& t = mesh_[i];
-            const Vec3 middle = t.a + (1.0 / 3) * (t.ab + t.ac);
-            double size = 0;
-            for (const Vec3& c : {t.a, t.a + t.ab, t.a + t.ac})
-                size = std::max(size, norm(c - middle));
-            if (norm(x - middle) <= reach + size) list_.push_back({middle, size, i});
-        });
-    }
-
     Mesh mesh_;
     double R_, band_, low_;
-    std::vector<Item> list_;  // triangles near centre_
-    Vec3 centre_;
-    bool gathered_ = false;
 };
 
 }  // namespace vfplan::mesh
