@@ -36,7 +36,7 @@ inline Rule best_rule(const Fixture& fixture) {
 /// Table I as the bundle holds it, for its best rule or another one; the paper's keeps its own
 /// band. Throws std::invalid_argument for a fixture without rendering.
 inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked) {
-    const Rule rule = asked.value_or(best_rule(fixture));
+    const Rule rule = asked ? *asked : best_rule(fixture);
     if (!fixture.rendering)
         reject("frame " + fixture.frame +
                " without rendering parameters: `vfplan register` makes a fixture of a curve");
