@@ -56,7 +56,7 @@ void play(const char* name, Space space, const scenes::Points& xyz, long length 
           const vfplan::Parameters& parameters = {}) {
     constexpr int D = Space::dimension;
     const auto cloud = vfplan::make_cloud(space, xyz.data(), xyz.size() / 3);
-    RuleOf rule(cloud, parameters, counting<D>());
+    RuleOf rule({cloud}, parameters, counting<D>());
     scenes::Path path(xyz);
     Count by_state[4][loops] = {};
     long ticks[4] = {};

@@ -17,6 +17,7 @@
 #include <ctime>
 
 #include "scenes.hpp"
+#include "vfplan/dips.hpp"
 #include "vfplan/engine.hpp"
 
 #if __has_include(<nanoflann.hpp>)
@@ -290,6 +291,63 @@ void growth(bool brief, int rounds, long ticks) {
     }
 }
 
+/// Points of a grid within half a spacing of the top of a ball.
+scenes::Points shell(double h) {
+    constexpr double radius = 0.02;
+    scenes::Points p;
+    const int n = static_cast<int>(radius / h) + 2;
+    for (int i = -n; i <= n; ++i)
+        for (int j = -n; j <= n; ++j)
+            for (int k = n / 2; k <= n; ++k)
+                if (std::abs(h * std::sqrt(double(i * i + j * j + k * k)) - radius) < h / 2)
+                    scenes::add(p, i * h, j * h, k * h - radius);
+    return p;
+}
+
+/// Median and worst tick, of each tick the least of `rounds`: over all points, and thinned.
+void dense(const char* name, const scenes::Points& xyz, double middle, int rounds, int ticks) {
+    std::printf("    %-12s %7zu points:", name, xyz.size() / 3);
+    vfplan::Parameters p;
+    p.band = vfplan::band_for(xyz.data(), xyz.size() / 3, p);
+    for (const auto search : {vfplan::Search::editable, vfplan::Search::automatic}) {
+        p.search = search;
+        const double began = cpu_seconds();
+        vfplan::Engine e(xyz.data(), xyz.size() / 3, p);
+        const double built = cpu_seconds() - began;
+        std::vector<double> us(static_cast<std::size_t>(ticks), 1e300);
+        for (int r = 0; r < rounds; ++r) {
+            e.reset({{0.01, 0.01, 0.012}});
+            for (int i = 0; i < ticks; ++i) {
+                const double t = 8.0 * i / ticks;
+                const Vec3 hip{{middle + 0.006 * std::sin(2.1 * t),
+                                middle + 0.006 * std::cos(1.7 * t),
+                                0.003 + 0.004 * std::sin(1.3 * t)}};
+                const double before = cpu_seconds();
+                e.step(hip);
+                double& least = us[static_cast<std::size_t>(i)];
+                least = std::min(least, 1e6 * (cpu_seconds() - before));
+            }
+        }
+        std::printf("  %s %.1f / %.0f us, made in %.2f s;",
+                    search == vfplan::Search::editable ? "all" : "thinned", median(us),
+                    *std::max_element(us.begin(), us.end()), built);
+    }
+    std::printf("\n");
+}
+
+void density(bool brief) {
+    std::printf("the denser the points: median / worst tick of rule robust\n");
+    const int rounds = brief ? 1 : 3, ticks = brief ? 200 : 2000;
+    for (const double fine : brief ? std::vector{10.0, 40.0} : std::vector{10.0, 40.0, 140.0}) {
+        const double h = vfplan::Parameters{}.R() / fine;
+        const auto side = [&](double length) { return static_cast<int>(length / h) + 1; };
+        std::printf("  R/h %.0f\n", fine);
+        dense("sheet", scenes::sheet(side(0.03), h), 0, rounds, ticks);
+        dense("voxel shell", shell(h), 0, rounds, ticks);
+        dense("three walls", scenes::corner(side(0.02), h), 0.005, rounds, ticks);
+    }
+}
+
 void left_out(int rounds, long ticks) {
     std::printf("what leaving out saves (us a tick with / without)\n");
     const auto time = [&](const scenes::Points& xyz, const vfplan::Parameters& p,
@@ -355,5 +413,6 @@ int main(int argc, char** argv) {
     parts(rounds, ticks);
     tail(brief ? 1000 : 100000);
     growth(brief, rounds, ticks);
+    density(brief);
     left_out(rounds, ticks);
 }

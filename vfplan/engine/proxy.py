@@ -35,11 +35,9 @@ class ProxyEngine:
     max_iterations
         Most iterations of rule "robust" in a tick, at least 1; `None`: 16.
     search
-        "grid", "brute" (every point, every time) or "auto": a grid where the cloud is large enough
-        for one to pay.
+        "grid", "brute" (every point, every time) or "auto": a grid where one pays.
     simd_width
-        2, 4 or 8 float64 at a time, at most what the processor has; `None`: its most. The answer is
-        the same to the bit.
+        2, 4 or 8 float64 at a time, at most what the processor has; `None`: its most. Same bits.
 
     Raises
     ------
@@ -50,6 +48,7 @@ class ProxyEngine:
     """
 
     status = Status.OK  # of the last step
+    _real_time = False  # made for a loop that cannot wait
 
     def __init__(
         self,
@@ -127,9 +126,10 @@ class ProxyEngine:
         if rule == "exact":
             del settings["ignore_axis"]
             return cls.on(fixture.points, fixture.mesh, **settings)
-        band = None if rule == "paper" else fixture.band
-        iterations = fixture.max_iterations
-        return cls(fixture.points, rule=rule, band=band, max_iterations=iterations, **settings)
+        settings["band"] = None if rule == "paper" else fixture.band
+        self = cls(fixture.points, rule=rule, max_iterations=fixture.max_iterations, **settings)
+        self._real_time = not offline
+        return self
 
     @classmethod
     def along(
@@ -287,6 +287,7 @@ class ProxyEngine:
         if self._source:
             points, native, width = self._source
             native.search = _core.Search.editable
+            allowed.check_editing(points, native, self._real_time)
             if not self._engine.exchange(_core.Engine(points, native, width)):
                 raise SceneError("edit: 4096 changes wait for a step, none more can")
             self._source = ()
@@ -294,7 +295,6 @@ class ProxyEngine:
     def distance(self, positions: ArrayLike) -> NDArray[np.float64]:
         """Distance (T,) [m] of `positions` (T, 3) [m] to the fixture, across an ignored axis.
 
-        To curve or triangles under rule "exact", else to the nearest point. A proxy's clearance is
-        this less R = r_c + r_v.
+        To curve or triangles under rule "exact", else to the nearest point. Clearance: less R.
         """
         return self._engine.distance(check_path(positions))

@@ -141,3 +141,9 @@ def check_work(fixture: Fixture, rule: Rule | None = None) -> None:
     """
     if (doubt := work_doubt(fixture, rule)) is not None:
         raise SceneError(doubt)
+
+
+def check_editing(points: NDArray[np.float64], native: _core.Parameters, real_time: bool) -> None:
+    """Refuse to edit a cloud whose ticks are short enough for a loop only thinned."""
+    if real_time and _core.tick_work(points, native) > MOST_TICK_WORK:
+        raise SceneError("edit: so dense a cloud is thinned, and cannot be edited at 1 kHz")

@@ -23,6 +23,14 @@ vfplan::mesh::Surface surface(const Rows& points, const Triples& triangles) {
     return {points.data(), points.shape(0), triangles.data(), triangles.shape(0)};
 }
 
+template <int D>
+nb::tuple rows(const vfplan::Thinned<D>& thinned) {
+    auto out = array<double>(thinned.cloud.size(), D);
+    for (std::size_t i = 0; i < thinned.cloud.size(); ++i)
+        std::copy_n(thinned.cloud[i].c, D, out.data() + D * i);
+    return nb::make_tuple(out, thinned.lent);
+}
+
 // False where the loop takes up nothing.
 bool edit(Engine& engine, const std::optional<Numbers32>& remove, const std::optional<Rows>& add) {
     const Turn turn(engine.edited, "ProxyEngine", "editor");
@@ -91,6 +99,16 @@ NB_MODULE(_core, m) {
             return vfplan::band_for(points.data(), points.shape(0), p);
         },
         "points"_a, "parameters"_a, "the band that a cloud asks for [m]");
+    m.def(
+        "thinned",
+        [](const Rows& points, const vfplan::Parameters& p) {
+            using namespace vfplan;
+            return p.ignore_axis
+                       ? rows(thinned(
+                             make_cloud(Slice(*p.ignore_axis), points.data(), points.shape(0)), p))
+                       : rows(thinned(make_cloud(Space{}, points.data(), points.shape(0)), p));
+        },
+        "points"_a, "parameters"_a, "what rule robust looks at, and what it lends of the band [m]");
     m.def(
         "tick_work",
         [](const Rows& points, const vfplan::Parameters& p) {

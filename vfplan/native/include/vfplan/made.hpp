@@ -13,6 +13,7 @@
 #include "vfplan/paper.hpp"
 #include "vfplan/robust.hpp"
 #include "vfplan/space.hpp"
+#include "vfplan/thinning.hpp"
 
 namespace vfplan {
 
@@ -130,6 +131,7 @@ struct Some final : AnyEngine {
     S space;
     Kernels<S::dimension> kernels_;
     BasicEngine<S, R, K> engine;
+    std::unique_ptr<Grid<S::dimension>> all;  // where the rule has not all points
 
     Some(S s, R rule, K k, const Kernels<S::dimension>& kernels, const Parameters& p)
         : AnyEngine(most(p), p.R(), p.band),
@@ -148,19 +150,30 @@ struct Some final : AnyEngine {
     void add(const Vec3& point) noexcept override {
         if constexpr (editable) engine.add(point);
     }
-    std::size_t bytes() noexcept override { return sizeof(*this) + search().bytes(); }
+    std::size_t bytes() noexcept override {
+        return sizeof(*this) + search().bytes() + (all ? all->bytes() : 0);
+    }
     std::size_t cells() noexcept override { return search().source().cells(); }
     bool planar() noexcept override { return S::dimension == 2; }
     double within(const Vec3& at, double reach) noexcept override {
-        const auto x = space.across(at);
-        const double least = nearest2(search().source(), kernels_, x, reach);
-        return std::sqrt(std::min(reach * reach, least));
+        return within(search().source(), at, reach);
     }
     double distance(const Vec3& at) noexcept override {
-        if constexpr (requires { search().source().cell(); })
-            for (double r = search().source().cell(), i = 0; i < 3; ++i, r *= 2)
-                if (const double d = within(at, r); d < r) return d;
-        return within(at, std::numeric_limits<double>::infinity());
+        return all ? distance(*all, at) : distance(search().source(), at);
+    }
+
+  private:
+    template <class Source>
+    double within(Source& source, const Vec3& at, double reach) noexcept {
+        const auto x = space.across(at);
+        return std::sqrt(std::min(reach * reach, nearest2(source, kernels_, x, reach)));
+    }
+    template <class Source>
+    double distance(Source& source, const Vec3& at) noexcept {
+        if constexpr (requires { source.cell(); })
+            for (double r = source.cell(), i = 0; i < 3; ++i, r *= 2)
+                if (const double d = within(source, at, r); d < r) return d;
+        return within(source, at, std::numeric_limits<double>::infinity());
     }
 };
 
@@ -199,31 +212,37 @@ void with_stiffness(const Parameters& p, F&& make) {
 
 using Made = std::unique_ptr<AnyEngine>;
 
-template <class S, class R>
-Made with_rule(S space, const Cloud<S::dimension>& cloud, const Parameters& p, Width width) {
+template <class R, class S, class C>
+Made with_rule(S space, const C& cloud, const Parameters& p, Width width,
+               std::unique_ptr<Grid<S::dimension>> all = nullptr) {
     const auto loops = kernels<S::dimension>(width);
     Made made;
     with_stiffness(p, [&](auto stiffness) {
         using Type = Some<S, R, decltype(stiffness)>;
-        made = std::make_unique<Type>(space, R(cloud, p, loops), stiffness, loops, p);
+        auto some = std::make_unique<Type>(space, R(cloud, p, loops), stiffness, loops, p);
+        some->all = std::move(all);
+        made = std::move(some);
     });
     return made;
 }
 
 template <class S>
 Made in_space(S space, const double* xyz, std::size_t n, const Parameters& p, Width width) {
-    const auto cloud = make_cloud(space, xyz, n);
+    constexpr int D = S::dimension;
+    auto cloud = make_cloud(space, xyz, n);
     check_resolved(p, xyz, n);
     const bool brute =
         p.search == Search::brute || (p.search == Search::automatic && n <= small_cloud);
-    constexpr int D = S::dimension;
     if (p.rule == Rule::paper)
-        return brute ? with_rule<S, PaperRule<D, AllPoints>>(space, cloud, p, width)
-                     : with_rule<S, PaperRule<D, Neighbours>>(space, cloud, p, width);
-    if (p.search == Search::editable)
-        return with_rule<S, RobustRule<D, EditedNeighbours>>(space, cloud, p, width);
-    return brute ? with_rule<S, RobustRule<D, AllPoints>>(space, cloud, p, width)
-                 : with_rule<S, RobustRule<D, Neighbours>>(space, cloud, p, width);
+        return brute ? with_rule<PaperRule<D, AllPoints>>(space, cloud, p, width)
+                     : with_rule<PaperRule<D, Neighbours>>(space, cloud, p, width);
+    const auto kept = thinned(cloud, p);
+    auto all = kept.lent > 0 ? std::make_unique<Grid<D>>(cloud, tuned::cell * p.R()) : nullptr;
+    const auto with = [&]<template <int> class Search>() {
+        return with_rule<RobustRule<D, Search>>(space, kept, p, width, std::move(all));
+    };
+    if (p.search == Search::editable) return with.template operator()<EditedNeighbours>();
+    return brute ? with.template operator()<AllPoints>() : with.template operator()<Neighbours>();
 }
 
 inline Made make(const double* xyz, std::size_t n, const Parameters& p, Width width) {

@@ -9,11 +9,11 @@
 
 #include <utility>
 
-#include "vfplan/cone.hpp"
 #include "vfplan/escape.hpp"
 #include "vfplan/paper.hpp"
 #include "vfplan/rest.hpp"
 #include "vfplan/surfaces.hpp"
+#include "vfplan/thinning.hpp"
 #include "vfplan/touched.hpp"
 #include "vfplan/travel.hpp"
 #include "vfplan/tuned.hpp"
@@ -26,17 +26,17 @@ class RobustRule {
     using Search = SearchOf<D>;
     static constexpr int dimension = D;
 
-    RobustRule(const Cloud<D>& cloud, const Parameters& p, const Kernels<D>& kernels)
+    RobustRule(const Thinned<D>& of, const Parameters& p, const Kernels<D>& kernels)
         : p_(p),
           kernels_(kernels),
           R_(p.R()),
-          safe2_((R_ - p.band) * (R_ - p.band)),
+          safe2_((R_ - p.band + of.lent) * (R_ - p.band + of.lent)),
           grain_(std::sqrt(p.band / R_)),
-          soft_{R_, R_ - p.band * (1 - tuned::margin),
+          soft_{R_, R_ - (p.band - of.lent) * (1 - tuned::margin),
                 std::min(tuned::steep * grain_, tuned::most_steep)},
-          hard_{R_, R_ - p.band * (1 - tuned::margin), 0},
+          hard_{R_, R_ - (p.band - of.lent) * (1 - tuned::margin), 0},
           surfaces_(kernels, R_, p.band),
-          neighbours_(cloud, reach(), tuned::skin * R_, tuned::cell * R_, kernels),
+          neighbours_(of.cloud, reach(), tuned::skin * R_, tuned::cell * R_, kernels),
           travel_(kernels, R_),
           escape_({kernels, R_}, R_),
           handover_(R_),

@@ -1,0 +1,210 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// Of a dense cloud most points can never be felt: where others stand around one, a ball that stays
+// out of their spheres stays off that point too, but for a part of the band.
+//
+// For points q_i and shares s_i >= 0 of 1, with c = sum s_i q_i and V = sum s_i |q_i - c|^2, every
+// x has sum s_i |x - q_i|^2 = |x - c|^2 + V. So what is within a of p is within
+// sqrt((a + |p - c|)^2 + V) of one of the q_i: where that is r at most, their spheres of radius r
+// hold the ball of radius a round p, and p is not needed.
+#pragma once
+
+#include <bit>
+
+#include "vfplan/census.hpp"
+#include "vfplan/cone.hpp"
+#include "vfplan/parameters.hpp"
+#include "vfplan/tuned.hpp"
+
+namespace vfplan {
+
+template <int D>
+class Thinning {
+  public:
+    /// Keeps points of the cloud such that a ball's middle that is `outer` off them is `inner` off
+    /// all of the cloud [m].
+    Thinning(const Cloud<D>& cloud, double outer, double inner)
+        : cloud_(cloud),
+          inner_(inner),
+          room_((outer * outer - inner * inner) * (1 - 1e-9)),
+          cell_(2 * around * std::sqrt(room_)),
+          low_(cloud.box().low),
+          kept_(cloud.size()),
+          first_(std::min(std::bit_ceil(cloud.size()), most_heads), last) {
+        std::vector<std::uint32_t> left(cloud.size());
+        for (std::size_t i = 0; i < left.size(); ++i) left[i] = static_cast<std::uint32_t>(i);
+        // Far apart at first, nearer where these do not hold what is between.
+        double apart2 = widest * room_;
+        for (int level = 0; level < levels && !left.empty(); ++level, apart2 *= finer) {
+            for (const std::uint32_t i : left)
+                if (alone(i, apart2) && (level == 0 || !held(i))) keep(i);
+            std::erase_if(left, [&](std::uint32_t i) { return kept_[i] || held(i); });
+            std::reverse(left.begin(), left.end());  // outermost first, once from each side
+        }
+        for (const std::uint32_t i : left) keep(i);
+    }
+
+    std::size_t size() const noexcept { return points_.size(); }
+    bool keeps(std::size_t i) const noexcept { return kept_[i]; }
+    /// In the order of the cloud.
+    Cloud<D> kept() const {
+        Cloud<D> out(size());
+        for (std::size_t i = 0, k = 0; i < cloud_.size(); ++i)
+            if (keeps(i)) out.set(k++, cloud_[i]);
+        return out;
+    }
+
+  private:
+    static constexpr std::uint32_t last = 0xffffffff;
+    static constexpr std::size_t most_heads = 1 << 20;
+    static constexpr int most_near = 48, most = 6;  // points around another; that are taken up
+    static constexpr int levels = 24;
+    static constexpr double around = 1.5, widest = 1, finer = 0.5;
+
+    struct Near {
+        double d2;
+        Vec<D> d;
+    };
+
+    struct Kept {
+        Vec<D> at;
+        std::uint32_t next;  // in the chain of its cell
+    };
+    struct Cell {
+        std::int64_t at[D];
+    };
+
+    std::size_t head(const Cell& cell) const noexcept {
+        constexpr std::uint64_t factor[] = {0x9e3779b97f4a7c15, 0xc2b2ae3d27d4eb4f,
+                                            0x165667b19e3779f9};
+        std::uint64_t key = 0;
+        for (int k = 0; k < D; ++k) key += static_cast<std::uint64_t>(cell.at[k]) * factor[k];
+        return (key ^ key >> 29) * factor[0] >> 40 & (first_.size() - 1);
+    }
+    Cell cell(const Vec<D>& p, double off) const noexcept {
+        Cell c;
+        for (int k = 0; k < D; ++k)
+            c.at[k] = static_cast<std::int64_t>((p.c[k] - low_.c[k]) / cell_ + off);
+        return c;
+    }
+    void keep(std::uint32_t i) {
+        std::uint32_t& first = first_[head(cell(cloud_[i], 1))];
+        points_.push_back({cloud_[i], first});
+        first = static_cast<std::uint32_t>(points_.size() - 1);
+        kept_[i] = true;
+    }
+    /// Calls f(Near) for the kept points within half a cell of p, and some more, until it is false.
+    template <class F>
+    void visit(const Vec<D>& p, F&& f) const noexcept {
+        const Cell low = cell(p, 0.5);
+        for (int corner = 0; corner < 1 << D; ++corner) {
+            Cell c = low;
+            for (int k = 0; k < D; ++k) c.at[k] += corner >> k & 1;
+            for (std::uint32_t j = first_[head(c)]; j != last; j = points_[j].next) {
+                const Vec<D> d = points_[j].at - p;
+                if (!f(Near{dot(d, d), d})) return;
+            }
+        }
+    }
+    bool alone(std::uint32_t i, double apart2) const noexcept {
+        bool found = false;
+        visit(cloud_[i], [&](const Near& q) { return !(found = q.d2 < apart2); });
+        return !found;
+    }
+
+    /// Whether kept points near by hold point i. Looks for a way u, 1 long at most, that none of
+    /// them bars, and takes up what bars it most, until there is no such way or nothing bars it.
+    bool held(std::uint32_t i) const noexcept {
+        Near near[most_near];
+        int count = 0;
+        visit(cloud_[i], [&](const Near& q) {
+            if (q.d2 <= around * around * room_) near[count++] = q;
+            return count < most_near;
+        });
+        Vec<D> u;
+        Wall<D> wall[most];
+        const Near* chosen[most];
+        for (int n = 0; n < most; ++n) {
+            double most_barred = 0;
+            for (int j = 0; j < count; ++j) {
+                const double barred = 2 * inner_ * dot(u, near[j].d) - near[j].d2 + room_;
+                if (barred > most_barred) most_barred = barred, chosen[n] = &near[j];
+            }
+            if (!(most_barred > 0)) return false;
+            const double d = std::sqrt(chosen[n]->d2), edge = room_ - chosen[n]->d2;
+            if (2 * inner_ * d <= edge) return true;
+            wall[n] = {(-1 / d) * chosen[n]->d, edge / (2 * inner_ * d)};
+            u = project(Vec<D>{}, wall, n + 1, 1e-12, 1e-14);
+            const double free = dot(u, u);
+            if (free == 0 || free > 1) return among(chosen, n + 1, nullptr, 0);
+        }
+        return false;
+    }
+    /// Whether some of the first `count` hold it, and the n others with them.
+    bool among(const Near* const* near, int count, const Near** with, int n) const noexcept {
+        const Near* all[D + 1];
+        std::copy_n(with, n, all);
+        for (int j = 0; n <= D && j < count; ++j) {
+            all[n] = near[j];
+            if (hold(all, n + 1) || among(near, j, all, n + 1)) return true;
+        }
+        return false;
+    }
+    /// With the shares that bring their centre nearest to it.
+    bool hold(const Near* const* q, int n) const noexcept {
+        double l[D][D], b[D] = {}, share[D + 1] = {1};
+        Vec<D> edge[D];
+        for (int r = 0; r < n - 1; ++r) {  // L D Lᵀ
+            edge[r] = q[r + 1]->d - q[0]->d;
+            b[r] = -dot(edge[r], q[0]->d);
+            for (int c = 0; c <= r; ++c) {
+                l[r][c] = dot(edge[r], edge[c]);
+                for (int k = 0; k < c; ++k) l[r][c] -= l[r][k] * l[c][k] * l[k][k];
+                if (c < r) l[r][c] /= l[c][c];
+            }
+            for (int k = 0; k < r; ++k) b[r] -= l[r][k] * b[k];
+        }
+        for (int r = n - 1; r-- > 0;) {
+            share[r + 1] = b[r] / l[r][r];
+            for (int k = r + 1; k < n - 1; ++k) share[r + 1] -= l[k][r] * share[k + 1];
+            if (!(share[r + 1] >= 0)) return false;
+            share[0] -= share[r + 1];
+        }
+        Vec<D> centre;
+        double square = 0;
+        for (int k = 0; k < n; ++k) {
+            centre = centre + share[k] * q[k]->d;
+            square += share[k] * q[k]->d2;
+        }
+        return share[0] >= 0 && 2 * inner_ * norm(centre) + square <= room_;
+    }
+
+    const Cloud<D>& cloud_;
+    double inner_, room_;  // room_: outer² - inner²
+    double cell_;
+    Vec<D> low_;
+    std::vector<bool> kept_;
+    std::vector<Kept> points_;
+    std::vector<std::uint32_t> first_;  // of each cell's chain
+};
+
+/// What rule robust looks at of a cloud, and what that takes of the band: nothing, and all of it,
+/// where so few points lie within its list's reach that they cost no more than the rest of a tick.
+template <int D>
+struct Thinned {
+    Cloud<D> cloud;
+    double lent = 0;  // [m]
+};
+template <int D>
+Thinned<D> thinned(Cloud<D> cloud, const Parameters& p) {
+    constexpr double few = 2048, share = 0.5;  // of the band
+    const double R = p.R(), list = (1 + tuned::brief + tuned::skin) * R;
+    if (p.rule != Rule::robust || p.search == Search::editable ||
+        static_cast<double>(cloud.size()) <= few || crowd(cloud, list) <= few)
+        return {std::move(cloud)};
+    const Thinning<D> thinning(cloud, R - (1 - share) * p.band, R - p.band);
+    if (thinning.size() == cloud.size()) return {std::move(cloud)};
+    return {thinning.kept(), share * p.band};
+}
+
+}  // namespace vfplan
