@@ -138,7 +138,7 @@ def _roundness(profiles: Profiles, used: NDArray, width: float) -> float:
     the line, neither is known.
     """
     odds = 0.0
-    for values in (profiles.alpha, profiles.light):
+    for values in (profiles.alpha, profiles.light) if profiles.noisy else (profiles.alpha,):
         caps, scatter = _lacking(np.where(profiles.seen, values, 0.0), profiles.x, used, width)
         off = (caps**2).sum(), ((caps - 1) ** 2).sum()  # from flat and from round ends
         odds += (off[0] - off[1]) / 2 / max(scatter, min(off) / 2, (SURE_PX / width) ** 2)
