@@ -70,7 +70,7 @@ def alpha_edges(points, radius):
     i, j = (v.ravel() for v in np.triu_indices(len(points), 1))
     chord = points[j] - points[i]
     size = np.linalg.norm(chord, axis=1)
-    i, chord, size = (v[(size > 0) & (size < 0.5 * radius)] for v in (i, chord, size))
+    i, chord, size = (v[(size > 0) & (size < np.sqrt(0.5) * radius)] for v in (i, chord, size))
     aside = np.column_stack([-chord[:, 1], chord[:, 0]]) / size[:, None]
     up = np.sqrt(radius**2 - size**2 / 4)[:, None] * aside
     found = []

@@ -178,6 +178,18 @@ def test_channels_are_followed_wherever_their_samples_lie(seed):
     assert over.max(initial=0) <= 5 * engine.parameters.band
 
 
+@pytest.mark.parametrize("extrude", [0.0, 0.012])
+@pytest.mark.parametrize("share", [0.1, 0.5, 1.6])
+def test_a_channel_narrower_by_less_than_two_bands_does_not_hold_it(share, extrude):
+    """A proxy within goes along the middle, wherever the HIP pulls it, and stays outside."""
+    band = play_band(scenes.Channel(extrude=extrude))
+    scene = scenes.Channel(extrude=extrude, width=2 * R - share * band)
+    hips = scenes.travel([[-0.02, 0, 0], [0.02, 4e-3, 0], [0, -3e-3, 0]], 1.0)
+    trace = play(scene, hips, band=band)
+    assert np.abs((trace.proxy - hips)[:, 0]).max() <= 2 * band
+    assert inside(scene.points, trace.proxy).max() <= band + 1e-11
+
+
 @pytest.mark.parametrize("speed", [0.02, 0.1, 1.0])
 @pytest.mark.parametrize("spacing", [0.1e-3, 0.5e-3])
 def test_flat_sheet_has_no_lag_and_no_cogging(speed, spacing):

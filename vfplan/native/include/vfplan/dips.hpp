@@ -33,9 +33,10 @@ class Rolling {
     }
 
     /// Depth [m] that this share of the dips keeps; 0: there is none. What is as large as a hole,
-    /// half of R, counts only where there is hardly anything else.
+    /// half of R, on a curve R/16 deep, counts only where there is hardly anything else.
     double depth(double share) const {
-        const double hole = 0.5 * R_, apart = (D == 2 ? 1 : std::sqrt(2.0)) * R_;
+        const double hole = (D == 2 ? std::sqrt(0.5) : 0.5) * R_;
+        const double apart = (D == 2 ? 1 : std::sqrt(2.0)) * R_;
         const bool sparse = weight(hole) < 0.1 * weight(apart);
         double size = 0, left = sparse ? 0.5 * weight(apart) : share * weight(hole);
         for (auto it = size_.begin(); left > 0; ++it) size = it->first, left -= it->second;

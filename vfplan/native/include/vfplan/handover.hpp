@@ -1,7 +1,8 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // From the way out of a fixture to the rule: the proxy goes the rule's own way, but each tick only
-// as far as the force may change. What is left of the way waits for the next tick.
+// as far as the force may change. What is left of the way waits for the next tick. Without it
+// test_a_hand_that_leaves_clutter_feels_no_jump fails.
 #pragma once
 
 #include "vfplan/force_ramp.hpp"

@@ -237,7 +237,7 @@ Made in_space(S space, const double* xyz, std::size_t n, const Parameters& p, Wi
         return brute ? with_rule<PaperRule<D, AllPoints>>(space, cloud, p, width)
                      : with_rule<PaperRule<D, Neighbours>>(space, cloud, p, width);
     const auto kept = thinned(cloud, p);
-    auto all = kept.lent > 0 ? std::make_unique<Grid<D>>(cloud, tuned::cell * p.R()) : nullptr;
+    auto all = kept.lent > 0 ? std::make_unique<Grid<D>>(cloud, 2 * tuned::brief * p.R()) : nullptr;
     const auto with = [&]<template <int> class Search>() {
         return with_rule<RobustRule<D, Search>>(space, kept, p, width, std::move(all));
     };

@@ -5,7 +5,8 @@
 // On one surface a lift may take the proxy away from the HIP, and the slide that follows may bring
 // it back to where it was: round and round among points that no fit explains. So the lifts below
 // one place of the HIP are limited. Beyond, the proxy descends or stays, and towards that place: a
-// HIP that trembles around it gives no new reason to move.
+// HIP that trembles around it gives no new reason to move. Without it
+// test_a_trembling_hip_does_not_keep_it_moving fails.
 #pragma once
 
 #include <algorithm>
@@ -26,20 +27,20 @@ class Rest {
     /// A tick begins with the proxy held, `distance` from the HIP h: what the rule is to move it
     /// to, near h. `ticks`: as how many it counts where the HIP is still.
     const Vec<D>& goal(const Vec<D>& h, double distance, int ticks) noexcept {
-        if (!held_ || !near(h, place_, tuned::around)) {
+        if (!held_ || !near(h, place_, 1)) {
             held_ = true;
             place_ = still_at_ = h;
             least_ = distance;
             lifted_ = 0;
             still_ = 0;
-        } else if (!near(h, still_at_, tuned::still)) {
+        } else if (!near(h, still_at_, tuned::margin)) {
             still_at_ = h;
             still_ = 0;
         } else if (still_ < tuned::patience) {
             still_ = std::min(still_ + ticks, tuned::patience);
             if (still_ == tuned::patience) place_ = h;
         }
-        tired_ = still_ == tuned::patience || lifted_ > tuned::lifts * band_;
+        tired_ = still_ == tuned::patience || lifted_ > tuned::deep * band_;
         return tired_ ? place_ : h;
     }
 
@@ -51,10 +52,9 @@ class Rest {
         if (growth > tuned::rest * band_) lifted_ += growth;
     }
 
-    /// The iterations went to x, to the end or until there were none left. Where that is `patience`
-    /// times so, it counts as much as lifts.
+    /// The iterations went to x, to the end or until there were none left: as much as a lift of b.
     void ends(const Vec<D>& x, bool end) noexcept {
-        if (!end) lifted_ += tuned::lifts / tuned::patience * band_;
+        if (!end) lifted_ += band_;
         if (!(lifted_ > 0)) return;
         if (const double left = norm(place_ - x); left < least_ - band_) {  // it gets somewhere
             least_ = left;

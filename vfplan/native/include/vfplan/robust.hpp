@@ -33,10 +33,10 @@ class RobustRule {
           safe2_((R_ - p.band + of.lent) * (R_ - p.band + of.lent)),
           grain_(std::sqrt(p.band / R_)),
           soft_{R_, R_ - (p.band - of.lent) * (1 - tuned::margin),
-                std::min(tuned::steep * grain_, tuned::most_steep)},
+                std::min(tuned::linked * grain_, tuned::most_linked / 2)},
           hard_{R_, R_ - (p.band - of.lent) * (1 - tuned::margin), 0},
           surfaces_(kernels, R_, p.band),
-          neighbours_(of.cloud, reach(), tuned::skin * R_, tuned::cell * R_, kernels),
+          neighbours_(of.cloud, reach(), 0.75 * tuned::brief * R_, 2 * tuned::brief * R_, kernels),
           travel_(kernels, R_),
           escape_({kernels, R_}, R_),
           handover_(R_),
@@ -211,7 +211,7 @@ class RobustRule {
         const bool lift = std::exchange(now_.blocked, false) && count() == 1 && low.t > rest();
         const Vec<D> v = lift           ? low.t * low.n
                          : count() == 1 ? surfaces_.slide(u, low, slack())
-                                        : project(u, walls(), count(), slack());
+                                        : surfaces_.step(u, slack());
         const double length = norm(v);
         if (!(length > rest())) return count() > 1 && squeeze(x, hip);
         const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, now_.far);
@@ -231,7 +231,7 @@ class RobustRule {
 
     /// One iteration between several walls where the step v is stopped at once by the points that
     /// the proxy has sunk among: first up to R above all walls, then on as v asks. False, and
-    /// nothing done, unless both together bring the proxy nearer to the HIP.
+    /// nothing done, unless both bring it nearer. For test_coarse_channel_is_followed_at_speed.
     bool rise(Vec<D>& x, const Vec<D>& hip, const Vec<D>& v) noexcept {
         const Vec<D> up = project(Vec<D>{}, walls(), count(), slack()), on = v - up;
         if (!(norm(up) > rest() && norm(on) > rest())) return false;
@@ -248,8 +248,8 @@ class RobustRule {
         return s < length ? x + (s / length) * v : x + v;
     }
 
-    /// One iteration past the points that touch, where the fitted surfaces leave no way; false when
-    /// the proxy is at rest among them. Always nearer to the HIP, so it cannot go round in circles.
+    /// One iteration past the points that touch, where the fitted surfaces leave no way; false at
+    /// rest among them. Never away from the HIP. For test_where_it_rests_there_is_no_way_on.
     bool squeeze(Vec<D>& x, const Vec<D>& hip) noexcept {
         const Vec<D> u = hip - x;
         const Vec<D> v = touched_(neighbours_, x, u, R_ + rest(), slack());

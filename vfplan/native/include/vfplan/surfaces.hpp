@@ -22,7 +22,7 @@ class Surfaces {
           shell_(R_ + deep_),
           grain_(std::sqrt(band / R_)),
           window_(std::min(tuned::window * spacing(), tuned::widest_window) * R_),
-          lean_(std::min(tuned::lean * std::sqrt(2.0) * grain_, tuned::most_lean)),
+          lean_(std::min(tuned::lean * std::sqrt(2.0) * grain_, tuned::most_linked / 2)),
           contacts_(shell_, std::cos(std::min(tuned::linked * grain_, tuned::most_linked))) {}
 
     /// What is asked of the list of neighbours: a fit's samples.
@@ -51,6 +51,25 @@ class Surfaces {
         const double aside = bends * across;  // no hypot, whose last bit differs among libraries
         const double far = near > 0 ? std::sqrt(near * near + aside * aside) : 0;
         return low.t * low.n + (1 / std::max(far, 0.5)) * on;
+    }
+    /// The step nearest to u that keeps to all of them. Where none of these brings the proxy nearer
+    /// to the HIP, and two face each other less than 2 R apart: one along the middle between them.
+    Vec<D> step(const Vec<D>& u, double slack) const noexcept {
+        const Vec<D> v = project(u, wall_, count_, slack);
+        if (norm(v - u) < norm(u)) return v;
+        for (int i = 0; i < count_; ++i)
+            for (int j = 0; j < i; ++j) {
+                const Wall<D>&a = wall_[i], &b = wall_[j];
+                if (!(norm(a.n + b.n) <= 2 * lean_ && a.t + b.t > 0)) continue;
+                const Vec<D> across = along(a.n - b.n, 1);
+                const double middle = (a.t - b.t) / 2;
+                Wall<D> between[Contacts<D>::most];
+                std::copy(wall_, wall_ + count_, between);
+                between[i] = {across, middle};
+                between[j] = {-1.0 * across, -middle};
+                return project(u, between, count_, slack);
+            }
+        return v;
     }
     /// Where all of them together push a proxy whose HIP is at u; 0 where none touches.
     Vec<D> normal(const Vec<D>& u, double rest, double slack) const noexcept {

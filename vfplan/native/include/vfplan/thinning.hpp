@@ -198,7 +198,7 @@ struct Thinned {
 template <int D>
 Thinned<D> thinned(Cloud<D> cloud, const Parameters& p) {
     constexpr double few = 2048, share = 0.5;  // of the band
-    const double R = p.R(), list = (1 + tuned::brief + tuned::skin) * R;
+    const double R = p.R(), list = (1 + tuned::brief + 0.75 * tuned::brief) * R;
     if (p.rule != Rule::robust || p.search == Search::editable ||
         static_cast<double>(cloud.size()) <= few || crowd(cloud, list) <= few)
         return {std::move(cloud)};

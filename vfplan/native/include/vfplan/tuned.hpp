@@ -20,8 +20,6 @@ inline constexpr double widest_window = 1.7;
 /// that sampling alone explains. Less: the normal of the mean leads, with its cogging; more: a rim
 /// is taken for a surface.
 inline constexpr double lean = 1.3;
-/// ... as a sine at most, for coarse clouds.
-inline constexpr double most_lean = 0.45;
 
 /// How far the centre of the samples lies from the foot, in radii of the fit, up to which they
 /// surround it, and from where on they do not. At a straight border it is 0.29 (sheet) or 0.31
@@ -30,22 +28,24 @@ inline constexpr double most_lean = 0.45;
 inline constexpr double surrounded = 0.18, one_sided = 0.38;
 
 /// Directions of contacts that differ by less than this, in g, belong to one surface: three
-/// spacings, so that a missing sample does not part it.
+/// spacings, so that a missing sample does not part it. As a sine between way and sphere it is
+/// where a sphere of radius R stops a sweep: those of the surface that the proxy slides on are met
+/// under sines up to 3 g.
 inline constexpr double linked = 6;
-/// ... as an angle at most: walls of a corner of up to 128 degrees stay two.
+/// ... as an angle at most: walls of a corner of up to 128 degrees stay two. Its half is the
+/// largest sine of a lean and of a sphere's meeting, for what is steeper is the other wall.
 inline constexpr double most_linked = 0.9;
 
-/// Sine, in g, between way and sphere from where a sphere of radius R stops a sweep. Samples of the
-/// surface that the proxy slides on are met under sines up to 3 g.
-inline constexpr double steep = 6, most_steep = 0.5;
-
-/// Of R: reach of the list of neighbours, that the brief sweeps need; how far the proxy goes before
-/// it is gathered anew; the side of a grid's cell. They cost or save time and change no answer.
-inline constexpr double brief = 0.2, skin = 0.15, cell = 0.4;
+/// Of R: reach of the list of neighbours, that the brief sweeps need; three quarters of it: how far
+/// the proxy goes before it is gathered anew; twice: the side of a grid's cell. It costs or saves
+/// time, and changes no answer.
+inline constexpr double brief = 0.2;
 
 /// Of the band: a step below it is none; rest is held to it.
 inline constexpr double rest = 1e-2;
-/// Of the band: margin of a sweep before R - band, and of a tick before it lets |proxy - HIP| grow.
+/// Of the band: margin of a sweep before R - band, and of a tick before it lets |proxy - HIP| grow;
+/// and how far from where patience began a HIP counts as not moved. Two such ways change what a
+/// step gains by four times as much at most, less than `rest`: no step gains by noise.
 inline constexpr double margin = 1e-3;
 /// Of the band: by how much a step may miss a wall through rounding.
 inline constexpr double slack = 1e-6;
@@ -53,15 +53,9 @@ inline constexpr double slack = 1e-6;
 inline constexpr double hair = 1e-9;
 /// Ticks that the HIP has not moved from where on only a gain counts.
 inline constexpr int patience = 32;
-/// Of the band: how far from where patience began a HIP counts as not moved. Two such ways change
-/// what a step gains by four times as much at most, less than `rest`: no step gains by noise.
-inline constexpr double still = 1e-3;
-/// Of the band: how far the HIP may go and still be at one place, and by how much lifts may take
-/// the proxy away from it meanwhile, until it has come nearer by a band.
-inline constexpr double around = 4, lifts = 8;
-
-/// Bands that count as sinking: no contact is further off than this, no lift is longer, and between
-/// several walls the points among which it squeezes must give more.
+/// Bands that count as sinking: no contact is further off than this, no lift is longer, between
+/// several walls the points among which it squeezes must give more, and lifts below one place of
+/// the HIP may take the proxy away by no more, until it has come nearer by a band.
 inline constexpr double deep = 2;
 
 /// Least 1 + h kappa of a hollow: in one nearly as narrow as the proxy the foot is anywhere.

@@ -32,7 +32,7 @@ double tick_work(const S& space, const double* xyz, std::size_t n, const Paramet
     const auto cloud = thinned(make_cloud(space, xyz, n), p).cloud;
     const Surfaces<D, AllPoints<D>> surfaces(kernels<D>(Width::automatic), p.R(), p.band);
     const double list = std::max((1 + tuned::brief) * p.R(), surfaces.reach());
-    const double near = crowd(cloud, list + tuned::skin * p.R());
+    const double near = crowd(cloud, list + 0.75 * tuned::brief * p.R());
     // From R - band to the shell, on one surface: as far around the foot.
     const double inner = p.R() - p.band, outer = surfaces.shell();
     const double touching = crowd(cloud, std::sqrt(outer * outer - inner * inner));
