@@ -11,8 +11,7 @@ ridge       the measurement: a pixel path -> the line's centre and its uncertain
 ends        where the ink of a line begins and ends
 evidence    the measured line held against the ink
 doubts      what a person should look at
-between     where a person says that the curve begins and ends
-outline     the outline of a filled region
+asked       where a person says that the curve begins and ends; the outline of a region
 """
 
 from vfplan.curve.extraction import (

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.between import between, through
+from vfplan.curve.asked import between, outline_of, region_of, through
 from vfplan.curve.candidates import Candidate, candidates_of
 from vfplan.curve.choice import (
     against_advice,
@@ -31,7 +31,6 @@ from vfplan.curve.intruders import intruders
 from vfplan.curve.kinds import tell_apart
 from vfplan.curve.marks import find_marks
 from vfplan.curve.model import METHODS, Extraction, Method, Stroke
-from vfplan.curve.outline import outline_of, region_of
 from vfplan.curve.path import drawn_length
 from vfplan.curve.pen import Pen
 from vfplan.curve.pieces import pieces_beside
