@@ -1,4 +1,4 @@
-"""Ink of the same pen that touches the line, here a circle, whose way is known everywhere."""
+"""What touches a line or lies over its end, here a circle's, whose way is known everywhere."""
 
 import numpy as np
 import pytest
@@ -57,6 +57,30 @@ def corner(pen):
     return lambda canvas: canvas.line([end + 0.8 * onward, end + 16 * way], pen, RED)
 
 
+def over(bottom, tone):
+    def draw(canvas):
+        canvas.box((290, bottom - 150), 250, 300, tone)
+
+    return draw
+
+
+def test_a_cover_that_reaches_over_the_border_is_told_by_the_ink_s_cut_or_by_its_edge():
+    assert any("cut off flat" in w for w in told(over(125, (128, 128, 128))))
+    thin = Canvas(np.full((*SHAPE, 3), 120.0), "exact")
+    thin.line(arc(180, 340), 1.5, RED)
+    over(125.3, (60, 60, 60))(thin)
+    assert any("a sharp edge" in w for w in vfplan.extract_curve(thin.image()).warnings)
+
+
+def test_another_pen_s_line_that_goes_straight_on_is_told_and_a_point_is_not():
+    end = arc(180, 340)[-1]
+    ahead = np.array([0.34, 0.94])
+    straight = told(lambda canvas: canvas.line([end, end + 25 * ahead], 1.2, RED))
+    assert any("drawn thinner" in w for w in straight)
+    way = np.column_stack([np.linspace(0, 25, 60)] * 2) * ahead + end
+    assert not told(lambda canvas: canvas.pressed(way, np.linspace(WIDTH, 0.3, 60), RED))
+
+
 def test_a_thinner_stroke_behind_a_corner_is_told_and_one_of_the_same_pen_is_not():
-    assert any("turns a corner into thinner ink" in w for w in told(corner(WIDTH / 2)))
+    assert any("drawn thinner" in w for w in told(corner(WIDTH / 2)))
     assert not told(corner(WIDTH))

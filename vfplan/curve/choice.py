@@ -17,6 +17,7 @@ MOST_MARKS, CROWD = 3000, 16  # in all, and specks of the longest line's size: m
 LONGER = 2.5  # times a dash: a mark this long is no other dash
 NEAR_PX = 40.0  # between two candidates' ends: parts of one line, it may be
 FRAMES = 6.0  # times longer than the curve in it: the frame itself may be the planned curve
+WINDOW = 0.9  # of the picture's sides: the viewer's own frame
 DESCRIBED = 8  # candidates at most, in an error message
 
 
@@ -84,10 +85,13 @@ def _near_ends(
 
 
 def against_advice(
-    chosen: list[Candidate], others: list[Candidate], origin: tuple[int, int]
+    chosen: list[Candidate],
+    others: list[Candidate],
+    origin: tuple[int, int],
+    shape: tuple[int, ...],
 ) -> list[str]:
     """A warning for a line that was chosen though it looks like something else, and for one set
-    aside that is longer than what was chosen and not drawn round it.
+    aside that is longer than what was chosen and drawn round neither that nor the picture.
     """
     warnings = [
         f"stroke {_place(c, origin)} looks like {_article(c.kind)}, and is taken because it was "
@@ -97,7 +101,8 @@ def against_advice(
     ]
     for other in others:
         longer = all(other.length_px > c.length_px and not _round(other, c) for c in chosen)
-        if longer and not any(other is c for c in chosen):
+        window = other.kind == "frame" and (other.box[2:] > WINDOW * np.array(shape[1::-1])).all()
+        if longer and not window and not any(other is c for c in chosen):
             warnings.append(
                 f"{_article(other.kind)} {_place(other, origin)}, {other.length_px:.0f} px long, "
                 "was set aside though it is longer than the curve"

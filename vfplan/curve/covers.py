@@ -1,10 +1,11 @@
 """Whether something drawn later hides where a line goes on: a coloured patch, a box, a panel.
 
-Another colour is seen at once. A box, disc or panel in white, black or grey is told as a drawn
-thing: level, plain in shape, as its outline is nearly its own convex hull, and sharp nearly all
-round, without the ramp that air and bone end in; the ink stops where it begins. Over CT slices of a
-phantom 1 to 2 % of random ends lie at such an area. Under a half transparent one ink goes on,
-fainter.
+Another colour is seen at once. What has none cuts the ink off along its own outline: an edge as
+sharp as the pen's that runs through the end and on to both sides. Where it ends in a corner there,
+a box, disc or panel in white, black or grey is told as a drawn thing: level, plain in shape, as its
+outline is nearly its own convex hull, and sharp nearly all round, without the ramp that air and
+bone end in. An end that is surely round, a dot or a point is the pen's own, whatever lies beyond.
+Under a half transparent cover ink goes on, fainter.
 """
 
 from __future__ import annotations
@@ -13,34 +14,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.candidates import Candidate
+from vfplan.curve.light import LUMINANCE
 from vfplan.curve.pen import Pen, sample_pixels
 from vfplan.curve.profile import FOREIGN
+from vfplan.curve.ridge import Centreline
 
 WIDE, NOISE = 24, 0.5  # px around an end; levels of colour there, as JPEG's, not of clean ground
 STRETCH, OVER_PX = 6, 4.0  # points back, px beyond a line's half width: the way ahead of an end
 VEILED, FULL = (0.05, 0.12), 0.6  # of the pen's strength, and in JPEG: more is a dot
 VEIL_PX = (2.0, 10.0)  # ahead
-# A drawn area: grey levels that its own differ by, and over how many pixels words on it are
-# bridged, one pair after the other; in JPEG. Then pixels to either side that are looked at.
-LEVELS = (((1.0, 0), (2.0, 0), (1.0, 5)), ((2.5, 0), (5.0, 0), (2.5, 5)))
+# A drawn area: grey levels that its own differ by, one after the other; in JPEG. Then pixels to
+# either side that are looked at.
+LEVELS = (1.0, 2.0), (2.5, 5.0)
 AHEAD_PX, REACH_PX, AROUND = 4.0, 5.5, 160  # beyond the ink: where it is looked for, and begins
 LEVEL_SHARE, GREY = 0.3, 3.0  # of the pixels there, at least; times what its levels differ by
-CONVEX, FILLED = (0.9, 0.95), 0.5  # as boxes and discs are, without and with words on them
+CONVEX, FILLED = 0.9, 0.5  # as boxes and discs are, words on them or none
 LEAST_AREA, LEAST_EDGE = 150, 25  # pixels
 STEP, SHARP, EDGED = (8.0, 15.0), (0.8, 0.75), 0.5  # levels; of the change 2 px on; of the edge
 OUTWARD_PX, BLUR_PX = np.arange(0.0, 6.1, 0.5), 1.5
+# An edge through an end: how it leans and bends [rad, 1/px], how far before or beyond the ink's own
+# [px]; as far along it to either side, from so far off the ink; what lies so far across it [px].
+LEAN, BEND = np.radians(np.arange(-60, 61, 7.5)), (-0.08, -0.03, 0.0, 0.03, 0.08)
+SHIFT_PX, ALONG_PX, OFF_INK_PX = np.arange(-1.0, 1.1, 0.5), np.arange(4.0), 1.5
+DEPTH_PX = np.array([-5, -4, -3, -2, -1, 1, 2, 3, 4, 5])
+EDGE_REACH_PX = 14
+CONTRAST, ROUGH = 6.0, 3.0  # times what changes over 2 px before it and behind; levels at least
 
 
 def covered_ends(
-    rgb: NDArray, line: Candidate, points: NDArray, origin: tuple[int, int]
+    rgb: NDArray, line: Candidate, found: Centreline, origin: tuple[int, int]
 ) -> list[str]:
-    """A warning for each end of a measured open line, (M, 2) points, that something may hide."""
-    if line.closed or len(points) <= STRETCH:
+    """A warning for each end of a measured open line that something may hide."""
+    if line.closed or len(found.points) <= STRETCH:
         return []
     warnings = []
-    for at, inner in ((points[0], points[STRETCH]), (points[-1], points[-1 - STRETCH])):
+    for points, own in zip((found.points, found.points[::-1]), found.own_ends, strict=True):
+        at, inner = points[0], points[STRETCH]
         onward = (at - inner) / np.hypot(*(at - inner))
-        what = _cover(rgb, line.mark.pen, line.width_px, at, onward)
+        what = _cover(rgb, line.mark.pen, line.width_px, at, onward, own)
         if what:
             u, v = at + origin
             warnings.append(
@@ -50,8 +61,8 @@ def covered_ends(
     return warnings
 
 
-def _cover(rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray) -> str:
-    """What begins at an end; empty where nothing does."""
+def _cover(rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray, own: bool) -> str:
+    """What begins at an end; empty where nothing does, or nothing without colour cuts it off."""
     ahead = at + np.arange(1.0, width + OVER_PX)[:, None] * onward
     pixels = sample_pixels(rgb, *ahead.T)
     foreign = np.maximum(np.abs(pixels @ pen.across), -pixels @ pen.along)
@@ -62,6 +73,10 @@ def _cover(rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray) -
     noisy = bool(np.quantile(tint, 0.8) > NOISE)
     if _shows_through(rgb, pen, width, at, onward, VEILED[noisy]):
         return "something that its ink shows through faintly"
+    if own:
+        return ""
+    if _edge_through(rgb, pen, width, at, onward):
+        return "a sharp edge that runs on to both sides"
     if _meets_drawn(rgb, pen, width, at, onward, noisy):
         return "an evenly grey, white or black area with a sharp edge"
     return ""
@@ -85,6 +100,44 @@ def _shows_through(
     return bool(veiled + max(lane[0] for lane in beside) < least and most < FULL)
 
 
+def _edge_through(rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray) -> bool:
+    """Whether an edge of brightness, sharp on both sides of the ink, runs through its end.
+
+    What lies over a line cuts it off along its own outline; the edges of bones seldom pass there.
+    """
+    import cv2
+
+    cut = at + _ink_beyond(rgb, pen, width, at, onward) * onward
+    reach = int(width / 2 + EDGE_REACH_PX)
+    low = np.maximum(np.rint(cut).astype(int) - reach, 0)
+    u, v = np.maximum(np.rint(cut).astype(int) + reach + 1, 1)
+    near = rgb[low[1] : v, low[0] : u].astype(np.float32) @ LUMINANCE.astype(np.float32)
+    aside = np.array([-onward[1], onward[0]])
+    steps = []
+    for side in (1, -1):
+        along, ahead = _across_edges(side * (width / 2 + OFF_INK_PX + ALONG_PX))
+        places = (cut - low + ahead[..., None] * onward + along[..., None] * aside).astype("f4")
+        flat = places.reshape(len(places), -1, 2)
+        grey = cv2.remap(
+            near, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE
+        )
+        level = grey.reshape(places.shape[:-1]).mean(1) * (255.0 / np.iinfo(rgb.dtype).max)
+        slow = np.abs(level[:, 2:] - level[:, :-2])[:, [0, 1, 2, 5, 6, 7]].max(1)
+        steps.append(np.abs(level[:, 5] - level[:, 4]) / np.maximum(slow, ROUGH))
+    return bool(np.minimum(*steps).max() >= CONTRAST)
+
+
+def _across_edges(q: NDArray) -> tuple[NDArray, NDArray]:
+    """Where (E, Q, D) places lie across edges through an end, at (Q,) along them: aside, ahead."""
+    lean, bend, shift = (g.reshape(-1, 1, 1) for g in np.meshgrid(LEAN, BEND, SHIFT_PX))
+    q = q[:, None]
+    turned = lean + np.arctan(bend * q)
+    off = shift + bend * q**2 / 2
+    aside = q * np.cos(lean) - off * np.sin(lean) - DEPTH_PX * np.sin(turned)
+    ahead = q * np.sin(lean) + off * np.cos(lean) + DEPTH_PX * np.cos(turned)
+    return aside, ahead
+
+
 def _meets_drawn(
     rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray, noisy: bool
 ) -> bool:
@@ -97,8 +150,8 @@ def _meets_drawn(
         near = (near * (255.0 / np.iinfo(rgb.dtype).max)).astype(np.float32)
     aside = (width / 2 + 3) * np.array([-onward[1], onward[0]])
     back = [cut - low - 4 * onward, *(cut - low - 5 * onward + side * aside for side in (1, -1))]
-    for within, bridged in LEVELS[noisy]:
-        area = _level_area(near, cut - low + AHEAD_PX * onward, width, within, bridged)
+    for within in LEVELS[noisy]:
+        area = _level_area(near, cut - low + AHEAD_PX * onward, width, within)
         if area is None:
             continue
         outline, level = area
@@ -124,7 +177,7 @@ def _ink_beyond(rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArr
 
 
 def _level_area(
-    near: NDArray, at: NDArray, width: float, within: float, bridged: int
+    near: NDArray, at: NDArray, width: float, within: float
 ) -> tuple[NDArray, float] | None:
     """The (K, 2) outline of the level area round a place, and its level, if its shape is plain."""
     import cv2
@@ -140,22 +193,17 @@ def _level_area(
         return None
     level = float(np.median(grey[alike[alike.sum(1).argmax()]]))
     even = cv2.inRange(near, *(np.full(3, level + side * (within + 0.5)) for side in (-1, 1)))
-    if bridged:
-        even = cv2.morphologyEx(even, cv2.MORPH_CLOSE, np.ones((bridged, bridged), np.uint8))
     _, label, boxes, _ = cv2.connectedComponentsWithStats(even, connectivity=4)
     own = max(np.unique(label[here][label[here] > 0]), key=lambda k: boxes[k, 4], default=0)
-    left, top, wide, high, count = boxes[own].tolist()
-    whole = left > 0 and top > 0 and left + wide < near.shape[1] and top + high < near.shape[0]
-    if not own or not whole:
+    if not own:
         return None
     outlines, _ = cv2.findContours(
         (label == own).view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
     )
     outline = max(outlines, key=len)
     size = cv2.contourArea(outline)
-    convex = CONVEX[bridged > 0] * cv2.contourArea(cv2.convexHull(outline))
-    plain = size >= max(LEAST_AREA, convex)
-    return (outline[:, 0], level) if plain and count >= FILLED * size else None
+    plain = size >= max(LEAST_AREA, CONVEX * cv2.contourArea(cv2.convexHull(outline)))
+    return (outline[:, 0], level) if plain and boxes[own, 4] >= FILLED * size else None
 
 
 def _encloses(outline: NDArray, place: NDArray) -> bool:

@@ -26,6 +26,19 @@ POINT, BLUNT_PX, SHORT = (0.3, 0.2), (4.0, 6.0), 3
 # Of the usual ink: so little, so much less than nearer to the end, within so many pixels of it;
 # more than so much there is an arrow's head.
 THINNED, BREAK, BREAK_PX, HEAD = 0.75, 0.55, 14, 2.2
+# Another pen's line: so much less ink than usual, over so many pixels, even to within so much.
+FULL, OTHER, OTHER_PX, EVEN = 0.8, 0.62, 6, 0.04
+ENDED = 0.12  # of the usual ink: less is no line
+# How round an end is, 0 flat and 1 round: of pens wider than so much [px], cut off and not, and so
+# many times more than the line's own scatter apart.
+TELLING_PX, CUT, UNCUT, APART = 2.5, 0.45, 0.6, 2.0
+ODD = (
+    "is cut off flat, though the same pen's other end is round: something may hide the rest",
+    "is drawn thinner, evenly so, as by another pen: what lies there may be no part of it",
+    "lies shortly beyond a place where the ink all but stops, and comes back: what touches the "
+    "end there may be no part of it",
+    "is drawn out, and ink goes on beyond it, too thin or faint to be followed",
+)
 # A dot at an end: so many widths across, how round, how long; and the points over which it begins.
 BLOT, ROUNDISH, LONGEST_BLOT, ABRUPT = 1.4, 0.25, 6.0, 3
 
@@ -74,6 +87,33 @@ def broken_ends(profiles: Profiles, used: NDArray, width: float) -> tuple[bool, 
     return found[0], found[1]
 
 
+def thinner_ends(profiles: Profiles, used: NDArray, width: float) -> tuple[bool, bool]:
+    """Whether the line goes on, at either end, as one that is evenly thinner.
+
+    A pen that is lifted or pressed less grows thinner along its way; one that was changed, or a
+    sign that touches the end, is thinner at once.
+    """
+    return tuple(
+        _goes_on_thinner(mass[: at + 1], mass, width) for mass, at in _outward(profiles, used)
+    )
+
+
+def _goes_on_thinner(seen: NDArray, mass: NDArray, width: float) -> bool:
+    rest = mass[np.flatnonzero(seen >= FULL).max(initial=0) :]
+    stop = int(np.argmax(np.r_[rest, 0.0] < ENDED))
+    run = rest[int(width / 2) + 2 : max(stop - 2, 0)]
+    if len(run) < OTHER_PX:
+        return False
+    first, then = np.median(run[: len(run) // 2]), np.median(run[len(run) // 2 :])
+    return bool(max(first, then) < OTHER + EVEN and first - then < EVEN)
+
+
+def told_ends(*odd: tuple[bool, bool]) -> tuple[str, str]:
+    """What of `ODD` is true of either end, from a pair of flags for each."""
+    at_ends = zip(*odd, strict=True)
+    return tuple("; it ".join(w for w, f in zip(ODD, flags, strict=True) if f) for flags in at_ends)
+
+
 def _outward(profiles: Profiles, used: NDArray) -> tuple[tuple[NDArray, int], ...]:
     """The line's own coverage, without a tint's, towards both ends; the last point used of each."""
     first, last = np.flatnonzero(used)[[0, -1]]
@@ -87,7 +127,10 @@ def _point(mass: NDArray, at: int, blunt: float) -> float:
     half = _half(mass, at)
     beyond = mass[int(np.ceil(half)) :]
     thinner, thin = (int(np.argmax(np.r_[beyond, 0.0] < share)) for share in POINT)
-    return thin + POINT[1] / (POINT[0] - POINT[1]) * (thin - thinner) if thin > blunt else 0.0
+    more = POINT[1] / (POINT[0] - POINT[1]) * (thin - thinner)
+    halfway = beyond[thin + int(more / 2) :][:1]
+    more *= len(halfway) == 0 or halfway[0] > POINT[1] / 4  # what stops at once is no point
+    return thin + more if thin > blunt else 0.0
 
 
 def blot_middle(mass: NDArray, ink: float, width: float) -> float | None:
@@ -127,6 +170,29 @@ def line_ends(profiles: Profiles, used: NDArray, width: float) -> tuple[float, f
         dot = blot_middle(mass, ink, width)
         found.append(ink + point if point else ink - short if dot is None else dot)
     return last - found[0], found[1]
+
+
+def cut_ends(
+    profiles: Profiles, used: NDArray, width: float
+) -> tuple[tuple[bool, bool], tuple[bool, bool]]:
+    """Whether an end is cut off flat though the other is round, and whether it is its pen's own.
+
+    One pen draws both alike: something hides the rest of the first. Surely its own are round ends,
+    dots and points.
+    """
+    last, points = len(used) - 1, points_of(profiles, used)
+    inks = ink_ends(profiles, used)
+    dots = (
+        blot_middle(profiles.mass[::-1], last - inks[0], width) is not None,
+        blot_middle(profiles.mass, inks[1], width) is not None,
+    )
+    caps, scatter = _lacking(np.where(profiles.seen, profiles.alpha, 0), profiles.x, used, width)
+    clear = width > TELLING_PX and abs(caps[0] - caps[1]) > APART * np.sqrt(2 * scatter)
+    plain = clear and not any(dots) and not any(points)
+    cut = tuple(bool(plain and a < CUT and b > UNCUT) for a, b in (caps, caps[::-1]))
+    sure = width > TELLING_PX and APART**2 * scatter < UNCUT**2
+    own = zip(caps, dots, points, strict=True)
+    return cut, tuple(bool((sure and c > UNCUT) or dot or out) for c, dot, out in own)
 
 
 def _roundness(profiles: Profiles, used: NDArray, width: float) -> float:

@@ -26,7 +26,7 @@ REACH = 3.0  # times its own length, beyond `max_gap`, a piece is looked for
 SLIM = 2.0  # times longer than wide: a piece that has a direction
 ALIKE = 2.5  # widths of one pen differ by no more
 SAME, STROKE, STROKE_PX = 1.3, 4.0, 20.0  # nearly so wide, so many times as long: a stroke of it
-SPECKS = 3
+SPECKS = 2
 NO_CONTINUATION = ("text", "frame", "scale bar", "leader", "other colour")
 LEFT = 0.5  # of a width, and a pixel: an honest fit does not leave the ink by more
 BRIDGE_WIDTHS, BRIDGE_PX = 2.0, 4.0  # beside a gap, where profiles lack a side
@@ -47,18 +47,8 @@ def unexplained(
             carrying += piece
             warnings += told
         warnings += _hanging(line, found, pieces, origin)
-        ends = zip(found.points[[0, -1]] + origin, found.fading, found.broken, strict=True)
-        for (u, v), fades, broken in ends:
-            if fades:
-                warnings.append(
-                    f"the pen is drawn out towards the curve's end at ({u:.0f}, {v:.0f}), and ink "
-                    "goes on beyond it, too thin or faint to be followed"
-                )
-            if broken:
-                warnings.append(
-                    f"the ink all but stops shortly before the curve's end at ({u:.0f}, {v:.0f}) "
-                    "and comes back: what touches the end there may be no part of it"
-                )
+        for (u, v), odd in zip(found.points[[0, -1]] + origin, found.odd, strict=False):
+            warnings += [f"the curve's end at ({u:.0f}, {v:.0f}) {odd}"] if odd else []
     return carrying, warnings
 
 

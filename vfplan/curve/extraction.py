@@ -112,7 +112,7 @@ def extract_curve(
             candidates = through(candidates, places) or candidates
         chosen = choose(candidates, others, mask, stroke, colour, origin, aside)
         both = [(c, _measure(rgb, c, method, mask, origin)) for c in chosen]
-        notes += against_advice(chosen, others, origin)
+        notes += against_advice(chosen, others, origin, mask.shape)
     pieces, ink = pieces_beside(mask, both, told, marks)
     specks, found = unexplained(both, pieces, mask, max_gap_px, origin)
     notes += found
@@ -122,7 +122,7 @@ def extract_curve(
             refuse_strayed(line, measured, origin)
             notes += bridged_ink(line, measured, mask, origin)
             notes += intruders(line, measured, mask, origin)
-            notes += covered_ends(rgb, line, measured.points, origin)
+            notes += covered_ends(rgb, line, measured, origin)
         notes += several(line, measured.single)
         notes += a_bar(line, pen, origin)
         notes += side_by_side(line, measured.widening, origin, accept_width)

@@ -1,9 +1,7 @@
-"""Ink of the same pen that touches the line and may be no part of it: a dot beside it, a sign at
-its end.
+"""Ink of the same pen that touches the line and may be no part of it: a dot beside it.
 
-Either moves the measured line along, so neither is told by its distance from that. A dot makes the
-ink wide over a short run, and the line leaves the way on which it comes and goes on. A sign is
-thinner than the line, behind a corner.
+It moves the measured line along, so it is not told by its distance from that. It makes the ink wide
+over a short run, and the line leaves the way on which it comes and goes on.
 """
 
 from __future__ import annotations
@@ -24,16 +22,15 @@ WIDE, WIDE_PX, LONGEST, FLANK = 1.4, 1.5, 4.0, 3.0
 OFF_PX, OFF = 0.8, 3.0  # the line leaves its way by so much, and so many times what the flanks do
 BOTH = 0.35  # of the wider side's: a dot on the line, which moves it nowhere
 PRESSED = 4.0  # times the widths' own spread: a pen that is pressed varies all along
-NEAR_END, CORNER_DEG, THINNER = 6.0, 45.0, 1.4  # widths from the end, the turn, ratio of widths
 STEP_PX, SPARE_PX = 0.5, 6.0
 
 
 def intruders(
     line: Candidate, found: Centreline, mask: NDArray[np.bool_], origin: tuple[int, int]
 ) -> list[str]:
-    """A warning for each dot beside the line, and for each sign that it was followed into."""
+    """A warning for each dot beside the line."""
     if len(found.points) <= FLANK * max(line.width_px, 3.0) + SPARE_PX:
-        return []  # too short for either
+        return []  # too short for one
     beside = _reaches(found.points, found.closed, mask, line.width_px)
     warnings = []
     for place, length, off in _dots(line, found, beside, mask):
@@ -41,12 +38,6 @@ def intruders(
         warnings.append(
             f"the ink is wider to one side around ({u:.0f}, {v:.0f}), over {length:.0f} px, and "
             f"draws the curve {off:.1f} px off the way on which it comes and goes on"
-        )
-    for place, length in [] if found.closed else _signs(line, found, beside.sum(0)):
-        u, v = place + origin
-        warnings.append(
-            f"the curve turns a corner into thinner ink at ({u:.0f}, {v:.0f}), "
-            f"{length:.0f} px before its end: what follows may be no part of it"
         )
     return warnings
 
@@ -89,22 +80,3 @@ def _dots(
         sides = _reaches(way, False, mask, line.width_px)[:, inner].max(1)
         if off.max() > max(OFF_PX, OFF * off[~inner].max()) and sides.min() < BOTH * sides.max():
             yield points[run[len(run) // 2]], len(run), float(off.max())
-
-
-def _signs(line: Candidate, found: Centreline, width: NDArray) -> Iterator[tuple[NDArray, float]]:
-    """Place and distance to its end of each corner beyond which the ink is thinner."""
-    step = max(3, round(line.width_px))
-    lag = step + step // 2  # the fit rounds a corner
-    near = round(NEAR_END * line.width_px + SPARE_PX) + 2 * step
-    for points, across in ((found.points, width), (found.points[::-1], width[::-1])):
-        way = points[step : near + step] - points[:near][: len(points) - step]
-        way /= np.hypot(*way.T)[:, None]
-        turn = np.degrees(np.arccos((way[lag:] * way[:-lag]).sum(1).clip(-1, 1)))
-        at = int(turn.argmax()) + (step + lag) // 2
-        half = step // 2
-        beyond, own = (
-            np.median(across[: max(at - half, 1)]),
-            np.median(across[at + half : near + lag]),
-        )
-        if turn.max() > CORNER_DEG and own > THINNER * beyond:
-            yield points[at], at

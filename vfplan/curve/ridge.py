@@ -16,7 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.doubling import Widening, lines_in, widest_run
-from vfplan.curve.ends import broken_ends, fading_ends, ink_ends, line_ends, points_of
+from vfplan.curve.ends import (
+    broken_ends,
+    cut_ends,
+    fading_ends,
+    ink_ends,
+    line_ends,
+    points_of,
+    thinner_ends,
+    told_ends,
+)
 from vfplan.curve.fitting import FIRST_KNOTS_PX, Fitted, fit_line
 from vfplan.curve.path import (
     arc_length,
@@ -57,10 +66,9 @@ class Centreline:
     widening: Widening | None = None  # its widest run; `None` where its width was not measured
     # Whether its profile is that of one line; if not, two may lie side by side all along
     single: bool = True
-    # Whether ink goes on beyond its (first, last) point where JPEG hides how far
-    fading: tuple[bool, bool] = (False, False)
-    # Whether the ink all but stops before its (first, last) point and comes back
-    broken: tuple[bool, bool] = (False, False)
+    odd: tuple[str, ...] = ()  # what is odd about its (first, last) end; empty where nothing is
+    # Whether they are surely the pen's own: round, a dot, or drawn out to a point
+    own_ends: tuple[bool, bool] = (False, False)
 
 
 def trace(
@@ -90,7 +98,8 @@ def trace(
     base, lost = (smooth, 0.0) if closed else without_tips(smooth, width)
     passes = [FIRST_KNOTS_PX] * (1 + (width > BROAD_PX and not closed)) + [None]
     taken, point = 0, 0.0  # of extensions; how much further ink thinner than half the line goes
-    fading = broken = (False, False)
+    odd: tuple[str, ...] = ()
+    own = (False, False)
     while passes:
         knots = passes.pop(0)
         # Far enough to see the line end, and no further: what lies beyond may be red as well.
@@ -119,9 +128,11 @@ def trace(
         fitted = fit_line(s, base, profiles, used, closed, knots)
         if not closed and not passes:
             ends = line_ends(even, used, width)
-            broken = broken_ends(profiles, used, width)
-            if profiles.noisy and width > THIN_PX:
-                fading = fading_ends(even, used)
+            fades_out = profiles.noisy and width > THIN_PX
+            fading = fading_ends(even, used) if fades_out else (False, False)
+            cut, own = cut_ends(even, used, width)
+            thinner = thinner_ends(profiles, used, width)
+            odd = told_ends(cut, thinner, broken_ends(profiles, used, width), fading)
             start, stop = pitch * np.array(ends)
         inner = (0.0, stop) if closed else s[used][[0, -1]]
         base = fitted.spline(np.arange(*inner, pitch))
@@ -132,7 +143,7 @@ def trace(
     fitted = replace(fitted, sigma=np.hypot(fitted.sigma, widest.doubt))
     line = _result(fitted, s, valid, used, closed, start, stop, rgb.shape, width)
     single = verdict == "single"
-    return replace(line, widening=widest, single=single, fading=fading, broken=broken)
+    return replace(line, widening=widest, single=single, odd=odd, own_ends=own)
 
 
 def _evened(profiles: Profiles, valid: NDArray, width: float) -> Profiles:
