@@ -31,7 +31,7 @@ FULL, OTHER, OTHER_PX, EVEN = 0.8, 0.62, 6, 0.04
 ENDED = 0.12  # of the usual ink: less is no line
 # How round an end is, 0 flat and 1 round: of pens wider than so much [px], cut off and not, and so
 # many times more than the line's own scatter apart.
-TELLING_PX, CUT, UNCUT, APART = 2.5, 0.45, 0.6, 2.0
+TELLING_PX, CUT, UNCUT, APART = 2.5, 0.45, 0.6, 4.0
 ODD = (
     "is cut off flat, though the same pen's other end is round: something may hide the rest",
     "is drawn thinner, evenly so, as by another pen: what lies there may be no part of it",
@@ -188,7 +188,7 @@ def cut_ends(
     )
     caps, scatter = _lacking(np.where(profiles.seen, profiles.alpha, 0), profiles.x, used, width)
     clear = width > TELLING_PX and abs(caps[0] - caps[1]) > APART * np.sqrt(2 * scatter)
-    plain = clear and not any(dots) and not any(points)
+    plain = clear and not any(dots) and not any(points) and not profiles.clipped.any()
     cut = tuple(bool(plain and a < CUT and b > UNCUT) for a, b in (caps, caps[::-1]))
     sure = width > TELLING_PX and APART**2 * scatter < UNCUT**2
     own = zip(caps, dots, points, strict=True)
