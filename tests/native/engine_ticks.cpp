@@ -50,7 +50,7 @@ void play(const scenes::Scene& scene, vfplan::Rule rule, long ticks) {
         const bool is_inside = s.status & vfplan::inside;
         inside += is_inside;
         if (rule != vfplan::Rule::paper && (t % 61 == 0 || is_inside)) {
-            const double missing = p.R() - p.band - nearest(scene, s.proxy);
+            const double missing = p.R() - engine.band() - nearest(scene, s.proxy);
             if (!is_inside && missing > 1e-12) fail(scene.name, "inside", t, missing);
             if (is_inside && was_outside) fail(scene.name, "fell inside", t, missing);
         }
