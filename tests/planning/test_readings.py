@@ -184,3 +184,48 @@ def test_few_positions_near_marks_of_which_as_many_are_drawn():
     held = hold_against_marks(drawn(3, "cyan", "cross"), pairs(places))
     assert held.near == 2
     assert held.warnings[0].startswith("2 of the 8 given positions have a mark near them, but 8")
+
+
+GRID = np.stack(np.meshgrid([100.0, 349.5, 599], [90.0, 299.5, 509]), -1).reshape(-1, 2)
+
+
+def dotted(places):
+    image = texture(7)
+    for u, v in places:
+        at = (round(16 * u), round(16 * v))
+        cv2.circle(image, at, 64, COLOURS["cyan"], -1, cv2.LINE_AA, 4)
+    return image
+
+
+@pytest.mark.parametrize("how", [*MISREAD][:2])
+def test_a_misreading_onto_other_markers_marks_is_refused(how):
+    """A grid by hand: read wrongly, more than half of it still lies at marks, of others."""
+    hand = GRID + np.random.default_rng(2).uniform(-3, 3, GRID.shape)
+    image = dotted(hand)
+    for noise in np.random.default_rng(3).normal(0, 0.5, (5, *GRID.shape)):
+        held = hold_against_marks(image, pairs(hand + noise))
+        assert (held.near, held.warnings, held.rivals) == (9, (), ())
+        with pytest.raises(MarkerError, match=r"[5-9] of the 9 .*" + how):
+            hold_against_marks(image, pairs(MISREAD[how](hand + noise)))
+
+
+def test_a_slice_that_cannot_tell_two_readings_says_so():
+    (said,) = hold_against_marks(dotted(GRID), pairs(GRID)).rivals
+    assert "with v counted from below, or with u counted from the right, or" in said
+    assert "cannot tell" in said
+
+
+def test_many_without_a_mark_are_named():
+    (said,) = hold_against_marks(dotted(GRID[:5]), pairs(GRID)).warnings
+    assert "within 8 px of x6, x7, x8, x9, though" in said
+
+
+def test_a_shift_beside_as_many_other_marks_is_warned_of(monkeypatch):
+    """Letters that no shape fits, as many again: that all meet a mark is no chance."""
+    monkeypatch.setattr("vfplan.planning.readings._drawn", lambda *_: 0)
+    image = texture(8, contrast=5)
+    for u, v in [*PLACES, *np.random.default_rng(1).uniform(40, 560, (10, 2))]:
+        at = (int(u), int(v))
+        cv2.putText(image, "S", at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, COLOURS["cyan"], 2)
+    (said,) = hold_against_marks(image, pairs(PLACES + np.array([30, -20]))).warnings
+    assert "8 of 8 would lie at marks of one kind" in said

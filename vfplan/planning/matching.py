@@ -102,7 +102,7 @@ def match(
         registration = _fit(curve, pairs, settings)
         diagnosis = diagnose(registration)
         refuse_sure_faults(registration, diagnosis)
-    doubts = held.warnings if held is not None and not found else ()
+    doubts = () if held is None else (*held.rivals, *(() if found else held.warnings))
     warnings = (*doubts, *_frame_warning(pairs), *_image_warning(curve, image))
     return Matched(curve, slice_axes, pairs, registration, diagnosis, found, held, warnings)
 

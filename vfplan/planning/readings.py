@@ -6,13 +6,22 @@ well as the right one, for it is an affine map too: no residual shows it, only t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError
+from vfplan.planning.rivals import (
+    NEAR_PX,
+    ON_MARK_PX,
+    ROUNDED_PX,
+    hits_of,
+    misread,
+    readings,
+    rivals_of,
+)
 
 if TYPE_CHECKING:
     from vfplan.markers import Correspondences
@@ -20,16 +29,16 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-NEAR_PX = 8.0  # a mark further from a given position is not its own
 FEWEST = 3
 SHIFT_PX = 0.6  # half a pixel is a convention of where pixels begin, more is a mistake
 LONE_PX = 1.5
-DRAWN_PX, ROUNDED_PX = 0.1, 0.25  # a mark's centre as found, and as programs round it
+DRAWN_PX = 0.1  # a mark's centre as found
 IS, MAY_BE = 0.01, 0.05  # chance of such positions counted from 0
-ON_MARK_PX, CLEAN = 2.0, 0.25
+CLEAN = 0.25
 SCALES = (0.2, 5.0)
 SAME_SCALE = 0.02
 MOST_MARKS = 40  # of a kind; a scale is looked for among fewer
+BY_CHANCE = 1e-6  # less is none
 
 
 @dataclass(frozen=True)
@@ -41,6 +50,7 @@ class Held:
     rms_px: float | None = None
     shift_px: tuple[float, float] | None = None
     warnings: tuple[str, ...] = ()  # what a person should look at
+    rivals: tuple[str, ...] = ()  # a warning of other readings, which no found mark settles
 
     def as_dict(self) -> dict[str, Any]:
         """As a report holds it."""
@@ -52,29 +62,30 @@ class Held:
 def hold_against_marks(rgb: NDArray, pairs: Correspondences) -> Held:
     """Compare the given positions with the marks drawn on the slice.
 
-    Raises MarkerError: nothing is drawn near most of the given positions, but another reading of
-        them (rows from below, columns from the right, another scale) puts them onto marks of one
-        kind
+    Raises MarkerError: nothing is drawn near most of the given positions, or marks further off,
+        but another reading of them (rows from below, columns from the right, another scale) puts
+        them onto marks of one kind
     """
     from vfplan.markers.finding.marks import kinds_of_spots
 
     given = pairs.source
     kinds = kinds_of_spots(rgb)
     enough = max(FEWEST, (len(given) + 1) // 2)
-    own = max((_hits(given, kind) for kind in kinds), key=len, default={})
+    own = max((hits_of(given, kind) for kind in kinds), key=len, default={})
     if len(own) >= enough:
-        return _compared(rgb, pairs, kinds, own)
+        rivals = rivals_of(pairs, rgb.shape, kinds, len(own))
+        return replace(_compared(rgb, pairs, kinds, own), rivals=rivals)
     needed = max(enough, 2 * len(own))
     met, unsure = [], []
-    for name, read in _readings(given, rgb.shape).items():
+    for name, read in readings(given, rgb.shape).items():
         for kind in kinds:
-            hits = _hits(read, kind)
+            hits = hits_of(read, kind)
             if len(hits) >= needed and _drawn(rgb, read[list(hits)]) >= needed:
                 met.append(name)
             elif len(hits) >= needed and _as_many(kind, len(given)):
                 unsure.append(_unsure(len(hits), len(given), f"read {name}"))
     if met:  # of a symmetric layout several do, and the marks cannot tell which
-        raise MarkerError(_misread(pairs, len(own), "are read " + ", or ".join(dict.fromkeys(met))))
+        raise MarkerError(misread(pairs, len(own), "are read " + ", or ".join(dict.fromkeys(met))))
     if unsure:
         return Held(len(own), warnings=tuple(unsure))
     for kind in kinds:
@@ -83,13 +94,14 @@ def hold_against_marks(rgb: NDArray, pairs: Correspondences) -> Held:
             continue
         scale, shift, hits = scaled
         shown, as_many = _drawn(rgb, shift + scale * given) >= needed, _as_many(kind, len(given))
-        if not shown and not as_many:
-            continue  # letters and other small things, some of which lie right by chance
+        if not (shown or as_many) and _chance(hits, len(given), kind, rgb.shape) > BY_CHANCE:
+            continue  # letters and other small things, some of which lie right
         if np.abs(shift).max() <= NEAR_PX and abs(scale - 1) > SAME_SCALE:
-            raise MarkerError(_misread(pairs, len(own), f"are multiplied by {scale:.3g}"))
+            raise MarkerError(misread(pairs, len(own), f"are multiplied by {scale:.3g}"))
         if shown and as_many:  # no other marks are left for which the positions could be right
-            raise MarkerError(_misread(pairs, len(own), f"are {_moved(scale, shift)}"))
-        return Held(len(own), warnings=(_elsewhere(scale, shift, hits, len(given)),))
+            raise MarkerError(misread(pairs, len(own), f"are {_moved(scale, shift)}"))
+        said = _unsure(hits, len(given), _moved(scale, shift))
+        return Held(len(own), warnings=(said,))
     elsewhere = _others(rgb, kinds, len(given), len(own))
     if not own or elsewhere:
         return Held(len(own), warnings=elsewhere)
@@ -137,28 +149,6 @@ def _all_of_one_shape(rgb: NDArray, places: Array) -> bool:
     return True
 
 
-def _hits(places: Array, kind: Kind) -> dict[int, int]:
-    """Position -> the mark near it, where each is the other's nearest."""
-    apart = np.linalg.norm(places[:, None] - kind.places_px[None], axis=2)
-    marks = apart.argmin(axis=1)
-    return {
-        i: int(k)
-        for i, k in enumerate(marks)
-        if apart[i, k] <= NEAR_PX and apart[:, k].argmin() == i
-    }
-
-
-def _readings(given: Array, shape: tuple[int, ...]) -> dict[str, Array]:
-    below = np.array([0.0, shape[0] - 1.0])
-    right = np.array([shape[1] - 1.0, 0.0])
-    return {
-        "with v counted from below": below + given * [1, -1],
-        "with u counted from the right": right + given * [-1, 1],
-        "with u counted from the right and v from below": right + below - given,
-        "with row and column exchanged": given[:, ::-1],
-    }
-
-
 def _scaled(given: Array, places: Array) -> tuple[float, Array, int] | None:
     """(scale, shift, hits) that puts nearly all given positions onto marks; `None`: none does."""
     if len(given) < FEWEST + 1 or not FEWEST < len(places) <= MOST_MARKS:
@@ -181,20 +171,13 @@ def _scaled(given: Array, places: Array) -> tuple[float, Array, int] | None:
     return best if best is not None and best[2] >= needed else None
 
 
-def _misread(pairs: Correspondences, near: int, how: str) -> str:
-    n = len(pairs.labels)
-    return (
-        f"{near} of the {n} given positions have a mark near them on the slice, but where they "
-        f"{how} they meet the marks drawn: correct u_px and v_px (the centre of the top-left "
-        "pixel is 0, 0; u to the right, v down, in pixels of the file)"
-    )
+def _chance(hits: int, n: int, kind: Kind, shape: tuple[int, ...]) -> float:
+    """The chance that of `n` positions, two laid onto marks at random, so many meet marks."""
+    from scipy.special import bdtrc
 
-
-def _elsewhere(scale: float, shift: Array, hits: int, n: int) -> str:
-    return (
-        f"no marks are drawn at most of the given positions; {_moved(scale, shift)} {hits} of {n} "
-        "would meet marks of one kind: check u_px and v_px"
-    )
+    count = len(kind.places_px)
+    near = min(1.0, count * np.pi * (NEAR_PX / 2) ** 2 / (shape[0] * shape[1]))
+    return count**2 * float(bdtrc(hits - 3, n - 2, near))
 
 
 def _moved(scale: float, shift: Array) -> str:
@@ -203,7 +186,7 @@ def _moved(scale: float, shift: Array) -> str:
 
 
 def _compared(rgb: NDArray, pairs: Correspondences, kinds: list[Kind], own: dict[int, int]) -> Held:
-    kind = max(kinds, key=lambda one: len(_hits(pairs.source, one)))
+    kind = max(kinds, key=lambda one: len(hits_of(pairs.source, one)))
     index = np.array(sorted(own))
     away = pairs.source[index] - kind.places_px[[own[i] for i in index]]
     if _doubts(pairs, index, away):  # the rough centres may be to blame
@@ -211,16 +194,18 @@ def _compared(rgb: NDArray, pairs: Correspondences, kinds: list[Kind], own: dict
         if len(fitted[0]):  # else neither crosses nor dots: their rough centres are what there is
             index, away = fitted
     rms, mean = float(np.sqrt((away**2).sum(axis=1).mean())), away.mean(axis=0)
-    doubts = _doubts(pairs, index, away) + _bare(pairs, own)
+    doubts = _doubts(pairs, index, away) + _bare(pairs, kinds, own)
     return Held(len(index), rms, (float(mean[0]), float(mean[1])), doubts)
 
 
-def _bare(pairs: Correspondences, own: dict[int, int]) -> tuple[str, ...]:
-    """A warning for few markers without a mark near them, where the others have one."""
-    bare = [label for i, label in enumerate(pairs.labels) if i not in own]
-    if not bare or len(bare) > len(own) // 3:
+def _bare(pairs: Correspondences, kinds: list[Kind], own: dict[int, int]) -> tuple[str, ...]:
+    """A warning for markers without a mark near them, where the others have one."""
+    bare = [i for i in range(len(pairs.labels)) if i not in own]
+    if len(bare) > len(own) // 3:  # marks of two kinds are markers too
+        bare = [i for i in bare if not any(i in hits_of(pairs.source, kind) for kind in kinds)]
+    if not bare or len(own) < max(FEWEST, len(bare)):
         return ()
-    names = ", ".join(map(str, bare))
+    names = ", ".join(pairs.labels[i] for i in bare)
     return (f"no mark is drawn within {NEAR_PX:.0f} px of {names}, though the others have theirs",)
 
 
