@@ -58,10 +58,13 @@ def command(cloud: Path, output: Path, overwrite: bool, **given: Any) -> Report:
     }
     size = ", ".join(f"{1e3 * (b - a):.4g}" for a, b in zip(*data["extent_m"], strict=True))
     certified = "certified" if content["/leak@certified"] else "not certified"
+    opening = f"largest opening {1e3 * content['/leak@largest_m']:.3f} mm"
+    if content["/leak@kind"] == "cloud":  # what its points leave open nothing says
+        opening = f"no point further than {1e3 * content['/leak@largest_m']:.3f} mm from the next"
+        opening = opening if data["points"] > 1 else "a single point"
     text = (
         f"{data['points']} points, {data['triangles']} triangles, {size} mm across;"
-        f" {content['/leak@kind']}, {certified}: largest opening"
-        f" {1e3 * content['/leak@largest_m']:.3f} mm"
+        f" {content['/leak@kind']}, {certified}: {opening}"
     )
     text += f"; rule {data['rule']}" if data["rule"] else ""
     text += f"\nwrote {output}"

@@ -217,3 +217,14 @@ def test_pixels_are_no_metres(vfplan_cli, tmp_path):
     run = vfplan_cli("import", tmp_path / "p.csv", "--units", "mm", "-o", tmp_path / "a.h5")
     assert (run.code, (tmp_path / "a.h5").exists()) == (3, False)
     assert "x_px" in run.error_line
+
+
+@pytest.mark.parametrize(
+    ("rows", "says"),
+    [("0,0,0\n", "a single point"), ("0,0,0\n3,0,0\n", "no point further than 3.000 mm from the")],
+)
+def test_of_a_bare_cloud_no_opening_is_told(rows, says, vfplan_cli, tmp_path):
+    (tmp_path / "a.csv").write_text("x_mm,y_mm,z_mm\n" + rows)
+    run = vfplan_cli("import", tmp_path / "a.csv", "--units", "mm", "-o", tmp_path / "a.h5")
+    assert (run.code, "opening" in run.stdout) == (0, False)
+    assert says in run.stdout

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from vfplan.curve.arcs import find_corners, fit_arcs, measure, places
+from vfplan.errors import CurveError
 
 TOLERANCE = 1e-6
 
@@ -80,3 +81,11 @@ def test_two_points_are_a_line():
     arcs = fit_arcs(np.array([[0.0, 0], [0.1, 0.02]]), False, TOLERANCE)
     assert np.array_equal(arcs.bulges, 0 * arcs.bulges)
     assert arcs.vertices[[0, -1]] == pytest.approx(np.array([[0, 0], [0.1, 0.02]]), abs=1e-15)
+
+
+def test_neighbours_that_coincide_are_refused():
+    line = np.array([(0, 0), (1, 0), (1, 0), (2, 0), (3, 1.0)])
+    with pytest.raises(CurveError, match="point 1 of 5 lies where the next one does"):
+        fit_arcs(line, False, 1e-6)
+    with pytest.raises(CurveError, match="point 3 of 4"):
+        fit_arcs(np.array([(0, 0), (1, 0), (1, 1), (0, 0.0)]), True, 1e-6)

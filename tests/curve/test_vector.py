@@ -245,3 +245,12 @@ def test_broken_control_point_tables_are_refused(tmp_path, text):
         read_vector_curve(tmp_path / "c.fcsv")
     with pytest.raises(SettingError, match="no effect on Slicer"):
         read_vector_curve(tmp_path / "c.fcsv", "centre")
+
+
+@pytest.mark.parametrize("off", [0, 1e-14])
+def test_a_point_that_is_there_twice_is_one(tmp_path, off):
+    once = read_vector_curve(slicer(tmp_path, RING_MM, "ClosedCurve")).fine(1e-4)
+    twice = np.vstack([RING_MM[:1], RING_MM, RING_MM[:1] + off])
+    assert np.allclose(read_vector_curve(slicer(tmp_path, twice, "ClosedCurve")).fine(1e-4), once)
+    with pytest.raises(CurveError, match="holds 2 different points; 3 are wanted"):
+        read_vector_curve(slicer(tmp_path, RING_MM[[0, 1, 0]], "ClosedCurve"))

@@ -181,3 +181,9 @@ def test_a_number_has_no_effect_on_other_files(tmp_path):
             ExtractSettings(stroke="all"),
             curve=state(tmp_path, graphic()),
         )
+
+
+@pytest.mark.parametrize("number", [0, -1, True])
+def test_what_is_no_number_from_1_takes_no_curve(tmp_path, number):
+    with pytest.raises(SettingError, match="is not a number from 1"):
+        read_vector_curve(state(tmp_path, graphic(), graphic(LINE + 200)), number=number)

@@ -117,6 +117,7 @@ def test_a_bend_tighter_than_the_tube_is_refused_unless_it_may_be_cut():
     [
         ({"guide_m": 0.05}, "radius 50 mm: at most .* fit"),
         ({"guide_stroke": 2}, "guide stroke 2: of 2 strokes"),
+        ({"guide_stroke": -1}, "guide stroke -1: of 2 strokes"),
     ],
 )
 def test_what_cannot_guide_is_refused(change, says):

@@ -126,6 +126,9 @@ def test_refusals():
     ):
         with pytest.raises(SettingError, match=message):
             add_margin(LINE, registration, FixtureSettings(**settings))
+    for margin in (True, -1, np.inf, "1"):
+        with pytest.raises(SettingError, match="metres of at least 0"):
+            add_margin(LINE, registration, FixtureSettings(margin=margin))
     cloud = Fixture("image", LINE.points, MADE)
     with pytest.raises(SettingError, match="needs an ordered curve"):
         moved(cloud, "left")
@@ -152,3 +155,13 @@ def test_the_protected_side_stays_protected():
         gap = (registration.apply(out.points) - truth) @ up
         kept += bool((gap > 0).all())
     assert kept / 50 > 0.95  # one-sided, so more than the band's 95 %
+
+
+@pytest.mark.parametrize("none", [0, 0.0])
+def test_no_margin_moves_nothing(none):
+    for side in ("both", "left"):
+        made, _, margin = add_margin(
+            LINE, registered(), FixtureSettings(margin=none, margin_side=side)
+        )
+        assert (margin.largest_m, margin.dropped) == (0.0, 0)
+        assert np.allclose(made.points, LINE.points, atol=1e-9)

@@ -219,3 +219,17 @@ def test_markers_in_space_do_not_register_a_slice(tmp_path):
     curve = Fixture("image", np.c_[np.arange(9.0), np.zeros((9, 2))], Provenance("", ""))
     with pytest.raises(MarkerError):
         vfplan.register(curve, path, Path(path))
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"ignore_axis": "xy"}, "ignored axis is 'xy'; normal, x, y, z or none"),
+        ({"ignore_axis": ""}, "ignored axis is ''"),
+        ({"stiffness": (1.0, 2.0)}, "stiffness is 2 numbers; 1 or 3"),
+        ({"guide_m": 1e-3, "guide_pull": (1.0, 0.02, 5.0)}, "guide pull is 3 numbers"),
+    ],
+)
+def test_settings_that_say_nothing_are_refused(given, says):
+    with pytest.raises(SettingError, match=says):
+        FixtureSettings(**given)

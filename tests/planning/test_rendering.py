@@ -1,12 +1,16 @@
 """What a plan chose from its tolerance: in the report, in the bundle, and kept by the surface."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import ROOT
+from margins import MADE
 from scipy.spatial import cKDTree
 
 from vfplan.bundle import read_fixture, write_fixture
 from vfplan.errors import SettingError
+from vfplan.fixture import Fixture
 from vfplan.planning import ExtractSettings, FixtureSettings, plan
 from vfplan.planning.registering import register
 from vfplan.replaying.engines import make_engine
@@ -148,3 +152,14 @@ def pressed(points):
     )
     start = smooth[0] + 8e-3 * normal[0]
     return np.vstack([np.linspace(start, smooth[0], 80), smooth])
+
+
+def test_points_that_are_there_twice_are_one_place(made):
+    names = (ROOT / "samples" / f"elbow_markers_{side}.csv" for side in ("image", "robot"))
+    markers, cloud = list(names), Fixture("image", np.arange(12.0).reshape(4, 3) * [9, 1, 0], MADE)
+    once = register(cloud, *markers).report
+    twice = register(replace(cloud, points=np.repeat(cloud.points, 2, 0)), *markers).report
+    assert once["spacing_m"] == pytest.approx(twice["spacing_m"])
+    assert once["spacing_m"] > 1e-3
+    alone = register(replace(cloud, points=cloud.points[:1]), *markers).report
+    assert (alone["points"], alone["spacing_m"]) == (1, None)

@@ -205,3 +205,15 @@ def test_two_points_are_a_line():
     sampled = sample_curve(np.array([[0, 0, 0], [0.01, 0, 0]]), False, radius_m=R)
     assert np.allclose(sampled.points[:, 1:], 0)
     assert sampled.arclength[-1] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize("rows", [1e-3, 2e-3])
+def test_the_promise_holds_where_steps_are_uneven(rows, closed):
+    """A point a pixel of a slice of 0.1 mm columns: a row, a bend of 1 mm, a column."""
+    turn = np.linspace(0, np.pi / 2, 25)[1:]
+    u = np.r_[np.arange(-300, 1) * 1e-4, 1e-3 * np.sin(turn), np.full(300, 1e-3)]
+    v = np.r_[np.zeros(301), 1e-3 - 1e-3 * np.cos(turn), 1e-3 + rows * np.arange(1, 301)]
+    for tolerance in (4e-6, 4e-5):
+        sampled = sample_curve(flat(u, v), closed, radius_m=R, tolerance_m=tolerance)
+        assert 0.5 * tolerance < sampled.sampling_error_m <= tolerance * (1 + 1e-9)

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.errors import CurveError
 from vfplan.fixture import Pieces
 
 DENSE = 8  # places looked at between two measured points
@@ -56,7 +57,14 @@ def fit_arcs(points: Vector, closed: bool, tolerance: float) -> Arcs:
     closed: whether the last point joins the first
     tolerance: how far the spline may lie from the pieces, in the unit of the points. A bend too
         tight for it between two places looked at may lie further off: `measure` finds how far.
+    Raises `CurveError` where two neighbours coincide: no direction leads from one to the other.
     """
+    twice = (points == np.roll(points, -1, axis=0)).all(axis=1)
+    if twice[: len(points) - (not closed)].any():
+        raise CurveError(
+            f"point {int(np.argmax(twice))} of {len(points)} lies where the next one does; lines "
+            "and arcs want neighbours apart"
+        )
     runs = [_run(*run, tolerance) for run in _smooth_runs(points, closed, tolerance)]
     vertices = np.vstack([*(run[0][:-1] for run in runs), runs[-1][0][-1:]])
     bulges = np.concatenate([run[1] for run in runs])

@@ -123,10 +123,9 @@ def _chain(
     order, ring = chain
     runs = [paths[i][::-1] if backwards else paths[i] for i, backwards in order]
     parts, bridged = [runs[0]], [np.zeros(len(runs[0]), bool)]
-    for run in [*runs[1:], *([runs[0][:1]] if ring else [])]:
-        filling = _straight(parts[-1][-1], run[0])
-        body = run if run is not runs[0][:1] else run[:0]
-        if ring and len(run) == 1:
+    for run in [*runs[1:], *([runs[0]] if ring else [])]:
+        filling, body = _straight(parts[-1][-1], run[0]), run
+        if run is runs[0]:  # back at the first: only the way there is missing
             body = run[:0]
         parts += [filling, body]
         bridged += [np.ones(len(filling), bool), np.zeros(len(body), bool)]
@@ -150,6 +149,7 @@ def _canonical(candidate: Candidate) -> Candidate:
             path, bridged = path[::-1], bridged[::-1]
         start = int(np.argmin(path.sum(1)))
         path, bridged = np.roll(path, -start, 0), np.roll(bridged, -start)
+    # By u + v above all, then by v and u of ends as near to the corner.
     elif tuple(path[0][::-1] + path[0].sum() * 1e3) > tuple(path[-1][::-1] + path[-1].sum() * 1e3):
         path, bridged = path[::-1], bridged[::-1]
     return Candidate(path, candidate.closed, bridged, candidate.marks)

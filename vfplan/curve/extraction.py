@@ -168,7 +168,9 @@ def vector_stroke(points_px: NDArray, closed: bool, image: PlannedImage, where: 
 def _check(method: str, stroke: int | str | None, max_gap_px: float) -> None:
     if method not in METHODS:
         raise SettingError(f"method {method!r} is unknown; allowed: {', '.join(METHODS)}")
-    if stroke not in (None, "all", "longest") and not (isinstance(stroke, int) and stroke >= 1):
+    if stroke not in (None, "all", "longest") and not (
+        isinstance(stroke, int) and stroke is not True and stroke >= 1
+    ):
         raise SettingError(f"stroke {stroke!r} is not 'all', 'longest' or a number from 1")
     if not 0 <= max_gap_px < float("inf"):
         raise SettingError(f"max gap {max_gap_px} px is not a finite number from 0")

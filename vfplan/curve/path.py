@@ -24,16 +24,6 @@ def normals(points: NDArray, closed: bool) -> NDArray:
     return np.column_stack([-tangent[:, 1], tangent[:, 0]])
 
 
-def bend_of(points: NDArray, closed: bool) -> NDArray:
-    """(M,) curvature of a path in equal steps, positive where it turns to its normals [1/px]."""
-    normal = normals(points, closed)
-    change = np.roll(normal, -1, 0) - np.roll(normal, 1, 0)
-    if not closed:
-        change = 2 * np.gradient(normal, axis=0)
-    step = np.hypot(*(points[1] - points[0]))
-    return (normal[:, 0] * change[:, 1] - normal[:, 1] * change[:, 0]) / (2 * step)
-
-
 def arc_length(points: NDArray, closed: bool) -> NDArray:
     """(M,) or, closed, (M + 1,) arc length at the points [px]."""
     ring = np.vstack([points, points[:1]]) if closed else points

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.bends import blur_of, drawn_inward
 from vfplan.curve.light import LUMINANCE, is_coarse, is_tinted, with_light, without_ground
 from vfplan.curve.pen import Pen, sample_pixels
 
@@ -91,7 +92,7 @@ def read_profiles(
     beside = (beside @ pen.along / pen.strength)[valid]
     offset = _matched(x, alpha, valid[:, None] & shown, mean)
     blur = blur_of(x, _mean_profile(alpha, (valid & ~touched & seen.all(1))[:, None] & seen), width)
-    offset -= bend * blur / 2  # blur draws both edges of a bend inward
+    offset -= drawn_inward(bend, blur)
     valid &= np.abs(offset) < width / 2 + 1.5
     light, rough = without_ground(x, pixels @ LUMINANCE, width)
     coarse = is_coarse(beside)
@@ -168,13 +169,6 @@ def _matched(x: NDArray, alpha: NDArray, seen: NDArray, profile: NDArray) -> NDA
             fit[row] = np.linalg.lstsq(basis[seen[row]], alpha[row, seen[row]], rcond=None)[0]
     scale = np.where(fit[:, 0] > 0.2, fit[:, 0], np.inf)
     return -fit[:, 1] / scale
-
-
-def blur_of(x: NDArray, profile: NDArray, width: float) -> float:
-    """Variance of the blur, a pixel's square included, in a line's (K,) mean profile [px²]."""
-    weight = np.clip(profile, 0.0, None)
-    variance = float((weight * x**2).sum() / max(weight.sum(), 1e-9))
-    return max(variance - width**2 / 12, 0.0)
 
 
 def shading_shift(

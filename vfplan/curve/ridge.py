@@ -15,6 +15,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.bends import bend_of
 from vfplan.curve.doubling import Widening, lines_in, widest_run
 from vfplan.curve.ends import (
     broken_ends,
@@ -29,7 +30,6 @@ from vfplan.curve.ends import (
 from vfplan.curve.fitting import FIRST_KNOTS_PX, Fitted, fit_line
 from vfplan.curve.path import (
     arc_length,
-    bend_of,
     evenly,
     extended,
     normals,

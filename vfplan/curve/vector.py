@@ -23,6 +23,7 @@ MAX_BYTES = 256 * 2**20
 FINE_M = 2.5e-4  # of a curve in the patient: a point every quarter of a millimetre
 OUT_OF_PLANE_M = 1e-3  # a curve further than this from the slice was not drawn on it
 FURTHEST = 1e9  # pixels or metres; nothing real is, and squares of more overflow in the end
+SAME = 1e-12  # of a curve's length: points no further apart are one
 KINDS = {"Curve": False, "ClosedCurve": True}
 SUFFIXES = (".json", ".csv", ".fcsv", ".roi")
 WANTED = "a .mrk.json, .fcsv, .roi, CSV or DICOM is wanted"
@@ -109,6 +110,8 @@ def read_vector_curve(
     if origin is not None and origin not in imagej.ORIGINS:
         raise SettingError(f"curve_origin is {origin!r}; centre or corner is wanted")
     dicom = is_dicom(data)
+    if dicom and isinstance(number, int) and (number is True or number < 1):
+        raise SettingError(f"stroke {number!r} is not a number from 1")
     if number is not None and not (dicom and isinstance(number, int)):
         raise SettingError(f"stroke {number!r} has no effect on a vector curve; leave it out")
     try:
@@ -126,7 +129,6 @@ def read_vector_curve(
 def _read(data: bytes, suffix: str, origin: imagej.PixelOrigin | None, where: str) -> VectorCurve:
     if suffix == ".roi" or imagej.is_roi(data):
         points, closed, warnings = imagej.read_roi(data, origin, where)
-        points = _opened(points)[0] if closed else points
         return VectorCurve(_distinct(points, closed, where), closed, False, "", warnings)
     try:
         text = data.decode("utf-8-sig")
@@ -262,8 +264,11 @@ def _distinct(points: NDArray, closed: bool, where: str) -> NDArray:
             f"holds a coordinate of {np.abs(points).max():g}; at most {FURTHEST:g} is allowed",
             where=where,
         )
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    points = points[np.r_[True, steps > 0]] if len(points) else points
+    if len(points):
+        arc = _chords(points)
+        points = points[np.r_[True, np.diff(arc) > SAME * arc[-1]]]
+        if closed and np.linalg.norm(points[-1] - points[0]) <= SAME * arc[-1]:
+            points = points[:-1]
     least = 3 if closed else 2
     if len(points) < least:
         raise CurveError(f"holds {len(points)} different points; {least} are wanted", where=where)

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from vfplan.registration import Registration
 
 GRID_DECIMALS = 9
+SMALL = 0.05  # of a margin or gate: what lines and arcs may depart beside it
+
+Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +29,8 @@ class Carried:
     points: NDArray[np.float64]  # (N, 3) in `robot_base` [m]
     source: NDArray[np.float64]  # (N, 3) the same points in the curve's own frame
     # Mean distance between neighbours along the curve; for a bare cloud the median distance to the
-    # nearest other point [m]
-    spacing_m: float
+    # nearest other place, `None` where there is one place alone [m]
+    spacing_m: float | None
     sigma: NDArray[np.float64] | None  # (N,) standard deviation across the curve [m]
     # Strokes and order; `None` for a bare cloud (every mask pixel a point)
     curve: Curve | None = None
@@ -82,8 +85,10 @@ def carry(
 def _spacing(points: NDArray[np.float64]) -> float | None:
     from scipy.spatial import cKDTree
 
-    nearest = cKDTree(points).query(points, 2)[0][:, 1]
-    return float(np.median(nearest)) if len(points) > 1 else None
+    places = np.unique(points, axis=0)
+    if len(places) < 2:
+        return None
+    return float(np.median(cKDTree(places).query(places, 2)[0][:, 1]))
 
 
 def _on_grid(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -133,10 +138,6 @@ def _length(sampled: Sampled, closed: bool) -> float:
     if closed:
         steps += np.linalg.norm(sampled.points[0] - sampled.points[-1])
     return float(steps)
-
-
-Vector = NDArray[np.float64]
-SMALL = 0.05  # of a margin or gate: what lines and arcs may depart beside it
 
 
 def pieces_of(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -58,13 +59,13 @@ def add_margin(
     Raises CurveError: a margin that leaves nothing of a stroke
     """
     given = settings.margin
-    if given != "tre95" and not (isinstance(given, float) and 0 <= given < np.inf):
+    if given != "tre95" and not (_is_number(given) and 0 <= given < np.inf):
         raise SettingError(f"margin is {given!r}; metres of at least 0, 'tre95' or none is allowed")
     if settings.margin_side not in SIDES:
         allowed = ", ".join(SIDES)
         raise SettingError(f"margin side is {settings.margin_side!r}; allowed: {allowed}")
-    if isinstance(given, float):
-        kind, bound = "given", np.full(len(curve.points), given)
+    if given != "tre95":
+        kind, bound = "given", np.full(len(curve.points), float(given))
     else:
         kind, bound = "tre95", registration.tre95_curve_m(curve.points)
     if settings.margin_side == "both":
@@ -74,6 +75,10 @@ def add_margin(
     moved, dropped = _moved(curve, registration, bound, settings.margin_side)
     margin = Margin(kind, settings.margin_side, float(bound.max()), float(bound.min()), dropped)
     return moved, settings, margin
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def _moved(
@@ -170,7 +175,8 @@ def _clear(drawn: Array, closed: bool, moved: Array, bound: Array) -> NDArray[np
 
     ring = np.vstack([drawn, drawn[:1]]) if closed else drawn
     steps = np.linalg.norm(np.diff(ring, axis=0), axis=1)
-    pieces = int(np.clip(np.ceil(steps.max() / (0.1 * bound.min())), 1, 200))
+    finest = max(0.1 * bound.min(), 1e-12)  # no margin asks for no finer one
+    pieces = int(np.clip(np.ceil(steps.max() / finest), 1, 200))
     part = np.arange(pieces) / pieces
     fine = (ring[:-1, None] + np.diff(ring, axis=0)[:, None] * part[None, :, None]).reshape(-1, 3)
     distance, _ = cKDTree(np.vstack([fine, ring[-1:]])).query(moved)

@@ -17,12 +17,18 @@ from vfplan.planning.readings import Held, hold_against_marks
 from vfplan.planning.settings import FixtureSettings
 
 if TYPE_CHECKING:
-    from vfplan.fixture import Fixture
     from vfplan.images.read import PlannedImage
     from vfplan.markers import Correspondences
     from vfplan.markers.finding import FoundMarker
     from vfplan.registration import Registration
     from vfplan.registration.diagnosis import Diagnosis
+
+SAME_SPACING = 1e-6  # relative: decimals of the same number
+# RMS distance of a layout's markers from their centre [m]: millimetres read as metres are above,
+# metres read as millimetres below.
+LEAST_RADIUS_M, LARGEST_RADIUS_M = 5e-4, 10.0
+# Marks that must be drawn at the exchanged places before row and column are called exchanged.
+LEAST_MARKS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,9 +181,6 @@ def _image_warning(curve: Fixture, image: PlannedImage | None) -> tuple[str, ...
     )
 
 
-SAME_SPACING = 1e-6  # relative: decimals of the same number
-
-
 def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDArray[np.float64]]:
     """The curve in "patient_lps" [m], and the slice's two axes there, (3, 2) [m/px].
 
@@ -207,13 +210,6 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDA
     sigma = None if curve.sigma is None else curve.sigma * float(np.sqrt(own.prod())) * 1e-3
     carried = replace(curve, frame="patient_lps", points=(pixels @ place.T)[:, :3], sigma=sigma)
     return carried, axes
-
-
-# RMS distance of a layout's markers from their centre [m]: millimetres read as metres are above,
-# metres read as millimetres below.
-LEAST_RADIUS_M, LARGEST_RADIUS_M = 5e-4, 10.0
-# Marks that must be drawn at the exchanged places before row and column are called exchanged.
-LEAST_MARKS = 3
 
 
 def check_plausible(pairs: Correspondences, curve: Fixture, image: PlannedImage | None) -> None:

@@ -17,13 +17,14 @@ from vfplan.planning.carrying import Carried
 from vfplan.planning.settings import FixtureSettings
 
 if TYPE_CHECKING:
-    from vfplan.engine.tolerance import Choice
     from vfplan.registration import Registration
 
 # Operations for one point's squared distance: differences, products, sums.
 OPERATIONS = {3: 8, 2: 5}
 GROUPS = {3: 3, 2: 2}  # of contacts that can hold a proxy apart
 SETTINGS = 3  # that only points need
+# An ignored axis further than this from the slice's normal would collapse the curve.
+MAX_IGNORED_TILT_DEG = 45.0
 
 
 def choice_of(curve: Fixture, settings: FixtureSettings) -> Choice | None:
@@ -160,7 +161,8 @@ def _neighbours(rendering: Rendering, carried: Carried) -> float:
     reach = 2 * rendering.contact_radius + rendering.point_radius
     rest = rendering.contact_radius + rendering.point_radius
     half = math.sqrt(max(0.0, reach * reach - rest * rest))
-    return min(float(len(carried.points)), 2 * half / carried.spacing_m + 1)
+    count = float(len(carried.points))
+    return min(count, 2 * half / carried.spacing_m + 1) if carried.spacing_m else count
 
 
 def as_settings(choice: Choice | None, counts: dict[str, int]) -> dict[str, float | int]:
@@ -175,10 +177,6 @@ def as_settings(choice: Choice | None, counts: dict[str, int]) -> dict[str, floa
             "chosen_lag_m": choice.lag_m,
         }
     return flat
-
-
-# An ignored axis further than this from the slice's normal would collapse the curve.
-MAX_IGNORED_TILT_DEG = 45.0
 
 
 def rendering_of(

@@ -148,12 +148,22 @@ def _checked(
 
 
 def _least_nearby(wanted: NDArray, arc: NDArray, closed: bool) -> NDArray:
-    """The smallest spacing wanted within one spacing: a gap must suit all that it spans."""
-    from scipy.ndimage import minimum_filter1d
+    """The smallest spacing wanted within one spacing and the steps that it ends in.
 
-    step = arc[-1] / (len(arc) - 1)
-    reach = min(len(arc) - 1, int(np.ceil(wanted.max() / step)))
-    return minimum_filter1d(wanted, 2 * reach + 1, mode="wrap" if closed else "nearest")
+    A gap must suit all that it spans. Minima of two runs of 1, 2, 4 ... cover the window of each.
+    """
+    at, reach = arc, wanted.max()
+    if closed:
+        arc = np.r_[arc[:-1] - arc[-1], arc, arc[1:] + arc[-1]]
+        wanted = np.r_[wanted[:-1], wanted, wanted[1:]]
+    first = np.maximum(np.searchsorted(arc, at - reach) - 1, 0)
+    last = np.minimum(np.searchsorted(arc, at + reach, "right") + 1, len(arc))
+    least, run = np.empty(len(at)), 1
+    while run <= (last - first).max():
+        rows = np.flatnonzero((last - first >= run) & (last - first < 2 * run))
+        least[rows] = np.minimum(wanted[first[rows]], wanted[last[rows] - run])
+        wanted, run = np.minimum(wanted[:-run], wanted[run:]), 2 * run
+    return least
 
 
 def _places(arc: NDArray, wanted: NDArray, closed: bool) -> NDArray:

@@ -14,6 +14,7 @@ ARCS_M = (1e-7, 1e-3)  # finer than any measurement, coarser than any pen
 DEFAULT_ARCS_M = 1e-6
 GUIDE_M = (1e-5, 1.0)
 LEAD_SPEED_M_S = 0.02  # at which a pull has fallen to 0, unless it is given
+AXES = (None, "normal", "x", "y", "z", "none")
 STIFFNESS_N_PER_M = (0.0, 1e6)
 
 
@@ -160,6 +161,17 @@ class FixtureSettings:
                     raise SettingError(
                         f"{name} is {value:g} {unit}; {least:g} to {largest:g} {unit} are allowed"
                     )
+        if self.ignore_axis not in AXES:
+            raise SettingError(
+                f"ignored axis is {self.ignore_axis!r}; normal, x, y, z or none is allowed"
+            )
+        for name, given, counts in (
+            ("stiffness", self.stiffness, (1, 3)),
+            ("guide pull", self.guide_pull, (0, 1, 2)),
+        ):
+            if len(given) not in counts:
+                allowed = " or ".join(map(str, counts))
+                raise SettingError(f"{name} is {len(given)} numbers; {allowed} are allowed")
         more = self.guide_ends, self.guide_pull, self.guide_cut_bends
         if self.guide_m is None and (any(more) or self.guide_stroke is not None):
             raise SettingError(

@@ -81,7 +81,7 @@ def curve_factor(parts: Array, pointwise: Array, dof: int, probability: float = 
     """κ ≥ 1, by which the pointwise bound must grow to hold for all points at once.
 
     parts: (M, 3, p) J_r A σ̂ at the curve's points: how the error there follows from p independent
-        parameters of unit variance [m]; A of `residuals.Fit.root`
+        parameters of unit variance [m]; A of `fit.Fit.root`
     pointwise: (M,) the points' own bounds [m]
     dof: degrees of freedom of σ̂
     """

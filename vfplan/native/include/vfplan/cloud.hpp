@@ -102,7 +102,7 @@ class Cloud {
 };
 
 /// n points of three coordinates each, as seen in `space`. Throws std::invalid_argument on an empty
-/// cloud, more than 2^32 - 1 points, or a coordinate that is not finite or beyond 1e6 m.
+/// cloud, more than 2^32 - 2 points, or a coordinate that is not finite or beyond 1e6 m.
 template <class S>
 Cloud<S::dimension> make_cloud(const S& space, const double* xyz, std::size_t n) {
     if (n == 0) reject("a cloud needs at least one point");
