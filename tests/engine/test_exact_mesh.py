@@ -185,7 +185,7 @@ def fixture(points, triangles):
 
 def test_a_fixture_with_a_mesh():
     ball = fixture(*meshes.sphere(0.03, 4))
-    engine = vfplan.ProxyEngine.of(ball, "exact")
+    engine = vfplan.ProxyEngine.of(ball)
     assert engine.rule == "exact"
     middle = ball.points[ball.mesh[0]].mean(axis=0)
     assert engine.distance([middle])[0] < 1e-15

@@ -127,6 +127,7 @@ int main(int argc, char** argv) {
             return engine.planar() ? 1 : 0;
         }
         vfplan::Engine engine(fixture);
+        if (engine.distance({{1e-3, 5e-4, 0}}) == 0) std::cout << "by its triangles";
         const vfplan::Step s = engine.step({{0.4, 0, 0.1}});
         return s.status & vfplan::bad_hip ? 1 : 0;
     } catch (const std::exception& error) {
@@ -153,6 +154,7 @@ def program(tmp_path_factory):
     ("make", "options", "code", "says"),
     [
         (bundles.small, [], 0, ""),
+        (bundles.sheet, [], 0, "by its triangles"),
         (crowded, [], 2, "a tick may take"),
         (crowded, ["offline"], 0, ""),
         (bundles.minimal, [], 2, "without rendering parameters"),

@@ -46,12 +46,14 @@ double worst_us(const vfplan::bundle::Fixture& f, vfplan::Rule rule, long ticks,
 void measure(const char* name, long ticks, int repeats) {
     const auto f = vfplan::bundle::read_fixture(name);
     for (const auto rule : {vfplan::Rule::robust, vfplan::Rule::paper, vfplan::Rule::exact}) {
-        if (rule == vfplan::Rule::exact && f.pieces.empty()) continue;
+        if (rule == vfplan::Rule::exact && f.pieces.empty() && f.mesh.empty()) continue;
         try {
             const auto p = vfplan::bundle::parameters(f, rule);
             const double us = worst_us(f, rule, ticks, repeats);
             const double bound = rule == vfplan::Rule::exact
-                                     ? vfplan::tick_work(f.pieces, p)
+                                     ? f.mesh.empty()
+                                           ? vfplan::tick_work(f.pieces, p)
+                                           : vfplan::tick_work(vfplan::bundle::surface(f), p)
                                      : vfplan::tick_work(f.points.data(), f.size(), p);
             std::printf("%s rule %d bound %.1f worst %.1f\n", name, static_cast<int>(rule),
                         1e6 * bound, us);

@@ -20,19 +20,22 @@ class Bands {
   public:
     explicit Bands(double radius) noexcept : R_(radius) {}
 
-    Vec3 from_nearest(const Mesh& mesh, const Vec3& x) const noexcept {
+    Vec3 from_nearest(const Near& near, const Vec3& x) const noexcept {
         double least = R_ * (1 + 1e-6);
-        const auto i = mesh.nearest(x, least);
-        return i == Mesh::none ? Vec3{} : x - mesh[i].nearest(x);
+        const auto i = near.nearest(x, least);
+        return i == Mesh::none ? Vec3{} : x - near.mesh()[i].nearest(x);
     }
-    /// Out of what lies around the nearest triangle.
-    double out(const Mesh& mesh, const Vec3& y, const Vec3& d) const noexcept {
+    /// Out of what lies around the nearest triangle; nowhere yet, where the tick has no steps left.
+    double out(const Near& near, const Vec3& y, const Vec3& d) const noexcept {
+        if (near.spent()) return 0;
         double least = R_ * (1 - 1e-9);
-        const auto i = mesh.nearest(y, least);
+        const auto i = near.nearest(y, least);
         if (i == Mesh::none) return -never;
-        double s = mesh[i].reaches(d) - dot(d, y) + R_;  // beyond the end, and back to it
+        const Triangle& t = near.mesh()[i];
+        double s = t.reaches(d) - dot(d, y) + R_;  // beyond the end, and back to it
         for (int k = 0; k < 32; ++k) {
-            const Vec3 w = y + s * d - mesh[i].nearest(y + s * d);
+            near.take(3);
+            const Vec3 w = y + s * d - t.nearest(y + s * d);
             const double r = norm(w), over = r - R_;
             if (!(over > 1e-10 * R_)) break;
             s -= over * r / dot(w, d);
@@ -51,6 +54,7 @@ class ExactRule {
     static constexpr double finest = 1e-5;
     static constexpr double tolerance = 1e-8;  // of R: what coplanar triangles may differ by
     static constexpr int most_iterations = 16;
+    static constexpr int most_steps = 4000;  // inner ones, of each of a tick's three parts
     static constexpr double list_reach = Near::reach;  // of R
 
     static double band(const Parameters& p, const Surface& s) noexcept {
@@ -86,13 +90,15 @@ class ExactRule {
     std::size_t cells() const noexcept { return mesh().boxes(); }
     double distance(const Vec3& x) const noexcept {
         double least = never;
-        mesh().nearest(x, least);
+        int steps = 0;  // of no tick
+        mesh().nearest(x, least, steps);
         return least;
     }
 
     /// One servo loop.
     Tick<3> operator()(Vec3& proxy, const Vec3& hip) noexcept {
         Tick<3> tick;
+        near_.grant(most_steps);
         if (!held_ && !enter(proxy, hip)) {
             tick.state = State::entrenched;
             tick.normal = escape_.way();
@@ -103,6 +109,7 @@ class ExactRule {
         hip_ = hip;
         if (!taking_over_ && settle_(near_, proxy, hip, proxy)) return last_ = settled(proxy, hip);
         const Vec3 start = proxy;
+        near_.grant(most_steps);
         Leash<3> leash{};
         if (taking_over_) leash = escape_.leash(proxy, hip);
         const End end = go(proxy, hip, taking_over_ ? &leash : nullptr);
@@ -120,6 +127,7 @@ class ExactRule {
             held_ = near >= R_ - band_;  // else it is taken out, from the next tick on
         }
         rests_ = tick.status == ok;
+        near_.grant(most_steps);
         settle_.hold(mesh(), proxy, walls_);
         if (rests_ && settle_(near_, proxy, hip, start)) return last_ = settled(proxy, hip);
         settle_.forget();
@@ -137,11 +145,11 @@ class ExactRule {
     bool enter(Vec3& proxy, const Vec3& hip) noexcept {
         if (!escape_.active()) {
             double least = R_ - band_;
-            if (mesh().nearest(proxy, least) == Mesh::none) return escape_.stop(), held_ = true;
+            if (near_.nearest(proxy, least) == Mesh::none) return escape_.stop(), held_ = true;
             anchor_ = proxy;
-            escape_.begin(mesh(), stays_ ? proxy : hip);
+            escape_.begin(near_, stays_ ? proxy : hip);
         }
-        held_ = escape_.step(mesh(), stays_ ? anchor_ : hip, proxy);
+        held_ = escape_.step(near_, stays_ ? anchor_ : hip, proxy);
         taking_over_ = held_ && !(proxy == hip);
         if (held_) {
             escape_.meets(hip);
@@ -155,14 +163,14 @@ class ExactRule {
 
     /// From x towards the HIP at h.
     End go(Vec3& x, const Vec3& h, const Leash<3>* leash) noexcept {
-        for (int i = 0; i < most_iterations; ++i) {
+        for (int i = 0; i < most_iterations && !near_.spent(); ++i) {
             const Vec3 u = h - x, v = rounds(x, u, step(x, u));
             const double length = norm(v);
             const double most =
                 leash && length > 0 ? (*leash)(x, (1 / length) * v, length) : length;
             x = most < length ? x + (most / length) * v : v == u ? h : x + v;
             if (most < length) return End::leash;
-            if (v == u || length < band_ / 8) return End::rest;
+            if (v == u || (length < band_ / 8 && !near_.spent())) return End::rest;
         }
         return End::limit;
     }
@@ -172,23 +180,31 @@ class ExactRule {
         Vec3 v = u;
         const Walls before = walls_;
         walls_.clear();
-        for (int j = 0; j < before.count(); ++j) {  // what touches it most likely holds it again
+        for (int j = 0; j < before.count() && !near_.spent();
+             ++j) {  // what touches it most likely holds it again
             Hit hit;
             hit.t = band_ / (norm(v) + band_);
-            if (near_.meets(before.on(j), x, v, hit)) walls_.turn(x, u, hit, v);
+            if (near_.meets(before.on(j), x, v, hit)) turn(x, u, hit, v);
         }
         for (;;) {
             const Hit hit = near_.sweep(x, v, walls_);
             if (hit.i == Mesh::none) return v;
             const Vec3 tried = v;
-            if (!walls_.turn(x, u, hit, v)) return hit.t * tried;
+            if (!turn(x, u, hit, v)) return hit.t * tried;
         }
+    }
+
+    /// Another wall, while there are steps left.
+    bool turn(const Vec3& x, const Vec3& u, const Hit& hit, Vec3& v) noexcept {
+        if (near_.spent()) return false;
+        near_.take_walls(walls_.count() + 1);
+        return walls_.turn(x, u, hit, v);
     }
 
     /// The step v, which meets one wall, further where it rounds an edge or a corner and falls off
     /// behind: to where it comes no nearer to the HIP at most.
     Vec3 rounds(const Vec3& x, const Vec3& u, const Vec3& v) noexcept {
-        if (walls_.count() != 1) return v;
+        if (walls_.count() != 1 || near_.spent()) return v;
         const Vec3 fall = walls_.met() * u, n = walls_.normal(0);
         const Triangle& t = mesh()[walls_.on(0)];
         Vec3 slide = v - fall;
@@ -223,12 +239,12 @@ class ExactRule {
         double least = outer_;
         if (near < outer_ || (seen_ < mesh().size() && mesh()[seen_].distance(x) < outer_))
             tick.state = State::free_motion;
-        else if ((seen_ = mesh().nearest(x, least)) != Mesh::none)
+        else if ((seen_ = near_.nearest(x, least)) != Mesh::none)
             tick.state = State::free_motion;
     }
     Vec3 away(const Vec3& x) const noexcept {
         double least = Near::reach * R_;
-        const auto i = mesh().nearest(x, least);
+        const auto i = near_.nearest(x, least);
         return i == Mesh::none ? Vec3{} : along(x - mesh()[i].nearest(x), 1);
     }
 
@@ -236,7 +252,7 @@ class ExactRule {
     Near near_;
     Walls walls_;  // of the last step
     Settle settle_;
-    Escape<3, const Mesh, Bands> escape_;
+    Escape<3, const Near, Bands> escape_;
     Vec3 hip_, anchor_;                // anchor_: where a way out began on which the proxy stays
     std::uint32_t seen_ = Mesh::none;  // lay near a free proxy
     Tick<3> last_;

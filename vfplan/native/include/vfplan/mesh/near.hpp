@@ -87,6 +87,16 @@ class Near {
     Near(Mesh mesh, double radius, double band)
         : mesh_(std::move(mesh)), R_(radius), band_(band), low_(radius - band / 2) {}
     const Mesh& mesh() const noexcept { return mesh_; }
+
+    /// Inner steps that a part of a tick may take from now on. One that has begun to look through
+    /// the mesh looks on to the end: what it finds holds.
+    void grant(int steps) const noexcept { left_ = steps; }
+    void take(int steps) const noexcept { left_ -= steps; }
+    /// One projection on so many walls: eight for each choice of three at most.
+    void take_walls(int n) const noexcept {
+        take(8 * (n + n * (n - 1) / 2 + n * (n - 1) * (n - 2) / 6));
+    }
+    bool spent() const noexcept { return left_ <= 0; }
     std::size_t bytes() const noexcept { return mesh_.bytes(); }
 
     /// Whether x + t v comes nearer to triangle i than roundings take, before hit.t. The distance
@@ -97,6 +107,7 @@ class Near {
         double t = 0;
         for (int k = 1; k <= most; ++k) {
             const Vec3 y = x + t * v, at = triangle.nearest(y), w = y - at;
+            take(3);
             const double r = norm(w), slope = dot(w, v), over = r - low_;
             if (!(slope < 0)) return false;
             if (over <= band_ / 16 || k == most) {
@@ -117,7 +128,7 @@ class Near {
         for (hit.t = length > first ? first / length : 1;; hit.t = 1) {
             const double all = hit.t, half = R_ + all * length / 2;
             const Vec3 middle = x + (all / 2) * v;
-            mesh_.visit(
+            const int steps = mesh_.visit(
                 [&](const Disc& disc) noexcept {
                     const Vec3 w = disc.middle - x;
                     const double share = dot(w, v) / (length * length), reach = R_ + disc.size();
@@ -127,10 +138,18 @@ class Near {
                 [&](std::uint32_t i) noexcept {
                     if (!walls.hide(mesh_[i])) meets(i, x, v, hit);
                 });
+            take(steps);
             if (hit.i != Mesh::none || all == 1) return hit;
         }
     }
 
+    /// As Mesh::nearest, of the tick's steps.
+    std::uint32_t nearest(const Vec3& y, double& least) const noexcept {
+        int steps = 0;
+        const auto found = mesh_.nearest(y, least, steps);
+        take(steps);
+        return found;
+    }
     /// Distance from the mesh where that is less than about R, else some more [m]. What the proxy's
     /// walls part from it is not looked at: it is no nearer than they are.
     double nearest(const Vec3& x, const Walls& walls) const noexcept {
@@ -138,16 +157,17 @@ class Near {
         for (int j = 0; j < walls.count(); ++j)
             least = std::min(least, mesh_[walls.on(j)].distance(x));
         const bool touches = least <= R_ + band_;
-        mesh_.around(x, least, [&](std::uint32_t i) noexcept {
+        take(mesh_.around(x, least, [&](std::uint32_t i) noexcept {
             if (!(touches && walls.part(x, mesh_[i])))
                 least = std::min(least, mesh_[i].distance(x));
-        });
+        }));
         return least;
     }
 
   private:
     Mesh mesh_;
     double R_, band_, low_;
+    mutable int left_ = 0;
 };
 
 }  // namespace vfplan::mesh

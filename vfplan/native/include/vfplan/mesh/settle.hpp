@@ -28,7 +28,7 @@ class Settle {
     bool operator()(const Near& near, Vec3& x, const Vec3& h, const Vec3& start) noexcept {
         if (!(smooth_.rise() > 0)) return false;
         const double far = furthest(h, start);
-        for (Vec3 y = x; solve(near.mesh(), x, h, y);) {
+        for (Vec3 y = x; !near.spent() && solve(near, x, h, y);) {
             std::uint32_t more = Mesh::none;
             if (!(norm(h - y) <= far && free(near, x, y, more))) return false;
             if (more == Mesh::none) {
@@ -48,6 +48,7 @@ class Settle {
         Wall<3> w[most];
         for (int j = 0; j < walls.count(); ++j) w[j] = {walls.normal(j), R_ - walls.height(j, x)};
         const Vec3 y = x + project(h - x, w, walls.count(), band_ / 16, Walls::flattest);
+        near.take_walls(walls.count());
         std::uint32_t more = Mesh::none;
         if (!(y == x) && norm(h - y) <= furthest(h, start) && free(near, x, y, more)) x = y;
     }
@@ -66,23 +67,25 @@ class Settle {
         s.from = s.i = i;
         s.side = dot(cross(mesh[i].ab, mesh[i].ac), x - mesh[i].a) < 0 ? -1 : 1;
     }
-    bool look(const Mesh& mesh, const Vec3& y, Sheet& s) const noexcept {
-        if (!smooth_.foot(mesh, y, s.i, s)) return false;
+    bool look(const Near& near, const Vec3& y, Sheet& s) const noexcept {
+        const bool found = smooth_.foot(near.mesh(), y, s.i, s);
+        near.take(6 * s.steps);
+        if (!found) return false;
         if (!s.edge) s.n = s.side * s.n;
         return true;
     }
     double furthest(const Vec3& h, const Vec3& start) const noexcept {
         return norm(h - start) + smooth_.rise() + band_ / 2;
     }
-    bool solve(const Mesh& mesh, const Vec3& x, const Vec3& h, Vec3& y) noexcept {
+    bool solve(const Near& near, const Vec3& x, const Vec3& h, Vec3& y) noexcept {
         y = h;
-        return count_ == 0 || one(mesh, x, h, y) || several(mesh, x, h, y);
+        return count_ == 0 || one(near, x, h, y) || several(near, x, h, y);
     }
     /// On one sheet: above the HIP's own foot.
-    bool one(const Mesh& mesh, const Vec3& x, const Vec3& h, Vec3& y) noexcept {
+    bool one(const Near& near, const Vec3& x, const Vec3& h, Vec3& y) noexcept {
         for (int j = 0; j < count_; ++j) {
             Sheet& s = sheets_[j];
-            if (!look(mesh, h, s) || !(dot(s.n, x - s.at) > R_ / 2)) return false;
+            if (!look(near, h, s) || !(dot(s.n, x - s.at) > R_ / 2)) return false;
             const Vec3 off = s.at - sheets_[0].at;
             if (dot(off, off) > band_ * band_) return false;
         }
@@ -91,17 +94,18 @@ class Settle {
         return true;
     }
     /// Between sheets, or round an edge: plane after plane.
-    bool several(const Mesh& mesh, const Vec3& x, const Vec3& h, Vec3& y) noexcept {
+    bool several(const Near& near, const Vec3& x, const Vec3& h, Vec3& y) noexcept {
         constexpr int turns = 12;
         y = x;
         Wall<3> walls[most];
-        for (int k = 0; k < turns; ++k) {
+        for (int k = 0; k < turns && !near.spent(); ++k) {
             for (int j = 0; j < count_; ++j) {
                 Sheet& s = sheets_[j];
-                if (!look(mesh, y, s)) return false;
+                if (!look(near, y, s)) return false;
                 walls[j] = {s.n, R_ - dot(y - s.at, s.n)};
             }
             const Vec3 v = project(h - y, walls, count_, band_ / 16, Walls::flattest);
+            near.take_walls(count_);
             if (!detail::keeps(v, walls, count_, band_ / 16)) return false;
             y = y + v;
             if (dot(v, v) < band_ * band_ / 64) return true;
@@ -118,15 +122,15 @@ class Settle {
         Hit hit;
         double worst = 0;
         bool blocked = false;
-        near.mesh().around(x + 0.5 * v, R_ + smooth_.rise() + length / 2,
-                           [&](std::uint32_t i) noexcept {
-                               const Triangle& t = near.mesh()[i];
-                               if (blocked || behind(t, x)) return;
-                               const double d = t.distance(y);
-                               if (d < low_ + length) blocked = near.meets(i, x, v, hit);
-                               const double lacks = R_ + smooth_.rise(i) - band_ / 2 - d;
-                               if (lacks > worst && !known(i)) worst = lacks, more = i;
-                           });
+        near.take(near.mesh().around(x + 0.5 * v, R_ + smooth_.rise() + length / 2,
+                                     [&](std::uint32_t i) noexcept {
+                                         const Triangle& t = near.mesh()[i];
+                                         if (blocked || behind(t, x)) return;
+                                         const double d = t.distance(y);
+                                         if (d < low_ + length) blocked = near.meets(i, x, v, hit);
+                                         const double lacks = R_ + smooth_.rise(i) - band_ / 2 - d;
+                                         if (lacks > worst && !known(i)) worst = lacks, more = i;
+                                     }));
         return !blocked;
     }
     bool behind(const Triangle& t, const Vec3& x) const noexcept {

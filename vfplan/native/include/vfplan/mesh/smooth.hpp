@@ -15,6 +15,7 @@ struct Foot {
     Vec3 at, n;
     std::uint32_t i = Mesh::none;  ///< the triangle
     bool edge = false;             ///< a sharp one, or the border
+    int steps = 0;                 ///< of Newton's method, to find it
 };
 
 class Smooth {
@@ -48,6 +49,7 @@ class Smooth {
     /// nearest one. False where none is found.
     bool foot(const Mesh& mesh, const Vec3& y, std::uint32_t i, Foot& foot) const noexcept {
         constexpr int most = 64;
+        foot.steps = 0;
         for (int k = 0; k < most; ++k) {
             double b[3];
             if (!place(mesh[i], bends_[i], y, b, foot)) return false;
@@ -90,7 +92,7 @@ class Smooth {
         if (!(area > 0)) return false;
         double p = dot(cross(w, t.ac), over) / area, q = dot(cross(t.ab, w), over) / area;
         double h = dot(w, over) / std::sqrt(area);
-        for (int k = 0; k < 12; ++k) {
+        for (int k = 0; k < 12; ++k, ++foot.steps) {
             const Vec3 n = e.n[0] + p * u + q * v;
             const Vec3 off = w - p * t.ab - q * t.ac - h * n;
             const Vec3 s = t.ab + h * u, r = t.ac + h * v;

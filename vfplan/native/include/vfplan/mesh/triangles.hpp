@@ -88,29 +88,33 @@ class Mesh {
                nodes_.capacity() * sizeof(Node);
     }
 
-    /// Calls f(i) for every triangle in a disc that `near` says so of.
+    /// Calls f(i) for every triangle in a disc that `near` says so of. Returns the inner steps that
+    /// it took: one a disc, three a triangle.
     template <class Near, class F>
-    void visit(Near&& near, F&& f) const noexcept {
-        for (std::uint32_t k = 0; k < nodes_.size();) {
+    int visit(Near&& near, F&& f) const noexcept {
+        int steps = 0;
+        for (std::uint32_t k = 0; k < nodes_.size(); ++steps) {
             const Node& node = nodes_[k];
             if (!near(node.disc)) {
                 k = node.skip;
                 continue;
             }
-            for (std::uint32_t i = node.first; i < node.last; ++i) f(i);
+            for (std::uint32_t i = node.first; i < node.last; ++i, steps += 3) f(i);
             ++k;
         }
+        return steps;
     }
     /// ... for every one within `reach` of y, which may shrink, and some more.
     template <class F>
-    void around(const Vec3& y, const double& reach, F&& f) const noexcept {
-        visit([&](const Disc& disc) noexcept { return disc.distance2(y) <= reach * reach; }, f);
+    int around(const Vec3& y, const double& reach, F&& f) const noexcept {
+        return visit([&](const Disc& disc) noexcept { return disc.distance2(y) <= reach * reach; },
+                     f);
     }
 
     /// The triangle nearest to y where that is nearer than `least` [m], which it then becomes.
-    std::uint32_t nearest(const Vec3& y, double& least) const noexcept {
+    std::uint32_t nearest(const Vec3& y, double& least, int& steps) const noexcept {
         std::uint32_t found = none;
-        around(y, least, [&](std::uint32_t i) noexcept {
+        steps = around(y, least, [&](std::uint32_t i) noexcept {
             if (const double d = triangles_[i].distance(y); d < least) least = d, found = i;
         });
         return found;
