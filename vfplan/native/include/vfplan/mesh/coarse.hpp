@@ -33,7 +33,7 @@ inline void check(const Surface& s) {
 }
 
 /// Takes corners away, the last first, where the triangles around one lie in planes that those left
-/// fill as they were: none is further than `tolerance` [m] from where it was.
+/// fill as they were: each time none is moved by more than `tolerance` [m].
 class Coarse {
   public:
     using Face = std::array<std::uint32_t, 3>;
@@ -70,19 +70,23 @@ class Coarse {
     static bool has(const Face& t, std::uint32_t v) { return t[0] == v || t[1] == v || t[2] == v; }
     static Vec3 across(const Vec3& a, const Vec3& b, const Vec3& c) { return cross(b - a, c - a); }
 
-    /// Moves v onto a neighbour, where that changes nothing.
+    /// Moves v onto the neighbour that changes least, where that is next to nothing: along an edge
+    /// between all but parallel planes, not across it.
     bool drop(std::uint32_t v) {
         if (around_[v].empty() || around_[v].size() > crowd) return false;
+        double least = never;
+        std::uint32_t onto = gone;
         for (const std::uint32_t i : around_[v])
             for (const std::uint32_t w : faces_[i])
-                if (w != v && goes(v, w)) return move(v, w), true;
-        return false;
+                if (const double off = w == v ? never : change(v, w); off < least)
+                    least = off, onto = w;
+        return onto != gone && (move(v, onto), true);
     }
 
-    /// All areas keep their planes and sides, and together their size: what goes is filled by
-    /// others.
-    bool goes(std::uint32_t v, std::uint32_t w) const {
-        double before = 0, after = 0, least = never;
+    /// How far the planes of v's triangles are from those of before [m] if it moves onto w; `never`
+    /// where that is beyond the tolerance, a side turns or areas are not filled as they were.
+    double change(std::uint32_t v, std::uint32_t w) const {
+        double before = 0, after = 0, least = never, most = 0;
         for (const std::uint32_t i : around_[v]) {
             const Face& t = faces_[i];
             const Vec3 was = across(at(t[0]), at(t[1]), at(t[2]));
@@ -94,12 +98,13 @@ class Coarse {
             const auto to = [&](std::uint32_t c) { return at(c == v ? w : c); };
             const Vec3 is = across(to(t[0]), to(t[1]), to(t[2]));
             const double area = norm(is);
-            if (!(dot(is, was) > 0) || !(std::abs(dot(is, at(v) - at(w))) <= tolerance_ * area))
-                return false;
+            const double off = std::abs(dot(is, at(v) - at(w)));
+            if (!(dot(is, was) > 0) || !(off <= tolerance_ * area)) return never;
+            most = std::max(most, off / area);
             after += area;
         }
-        return least > 1e-9 * before &&
-               std::abs(before - after) <= std::min(1e-9 * before, least / 2);
+        const bool filled = std::abs(before - after) <= std::min(1e-9 * before, least / 2);
+        return least > 1e-9 * before && filled ? most : never;
     }
 
     void move(std::uint32_t v, std::uint32_t w) {

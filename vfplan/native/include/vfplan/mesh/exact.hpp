@@ -52,7 +52,7 @@ class ExactRule {
     static constexpr int dimension = 3;
     /// Of R: what a file's single precision, and roundings, may let the proxy sink.
     static constexpr double finest = 1e-5;
-    static constexpr double tolerance = 1e-8;  // of R: what coplanar triangles may differ by
+    static constexpr double tolerance = 1e-11;  // of R: what roundings leave of a plane
     static constexpr int most_iterations = 16;
     static constexpr int most_steps = 4000;  // inner ones, of each of a tick's three parts
     static constexpr double list_reach = Near::reach;  // of R
