@@ -159,7 +159,7 @@ def _evened(profiles: Profiles, valid: NDArray, width: float) -> Profiles:
     if strength[size // 2 : len(at) - size // 2].min(initial=1.0) >= FAINTER:
         return profiles  # an end falls off, and is not faint
     strength = np.interp(np.arange(len(valid)), at, strength)
-    scale = np.where(strength < FAINTER, 1 / strength, 1.0)
+    scale = np.where(strength < FAINTER, 1 / np.maximum(strength, FAINTEST), 1.0)
     return replace(profiles, alpha=profiles.alpha * scale[:, None], mass=profiles.mass * scale)
 
 
