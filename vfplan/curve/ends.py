@@ -101,7 +101,8 @@ def thinner_ends(profiles: Profiles, used: NDArray, width: float) -> tuple[bool,
 def _goes_on_thinner(seen: NDArray, mass: NDArray, width: float) -> bool:
     rest = mass[np.flatnonzero(seen >= FULL).max(initial=0) :]
     stop = int(np.argmax(np.r_[rest, 0.0] < ENDED))
-    run = rest[int(width / 2) + 2 : max(stop - 2, 0)]
+    last = stop - 2 if stop < len(rest) else stop  # its own end, if that was read
+    run = rest[int(width / 2) + 2 : max(last, 0)]
     if len(run) < OTHER_PX:
         return False
     first, then = np.median(run[: len(run) // 2]), np.median(run[len(run) // 2 :])
