@@ -212,6 +212,15 @@ def test_a_refined_mesh_is_rendered_from_no_more_triangles_than_it_had(times):
     assert engine.distance(around) == pytest.approx(plain.distance(around), abs=1e-10)
 
 
+def test_corners_of_single_precision_cost_no_triangles_when_refined():
+    """A turned box of a file: the halves of each side are in one plane but for 1e-9 m."""
+    points, triangles = meshes.box()
+    turn, _ = np.linalg.qr(np.random.default_rng(6).normal(size=(3, 3)))
+    points = (points @ turn.T).astype(np.float32).astype(float)
+    finer = vfplan.ProxyEngine.on(*refined(points, triangles, 1e-3), R)
+    assert finer._engine.cells == vfplan.ProxyEngine.on(points, triangles, R)._engine.cells
+
+
 def test_what_sticks_out_of_a_plane_or_its_edge_stays():
     """A spike of no width, a sheet's rounded edge, a dent of a tenth of a micrometre."""
     points = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0.02, 0.02, 0], [3e-3, 3e-3, 1e-7]])
