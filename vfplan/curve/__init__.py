@@ -3,15 +3,23 @@
 The modules follow the data:
 
 extraction  the steps from image to `Extraction`
-pen         the pen's colour, un-mixing, the mask
-marks       connected marks, and what each of them is
-candidates  lines joined over pen lifts, in a fixed order
+asked       a part of the slice, where the curve begins and ends, a region's outline: what is asked
+pen         the pen's colour, un-mixing, the mask and what goes on fainter than it
+marks       connected marks, and what each of them is, by their `skeleton`
+candidates  lines joined over pen lifts (`joining`), in a fixed order
+kinds       curve, text, arrow, frame, symbol or bar
 choice      which candidate it is, or why none
 ridge       the measurement: a pixel path -> the line's centre and its uncertainty
+profile     what is read across the line; `light`: by its brightness, and what blur does in bends
+fitting     the spline through what was read, and its standard deviation
 ends        where the ink of a line begins and ends
+beside      ink that the line leaves, and dots that touch it
 evidence    the measured line held against the ink
-doubts      what a person should look at
-asked       where a person says that the curve begins and ends; the outline of a region
+covers      what may hide an end
+doubts      what a person should look at, runs side by side among it
+path        the geometry of a path
+vector      curves that were drawn as vectors (`imagej`, `annotated`)
+arcs        a measured curve as lines and arcs
 """
 
 from vfplan.curve.extraction import (

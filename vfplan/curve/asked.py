@@ -1,7 +1,8 @@
-"""What a person asks for: where the curve begins and ends, or a filled region's outline."""
+"""What a person asks for: a part of the slice, the curve's two ends, a filled region's outline."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from vfplan.curve.marks import Mark
 from vfplan.curve.path import arc_length, evenly
 from vfplan.curve.pen import Pen
 from vfplan.curve.ridge import Centreline
-from vfplan.errors import CurveError
+from vfplan.errors import CurveError, SettingError
 
 NEAR_WIDTHS, NEAR_PX = 3.0, 10.0  # from the line: a place farther off is not meant to be on it
 # Of an outline, where half of a pixel's square is covered.
@@ -21,6 +22,39 @@ SMOOTH_PX = 1.5  # along the outline: the pixels' own staircase
 SIGMA_PX = 0.1  # at least: an edge has one side only, and programs differ in how they fill
 
 Place = tuple[float, float] | None
+Box = tuple[int, int, int, int]
+
+
+def check_places(method: str, stroke: int | str | None, places: tuple, outline: bool) -> None:
+    """Raise `SettingError` for places or an outline that the other settings leave no meaning."""
+    given = any(place is not None for place in places)
+    if given and (method == "mask" or stroke == "all"):
+        raise SettingError(
+            "a start or end wants one curve in order; method 'mask' and stroke 'all' have none"
+        )
+    if outline and (method != "ridge" or stroke is not None):
+        raise SettingError("an outline has no method and no stroke to choose; leave them out")
+
+
+def part_of(
+    rgb: NDArray, roi: Box | None, exclude: Sequence[Box]
+) -> tuple[NDArray, tuple[int, int]]:
+    """What is looked at, and where it lies; excluded parts lose their colour."""
+    for box in (*([] if roi is None else [roi]), *exclude):
+        u, v, width, height = box
+        rows, cols = rgb.shape[:2]
+        inside = u >= 0 and v >= 0 and width > 0 and height > 0 and u + width <= cols
+        if not (inside and v + height <= rows):
+            raise SettingError(f"region {u},{v},{width},{height} does not lie in {cols}x{rows} px")
+    if exclude:
+        rgb = rgb.copy()
+    for u, v, width, height in exclude:
+        part = rgb[v : v + height, u : u + width]
+        part[:] = part.mean(2, keepdims=True).astype(rgb.dtype)
+    if roi is None:
+        return rgb, (0, 0)
+    u, v, width, height = roi
+    return np.ascontiguousarray(rgb[v : v + height, u : u + width]), (u, v)
 
 
 def through(candidates: list[Candidate], places: list[NDArray]) -> list[Candidate]:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.candidates import Candidate, inked_ends
-from vfplan.curve.kinds import MIN_LENGTH_PX, crowd_of, dashes_of
+from vfplan.curve.kinds import MIN_LENGTH_PX
 from vfplan.curve.marks import Mark
-from vfplan.curve.pieces import Piece
 from vfplan.errors import CurveError
 
-MOST_MARKS, CROWD = 3000, 16  # in all, and specks of the longest line's size: more is noise
+CROWD = 16  # specks of the longest line's size: more is noise
+CROWD_SHARE = 4.0  # a mark this many times shorter than a line is still of its size
+LEAST_DASHES, DASH_SHARE, ALIKE = 5, 0.8, 1.4  # of one size: this share, within this factor
 LONGER = 2.5  # times a dash: a mark this long is no other dash
 NEAR_PX = 40.0  # between two candidates' ends: parts of one line, it may be
 FRAMES = 6.0  # times longer than the curve in it: the frame itself may be the planned curve
@@ -138,15 +137,6 @@ def refuse_grey(rgb: NDArray) -> None:
         )
 
 
-def refuse_noise(count: int, colour: str) -> None:
-    """Raise `CurveError` when there are more marks than anyone draws."""
-    if count > MOST_MARKS:
-        raise CurveError(
-            f"no planned curve: {count} marks in {colour} (at most {MOST_MARKS}): noise or a "
-            "coloured picture; look in a part of it (--roi)"
-        )
-
-
 def refuse_crowd(
     candidates: list[Candidate],
     others: list[Candidate],
@@ -195,7 +185,7 @@ def _inventory(aside: tuple[dict, ...], colour: str) -> str:
     """What there is in the pen's colour, when none of it is a line."""
     if not aside:
         return f"nothing in {colour} is a line of {MIN_LENGTH_PX:.0f} px or more"
-    order = sorted(aside, key=lambda a: a.get("stroke", MOST_MARKS))
+    order = sorted(aside, key=lambda a: a.get("stroke", np.inf))
     shown = [
         f"{a['kind']} at ({a['box'][0]}, {a['box'][1]})"
         + (f" [{a['stroke']}]" if "stroke" in a else "")
@@ -231,34 +221,29 @@ def describe(candidate: Candidate, origin: tuple[int, int] = (0, 0)) -> str:
     return f"open, {size}, ({a:.0f}, {b:.0f}) to ({c:.0f}, {d:.0f})"
 
 
-def set_aside(
-    marks: list[Mark],
-    lines: list[Candidate],
-    chosen: list[Candidate],
-    origin: tuple[int, int],
-    specks: Sequence[Piece] = (),
-) -> tuple[dict, ...]:
-    """What was not used, with its place: panels, lines of other kinds or not chosen, `specks`.
+def crowd_of(line: Candidate, marks: list[Mark], told: list[Candidate]) -> list[Mark]:
+    """The specks that are at least a quarter as long as a line's longest mark.
 
-    `lines` are all that were told apart, the candidates first.
+    Noise makes short lines of red, and lines joined from them, among hundreds nearly as long; a
+    drawing does not.
     """
-    u, v = origin
-    aside = [
-        {"kind": m.kind, "box": (m.box[0] + u, m.box[1] + v, *m.box[2:]), "area_px": m.area_px}
-        for m in marks
-        if m.kind in ("panel", "other colour")
-    ]
-    for number, line in enumerate((c for c in lines if c.kind != "speck"), 1):
-        if not any(line is c for c in chosen):
-            box = (line.box[0] + u, line.box[1] + v, *line.box[2:])
-            entry = {"kind": line.kind, "box": box, "length_px": round(line.length_px, 1)}
-            entry["stroke"] = number
-            if line.junctions:
-                entry["junctions"] = [(a + u, b + v) for a, b in line.junctions]
-            aside.append(entry)
-    for piece in specks:
-        if piece.kind == "speck":
-            low, high = piece.pixels.min(0), piece.pixels.max(0)
-            box = tuple(int(x) for x in (*(low + origin), *(high - low + 1)))
-            aside.append({"kind": "speck", "box": box, "length_px": round(piece.length_px, 1)})
-    return tuple(aside)
+    longest = max(m.length_px for m in line.marks)
+    return [m for m in _loose(marks, told) if CROWD_SHARE * m.length_px >= longest]
+
+
+def dashes_of(marks: list[Mark], told: list[Candidate]) -> list[Mark]:
+    """The specks, if most of them are of one size and width, as the dashes of one line are."""
+    loose = _loose(marks, told)
+    if len(loose) < LEAST_DASHES:
+        return []
+    area = np.array([m.area_px for m in loose])
+    alike = np.abs(np.log(area / np.median(area))) < np.log(ALIKE)
+    if alike.sum() < max(LEAST_DASHES, DASH_SHARE * len(loose)):
+        return []
+    return [m for m, one in zip(loose, alike, strict=True) if one]
+
+
+def _loose(marks: list[Mark], told: list[Candidate]) -> list[Mark]:
+    """The marks that are specks, or part of lines too short to be more."""
+    own = {id(m) for c in told if c.kind != "speck" for m in c.marks}
+    return [m for m in marks if m.kind != "panel" and id(m) not in own]

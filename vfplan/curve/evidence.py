@@ -8,14 +8,13 @@ the caller allows is refused, as is a fit that left the ink.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.beside import Piece
 from vfplan.curve.candidates import Candidate, inked_ends
 from vfplan.curve.joining import angle_deg
-from vfplan.curve.pieces import Piece
+from vfplan.curve.path import runs
 from vfplan.curve.ridge import Centreline
 from vfplan.errors import CurveError
 
@@ -191,15 +190,3 @@ def refuse_strayed(line: Candidate, found: Centreline, origin: tuple[int, int]) 
             "smooth line there",
             where=f"pixel ({u:.0f}, {v:.0f})",
         )
-
-
-def runs(flags: NDArray[np.bool_], closed: bool) -> Iterator[NDArray[np.int64]]:
-    """Indices of each run of flags; on a ring one may run through the seam."""
-    if flags.all() or not flags.any():
-        yield from [np.arange(len(flags))] if flags.any() else []
-        return
-    shift = int(np.argmin(flags)) if closed else 0
-    rolled = np.roll(flags, -shift)
-    edges = np.flatnonzero(np.diff(np.r_[False, rolled, False].astype(int))).reshape(-1, 2)
-    for start, stop in edges:
-        yield (np.arange(start, stop) + shift) % len(flags)

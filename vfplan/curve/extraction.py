@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.asked import between, outline_of, region_of, through
+from vfplan.curve.asked import between, check_places, outline_of, part_of, region_of, through
+from vfplan.curve.beside import intruders, pieces_beside, set_aside
 from vfplan.curve.candidates import Candidate, candidates_of
 from vfplan.curve.choice import (
     against_advice,
     choose,
     refuse_crowd,
     refuse_grey,
-    refuse_noise,
-    set_aside,
 )
 from vfplan.curve.covers import covered_ends
 from vfplan.curve.doubts import a_bar, cut_off, nearly_closed, several, side_by_side
@@ -27,18 +27,79 @@ from vfplan.curve.evidence import (
     refuse_strayed,
     unexplained,
 )
-from vfplan.curve.intruders import intruders
 from vfplan.curve.kinds import tell_apart
 from vfplan.curve.marks import find_marks
-from vfplan.curve.model import METHODS, Extraction, Method, Stroke
 from vfplan.curve.path import drawn_length
 from vfplan.curve.pen import Pen
-from vfplan.curve.pieces import pieces_beside
 from vfplan.curve.ridge import Centreline, trace
 from vfplan.errors import CurveError, SettingError
 from vfplan.images.read import PlannedImage, as_image
 
-Box = tuple[int, int, int, int]
+Method = Literal["ridge", "skeleton", "mask"]
+METHODS: tuple[Method, ...] = ("ridge", "skeleton", "mask")
+
+
+@dataclass(frozen=True, eq=False)
+class Stroke:
+    """One extracted line.
+
+    Parameters
+    ----------
+    points_px
+        (M, 2) float64 (u, v), in drawing order (an unordered set for method "mask").
+    sigma_px
+        (M,) standard deviation of each point across the line; `None` for a vector curve.
+    closed
+        Whether the last point joins the first.
+    bridged
+        (M,) bool, points carried across a pen lift or under something drawn over the line.
+    length_px
+        Arc length, the closing step included.
+    width_px
+        Mean width of the pen; `None` for a vector curve.
+    """
+
+    points_px: NDArray[np.float64]
+    sigma_px: NDArray[np.float64] | None
+    closed: bool
+    bridged: NDArray[np.bool_]
+    length_px: float
+    width_px: float | None
+
+    @property
+    def ends_px(self) -> NDArray[np.float64]:
+        """(2, 2) first and last point; (0, 2) for a closed line."""
+        return np.zeros((0, 2)) if self.closed else self.points_px[[0, -1]]
+
+
+@dataclass(frozen=True, eq=False)
+class Extraction:
+    """What was found on a slice.
+
+    Parameters
+    ----------
+    mask
+        (H, W) bool, every pixel in the pen's colour.
+    strokes
+        The chosen lines, the longest first.
+    method
+        How they were measured.
+    set_aside
+        Marks in the pen's colour that were not taken for curves, and candidates not chosen: each a
+        dict with `kind`, `box`, `length_px` and the number that chooses it, `stroke`. Specks are
+        named just beyond a curve's end only.
+    warnings
+        What a person should know before trusting the result.
+    ink
+        The pixels of the mask by what they were taken for: "curve", or a kind as in `set_aside`.
+    """
+
+    mask: NDArray[np.bool_]
+    strokes: tuple[Stroke, ...]
+    method: Method | Literal["vector"]
+    set_aside: tuple[dict, ...] = ()
+    warnings: tuple[str, ...] = field(default=())
+    ink: dict[str, int] = field(default_factory=dict)
 
 
 def extract_curve(
@@ -93,10 +154,10 @@ def extract_curve(
     """
     planned = as_image(image)
     _check(method, stroke, max_gap_px)
-    _check_places(method, stroke, (start, end), outline)
-    rgb, origin = _region(planned.rgb, roi, exclude)
+    check_places(method, stroke, (start, end), outline)
+    rgb, origin = part_of(planned.rgb, roi, exclude)
     pen = Pen.of_colour(colour)
-    marks, mask = find_marks(rgb, pen, lambda count: refuse_noise(count, colour))
+    marks, mask = find_marks(rgb, pen, colour)
     if not marks:
         refuse_grey(rgb)
     candidates, others = tell_apart(candidates_of(marks, mask, max_gap_px, rgb), mask, max_gap_px)
@@ -174,37 +235,6 @@ def _check(method: str, stroke: int | str | None, max_gap_px: float) -> None:
         raise SettingError(f"stroke {stroke!r} is not 'all', 'longest' or a number from 1")
     if not 0 <= max_gap_px < float("inf"):
         raise SettingError(f"max gap {max_gap_px} px is not a finite number from 0")
-
-
-def _check_places(method: str, stroke: int | str | None, places: tuple, outline: bool) -> None:
-    given = any(place is not None for place in places)
-    if given and (method == "mask" or stroke == "all"):
-        raise SettingError(
-            "a start or end wants one curve in order; method 'mask' and stroke 'all' have none"
-        )
-    if outline and (method != "ridge" or stroke is not None):
-        raise SettingError("an outline has no method and no stroke to choose; leave them out")
-
-
-def _region(
-    rgb: NDArray, roi: Box | None, exclude: Sequence[Box]
-) -> tuple[NDArray, tuple[int, int]]:
-    """What is looked at, and where it lies; excluded parts lose their colour."""
-    for box in (*([] if roi is None else [roi]), *exclude):
-        u, v, width, height = box
-        rows, cols = rgb.shape[:2]
-        inside = u >= 0 and v >= 0 and width > 0 and height > 0 and u + width <= cols
-        if not (inside and v + height <= rows):
-            raise SettingError(f"region {u},{v},{width},{height} does not lie in {cols}x{rows} px")
-    if exclude:
-        rgb = rgb.copy()
-    for u, v, width, height in exclude:
-        part = rgb[v : v + height, u : u + width]
-        part[:] = part.mean(2, keepdims=True).astype(rgb.dtype)
-    if roi is None:
-        return rgb, (0, 0)
-    u, v, width, height = roi
-    return np.ascontiguousarray(rgb[v : v + height, u : u + width]), (u, v)
 
 
 def _whole(mask: NDArray, origin: tuple[int, int], shape: tuple) -> NDArray:

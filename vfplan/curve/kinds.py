@@ -7,6 +7,7 @@ stays a candidate, and several candidates are the user's to choose from.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +15,7 @@ from numpy.typing import NDArray
 
 from vfplan.curve.candidates import Candidate, ends_of
 from vfplan.curve.joining import MAX_TURN_DEG
-from vfplan.curve.marks import Mark
-from vfplan.curve.pointers import POINTER, is_arrow, is_leader, is_scale
+from vfplan.curve.skeleton import Branch
 
 MIN_LENGTH_PX = 20.0
 DOMINANT = 4.0
@@ -24,10 +24,12 @@ SYMBOL_PX = 64  # size of a marker's sign at most
 RULED = 0.8  # of a ruled line's pixels lie in one row or column; the rest are ticks
 TINY_PX, TINY_SHARE = 30.0, 1 / 16  # a stray dash or a lone letter "l"
 RECTANGLE = 0.07  # of its sides: how near to them a small frame runs; a small ring does not
-CROWD_SHARE = 4.0  # a mark this many times shorter than a line is still of its size
-LEAST_DASHES, DASH_SHARE, ALIKE = 5, 0.8, 1.4  # of one size: this share, within this factor
 CURLED = 1.7  # length over diagonal: a half circle has 1.57, the letter S 2
-POINTERS = {"arrow": POINTER, "scale bar": 1.0}  # and how many times shorter than the curve
+POINTERS = {"arrow": 2.0, "scale bar": 1.0}  # and how many times shorter than the curve
+TICK_PX, TICK = 6, 1.5  # a scale's ticks reach so far along it, and so far aside of it [px]
+SHAFT = 0.75  # of a straight mark's path, at least
+NEAR_WORDS_PX, THINNER = 20.0, 0.7  # a leader begins at words; its width over the curve's
+WORD_PX = 50  # of line in a letter at most
 
 
 def tell_apart(
@@ -47,34 +49,6 @@ def tell_apart(
     named = [replace(c, kind="leader") if is_leader(c, named) else c for c in named]
     kept = [c for c in named if c.is_candidate]
     return kept, [c for c in named if not c.is_candidate]
-
-
-def crowd_of(line: Candidate, marks: list[Mark], told: list[Candidate]) -> list[Mark]:
-    """The specks that are at least a quarter as long as a line's longest mark.
-
-    Noise makes short lines of red, and lines joined from them, among hundreds nearly as long; a
-    drawing does not.
-    """
-    longest = max(m.length_px for m in line.marks)
-    return [m for m in _loose(marks, told) if CROWD_SHARE * m.length_px >= longest]
-
-
-def dashes_of(marks: list[Mark], told: list[Candidate]) -> list[Mark]:
-    """The specks, if most of them are of one size and width, as the dashes of one line are."""
-    loose = _loose(marks, told)
-    if len(loose) < LEAST_DASHES:
-        return []
-    area = np.array([m.area_px for m in loose])
-    alike = np.abs(np.log(area / np.median(area))) < np.log(ALIKE)
-    if alike.sum() < max(LEAST_DASHES, DASH_SHARE * len(loose)):
-        return []
-    return [m for m, one in zip(loose, alike, strict=True) if one]
-
-
-def _loose(marks: list[Mark], told: list[Candidate]) -> list[Mark]:
-    """The marks that are specks, or part of lines too short to be more."""
-    own = {id(m) for c in told if c.kind != "speck" for m in c.marks}
-    return [m for m in marks if m.kind != "panel" and id(m) not in own]
 
 
 def _alone(line: Candidate, mask: NDArray) -> str:
@@ -202,3 +176,116 @@ def _in_a_row(a: tuple[int, ...], b: tuple[int, ...]) -> bool:
     shared = min(va + ha, vb + hb) - max(va, vb)
     tall, low = max(ha, hb), min(ha, hb)
     return gap <= 1.2 * tall and shared >= 0.5 * low and tall <= 2.5 * low
+
+
+def is_scale(line: Candidate, mask: NDArray) -> bool:
+    """A straight shaft with a tick, a cross or a dot at both ends: a scale bar, a calliper."""
+    import cv2
+
+    if line.closed or len(line.marks) > 1:
+        return False
+    u, v, width, height = line.box
+    reach = 2 * round(line.width_px) + TICK_PX
+    top, left = max(v - reach, 0), max(u - reach, 0)
+    crop = mask[top : v + height + reach, left : u + width + reach].view(np.uint8)
+    label = cv2.connectedComponents(crop, connectivity=8)[1]
+    path = max((b.path for b in line.marks[0].branches), key=len)
+    if not _mostly_straight(path):
+        return False
+    begin, end = path[len(path) // 4] - [left, top], path[3 * len(path) // 4] - [left, top]
+    ink = np.column_stack(np.nonzero(label == label[begin[1], begin[0]])[::-1])
+    along = (end - begin) / np.hypot(*(end - begin))
+    t = (ink - begin) @ along
+    x = (ink - begin) @ [-along[1], along[0]]
+    t -= t.min()
+    head, tail = t < reach, t > t.max() - reach
+    shaft = ~head & ~tail
+    if not shaft.any() or np.abs(x[shaft]).max() > line.width_px + 0.02 * t.max() + 1:
+        return False
+    across = [side * x[end] for end in (head, tail) for side in (1, -1)]
+    return min(part.max() for part in across) > line.width_px / 2 + TICK
+
+
+def is_arrow(line: Candidate, mask: NDArray) -> bool:
+    """A straight shaft with two barbs, or with a filled head, at one end."""
+    if line.closed or len(line.marks) > 1:
+        return False
+    branches = sorted(line.marks[0].branches, key=lambda b: -b.length)
+    shaft = branches[0].path
+    if not _straight(shaft):
+        return False
+    if line.junctions:
+        barbs = branches[1:]
+        tip = np.mean(line.junctions, axis=0)
+        near = all(np.hypot(*(np.array(j) - tip)) < 2.5 * line.width_px for j in line.junctions)
+        short = all(b.length < 0.5 * branches[0].length for b in barbs)
+        return near and short and 2 <= len(barbs) <= 4 and not all(map(_straight_on(shaft), barbs))
+    half = _half_widths(line, mask)
+    usual = np.median(half)
+    head = half > 1.6 * usual + 0.5
+    ends = np.r_[head[: len(head) // 3], head[-(len(head) // 3) :]]
+    return bool(ends.sum() >= 3 and ends.sum() == head.sum())
+
+
+def is_leader(line: Candidate, told: list[Candidate]) -> bool:
+    """A straight line, thinner than the longest curve and shorter by half, that words begin."""
+    if not line.is_candidate or line.closed:
+        return False
+    shaft = max((b.path for m in line.marks for b in m.branches), key=len)
+    curve = max((c for c in told if c.kind == "curve"), key=lambda c: c.length_px, default=line)
+    thin = line.width_px < THINNER * curve.width_px
+    if not (thin and POINTERS["arrow"] * len(shaft) <= curve.length_px and _mostly_straight(shaft)):
+        return False
+    small = [c.pixels for c in told if c is not line and c.length_px < WORD_PX]
+    small += [b.path for m in line.marks for b in m.branches if len(b.path) < len(shaft) / 2]
+    near = [
+        sum(np.hypot(*(glyph - end).T).min() < NEAR_WORDS_PX for glyph in small)
+        for end in (shaft[0], shaft[-1])
+    ]
+    return max(near) >= 1 and min(near) == 0
+
+
+def _straight_on(shaft: NDArray) -> Callable[[Branch], bool]:
+    """A test of whether a branch merely carries the shaft on."""
+    along = shaft[-1] - shaft[0]
+
+    def test(branch: Branch) -> bool:
+        way = branch.path[-1] - branch.path[0]
+        size = np.hypot(*way) * np.hypot(*along)
+        return bool(size and abs(way @ along) > 0.95 * size)
+
+    return test
+
+
+def _straight(path: NDArray) -> bool:
+    chord = (path[-1] - path[0]).astype(float)
+    length = np.hypot(*chord)
+    if length < 8:
+        return False
+    aside = np.abs((path - path[0]) @ np.array([-chord[1], chord[0]])) / length
+    return bool(aside.max() < 1.2 + 0.02 * length)
+
+
+def _mostly_straight(path: NDArray) -> bool:
+    """Whether a path is straight but for hooks at its ends."""
+    begin, end = path[len(path) // 4], path[3 * len(path) // 4]
+    chord = (end - begin).astype(float)
+    length = np.hypot(*chord)
+    if length < 8:
+        return False
+    aside = np.abs((path - begin) @ np.array([-chord[1], chord[0]])) / length
+    return bool((aside < 1.2 + 0.02 * length).mean() > SHAFT)
+
+
+def _half_widths(line: Candidate, mask: NDArray) -> NDArray:
+    """(M,) distance of each path pixel from the mark's edge [px]."""
+    import cv2
+
+    path = line.pixels  # of a faded line, some lie outside the box of its mask
+    left, top = np.maximum(path.min(0) - 1, 0)
+    right, bottom = path.max(0) + 2
+    reach = int(np.ceil(line.width_px))
+    left, top = max(left - reach, 0), max(top - reach, 0)
+    crop = mask[top : bottom + reach, left : right + reach].view(np.uint8)
+    distance = cv2.distanceTransform(np.pad(crop, 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    return distance[path[:, 1] - top, path[:, 0] - left]

@@ -7,22 +7,22 @@ are set aside *and reported*, so that nothing disappears in silence.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.faint import faint_runs
-from vfplan.curve.pen import Pen, chroma_at, pen_score
+from vfplan.curve.pen import Pen, chroma_at, faint_runs, pen_score
 from vfplan.curve.skeleton import Branch, branches_of, thin
+from vfplan.errors import CurveError
 
 FLOOR = 18.0  # chroma below which a pixel is never pen, on 0..255: JPEG noise reaches about 12
 SMOOTHING_PX = 0.8
 OTHER_HUE_DEG = 22.0  # from the pen's: crimson and orange red are 15° from red, an orange bar 28°
 MIN_PIXELS = 6
 PANEL_PIXELS = 100
+MOST_MARKS = 3000  # more is noise
 MAX_WIDTH_PX = 30.0  # of a pen
 MIN_ASPECT = 4.0  # a line is at least this many times longer than wide,
 BROAD_PX, BROAD_ASPECT = 10.0, 8.0  # and a broad one more;
@@ -52,21 +52,23 @@ class Mark:
         return sum(branch.length for branch in self.branches)
 
 
-def find_marks(
-    rgb: NDArray, pen: Pen, check: Callable[[int], None] = lambda count: None
-) -> tuple[list[Mark], NDArray[np.bool_]]:
+def find_marks(rgb: NDArray, pen: Pen, colour: str) -> tuple[list[Mark], NDArray[np.bool_]]:
     """All marks in the pen's colour, and the (H, W) mask they were made from.
 
     The threshold is half of each mark's own strength, so a thin or transparent line keeps its
-    width whatever stands beside it. `check` is told how many there are before any is looked at,
-    and may raise.
+    width whatever stands beside it. Raises `CurveError` when there are more than anyone draws.
     """
     smooth, mask, where, label, faint = _masks(rgb, pen)
     if not len(label):
         return [], mask
     count = int(label.max())
     drawn = mask.ravel()[where]
-    check(int((np.bincount(label[drawn]) >= MIN_PIXELS).sum()))
+    drawings = int((np.bincount(label[drawn]) >= MIN_PIXELS).sum())
+    if drawings > MOST_MARKS:
+        raise CurveError(
+            f"no planned curve: {drawings} marks in {colour} (at most {MOST_MARKS}): noise or a "
+            "coloured picture; look in a part of it (--roi)"
+        )
     top, left, bottom, right = _bounds(where, rgb.shape[1])
     window = (slice(top, bottom), slice(left, right))
     bone = np.flatnonzero(thin(smooth[window]))

@@ -7,8 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.bends import blur_of, drawn_inward
-from vfplan.curve.light import LUMINANCE, is_coarse, is_tinted, with_light, without_ground
+from vfplan.curve.light import (
+    LUMINANCE,
+    blur_of,
+    drawn_inward,
+    is_coarse,
+    is_tinted,
+    with_light,
+    without_ground,
+)
 from vfplan.curve.pen import Pen, sample_pixels
 
 MARGIN_PX = 2.0  # profiles reach this far beyond the line's edge

@@ -15,8 +15,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.bends import bend_of
-from vfplan.curve.doubling import Widening, lines_in, widest_run
+from vfplan.curve.doubts import Widening, lines_in, widest_run
 from vfplan.curve.ends import (
     broken_ends,
     cut_ends,
@@ -27,9 +26,11 @@ from vfplan.curve.ends import (
     thinner_ends,
     told_ends,
 )
-from vfplan.curve.fitting import FIRST_KNOTS_PX, Fitted, fit_line
+from vfplan.curve.fitting import FIRST_KNOTS_PX, Fitted, bridged_sigma, fit_line
+from vfplan.curve.light import bend_of
 from vfplan.curve.path import (
     arc_length,
+    curvature_of,
     evenly,
     extended,
     normals,
@@ -38,8 +39,6 @@ from vfplan.curve.path import (
 )
 from vfplan.curve.pen import Pen
 from vfplan.curve.profile import SEEN, Profiles, read_profiles
-from vfplan.curve.spline import curvature_of
-from vfplan.curve.uncertainty import bridged_sigma
 from vfplan.errors import CurveError
 
 BROAD_PX = 5.0  # a pen this wide hides its ends so well that they are approached twice

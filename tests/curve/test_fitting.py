@@ -10,9 +10,9 @@ from canvas import RASTERISERS, Canvas
 from drawing import anatomy, blend, compare, coverage, flat, jpeg, straight_coverage, to_uint8, wavy
 
 import vfplan
-from vfplan.curve.bends import bend_of, blur_of
+from vfplan.curve.fitting import Noise, end_factor, measured_sigma
+from vfplan.curve.light import bend_of, blur_of
 from vfplan.curve.path import normals
-from vfplan.curve.uncertainty import Noise, end_factor, measured_sigma
 
 RED = (255, 0, 0)
 

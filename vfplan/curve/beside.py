@@ -1,0 +1,204 @@
+"""Ink beside a measured curve: what it leaves, each piece with its kind, and dots that touch it.
+
+A dot of the same pen moves the measured line along, so it is not told by its distance from that. It
+makes the ink wide over a short run, and the line leaves the way on which it comes and goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.curve.candidates import Candidate
+from vfplan.curve.marks import Mark
+from vfplan.curve.path import normals, runs
+from vfplan.curve.ridge import Centreline
+
+EDGE_PX = 1.5  # beyond half a width from the curve ink is its own blur
+LEAST_PIXELS = 3
+
+# Of the usual width, and a pixel and a half more: ink of more than the line. From one to so many
+# widths long, and so many of line on either side say where it runs.
+WIDE, WIDE_PX, LONGEST, FLANK = 1.4, 1.5, 4.0, 3.0
+OFF_PX, OFF = 0.8, 3.0  # the line leaves its way by so much, and so many times what the flanks do
+BOTH = 0.35  # of the wider side's: a dot on the line, which moves it nowhere
+PRESSED = 4.0  # times the widths' own spread: a pen that is pressed varies all along
+STEP_PX, SPARE_PX = 0.5, 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Connected ink that the curve does not explain."""
+
+    pixels: NDArray[np.int64]  # (N, 2) int64 (u, v)
+    kind: str  # "own" where it hangs together with the curve, else what its mark was taken for
+    # (2,) its centre, and the unit direction in which it extends
+    middle: NDArray[np.float64]
+    along: NDArray[np.float64]
+    # Along that direction, and its area over that length
+    length_px: float
+    width_px: float
+
+    @classmethod
+    def of_pixels(cls, pixels: NDArray, kind: str) -> Piece:
+        """Measure connected pixels."""
+        middle = pixels.mean(0)
+        off = pixels - middle
+        along = np.linalg.svd(off.T @ off)[0][:, 0]
+        length = float(np.ptp(off @ along)) + 1.0
+        return cls(pixels, kind, middle, along, length, len(pixels) / length)
+
+
+def pieces_beside(
+    mask: NDArray[np.bool_],
+    chosen: list[tuple[Candidate, Centreline]],
+    told: list[Candidate],
+    marks: list[Mark],
+) -> tuple[list[Piece], dict[str, int]]:
+    """What of the (H, W) mask the chosen lines leave, and how many pixels each kind has."""
+    import cv2
+
+    ink = mask.view(np.uint8)
+    left, top, width, height = cv2.boundingRect(ink)
+    ink, corner = ink[top : top + height, left : left + width], np.array([left, top])
+    rest = np.ascontiguousarray(ink)
+    for line, found in chosen:
+        points = found.points if found.widening else line.path  # unmeasured ones have no order
+        _wipe(rest, points - corner, found.closed, line.width_px / 2 + EDGE_PX)
+    _, whole = cv2.connectedComponents(ink, connectivity=8)
+    kind = _kinds(whole, corner, [line for line, _ in chosen], told, marks)
+    rows, cols = np.nonzero(rest)
+    _, label = cv2.connectedComponents(rest, connectivity=8)
+    label = label[rows, cols]
+    order = np.argsort(label, kind="stable")
+    cuts = np.split(order, np.flatnonzero(np.diff(label[order])) + 1) if len(order) else []
+    pixels = {"curve": int(np.count_nonzero(ink) - np.count_nonzero(rest))}
+    pieces = []
+    for cut in cuts:
+        name = kind.get(int(whole[rows[cut[0]], cols[cut[0]]]), "speck")
+        pixels[name] = pixels.get(name, 0) + len(cut)
+        if len(cut) >= LEAST_PIXELS:
+            at = np.column_stack([cols[cut], rows[cut]]) + corner
+            pieces.append(Piece.of_pixels(at, name))
+    return pieces, pixels
+
+
+def _wipe(ink: NDArray[np.uint8], points: NDArray, closed: bool, reach: float) -> None:
+    import cv2
+
+    fine, shift = 16, 4
+    places = np.rint(points * fine).astype(np.int32)[:, None]
+    cv2.polylines(ink, [places], closed, 0, max(1, round(2 * reach)), cv2.LINE_8, shift)
+
+
+def _kinds(
+    whole: NDArray,
+    corner: NDArray,
+    chosen: list[Candidate],
+    told: list[Candidate],
+    marks: list[Mark],
+) -> dict[int, str]:
+    """The kind of each connected label of the mask."""
+    named = [(m.kind, m.branches[0].path) for m in marks if m.branches]
+    named += [(line.kind, line.pixels) for line in told]
+    named += [("own", line.pixels) for line in chosen]
+    kinds: dict[int, str] = {}
+    for name, pixels in named:
+        u, v = (pixels - corner).T
+        on = (u >= 0) & (v >= 0) & (u < whole.shape[1]) & (v < whole.shape[0])
+        kinds |= dict.fromkeys(whole[v[on], u[on]].tolist(), name)
+    kinds.pop(0, None)
+    return kinds
+
+
+def set_aside(
+    marks: list[Mark],
+    lines: list[Candidate],
+    chosen: list[Candidate],
+    origin: tuple[int, int],
+    specks: Sequence[Piece] = (),
+) -> tuple[dict, ...]:
+    """What was not used, with its place: panels, lines of other kinds or not chosen, `specks`.
+
+    `lines` are all that were told apart, the candidates first.
+    """
+    u, v = origin
+    aside = [
+        {"kind": m.kind, "box": (m.box[0] + u, m.box[1] + v, *m.box[2:]), "area_px": m.area_px}
+        for m in marks
+        if m.kind in ("panel", "other colour")
+    ]
+    for number, line in enumerate((c for c in lines if c.kind != "speck"), 1):
+        if not any(line is c for c in chosen):
+            box = (line.box[0] + u, line.box[1] + v, *line.box[2:])
+            entry = {"kind": line.kind, "box": box, "length_px": round(line.length_px, 1)}
+            entry["stroke"] = number
+            if line.junctions:
+                entry["junctions"] = [(a + u, b + v) for a, b in line.junctions]
+            aside.append(entry)
+    for piece in specks:
+        if piece.kind == "speck":
+            low, high = piece.pixels.min(0), piece.pixels.max(0)
+            box = tuple(int(x) for x in (*(low + origin), *(high - low + 1)))
+            aside.append({"kind": "speck", "box": box, "length_px": round(piece.length_px, 1)})
+    return tuple(aside)
+
+
+def intruders(
+    line: Candidate, found: Centreline, mask: NDArray[np.bool_], origin: tuple[int, int]
+) -> list[str]:
+    """A warning for each dot beside the line."""
+    if len(found.points) <= FLANK * max(line.width_px, 3.0) + SPARE_PX:
+        return []  # too short for one
+    beside = _reaches(found.points, found.closed, mask, line.width_px)
+    warnings = []
+    for place, length, off in _dots(line, found, beside, mask):
+        u, v = place + origin
+        warnings.append(
+            f"the ink is wider to one side around ({u:.0f}, {v:.0f}), over {length:.0f} px, and "
+            f"draws the curve {off:.1f} px off the way on which it comes and goes on"
+        )
+    return warnings
+
+
+def _reaches(points: NDArray, closed: bool, mask: NDArray, width: float) -> NDArray[np.float64]:
+    """(2, M) how far ink goes on from points to either side [px]."""
+    away = np.arange(STEP_PX, FLANK * width + SPARE_PX, STEP_PX)
+    across = away[:, None, None] * normals(points, closed)
+    shape = np.array(mask.shape[::-1])
+    reaches = []
+    for at in (points + across, points - across):
+        u, v = np.moveaxis(np.rint(at).astype(int).clip(0, shape - 1), 2, 0)
+        reaches.append(np.logical_and.accumulate(mask[v, u]).sum(0) * STEP_PX)
+    return np.array(reaches)
+
+
+def _dots(
+    line: Candidate, found: Centreline, beside: NDArray, mask: NDArray
+) -> Iterator[tuple[NDArray, int, float]]:
+    """Place, length and what it moves the line by, of each dot beside it."""
+    points, width = found.points, beside.sum(0)
+    usual = float(np.median(width))
+    most = usual + PRESSED * 1.48 * float(np.median(np.abs(width - usual)))
+    margin, flank = round(line.width_px + 2), round(FLANK * line.width_px + SPARE_PX)
+    for run in runs(width > max(WIDE * usual, usual + WIDE_PX), found.closed):
+        longest = LONGEST * line.width_px + SPARE_PX
+        if not line.width_px <= len(run) <= longest or width[run].max() <= most:
+            continue
+        at = np.arange(run[0] - margin - flank, run[0] + len(run) + margin + flank)
+        inner = np.abs(at - run[0] - (len(run) - 1) / 2) < len(run) / 2 + margin
+        if found.closed:
+            at = at % len(points)
+        keep = (at >= 0) & (at < len(points))
+        at, inner = at[keep], inner[keep]
+        if min((~inner)[: len(at) // 2].sum(), (~inner)[len(at) // 2 :].sum()) < flank / 2:
+            continue  # at an end: where the line goes is not known from both sides
+        powers = np.vander(np.linspace(-1, 1, len(at)), 6)
+        way = powers @ np.linalg.lstsq(powers[~inner], points[at][~inner], rcond=None)[0]
+        off = np.hypot(*(points[at] - way).T)
+        sides = _reaches(way, False, mask, line.width_px)[:, inner].max(1)
+        if off.max() > max(OFF_PX, OFF * off[~inner].max()) and sides.min() < BOTH * sides.max():
+            yield points[run[len(run) // 2]], len(run), float(off.max())
