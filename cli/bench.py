@@ -19,7 +19,7 @@ from vfplan.errors import InputError
 STAGES = ("extract", "sample", "register", "proxy", "feel", "plan")
 
 
-@command("bench", short_help="Error against run time, for every stage.")
+@command("bench")
 @click.argument("stage", type=click.Choice([*STAGES, "all"]), default="all")
 @taking(
     option("-o", "--output", type=FILE, metavar="DIR",
@@ -39,7 +39,6 @@ STAGES = ("extract", "sample", "register", "proxy", "feel", "plan")
 def command(
     stage: str,
     output: Path | None,
-    overwrite: bool,
     quick: bool,
     peers: tuple[str, ...],
     surface: Path | None,
@@ -58,7 +57,7 @@ def command(
         if not stages:
             raise InputError(f"holds no results of stage {stage}", where=str(source))
     names = ["bench.json", "bench.csv", *(f"bench_{stage}.png" for stage in stages)]
-    refuse_folder(output, *names, overwrite=overwrite)
+    refuse_folder(output, *names)
     if document is None:
         with _bars() as tell:
             document = bench(

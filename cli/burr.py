@@ -7,12 +7,12 @@ from typing import Any
 
 from vfplan.cli import options
 from vfplan.cli.options import option, taking
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command, progress
 from vfplan.cli.values import CSV, PNG, Real
 
 
-@command("burr", short_help="Burr a fixture away: points go under the tool.")
+@command("burr")
 @taking(
     options.FIXTURE,
     options.SESSION,
@@ -33,7 +33,6 @@ def command(
     output: Path | None,
     events_out: Path | None,
     picture_out: Path | None,
-    overwrite: bool,
     **given: Any,
 ) -> Report:
     """Let SESSION's hand burr FIXTURE.h5 with a ball at the tip.
@@ -48,7 +47,6 @@ def command(
     from vfplan.session import read_session, write_result
     from vfplan.session.events import write_events
 
-    refuse_existing(output, events_out, picture_out, overwrite=overwrite)
     planned = read_fixture(fixture, trust=given["trust"])
     hand = read_session(session, units=given["units"], frame=planned.frame)
     with progress("burr", len(hand.hip)) as done:

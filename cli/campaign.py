@@ -9,14 +9,14 @@ from typing import Any
 
 import click
 from vfplan.cli.options import FIXTURE, MILLI, option, settings, taking
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command, progress
 from vfplan.cli.values import FILE, PNG, Numbers, Real, Whole
 
 from vfplan.errors import SettingError
 
 
-@command("campaign", short_help="How sure is a plan: many trials with other errors.")
+@command("campaign")
 @FIXTURE
 @click.argument("sessions", type=FILE, nargs=-1, metavar="[SESSION...]")
 @taking(
@@ -50,7 +50,7 @@ from vfplan.errors import SettingError
 )  # fmt: skip
 def command(fixture: Path, sessions: tuple[Path, ...], folder: Path, trials: int,
             workers: int | None, scheduler: str | None, picture_out: Path | None,
-            overwrite: bool, beyond: tuple[float, ...], margin_for: tuple[float, ...],
+            beyond: tuple[float, ...], margin_for: tuple[float, ...],
             **given: Any) -> Report:  # fmt: skip
     """Plan again and again, each time with other errors, and see how far the tool comes.
 
@@ -65,7 +65,6 @@ def command(fixture: Path, sessions: tuple[Path, ...], folder: Path, trials: int
         raise click.UsageError("--workers and --scheduler: one of them")
     if not all(0 < p < 1 for p in margin_for):
         raise SettingError("--margin-for: probabilities above 0 and below 1 are wanted")
-    refuse_existing(picture_out, overwrite=overwrite)
     from vfplan.arm.visit import visit
     from vfplan.bundle import read_fixture
     from vfplan.campaign import CampaignSettings, read_campaign, run_campaign

@@ -12,11 +12,10 @@ from typing import Any
 
 import click
 from vfplan.cli.options import OVERWRITE, option, taking
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE, mm
 
-from vfplan.errors import OutputError
 from vfplan.io.disk import write_whole
 from vfplan.io.numbers import jsonable
 
@@ -24,7 +23,7 @@ from vfplan.io.numbers import jsonable
 FILES = ("mask.png", "overlay.png", "fixture.h5", "result.h5", "force.png", "scene.png")
 
 
-@command("demo", short_help="The whole pipeline on the shipped sample.")
+@command("demo")
 @click.argument(
     "what", type=click.Choice(["pipeline", "paper", "experiments", "panda"]), default="pipeline"
 )
@@ -33,7 +32,7 @@ FILES = ("mask.png", "overlay.png", "fixture.h5", "result.h5", "force.png", "sce
            help="The folder to fill; made when it is not there."),
     OVERWRITE,
 )  # fmt: skip
-def command(what: str, output: Path, overwrite: bool) -> Report:
+def command(what: str, output: Path) -> Report:
     """Plan a fixture on a drawn elbow slice, replay a probing session against it, draw both.
 
     \b
@@ -52,10 +51,8 @@ def command(what: str, output: Path, overwrite: bool) -> Report:
         "panda": panda,
     }[what]
     targets = [output / name for name in names]
-    if output.is_dir():
-        refuse_existing(*targets, overwrite=overwrite)
-    elif output.exists():
-        raise OutputError("file exists; a folder is wanted", where=str(output))
+    if output.exists():
+        refuse_folder(output, *names)
     with outputs(*targets) as temporary:
         data, text = make(*temporary)
     left = f"Left in {output}: {', '.join(names)}"

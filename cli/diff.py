@@ -10,7 +10,7 @@ from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE
 
 
-@command("diff", short_help="What differs between two bundles.")
+@command("diff")
 @click.argument("a", type=FILE, metavar="A.h5")
 @click.argument("b", type=FILE, metavar="B.h5")
 @click.argument("session", type=FILE, required=False)

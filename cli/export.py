@@ -5,21 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 
 from vfplan.cli.options import FIXTURE, output
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
 from vfplan.cli.values import Written
 
 SUFFIXES = ".ply", ".csv", ".mrk.json", ".dxf", ".svg"
 
 
-@command("export", short_help="A bundle as PLY, CSV, .mrk.json, DXF or SVG.")
+@command("export")
 @FIXTURE
 @output("Where to; its ending says the form.", kind=Written(*SUFFIXES))
-def command(fixture: Path, output: Path, overwrite: bool) -> Report:
+def command(fixture: Path, output: Path) -> Report:
     """Write the points of FIXTURE.h5 as .ply or .csv [m], its strokes as .mrk.json [mm], or its
     lines and arcs as .dxf or .svg [mm].
     """
-    refuse_existing(output, overwrite=overwrite)
     from vfplan.bundle import export, left_out, read_fixture
 
     data = read_fixture(fixture)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 from vfplan.cli.options import CURVE, extract_settings, option, output, taking
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command, patience
 from vfplan.cli.values import FILE, Number
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from vfplan.planning import Extracted
 
 
-@command("extract", short_help="A planned slice in, its drawn curve out.")
+@command("extract")
 @click.argument("image", type=FILE)
 @taking(
     output("The curve to write: a bundle in the frame of the image."),
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 def command(
     image: Path,
     output: Path,
-    overwrite: bool,
     mask_out: Path | None,
     overlay_out: Path | None,
     **given: Any,
@@ -47,7 +46,6 @@ def command(
     from vfplan.planning import extract
 
     settings = extract_settings(given)
-    refuse_existing(output, mask_out, overlay_out, overwrite=overwrite)
     with patience(f"extracting the curve of {image.name}"), numbered(image, settings, overlay_out):
         extracted = extract(image, settings, curve=given["curve"])
     with outputs(output, mask_out, overlay_out) as (path, mask, overlay):

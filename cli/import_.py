@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 from vfplan.cli.options import option, output, taking
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE, MM, Number, Numbers
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
 
-@command("import", short_help="A bundle from any point cloud or mesh.")
+@command("import")
 @click.argument("cloud", type=FILE, metavar="CLOUD.ply|stl|csv|npy")
 @taking(
     option("--units", type=click.Choice(["m", "cm", "mm", "um", "in"]), required=True,
@@ -37,9 +37,8 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
            help="The fixture is infinite along it."),
     output("The fixture bundle."),
 )  # fmt: skip
-def command(cloud: Path, output: Path, overwrite: bool, **given: Any) -> Report:
+def command(cloud: Path, output: Path, **given: Any) -> Report:
     """Make a fixture bundle of the points in CLOUD; a mesh is sampled and certified."""
-    refuse_existing(output, overwrite=overwrite)
     from vfplan.bundle import import_cloud, read_bundle, write_fixture
     from vfplan.engine.renderable import best_rule
 

@@ -9,7 +9,7 @@ from vfplan.cli.options import FIXTURE, option
 from vfplan.cli.run import Report, command
 
 
-@command("info", short_help="What a bundle holds.")
+@command("info")
 @FIXTURE
 @option("--all", "everything", is_flag=True, help="Every attribute and table of the file.")
 @option("--values", is_flag=True, help="In --json, the per-point tables in full too.")

@@ -11,13 +11,13 @@ from typing import Any
 
 import click
 from vfplan.cli.options import FIXTURE, option, taking
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
 from vfplan.cli.stopping import SIGNALS
 from vfplan.cli.values import Real, Whole, Written
 
 
-@command("live", short_help="A result or a controller's ticks, live: a page, Slicer, MCAP.")
+@command("live")
 @FIXTURE
 @click.argument("source", metavar="RESULT.h5|udp://HOST:PORT")
 @taking(
@@ -33,8 +33,7 @@ from vfplan.cli.values import Real, Whole, Written
     option("--overwrite", is_flag=True, help="Replace the MCAP file if it exists."),
 )  # fmt: skip
 def command(fixture: Path, source: str, openigtlink: int | None, web: int | None,
-            mcap: Path | None, rate: float, seconds: float | None,
-            overwrite: bool) -> Report:  # fmt: skip
+            mcap: Path | None, rate: float, seconds: float | None) -> Report:  # fmt: skip
     """Show ticks as they come: a result of `vfplan replay -o` at its own pace, or a controller.
 
     A controller sends with vfplan/telemetry.hpp to udp://HOST:PORT. Ctrl-C ends the showing in
@@ -42,7 +41,6 @@ def command(fixture: Path, source: str, openigtlink: int | None, web: int | None
     """
     if openigtlink is None and web is None and mcap is None:
         raise click.UsageError("nothing to do: give --openigtlink, --web or --mcap")
-    refuse_existing(mcap, overwrite=overwrite)
     from vfplan.bundle import read_fixture
     from vfplan.live.sources import MOST_CLIENTS, Feed, of_port, of_result
     from vfplan.session.mcapfile import McapWriter

@@ -6,20 +6,19 @@ from pathlib import Path
 
 import click
 from vfplan.cli.options import output
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE
 
 
-@command("migrate", short_help="Bring an old bundle up to date, in a new file.")
+@command("migrate")
 @click.argument("old", type=FILE, metavar="OLD.h5")
 @output("The new bundle.")
-def command(old: Path, output: Path, overwrite: bool) -> Report:
+def command(old: Path, output: Path) -> Report:
     """Write the content of OLD.h5, a bundle of version 0.1, as a sealed bundle of version 1.0.
 
     OLD.h5 stays as it is; the new bundle's provenance tells of the migration.
     """
-    refuse_existing(output, overwrite=overwrite)
     from vfplan.bundle import migrate
 
     with outputs(output) as (path,):

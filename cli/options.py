@@ -38,7 +38,7 @@ UNITS = option("--units", type=click.Choice(["m", "mm"]), default="m",
 
 
 def output(text: str, required: bool = True, kind: click.ParamType = HDF5) -> Callable[[F], F]:
-    """`-o/--output FILE` and `--overwrite`, given to the command as `output` and `overwrite`."""
+    """`-o/--output FILE`, given to the command as `output`, and `--overwrite`."""
     return taking(option("-o", "--output", type=kind, required=required, help=text), OVERWRITE)
 
 

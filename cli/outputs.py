@@ -7,6 +7,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import click
+from vfplan.cli.values import Written
 
 from vfplan.errors import OutputError, VfplanError
 from vfplan.io.disk import Placed, beside, create, made_folder, move_whole, working_in
@@ -14,45 +15,49 @@ from vfplan.io.disk import Placed, beside, create, made_folder, move_whole, work
 PLACED = "vfplan.cli.placed"  # under this key in click's context: what the command wrote
 
 
-def refuse_existing(*paths: Path | None, overwrite: bool) -> None:
-    """Check every output path before any work is done.
+def refuse_outputs() -> None:
+    """Check every file that the running command is to write, before any work is done.
 
-    Raises `OutputError` when a path exists and `overwrite` is false, its folder is missing, it is
-    no plain file, two outputs share it, of which only the last would remain, or it is also an input
-    of this call: no `--overwrite` allows that.
+    Raises `OutputError` when a path exists and there is no `--overwrite`, its folder is missing, it
+    is no plain file, two outputs share it, of which only the last would remain, or it is also an
+    input of this call: no `--overwrite` allows that.
     """
+    context = click.get_current_context()
+    written = [p.name for p in context.command.params if isinstance(p.type, Written)]
+    _refuse(*filter(None, map(context.params.get, written)))
+
+
+def _refuse(*paths: Path) -> None:
     inputs = _inputs(paths)
     seen: set[Path] = set()
     for path in paths:
-        if path is None:
-            continue
         if path.resolve() in seen:
             raise OutputError("is given for two outputs; each needs its own", where=str(path))
         seen.add(path.resolve())
         if path.resolve() in inputs:
             raise OutputError("is an input of this call; another name wanted", where=str(path))
         try:
-            _refuse_place(path, overwrite)
+            _refuse_place(path)
         except OSError as error:  # a name too long, a folder that may not be looked into
             raise OutputError(error.strerror or str(error), where=str(path)) from None
 
 
-def refuse_folder(folder: Path | None, *names: str, overwrite: bool) -> None:
-    """As `refuse_existing`, of files in a folder that is made; without names it must be empty."""
+def refuse_folder(folder: Path | None, *names: str) -> None:
+    """As `refuse_outputs`, of files in a folder that is made; without names it must be empty."""
     if folder is None:
         return
     if folder.is_dir():
-        refuse_existing(*(folder / name for name in names), overwrite=overwrite)
-        if not names and any(folder.iterdir()) and not overwrite:
+        _refuse(*(folder / name for name in names))
+        if not names and any(folder.iterdir()) and not overwriting():
             raise OutputError("is not empty; give --overwrite to replace it", where=str(folder))
     elif folder.exists():
         raise OutputError("is a file; a folder is wanted", where=str(folder))
     else:
-        refuse_existing(folder, overwrite=False)
+        _refuse(folder)
 
 
-def _refuse_place(path: Path, overwrite: bool) -> None:
-    if path.exists() and not overwrite:
+def _refuse_place(path: Path) -> None:
+    if path.exists() and not overwriting():
         raise OutputError("exists already; give --overwrite to replace it", where=str(path))
     if path.is_dir():
         raise OutputError("is a directory; a file is wanted", where=str(path))
@@ -62,7 +67,7 @@ def _refuse_place(path: Path, overwrite: bool) -> None:
         raise OutputError("its folder does not exist", where=str(path))
 
 
-def _inputs(outputs: tuple[Path | None, ...]) -> set[Path]:
+def _inputs(outputs: tuple[Path, ...]) -> set[Path]:
     """The other paths that the running command was called with."""
     context = click.get_current_context(silent=True)
     given = [] if context is None else context.params.values()
@@ -93,7 +98,7 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
                 temporary.unlink()
             yield temporaries
             moves = [(t, p) for p, t in zip(paths, temporaries, strict=True) if p and t]
-            _remember(move_whole(moves, overwrite=_overwrite()), folders.pop_all())
+            _remember(move_whole(moves, overwrite=overwriting()), folders.pop_all())
         except OSError as error:
             reason = error.strerror or str(error)
             where = next((str(p) for p in paths if p is not None), None)
@@ -108,7 +113,8 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
                 temporary.unlink(missing_ok=True)
 
 
-def _overwrite() -> bool:
+def overwriting() -> bool:
+    """Whether the running command was given `--overwrite`."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.params.get("overwrite"))
 

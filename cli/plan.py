@@ -18,14 +18,14 @@ from vfplan.cli.options import (
     output,
     taking,
 )
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs
 from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.rehearse import BASE, TOOL, objections, rehearsed_text
 from vfplan.cli.run import Report, command, patience
 from vfplan.cli.values import FILE
 
 
-@command("plan", short_help="A planned slice and its markers in, a fixture out.")
+@command("plan")
 @click.argument("image", type=FILE)
 @click.argument("markers", type=FILE)
 @click.argument("markers2", type=FILE, required=False)
@@ -45,7 +45,6 @@ def command(
     markers: Path,
     markers2: Path | None,
     output: Path,
-    overwrite: bool,
     robot: str | None,
     rehearse: str | None,
     base: tuple[float, ...] | None,
@@ -67,7 +66,6 @@ def command(
     from vfplan.robot import read_robot
 
     reading, making, arm = extract_settings(given), fixture_settings(given), read_robot(robot)
-    refuse_existing(output, mask_out, overlay_out, picture_out, overwrite=overwrite)
     with patience(f"planning on {image.name}"), numbered(image, reading, overlay_out):
         made = plan(
             image, markers, markers2, extraction=reading, settings=making, curve=given["curve"]

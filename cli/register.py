@@ -15,7 +15,7 @@ from vfplan.cli.options import (
     output,
     taking,
 )
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE, Real, mm
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vfplan.planning import Planned
 
 
-@command("register", short_help="Markers and a curve in, a fixture out.")
+@command("register")
 @click.argument("curve", type=FILE, metavar="CURVE.h5")
 @click.argument("markers", type=FILE)
 @click.argument("markers2", type=FILE, required=False)
@@ -47,7 +47,6 @@ def command(
     markers: Path,
     markers2: Path | None,
     output: Path,
-    overwrite: bool,
     image: Path | None,
     touched: Path | None,
     tip_radius: float | None,
@@ -68,7 +67,6 @@ def command(
         raise click.UsageError("--find-markers needs --image, the slice the markers are drawn on")
     if tip_radius is not None and touched is None:
         raise click.UsageError("--tip-radius has no effect without --touched")
-    refuse_existing(output, picture_out, overwrite=overwrite)
     drawn = read_fixture(curve)
     slice_ = None if image is None else read_image(image)
     planned = register(

@@ -7,16 +7,18 @@ from typing import Any
 
 from vfplan.cli import options
 from vfplan.cli.options import option, taking
-from vfplan.cli.outputs import outputs, refuse_existing, refuse_folder
+from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.replay import guess
 from vfplan.cli.run import Report, command, command_line, progress
 from vfplan.cli.values import FILE, PNG, Number, Numbers
+
+from vfplan.io.disk import write_whole
 
 BASE = {"type": Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)}
 TOOL = {"type": options.VECTOR, "default": "0,0,0.1"}
 
 
-@command("rehearse", short_help="Rehearse a session on a simulated arm.")
+@command("rehearse")
 @taking(
     options.FIXTURE,
     options.SESSION,
@@ -41,7 +43,6 @@ def command(
     output: Path | None,
     report: Path | None,
     picture_out: Path | None,
-    overwrite: bool,
     **given: Any,
 ) -> Report:
     """Let SESSION's hand move a simulated arm that renders FIXTURE.h5 at its own rate.
@@ -54,9 +55,7 @@ def command(
     from vfplan.arm import rehearse
     from vfplan.arm.loop import Hand
 
-    refuse_existing(output, picture_out, overwrite=overwrite)
-    if report is not None:
-        refuse_folder(report, overwrite=overwrite)
+    refuse_folder(report)
     (planned, digest), arm = _fixture(fixture, given["trust"]), made_arm(given["arm"], given)
     wanted, warnings = _session(session, given["units"], planned.frame, arm.robot.rate_hz)
     hand = Hand(stiffness=given["hand_n_per_m"])
@@ -64,7 +63,7 @@ def command(
         found = rehearse(
             planned, wanted, arm, governed=not given["no_governor"], hand=hand, done=done
         )
-    with outputs(output, picture_out) as (result, picture):
+    with outputs(output, picture_out, report and report / "index.html") as (result, picture, index):
         if result is not None:
             from vfplan.session import ResultWriter
 
@@ -75,12 +74,12 @@ def command(
             from vfplan.figures.style import save_png
 
             save_png(in_space(found), picture)
-        if report is not None:
-            from vfplan.report.arm import write_rehearsal
+        if index is not None:
+            from vfplan.report.arm import page
 
             about = {"command": command_line(), "fixture": fixture.name,
                      "fixture's SHA-256": digest}  # fmt: skip
-            write_rehearsal(found, report, overwrite=overwrite, about=about)
+            write_whole(index, [page(found, about).encode("utf-8")], overwrite=True)
     return Report(
         found.metrics, rehearsed_text(found.metrics), exit_code=int(not found.passed),
         warnings=warnings,

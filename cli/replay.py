@@ -10,7 +10,7 @@ from typing import Any
 import click
 from vfplan.cli import options, values
 from vfplan.cli.options import FIXTURE, SESSION, option
-from vfplan.cli.outputs import outputs, refuse_existing, refuse_folder
+from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.replay_text import check_line, replay_text
 from vfplan.cli.run import Report, command, command_line, progress
 from vfplan.cli.values import FILE, Number, Numbers, Parsed, Real, Whole
@@ -85,7 +85,7 @@ OPTIONS = options.taking(
 )  # fmt: skip
 
 
-@command("replay", short_help="Replay a session against a fixture.")
+@command("replay")
 @FIXTURE
 @SESSION
 @options.output("Per-tick result, HDF5.", required=False)
@@ -97,7 +97,6 @@ def command(
     output: Path | None,
     csv_out: Path | None,
     report: Path | None,
-    overwrite: bool,
     **given: Any,
 ) -> Report:
     """Replay SESSION (a recording of HIP positions) against FIXTURE.h5, tick by tick.
@@ -107,13 +106,14 @@ def command(
     docs/replay.md. Exit 1 when a limit that was given does not hold; the files are written then
     too, as the record of it.
     """
-    refuse_existing(output, csv_out, overwrite=overwrite)
-    if report is not None:
-        refuse_folder(report, overwrite=overwrite)
-    elif given["image"] is not None:
+    refuse_folder(report)
+    if report is None and given["image"] is not None:
         raise click.UsageError("--image is for the pictures of --report DIR")
-    index = None if report is None else report / "index.html"
-    with outputs(output, csv_out, index) as (result_path, csv_path, page_path):
+    with outputs(output, csv_out, report and report / "index.html") as (
+        result_path,
+        csv_path,
+        page_path,
+    ):
         replayed = _replayed(fixture, session, (result_path, csv_path), report is not None, given)
         if page_path is not None:
             from vfplan.report.page import page

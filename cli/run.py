@@ -24,7 +24,7 @@ from typing import Any, TextIO
 from unicodedata import category
 
 import click
-from vfplan.cli.outputs import keep, take_back
+from vfplan.cli.outputs import keep, refuse_outputs, take_back
 from vfplan.cli.plain import heed_no_settings
 from vfplan.cli.stopping import Stopped, stoppable
 
@@ -64,7 +64,8 @@ def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.
     """A click command whose function returns a `Report`.
 
     Adds `--json`, `-q` and `-v`, times the call (`elapsed_s`), and turns every `VfplanError` into
-    one line and its exit code.
+    one line and its exit code. What the command is to write is checked before it is called, and
+    `--overwrite` is heeded by `vfplan.cli.outputs`: the function does not get it.
     """
 
     def wrap(function: Callable[..., Report]) -> click.Command:
@@ -72,6 +73,7 @@ def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.
         def body(as_json: bool, quiet: bool, verbose: int, **kwargs: Any) -> None:
             _configure_log(verbose)
             heed_no_settings()
+            kwargs.pop("overwrite", None)
             with stoppable() as heeded:
                 try:
                     _run(lambda: heeded(function(**kwargs)), as_json, quiet, verbose)
@@ -97,6 +99,7 @@ def _run(work: Callable[[], Report], as_json: bool, quiet: bool, verbose: int) -
     started = time.perf_counter()
     try:
         now_utc()  # a SOURCE_DATE_EPOCH that is no time is refused before NumPy stumbles on it
+        refuse_outputs()
         report = work()
     except VfplanError as error:
         _fail(error.kind, error.message, error.where, error.exit_code, as_json, verbose)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from vfplan.cli.options import FIXTURE, option, output, taking
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE
 
 
-@command("sign", short_help="Approve a bundle with a private key.")
+@command("sign")
 @FIXTURE
 @taking(
     option("--key", type=FILE, required=True, help="The private key, from `vfplan keygen`."),
@@ -27,14 +27,12 @@ def command(
     robot_serial: str,
     registered_at: str | None,
     output: Path,
-    overwrite: bool,
 ) -> Report:
     """Check FIXTURE.h5 and write it again under a seal signed with --key.
 
     The signature covers every byte of the bundle, and case, robot and time of registration where
     given, so that yesterday's valid bundle is not today's.
     """
-    refuse_existing(output, overwrite=overwrite)
     from vfplan.bundle import sign
 
     with outputs(output) as (path,):

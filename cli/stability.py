@@ -25,7 +25,7 @@ REPORT, TABLE, MAP, PASSIVITY = FILES = (
 _above = values.Real(min=0, min_open=True)
 
 
-@command("stability", short_help="Is K stable with this robot? Closed loop and extreme cases.")
+@command("stability")
 @click.argument("fixture", type=values.FILE, required=False)
 @taking(
     options.ROBOT,
@@ -62,7 +62,6 @@ def command(
     full: bool,
     jobs: int,
     output: Path | None,
-    overwrite: bool,
     **given: Any,
 ) -> Report:
     """Judge the K of FIXTURE (or --stiffness) in closed loop with a robot, and try the engine.
@@ -73,7 +72,7 @@ def command(
     from vfplan.bundle import read_fixture
     from vfplan.study.stability import prepare
 
-    refuse_folder(output, *FILES, overwrite=overwrite)
+    refuse_folder(output, *FILES)
     arm = chosen_robot(robot, given)
     judged = None if fixture is None else read_fixture(fixture)
     with at(fixture):

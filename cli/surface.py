@@ -7,12 +7,12 @@ from typing import Any
 
 import click
 from vfplan.cli.options import COLOUR, MILLI, STIFFNESS, option, output, settings, taking
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command, patience
 from vfplan.cli.values import MM, PNG, Real
 
 
-@command("surface", short_help="Outlined slices in, a surface out.")
+@command("surface")
 @click.argument("sources", type=click.Path(path_type=Path), nargs=-1, required=True)
 @taking(
     output("The surface's bundle, in patient_lps."),
@@ -34,7 +34,6 @@ from vfplan.cli.values import MM, PNG, Real
 def command(
     sources: tuple[Path, ...],
     output: Path,
-    overwrite: bool,
     picture_out: Path | None,
     **given: Any,
 ) -> Report:
@@ -43,7 +42,6 @@ def command(
     SOURCES is an RTSTRUCT, a DICOM SEG, a label map (.seg.nrrd, .nii, .nii.gz), one or more Slicer
     .mrk.json of closed curves, or a folder of DICOM slices with a closed curve drawn on each.
     """
-    refuse_existing(output, picture_out, overwrite=overwrite)
     from vfplan.bundle import write_fixture
     from vfplan.surface import SurfaceSettings, surface
 

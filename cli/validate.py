@@ -11,7 +11,7 @@ from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE
 
 
-@command("validate", short_help="Everything that is wrong with a bundle.")
+@command("validate")
 @click.argument("fixture", type=FILE, metavar="FILE.h5")
 def command(fixture: Path) -> Report:
     """List every issue of FILE.h5, not the first one only; exit 1 if any is an error."""

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from vfplan.bundle import Trust
 
 
-@command("verify", short_help="Check a bundle's signature.")
+@command("verify")
 @FIXTURE
 @signature("--keys", required=True)
 def command(fixture: Path, trust: Trust) -> Report:

@@ -7,12 +7,12 @@ from typing import Any
 
 import click
 from vfplan.cli.options import FIXTURE, OVERWRITE, option, taking
-from vfplan.cli.outputs import outputs, refuse_existing
+from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command, patience
 from vfplan.cli.values import FILE, GIF, PNG, Number, Whole
 
 
-@command("view", short_help="A fixture and a replay in three dimensions.")
+@command("view")
 @FIXTURE
 @click.argument("result", type=FILE, required=False, metavar="[RESULT.h5]")
 @taking(
@@ -30,7 +30,6 @@ def command(
     movie: Path | None,
     at_s: float | None,
     frames: int,
-    overwrite: bool,
 ) -> Report:
     """Show FIXTURE.h5, and with RESULT.h5 (of `replay -o`) HIP, proxy, contact sphere and force.
 
@@ -41,7 +40,6 @@ def command(
         raise click.UsageError("--movie needs RESULT.h5")
     if at_s is not None and (screenshot is None or result is None):
         raise click.UsageError("--at needs --screenshot and RESULT.h5")
-    refuse_existing(screenshot, movie, overwrite=overwrite)
     cloud, ticks = _read(fixture, result)
     from vfplan import view3d
     from vfplan.io import opengl

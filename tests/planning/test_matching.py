@@ -62,7 +62,7 @@ def test_a_slice_is_planned_by_the_patients_markers(markers, tmp_path):
 
 def test_register_takes_the_slice_beside_the_curve(markers, tmp_path):
     path = capture(tmp_path, **PLACED)
-    curve = extract(path, ExtractSettings()).fixture
+    curve = extract(path).fixture
     assert curve.frame == "image"
     with pytest.raises(MarkerError, match=r"the curve in 'image': give the DICOM slice .*--image"):
         register(curve, *markers, RIGID)

@@ -132,13 +132,11 @@ def test_a_time_that_is_none_is_refused_in_one_line(vfplan_cli, tmp_path):
         assert not (tmp_path / "f.h5").exists()
 
 
-@pytest.mark.parametrize(
-    "call", ["extract('elbow.png', ExtractSettings())", "surface('bone.mrk.json')"]
-)
+@pytest.mark.parametrize("call", ["vfplan.extract('elbow.png')", "surface('bone.mrk.json')"])
 def test_a_time_that_is_none_is_refused_by_the_api_too(call):
     """In a fresh interpreter: NumPy reads the variable when SciPy imports the whole of it."""
     program = (
-        "import vfplan; from vfplan.planning import ExtractSettings, extract\n"
+        "import vfplan\n"
         "from vfplan.surface import surface\n"
         f"try: {call}\nexcept vfplan.VfplanError as error: print(error)"
     )

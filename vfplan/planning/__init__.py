@@ -71,6 +71,6 @@ def plan(
     CheckFailed
         The registration's error may be larger than `settings.max_tre_m`.
     """
-    extracted = extract(image, extraction or ExtractSettings(), curve=curve)
+    extracted = extract(image, extraction, curve=curve)
     registered = register(extracted.fixture, markers, markers2, settings, image=extracted.image)
     return Plan(registered.fixture, extracted, registered)

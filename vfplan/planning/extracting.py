@@ -44,7 +44,10 @@ class Extracted:
 
 
 def extract(
-    path: str | Path, settings: ExtractSettings, *, curve: str | Path | None = None
+    path: str | Path,
+    settings: ExtractSettings | None = None,
+    *,
+    curve: str | Path | None = None,
 ) -> Extracted:
     """Read a planned slice and extract its curve.
 
@@ -62,6 +65,7 @@ def extract(
     Raises `ImageError`, `CurveError`, `SettingError` or `MissingExtra`.
     """
     now_utc()  # what is no time is refused before NumPy stumbles on it
+    settings = settings or ExtractSettings()
     from vfplan.curve import load_libraries
     from vfplan.curve.vector import is_vector
     from vfplan.images.read import read_image

@@ -3,34 +3,16 @@
 from __future__ import annotations
 
 from html import escape
-from pathlib import Path
 from typing import Any
 
 from vfplan.arm import Rehearsal
 from vfplan.figures.arm import efforts, in_space
-from vfplan.io.disk import made_folder, write_whole
 from vfplan.report.page import about, document, picture, section
 from vfplan.report.tables import table
 
 
-def write_rehearsal(
-    rehearsal: Rehearsal, folder: Path, *, overwrite: bool = False, name: str = "index.html",
-    about: dict[str, str] | None = None,
-) -> Path:  # fmt: skip
-    """Write `folder/index.html`, a page that needs nothing else; the folder is made.
-
-    `about`: what stands at its head: the command line, files, digests.
-    """
-    folder = Path(folder)
-    with made_folder(folder):
-        write_whole(
-            folder / name, [page(rehearsal, about or {}).encode("utf-8")], overwrite=overwrite
-        )
-    return folder / name
-
-
 def page(rehearsal: Rehearsal, facts: dict[str, str]) -> str:
-    """The HTML text of the page."""
+    """The HTML text of the page; `facts` stand at its head: the command line, files, digests."""
     found = rehearsal.metrics
     title = f"Rehearsal of {escape(rehearsal.session.name)} on {escape(rehearsal.arm.name)}"
     parts = [
