@@ -17,10 +17,8 @@ from vfplan.errors import at
 from vfplan.io.disk import write_whole
 from vfplan.io.numbers import jsonable
 
-PARTS = ("closed-loop", "map", "passivity", "extremes")
-REPORT, TABLE, MAP, PASSIVITY = FILES = (
-    "stability.json", "cases.csv", "stability_map.png", "passivity.png",
-)  # fmt: skip
+PARTS = ("closed-loop", "passivity", "extremes")
+REPORT, TABLE, PASSIVITY = FILES = "stability.json", "cases.csv", "passivity.png"
 
 _above = values.Real(min=0, min_open=True)
 
@@ -105,18 +103,14 @@ def chosen_robot(choice: str | None, given: dict[str, Any]) -> Any:
 
 def _write(folder: Path, found: Any) -> None:
     """The report and the table; a picture where there is something to draw."""
-    from vfplan.figures.stability import passivity_plot, stability_map
+    from vfplan.figures.stability import passivity_plot
     from vfplan.figures.style import save_png
 
-    kinds = {row.case.partition("/")[0] for row in found.rows}
-    chart = folder / MAP if "map" in kinds else None
-    passivity = folder / PASSIVITY if "passivity" in kinds else None
-    paths = (folder / REPORT, folder / TABLE, chart, passivity)
-    with outputs(*paths) as (report, table, chart_file, passivity_file):
+    drawn = any(row.case.startswith("passivity/") for row in found.rows)
+    paths = (folder / REPORT, folder / TABLE, folder / PASSIVITY if drawn else None)
+    with outputs(*paths) as (report, table, picture):
         text = json.dumps(jsonable(found.as_dict()), indent=2) + "\n"
         write_whole(report, [text.encode()], overwrite=True)
         write_whole(table, [found.as_csv().encode()], overwrite=True)
-        if chart_file is not None:
-            save_png(stability_map(found.rows), chart_file)
-        if passivity_file is not None:
-            save_png(passivity_plot(found.rows), passivity_file)
+        if picture is not None:
+            save_png(passivity_plot(found.rows), picture)

@@ -25,5 +25,5 @@ DARK = {
 CLOUD, HIP, CONTACT, PROXY, BRIDGED, FORCE = LIGHT.values()
 EPISODE = "#d9f2d9"  # behind a stretch in contact
 # One colour a rule in every comparison.
-RULE = {"paper": BRIDGED, "robust": CLOUD}
+RULE = {"robust": CLOUD, "paper": BRIDGED, "exact": HIP}
 CYCLE = (CLOUD, BRIDGED, PROXY, HIP, CONTACT)  # of lines that have no role of their own

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import meshes
 import numpy as np
@@ -16,7 +17,7 @@ from vfplan.replaying import replay
 from vfplan.session import Session
 from vfplan.stability.contacts import along
 from vfplan.stability.largest import engine_for
-from vfplan.study.extremes import ground, probes
+from vfplan.study.extremes import begun, breach, jump, walk_path
 
 
 def meshed(points, triangles, axis=None):
@@ -50,7 +51,7 @@ def test_replay_gate_and_probes_stand_on_the_triangles():
     assert found["rule"] == "exact"
     assert found["clearance_min_m"] == pytest.approx(0.0, abs=1e-7)
     assert {engine_for(place, "exact").rule for place in along(fixture, 2)} == {"exact"}
-    stand = ground.of_fixture(fixture)
-    assert stand.engine().rule == "exact"
-    assert ground.walked(stand, 500) < 1e-9
-    assert probes.jump(stand, 1.0) < 1e-9
+    place, make = next(along(fixture, 2)), partial(engine_for, rule="exact")
+    engine = begun(place, make)
+    assert breach(place, engine, engine.run(walk_path(place, 500))) < 1e-9
+    assert jump(place, make, 1.0) < 1e-9

@@ -99,6 +99,17 @@ def test_flat_wall_meets_the_exact_bound_within_two_percent(rule, delay):
     assert not found.beyond
 
 
+@pytest.mark.full
+@pytest.mark.parametrize("rule", ["robust", "paper"])
+@pytest.mark.parametrize("delay", [0, 1, 3])
+@pytest.mark.parametrize(
+    ("damping", "rate"), [(2.0, 500.0), (10.0, 2000.0), (40.0, 2000.0), (50.0, 8000.0)]
+)
+def test_flat_wall_meets_the_exact_bound_with_any_robot(rule, delay, damping, rate):
+    robot = Robot("any", 1.0, damping, rate, delay)
+    assert abs(largest_stiffness(patch(), robot, engine_for(patch(), rule)).ratio - 1) < 0.02
+
+
 def test_the_reference_engine_has_the_same_bound():
     contact = replace(patch(), points=patch().points[::3])
     engine = PaperProxy(contact.points, stiffness=1.0)

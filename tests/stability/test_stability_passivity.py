@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from vfplan.engine.parameters import Trace
+from vfplan.figures.stability import passivity_plot
+from vfplan.palette import RULE
 from vfplan.stability.contacts import SCENES
 from vfplan.stability.passivity import measure, passivity, random_cycle
+from vfplan.study.stability import ALL_RULES
 
 
 def wall(hips, stiffness):
@@ -57,3 +60,10 @@ def test_the_robust_rule_is_passive(scene):
     energy, _ = passivity(scene, "robust", 1000.0, cycles=4)
     assert energy.outcome == "pass", energy.detail
     assert energy.values["active_cycles"] == 0
+
+
+def test_the_picture_shows_every_rule():
+    rows = [row for rule in ALL_RULES for row in passivity("channel", rule, 1000.0, cycles=2)]
+    axes = passivity_plot(rows).axes[0]
+    shown = {line.get_color() for line in axes.lines if len(line.get_xdata()) == 2}
+    assert shown >= {RULE[rule] for rule in ALL_RULES}

@@ -1,72 +1,63 @@
-"""The table of extreme cases holds, and the probes can tell right from wrong."""
+"""The extreme motions of `vfplan stability` come out, and can tell right from wrong."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from bundles import whole
 
 from vfplan.engine.parameters import Trace
-from vfplan.study.extremes import TABLE, Extreme, chosen, try_extreme, try_group
-from vfplan.study.extremes.ground import breach, patch
+from vfplan.stability.contacts import patch
+from vfplan.stability.largest import engine_for
+from vfplan.study.extremes import CASES, Extreme, begun, breach, try_cases, wander
+from vfplan.study.stability import prepare
 
-# Some seconds each; the command runs them.
-SLOW = {"1e7 points", "1e6 points", "at rest for 1e7 ticks"}
+SLOW = {"hip/at rest for 1e7 ticks"}  # some seconds; the command runs it
 
 
+@pytest.mark.parametrize("on", [None, whole()], ids=["patch", "bundle"])
 @pytest.mark.parametrize(
-    "case", [c for c in TABLE if not c.full and c.name not in SLOW], ids=lambda c: c.name
+    "case", [c for c in CASES if not c.full and c.name not in SLOW], ids=lambda c: c.name
 )
-def test_case_comes_out_as_the_table_says(case):
-    row = try_extreme(case)
+def test_case_comes_out_as_the_table_says(case, on):
+    [row] = try_cases([case], on)
     assert row.outcome == "pass", row.detail
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("case", [c for c in TABLE if c.full], ids=lambda c: c.name)
-def test_long_case(case):
-    row = try_extreme(case)
-    assert row.outcome == "pass", row.detail
+def test_long_cases():
+    for row in try_cases([c for c in CASES if c.full or c.name in SLOW]):
+        assert row.outcome == "pass", row.detail
 
 
-def test_names_are_unique_and_every_group_has_its_module():
-    names = [(case.group, case.name) for case in TABLE]
-    assert len(set(names)) == len(names)
-
-
-def test_a_wrong_value_an_unexpected_answer_and_an_unexpected_refusal_fail():
-    wrong = Extreme("x", "cloud", "nothing", "press", {}, limit=-1.0)
-    taken = Extreme("x", "cloud", "refused", "press", {}, limit=None, refusal=("SceneError",))
-    refused = Extreme("x", "cloud", "taken", "blob", {"kind": "none"})
-    assert [try_extreme(c).outcome for c in (wrong, taken, refused)] == ["fail"] * 3
+def test_a_figure_beyond_the_limit_and_none_fail():
+    wrong = [Extreme("x", "nothing", lambda place, make, v=v: v) for v in (1.0, float("nan"))]
+    assert [row.outcome for row in try_cases(wrong)] == ["fail", "fail"]
 
 
 def test_breach_sees_what_it_should():
-    ground = patch()
-    engine = ground.engine()
+    place = patch()
+    engine = begun(place, partial(engine_for, rule="robust"))
     proxy = np.array([[0.0, 4e-3, 0.0], [0.0, 6e-3, 0.0]])
     state = np.zeros(2, np.int8)
     trace = Trace(proxy, proxy, proxy, state, state.astype(np.uint8))
     expected = 5e-3 - engine.parameters.band - 4e-3
-    assert breach(engine, ground, trace) == pytest.approx(expected)
+    assert breach(place, engine, trace) == pytest.approx(expected)
     untouched = Trace(proxy, proxy, 0 * proxy, state, state.astype(np.uint8))
-    assert breach(engine, ground, untouched) == np.inf
+    assert breach(place, engine, untouched) == np.inf
 
 
-def test_what_a_bundle_cannot_meet_is_left_out():
-    from bundles import whole
-
-    groups, out = chosen(whole(), full=False)
-    assert set(groups) == {"hip"}
-    assert {"extreme/setting", "extreme/cloud"} <= set(out)
+def test_long_runs_are_left_out_unless_asked_for():
+    names = {f"extreme/{case.name}" for case in CASES if case.full}
+    assert names
+    assert prepare(whole(), parts=["extremes"]).left_out.keys() >= names
+    assert not names & prepare(whole(), parts=["extremes"], full=True).left_out.keys()
 
 
 def test_the_long_run_takes_the_bundles_own_points():
-    from bundles import whole
-
-    cases, left_out = chosen(fixture := whole(), full=True)
-    assert "extreme/long" not in left_out
-    short = replace(cases["long"][0], args={"ticks": 200_000})
-    [row] = try_group([short], fixture)
+    short = partial(wander, ticks=200_000, figure="breach")
+    [row] = try_cases([replace(CASES[-1], probe=short)], whole())
     assert (row.outcome, row.measured) == ("pass", 0.0), row.detail

@@ -1,10 +1,9 @@
-"""The closed loop: a row a scene of contact and rule, the press in it, and the map over robots."""
+"""The closed loop: a row a scene of contact and rule, and the press in it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
@@ -13,20 +12,17 @@ from vfplan.engine.parameters import Rule
 from vfplan.fixture import Fixture
 from vfplan.robot import Robot
 from vfplan.stability import contacts
-from vfplan.stability.contacts import Contact, patch
+from vfplan.stability.contacts import Contact
 from vfplan.stability.largest import (
     Largest,
-    engine_for,
     engines_for,
     is_stable,
     largest_stiffness,
-    plant_of,
     pressing_hand,
     run_length,
 )
 from vfplan.stability.loop import Engine, Hand, simulate
 from vfplan.stability.rows import Row, verdict
-from vfplan.stability.theory import linear_bound
 
 FLAT_TOLERANCE = 0.02  # the flat wall's measured K against the exact bound
 ELSEWHERE = 0.95  # of the exact bound, at least
@@ -161,40 +157,3 @@ def press_length(robot: Robot, stiffness: float) -> int:
     m, b = robot.mass_kg, robot.damping_n_s_per_m
     slow = 2 * m / b if b * b < 4 * m * stiffness else b / stiffness  # [s]; b > 0 is the caller's
     return int(min(max(9 * slow * robot.rate_hz, 400), MOST_TICKS))
-
-
-# Damping [N·s/m] and rate [Hz] of the points measured, for each delay in ticks.
-PLACES = ((2.0, 500.0), (5.0, 1000.0), (10.0, 2000.0), (40.0, 2000.0), (50.0, 8000.0))
-DELAYS = (0, 1, 3)
-
-
-def chart(rule: Rule, mass: float = 1.0) -> list[Row]:
-    """One row a place of the map."""
-    contact = patch()
-    engine = engine_for(contact, rule)
-    rows = []
-    for delay, (damping, rate) in product(DELAYS, PLACES):
-        robot = Robot("chart", mass, damping, rate, delay)
-        found = largest_stiffness(contact, robot, engine)
-        values = {
-            "rule": rule,
-            "damping_n_s_per_m": damping,
-            "rate_hz": rate,
-            "delay_ticks": delay,
-            "k_exact_n_per_m": found.exact,
-            "k_linear_n_per_m": linear_bound(plant_of(robot), delay),
-            "ratio": found.ratio,
-        }
-        rows.append(
-            Row(
-                case=f"map/b={damping:g} rate={rate:g} delay={delay}/{rule}",
-                outcome=verdict(abs(found.ratio - 1) <= FLAT_TOLERANCE, rule),
-                detail=f"largest stable K {found.measured:.0f} N/m, {found.ratio:.4f} of the exact"
-                f" bound {found.exact:.0f}",
-                limit=(1 - FLAT_TOLERANCE) * found.exact,
-                measured=found.measured,
-                unit="N/m on the map",
-                values=values,
-            )
-        )
-    return rows

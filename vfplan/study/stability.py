@@ -19,12 +19,12 @@ from vfplan.fixture import Fixture, StabilityVerdict
 from vfplan.io.workers import workers
 from vfplan.robot import Robot
 from vfplan.stability import contacts
-from vfplan.stability.closedloop import chart, closed_loop, scenes_for
+from vfplan.stability.closedloop import closed_loop, scenes_for
 from vfplan.stability.gate import MARGIN, felt_stiffness, judge, refusal
 from vfplan.stability.passivity import passivity
 from vfplan.stability.rows import Row
 from vfplan.stability.theory import Plant, exact_bound
-from vfplan.study.extremes import chosen, try_group
+from vfplan.study.extremes import CASES, try_cases
 
 DEFAULT_ROBOT = Robot("default", mass_kg=1.0, damping_n_s_per_m=5.0, rate_hz=1000.0)
 ROBOT_KEYS = ("robot", "mass_kg", "damping_n_s_per_m", "rate_hz", "delay_ticks")
@@ -229,20 +229,14 @@ def _turns(fixture: Fixture | None) -> Iterator[tuple[Rule, Fixture | str]]:
         yield from ((rule, name) for name in scenes_for(fixture)[0] if name in known)
 
 
-def _chart(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
-    if fixture is not None:
-        return [], {"map": "the map is the theory's, not this bundle's"}
-    return [partial(chart, rule) for rule in RULES], {}
-
-
 def _extremes(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
-    groups, out = chosen(fixture, full)
-    return [partial(try_group, cases, fixture) for cases in groups.values()], out
+    runs = [[case for case in CASES if case.full == long] for long in (False, True)[: 1 + full]]
+    out = {f"extreme/{case.name}": "a long run: --full" for case in CASES if case.full > full}
+    return [partial(try_cases, cases, fixture) for cases in runs], out
 
 
 PARTS: dict[str, Callable[[Fixture | None, Robot, float, bool], Part]] = {
     "closed-loop": _closed_loop,
-    "map": _chart,
     "passivity": _passivity,
     "extremes": _extremes,
 }

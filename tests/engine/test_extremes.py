@@ -1,0 +1,217 @@
+"""Extreme clouds and settings: the right value within the limit, or a refusal by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vfplan.bundle.content import to_content
+from vfplan.bundle.leak import certificate
+from vfplan.engine.proxy import ProxyEngine
+from vfplan.errors import SceneError, SettingError
+from vfplan.fixture import Curve, Fixture, Provenance, Rendering
+from vfplan.stability.contacts import Contact, patch
+from vfplan.study.extremes import ROUNDING, breach, walk_path
+
+R = 5e-3
+UP = np.array([[0.0, 1.0, 0.0]])
+
+
+def engine_at(place, **settings):
+    settings = {"contact_radius": place.radius, "ignore_axis": place.ignore_axis} | settings
+    engine = ProxyEngine(place.points, **settings)
+    engine.reset(place.start)
+    return engine
+
+
+def walked(place, ticks=3000, **settings):
+    """The breach over a random walk."""
+    engine = engine_at(place, **settings)
+    place = replace(place, radius=engine.parameters.R)
+    engine.reset(place.start)
+    return breach(place, engine, engine.run(walk_path(place, ticks)))
+
+
+@pytest.mark.parametrize(
+    ("offset", "scale", "limit"),
+    # The band of a 0.5 mm patch is 12.5 µm; 1e6 m resolves 0.12 nm. R from 1 nm to 200 km.
+    [(1.0, 1.0, 1.3e-5), (1e3, 1.0, 1.3e-5), (999_999.0, 1.0, 1.3e-5), (0.0, 1e-6, 1.3e-11),
+     (0.0, 1e3, 1.3e-2), (0.0, 2e-7, 2.6e-12), (0.0, 4e7, 5.2e2)],
+)  # fmt: skip
+def test_a_wall_far_away_tiny_or_huge_keeps_the_proxy_at_r(offset, scale, limit):
+    flat, radius = patch(), R * scale
+    touch = scale * flat.touch + offset
+    place = replace(flat, points=scale * flat.points + offset, touch=touch, radius=radius)
+    engine = engine_at(place, band=12.6e-6 * scale)
+    s = np.linspace(0.0, 1.0, 400)[:, None]
+    down = place.start - 0.4 * radius * s * UP
+    engine.run(down)
+    trace = engine.run(down[-1] + 0.4 * radius * s * [1.0, 0.0, 0.3])
+    assert np.abs((trace.proxy - offset) @ UP[0] - radius).max() <= limit
+
+
+def test_a_wall_beyond_1000_km_is_refused():
+    with pytest.raises(SceneError):
+        engine_at(replace(patch(), points=patch().points + 1.1e6))
+
+
+def row(count, spacing):
+    x = (np.arange(count) - count // 2) * spacing
+    return Contact(np.column_stack([x, 0 * x, 0 * x]), R * UP[0], UP, "z")
+
+
+def sheet(side, spacing=5e-4):
+    x = (np.arange(side) - side // 2) * spacing
+    points = np.zeros((side * side, 3))
+    points[:, 0], points[:, 2] = np.repeat(x, side), np.tile(x, side)
+    return Contact(points, R * UP[0], UP)
+
+
+def blob(points, top=0.0):
+    return Contact(np.array(points), (R + top) * UP[0], UP)
+
+
+def tilted():
+    x = np.linspace(-0.01, 0.01, 41)
+    u, v = (a.ravel() for a in np.meshgrid(x, x))
+    return np.column_stack([u, 0.3 * u - 0.2 * v, v])
+
+
+def scattered(count, extent):
+    return np.random.default_rng(0).uniform(-0.5, 0.5, (count, 3)) * extent
+
+
+CLOUDS = {
+    "cloud of 1 µm": lambda: blob(scattered(100, 1e-6), 1e-6),
+    "cloud of 1 km, 1e6 points": lambda: row(1_000_001, 1e-3),
+    "one point": lambda: blob(np.zeros((1, 3))),
+    "two points": lambda: blob([[0.0, 0.0, 0.0], [1e-3, 0.0, 0.0]]),
+    "all points equal": lambda: blob(np.zeros((1000, 3))),
+    "every point three times": lambda: blob(np.repeat(tilted(), 3, axis=0), 5e-3),
+    "collinear": lambda: blob(np.linspace([-0.01, 0, -0.003], [0.01, 0, 0.003], 200)),
+    "coplanar": lambda: blob(tilted(), 5e-3),
+    "curve, spacing 0.001 R": lambda: row(20_001, 5e-6),
+    "sheet, spacing 0.02 R": lambda: sheet(401, 1e-4),
+    "sheet, spacing R": lambda: sheet(41, R),
+    # No engine can hold what leaks: it must stay outside every ball.
+    "sheet, spacing 1.5 R, leaks": lambda: sheet(31, 1.5 * R),
+}
+
+
+@pytest.mark.parametrize("cloud", CLOUDS.values(), ids=CLOUDS)
+def test_the_proxy_stays_outside_of_any_cloud(cloud):
+    assert walked(cloud()) <= ROUNDING
+
+
+def test_the_proxy_stays_outside_of_dust():
+    """10^5 points in 1 cm³."""
+    assert walked(blob(scattered(100_000, 0.01), 5e-3), 1000) <= ROUNDING
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("side", [1000, 3163])
+def test_the_proxy_stays_outside_of_millions_of_points(side):
+    assert walked(sheet(side)) <= ROUNDING
+
+
+@pytest.mark.parametrize("points", [np.zeros((0, 3)), [[0.0, 0.0, 0.0], [np.nan, 0.0, 0.0]]])
+def test_no_cloud_is_refused(points):
+    with pytest.raises(SceneError):
+        engine_at(blob(points))
+
+
+def cusp():
+    t = np.linspace(-1, 1, 801)  # semicubical: both branches leave the tip along one tangent
+    return 0.04 * t * t, 0.02 * t**3
+
+
+def spiral():
+    a = np.linspace(2 * np.pi, 8 * np.pi, 2001)  # 11 mm from turn to turn
+    return 11e-3 * a / (2 * np.pi) * np.array([np.cos(a), np.sin(a)])
+
+
+def hairpin():
+    s = np.linspace(0, 0.04, 401)  # its legs 1 mm apart
+    return np.concatenate([s, s[::-1]]), np.repeat([0.0, 1e-3], 401)
+
+
+def needle():
+    s = np.linspace(-0.03, 0.03, 301)  # a channel that the proxy does not fit
+    return np.tile(s, 2), np.repeat([-4.95e-3, 4.95e-3], 301)
+
+
+@pytest.mark.parametrize("curve", [cusp, spiral, hairpin, needle])
+def test_the_proxy_stays_outside_of_curves_with_every_trap(curve):
+    """Met along the whole curve and across it."""
+    x, y = curve()
+    points = np.column_stack([x, y, 0 * x])
+    place = Contact(points, points.min(axis=0) - 2 * R, -UP, "z")
+    engine = engine_at(place)
+    way = [place.start]
+    for p in points[:: max(1, len(points) // 60)]:
+        way += [p + np.array([2e-3, 1e-3, 0]), p - np.array([1e-3, 3e-3, 0])]
+    at = np.linspace(0, len(way) - 1, 40 * len(way))
+    hips = np.column_stack([np.interp(at, np.arange(len(way)), c) for c in np.transpose(way)])
+    assert breach(place, engine, engine.run(hips)) <= ROUNDING
+
+
+@pytest.mark.parametrize(("spacing", "holds"), [(2.1 * R, False), (1.9 * R, True)])
+def test_the_bundles_certificate_tells_a_curve_that_leaks(spacing, holds):
+    fixture = Fixture(
+        "robot_base",
+        np.arange(10)[:, None] * np.array([spacing, 0.0, 0.0]),
+        Provenance("2026-01-01T00:00:00Z", "vfplan"),
+        curve=Curve(np.zeros(10, np.int32), np.array([False])),
+        rendering=Rendering(np.full(3, 1e3), R, 1e-5, ignore_axis=np.array([0.0, 0.0, 1.0])),
+    )
+    assert certificate(to_content(fixture))["/leak@certified"] == holds
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"band": 1e-9}, {"band": 5e-11}, {"band": 5e-3, "outer_radius": 11e-3},
+     {"point_radius": 1e3}, {"point_radius": 10e-3}, {"point_radius": 100e-3},
+     {"outer_radius": 2e6}, {"band": 1e-5, "outer_radius": 5.01e-3 * (1 + 1e-12)},
+     {"band": 1e-5, "outer_radius": 0.501}],
+    ids=str,
+)  # fmt: skip
+def test_the_proxy_stays_outside_with_settings_at_the_ends_of_their_ranges(settings):
+    lift = settings.get("point_radius", 0.0) * UP[0]
+    assert walked(replace(patch(), touch=patch().touch + lift), **settings) <= ROUNDING
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [*({"band": band} for band in (1e-12, 4.9e-11, 5e-324, 0.0, 5.1e-3)),
+     *({"contact_radius": rc} for rc in (1e-300, 0.99e-9, 1.01e6, 1e300)),
+     {"point_radius": 1e300}, {"point_radius": -1e-9}, {"outer_radius": 1e300},
+     {"band": 1e-5, "outer_radius": 5.01e-3},
+     *({"stiffness": k} for k in (0.0, -1.0, float("inf"), float("nan")))],
+    ids=str,
+)  # fmt: skip
+def test_settings_beyond_their_ranges_are_refused(settings):
+    with pytest.raises(SettingError):
+        engine_at(patch(), **settings)
+
+
+@pytest.mark.parametrize("stiffness", [1e-3, 1.0, 1e6, 1e9, (1.0, 1e3, 1e6)])
+def test_any_stiffness_gives_the_force_to_two_roundings(stiffness):
+    engine = engine_at(patch(), stiffness=stiffness)
+    hips = walk_path(patch(), 2000)
+    trace = engine.run(hips)
+    expected = np.broadcast_to(stiffness, 3) * (trace.proxy - hips)
+    error = np.abs(trace.force - expected)
+    assert np.max(error / np.maximum(np.abs(expected), np.finfo(float).tiny)) <= 4.5e-16
+
+
+def test_nothing_is_felt_on_the_medial_axis_of_a_ring():
+    angle = np.linspace(0, 2 * np.pi, 360, endpoint=False)
+    engine = ProxyEngine(
+        0.02 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]), R, ignore_axis="z"
+    )
+    engine.reset(np.array([1e-3, 0.0, 0.0]))
+    trace = engine.run(np.zeros((1000, 3)))
+    assert not trace.proxy.any()
+    assert not trace.force.any()
