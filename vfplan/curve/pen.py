@@ -1,4 +1,4 @@
-"""The pen: its colour, how much of it lies on each pixel, and where it goes on too faint for that.
+"""The pen: its colour, how much of it lies on each pixel, and ink too faint for its mask.
 
 Over grey (g, g, g) a pen of colour c and coverage α shows p = (1 − α) g n + α c, n = (1, 1, 1).
 The part of p across the grey axis is α c⊥ **whatever g is**, so with e = c⊥/|c⊥|

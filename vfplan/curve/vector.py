@@ -25,7 +25,7 @@ OUT_OF_PLANE_M = 1e-3  # a curve further than this from the slice was not drawn 
 FURTHEST = 1e9  # pixels or metres; nothing real is, and squares of more overflow in the end
 SAME = 1e-12  # of a curve's length: points no further apart are one
 KINDS = {"Curve": False, "ClosedCurve": True}
-SUFFIXES = (".json", ".csv", ".fcsv", ".roi")
+SUFFIXES = (".json", ".csv", ".fcsv", ".roi")  # of files that hold a curve alone
 WANTED = "a .mrk.json, .fcsv, .roi, CSV or DICOM is wanted"
 SPLINE_TOLD_M = 1e-4  # a spline this far from straight lines is told where a file names neither
 
@@ -79,11 +79,6 @@ class VectorCurve:
         from scipy.interpolate import CubicSpline
 
         return CubicSpline(at, ring, bc_type="periodic" if self.closed else "natural")(dense)
-
-
-def is_vector(path: str | Path) -> bool:
-    """Whether a file's name says that it holds a vector curve: `.json`, `.csv`, `.fcsv`, `.roi`."""
-    return Path(path).suffix.lower() in SUFFIXES
 
 
 def read_vector_curve(
@@ -229,7 +224,7 @@ def _control_points(text: str, where: str) -> VectorCurve:
 
 
 def _polyline(text: str, origin: imagej.PixelOrigin | None, where: str) -> VectorCurve:
-    from vfplan.markers.points import table_rows
+    from vfplan.markers.table import table_rows
 
     rows = table_rows(text, where)
     header = [name.strip() for name in rows[0]] if rows else []

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError
-from vfplan.markers.points import MarkerFrame, MarkerPoints, read_text
 from vfplan.markers.slicer import parse_fcsv, parse_mrk_json
-from vfplan.markers.table import parse_table
+from vfplan.markers.table import MarkerFrame, MarkerPoints, parse_table, read_text
 
 
 @dataclass(frozen=True, eq=False)

@@ -67,14 +67,15 @@ def extract(
     now_utc()  # what is no time is refused before NumPy stumbles on it
     settings = settings or ExtractSettings()
     from vfplan.curve import load_libraries
-    from vfplan.curve.vector import is_vector
+    from vfplan.curve.vector import SUFFIXES
     from vfplan.images.read import read_image
 
-    if curve is not None or is_vector(path):
+    alone = Path(path).suffix.lower() in SUFFIXES
+    if curve is not None or alone:
         _refuse_settings(settings, OF_A_PEN)
     elif settings.curve_origin is not None:
         raise SettingError("curve_origin has no effect without a vector curve; leave it out")
-    if is_vector(path):
+    if alone:
         _refuse_settings(settings, OF_AN_IMAGE)
         return _vector_alone(path, settings)
     image = read_image(

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.markers.finding.marks import REACH_PX, coverages, marks_near
+from vfplan.markers.finding.marks import SEARCH_PX, coverages, inside, marks_near, place_of, window
 from vfplan.markers.finding.shapes import GOOD_MISFIT, Shape, fit_mark
 
-SEARCH_PX = 8.0  # how far a marker may be from where it was said to be
 MAX_MISFIT = 0.45  # RMS: above it, no cross and no dot
 
 
@@ -61,7 +60,7 @@ def find_markers(
 
 def marker_drawn(rgb: NDArray, position_px: ArrayLike, *, search_px: float = SEARCH_PX) -> bool:
     """Whether a cross or a dot is drawn near (u, v); `False` outside the image."""
-    at = _place(position_px)
+    at = place_of(position_px)
     try:
         _find_one(rgb, float(np.iinfo(rgb.dtype).max), "", at, search_px)
     except MarkerError:
@@ -69,46 +68,16 @@ def marker_drawn(rgb: NDArray, position_px: ArrayLike, *, search_px: float = SEA
     return True
 
 
-def anything_drawn(rgb: NDArray, position_px: ArrayLike, *, search_px: float = SEARCH_PX) -> bool:
-    """Whether some mark stands near (u, v), whatever its shape; much quicker than to fit one."""
-    at = _place(position_px)
-    if not _inside(rgb, at):
-        return False
-    patch, local, _ = _window(rgb, float(np.iinfo(rgb.dtype).max), at, search_px)
-    maps = coverages(patch, local, search_px)
-    return any(marks_near(coverage, local, search_px) for coverage in maps)
-
-
-def _place(position_px: ArrayLike) -> tuple[float, float]:
-    u, v = np.asarray(position_px, dtype=float)
-    return float(u), float(v)
-
-
-def _inside(rgb: NDArray, at: tuple[float, float]) -> bool:
-    height, width = rgb.shape[:2]
-    return -0.5 <= at[0] <= width - 0.5 and -0.5 <= at[1] <= height - 0.5
-
-
-def _window(
-    rgb: NDArray, full: float, at: tuple[float, float], search_px: float
-) -> tuple[NDArray, tuple[float, float], tuple[int, int]]:
-    """The picture around `at` (0..1), `at` within it, and its first column and row."""
-    half = int(np.ceil(search_px)) + REACH_PX
-    u0, v0 = max(0, round(at[0]) - half), max(0, round(at[1]) - half)
-    patch = rgb[v0 : round(at[1]) + half + 1, u0 : round(at[0]) + half + 1] / full
-    return patch, (at[0] - u0, at[1] - v0), (u0, v0)
-
-
 def _find_one(
     rgb: NDArray, full: float, label: str, at: tuple[float, float], search_px: float
 ) -> FoundMarker:
-    if not _inside(rgb, at):
+    if not inside(rgb, at):
         height, width = rgb.shape[:2]
         raise MarkerError(
             f"marker {label!r} at ({at[0]:.1f}, {at[1]:.1f}) px lies outside the image, "
             f"{width}x{height} px"
         )
-    patch, local, (u0, v0) = _window(rgb, full, at, search_px)
+    patch, local, (u0, v0) = window(rgb, full, at, search_px)
     best: FoundMarker | None = None
     for coverage in coverages(patch, local, search_px):
         for mark in marks_near(coverage, local, search_px):

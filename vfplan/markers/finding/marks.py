@@ -9,10 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+SEARCH_PX = 8.0  # how far a marker may be from where it was said to be
 REACH_PX = 24  # largest half-size of a marker
 MIN_CONTRAST = 0.15  # of full scale: below it nothing was drawn
 _PAD = 4
@@ -34,6 +35,38 @@ class Mark:
     start: tuple[float, float]
     radius: float
     weight: Array | float = 1.0
+
+
+def anything_drawn(rgb: NDArray, position_px: ArrayLike, *, search_px: float = SEARCH_PX) -> bool:
+    """Whether some mark stands near (u, v), whatever its shape; much quicker than to fit one."""
+    at = place_of(position_px)
+    if not inside(rgb, at):
+        return False
+    patch, local, _ = window(rgb, float(np.iinfo(rgb.dtype).max), at, search_px)
+    maps = coverages(patch, local, search_px)
+    return any(marks_near(coverage, local, search_px) for coverage in maps)
+
+
+def place_of(position_px: ArrayLike) -> tuple[float, float]:
+    """(u, v) as two numbers."""
+    u, v = np.asarray(position_px, dtype=float)
+    return float(u), float(v)
+
+
+def inside(rgb: NDArray, at: tuple[float, float]) -> bool:
+    """Whether a place lies in the picture."""
+    height, width = rgb.shape[:2]
+    return -0.5 <= at[0] <= width - 0.5 and -0.5 <= at[1] <= height - 0.5
+
+
+def window(
+    rgb: NDArray, full: float, at: tuple[float, float], search_px: float
+) -> tuple[NDArray, tuple[float, float], tuple[int, int]]:
+    """The picture around `at` (0..1), `at` within it, and its first column and row."""
+    half = int(np.ceil(search_px)) + REACH_PX
+    u0, v0 = max(0, round(at[0]) - half), max(0, round(at[1]) - half)
+    patch = rgb[v0 : round(at[1]) + half + 1, u0 : round(at[0]) + half + 1] / full
+    return patch, (at[0] - u0, at[1] - v0), (u0, v0)
 
 
 def coverages(patch: Array, at: tuple[float, float], search_px: float) -> list[Array]:
