@@ -16,8 +16,7 @@ from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE, mm
 
-from vfplan.io.disk import write_whole
-from vfplan.io.numbers import jsonable
+from vfplan.io.disk import jsonable, write_whole
 
 # Left behind in the folder by the pipeline, in the order of the story.
 FILES = ("mask.png", "overlay.png", "fixture.h5", "result.h5", "force.png", "scene.png")

@@ -16,7 +16,7 @@ from vfplan.cli.run import Report, command, command_line, progress
 from vfplan.cli.values import FILE, Number, Numbers, Parsed, Real, Whole
 
 from vfplan.io.disk import write_whole
-from vfplan.io.numbers import real
+from vfplan.io.reading import real
 
 
 class Bound(Parsed):

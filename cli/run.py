@@ -29,8 +29,8 @@ from vfplan.cli.plain import heed_no_settings
 from vfplan.cli.stopping import Stopped, stoppable
 
 from vfplan.errors import VfplanError
-from vfplan.io.clock import now_utc
-from vfplan.io.numbers import jsonable
+from vfplan.io.disk import jsonable
+from vfplan.io.reading import now_utc
 
 # Unicode's kinds of signs that are not to be seen: controls, directions, halves, unknown ones.
 STEERING = ("Cc", "Cf", "Cs", "Co", "Cn")

@@ -14,8 +14,7 @@ from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import Report, command, progress
 
 from vfplan.errors import at
-from vfplan.io.disk import write_whole
-from vfplan.io.numbers import jsonable
+from vfplan.io.disk import jsonable, write_whole
 
 PARTS = ("closed-loop", "passivity", "extremes")
 REPORT, TABLE, PASSIVITY = FILES = "stability.json", "cases.csv", "passivity.png"

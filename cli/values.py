@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import click
 
-from vfplan.io.numbers import real
+from vfplan.io.reading import real
 
 # Existence is checked by the library, which answers 3 (bad input) and not 2 (usage).
 FILE = click.Path(path_type=Path)

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.io.clock import now_utc
+from vfplan.io.reading import now_utc
 
 Frame = Literal["image", "robot_base", "patient_lps"]
 FRAMES: tuple[Frame, ...] = ("image", "robot_base", "patient_lps")

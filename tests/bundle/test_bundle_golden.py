@@ -12,7 +12,7 @@ from conftest import ROOT, need_program
 import vfplan
 from vfplan.bundle import describe, migrate, require_signature, validate
 from vfplan.errors import InputError, SignatureError, VersionError
-from vfplan.io.numbers import jsonable
+from vfplan.io.disk import jsonable
 
 ARCHIVE = ROOT / "tests" / "data" / "bundles"
 CURRENT = sorted(ARCHIVE.glob("1.*.h5"))

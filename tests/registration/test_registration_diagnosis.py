@@ -242,7 +242,7 @@ def test_stated_sigmas_are_checked_against_the_residuals():
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("robust", [False, True])
 def test_the_report_is_json(model, robust):
-    from vfplan.io.numbers import jsonable
+    from vfplan.io.disk import jsonable
 
     for source, target in ((grid(), planar(grid())), solid(6)):
         r = fit(source, target, model, robust=robust)

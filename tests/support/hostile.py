@@ -18,7 +18,7 @@ import numpy as np
 
 from vfplan.bundle import write
 from vfplan.bundle.content import to_content
-from vfplan.bundle.table import table
+from vfplan.bundle.format import table
 from vfplan.bundle.write import completed, to_payload
 
 CASES = {}

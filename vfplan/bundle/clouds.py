@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.bundle.format import table
 from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.meshfile import Mesh, read_mesh
-from vfplan.bundle.table import table
 from vfplan.engine.parameters import PAPER_BAND, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
-from vfplan.io.numbers import real, require_short
-from vfplan.io.reading import opened_file
+from vfplan.io.reading import opened_file, real, require_short
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")

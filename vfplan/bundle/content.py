@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.bundle.table import Row, table
+from vfplan.bundle.format import Row, table
 from vfplan.errors import CorruptError, InputError
 from vfplan.fixture import (
     Curve,

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError
-from vfplan.io.numbers import require_short
+from vfplan.io.reading import require_short
 
 HEADER_BYTES = 1 << 16
 TYPES = {

@@ -8,12 +8,11 @@ from pathlib import Path
 from vfplan import __version__
 from vfplan._core import read_payload
 from vfplan.bundle.content import Content
+from vfplan.bundle.format import MAGIC, table
 from vfplan.bundle.read import opened_source
-from vfplan.bundle.seal import MAGIC
-from vfplan.bundle.table import table
 from vfplan.bundle.write import VERSION, completed, write_content
 from vfplan.errors import InputError
-from vfplan.io.clock import now_utc
+from vfplan.io.reading import now_utc
 
 HISTORY = "/provenance/history"
 

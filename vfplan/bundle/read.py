@@ -8,9 +8,8 @@ from typing import BinaryIO
 
 from vfplan._core import Sealed
 from vfplan.bundle.content import Content, from_content
+from vfplan.bundle.format import BLOCKS, MAGIC, Seal, table
 from vfplan.bundle.keys import read_keys
-from vfplan.bundle.seal import BLOCKS, MAGIC, Seal
-from vfplan.bundle.table import table
 from vfplan.bundle.trust import Trust, check_trust
 from vfplan.errors import BundleError
 from vfplan.fixture import Fixture

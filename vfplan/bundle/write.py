@@ -12,8 +12,7 @@ import numpy as np
 from vfplan._core import read_payload
 from vfplan.bundle import leak
 from vfplan.bundle.content import Content, to_content
-from vfplan.bundle.seal import seal_of, to_block
-from vfplan.bundle.table import UNITS_OF_FRAME, Row, Table, table
+from vfplan.bundle.format import UNITS_OF_FRAME, Row, Table, seal_of, table, to_block
 from vfplan.errors import BundleError, InputError, OutputError, SceneError
 from vfplan.fixture import Fixture
 from vfplan.io.disk import write_whole

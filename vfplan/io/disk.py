@@ -1,9 +1,10 @@
-"""Files, whole or not at all."""
+"""What is written: files, whole or not at all, and values as JSON holds them."""
 
 from __future__ import annotations
 
 import errno
 import fcntl
+import math
 import os
 import re
 import secrets
@@ -12,7 +13,7 @@ import stat
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from vfplan.errors import OutputError
 
@@ -255,3 +256,16 @@ def _set_aside(target: Path) -> Path | None:
             raise
         shutil.copy2(target, old, follow_symlinks=False)
     return old
+
+
+def jsonable(value: Any) -> Any:
+    """The value as JSON holds it: arrays as nested lists, NaN and infinities as `null`."""
+    if isinstance(value, dict):
+        return {str(k): jsonable(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [jsonable(v) for v in value]
+    if hasattr(value, "tolist"):  # NumPy arrays and scalars, without importing NumPy here
+        return jsonable(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,19 +1,33 @@
-"""Regular files opened to be read, once, of a bounded size, also once they are unpacked."""
+"""What comes from outside: regular files, opened once, of a bounded size; numbers in text; time.
+
+The size is bounded also once files are unpacked.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import io
+import math
 import os
+import re
 import stat
 import zlib
 from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO, cast
 
 from vfplan.errors import InputError
 
 MOST_FILE = MOST_UNPACKED = 1 << 30  # bytes
+
+# Digits, a point, an exponent: not the 1_000, 0x10, 1d3, nan or digits of other scripts that one
+# reader or another takes.
+_REAL = re.compile(r"[ \t]*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)[ \t]*")
+
+
+# More no program writes: bytes of a line, numbers in one, bytes of a file of text.
+MOST_LINE, MOST_COLUMNS, MOST_TEXT = 1 << 16, 1000, 1 << 28
 
 
 def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
@@ -153,3 +167,46 @@ def first_unpacked(data: bytes, count: int = 540) -> bytes:
         return zlib.decompressobj(wbits=zlib.MAX_WBITS | 32).decompress(data, count)
     except zlib.error:
         return b""
+
+
+def require_short(data: bytes) -> None:
+    """Raise `ValueError` for text that is long, or has a long line: tables take times its size."""
+    if len(data) > MOST_TEXT:
+        raise ValueError(f"{len(data)} bytes of text; at most {MOST_TEXT} are read")
+    at = 0
+    while len(data) - at > MOST_LINE:  # from each stretch of that length to its last line's end
+        end = data.rfind(b"\n", at, at + MOST_LINE)
+        if end < 0:
+            raise ValueError(f"the line at byte {at} is longer than {MOST_LINE} bytes")
+        at = end + 1
+
+
+def real(text: str) -> float:
+    """A decimal number, blanks around it allowed; raises `ValueError` for anything else.
+
+    What is beyond the largest float64, 1.8e308, is no number either.
+    """
+    match = _REAL.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{text[:40]!r} is no number" if text.strip() else "a number is missing")
+    value = float(match[1])
+    if math.isinf(value):
+        raise ValueError(f"{text[:40]!r} is larger than a float64 holds, 1.8e308")
+    return value
+
+
+def now_utc() -> str:
+    """Now, or what SOURCE_DATE_EPOCH says (reproducible-builds.org), as ISO 8601 in whole seconds.
+
+    Raises `InputError` where SOURCE_DATE_EPOCH is no time.
+    """
+    epoch = os.environ.get("SOURCE_DATE_EPOCH")
+    if epoch is None:
+        moment = datetime.now(UTC)
+    elif epoch.isascii() and epoch.isdigit() and len(epoch) < 12:
+        moment = datetime.fromtimestamp(int(epoch), UTC)
+    else:
+        raise InputError(
+            f"the environment's SOURCE_DATE_EPOCH is {epoch!r}; whole seconds since 1970 are wanted"
+        )
+    return moment.strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -11,7 +11,7 @@ import numpy as np
 
 from vfplan.errors import ImageError, SettingError
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
-from vfplan.io.clock import now_utc
+from vfplan.io.reading import now_utc
 from vfplan.planning.carrying import along
 from vfplan.planning.settings import ExtractSettings
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 from vfplan.engine.renderable import work_doubt
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Provenance, Rendering, size_doubt
-from vfplan.io.clock import now_utc
-from vfplan.io.reading import OneFile
+from vfplan.io.reading import OneFile, now_utc
 from vfplan.planning.carrying import Carried, carry, pieces_of, require_small
 from vfplan.planning.guiding import add_guidance
 from vfplan.planning.margin import add_margin

@@ -9,8 +9,7 @@ from typing import BinaryIO, NoReturn
 import numpy as np
 
 from vfplan.errors import SessionError
-from vfplan.io.numbers import MOST_COLUMNS, MOST_LINE, real
-from vfplan.io.reading import OneFile
+from vfplan.io.reading import MOST_COLUMNS, MOST_LINE, OneFile, real
 from vfplan.session.types import Array, Pair
 
 WANTED = ("t", "x", "y", "z")

@@ -26,8 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import SessionError
 from vfplan.io.disk import write_whole
-from vfplan.io.numbers import MOST_TEXT, real
-from vfplan.io.reading import OneFile, read_whole
+from vfplan.io.reading import MOST_TEXT, OneFile, read_whole, real
 from vfplan.session.csvfile import csv_columns, read_csv
 from vfplan.session.poses import Poses, read_poses
 

@@ -17,8 +17,7 @@ import numpy as np
 
 from vfplan.engine.tolerance import choose
 from vfplan.errors import InputError, SettingError
-from vfplan.io.disk import write_whole
-from vfplan.io.numbers import jsonable
+from vfplan.io.disk import jsonable, write_whole
 from vfplan.io.reading import read_whole
 from vfplan.study.bench.peers import Peer, nanoflann_hint
 from vfplan.study.bench.record import Refusal, Result, Trial, judge_chosen, mark_pareto, run_trials
