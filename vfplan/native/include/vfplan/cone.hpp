@@ -1,6 +1,6 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The step nearest to a wished one that keeps to every wall: argmin |v - u| with n_j · v >= t_j.
+// The step nearest to a wished one that keeps to every wall: argmin |v - u| with n_j · v >= lift_j.
 #pragma once
 
 #include "vfplan/vec.hpp"
@@ -12,7 +12,7 @@ namespace vfplan {
 template <int D>
 struct Wall {
     Vec<D> n;
-    double t = 0;
+    double lift = 0;  // [m]
 };
 
 namespace detail {
@@ -20,7 +20,7 @@ namespace detail {
 template <int D>
 bool keeps(const Vec<D>& v, const Wall<D>* walls, int count, double slack) noexcept {
     for (int j = 0; j < count; ++j)
-        if (!(dot(walls[j].n, v) >= walls[j].t - slack)) return false;
+        if (!(dot(walls[j].n, v) >= walls[j].lift - slack)) return false;
     return true;
 }
 
@@ -31,7 +31,7 @@ bool on_planes(const Vec<D>& u, const Wall<D>* const* w, int k, double flattest,
                Vec<D>& v) noexcept {
     double g[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, r[3] = {};
     for (int i = 0; i < k; ++i) {
-        r[i] = w[i]->t - dot(w[i]->n, u);
+        r[i] = w[i]->lift - dot(w[i]->n, u);
         for (int j = 0; j < k; ++j) g[i][j] = dot(w[i]->n, w[j]->n);
     }
     const auto determinant = [](const double (&m)[3][3]) noexcept {

@@ -57,7 +57,7 @@ class Gathered {
         const double reach2 = radius_ * radius_ * (1 + 1e-12);
         source_.visit(centre_, radius_, [&](const Span<D>& span) noexcept {
             if (crowded_ || count_ + span.n > held_.size()) {
-                crowded_ = crowded_ || !squeeze(span, reach2);
+                crowded_ = crowded_ || !take_in_parts(span, reach2);
                 return;
             }
             count_ += take(span, reach2);
@@ -69,7 +69,7 @@ class Gathered {
         return kernels_.gather(span, centre_, reach2, to);
     }
     /// A stretch that may not fit as a whole, eight points at a time; false when it does not.
-    bool squeeze(Span<D> span, double reach2) noexcept {
+    bool take_in_parts(Span<D> span, double reach2) noexcept {
         while (span.n > 0) {
             Span<D> part = span;
             part.n = std::min<std::size_t>(span.n, 8);

@@ -39,7 +39,7 @@ class PaperRule {
     /// Algorithm 1, one servo loop.
     Tick<D> operator()(Vec<D>& proxy, const Vec<D>& hip) noexcept {
         Tick<D> tick;
-        const auto [normal, de] = look(proxy);
+        const auto [normal, de] = sight(proxy);
         const double rv = p_.point_radius, r1 = p_.r1();
         if (!(de < reach_)) {  // Algorithm 4, no neighbour: s = P_HIP - P_proxy
             proxy = hip;
@@ -71,7 +71,7 @@ class PaperRule {
     };
 
     /// Where the proxy has not moved since the last tick, the answer stands.
-    const Sight& look(const Vec<D>& proxy) noexcept {
+    const Sight& sight(const Vec<D>& proxy) noexcept {
         if (known_ && proxy == from_) return sight_;
         NormalSum<D> near;
         neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
@@ -89,11 +89,11 @@ class PaperRule {
         const double length = norm(near.sum), most = static_cast<double>(near.count);
         if (near.nearest2 >= tiny2 && length > cancelled * most && length < 2 * most)
             return (1 / length) * near.sum;
-        return look_closely(proxy);
+        return direction_closely(proxy);
     }
     /// The same as eq. (1) is written, one point after the other: where it cancels, or where a
     /// point lies so near that its square would underflow.
-    Vec<D> look_closely(const Vec<D>& proxy) noexcept {
+    Vec<D> direction_closely(const Vec<D>& proxy) noexcept {
         Vec<D> sum;
         double weights = 0;
         neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {

@@ -40,16 +40,16 @@ class Rest {
             still_ = std::min(still_ + ticks, tuned::patience);
             if (still_ == tuned::patience) place_ = h;
         }
-        tired_ = still_ == tuned::patience || lifted_ > tuned::deep * band_;
-        return tired_ ? place_ : h;
+        stalled_ = still_ == tuned::patience || lifted_ > tuned::deep * band_;
+        return stalled_ ? place_ : h;
     }
 
     /// Whether each iteration of this tick has to bring the proxy nearer to its goal.
-    bool tired() const noexcept { return tired_; }
+    bool is_stalled() const noexcept { return stalled_; }
 
     /// An iteration has changed |proxy - goal| by `growth`.
-    void went(double growth) noexcept {
-        if (growth > tuned::rest * band_) lifted_ += growth;
+    void count_lift(double growth) noexcept {
+        if (growth > tuned::min_advance * band_) lifted_ += growth;
     }
 
     /// The iterations went to x, to the end or until there were none left: as much as a lift of b.
@@ -67,9 +67,10 @@ class Rest {
     /// it.
     bool undoes(const Vec<D>& start, const Vec<D>& x, const Vec<D>& h,
                 int iterations) const noexcept {
-        if (!tired_) return false;
+        if (!stalled_) return false;
         const double gain = norm(place_ - start) - norm(place_ - x);
-        return !(gain > iterations * tuned::rest * band_ && norm(h - x) <= norm(h - start) + band_);
+        return !(gain > iterations * tuned::min_advance * band_ &&
+                 norm(h - x) <= norm(h - start) + band_);
     }
 
   private:
@@ -79,7 +80,7 @@ class Rest {
     }
 
     double band_;
-    bool held_ = false, tired_ = false;
+    bool held_ = false, stalled_ = false;
     Vec<D> place_;       // of the HIP, where the lifts are counted
     double lifted_ = 0;  // by which they took the proxy away from its goal
     double least_ = 0;   // |proxy - place_| from where they are counted

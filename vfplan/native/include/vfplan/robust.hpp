@@ -32,9 +32,9 @@ class RobustRule {
           R_(p.R()),
           safe2_((R_ - p.band + of.lent) * (R_ - p.band + of.lent)),
           grain_(std::sqrt(p.band / R_)),
-          soft_{R_, R_ - (p.band - of.lent) * (1 - tuned::margin),
-                std::min(tuned::linked * grain_, tuned::most_linked / 2)},
-          hard_{R_, R_ - (p.band - of.lent) * (1 - tuned::margin), 0},
+          graze_{R_, R_ - (p.band - of.lent) * (1 - tuned::margin),
+                 std::min(tuned::linked * grain_, tuned::most_linked / 2)},
+          full_{R_, R_ - (p.band - of.lent) * (1 - tuned::margin), 0},
           surfaces_(kernels, R_, p.band),
           neighbours_(of.cloud, reach(), 0.75 * tuned::brief * R_, 2 * tuned::brief * R_, kernels),
           travel_(kernels, R_),
@@ -84,19 +84,16 @@ class RobustRule {
         now_.most = distance + p_.band * (1 - tuned::margin);
         now_.far = false;
         travel_.begin();
-        if (set_free(proxy, hip, distance)) {
-            handover_.pass(proxy);
+        if (try_straight_path(proxy, hip, distance)) {
             rest_.wake();
         } else {
             const int ticks = handover_.planning() ? tuned::patience : 1;  // a way takes as many
             const Vec<D>& goal = rest_.goal(hip, distance, ticks);
             now_.blocked = false;
             tick.status = limit;
-            handover_.pass(proxy);  // it may have gone to the first point on the way
             int i = 0;
             for (; i < p_.max_iterations && tick.status == limit && !now_.far; ++i) {
                 if (!advance(proxy, goal) && !now_.far) tick.status = ok;
-                handover_.pass(proxy);
                 if (handover_.full()) break;
             }
             rest_.ends(proxy, tick.status == ok);
@@ -154,12 +151,11 @@ class RobustRule {
         return std::max((1.01 + tuned::brief) * R_, surfaces_.reach());  // 1 %: roundings
     }
 
-    /// Makes sure that the proxy is outside, as the guarantee needs; false while it is on its way
-    /// out.
+    /// Sees that the proxy is outside, as the guarantee needs; false while it is on its way out.
     bool enter(Vec<D>& proxy, const Vec<D>& hip, Tick<D>& tick) noexcept {
         if (!escape_.active()) {
-            if (nearest2(proxy, surfaces_.shell()) >= safe2_)
-                return escape_.stop(), now_.held = true;
+            now_.held = nearest2(proxy, surfaces_.shell()) >= safe2_;
+            if (now_.held) return escape_.stop(), true;
             now_.anchor = proxy;
             escape_.begin(neighbours_, now_.stays ? proxy : hip);
             handover_.stop();
@@ -177,10 +173,10 @@ class RobustRule {
     }
 
     /// Where nothing lies on the straight way, the proxy goes with the HIP, whatever it touches.
-    bool set_free(Vec<D>& x, const Vec<D>& hip, double distance) noexcept {
+    bool try_straight_path(Vec<D>& x, const Vec<D>& hip, double distance) noexcept {
         if (!(distance > 0)) return true;
         const Vec<D> u = hip - x;
-        look(x);
+        update_contacts(x);
         for (int j = 0; j < count(); ++j)
             if (surfaces_.contact(j).r <= R_ && dot(surfaces_.contact(j).nearest, u) < 0)
                 return false;
@@ -189,9 +185,15 @@ class RobustRule {
     /// To the HIP, or, where nothing touches, up to what is met; true where it is there.
     bool straight(Vec<D>& x, const Vec<D>& hip, double distance) noexcept {
         const Vec<D> u = hip - x;
-        const double s = travel_(neighbours_, x, (1 / distance) * u, distance, hard_, now_.far);
-        x = s >= distance ? hip : count() == 0 ? x + (s / distance) * u : x;
-        return s >= distance;
+        const double s = travel_(neighbours_, x, (1 / distance) * u, distance, full_, now_.far);
+        if (s >= distance) return go(x, hip);
+        if (count() == 0) go(x, x + (s / distance) * u);
+        return false;
+    }
+    bool go(Vec<D>& x, const Vec<D>& to) noexcept {
+        x = to;
+        handover_.pass(x);
+        return true;
     }
 
     /// One iteration; false when the proxy has come to rest.
@@ -199,75 +201,73 @@ class RobustRule {
         const Vec<D> u = hip - x;
         const double distance = norm(u);
         if (!(distance > 0)) return false;
-        look(x);
+        update_contacts(x);
         if (count() == 0) return !straight(x, hip, distance);
-        // |proxy - HIP| never grows by more than the band in a tick: a lift has to wait.
-        // What is known of the surfaces at x is left as it is, for the ticks that follow.
-        Wall<D> low = walls()[0];
+        // |proxy - HIP| never grows by more than the band in a tick: a lift has to wait its turn.
+        Wall<D> wall = walls()[0];
         const double margin = tuned::margin * p_.band;
-        const double most = rest_.tired() ? distance - margin : now_.most;
-        low.t = std::min(low.t, most + dot(low.n, u));
+        const double most = rest_.is_stalled() ? distance - margin : now_.most;
+        wall.lift = std::min(wall.lift, most + dot(wall.n, u));
         // Blocked below R, as in a hollow, where the way ahead rises: up first, on in the next.
-        const bool lift = std::exchange(now_.blocked, false) && count() == 1 && low.t > rest();
-        const Vec<D> v = lift           ? low.t * low.n
-                         : count() == 1 ? surfaces_.slide(u, low, slack())
+        const bool below = count() == 1 && wall.lift > min_advance();
+        const bool lifting = std::exchange(now_.blocked, false) && below;
+        const bool lifts_next = below && !lifting;
+        const Vec<D> v = lifting        ? wall.lift * wall.n
+                         : count() == 1 ? surfaces_.slide(u, wall, slack())
                                         : surfaces_.step(u, slack());
         const double length = norm(v);
-        if (!(length > rest())) return count() > 1 && squeeze(x, hip);
-        const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, now_.far);
+        if (!(length > min_advance())) return count() > 1 && step_between_points(x, hip);
+        const double s = travel_(neighbours_, x, (1 / length) * v, length, graze_, now_.far);
         const Vec<D> y = s < length ? x + (s / length) * v : v == u ? hip : x + v;
-        const bool stuck = s < std::min(length, rest());
-        if (stuck && count() > 1 && rise(x, hip, v)) return true;
-        // Where two walls hold it: descend or stay. Their sampled normals alone would let it
-        // wander.
+        const bool stuck = s < std::min(length, min_advance());
+        if (stuck && count() > 1 && lift_then_step(x, hip, v)) return true;
+        // Between two walls: descend or stay, for their sampled normals would let it wander.
         const double left = norm(hip - y);
-        if (!(left < (count() > 1 ? distance : most + margin))) return squeeze(x, hip);
-        if (stuck && !(!lift && count() == 1 && low.t > rest())) return squeeze(x, hip);
-        x = y;
-        rest_.went(left - distance);
-        now_.blocked = !lift && s < length && count() == 1 && low.t > rest();
+        const double allowed = count() > 1 ? distance : most + margin;
+        if (!(left < allowed) || (stuck && !lifts_next)) return step_between_points(x, hip);
+        go(x, y);
+        rest_.count_lift(left - distance);
+        now_.blocked = lifts_next && s < length;
         return !(x == hip);
     }
 
     /// One iteration between several walls where the step v is stopped at once by the points that
     /// the proxy has sunk among: first up to R above all walls, then on as v asks. False, and
     /// nothing done, unless both bring it nearer. For test_coarse_channel_is_followed_at_speed.
-    bool rise(Vec<D>& x, const Vec<D>& hip, const Vec<D>& v) noexcept {
+    bool lift_then_step(Vec<D>& x, const Vec<D>& hip, const Vec<D>& v) noexcept {
         const Vec<D> up = project(Vec<D>{}, walls(), count(), slack()), on = v - up;
-        if (!(norm(up) > rest() && norm(on) > rest())) return false;
+        if (!(norm(up) > min_advance() && norm(on) > min_advance())) return false;
         const Vec<D> top = moved(x, up), y = moved(top, on);
         if (!(norm(hip - y) < norm(hip - x))) return false;
-        handover_.pass(top);
-        x = y;
-        return true;
+        go(x, top);
+        return go(x, y);
     }
     /// x after the step v, or after as much of it as is free.
     Vec<D> moved(const Vec<D>& x, const Vec<D>& v) noexcept {
         const double length = norm(v);
-        const double s = travel_(neighbours_, x, (1 / length) * v, length, soft_, now_.far);
+        const double s = travel_(neighbours_, x, (1 / length) * v, length, graze_, now_.far);
         return s < length ? x + (s / length) * v : x + v;
     }
 
     /// One iteration past the points that touch, where the fitted surfaces leave no way; false at
     /// rest among them. Never away from the HIP. For test_where_it_rests_there_is_no_way_on.
-    bool squeeze(Vec<D>& x, const Vec<D>& hip) noexcept {
+    bool step_between_points(Vec<D>& x, const Vec<D>& hip) noexcept {
         const Vec<D> u = hip - x;
-        const Vec<D> v = touched_(neighbours_, x, u, R_ + rest(), slack());
+        const Vec<D> v = touched_(neighbours_, x, u, R_ + min_advance(), slack());
         // A way as flat as the slopes between samples gains nothing: the proxy would wander on it.
-        if (!(norm(v) > std::max(rest(), grain_ * norm(u)))) return false;
+        if (!(norm(v) > std::max(min_advance(), grain_ * norm(u)))) return false;
         const Vec<D> y = moved(x, v);
         // Between several walls a gain of the band may be no more than sinking through it.
         const double least = count() > 1 ? tuned::deep * p_.band : 0;
-        if (!(norm(y - x) > rest() && norm(hip - y) < norm(u) - least)) return false;
-        x = y;
-        return true;
+        if (!(norm(y - x) > min_advance() && norm(hip - y) < norm(u) - least)) return false;
+        return go(x, y);
     }
-    double rest() const noexcept { return tuned::rest * p_.band; }
+    double min_advance() const noexcept { return tuned::min_advance * p_.band; }
     double slack() const noexcept { return tuned::slack * p_.band; }
 
     int count() const noexcept { return surfaces_.count(); }
     const Wall<D>* walls() const noexcept { return surfaces_.walls(); }
-    void look(const Vec<D>& x) noexcept { surfaces_.look(neighbours_, x); }
+    void update_contacts(const Vec<D>& x) noexcept { surfaces_.update(neighbours_, x); }
 
     double nearest2(const Vec<D>& x, double reach) noexcept {
         return vfplan::nearest2(neighbours_, kernels_, x, reach);
@@ -276,8 +276,8 @@ class RobustRule {
         const double touching = R_ + p_.band, near = p_.outer_radius + p_.point_radius;
         if (near2 <= touching * touching || (surfaces_.known_at(x) && count() > 0)) {
             tick.state = State::in_contact;
-            look(x);
-            tick.normal = surfaces_.normal(hip - x, rest(), slack());
+            update_contacts(x);
+            tick.normal = surfaces_.normal(hip - x, min_advance(), slack());
         } else if (near2 < near * near || nearest2(x, near) < near * near) {
             tick.state = State::free_motion;
         }
@@ -286,7 +286,7 @@ class RobustRule {
     Parameters p_;
     Kernels<D> kernels_;
     double R_, safe2_, grain_;  // grain_: g of tuned.hpp
-    Obstacles soft_, hard_;
+    Obstacles graze_, full_;
     Surfaces<D, Search> surfaces_;
     Search neighbours_;
     Travel<D, Search> travel_;

@@ -40,17 +40,17 @@ class Surfaces {
     /// The step that keeps to the one surface that touches: over its plane, to beside the place of
     /// its circle of curvature that is nearest to the HIP at u. On a bulge at most twice as far as
     /// to below the HIP, for a HIP behind the circle's centre is nearer to no place than to the
-    /// others. `low`: its wall.
-    Vec<D> slide(const Vec<D>& u, const Wall<D>& low, double slack) const noexcept {
-        const double deep = -dot(u, low.n);
-        if (!(deep + low.t > slack)) return u;
-        const Vec<D> on = u + deep * low.n;
+    /// others. `wall`: its own.
+    Vec<D> slide(const Vec<D>& u, const Wall<D>& wall, double slack) const noexcept {
+        const double deep = -dot(u, wall.n);
+        if (!(deep + wall.lift > slack)) return u;
+        const Vec<D> on = u + deep * wall.n;
         const double across = norm(on);
-        if (!(across > 0)) return low.t * low.n;
+        if (!(across > 0)) return wall.lift * wall.n;
         const double bends = bend((1 / across) * on), near = 1 - bends * deep;
         const double aside = bends * across;  // no hypot, whose last bit differs among libraries
         const double far = near > 0 ? std::sqrt(near * near + aside * aside) : 0;
-        return low.t * low.n + (1 / std::max(far, 0.5)) * on;
+        return wall.lift * wall.n + (1 / std::max(far, 0.5)) * on;
     }
     /// The step nearest to u that keeps to all of them. Where none of these brings the proxy nearer
     /// to the HIP, and two face each other less than 2 R apart: one along the middle between them.
@@ -60,9 +60,9 @@ class Surfaces {
         for (int i = 0; i < count_; ++i)
             for (int j = 0; j < i; ++j) {
                 const Wall<D>&a = wall_[i], &b = wall_[j];
-                if (!(norm(a.n + b.n) <= 2 * lean_ && a.t + b.t > 0)) continue;
+                if (!(norm(a.n + b.n) <= 2 * lean_ && a.lift + b.lift > 0)) continue;
                 const Vec<D> across = along(a.n - b.n, 1);
-                const double middle = (a.t - b.t) / 2;
+                const double middle = (a.lift - b.lift) / 2;
                 Wall<D> between[Contacts<D>::most];
                 std::copy(wall_, wall_ + count_, between);
                 between[i] = {across, middle};
@@ -82,7 +82,7 @@ class Surfaces {
     }
 
     /// The surfaces that touch the proxy at x.
-    void look(Search& search, const Vec<D>& x) noexcept {
+    void update(Search& search, const Vec<D>& x) noexcept {
         if (known_at(x)) return;
         known_ = true;
         looked_at_ = x;
@@ -148,7 +148,7 @@ class Surfaces {
         const bool fits = whole > 0 && w.n == f.n;  // else no surface is known that could bend
         for (std::size_t k = 0; k < std::size(bend_); ++k)
             bend_[k] = fits ? whole * f.bend[k] / window_ : 0;
-        w.t = std::clamp(R_ - c.r * dot(c.nearest, w.n), -deep_, deep_);
+        w.lift = std::clamp(R_ - c.r * dot(c.nearest, w.n), -deep_, deep_);
         return w;
     }
 

@@ -42,10 +42,10 @@ inline constexpr double most_linked = 0.9;
 inline constexpr double brief = 0.2;
 
 /// Of the band: a step below it is none; rest is held to it.
-inline constexpr double rest = 1e-2;
+inline constexpr double min_advance = 1e-2;
 /// Of the band: margin of a sweep before R - band, and of a tick before it lets |proxy - HIP| grow;
 /// and how far from where patience began a HIP counts as not moved. Two such ways change what a
-/// step gains by four times as much at most, less than `rest`: no step gains by noise.
+/// step gains by four times as much at most, less than `min_advance`: no step gains by noise.
 inline constexpr double margin = 1e-3;
 /// Of the band: by how much a step may miss a wall through rounding.
 inline constexpr double slack = 1e-6;
