@@ -11,8 +11,7 @@ from scipy.spatial import cKDTree
 from vfplan.bundle import read_fixture, write_fixture
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
-from vfplan.planning import ExtractSettings, FixtureSettings, plan
-from vfplan.planning.registering import register
+from vfplan.planning import ExtractSettings, FixtureSettings, plan, register
 from vfplan.replaying.engines import make_engine
 
 R = 5e-3

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from vfplan.engine.parameters import FINEST_BAND, MAX_ITERATIONS
 from vfplan.engine.tolerance import BAND_SHARE, Choice, choose
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Rendering
-from vfplan.planning.carrying import Carried
+from vfplan.planning.carrying import Carried, carry, pieces_of, require_small
 from vfplan.planning.settings import FixtureSettings
 
 if TYPE_CHECKING:
@@ -27,7 +27,90 @@ SETTINGS = 3  # that only points need
 MAX_IGNORED_TILT_DEG = 45.0
 
 
-def choice_of(curve: Fixture, settings: FixtureSettings) -> Choice | None:
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """The fixture's points, how they are rendered, and what is left out for that."""
+
+    carried: Carried
+    rendering: Rendering
+    choice: Choice | None  # from the tolerance; `None` where it left none
+    left_out: dict[str, int]  # counted: points, coordinates, groups of contacts, iterations
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """What `register --json` reports of the fixture's points."""
+        carried = self.carried
+        report: dict[str, Any] = {
+            "points": len(carried.points),
+            "spacing_m": carried.spacing_m,
+            "left_out": self.left_out,
+        }
+        pieces = carried.curve and carried.curve.pieces
+        if pieces:
+            report["pieces"] = {"lines_and_arcs": pieces.count, "error_m": pieces.error}
+        else:
+            report["left_out_costs"] = _costs(self)
+        if self.choice is not None:
+            report["chosen"] = _describe_choice(self.choice, carried)
+        if carried.sampling_error_m is not None:
+            report["sampling_error_m"] = carried.sampling_error_m
+        if carried.tight_bends:
+            report["tight_bends"] = [asdict(bend) for bend in carried.tight_bends]
+        return report
+
+    @property
+    def settings(self) -> dict[str, float | int]:
+        """The same for a bundle's provenance, flat."""
+        flat: dict[str, float | int] = {f"left_out_{name}": n for name, n in self.left_out.items()}
+        if self.choice is not None:
+            flat |= {
+                "chosen_tolerance_m": self.choice.kept_m,
+                "chosen_spacing_m": self.choice.spacing_m,
+                "chosen_band_m": self.choice.band_m,
+                "chosen_max_iterations": self.choice.max_iterations,
+                "chosen_lag_m": self.choice.lag_m,
+            }
+        return flat
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """That less than the tolerance asked for was used."""
+        choice = self.choice
+        if choice is None or choice.kept_m == choice.tolerance_m:
+            return ()
+        return (
+            f"the tolerance of {choice.tolerance_m * 1e3:g} mm is more than r_c + r_v allow: "
+            f"{choice.kept_m * 1e3:.4g} mm was used, beyond which the points are bumps",
+        )
+
+
+def render(
+    curve: Fixture,
+    registration: Registration,
+    settings: FixtureSettings,
+    slice_axes: NDArray[np.float64] | None,
+    margin_m: float,
+) -> Rendered:
+    """Choose from the tolerance, carry the curve over, and lay lines and arcs along it.
+
+    slice_axes: (3, 2) of a slice's pixels in the patient; `None` for any other curve
+    margin_m: what was added to the curve for safety
+    """
+    choice = _choice_of(curve, settings)
+    carried = carry(curve, registration, settings, choice and choice.sampling_tolerance_m)
+    rendering = _rendering_of(
+        carried.points, settings, registration, choice, curve.mesh, slice_axes
+    )
+    pieces = pieces_of(curve, registration, rendering.ignore_axis, settings)
+    if pieces:
+        require_small(pieces, margin_m, settings)
+        # The choice is that of the points alone.
+        carried, choice = replace(carried, curve=replace(carried.curve, pieces=pieces)), None
+    left_out = _left_out(rendering, carried, len(curve.points), choice)
+    return Rendered(carried, rendering, choice, left_out)
+
+
+def _choice_of(curve: Fixture, settings: FixtureSettings) -> Choice | None:
     """What the tolerance asks for; `None` where a density or a bare cloud leaves no choice.
 
     Raises `SettingError` for a tolerance whose band would be finer than the engine takes.
@@ -46,40 +129,7 @@ def choice_of(curve: Fixture, settings: FixtureSettings) -> Choice | None:
     return choose(settings.tolerance_m, radius, planar=planar)
 
 
-def capped(choice: Choice | None) -> tuple[str, ...]:
-    """A warning where less than the tolerance asked for was used."""
-    if choice is None or choice.kept_m == choice.tolerance_m:
-        return ()
-    return (
-        f"the tolerance of {choice.tolerance_m * 1e3:g} mm is more than r_c + r_v allow: "
-        f"{choice.kept_m * 1e3:.4g} mm was used, beyond which the points are bumps",
-    )
-
-
-def describe_carried(
-    carried: Carried, rendering: Rendering, choice: Choice | None, counts: dict[str, int]
-) -> dict[str, Any]:
-    """What `register --json` reports of the fixture's points."""
-    report: dict[str, Any] = {
-        "points": len(carried.points),
-        "spacing_m": carried.spacing_m,
-        "left_out": counts,
-    }
-    pieces = carried.curve and carried.curve.pieces
-    if pieces:
-        report["pieces"] = {"lines_and_arcs": pieces.count, "error_m": pieces.error}
-    else:
-        report["left_out_costs"] = costs(counts, rendering, carried, choice)
-    if choice is not None:
-        report["chosen"] = describe_choice(choice, carried)
-    if carried.sampling_error_m is not None:
-        report["sampling_error_m"] = carried.sampling_error_m
-    if carried.tight_bends:
-        report["tight_bends"] = [asdict(bend) for bend in carried.tight_bends]
-    return report
-
-
-def describe_choice(choice: Choice, carried: Carried) -> dict[str, Any]:
+def _describe_choice(choice: Choice, carried: Carried) -> dict[str, Any]:
     """The settings taken, and the share of the error that each may cause [m]."""
     lag = choice.lag_m
     return {
@@ -97,7 +147,7 @@ def describe_choice(choice: Choice, carried: Carried) -> dict[str, Any]:
     }
 
 
-def left_out(
+def _left_out(
     rendering: Rendering, carried: Carried, drawn: int, choice: Choice | None
 ) -> dict[str, int]:
     """What this scene does without, counted: points, coordinates, groups of contacts, iterations.
@@ -122,10 +172,9 @@ def left_out(
     return counts
 
 
-def costs(
-    counts: dict[str, int], rendering: Rendering, carried: Carried, choice: Choice | None
-) -> list[dict[str, Any]]:
+def _costs(rendered: Rendered) -> list[dict[str, Any]]:
     """For each thing left out: the error it costs [m] and the operations a tick it saves."""
+    rendering, carried, counts = rendered.rendering, rendered.carried, rendered.left_out
     near = _neighbours(rendering, carried)
     per_point = OPERATIONS[2 if rendering.ignore_axis is not None else 3]
     share = counts["points"] / len(carried.points)
@@ -143,13 +192,13 @@ def costs(
             {"left_out": "coordinates", "count": 1, "error_m": 0.0, "operations_per_tick": saved},
             {"left_out": "groups", "count": 1, "error_m": 0.0},
         ]
-    if choice is not None and counts.get("iterations"):
+    if rendered.choice is not None and counts.get("iterations"):
         worst = round(counts["iterations"] * near * per_point)
         rows.append(
             {
                 "left_out": "iterations",
                 "count": counts["iterations"],
-                "error_m": choice.lag_m,
+                "error_m": rendered.choice.lag_m,
                 "operations_per_worst_tick": worst,
             }
         )
@@ -165,21 +214,7 @@ def _neighbours(rendering: Rendering, carried: Carried) -> float:
     return min(count, 2 * half / carried.spacing_m + 1) if carried.spacing_m else count
 
 
-def as_settings(choice: Choice | None, counts: dict[str, int]) -> dict[str, float | int]:
-    """The same for a bundle's provenance, flat."""
-    flat: dict[str, float | int] = {f"left_out_{name}": n for name, n in counts.items()}
-    if choice is not None:
-        flat |= {
-            "chosen_tolerance_m": choice.kept_m,
-            "chosen_spacing_m": choice.spacing_m,
-            "chosen_band_m": choice.band_m,
-            "chosen_max_iterations": choice.max_iterations,
-            "chosen_lag_m": choice.lag_m,
-        }
-    return flat
-
-
-def rendering_of(
+def _rendering_of(
     points: NDArray,
     settings: FixtureSettings,
     registration: Registration,
