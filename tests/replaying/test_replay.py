@@ -15,7 +15,7 @@ import vfplan
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.replaying import replay
-from vfplan.replaying.clearance import Clearance, MeshClearance
+from vfplan.replaying.clearance import MeshClearance, PointClearance
 from vfplan.session import Session, read_result, write_result
 from vfplan.study.bench.mesh import nearest_on
 
@@ -166,12 +166,11 @@ def test_result_file_holds_what_was_replayed(pressed, tmp_path):
 def test_clearance_is_the_least_distance(axis, far):
     rng = np.random.default_rng(7)
     points = rng.uniform(0, 0.05, (800, 3)) * [1, 1, 0.1]
-    fixture = fixture_of(points, axis=axis, curve=False)
     for trial in range(20):
         path = rng.normal(0, 1e-3, (300, 3)).cumsum(axis=0)
         path += [0, 0, 0.02]
         path += [0.2, 0.3, 0.1] if far else [0.02, 0.02, 0]
-        clearance = Clearance(fixture)
+        clearance = PointClearance(points, 5e-3, axis and np.array(axis))
         for start in range(0, 300, 100):
             clearance.update(path[start : start + 100])
         keep = slice(None) if axis is None else slice(2)

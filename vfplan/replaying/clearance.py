@@ -10,61 +10,67 @@ from numpy.typing import NDArray
 from vfplan.curve.arcs import plane, strokes_of
 from vfplan.engine.parameters import Rule
 from vfplan.engine.renderable import exact_of
-from vfplan.fixture import Fixture
+from vfplan.fixture import Fixture, Pieces
 from vfplan.registration.nearest import on_triangles
-from vfplan.replaying.quantities import flattened
+from vfplan.replaying.quantities import flattened, row_norms
 
 Array = NDArray[np.float64]
 _PAIRS = 2_000_000  # distances held at a time
-_STRIDE = 64  # far ticks looked at together
+_STRIDE = 64  # ticks held against a mesh together
+_ACROSS = 64  # cells along a cloud, at most
 
 
-def clearance_of(fixture: Fixture, rule: Rule) -> Clearance | CurveClearance | MeshClearance | None:
+def clearance_of(fixture: Fixture, rule: Rule) -> Clearance | None:
     """To what the rule renders: the curve, the triangles, the points; `None` where all guides."""
-    kind = exact_of(fixture) if rule == "exact" else None
+    kind, radius = exact_of(fixture) if rule == "exact" else None, fixture.contact_radius
+    radius += fixture.point_radius
     if kind == "curve":
-        return CurveClearance(fixture.region)
+        return CurveClearance(fixture.region.pieces, radius, fixture.ignore_axis)
     if kind == "mesh":
-        radius = fixture.contact_radius + fixture.point_radius
         return MeshClearance(fixture.points, fixture.mesh, radius)
-    return Clearance(fixture) if len(fixture.forbidden) else None
+    points = fixture.forbidden
+    return PointClearance(points, radius, fixture.ignore_axis) if len(points) else None
 
 
-class CurveClearance:
-    """Keep the minimum of the distance to lines and arcs, less R [m].
+class Clearance:
+    """Keep the minimum over all ticks of the distance to something, less `radius`, R [m]."""
 
-    fixture: its pieces, radii and ignored axis
-    """
-
-    def __init__(self, fixture: Fixture) -> None:
-        self._radius = fixture.contact_radius + fixture.point_radius
-        self._frame = plane(fixture.ignore_axis)
-        self._strokes = strokes_of(fixture.pieces, self._frame)
-        self._nearest = np.inf
+    def __init__(self, radius: float) -> None:
+        self._radius, self._nearest = radius, np.inf
 
     @property
     def minimum_m(self) -> float:
-        """The least clearance so far [m]."""
+        """The least clearance so far [m]; below 0 the proxy's ball overlaps the fixture."""
         return float(self._nearest - self._radius)
 
     def update(self, proxy: Array) -> None:
         """Take in the proxies of a block, (n, 3) [m]."""
+        raise NotImplementedError
+
+
+class CurveClearance(Clearance):
+    """To lines and arcs, across an ignored axis."""
+
+    def __init__(self, pieces: Pieces, radius: float, axis: Array) -> None:
+        super().__init__(radius)
+        self._frame = plane(axis)
+        self._strokes = strokes_of(pieces, self._frame)
+
+    def update(self, proxy: Array) -> None:
+        """As `Clearance` has it."""
         flat = proxy @ self._frame.T
         for stroke in self._strokes:
             self._nearest = min(self._nearest, float(stroke.distance(flat).min()))
 
 
-class MeshClearance:
-    """Keep the minimum of the distance to triangles, less R [m].
-
-    points, triangles: (N, 3) corners [m], and (K, 3) rows of them
-    radius: R [m]
-    """
+class MeshClearance(Clearance):
+    """To triangles (K, 3), rows of corners (N, 3) [m]."""
 
     def __init__(self, points: Array, triangles: NDArray[np.int32], radius: float) -> None:
         from scipy.spatial import cKDTree
 
-        self._radius, corners = radius, points[triangles]
+        super().__init__(radius)
+        corners = points[triangles]
         self._corners, self._middle = corners, corners.mean(axis=1)
         self._size = np.linalg.norm(corners - self._middle[:, None], axis=2).max(axis=1)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -73,15 +79,9 @@ class MeshClearance:
         kind = np.frexp(self._size)[1]
         self._rows = [np.flatnonzero(kind == k) for k in np.unique(kind)]
         self._trees = [cKDTree(self._middle[rows]) for rows in self._rows]
-        self._nearest = np.inf
-
-    @property
-    def minimum_m(self) -> float:
-        """The least clearance so far [m]."""
-        return float(self._nearest - self._radius)
 
     def update(self, proxy: Array) -> None:
-        """Take in the proxies of a block, (n, 3) [m]."""
+        """As `Clearance` has it."""
         for start in range(0, len(proxy), _STRIDE):
             places = proxy[start : start + _STRIDE]
             away = [tree.query(places)[0] for tree in self._trees]
@@ -104,97 +104,48 @@ class MeshClearance:
         self._nearest = float(np.linalg.norm(found, axis=1).min(initial=self._nearest))
 
 
-class Clearance:
-    """Keep the minimum of |p_i - proxy| - R over all points and ticks [m].
+class PointClearance(Clearance):
+    """To points (N, 3) [m], across an ignored axis where there is one.
 
-    Points lie in cells a little wider than R, sorted by cell; a block's ticks are grouped by cell,
-    and each group is compared with its own and the neighbouring cells. A tick with nothing there is
-    farther than one cell from the cloud; it is measured in full only while no nearer tick is known.
-
-    fixture: its forbidden points, radii and ignored axis
+    The points lie in cells, the ticks in groups within one cell's length of their first: a group is
+    compared with the cells in which its nearest point can be, if that can be the nearest of all.
     """
 
-    def __init__(self, fixture: Fixture) -> None:
-        self._radius = fixture.contact_radius + fixture.point_radius
-        self._axis = fixture.ignore_axis
-        # A little wider than R: a proxy in contact then is near, and far ticks need no look.
-        self._cell = 1.1 * self._radius
-        points = flattened(fixture.forbidden, self._axis)
-        self._corner = points.min(axis=0)
-        self._shape = ((points.max(axis=0) - self._corner) // self._cell).astype(np.int64) + 1
-        keys = self._keys(self._cells(points))
-        order = np.argsort(keys, kind="stable")
-        self._points = points[order]
-        self._sorted = keys[order]
-        self._starts = np.append(np.flatnonzero(np.diff(self._sorted, prepend=-1)), len(points))
-        occupied = self._cells(self._points[self._starts[:-1]])
-        self._centres = self._corner + (occupied + 0.5) * self._cell
-        self._half = 0.5 * np.sqrt(3.0) * self._cell
-        self._nearest = np.inf
-
-    @property
-    def minimum_m(self) -> float:
-        """The least clearance so far [m]; below 0 the proxy's ball overlaps a point's."""
-        return float(self._nearest - self._radius)
+    def __init__(self, points: Array, radius: float, axis: Array | None) -> None:
+        super().__init__(radius)
+        self._axis = axis
+        points = flattened(points, axis)
+        self._low, self._high = points.min(axis=0), points.max(axis=0)
+        self._cell = max(radius / 2, float((self._high - self._low).max()) / _ACROSS)
+        cells = (points - self._low) // self._cell
+        order = np.lexsort(cells.T)
+        self._points, cells = points[order], cells[order]
+        first = np.flatnonzero((np.diff(cells, axis=0, prepend=-1) != 0).any(axis=1))
+        self._spans = np.append(first, len(points))
+        self._centres = self._low + (cells[first] + 0.5) * self._cell
 
     def update(self, proxy: Array) -> None:
-        """Take in the proxies of a block, (n, 3) [m]."""
+        """As `Clearance` has it."""
         places = flattened(proxy, self._axis)
-        cells = self._cells(places)
-        near = ((cells >= -1) & (cells <= self._shape)).all(axis=1)
-        if near.any():
-            self._update_near(places[near], cells[near])
-        if self._nearest > self._cell:
-            self._update_far(places)
+        beyond = row_norms(places - np.clip(places, self._low, self._high))
+        self._look(places[[beyond.argmin()]])
+        places = places[beyond < self._nearest]
+        way = np.cumsum(row_norms(np.diff(places, axis=0, prepend=places[:1])))
+        for group in np.split(places, np.flatnonzero(np.diff(way // self._cell)) + 1):
+            self._look(group)
 
-    def _update_near(self, places: Array, cells: NDArray[np.int64]) -> None:
-        # Clipping keeps the outermost ring of cells outside the cloud apart from its own.
-        _, group = np.unique(self._keys(cells + 1, pad=2), return_inverse=True)
-        order = np.argsort(group, kind="stable")
-        cuts = np.flatnonzero(np.diff(group[order])) + 1
-        for members in np.split(order, cuts):
-            candidates = self._around(cells[members[0]])
-            if len(candidates):
-                self._take(places[members], candidates)
-
-    def _around(self, cell: NDArray[np.int64]) -> Array:
-        low = np.maximum(cell - 1, 0)
-        high = np.minimum(cell + 1, self._shape - 1)
-        x, y = (np.arange(low[i], high[i] + 1) for i in range(2))
-        _, ny, nz = self._shape
-        rows = ((x[:, None] * ny + y) * nz).ravel()  # cells along z lie side by side
-        first = np.searchsorted(self._sorted, rows + low[2], "left")
-        last = np.searchsorted(self._sorted, rows + high[2], "right")
-        spans = [self._points[a:b] for a, b in zip(first, last, strict=True) if b > a]
-        return np.concatenate(spans) if spans else np.empty((0, 3))
-
-    def _take(self, places: Array, candidates: Array) -> None:
+    def _look(self, places: Array) -> None:
+        if not len(places):
+            return
+        off = self._cell + np.sqrt(0.75) * self._cell  # of a tick and of a point, from where it is
+        away = row_norms(self._centres - places[0])
+        near = np.flatnonzero((away - off < self._nearest) & (away - 2 * off <= away.min()))
+        if not len(near):
+            return
+        spans = [self._points[self._spans[k] : self._spans[k + 1]] for k in near]
+        candidates = np.concatenate(spans)
         rows = max(1, _PAIRS // len(candidates))
         for start in range(0, len(places), rows):
-            part = places[start : start + rows]
-            squares = np.zeros((len(part), len(candidates)))
-            for i in range(3):
-                squares += (part[:, i, None] - candidates[None, :, i]) ** 2
+            part = places[start : start + rows, None]
+            squares = sum((part[..., i] - candidates[:, i]) ** 2 for i in range(3))
             self._nearest = min(self._nearest, float(np.sqrt(squares.min())))
-
-    def _update_far(self, places: Array) -> None:
-        # A cell's points are within half its diagonal of its centre, and no distance changes by
-        # more than the proxy moves: most cells, and mostly all of them, need no look.
-        for start in range(0, len(places), _STRIDE):
-            part = places[start : start + _STRIDE]
-            reach = np.linalg.norm(part - part[0], axis=1).max()
-            away = np.linalg.norm(self._centres - part[0], axis=1)
-            if away.min() - self._half - reach >= self._nearest:
-                continue
-            chosen = np.flatnonzero(away - 2 * (self._half + reach) <= away.min())
-            spans = [self._points[self._starts[c] : self._starts[c + 1]] for c in chosen]
-            self._take(part, np.concatenate(spans))
-
-    def _cells(self, places: Array) -> NDArray[np.int64]:
-        # Clipped so that a HIP kilometres away stays an integer; such cells are never near.
-        scaled = np.floor((places - self._corner) / self._cell)
-        return np.clip(scaled, -2, self._shape + 1).astype(np.int64)
-
-    def _keys(self, cells: NDArray[np.int64], pad: int = 0) -> NDArray[np.int64]:
-        _, ny, nz = self._shape + pad
-        return (cells[:, 0] * ny + cells[:, 1]) * nz + cells[:, 2]
