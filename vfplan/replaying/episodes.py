@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.fixture import Fixture
-from vfplan.replaying.quantities import Steps, flattened
+from vfplan.io.disk import jsonable
+from vfplan.replaying.quantities import PEAKS, SUMS, Steps, flattened
 
 Array = NDArray[np.float64]
 
@@ -18,112 +18,40 @@ Array = NDArray[np.float64]
 JOIN_S = 0.01
 # The deepest so many are reported one by one; of the rest, how many there were and what they were.
 MOST = 1000
+# What an episode holds besides what is reported of it.
+HELD = ("press_path", "drag_work", "touch", "leave")
 
 
-@dataclass(eq=False)
-class Episode:
-    """One contact, or the part of it seen so far.
-
-    Sums run over the ticks in contact; `energy_peak_j` is the highest value its running energy
-    reached, 0 at least.
-    """
-
-    start_tick: int
-    end_tick: int
-    start_s: float
-    end_s: float
-    speed_at_touch: float | None
-    touch: Array
-    leave: Array
-    deepest_tick: int
-    deepest_s: float
-    deepest_hip: Array
-    deepest_proxy: Array
-    penetration: float
-    overlap: float
-    force: float
-    force_step: float
-    ticks: int
-    dwell_s: float
-    impulse: Array
-    energy: float
-    energy_peak: float
-    hold: float
-    drag_work: float
-    press_path: float
-    path: float
-    lag: float
-
-    def join(self, later: Episode) -> None:
-        """Take in the next run of the same contact."""
-        if later.penetration > self.penetration:
-            self.penetration = later.penetration
-            self.deepest_tick, self.deepest_s = later.deepest_tick, later.deepest_s
-            self.deepest_hip, self.deepest_proxy = later.deepest_hip, later.deepest_proxy
-        self.end_tick, self.end_s, self.leave = later.end_tick, later.end_s, later.leave
-        self.energy_peak = max(self.energy_peak, self.energy + later.energy_peak)
-        for name in ("overlap", "force", "force_step", "lag"):
-            setattr(self, name, max(getattr(self, name), getattr(later, name)))
-        for name in (
-            "ticks", "dwell_s", "impulse", "energy", "hold", "drag_work", "press_path", "path",
-        ):  # fmt: skip
-            setattr(self, name, getattr(self, name) + getattr(later, name))
-
-    def passive(self, slack_m: float) -> bool:
-        """Whether its energy is what holding each force for a tick explains, to force · slack."""
-        return bool(self.energy <= self.hold + slack_m * self.force)
-
-    def report(self, ruler: CurveRuler | None, slack_m: float) -> dict[str, Any]:
-        """The episode as JSON holds it."""
-        data: dict[str, Any] = {
-            "start_s": self.start_s,
-            "end_s": self.end_s,
-            "start_tick": self.start_tick,
-            "end_tick": self.end_tick,
-            "ticks": self.ticks,
-            "dwell_s": self.dwell_s,
-            "penetration_max_m": self.penetration,
-            "overlap_max_m": self.overlap,
-            "force_max_n": self.force,
-            "force_step_max_n": self.force_step,
-            "impulse_ns": self.impulse.tolist(),
-            "energy_j": self.energy,
-            "energy_peak_j": self.energy_peak,
-            "energy_hold_j": self.hold,
-            "passive": self.passive(slack_m),
-            "slide_m": self.path,
-            "lag_max_m": self.lag,
-        }
-        if self.press_path > 0:
-            data["friction"] = self.drag_work / self.press_path
-        if self.speed_at_touch is not None:
-            data["speed_at_touch_m_s"] = self.speed_at_touch
-        data["deepest"] = {
-            "t_s": self.deepest_s,
-            "tick": self.deepest_tick,
-            "hip_m": self.deepest_hip.tolist(),
-            "proxy_m": self.deepest_proxy.tolist(),
-        }
-        if ruler is not None:
-            places = (self.touch, self.deepest_proxy, self.leave)
-            for name, place in zip(("start", "deepest", "end"), places, strict=True):
-                data[f"{name}_along"] = ruler.locate(place)
-        return data
+def _joined(run: dict[str, Any], later: dict[str, Any]) -> dict[str, Any]:
+    """Two runs of the same contact as one."""
+    deeper = later["penetration_max_m"] > run["penetration_max_m"]
+    peak = max(run["energy_peak_j"], run["energy_j"] + later["energy_peak_j"])
+    return {
+        **run,
+        **{name: later[name] for name in ("end_s", "end_tick", "leave")},
+        **{name: run[name] + later[name] for name in ("ticks", *SUMS)},
+        **{name: max(run[name], later[name]) for name in PEAKS},
+        "energy_peak_j": peak,
+        "deepest": (later if deeper else run)["deepest"],
+    }
 
 
 class Episodes:
     """Collect episodes from `Steps`, block after block: the `MOST` deepest of them.
 
-    slack_m: as of `Episode.passive`
+    An episode, or the part of it seen so far, is held as it is reported, with the proxy's places
+    where it began and ended; sums run over its ticks.
+
+    slack_m: how far the proxy may move out under the peak force of a passive episode
     """
 
-    def __init__(self, slack_m: float, join_s: float = JOIN_S) -> None:
+    def __init__(self, slack_m: float) -> None:
         self._slack_m = slack_m
-        self._join_s = join_s
         self._speed: float | None = None  # of the step that led to the next tick
         self._entry = 0.0  # energy by holding, of that step; 0 within a contact
-        self._last: Episode | None = None
-        self._kept: list[tuple[float, int, Episode]] = []  # a heap: the least deep, latest, first
+        self._last: dict[str, Any] | None = None
+        # A heap: the least deep, latest, first
+        self._kept: list[tuple[float, int, dict[str, Any]]] = []
         self._left_out: dict[str, Any] = {"count": 0, "penetration_max_m": 0.0, "active": 0}
         self.count = 0
 
@@ -132,8 +60,13 @@ class Episodes:
         held = steps.held.astype(np.int8)
         edges = np.diff(held, prepend=0, append=0)
         starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-        for start, end in zip(starts, ends, strict=True):
-            self._add(self._run(steps, int(start), int(end)))
+        for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+            run = self._run(steps, start, end)
+            if self._last is not None and run["start_s"] - self._last["end_s"] <= JOIN_S:
+                self._last = _joined(self._last, run)
+            else:
+                self._close()
+                self._last = run
         self._speed = float(steps.speed[-1])
         self._entry = 0.0 if steps.held[-1] else float(steps.hold_j[-1])
 
@@ -142,24 +75,36 @@ class Episodes:
         self._close()
         kept = sorted(((-late, e) for _, late, e in self._kept), key=lambda pair: pair[0])
         found: dict[str, Any] = {
-            "episodes": [{"index": i, **e.report(ruler, self._slack_m)} for i, e in kept]
+            "episodes": [{"index": i, **self._reported(e, ruler)} for i, e in kept]
         }
         if self._left_out["count"]:
             found["episodes_left_out"] = dict(self._left_out)
         return found
 
-    def _add(self, run: Episode) -> None:
-        if self._last is not None and run.start_s - self._last.end_s <= self._join_s:
-            self._last.join(run)
-            return
-        self._close()
-        self._last = run
+    def _passive(self, run: dict[str, Any]) -> bool:
+        """Whether its energy is what holding each force for a tick explains."""
+        slack = self._slack_m * run["force_max_n"]
+        return bool(run["energy_j"] <= run["energy_hold_j"] + slack)
+
+    def _reported(self, run: dict[str, Any], ruler: CurveRuler | None) -> dict[str, Any]:
+        data = {k: v for k, v in run.items() if k not in HELD and v is not None}
+        data["passive"] = self._passive(run)
+        if run["press_path"] > 0:
+            data["friction"] = run["drag_work"] / run["press_path"]
+        if ruler is not None:
+            places = {
+                "start": run["touch"],
+                "deepest": run["deepest"]["proxy_m"],
+                "end": run["leave"],
+            }
+            data |= {f"{name}_along": ruler.locate(place) for name, place in places.items()}
+        return jsonable(data)
 
     def _close(self) -> None:
         """Put the last episode to the others; it is not joined any more."""
         if self._last is None:
             return
-        entry = self._last.penetration, -self.count, self._last
+        entry = self._last["penetration_max_m"], -self.count, self._last
         self._last = None
         self.count += 1
         if len(self._kept) < MOST:
@@ -168,51 +113,39 @@ class Episodes:
         depth, _, left = heapq.heappushpop(self._kept, entry)
         self._left_out["count"] += 1
         self._left_out["penetration_max_m"] = max(self._left_out["penetration_max_m"], depth)
-        self._left_out["active"] += not left.passive(self._slack_m)
+        self._left_out["active"] += not self._passive(left)
 
-    def _run(self, steps: Steps, start: int, end: int) -> Episode:
+    def _run(self, steps: Steps, start: int, end: int) -> dict[str, Any]:
         part, ticks = slice(start, end), steps.ticks
         deep = start + int(np.argmax(ticks.penetration[part]))
-        running = np.cumsum(steps.work_j[part])
+        sums = {name: values[part].sum(axis=0) for name, values in steps.sums.items()}
         # The step into contact loads the spring, though its force was still 0.
-        entry = float(steps.hold_j[start - 1]) if start else self._entry
-        press, drag, path = (column[part] for column in steps.sliding)
+        sums["energy_hold_j"] += steps.hold_j[start - 1] if start else self._entry
         # Copies: a view would keep its whole block in memory.
-        return Episode(
-            start_tick=steps.first + start,
-            end_tick=steps.first + end - 1,
-            start_s=float(ticks.time[start]),
-            end_s=float(ticks.time[end - 1] + steps.dt[end - 1]),
-            speed_at_touch=float(steps.speed[start - 1]) if start else self._speed,
-            touch=ticks.proxy[start].copy(),
-            leave=ticks.proxy[end - 1].copy(),
-            deepest_tick=steps.first + deep,
-            deepest_s=float(ticks.time[deep]),
-            deepest_hip=ticks.hip[deep].copy(),
-            deepest_proxy=ticks.proxy[deep].copy(),
-            penetration=float(ticks.penetration[deep]),
-            overlap=float(ticks.overlap[part].max()),
-            force=float(steps.force_n[part].max()),
-            force_step=float(steps.force_step_n[part].max()),
-            ticks=end - start,
-            dwell_s=float(steps.dt[part].sum()),
-            impulse=steps.impulse_ns[part].sum(axis=0),
-            energy=float(running[-1]),
-            energy_peak=max(0.0, float(running.max())),
-            hold=entry + float(steps.hold_j[part].sum()),
-            drag_work=float((drag * path).sum()),
-            press_path=float((press * path).sum()),
-            path=float(path.sum()),
-            lag=float(np.abs(steps.lag_m[part]).max()),
-        )
+        return {
+            "start_s": float(ticks.time[start]),
+            "end_s": float(ticks.time[end - 1] + steps.dt[end - 1]),
+            "start_tick": steps.first + start,
+            "end_tick": steps.first + end - 1,
+            "ticks": end - start,
+            **{name: float(values[part].max()) for name, values in steps.peaks.items()},
+            **sums,
+            "energy_peak_j": max(0.0, float(np.cumsum(steps.work_j[part]).max())),
+            "speed_at_touch_m_s": steps.speed[start - 1] if start else self._speed,
+            "deepest": {
+                "t_s": ticks.time[deep],
+                "tick": steps.first + deep,
+                "hip_m": ticks.hip[deep].copy(),
+                "proxy_m": ticks.proxy[deep].copy(),
+            },
+            "touch": ticks.proxy[start].copy(),
+            "leave": ticks.proxy[end - 1].copy(),
+        }
 
 
 def episode_count(report: dict[str, Any]) -> int:
     """How many episodes a replay's report speaks of, those it leaves out too."""
     return len(report["episodes"]) + report.get("episodes_left_out", {"count": 0})["count"]
-
-
-Array = NDArray[np.float64]
 
 
 class CurveRuler:

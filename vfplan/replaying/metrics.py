@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from vfplan.engine.parameters import ProxyParameters, Status
 from vfplan.fixture import Fixture
 from vfplan.replaying.checks import RobotWatch
 from vfplan.replaying.clearance import clearance_of
-from vfplan.replaying.episodes import JOIN_S, CurveRuler, Episodes
+from vfplan.replaying.episodes import CurveRuler, Episodes
 from vfplan.replaying.quantities import Steps, row_norms
 from vfplan.robot import Robot
 
@@ -24,15 +25,10 @@ class Metrics:
     fixture: the fixture that is replayed
     parameters: the engine's, as it runs them
     robot: whose limits to watch, or `None`
-    join_s: runs of contact closer than this [s] are one episode
     """
 
     def __init__(
-        self,
-        fixture: Fixture,
-        parameters: ProxyParameters,
-        robot: Robot | None = None,
-        join_s: float = JOIN_S,
+        self, fixture: Fixture, parameters: ProxyParameters, robot: Robot | None = None
     ) -> None:
         self._robot = None if robot is None else RobotWatch(robot)
         self._parameters = parameters
@@ -40,13 +36,13 @@ class Metrics:
         self._clearance = clearance_of(fixture, parameters.rule)
         drawn = parameters.rule == "exact" and fixture.pieces
         known = drawn.error if drawn else parameters.band
-        self._episodes = Episodes(known, join_s)
+        self._episodes = Episodes(known)
         self._states = np.zeros(len(STATES), dtype=np.int64)
         self._state_s = np.zeros(len(STATES))
-        self._sums: dict[str, float] = {}
-        self._peaks: dict[str, float] = {}
+        self._sums: Counter[str] = Counter()
+        self._peaks: Counter[str] = Counter()
         self._span: tuple[float, float] | None = None
-        self._worst_step: tuple[float, int] = (0.0, 0)
+        self._worst_step = 0
         self._status = dict.fromkeys(("inside", "limit", "bad_hip"), 0)
 
     def note_status(self, status: NDArray[np.uint8]) -> None:
@@ -68,81 +64,62 @@ class Metrics:
         if self._robot is not None:
             self._robot.update(steps)
         self._episodes.update(steps)
-        for i, state in enumerate(STATES):
-            there = ticks.state == state
-            self._states[i] += np.count_nonzero(there)
-            self._state_s[i] += steps.dt[there].sum()
-        self._add(steps)
-        self._raise(steps)
-
-    def _add(self, steps: Steps) -> None:
-        press, drag, path = steps.sliding
-        for name, values in {
-            "ticks": len(steps),
-            "fast": np.count_nonzero(row_norms(steps.dhip) > self._parameters.r1),
-            "contact_ticks": np.count_nonzero(steps.held),
-            "contact_s": steps.dt[steps.held].sum(),
-            "penetration2": (steps.ticks.penetration**2).sum(),
-            "force2": (steps.force_n**2).sum(),
-            "energy": steps.work_j.sum(),
-            "hold": steps.hold_j.sum(),
-            "drag_work": (drag * path).sum(),
-            "press_path": (press * path).sum(),
-            "slide": path.sum(),
-            "lag2_path": (steps.lag_m**2 * path).sum(),
-        }.items():
-            self._sums[name] = self._sums.get(name, 0) + float(values)
-
-    def _raise(self, steps: Steps) -> None:
-        for name, values in {
-            "penetration": steps.ticks.penetration,
-            "overlap": steps.ticks.overlap,
-            "force": steps.force_n,
-            "lag": np.abs(steps.lag_m),
-        }.items():
-            self._peaks[name] = max(self._peaks.get(name, 0.0), float(values.max()))
+        self._states += np.bincount(ticks.state + 1, minlength=len(STATES))
+        self._state_s += np.bincount(ticks.state + 1, steps.dt, minlength=len(STATES))
         k = int(np.argmax(steps.force_step_n))
-        if steps.force_step_n[k] > self._worst_step[0]:
+        if steps.force_step_n[k] > self._peaks["force_step_max_n"]:
             # The step from tick k to k + 1 belongs to the tick that shows it.
-            self._worst_step = (float(steps.force_step_n[k]), steps.first + k + 1)
+            self._worst_step = steps.first + k + 1
+        for name, values in steps.peaks.items():
+            self._peaks[name] = max(self._peaks[name], float(values.max()))
+        for name, values in {
+            **steps.sums,
+            "contact_ticks": steps.held,
+            "contact_s": steps.dt[steps.held],
+            "fast": row_norms(steps.dhip) > self._parameters.r1,
+            "penetration2": steps.ticks.penetration**2,
+            "force2": steps.force_n**2,
+            "lag2_path": steps.lag_m**2 * steps.sums["slide_m"],
+        }.items():
+            self._sums[name] += float(values.sum())
 
     def report(self) -> dict[str, Any]:
         """The contract's keys, and this project's own."""
         sums, peaks = self._sums, self._peaks
-        ticks, held = sums["ticks"], max(1.0, sums["contact_ticks"])
+        ticks, held = int(self._states.sum()), max(1.0, sums["contact_ticks"])
         start, end = self._span or (0.0, 0.0)
         data: dict[str, Any] = {
-            "ticks": int(sums["ticks"]),
+            "ticks": ticks,
             "duration_s": end - start,
             "contact_ticks": int(sums["contact_ticks"]),
             "contact_s": sums["contact_s"],
             **self._episodes.report(self._ruler),
-            "penetration_max_m": peaks["penetration"],
+            "penetration_max_m": peaks["penetration_max_m"],
             "penetration_rms_m": float(np.sqrt(sums["penetration2"] / ticks)),
             "penetration_contact_rms_m": float(np.sqrt(sums["penetration2"] / held)),
-            "force_max_n": peaks["force"],
+            "force_max_n": peaks["force_max_n"],
             "force_rms_n": float(np.sqrt(sums["force2"] / ticks)),
             "force_contact_rms_n": float(np.sqrt(sums["force2"] / held)),
-            "force_step_max_n": self._worst_step[0],
-            "force_step_max_tick": self._worst_step[1],
+            "force_step_max_n": peaks["force_step_max_n"],
+            "force_step_max_tick": self._worst_step,
             "bad_hip_ticks": self._status["bad_hip"],
             "inside_ticks": self._status["inside"],
             "too_fast_ticks": self._too_fast(),
-            "energy_j": sums["energy"],
-            "energy_hold_j": sums["hold"],
+            "energy_j": sums["energy_j"],
+            "energy_hold_j": sums["energy_hold_j"],
             "states": {str(s): int(n) for s, n in zip(STATES, self._states, strict=True)},
             "states_s": {str(s): float(t) for s, t in zip(STATES, self._state_s, strict=True)},
         }
         if self._clearance is not None:
-            data["overlap_max_m"] = peaks["overlap"]
+            data["overlap_max_m"] = peaks["overlap_max_m"]
             data["clearance_min_m"] = self._clearance.minimum_m
             data["entrenched_ticks"] = int(self._states[STATES.index(2)])
         if sums["press_path"] > 0:
             data["friction"] = sums["drag_work"] / sums["press_path"]
-        if sums["slide"] > 0:
-            data["slide_m"] = sums["slide"]
-            data["lag_max_m"] = peaks["lag"]
-            data["lag_rms_m"] = float(np.sqrt(sums["lag2_path"] / sums["slide"]))
+        if sums["slide_m"] > 0:
+            data["slide_m"] = sums["slide_m"]
+            data["lag_max_m"] = peaks["lag_max_m"]
+            data["lag_rms_m"] = float(np.sqrt(sums["lag2_path"] / sums["slide_m"]))
         if self._robot is not None:
             data["robot"] = self._robot.report()
         return data

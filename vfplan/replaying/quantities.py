@@ -24,6 +24,10 @@ _TRACE = ("proxy", "normal", "force", "state", "status")
 
 # The proxy counts as held away from the HIP beyond this [m]: p + (x - p) need not give x exactly.
 HELD_M = 1e-9
+SUMS = (
+    "dwell_s", "impulse_ns", "energy_j", "energy_hold_j", "slide_m", "press_path", "drag_work",
+)  # fmt: skip
+PEAKS = "penetration_max_m", "overlap_max_m", "force_max_n", "force_step_max_n", "lag_max_m"
 
 
 def row_norms(vectors: Array) -> Array:
@@ -111,11 +115,6 @@ class Steps:
         return -0.5 * dots(self.dforce, self.dhand)
 
     @cached_property
-    def impulse_ns(self) -> Array:
-        """(n, 3) F_k Δt_k [N·s]."""
-        return self.ticks.force * self.dt[:, None]
-
-    @cached_property
     def speed(self) -> Array:
         """(n,) |Δx_k| / Δt_k of the HIP [m/s]; 0 at the last tick."""
         step = row_norms(self.dhip)
@@ -147,6 +146,21 @@ class Steps:
         path = np.where(self.held, row_norms(along), 0.0)
         behind = dots(self.ticks.hip - self.ticks.proxy, along)
         return np.divide(behind, path, out=np.zeros_like(path), where=path > 0)
+
+    @cached_property
+    def sums(self) -> dict[str, Array]:
+        """What is summed over ticks, by the report's name: (n,), and F_k Δt_k (n, 3) [N·s]."""
+        press, drag, path = self.sliding
+        impulse = self.ticks.force * self.dt[:, None]
+        columns = impulse, self.work_j, self.hold_j, path, press * path, drag * path
+        return dict(zip(SUMS, (self.dt, *columns), strict=True))
+
+    @cached_property
+    def peaks(self) -> dict[str, Array]:
+        """(n,) of what the largest is reported, by the report's name."""
+        ticks = self.ticks
+        columns = ticks.penetration, ticks.overlap, self.force_n, self.force_step_n
+        return dict(zip(PEAKS, (*columns, np.abs(self.lag_m)), strict=True))
 
 
 class Stepper:
