@@ -25,9 +25,8 @@ Place = tuple[float, float] | None
 Box = tuple[int, int, int, int]
 
 
-def check_places(method: str, stroke: int | str | None, places: tuple, outline: bool) -> None:
+def check_places(method: str, stroke: int | str | None, given: list, outline: bool) -> None:
     """Raise `SettingError` for places or an outline that the other settings leave no meaning."""
-    given = any(place is not None for place in places)
     if given and (method == "mask" or stroke == "all"):
         raise SettingError(
             "a start or end wants one curve in order; method 'mask' and stroke 'all' have none"
@@ -57,7 +56,7 @@ def part_of(
     return np.ascontiguousarray(rgb[v : v + height, u : u + width]), (u, v)
 
 
-def through(candidates: list[Candidate], places: list[NDArray]) -> list[Candidate]:
+def through(candidates: list[Candidate], places: NDArray) -> list[Candidate]:
     """The candidates that pass by all of the places [px]."""
     return [c for c in candidates if all(_distance(c.path, p) <= _reach(c) for p in places)]
 
@@ -73,8 +72,6 @@ def between(
     Raises CurveError: a place lies off the line; both are the same place; an `end` was given for a
         ring
     """
-    if start is None and end is None:
-        return found
     if found.closed:
         if end is not None:
             raise CurveError("the curve is closed and has no end; leave --end out")

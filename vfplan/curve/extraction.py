@@ -154,8 +154,11 @@ def extract_curve(
     """
     planned = as_image(image)
     _check(method, stroke, max_gap_px)
-    check_places(method, stroke, (start, end), outline)
-    rgb, origin = part_of(planned.rgb, roi, exclude)
+    given, rgb, origin = [p for p in (start, end) if p is not None], planned.rgb, (0, 0)
+    if given or outline:
+        check_places(method, stroke, given, outline)
+    if roi is not None or exclude:
+        rgb, origin = part_of(rgb, roi, exclude)
     pen = Pen.of_colour(colour)
     marks, mask = find_marks(rgb, pen, colour)
     if not marks:
@@ -168,9 +171,8 @@ def extract_curve(
     else:
         refuse_crowd(candidates, others, marks, colour, max_gap_px)
         aside = set_aside(marks, told, candidates, origin)
-        places = [np.subtract(p, origin) for p in (start, end) if p is not None]
-        if places and stroke is None:
-            candidates = through(candidates, places) or candidates
+        if given and stroke is None:
+            candidates = through(candidates, np.subtract(given, origin)) or candidates
         chosen = choose(candidates, others, mask, stroke, colour, origin, aside)
         both = [(c, _measure(rgb, c, method, mask, origin)) for c in chosen]
         notes += against_advice(chosen, others, origin, mask.shape)
@@ -190,10 +192,9 @@ def extract_curve(
         notes += cut_off(line, mask, roi, exclude, planned.rgb.shape)
         notes += nearly_closed(line, mask, max_gap_px, origin)
     aside = set_aside(marks, told, [line for line, _ in both], origin, specks)
-    strokes = tuple(
-        _stroke(between(line, measured, start, end, origin), line, origin)
-        for line, measured in both
-    )
+    if given:
+        both = [(line, between(line, found, start, end, origin)) for line, found in both]
+    strokes = tuple(_stroke(measured, line, origin) for line, measured in both)
     whole = _whole(mask, origin, planned.rgb.shape)
     return Extraction(whole, strokes, method, aside, tuple(notes), ink)
 
