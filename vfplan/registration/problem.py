@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,7 +54,7 @@ class Problem:
     condition: float
     floor_m: float  # residuals below this are rounding, not error
 
-    @property
+    @cached_property
     def x(self) -> Array:
         """(N, k+1) [s, 1]."""
         return homogeneous(self.s)
