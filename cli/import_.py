@@ -71,13 +71,14 @@ def command(cloud: Path, output: Path, **given: Any) -> Report:
 
 
 def _warnings(fixture: Fixture, opening: float) -> list[str]:
-    from vfplan.bundle import mesh_doubts
+    from vfplan.bundle.validation import engine_doubt, mesh_doubts
     from vfplan.fixture import size_doubt
 
-    doubt, left_out = size_doubt(fixture.points), fixture.provenance.settings.get("left_out")
-    found = [doubt] if doubt else []
+    left_out = fixture.provenance.settings.get("left_out")
+    doubts = size_doubt(fixture.points), (engine_doubt(fixture) or ("", None))[1]
+    found = [doubt for doubt in doubts if doubt]
     if left_out:
-        found.append(f"the file says more than points and triangles, which is left out: {left_out}")
+        found.append(f"the file says more than the fixture holds, which is left out: {left_out}")
     if fixture.mesh is not None:
         return found + mesh_doubts(fixture)
     wide = 2 * (fixture.contact_radius + fixture.point_radius)

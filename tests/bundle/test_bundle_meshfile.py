@@ -11,7 +11,8 @@ import pytest
 
 import vfplan
 from vfplan.bundle import import_cloud
-from vfplan.bundle.meshfile import STL_FACET, merged, read_mesh
+from vfplan.bundle.clouds import refined
+from vfplan.bundle.meshfile import STL_FACET, read_mesh
 from vfplan.errors import InputError
 
 POINTS = np.array([[0, 0, 0], [0.1, 0, 0], [0, 1 / 3, 0], [0, 0, -2.5e-3]])
@@ -144,7 +145,7 @@ def test_an_stl_file_gives_the_same_surface(data):
     mesh = read_mesh(data, ".stl", "a.stl")
     wanted = POINTS if b"vertex" in data.lower() else POINTS.astype(np.float32)
     assert np.array_equal(mesh.points[mesh.triangles], wanted[FACES])
-    assert len(mesh.points) == 4
+    assert len(refined(mesh.points, mesh.triangles, 1.0)[0]) == 4
 
 
 @pytest.mark.parametrize(
@@ -167,18 +168,24 @@ def test_an_stl_file_that_is_not_whole_is_refused(data):
 
 
 def test_facets_without_area_bound_nothing():
-    faces = np.vstack([FACES, [[1, 1, 2]]])
-    assert len(read_mesh(binary_stl(faces=faces), ".stl", "a.stl").triangles) == 4
+    mesh = read_mesh(binary_stl(faces=np.vstack([FACES, [[1, 1, 2]]])), ".stl", "a.stl")
+    assert len(refined(mesh.points, mesh.triangles, 1.0)[1]) == 4
 
 
-def test_merging_equals_the_plain_search():
+@pytest.mark.parametrize("spacing", [1e3, 0.5])
+def test_points_at_one_place_become_one_in_order(spacing):
+    """Each triangle has corners of its own, zeros of either sign; others are of none."""
     draw = np.random.default_rng(2)
-    points = np.round(draw.normal(size=(3000, 3)) * 4) / 4 * draw.choice([-1.0, 1.0], (3000, 1))
-    found, which = merged(points)
-    assert np.array_equal(found[which], points)
-    assert len(found) == len(np.unique(points + 0.0, axis=0))
-    first = [np.flatnonzero((points == p).all(axis=1))[0] for p in found]
-    assert first == sorted(first)
+    corners = np.round(draw.normal(size=(900, 3)) * 4) / 4 * draw.choice([-1.0, 1.0], (900, 1))
+    own = np.arange(900).reshape(-1, 3) + 7
+    points, triangles = refined(np.vstack([np.full((7, 3), 50.0), corners]), own, spacing)
+    assert len(points) == len(np.unique(points + 0.0, axis=0))
+    wanted, _ = np.unique(corners + 0.0, axis=0, return_index=True)
+    if spacing > 1:
+        assert np.array_equal(np.unique(points + 0.0, axis=0), wanted)
+        kept = [len(np.unique(c + 0.0, axis=0)) == 3 for c in corners.reshape(-1, 3, 3)]
+        assert np.array_equal(points[triangles], corners.reshape(-1, 3, 3)[kept])
+    assert np.abs(points).max() == np.abs(wanted).max()
 
 
 @pytest.mark.parametrize("order", ["C", "F"])

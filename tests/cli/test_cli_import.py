@@ -53,6 +53,27 @@ def test_what_a_certificate_does_not_see_is_warned_of(stl, vfplan_cli, tmp_path)
     assert "a point is 40 mm from the next: the proxy, 10 mm wide, goes between" in run.stderr
 
 
+def test_what_a_mesh_leaves_unused_and_what_takes_long_ticks_is_said(vfplan_cli, tmp_path):
+    points = "0 0 0\n9 9 9\n0.01 0 0\n0 0.01 0\n7 7 7\n"
+    head = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\n"
+    head += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "a.ply").write_text(head + points + "3 0 2 3\n")
+    run = vfplan_cli("import", tmp_path / "a.ply", "--units", "m", "-q", "-o", tmp_path / "a.h5")
+    assert "left out: 2 points of no triangle" in run.stderr
+    assert "us are given" not in run.stderr
+    np.save(tmp_path / "c.npy", np.random.default_rng(1).uniform(0, 1, (100_000, 3)))
+    run = vfplan_cli("import", tmp_path / "c.npy", "--units", "cm", "-q", "-o", tmp_path / "c.h5")
+    assert "a tick may take" in run.stderr
+
+
+def test_a_mesh_too_large_for_its_spacing_is_refused():
+    """A cube of 1 m at 0.5 mm: 5e7 triangles, which are not built first."""
+    corners = np.array(list(np.ndindex(2, 2, 2)), dtype=float)
+    sides = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)]
+    with pytest.raises(vfplan.errors.SceneError, match="more than 4000000 points or 4000000 tri"):
+        refined(corners, np.array(sides), 5e-4)
+
+
 def test_a_bare_cloud_gets_the_band_that_its_spacing_needs(vfplan_cli, tmp_path):
     """A ball of radius 30 mm in points about 1.1 mm apart: dimples deeper than the paper's band.
 

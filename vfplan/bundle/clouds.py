@@ -69,15 +69,21 @@ def import_cloud(
     points, triangles = found.points * METRES[units], found.triangles
     radius = contact_radius + point_radius
     _check(points, radius, str(path))
-    mesh, axis = None, _unit(ignore_axis)
-    if triangles is not None and curve is None:
+    mesh, axis, left_out = None, _unit(ignore_axis), list(found.left_out)
+    if triangles is not None:
+        if curve is not None:
+            raise SettingError(
+                f"curve {curve!r}: triangles have corners in no order", where=str(path)
+            )
+        if unused := len(points) - len(np.unique(triangles)):
+            left_out.append(f"{unused} points of no triangle")
         points, mesh = refined(points, triangles, radius / 10 if spacing is None else spacing)
         band = mesh_band(points, mesh, radius)
     else:
         band = default_band(points, contact_radius, point_radius, axis)
     settings = {"units": units, "curve": curve or "none"}
-    if found.left_out:  # as one short text without control characters
-        text = ", ".join(found.left_out)
+    if left_out:  # as one short text without control characters
+        text = ", ".join(left_out)
         clean = "".join(c if c.isprintable() and c not in "/\\" else "?" for c in text)
         settings["left_out"] = clean if len(clean) <= 200 else clean[:200] + "..."
     return Fixture(
@@ -152,21 +158,16 @@ def _read(path: Path, units: str) -> tuple[Mesh, str]:
 def _npy(data: bytes, where: str) -> Mesh:
     stream = io.BytesIO(data)
     try:
-        version = np.lib.format.read_magic(stream)
-        reads = {
-            (1, 0): np.lib.format.read_array_header_1_0,
-            (2, 0): np.lib.format.read_array_header_2_0,
-        }
-        shape, fortran, dtype = reads[version](stream)
-    except (ValueError, KeyError, EOFError, SyntaxError, OverflowError) as error:
+        points = np.lib.format.read_array(stream, allow_pickle=False)
+    except (ValueError, EOFError, OverflowError, MemoryError) as error:
         raise InputError(f"is no .npy file of numbers: {error}", where=where) from error
-    if len(shape) != 2 or shape[1] != 3 or dtype.kind not in "fiu":
-        raise InputError(f"holds {dtype} of shape {shape}; numbers (N, 3) wanted", where=where)
-    there, wanted = len(data) - stream.tell(), 3 * shape[0] * dtype.itemsize
-    if there != wanted:
-        raise InputError(f"{there} bytes of data; {wanted} wanted by its header", where=where)
-    points = np.frombuffer(data, dtype, offset=stream.tell())
-    return Mesh(points.reshape(shape, order="F" if fortran else "C").astype(float))
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
+        raise InputError(
+            f"holds {points.dtype} of shape {points.shape}; numbers (N, 3) wanted", where=where
+        )
+    if stream.read(1):
+        raise InputError("holds more bytes than its header wants", where=where)
+    return Mesh(points.astype(float))
 
 
 def _csv(data: bytes, units: str, where: str) -> Mesh:
@@ -213,54 +214,73 @@ def _columns(names: list[str], units: str) -> tuple[int, ...]:
     return tuple(bare.index(axis) for axis in "xyz")
 
 
-def refined(points: Points, triangles: Triangles, spacing: float) -> tuple[Points, Triangles]:
-    """The same surface with no edge longer than `spacing` [m] and without unused points.
+def refined(
+    points: Points, triangles: NDArray[np.integer], spacing: float
+) -> tuple[Points, Triangles]:
+    """The same surface with no edge longer than `spacing` [m].
 
-    Every longer edge is halved, in both triangles it belongs to, until none is left.
+    Points at one place become one; those of no triangle, and triangles that bound nothing because
+    two of their corners are one point, are left out. Every longer edge is halved, in both
+    triangles it belongs to, until none is left.
 
     Raises `SceneError` when that takes more points or triangles than a bundle may hold.
     """
+    from vtkmodules.vtkCommonDataModel import vtkMergePoints
+    from vtkmodules.vtkFiltersCore import vtkStaticCleanPolyData
+    from vtkmodules.vtkFiltersModeling import vtkAdaptiveSubdivisionFilter
+
     if not (np.isfinite(spacing) and spacing > 0):
         raise SettingError(f"spacing {spacing} m; more than 0 wanted")
     caps = table().sizes
-    used, triangles = np.unique(triangles, return_inverse=True)
-    points, triangles = points[used], triangles.reshape(-1, 3).astype(np.int64)
-    while True:
-        edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
-        edges, which = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)
-        length = np.linalg.norm(points[edges[:, 0]] - points[edges[:, 1]], axis=1)
-        long = length > spacing
-        if not long.any():
-            return points, triangles.astype(np.int32)
-        middle = np.where(long, len(points) + np.cumsum(long) - 1, -1)
-        points = np.vstack([points, points[edges[long]].mean(axis=1)])
-        triangles = _split(triangles, middle[which.reshape(-1, 3)], points)
-        if len(points) > caps["N"] or len(triangles) > caps["K"]:
-            raise SceneError(
-                f"spacing {spacing} m takes more than {caps['N']} points or {caps['K']} triangles"
-            )
+    too_many = SceneError(
+        f"spacing {spacing} m takes more than {caps['N']} points or {caps['K']} triangles"
+    )
+    one, two, three = (points[triangles[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(two - one, three - one), axis=1).sum() / 2
+    if area > caps["K"] * np.sqrt(3) / 4 * spacing**2:  # no triangle without a longer edge has more
+        raise too_many
+    clean, finer, cells = vtkStaticCleanPolyData(), vtkAdaptiveSubdivisionFilter(), vtkMergePoints()
+    mesh = _to_vtk(points, triangles)
+    clean.SetInputData(mesh)
+    clean.ToleranceIsAbsoluteOn()
+    clean.SetAbsoluteTolerance(0)
+    clean.ConvertPolysToLinesOff()
+    cells.AutomaticOff()  # by itself it makes as many as there are points before refining
+    cells.SetDivisions(128, 128, 128)
+    finer.SetInputConnection(clean.GetOutputPort())
+    finer.SetLocator(cells)
+    finer.SetMaximumEdgeLength(spacing)
+    finer.SetMaximumTriangleArea(np.inf)
+    finer.SetMaximumNumberOfTriangles(caps["K"])
+    finer.SetMaximumNumberOfPasses(100)
+    for step in (clean, finer):
+        step.SetOutputPointsPrecision(step.DOUBLE_PRECISION)
+    finer.Update()
+    if not clean.GetOutput().GetNumberOfPolys():
+        raise SceneError("no triangle has three corners apart")
+    points, triangles = _from_vtk(finer.GetOutput())
+    ends = points[triangles], points[np.roll(triangles, 1, axis=1)]
+    longest = np.linalg.norm(ends[0] - ends[1], axis=2).max(initial=0.0)
+    if longest > spacing * (1 + 1e-12) or len(points) > caps["N"] or len(triangles) > caps["K"]:
+        raise too_many
+    return points, triangles
 
 
-def _split(triangles: NDArray[np.int64], middle: NDArray[np.int64], points: Points) -> Any:
-    """Split triangles at the middles (-1: none) of their edges 01, 12, 20."""
-    count = (middle >= 0).sum(axis=1)
-    # Turn each so that a single split is on edge 01 and two splits are on 01 and 12.
-    turn = np.where(count == 1, np.argmax(middle >= 0, axis=1), 0)
-    turn = np.where(count == 2, (np.argmax(middle < 0, axis=1) + 1) % 3, turn)
-    order = (np.arange(3) + turn[:, None]) % 3
-    a, b, c = np.take_along_axis(triangles, order, axis=1).T
-    ab, bc, ca = np.take_along_axis(middle, order, axis=1).T
-    one, two, three = (count == n for n in (1, 2, 3))
-    across = np.linalg.norm(points[a] - points[bc], axis=1)
-    other = np.linalg.norm(points[c] - points[ab], axis=1)
-    short = two & (across <= other)
-    tall = two & ~short
-    pieces = [
-        (count == 0, (a, b, c)),
-        (one, (a, ab, c)), (one, (ab, b, c)),
-        (two, (ab, b, bc)),
-        (short, (a, ab, bc)), (short, (a, bc, c)),
-        (tall, (a, ab, c)), (tall, (ab, bc, c)),
-        (three, (a, ab, ca)), (three, (ab, b, bc)), (three, (ca, bc, c)), (three, (ab, bc, ca)),
-    ]  # fmt: skip
-    return np.concatenate([np.column_stack(corners)[rows] for rows, corners in pieces])
+def _to_vtk(points: Points, triangles: NDArray[np.integer]) -> Any:
+    from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+
+    mesh, corners, cells = vtkPolyData(), vtkPoints(), vtkCellArray()
+    corners.SetData(numpy_to_vtk(np.ascontiguousarray(points, float)))
+    cells.SetData(3, numpy_to_vtkIdTypeArray(np.ascontiguousarray(triangles, np.int64).ravel()))
+    mesh.SetPoints(corners)
+    mesh.SetPolys(cells)
+    return mesh
+
+
+def _from_vtk(mesh: Any) -> tuple[Points, Triangles]:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    corners = vtk_to_numpy(mesh.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    return vtk_to_numpy(mesh.GetPoints().GetData()).copy(), corners.astype(np.int32)

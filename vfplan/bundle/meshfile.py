@@ -10,7 +10,6 @@ import io
 import itertools
 import re
 import struct
-import warnings
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -44,8 +43,6 @@ TEXT_FACET = re.compile(
     + rb"\s+endloop\s+endfacet\b",
     re.IGNORECASE,
 )
-# Odd numbers without structure, to tell points apart by one number each.
-MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 
 Columns = dict[str, NDArray]
 
@@ -55,16 +52,15 @@ class Mesh:
     """What a file holds."""
 
     points: NDArray[np.float64]  # (N, 3) float64, in the file's unit
-    # (K, 3) int32, rows of `points`; `None` when the file holds no faces
-    triangles: NDArray[np.int32] | None = None
+    # (K, 3) rows of `points`; `None` when the file holds no faces
+    triangles: NDArray[np.integer] | None = None
     left_out: tuple[str, ...] = ()  # what else the file says, each as "element.property"
 
 
 def read_mesh(data: bytes, suffix: str, where: str) -> Mesh:
     """The points and triangles of a file's bytes; `suffix` is ".ply" or ".stl".
 
-    The corners of STL facets that agree to the last bit become one point; facets two of whose
-    corners are one point bound nothing and are left out.
+    Of STL every facet has three points of its own (`refined` makes them one).
 
     Raises `InputError` when the file is not whole, or holds faces that are not triangles.
     """
@@ -145,91 +141,69 @@ def _header(data: bytes) -> tuple[str, list[_Element], int]:
 def _binary_elements(
     data: bytes, at: int, elements: list[_Element], order: str
 ) -> dict[str, Columns]:
-    tables: dict[str, Columns] = {}
+    tables = {}
     for element in elements:
-        row, lists = _row_type(data, at, element, order)
+        row = _row_type(element, order, memoryview(data)[at:])
         size = element.count * row.itemsize
         if len(data) - at < size:
             raise ValueError(
                 f"{size} bytes wanted for {element.count} of {element.name!r},"
                 f" {len(data) - at} are left"
             )
-        table = np.frombuffer(data, row, element.count, at)
-        for name, length in lists.items():
-            _same_lengths(table["#" + name], length, element.name)
-        tables[element.name] = {name: table[name] for name, _, _ in element.properties}
+        tables[element.name] = _columns(np.frombuffer(data, row, element.count, at), element)
         at += size
     if data[at:].strip():
         raise ValueError(f"{len(data) - at} bytes follow its last element")
     return tables
 
 
-def _row_type(
-    data: bytes, at: int, element: _Element, order: str
-) -> tuple[np.dtype, dict[str, int]]:
-    """(type of an element's rows, length of each list), from the lengths in its first row."""
-    fields: list[tuple] = []
-    lists: dict[str, int] = {}
-    for name, kind, length in element.properties:
-        if length:
-            first = at + np.dtype(fields).itemsize
-            counter = np.dtype(order + length)
-            there = element.count and first + counter.itemsize <= len(data)
-            lists[name] = int(np.frombuffer(data, counter, 1, first)[0]) if there else 0
-            if not 0 <= lists[name] <= len(data):
-                raise ValueError(f"{element.name!r} begins with a list of {lists[name]}")
-            fields += [("#" + name, counter), (name, order + kind, (lists[name],))]
-        else:
-            fields.append((name, order + kind))
-    return np.dtype(fields), lists
-
-
 def _text_elements(
     data: bytes, at: int, elements: list[_Element], order: str
 ) -> dict[str, Columns]:
     require_short(data)
+    wanted = sum(element.count for element in elements)
+    found = sum(1 for line in io.BytesIO(data[at:]) if line.strip())
+    if found != wanted:
+        raise ValueError(f"{found} lines of data; {wanted} wanted")
     lines = (line for line in io.BytesIO(data[at:]) if line.strip())
-    tables: dict[str, Columns] = {}
-    wanted, found = sum(element.count for element in elements), 0
+    tables = {}
     for element in elements:
-        table = np.empty((0, 0))
+        mine = itertools.islice(lines, element.count)
+        first = next(mine, b"")
+        row = _row_type(element, order, memoryview(np.array(first.split(), dtype=float)).cast("B"))
+        table = np.empty(0, row)
         if element.count:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # no lines at all: refused below
-                rows = itertools.islice(lines, element.count)
-                table = np.loadtxt(rows, comments=None, ndmin=2, encoding="latin-1")
-        found += len(table)
-        if len(table) != element.count:
-            raise ValueError(f"{found} lines of data; {wanted} wanted")
+            rows = itertools.chain([first], mine)
+            table = np.loadtxt(rows, row, comments=None, ndmin=1, encoding="latin-1")
         tables[element.name] = _columns(table, element)
-    if more := sum(1 for _ in lines):
-        raise ValueError(f"{found + more} lines of data; {wanted} wanted")
     return tables
 
 
-def _columns(table: NDArray, element: _Element) -> Columns:
-    """The properties of an element from the numbers of its lines."""
-    columns: Columns = {}
-    at = 0
-    for name, _, length in element.properties:
-        if len(table) == 0:
-            columns[name] = np.empty((0, 3) if length else 0)
-        elif length:
-            size = int(table[0, at]) if table.shape[1] > at else -1
-            _same_lengths(table[:, at], size, element.name)
-            columns[name] = table[:, at + 1 : at + 1 + size]
-            at += 1 + size
+def _row_type(element: _Element, order: str, first: memoryview) -> np.dtype:
+    """The type of an element's rows, every list as long as in the first of them; text: float64."""
+    fields: list[tuple] = []
+    for name, kind, length in element.properties:
+        if length:
+            at = np.dtype(fields).itemsize
+            counter = np.dtype(order + length if order else "f8")
+            there = element.count and at + counter.itemsize <= len(first)
+            size = int(np.frombuffer(first, counter, 1, at)[0]) if there else 0
+            if not 0 <= size <= len(first):
+                raise ValueError(f"{element.name!r} begins with a list of {size}")
+            fields += [("#" + name, counter), (name, order + kind if order else "f8", (size,))]
         else:
-            columns[name] = table[:, at]
-            at += 1
-    if at != table.shape[1]:
-        raise ValueError(f"lines of {table.shape[1]} numbers for {element.name!r}; {at} wanted")
-    return columns
+            fields.append((name, order + kind if order else "f8"))
+    return np.dtype(fields)
 
 
-def _same_lengths(found: NDArray, wanted: int, name: str) -> None:
-    if np.any(found != wanted):
-        raise ValueError(f"the lists of {name!r} differ in length; triangles alone can be read")
+def _columns(table: NDArray, element: _Element) -> Columns:
+    """The properties of an element by their names."""
+    for name, _, length in element.properties:
+        if length and np.any(table["#" + name] != table[name].shape[1]):
+            raise ValueError(
+                f"the lists of {element.name!r} differ in length; triangles alone can be read"
+            )
+    return {name: table[name] for name, _, _ in element.properties}
 
 
 # --- STL ---------------------------------------------------------------------------------------
@@ -244,10 +218,7 @@ def _stl(data: bytes) -> Mesh:
         corners = _text_corners(data)
     else:
         raise ValueError(f"{len(data)} bytes; {wanted} wanted by its own count")
-    points, index = merged(corners.reshape(-1, 3))
-    triangles = index.reshape(-1, 3).astype(np.int32)
-    a, b, c = triangles.T
-    return Mesh(points, triangles[(a != b) & (b != c) & (c != a)])
+    return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
 
 
 def _text_corners(data: bytes) -> NDArray[np.float64]:
@@ -266,18 +237,3 @@ def _text_corners(data: bytes) -> NDArray[np.float64]:
     if data[at:].strip():
         raise ValueError(f"something else follows its last 'endsolid', at byte {at}")
     return np.array(numbers).reshape(-1, 3, 3)
-
-
-def merged(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """(points that differ, in order of their first appearance; (N,) which of them each is)."""
-    points = points + 0.0  # one zero, not two
-    bits = np.ascontiguousarray(points).view(np.uint64)
-    bits = bits ^ bits >> np.uint64(32)  # short numbers differ in their high bits alone
-    mixed = (bits * MIX).sum(axis=1, dtype=np.uint64)
-    _, first, which = np.unique(mixed, return_index=True, return_inverse=True)
-    if not np.array_equal(points[first][which], points):  # two points of the same number
-        _, first, which = np.unique(points, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.empty(len(order), dtype=np.intp)
-    rank[order] = np.arange(len(order))
-    return points[first[order]], rank[which.ravel()]

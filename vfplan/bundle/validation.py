@@ -14,7 +14,7 @@ from vfplan.bundle.content import Content, from_content
 from vfplan.bundle.leak import sorted_edges
 from vfplan.bundle.read import opened_source, unsealed
 from vfplan.engine.proxy import ProxyEngine
-from vfplan.engine.renderable import check_renderable, check_work
+from vfplan.engine.renderable import work_doubt
 from vfplan.errors import BundleError, SceneError
 from vfplan.fixture import Fixture, size_doubt
 
@@ -118,16 +118,18 @@ def _certificate(content: Content, findings: Findings) -> None:
 
 
 def _rendering(content: Content, findings: Findings) -> None:
-    """The engine's ranges, which are narrower than the format's."""
-    if "/rendering/stiffness" not in content:
-        return
-    code, more = "rendering.engine", ""
+    if "/rendering/stiffness" in content and (found := engine_doubt(from_content(content))):
+        code, text = found
+        findings.warning(code, "/rendering", text)
+
+
+def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
+    """(code, sentence) of a rendering outside the engine's ranges, or too slow for 1 kHz."""
     try:
-        check_renderable(from_content(content))
-        code, more = "rendering.work", "; it is for replay and study, not for a robot"
-        check_work(from_content(content))
+        doubt = work_doubt(fixture)
     except SceneError as error:
-        findings.warning(code, "/rendering", f"{error.message}{more}")
+        return "rendering.engine", error.message
+    return doubt and ("rendering.work", f"{doubt}; it is for replay and study, not for a robot")
 
 
 def _pieces(content: Content, findings: Findings) -> None:
