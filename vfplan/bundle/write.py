@@ -18,10 +18,7 @@ from vfplan.fixture import Fixture
 from vfplan.io.disk import write_whole
 from vfplan.io.hdf5 import h5py
 
-h5a, h5d, h5f, h5g, h5p, h5s, h5t, h5z = (
-    getattr(h5py, name) for name in ("h5a", "h5d", "h5f", "h5g", "h5p", "h5s", "h5t", "h5z")
-)
-NUMBERS = {"f8": h5t.IEEE_F64LE, "i4": h5t.STD_I32LE, "u1": h5t.STD_U8LE}
+h5f, h5p = h5py.h5f, h5py.h5p
 CHUNK_BYTES = 1 << 20
 COMPACT_LINKS = 8  # of a group that libhdf5 keeps in its header unasked
 FORMAT = "vfplan-fixture"
@@ -123,23 +120,14 @@ def to_payload(content: Content, table: Table) -> bytes:
     links = [r for r in table.children("/").values() if {r.path} & (used | content.keys())]
     if len(links) > COMPACT_LINKS:
         _keep_compact(fcpl, len(links))
-    file = h5f.create(b"bundle", h5f.ACC_TRUNC, fcpl=fcpl, fapl=fapl)
-    try:
-        root = h5g.open(file, b"/")
-        groups = {"/": root}
+    with h5py.File(h5f.create(b"bundle", h5f.ACC_TRUNC, fcpl=fcpl, fapl=fapl)) as file:
         for row in table.rows:
             if row.kind == "group" and row.path != "/" and row.path in used:
-                gcpl = h5p.create(h5p.GROUP_CREATE)
-                gcpl.set_obj_track_times(False)
-                groups[row.path] = h5g.create(root, row.path[1:].encode(), gcpl=gcpl)
+                file.create_group(row.path)
             elif row.path in content:
-                _put(groups[row.parent], row, content)
-        for group in groups.values():
-            group.close()
-        h5f.flush(file)
-        return file.get_file_image()
-    finally:
-        file.close()
+                _put(file[row.parent], row, content)
+        file.flush()
+        return file.id.get_file_image()
 
 
 def _keep_compact(plist: Any, links: int) -> None:
@@ -151,23 +139,17 @@ def _keep_compact(plist: Any, links: int) -> None:
 
 
 def _put(group: Any, row: Row, content: Content) -> None:
-    value = content[row.path]
+    data = _coded(content[row.path], row.type)
     if row.kind == "attribute":
-        _attribute(group, row.name, value, row)
+        group.attrs.create(row.name, data)
         return
-    data, datatype = _coded(value, row)
-    space = h5s.create_simple(data.shape)
-    dcpl = h5p.create(h5p.DATASET_CREATE)
-    dcpl.set_obj_track_times(False)
-    dcpl.set_chunk(chunk_shape(data.shape, data.dtype.itemsize))
-    dcpl.set_fletcher32()
-    dcpl.set_fill_time(h5d.FILL_TIME_NEVER)
-    dataset = h5d.create(group, row.name.encode(), datatype, space, dcpl=dcpl)
-    dataset.write(h5s.ALL, h5s.ALL, data, mtype=datatype)
+    chunks = chunk_shape(data.shape, data.dtype.itemsize)
+    dataset = group.create_dataset(
+        row.name, data=data, chunks=chunks, fletcher32=True, fill_time="never"
+    )
     for name, text in (("unit", unit_of(row, content)), ("frame", frame_of(row, content))):
         if text is not None:
-            _attribute(dataset, name, text)
-    dataset.close()
+            dataset.attrs.create(name, _coded(text, "text"))
 
 
 def chunk_shape(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
@@ -176,33 +158,12 @@ def chunk_shape(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
     return (max(1, min(shape[0], CHUNK_BYTES // row_bytes)), *shape[1:])
 
 
-def _attribute(where: Any, name: str, value: Any, row: Row | None = None) -> None:
-    if isinstance(value, str):
-        data, datatype = _texts((value,))
-        data = data.reshape(())
-    else:
-        datatype = NUMBERS[row.type if row else "f8"]
-        data = np.asarray(value, dtype=datatype.dtype)
-    attribute = h5a.create(where, name.encode(), datatype, h5s.create(h5s.SCALAR))
-    attribute.write(data, mtype=datatype)
-    attribute.close()
-
-
-def _coded(value: Any, row: Row) -> tuple[np.ndarray, Any]:
-    if row.type == "text":
-        return _texts(value)
-    datatype = NUMBERS[row.type]
-    return np.ascontiguousarray(value, dtype=datatype.dtype), datatype
-
-
-def _texts(values: tuple[str, ...]) -> tuple[np.ndarray, Any]:
-    coded = [value.encode("utf-8") for value in values]
-    size = max(1, *(len(c) for c in coded)) if coded else 1
-    datatype = h5t.C_S1.copy()
-    datatype.set_size(size)
-    datatype.set_cset(h5t.CSET_UTF8)
-    datatype.set_strpad(h5t.STR_NULLPAD)
-    return np.array(coded, dtype=f"S{size}"), datatype
+def _coded(value: Any, kind: str) -> np.ndarray:
+    """A value as it is stored; texts in as many bytes as the longest takes, without an end."""
+    if kind != "text":
+        return np.asarray(value, dtype=f"<{kind}", order="C")
+    bare = np.char.encode(np.array(value, dtype=str), "utf-8")
+    return bare.astype(h5py.string_dtype("utf-8", max(1, bare.itemsize)))
 
 
 def frame_of(row: Row, content: Content) -> str | None:
