@@ -155,3 +155,19 @@ def test_plugins_are_off_even_if_h5py_was_there_first(module, tmp_path):
     code = f"import h5py; import {module}; assert h5py.h5pl.size() == 0"
     env = os.environ | {"HDF5_PLUGIN_PATH": "/tmp/plugins"}
     subprocess.run([sys.executable, "-c", code], check=True, env=env, cwd=tmp_path)
+
+
+def test_every_value_of_a_part_has_a_field():
+    """Of the parts that a fixture is made of, and of no other name but for units."""
+    from vfplan.bundle.content import _PARTS, fields_of
+    from vfplan.bundle.format import table
+
+    apart = {"/rendering@robot", "/rendering/stability"}
+    for part in _PARTS:
+        rows = [row for row in table().rows if row.parent == f"/{part}" and row.path not in apart]
+        found = fields_of(part)
+        assert found.keys() == {row.path for row in rows}
+        assert len(set(found.values())) == len(found)
+        for row in rows:
+            one, other = sorted((row.name, found[row.path]), key=len)
+            assert other.startswith(one)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -31,63 +32,31 @@ Content = dict[str, Any]
 NUMBER = re.compile(r"-?(0|[1-9][0-9]*)(\.[0-9]+)?([eE][+-]?[0-9]+)?")
 
 
-# part -> {path: field}; the first path is there if and only if the part is.
-_PARTS: dict[str, dict[str, str]] = {
-    "curve": {
-        "/curve/stroke": "stroke",
-        "/curve/closed": "closed",
-        "/curve/bridged": "bridged",
-    },
-    "pieces": {
-        "/pieces/vertices": "vertices",
-        "/pieces/bulges": "bulges",
-        "/pieces/stroke": "stroke",
-        "/pieces@error_m": "error",
-    },
-    "image": {
-        "/image@width_px": "width_px",
-        "/image@height_px": "height_px",
-        "/image/pixel_spacing": "pixel_spacing_mm",
-    },
-    "rendering": {
-        "/rendering/stiffness": "stiffness",
-        "/rendering@contact_radius_m": "contact_radius",
-        "/rendering@band_m": "band",
-        "/rendering@point_radius_m": "point_radius",
-        "/rendering/ignore_axis": "ignore_axis",
-        "/rendering@max_iterations": "max_iterations",
-    },
-    "guidance": {
-        "/guidance@radius_m": "radius",
-        "/guidance@stiffness_n_per_m": "stiffness",
-        "/guidance@ends": "ends",
-        "/guidance@lead_force_n": "lead_force",
-        "/guidance@lead_speed_m_s": "lead_speed",
-        "/guidance@stroke": "stroke",
-    },
-    "registration": {
-        "/registration@model": "model",
-        "/registration@source_frame": "source_frame",
-        "/registration@fre_rms_m": "fre_rms_m",
-        "/registration@loo_rms_m": "loo_rms_m",
-        "/registration@tre_rms_m": "tre_rms_m",
-        "/registration/T_robot_image": "T_robot_image",
-        "/registration/labels": "labels",
-        "/registration/source": "source",
-        "/registration/target": "target",
-        "/registration/residuals": "residuals_m",
-        "/registration/covariance": "covariance",
-        "/registration/tre": "tre_m",
-    },
+_PARTS = {
+    "curve": Curve,
+    "pieces": Pieces,
+    "image": SourceImage,
+    "rendering": Rendering,
+    "guidance": Guidance,
+    "registration": RegistrationRecord,
 }
+_UNIT = re.compile("_(m|mm|px|n|m_s|n_per_m)$")
 _OWN = {"/@frame": "frame", "/points": "points", "/sigma": "sigma", "/mesh/triangles": "mesh"}
+
+
+@cache
+def fields_of(part: str) -> dict[str, str]:
+    """path -> field of a part: those of one name, but for the unit that either may end in."""
+    names = {_UNIT.sub("", field.name): field.name for field in fields(_PARTS[part])}
+    rows = [(row.path, _UNIT.sub("", row.name)) for row in table().rows if row.parent == f"/{part}"]
+    return {path: names[name] for path, name in rows if name in names}
 
 
 def to_content(fixture: Fixture) -> Content:
     """Every value that a bundle of this fixture holds, but for `format` and `version`."""
     content = _coded(fixture, _OWN)
-    for name, fields in _PARTS.items():
-        content |= _coded(getattr(fixture, name), fields)
+    for part in _PARTS:
+        content |= _coded(getattr(fixture, part), fields_of(part))
     if fixture.stability is not None:
         numbers = [getattr(fixture.stability, field) for field in _STABILITY]
         content["/rendering@robot"] = fixture.stability.robot
@@ -95,9 +64,9 @@ def to_content(fixture: Fixture) -> Content:
     return content | _provenance(fixture.provenance)
 
 
-def _coded(part: Any, fields: dict[str, str]) -> Content:
+def _coded(part: Any, names: dict[str, str]) -> Content:
     """The values of a part that are there, of the types in the format's table."""
-    values = {path: getattr(part, field, None) for path, field in fields.items()}
+    values = {path: getattr(part, field, None) for path, field in names.items()}
     rows = {row.path: row for row in table().rows}
     return {path: _typed(v, rows[path]) for path, v in values.items() if v is not None}
 
@@ -112,10 +81,10 @@ def _typed(value: Any, row: Row) -> Any:
 
 def from_content(content: Content) -> Fixture:
     """The fixture that a checked content describes."""
-    curve = _part(Curve, "curve", content)
+    curve = _part("curve", content)
     if curve is not None:
-        curve = replace(curve, pieces=_part(Pieces, "pieces", content, closed=curve.closed))
-    image = _part(SourceImage, "image", content)
+        curve = replace(curve, pieces=_part("pieces", content, closed=curve.closed))
+    image = _part("image", content)
     if image is not None and image.pixel_spacing_mm is not None:
         image = replace(image, pixel_spacing_mm=tuple(image.pixel_spacing_mm.tolist()))
     return Fixture(
@@ -123,33 +92,25 @@ def from_content(content: Content) -> Fixture:
         provenance=_to_provenance(content),
         curve=curve,
         image=image,
-        rendering=_part(Rendering, "rendering", content),
-        registration=_part(RegistrationRecord, "registration", content),
+        rendering=_part("rendering", content),
+        registration=_part("registration", content),
         stability=_to_stability(content),
-        guidance=_part(Guidance, "guidance", content),
+        guidance=_part("guidance", content),
     )
 
 
-def _part(kind: type, name: str, content: Content, **more: Any) -> Any:
+def _part(name: str, content: Content, **more: Any) -> Any:
     """A part of the fixture; `None` where the content has none. Bytes in tables are flags."""
-    fields = _PARTS[name]
-    if next(iter(fields)) not in content:
+    paths = fields_of(name)
+    if not paths.keys() & content.keys():
         return None
-    values = {field: content.get(path) for path, field in fields.items()}
+    values = {field: content.get(path) for path, field in paths.items()}
     flags = {f: v.astype(bool) for f, v in values.items() if getattr(v, "dtype", None) == np.uint8}
-    return kind(**values | flags | more)
+    return _PARTS[name](**values | flags | more)
 
 
 # The numbers of `/rendering/stability`, in order.
-_STABILITY = (
-    "mass_kg",
-    "damping_n_s_per_m",
-    "rate_hz",
-    "delay_ticks",
-    "k_n_per_m",
-    "k_max_n_per_m",
-    "margin",
-)
+_STABILITY = [field.name for field in fields(StabilityVerdict) if field.name != "robot"]
 
 
 def _to_stability(content: Content) -> StabilityVerdict | None:
