@@ -68,6 +68,11 @@ def need_program(program: str, package: str) -> str:
     return shutil.which(program) or missing_package(package, program)
 
 
+def quick_compiler() -> str:
+    """What compiles soonest, for programs whose answers count and not their speed."""
+    return shutil.which("clang++") or need_program("g++", "g++")
+
+
 def need_header(header: str, package: str, *folders: str) -> None:
     """Skip the test, naming the apt package, where a C or C++ header is absent."""
     places = [f"/usr/include/{header}", *(f"{folder}/{header}" for folder in folders)]

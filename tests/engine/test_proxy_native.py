@@ -1,33 +1,35 @@
 """The engine's headers without Python: g++ alone builds them; a tick is fit for a controller."""
 
+import re
 import subprocess
 from collections import defaultdict
+from functools import cache
 
 import pytest
-from conftest import ROOT, need_header, need_program
+from conftest import ROOT, need_header, need_program, quick_compiler
 
 INCLUDE = ROOT / "vfplan" / "native" / "include"
 NATIVE = ROOT / "tests" / "native"
 # As the exported CMake target compiles, and every warning an error.
 FLAGS = ["-std=c++20", "-ffp-contract=off", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
 HEADERS = sorted(
-    str(path.relative_to(INCLUDE / "vfplan"))
-    for folder in (".", "curve")
+    str(path.relative_to(INCLUDE))
+    for folder in (".", "curve", "mesh")
     for path in (INCLUDE / "vfplan" / folder).glob("*.hpp")
 )
 
 
 @pytest.fixture(scope="module")
 def build(tmp_path_factory):
-    """Compile tests/native/NAME.cpp with g++; returns the program."""
-    compiler = need_program("g++", "g++")
+    """Compile tests/native/NAME.cpp, with g++ unless told; returns the program."""
     folder = tmp_path_factory.mktemp("native")
 
-    def run(name, *flags):
+    def run(name, *flags, compiler="g++"):
         program = folder / (name + "".join(flags).replace("/", "_").replace("=", "_"))
         if program.exists():
             return program
-        command = [compiler, *FLAGS, *flags, f"-I{INCLUDE}", str(NATIVE / f"{name}.cpp")]
+        words = [need_program(compiler, compiler), *FLAGS, *flags, f"-I{INCLUDE}"]
+        command = [*words, str(NATIVE / f"{name}.cpp")]
         done = subprocess.run([*command, "-o", str(program)], capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         return program
@@ -41,23 +43,39 @@ def output(program, *args):
     return done.stdout
 
 
+@cache
+def included(name):
+    """All that a header includes of ours, by others too."""
+    direct = re.findall(r'^#include "(vfplan/.*\.hpp)"', (INCLUDE / name).read_text(), re.M)
+    return frozenset(direct).union(*map(included, direct))
+
+
+def chains():
+    """The headers in rows, each of which includes the one before it anyway: seen as if alone."""
+    rows = []
+    for name in sorted(HEADERS, key=lambda name: len(included(name))):
+        before = [row for row in rows if row[-1] in included(name)]
+        if before:
+            max(before, key=lambda row: len(included(row[-1]))).append(name)
+        else:
+            rows.append([name])
+    return rows
+
+
 def test_each_header_stands_alone(tmp_path):
     compiler = need_program("g++", "g++")
     every = tmp_path / "every.cpp"
-    for name in HEADERS:
-        every.write_text(f'#include "vfplan/{name}"\nint main() {{}}\n')
+    for row in chains():
+        every.write_text("".join(f'#include "{name}"\n' for name in row))
         command = [compiler, *FLAGS, "-fsyntax-only", f"-I{INCLUDE}", str(every)]
         done = subprocess.run(command, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
 
 
-def test_clang_compiles_the_same(build, tmp_path):
+def test_clang_compiles_the_same(build):
     """With its wide loops; a warning is an error, and the answers are the same."""
-    compiler, program = need_program("clang++", "clang"), tmp_path / "ticks"
-    source = str(NATIVE / "engine_ticks.cpp")
-    command = [compiler, *FLAGS, "-O0", f"-I{INCLUDE}", source, "-o", str(program)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    need_program("clang++", "clang")
+    program = build("engine_ticks", "-O0", compiler="clang++")
     assert output(program, 40_000) == output(build("engine_ticks", "-O2"), 40_000)
 
 
@@ -67,18 +85,26 @@ def test_a_million_ticks_allocate_nothing(build):
     assert all(line.endswith("no allocation") for line in lines)
 
 
-@pytest.mark.parametrize("sanitizer", ["address,undefined"])
-def test_sanitizers_find_nothing(build, sanitizer):
+SANITIZED = "-fsanitize=address,undefined"
+
+
+def sanitizing():
+    """clang++ where its runtime is installed, which takes a third of the time; else g++."""
+    probe = [quick_compiler(), SANITIZED, "-x", "c++", "-", "-o", "/dev/null"]
+    done = subprocess.run(probe, input="int main() {}", text=True, capture_output=True)
+    return probe[0] if done.returncode == 0 else "g++"
+
+
+def test_sanitizers_find_nothing(build):
     # One width: the others read the same memory, and would take minutes to compile.
-    flags = ["-O0", "-DVFPLAN_NARROW", f"-fsanitize={sanitizer}", "-fno-sanitize-recover=all"]
-    program = build("engine_ticks", *flags)
-    output(program, 40_000)
+    flags = ["-O0", "-DVFPLAN_NARROW", SANITIZED, "-fno-sanitize-recover=all"]
+    output(build("engine_ticks", *flags, compiler=sanitizing()), 40_000)
 
 
 def test_each_state_runs_only_the_loops_it_needs(build):
     """Counted by the engine's own loops, wrapped: what a state does not use is not run."""
     calls, points, ticks = defaultdict(int), defaultdict(int), {}
-    for line in output(build("engine_counts", "-O1")).splitlines():
+    for line in output(build("engine_counts", "-O1", "-DVFPLAN_NARROW")).splitlines():
         rule, dimension, state, count, loop, called, seen = line.split()
         key = rule, int(dimension), int(state)
         ticks[key] = int(count)
@@ -126,7 +152,8 @@ def test_the_grid_hands_out_all_that_is_near_at_bounded_cost(build):
 def test_speed_benchmark_runs(build):
     """Ratios are for docs/engine.md; here only that the program works and agrees with itself."""
     need_header("nanoflann.hpp", "libnanoflann-dev")
-    text = output(build("engine_speed", "-O1", "-DVFPLAN_NARROW"), "--brief")
+    program = build("engine_speed", "-O0", "-DVFPLAN_NARROW", compiler=quick_compiler())
+    text = output(program, "--brief")
     for word in ("brute force", "nanoflann", "paper", "robust"):
         assert word in text
     assert "DISAGREE" not in text

@@ -6,7 +6,7 @@ from dataclasses import replace
 import bundles
 import numpy as np
 import pytest
-from conftest import ROOT, need_program
+from conftest import ROOT, quick_compiler
 
 import vfplan
 from vfplan import _core
@@ -143,8 +143,7 @@ def program(tmp_path_factory):
     """One call makes an engine of a fixture; by a second word, offline."""
     folder = tmp_path_factory.mktemp("work")
     (folder / "main.cpp").write_text(PROGRAM)
-    compiler = need_program("g++", "g++")
-    words = [compiler, "-std=c++20", "-O1", "-ffp-contract=off", "-DVFPLAN_NARROW"]
+    words = [quick_compiler(), "-std=c++20", "-O0", "-ffp-contract=off", "-DVFPLAN_NARROW"]
     words += [f"-I{ROOT / 'vfplan' / 'native' / 'include'}", folder / "main.cpp"]
     subprocess.run([*map(str, words), "-o", folder / "main"], check=True)
     return folder / "main"

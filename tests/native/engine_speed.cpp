@@ -269,7 +269,7 @@ void growth(bool brief, int rounds, long ticks) {
     std::printf("equal density (0.5 mm), more points\n");
     const auto path = pressing(ticks);
     double first[2] = {};
-    for (int n : {201, 1001, brief ? 1001 : 2001}) {
+    for (int n : brief ? std::vector{101, 201} : std::vector{201, 1001, 2001}) {
         const auto xyz = scenes::sheet(n, 5e-4);
         std::printf("  %8d points:", n * n);
         for (auto rule : {vfplan::Rule::paper, vfplan::Rule::robust}) {
@@ -338,7 +338,7 @@ void dense(const char* name, const scenes::Points& xyz, double middle, int round
 void density(bool brief) {
     std::printf("the denser the points: median / worst tick of rule robust\n");
     const int rounds = brief ? 1 : 3, ticks = brief ? 200 : 2000;
-    for (const double fine : brief ? std::vector{10.0, 40.0} : std::vector{10.0, 40.0, 140.0}) {
+    for (const double fine : brief ? std::vector{10.0} : std::vector{10.0, 40.0, 140.0}) {
         const double h = vfplan::Parameters{}.R() / fine;
         const auto side = [&](double length) { return static_cast<int>(length / h) + 1; };
         std::printf("  R/h %.0f\n", fine);
@@ -408,10 +408,10 @@ void left_out(int rounds, long ticks) {
 int main(int argc, char** argv) {
     const bool brief = argc > 1 && std::strcmp(argv[1], "--brief") == 0;
     const int rounds = brief ? 1 : 7;
-    const long ticks = brief ? 400 : 4000;
+    const long ticks = brief ? 200 : 4000;
     against_others(rounds, ticks);
     parts(rounds, ticks);
-    tail(brief ? 1000 : 100000);
+    tail(brief ? 500 : 100000);
     growth(brief, rounds, ticks);
     density(brief);
     left_out(rounds, ticks);

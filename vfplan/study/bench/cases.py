@@ -76,18 +76,21 @@ class Case:
 
 
 def cases(quick: bool, surface: Path | None = None) -> Iterator[Case]:
-    """All cases, the cheap ones first; `surface`: a mesh file to be one more."""
+    """All cases, the cheap ones first; `surface`: a mesh file to be one more, read before all."""
+    more = [] if surface is None else [_bone(surface)]
     for name, route in QUICK if quick else FULL:
         scene = SCENES[name]()
         yield Case(f"{name}, {route}", scene, _path(scene.path(route, SPEED_M_S), quick))
     if not quick:
         yield experiment_2()
-    if surface is not None:
-        from vfplan.study.bench.mesh import Bone
+    yield from more
 
-        bone = Bone(source=surface)
-        hips = bone.path("press and slide", SPEED_M_S)
-        yield Case(f"{surface.stem}, press and slide", bone, hips)
+
+def _bone(surface: Path) -> Case:
+    from vfplan.study.bench.mesh import Bone
+
+    bone = Bone(source=surface)
+    return Case(f"{surface.stem}, press and slide", bone, bone.path("press and slide", SPEED_M_S))
 
 
 def _path(hips: Array, quick: bool) -> Array:

@@ -144,7 +144,7 @@ class Surfaces {
         const double whole = std::clamp(
             (tuned::one_sided - f.off) / (tuned::one_sided - tuned::surrounded), 0.0, 1.0);
         w.n = lean_at_most(f.n, c.direction, whole * lean_);
-        std::copy(patch.side, patch.side + D - 1, side_);
+        std::copy(patch.side, patch.side + (D - 1), side_);
         const bool fits = whole > 0 && w.n == f.n;  // else no surface is known that could bend
         for (std::size_t k = 0; k < std::size(bend_); ++k)
             bend_[k] = fits ? whole * f.bend[k] / window_ : 0;
