@@ -118,7 +118,7 @@ def test_a_client_too_many_is_told_so_and_one_that_reads_nothing_holds_up_nobody
     feed = Feed()
     web = served(feed)
     where = {"uri": f"ws://127.0.0.1:{web.port}/ticks", "origin": f"http://127.0.0.1:{web.port}"}
-    with connect(**where, max_queue=1):
+    with connect(**where, max_queue=1, close_timeout=0.1):  # it never reads the answer either
         with (
             pytest.raises(ConnectionClosed, match="1 clients are served, and no more"),
             connect(**where) as other,

@@ -9,11 +9,13 @@ run left behind: exit code, stdout, stderr, and whether the folder is as it was.
 from __future__ import annotations
 
 import ctypes
+import io
 import json
 import os
 import shutil
 import sys
 import tempfile
+from contextlib import chdir, redirect_stdout, suppress
 from pathlib import Path
 
 
@@ -57,8 +59,19 @@ def forked(words, folder, nth, number, shim):
     return os.waitstatus_to_exitcode(status), texts[0], texts[1], int(texts[2] or 0)
 
 
+def warm(words, source):
+    """Once in this process: what the command imports is there, in every copy."""
+    from vfplan.cli.main import cli
+
+    with tempfile.TemporaryDirectory() as place:
+        shutil.copytree(source, place, dirs_exist_ok=True)
+        with chdir(place), redirect_stdout(io.StringIO()), suppress(SystemExit):
+            cli.main(words)
+
+
 def outcomes(case, source, number, shim):
     """One row a write of the command: what came when it failed."""
+    warm(case["words"], source)
     writes, row = 1, 0
     while row <= writes:
         with tempfile.TemporaryDirectory() as place:

@@ -17,6 +17,7 @@ from vfplan.errors import OutputError, needing
 from vfplan.live.sources import MOST_CLIENTS, Feed
 
 QUIET_S = 0.2  # a client that went is noticed as soon, at least
+ASKED_S = 2.0  # a connection on which nothing is asked so long, as browsers open, is let go
 _SILENT = logging.Logger("websockets", logging.CRITICAL + 1)
 
 
@@ -47,7 +48,7 @@ class Web:
         self._hosts = [f"{name}:{self.port}" for name in ("127.0.0.1", "localhost")]
         self._server = serve(
             self._show, sock=listening, origins=[f"http://{host}" for host in self._hosts],
-            process_request=self._answer, logger=_SILENT, compression=None,
+            process_request=self._answer, open_timeout=ASKED_S, logger=_SILENT, compression=None,
         )  # fmt: skip
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
