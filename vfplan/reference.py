@@ -95,14 +95,7 @@ class PaperProxy:
 
     def run(self, hips: ArrayLike) -> Trace:
         """One tick for each row of `hips` (T, 3) [m], from the current proxy on."""
-        steps = [self._tick(hip) for hip in check_path(hips)]
-        return Trace(
-            proxy=np.array([s.proxy for s in steps]).reshape(-1, 3),
-            normal=np.array([s.normal for s in steps]).reshape(-1, 3),
-            force=np.array([s.force for s in steps]).reshape(-1, 3),
-            state=np.array([s.state for s in steps], dtype=np.int8),
-            status=np.array([s.status for s in steps], dtype=np.uint8),
-        )
+        return Trace.of([self._tick(hip) for hip in check_path(hips)])
 
     def _tick(self, hip: Vector) -> Step:
         if not np.all(np.abs(hip) <= LIMIT):  # NaN, infinite or absurd: stay, say so

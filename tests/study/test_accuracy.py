@@ -13,21 +13,20 @@ from vfplan.errors import CurveError, InputError, SettingError
 from vfplan.reference import PaperProxy
 from vfplan.study.bench import Peer, bench, pictures, read_document, write_json
 from vfplan.study.bench.cases import Case, cases, chosen_points
-from vfplan.study.bench.extracting import from_line
+from vfplan.study.bench.extract import from_line
 from vfplan.study.bench.mesh import Bone, nearest_on
 from vfplan.study.bench.peers import NearestPointPenalty
 from vfplan.study.bench.proxy import judge
 from vfplan.study.bench.record import (
-    Errors,
-    Result,
     Trial,
+    errors_of,
     judge_chosen,
     mark_pareto,
     non_dominated,
     run_trials,
 )
-from vfplan.study.bench.registering import apply, markers_px, true_map
-from vfplan.study.bench.sampling import METHODS, lines, planned_surface, surface_error
+from vfplan.study.bench.register import apply, markers_px, true_map
+from vfplan.study.bench.sample import METHODS, lines, planned_surface, surface_error
 from vfplan.study.scenes import SCENES, travel
 from vfplan.study.scenes.base import way
 
@@ -97,13 +96,12 @@ def test_a_sampled_surface_is_judged_by_its_worst_place():
 def trial(times, **more):
     queue = iter(times)
     return Trial("scene", "m", {}, lambda: (0.0, np.array(next(queue), float)),
-                 lambda a: Errors.of([3.0, 4.0]), "m", **more)  # fmt: skip
+                 lambda a: errors_of([3.0, 4.0]), "m", **more)  # fmt: skip
 
 
 def test_result_reports_medians_tails_and_spread():
-    (result,), refused = run_trials("s", [trial([[99], [1, 2, 3], [2, 3, 4], [3, 4, 500]])], 3)
+    (record,), refused = run_trials("s", [trial([[99], [1, 2, 3], [2, 3, 4], [3, 4, 500]])], 3)
     assert not refused
-    record = result.record()
     assert record["error_rms"] == pytest.approx(np.sqrt(12.5))
     assert record["error_max"] == 4
     assert record["time_us_median"] == 3, "the first round only warms up"
@@ -117,10 +115,10 @@ def test_a_refusal_is_noted_and_the_others_go_on():
     def refuse():
         raise CurveError("no line")
 
-    bad = Trial("s", "b", {"scale": 0.5}, refuse, lambda a: Errors(0, 0), "px")
+    bad = Trial("s", "b", {"scale": 0.5}, refuse, lambda a: errors_of([0.0]), "px")
     results, refused = run_trials("s", [bad, trial([[1]] * 3)], 2)
-    assert [r.trial.method for r in results] == ["m"]
-    assert [r.record() for r in refused] == [
+    assert [r["method"] for r in results] == ["m"]
+    assert refused == [
         {"stage": "s", "scene": "s", "method": "b", "settings": {"scale": 0.5},
          "message": "no line"}
     ]  # fmt: skip
@@ -132,10 +130,10 @@ def test_slow_trials_sit_out_the_later_rounds():
 
     def taking(us):
         return Trial("s", str(us), {}, lambda: (seen.append(us), np.full(1, us)),
-                     lambda a: Errors(0, 0), "m")  # fmt: skip
+                     lambda a: errors_of([0.0]), "m")  # fmt: skip
 
     results, _ = run_trials("s", [taking(1.0), taking(1e5), taking(1e6)], 7, told.append)
-    assert [len(r.times) for r in results] == [7, 3, 3]
+    assert [r["repeats"] for r in results] == [7, 3, 3]
     assert [seen.count(us) for us in (1.0, 1e5, 1e6)] == [8, 4, 4]
     assert sum(told) == 3 * 8, "the bar ends where it should"
 
@@ -145,7 +143,7 @@ def test_rounds_are_interleaved():
 
     def noting(name):
         return Trial("s", name, {}, lambda: (seen.append(name), np.ones(1)),
-                     lambda a: Errors(0, 0), "m")  # fmt: skip
+                     lambda a: errors_of([0.0]), "m")  # fmt: skip
 
     run_trials("s", [noting(n) for n in "abc"], 4)
     rounds = [sorted(seen[i : i + 3]) for i in range(0, 15, 3)]
@@ -222,10 +220,10 @@ def test_registration_truth_is_a_scaled_rotation_until_it_is_stretched():
 def test_exact_proxy_has_no_error():
     case = next(cases(True))
     errors = judge(case, case.scene.points, case.truth, {})
-    assert errors.rms == errors.max == 0
-    assert errors.more["force_rms_n"] == 0
-    assert errors.more["surface_error_m"] < 1e-12
-    assert errors.more["lag_rms_m"] < 1e-12
+    assert errors["error_rms"] == errors["error_max"] == 0
+    assert errors["force_rms_n"] == 0
+    assert errors["surface_error_m"] < 1e-12
+    assert errors["lag_rms_m"] < 1e-12
 
 
 def test_force_error_is_the_stiffness_times_that_of_the_proxy():
@@ -234,8 +232,8 @@ def test_force_error_is_the_stiffness_times_that_of_the_proxy():
     case = Case("segment", scene, hips)
     shifted = case.truth + np.array([0, 1e-5, 0])
     errors = judge(case, scene.points, shifted, {})
-    assert errors.rms == pytest.approx(1e-5)
-    assert errors.more["force_rms_n"] == pytest.approx(1e-2)
+    assert errors["error_rms"] == pytest.approx(1e-5)
+    assert errors["force_rms_n"] == pytest.approx(1e-2)
 
 
 def test_ticks_that_nothing_can_follow_are_counted_apart():
@@ -246,7 +244,7 @@ def test_ticks_that_nothing_can_follow_are_counted_apart():
     depth = R - np.linalg.norm(hips, axis=1)
     assert case.followable.tolist() == (depth <= R / 2 + 1e-9).tolist()
     wrong = case.truth + np.where(case.followable, 1e-6, 1e-3)[:, None] * [0, 0, 1]
-    more = judge(case, scene.points, wrong, {}).more
+    more = judge(case, scene.points, wrong, {})
     assert more["followed_rms_m"] == pytest.approx(1e-6)
     assert more["followed_ticks"] == case.followable.sum() < more["ticks"] == len(hips)
     finer = case.at(1e-3)
@@ -407,11 +405,9 @@ def test_unknown_stage_is_refused():
 
 
 def test_result_knows_its_trial():
-    t = trial([[1.0]], chosen=True, peer=True)
-    record = Result("s", t, Errors(1.0, 2.0, {"points": 3}), [np.array([1.0])]).record()
+    ((record,), _) = run_trials("s", [trial([[1.0]] * 2, chosen=True, peer=True)], 1)
     assert record["chosen"] is True
     assert record["peer"] is True
-    assert record["points"] == 3
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 """Every scene of the bench against its exact proxy: who is nearer, what spacing buys, what is kept.
 
-The same figures that `vfplan bench proxy` writes, without the clock: `Case`, `judge`, `Rendered`.
+The same figures that `vfplan bench proxy` writes, without the clock: of `Case` and `judge`.
 """
 
 from dataclasses import replace
@@ -9,10 +9,9 @@ from functools import cache
 import pytest
 
 from vfplan.engine.proxy import ProxyEngine
-from vfplan.engine.tolerance import choose
-from vfplan.study.bench.cases import FULL, SPEED_M_S, Case, chosen_points, is_drawn
+from vfplan.study.bench.cases import FULL, SPEED_M_S, Case, is_drawn
 from vfplan.study.bench.peers import NearestPointPenalty
-from vfplan.study.bench.proxy import R, Rendered, judge
+from vfplan.study.bench.proxy import chosen_trial, judge
 from vfplan.study.bench.record import timed_ticks
 from vfplan.study.scenes import SCENES
 
@@ -47,16 +46,15 @@ def test_robust_is_nearer_than_what_one_would_write_instead(scene):
     for other in (paper, penalty):
         if other is penalty and scene == ("point", "across"):
             continue  # the nearest point's ball is the truth where there is one point
-        assert robust.rms < other.rms
-        assert robust.more["force_rms_n"] < other.more["force_rms_n"]
-    assert robust.more["inside_m"] < 3e-5
+        assert robust["error_rms"] < other["error_rms"]
+        assert robust["force_rms_n"] < other["force_rms_n"]
+    assert robust["inside_m"] < 3e-5
 
 
 @every_scene
 def test_errors_fall_with_the_spacing_to_a_floor(scene):
     coarse, fine = (
-        rendered(case(scene), by("robust"), spacing).more["followed_rms_m"]
-        for spacing in (1e-3, 0.5e-3)
+        rendered(case(scene), by("robust"), spacing)["followed_rms_m"] for spacing in (1e-3, 0.5e-3)
     )
     assert fine < coarse or fine < ROUNDING or scene[0] == "point"
     if scene[0] in ("circle", "sphere"):
@@ -66,12 +64,11 @@ def test_errors_fall_with_the_spacing_to_a_floor(scene):
 @every_scene
 def test_the_chosen_settings_keep_the_tolerance(scene):
     here = case(scene)
-    choice = choose(TOLERANCE, R, planar=here.scene.ignore_axis is not None)
-    trial = Rendered(here, choice, points=chosen_points(here.scene, choice)).chosen_trial()
-    found = trial.score(trial.run()[0]).more
+    trial = chosen_trial(here, TOLERANCE)
+    found = trial.score(trial.run()[0])
     assert found["surface_error_m"] <= TOLERANCE
     assert found["inside_m"] <= TOLERANCE
     assert found["followed_rms_m"] <= TOLERANCE
     assert found["followed_ticks"] > 0.75 * found["ticks"]
     if is_drawn(here.scene):  # by lines and arcs: nearer by far, jumps of the truth and all
-        assert trial.score(trial.run()[0]).rms < 2e-6
+        assert found["error_rms"] < 2e-6

@@ -105,6 +105,14 @@ class Trace:
     def __len__(self) -> int:
         return len(self.state)
 
+    @classmethod
+    def of(cls, steps: list[Step]) -> Trace:
+        """Steps one after the other."""
+        rows = (np.array([getattr(s, n) for s in steps]) for n in ("proxy", "normal", "force"))
+        state, status = ([getattr(s, n) for s in steps] for n in ("state", "status"))
+        vectors = (row.reshape(-1, 3) for row in rows)
+        return cls(*vectors, np.array(state, np.int8), np.array(status, np.uint8))
+
 
 @dataclass(frozen=True, eq=False)
 class ProxyParameters:

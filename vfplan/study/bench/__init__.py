@@ -1,10 +1,10 @@
 """Error against run time, for every stage: `bench()` measures, `vfplan.study.bench_figures` draws.
 
 record      what is measured, side by side, and how it is written down; the Pareto front
-extracting, sampling, registering, proxy, feel, planning
+extract, sample, register, proxy, feel, plan
             one stage each: scenes with known truth, methods, settings
 peers       what a user would pick instead: a penalty force, and outside programs
-document    the bench as one JSON document and as CSV; the machine
+stages      the bench as one JSON document and as CSV; the machine
 """
 
 from __future__ import annotations

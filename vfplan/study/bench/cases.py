@@ -70,6 +70,13 @@ class Case:
         """The same path and truth on another cloud of the same geometry."""
         return Case(self.name, scene, self.hips, self._origin or self)
 
+    @property
+    def solid(self) -> Case | None:
+        """A drawing extruded far enough that its ends are not felt; `None` for a solid scene."""
+        if self.scene.ignore_axis is None:
+            return None
+        return self.with_scene(replace(self.scene, extrude=6 * R))
+
     def at(self, spacing: float) -> Case:
         """The same with points `spacing` apart [m]."""
         return self.with_scene(replace(self.scene, spacing=spacing))

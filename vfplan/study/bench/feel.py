@@ -26,7 +26,7 @@ import numpy as np
 
 from vfplan.engine.parameters import Status, Trace
 from vfplan.engine.proxy import ProxyEngine
-from vfplan.study.bench.record import Array, Errors, Trial, timed_ticks
+from vfplan.study.bench.record import Array, Record, Trial, errors_of, timed_ticks
 from vfplan.study.scenes import Drawn, outline
 
 R, STIFFNESS, RATE_HZ = 5e-3, 1000.0, 1000.0
@@ -167,7 +167,7 @@ def _trial(cloud: Scanned, name: str, engine: ProxyEngine, hips: Array, truth: A
     )  # fmt: skip
 
 
-def judge(trace: Trace, hips: Array, truth: Array, more: dict[str, Any]) -> Errors:
+def judge(trace: Trace, hips: Array, truth: Array, more: dict[str, Any]) -> Record:
     """What a rendered path's force does that the exact one does not."""
     off = (trace.proxy - truth)[:, :2]
     steps = STIFFNESS * np.linalg.norm(np.diff(off, axis=0), axis=1)
@@ -178,4 +178,4 @@ def judge(trace: Trace, hips: Array, truth: Array, more: dict[str, Any]) -> Erro
         "limit_share": float((trace.status & Status.LIMIT > 0).mean()),
         "ticks": len(hips),
     }
-    return Errors.of(np.linalg.norm(off, axis=1), **figures, **more)
+    return errors_of(np.linalg.norm(off, axis=1), **figures, **more)

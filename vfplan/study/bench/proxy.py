@@ -21,20 +21,20 @@ lag_rms_m, friction
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vfplan.curve.vector import FINE_M
-from vfplan.engine.tolerance import Choice, choose
-from vfplan.fixture import Pieces
+from vfplan.engine.parameters import ProxyParameters
+from vfplan.engine.tolerance import choose
 from vfplan.planning.settings import DEFAULT_ARCS_M
+from vfplan.reference import PaperProxy
 from vfplan.study.bench.cases import Case, cases, chosen_points, fitted, is_drawn
 from vfplan.study.bench.peers import NearestPointPenalty, Peer
-from vfplan.study.bench.record import Array, Errors, Setting, Trial, timed_ticks
+from vfplan.study.bench.record import Array, Record, Setting, Trial, errors_of, timed_ticks
 
 R = 5e-3
 STIFFNESS = 1000.0
@@ -43,35 +43,44 @@ SPACINGS = {True: (1e-3, 0.5e-3), False: (2e-3, 1e-3, 0.5e-3, 0.25e-3)}
 NUMPY_WORK, BRUTE_WORK = 4e7, 4e8
 HELD_M = 0.1e-3  # a HIP further than this behind the surface has a normal to speak of
 
-Make = Callable[[Array, str | None], Any]
+Make = Callable[[Case], tuple[Any, dict[str, Any]]]
 
 
 @dataclass(frozen=True)
 class Method:
     """A way to render."""
 
-    make: Make  # (points, ignored axis) -> engine
+    make: Make  # an engine on a case's cloud or what is fitted to it, and what is told of that
     most_work: float = np.inf  # points x ticks beyond which it is left out
     settings: tuple[tuple[str, Setting], ...] = ()  # beyond the spacing
     full_only: bool = False  # left out of a quick run
+    drawn: bool = False  # for drawings alone
     in_space: bool = False  # given the cloud of an extruded drawing, without an ignored axis
 
 
 def _native(**settings: Any) -> Make:
-    def make(points: Array, axis: str | None) -> Any:
-        from vfplan.engine.proxy import ProxyEngine
-
-        return ProxyEngine(points, ignore_axis=axis, stiffness=STIFFNESS, **settings)
-
-    return make
+    return lambda case: (_on(case.scene.points, case, **settings), {})
 
 
-def _python(name: str) -> Make:
-    def make(points: Array, axis: str | None) -> Any:
-        from vfplan.reference import PaperProxy
+def _on(points: Array, case: Case, **settings: Any) -> Any:
+    from vfplan.engine.proxy import ProxyEngine
 
-        kind = {"paper": PaperProxy, "penalty": NearestPointPenalty}[name]
-        return kind(points, ignore_axis=axis, stiffness=STIFFNESS)
+    axis = case.scene.ignore_axis
+    return ProxyEngine(points, ignore_axis=axis, stiffness=STIFFNESS, **settings)
+
+
+def _along(case: Case) -> tuple[Any, dict[str, Any]]:
+    from vfplan.engine.proxy import ProxyEngine
+
+    pieces = fitted(case.scene)
+    engine = ProxyEngine.along(pieces, R, stiffness=STIFFNESS)
+    return engine, {"lines_and_arcs": pieces.count}
+
+
+def _python(kind: type) -> Make:
+    def make(case: Case) -> tuple[Any, dict[str, Any]]:
+        scene = case.scene
+        return kind(scene.points, ignore_axis=scene.ignore_axis, stiffness=STIFFNESS), {}
 
     return make
 
@@ -82,17 +91,17 @@ def _limited(n: int) -> Method:
     )
 
 
+BRUTE = (("search", "brute"),)
 METHODS: dict[str, Method] = {
     "robust": Method(_native()),
     **{f"robust, {n} iteration{'s' * (n > 1)}": _limited(n) for n in (1, 2, 4, 8)},
-    "robust, every point": Method(_native(search="brute"), BRUTE_WORK, (("search", "brute"),)),
+    "robust, every point": Method(_native(search="brute"), BRUTE_WORK, BRUTE),
     "robust, not planar": Method(_native(), settings=(("planar", False),), in_space=True),
     "paper": Method(_native(rule="paper")),
-    "paper, every point": Method(
-        _native(rule="paper", search="brute"), BRUTE_WORK, (("search", "brute"),), True
-    ),
-    "paper in NumPy": Method(_python("paper"), NUMPY_WORK),
-    "nearest-point penalty": Method(_python("penalty")),
+    "paper, every point": Method(_native(rule="paper", search="brute"), BRUTE_WORK, BRUTE, True),
+    "paper in NumPy": Method(_python(PaperProxy), NUMPY_WORK),
+    "nearest-point penalty": Method(_python(NearestPointPenalty)),
+    "exact": Method(_along, drawn=True),
 }
 
 
@@ -101,133 +110,80 @@ def scenes(
 ) -> Iterator[list[Trial]]:
     """The trials of each scene and route."""
     for case in cases(quick, surface):
-        yield list(_trials(case, quick, tolerance_m, peers))
+        finer = [(spacing, case.at(spacing)) for spacing in SPACINGS[quick]]
+        yield [
+            *(trial for spacing, here in finer for trial in _trials(here, spacing, quick, peers)),
+            chosen_trial(case, tolerance_m),
+        ]
 
 
-def _trials(case: Case, quick: bool, tolerance_m: float, peers: Sequence[Peer]) -> Iterator[Trial]:
-    choice = choose(tolerance_m, R, planar=case.scene.ignore_axis is not None)
-    for spacing in SPACINGS[quick]:
-        finer = Rendered(case.at(spacing), choice)
-        for name, method in METHODS.items():
-            if method.full_only and quick:
-                continue
-            if method.in_space:
-                solid = finer.solid
-                if solid is not None:
-                    yield from solid.trials(name, method, spacing)
-            else:
-                yield from finer.trials(name, method, spacing)
-        if is_drawn(finer.case.scene):
-            yield finer.exact_trial(spacing)
-        for peer in peers:
-            yield finer.peer_trial(peer, spacing)
-    best = Rendered(case, choice, points=chosen_points(case.scene, choice))
-    yield best.chosen_trial()
+def _trials(case: Case, spacing: float, quick: bool, peers: Sequence[Peer]) -> Iterator[Trial]:
+    """The trials of every method that this case can meet in good time."""
+    scene, solid = case.scene, case.solid
+    for name, method in METHODS.items():
+        seen = solid if method.in_space else case
+        left_out = (method.full_only and quick) or (method.drawn and not is_drawn(scene))
+        if seen is None or left_out or len(seen.scene.points) * len(case.hips) > method.most_work:
+            continue
+        given: dict[str, Setting] = {"spacing_m": spacing, **dict(method.settings)}
+        yield _trial(seen, name, given, *method.make(seen))
+    for peer in peers:
+        yield _peer_trial(case, peer, spacing)
 
 
-@dataclass(frozen=True, eq=False)
-class Rendered:
-    """A cloud of a case, ready for engines."""
+def chosen_trial(case: Case, tolerance_m: float) -> Trial:
+    """What a plan makes of it: lines and arcs, or `robust` with what the tolerance gives.
 
-    case: Case
-    choice: Choice
-    points: Array = None  # (N, 3) [m]; the scene's own where none are given
-
-    def __post_init__(self) -> None:
-        if self.points is None:
-            object.__setattr__(self, "points", self.case.scene.points)
-
-    @cached_property
-    def solid(self) -> Rendered | None:
-        """The drawing extruded far enough that its ends are not felt; `None` for a solid scene."""
-        scene = self.case.scene
-        if scene.ignore_axis is None:
-            return None
-        return Rendered(self.case.with_scene(replace(scene, extrude=6 * R)), self.choice)
-
-    def trials(self, name: str, method: Method, spacing: float) -> Iterator[Trial]:
-        """The trial of one method; none where it would take too long."""
-        if len(self.points) * len(self.case.hips) > method.most_work:
-            return
-        engine = method.make(self.points, self.case.scene.ignore_axis)
-        settings: dict[str, Setting] = {"spacing_m": spacing, **dict(method.settings)}
-        yield self._trial(name, settings, engine)
-
-    def exact_trial(self, spacing: float) -> Trial:
-        """Rule `exact` along lines and arcs fitted to the drawing's points."""
-        pieces = fitted(self.case.scene)
-        return self._trial("exact", {"spacing_m": spacing}, _along(pieces), pieces=pieces)
-
-    def chosen_trial(self) -> Trial:
-        """What a plan makes of it: lines and arcs, or `robust` with what the tolerance gives.
-
-        A drawing is measured as a plan measures vectors.
-        """
-        choice, scene = self.choice, self.case.scene
-        given: dict[str, Setting] = {"tolerance_m": choice.tolerance_m}
-        if is_drawn(scene):
-            given["arcs_m"], pieces = DEFAULT_ARCS_M, fitted(replace(scene, spacing=FINE_M))
-            made = _along(pieces)
-            return self._trial("chosen by tolerance", given, made, chosen=True, pieces=pieces)
-        given |= {
-            "spacing_m": choice.spacing_m,
-            "band_m": choice.band_m,
-            "max_iterations": choice.max_iterations,
-        }
-        make = _native(band=choice.band_m, max_iterations=choice.max_iterations)
-        engine = make(self.points, scene.ignore_axis)
-        return self._trial("chosen by tolerance", given, engine, chosen=True)
-
-    def _trial(
-        self,
-        name: str,
-        settings: dict[str, Setting],
-        engine: Any,
-        chosen: bool = False,
-        pieces: Pieces | None = None,
-    ) -> Trial:
-        case, points = self.case, self.points
-        more = {"points": len(points), "band_m": engine.parameters.band}
-        if pieces is not None:
-            more["lines_and_arcs"] = pieces.count
-        if chosen:
-            more["left_out"] = dict(engine.left_out)
-
-        def run() -> tuple[Array, Array]:
-            trace, us = timed_ticks(engine, case.hips)
-            return trace.proxy, us
-
-        return Trial(
-            case.name, name, settings, run, lambda p: judge(case, points, p, more), "m", chosen
-        )
-
-    def peer_trial(self, peer: Peer, spacing: float) -> Trial:
-        """An outside program on this cloud, with the paper's settings."""
-        from vfplan.engine.parameters import ProxyParameters
-
-        case, points = self.case, self.points
-        par = ProxyParameters.make(
-            points, rule="paper", ignore_axis=case.scene.ignore_axis, stiffness=STIFFNESS
-        )
-        more = {"points": len(points), "band_m": par.band}
-        return Trial(
-            case.name,
-            peer.name,
-            {"spacing_m": spacing},
-            lambda: peer.run(points, case.hips, par),
-            lambda p: judge(case, points, p, more),
-            "m",
-            peer=True,
-        )
+    A drawing is measured as a plan measures vectors.
+    """
+    scene = case.scene
+    choice = choose(tolerance_m, R, planar=scene.ignore_axis is not None)
+    given: dict[str, Setting] = {"tolerance_m": choice.tolerance_m}
+    points = chosen_points(scene, choice)
+    if is_drawn(scene):
+        given["arcs_m"] = DEFAULT_ARCS_M
+        engine, more = _along(case.at(FINE_M))
+    else:
+        settings = {"band": choice.band_m, "max_iterations": choice.max_iterations}
+        given |= {"spacing_m": choice.spacing_m, "band_m": choice.band_m}
+        given["max_iterations"] = choice.max_iterations
+        engine, more = _on(points, case, **settings), {}
+    more["left_out"] = dict(engine.left_out)
+    return _trial(case, "chosen by tolerance", given, engine, more, points, chosen=True)
 
 
-def _along(pieces: Pieces) -> Any:
-    from vfplan.engine.proxy import ProxyEngine
+def _trial(
+    case: Case,
+    name: str,
+    settings: dict[str, Setting],
+    engine: Any,
+    more: dict[str, Any],
+    points: Array | None = None,
+    chosen: bool = False,
+) -> Trial:
+    points = case.scene.points if points is None else points
+    more = {"points": len(points), "band_m": engine.parameters.band, **more}
 
-    return ProxyEngine.along(pieces, R, stiffness=STIFFNESS)
+    def run() -> tuple[Array, Array]:
+        trace, us = timed_ticks(engine, case.hips)
+        return trace.proxy, us
+
+    score = lambda proxy: judge(case, points, proxy, more)  # noqa: E731 - reads as its field
+    return Trial(case.name, name, settings, run, score, "m", chosen)
 
 
-def judge(case: Case, points: Array, proxy: Array, more: dict[str, Any]) -> Errors:
+def _peer_trial(case: Case, peer: Peer, spacing: float) -> Trial:
+    """An outside program on this cloud, with the paper's settings."""
+    points, axis = case.scene.points, case.scene.ignore_axis
+    par = ProxyParameters.make(points, rule="paper", ignore_axis=axis, stiffness=STIFFNESS)
+    more = {"points": len(points), "band_m": par.band}
+    return Trial(
+        case.name, peer.name, {"spacing_m": spacing}, lambda: peer.run(points, case.hips, par),
+        lambda proxy: judge(case, points, proxy, more), "m", peer=True,
+    )  # fmt: skip
+
+
+def judge(case: Case, points: Array, proxy: Array, more: dict[str, Any]) -> Record:
     """Every figure of a rendered proxy (T, 3) [m] against the exact one."""
     truth, hips = case.truth, case.hips
     force = case.scene.force(hips, proxy, STIFFNESS)
@@ -240,7 +196,7 @@ def judge(case: Case, points: Array, proxy: Array, more: dict[str, Any]) -> Erro
         "clearance_min_m": _clearance(case, points, proxy),
     }
     off = np.linalg.norm(proxy - truth, axis=1)
-    return Errors.of(off, **_followed(case, off), **figures, **more)
+    return errors_of(off, **_followed(case, off), **figures, **more)
 
 
 def _followed(case: Case, off: Array) -> dict[str, Any]:

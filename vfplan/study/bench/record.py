@@ -7,30 +7,26 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.engine.parameters import Trace
 from vfplan.errors import InputError
 
 Array = NDArray[np.float64]
 Setting = str | float | int | bool | None
 
 
-class Errors(NamedTuple):
-    """How far an answer is from the truth, in the trial's unit; `more` is named in the JSON."""
+Record = dict[str, Any]
 
-    rms: float
-    max: float
-    more: dict[str, Any] = {}  # noqa: RUF012 - a NamedTuple's default is never written to
 
-    @classmethod
-    def of(cls, distances: Any, **more: Any) -> Errors:
-        """RMS and maximum of distances, any shape."""
-        d = np.abs(np.asarray(distances, float))
-        return cls(float(np.sqrt(np.mean(d**2))), float(d.max()), more)
+def errors_of(distances: Any, **more: Any) -> Record:
+    """RMS and maximum of distances of any shape, and what else is told of them."""
+    d = np.abs(np.asarray(distances, float))
+    return {"error_rms": float(np.sqrt(np.mean(d**2))), "error_max": float(d.max()), **more}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,82 +40,37 @@ class Trial:
     # Does the work once: the answer and the times of its parts (K,) [µs] (one element for a call,
     # one a tick for an engine)
     run: Callable[[], tuple[Any, Array]]
-    score: Callable[[Any], Errors]  # answer -> `Errors`
+    score: Callable[[Any], Record]  # answer -> `errors_of` it
     unit: str  # of the errors: "px" or "m"
     # Whether these are the settings that `vfplan.engine.tolerance` takes from the tolerance
     chosen: bool = False
     peer: bool = False  # whether an outside program does it
 
-
-@dataclass(frozen=True, eq=False)
-class Refusal:
-    """A trial whose method found its input unusable, and said so."""
-
-    stage: str
-    trial: Trial
-    message: str
-
-    def record(self) -> dict[str, Any]:
-        """As the JSON holds it."""
-        t = self.trial
-        names = {"scene": t.scene, "method": t.method, "settings": t.settings}
-        return {"stage": self.stage, **names, "message": self.message}
-
-
-@dataclass(frozen=True, eq=False)
-class Result:
-    """A measured trial."""
-
-    stage: str  # "extract", "sample", "register", "proxy", "feel" or "plan"
-    trial: Trial  # what was measured
-    errors: Errors  # against the truth
-    times: list[Array] = field(repr=False)  # (repeats, K) [µs]
-
     @property
-    def time_us(self) -> dict[str, float]:
-        """Medians and tails over all parts of all runs [µs]."""
-        everything = np.concatenate(self.times)
-        medians = np.array([np.median(run) for run in self.times])
-        q = np.quantile(everything, [0.5, 0.99, 0.999])
-        low, high = np.quantile(medians, [0.25, 0.75])
-        return {
-            "time_us_median": float(q[0]),
-            "time_us_p99": float(q[1]),
-            "time_us_p999": float(q[2]),
-            "time_us_max": float(everything.max()),
-            "time_us_low": float(min(low, q[0])),
-            "time_us_high": float(max(high, q[0])),
-        }
-
-    def record(self) -> dict[str, Any]:
-        """The result as the JSON holds it, `pareto` aside."""
-        t = self.trial
-        data = {
-            "stage": self.stage,
-            "scene": t.scene,
-            "method": t.method,
-            "settings": t.settings,
-            "error_rms": self.errors.rms,
-            "error_max": self.errors.max,
-            "unit": t.unit,
-            **self.time_us,
-            "repeats": len(self.times),
-            **self.errors.more,
-        }
-        if t.chosen:
-            data["chosen"] = True
-        if t.peer:
-            data["peer"] = True
-        return data
+    def head(self) -> Record:
+        """What a record of it begins with."""
+        return {"scene": self.scene, "method": self.method, "settings": self.settings}
 
 
-def mark_pareto(records: list[dict[str, Any]]) -> None:
+def time_us(runs: list[Array]) -> Record:
+    """Medians and tails over all parts of all runs (repeats, K) [µs]."""
+    everything = np.concatenate(runs)
+    median, p99, p999 = np.quantile(everything, [0.5, 0.99, 0.999])
+    low, high = np.quantile([np.median(run) for run in runs], [0.25, 0.75])
+    found = {
+        "median": median, "p99": p99, "p999": p999, "max": everything.max(),
+        "low": min(low, median), "high": max(high, median),
+    }  # fmt: skip
+    return {f"time_us_{name}": float(value) for name, value in found.items()}
+
+
+def mark_pareto(records: list[Record]) -> None:
     """Set `pareto` in every record: nothing of its stage and scene is as good and cheaper.
 
     A record is dominated when another's `error_rms` and `time_us_median` are both no larger and
     one of them is smaller.
     """
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    groups: dict[tuple[str, str], list[Record]] = {}
     for record in records:
         groups.setdefault((record["stage"], record["scene"]), []).append(record)
     for group in groups.values():
@@ -128,7 +79,7 @@ def mark_pareto(records: list[dict[str, Any]]) -> None:
             record["pareto"] = bool(front)
 
 
-def judge_chosen(records: list[dict[str, Any]], tolerance_m: float) -> None:
+def judge_chosen(records: list[Record], tolerance_m: float) -> None:
     """Say of each chosen record whether it keeps the tolerance, and how far from cheapest it is.
 
     `meets_tolerance`
@@ -156,7 +107,7 @@ def judge_chosen(records: list[dict[str, Any]], tolerance_m: float) -> None:
         chosen["time_over_cheapest"] = chosen["time_us_median"] / min(within) if within else None
 
 
-def _surface_within(record: dict[str, Any], tolerance_m: float) -> bool:
+def _surface_within(record: Record, tolerance_m: float) -> bool:
     worst = record.get("surface_error_m", record["error_max"])
     return bool(max(worst, record.get("inside_m", 0.0)) <= tolerance_m)
 
@@ -170,8 +121,6 @@ def non_dominated(values: Array) -> NDArray[np.bool_]:
 
 def timed(work: Callable[[], Any]) -> tuple[Any, Array]:
     """The answer of a call, and its time as (1,) [µs]."""
-    import time
-
     began = time.perf_counter_ns()
     answer = work()
     return answer, np.array([(time.perf_counter_ns() - began) / 1e3])
@@ -183,36 +132,40 @@ FEWEST, ENOUGH_S = 3, 0.25  # a trial timed so often and for so long sits out th
 
 def run_trials(
     stage: str, trials: Sequence[Trial], repeats: int, advance: Advance = lambda n: None
-) -> tuple[list[Result], list[Refusal]]:
-    """Measure the trials of one scene: their results, and the trials that refused their input.
+) -> tuple[list[Record], list[Record]]:
+    """Measure the trials of one scene: a record a trial, and those that refused their input.
 
     Every round runs each trial once, in another order each time; the first round warms caches up
     and gives the answers to score, and is not timed. Slow trials run in the first rounds only.
 
-    stage: the results' stage
+    stage: the records' stage
     trials: of one scene
     repeats: timed rounds, at most
     advance: told 1 for each trial in each round, len(trials) * (1 + repeats) in all
     """
     rng = np.random.default_rng(0)
-    errors: dict[int, Errors] = {}
-    refused: list[Refusal] = []
+    records: dict[int, Record] = {}
+    refused: list[Record] = []
     for i, trial in enumerate(trials):
+        head = {"stage": stage, **trial.head}
         try:
-            errors[i] = trial.score(trial.run()[0])
+            records[i] = head | trial.score(trial.run()[0]) | {"unit": trial.unit}
         except InputError as error:
-            refused.append(Refusal(stage, trial, error.message))
+            refused.append(head | {"message": error.message})
         advance(1)
-    times: dict[int, list[np.ndarray]] = {i: [] for i in errors}
+    times: dict[int, list[Array]] = {i: [] for i in records}
     for _ in range(repeats):
         for i in rng.permutation(len(trials)):
-            if i in errors and not _enough(times[i]):
+            if i in records and not _enough(times[i]):
                 times[i].append(trials[i].run()[1])
             advance(1)
-    return [Result(stage, trials[i], errors[i], times[i]) for i in errors], refused
+    for i, record in records.items():
+        record |= time_us(times[i]) | {"repeats": len(times[i])}
+        record |= {flag: True for flag in ("chosen", "peer") if getattr(trials[i], flag)}
+    return list(records.values()), refused
 
 
-def _enough(times: list[np.ndarray]) -> bool:
+def _enough(times: list[Array]) -> bool:
     return len(times) >= FEWEST and 1e-6 * sum(run.sum() for run in times) > ENOUGH_S
 
 
@@ -229,17 +182,4 @@ def timed_ticks(engine: Any, hips: Array) -> tuple[Any, Array]:
         began = time.perf_counter_ns()
         steps.append(engine.step(hip))
         times[i] = (time.perf_counter_ns() - began) / 1e3
-    return stack(steps), times
-
-
-def stack(steps: list[Any]) -> Any:
-    """Steps as a `Trace`."""
-    from vfplan.engine.parameters import Trace
-
-    return Trace(
-        proxy=np.array([s.proxy for s in steps]),
-        normal=np.array([s.normal for s in steps]),
-        force=np.array([s.force for s in steps]),
-        state=np.array([s.state for s in steps], np.int8),
-        status=np.array([s.status for s in steps], np.uint8),
-    )
+    return Trace.of(steps), times

@@ -8,7 +8,7 @@ import json
 import os
 import platform
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -20,18 +20,10 @@ from vfplan.errors import InputError, SettingError
 from vfplan.io.disk import jsonable, write_whole
 from vfplan.io.reading import read_whole
 from vfplan.study.bench.peers import Peer, nanoflann_hint
-from vfplan.study.bench.record import Refusal, Result, Trial, judge_chosen, mark_pareto, run_trials
+from vfplan.study.bench.record import Record, Trial, judge_chosen, mark_pareto, run_trials
 
 Stage = Literal["extract", "sample", "register", "proxy", "feel", "plan"]
 STAGES: tuple[Stage, ...] = get_args(Stage)
-_MODULES = {
-    "extract": "extracting",
-    "sample": "sampling",
-    "register": "registering",
-    "proxy": "proxy",
-    "feel": "feel",
-    "plan": "planning",
-}
 REPEATS = {True: 3, False: 7}
 TOLERANCE_M = 1e-5
 BUDGET_US = 1000.0  # a tick of a 1 kHz controller
@@ -62,13 +54,15 @@ def bench(
     for peer in peers:
         peer.check()
     began = time.perf_counter()
-    records: list[dict[str, Any]] = []
-    refused: list[dict[str, Any]] = []
+    records: list[Record] = []
+    refused: list[Record] = []
     for stage in wanted:
-        for trials in _scenes(stage, quick, tolerance_m, peers, surface):
-            results, refusals = _measure(stage, trials, REPEATS[quick], progress)
-            records += [result.record() for result in results]
-            refused += [refusal.record() for refusal in refusals]
+        scenes = import_module(f"vfplan.study.bench.{stage}").scenes
+        more = (peers, surface) if stage == "proxy" else ()
+        for trials in scenes(quick, tolerance_m, *more):
+            measured, unusable = _measure(stage, trials, REPEATS[quick], progress)
+            records += measured
+            refused += unusable
     mark_pareto(records)
     judge_chosen(records, tolerance_m)
     return {
@@ -95,22 +89,9 @@ def _checked(stages: Iterable[Stage]) -> tuple[Stage, ...]:
     return tuple(stage for stage in STAGES if stage in given)
 
 
-def _scenes(
-    stage: Stage,
-    quick: bool,
-    tolerance_m: float,
-    peers: Sequence[Peer],
-    surface: Path | None,
-) -> Iterator[list[Trial]]:
-    module = import_module(f"vfplan.study.bench.{_MODULES[stage]}")
-    if stage == "proxy":
-        return module.scenes(quick, tolerance_m, peers, surface)
-    return module.scenes(quick, tolerance_m)
-
-
 def _measure(
     stage: Stage, trials: list[Trial], repeats: int, progress: Callable[[str, int, int], None]
-) -> tuple[list[Result], list[Refusal]]:
+) -> tuple[list[Record], list[Record]]:
     label, total, done = f"{stage}: {trials[0].scene}", len(trials) * (1 + repeats), 0
 
     def advance(n: int) -> None:

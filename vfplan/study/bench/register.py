@@ -6,13 +6,13 @@ given noise an axis. The error is that of the whole planned curve, over many dra
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from vfplan.study.bench.record import Array, Errors, Trial
+from vfplan.study.bench.record import Array, Record, Setting, Trial, errors_of, timed
 
 MARKERS = {True: (4, 9, 25), False: (4, 6, 9, 16, 25, 49)}
 NOISE_MM = {True: (0.2,), False: (0.05, 0.2, 1.0)}
@@ -27,29 +27,19 @@ def scenes(quick: bool, tolerance_m: float) -> Iterator[list[Trial]]:
     """The trials of each noise and print; the tolerance has no say here."""
     for noise in NOISE_MM[quick]:
         for name, stretch in STRETCH.items():
-            yield _trials(f"{noise:g} mm noise, {name}", noise * 1e-3, stretch, quick)
+            yield list(_trials(f"{noise:g} mm noise, {name}", noise * 1e-3, stretch, quick))
 
 
-def _trials(scene: str, noise: float, stretch: float, quick: bool) -> list[Trial]:
+def _trials(scene: str, noise: float, stretch: float, quick: bool) -> Iterator[Trial]:
     T = true_map(stretch)
-    curve = _curve_px()
-    trials = []
+    score = partial(_score, T=T, curve=_curve_px())
     for count in MARKERS[quick]:
         source = markers_px(count)
         targets = _touched(source, T, noise, DRAWS[quick])
         for method, fit in METHODS.items():
-            trials.append(
-                Trial(
-                    scene=scene,
-                    method=method,
-                    settings={"markers": count},
-                    run=lambda f=fit, s=source, t=targets: _fit_all(f, s, t),
-                    score=lambda found, T=T: _score(found, T, curve),
-                    unit="m",
-                    chosen=method == "affine" and count == DEFAULT_MARKERS,
-                )
-            )
-    return trials
+            run, chosen = partial(_fit_all, fit, source, targets), count == DEFAULT_MARKERS
+            given: dict[str, Setting] = {"markers": count}
+            yield Trial(scene, method, given, run, score, "m", chosen and method == "affine")
 
 
 def true_map(stretch: float = 1.0) -> Array:
@@ -88,19 +78,15 @@ def apply(T: Array, points: Array) -> Array:
 
 
 def _fit_all(fit: Callable[[Array, Array], Array], source: Array, targets: Array) -> Any:
-    maps, times = [], []
-    for target in targets:
-        began = time.perf_counter_ns()
-        maps.append(fit(source, target))
-        times.append((time.perf_counter_ns() - began) / 1e3)
-    return maps, np.array(times)
+    fits = [timed(partial(fit, source, target)) for target in targets]
+    return [found for found, _ in fits], np.concatenate([us for _, us in fits])
 
 
-def _score(maps: list[Array], T: Array, curve: Array) -> Errors:
+def _score(maps: list[Array], T: Array, curve: Array) -> Record:
     """Target registration error over curve and draws [m]."""
     true = apply(T, curve)
     wrong = np.array([np.linalg.norm(apply(found, curve) - true, axis=1) for found in maps])
-    return Errors.of(wrong, draws=len(maps))
+    return errors_of(wrong, draws=len(maps))
 
 
 def _ours(model: str, robust: bool = False) -> Callable[[Array, Array], Array]:

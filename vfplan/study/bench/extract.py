@@ -8,6 +8,7 @@ the hue, thin the mask.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from vfplan.errors import CurveError
 from vfplan.study.bench import pictures
 from vfplan.study.bench.pictures import Drawing
-from vfplan.study.bench.record import Array, Errors, Trial, timed
+from vfplan.study.bench.record import Array, Record, Trial, errors_of, timed
 
 SCALES = {True: (0.5, 1.0), False: (0.5, 0.75, 1.0, 1.5, 2.0)}
 PENS = {True: (3.0,), False: (1.5, 3.0, 5.0)}
@@ -27,38 +28,29 @@ def scenes(quick: bool, tolerance_m: float) -> Iterator[list[Trial]]:
     """The trials of each pen and quality; the tolerance has no say here."""
     for pen in PENS[quick]:
         for quality in QUALITIES[quick]:
-            yield _trials(pen, quality, SCALES[quick])
+            yield list(_trials(pen, quality, SCALES[quick]))
 
 
-def _trials(pen: float, quality: int | None, scales: tuple[float, ...]) -> list[Trial]:
+def _trials(pen: float, quality: int | None, scales: tuple[float, ...]) -> Iterator[Trial]:
     name = f"pen {pen:g} px, " + ("lossless" if quality is None else f"JPEG {quality}")
-    truth = pictures.curve()
-    trials = []
     for scale in scales:
         picture = Drawing(pen, quality, scale).picture()
+        score = partial(_score, truth=pictures.curve(), scale=scale)
         for method, extract in METHODS.items():
-            trials.append(
-                Trial(
-                    scene=name,
-                    method=method,
-                    settings={"scale": scale},
-                    run=lambda extract=extract, picture=picture: timed(lambda: extract(picture)),
-                    score=lambda found, scale=scale: _score(found, truth, scale),
-                    unit="px",
-                    chosen=method == "ridge" and scale == DEFAULT_SCALE,
-                )
+            run, chosen = partial(timed, partial(extract, picture)), scale == DEFAULT_SCALE
+            yield Trial(
+                name, method, {"scale": scale}, run, score, "px", chosen and method == "ridge"
             )
-    return trials
 
 
-def _score(found: Array, truth: Array, scale: float) -> Errors:
+def _score(found: Array, truth: Array, scale: float) -> Record:
     """Distances of the points found from the true line, and of the line from them [px]."""
     from scipy.spatial import cKDTree
 
     points = pictures.from_pixels(found, scale)
     away = from_line(points, truth, cKDTree(truth).query(points)[1])
     missed, _ = cKDTree(points).query(truth[::5])
-    return Errors.of(away, uncovered_px=float(missed.max()), points=len(points))
+    return errors_of(away, uncovered_px=float(missed.max()), points=len(points))
 
 
 def from_line(points: Array, line: Array, nearest: Array) -> Array:

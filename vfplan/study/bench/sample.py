@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vfplan.engine.tolerance import choose
-from vfplan.study.bench.record import Array, Errors, Trial, timed_ticks
+from vfplan.study.bench.record import Array, Record, Trial, errors_of, timed_ticks
 
 R = 5e-3
 FINE_M = 20e-6  # arc between the true curve's vertices
@@ -55,14 +55,15 @@ def lines() -> list[Line]:
     turn = np.linspace(0, 2 * np.pi, 20_001)[:-1, None]
     circle = 30e-3 * np.column_stack([np.cos(turn), np.sin(turn)])
     return [
-        Line("line", _fine(np.array([[0, 0], [0.1, 0.0]]))),
-        Line("circle, 30 mm", _fine(circle, closed=True), closed=True),
-        Line("S, 8 mm bends", _fine(s_bend)),
-        Line("hairpin, 2 mm", _fine(hairpin)),
+        Line("line", fine(np.array([[0, 0], [0.1, 0.0]]))),
+        Line("circle, 30 mm", fine(circle, closed=True), closed=True),
+        Line("S, 8 mm bends", fine(s_bend)),
+        Line("hairpin, 2 mm", fine(hairpin)),
     ]
 
 
-def _fine(corners: Array, closed: bool = False) -> Array:
+def fine(corners: Array, closed: bool = False) -> Array:
+    """(M, 3) places [m] on the straight lines between corners (K, 2), `FINE_M` apart."""
     ring = np.vstack([corners, corners[:1]]) if closed else corners
     s = np.r_[0, np.cumsum(np.linalg.norm(np.diff(ring, axis=0), axis=1))]
     at = np.linspace(0, s[-1], max(2, round(s[-1] / FINE_M)) + 1)
@@ -96,9 +97,9 @@ def _trial(
     plan_us = (time.perf_counter() - began) * 1e6
     engine = ProxyEngine(points, contact_radius=R, ignore_axis="z")
 
-    def score(trace: object) -> Errors:
+    def score(trace: object) -> Record:
         more = {"points": len(points), "plan_us": plan_us}
-        return Errors.of(surface_error(points, surface), **more)
+        return errors_of(surface_error(points, surface), **more)
 
     run = lambda: timed_ticks(engine, hips)  # noqa: E731 - reads as the field it fills
     return Trial(line.name, method, dict(settings), run, score, "m", chosen)

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,8 @@ import numpy as np
 
 from vfplan.planning import ExtractSettings, FixtureSettings, plan
 from vfplan.study.bench.cases import elbow_curve, elbow_map
-from vfplan.study.bench.record import Array, Errors, Setting, Trial, timed
-from vfplan.study.bench.sampling import Line, planned_surface
+from vfplan.study.bench.record import Array, Record, Setting, Trial, errors_of, timed
+from vfplan.study.bench.sample import Line, fine, planned_surface
 
 R = 5e-3
 TOLERANCES = {True: (1e-4, 1e-5), False: (3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)}
@@ -31,51 +32,34 @@ def scenes(quick: bool, tolerance_m: float) -> Iterator[list[Trial]]:
     """The trials with the shipped and with exact markers."""
     surface = true_surface()
     for name, exact in (("elbow, markers touched", False), ("elbow, exact markers", True)):
-        yield _trials(name, exact, surface, TOLERANCES[quick], tolerance_m)
-
-
-@dataclass(frozen=True, eq=False)
-class _Way:
-    """One way through the pipeline."""
-
-    method: str
-    settings: dict[str, Setting]
-    extraction: ExtractSettings
-    fixture: FixtureSettings
-    chosen: bool = False
-
-
-def _ways(tolerances: tuple[float, ...], chosen_m: float) -> Iterator[_Way]:
-    for tolerance in sorted({*tolerances, chosen_m}, reverse=True):
-        fixture = FixtureSettings(tolerance_m=tolerance)
-        given: dict[str, Setting] = {"tolerance_m": tolerance}
-        yield _Way("ridge", given, ExtractSettings(), fixture, tolerance == chosen_m)
-        yield _Way("skeleton", given, ExtractSettings(method="skeleton"), fixture)
-        rigid = replace(fixture, model="rigid")
-        spacing = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
-        yield _Way("ridge, rigid", given, spacing, rigid)
-    paper = ExtractSettings(method="mask")
-    yield _Way("the paper's: every mask pixel", {}, paper, FixtureSettings())
+        yield list(_trials(name, exact, surface, TOLERANCES[quick], tolerance_m))
 
 
 def _trials(
     scene: str, exact: bool, surface: Array, tolerances: tuple[float, ...], chosen_m: float
-) -> list[Trial]:
-    return [
-        Trial(
-            scene,
-            way.method,
-            way.settings,
-            lambda way=way: _plan(way, exact),
-            lambda planned: _score(planned, surface),
-            "m",
-            way.chosen,
-        )
-        for way in _ways(tolerances, chosen_m)
-    ]
+) -> Iterator[Trial]:
+    for method, given, extraction, settings in _ways(sorted({*tolerances, chosen_m}, reverse=True)):
+        run = partial(_plan, extraction, settings, exact)
+        chosen = method == "ridge" and given["tolerance_m"] == chosen_m
+        yield Trial(scene, method, given, run, partial(_score, surface=surface), "m", chosen)
 
 
-def _plan(way: _Way, exact: bool) -> tuple[Any, Array]:
+Way = tuple[str, dict[str, Setting], ExtractSettings, FixtureSettings]
+
+
+def _ways(tolerances: list[float]) -> Iterator[Way]:
+    """The ways through the pipeline: their methods, settings by name, and settings."""
+    for tolerance in tolerances:
+        fixture = FixtureSettings(tolerance_m=tolerance)
+        given: dict[str, Setting] = {"tolerance_m": tolerance}
+        yield "ridge", given, ExtractSettings(), fixture
+        yield "skeleton", given, ExtractSettings(method="skeleton"), fixture
+        spacing = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
+        yield "ridge, rigid", given, spacing, replace(fixture, model="rigid")
+    yield "the paper's: every mask pixel", {}, ExtractSettings(method="mask"), FixtureSettings()
+
+
+def _plan(extraction: ExtractSettings, settings: FixtureSettings, exact: bool) -> tuple[Any, Array]:
     folder = files("vfplan.samples")
     image, source, target = (
         Path(str(folder / f"elbow{name}"))
@@ -84,9 +68,7 @@ def _plan(way: _Way, exact: bool) -> tuple[Any, Array]:
     with tempfile.TemporaryDirectory(prefix="vfplan-bench-") as name:
         if exact:
             target = _exact_markers(source, Path(name) / "robot.csv")
-        return timed(
-            lambda: plan(image, source, target, extraction=way.extraction, settings=way.fixture)
-        )
+        return timed(partial(plan, image, source, target, extraction=extraction, settings=settings))
 
 
 def _exact_markers(source: Path, target: Path) -> Path:
@@ -102,14 +84,10 @@ def _exact_markers(source: Path, target: Path) -> Path:
 
 def true_surface() -> Array:
     """(K, 3) places R beside the true curve in the plane of the table [m]."""
-    curve = elbow_curve()
-    s = np.r_[0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))]
-    at = np.linspace(0, s[-1], round(s[-1] / 20e-6))
-    flat = [np.interp(at, s, curve[:, k]) for k in (0, 1)]
-    return planned_surface(Line("elbow", np.column_stack([*flat, 0 * at])))[::STRIDE]
+    return planned_surface(Line("elbow", fine(elbow_curve())))[::STRIDE]
 
 
-def _score(planned: Any, surface: Array) -> Errors:
+def _score(planned: Any, surface: Array) -> Record:
     """|distance to the nearest point - R| at the true surface, in the plane of the table [m]."""
     from scipy.spatial import cKDTree
 
@@ -119,4 +97,4 @@ def _score(planned: Any, surface: Array) -> Errors:
     more = {"points": len(points), "predicted_tre_m": report["tre_rms_m"]}
     if "sampling_error_m" in report:
         more["sampling_error_m"] = report["sampling_error_m"]
-    return Errors.of(nearest - R, **more)
+    return errors_of(nearest - R, **more)
