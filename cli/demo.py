@@ -5,21 +5,38 @@ from __future__ import annotations
 import importlib
 import json
 import tempfile
-from importlib.resources import as_file, files
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import click
 from vfplan.cli.options import OVERWRITE, option, taking
 from vfplan.cli.outputs import outputs, refuse_folder
+from vfplan.cli.rehearse import rehearsed_text
 from vfplan.cli.run import Report, command
-from vfplan.cli.values import FILE, mm
+from vfplan.cli.telling import told
+from vfplan.cli.values import FILE
 
 from vfplan.io.disk import jsonable, write_whole
 
-# Left behind in the folder by the pipeline, in the order of the story.
-FILES = ("mask.png", "overlay.png", "fixture.h5", "result.h5", "force.png", "scene.png")
+STORY = (
+    "A red curve stands on an elbow slice of {image[width_px]} x {image[height_px]} px.\n"
+    "  The pen covers {mask_pixels} pixels; its centre line is {strokes[0][length_px]:.1f} px "
+    "({strokes[0][length_mm]:.1f} mm) long.\n"
+    "{markers} markers tie the slice to the robot ({model}).\n"
+    "  FRE {fre_rms_m:mm} rms, worst marker {worst_m:mm}; predicted TRE of the curve "
+    "{tre_rms_m:mm} rms.\n"
+    "The fixture has {pieces[lines_and_arcs]} lines and arcs.\n"
+    "  The curve lies at most {pieces[error_m]:um.1} beside them.\n"
+    "A hand probed it from both sides for {duration_s:.1f} s.\n"
+    "  {contacts} contacts in {ticks} ticks; it went up to {penetration_max_m:mm} past the proxy "
+    "and was pushed back with up to {force_max_n:.2f} N.\n"
+    "  The proxy never came nearer to them than R {clearance_um:+z.1f} µm; the force changed by at "
+    "most {force_step_max_n:.3f} N a tick."
+)
+EXPERIMENT = (
+    "{points} points, {ticks} ticks, {contacts} contacts, {force_max_n:.2f} N, "
+    "{penetration_max_mm:.2f} mm, clearance {clearance_min_um:.2f} um"
+)
 
 
 @command("demo")
@@ -42,53 +59,39 @@ def command(what: str, output: Path) -> Report:
       experiments  the paper's two experiments with a scripted hand, felt and seen
       panda        the same on a simulated Panda (extra [arm]): force against depth, arm, torques
     """
-    names = FILES if what == "pipeline" else _sample(what).FILES
-    make = {
-        "pipeline": pipeline,
-        "paper": papers_figures,
-        "experiments": experiments,
-        "panda": panda,
-    }[what]
-    targets = [output / name for name in names]
+    sample = importlib.import_module(f"vfplan.samples.{what}")
     if output.exists():
-        refuse_folder(output, *names)
-    with outputs(*targets) as temporary:
-        data, text = make(*temporary)
-    left = f"Left in {output}: {', '.join(names)}"
-    return Report({**data, "files": list(names)}, f"{text}\n{left}")
+        refuse_folder(output, *sample.FILES)
+    targets = [output / name for name in sample.FILES]
+    with outputs(*targets) as places, tempfile.TemporaryDirectory(prefix="vfplan-") as folder:
+        data, text = STORIES[what](sample.draw(Path(folder)))
+        for name, place in zip(sample.FILES, places, strict=True):
+            write_whole(place, [Path(folder, name).read_bytes()], overwrite=True)
+    left = f"Left in {output}: {', '.join(sample.FILES)}"
+    return Report({**data, "files": list(sample.FILES)}, f"{text}\n{left}")
 
 
-def pipeline(*places: Path) -> tuple[dict[str, Any], str]:
-    """The whole pipeline into `FILES`: its numbers, and its story."""
-    with as_file(files("vfplan.samples")) as sample:
-        planned, metrics = run_sample(sample, *places)
-    return {**planned, "replay": metrics}, story(planned, metrics)
+def _pipeline(found: dict[str, Any]) -> tuple[dict[str, Any], str]:
+    replayed = found["replay"]
+    more = {
+        "worst_m": max(r["residual_m"] for r in found["register"]["residuals"]),
+        "contacts": len(replayed["episodes"]),
+        "clearance_um": 1e6 * replayed["clearance_min_m"],
+    }
+    return found, told(found["extract"] | found["register"] | replayed | more, STORY)
 
 
-def papers_figures(*places: Path) -> tuple[dict[str, Any], str]:
-    """The paper's figures: their numbers, and a line for each."""
-    found = _drawn(_sample("paper"), places)
+def _paper(found: dict[str, Any]) -> tuple[dict[str, Any], str]:
     lines = [f"{figure}: {json.dumps(jsonable(numbers))}" for figure, numbers in found.items()]
     return {"figures": found}, "\n".join(lines)
 
 
-def experiments(*places: Path) -> tuple[dict[str, Any], str]:
-    """The paper's experiments: their numbers, and a line for each."""
-    found = _drawn(_sample("experiments"), places)
-    lines = [
-        f"{name}: {m['points']} points, {m['ticks']} ticks, {m['contacts']} contacts, "
-        f"{m['force_max_n']:.2f} N, {m['penetration_max_mm']:.2f} mm, "
-        f"clearance {m['clearance_min_um']:.2f} um"
-        for name, m in found.items()
-    ]
+def _experiments(found: dict[str, Any]) -> tuple[dict[str, Any], str]:
+    lines = [f"{name}: {told(numbers, EXPERIMENT)}" for name, numbers in found.items()]
     return {"experiments": found}, "\n".join(lines)
 
 
-def panda(*places: Path) -> tuple[dict[str, Any], str]:
-    """The experiments on a simulated Panda: their numbers, and the report of each."""
-    from vfplan.cli.rehearse import rehearsed_text
-
-    found = _drawn(_sample("panda"), places)
+def _panda(found: dict[str, Any]) -> tuple[dict[str, Any], str]:
     lines = [
         f"{name}: {m['points']} points, {m['slope_n_per_m']:.1f} N/m felt\n{rehearsed_text(m)}"
         for name, m in found.items()
@@ -96,69 +99,10 @@ def panda(*places: Path) -> tuple[dict[str, Any], str]:
     return {"experiments": found}, "\n".join(lines)
 
 
-def _drawn(module: ModuleType, places: tuple[Path, ...]) -> dict[str, Any]:
-    """Let a sample draw into a folder of its own, then put each file in its place."""
-    with tempfile.TemporaryDirectory(prefix="vfplan-") as folder:
-        found = module.draw(Path(folder))
-        for name, place in zip(module.FILES, places, strict=True):
-            write_whole(place, [Path(folder, name).read_bytes()], overwrite=True)
-    return found
-
-
-def _sample(name: str) -> ModuleType:
-    return importlib.import_module(f"vfplan.samples.{name}")
-
-
-def run_sample(
-    sample: Path, mask: Path, overlay: Path, fixture: Path, result: Path, force: Path, scene: Path
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The pipeline on the sample's files; the reports of planning and of replaying."""
-    from vfplan.bundle import write_fixture
-    from vfplan.figures import replay as figures
-    from vfplan.figures.slice import draw_mask, draw_overlay
-    from vfplan.figures.style import save_png
-    from vfplan.planning import ExtractSettings, plan
-    from vfplan.replaying import replay
-    from vfplan.session import read_session, write_result
-
-    made = plan(
-        sample / "elbow.png",
-        sample / "elbow_markers_image.csv",
-        sample / "elbow_markers_robot.csv",
-        extraction=ExtractSettings(pixel_spacing_mm=(0.5, 0.5)),
-    )
-    write_fixture(made.fixture, fixture)
-    replayed = replay(made.fixture, read_session(sample / "elbow_session.csv"))
-    write_result(replayed, result)
-    seen = made.extracted
-    draw_mask(seen.extraction, mask)
-    draw_overlay(seen.image, seen.extraction, overlay, markers=made.fixture.registration)
-    save_png(figures.timeline(replayed), force)
-    save_png(figures.scene(replayed), scene)
-    return made.report, replayed.metrics
-
-
-def story(planned: dict[str, Any], metrics: dict[str, Any]) -> str:
-    """What the demo did, with the numbers it found."""
-    image, stroke = planned["extract"]["image"], planned["extract"]["strokes"][0]
-    register = planned["register"]
-    worst = max(r["residual_m"] for r in register["residuals"])
-    clearance_um = round(1e6 * metrics["clearance_min_m"], 1) + 0.0
-
-    lines = [
-        f"A red curve stands on an elbow slice of {image['width_px']} x {image['height_px']} px.",
-        f"  The pen covers {planned['extract']['mask_pixels']} pixels; its centre line is "
-        f"{stroke['length_px']:.1f} px ({stroke['length_mm']:.1f} mm) long.",
-        f"{register['markers']} markers tie the slice to the robot ({register['model']}).",
-        f"  FRE {mm(register['fre_rms_m'])} rms, worst marker {mm(worst)}; "
-        f"predicted TRE of the curve {mm(register['tre_rms_m'])} rms.",
-        f"The fixture has {register['pieces']['lines_and_arcs']} lines and arcs.",
-        f"  The curve lies at most {register['pieces']['error_m'] * 1e6:.1f} um beside them.",
-        f"A hand probed it from both sides for {metrics['duration_s']:.1f} s.",
-        f"  {len(metrics['episodes'])} contacts in {metrics['ticks']} ticks; it went up to "
-        f"{mm(metrics['penetration_max_m'])} past the proxy and was pushed back with up to "
-        f"{metrics['force_max_n']:.2f} N.",
-        f"  The proxy never came nearer to them than R {clearance_um:+.1f} "
-        f"um; the force changed by at most {metrics['force_step_max_n']:.3f} N a tick.",
-    ]
-    return "\n".join(lines)
+# What a sample has found -> the report, and its story
+STORIES = {
+    "pipeline": _pipeline,
+    "paper": _paper,
+    "experiments": _experiments,
+    "panda": _panda,
+}

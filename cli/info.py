@@ -7,6 +7,27 @@ from typing import Any
 
 from vfplan.cli.options import FIXTURE, option
 from vfplan.cli.run import Report, command
+from vfplan.cli.telling import told
+
+LINES = (
+    "{format} {version}, frame {frame}, {points} points",
+    "\n  made        {/provenance@created_utc} by {/provenance@software}",
+    "\n  seal        {sound}, {signed}",
+    "\n  curve       strokes {strokes}, of them closed {closed}",
+    "\n  mesh        {/mesh/triangles[shape][0]} triangles",
+    "\n  rendering   K {k} N/m, R {radius_m:mm.6g}",
+    ", rule {work[rule]}, a tick at most {work[us]:.0f} us (given {work[at_most_us]:.0f})",
+    "\n  rendered as {pieces} lines and arcs within {/pieces@error_m:um.3g} of the curve",
+    "\n  guide       along {which}, tube {/guidance@radius_m:mm.6g}, K "
+    "{/guidance@stiffness_n_per_m:g} N/m, ends {/guidance@ends}{led}",
+    "\n  registered  {/registration@model}, {markers} markers, FRE {/registration@fre_rms_m:mm}",
+    ", predicted TRE {/registration@tre_rms_m:mm} rms",
+)
+CERTIFIED = (
+    "\n  leak        none: largest opening {/leak@largest_m:mm}, allowed {/leak@limit_m:mm}",
+    "\n              but an open sheet: {/leak@open_edges} rim edges",
+)
+BARE = ("\n  leak        not certified: a bare cloud, points up to {/leak@largest_m:mm} apart",)
 
 
 @command("info")
@@ -26,55 +47,27 @@ def command(fixture: Path, everything: bool, values: bool) -> Report:
 
 def _summary(data: dict[str, Any]) -> str:
     """Frame, size, curve, rendering, registration, leak and seal: a line each that is there."""
-    seal = data["seal"]
-    signed = f"signed by {seal['key_id']}" if seal["signed"] else "not signed"
-    lines = [
-        f"{data['format']} {data['version']}, frame {data['frame']}, {data['points']} points",
-        f"  made        {data['/provenance@created_utc']} by {data['/provenance@software']}",
-        f"  seal        {'sound' if seal['ok'] else 'broken'}, {signed}",
-    ]
-    if "/curve/closed" in data:
-        closed = [bool(c) for c in data["/curve/closed"]]
-        lines.append(f"  curve       strokes {len(closed)}, of them closed {sum(closed)}")
-    if "/mesh/triangles" in data:
-        lines.append(f"  mesh        {data['/mesh/triangles']['shape'][0]} triangles")
+    seal, work, closed = data["seal"], data.get("tick_work"), data.get("/curve/closed", ())
+    more: dict[str, Any] = {
+        "sound": "sound" if seal["ok"] else "broken",
+        "signed": f"signed by {seal['key_id']}" if seal["signed"] else "not signed",
+        "led": _led(data.get("/guidance@lead_force_n"), data.get("/guidance@lead_speed_m_s")),
+        "which": "the curve",
+    }
+    if len(closed):
+        more |= {"strokes": len(closed), "closed": sum(map(bool, closed))}
+    if "/guidance@stroke" in data:
+        more["which"] = f"stroke {data['/guidance@stroke']}"
     if "/rendering/stiffness" in data:
-        stiffness = ", ".join(f"{k:g}" for k in data["/rendering/stiffness"])
-        radius = data["/rendering@contact_radius_m"] + data["/rendering@point_radius_m"]
-        line = f"  rendering   K {stiffness} N/m, R {1e3 * radius:g} mm"
-        work = data["tick_work"]
-        if work["us"] is not None:
-            line += f", rule {work['rule']}, a tick at most {work['us']:.0f} us"
-            line += f" (given {work['at_most_us']:.0f})"
-        lines.append(line)
+        more["k"] = ", ".join(f"{k:g}" for k in data["/rendering/stiffness"])
+        more["radius_m"] = data["/rendering@contact_radius_m"] + data["/rendering@point_radius_m"]
+        more |= {"work": work} if work["us"] is not None else {}
     if "/pieces/vertices" in data:
-        error = 1e6 * data["/pieces@error_m"]
-        count = len(data["/pieces/bulges"]) - sum(not closed for closed in data["/curve/closed"])
-        lines.append(f"  rendered as {count} lines and arcs within {error:.3g} um of the curve")
-    if "/guidance@radius_m" in data:
-        which = f"stroke {data['/guidance@stroke']}" if "/guidance@stroke" in data else "the curve"
-        lines.append(
-            f"  guide       along {which}, tube {1e3 * data['/guidance@radius_m']:g} mm, K "
-            f"{data['/guidance@stiffness_n_per_m']:g} N/m, ends {data['/guidance@ends']}"
-            + _led(data.get("/guidance@lead_force_n"), data.get("/guidance@lead_speed_m_s"))
-        )
-    if "/registration@model" in data:
-        line = (
-            f"  registered  {data['/registration@model']}, {len(data['/registration/source'])} "
-            f"markers, FRE {1e3 * data['/registration@fre_rms_m']:.3f} mm"
-        )
-        if "/registration@tre_rms_m" in data:
-            line += f", predicted TRE {1e3 * data['/registration@tre_rms_m']:.3f} mm rms"
-        lines.append(line)
-    if "/leak@limit_m" in data:
-        gap, limit = (1e3 * data[f"/leak@{name}_m"] for name in ("largest", "limit"))
-        lines.append(f"  leak        none: largest opening {gap:.3f} mm, allowed {limit:.3f} mm")
-        if "/leak@open_edges" in data:
-            lines.append(f"              but an open sheet: {data['/leak@open_edges']} rim edges")
-    elif "/leak@largest_m" in data:
-        gap = 1e3 * data["/leak@largest_m"]
-        lines.append(f"  leak        not certified: a bare cloud, points up to {gap:.3f} mm apart")
-    return "\n".join(lines)
+        more["pieces"] = len(data["/pieces/bulges"]) - sum(not c for c in closed)
+    if "/registration/source" in data:
+        more["markers"] = len(data["/registration/source"])
+    leak = CERTIFIED if "/leak@limit_m" in data else BARE
+    return told(data | more, *LINES, *leak)
 
 
 def _page(data: dict[str, Any]) -> str:

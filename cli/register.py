@@ -17,12 +17,42 @@ from vfplan.cli.options import (
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
-from vfplan.cli.values import FILE, Real, mm
+from vfplan.cli.telling import told
+from vfplan.cli.values import FILE, Real
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
     from vfplan.images.read import PlannedImage
     from vfplan.planning import Planned
+
+
+TEXT = (
+    "{model} registration from {markers} markers: FRE {fre_rms_m:mm} rms, leave-one-out "
+    "{loo_rms_m:mm} rms",
+    "\n  localisation error (FLE) about {fle_rms_m:mm} a marker\n{table}{marks}",
+    "\n  predicted TRE over the curve {tre[rms_m]:mm} rms, at most {tre[max_rms_m]:mm}",
+    "\n  95 % bound: {tre[bound95_max_m]:mm} at its worst point ({place}), {tre[curve95_max_m]:mm} "
+    "for the whole curve at once",
+    "\n  refined by {used} touched points: {touched[before_rms_m]:mm} rms off the surface before, "
+    "{touched[rms_m]:mm} after; the surface moved by {touched[moved_max_m]:mm} at most",
+    "\n  scale {scale:.6f}",
+    "\n  {scale_m_per_px:mm.5}/px, anisotropy {anisotropy:.2%}, shear {shear:+.2%}; the image "
+    "faces ({faces})",
+    "; against the known pixel spacing {departure} along u, v",
+    "\n{held}{moved}",
+)
+# What is rendered, and what it costs.
+HELD = (
+    "{pieces[lines_and_arcs]} lines and arcs within {pieces[error_m]:um.2g} of the curve; {points} "
+    "points, {spacing_m:mm} apart, for engines that know points alone",
+    "{points} points, {spacing_m:mm} apart",
+    "; between points the surface departs from the curve's by at most {sampling_error_m:um.1}",
+)
+GUIDE = (
+    "\nguide: a tube of {radius_m:mm.6g} around {which}, {length_m:mm} long; ends {ends}",
+    "{led}",
+    "; at least {clearance_min_m:mm} before the forbidden region",
+)
 
 
 @command("register")
@@ -94,25 +124,35 @@ def write_registration_picture(
 
 def registered_text(report: dict[str, Any]) -> str:
     """The registration on a screen."""
-    lines = [
-        f"{report['model']} registration from {report['markers']} markers: "
-        f"FRE {mm(report['fre_rms_m'])} rms, leave-one-out {mm(report['loo_rms_m'])} rms",
-        f"  localisation error (FLE) about {mm(report['fle_rms_m'])} a marker",
-        *_marker_lines(report),
-        *_marks_line(report),
-        *_error_lines(report["tre"]),
-        *_touched_lines(report),
-        *_geometry_lines(report),
-        _held_line(report),
-    ]
-    if "margin" in report:
-        lines.append(_margin_line(report["margin"]))
+    tre, touched = (
+        report["tre"]["worst_source"],
+        report.get("touched", {"points": 0, "left_out": ()}),
+    )
+    place = ", ".join(f"{x:.1f}" for x in tre)
+    if len(tre) == 3:
+        place = ", ".join(f"{1e3 * x:.1f}" for x in tre) + " mm"
+    more = {
+        "table": _marker_table(report),
+        "marks": _marks_line(report),
+        "place": place,
+        "used": touched["points"] - len(touched["left_out"]),
+        "faces": ", ".join(f"{x:+.3f}" for x in report.get("image_faces", ())),
+        "held": told(report, *HELD[:1]) or told(report, *HELD[1:]),
+        "moved": _margin_line(report.get("margin")),
+    }
+    if "spacing_departure" in report:
+        more["departure"] = ", ".join(f"{share:+.2%}" for share in report["spacing_departure"])
+    text = told(report | more, *TEXT)
     if "guide" in report:
-        lines.append(_guide_line(report["guide"]))
-    return "\n".join(lines)
+        guide = report["guide"]
+        more = {"length_m": sum(guide["lengths_m"])}
+        more["which"] = f"stroke {guide['stroke']}" if "stroke" in guide else "the curve"
+        more["led"] = f"; led by {guide['lead_force_n']:g} N" if guide["lead_force_n"] else ""
+        text += told(guide | more, *GUIDE)
+    return text
 
 
-def _marker_lines(report: dict[str, Any]) -> list[str]:
+def _marker_table(report: dict[str, Any]) -> str:
     width = max(6, *(len(str(marker["label"])) for marker in report["residuals"]))
     lines = [f"  {'marker':<{width}}  residual  leave-one-out  leverage       F  [mm]"]
     moved = {marker["label"]: marker["moved_px"] for marker in report.get("markers_found", ())}
@@ -129,20 +169,7 @@ def _marker_lines(report: dict[str, Any]) -> list[str]:
         if label in reasons:
             line += f"  suspect: {reasons[label]}"
         lines.append(line)
-    return lines
-
-
-def _marks_line(report: dict[str, Any]) -> list[str]:
-    """How the given positions lie to the marks drawn; nothing where these were taken instead."""
-    marks = report.get("marks_drawn")
-    if marks is None or "markers_found" in report:
-        return []
-    if not marks["near"]:
-        return ["  the slice shows no marks at the given positions: they are taken as given"]
-    return [
-        f"  {marks['near']} of {report['markers']} given positions have a mark near them on the "
-        f"slice, {marks['rms_px']:.2f} px rms away"
-    ]
+    return "\n".join(lines)
 
 
 def _number(value: float, width: int, scale: float = 1.0, digits: int = 3) -> str:
@@ -150,77 +177,27 @@ def _number(value: float, width: int, scale: float = 1.0, digits: int = 3) -> st
     return f"{value * scale:{width}.{digits}f}" if known else f"{'-':>{width}}"
 
 
-def _error_lines(tre: dict[str, Any]) -> list[str]:
-    place = ", ".join(f"{x:.1f}" for x in tre["worst_source"])
-    if len(tre["worst_source"]) == 3:
-        place = ", ".join(f"{1e3 * x:.1f}" for x in tre["worst_source"]) + " mm"
-    return [
-        f"  predicted TRE over the curve {mm(tre['rms_m'])} rms, at most {mm(tre['max_rms_m'])}",
-        f"  95 % bound: {mm(tre['bound95_max_m'])} at its worst point ({place}), "
-        f"{mm(tre['curve95_max_m'])} for the whole curve at once",
-    ]
-
-
-def _touched_lines(report: dict[str, Any]) -> list[str]:
-    if "touched" not in report:
-        return []
-    touched = report["touched"]
-    used = touched["points"] - len(touched["left_out"])
-    return [
-        f"  refined by {used} touched points: {mm(touched['before_rms_m'])} rms off the surface "
-        f"before, {mm(touched['rms_m'])} after; the surface moved by {mm(touched['moved_max_m'])}"
-        " at most",
-    ]
-
-
-def _geometry_lines(report: dict[str, Any]) -> list[str]:
-    if "scale_m_per_px" not in report:
-        return [f"  scale {report['scale']:.6f}"]
-    faces = ", ".join(f"{x:+.3f}" for x in report["image_faces"])
-    line = (
-        f"  {report['scale_m_per_px'] * 1e3:.5f} mm/px, anisotropy {report['anisotropy']:.2%}, "
-        f"shear {report['shear']:+.2%}; the image faces ({faces})"
+def _marks_line(report: dict[str, Any]) -> str:
+    """How the given positions lie to the marks drawn; nothing where these were taken instead."""
+    marks = report.get("marks_drawn")
+    if marks is None or "markers_found" in report:
+        return ""
+    if not marks["near"]:
+        return "\n  the slice shows no marks at the given positions: they are taken as given"
+    return told(
+        report,
+        "\n  {marks_drawn[near]} of {markers} given positions have a mark near them on the slice, "
+        "{marks_drawn[rms_px]:.2f} px rms away",
     )
-    if "spacing_departure" in report:
-        shares = ", ".join(f"{share:+.2%}" for share in report["spacing_departure"])
-        line += f"; against the known pixel spacing {shares} along u, v"
-    return [line]
 
 
-def _guide_line(guide: dict[str, Any]) -> str:
-    which = f"stroke {guide['stroke']}" if "stroke" in guide else "the curve"
-    line = (
-        f"guide: a tube of {1e3 * guide['radius_m']:g} mm around {which}, "
-        f"{mm(sum(guide['lengths_m']))} long; ends {guide['ends']}"
-    )
-    if guide["lead_force_n"]:
-        line += f"; led by {guide['lead_force_n']:g} N"
-    if "clearance_min_m" in guide:
-        line += f"; at least {mm(guide['clearance_min_m'])} before the forbidden region"
-    return line
-
-
-def _held_line(report: dict[str, Any]) -> str:
-    """What is rendered, and what it costs."""
-    points = f"{report['points']} points, {mm(report['spacing_m'])} apart"
-    if "pieces" in report:
-        pieces = report["pieces"]
-        return (
-            f"{pieces['lines_and_arcs']} lines and arcs within {pieces['error_m'] * 1e6:.2g} um of "
-            f"the curve; {points}, for engines that know points alone"
-        )
-    if "sampling_error_m" in report:
-        points += (
-            f"; between points the surface departs from the curve's by at most "
-            f"{report['sampling_error_m'] * 1e6:.1f} um"
-        )
-    return points
-
-
-def _margin_line(margin: dict[str, Any]) -> str:
+def _margin_line(margin: dict[str, Any] | None) -> str:
+    if margin is None:
+        return ""
     if margin["side"] == "both":
-        return f"margin: {mm(margin['largest_m'])} added to the point radius"
-    return (
-        f"margin: the curve moved {mm(margin['smallest_m'])} to {mm(margin['largest_m'])} "
-        f"to the {margin['side']}, {margin['samples_dropped']} samples dropped in tight bends"
+        return told(margin, "\nmargin: {largest_m:mm} added to the point radius")
+    return told(
+        margin,
+        "\nmargin: the curve moved {smallest_m:mm} to {largest_m:mm} to the {side}, "
+        "{samples_dropped} samples dropped in tight bends",
     )

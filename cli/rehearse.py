@@ -10,12 +10,35 @@ from vfplan.cli.options import option, taking
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.replay import guess
 from vfplan.cli.run import Report, command, command_line, progress
+from vfplan.cli.telling import told
 from vfplan.cli.values import FILE, PNG, Number, Numbers
 
 from vfplan.io.disk import write_whole
 
 BASE = {"type": Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)}
 TOOL = {"type": options.VECTOR, "default": "0,0,0.1"}
+
+
+TEXT = (
+    "arm {arm}: {ticks} ticks, {duration_s:.3f} s, {reached} reached; {real_time_factor:.0f} times "
+    "real time",
+    "\nforce        max {force_max_n:.3f} N, step max {force_step_max_n:.3f} N; penetration max "
+    "{penetration_max_m:mm}",
+    "\ntorque       max {torque_max_nm:.2f} N·m (joint {torque_max_joint}), step max "
+    "{torque_step_max_nm:.4f} N·m (joint {torque_step_max_joint})",
+    "\njoints       {joint_margin_min_rad:.3f} rad left of joint {joint_margin_min_joint}'s range",
+    "\npostures     condition at most {worst:.2f}; mass at the tip from {mass_min_kg:.2f} kg, "
+    "stable there up to {k_max_n_per_m:.0f} N/m ({k_n_per_m:.0f} N/m rendered)",
+    "\ngovernor     up to {governor[held_back_max_n]:.3f} N held back in {governor[held_ticks]} "
+    "ticks, work {governor[work_j]:mJ}",
+)
+REFLEX = (
+    "would stop: {kind}",
+    " of joint {joint}",
+    " at tick {tick}",
+    ", {s_m:mm.1} along stroke {stroke}",
+    ": {value:.4g}, {limit:.4g} allowed",
+)
 
 
 @command("rehearse")
@@ -139,43 +162,13 @@ def _joined(source: Any) -> tuple[Any, Any]:
 
 def rehearsed_text(found: dict[str, Any]) -> str:
     """The short report of one rehearsal."""
-    reached = "every place reached" if found["reachable"] else "NOT every place reached"
-    lines = [
-        f"arm {found['arm']}: {found['ticks']} ticks, {found['duration_s']:.3f} s, {reached}; "
-        f"{found['real_time_factor']:.0f} times real time",
-        f"force        max {found['force_max_n']:.3f} N, step max "
-        f"{found['force_step_max_n']:.3f} N; penetration max "
-        f"{1e3 * found['penetration_max_m']:.3f} mm",
-        f"torque       max {found['torque_max_nm']:.2f} N·m (joint {found['torque_max_joint']}), "
-        f"step max {found['torque_step_max_nm']:.4f} N·m (joint {found['torque_step_max_joint']})",
-        f"joints       {found['joint_margin_min_rad']:.3f} rad left of joint "
-        f"{found['joint_margin_min_joint']}'s range",
-        f"postures     condition at most {found['condition_max'] or float('inf'):.2f}; mass at the "
-        f"tip from {found['mass_min_kg']:.2f} kg, stable there up to {found['k_max_n_per_m']:.0f} "
-        f"N/m ({found['k_n_per_m']:.0f} N/m rendered)",
-    ]
-    if "governor" in found:
-        held = found["governor"]
-        lines.append(
-            f"governor     up to {held['held_back_max_n']:.3f} N held back in {held['held_ticks']} "
-            f"ticks, work {1e3 * held['work_j']:.4f} mJ"
-        )
-    return "\n".join([*lines, *objections(found)])
+    more = {"reached": "every place" if found["reachable"] else "NOT every place"}
+    more["worst"] = found["condition_max"] or float("inf")
+    return "\n".join([told(found | more, *TEXT), *objections(found)])
 
 
 def objections(found: dict[str, Any]) -> list[str]:
     """Why it did not pass, a line each: places not reached, then what would have stopped it."""
-    short = [
-        f"not reached: tick {place['tick']}, {1e3 * place['left_m']:.1f} mm short"
-        for place in found.get("unreached", [])
-    ]
-    return [*short[:5], *map(_reflex, found["reflexes"])]
-
-
-def _reflex(reflex: dict[str, Any]) -> str:
-    joint = f" of joint {reflex['joint']}" if "joint" in reflex else ""
-    value = f": {reflex['value']:.4g}, {reflex['limit']:.4g} allowed" if "value" in reflex else ""
-    place = ""
-    if "s_m" in reflex:
-        place = f", {1e3 * reflex['s_m']:.1f} mm along stroke {reflex['stroke']}"
-    return f"would stop: {reflex['kind']}{joint} at tick {reflex['tick']}{place}{value}"
+    missed = found.get("unreached", [])[:5]
+    short = [told(place, "not reached: tick {tick}, {left_m:mm.1} short") for place in missed]
+    return [*short, *(told(reflex, *REFLEX) for reflex in found["reflexes"])]

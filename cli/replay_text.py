@@ -4,20 +4,62 @@ from __future__ import annotations
 
 from typing import Any
 
-from vfplan.cli.values import mm
+from vfplan.cli.telling import told
 
 from vfplan.replaying.checks import LIMITS
 from vfplan.replaying.episodes import episode_count
 
 EPISODES = 20  # listed; --json has all
+NUMBERS = (
+    "penetration  max {penetration_max_m:mm}, rms {penetration_rms_m:mm}",
+    "; overlap max {overlap_max_m:mm}",
+    "\nforce        max {force_max_n:.3f} N, rms {force_rms_n:.3f} N, "
+    "step max {force_step_max_n:.3f} N",
+    "\nclearance    min {clearance_min_m:um} ({of}); {entrenched_ticks} ticks entrenched",
+    "\nenergy       {energy_j:mJ} net given to the hand; holding each force for a tick alone gives "
+    "{energy_hold_j:mJ}",
+    "\nsliding      {slide_m:mm}, apparent friction {friction:z.5f}, lag rms {lag_rms_m:um}",
+    "\nguide        tube of {guide[radius_m]:mm}: lateral max {lateral_max_m:mm} "
+    "(tick {guide[lateral_max_tick]}), rms {guide[lateral_rms_m]:mm}; "
+    "arc {arc}; outside for {guide[outside_s]:.3f} s, "
+    "force max {guide[force_max_n]:.3f} N, work {guide[work_j]:mJ}",
+    "{no_guide}",
+    "; the region's force max {region_force_max_n:.3f} N",
+    "\nchanges      {exchanges} exchanges, {edits} points edited; {changing_ticks} ticks until the "
+    "force was there",
+    "\nmotion       gave the hand {fixture_energy_j:mJ} besides; poses up to {pose_age_max_s:ms} "
+    "old, {stale_ticks} ticks stale, {poses_refused} poses refused",
+    "\ngovernor     {governor[force_step_n]:g} N a tick, {governor[force_max_n]:g} N at most: up "
+    "to {governor[held_back_max_n]:.3f} N held back in {governor[held_ticks]} ticks, of an engine "
+    "that steps by {governor[engine_force_step_max_n]:.3f} N; its work {governor[work_j]:mJ}; a "
+    "free mass is given {governor[energy_given_j]:mJ} of {governor[energy_stored_j]:mJ} stored",
+    "\ntime a tick  {step_us[median]:.2f} µs median, {step_us[p999]:.2f} µs p99.9, "
+    "{step_us[max]:.2f} µs max; all of it {real_time_factor:.0f} times real time",
+)
+OF = "band {band_m:um.1}", "{lines_and_arcs} lines and arcs", "{triangles} triangles"
+APART = (
+    " part {span_count} times, first at tick {first_tick} ({first_s:.3f} s); at most "
+    "{proxy_max_m:mm} and {force_max_n:.3f} N apart"
+)
+LINK = (
+    "lossy link   {faults}",
+    "; {lost} packets lost, {lost_longest} in a row",
+    "; over a perfect link: force max {perfect[force_max_n]:.3f} N, energy {perfect[energy_j]:mJ}; "
+    "forces differ by up to {apart[force_max_n]:.3f} N",
+)
+EPISODE = (
+    "  episode {index}: {start_s:.3f}-{end_s:.3f} s, up to {penetration_max_m:mm} deep",
+    ", {deepest_along[s_m]:mm.1} along stroke {deepest_along[stroke]}",
+    "{near}, up to {force_max_n:.3f} N",
+)
 
 
 def replay_text(found: dict[str, Any]) -> str:
     """The short report."""
-    lines = [_head(found), *_numbers(found)]
+    lines = [_head(found), _numbers(found)]
     if "paper" in found:
-        lines += ["rule paper, side by side:", *("  " + text for text in _numbers(found["paper"]))]
-        lines.append(_apart("the rules", found["apart"]))
+        paper = _numbers(found["paper"]).replace("\n", "\n  ")
+        lines += ["rule paper, side by side:", f"  {paper}", f"the rules{_apart(found['apart'])}"]
     if "link" in found:
         lines.append(_link(found["link"]))
     if "robot" in found:
@@ -32,123 +74,34 @@ def replay_text(found: dict[str, Any]) -> str:
 
 
 def _head(found: dict[str, Any]) -> str:
-    session = found["session"]
     engine = "" if found["engine"] == "native" else f" ({found['engine']} engine)"
-    return (
-        f"rule {found['rule']}{engine}: {found['ticks']} ticks at {session['rate_hz']:.6g} Hz, "
-        f"{found['duration_s']:.3f} s, {found['contact_ticks']} in contact, "
-        f"{episode_count(found)} episodes"
+    return told(
+        found | {"by": engine, "count": episode_count(found)},
+        "rule {rule}{by}: {ticks} ticks at {session[rate_hz]:.6g} Hz, {duration_s:.3f} s, "
+        "{contact_ticks} in contact, {count} episodes",
     )
 
 
-def _numbers(found: dict[str, Any]) -> list[str]:
-    lines = [
-        f"penetration  max {mm(found['penetration_max_m'])}, "
-        f"rms {mm(found['penetration_rms_m'])}"
-        + (f"; overlap max {mm(found['overlap_max_m'])}" if "overlap_max_m" in found else ""),
-        f"force        max {found['force_max_n']:.3f} N, rms {found['force_rms_n']:.3f} N, "
-        f"step max {found['force_step_max_n']:.3f} N",
-        *_clearance(found),
-        f"energy       {1e3 * found['energy_j']:.4f} mJ net given to the hand; holding each force "
-        f"for a tick alone gives {1e3 * found['energy_hold_j']:.4f} mJ",
-    ]
-    if "friction" in found:
-        friction = round(found["friction"], 5) + 0.0
-        lines.append(
-            f"sliding      {mm(found['slide_m'])}, apparent friction {friction:.5f}, "
-            f"lag rms {1e6 * found['lag_rms_m']:.2f} µm"
-        )
-    if "guide" in found:
-        lines.append(_guide(found))
-    if "exchanges" in found:
-        lines.append(_changes(found))
-    if "governor" in found:
-        lines.append(_governor(found["governor"]))
-    times = found["step_us"]
-    lines.append(
-        f"time a tick  {times['median']:.2f} µs median, {times['p999']:.2f} µs p99.9, "
-        f"{times['max']:.2f} µs max; all of it {found['real_time_factor']:.0f} times real time"
-    )
-    return lines
+def _numbers(found: dict[str, Any]) -> str:
+    more: dict[str, Any] = {"of": told(found["scene"], *OF)}
+    if found.get("arc_m"):
+        first, last = found["arc_m"]
+        more |= found["guide"] | {"arc": f"{1e3 * first:.2f} to {1e3 * last:.2f} mm"}
+    elif "guide" in found:
+        more["no_guide"] = "\nguide        never had hold of the tip"
+    return told(more | found, *NUMBERS)
 
 
-def _changes(found: dict[str, Any]) -> str:
-    text = (
-        f"changes      {found['exchanges']} exchanges, {found['edits']} points edited; "
-        f"{found['changing_ticks']} ticks until the force was there"
-    )
-    if "fixture_energy_j" not in found:
-        return text
-    return (
-        f"{text}\nmotion       gave the hand {1e3 * found['fixture_energy_j']:.4f} mJ besides; "
-        f"poses up to {1e3 * found['pose_age_max_s']:.1f} ms old, "
-        f"{found['stale_ticks']} ticks stale, {found['poses_refused']} poses refused"
-    )
-
-
-def _clearance(found: dict[str, Any]) -> list[str]:
-    if "clearance_min_m" not in found:
-        return []
-    scene = found["scene"]
-    of = f"{scene.get('lines_and_arcs')} lines and arcs"
-    if "triangles" in scene:
-        of = f"the corners of {scene['triangles']} triangles"
-    if "band_m" in scene:
-        of = f"band {1e6 * scene['band_m']:.1f} µm"
-    return [
-        f"clearance    min {round(1e6 * found['clearance_min_m'], 2) + 0.0:.2f} µm ({of}); "
-        f"{found['entrenched_ticks']} ticks entrenched"
-    ]
-
-
-def _guide(found: dict[str, Any]) -> str:
-    guide = found["guide"]
-    if found["arc_m"] is None:
-        return "guide        never had hold of the tip"
-    first, last = found["arc_m"]
-    line = (
-        f"guide        tube of {mm(guide['radius_m'])}: lateral max {mm(found['lateral_max_m'])} "
-        f"(tick {guide['lateral_max_tick']}), rms {mm(guide['lateral_rms_m'])}; "
-        f"arc {1e3 * first:.2f} to {1e3 * last:.2f} mm; outside for {guide['outside_s']:.3f} s, "
-        f"force max {guide['force_max_n']:.3f} N, work {1e3 * guide['work_j']:.4f} mJ"
-    )
-    if "region_force_max_n" in guide:
-        line += f"; the region's force max {guide['region_force_max_n']:.3f} N"
-    return line
-
-
-def _apart(who: str, apart: dict[str, Any]) -> str:
+def _apart(apart: dict[str, Any]) -> str:
     if not apart["span_count"]:
-        return f"{who} never part by more than {1e6 * apart['threshold_m']:.0f} µm"
-    return (
-        f"{who} part {apart['span_count']} times, first at tick {apart['first_tick']} "
-        f"({apart['first_s']:.3f} s); at most {mm(apart['proxy_max_m'])} and "
-        f"{apart['force_max_n']:.3f} N apart"
-    )
+        return told(apart, " never part by more than {threshold_m:um.0}")
+    return told(apart, APART)
 
 
 def _link(link: dict[str, Any]) -> str:
     names = ("drop", "jitter_s", "delay_ticks", "quantum_m", "seed")
     faults = ", ".join(f"{name} {link[name]:g}" for name in names if name in link)
-    perfect = link["perfect"]
-    lost = ""
-    if "lost" in link:
-        lost = f"; {link['lost']} packets lost, {link['lost_longest']} in a row"
-    return (
-        f"lossy link   {faults}{lost}; over a perfect link: force max "
-        f"{perfect['force_max_n']:.3f} N, energy {1e3 * perfect['energy_j']:.4f} mJ; forces differ "
-        f"by up to {link['apart']['force_max_n']:.3f} N"
-    )
-
-
-def _governor(found: dict[str, Any]) -> str:
-    mj = {name: f"{1e3 * found[name]:.4f}" for name in found if name.endswith("_j")}
-    return (
-        f"governor     {found['force_step_n']:g} N a tick, {found['force_max_n']:g} N at most: up "
-        f"to {found['held_back_max_n']:.3f} N held back in {found['held_ticks']} ticks, of an "
-        f"engine that steps by {found['engine_force_step_max_n']:.3f} N; its work {mj['work_j']} "
-        f"mJ; a free mass is given {mj['energy_given_j']} of {mj['energy_stored_j']} mJ stored"
-    )
+    return told(link | {"faults": faults}, *LINK)
 
 
 def _robot(robot: dict[str, Any]) -> str:
@@ -163,17 +116,9 @@ def _robot(robot: dict[str, Any]) -> str:
 
 
 def _episode(episode: dict[str, Any]) -> str:
-    along = episode.get("deepest_along")
-    if along is None:
-        place = ", ".join(f"{1e3 * x:.1f}" for x in episode["deepest"]["proxy_m"])
-        place = f" near ({place}) mm"
-    else:
-        place = f", {1e3 * along['s_m']:.1f} mm along stroke {along['stroke']}"
-    return (
-        f"  episode {episode['index']}: {episode['start_s']:.3f}-{episode['end_s']:.3f} s, "
-        f"up to {mm(episode['penetration_max_m'])} deep{place}, "
-        f"up to {episode['force_max_n']:.3f} N"
-    )
+    place = ", ".join(f"{1e3 * x:.1f}" for x in episode["deepest"]["proxy_m"])
+    near = "" if "deepest_along" in episode else f" near ({place}) mm"
+    return told(episode | {"near": near}, *EPISODE)
 
 
 def check_line(check: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""What an option's value may be, and the value found named where it may not; a length as text."""
+"""What an option's value may be, and the value found named where it may not."""
 
 from __future__ import annotations
 
@@ -160,8 +160,3 @@ class Duration(Parsed):
         if match is None:
             raise ValueError(f"{text!r} is not a time; 90s, 30min, 12h and 2d are")
         return float(match[1]) * self.UNITS[match[2]]
-
-
-def mm(metres: float | None) -> str:
-    """A length as a report shows it."""
-    return "unknown" if metres is None else f"{1e3 * metres:.3f} mm"

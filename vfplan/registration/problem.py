@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,7 +53,7 @@ class Problem:
     condition: float
     floor_m: float  # residuals below this are rounding, not error
 
-    @cached_property
+    @property
     def x(self) -> Array:
         """(N, k+1) [s, 1]."""
         return homogeneous(self.s)
