@@ -5,9 +5,9 @@ smooth, brightness less the ground, a straight run from flank to flank, shows th
 profile of its own, fitted as that of the coverage is. Both offsets are weighed by their own noise,
 so that bones' edges under the line, and clean colour, leave the colour's offset as it is.
 
-Blur draws both edges of a bend inward, by half its variance times the curvature; the blur is read
-from the line's own profile, so that of a scaled or a soft picture counts as it is. There is no JPEG
-bend correction of its own: what JPEG blurs is in the profile with the rest.
+The JPEG bend: blur draws both edges of a bend inward, by half its variance times the curvature; the
+blur is read from the line's own profile, so that of a scaled or a soft picture counts as it is.
+JPEG gets no correction of its own: what it blurs is in the profile with the rest.
 """
 
 from __future__ import annotations

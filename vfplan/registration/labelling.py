@@ -1,6 +1,6 @@
 """Another labelling of the same markers that fits many times better than the given one.
 
-Labels in reverse order, shifted by one, transposed on a grid or mixed up leave residuals as large
+Labels exchanged, reversed, shifted by one, transposed on a grid or mixed up leave residuals as big
 as the layout is irregular: millimetres on a grid that a hand has set, while the curve lands
 centimetres away. So the markers are matched as two *sets*: three markers far apart in the source
 are sent to every ordered three of the target, the others follow, each is given the target nearest
@@ -8,8 +8,8 @@ to it (all at once, as an assignment), and what fits is fitted again. The labell
 usual mistakes, are held against the given one by their sums of squares; with one marker left out
 on both sides too, so that a single bad one does not hide the mistake. Few markers fit an affine map
 in almost any order: where the pixel spacing is known, the similarity must speak for a labelling
-too. What fits about as well as the given labelling is a rival: the markers cannot show which is
-right, and that is said; where one is an outlier, only of what does so without one too.
+too. What fits about as well as the given labelling is a rival, and counted: the markers cannot show
+which is right, and that is said; where one is an outlier, only of what does so without one too.
 """
 
 from __future__ import annotations
