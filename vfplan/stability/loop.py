@@ -147,9 +147,9 @@ def _stages(robot: Robot) -> tuple[list[Stage], list[Stage], list[_Limit]]:
     if robot.delay_ticks:
         act.append(_delay(robot.delay_ticks))
     if robot.force_limit_n is not None:
-        limits.append(_ForceLimit(robot.force_limit_n))
+        limits.append(_Limit(robot.force_limit_n))
     if robot.force_step_limit_n is not None:
-        limits.append(_ForceStepLimit(robot.force_step_limit_n))
+        limits.append(_Limit(robot.force_step_limit_n, of_change=True))
     return sense, [*act, *limits], limits
 
 
@@ -170,33 +170,21 @@ def _delay(ticks: int) -> Stage:
 
 
 class _Limit:
-    """A limiter at the robot's output; counts the ticks in which it acted."""
+    """A limiter of the force, or of its change from tick to tick; counts the ticks it acted in."""
 
-    def __init__(self, limit: float) -> None:
-        self.limit = limit
-        self.acted = 0
-
-    def shorten(self, vector: Vector) -> Vector:
-        """The vector, at most `limit` long."""
-        length = float(np.sqrt(vector @ vector))
-        if length <= self.limit:
-            return vector
-        self.acted += 1
-        return vector * (self.limit / length)
-
-
-class _ForceLimit(_Limit):
-    def __call__(self, force: Vector) -> Vector:
-        return self.shorten(force)
-
-
-class _ForceStepLimit(_Limit):
-    before: Vector | None = None
+    def __init__(self, limit: float, of_change: bool = False) -> None:
+        self.limit, self.acted, self.of_change = limit, 0, of_change
+        self.before: Vector | None = None if of_change else np.zeros(3)
 
     def __call__(self, force: Vector) -> Vector:
-        if self.before is not None:
-            force = self.before + self.shorten(force - self.before)
-        self.before = force
+        base = force if self.before is None else self.before  # the first change is none
+        change = force - base
+        length = float(np.sqrt(change @ change))
+        if length > self.limit:
+            self.acted += 1
+            force = base + change * (self.limit / length)
+        if self.of_change:
+            self.before = force
         return force
 
 
