@@ -11,6 +11,7 @@ from vfplan.errors import SceneError, SettingError
 from vfplan.study.scenes import SCENES, god_object, outline, pieces
 
 R = 5e-3
+FLAT = np.array([1.0, 1.0, 0.0])
 COARSE = {"sheet", "double-sheet", "sphere", "cylinder", "three-walls"}
 
 
@@ -235,7 +236,8 @@ def inside(corners, x):
 
 def follow_closed(corners, start, hips):
     """Follow HIPs (T, 3) along a closed polyline; check every position on the way."""
-    walls = (pieces.Walls(corners[:, :2], np.roll(corners, -1, axis=0)[:, :2]),)
+    flat = corners * FLAT
+    walls = (pieces.Segments(flat, np.roll(flat, -1, axis=0), endless=True),)
     x, side = start, inside(corners, start[None, :2])[0]
     for hip in hips:
         way = np.array([x, *god_object.way(walls, x, hip, R)])
@@ -314,7 +316,7 @@ def test_gradients_and_hessians_are_those_of_the_distance(kind):
     angle = rng.uniform(-3, 3, 12)
     made = {
         "segments": pieces.Segments(a, np.vstack([b[:6], a[6:]])),
-        "walls": pieces.Walls(a[:, :2], np.vstack([b[:6, :2], a[6:, :2]])),
+        "walls": pieces.Segments(a * FLAT, np.vstack([b[:6], a[6:]]) * FLAT, endless=True),
         "rectangles": pieces.Rectangles(a, b, c),
         "spheres": pieces.Spheres(a, rng.uniform(0.5, 3, 12)),
         "arcs": pieces.Arcs(a[:, :2], rng.uniform(0.5, 3, 12), angle, rng.uniform(-0.7, 0.7, 12)),

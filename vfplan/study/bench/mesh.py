@@ -16,7 +16,7 @@ import numpy as np
 from vfplan.errors import InputError
 from vfplan.study.bench.record import Array
 from vfplan.study.scenes import Scene
-from vfplan.study.scenes.pieces import Look, Pieces, from_nearest
+from vfplan.study.scenes.pieces import Look, Pieces, from_nearest, nearest_on_segments
 
 R = 5e-3
 PRESS_M, SLIDE_M, OFF_M = 2e-3, 25e-3, 15e-3
@@ -42,20 +42,11 @@ def nearest_on(corners: Array, x: Array) -> tuple[Array, Array]:
     """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ends = [(a, b), (b, c), (c, a)]
-    best = np.full(len(a), np.inf)
-    nearest, flat = np.zeros_like(a), np.zeros((len(a), 2, 3))
-    for start, end in ends:
-        along = end - start
-        square = (along**2).sum(axis=1)
-        t = np.clip(((x - start) * along).sum(axis=1) / square, 0, 1)
-        place = start + t[:, None] * along
-        far = ((x - place) ** 2).sum(axis=1)
-        closer = far < best
-        inner = (t > 0) & (t < 1)
-        best = np.where(closer, far, best)
-        nearest = np.where(closer[:, None], place, nearest)
-        unit = along / np.sqrt(square)[:, None] * inner[:, None]
-        flat[closer, 0] = unit[closer]
+    on_edges = [nearest_on_segments(start, end, x) for start, end in ends]
+    places, along = (np.array(part) for part in zip(*on_edges, strict=True))
+    edge = ((x - places) ** 2).sum(axis=2).argmin(axis=0)
+    rows = np.arange(len(a))
+    nearest, flat = places[edge, rows], np.stack([along[edge, rows], 0 * a], axis=1)
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     foot = x - ((x - a) * normal).sum(axis=1)[:, None] * normal

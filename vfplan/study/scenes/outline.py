@@ -13,7 +13,7 @@ import numpy as np
 
 from vfplan import fixture as curve
 from vfplan.engine.checks import Vector
-from vfplan.study.scenes.pieces import Arcs, Pieces, Walls
+from vfplan.study.scenes.pieces import Arcs, Pieces, Segments
 
 STRAIGHT = 1e-12  # an arc that bends less than this share of its chord is a segment
 
@@ -99,7 +99,8 @@ def pieces(runs: tuple[Run, ...]) -> tuple[Pieces, ...]:
     straight = [link for link in links if not link.sweep]
     out: list[Pieces] = []
     if straight:
-        out.append(Walls(*(np.array([getattr(link, end) for link in straight]) for end in "ab")))
+        a, b = (np.array([[*getattr(link, end), 0.0] for link in straight]) for end in "ab")
+        out.append(Segments(a, b, endless=True))
     cut = [part for link in links if link.sweep for part in _cut(link)]
     if cut:
         centre, radius, start, sweep = zip(*cut, strict=True)

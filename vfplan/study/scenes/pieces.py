@@ -1,4 +1,4 @@
-"""Exact geometry that scenes are made of: segments, walls, arcs, rectangles and spheres.
+"""Exact geometry that scenes are made of: segments, arcs, rectangles and spheres.
 
 A set of pieces answers `look(x)`: for each piece the distance from x, its gradient and its Hessian.
 The free space of a proxy of radius R is where every distance is at least R.
@@ -7,7 +7,6 @@ The free space of a proxy of radius R is where every distance is at least R.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -51,40 +50,19 @@ class Segments:
 
     a: Vector
     b: Vector
+    # Walls on segments in the plane z = 0. Without it these would let a proxy pressed deeper than
+    # its radius fall off sideways: a rounding error in z grows there from step to step.
+    endless: bool = False
 
     def look(self, x: Vector) -> Look:
         """See `Pieces.look`."""
-        nearest, flat = _nearest_on(self.a, self.b, x)
-        return from_nearest(x, nearest, flat[:, None, :])
+        here = x * [1.0, 1.0, 0.0] if self.endless else x
+        nearest, along = nearest_on_segments(self.a, self.b, here)
+        flat = [along, np.broadcast_to([0.0, 0.0, 1.0], along.shape)][: 1 + self.endless]
+        return from_nearest(here, nearest, np.stack(flat, axis=1))
 
 
-@dataclass(frozen=True, eq=False)
-class Walls:
-    """Straight walls from `a` to `b`, both (M, 2) [m] in the plane z = 0, endless along z.
-
-    As segments in space they would let a proxy pressed deeper than its radius fall off sideways,
-    over their top: a rounding error in z grows there from step to step.
-    """
-
-    a: Vector
-    b: Vector
-
-    def look(self, x: Vector) -> Look:
-        """See `Pieces.look`."""
-        here = np.array([x[0], x[1], 0.0])
-        nearest, along = _nearest_on(*self._ends, here)
-        flat = np.zeros((len(along), 2, 3))
-        flat[:, 0], flat[:, 1, 2] = along, 1.0
-        return from_nearest(here, nearest, flat)
-
-    @cached_property
-    def _ends(self) -> tuple[Vector, Vector]:
-        """Both (M, 3)."""
-        up = np.zeros((len(self.a), 1))
-        return np.hstack([self.a, up]), np.hstack([self.b, up])
-
-
-def _nearest_on(a: Vector, b: Vector, x: Vector) -> tuple[Vector, Vector]:
+def nearest_on_segments(a: Vector, b: Vector, x: Vector) -> tuple[Vector, Vector]:
     """(M, 3) nearest points of segments to x; (M, 3) their directions, 0 where that is an end."""
     along = b - a
     square = (along**2).sum(axis=1)
