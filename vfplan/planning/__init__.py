@@ -145,6 +145,7 @@ def register(
     if curve.mesh is not None and settings.density_per_m is not None:
         raise SettingError("a surface is sampled already; a density has no effect on it")
     started = time.perf_counter()
+    # Markers -> transform, with its error along the curve.
     matched = match(curve, markers, markers2, settings, image)
     drawn, registration = matched.curve, matched.registration
     refined = None if touched is None else touch(drawn, registration, touched, tip_radius)
@@ -152,17 +153,20 @@ def register(
     error = target_error(registration, drawn.points)
     if settings.max_tre_m is not None:
         check_max_tre(error, settings.max_tre_m)
+    # The curve -> what keeps its margin -> points, and how they are rendered.
     guarded, making, margin = drawn, settings, None
     if settings.margin is not None:
         guarded, making, margin = add_margin(drawn, registration, settings)
     added_m = 0.0 if margin is None else margin.largest_m
     rendered = render(guarded, registration, making, matched.slice_axes, added_m)
+    # All of it -> a fixture.
     read = {"markers": markers, "markers2": markers2, "touched": touched}
     provenance = _provenance(guarded, making, read, rendered.settings | _left_out(matched))
     fixture = _fixture(matched, guarded, registration, rendered, provenance)
     guide, guide_warnings = {}, ()
     if settings.guide_m is not None:
         fixture, guide, guide_warnings = add_guidance(fixture, settings)
+    # What was found on the way.
     report = describe(matched.registration, drawn.points, diagnosis=matched.diagnosis, error=error)
     report |= {"target_frame": fixture.frame} | rendered.report | matched.report | guide
     if margin is not None:
