@@ -220,12 +220,36 @@ def test_many_without_a_mark_are_named():
     assert "within 8 px of x6, x7, x8, x9, though" in said
 
 
-def test_a_shift_beside_as_many_other_marks_is_warned_of(monkeypatch):
-    """Letters that no shape fits, as many again: that all meet a mark is no chance."""
-    monkeypatch.setattr("vfplan.planning.readings._drawn", lambda *_: 0)
+def test_a_shift_beside_as_many_other_marks_is_warned_of():
+    """Letters, as many again: that all meet a mark is no chance."""
     image = texture(8, contrast=5)
     for u, v in [*PLACES, *np.random.default_rng(1).uniform(40, 560, (10, 2))]:
         at = (int(u), int(v))
         cv2.putText(image, "S", at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, COLOURS["cyan"], 2)
     (said,) = hold_against_marks(image, pairs(PLACES + np.array([30, -20]))).warnings
-    assert "8 of 8 would lie at marks of one kind" in said
+    assert "where they are moved by (-26, +14) px they meet marks of one kind" in said
+
+
+@pytest.mark.parametrize("how", [*MISREAD][:3])
+@pytest.mark.parametrize("kind", ["rings", "thin white crosses", "rings that touch their labels"])
+def test_marks_of_any_shape_are_held_against(kind, how):
+    image = texture(9, contrast=6)
+    for k, (u, v) in enumerate(PLACES.astype(int).tolist()):
+        if kind == "thin white crosses":  # between two columns, or rows, of pixels
+            image[v - 6 : v + 7, u : u + 2] = image[v : v + 2, u - 6 : u + 7] = 180
+            continue
+        cv2.circle(image, (u, v), 8, (60, 120, 255), 2, cv2.LINE_AA)
+        if kind != "rings" and k % 3:
+            at = (u + 9, v - 5)
+            cv2.putText(image, f"x{k}", at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (60, 120, 255), 1, 16)
+    held = hold_against_marks(image, pairs(PLACES))
+    assert held.near >= 6
+    assert held.warnings == ()
+    with pytest.raises(MarkerError, match=how):
+        hold_against_marks(image, pairs(MISREAD[how](PLACES)))
+
+
+def test_a_shift_of_all_is_not_called_counted_from_one():
+    (said,) = hold_against_marks(drawn(3, "cyan", "cross"), pairs(PLACES + 5)).warnings
+    assert "lie (+5.0" in said
+    assert "counted" not in said

@@ -8,8 +8,6 @@ from conftest import ROOT
 from layouts import PX, grid, planar, solid
 
 from vfplan.errors import MarkerError
-from vfplan.images.read import read_image
-from vfplan.planning.matching import rows_and_columns_exchanged
 from vfplan.registration import fit_registration
 from vfplan.registration.diagnosis import diagnose
 from vfplan.registration.register import refuse_sure_faults
@@ -126,16 +124,6 @@ def test_a_scale_that_is_another_unit_is_refused(factor):
     r = fit_registration(source, target * factor, model="similarity")
     with pytest.raises(MarkerError, match="times the known scale"):
         refuse_sure_faults(r, diagnose(r))
-
-
-def test_rows_and_columns_exchanged_show_where_markers_are_drawn():
-    image = read_image(SAMPLES / "elbow.png")
-    table = np.loadtxt(SAMPLES / "elbow_markers_image.csv", delimiter=",", skiprows=1, dtype=str)
-    places = table[:, 1:].astype(float)
-    assert not rows_and_columns_exchanged(image.rgb, places)
-    assert rows_and_columns_exchanged(image.rgb, places[:, ::-1])
-    blank = np.full_like(image.rgb, 90)
-    assert not rows_and_columns_exchanged(blank, places[:, ::-1])
 
 
 @pytest.fixture

@@ -27,8 +27,6 @@ SAME_SPACING = 1e-6  # relative: decimals of the same number
 # RMS distance of a layout's markers from their centre [m]: millimetres read as metres are above,
 # metres read as millimetres below.
 LEAST_RADIUS_M, LARGEST_RADIUS_M = 5e-4, 10.0
-# Marks that must be drawn at the exchanged places before row and column are called exchanged.
-LEAST_MARKS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,18 +216,13 @@ def check_plausible(pairs: Correspondences, curve: Fixture, image: PlannedImage 
     A planar fit is exact under any unit and either exchange of axes, so these leave no residual.
 
     Raises MarkerError: markers spread over more or less than `LARGEST_RADIUS_M` and
-        `LEAST_RADIUS_M`, outside the image, or drawn where row and column are exchanged
+        `LEAST_RADIUS_M`, or outside the image
     """
     _check_size(pairs.target, "target")
     if pairs.source_frame != "image":
         _check_size(pairs.source, "source")
         return
     _check_inside(pairs, curve, image)
-    if image is not None and rows_and_columns_exchanged(image.rgb, pairs.source):
-        raise MarkerError(
-            f"no marker is drawn where the file has {pairs.labels[0]} and the others, but there "
-            "are marks with row and column exchanged: u_px is the column, v_px the row"
-        )
 
 
 def _check_size(positions: NDArray[np.float64], what: str) -> None:
@@ -254,16 +247,3 @@ def _check_inside(pairs: Correspondences, curve: Fixture, image: PlannedImage | 
                 f"marker {label} at u = {u:.6g}, v = {v:.6g} px lies outside the slice of "
                 f"{size.width_px} x {size.height_px} px (u is the column, v the row)"
             )
-
-
-def rows_and_columns_exchanged(rgb: NDArray, positions_px: NDArray[np.float64]) -> bool:
-    """Whether crosses or dots are drawn at (v, u) of the given (u, v) and nothing at (u, v).
-
-    A slice whose markers are not drawn says nothing.
-    """
-    from vfplan.markers.finding import anything_drawn, marker_drawn
-
-    if any(anything_drawn(rgb, place) for place in positions_px):
-        return False
-    turned = sum(marker_drawn(rgb, place) for place in positions_px[:, ::-1])
-    return turned >= max(LEAST_MARKS, (len(positions_px) + 1) // 2)

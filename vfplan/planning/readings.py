@@ -38,7 +38,8 @@ CLEAN = 0.25
 SCALES = (0.2, 5.0)
 SAME_SCALE = 0.02
 MOST_MARKS = 40  # of a kind; a scale is looked for among fewer
-BY_CHANCE = 1e-6  # less is none
+BY_CHANCE = 1e-5  # less is none
+LABEL_PX = 40.0  # a mark's label stands nearer
 
 
 @dataclass(frozen=True)
@@ -75,49 +76,60 @@ def hold_against_marks(rgb: NDArray, pairs: Correspondences) -> Held:
     if len(own) >= enough:
         rivals = rivals_of(pairs, rgb.shape, kinds, len(own))
         return replace(_compared(rgb, pairs, kinds, own), rivals=rivals)
-    needed = max(enough, 2 * len(own))
-    met, unsure = [], []
-    for name, read in readings(given, rgb.shape).items():
-        for kind in kinds:
-            hits = hits_of(read, kind)
-            if len(hits) >= needed and _drawn(rgb, read[list(hits)]) >= needed:
-                met.append(name)
-            elif len(hits) >= needed and _as_many(kind, len(given)):
-                unsure.append(_unsure(len(hits), len(given), f"read {name}"))
-    if met:  # of a symmetric layout several do, and the marks cannot tell which
-        raise MarkerError(misread(pairs, len(own), "are read " + ", or ".join(dict.fromkeys(met))))
-    if unsure:
-        return Held(len(own), warnings=tuple(unsure))
-    for kind in kinds:
-        scaled = _scaled(given, kind.places_px)
-        if scaled is None or scaled[2] < needed:
-            continue
-        scale, shift, hits = scaled
-        shown, as_many = _drawn(rgb, shift + scale * given) >= needed, _as_many(kind, len(given))
-        if not (shown or as_many) and _chance(hits, len(given), kind, rgb.shape) > BY_CHANCE:
-            continue  # letters and other small things, some of which lie right
-        if np.abs(shift).max() <= NEAR_PX and abs(scale - 1) > SAME_SCALE:
-            raise MarkerError(misread(pairs, len(own), f"are multiplied by {scale:.3g}"))
-        if shown and as_many:  # no other marks are left for which the positions could be right
-            raise MarkerError(misread(pairs, len(own), f"are {_moved(scale, shift)}"))
-        said = _unsure(hits, len(given), _moved(scale, shift))
-        return Held(len(own), warnings=(said,))
+    how, sure = _met(given, rgb.shape, kinds, max(enough, 2 * len(own)))
+    if sure:
+        raise MarkerError(misread(pairs, len(own), how))
+    if how:
+        return Held(len(own), warnings=(_unsure(how),))
     elsewhere = _others(rgb, kinds, len(given), len(own))
     if not own or elsewhere:
         return Held(len(own), warnings=elsewhere)
     return _compared(rgb, pairs, kinds, own)
 
 
+def _met(given: Array, shape: tuple[int, ...], kinds: list[Kind], needed: int) -> tuple[str, bool]:
+    """What puts the positions onto marks of a kind by no chance, and whether that is sure.
+
+    A short shift may lead to the labels beside the marks, and one among many marks to others.
+    """
+    names = [  # of a symmetric layout several, and the marks cannot tell which
+        name
+        for name, read in readings(given, shape).items()
+        if any(_chance(read, kind, shape, needed) < BY_CHANCE for kind in kinds)
+    ]
+    if names:
+        return f"are read {', or '.join(names)}", True
+    for kind in kinds:
+        if (moved := _scaled(given, kind.places_px)) is None:
+            continue
+        scale, shift = moved
+        if _chance(shift + scale * given, kind, shape, needed, free=2) < BY_CHANCE:
+            far = np.abs(shift).max()
+            if far <= NEAR_PX and abs(scale - 1) > SAME_SCALE:
+                return f"are multiplied by {scale:.3g}", True
+            return _moved(scale, shift), far > LABEL_PX and _as_many(kind, len(given))
+    return "", False
+
+
+def _chance(
+    places: Array, kind: Kind, shape: tuple[int, ...], needed: int, *, free: int = 0
+) -> float:
+    """The chance that so many places lie so near to marks, `free` of them laid onto any mark."""
+    from scipy.special import bdtrc
+
+    hits, count = hits_of(places, kind), len(kind.places_px)
+    if len(hits) < max(needed, free + 1):
+        return 1.0
+    away = np.linalg.norm(places[list(hits)] - kind.places_px[list(hits.values())], axis=1)
+    near = count * np.pi * np.maximum(np.sort(away), 1.0) ** 2 / (shape[0] * shape[1])
+    others = np.arange(len(hits)) - free  # of the k nearest, without those laid and one
+    chances = bdtrc(others, len(places) - free, np.minimum(near, 1.0))
+    return float(count**free * chances[needed - 1 :].min())
+
+
 def _as_many(kind: Kind, n: int) -> bool:
     """Whether about as many marks of a kind are drawn as there are markers."""
     return abs(len(kind.places_px) - n) <= n // 3
-
-
-def _drawn(rgb: NDArray, places: Array) -> int:
-    """How many of these places have a cross or a dot near them."""
-    from vfplan.markers.finding import marker_drawn
-
-    return sum(marker_drawn(rgb, place) for place in places)
 
 
 def _others(rgb: NDArray, kinds: list[Kind], n: int, near: int) -> tuple[str, ...]:
@@ -149,8 +161,8 @@ def _all_of_one_shape(rgb: NDArray, places: Array) -> bool:
     return True
 
 
-def _scaled(given: Array, places: Array) -> tuple[float, Array, int] | None:
-    """(scale, shift, hits) that puts nearly all given positions onto marks; `None`: none does."""
+def _scaled(given: Array, places: Array) -> tuple[float, Array] | None:
+    """(scale, shift) that puts nearly all given positions onto marks; `None`: none does."""
     if len(given) < FEWEST + 1 or not FEWEST < len(places) <= MOST_MARKS:
         return None
     apart = np.linalg.norm(given[:, None] - given[None], axis=2)
@@ -168,62 +180,57 @@ def _scaled(given: Array, places: Array) -> tuple[float, Array, int] | None:
         if best is None or hits > best[2]:
             best = float(s), start - s * given[i], hits
     needed = max(FEWEST + 1, int(np.ceil(0.8 * len(given))))
-    return best if best is not None and best[2] >= needed else None
-
-
-def _chance(hits: int, n: int, kind: Kind, shape: tuple[int, ...]) -> float:
-    """The chance that of `n` positions, two laid onto marks at random, so many meet marks."""
-    from scipy.special import bdtrc
-
-    count = len(kind.places_px)
-    near = min(1.0, count * np.pi * (NEAR_PX / 2) ** 2 / (shape[0] * shape[1]))
-    return count**2 * float(bdtrc(hits - 3, n - 2, near))
+    return best[:2] if best is not None and best[2] >= needed else None
 
 
 def _moved(scale: float, shift: Array) -> str:
     times = "" if abs(scale - 1) <= SAME_SCALE else f"multiplied by {scale:.3g} and "
-    return f"{times}moved by ({shift[0]:+.0f}, {shift[1]:+.0f}) px"
+    return f"are {times}moved by ({shift[0]:+.0f}, {shift[1]:+.0f}) px"
 
 
 def _compared(rgb: NDArray, pairs: Correspondences, kinds: list[Kind], own: dict[int, int]) -> Held:
     kind = max(kinds, key=lambda one: len(hits_of(pairs.source, one)))
     index = np.array(sorted(own))
-    away = pairs.source[index] - kind.places_px[[own[i] for i in index]]
+    drawn = kind.places_px[[own[i] for i in index]]
+    away = pairs.source[index] - drawn
     if _doubts(pairs, index, away):  # the rough centres may be to blame
-        fitted = _measured(rgb, pairs, index)
-        if len(fitted[0]):  # else neither crosses nor dots: their rough centres are what there is
+        fitted = _measured(rgb, pairs, index, drawn)
+        if 2 * len(fitted[0]) > len(index):  # else they are neither crosses nor dots
             index, away = fitted
     rms, mean = float(np.sqrt((away**2).sum(axis=1).mean())), away.mean(axis=0)
-    doubts = _doubts(pairs, index, away) + _bare(pairs, kinds, own)
-    return Held(len(index), rms, (float(mean[0]), float(mean[1])), doubts)
+    bare = () if kind.faint else _bare(pairs, kinds, own)
+    return Held(
+        len(index), rms, (float(mean[0]), float(mean[1])), _doubts(pairs, index, away) + bare
+    )
 
 
 def _bare(pairs: Correspondences, kinds: list[Kind], own: dict[int, int]) -> tuple[str, ...]:
     """A warning for markers without a mark near them, where the others have one."""
-    bare = [i for i in range(len(pairs.labels)) if i not in own]
-    if len(bare) > len(own) // 3:  # marks of two kinds are markers too
-        bare = [i for i in bare if not any(i in hits_of(pairs.source, kind) for kind in kinds)]
+    met = set().union(*(hits_of(pairs.source, kind) for kind in kinds))  # of two kinds, too
+    bare = [i for i in range(len(pairs.labels)) if i not in met]
     if not bare or len(own) < max(FEWEST, len(bare)):
         return ()
     names = ", ".join(pairs.labels[i] for i in bare)
     return (f"no mark is drawn within {NEAR_PX:.0f} px of {names}, though the others have theirs",)
 
 
-def _unsure(hits: int, n: int, how: str) -> str:
+def _unsure(how: str) -> str:
     return (
-        f"no marks are drawn at most of the given positions; {how}, {hits} of {n} would lie at "
-        "marks of one kind: check u_px and v_px"
+        f"no marks are drawn at most of the given positions; where they {how} they meet marks of "
+        "one kind: check u_px and v_px"
     )
 
 
-def _measured(rgb: NDArray, pairs: Correspondences, index: NDArray) -> tuple[NDArray, Array]:
+def _measured(
+    rgb: NDArray, pairs: Correspondences, index: NDArray, drawn: Array
+) -> tuple[NDArray, Array]:
     """The same distances from marks that were fitted, where a cross or a dot fits."""
     from vfplan.markers.finding import find_markers
 
     kept, away = [], []
-    for i in index:
+    for i, place in zip(index, drawn, strict=True):
         try:
-            (found,) = find_markers(rgb, [pairs.labels[i]], pairs.source[i : i + 1])
+            (found,) = find_markers(rgb, [""], place[None], search_px=ON_MARK_PX)
         except MarkerError:
             continue
         kept.append(i)
@@ -260,12 +267,15 @@ def _origin(away: Array, mean: Array) -> str:
 
     dof = 2 * len(away) - 2
     variance = max(float(((away - mean) ** 2).sum()) / dof, DRAWN_PX**2)
+
+    def chance(origin: float) -> float:
+        rest = np.maximum(np.abs(mean - origin) - ROUNDED_PX, 0.0)
+        return float(fdtrc(2, dof, len(away) * float((rest**2).sum()) / 2 / variance))
+
     one = min((0.0, 0.5, 1.0), key=lambda origin: float(((mean - origin) ** 2).sum()))
-    rest = np.maximum(np.abs(mean) - ROUNDED_PX, 0.0)
-    chance = float(fdtrc(2, dof, len(away) * float((rest**2).sum()) / 2 / variance))
-    if one == 0 or chance > MAY_BE:
+    if one == 0 or chance(0.0) > MAY_BE or chance(one) < IS:
         return ""
     name = "from 1 instead of 0" if one == 1 else "from the first pixel's corner, not its centre"
-    if chance > IS:
+    if chance(0.0) > IS:
         return f"counted {name}, or from 0 and badly clicked? The marks do not decide; "
     return f"counted {name}? "

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 NEAR_PX = 8.0  # a mark further from a given position is not its own
 ON_MARK_PX = 2.0
 ROUNDED_PX = 0.25  # a mark's centre, as programs round it
-SURE, POSSIBLE = 1e6, 0.01  # odds of another reading
+SURE, POSSIBLE = 1e6, 0.05  # odds of another reading
 
 
 def readings(given: Array, shape: tuple[int, ...]) -> dict[str, Array]:

@@ -6,7 +6,6 @@ the coverage that a blurred cross or a blurred disc would have. The fit's centre
 
 from __future__ import annotations
 
-from vfplan.markers.finding.find import FoundMarker, find_markers, marker_drawn
-from vfplan.markers.finding.marks import anything_drawn
+from vfplan.markers.finding.find import FoundMarker, find_markers
 
-__all__ = ["FoundMarker", "anything_drawn", "find_markers", "marker_drawn"]
+__all__ = ["FoundMarker", "find_markers"]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.markers.finding.marks import SEARCH_PX, coverages, inside, marks_near, place_of, window
+from vfplan.markers.finding.marks import SEARCH_PX, coverages, inside, marks_near, window
 from vfplan.markers.finding.shapes import GOOD_MISFIT, Shape, fit_mark
 
 MAX_MISFIT = 0.45  # RMS: above it, no cross and no dot
@@ -56,16 +56,6 @@ def find_markers(
                     f"{a.position_px[1]:.1f}) px; each needs a mark of its own"
                 )
     return found
-
-
-def marker_drawn(rgb: NDArray, position_px: ArrayLike, *, search_px: float = SEARCH_PX) -> bool:
-    """Whether a cross or a dot is drawn near (u, v); `False` outside the image."""
-    at = place_of(position_px)
-    try:
-        _find_one(rgb, float(np.iinfo(rgb.dtype).max), "", at, search_px)
-    except MarkerError:
-        return False
-    return True
 
 
 def _find_one(

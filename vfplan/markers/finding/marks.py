@@ -6,10 +6,10 @@ roughly where marks are, and which are of one kind.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
@@ -20,7 +20,8 @@ _PAD = 4
 HUES = 24  # sectors of the circle of hues that are told apart
 ALIKE = 0.35  # marks of one kind differ less than this share, or 2 px, in width and height
 FEWEST = 3
-WHITE = 247
+WHITE, WHITISH, BRIGHTER = 247, 200, 64  # thin lines cover half of their pixels
+COLOURED = (MIN_CONTRAST, 0.4)  # blurred by compression; what a label touches
 MOST_SPOTS = 400  # more of one hue is a colour picture, not marks
 
 
@@ -35,22 +36,6 @@ class Mark:
     start: tuple[float, float]
     radius: float
     weight: Array | float = 1.0
-
-
-def anything_drawn(rgb: NDArray, position_px: ArrayLike, *, search_px: float = SEARCH_PX) -> bool:
-    """Whether some mark stands near (u, v), whatever its shape; much quicker than to fit one."""
-    at = place_of(position_px)
-    if not inside(rgb, at):
-        return False
-    patch, local, _ = window(rgb, float(np.iinfo(rgb.dtype).max), at, search_px)
-    maps = coverages(patch, local, search_px)
-    return any(marks_near(coverage, local, search_px) for coverage in maps)
-
-
-def place_of(position_px: ArrayLike) -> tuple[float, float]:
-    """(u, v) as two numbers."""
-    u, v = np.asarray(position_px, dtype=float)
-    return float(u), float(v)
 
 
 def inside(rgb: NDArray, at: tuple[float, float]) -> bool:
@@ -143,6 +128,7 @@ class Kind:
     """Marks of one hue and size."""
 
     places_px: Array  # (M, 2) their centres of area (u, v)
+    faint: bool = False  # told by little, so that some may be missing
 
 
 def kinds_of_spots(rgb: NDArray) -> list[Kind]:
@@ -159,6 +145,9 @@ def kinds_of_spots(rgb: NDArray) -> list[Kind]:
     least = cv2.min(cv2.min(*planes[:2]), planes[2])
     strength = cv2.max(cv2.max(*planes[:2]), planes[2]) - least
     kinds = _of_mask((least >= WHITE).astype(np.uint8))
+    above = cv2.subtract(least, cv2.blur(least, (REACH_PX, REACH_PX)))
+    for faint in (least >= WHITISH, above >= BRIGHTER):
+        kinds += [replace(kind, faint=True) for kind in _of_mask(faint.astype(np.uint8))]
     rows, columns = np.nonzero(strength > 255 * MIN_CONTRAST)
     pixels = small[rows, columns].astype(np.float64)
     hue = np.arctan2(
@@ -166,9 +155,10 @@ def kinds_of_spots(rgb: NDArray) -> list[Kind]:
     )
     for centre in _peaks(hue, strength[rows, columns]):
         own = np.abs(np.angle(np.exp(1j * (hue - centre)))) < 1.5 * 2 * np.pi / HUES
-        mask = np.zeros(strength.shape, np.uint8)
-        mask[rows[own], columns[own]] = 1
-        kinds += _of_mask(mask)
+        mask = np.zeros_like(strength)
+        mask[rows[own], columns[own]] = strength[rows[own], columns[own]]
+        for level in COLOURED:
+            kinds += _of_mask((mask > 255 * level).astype(np.uint8))
     return kinds
 
 
