@@ -2,40 +2,18 @@
 
 from __future__ import annotations
 
-import io
-import lzma
-import os
-import struct
-import tokenize
 import zipfile
-import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import IO, Any, BinaryIO
 
 import numpy as np
 
-from vfplan.errors import SessionError
+from vfplan.errors import InputError, SessionError
 from vfplan.io.hdf5 import h5py
-from vfplan.io.reading import OneFile
 from vfplan.session.types import BLOCK, Array, Pair
 
 _NAMES = ("time", "hip")
-MOST_MEMBERS, MOST_TAIL = 1000, 1 << 17  # of an archive; bytes at its end that list them
-MOST_HEADER = 10_000  # bytes of an array's header, as NumPy has it
-# What zipfile, its decompressors and NumPy's header reader raise on damaged archives.
-_DAMAGED = (
-    OSError,
-    EOFError,
-    ValueError,
-    SyntaxError,
-    RuntimeError,
-    struct.error,
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    tokenize.TokenError,
-)
 
 
 def _check_shapes(time: Any, hip: Any, where: str) -> int:
@@ -52,16 +30,19 @@ def _check_shapes(time: Any, hip: Any, where: str) -> int:
 
 
 @contextmanager
-def opened_hdf5(stream: BinaryIO, name: str) -> Iterator[h5py.File]:
-    """The file; what libhdf5 says of a bad one is a `SessionError`."""
+def opened_hdf5(
+    stream: BinaryIO, name: str, kind: type[InputError] = SessionError
+) -> Iterator[h5py.File]:
+    """The file; what libhdf5 says of a bad one is an error of the `kind` given."""
     try:
         with h5py.File(stream, "r") as file:
             yield file
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
-        raise SessionError(f"cannot be read as HDF5: {error}", where=name) from None
+        raise kind(f"cannot be read as HDF5: {error}", where=name) from None
 
 
-# Both run in a process apart (`vfplan.io.apart`): a file can be made for libhdf5 to crash on.
+# What follows runs in a process apart (`vfplan.io.apart`): a file can be made for libhdf5 to crash
+# on, or to unpack without end.
 
 
 def hdf5_header(stream: BinaryIO, name: str) -> Iterator[list[Any]]:
@@ -94,19 +75,19 @@ def _stated(place: h5py.Group | h5py.Dataset, names: dict[str, str]) -> list[tup
 
 
 def plain_dataset(
-    file: h5py.File, name: str, where: str, wanted: str = "time, hip"
-) -> h5py.Dataset:
-    """A dataset that the file itself holds; else `SessionError`."""
+    file: h5py.Group, name: str, where: str, names: Iterable[str] = _NAMES,
+    kind: type[InputError] = SessionError,
+) -> h5py.Dataset:  # fmt: skip
+    """One of the datasets wanted, which the file itself holds; else an error of the `kind`."""
+    wanted = f"{', '.join(names)} wanted"
     # A link to another file is never followed: a session is one file.
     if not isinstance(file.get(name, getlink=True), h5py.HardLink):
         held = ", ".join(sorted(file)) or "nothing"
-        raise SessionError(
-            f"has no dataset {name!r} (holds {held[:80]}); {wanted} wanted", where=where
-        )
+        raise kind(f"has no dataset {name!r} (holds {held[:80]}); {wanted}", where=where)
     found = file[name]
     plain = isinstance(found, h5py.Dataset) and found.shape is not None
     if not plain or found.external or found.is_virtual:
-        raise SessionError(f"{name!r} is not a plain dataset; {wanted} wanted", where=where)
+        raise kind(f"{name!r} is not a plain dataset; {wanted}", where=where)
     return found
 
 
@@ -119,16 +100,15 @@ def read_hdf5(stream: BinaryIO, name: str, factor: float) -> Iterator[Pair]:
             yield np.asarray(time[part], float), np.asarray(hip[part], float) * factor
 
 
-def npz_header(file: OneFile, name: str) -> int:
-    """The length T; raises `SessionError` as `hdf5_header` does."""
-    with _npz_members(file, name) as members:
-        heads = [(shape, dtype) for _, shape, dtype in members]
-        return _check_shapes(*heads, where=name)
+def npz_header(stream: BinaryIO, name: str) -> Iterator[list[Any]]:
+    """As `hdf5_header`; an archive states nothing of itself."""
+    with _npz_members(stream, name) as members:
+        yield [_check_shapes(*(member[1:] for member in members), where=name), []]
 
 
-def read_npz(file: OneFile, name: str, factor: float) -> Iterator[Pair]:
+def read_npz(stream: BinaryIO, name: str, factor: float) -> Iterator[Pair]:
     """Yield (time [s], hip [m]) piece by piece, without ever holding the arrays whole."""
-    with _npz_members(file, name) as ((time, shape, time_type), (hip, _, hip_type)):
+    with _npz_members(stream, name) as ((time, shape, time_type), (hip, _, hip_type)):
         for start in range(0, shape[0], BLOCK):
             rows = min(BLOCK, shape[0] - start)
             yield (
@@ -139,51 +119,32 @@ def read_npz(file: OneFile, name: str, factor: float) -> Iterator[Pair]:
 
 @contextmanager
 def _npz_members(
-    file: OneFile, where: str
+    stream: BinaryIO, where: str
 ) -> Iterator[tuple[tuple[IO[bytes], tuple[int, ...], np.dtype], ...]]:
     try:
-        with file.view() as stream:
-            _refuse_many(stream, where)
-            with zipfile.ZipFile(stream) as archive:
-                names = set(archive.namelist())
-                for name in _NAMES:
-                    if f"{name}.npy" not in names:
-                        held = ", ".join(sorted(n.removesuffix(".npy") for n in names)) or "nothing"
-                        raise SessionError(
-                            f"has no array {name!r} (holds {held[:80]}); time, hip wanted",
-                            where=where,
-                        )
-                yield tuple(_member(archive.open(f"{name}.npy"), name, where) for name in _NAMES)
-    except _DAMAGED as error:
+        with zipfile.ZipFile(stream) as archive:
+            names = set(archive.namelist())
+            for name in _NAMES:
+                if f"{name}.npy" not in names:
+                    held = ", ".join(sorted(n.removesuffix(".npy") for n in names)) or "nothing"
+                    raise SessionError(
+                        f"has no array {name!r} (holds {held[:80]}); time, hip wanted", where=where
+                    )
+            yield tuple(_member(archive.open(f"{name}.npy"), name, where) for name in _NAMES)
+    except (SessionError, MemoryError, GeneratorExit):
+        raise
+    except Exception as error:  # zipfile lets through what its decompressors raise, NumPy tokenize
         raise SessionError(f"cannot be read as .npz: {error}", where=where) from None
-
-
-def _refuse_many(stream: BinaryIO, where: str) -> None:
-    """Refuse an archive whose list of members is long: zipfile reads all of it into memory."""
-    stream.seek(max(0, stream.seek(0, os.SEEK_END) - MOST_TAIL))
-    tail = stream.read(MOST_TAIL)
-    end = tail.rfind(b"PK\x05\x06")
-    count, size = (
-        struct.unpack_from("<HI", tail, end + 10) if 0 <= end <= len(tail) - 22 else (0, 0)
-    )
-    if count > MOST_MEMBERS or size > MOST_TAIL:
-        raise SessionError(f"more than {MOST_MEMBERS} members; time, hip wanted", where=where)
 
 
 def _member(
     stream: IO[bytes], name: str, where: str
 ) -> tuple[IO[bytes], tuple[int, ...], np.dtype]:
     version = np.lib.format.read_magic(stream)
-    form = {(1, 0): "<H", (2, 0): "<I"}.get(version)
-    if form is None:
+    if version not in ((1, 0), (2, 0)):
         raise SessionError(f"{name} is in .npy version {version}; 1.0 or 2.0 wanted", where=where)
-    # The length is checked here: NumPy would first read as much as it says.
-    size = stream.read(struct.calcsize(form))
-    if struct.unpack(form, size)[0] > MOST_HEADER:
-        raise SessionError(f"the header of {name} is longer than {MOST_HEADER} bytes", where=where)
-    head = io.BytesIO(size + stream.read(struct.unpack(form, size)[0]))
     reads = (np.lib.format.read_array_header_1_0, np.lib.format.read_array_header_2_0)
-    shape, fortran, dtype = reads[version[0] - 1](head)
+    shape, fortran, dtype = reads[version[0] - 1](stream)
     if fortran and len(shape) > 1:
         raise SessionError(f"{name} is stored by columns; C order wanted", where=where)
     return stream, shape, dtype

@@ -10,15 +10,13 @@ from pathlib import Path
 from vfplan.errors import SessionError, SettingError
 from vfplan.io.apart import apart, one
 from vfplan.io.reading import OneFile
-from vfplan.session.arrays import npz_header, read_npz
 from vfplan.session.csvfile import WANTED, csv_columns, read_csv
 from vfplan.session.ros import RosOptions, bag_sha256, bag_stamp, is_bag
 from vfplan.session.types import Pair, Session, SessionStream, unit_factor
 
-_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-_ZIP_MAGIC = b"PK\x03\x04"
+_MAGIC = {b"\x89HDF\r\n\x1a\n": "hdf5", b"PK\x03\x04": "npz"}
 # Read in a process apart.
-_HDF5, _BAG, _MCAP = (f"vfplan.session.{name}:" for name in ("arrays", "ros", "mcapfile"))
+_ARRAYS, _BAG, _MCAP = (f"vfplan.session.{name}:" for name in ("arrays", "ros", "mcapfile"))
 
 
 def read_session(
@@ -65,33 +63,27 @@ def open_session(
     factor = unit_factor(units)
     if path.is_dir() and is_bag(path):
         return _bag(path, factor, units, frame, ros)
-    file = _opened(path)
-    mcap = functools.partial(one, _MCAP + "is_ours", path.name, file=file, where=path.name)
-    ours = path.suffix == ".mcap" and mcap(kind=SessionError)
+    file, name, length = _opened(path), path.name, None
+    given = {"file": file, "where": name, "kind": SessionError}
+    ours = path.suffix == ".mcap" and one(_MCAP + "is_ours", name, **given)
     if is_bag(path) and not ours:
         return _bag(path, factor, units, frame, ros)
     if ros is not None:
-        raise SettingError("topic, field and tool tip are for ROS bags", where=path.name)
-    name, notes, length = path.name, {}, None
-    magic = file.view().read(8)
-    if ours:
-        job = functools.partial(apart, _MCAP + "read_hips", name, factor)
-        read, kind = functools.partial(job, file=file, where=name, kind=SessionError), "mcap"
-    elif magic.startswith(_HDF5_MAGIC):
-        length, stated = one(_HDF5 + "hdf5_header", name, file=file, where=name, kind=SessionError)
-        _agree(stated, {"units": units, "frame": frame, "time unit": "s"}, name)
-        job = functools.partial(apart, _HDF5 + "read_hdf5", name, factor)
-        read, kind = functools.partial(job, file=file, where=name, kind=SessionError), "hdf5"
-    elif magic.startswith(_ZIP_MAGIC):
-        length = npz_header(file, name)
-        read, kind = functools.partial(read_npz, file, name, factor), "npz"
-    else:
+        raise SettingError("topic, field and tool tip are for ROS bags", where=name)
+    first = file.view().read(8)
+    kind = "mcap" if ours else next((k for m, k in _MAGIC.items() if first.startswith(m)), "csv")
+    notes: dict[str, object] = {"format": kind, "units": units}
+    read = functools.partial(apart, f"{_ARRAYS}read_{kind}", name, factor, **given)
+    if kind == "mcap":
+        read = functools.partial(apart, _MCAP + "read_hips", name, factor, **given)
+    elif kind == "csv":
         with file.view() as stream:
             aside = [column for column in csv_columns(stream, name) if column not in WANTED]
-        if aside:
-            notes["ignored_columns"] = aside
-        read, kind = functools.partial(read_csv, file, name, factor), "csv"
-    notes = {"format": kind, "units": units, **notes}
+        notes |= {"ignored_columns": aside} if aside else {}
+        read = functools.partial(read_csv, file, name, factor)
+    else:
+        length, stated = one(f"{_ARRAYS}{kind}_header", name, **given)
+        _agree(stated, {"units": units, "frame": frame, "time unit": "s"}, name)
     checked = functools.partial(_steady, read, file.require_unchanged)
     return SessionStream(checked, name, frame, file.sha256(), notes, length)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
@@ -16,6 +15,7 @@ from vfplan.errors import InputError, VersionError
 from vfplan.io.apart import apart, one
 from vfplan.io.hdf5 import h5py
 from vfplan.io.reading import OneFile
+from vfplan.session.arrays import opened_hdf5, plain_dataset
 from vfplan.session.types import BLOCK, LATEST_S, Array
 
 RESULT_FORMAT = "vfplan-result"
@@ -124,7 +124,8 @@ def _found(path: str | Path) -> OneFile:
 
 def stored_attrs(stream: BinaryIO, where: str) -> Iterator[dict[str, Any]]:
     """The root attributes of a result."""
-    with _opened(stream, where) as file:
+    with opened_hdf5(stream, where, InputError) as file:
+        _check_head(file, where)
         yield {name: _plain(value) for name, value in file.attrs.items()}
 
 
@@ -135,11 +136,12 @@ def _plain(value: Any) -> Any:
 
 def stored(stream: BinaryIO, where: str, group: str) -> Iterator[tuple[Array, ...]]:
     """Blocks of a result's datasets, in the order of `TickBlock`."""
-    with _opened(stream, where) as file:
+    with opened_hdf5(stream, where, InputError) as file:
+        _check_head(file, where)
         if group and not isinstance(file.get(group, getlink=True), h5py.HardLink):
             raise InputError(f"has no group {group!r}", where=where)
         place = file[group] if group else file
-        datasets = [_checked(place, name, where) for name in TABLE]
+        datasets = _checked(place, where)
         for start in range(0, len(datasets[0]), BLOCK):
             yield tuple(dataset[start : start + BLOCK] for dataset in datasets)
 
@@ -190,16 +192,6 @@ def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
         )
 
 
-@contextmanager
-def _opened(stream: BinaryIO, where: str) -> Iterator[h5py.File]:
-    try:
-        with h5py.File(stream, "r") as file:
-            _check_head(file, where)
-            yield file
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"cannot be read as HDF5: {error}", where=where) from None
-
-
 def _check_head(file: h5py.File, where: str) -> None:
     found = file.attrs.get("format")
     found = found.decode("utf-8", "replace") if isinstance(found, bytes) else found
@@ -212,18 +204,13 @@ def _check_head(file: h5py.File, where: str) -> None:
         )
 
 
-def _checked(place: h5py.Group, name: str, where: str) -> h5py.Dataset:
-    columns = TABLE[name][0]
-    link = place.get(name, getlink=True)
-    dataset = place[name] if isinstance(link, h5py.HardLink) else None
-    time = place["time"] if isinstance(place.get("time", getlink=True), h5py.HardLink) else None
-    length = time.shape[0] if isinstance(time, h5py.Dataset) and time.shape else 0
-    if isinstance(dataset, h5py.Dataset) and (dataset.external or dataset.is_virtual):
-        raise InputError(f"{name} is kept in another file; one file is wanted", where=where)
-    if not isinstance(dataset, h5py.Dataset) or dataset.shape != (length, *columns):
-        shape = None if dataset is None else getattr(dataset, "shape", None)
-        wanted = ", ".join(map(str, ("T", *columns)))
-        raise InputError(f"{name} has shape {shape}; ({wanted}) wanted", where=where)
-    if dataset.dtype.kind not in "fiu":
-        raise InputError(f"{name} has type {dataset.dtype}; real numbers wanted", where=where)
-    return dataset
+def _checked(place: h5py.Group, where: str) -> list[h5py.Dataset]:
+    """The datasets of `TABLE`, in its order."""
+    datasets = [plain_dataset(place, name, where, TABLE, InputError) for name in TABLE]
+    for dataset, (name, (columns, _, _)) in zip(datasets, TABLE.items(), strict=True):
+        if dataset.shape != (*datasets[0].shape[:1], *columns):
+            wanted = ", ".join(map(str, ("T", *columns)))
+            raise InputError(f"{name} has shape {dataset.shape}; ({wanted}) wanted", where=where)
+        if dataset.dtype.kind not in "fiu":
+            raise InputError(f"{name} has type {dataset.dtype}; real numbers wanted", where=where)
+    return datasets
