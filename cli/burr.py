@@ -47,7 +47,7 @@ def command(
     from vfplan.session import read_session, write_result
     from vfplan.session.events import write_events
 
-    planned = read_fixture(fixture, trust=given["trust"])
+    planned = read_fixture(fixture, trust=options.trust(given))
     hand = read_session(session, units=given["units"], frame=planned.frame)
     with progress("burr", len(hand.hip)) as done:
         burred = burr(planned, hand, 1e-3 * radius_mm, done=done)

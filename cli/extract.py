@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from vfplan.cli.options import CURVE, extract_settings, option, output, taking
+from vfplan.cli.options import CURVE, option, output, settings, taking
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command, patience
 from vfplan.cli.values import FILE, Number
@@ -43,11 +43,11 @@ def command(
     --overlay-out shows them with their numbers, and nothing else is written (exit 3).
     """
     from vfplan.bundle import write_fixture
-    from vfplan.planning import extract
+    from vfplan.planning import ExtractSettings, extract
 
-    settings = extract_settings(given)
-    with patience(f"extracting the curve of {image.name}"), numbered(image, settings, overlay_out):
-        extracted = extract(image, settings, curve=given["curve"])
+    how = settings(ExtractSettings, given)
+    with patience(f"extracting the curve of {image.name}"), numbered(image, how, overlay_out):
+        extracted = extract(image, how, curve=given["curve"])
     with outputs(output, mask_out, overlay_out) as (path, mask, overlay):
         write_fixture(extracted.fixture, path)
         write_pictures(extracted, mask, overlay)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from dataclasses import fields
-from pathlib import Path
 from typing import Any, TypeVar
 
 import click
@@ -180,13 +178,6 @@ def settings(kind: type, given: dict[str, Any], **more: Any) -> Any:
     return kind(**{n: v for n, v in given.items() if n in names and v is not None} | more)
 
 
-def extract_settings(given: dict[str, Any]) -> Any:
-    """`vfplan.planning.ExtractSettings` from a command's arguments."""
-    from vfplan.planning import ExtractSettings
-
-    return settings(ExtractSettings, given)
-
-
 def fixture_settings(given: dict[str, Any]) -> Any:
     """`vfplan.planning.FixtureSettings` from a command's arguments."""
     from vfplan.planning import FixtureSettings
@@ -200,12 +191,6 @@ def fixture_settings(given: dict[str, Any]) -> Any:
     margin = given["margin"]
     if isinstance(margin, float) != (given["campaign"] is not None):
         raise click.UsageError("--margin p=P and --campaign DIR: both or neither")
-    more = given["guide_ends"], given["guide_pull"], given["guide_cut_bends"]
-    if given["guide_m"] is None and (any(more) or given["guide_stroke"] is not None):
-        raise click.UsageError(
-            "--ends, --guide-stroke, --guide-pull and --guide-cut-bends have no effect without "
-            "--guide MM"
-        )
     if isinstance(margin, float):
         from vfplan.campaign import margin_for
 
@@ -227,33 +212,23 @@ def hold_campaign(given: dict[str, Any], fixture: Any) -> None:
 
 
 def signature(keys_option: str = "--require-signature", required: bool = False) -> Callable[[F], F]:
-    """What a bundle's signature must satisfy; the command gets `trust`, a `Trust` or `None`."""
+    """What a bundle's signature must satisfy; `trust` makes it of the command's arguments."""
+    return taking(
+        option(keys_option, "keys", type=FILE, required=required, metavar="KEYS",
+               help="File of trusted public keys (PEM); refuse what none of them signed."),
+        option("--case", help="The case token it must be signed for."),
+        option("--robot-serial", help="The robot it must be signed for."),
+        option("--max-age", type=Duration("TIME"), help="How long ago it was registered."),
+    )  # fmt: skip
 
-    def wrap(function: F) -> F:
-        @functools.wraps(function)
-        def body(
-            keys: Path | None,
-            case: str | None,
-            robot_serial: str | None,
-            max_age: float | None,
-            **kwargs: Any,
-        ) -> Any:
-            if keys is None:
-                if (case, robot_serial, max_age) != (None, None, None):
-                    raise click.UsageError(
-                        f"--case, --robot-serial and --max-age need {keys_option} KEYS"
-                    )
-                return function(trust=None, **kwargs)
-            from vfplan.bundle import Trust, read_keys
 
-            return function(trust=Trust(read_keys(keys), case, robot_serial, max_age), **kwargs)
+def trust(given: dict[str, Any]) -> Any:
+    """The `vfplan.bundle.Trust` that the options of `signature` ask for, or `None`."""
+    wanted = given["case"], given["robot_serial"], given["max_age"]
+    if given["keys"] is not None:
+        from vfplan.bundle import Trust, read_keys
 
-        return taking(
-            option(keys_option, "keys", type=FILE, required=required, metavar="KEYS",
-                   help="File of trusted public keys (PEM); refuse what none of them signed."),
-            option("--case", help="The case token it must be signed for."),
-            option("--robot-serial", help="The robot it must be signed for."),
-            option("--max-age", type=Duration("TIME"), help="How long ago it was registered."),
-        )(body)  # fmt: skip
-
-    return wrap
+        return Trust(read_keys(given["keys"]), *wanted)
+    if wanted != (None, None, None):
+        raise click.UsageError("--case, --robot-serial and --max-age need --require-signature KEYS")
+    return None

@@ -11,11 +11,11 @@ from vfplan.cli.options import (
     CURVE,
     MAKING,
     ROBOT,
-    extract_settings,
     fixture_settings,
     hold_campaign,
     option,
     output,
+    settings,
     taking,
 )
 from vfplan.cli.outputs import outputs
@@ -62,10 +62,11 @@ def command(
     simulated arm must be able to render it.
     """
     from vfplan.bundle import write_fixture
-    from vfplan.planning import plan
+    from vfplan.planning import ExtractSettings, plan
     from vfplan.robot import read_robot
 
-    reading, making, arm = extract_settings(given), fixture_settings(given), read_robot(robot)
+    reading, making = settings(ExtractSettings, given), fixture_settings(given)
+    arm = read_robot(robot)
     with patience(f"planning on {image.name}"), numbered(image, reading, overlay_out):
         made = plan(
             image, markers, markers2, extraction=reading, settings=making, curve=given["curve"]

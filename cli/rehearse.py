@@ -79,7 +79,7 @@ def command(
     from vfplan.arm.loop import Hand
 
     refuse_folder(report)
-    (planned, digest), arm = _fixture(fixture, given["trust"]), made_arm(given["arm"], given)
+    (planned, digest), arm = _fixture(fixture, options.trust(given)), made_arm(given["arm"], given)
     wanted, warnings = _session(session, given["units"], planned.frame, arm.robot.rate_hz)
     hand = Hand(stiffness=given["hand_n_per_m"])
     with progress("rehearse", len(wanted.hip)) as done:

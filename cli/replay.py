@@ -164,7 +164,7 @@ def _replayed(
             limits=tuple((name, sense, limit) for name, limit, sense in bounds),
             keep=65536 if pictures else 0,
             sinks=[*sinks, lambda name, block: done(_alone(name, rule) * len(block))],
-            trust=given["trust"],
+            trust=options.trust(given),
             poses=poses,
             events=events,
             moving=_moving(given),

@@ -21,8 +21,6 @@ def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
     """
     if engine not in ENGINES:
         raise SettingError(f"engine {engine!r}; {' or '.join(ENGINES)} wanted")
-    if rule not in RULES[:3]:
-        raise SettingError(f"rule {rule!r}; {', '.join(RULES[:3])} wanted")
     if fixture.guidance is None:
         return _region(fixture, rule, engine)
     return _guided(fixture, rule, engine)

@@ -7,12 +7,9 @@ from numpy.typing import NDArray
 
 from vfplan.replaying.quantities import HELD_M
 from vfplan.session import TickBlock
-from vfplan.session.result import joined
+from vfplan.session.result import TABLE, joined
 
-_ROWS, _VECTORS = np.empty(0), np.empty((0, 3))
-_NONE = TickBlock(
-    _ROWS, _VECTORS, _VECTORS, _VECTORS, _VECTORS, _ROWS.astype(np.int8), _ROWS, _ROWS
-)
+_NONE = TickBlock(*(np.empty((0, *columns), kind) for columns, kind, _ in TABLE.values()))
 
 
 class Overview:
@@ -23,30 +20,21 @@ class Overview:
 
     def __init__(self, capacity: int | None = 65536) -> None:
         self._capacity = capacity
-        self._blocks: list[TickBlock] = []
-        self._held = 0
+        self._blocks = [_NONE]
         self.stride = 1
 
     def update(self, block: TickBlock) -> None:
         """Take in the next ticks."""
         if self._capacity == 0:
             return
-        self._keep(thinned(block, self.stride))
-        while self._capacity is not None and self._held > self._capacity:
-            whole = joined(self._blocks)
-            self._blocks, self._held = [], 0
+        self._blocks.append(thinned(block, self.stride))
+        while self._capacity is not None and len(self.ticks) > self._capacity:
+            self._blocks = [thinned(self.ticks, 2)]
             self.stride *= 2
-            self._keep(thinned(whole, 2))
-
-    def _keep(self, block: TickBlock) -> None:
-        self._blocks.append(block)
-        self._held += len(block)
 
     @property
     def ticks(self) -> TickBlock:
         """What was kept, in order."""
-        if not self._blocks:
-            return _NONE
         if len(self._blocks) > 1:
             self._blocks = [joined(self._blocks)]
         return self._blocks[0]

@@ -20,7 +20,7 @@ def require_same(found: object, written: object) -> None:
 class Whole:
     """A writer whose file gets its name when the `with` statement ends well, and else is no more.
 
-    Subclasses fill `file`; `_close` lets go of it and `_verify` reads it back.
+    Subclasses fill `file`; `_close` lets go of what else is open, and `_verify` reads it back.
     Raises `OutputError` when the file exists already, or cannot be written.
     """
 
@@ -35,7 +35,7 @@ class Whole:
         raise NotImplementedError
 
     def _close(self) -> None:
-        raise NotImplementedError
+        """Nothing else is open."""
 
     def _verify(self) -> None:
         raise NotImplementedError

@@ -148,9 +148,6 @@ class CsvWriter(Whole):
             )
         )
 
-    def _close(self) -> None:
-        pass
-
     def _verify(self) -> None:
         self._file.seek(0)
         found = 0

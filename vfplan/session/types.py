@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,22 +21,6 @@ BLOCK = 16384
 FARTHEST_M = 1e6
 # Stamps that no clock gives: their differences would overflow, or make speeds that do.
 LATEST_S, SHORTEST_S = 1e20, 1e-9
-
-
-class Source(Protocol):
-    """What can be replayed: a `Session`, or a `SessionStream` that reads as it goes."""
-
-    name: str
-    frame: str
-    sha256: str | None
-    notes: dict[str, object]
-
-    @property
-    def ticks(self) -> int | None:
-        """The number of samples; `None` when only reading to the end tells."""
-
-    def blocks(self, size: int = BLOCK) -> Iterator[Pair]:
-        """Blocks of `size` ticks (the last one shorter), checked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +91,7 @@ class SessionStream:
     frame: str = "robot_base"
     sha256: str | None = None
     notes: dict[str, object] = field(default_factory=dict)
-    length: int | None = None  # the number of samples when the file says it
-
-    @property
-    def ticks(self) -> int | None:
-        """The number of samples; `None` when only reading to the end tells."""
-        return self.length
+    ticks: int | None = None  # the number of samples; `None` when only reading to the end tells
 
     def blocks(self, size: int = BLOCK) -> Iterator[Pair]:
         """Blocks of `size` ticks (the last one shorter), checked.
@@ -136,6 +114,10 @@ class SessionStream:
             sha256=self.sha256,
             notes=self.notes,
         )
+
+
+# What can be replayed.
+Source = Session | SessionStream
 
 
 def unit_factor(units: str) -> float:
