@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
-from vfplan.figures.style import DPI, NICE, new_figure, nice_below, save_png, style
+from vfplan.figures.style import DPI, NICE, nice_below, on_slice
 from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 WIDTH_PX = 900.0
-STRIP_IN = 0.9  # under the slice: scale bars and legend
+STRIP_IN, BAR_IN = 0.9, 1.1  # under the slice: scale bars and legend; beside it: colours
 MAX_DRAWN = 2000  # points of the band
 
 
@@ -43,24 +43,16 @@ def draw_registration(
     if registration.source.shape[1] != 2:
         raise SettingError("a registration in 3-D has no slice to draw on")
     width, height = _size(registration, curve, image)
-    scale = WIDTH_PX / width / DPI
-    figure = new_figure(width * scale + 1.1, height * scale + STRIP_IN)
-    figure.set_layout_engine("none")
-    total = (width * scale + 1.1, height * scale + STRIP_IN)
-    with style():
-        place = (0, STRIP_IN / total[1], width * scale / total[0], height * scale / total[1])
-        axes = figure.add_axes(place)
-        _draw_slice(axes, image, width, height)
-        arrows = _exaggeration(_in_plane_px(registration), 0.07 * width)
-        _draw_band(axes, figure, registration, curve, width, total)
+    arrows = _exaggeration(_in_plane_px(registration), 0.07 * width)
+    inch = WIDTH_PX / width / DPI
+    legend = {"loc": "lower left", "columnspacing": 1.2}
+    with on_slice(path, (width, height), inch, STRIP_IN, BAR_IN, **legend) as (figure, axes):
+        if image is not None:
+            grey = image.rgb.astype(np.float32).mean(axis=2) / np.iinfo(image.rgb.dtype).max
+            axes.imshow(0.35 + 0.6 * grey, cmap="gray", vmin=0, vmax=1, interpolation="bilinear")
+        _draw_band(axes, figure, registration, curve, width)
         _draw_markers(axes, registration, arrows)
         _draw_scale(axes, registration, width, height, arrows)
-        handles, labels = axes.get_legend_handles_labels()
-        once = dict(zip(labels, handles, strict=True))
-        figure.legend(
-            once.values(), once.keys(), loc="lower left", ncols=len(once), columnspacing=1.2
-        )
-    save_png(figure, path)
 
 
 def _size(
@@ -72,16 +64,6 @@ def _size(
         return float(curve.image.width_px), float(curve.image.height_px)
     reach = np.vstack([registration.source, curve.points[:, :2]]).max(axis=0)
     return float(reach[0] * 1.1), float(reach[1] * 1.1)
-
-
-def _draw_slice(axes: Any, image: PlannedImage | None, width: float, height: float) -> None:
-    if image is not None:
-        grey = image.rgb.astype(np.float32).mean(axis=2) / np.iinfo(image.rgb.dtype).max
-        axes.imshow(0.35 + 0.6 * grey, cmap="gray", vmin=0, vmax=1, interpolation="bilinear")
-    axes.set_axis_off()
-    axes.set_aspect("equal")
-    axes.set_xlim(-0.5, width - 0.5)
-    axes.set_ylim(height - 0.5, -0.5)
 
 
 def _in_plane_px(registration: Registration) -> Array:
@@ -106,7 +88,6 @@ def _draw_band(
     registration: Registration,
     curve: Fixture,
     width: float,
-    total: tuple[float, float],
 ) -> None:
     """The predicted RMS TRE as colour, and the 95 % band for the whole curve as width."""
     from matplotlib.collections import LineCollection, PolyCollection
@@ -128,7 +109,8 @@ def _draw_band(
     axes.add_collection(PolyCollection(quads, array=middle, alpha=0.45, lw=0, **look))
     line = LineCollection(np.stack([a, b], axis=1), array=middle, lw=2.0, **look)
     axes.add_collection(line)
-    bar = figure.add_axes((1 - 0.92 / total[0], 0.3, 0.18 / total[0], 0.5))
+    across_in = figure.get_size_inches()[0]
+    bar = figure.add_axes((1 - 0.92 / across_in, 0.3, 0.18 / across_in, 0.5))
     figure.colorbar(line, cax=bar).set_label("predicted TRE [mm rms]")
     bar.grid(False)
     axes.plot([], [], lw=6, alpha=0.45, color="#21918c", label=f"95 % band, drawn {factor:g}x")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ import numpy as np
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from vfplan.figures.style import DPI, new_figure, nice_below, save_png, style
+from vfplan.figures.style import DPI, nice_below, on_slice
 from vfplan.io.disk import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, HIP, PROXY
 
@@ -55,55 +56,36 @@ def draw_overlay(
     colour that were set aside (with what they were taken for), and the markers where given; a
     length in mm and the patient's sides where the image tells them.
     """
-
-    def draw(axes: Any, scale: float) -> None:
+    with _drawing_on(image, path) as (axes, scale):
         for number, stroke in enumerate(extraction.strokes, 1):
             label = str(number) if len(extraction.strokes) > 1 else ""
             _draw_stroke(axes, stroke, scale, extraction.method == "mask", label)
         _draw_set_aside(axes, extraction.set_aside)
         _draw_markers(axes, markers)
 
-    _draw_on(image, path, draw)
-
 
 def draw_candidates(image: PlannedImage, lines: tuple[NDArray, ...], path: Path) -> None:
     """Write the slice with the lines there are to choose from, each with its number."""
-
-    def draw(axes: Any, scale: float) -> None:
+    with _drawing_on(image, path) as (axes, _):
         for number, (line, colour) in enumerate(zip(lines, cycle(CYCLE), strict=False), 1):
             axes.plot(*line.T, color=colour, lw=2.2, label=f"--stroke {number}")
             where = {"xytext": (8, 8), "textcoords": "offset points", "weight": "bold"}
             box = {"fc": "white", "ec": colour, "pad": 1.5}
             axes.annotate(str(number), line[0], color=colour, bbox=box, zorder=7, **where)
 
-    _draw_on(image, path, draw)
 
-
-def _draw_on(image: PlannedImage, path: Path, draw: Callable[[Any, float], None]) -> None:
-    """Write the slice, a legend below it, and what `draw` puts on it."""
+@contextmanager
+def _drawing_on(image: PlannedImage, path: Path) -> Iterator[tuple[Any, float]]:
+    """Write the slice with what the block draws on it: axes, and the picture's pixels a pixel."""
+    size = image.width_px, image.height_px
     scale = np.clip(image.width_px, *WIDTH_PX) / image.width_px
-    width, height = image.width_px * scale / DPI, image.height_px * scale / DPI
-    figure = new_figure(width, height + LEGEND_IN)
-    figure.set_layout_engine("none")
-    with style():
-        share = height / (height + LEGEND_IN)
-        axes = figure.add_axes((0, 1 - share, 1, share))
+    middle = LEGEND_IN / 2 / (image.height_px * scale / DPI + LEGEND_IN)
+    place = {"loc": "center", "bbox_to_anchor": (0.5, middle), "frameon": False}
+    with on_slice(path, size, scale / DPI, LEGEND_IN, **place, **LEGEND) as (_, axes):
         axes.imshow(_faded(image.rgb), interpolation="nearest")
-        axes.set_axis_off()
-        draw(axes, scale)
+        yield axes, scale
         _draw_bar(axes, image)
         _draw_sides(axes, image)
-        axes.set_xlim(-0.5, image.width_px - 0.5)
-        axes.set_ylim(image.height_px - 0.5, -0.5)
-        handles, labels = axes.get_legend_handles_labels()
-        once = dict(zip(labels, handles, strict=True))
-        place = {
-            "loc": "center",
-            "bbox_to_anchor": (0.5, (1 - share) / 2),
-            "ncols": min(8, len(once)),
-        }
-        figure.legend(once.values(), once.keys(), frameon=False, **place, **LEGEND)
-    save_png(figure, path)
 
 
 def _draw_bar(axes: Any, image: PlannedImage) -> None:

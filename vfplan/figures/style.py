@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +47,31 @@ def subplots(width_in: float, height_in: float, *grid: int, **how: Any) -> tuple
 def style():
     """The `with` block in which axes are made, so that they carry the common look."""
     return mpl.rc_context(_OWN)
+
+
+@contextmanager
+def on_slice(
+    path: Path, size_px: tuple[float, float], inch: float, below: float, beside: float = 0.0,
+    **legend: Any,
+) -> Iterator[tuple[Figure, Any]]:  # fmt: skip
+    """Write what the block draws: a figure, and axes in a slice's pixels, each so many inches.
+
+    below, beside: room for the legend and for more [in]
+    legend: where and how it stands, each label in it once
+    """
+    width, height = size_px
+    figure = new_figure(width * inch + beside, height * inch + below)
+    figure.set_layout_engine("none")
+    with style():
+        whole = figure.get_size_inches()
+        axes = figure.add_axes((0, below / whole[1], *(np.multiply(size_px, inch) / whole)))
+        axes.set_axis_off()
+        axes.set(aspect="equal", xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+        yield figure, axes
+        handles, labels = axes.get_legend_handles_labels()
+        once = dict(zip(labels, handles, strict=True))
+        figure.legend(once.values(), once.keys(), **{"ncols": min(8, len(once)), **legend})
+    save_png(figure, path)
 
 
 def nice_below(value: float) -> float:
