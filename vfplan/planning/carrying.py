@@ -59,7 +59,7 @@ def carry(
     ]
     pairs = list(zip(members, samples, strict=True))
     counts = [len(s.points) for s in samples]
-    length = sum(_length(s, bool(c)) for s, c in zip(samples, curve.curve.closed, strict=True))
+    length = sum(length_of(s.points, c) for s, c in zip(samples, curve.curve.closed, strict=True))
     bridged = sigma = None
     if curve.curve.bridged is not None:
         marks = curve.curve.bridged.astype(float)
@@ -72,11 +72,7 @@ def carry(
         source=np.concatenate([along(curve.points[own], s.parameter) for own, s in pairs]),
         spacing_m=length / sum(counts),
         sigma=sigma,
-        curve=Curve(
-            stroke=np.repeat(np.arange(len(samples), dtype=np.int32), counts),
-            closed=curve.curve.closed,
-            bridged=bridged,
-        ),
+        curve=in_strokes(counts, curve.curve.closed, bridged),
         sampling_error_m=max(s.sampling_error_m for s in samples),
         tight_bends=tuple(bend for s in samples for bend in s.tight_bends),
     )
@@ -133,11 +129,15 @@ def _sample(
     )
 
 
-def _length(sampled: Sampled, closed: bool) -> float:
-    steps = np.linalg.norm(np.diff(sampled.points, axis=0), axis=1).sum()
-    if closed:
-        steps += np.linalg.norm(sampled.points[0] - sampled.points[-1])
-    return float(steps)
+def length_of(points: NDArray[np.float64], closed: bool) -> float:
+    """The way along points (N, K), of a closed curve back to the first."""
+    ring = np.concatenate([points, points[:1]]) if closed else points
+    return float(np.linalg.norm(np.diff(ring, axis=0), axis=1).sum())
+
+
+def in_strokes(counts: list[int], closed: NDArray[np.bool_], bridged: NDArray | None) -> Curve:
+    """Strokes of so many points each, one after the other."""
+    return Curve(np.repeat(np.arange(len(counts), dtype=np.int32), counts), closed, bridged)
 
 
 def pieces_of(

@@ -12,7 +12,7 @@ import numpy as np
 from vfplan.errors import ImageError, SettingError
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
 from vfplan.io.reading import now_utc
-from vfplan.planning.carrying import along
+from vfplan.planning.carrying import along, in_strokes, length_of
 from vfplan.planning.settings import ExtractSettings
 
 if TYPE_CHECKING:
@@ -120,19 +120,8 @@ def _refuse_settings(settings: ExtractSettings, names: tuple[str, ...]) -> None:
 def _drawn_with_a_pen(image: PlannedImage, settings: ExtractSettings) -> Extraction:
     from vfplan.curve import extract_curve
 
-    return extract_curve(
-        image,
-        colour=settings.colour,
-        method=settings.method,
-        roi=settings.roi,
-        stroke=settings.stroke,
-        max_gap_px=settings.max_gap_px,
-        exclude=settings.exclude or (),
-        start=settings.start,
-        end=settings.end,
-        accept_width=bool(settings.accept_width),
-        outline=bool(settings.outline),
-    )
+    given = {name: getattr(settings, name) for name in (*OF_A_PEN, "stroke")}
+    return extract_curve(image, **{k: v for k, v in given.items() if v is not None})
 
 
 def _drawn_as_vectors(
@@ -168,8 +157,7 @@ def _vector_alone(path: str | Path, settings: ExtractSettings) -> Extracted:
         provenance=Provenance.now({"curve": curve.sha256}, settings),
         curve=Curve(np.zeros(len(points), np.int32), np.array([curve.closed])),
     )
-    ring = np.vstack([points, points[:1]]) if curve.closed else points
-    length = float(np.linalg.norm(np.diff(ring, axis=0), axis=1).sum())
+    length = length_of(points, curve.closed)
     stroke = {"length_px": length} if flat else {"length_mm": length * 1e3}
     report: dict[str, Any] = {
         "frame": fixture.frame,
@@ -205,12 +193,8 @@ def planned_curve(
 def _curve(extraction: Extraction) -> Curve:
     strokes = extraction.strokes
     bridged = np.concatenate([s.bridged for s in strokes])
-    counts = [len(s.points_px) for s in strokes]
-    return Curve(
-        stroke=np.repeat(np.arange(len(strokes), dtype=np.int32), counts),
-        closed=np.array([s.closed for s in strokes]),
-        bridged=bridged if bridged.any() else None,
-    )
+    counts, closed = [len(s.points_px) for s in strokes], np.array([s.closed for s in strokes])
+    return in_strokes(counts, closed, bridged if bridged.any() else None)
 
 
 def resample(
@@ -280,9 +264,7 @@ def _describe_stroke(
 ) -> dict[str, Any]:
     length_mm = None
     if spacing is not None and ordered:
-        points = stroke.points_px
-        ring = np.vstack([points, points[:1]]) if stroke.closed else points
-        length_mm = float(np.linalg.norm(np.diff(ring, axis=0) * spacing, axis=1).sum())
+        length_mm = length_of(stroke.points_px * spacing, stroke.closed)
     elif spacing is not None:
         length_mm = float(stroke.length_px * np.sqrt(spacing[0] * spacing[1]))
     width = {} if stroke.width_px is None else {"width_px": float(stroke.width_px)}

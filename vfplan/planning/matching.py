@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import CurveError, MarkerError, SettingError
+from vfplan.errors import CurveError, MarkerError, SettingError, at
 from vfplan.fixture import Fixture
 from vfplan.planning.readings import Held, hold_against_marks
 from vfplan.planning.settings import FixtureSettings
@@ -95,7 +93,7 @@ def match(
     from vfplan.registration.register import refuse_sure_faults
 
     pairs, curve, slice_axes = _pairs(curve, markers, markers2, image)
-    with _named(markers if markers2 is None else f"{markers}, {markers2}"):
+    with at(markers if markers2 is None else f"{markers}, {markers2}"):
         check_plausible(pairs, curve, image if _drawn_on(curve, image) else None)
         held = None
         if pairs.source_frame == "image" and image is not None and _drawn_on(curve, image):
@@ -109,17 +107,6 @@ def match(
     doubts = () if held is None else (*held.rivals, *(() if found else held.warnings))
     warnings = (*doubts, *_frame_warning(pairs), *_image_warning(curve, image))
     return Matched(curve, slice_axes, pairs, registration, diagnosis, found, held, warnings)
-
-
-@contextmanager
-def _named(files: str | Path) -> Iterator[None]:
-    """Name the marker files in errors that do not say where they are."""
-    try:
-        yield
-    except MarkerError as error:
-        if error.where is None:
-            raise MarkerError(error.message, where=str(files)) from None
-        raise
 
 
 def _fit(curve: Fixture, pairs: Correspondences, settings: FixtureSettings) -> Registration:

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 # Operations for one point's squared distance: differences, products, sums.
 OPERATIONS = {3: 8, 2: 5}
-GROUPS = {3: 3, 2: 2}  # of contacts that can hold a proxy apart
 SETTINGS = 3  # that only points need
 # An ignored axis further than this from the slice's normal would collapse the curve.
 MAX_IGNORED_TILT_DEG = 45.0
@@ -161,8 +160,7 @@ def _left_out(
     counts = {"points": max(0, drawn - len(carried.points))}
     planar = rendering.ignore_axis is not None
     if planar:
-        counts["coordinates"] = 1
-        counts["groups"] = GROUPS[3] - GROUPS[2]
+        counts |= {"coordinates": 1, "groups": 1}  # two contacts hold a proxy apart, not three
     if choice is not None:
         counts["iterations"] = max(0, MAX_ITERATIONS - choice.max_iterations)
     near = _neighbours(rendering, carried)
@@ -238,14 +236,8 @@ def _rendering_of(
         stiffness=np.broadcast_to(settings.stiffness, 3),
         ignore_axis=axis,
     )
-    return Rendering(
-        stiffness=np.array(np.broadcast_to(settings.stiffness, 3), dtype=float),
-        contact_radius=settings.contact_radius,
-        band=chosen.band,
-        point_radius=settings.point_radius,
-        ignore_axis=axis,
-        max_iterations=choice and choice.max_iterations,
-    )
+    iterations = choice and choice.max_iterations
+    return Rendering(chosen.stiffness, chosen.rc, chosen.band, chosen.rv, axis, iterations)
 
 
 def ignored_axis(

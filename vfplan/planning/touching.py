@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.errors import MarkerError, SettingError
+from vfplan.errors import SettingError, at
 from vfplan.fixture import Fixture
 from vfplan.registration.result import Registration
 
@@ -39,10 +39,8 @@ def touch(
     if not 0 <= tip_radius < 0.05:
         raise SettingError(f"tip radius {1e3 * tip_radius:g} mm; 0 to 50 mm are allowed")
     points = read_touched(path)
-    try:
+    with at(path):
         found = refine_by_touch(registration, points, curve.points, curve.mesh, tip_radius)
-    except MarkerError as error:
-        raise MarkerError(error.message, where=str(path)) from None
     moved = np.linalg.norm(
         found.registration.apply(curve.points) - registration.apply(curve.points), axis=1
     )
