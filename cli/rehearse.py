@@ -131,33 +131,17 @@ def _session(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Any, l
     """The whole session at the arm's rate, and what was done for that."""
     import numpy as np
 
-    from vfplan.session import Session, open_session, resampled
+    from vfplan.session import open_session, resampled
 
-    source, warnings = open_session(path, units=units, frame=frame), []
+    source = open_session(path, units=units, frame=frame)
     with progress("read", guess(path)):
-        whole = _whole(source)
+        whole = source.load()
     rate = 1 / float(np.median(np.diff(whole.time)))
-    if not 0.99 < rate / rate_hz < 1.01:
-        warnings.append(
-            f"{path}: sampled at {rate:.6g} Hz, resampled to the arm's {rate_hz:g} Hz by straight "
-            "lines"
-        )
-        time, hip = _joined(resampled(source, rate_hz))
-        whole = Session(time, hip, frame=frame, name=source.name)
-    return whole, warnings
-
-
-def _whole(source: Any) -> Any:
-    from vfplan.session import Session
-
-    return Session(*_joined(source), frame=source.frame, name=source.name)
-
-
-def _joined(source: Any) -> tuple[Any, Any]:
-    import numpy as np
-
-    times, hips = zip(*source.blocks(), strict=True)
-    return np.concatenate(times), np.concatenate(hips)
+    if 0.99 < rate / rate_hz < 1.01:
+        return whole, []
+    return resampled(whole, rate_hz).load(), [
+        f"{path}: sampled at {rate:.6g} Hz, resampled to the arm's {rate_hz:g} Hz by straight lines"
+    ]
 
 
 def rehearsed_text(found: dict[str, Any]) -> str:

@@ -75,11 +75,12 @@ OPTIONS = options.taking(
            help="A check: this number of the report is no smaller. Repeatable."),
     option("--drop", type=Real(0, 1, max_open=True), metavar="P",
            help="Lossy link: probability that a packet is lost."),
-    option("--jitter", type=Real(0), metavar="MS",
+    option("--jitter", "jitter_s", type=Real(0), metavar="MS", **options.MILLI,
            help="Lossy link: samples are up to this much older than their stamp."),
-    option("--delay", type=Whole(0), metavar="TICKS",
+    option("--delay", "delay_ticks", type=Whole(0), metavar="TICKS",
            help="Lossy link: samples arrive this many ticks late."),
-    option("--quantise", type=Real(0, min_open=True), metavar="UM",
+    option("--quantise", "quantum_m", type=Real(0, min_open=True), metavar="UM",
+           callback=lambda c, p, v: v and v / 1e6,
            help="Lossy link: positions are rounded to multiples of this."),
     option("--seed", type=Whole(0), default=0, help="Lossy link: seed of its random numbers."),
 )  # fmt: skip
@@ -140,13 +141,6 @@ def _replayed(
     poses, events = given["poses"], given["events"]
     if not given["rate_hz"]:
         poses, events = as_taken(session, poses, events)
-    link = Link(
-        drop=given["drop"],
-        jitter_s=None if given["jitter"] is None else given["jitter"] / 1e3,
-        delay_ticks=given["delay"],
-        quantum_m=None if given["quantise"] is None else given["quantise"] / 1e6,
-        seed=given["seed"],
-    )
     bounds = [(*bound, "at_most") for bound in given["at_most"]]
     bounds += [(*bound, "at_least") for bound in given["at_least"]]
     implied = "paper" if given["engine"] == "reference" else None
@@ -159,11 +153,15 @@ def _replayed(
             rule=rule,
             engine=given["engine"],
             robot=robot,
-            link=link,
+            link=options.settings(Link, given),
             governor=_governing(given["governor"], robot),
             limits=tuple((name, sense, limit) for name, limit, sense in bounds),
             keep=65536 if pictures else 0,
-            sinks=[*sinks, lambda name, block: done(_alone(name, rule) * len(block))],
+            # The ticks of both rules are the same ones.
+            sinks=[
+                *sinks,
+                lambda name, block: done((rule != "both" or name != "paper") * len(block)),
+            ],
             trust=options.trust(given),
             poses=poses,
             events=events,
@@ -182,11 +180,6 @@ def _moving(given: dict[str, Any]) -> dict[str, Any]:
     if moving and given["poses"] is None:
         raise click.UsageError("--pose-limits and --pivot are for a fixture that moves: --poses")
     return moving
-
-
-def _alone(name: str, rule: str | None) -> bool:
-    """Whether a rule's ticks are counted: those of both rules are the same ones."""
-    return rule != "both" or name == "robust"
 
 
 def _governing(asked: tuple[float, ...] | None, robot: Any) -> Any:
