@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import zlib
 from pathlib import Path
@@ -131,22 +132,9 @@ class CsvWriter(Whole):
 
     def append(self, block: TickBlock) -> None:
         """Add a block of ticks."""
-        floats = np.column_stack(
-            (block.time, block.hip, block.proxy, block.normal, block.force)
-        ).tolist()
-        tail = zip(
-            floats,
-            block.state.tolist(),
-            block.penetration.tolist(),
-            block.overlap.tolist(),
-            strict=True,
-        )
-        self._write(
-            "".join(
-                f"{','.join(map(repr, row))},{state},{depth!r},{over!r}\n"
-                for row, state, depth, over in tail
-            )
-        )
+        columns = (np.atleast_2d(getattr(block, name).T).tolist() for name in TABLE)
+        rows = zip(*itertools.chain(*columns), strict=True)
+        self._write("".join(f"{','.join(map(repr, row))}\n" for row in rows))
 
     def _verify(self) -> None:
         self._file.seek(0)

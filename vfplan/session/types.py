@@ -129,28 +129,14 @@ def unit_factor(units: str) -> float:
 
 def regrouped(pieces: Iterable[Pair], size: int) -> Iterator[Pair]:
     """The same samples in blocks of exactly `size`, the last one shorter."""
-    times: list[Array] = []
-    hips: list[Array] = []
-    held = 0
-    for time, hip in pieces:
-        start = 0
-        while start < len(time):
-            take = min(size - held, len(time) - start)
-            times.append(time[start : start + take])
-            hips.append(hip[start : start + take])
-            held += take
-            start += take
-            if held == size:
-                yield _joined(times, hips)
-                times, hips, held = [], [], 0
-    if held:
-        yield _joined(times, hips)
-
-
-def _joined(times: list[Array], hips: list[Array]) -> Pair:
-    if len(times) == 1:
-        return times[0], hips[0]
-    return np.concatenate(times), np.concatenate(hips)
+    time, hip = np.empty(0), np.empty((0, 3))
+    for more in pieces:
+        time, hip = (np.concatenate(two) for two in zip((time, hip), more, strict=True))
+        while len(time) >= size:
+            yield time[:size], hip[:size]
+            time, hip = time[size:], hip[size:]
+    if len(time):
+        yield time, hip
 
 
 def checked(blocks: Iterable[Pair], where: str) -> Iterator[Pair]:
