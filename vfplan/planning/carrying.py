@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Curve, Fixture, Pieces
+from vfplan.planning.sampling import TightBend, sample_curve
 from vfplan.planning.settings import DEFAULT_ARCS_M, FixtureSettings
 
 if TYPE_CHECKING:
-    from vfplan.planning.sampling import Sampled, TightBend
     from vfplan.registration import Registration
 
 GRID_DECIMALS = 9
@@ -55,7 +55,14 @@ def carry(
         return Carried(points, curve.points, _spacing(points), sigma)
     members = [curve.curve.stroke == k for k in range(len(curve.curve.closed))]
     samples = [
-        _sample(curve, k, own, registration, settings, tolerance_m) for k, own in enumerate(members)
+        sample_curve(
+            registration.apply(curve.points[own]),
+            bool(closed),
+            radius_m=settings.contact_radius + settings.point_radius,
+            tolerance_m=settings.tolerance_m if tolerance_m is None else tolerance_m,
+            density_per_m=settings.density_per_m,
+        )
+        for own, closed in zip(members, curve.curve.closed, strict=True)
     ]
     pairs = list(zip(members, samples, strict=True))
     counts = [len(s.points) for s in samples]
@@ -108,25 +115,6 @@ def along(values: NDArray[np.float64], parameter: NDArray[np.float64]) -> NDArra
     below = np.minimum(parameter.astype(int), len(values) - 1)
     part = (parameter - below).reshape(-1, *[1] * (values.ndim - 1))
     return ring[below] * (1 - part) + ring[below + 1] * part
-
-
-def _sample(
-    curve: Fixture,
-    k: int,
-    members: NDArray[np.bool_],
-    registration: Registration,
-    settings: FixtureSettings,
-    tolerance_m: float | None,
-) -> Sampled:
-    from vfplan.planning.sampling import sample_curve
-
-    return sample_curve(
-        registration.apply(curve.points[members]),
-        bool(curve.curve.closed[k]),
-        radius_m=settings.contact_radius + settings.point_radius,
-        tolerance_m=settings.tolerance_m if tolerance_m is None else tolerance_m,
-        density_per_m=settings.density_per_m,
-    )
 
 
 def length_of(points: NDArray[np.float64], closed: bool) -> float:

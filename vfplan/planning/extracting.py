@@ -13,6 +13,7 @@ from vfplan.errors import ImageError, SettingError
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
 from vfplan.io.reading import now_utc
 from vfplan.planning.carrying import along, in_strokes, length_of
+from vfplan.planning.sampling import sample_curve
 from vfplan.planning.settings import ExtractSettings
 
 if TYPE_CHECKING:
@@ -204,8 +205,6 @@ def resample(
 
     Raises `SettingError` without a pixel spacing, or for "mask", whose points have no order.
     """
-    from vfplan.planning.sampling import sample_curve
-
     if extraction.method == "mask":
         raise SettingError("a density needs an ordered curve; method 'mask' gives every pixel")
     if spacing_mm is None:
