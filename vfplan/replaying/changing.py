@@ -15,7 +15,7 @@ from vfplan.engine.renderable import best_rule, check_renderable
 from vfplan.errors import SceneError, SettingError, at
 from vfplan.fixture import Fixture
 from vfplan.replaying.engines import make_engine
-from vfplan.replaying.quantities import dots, stacked
+from vfplan.replaying.quantities import Carry, dots, stacked
 from vfplan.session.events import Event, read_events
 from vfplan.session.poses import Poses, read_poses
 
@@ -49,7 +49,7 @@ class Changing:
         self._frame = None if poses is None else MovingFrame(**moving)
         self._poses = read_poses(poses) if isinstance(poses, str | Path) else poses
         self._tick = self._posed = self._done = 0
-        self._last: tuple[Vector, Vector] | None = None  # force, frame
+        self._carry = Carry()
         self._counts = dict.fromkeys(("stale", "changing", "crossed", "exchange", "edit"), 0)
         self._energy = self._age = 0.0
         self._clearance = np.inf
@@ -175,15 +175,10 @@ class Changing:
         proxy, hip = (_inner(frames, rows) for rows in moved)
         normal, force = _inner(frames, trace.normal), _inner(frames, trace.force)
         inner = hip, Trace(proxy, normal, force, trace.state, trace.status)
-        forces, before = trace.force, frames
-        if self._last is not None:
-            forces = np.concatenate((self._last[0], forces))
-            before = np.concatenate((self._last[1], frames))
-            hip, hips = (np.concatenate((rows[:1], rows)) for rows in (hip, hips))
+        forces, before, hip, hips = self._carry(trace.force, frames, hip, hips)
         # What the hand gets because the frame goes on while the hip in it is where it was.
         carried = hips[1:] - _outer(before[:-1], hip[1:]) - before[:-1, :3]
         self._energy += float(dots(forces[:-1], carried).sum())
-        self._last = trace.force[-1:], frames[-1:]
         for name in ("stale", "changing", "crossed"):
             flag = Status[name.upper()]
             self._counts[name] += int(np.count_nonzero(trace.status & flag))

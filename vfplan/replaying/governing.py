@@ -10,7 +10,7 @@ import numpy as np
 from vfplan.engine.checks import Vector
 from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.parameters import Trace
-from vfplan.replaying.quantities import dots, row_norms
+from vfplan.replaying.quantities import Carry, dots, row_norms
 from vfplan.robot import Robot
 
 
@@ -23,7 +23,7 @@ class Governing:
     def __init__(self, robot: Robot, stiffness: Vector) -> None:
         self._robot = robot
         self._governor = Governor.of(robot, float(stiffness.max()))
-        self._last: tuple[Vector, Vector, Vector] | None = None  # hip, asked, commanded
+        self._carry = Carry()
         self._engine_max = self._engine_step = self._held_max = self._work = 0.0
         self._held_tick, self._ticks, self._held, self._overdrawn = 0, 0, 0, 0
 
@@ -40,16 +40,12 @@ class Governing:
         self._ticks += len(hip)
         self._held += int(np.count_nonzero(done.held_back))
         self._overdrawn += int(np.count_nonzero(done.status & GovernorStatus.OVERDRAWN))
-        rows = hip, asked, done.force
-        if self._last is not None:
-            rows = tuple(np.concatenate(two) for two in zip(self._last, rows, strict=True))
-        hips, engine, commanded = rows
+        hips, engine, commanded = self._carry(hip, asked, done.force)
         if len(hips) > 1:
             self._engine_step = max(
                 self._engine_step, float(row_norms(np.diff(engine, axis=0)).max())
             )
             self._work += float(dots((commanded - engine)[:-1], np.diff(hips, axis=0)).sum())
-        self._last = tuple(row[-1:] for row in rows)
         return replace(trace, force=done.force)
 
     def report(self) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from vfplan.engine.checks import Vector
 from vfplan.engine.guide import Guide, GuideTrace
 from vfplan.engine.parameters import ProxyParameters, Trace
 from vfplan.fixture import Fixture
-from vfplan.replaying.quantities import dots, row_norms
+from vfplan.replaying.quantities import Carry, dots, row_norms
 from vfplan.replaying.timing import timed
 
 BINS = 512  # along the guide's strokes together, of the profile
@@ -42,7 +42,7 @@ class Guided:
         self._lateral_max, self._square, self._worst = 0.0, 0.0, 0
         self._arc: tuple[float, float] | None = None
         self._peak = self._step = self._region_peak = self._work = 0.0
-        self._last: tuple[Vector, Vector] | None = None  # hip, the guide's force
+        self._carry = Carry()
         self._strokes: set[int] = set()
 
     @property
@@ -107,13 +107,10 @@ class Guided:
             bins = np.minimum((along / self._starts[-1] * BINS).astype(int), BINS - 1)
             np.fmax.at(self._lateral, bins, guide.lateral_m[held])
             np.maximum.at(self._force, bins, force[held])
-        rows = hips, guide.force
-        if self._last is not None:
-            rows = tuple(np.concatenate(two) for two in zip(self._last, rows, strict=True))
-        if len(rows[0]) > 1:
-            self._step = max(self._step, float(row_norms(np.diff(rows[1], axis=0)).max()))
-            self._work += float(dots(rows[1][:-1], np.diff(rows[0], axis=0)).sum())
-        self._last = hips[-1:], guide.force[-1:]
+        hips, forces = self._carry(hips, guide.force)
+        if len(hips) > 1:
+            self._step = max(self._step, float(row_norms(np.diff(forces, axis=0)).max()))
+            self._work += float(dots(forces[:-1], np.diff(hips, axis=0)).sum())
 
     def report(self, tick_s: float) -> dict[str, Any]:
         """`arc_m`, `lateral_max_m` and the part `guide` of a replay's report.

@@ -45,6 +45,20 @@ def flattened(places: Array, axis: Array | None) -> Array:
     return places if axis is None else places - np.outer(places @ axis, axis)
 
 
+class Carry:
+    """Arrays of a block after the last rows of the block before: for differences across blocks."""
+
+    def __init__(self) -> None:
+        self._last: tuple[Array, ...] | None = None
+
+    def __call__(self, *rows: Array) -> tuple[Array, ...]:
+        """The arrays, a row longer from the second block on."""
+        if self._last is not None:
+            rows = tuple(np.concatenate(two) for two in zip(self._last, rows, strict=True))
+        self._last = tuple(row[-1:] for row in rows)
+        return rows
+
+
 def picked(trace: Trace, rows: NDArray[np.intp]) -> Trace:
     """These ticks of a trace."""
     return Trace(*(getattr(trace, name)[rows] for name in _TRACE))

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.replaying.quantities import Carry
+
 Array = NDArray[np.float64]
 
 GAP = 1.5  # an interval longer than this many nominal ones misses samples
@@ -24,7 +26,7 @@ class SessionWatch:
     """
 
     def __init__(self) -> None:
-        self._last: tuple[float, Array] | None = None
+        self._carry = Carry()
         self._nominal = 0.0
         self._count = 0
         self._even = 0
@@ -42,13 +44,8 @@ class SessionWatch:
 
     def update(self, time: Array, hip: Array) -> None:
         """Take in the next samples."""
-        first = self._count
-        self._count += len(time)
-        if self._last is not None:
-            time = np.concatenate(([self._last[0]], time))
-            hip = np.concatenate((self._last[1][None], hip))
-            first -= 1
-        self._last = float(time[-1]), hip[-1].copy()
+        first, self._count = max(0, self._count - 1), self._count + len(time)
+        time, hip = self._carry(time, hip)
         if len(time) < 2:
             return
         dt = np.diff(time)
