@@ -145,7 +145,7 @@ class Perspective:
 
     def apply(self, s: Array) -> Array:
         """Centred target positions (M, 3) [m] of normalised points (M, 2)."""
-        return homogeneous(s) @ self.m.T / (1 + s @ self.q)[:, None]
+        return _positions(self.m, self.q, s)
 
     def rows(self, s: Array) -> Array:
         """(M, 3, 11): how the position of s moves with the parameters."""

@@ -206,8 +206,6 @@ class Geometry:
     # (3,) unit u x v of a planar source in the target frame: with u to the right and v down it
     # points away from who looks at the image. `None` for a 3-D source.
     normal: Array | None
-    # (2,) axis_scales over the known pixel spacing, minus 1; `None` when none is known
-    spacing_departure: Array | None
 
     @property
     def scale(self) -> float:
@@ -215,7 +213,7 @@ class Geometry:
         return float(np.exp(np.log(self.singular_values).mean()))
 
 
-def geometry(transform: Array, pixel_spacing: Array | None) -> Geometry:
+def geometry(transform: Array) -> Geometry:
     """Take apart a T (3, 3) of a planar source or (4, 4) of a 3-D one."""
     planar = transform.shape[0] == 3
     a = transform[:3, : 2 if planar else 3]
@@ -229,5 +227,4 @@ def geometry(transform: Array, pixel_spacing: Array | None) -> Geometry:
         float(values[0] / values[-1] - 1),
         float(cosines[np.abs(cosines).argmax()]),
         None if normal is None else normal / np.linalg.norm(normal),
-        None if pixel_spacing is None else lengths / pixel_spacing - 1,
     )

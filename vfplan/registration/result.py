@@ -231,7 +231,7 @@ class Registration:
     @cached_property
     def geometry(self) -> Geometry:
         """Scale, anisotropy, shear and normal of the transform."""
-        return geometry(self.T_target_source, self.pixel_spacing)
+        return geometry(self.T_target_source)
 
     def record(
         self, points: ArrayLike | None = None, source_frame: Frame | None = None
