@@ -112,120 +112,97 @@ def findings(
     report: as `Metrics.report` gives it
     record: `session`, as `SessionWatch.report` gives it, and `link` where there is one
     """
-    return [
+    said = [
         *_of_session(record["session"], robot),
         *_of_link(record.get("link", {})),
         *_of_run(report, parameters),
         *([] if robot is not None else _of_arm(report, record["session"])),
     ]
+    return [finding(*words) for so, *words in said if so]
 
 
-def _of_session(session: dict[str, Any], robot: Robot | None) -> list[dict[str, str]]:
+# Whether it is so, its code, its severity, and what to say.
+Rows = list[tuple[Any, str, str, str]]
+
+
+def _of_session(session: dict[str, Any], robot: Robot | None) -> Rows:
     """What the recording itself shows; `session` as `SessionWatch.report` gives it."""
-    found = []
-    nominal = session["dt_nominal_s"]
-    if session["gaps"]:
-        message = (
-            f"{session['gaps']} gaps, about {session['missing_samples']} samples missing; the "
-            f"longest interval is {session['dt_max_s']:.6g} s of {nominal:.6g} s"
-        )
-        found.append(finding("session-gap", "warning", message))
-    if "jumps" in session:
-        message = (
-            f"{session['jumps']} jumps faster than {JUMP_M_S:g} m/s; the fastest is "
-            f"{session['speed_max_m_s']:.6g} m/s at tick {session['speed_max_tick']}"
-        )
-        found.append(finding("session-jump", "error", message))
-    if "ignored_columns" in session:
-        names = ", ".join(session["ignored_columns"])
-        found.append(finding("session-columns", "info", f"columns not used: {names}"))
-    slow, fast = RATES_HZ
-    if not slow <= session["rate_hz"] <= fast:
-        message = (
-            f"{session['rate_hz']:.6g} samples a second; {slow:g} to {fast:g} are usual: is the "
-            "time in seconds?"
-        )
-        found.append(finding("session-time", "warning", message))
-    if robot is not None and not 0.9 < session["rate_hz"] / robot.rate_hz < 1.1:
-        message = (
-            f"recorded at {session['rate_hz']:.6g} Hz, the robot runs at {robot.rate_hz:g} Hz; "
-            "--rate resamples"
-        )
-        found.append(finding("session-rate", "warning", message))
-    return found
+    (slow, fast), rate = RATES_HZ, session["rate_hz"]
+    robots = rate if robot is None else robot.rate_hz
+    aside = session.get("ignored_columns", ())
+    return [
+        (session["gaps"], "session-gap", "warning",
+         f"{session['gaps']} gaps, about {session['missing_samples']} samples missing; the longest "
+         f"interval is {session['dt_max_s']:.6g} s of {session['dt_nominal_s']:.6g} s"),
+        ("jumps" in session, "session-jump", "error",
+         f"{session.get('jumps')} jumps faster than {JUMP_M_S:g} m/s; the fastest is "
+         f"{session['speed_max_m_s']:.6g} m/s at tick {session['speed_max_tick']}"),
+        (aside, "session-columns", "info", f"columns not used: {', '.join(aside)}"),
+        (not slow <= rate <= fast, "session-time", "warning",
+         f"{rate:.6g} samples a second; {slow:g} to {fast:g} are usual: is the time in seconds?"),
+        (not 0.9 < rate / robots < 1.1, "session-rate", "warning",
+         f"recorded at {rate:.6g} Hz, the robot runs at {robots:g} Hz; --rate resamples"),
+    ]  # fmt: skip
 
 
-def _of_link(link: dict[str, Any]) -> list[dict[str, str]]:
+def _of_link(link: dict[str, Any]) -> Rows:
     """What a lossy link did that a robot does not forgive."""
-    if not link.get("robot_stops"):
-        return []
-    message = (
-        f"{link['lost_longest']} packets lost in a row from tick {link['lost_longest_tick']}; "
-        f"the robot stops after {link['lost_limit']}"
-    )
-    return [finding("robot-stops", "error", message)]
+    return [
+        (link.get("robot_stops"), "robot-stops", "error",
+         f"{link.get('lost_longest')} packets lost in a row from tick "
+         f"{link.get('lost_longest_tick')}; the robot stops after {link.get('lost_limit')}"),
+    ]  # fmt: skip
 
 
-def _of_arm(report: dict[str, Any], session: dict[str, Any]) -> list[dict[str, str]]:
+def _of_arm(report: dict[str, Any], session: dict[str, Any]) -> Rows:
     """Where no robot was named: whether the forces would stop a common arm, the shipped Panda."""
     panda = read_robot("franka")
     step, limit = report["force_step_max_n"], panda.force_step_limit_n
-    if step <= limit or session["rate_hz"] < 0.9 * panda.rate_hz:
-        return []
-    message = (
-        f"the force changes by {step:.3g} N in one tick (tick {report['force_step_max_tick']}); a "
-        f"Franka arm stops above about {limit:g} N: --robot counts such ticks, --governor holds "
-        "them back"
-    )
-    return [finding("force-step", "warning", message)]
+    return [
+        (step > limit and session["rate_hz"] >= 0.9 * panda.rate_hz, "force-step", "warning",
+         f"the force changes by {step:.3g} N in one tick (tick {report['force_step_max_tick']}); a "
+         f"Franka arm stops above about {limit:g} N: --robot counts such ticks, --governor holds "
+         "them back"),
+    ]  # fmt: skip
 
 
-def _of_run(report: dict[str, Any], parameters: ProxyParameters) -> list[dict[str, str]]:
+def _of_run(report: dict[str, Any], parameters: ProxyParameters) -> Rows:
     """What the numbers of a run say; `report` as `Metrics.report` gives it."""
-    found = []
-
-    def say(code: str, severity: str, message: str) -> None:
-        found.append(finding(code, severity, message))
-
     clearance, inside = report.get("clearance_min_m", 0.0), report["inside_ticks"]
-    if clearance < -parameters.band - _ROUNDING_M:
-        say("proxy-inside", "warning" if inside else "error",
-            f"the proxy came {-clearance:.3g} m inside the fixture; the band is "
-            f"{parameters.band:.3g} m")  # fmt: skip
-    if clearance > FAR_M:
-        say("never-near", "warning", f"the tool never came nearer to the cloud than "
-            f"{clearance:.3g} m: are units and frame the fixture's?")  # fmt: skip
-    if inside:
-        say("started-inside", "warning",
-            f"{inside} ticks in which the proxy was on its way out of the fixture")  # fmt: skip
-    if report.get("crossed_ticks"):
-        say("crossed", "warning",
-            f"in {report['crossed_ticks']} ticks after an exchange no way out was found on the "
-            "side where the proxy had been: it was led out another way")  # fmt: skip
-    if report.get("stale_ticks"):
-        say("stale", "warning", f"in {report['stale_ticks']} of {report['ticks']} ticks the pose "
-            "was too old, or none had come")  # fmt: skip
-    if report.get("poses_refused"):
-        say("poses-refused", "warning", f"{report['poses_refused']} poses were refused: too far "
-            "away, of no rotation, or earlier than one before")  # fmt: skip
-    if report.get("events_left"):
-        say("events-left", "warning",
-            f"{report['events_left']} events are of ticks after the session's last")  # fmt: skip
-    if report["too_fast_ticks"]:
-        why = "the engine used up its iterations; the proxy is safe and follows later"
-        severity, r1 = "info", f"r1 = {1e3 * parameters.r1:.3g} mm"
-        if parameters.rule == "paper":
-            severity, why = "warning", f"the HIP moved more than {r1}, as far as the proxy may"
-        say("too-fast", severity, f"in {report['too_fast_ticks']} ticks {why}")
-    if report["bad_hip_ticks"]:
-        say("hip-out-of-range", "error",
-            f"{report['bad_hip_ticks']} ticks farther than 1e6 m: the engine held its answer"
-            )  # fmt: skip
+    fast, why = "info", "the engine used up its iterations; the proxy is safe and follows later"
+    if parameters.rule == "paper":
+        fast = "warning"
+        why = f"the HIP moved more than r1 = {1e3 * parameters.r1:.3g} mm, as far as the proxy may"
     active = [e["index"] for e in report["episodes"] if not e["passive"]]
     more = report.get("episodes_left_out", {"active": 0})["active"]
-    if active or more:
-        first = f" (the first of those listed is {active[0]})" if more and active else ""
-        first = f" (the first is {active[0]})" if active and not more else first
-        say("active", "warning", f"in {len(active) + more} episodes{first} the fixture gave the "
-            "hand more energy than holding each force for a tick explains")  # fmt: skip
-    return found
+    of = " of those listed" if more else ""
+    first = f" (the first{of} is {active[0]})" if active else ""
+    return [
+        (clearance < -parameters.band - _ROUNDING_M, "proxy-inside",
+         "warning" if inside else "error",
+         f"the proxy came {-clearance:.3g} m inside the fixture; the band is "
+         f"{parameters.band:.3g} m"),
+        (clearance > FAR_M, "never-near", "warning",
+         f"the tool never came nearer to the cloud than {clearance:.3g} m: are units and frame the "
+         "fixture's?"),
+        (inside, "started-inside", "warning",
+         f"{inside} ticks in which the proxy was on its way out of the fixture"),
+        (report.get("crossed_ticks"), "crossed", "warning",
+         f"in {report.get('crossed_ticks')} ticks after an exchange no way out was found on the "
+         "side where the proxy had been: it was led out another way"),
+        (report.get("stale_ticks"), "stale", "warning",
+         f"in {report.get('stale_ticks')} of {report['ticks']} ticks the pose was too old, or none "
+         "had come"),
+        (report.get("poses_refused"), "poses-refused", "warning",
+         f"{report.get('poses_refused')} poses were refused: too far away, of no rotation, or "
+         "earlier than one before"),
+        (report.get("events_left"), "events-left", "warning",
+         f"{report.get('events_left')} events are of ticks after the session's last"),
+        (report["too_fast_ticks"], "too-fast", fast,
+         f"in {report['too_fast_ticks']} ticks {why}"),
+        (report["bad_hip_ticks"], "hip-out-of-range", "error",
+         f"{report['bad_hip_ticks']} ticks farther than 1e6 m: the engine held its answer"),
+        (active or more, "active", "warning",
+         f"in {len(active) + more} episodes{first} the fixture gave the hand more energy than "
+         "holding each force for a tick explains"),
+    ]  # fmt: skip
