@@ -48,7 +48,7 @@ def rows_table() -> str:
         "| path | type and shape | unit | frame | range | required | meaning |",
         "|---|---|---|---|---|---|---|",
     ]
-    for row in table().rows:
+    for row in table():
         cells = (_shape(row), row.unit or "", row.frame or "", _range(row), _needed(row))
         lines.append(f"| `{row.path}` | " + " | ".join(cells) + f" | {row.meaning} |")
     return "\n".join(lines)
@@ -108,7 +108,7 @@ def _cpp_row(row: Row) -> str:
 
 def header() -> str:
     """The C++ constants: the whole of vfplan/bundle/schema.hpp."""
-    data, rows = document(), table().rows
+    data, rows = document(), table()
     limits = "\n".join(
         f"inline constexpr std::uint64_t {name} = {value};"
         for name, value in data["limits"].items()

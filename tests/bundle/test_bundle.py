@@ -45,7 +45,7 @@ def test_h5py_reads_the_same_values(name):
     if name == "in chunks":
         payload = hostile.one_row_a_chunk()
     else:
-        payload = to_payload(completed(to_content(getattr(bundles, name)())), table())
+        payload = to_payload(completed(to_content(getattr(bundles, name)())))
     data = damage.sealed(payload)
     content, _ = read_bundle(data)
     assert damage.equal(content, {path: by_h5py(data, path) for path in content})
@@ -160,11 +160,10 @@ def test_plugins_are_off_even_if_h5py_was_there_first(module, tmp_path):
 def test_every_value_of_a_part_has_a_field():
     """Of the parts that a fixture is made of, and of no other name but for units."""
     from vfplan.bundle.content import _PARTS, fields_of
-    from vfplan.bundle.format import table
 
     apart = {"/rendering@robot", "/rendering/stability"}
     for part in _PARTS:
-        rows = [row for row in table().rows if row.parent == f"/{part}" and row.path not in apart]
+        rows = [row for row in table() if row.parent == f"/{part}" and row.path not in apart]
         found = fields_of(part)
         assert found.keys() == {row.path for row in rows}
         assert len(set(found.values())) == len(found)

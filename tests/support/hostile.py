@@ -18,7 +18,6 @@ import numpy as np
 
 from vfplan.bundle import write
 from vfplan.bundle.content import to_content
-from vfplan.bundle.format import table
 from vfplan.bundle.write import completed, to_payload
 
 CASES = {}
@@ -36,7 +35,7 @@ def accepted(function):
 
 
 def sound() -> bytes:
-    return to_payload(completed(to_content(bundles.whole())), table())
+    return to_payload(completed(to_content(bundles.whole())))
 
 
 def changed(function, *, swept=True) -> bytes:
@@ -929,7 +928,7 @@ def one_row_a_chunk() -> bytes:
     """Every table of 4096 points in chunks of one row: 4096 chunks each, their index in pages."""
     content = completed(to_content(bundles.large(4096)))
     with unittest.mock.patch.object(write, "chunk_shape", lambda shape, _: (1, *shape[1:])):
-        return to_payload(content, table())
+        return to_payload(content)
 
 
 def newer() -> bytes:

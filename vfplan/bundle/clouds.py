@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.bundle.format import table
+from vfplan.bundle.format import most
 from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.meshfile import Mesh, read_mesh
 from vfplan.engine.parameters import PAPER_BAND, default_band
@@ -127,7 +127,7 @@ def _unit(axis: Any) -> Points | None:
 
 
 def _check(points: Points, radius: float, where: str) -> None:
-    cap = table().sizes["N"]
+    cap = most("N")
     if not 1 <= len(points) <= cap:
         raise InputError(f"{len(points)} points; 1 to {cap} allowed", where=where)
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
@@ -231,13 +231,12 @@ def refined(
 
     if not (np.isfinite(spacing) and spacing > 0):
         raise SettingError(f"spacing {spacing} m; more than 0 wanted")
-    caps = table().sizes
     too_many = SceneError(
-        f"spacing {spacing} m takes more than {caps['N']} points or {caps['K']} triangles"
+        f"spacing {spacing} m takes more than {most('N')} points or {most('K')} triangles"
     )
     one, two, three = (points[triangles[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(two - one, three - one), axis=1).sum() / 2
-    if area > caps["K"] * np.sqrt(3) / 4 * spacing**2:  # no triangle without a longer edge has more
+    if area > most("K") * np.sqrt(3) / 4 * spacing**2:  # no triangle without a longer edge has more
         raise too_many
     clean, finer, cells = vtkStaticCleanPolyData(), vtkAdaptiveSubdivisionFilter(), vtkMergePoints()
     mesh = _to_vtk(points, triangles)
@@ -251,7 +250,7 @@ def refined(
     finer.SetLocator(cells)
     finer.SetMaximumEdgeLength(spacing)
     finer.SetMaximumTriangleArea(np.inf)
-    finer.SetMaximumNumberOfTriangles(caps["K"])
+    finer.SetMaximumNumberOfTriangles(most("K"))
     finer.SetMaximumNumberOfPasses(100)
     for step in (clean, finer):
         step.SetOutputPointsPrecision(step.DOUBLE_PRECISION)
@@ -261,7 +260,7 @@ def refined(
     points, triangles = _from_vtk(finer.GetOutput())
     ends = points[triangles], points[np.roll(triangles, 1, axis=1)]
     longest = np.linalg.norm(ends[0] - ends[1], axis=2).max(initial=0.0)
-    if longest > spacing * (1 + 1e-12) or len(points) > caps["N"] or len(triangles) > caps["K"]:
+    if longest > spacing * (1 + 1e-12) or len(points) > most("N") or len(triangles) > most("K"):
         raise too_many
     return points, triangles
 

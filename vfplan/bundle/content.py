@@ -48,7 +48,7 @@ _OWN = {"/@frame": "frame", "/points": "points", "/sigma": "sigma", "/mesh/trian
 def fields_of(part: str) -> dict[str, str]:
     """path -> field of a part: those of one name, but for the unit that either may end in."""
     names = {_UNIT.sub("", field.name): field.name for field in fields(_PARTS[part])}
-    rows = [(row.path, _UNIT.sub("", row.name)) for row in table().rows if row.parent == f"/{part}"]
+    rows = [(row.path, _UNIT.sub("", row.name)) for row in table() if row.parent == f"/{part}"]
     return {path: names[name] for path, name in rows if name in names}
 
 
@@ -67,7 +67,7 @@ def to_content(fixture: Fixture) -> Content:
 def _coded(part: Any, names: dict[str, str]) -> Content:
     """The values of a part that are there, of the types in the format's table."""
     values = {path: getattr(part, field, None) for path, field in names.items()}
-    rows = {row.path: row for row in table().rows}
+    rows = {row.path: row for row in table()}
     return {path: _typed(v, rows[path]) for path, v in values.items() if v is not None}
 
 

@@ -34,7 +34,7 @@ def describe(path: str | Path, *, values: bool = False, work: bool = False) -> d
     }
     if work and "/rendering/stiffness" in content:
         described["tick_work"] = _work(content)
-    for row in table().rows:
+    for row in table():
         if row.path in content:
             described[row.path] = _shown(content[row.path], row, values)
     return described
@@ -76,7 +76,7 @@ def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:
     """
     one, other = read_bundle(a)[0], read_bundle(b)[0]
     differences = []
-    for row in table().rows:
+    for row in table():
         if (row.path in one) != (row.path in other):
             side = "A" if row.path in one else "B"
             differences.append({"path": row.path, "what": f"only in {side}"})

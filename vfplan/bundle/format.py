@@ -92,36 +92,6 @@ class Row:
         return self.path.rpartition("@" if self.kind == "attribute" else "/")[2]
 
 
-@dataclass(frozen=True)
-class Table:
-    """Every row of one version of the format, with its limits."""
-
-    version: str
-    rows: tuple[Row, ...]
-    sizes: dict[str, int]
-    limits: dict[str, int]
-
-    def of(self, kind: Kind, parent: str | None = None) -> list[Row]:
-        """Rows of a kind, of one group if `parent` is given."""
-        return [r for r in self.rows if r.kind == kind and parent in (None, r.parent)]
-
-    def children(self, group: str) -> dict[str, Row]:
-        """Links a group may hold: name -> row."""
-        return {
-            r.name: r
-            for r in self.rows
-            if r.kind != "attribute" and r.parent == group and r.path != "/"
-        }
-
-
-def _row(entry: dict[str, Any]) -> Row:
-    entry = dict(entry)
-    for name in ("shape", "allowed"):
-        if name in entry:
-            entry[name] = tuple(entry[name])
-    return Row(**entry)
-
-
 @functools.cache
 def document() -> dict[str, Any]:
     """The whole of `bundle-1.1.json`."""
@@ -130,12 +100,23 @@ def document() -> dict[str, Any]:
 
 
 @functools.cache
-def table(version: str = "1.1") -> Table:
-    """The table of a version, "0.1", "1.0" or "1.1": the rows that existed then."""
-    data = document()
-    rows = tuple(_row(entry) for entry in data["rows"] if entry["since"] <= version)
-    sizes = {symbol: entry["max"] for symbol, entry in data["sizes"].items()}
-    return Table(version, rows, sizes, data["limits"])
+def table() -> tuple[Row, ...]:
+    """Everything a bundle may hold, in the order of the format."""
+    lists = ("shape", "allowed")
+    return tuple(
+        Row(**{name: tuple(v) if name in lists else v for name, v in entry.items()})
+        for entry in document()["rows"]
+    )
+
+
+def most(symbol: str) -> int:
+    """The largest size that a symbol of the shapes stands for."""
+    return document()["sizes"][symbol]["max"]
+
+
+def most_bytes() -> int:
+    """Of a payload."""
+    return document()["limits"]["payload_bytes"]
 
 
 @dataclass(frozen=True)

@@ -48,17 +48,6 @@ def certificate(content: Content) -> Content:
     return leak if limit is None else leak | {"/leak@limit_m": float(limit)}
 
 
-def leaking(content: Content) -> str:
-    """The sentence about a fixture that its own proxy can pass through."""
-    place = ", ".join(f"{x:.6g}" for x in content["/leak/place"])
-    what = {"curve": "gap between neighbours", "mesh": "covering radius of a triangle"}
-    return (
-        f"the fixture leaks between samples: {what[content['/leak@kind']]} of"
-        f" {content['/leak@largest_m']:.6g} m at ({place}); at most"
-        f" {content['/leak@limit_m']:.6g} m holds the proxy back"
-    )
-
-
 class Across:
     """A fixture's points without their part along the ignored axis, a block at a time."""
 

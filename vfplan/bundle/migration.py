@@ -8,7 +8,7 @@ from pathlib import Path
 from vfplan import __version__
 from vfplan._core import read_payload
 from vfplan.bundle.content import Content
-from vfplan.bundle.format import MAGIC, table
+from vfplan.bundle.format import MAGIC, most_bytes
 from vfplan.bundle.read import opened_source
 from vfplan.bundle.write import VERSION, completed, write_content
 from vfplan.errors import InputError
@@ -45,7 +45,7 @@ def migrate(old: str | Path, new: str | Path, *, overwrite: bool = False) -> Con
 def _content_of_0_1(path: str | Path) -> tuple[Content, str]:
     """The content of a bundle of version 0.1, which had no seal, and the SHA-256 of its bytes."""
     with opened_source(path) as stream:
-        payload = stream.read(table().limits["payload_bytes"] + 1)
+        payload = stream.read(most_bytes() + 1)
         if payload.startswith(MAGIC):
             raise InputError("has a seal, so it needs no migration", where=str(path))
         content, _ = read_payload(payload, sealed=False)

@@ -8,7 +8,7 @@ from typing import BinaryIO
 
 from vfplan._core import Sealed
 from vfplan.bundle.content import Content, from_content
-from vfplan.bundle.format import BLOCKS, MAGIC, Seal, table
+from vfplan.bundle.format import BLOCKS, MAGIC, Seal, most_bytes
 from vfplan.bundle.keys import read_keys
 from vfplan.bundle.trust import Trust, check_trust
 from vfplan.errors import BundleError
@@ -52,7 +52,7 @@ def unsealed(stream: BinaryIO, trust: Trust | None = None) -> Sealed:
     start = stream.read(len(MAGIC))
     if start == MAGIC:
         stream.seek(0)
-        start = stream.read(table().limits["payload_bytes"] + BLOCKS[-1] + 1)
+        start = stream.read(most_bytes() + BLOCKS[-1] + 1)
     sealed = Sealed(start)
     if trust is not None:
         check_trust(sealed, trust)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import partialmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -34,28 +34,6 @@ class Issue:
     message: str
 
 
-@dataclass
-class Findings:
-    """Issues as they are found, the reader's first."""
-
-    issues: list[Issue] = field(default_factory=list)
-
-    def add(self, severity: Severity, code: str, location: str, message: str) -> None:
-        """Add an issue."""
-        self.issues.append(Issue(location, code, severity, message))
-
-    # What makes the bundle invalid; what is probably a mistake but breaks no rule; what a person
-    # should know.
-    error = partialmethod(add, "error")
-    warning = partialmethod(add, "warning")
-    note = partialmethod(add, "note")
-
-    @property
-    def valid(self) -> bool:
-        """Whether no error was found."""
-        return not any(issue.severity == "error" for issue in self.issues)
-
-
 def validate(source: str | Path | bytes) -> list[Issue]:
     """Every issue of a bundle; it is valid when none is an error.
 
@@ -66,29 +44,22 @@ def validate(source: str | Path | bytes) -> list[Issue]:
     InputError
         There is no such file.
     """
-    findings = Findings()
     with opened_source(source) as stream:
         try:
             sealed = unsealed(stream)
         except BundleError as error:
-            findings.error(error.code, error.where or "/", error.message)
-            return findings.issues
-        if not sealed.signed:
-            findings.note("seal.unsigned", "/", UNSIGNED)
+            return [Issue(error.where or "/", error.code, "error", error.message)]
+        issues = [] if sealed.signed else [Issue("/", "seal.unsigned", "note", UNSIGNED)]
         content, found = sealed.read(strict=False)
         del sealed  # the certificate needs the memory
-    findings.issues += [Issue(*issue) for issue in found]
-    if findings.valid:
-        _certificate(content, findings)
-        _rendering(content, findings)
-        _pieces(content, findings)
-    _size(content, findings)
-    _residuals(content, findings)
-    _paths(content, findings)
-    return findings.issues
+    issues += [Issue(*issue) for issue in found]
+    checks = [_size, _residuals, _paths]
+    if not any(issue.severity == "error" for issue in issues):
+        checks = [_certificate, _rendering, _pieces, *checks]
+    return issues + [issue for check in checks for issue in check(content)]
 
 
-def _certificate(content: Content, findings: Findings) -> None:
+def _certificate(content: Content) -> Iterator[Issue]:
     """The whole certificate once more, with what reading leaves out for its cost."""
     if "/leak@kind" not in content:
         return
@@ -102,11 +73,11 @@ def _certificate(content: Content, findings: Findings) -> None:
             same = found is not None and np.shape(found) == np.shape(wanted)
             same = same and np.allclose(found, wanted, rtol=SAME, atol=1e-12)
         if not same:
-            findings.error("corrupt.leak", path, f"is {found}; the fixture gives {wanted}")
+            yield Issue(path, "corrupt.leak", "error", f"is {found}; the fixture gives {wanted}")
     if content["/leak@kind"] == "cloud":
         size = content["/leak@largest_m"]
         text = f"a bare cloud, nothing certified; the loneliest point is {size:.6g} m from the next"
-        findings.note("leak.uncertified", "/leak", text)
+        yield Issue("/leak", "leak.uncertified", "note", text)
     for code, path, text in (
         ("open_ends", "/leak/open_ends", lambda ends: f"{len(ends)} open ends to pass around"),
         ("between", "/leak@between_m",
@@ -114,13 +85,13 @@ def _certificate(content: Content, findings: Findings) -> None:
         ("open_edges", "/leak@open_edges", lambda count: f"an open sheet: {count} rim edges"),
     ):  # fmt: skip
         if path in content:
-            findings.note(f"leak.{code}", path, text(content[path]))
+            yield Issue(path, f"leak.{code}", "note", text(content[path]))
 
 
-def _rendering(content: Content, findings: Findings) -> None:
+def _rendering(content: Content) -> Iterator[Issue]:
     if "/rendering/stiffness" in content and (found := engine_doubt(from_content(content))):
         code, text = found
-        findings.warning(code, "/rendering", text)
+        yield Issue("/rendering", code, "warning", text)
 
 
 def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
@@ -132,7 +103,7 @@ def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
     return doubt and ("rendering.work", f"{doubt}; it is for replay and study, not for a robot")
 
 
-def _pieces(content: Content, findings: Findings) -> None:
+def _pieces(content: Content) -> Iterator[Issue]:
     """Points and pieces are one curve: which of them is rendered depends on the controller."""
     if "/pieces/vertices" not in content or "/rendering/stiffness" not in content:
         return
@@ -152,19 +123,19 @@ def _pieces(content: Content, findings: Findings) -> None:
     ):
         if found > allowed:
             text = f"{what.format(f'{found:.3g}')}, at most {allowed:.3g} m wanted: {apart}"
-            findings.warning("pieces.apart", "/pieces", text)
+            yield Issue("/pieces", "pieces.apart", "warning", text)
 
 
-def _size(content: Content, findings: Findings) -> None:
+def _size(content: Content) -> Iterator[Issue]:
     """A slip of units, which no rule of the format can see."""
     if content.get("/@frame") == "image" or "/points" not in content:
         return
     doubt = size_doubt(content["/points"])
     if doubt is not None:
-        findings.warning("points.size", "/points", doubt)
+        yield Issue("/points", "points.size", "warning", doubt)
 
 
-def _residuals(content: Content, findings: Findings) -> None:
+def _residuals(content: Content) -> Iterator[Issue]:
     """The stored residuals are those of the stored transform and markers."""
     try:
         T, source = content["/registration/T_robot_image"], content["/registration/source"]
@@ -175,14 +146,14 @@ def _residuals(content: Content, findings: Findings) -> None:
     worst = float(np.max(np.abs(np.linalg.norm(moved[:, :3] - target, axis=1) - stored)))
     if worst > RESIDUAL_TOLERANCE_M:
         text = f"differ by up to {worst:.3g} m from what transform and markers give"
-        findings.warning("registration.residuals", "/registration/residuals", text)
+        yield Issue("/registration/residuals", "registration.residuals", "warning", text)
 
 
-def _paths(content: Content, findings: Findings) -> None:
+def _paths(content: Content) -> Iterator[Issue]:
     for text in content.get("/provenance/setting_values", ()):
         if text.startswith('"') and ("/" in text or "\\" in text):
             message = f"{text} looks like a path; bundles hold none"
-            findings.warning("provenance.path", "/provenance/setting_values", message)
+            yield Issue("/provenance/setting_values", "provenance.path", "warning", message)
 
 
 def mesh_doubts(fixture: Fixture) -> list[str]:
