@@ -127,6 +127,22 @@ WRONG = {
 }
 
 
+@pytest.mark.parametrize(
+    ("name", "where"),
+    [
+        ("flat points", "/points"),
+        ("one sigma too few", "/sigma"),
+        ("a stroke too many", "/curve/stroke"),
+        ("a triangle of points that are not there", "/mesh/triangles"),
+        ("two stiffnesses", "/rendering/stiffness"),
+    ],
+)
+def test_what_is_wrong_is_named_and_not_what_follows_from_it(name, where, tmp_path):
+    with pytest.raises(InputError) as raised:
+        vfplan.write_fixture(WRONG[name](bundles.whole()), tmp_path / "a.h5")
+    assert raised.value.where == where
+
+
 @pytest.mark.parametrize("change", WRONG.values(), ids=WRONG)
 def test_a_fixture_that_breaks_a_rule_is_refused_and_nothing_is_left(change, tmp_path):
     with pytest.raises(InputError):

@@ -6,6 +6,7 @@ does not have has no path.
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from dataclasses import fields, replace
@@ -152,14 +153,11 @@ def _to_provenance(content: Content) -> Provenance:
 
 
 def _written(value: Any) -> str:
-    if isinstance(value, (bool, np.bool_)):
-        return "true" if value else "false"
-    if isinstance(value, (int, np.integer)):
-        return str(int(value))
-    if isinstance(value, (float, np.floating)) and np.isfinite(value):
-        return repr(float(value))
     if isinstance(value, str):
         return f'"{value}"'
+    plain = value.item() if isinstance(value, np.generic) else value
+    if isinstance(plain, (bool, int, float)) and math.isfinite(plain):
+        return json.dumps(plain)
     raise InputError(f"a setting of value {value!r}; text, a finite number or a boolean is wanted")
 
 

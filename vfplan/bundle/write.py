@@ -14,7 +14,7 @@ from vfplan._core import read_payload
 from vfplan.bundle import leak
 from vfplan.bundle.content import Content, to_content
 from vfplan.bundle.format import UNITS_OF_FRAME, Row, seal_of, table, to_block
-from vfplan.errors import BundleError, InputError, OutputError, SceneError
+from vfplan.errors import InputError, OutputError, SceneError
 from vfplan.fixture import Fixture
 from vfplan.io.disk import write_whole
 from vfplan.io.hdf5 import h5py
@@ -74,12 +74,13 @@ def _check_texts(content: Content) -> None:
 def write_content(content: Content, path: Path, *, overwrite: bool) -> None:
     """Seal a content and write it, after reading it back."""
     payload = to_payload(content)
-    try:
-        read_payload(payload)
-    except BundleError as error:
-        if error.code == "unsafe.leak":
-            raise SceneError(error.message) from error
-        raise InputError(f"no bundle can hold this: {error.message}", where=error.where) from error
+    found = read_payload(payload, strict=False)[1]
+    errors = [(where, code, message) for where, code, kind, message in found if kind == "error"]
+    if errors:  # the certificate is missing where something else is wrong
+        where, code, message = min(errors, key=lambda error: error[0].startswith("/leak"))
+        if code == "unsafe.leak":
+            raise SceneError(message)
+        raise InputError(f"no bundle can hold this: {message}", where=where)
     write_whole(path, [to_block(seal_of(payload)), payload], overwrite=overwrite)
 
 
