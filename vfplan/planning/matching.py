@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,7 +106,7 @@ def match(
         diagnosis = diagnose(registration)
         refuse_sure_faults(registration, diagnosis)
     doubts = () if held is None else (*held.rivals, *(() if found else held.warnings))
-    warnings = (*doubts, *_frame_warning(pairs), *_image_warning(curve, image))
+    warnings = (*doubts, *_warnings(pairs, curve, image))
     return Matched(curve, slice_axes, pairs, registration, diagnosis, found, held, warnings)
 
 
@@ -148,22 +149,18 @@ def _drawn_on(curve: Fixture, image: PlannedImage | None) -> bool:
     return image is not None and (not known or not image.sha256 or known == image.sha256)
 
 
-def _frame_warning(pairs: Correspondences) -> tuple[str, ...]:
-    if pairs.target_frame == "robot_base":
-        return ()
-    return (
-        f"the target markers, and so the fixture, are in {pairs.target_frame}: no robot renders it "
-        "before it is registered to its own frame",
-    )
-
-
-def _image_warning(curve: Fixture, image: PlannedImage | None) -> tuple[str, ...]:
-    if image is None or _drawn_on(curve, image):
-        return ()
-    return (
-        "the image given is not the file the curve was drawn on (SHA-256 differs): nothing was "
-        "checked against it",
-    )
+def _warnings(pairs: Correspondences, curve: Fixture, image: PlannedImage | None) -> Iterator[str]:
+    """What of frame and image a person should look at."""
+    if pairs.target_frame != "robot_base":
+        yield (
+            f"the target markers, and so the fixture, are in {pairs.target_frame}: no robot "
+            "renders it before it is registered to its own frame"
+        )
+    if image is not None and not _drawn_on(curve, image):
+        yield (
+            "the image given is not the file the curve was drawn on (SHA-256 differs): nothing was "
+            "checked against it"
+        )
 
 
 def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDArray[np.float64]]:

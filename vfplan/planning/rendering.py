@@ -34,6 +34,7 @@ class Rendered:
     rendering: Rendering
     choice: Choice | None  # from the tolerance; `None` where it left none
     left_out: dict[str, int]  # counted: points, coordinates, groups of contacts, iterations
+    costs: list[dict[str, Any]]  # of each: the error [m], and the operations a tick that it saves
 
     @property
     def report(self) -> dict[str, Any]:
@@ -48,7 +49,7 @@ class Rendered:
         if pieces:
             report["pieces"] = {"lines_and_arcs": pieces.count, "error_m": pieces.error}
         else:
-            report["left_out_costs"] = _costs(self)
+            report["left_out_costs"] = self.costs
         if self.choice is not None:
             report["chosen"] = _describe_choice(self.choice, carried)
         if carried.sampling_error_m is not None:
@@ -105,8 +106,9 @@ def render(
         require_small(pieces, margin_m, settings)
         # The choice is that of the points alone.
         carried, choice = replace(carried, curve=replace(carried.curve, pieces=pieces)), None
-    left_out = _left_out(rendering, carried, len(curve.points), choice)
-    return Rendered(carried, rendering, choice, left_out)
+    return Rendered(
+        carried, rendering, choice, *_left_out(rendering, carried, len(curve.points), choice)
+    )
 
 
 def _choice_of(curve: Fixture, settings: FixtureSettings) -> Choice | None:
@@ -148,59 +150,38 @@ def _describe_choice(choice: Choice, carried: Carried) -> dict[str, Any]:
 
 def _left_out(
     rendering: Rendering, carried: Carried, drawn: int, choice: Choice | None
-) -> dict[str, int]:
-    """What this scene does without, counted: points, coordinates, groups of contacts, iterations.
+) -> tuple[dict[str, int], list[dict[str, Any]]]:
+    """What this scene does without, counted, and what each costs [m] and saves [operations a tick].
 
     `drawn` is how many points the curve was measured at. `operations_per_tick` is the arithmetic
-    that this saves in one pass over the neighbours of a proxy on a straight stretch. A curve of
+    that is saved in one pass over the neighbours of a proxy on a straight stretch. A curve of
     lines and arcs does without its points, their spacing, the band and the iteration limit.
     """
+    held = len(carried.points)
     if carried.curve and carried.curve.pieces:
-        return {"points": len(carried.points), "coordinates": 1, "settings": SETTINGS}
-    counts = {"points": max(0, drawn - len(carried.points))}
-    planar = rendering.ignore_axis is not None
-    if planar:
-        counts |= {"coordinates": 1, "groups": 1}  # two contacts hold a proxy apart, not three
-    if choice is not None:
-        counts["iterations"] = max(0, MAX_ITERATIONS - choice.max_iterations)
-    near = _neighbours(rendering, carried)
-    all_near = near * max(1.0, drawn / len(carried.points))
-    saved = all_near * OPERATIONS[3] - near * OPERATIONS[2 if planar else 3]
-    counts["operations_per_tick"] = round(saved)
-    return counts
-
-
-def _costs(rendered: Rendered) -> list[dict[str, Any]]:
-    """For each thing left out: the error it costs [m] and the operations a tick it saves."""
-    rendering, carried, counts = rendered.rendering, rendered.carried, rendered.left_out
-    near = _neighbours(rendering, carried)
-    per_point = OPERATIONS[2 if rendering.ignore_axis is not None else 3]
-    share = counts["points"] / len(carried.points)
-    rows = [
-        {
-            "left_out": "points",
-            "count": counts["points"],
-            "error_m": carried.sampling_error_m or 0.0,
-            "operations_per_tick": round(share * near * OPERATIONS[3]),
-        }
+        return {"points": held, "coordinates": 1, "settings": SETTINGS}, []
+    planar, near = rendering.ignore_axis is not None, _neighbours(rendering, carried)
+    whole, per_point = OPERATIONS[3], OPERATIONS[2 if planar else 3]
+    points = max(0, drawn - held)
+    saved = round(points / held * near * whole)
+    error = carried.sampling_error_m or 0.0
+    rows: list[dict[str, Any]] = [
+        {"left_out": "points", "count": points, "error_m": error, "operations_per_tick": saved}
     ]
-    if "coordinates" in counts:
-        saved = round(near * (OPERATIONS[3] - per_point))
+    if planar:  # two contacts can hold a proxy apart, not three
+        saved = round(near * (whole - per_point))
         rows += [
             {"left_out": "coordinates", "count": 1, "error_m": 0.0, "operations_per_tick": saved},
             {"left_out": "groups", "count": 1, "error_m": 0.0},
         ]
-    if rendered.choice is not None and counts.get("iterations"):
-        worst = round(counts["iterations"] * near * per_point)
-        rows.append(
-            {
-                "left_out": "iterations",
-                "count": counts["iterations"],
-                "error_m": rendered.choice.lag_m,
-                "operations_per_worst_tick": worst,
-            }
-        )
-    return rows
+    counts: dict[str, int] = {row["left_out"]: row["count"] for row in rows}
+    if choice is not None:
+        counts["iterations"] = count = max(0, MAX_ITERATIONS - choice.max_iterations)
+        worst = {"operations_per_worst_tick": round(count * near * per_point)}
+        row = {"left_out": "iterations", "count": count, "error_m": choice.lag_m, **worst}
+        rows += [row] if count else []
+    saved = near * max(1.0, drawn / held) * whole - near * per_point
+    return counts | {"operations_per_tick": round(saved)}, rows
 
 
 def _neighbours(rendering: Rendering, carried: Carried) -> float:
