@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any, TypeVar
 
 import click
-from vfplan.cli.values import FILE, HDF5, MARGIN, MM, PNG, Duration, Number, Numbers, Real, Whole
+from vfplan.cli.values import FILE, HDF5, MM, PNG, Number, Numbers, Parsed, Real, Whole
+
+from vfplan.io.reading import real
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -48,23 +51,43 @@ def _stroke(ctx: click.Context, param: click.Parameter, value: str | None) -> st
     raise click.BadParameter(f"{value!r} is neither 'all', 'longest' nor a stroke's number")
 
 
-class Rectangle(Numbers):
+def _rectangle(text: str) -> tuple[int, ...]:
     """U,V,W,H in whole pixels."""
-
-    def __init__(self) -> None:
-        super().__init__(4, metavar="U,V,W,H", positive=False)
-
-    def parse(self, text: str) -> tuple[int, ...]:
-        """As `Parsed` has it."""
-        value = super().parse(text)
-        if not all(x.is_integer() and abs(x) < 2**31 for x in value):
-            shown = ",".join(f"{x:g}" for x in value)
-            if all(x.is_integer() for x in value):
-                raise ValueError(f"'{shown}' holds a number that no image's pixels reach")
-            raise ValueError(f"'{shown}' holds a part of a pixel; whole ones are wanted")
-        return tuple(map(int, value))
+    value = Numbers(4, metavar="U,V,W,H", positive=False).parse(text)
+    if not all(x.is_integer() and abs(x) < 2**31 for x in value):
+        shown = ",".join(f"{x:g}" for x in value)
+        if all(x.is_integer() for x in value):
+            raise ValueError(f"'{shown}' holds a number that no image's pixels reach")
+        raise ValueError(f"'{shown}' holds a part of a pixel; whole ones are wanted")
+    return tuple(map(int, value))
 
 
+def _margin(text: str) -> str | float:
+    """`tre95`, or `p=P` with a probability P above 0 and below 1: the word, or the number."""
+    if text == "tre95":
+        return text
+    try:
+        p = real(text.removeprefix("p="))
+    except ValueError:
+        p = 0.0
+    if not text.startswith("p=") or not 0 < p < 1:
+        raise ValueError(f"{text!r}: allowed are tre95 and p=P with 0 < P < 1")
+    return p
+
+
+def _seconds(text: str) -> float:
+    """A length of time, e.g. `90s`, `30min`, `12h` or `2d`, as seconds."""
+    match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(s|min|h|d)", text)
+    if match is None:
+        raise ValueError(f"{text!r} is not a time; 90s, 30min, 12h and 2d are")
+    return float(match[1]) * SECONDS[match[2]]
+
+
+SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+
+
+RECTANGLE = Parsed("U,V,W,H", _rectangle)
+MARGIN, TIME = Parsed("tre95|p=P", _margin), Parsed("TIME", _seconds)
 PLACE = Numbers(2, metavar="U,V", positive=False)
 VECTOR = Numbers(3, metavar="X,Y,Z", positive=False)
 STIFFNESS = Numbers(1, 3, metavar="N_PER_M[,Y,Z]")
@@ -88,12 +111,12 @@ CURVE = taking(
            "file's."),
     option("--method", type=click.Choice(["ridge", "skeleton", "mask"]), default="ridge",
            help="Sub-pixel ridge, bare skeleton, or every mask pixel."),
-    option("--roi", type=Rectangle(), help="Look only in this rectangle of pixels."),
+    option("--roi", type=RECTANGLE, help="Look only in this rectangle of pixels."),
     option("--stroke", metavar="all|longest|N", callback=_stroke,
            help="Which of several candidates is the curve."),
     option("--max-gap", "max_gap_px", type=Real(min=0), default=20.0, metavar="PX",
            help="Bridge pen lifts shorter than this."),
-    option("--exclude", type=Rectangle(), multiple=True, callback=lambda c, p, v: v or None,
+    option("--exclude", type=RECTANGLE, multiple=True, callback=lambda c, p, v: v or None,
            help="Do not look in this rectangle of pixels; may be given several times."),
     option("--start", type=PLACE, help="Where on the line the curve begins; gives its direction."),
     option("--end", type=PLACE, help="Where on the line the curve ends."),
@@ -218,7 +241,7 @@ def signature(keys_option: str = "--require-signature", required: bool = False) 
                help="File of trusted public keys (PEM); refuse what none of them signed."),
         option("--case", help="The case token it must be signed for."),
         option("--robot-serial", help="The robot it must be signed for."),
-        option("--max-age", type=Duration("TIME"), help="How long ago it was registered."),
+        option("--max-age", type=TIME, help="How long ago it was registered."),
     )  # fmt: skip
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import click
 
@@ -40,12 +40,15 @@ PNG, GIF, CSV, HDF5 = Written(".png"), Written(".gif"), Written(".csv"), Written
 
 
 class Parsed(click.ParamType):
-    """A value written as text: `parse` makes it, and its `ValueError` is a usage error (exit 2)."""
+    """A value written as text: `parse` makes it, and its `ValueError` is a usage error (exit 2).
+
+    The error names the value found and what is allowed.
+    """
 
     name = "value"
 
-    def __init__(self, metavar: str) -> None:
-        self.metavar = metavar
+    def __init__(self, metavar: str, parse: Callable[[str], Any]) -> None:
+        self.metavar, self.parse = metavar, parse
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
         """The name shown in the help."""
@@ -58,10 +61,6 @@ class Parsed(click.ParamType):
         except ValueError as error:
             self.fail(str(error), param, ctx)
 
-    def parse(self, text: str) -> Any:
-        """The value that the text says; the error names the value found and what is allowed."""
-        raise NotImplementedError
-
 
 class Numbers(Parsed):
     """Several numbers separated by commas, e.g. `0.59,0.61`; `counts` says how many are allowed.
@@ -72,11 +71,11 @@ class Numbers(Parsed):
     def __init__(
         self, *counts: int, metavar: str, positive: bool = True, word: str | None = None
     ) -> None:
-        super().__init__(metavar)
+        super().__init__(metavar, self.numbers)
         self.counts, self.positive, self.word = counts, positive, word
 
-    def parse(self, text: str) -> Any:
-        """As `Parsed` has it."""
+    def numbers(self, text: str) -> Any:
+        """As `parse` of `Parsed`."""
         if text == self.word:
             return ()
         try:
@@ -87,10 +86,8 @@ class Numbers(Parsed):
         if len(numbers) not in self.counts:
             allowed = " or ".join(map(str, self.counts))
             raise ValueError(f"{text!r} has {len(numbers)} numbers; {allowed} wanted")
-        # Written so that NaN fails too.
-        if not all(abs(x) < float("inf") and (x > 0 or not self.positive) for x in numbers):
-            wanted = "finite and above 0" if self.positive else "finite"
-            raise ValueError(f"{text!r} holds a number that is not {wanted}")
+        if self.positive and not min(numbers) > 0:
+            raise ValueError(f"{text!r} holds a number that is not finite and above 0")
         return numbers
 
 
@@ -99,33 +96,10 @@ class Number(Numbers):
 
     def __init__(self, metavar: str, scale: float = 1.0, positive: bool = True) -> None:
         super().__init__(1, metavar=metavar, positive=positive)
-        self.scale = scale
-
-    def parse(self, text: str) -> float:
-        """As `Parsed` has it."""
-        return float(super().parse(text)[0] * self.scale)
+        self.parse = lambda text: float(self.numbers(text)[0] * scale)
 
 
 MM = Number("MM", 1e-3)  # given in millimetres, passed on in metres
-
-
-class Margin(Parsed):
-    """`tre95`, or `p=P` with a probability P above 0 and below 1: the word, or the number."""
-
-    def parse(self, text: str) -> str | float:
-        """As `Parsed` has it."""
-        if text == "tre95":
-            return text
-        try:
-            p = real(text.removeprefix("p="))
-        except ValueError:
-            p = 0.0
-        if not text.startswith("p=") or not 0 < p < 1:
-            raise ValueError(f"{text!r}: allowed are tre95 and p=P with 0 < P < 1")
-        return p
-
-
-MARGIN = Margin("tre95|p=P")
 
 
 class _Strict(click.ParamType):
@@ -147,16 +121,3 @@ class Real(_Strict, click.FloatRange):
 
 class Whole(_Strict, click.IntRange):
     """A whole number within bounds."""
-
-
-class Duration(Parsed):
-    """A length of time, e.g. `90s`, `30min`, `12h` or `2d`, as seconds."""
-
-    UNITS: ClassVar = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
-
-    def parse(self, text: str) -> float:
-        """As `Parsed` has it."""
-        match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(s|min|h|d)", text)
-        if match is None:
-            raise ValueError(f"{text!r} is not a time; 90s, 30min, 12h and 2d are")
-        return float(match[1]) * self.UNITS[match[2]]
