@@ -12,11 +12,16 @@ from click.core import ParameterSource
 from vfplan.cli.options import OVERWRITE, option, taking
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import Report, command, progress
+from vfplan.cli.telling import told
 from vfplan.cli.values import FILE, MM
 
 from vfplan.errors import InputError
 
 STAGES = ("extract", "sample", "register", "proxy", "feel", "plan")
+FELT = (
+    "jumps {force_jumps}, above 2 N {force_jumps_large}, worst {force_step_max_n:.2f} N, LIMIT "
+    "{limit_share:.2%}, band {band_m:um.3g}"
+)
 
 
 @command("bench")
@@ -79,20 +84,16 @@ def _refuse_idle(stages: tuple[str, ...], source: Path | None) -> None:
     """Options that would have no effect are not taken in silence."""
     context = click.get_current_context()
     given = [
-        name
-        for name in ("quick", "peers", "surface", "tolerance_m")
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+        param.opts[0]
+        for param in context.command.params
+        if param.name in ("quick", "peers", "surface", "tolerance_m")
+        and context.get_parameter_source(param.name) is ParameterSource.COMMANDLINE
     ]
     if source is not None and given:
-        raise click.UsageError(f"--from measures nothing: {_flags(given)} would have no effect")
-    idle = [name for name in given if name in ("peers", "surface")]
+        raise click.UsageError(f"--from measures nothing: {', '.join(given)} would have no effect")
+    idle = ", ".join(flag for flag in given if flag in ("--peer", "--surface"))
     if idle and "proxy" not in stages:
-        raise click.UsageError(f"{_flags(idle)} would have no effect: only stage proxy uses that")
-
-
-def _flags(names: list[str]) -> str:
-    flags = {"peers": "--peer", "tolerance_m": "--tolerance"}
-    return ", ".join(flags.get(name, f"--{name}") for name in names)
+        raise click.UsageError(f"{idle} would have no effect: only stage proxy uses that")
 
 
 def _write(document: dict[str, Any], stages: tuple[str, ...], files: list[Path]) -> None:
@@ -147,17 +148,8 @@ def _line(result: dict[str, Any]) -> str:
     marks = ("*" if result["pareto"] else " ") + ("<" if result.get("chosen") else " ")
     return (
         f"{marks} {result['time_us_median']:10.1f} us  {scale * result['error_rms']:10.4g} {unit}"
-        f"  {result['method']}  {_pairs(result['settings'])}{_felt(result)}"
+        f"  {result['method']}  {_pairs(result['settings'])}{told(result, FELT)}"
     )
-
-
-def _felt(result: dict[str, Any]) -> str:
-    """What stage feel counts."""
-    if "force_jumps" not in result:
-        return ""
-    jumps = f"jumps {result['force_jumps']}, above 2 N {result['force_jumps_large']}"
-    worst, limit = result["force_step_max_n"], result["limit_share"]
-    return f"{jumps}, worst {worst:.2f} N, LIMIT {limit:.2%}, band {1e6 * result['band_m']:.3g} um"
 
 
 def _pairs(settings: dict[str, Any]) -> str:
