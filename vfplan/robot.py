@@ -90,11 +90,10 @@ def read_robot(choice: str | Path | None) -> Robot | None:
     except (tomllib.TOMLDecodeError, RecursionError) as error:  # tables within tables within ...
         raise InputError(f"not a robot file: {error}", where=str(choice)) from None
     check_robot(values, where=str(choice))
-    return Robot(**{k: _kept(v) for k, v in values.items() if k not in ("format", "version")})
-
-
-def _kept(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
+    return Robot(**{
+        k: tuple(v) if isinstance(v, list) else v
+        for k, v in values.items() if k not in ("format", "version")
+    })  # fmt: skip
 
 
 def _text(path: Path) -> str:

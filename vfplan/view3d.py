@@ -236,8 +236,6 @@ class Stage:
 
     def show_marks(self, marks: NDArray[np.intp]) -> None:
         """Contact circles, in the plane of normal and motion, and normals at some ticks."""
-        if self._ticks is None:
-            return
         ticks, radius = self._ticks, self._fixture.contact_radius
         for k in marks:
             normal, proxy = ticks.normal[k], ticks.proxy[k]

@@ -59,7 +59,8 @@ def add_margin(
     Raises CurveError: a margin that leaves nothing of a stroke
     """
     given = settings.margin
-    if given != "tre95" and not (_is_number(given) and 0 <= given < np.inf):
+    number = isinstance(given, Real) and not isinstance(given, bool)
+    if given != "tre95" and not (number and 0 <= given < np.inf):
         raise SettingError(f"margin is {given!r}; metres of at least 0, 'tre95' or none is allowed")
     if settings.margin_side not in SIDES:
         allowed = ", ".join(SIDES)
@@ -75,10 +76,6 @@ def add_margin(
     moved, dropped = _moved(curve, registration, bound, settings.margin_side)
     margin = Margin(kind, settings.margin_side, float(bound.max()), float(bound.min()), dropped)
     return moved, settings, margin
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def _moved(

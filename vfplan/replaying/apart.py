@@ -41,21 +41,17 @@ class Apart:
         self._count += int(np.count_nonzero(apart))
         edges = np.flatnonzero(np.diff(apart.astype(np.int8), prepend=0, append=0))
         for start, end in edges.reshape(-1, 2).tolist():
-            self._add(first + start, first + end, a.time[start], a.time[end - 1], gap[start:end])
-
-    def _add(self, start: int, end: int, start_s: float, end_s: float, gap: np.ndarray) -> None:
-        span = {
-            "start_tick": start,
-            "end_tick": end - 1,
-            "start_s": float(start_s),
-            "end_s": float(end_s),
-            "proxy_max_m": float(gap.max()),
-        }
-        last = self._spans[-1] if self._spans else None
-        if last is not None and last["end_tick"] + 1 == start:
-            last["end_tick"], last["end_s"] = span["end_tick"], span["end_s"]
-            last["proxy_max_m"] = max(last["proxy_max_m"], span["proxy_max_m"])
-        else:
+            span = {
+                "start_tick": first + start,
+                "end_tick": first + end - 1,
+                "start_s": float(a.time[start]),
+                "end_s": float(a.time[end - 1]),
+                "proxy_max_m": float(gap[start:end].max()),
+            }
+            if self._spans and self._spans[-1]["end_tick"] + 1 == first + start:
+                before = self._spans.pop()
+                span |= {name: before[name] for name in ("start_tick", "start_s")}
+                span["proxy_max_m"] = max(span["proxy_max_m"], before["proxy_max_m"])
             self._spans.append(span)
 
     def report(self) -> dict[str, Any]:

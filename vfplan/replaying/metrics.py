@@ -47,12 +47,8 @@ class Metrics:
 
     def note_status(self, status: NDArray[np.uint8]) -> None:
         """Count what the engine said of each tick."""
-        for name, flag in (
-            ("inside", Status.INSIDE),
-            ("limit", Status.LIMIT),
-            ("bad_hip", Status.BAD_HIP),
-        ):
-            self._status[name] += int(np.count_nonzero(status & flag))
+        for name in self._status:
+            self._status[name] += int(np.count_nonzero(status & Status[name.upper()]))
 
     def update(self, steps: Steps) -> None:
         """Take in the next ticks."""
