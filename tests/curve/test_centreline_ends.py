@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 import vfplan
 from vfplan.curve.skeleton import thin
+from vfplan.curve.tip import View, fitted
 
 
 def arc(angle, bend):
@@ -47,14 +48,14 @@ def test_ends_of_pens_cut_round_and_flat(cap, width):
     hidden = width / 2 - 0.9 if cap == "square" and width > 5 else 0.0
     found = errors_at_ends(width, cap)
     assert np.abs(found[None]).max() <= max(1.5, hidden)
-    # JPEG blurs colour so much that the form of a thin pen's cap is in doubt.
-    assert abs(found[90].mean()) <= max(1.7, hidden + 0.2)
+    # JPEG blurs colour, and at 75 so much that the form of a cap is in doubt.
+    assert abs(found[90].mean()) <= max(1.5, hidden + 0.2)
     assert np.abs(found[90]).max() <= max(1.8, hidden + 0.6)
-    assert abs(found[75].mean()) <= max(1.9, hidden + 0.2)
+    assert abs(found[75].mean()) <= max(1.5, hidden + 0.2)
     assert np.abs(found[75]).max() <= max(2.3, hidden + 0.6)
 
 
-@pytest.mark.parametrize(("quality", "share"), [(None, 1.0), (80, 0.8)])
+@pytest.mark.parametrize(("quality", "share"), [(None, 1.0), (80, 0.85)])
 @pytest.mark.parametrize("width", [3, 4.5])
 def test_round_ends_hold_for_programs_that_run_on(width, quality, share):
     """The truth may stop by up to 2 px, the hand's last step, before the ink's own centre does."""
@@ -133,3 +134,16 @@ def test_a_pale_line_goes_on_straight_to_its_ends(seed, opacity):
     longer = np.vstack([*on, polyline(curve, False, 0.02)])
     assert cKDTree(longer).query(stroke.points_px)[0].max() < 0.8
     assert cKDTree(stroke.points_px).query(curve)[0].max() < 3.5
+
+
+@pytest.mark.parametrize(("cap", "slant"), [("round", None), ("butt", 0.0)])
+def test_an_end_is_fitted_where_it_was_drawn(cap, slant):
+    """Of a straight line with exact coverage; what the other form leaves is many times as much."""
+    path = np.column_stack([np.arange(10.0, 46), np.full(36, 20.3)])
+    line = np.column_stack([np.linspace(-10, 32.4, 2000), np.full(2000, 20.3)])
+    share = coverage((40, 60), line, 3, cap=cap)
+    picture = to_uint8(blend(flat((40, 60), 0), share, (255, 0, 0)))
+    view = View(np.array([1 / 255, 0, 0]), 1.5, 0.3, 1.0, 0.01)
+    tip = fitted([view], picture, path, np.ones((36, 13), bool), 24.0)
+    assert (tip.round_at if slant is None else tip.flat_at) == pytest.approx(22.4, abs=0.11)
+    assert tip.flat_odds > 100 if slant == 0 else tip.flat_odds < -100

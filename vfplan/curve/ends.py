@@ -1,25 +1,28 @@
 """Where a line was begun and where it was lifted.
 
 A round pen leaves a half disc beyond the centre line's end, one that is cut flat leaves nothing
-("butt" caps) or half a square ("square", "projecting" caps). How the ink narrows there tells which,
-and so how far the centre line stops short of the ink. Where the picture cannot tell, the answer
-lies between.
+("butt" caps) or half a square ("square", "projecting" caps). Both are fitted to the pixels there;
+what speaks for either tells how far the centre line stops short of the ink. Where the picture
+cannot tell, the answer lies between.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.pen import Pen
 from vfplan.curve.profile import Profiles
+from vfplan.curve.tip import Tip, fitted_tips
 
 # How far a centre line is taken to end before the ink's own [px]. Programs that draw may run on by
 # the last step of the hand, up to 2 px, so a round end lies where it is good with either habit, and
 # further back for thin pens, which may pass for flat. A flat cut hides more: butt and square caps
 # look the same.
 FLAT_PX, EARLY_PX = 1.1, ((2.2, 3.0), (1.0, 0.78))
-SURE_PX = 2.0  # over the width: the form of an end is no better known
-HALF_DISC = 0.85  # of its radius: where a round end's ink falls to half the width
+ROUND = 0.44  # log odds for a round pen before anything was seen: most programs draw with one
 # Of a pen drawn out to a point, so much coverage is seen surely, and the rest follows; a blunt end
 # has lost it so soon, in clean pictures and where JPEG's noise goes on.
 POINT, BLUNT_PX, SHORT = (0.3, 0.2), (4.0, 6.0), 3
@@ -29,11 +32,11 @@ THINNED, BREAK, BREAK_PX, HEAD = 0.75, 0.55, 14, 2.2
 # Another pen's line: so much less ink than usual, over so many pixels, even to within so much.
 FULL, OTHER, OTHER_PX, EVEN = 0.8, 0.62, 6, 0.04
 ENDED = 0.12  # of the usual ink: less is no line
-# How round an end is, 0 flat and 1 round: of pens wider than so much [px], cut off and not, and so
-# many times more than the line's own scatter apart.
-TELLING_PX, CUT, UNCUT, APART = 2.5, 0.45, 0.6, 4.0
+# Log odds: of a form that is surely the pen's own, of a cut beside such an end, and of a slanting
+# cut by itself, which the end of a jagged line may seem.
+SURE, CUT, SLANTED = 8.0, 12.0, 20.0
 ODD = (
-    "is cut off flat, though the same pen's other end is round: something may hide the rest",
+    "is cut off flat or on a slant, as this pen's own ends are not: something may hide the rest",
     "is drawn thinner, evenly so, as by another pen: what lies there may be no part of it",
     "lies shortly beyond a place where the ink all but stops, and comes back: what touches the "
     "end there may be no part of it",
@@ -41,6 +44,16 @@ ODD = (
 )
 # A dot at an end: so many widths across, how round, how long; and the points over which it begins.
 BLOT, ROUNDISH, LONGEST_BLOT, ABRUPT = 1.4, 0.25, 6.0, 3
+
+
+class LineEnds(NamedTuple):
+    """The (first, last) end of a line."""
+
+    # Indices into the path; a line that is drawn out to a point may end beyond it
+    places: tuple[float, float]
+    # Whether it is cut off as no pen's own end is: one pen draws both alike, and none on a slant
+    cut: tuple[bool, bool]
+    own: tuple[bool, bool]  # whether it is surely the pen's own: round, a dot, or a point
 
 
 def ink_ends(profiles: Profiles, valid: NDArray) -> tuple[float, float]:
@@ -150,80 +163,36 @@ def blot_middle(mass: NDArray, ink: float, width: float) -> float | None:
     return float(middle) if round_one and abrupt and len(run) < LONGEST_BLOT * width else None
 
 
-def line_ends(profiles: Profiles, used: NDArray, width: float) -> tuple[float, float]:
-    """Both ends of the centre line itself, as float indices into the path it was read along.
+def line_ends(rgb: NDArray, path: NDArray, used: NDArray, profiles: Profiles, pen: Pen) -> LineEnds:
+    """Both ends of the centre line itself.
 
-    A line that is drawn out to a point may end beyond the path.
-
-    profiles, used: what was read across the path, and (M,) where the line was measured
-    width: of its mask [px]
+    rgb: (H, W, 3) image
+    path, used: (M, 2) points of the line, about one a pixel, to beyond both ends, and (M,) where it
+        was measured
+    profiles: what was read across it
     """
-    last = len(used) - 1
-    inks, points = ink_ends(profiles, used), points_of(profiles, used)
-    share = _roundness(profiles, used, width)  # one pen drew both ends
-    round_px = HALF_DISC * width / 2 + np.interp(width, *EARLY_PX)
-    short = share * round_px + (1 - share) * FLAT_PX
+    last, inks, points = len(path) - 1, ink_ends(profiles, used), points_of(profiles, used)
+    tips, outward = fitted_tips(rgb, path, used, profiles, pen, inks), (last - inks[0], inks[1])
+    both = zip((profiles.mass[::-1], profiles.mass), outward, strict=True)
+    dots = [blot_middle(mass, ink, profiles.width) for mass, ink in both]
+    odds = np.clip(sum(tip.flat_odds for tip in tips) - ROUND, -50, 50)
+    flat = 1 / (1 + np.exp(-odds))  # how likely; one pen drew both ends
     found = []
-    for mass, ink, point in (
-        (profiles.mass[::-1], last - inks[0], points[0]),
-        (profiles.mass, inks[1], points[1]),
-    ):
-        dot = blot_middle(mass, ink, width)
-        found.append(ink + point if point else ink - short if dot is None else dot)
-    return last - found[0], found[1]
+    for ink, point, dot, tip in zip(outward, points, dots, tips, strict=True):
+        round_at = tip.round_at - np.interp(2 * tip.half, *EARLY_PX)
+        end = min(flat * (tip.flat_at - FLAT_PX) + (1 - flat) * round_at, ink)  # within the ink
+        found.append(ink + point if point else end if dot is None else dot)
+    own = [dot is not None or bool(point) for dot, point in zip(dots, points, strict=True)]
+    cut = _cut(tips) if not any(own) and not profiles.clipped.any() else (False, False)
+    own = (sure or bool(tip.cut_odds <= -SURE) for sure, tip in zip(own, tips, strict=True))
+    return LineEnds((last - found[0], found[1]), cut, tuple(own))
 
 
-def cut_ends(
-    profiles: Profiles, used: NDArray, width: float
-) -> tuple[tuple[bool, bool], tuple[bool, bool]]:
-    """Whether an end is cut off flat though the other is round, and whether it is its pen's own.
-
-    One pen draws both alike: something hides the rest of the first. Surely its own are round ends,
-    dots and points.
-    """
-    last, points = len(used) - 1, points_of(profiles, used)
-    inks = ink_ends(profiles, used)
-    dots = (
-        blot_middle(profiles.mass[::-1], last - inks[0], width) is not None,
-        blot_middle(profiles.mass, inks[1], width) is not None,
+def _cut(tips: tuple[Tip, Tip]) -> tuple[bool, bool]:
+    return tuple(
+        bool((tip.cut_odds >= CUT and -other.cut_odds >= SURE) or tip.slant_odds >= SLANTED)
+        for tip, other in (tips, tips[::-1])
     )
-    caps, scatter = _lacking(np.where(profiles.seen, profiles.alpha, 0), profiles.x, used, width)
-    clear = width > TELLING_PX and abs(caps[0] - caps[1]) > APART * np.sqrt(2 * scatter)
-    plain = clear and not any(dots) and not any(points) and not profiles.clipped.any()
-    cut = tuple(bool(plain and a < CUT and b > UNCUT) for a, b in (caps, caps[::-1]))
-    sure = width > TELLING_PX and APART**2 * scatter < UNCUT**2
-    own = zip(caps, dots, points, strict=True)
-    return cut, tuple(bool((sure and c > UNCUT) or dot or out) for c, dot, out in own)
-
-
-def _roundness(profiles: Profiles, used: NDArray, width: float) -> float:
-    """How likely both ends are round, and not cut flat.
-
-    Across a half disc of radius r the mean square of the ink's distance from the middle is r²/4, in
-    the line before it r²/3, and blur adds the same to both: summed over the ink, the end's differ
-    by π r⁴/24 if it is round and by nothing if it is flat. As far as the same sums scatter along
-    the line, neither is known.
-    """
-    odds = 0.0
-    for values in (profiles.alpha, profiles.light) if profiles.noisy else (profiles.alpha,):
-        caps, scatter = _lacking(np.where(profiles.seen, values, 0.0), profiles.x, used, width)
-        off = (caps**2).sum(), ((caps - 1) ** 2).sum()  # from flat and from round ends
-        odds += (off[0] - off[1]) / 2 / max(scatter, min(off) / 2, (SURE_PX / width) ** 2)
-    return float(1 / (1 + np.exp(-np.clip(odds, -50, 50))))
-
-
-def _lacking(
-    values: NDArray, x: NDArray, used: NDArray, width: float
-) -> tuple[NDArray[np.float64], float]:
-    """(2,) how round both ends of (M, K) values are, and the variance of that along the line."""
-    (first, last), inner = np.flatnonzero(used)[[0, -1]], round(width / 2)
-    line = np.median(values[used], axis=0)
-    weight = (line * x**2).sum() / line.sum() - x**2
-    disc = np.pi * (width / 2) ** 4 / 24 * line[len(x) // 2] / (x[1] - x[0])
-    lacking = values @ weight / disc
-    head, tail = lacking[: first + inner], lacking[last - inner + 1 :]
-    along = np.convolve(lacking[used], np.ones(max(len(head), len(tail))), "valid")
-    return np.array([head.sum(), tail.sum()]), float(along.var()) if len(along) > 1 else np.inf
 
 
 def _half(mass: NDArray, at: int) -> float:

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from vfplan.curve.doubts import Widening, lines_in, widest_run
 from vfplan.curve.ends import (
     broken_ends,
-    cut_ends,
     fading_ends,
     ink_ends,
     line_ends,
@@ -126,13 +125,12 @@ def trace(
                 point = min(2 * drawn_out, point + FARTHER_PX) if drawn_out > point else point
         fitted = fit_line(s, base, profiles, used, closed, knots)
         if not closed and not passes:
-            ends = line_ends(even, used, width)
+            ends = line_ends(rgb, fitted.spline(s), used, even, pen)
             fades_out = profiles.noisy and width > THIN_PX
             fading = fading_ends(even, used) if fades_out else (False, False)
-            cut, own = cut_ends(even, used, width)
             thinner = thinner_ends(profiles, used, width)
-            odd = told_ends(cut, thinner, broken_ends(profiles, used, width), fading)
-            start, stop = pitch * np.array(ends)
+            odd = told_ends(ends.cut, thinner, broken_ends(profiles, used, width), fading)
+            own, (start, stop) = ends.own, pitch * np.array(ends.places)
         inner = (0.0, stop) if closed else s[used][[0, -1]]
         base = fitted.spline(np.arange(*inner, pitch))
     verdict = lines_in(profiles, valid, width)
