@@ -43,16 +43,21 @@ struct Before final : Passage<S::dimension> {
     }
 };
 
+namespace detail {
+
 /// A rule in a space with a stiffness; all of it known to the compiler.
 template <class S, class RuleOf, class Stiffness>
-class BasicEngine {
+class RuleEngine : public AnyEngine {
   public:
     static constexpr int D = S::dimension;
 
-    BasicEngine(S space, RuleOf rule, Stiffness stiffness)
-        : space_(space), rule_(std::move(rule)), stiffness_(stiffness) {}
+    RuleEngine(S space, RuleOf rule, Stiffness stiffness, const Parameters& p)
+        : AnyEngine(std::max({p.stiffness[0], p.stiffness[1], p.stiffness[2]}), p.R(), p.band),
+          space_(space),
+          rule_(std::move(rule)),
+          stiffness_(stiffness) {}
 
-    void reset(const Vec3& hip) noexcept {
+    void reset(const Vec3& hip) noexcept final {
         rule_.reset();
         last_ = {};
         placed_ = good(hip);
@@ -62,7 +67,7 @@ class BasicEngine {
     }
 
     /// The next tick begins with the proxy at `proxy`, wherever that is; out of `before` it was.
-    void go_on(const Vec3& proxy, detail::AnyEngine* before) noexcept {
+    void go_on(const Vec3& proxy, AnyEngine* before) noexcept final {
         reset(proxy);
         before_.from = proxy;
         before_.engine = before;
@@ -70,7 +75,7 @@ class BasicEngine {
         rule_.go_on(before ? &before_ : nullptr);
     }
 
-    Step step(const Vec3& hip) noexcept {
+    Step step(const Vec3& hip) noexcept final {
         if (!good(hip)) return refuse();
         if (!placed_) reset(hip);
         const Vec<D> h = space_.across(hip);
@@ -82,18 +87,11 @@ class BasicEngine {
         last_.status = tick.status;
         return last_;
     }
+    bool planar() noexcept final { return D == 2; }
 
-    RuleOf& rule() noexcept { return rule_; }
-
-    /// Point `id` of an edited cloud goes, or one comes.
-    void remove(std::size_t id) noexcept {
-        rule_.edited(rule_.neighbours().source().remove(id), false);
-    }
-    void add(const Vec3& point) noexcept {
-        const Vec<D> p = space_.across(point);
-        rule_.neighbours().source().add(p);
-        rule_.edited(p, true);
-    }
+  protected:
+    S space_;
+    RuleOf rule_;
 
   private:
     static bool good(const Vec3& hip) noexcept {
@@ -107,8 +105,6 @@ class BasicEngine {
         return s;
     }
 
-    S space_;
-    RuleOf rule_;
     Stiffness stiffness_;
     Before<S> before_;
     Vec<D> proxy_;
@@ -116,56 +112,44 @@ class BasicEngine {
     bool placed_ = false;
 };
 
-namespace detail {
-
 /// Points of this many or fewer are looked through one by one: measured, a grid costs more.
 inline constexpr std::size_t small_cloud = 64;
 
-inline double most(const Parameters& p) noexcept {
-    return std::max({p.stiffness[0], p.stiffness[1], p.stiffness[2]});
-}
-
+/// Points.
 template <class S, class R, class K>
-struct Some final : AnyEngine {
+class Some final : public RuleEngine<S, R, K> {
+  public:
     static constexpr bool editable = requires(R& rule) { rule.neighbours().source().remove(0); };
-    S space;
-    Kernels<S::dimension> kernels_;
-    BasicEngine<S, R, K> engine;
     std::unique_ptr<Grid<S::dimension>> all;  // where the rule has not all points
 
-    Some(S s, R rule, K k, const Kernels<S::dimension>& kernels, const Parameters& p)
-        : AnyEngine(most(p), p.R(), p.band),
-          space(s),
-          kernels_(kernels),
-          engine(s, std::move(rule), k) {}
-    auto& search() noexcept { return engine.rule().neighbours(); }
-    void reset(const Vec3& hip) noexcept override { engine.reset(hip); }
-    void go_on(const Vec3& proxy, AnyEngine* before) noexcept override {
-        engine.go_on(proxy, before);
-    }
-    Step step(const Vec3& hip) noexcept override { return engine.step(hip); }
+    Some(S s, R rule, K k, const Parameters& p, const Kernels<S::dimension>& kernels)
+        : RuleEngine<S, R, K>(s, std::move(rule), k, p), kernels_(kernels) {}
     void remove(std::size_t id) noexcept override {
-        if constexpr (editable) engine.remove(id);
+        if constexpr (editable) this->rule_.edited(source().remove(id), false);
     }
     void add(const Vec3& point) noexcept override {
-        if constexpr (editable) engine.add(point);
+        if constexpr (editable) {
+            const auto p = this->space_.across(point);
+            source().add(p);
+            this->rule_.edited(p, true);
+        }
     }
     std::size_t bytes() noexcept override {
-        return sizeof(*this) + search().bytes() + (all ? all->bytes() : 0);
+        return sizeof(*this) + this->rule_.neighbours().bytes() + (all ? all->bytes() : 0);
     }
-    std::size_t cells() noexcept override { return search().source().cells(); }
-    bool planar() noexcept override { return S::dimension == 2; }
+    std::size_t cells() noexcept override { return source().cells(); }
     double within(const Vec3& at, double reach) noexcept override {
-        return within(search().source(), at, reach);
+        return within(source(), at, reach);
     }
     double distance(const Vec3& at) noexcept override {
-        return all ? distance(*all, at) : distance(search().source(), at);
+        return all ? distance(*all, at) : distance(source(), at);
     }
 
   private:
+    auto& source() noexcept { return this->rule_.neighbours().source(); }
     template <class Source>
     double within(Source& source, const Vec3& at, double reach) noexcept {
-        const auto x = space.across(at);
+        const auto x = this->space_.across(at);
         return std::sqrt(std::min(reach * reach, nearest2(source, kernels_, x, reach)));
     }
     template <class Source>
@@ -175,26 +159,18 @@ struct Some final : AnyEngine {
                 if (const double d = within(source, at, r); d < r) return d;
         return within(source, at, std::numeric_limits<double>::infinity());
     }
+
+    Kernels<S::dimension> kernels_;
 };
 
 /// Lines and arcs, or triangles, as they are.
 template <class S, class R, class K>
-struct Exact final : AnyEngine {
-    S space;
-    BasicEngine<S, R, K> engine;
-
-    Exact(S s, R rule, K k, const Parameters& p)
-        : AnyEngine(most(p), p.R(), p.band), space(s), engine(s, std::move(rule), k) {}
-    void reset(const Vec3& hip) noexcept override { engine.reset(hip); }
-    void go_on(const Vec3& proxy, AnyEngine* before) noexcept override {
-        engine.go_on(proxy, before);
-    }
-    Step step(const Vec3& hip) noexcept override { return engine.step(hip); }
-    std::size_t bytes() noexcept override { return sizeof(*this) + engine.rule().bytes(); }
-    std::size_t cells() noexcept override { return engine.rule().cells(); }
-    bool planar() noexcept override { return S::dimension == 2; }
+struct Exact final : RuleEngine<S, R, K> {
+    using RuleEngine<S, R, K>::RuleEngine;
+    std::size_t bytes() noexcept override { return sizeof(*this) + this->rule_.bytes(); }
+    std::size_t cells() noexcept override { return this->rule_.cells(); }
     double distance(const Vec3& at) noexcept override {
-        return engine.rule().distance(space.across(at));
+        return this->rule_.distance(this->space_.across(at));
     }
     double within(const Vec3& at, double reach) noexcept override {
         return std::min(distance(at), reach);
@@ -219,7 +195,7 @@ Made with_rule(S space, const C& cloud, const Parameters& p, Width width,
     Made made;
     with_stiffness(p, [&](auto stiffness) {
         using Type = Some<S, R, decltype(stiffness)>;
-        auto some = std::make_unique<Type>(space, R(cloud, p, loops), stiffness, loops, p);
+        auto some = std::make_unique<Type>(space, R(cloud, p, loops), stiffness, p, loops);
         some->all = std::move(all);
         made = std::move(some);
     });

@@ -10,14 +10,6 @@
 
 namespace vfplan {
 
-/// What a rule says of a tick, in the space it works in.
-template <int D>
-struct Tick {
-    Vec<D> normal;
-    State state = State::no_neighbour;
-    std::uint8_t status = ok;
-};
-
 template <int D, template <int> class Search>
 class PaperRule {
   public:

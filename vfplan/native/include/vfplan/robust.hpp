@@ -9,7 +9,7 @@
 
 #include <utility>
 
-#include "vfplan/escape.hpp"
+#include "vfplan/entrance.hpp"
 #include "vfplan/paper.hpp"
 #include "vfplan/rest.hpp"
 #include "vfplan/surfaces.hpp"
@@ -38,7 +38,7 @@ class RobustRule {
           surfaces_(kernels, R_, p.band),
           neighbours_(of.cloud, reach(), 0.75 * tuned::brief * R_, 2 * tuned::brief * R_, kernels),
           travel_(kernels, R_),
-          escape_({kernels, R_}, R_),
+          entrance_({kernels, R_}, R_),
           handover_(R_),
           touched_(kernels),
           rest_(p.band) {}
@@ -47,7 +47,7 @@ class RobustRule {
     void reset() noexcept {
         neighbours_.forget();
         surfaces_.forget();
-        escape_.stop();
+        entrance_.reset();
         handover_.stop();
         rest_.wake();
         now_ = {};
@@ -55,8 +55,7 @@ class RobustRule {
     /// As a reset, but a proxy that is inside is led out from where it is.
     void go_on(const Passage<D>* before) noexcept {
         reset();
-        now_.stays = true;
-        escape_.keep_to(before);
+        entrance_.go_on(before);
     }
     /// A point at p came or went.
     void edited(const Vec<D>& p, bool came) noexcept {
@@ -65,13 +64,17 @@ class RobustRule {
         neighbours_.forget();
         surfaces_.forget();
         rest_.wake();
-        if (came && std::exchange(now_.held, false)) now_.stays = true;
+        if (came) entrance_.look_again();
     }
 
     /// One servo loop.
     Tick<D> operator()(Vec<D>& proxy, const Vec<D>& hip) noexcept {
-        Tick<D> tick;
-        if (!now_.held && !enter(proxy, hip, tick)) return tick;
+        const auto clear = [&]() noexcept { return nearest2(proxy, surfaces_.shell()) >= safe2_; };
+        if (!entrance_.outside(neighbours_, proxy, hip, clear)) {
+            handover_.stop();
+            if (entrance_.taking_over()) handover_.begin();
+            return entrance_.tick();
+        }
         return handover_.active() ? take_over(proxy, hip) : follow(proxy, hip);
     }
 
@@ -107,7 +110,7 @@ class RobustRule {
             proxy = start;
             near2 = nearest2(proxy, surfaces_.shell());
             tick.status |= limit;
-            now_.held = near2 >= safe2_;  // else it is taken out, from the next tick on
+            entrance_.hold(near2 >= safe2_);
         }
         describe(proxy, hip, near2, tick);
         return tick;
@@ -115,7 +118,7 @@ class RobustRule {
 
     /// One servo loop of a proxy that has come out and is not yet where the rule would have it.
     Tick<D> take_over(Vec<D>& proxy, const Vec<D>& hip) noexcept {
-        const Leash<D> leash = escape_.leash(proxy, hip);
+        const Leash<D> leash = entrance_.leash(proxy, hip);
         if (!handover_.leads(hip)) {
             Vec<D> end = proxy;
             handover_.plan(hip);
@@ -141,35 +144,11 @@ class RobustRule {
         double most = 0;       // |proxy - HIP| that this tick may end with
         bool blocked = false;  // the last iteration was stopped below R
         bool far = false;      // the way of this tick is longer than a tick may look at
-        bool held = false;     // outside the fixture since the last reset
-        bool stays = false;    // on the way out the proxy does not go with the HIP
-        Vec<D> anchor;         // then: where the way out began
     };
 
     /// What is asked of the list of neighbours: a fit's samples, and what a brief sweep may meet.
     double reach() const noexcept {
         return std::max((1.01 + tuned::brief) * R_, surfaces_.reach());  // 1 %: roundings
-    }
-
-    /// Sees that the proxy is outside, as the guarantee needs; false while it is on its way out.
-    bool enter(Vec<D>& proxy, const Vec<D>& hip, Tick<D>& tick) noexcept {
-        if (!escape_.active()) {
-            now_.held = nearest2(proxy, surfaces_.shell()) >= safe2_;
-            if (now_.held) return escape_.stop(), true;
-            now_.anchor = proxy;
-            escape_.begin(neighbours_, now_.stays ? proxy : hip);
-            handover_.stop();
-        }
-        now_.held = escape_.step(neighbours_, now_.stays ? now_.anchor : hip, proxy);
-        if (now_.held) {  // the rule takes over
-            if (!(proxy == hip)) handover_.begin();
-            escape_.meets(hip);
-            now_.stays = false;
-        }
-        tick.state = State::entrenched;
-        tick.normal = escape_.way();
-        tick.status = escape_.status();
-        return false;
     }
 
     /// Where nothing lies on the straight way, the proxy goes with the HIP, whatever it touches.
@@ -290,7 +269,7 @@ class RobustRule {
     Surfaces<D, Search> surfaces_;
     Search neighbours_;
     Travel<D, Search> travel_;
-    Escape<D, Search> escape_;
+    Entrance<D, Search> entrance_;
     Handover<D> handover_;
     Touched<D, Search> touched_;
     Rest<D> rest_;

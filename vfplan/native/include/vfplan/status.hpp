@@ -32,6 +32,14 @@ enum Status : std::uint8_t {
                      ///< the exchange
 };
 
+/// What a rule says of a tick, in the space it works in.
+template <int D>
+struct Tick {
+    Vec<D> normal;
+    State state = State::no_neighbour;
+    std::uint8_t status = ok;
+};
+
 struct Step {
     Vec3 proxy;   ///< [m]
     Vec3 normal;  ///< unit, 0 when there is none

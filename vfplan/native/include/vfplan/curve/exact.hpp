@@ -7,7 +7,7 @@
 #pragma once
 
 #include "vfplan/curve/slide.hpp"
-#include "vfplan/escape.hpp"
+#include "vfplan/entrance.hpp"
 #include "vfplan/paper.hpp"
 
 namespace vfplan::curve {
@@ -61,19 +61,18 @@ class ExactRule {
           band_(p.band),
           outer_(p.outer_radius + p.point_radius),
           slider_(std::move(curve), R_, band_),
-          escape_(Bands(R_), R_) {}
+          entrance_(Bands(R_), R_) {}
 
     void reset() noexcept {
-        escape_.stop();
-        held_ = taking_over_ = rests_ = stays_ = false;
+        entrance_.reset();
+        rests_ = false;
         slider_.near().forget();
         slider_.let_go();
     }
     /// As a reset, but a proxy that is inside is led out from where it is.
     void go_on(const Passage<2>* before) noexcept {
         reset();
-        stays_ = true;
-        escape_.keep_to(before);
+        entrance_.go_on(before);
     }
     std::size_t bytes() const noexcept { return curve().bytes() + slider_.near().bytes(); }
     std::size_t cells() const noexcept { return curve().boxes(); }
@@ -81,22 +80,20 @@ class ExactRule {
 
     /// One servo loop.
     Tick<2> operator()(Vec2& proxy, const Vec2& hip) noexcept {
-        if (!held_ && !enter(proxy, hip)) {
-            Tick<2> tick;
-            tick.state = State::entrenched;
-            tick.normal = escape_.way();
-            tick.status = escape_.status();
-            return tick;
+        const auto clear = [&]() noexcept { return curve().distance(proxy) >= R_ - band_; };
+        if (!entrance_.outside(curve(), proxy, hip, clear)) {
+            slider_.let_go();
+            rests_ = false;
+            return entrance_.tick();
         }
         if (rests_ && hip == hip_) return last_;
         hip_ = hip;
         const Vec2 start = proxy;
         Tick<2> tick;
-        if (taking_over_) {
-            const Leash<2> leash = escape_.leash(proxy, hip);
+        if (entrance_.taking_over()) {
+            const Leash<2> leash = entrance_.leash(proxy, hip);
             end_ = slider_.go(proxy, hip, &leash);
-            taking_over_ = end_ == End::leash || (end_ == End::limit && ++unfinished_ < 32);
-            if (taking_over_) tick.status = inside;
+            if (entrance_.goes_on(end_ == End::leash, end_ == End::limit)) tick.status = inside;
         } else {
             end_ = slider_.go(proxy, hip, nullptr);
         }
@@ -107,7 +104,7 @@ class ExactRule {
             slider_.let_go();
             near = slider_.near().distance(proxy);
             tick.status |= limit;
-            held_ = near >= R_ - band_;  // else it is taken out, from the next tick on
+            entrance_.hold(near >= R_ - band_);
         }
         rests_ = tick.status == ok;
         describe(proxy, hip, near, tick);
@@ -116,25 +113,6 @@ class ExactRule {
 
   private:
     const Curve& curve() const noexcept { return slider_.curve(); }
-
-    /// Makes sure that the proxy is outside; false while it is on its way out.
-    bool enter(Vec2& proxy, const Vec2& hip) noexcept {
-        if (!escape_.active()) {
-            if (curve().distance(proxy) >= R_ - band_) return escape_.stop(), held_ = true;
-            anchor_ = proxy;
-            escape_.begin(curve(), stays_ ? proxy : hip);
-        }
-        held_ = escape_.step(curve(), stays_ ? anchor_ : hip, proxy);
-        taking_over_ = held_ && !(proxy == hip);
-        if (held_) {
-            escape_.meets(hip);
-            stays_ = false;
-        }
-        unfinished_ = 0;
-        slider_.let_go();
-        rests_ = false;
-        return false;
-    }
 
     void describe(const Vec2& x, const Vec2& hip, double near, Tick<2>& tick) noexcept {
         if (near <= R_ + band_) {
@@ -148,13 +126,11 @@ class ExactRule {
 
     double R_, band_, outer_;
     Slider slider_;
-    Escape<2, const Curve, Bands> escape_;
-    Vec2 hip_, anchor_;  // anchor_: where a way out began on which the proxy stays
+    Entrance<2, const Curve, Bands> entrance_;
+    Vec2 hip_;
     End end_ = End::arrived;
     Tick<2> last_;
-    int unfinished_ = 0;
-    bool held_ = false, taking_over_ = false, rests_ = false;
-    bool stays_ = false;  // on the way out the proxy does not go with the HIP
+    bool rests_ = false;
 };
 
 }  // namespace vfplan::curve

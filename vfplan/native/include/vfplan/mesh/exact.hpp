@@ -9,7 +9,7 @@
 
 #include <utility>
 
-#include "vfplan/escape.hpp"
+#include "vfplan/entrance.hpp"
 #include "vfplan/mesh/settle.hpp"
 #include "vfplan/paper.hpp"
 
@@ -72,19 +72,18 @@ class ExactRule {
           near_(std::move(mesh), R_, band_),
           walls_(R_, band_),
           settle_(std::move(smooth), p.R(), band_),
-          escape_(Bands(R_), R_) {}
+          entrance_(Bands(R_), R_) {}
 
     void reset() noexcept {
-        escape_.stop();
-        held_ = taking_over_ = rests_ = stays_ = false;
+        entrance_.reset();
+        rests_ = false;
         walls_.clear();
         settle_.forget();
     }
     /// As a reset, but a proxy that is inside is led out from where it is.
     void go_on(const Passage<3>* before) noexcept {
         reset();
-        stays_ = true;
-        escape_.keep_to(before);
+        entrance_.go_on(before);
     }
     std::size_t bytes() const noexcept { return near_.bytes() + settle_.bytes(); }
     std::size_t cells() const noexcept { return mesh().boxes(); }
@@ -97,26 +96,29 @@ class ExactRule {
 
     /// One servo loop.
     Tick<3> operator()(Vec3& proxy, const Vec3& hip) noexcept {
-        Tick<3> tick;
         near_.grant(most_steps);
-        if (!held_ && !enter(proxy, hip)) {
-            tick.state = State::entrenched;
-            tick.normal = escape_.way();
-            tick.status = escape_.status();
-            return tick;
+        const auto clear = [&]() noexcept {
+            double least = R_ - band_;
+            return near_.nearest(proxy, least) == Mesh::none;
+        };
+        if (!entrance_.outside(near_, proxy, hip, clear)) {
+            walls_.clear();
+            rests_ = false;
+            return entrance_.tick();
         }
         if (rests_ && hip == hip_) return last_;
         hip_ = hip;
-        if (!taking_over_ && settle_(near_, proxy, hip, proxy)) return last_ = settled(proxy, hip);
+        if (!entrance_.taking_over() && settle_(near_, proxy, hip, proxy))
+            return last_ = settled(proxy, hip);
         const Vec3 start = proxy;
         near_.grant(most_steps);
+        Tick<3> tick;
+        const bool taking_over = entrance_.taking_over();
         Leash<3> leash{};
-        if (taking_over_) leash = escape_.leash(proxy, hip);
-        const End end = go(proxy, hip, taking_over_ ? &leash : nullptr);
-        if (taking_over_) {
-            taking_over_ = end == End::leash || (end == End::limit && ++unfinished_ < 32);
-            if (taking_over_) tick.status = inside;
-        }
+        if (taking_over) leash = entrance_.leash(proxy, hip);
+        const End end = go(proxy, hip, taking_over ? &leash : nullptr);
+        if (taking_over && entrance_.goes_on(end == End::leash, end == End::limit))
+            tick.status = inside;
         if (end == End::limit) tick.status |= limit;
         double near = near_.nearest(proxy, walls_);
         if (!(near >= R_ - band_)) {  // cannot happen; if it does, stay where it was safe
@@ -124,7 +126,7 @@ class ExactRule {
             walls_.clear();
             near = near_.nearest(proxy, walls_);
             tick.status |= limit;
-            held_ = near >= R_ - band_;  // else it is taken out, from the next tick on
+            entrance_.hold(near >= R_ - band_);
         }
         rests_ = tick.status == ok;
         near_.grant(most_steps);
@@ -140,26 +142,6 @@ class ExactRule {
     enum class End { rest, leash, limit };
 
     const Mesh& mesh() const noexcept { return near_.mesh(); }
-
-    /// Makes sure that the proxy is outside; false while it is on its way out.
-    bool enter(Vec3& proxy, const Vec3& hip) noexcept {
-        if (!escape_.active()) {
-            double least = R_ - band_;
-            if (near_.nearest(proxy, least) == Mesh::none) return escape_.stop(), held_ = true;
-            anchor_ = proxy;
-            escape_.begin(near_, stays_ ? proxy : hip);
-        }
-        held_ = escape_.step(near_, stays_ ? anchor_ : hip, proxy);
-        taking_over_ = held_ && !(proxy == hip);
-        if (held_) {
-            escape_.meets(hip);
-            stays_ = false;
-        }
-        unfinished_ = 0;
-        walls_.clear();
-        rests_ = false;
-        return false;
-    }
 
     /// From x towards the HIP at h.
     End go(Vec3& x, const Vec3& h, const Leash<3>* leash) noexcept {
@@ -252,13 +234,11 @@ class ExactRule {
     Near near_;
     Walls walls_;  // of the last step
     Settle settle_;
-    Escape<3, const Near, Bands> escape_;
-    Vec3 hip_, anchor_;                // anchor_: where a way out began on which the proxy stays
+    Entrance<3, const Near, Bands> entrance_;
+    Vec3 hip_;
     std::uint32_t seen_ = Mesh::none;  // lay near a free proxy
     Tick<3> last_;
-    int unfinished_ = 0;
-    bool held_ = false, taking_over_ = false, rests_ = false;
-    bool stays_ = false;  // on the way out the proxy does not go with the HIP
+    bool rests_ = false;
 };
 
 }  // namespace vfplan::mesh
