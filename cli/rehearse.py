@@ -75,11 +75,15 @@ def command(
     limits, speeds, forces, each with its tick, joint and place along the curve. Exit 1 when it does
     not reach or would have stopped; the files are written then too, as the record of it.
     """
-    from vfplan.arm import rehearse
+    from vfplan.arm import Arm, rehearse
     from vfplan.arm.loop import Hand
+    from vfplan.bundle import read_sealed
+    from vfplan.robot import read_robot
 
     refuse_folder(report)
-    (planned, digest), arm = _fixture(fixture, options.trust(given)), made_arm(given["arm"], given)
+    planned, seal = read_sealed(fixture, trust=options.trust(given))
+    robot = read_robot(given["robot"])
+    arm = Arm(given["arm"], robot, base=given["base"], tool=given["tool"])
     wanted, warnings = _session(session, given["units"], planned.frame, arm.robot.rate_hz)
     hand = Hand(stiffness=given["hand_n_per_m"])
     with progress("rehearse", len(wanted.hip)) as done:
@@ -101,30 +105,12 @@ def command(
             from vfplan.report.arm import page
 
             about = {"command": command_line(), "fixture": fixture.name,
-                     "fixture's SHA-256": digest}  # fmt: skip
+                     "fixture's SHA-256": seal.describe()["sha256"]}  # fmt: skip
             write_whole(index, [page(found, about).encode("utf-8")], overwrite=True)
     return Report(
         found.metrics, rehearsed_text(found.metrics), exit_code=int(not found.passed),
         warnings=warnings,
     )  # fmt: skip
-
-
-def made_arm(choice: str, given: dict[str, Any]) -> Any:
-    """The arm that `--arm`, `--robot`, `--base` and `--tool` name."""
-    from vfplan.arm import Arm
-    from vfplan.robot import read_robot
-
-    robot = read_robot(given["robot"])
-    return Arm(choice, robot, base=given["base"], tool=given["tool"])
-
-
-def _fixture(path: Path, trust: Any) -> tuple[Any, str]:
-    """The fixture and its bundle's digest."""
-    from vfplan.bundle import read_bundle
-    from vfplan.bundle.content import from_content
-
-    content, seal = read_bundle(path, trust=trust)
-    return from_content(content), seal.describe()["sha256"]
 
 
 def _session(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Any, list[str]]:

@@ -63,13 +63,12 @@ def command(
 
 def _read(fixture: Path, result: Path | None) -> tuple[Any, Any]:
     """The fixture, and the ticks of a result that was made with it."""
-    from vfplan.bundle import read_bundle
-    from vfplan.bundle.content import from_content
+    from vfplan.bundle import read_sealed
     from vfplan.session import read_result, require_fixture
 
-    content, seal = read_bundle(fixture)
+    planned, seal = read_sealed(fixture)
     if result is None:
-        return from_content(content), None
+        return planned, None
     ticks, attrs = read_result(result)
     require_fixture(attrs, seal.sha256.hex(), result.name)
-    return from_content(content), ticks
+    return planned, ticks

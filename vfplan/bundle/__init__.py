@@ -10,7 +10,7 @@ from vfplan.bundle.describe import describe, diff
 from vfplan.bundle.exporting import export, left_out
 from vfplan.bundle.keys import keygen, read_keys
 from vfplan.bundle.migration import migrate
-from vfplan.bundle.read import read_bundle, read_fixture, require_signature
+from vfplan.bundle.read import read_bundle, read_fixture, read_sealed, require_signature
 from vfplan.bundle.signing import sign
 from vfplan.bundle.trust import Trust
 from vfplan.bundle.validation import Issue, mesh_doubts, validate
@@ -19,5 +19,5 @@ from vfplan.bundle.write import write_fixture
 __all__ = [
     "Issue", "Trust", "describe", "diff", "export", "import_cloud", "keygen", "left_out",
     "mesh_band", "mesh_doubts", "migrate", "read_bundle", "read_fixture", "read_keys",
-    "require_signature", "sign", "validate", "write_fixture",
+    "read_sealed", "require_signature", "sign", "validate", "write_fixture",
 ]  # fmt: skip

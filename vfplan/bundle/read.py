@@ -31,7 +31,13 @@ def read_fixture(path: str | Path, *, trust: Trust | None = None) -> Fixture:
         The bundle is corrupt, unsafe, of a version this program does not read, or not signed as
         demanded.
     """
-    return from_content(read_bundle(path, trust=trust)[0])
+    return read_sealed(path, trust=trust)[0]
+
+
+def read_sealed(path: str | Path, *, trust: Trust | None = None) -> tuple[Fixture, Seal]:
+    """The fixture, and the bundle's seal; raises as `read_fixture` does."""
+    content, seal = read_bundle(path, trust=trust)
+    return from_content(content), seal
 
 
 def read_bundle(source: str | Path | bytes, *, trust: Trust | None = None) -> tuple[Content, Seal]:

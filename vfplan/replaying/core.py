@@ -189,13 +189,12 @@ def _loaded(fixture: Fixture | str | Path, trust: Any) -> tuple[Fixture, dict[st
     """The fixture, and what is known of its file."""
     if isinstance(fixture, Fixture):
         return fixture, {}
-    from vfplan.bundle import read_bundle
-    from vfplan.bundle.content import from_content
+    from vfplan.bundle import read_sealed
 
-    content, seal = read_bundle(fixture, trust=trust)
+    planned, seal = read_sealed(fixture, trust=trust)
     checked = trust is not None
     record = {"name": Path(fixture).name, **seal.describe(), "signature_checked": checked}
-    return from_content(content), {"fixture": record}
+    return planned, {"fixture": record}
 
 
 def _same_frame(fixture: Fixture, source: Source) -> None:
