@@ -1,8 +1,8 @@
 """A solved fit, what each marker says about it, and which markers agree.
 
 Residual, leverage, leave-one-out error and studentised F of each. Which agree is found without a
-random number: least trimmed squares (P. J. Rousseeuw and K. Van Driessen, Data Min. Knowl. Discov.
-12, 2006) over all minimal subsets finds the half that agrees best; a forward search (A. C. Atkinson
+random number: least trimmed squares (P. J. Rousseeuw, J. Am. Stat. Assoc. 79, 1984) over the maps
+through all minimal subsets finds the half that agrees best; a forward search (A. C. Atkinson
 and M. Riani, "Robust diagnostic regression analysis", 2000) then takes in one marker after another
 as long as the next one's studentised F stays below the limit that also flags outliers.
 """
@@ -27,7 +27,6 @@ from vfplan.registration.problem import Problem
 
 MAX_SUBSETS = 500_000
 _CHUNK = 10_000
-_BEST = 10  # starts that are concentrated to the end
 # RMS extent of the layout's narrow direction over the error of a marker: less explains nothing.
 MIN_EXTENT = 3.0
 REST_EXTENT = 2.0  # of what is left without a bad marker: fewer, so that its error is less known
@@ -186,11 +185,10 @@ def agreeing(problem: Problem, alpha: float = 0.05) -> np.ndarray:
             f"{MAX_SUBSETS} are allowed"
         )
     half = _half(n, problem)
-    starts = sorted(_best_subsets(problem, half))[:_BEST]
-    concentrated = (_concentrate(problem, np.array(subset), half) for _, subset in starts)
-    _, core = min(concentrated, key=lambda found: (found[0], found[1]))
+    core = list(_best_subset(problem, half))
+    m = problem.model.through(problem.s[core], problem.y[core])
     used = np.zeros(n, dtype=bool)
-    used[list(core)] = True
+    used[[*core, *np.argsort(_squares(problem, m), kind="stable")[:half]]] = True
     return _grow(problem, used, alpha)
 
 
@@ -200,19 +198,19 @@ def _half(n: int, problem: Problem) -> int:
     return min(n, max((n + problem.model.minimal + 1) // 2, least))
 
 
-def _best_subsets(problem: Problem, half: int) -> list[tuple[float, tuple[int, ...]]]:
+def _best_subset(problem: Problem, half: int) -> tuple[int, ...]:
+    """The minimal subset whose map leaves the least trimmed sum of squares."""
     every = combinations(range(len(problem.s)), problem.model.minimal)
-    best: list[tuple[float, tuple[int, ...]]] = []
+    best: tuple[float, tuple[int, ...]] = np.inf, ()
     while chunk := list(islice(every, _CHUNK)):
         index = np.array(chunk)
         index = index[spans(problem, index)]
-        if not len(index):
-            continue
-        m = problem.model.through(problem.s[index], problem.y[index])
-        score = np.partition(_squares(problem, m), half - 1, axis=1)[:, :half].sum(axis=1)
-        order = np.argsort(score, kind="stable")[:_BEST]
-        best += [(float(score[i]), tuple(index[i].tolist())) for i in order]
-    return best
+        if len(index):
+            m = problem.model.through(problem.s[index], problem.y[index])
+            score = np.partition(_squares(problem, m), half - 1, axis=1)[:, :half].sum(axis=1)
+            least = int(score.argmin())
+            best = min(best, (float(score[least]), tuple(index[least].tolist())))
+    return best[1]
 
 
 def spans(problem: Problem, index: np.ndarray) -> np.ndarray:
@@ -228,19 +226,6 @@ def _squares(problem: Problem, m: Array) -> Array:
     """(..., N) weighted squared residuals of every marker under M (..., 3, k+1)."""
     error = problem.y - problem.x @ np.swapaxes(m, -1, -2)
     return (problem.weights * error**2).sum(axis=-1)
-
-
-def _concentrate(problem: Problem, subset: np.ndarray, half: int) -> tuple[float, tuple[int, ...]]:
-    """Fit, keep the `half` nearest markers, fit again, until the set stays."""
-    m = problem.model.solve(problem.s[subset], problem.y[subset], problem.weights[subset])
-    for _ in range(50):
-        nearest = np.sort(np.argsort(_squares(problem, m), kind="stable")[:half])
-        if np.array_equal(nearest, subset) or not spans(problem, nearest[None])[0]:
-            break
-        subset = nearest
-        m = problem.model.solve(problem.s[subset], problem.y[subset], problem.weights[subset])
-    score = np.sort(_squares(problem, m))[:half].sum()
-    return float(score), tuple(nearest.tolist())
 
 
 def _grow(problem: Problem, used: np.ndarray, alpha: float) -> np.ndarray:

@@ -4,7 +4,7 @@ Labels exchanged, reversed, shifted by one, transposed on a grid or mixed up lea
 as the layout is irregular: millimetres on a grid that a hand has set, while the curve lands
 centimetres away. So the markers are matched as two *sets*: three markers far apart in the source
 are sent to every ordered three of the target, the others follow, each is given the target nearest
-to it (all at once, as an assignment), and what fits is fitted again. The labellings found, and the
+to it (all at once, as an assignment), and what fits is kept. The labellings found, and the
 usual mistakes, are held against the given one by their sums of squares; with one marker left out
 on both sides too, so that a single bad one does not hide the mistake. Few markers fit an affine map
 in almost any order: where the pixel spacing is known, the similarity must speak for a labelling
@@ -236,7 +236,7 @@ def _matched(problem: Problem, base: list[int], worth: float) -> set[Order]:
     apart = _apart(moved, problem.y)
     least = np.maximum(_all_but_one(apart.min(axis=2)), _all_but_one(apart.min(axis=1)))
     kept = np.argsort(least, kind="stable")[: min(MOST_KEPT, int((least <= worth).sum()))]
-    return {_refined(problem, _assigned(apart[k])) for k in kept}
+    return {_assigned(apart[k]) for k in kept}
 
 
 def _apart(moved: Array, y: Array) -> Array:
@@ -255,19 +255,6 @@ def _assigned(cost: Array) -> Order:
     from scipy.optimize import linear_sum_assignment
 
     return tuple(linear_sum_assignment(cost)[1].tolist())
-
-
-def _refined(problem: Problem, order: Order) -> Order:
-    """The labelling that the map through all markers gives, from the one through three."""
-    for _ in range(3):
-        index = list(order)
-        m = problem.model.solve(problem.s, problem.y[index], problem.weights[index])
-        moved = problem.x @ m.T
-        better = _assigned(_apart(moved[None], problem.y)[0])
-        if better == order:
-            break
-        order = better
-    return order
 
 
 def _squares(problem: Problem, orders: Sequence[Order], dropped: int) -> NDArray[np.float64]:
