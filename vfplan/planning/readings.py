@@ -21,6 +21,7 @@ from vfplan.planning.rivals import (
     misread,
     readings,
     rivals_of,
+    square_from,
 )
 
 if TYPE_CHECKING:
@@ -72,10 +73,13 @@ def hold_against_marks(rgb: NDArray, pairs: Correspondences) -> Held:
     given = pairs.source
     kinds = kinds_of_spots(rgb)
     enough = max(FEWEST, (len(given) + 1) // 2)
-    own = max((hits_of(given, kind) for kind in kinds), key=len, default={})
+    if not kinds:
+        return Held(0)
+    kind = min(kinds, key=lambda one: square_from(given, one))
+    own = hits_of(given, kind)
     if len(own) >= enough:
         rivals = rivals_of(pairs, rgb.shape, kinds, len(own))
-        return replace(_compared(rgb, pairs, kinds, own), rivals=rivals)
+        return replace(_compared(rgb, pairs, kinds, kind), rivals=rivals)
     how, sure = _met(given, rgb.shape, kinds, max(enough, 2 * len(own)))
     if sure:
         raise MarkerError(misread(pairs, len(own), how))
@@ -84,7 +88,7 @@ def hold_against_marks(rgb: NDArray, pairs: Correspondences) -> Held:
     elsewhere = _others(rgb, kinds, len(given), len(own))
     if not own or elsewhere:
         return Held(len(own), warnings=elsewhere)
-    return _compared(rgb, pairs, kinds, own)
+    return _compared(rgb, pairs, kinds, kind)
 
 
 def _met(given: Array, shape: tuple[int, ...], kinds: list[Kind], needed: int) -> tuple[str, bool]:
@@ -188,8 +192,8 @@ def _moved(scale: float, shift: Array) -> str:
     return f"are {times}moved by ({shift[0]:+.0f}, {shift[1]:+.0f}) px"
 
 
-def _compared(rgb: NDArray, pairs: Correspondences, kinds: list[Kind], own: dict[int, int]) -> Held:
-    kind = max(kinds, key=lambda one: len(hits_of(pairs.source, one)))
+def _compared(rgb: NDArray, pairs: Correspondences, kinds: list[Kind], kind: Kind) -> Held:
+    own = hits_of(pairs.source, kind)
     index = np.array(sorted(own))
     drawn = kind.places_px[[own[i] for i in index]]
     away = pairs.source[index] - drawn
@@ -227,11 +231,14 @@ def _measured(
     """The same distances from marks that were fitted, where a cross or a dot fits."""
     from vfplan.markers.finding import find_markers
 
-    kept, away = [], []
+    kept, away, missed = [], [], 0
     for i, place in zip(index, drawn, strict=True):
         try:
             (found,) = find_markers(rgb, [""], place[None], search_px=ON_MARK_PX)
         except MarkerError:
+            missed += 1
+            if missed > 1 + len(kept):  # nor will the others fit: it takes long to see that
+                break
             continue
         kept.append(i)
         away.append(pairs.source[i] - found.position_px)

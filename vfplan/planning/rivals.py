@@ -48,10 +48,10 @@ def rivals_of(
     pairs: Correspondences, shape: tuple[int, ...], kinds: list[Kind], near: int
 ) -> tuple[str, ...]:
     """A warning of the readings that meet the marks about as well, by the odds of normal errors."""
-    n, own_square = len(pairs.labels), min(_square(pairs.source, kind) for kind in kinds)
+    n, own_square = len(pairs.labels), min(square_from(pairs.source, kind) for kind in kinds)
     odds = {}
     for name, read in readings(pairs.source, shape).items():
-        squares = [_square(read, kind) for kind in kinds if len(hits_of(read, kind)) >= near]
+        squares = [square_from(read, kind) for kind in kinds if len(hits_of(read, kind)) >= near]
         odds[name] = n * np.log(own_square / min(squares, default=1e9))
     sure = [name for name, value in odds.items() if value > np.log(SURE)]
     if sure and own_square > ON_MARK_PX**2:
@@ -65,7 +65,7 @@ def rivals_of(
     return (said,) if names else ()
 
 
-def _square(places: Array, kind: Kind) -> float:
+def square_from(places: Array, kind: Kind) -> float:
     """Mean square distance from the marks, of a position without one `NEAR_PX` squared."""
     hits = hits_of(places, kind)
     away = places[list(hits)] - kind.places_px[list(hits.values())]

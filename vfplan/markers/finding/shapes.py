@@ -139,7 +139,7 @@ def _solve(mark: Mark, model: Callable[..., Array], start: list[float]) -> tuple
     low[2], low[-2:], high[-2:] = 0.3, (0.02, 0.3), (3.0, 1.5)  # size, blur, strength
     if model is _cross:
         low[3], low[5:7], high[5:7] = 0.2, -1.0, 1.0  # half-width, slides
-    solution = least_squares(residual, np.clip(start, low, high), bounds=(low, high), max_nfev=60)
+    solution = least_squares(residual, np.clip(start, low, high), bounds=(low, high), max_nfev=30)
     drawn = (mark.alpha * mark.weight)[mark.valid]
     # Relative to the ink, so that an empty margin cannot make a bad fit look good.
     ink = float((drawn**2).sum())
