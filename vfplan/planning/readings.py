@@ -210,8 +210,9 @@ def _compared(rgb: NDArray, pairs: Correspondences, kinds: list[Kind], kind: Kin
 
 def _bare(pairs: Correspondences, kinds: list[Kind], own: dict[int, int]) -> tuple[str, ...]:
     """A warning for markers without a mark near them, where the others have one."""
-    met = set().union(*(hits_of(pairs.source, kind) for kind in kinds))  # of two kinds, too
-    bare = [i for i in range(len(pairs.labels)) if i not in met]
+    bare = [i for i in range(len(pairs.labels)) if i not in own]
+    if len(bare) > len(own) // 3:  # marks of two kinds are markers too
+        bare = [i for i in bare if not any(i in hits_of(pairs.source, kind) for kind in kinds)]
     if not bare or len(own) < max(FEWEST, len(bare)):
         return ()
     names = ", ".join(pairs.labels[i] for i in bare)
