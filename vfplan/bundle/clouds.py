@@ -258,8 +258,8 @@ def refined(
     if not clean.GetOutput().GetNumberOfPolys():
         raise SceneError("no triangle has three corners apart")
     points, triangles = _from_vtk(finer.GetOutput())
-    ends = points[triangles], points[np.roll(triangles, 1, axis=1)]
-    longest = np.linalg.norm(ends[0] - ends[1], axis=2).max(initial=0.0)
+    edges = (points[triangles[:, k]] - points[triangles[:, k - 1]] for k in range(3))
+    longest = max(np.linalg.norm(edge, axis=1).max() for edge in edges)
     if longest > spacing * (1 + 1e-12) or len(points) > most("N") or len(triangles) > most("K"):
         raise too_many
     return points, triangles
