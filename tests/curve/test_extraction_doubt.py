@@ -202,6 +202,10 @@ def test_candidates_that_end_close_by_are_told_with_the_way_round():
     image = drawn(WAVE[:900], WAVE[1100:] + np.array([0, 14]))
     with pytest.raises(CurveError, match=r"1 and 2 end \d+ px apart at .*--stroke all takes both"):
         vfplan.extract_curve(image)
+    image = drawn(WAVE)
+    cv2.rectangle(image, (175, 60), (225, 240), (120, 120, 120), -1)
+    with pytest.raises(CurveError, match=r"1 and 2 end \d+ px apart at .*as a box is, may hide"):
+        vfplan.extract_curve(image)
 
 
 @pytest.mark.parametrize("missing", [24.0, 33.0, 47.0])

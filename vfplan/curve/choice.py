@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.candidates import Candidate, inked_ends
+from vfplan.curve.joining import angle_deg
 from vfplan.curve.kinds import MIN_LENGTH_PX
 from vfplan.curve.marks import Mark
 from vfplan.errors import CurveError
@@ -14,7 +15,8 @@ CROWD = 16  # specks of the longest line's size: more is noise
 CROWD_SHARE = 4.0  # a mark this many times shorter than a line is still of its size
 LEAST_DASHES, DASH_SHARE, ALIKE = 5, 0.8, 1.4  # of one size: this share, within this factor
 LONGER = 2.5  # times a dash: a mark this long is no other dash
-NEAR_PX = 40.0  # between two candidates' ends: parts of one line, it may be
+NEAR_PX = 40.0  # between two candidates' ends: parts of one line, it may be; and farther apart,
+FACING_DEG = 30.0  # from the way between them, where they run towards each other so
 FRAMES = 6.0  # times longer than the curve in it: the frame itself may be the planned curve
 WINDOW = 0.9  # of the picture's sides: the viewer's own frame
 DESCRIBED = 8  # candidates at most, in an error message
@@ -66,20 +68,24 @@ def _near_ends(
     candidates: list[Candidate], mask: NDArray[np.bool_], origin: tuple[int, int]
 ) -> str:
     """What two candidates' ends close by may mean, and the way round it."""
-    ends = [(i, at) for i, c in enumerate(candidates, 1) for at, _ in inked_ends(c, mask)]
+    ends = [(i, *end) for i, c in enumerate(candidates, 1) for end in inked_ends(c, mask)]
     gaps = [
-        (float(np.hypot(*(a - b))), i, j, (a + b) / 2 + origin)
-        for k, (i, a) in enumerate(ends)
-        for j, b in ends[k + 1 :]
+        (float(np.hypot(*(b - a))), i, j, (a + b) / 2 + origin)
+        for k, (i, a, from_a) in enumerate(ends)
+        for j, b, from_b in ends[k + 1 :]
         if i != j
+        and (
+            np.hypot(*(b - a)) <= NEAR_PX
+            or max(angle_deg(from_a, b - a), angle_deg(from_b, a - b)) <= FACING_DEG
+        )
     ]
-    gap, i, j, (u, v) = min(gaps, key=lambda g: g[:3], default=(np.inf, 0, 0, (0.0, 0.0)))
-    if gap > NEAR_PX:
+    if not gaps:
         return ""
+    gap, i, j, (u, v) = min(gaps, key=lambda g: g[:3])
     return (
-        f"; {i} and {j} end {gap:.0f} px apart at ({u:.0f}, {v:.0f}): a gap is bridged up to "
-        "--max-gap where both tangents agree, and what is drawn over the line may bend them; "
-        "--stroke all takes both with the gap open"
+        f"; {i} and {j} end {gap:.0f} px apart at ({u:.0f}, {v:.0f}): something drawn over one "
+        "line, as a box is, may hide or bend it there; a gap is bridged up to --max-gap where both "
+        "tangents agree; --stroke all takes both with the gap open"
     )
 
 

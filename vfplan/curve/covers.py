@@ -1,11 +1,13 @@
 """Whether something drawn later hides where a line goes on: a coloured patch, a box, a panel.
 
-Another colour is seen at once. What has none cuts the ink off along its own outline: an edge as
-sharp as the pen's that runs through the end and on to both sides. Where it ends in a corner there,
-a box, disc or panel in white, black or grey is told as a drawn thing: level, plain in shape, as its
-outline is nearly its own convex hull, and sharp nearly all round, without the ramp that air and
-bone end in. An end that is surely round, a dot or a point is the pen's own, whatever lies beyond.
-Under a half transparent cover ink goes on, fainter.
+Another colour is seen at once. What has none cuts the ink off along its own outline, which goes on
+into the ground to one side of the end at least: there it is parted in two, sharply, by level or by
+texture. How much it is parted is held against as many places along the same line, so that the
+picture itself says what its bones and its noise do. Where it ends in a thin frame, or the line runs
+along others, a box, disc or panel in white, black or grey is told as a drawn thing: level, plain in
+shape, as its outline is nearly its own convex hull, and sharp nearly all round. An end that is
+surely round, a dot or a point is the pen's own, whatever lies beyond. Under a half transparent
+cover ink goes on, fainter.
 """
 
 from __future__ import annotations
@@ -32,13 +34,15 @@ CONVEX, FILLED = 0.9, 0.5  # as boxes and discs are, words on them or none
 LEAST_AREA, LEAST_EDGE = 150, 25  # pixels
 STEP, SHARP, EDGED = (8.0, 15.0), (0.8, 0.75), 0.5  # levels; of the change 2 px on; of the edge
 OUTWARD_PX, BLUR_PX = np.arange(0.0, 6.1, 0.5), 1.5
-# An edge through an end: how it leans and bends [rad, 1/px], how far before or beyond the ink's own
-# [px]; as far along it to either side, from so far off the ink; what lies so far across it [px].
-LEAN, BEND = np.radians(np.arange(-60, 61, 7.5)), (-0.08, -0.03, 0.0, 0.03, 0.08)
-SHIFT_PX, ALONG_PX, OFF_INK_PX = np.arange(-1.0, 1.1, 0.5), np.arange(4.0), 1.5
-DEPTH_PX = np.array([-5, -4, -3, -2, -1, 1, 2, 3, 4, 5])
-EDGE_REACH_PX = 14
-CONTRAST, ROUGH = 6.0, 3.0  # times what changes over 2 px before it and behind; levels at least
+# Rays from an end that may part the ground: their lean [rad], how far before or beyond the ink's
+# own [px]; as far along it, from so far off the ink; what lies so far across it [px].
+LEAN, SHIFT_PX = np.radians(np.arange(-60, 61, 15)), np.array([-0.75, 0.0, 0.75])
+ALONG_PX, OFF_INK_PX = np.arange(0.0, 8.0, 1.4), 1.5
+DEPTH_PX = np.array([-2.5, -1.6, -0.75, 0.75, 1.6, 2.5])
+ENDS_PX, PLACES = 20, 24  # from the ends, where along the line the same is looked for
+BROKEN = 0.38  # more than anywhere there
+INKED = 0.3  # of the pen's strength: a ray on which other ink lies tells nothing
+LEVEL, ROUGH = 0.6, 3.0  # of grey: what rounding spreads, and what is no change
 
 
 def covered_ends(
@@ -47,13 +51,23 @@ def covered_ends(
     """A warning for each end of a measured open line that something may hide."""
     if line.closed or len(found.points) <= STRETCH:
         return []
-    warnings = []
-    for points, own in zip((found.points, found.points[::-1]), found.own_ends, strict=True):
-        at, inner = points[0], points[STRETCH]
-        onward = (at - inner) / np.hypot(*(at - inner))
-        what = _cover(rgb, line.mark.pen, line.width_px, at, onward, own)
+    pen, width, warnings = line.mark.pen, line.width_px, []
+    at, inner = found.points[[0, -1]], found.points[[STRETCH, -1 - STRETCH]]
+    onward = (at - inner) / np.hypot(*(at - inner).T)[:, None]
+    cut = at + [_ink_beyond(rgb, pen, width, *end) * end[1] for end in zip(at, onward, strict=True)]
+    broken = _breaks(rgb, pen, found.points, width, cut, onward)
+    for k, own in enumerate(found.own_ends):
+        what = _cover(rgb, pen, width, at[k], onward[k])
+        if not what and not own and broken[k] > BROKEN:
+            what = "ground parted off as nowhere along it"
+        if (
+            not what
+            and not own
+            and _meets_drawn(rgb, width, cut[k], onward[k], _noisy(rgb, pen, at[k]))
+        ):
+            what = "an evenly grey, white or black area with a sharp edge"
         if what:
-            u, v = at + origin
+            u, v = at[k] + origin
             warnings.append(
                 f"the curve ends at ({u:.0f}, {v:.0f}) where {what} begins: what that hides of it "
                 "is not followed"
@@ -61,25 +75,23 @@ def covered_ends(
     return warnings
 
 
-def _cover(rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray, own: bool) -> str:
-    """What begins at an end; empty where nothing does, or nothing without colour cuts it off."""
+def _cover(rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray) -> str:
+    """What of another colour, or faintly of its own, begins at an end; empty where nothing does."""
     ahead = at + np.arange(1.0, width + OVER_PX)[:, None] * onward
     pixels = sample_pixels(rgb, *ahead.T)
     foreign = np.maximum(np.abs(pixels @ pen.across), -pixels @ pen.along)
     if (foreign > FOREIGN * pen.strength).sum() >= 2:
         return "something of another colour"
+    if _shows_through(rgb, pen, width, at, onward, VEILED[_noisy(rgb, pen, at)]):
+        return "something that its ink shows through faintly"
+    return ""
+
+
+def _noisy(rgb: NDArray, pen: Pen, at: NDArray) -> bool:
+    """Whether there is colour around a place, as JPEG leaves it."""
     around = at + np.mgrid[-WIDE : WIDE + 1 : 3, -WIDE : WIDE + 1 : 3].reshape(2, -1).T
     tint = np.abs(sample_pixels(rgb, *around.T) @ pen.across)
-    noisy = bool(np.quantile(tint, 0.8) > NOISE)
-    if _shows_through(rgb, pen, width, at, onward, VEILED[noisy]):
-        return "something that its ink shows through faintly"
-    if own:
-        return ""
-    if _edge_through(rgb, pen, width, at, onward):
-        return "a sharp edge that runs on to both sides"
-    if _meets_drawn(rgb, pen, width, at, onward, noisy):
-        return "an evenly grey, white or black area with a sharp edge"
-    return ""
+    return bool(np.quantile(tint, 0.8) > NOISE)
 
 
 def _shows_through(
@@ -100,49 +112,59 @@ def _shows_through(
     return bool(veiled + max(lane[0] for lane in beside) < least and most < FULL)
 
 
-def _edge_through(rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray) -> bool:
-    """Whether an edge of brightness, sharp on both sides of the ink, runs through its end.
+def _breaks(
+    rgb: NDArray, pen: Pen, points: NDArray, width: float, cut: NDArray, onward: NDArray
+) -> NDArray[np.float64]:
+    """How much more abruptly the ground changes at both ends' cuts than anywhere along the line.
 
-    What lies over a line cuts it off along its own outline; the edges of bones seldom pass there.
+    From a place beside the line the ground is parted in two by rays at many angles. What parts it
+    is how much likelier two normal distributions make the grey levels on both sides of a ray than
+    one, and how much of that change falls to the ray itself; and so at places along the line.
     """
     import cv2
 
-    cut = at + _ink_beyond(rgb, pen, width, at, onward) * onward
-    reach = int(width / 2 + EDGE_REACH_PX)
-    low = np.maximum(np.rint(cut).astype(int) - reach, 0)
-    u, v = np.maximum(np.rint(cut).astype(int) + reach + 1, 1)
-    near = rgb[low[1] : v, low[0] : u].astype(np.float32) @ LUMINANCE.astype(np.float32)
-    aside = np.array([-onward[1], onward[0]])
-    steps = []
-    for side in (1, -1):
-        along, ahead = _across_edges(side * (width / 2 + OFF_INK_PX + ALONG_PX))
-        places = (cut - low + ahead[..., None] * onward + along[..., None] * aside).astype("f4")
-        flat = places.reshape(len(places), -1, 2)
-        grey = cv2.remap(
-            near, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE
-        )
-        level = grey.reshape(places.shape[:-1]).mean(1) * (255.0 / np.iinfo(rgb.dtype).max)
-        slow = np.abs(level[:, 2:] - level[:, :-2])[:, [0, 1, 2, 5, 6, 7]].max(1)
-        steps.append(np.abs(level[:, 5] - level[:, 4]) / np.maximum(slow, ROUGH))
-    return bool(np.minimum(*steps).max() >= CONTRAST)
+    spare = min(ENDS_PX, len(points) // 4)
+    along = np.linspace(spare, len(points) - spare - 1, PLACES).astype(int)
+    way = points[along] - points[along - 1]
+    at = np.vstack([cut, points[along]])
+    ahead = np.vstack([onward, way / np.hypot(*way.T)[:, None]])
+    out, on = _across_rays(width)
+    aside = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+    places = at[:, None, None] + on[..., None] * ahead[:, None, None]
+    places = np.stack([places + side * out[..., None] * aside[:, None, None] for side in (1, -1)])
+    flat = places.reshape(-1, places.shape[-2], 2).astype(np.float32)
+    read = cv2.remap(rgb, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
+    read = read.reshape(2, len(at), len(out), -1, len(DEPTH_PX), 3)
+    read = read * (255 / np.iinfo(rgb.dtype).max)
+    inked = (read @ pen.along > INKED * pen.strength).any((-1, -2))
+    parted = np.where(inked, 0.0, _parted(read @ LUMINANCE)).max((0, 2))
+    return parted[: len(cut)] - parted[len(cut) :].max()
 
 
-def _across_edges(q: NDArray) -> tuple[NDArray, NDArray]:
-    """Where (E, Q, D) places lie across edges through an end, at (Q,) along them: aside, ahead."""
-    lean, bend, shift = (g.reshape(-1, 1, 1) for g in np.meshgrid(LEAN, BEND, SHIFT_PX))
-    q = q[:, None]
-    turned = lean + np.arctan(bend * q)
-    off = shift + bend * q**2 / 2
-    aside = q * np.cos(lean) - off * np.sin(lean) - DEPTH_PX * np.sin(turned)
-    ahead = q * np.sin(lean) + off * np.cos(lean) + DEPTH_PX * np.cos(turned)
-    return aside, ahead
+def _across_rays(width: float) -> tuple[NDArray, NDArray]:
+    """(E, Q * D) places across rays from a line of this width: so far aside, so far ahead [px]."""
+    lean, shift = (g.reshape(-1, 1, 1) for g in np.meshgrid(LEAN, SHIFT_PX))
+    off = (width / 2 + OFF_INK_PX) / np.cos(lean) + ALONG_PX[:, None]
+    aside = off * np.cos(lean) - DEPTH_PX * np.sin(lean)
+    ahead = off * np.sin(lean) + DEPTH_PX * np.cos(lean) + shift
+    return aside.reshape(len(lean), -1), ahead.reshape(len(lean), -1)
 
 
-def _meets_drawn(
-    rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray, noisy: bool
-) -> bool:
-    """Whether an end's ink stops at something level, plain in shape and sharp all round."""
-    cut = at + _ink_beyond(rgb, pen, width, at, onward) * onward
+def _parted(grey: NDArray) -> NDArray[np.float64]:
+    """How surely (..., Q, D) levels part in the middle of D: by their spread, and sharply there."""
+    half = grey.shape[-1] // 2
+    spread = (
+        np.log(g.var((-1, -2)) + LEVEL**2) for g in (grey, grey[..., :half], grey[..., half:])
+    )
+    both, *parts = spread
+    step = np.abs(np.diff(grey.mean(-2), axis=-1))
+    slow = np.maximum(step[..., : half - 1].max(-1), step[..., half:].max(-1))
+    sharp = np.log((step[..., half - 1] + ROUGH) / (slow + ROUGH))
+    return np.minimum(both - sum(parts) / 2, sharp)
+
+
+def _meets_drawn(rgb: NDArray, width: float, cut: NDArray, onward: NDArray, noisy: bool) -> bool:
+    """Whether ink stops at something level, plain in shape and sharp all round."""
     low = np.maximum(np.rint(cut).astype(int) - AROUND, 0)
     u, v = np.maximum(np.rint(cut).astype(int) + AROUND + 1, 0)
     near = np.ascontiguousarray(rgb[low[1] : v, low[0] : u])
