@@ -34,20 +34,10 @@ std::size_t gather(const Span<D>& in, const Vec<D>& x, double reach2, double* co
     for (std::size_t i = 0; i < in.n; i += 8) {
         Block<D> b;
         b.read(in, i, x);
-        unsigned m = bits(b.d2 <= reach2);
-#if VFPLAN_LANES == 8
-        if (m == 0) continue;
-        for (int k = 0; k < D; ++k) {
-            const __m512d v = _mm512_loadu_pd(in.c[k] + i);
-            _mm512_storeu_pd(out[k] + n, _mm512_maskz_compress_pd(static_cast<__mmask8>(m), v));
-        }
-        n += static_cast<std::size_t>(__builtin_popcount(m));
-#else
-        for (; m != 0; m &= m - 1, ++n) {
+        for (unsigned m = bits(b.d2 <= reach2); m != 0; m &= m - 1, ++n) {
             const auto j = i + static_cast<std::size_t>(__builtin_ctz(m));
             for (int k = 0; k < D; ++k) out[k][n] = in.c[k][j];
         }
-#endif
     }
     return n;
 }

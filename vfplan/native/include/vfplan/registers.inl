@@ -32,32 +32,6 @@ VFPLAN_ARITHMETIC(-)
 VFPLAN_ARITHMETIC(*)
 #undef VFPLAN_ARITHMETIC
 
-// Which of the eight: a bit each where the processor has registers for that, else a lane each.
-#if VFPLAN_LANES == 8
-struct Mask {
-    __mmask8 v;
-};
-#define VFPLAN_COMPARISON(op, code)                                                          \
-    VFPLAN_INLINE Mask operator op(Lanes a, Lanes b) {                                       \
-        return {_mm512_cmp_pd_mask((__m512d)a.v[0], (__m512d)b.v[0], code)};                 \
-    }
-#else
-struct Mask {
-    NativeMask v[parts];
-};
-#define VFPLAN_COMPARISON(op, code)                      \
-    VFPLAN_INLINE Mask operator op(Lanes a, Lanes b) {   \
-        Mask m;                                          \
-        VFPLAN_EACH m.v[i] = a.v[i] op b.v[i];           \
-        return m;                                        \
-    }
-#endif
-VFPLAN_COMPARISON(<, _CMP_LT_OQ)
-VFPLAN_COMPARISON(<=, _CMP_LE_OQ)
-VFPLAN_COMPARISON(>, _CMP_GT_OQ)
-VFPLAN_COMPARISON(>=, _CMP_GE_OQ)
-#undef VFPLAN_COMPARISON
-
 VFPLAN_INLINE Lanes operator-(Lanes a) {
     VFPLAN_EACH a.v[i] = -a.v[i];
     return a;
@@ -75,24 +49,24 @@ VFPLAN_INLINE Lanes load(const double* p) {
     VFPLAN_EACH std::memcpy(&a.v[i], p + VFPLAN_LANES * i, sizeof(Native));
     return a;
 }
-VFPLAN_INLINE Mask operator<(Lanes a, double b) { return a < all(b); }
-VFPLAN_INLINE Mask operator<=(Lanes a, double b) { return a <= all(b); }
-VFPLAN_INLINE Mask operator>(Lanes a, double b) { return a > all(b); }
-VFPLAN_INLINE Mask operator>=(Lanes a, double b) { return a >= all(b); }
 
-#if VFPLAN_LANES == 8
-VFPLAN_INLINE Mask operator&(Mask a, Mask b) { return {static_cast<__mmask8>(a.v & b.v)}; }
-VFPLAN_INLINE Mask operator|(Mask a, Mask b) { return {static_cast<__mmask8>(a.v | b.v)}; }
-VFPLAN_INLINE Lanes choose(Mask m, Lanes a, Lanes b) {
-    return {{(Native)_mm512_mask_blend_pd(m.v, (__m512d)b.v[0], (__m512d)a.v[0])}};
-}
-VFPLAN_INLINE Lanes smaller(Lanes a, Lanes b) {
-    return {{(Native)_mm512_maskz_min_pd(0xff, (__m512d)a.v[0], (__m512d)b.v[0])}};
-}
-VFPLAN_INLINE Lanes larger(Lanes a, Lanes b) {
-    return {{(Native)_mm512_maskz_max_pd(0xff, (__m512d)a.v[0], (__m512d)b.v[0])}};
-}
-#else
+// Which of the eight: all bits of a lane, or none.
+struct Mask {
+    NativeMask v[parts];
+};
+#define VFPLAN_COMPARISON(op)                            \
+    VFPLAN_INLINE Mask operator op(Lanes a, Lanes b) {   \
+        Mask m;                                          \
+        VFPLAN_EACH m.v[i] = a.v[i] op b.v[i];           \
+        return m;                                        \
+    }                                                    \
+    VFPLAN_INLINE Mask operator op(Lanes a, double b) { return a op all(b); }
+VFPLAN_COMPARISON(<)
+VFPLAN_COMPARISON(<=)
+VFPLAN_COMPARISON(>)
+VFPLAN_COMPARISON(>=)
+#undef VFPLAN_COMPARISON
+
 VFPLAN_INLINE Mask operator&(Mask a, Mask b) {
     VFPLAN_EACH a.v[i] &= b.v[i];
     return a;
@@ -107,7 +81,6 @@ VFPLAN_INLINE Lanes choose(Mask m, Lanes a, Lanes b) {
 }
 VFPLAN_INLINE Lanes smaller(Lanes a, Lanes b) { return choose(a < b, a, b); }
 VFPLAN_INLINE Lanes larger(Lanes a, Lanes b) { return choose(a > b, a, b); }
-#endif
 
 VFPLAN_INLINE Lanes root(Lanes a) {
 #if VFPLAN_LANES == 8
@@ -166,11 +139,10 @@ VFPLAN_INLINE Lanes load_seeds(const float* p) {
 }
 
 VFPLAN_INLINE unsigned bits(Mask m) {
-#if VFPLAN_LANES == 8
-    return m.v;
-#else
     unsigned b = 0;
-#if VFPLAN_LANES == 4
+#if VFPLAN_LANES == 8
+    b = _mm512_movepi64_mask((__m512i)m.v[0]);
+#elif VFPLAN_LANES == 4
     VFPLAN_EACH b |= static_cast<unsigned>(_mm256_movemask_pd((__m256d)m.v[i])) << (4 * i);
 #elif VFPLAN_X86
     VFPLAN_EACH b |= static_cast<unsigned>(_mm_movemask_pd((__m128d)m.v[i])) << (2 * i);
@@ -179,7 +151,6 @@ VFPLAN_INLINE unsigned bits(Mask m) {
         static_cast<unsigned>(m.v[i][j] & 1) << (VFPLAN_LANES * i + j);
 #endif
     return b;
-#endif
 }
 
 VFPLAN_INLINE double sum(Lanes a) {
