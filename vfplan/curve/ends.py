@@ -35,6 +35,7 @@ ENDED = 0.12  # of the usual ink: less is no line
 # Log odds: of a form that is surely the pen's own, of a cut beside such an end, and of a slanting
 # cut by itself, which the end of a jagged line may seem.
 SURE, CUT, SLANTED = 8.0, 12.0, 20.0
+THINNEST_PX = 1.5  # of a thinner pen no pixel shows how it is cut
 ODD = (
     "is cut off flat or on a slant, as this pen's own ends are not: something may hide the rest",
     "is drawn thinner, evenly so, as by another pen: what lies there may be no part of it",
@@ -183,7 +184,8 @@ def line_ends(rgb: NDArray, path: NDArray, used: NDArray, profiles: Profiles, pe
         end = min(flat * (tip.flat_at - FLAT_PX) + (1 - flat) * round_at, ink)  # within the ink
         found.append(ink + point if point else end if dot is None else dot)
     own = [dot is not None or bool(point) for dot, point in zip(dots, points, strict=True)]
-    cut = _cut(tips) if not any(own) and not profiles.clipped.any() else (False, False)
+    whole = profiles.width >= THINNEST_PX and not any(own) and not profiles.clipped.any()
+    cut = _cut(tips) if whole else (False, False)
     own = (sure or bool(tip.cut_odds <= -SURE) for sure, tip in zip(own, tips, strict=True))
     return LineEnds((last - found[0], found[1]), cut, tuple(own))
 
