@@ -75,6 +75,32 @@ def turned_box_over_the_end(canvas, rng):
     return curve, False
 
 
+def _patch_over_the_end(canvas, rng, look):
+    """A box with the grey levels that `look` gives for (rows, columns)."""
+    curve, (at, width, height) = _over_the_end(canvas, rng)
+    before = canvas.picture
+    canvas.box(at, width, height, (255.0,) * 3)
+    white = canvas.picture
+    canvas.picture = before
+    canvas.box(at, width, height, (0.0,) * 3)
+    share = (white - canvas.picture) / 255
+    grey = look(*np.mgrid[: before.shape[0], : before.shape[1]])
+    canvas.picture = before * (1 - share) + share * grey[..., None]
+    return curve, False
+
+
+def hatched_box_over_the_end(canvas, rng):
+    """In stripes of two greys."""
+    pitch, tones = int(rng.integers(3, 7)), (_tone(rng), _tone(rng))
+    return _patch_over_the_end(canvas, rng, lambda v, u: np.where((u + v) // pitch % 2, *tones))
+
+
+def shaded_box_over_the_end(canvas, rng):
+    """From dark to bright, as a grey scale."""
+    low, high = rng.uniform(0, 100), rng.uniform(150, 255)
+    return _patch_over_the_end(canvas, rng, lambda v, u: low + (high - low) * v / v.max())
+
+
 def letter_at_the_end(canvas, rng):
     """A letter in the pen's colour that the curve runs into."""
     curve, width = hand(rng), pen(rng)
@@ -99,7 +125,7 @@ HIDDEN = {
     f.__name__.replace("_", " "): f
     for f in (
         box_over_the_end, framed_box_over_the_end, panel_over_the_end, disc_over_the_end,
-        turned_box_over_the_end, veil_over_the_end, letter_at_the_end,
-        dot_beside,
+        turned_box_over_the_end, veil_over_the_end, hatched_box_over_the_end,
+        shaded_box_over_the_end, letter_at_the_end, dot_beside,
     )
 }  # fmt: skip
