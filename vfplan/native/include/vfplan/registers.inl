@@ -79,8 +79,17 @@ VFPLAN_INLINE Lanes choose(Mask m, Lanes a, Lanes b) {
     VFPLAN_EACH a.v[i] = m.v[i] ? a.v[i] : b.v[i];
     return a;
 }
+#if VFPLAN_LANES == 8  // where a mask would cost a tenth of a tick
+VFPLAN_INLINE Lanes smaller(Lanes a, Lanes b) {
+    return {{(Native)_mm512_maskz_min_pd(0xff, (__m512d)a.v[0], (__m512d)b.v[0])}};
+}
+VFPLAN_INLINE Lanes larger(Lanes a, Lanes b) {
+    return {{(Native)_mm512_maskz_max_pd(0xff, (__m512d)a.v[0], (__m512d)b.v[0])}};
+}
+#else
 VFPLAN_INLINE Lanes smaller(Lanes a, Lanes b) { return choose(a < b, a, b); }
 VFPLAN_INLINE Lanes larger(Lanes a, Lanes b) { return choose(a > b, a, b); }
+#endif
 
 VFPLAN_INLINE Lanes root(Lanes a) {
 #if VFPLAN_LANES == 8
