@@ -36,6 +36,7 @@ ENDED = 0.12  # of the usual ink: less is no line
 # cut by itself, which the end of a jagged line may seem.
 SURE, CUT, SLANTED = 8.0, 12.0, 20.0
 THINNEST_PX = 1.5  # of a thinner pen no pixel shows how it is cut
+UNTAPERED = 0.9  # of the usual ink
 ODD = (
     "is cut off flat or on a slant, as this pen's own ends are not: something may hide the rest",
     "is drawn thinner, evenly so, as by another pen: what lies there may be no part of it",
@@ -174,7 +175,7 @@ def line_ends(rgb: NDArray, path: NDArray, used: NDArray, profiles: Profiles, pe
     """
     last, inks, points = len(path) - 1, ink_ends(profiles, used), points_of(profiles, used)
     tips, outward = fitted_tips(rgb, path, used, profiles, pen, inks), (last - inks[0], inks[1])
-    both = zip((profiles.mass[::-1], profiles.mass), outward, strict=True)
+    both = list(zip((profiles.mass[::-1], profiles.mass), outward, strict=True))
     dots = [blot_middle(mass, ink, profiles.width) for mass, ink in both]
     odds = np.clip(sum(tip.flat_odds for tip in tips) - ROUND, -50, 50)
     flat = 1 / (1 + np.exp(-odds))  # how likely; one pen drew both ends
@@ -185,9 +186,16 @@ def line_ends(rgb: NDArray, path: NDArray, used: NDArray, profiles: Profiles, pe
         found.append(ink + point if point else end if dot is None else dot)
     own = [dot is not None or bool(point) for dot, point in zip(dots, points, strict=True)]
     whole = profiles.width >= THINNEST_PX and not any(own) and not profiles.clipped.any()
-    cut = _cut(tips) if whole else (False, False)
+    abrupt = not any(_tapers(mass, ink, profiles.width) for mass, ink in both)
+    cut = _cut(tips) if whole and abrupt else (False, False)
     own = (sure or bool(tip.cut_odds <= -SURE) for sure, tip in zip(own, tips, strict=True))
     return LineEnds((last - found[0], found[1]), cut, tuple(own))
+
+
+def _tapers(mass: NDArray, ink: float, width: float) -> bool:
+    """Whether the ink falls to its half more slowly than by a cut on a slant of 60°."""
+    begins = np.flatnonzero(mass[: int(ink) + 1] >= UNTAPERED).max(initial=0)
+    return bool(ink - begins > (UNTAPERED - 0.5) * np.tan(np.pi / 3) * width + 1.0)
 
 
 def _cut(tips: tuple[Tip, Tip]) -> tuple[bool, bool]:
