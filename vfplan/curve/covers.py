@@ -121,8 +121,6 @@ def _breaks(
     is how much likelier two normal distributions make the grey levels on both sides of a ray than
     one, and how much of that change falls to the ray itself; and so at places along the line.
     """
-    import cv2
-
     spare = min(ENDS_PX, len(points) // 4)
     along = np.linspace(spare, len(points) - spare - 1, PLACES).astype(int)
     way = points[along] - points[along - 1]
@@ -132,10 +130,8 @@ def _breaks(
     aside = np.column_stack([-ahead[:, 1], ahead[:, 0]])
     places = at[:, None, None] + on[..., None] * ahead[:, None, None]
     places = np.stack([places + side * out[..., None] * aside[:, None, None] for side in (1, -1)])
-    flat = places.reshape(-1, places.shape[-2], 2).astype(np.float32)
-    read = cv2.remap(rgb, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
+    read = sample_pixels(rgb, *np.moveaxis(places, -1, 0))
     read = read.reshape(2, len(at), len(out), -1, len(DEPTH_PX), 3)
-    read = read * (255 / np.iinfo(rgb.dtype).max)
     inked = (read @ pen.along > INKED * pen.strength).any((-1, -2))
     parted = np.where(inked, 0.0, _parted(read @ LUMINANCE)).max((0, 2))
     return parted[: len(cut)] - parted[len(cut) :].max()
