@@ -30,8 +30,9 @@ class _Filling(Formatter):
 def told(found: dict[str, Any], *parts: str) -> str:
     """The parts, one after the other, each filled from a report as `str.format` does.
 
-    A part is left out of which the report does not hold every number. Lengths and energies take a
-    unit for their format, with its usual decimals or others: `{force_step_max_n:.3f}`,
+    A part is left out of which the report does not hold every name (a misspelt one too: what a
+    part prints needs a test); a number that is None is "unknown". Lengths, energies and times take
+    a unit for their format, with its usual decimals or others: `{force_step_max_n:.3f}`,
     `{fre_rms_m:mm}`, `{scene[band_m]:um.1}`, `{radius_m:mm.6g}`.
     """
     text = ""

@@ -79,7 +79,8 @@ class Extraction:
     Parameters
     ----------
     mask
-        (H, W) bool, every pixel in the pen's colour.
+        (H, W) bool, the pixels in the pen's colour within `roi` and beside `exclude`; none of a
+        vector curve.
     strokes
         The chosen lines, the longest first.
     method
@@ -126,7 +127,7 @@ def extract_curve(
         The pen: a CSS colour name or `#rrggbb`.
     method
         "ridge" measures the line's centre in coverage, "skeleton" thins the mask to pixels,
-        "mask" takes every pixel of the mask as the paper does.
+        "mask" takes every pixel of the chosen mark as the paper does.
     roi
         (u, v, width, height) px: look only there.
     stroke
@@ -148,7 +149,9 @@ def extract_curve(
     Raises
     ------
     CurveError
-        No candidate; several and none chosen; or the chosen one forks, crosses or touches itself.
+        No candidate, or too many marks to tell one; several and none chosen; the chosen one forks,
+        crosses or touches itself, is two lines side by side, or is bridged or measured away from
+        the ink that is seen.
     SettingError
         A parameter outside its range.
     """

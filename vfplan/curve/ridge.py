@@ -93,9 +93,11 @@ def trace(
 
     smooth = gaussian_filter1d(path, 2.0, axis=0, mode="wrap" if closed else "nearest")
     gap = _gap_finder(smooth, bridged)
+    # lost: arc at an end that the path lacks [px]
     base, lost = (smooth, 0.0) if closed else without_tips(smooth, width)
     passes = [FIRST_KNOTS_PX] * (1 + (width > BROAD_PX and not closed)) + [None]
-    taken, point = 0, 0.0  # of extensions; how much further ink thinner than half the line goes
+    taken = 0  # extensions of the path
+    point = 0.0  # how far ink thinner than half the line goes beyond an end [px]
     odd: tuple[str, ...] = ()
     own = (False, False)
     while passes:
@@ -108,7 +110,7 @@ def trace(
         least = FAINTEST if fades else SEEN
         profiles = read_profiles(rgb, *seen_along, pen, width, least, bend)
         valid = profiles.valid & ~gap(base)
-        if valid.sum() < LEAST:  # nothing to measure: leave the line where thinning put it
+        if valid.sum() < LEAST:  # nothing to measure: the smoothed path, with a wide sigma
             return _unmeasured(smooth, bridged, closed, width)
         s = np.arange(len(base)) * pitch
         start, stop, used = 0.0, s[-1] + pitch, valid & ~_beside_gaps(profiles.mass, valid, width)
@@ -120,6 +122,7 @@ def trace(
             faint = even is not profiles  # a faint tip thins to less
             drawn_out = max(points_of(even, used))
             if taken < LONGER and (_goes_on(ink, valid | faint) or drawn_out > point):
+                # The path is read once more, longer: wide knots first, then at least one fine pass.
                 passes = [FIRST_KNOTS_PX, *(passes or [None])]
                 taken += 1
                 point = min(2 * drawn_out, point + FARTHER_PX) if drawn_out > point else point

@@ -1,8 +1,9 @@
-"""plan(image, markers) -> fixture: the whole pipeline, one step a line.
+"""`plan` is `extract`, then `register`: from a planned slice and its markers to a fixture.
 
-    image   -> pen coverage -> centre line         extract()
-    markers -> transform with its error            register()
-    centre line -> points -> rendering             register()
+    slice   -> the drawn curve                             extract()
+    markers -> transform with its error; the gate on it    register(): match, touch, target_error
+    curve   -> what keeps its margin -> points, settings   register(): add_margin, render
+    all     -> fixture, with a guide where one is asked    register(): _fixture, add_guidance
 
 `extract` ends in a curve (a `Fixture` in the image's pixels); `register` begins with one.
 """
@@ -89,9 +90,13 @@ def plan(
 
     Raises
     ------
-    ImageError, CurveError, MarkerError, SettingError
+    ImageError, CurveError, MarkerError, SettingError, MissingExtra
+        As `extract` and `register` do.
+    InputError
+        SOURCE_DATE_EPOCH is no time.
     CheckFailed
-        The registration's error may be larger than `settings.max_tre_m`.
+        The registration's error may be larger than `settings.max_tre_m`, or the guide leads into
+        what is forbidden.
     """
     extracted = extract(image, extraction, curve=curve)
     registered = register(extracted.fixture, markers, markers2, settings, image=extracted.image)
@@ -138,7 +143,7 @@ def register(
         The registration's error may be larger than `settings.max_tre_m`, or the guide leads into
         what is forbidden.
     """
-    now_utc()  # what is no time is refused before NumPy stumbles on it
+    now_utc()  # refuses a SOURCE_DATE_EPOCH that is no time before any work is done
     from vfplan.registration.report import check_max_tre, describe, target_error
 
     settings = settings or FixtureSettings()
@@ -167,6 +172,7 @@ def register(
     if settings.guide_m is not None:
         fixture, guide, guide_warnings = add_guidance(fixture, settings)
     # What was found on the way.
+    # What the touched points changed is told beside it, so the markers' own fit is described.
     report = describe(matched.registration, drawn.points, diagnosis=matched.diagnosis, error=error)
     report |= {"target_frame": fixture.frame} | rendered.report | matched.report | guide
     if margin is not None:

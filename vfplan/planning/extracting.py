@@ -65,7 +65,7 @@ def extract(
 
     Raises `ImageError`, `CurveError`, `SettingError` or `MissingExtra`.
     """
-    now_utc()  # what is no time is refused before NumPy stumbles on it
+    now_utc()  # refuses a SOURCE_DATE_EPOCH that is no time before any work is done
     settings = settings or ExtractSettings()
     from vfplan.curve import load_libraries
     from vfplan.curve.vector import SUFFIXES

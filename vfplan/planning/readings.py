@@ -19,7 +19,7 @@ from vfplan.planning.rivals import (
     ROUNDED_PX,
     hits_of,
     misread,
-    readings,
+    other_readings,
     rivals_of,
     square_from,
 )
@@ -98,7 +98,7 @@ def _met(given: Array, shape: tuple[int, ...], kinds: list[Kind], needed: int) -
     """
     names = [  # of a symmetric layout several, and the marks cannot tell which
         name
-        for name, read in readings(given, shape).items()
+        for name, read in other_readings(given, shape).items()
         if any(_chance(read, kind, shape, needed) < BY_CHANCE for kind in kinds)
     ]
     if names:

@@ -21,7 +21,7 @@ ROUNDED_PX = 0.25  # a mark's centre, as programs round it
 SURE, POSSIBLE = 1e6, 0.05  # odds of another reading
 
 
-def readings(given: Array, shape: tuple[int, ...]) -> dict[str, Array]:
+def other_readings(given: Array, shape: tuple[int, ...]) -> dict[str, Array]:
     """The positions as each mistake has them, by its name."""
     below = np.array([0.0, shape[0] - 1.0])
     right = np.array([shape[1] - 1.0, 0.0])
@@ -50,7 +50,7 @@ def rivals_of(
     """A warning of the readings that meet the marks about as well, by the odds of normal errors."""
     n, own_square = len(pairs.labels), min(square_from(pairs.source, kind) for kind in kinds)
     odds = {}
-    for name, read in readings(pairs.source, shape).items():
+    for name, read in other_readings(pairs.source, shape).items():
         squares = [square_from(read, kind) for kind in kinds if len(hits_of(read, kind)) >= near]
         odds[name] = n * np.log(own_square / min(squares, default=1e9))
     sure = [name for name, value in odds.items() if value > np.log(SURE)]

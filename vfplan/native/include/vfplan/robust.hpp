@@ -10,8 +10,9 @@
 #include <utility>
 
 #include "vfplan/entrance.hpp"
-#include "vfplan/paper.hpp"
+#include "vfplan/parameters.hpp"
 #include "vfplan/rest.hpp"
+#include "vfplan/status.hpp"
 #include "vfplan/surfaces.hpp"
 #include "vfplan/thinning.hpp"
 #include "vfplan/touched.hpp"
@@ -50,7 +51,6 @@ class RobustRule {
         entrance_.reset();
         handover_.stop();
         rest_.wake();
-        now_ = {};
     }
     /// As a reset, but a proxy that is inside is led out from where it is.
     void go_on(const Passage<D>* before) noexcept {
@@ -90,7 +90,8 @@ class RobustRule {
         if (try_straight_path(proxy, hip, distance)) {
             rest_.wake();
         } else {
-            const int ticks = handover_.planning() ? tuned::patience : 1;  // a way takes as many
+            const int ticks =
+                handover_.planning() ? tuned::patience : 1;  // a planned way counts as a rest
             const Vec<D>& goal = rest_.goal(hip, distance, ticks);
             now_.blocked = false;
             tick.status = limit;
@@ -139,8 +140,8 @@ class RobustRule {
         return tick;
     }
 
-    /// All that one tick leaves to the next; a reset begins a new one.
-    struct Session {
+    /// What the iterations of one tick share.
+    struct Iterations {
         double most = 0;       // |proxy - HIP| that this tick may end with
         bool blocked = false;  // the last iteration was stopped below R
         bool far = false;      // the way of this tick is longer than a tick may look at
@@ -273,7 +274,7 @@ class RobustRule {
     Handover<D> handover_;
     Touched<D, Search> touched_;
     Rest<D> rest_;
-    Session now_;
+    Iterations now_;
 };
 
 }  // namespace vfplan

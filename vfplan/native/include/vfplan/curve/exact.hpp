@@ -8,7 +8,7 @@
 
 #include "vfplan/curve/slide.hpp"
 #include "vfplan/entrance.hpp"
-#include "vfplan/paper.hpp"
+#include "vfplan/parameters.hpp"
 
 namespace vfplan::curve {
 

@@ -11,7 +11,7 @@
 
 #include "vfplan/entrance.hpp"
 #include "vfplan/mesh/settle.hpp"
-#include "vfplan/paper.hpp"
+#include "vfplan/parameters.hpp"
 
 namespace vfplan::mesh {
 
