@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -43,8 +45,10 @@ def drawn(seed, colour, shape, contrast=18):
         if shape == "cross":
             cv2.line(image, (u - 6, v), (u + 6, v), COLOURS[colour], 2)
             cv2.line(image, (u, v - 6), (u, v + 6), COLOURS[colour], 2)
-        else:
+        elif shape == "dot":
             cv2.circle(image, (u, v), 4, COLOURS[colour], -1, cv2.LINE_AA)
+        else:
+            cv2.circle(image, (u, v), 7, COLOURS[colour], 2, cv2.LINE_AA)
     cv2.putText(image, "x1 cm", (20, 590), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 0), 1)
     return image
 
@@ -78,6 +82,34 @@ def test_from_one_is_warned_of_and_a_shift_refused():
     assert "counted from 1" in said
     with pytest.raises(MarkerError, match=r"are moved by \(-60, \+40\) px they meet"):
         hold_against_marks(image, pairs(PLACES + np.array([60, -40])))
+
+
+@pytest.mark.parametrize("scale", [1.02, 0.98, 1.01, 1.005])
+def test_a_scale_of_a_hundredth_is_refused_as_one(scale):
+    with pytest.raises(MarkerError, match=f"are multiplied by {1 / scale:.3g} they"):
+        hold_against_marks(drawn(1, "cyan", "cross"), pairs(scale * PLACES))
+
+
+@pytest.mark.parametrize("shift", [(30, -15), (9, 9)])
+@pytest.mark.parametrize("shape", ["cross", "dot", "ring"])
+def test_a_shift_further_than_a_click_is_refused(shape, shift):
+    there = f"are moved by ({-shift[0]:+d}, {-shift[1]:+d}) px they"
+    with pytest.raises(MarkerError, match=re.escape(there)):
+        hold_against_marks(drawn(4, "cyan", shape), pairs(PLACES + np.array(shift)))
+
+
+@pytest.mark.parametrize("texts", ["123456789", "ABDEFGHKL", "x123456789"])
+def test_a_shift_to_labels_is_no_refusal(texts):
+    """Markers that no ink shows, as balls in the CT, each with its label beside it."""
+    image = texture(10, contrast=5)
+    for k, (u, v) in enumerate(PLACES.astype(int).tolist()):
+        if texts[0] == "x":
+            cv2.putText(image, "x", (u + 10, v), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 0, 255), 1)
+        text = texts[-9:][k]
+        at = (u + 20, v)
+        cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 0, 255), 1, 16)
+    held = hold_against_marks(image, pairs(PLACES))
+    assert all("they meet marks of one kind" in said for said in held.warnings)
 
 
 @pytest.mark.parametrize("count", [4, 6])

@@ -21,6 +21,7 @@ from vfplan.planning.rivals import (
     misread,
     other_readings,
     rivals_of,
+    scale_to,
     square_from,
 )
 
@@ -92,10 +93,7 @@ def hold_against_marks(rgb: NDArray, pairs: Correspondences) -> Held:
 
 
 def _met(given: Array, shape: tuple[int, ...], kinds: list[Kind], needed: int) -> tuple[str, bool]:
-    """What puts the positions onto marks of a kind by no chance, and whether that is sure.
-
-    A short shift may lead to the labels beside the marks, and one among many marks to others.
-    """
+    """What puts the positions onto marks of a kind by no chance, and whether that is sure."""
     names = [  # of a symmetric layout several, and the marks cannot tell which
         name
         for name, read in other_readings(given, shape).items()
@@ -103,16 +101,27 @@ def _met(given: Array, shape: tuple[int, ...], kinds: list[Kind], needed: int) -
     ]
     if names:
         return f"are read {', or '.join(names)}", True
-    for kind in kinds:
-        if (moved := _scaled(given, kind.places_px)) is None:
-            continue
-        scale, shift = moved
-        if _chance(shift + scale * given, kind, shape, needed, free=2) < BY_CHANCE:
-            far = np.abs(shift).max()
-            if far <= NEAR_PX and abs(scale - 1) > SAME_SCALE:
-                return f"are multiplied by {scale:.3g}", True
-            return _moved(scale, shift), far > LABEL_PX and _as_many(kind, len(given))
-    return "", False
+    laid = [_laid(given, shape, kind, needed) for kind in kinds]
+    return max(laid, key=lambda one: (one[1], bool(one[0])))
+
+
+def _laid(given: Array, shape: tuple[int, ...], kind: Kind, needed: int) -> tuple[str, bool]:
+    """The scale, the shift or both, whichever meets marks best; a shift may lead to labels."""
+    if (both := _scaled(given, kind.places_px)) is None:
+        return "", False
+    met = both[1] + both[0] * given
+    if _chance(met, kind, shape, needed, free=2) >= BY_CHANCE:
+        return "", False
+    hits = hits_of(met, kind)
+    own, drawn = given[list(hits)], kind.places_px[list(hits.values())]
+    alone, move = (scale_to(own, drawn), np.zeros(2), 1), (1.0, (drawn - own).mean(axis=0), 1)
+    fits = [alone, move, (*both, 2)]
+    chances = [_chance(t + s * given, kind, shape, needed, free=free) for s, t, free in fits]
+    scale, shift, _ = fits[int(np.argmin(chances))]
+    far = np.abs(shift).max()
+    if far < 0.5 or (far <= NEAR_PX and abs(scale - 1) > SAME_SCALE):
+        return f"are multiplied by {scale:.3g}", True
+    return _moved(scale, shift), _as_many(kind, len(given)) and (far > LABEL_PX or kind.stamped())
 
 
 def _chance(
@@ -132,7 +141,7 @@ def _chance(
 
 
 def _as_many(kind: Kind, n: int) -> bool:
-    """Whether about as many marks of a kind are drawn as there are markers."""
+    """Whether about as many marks are drawn as there are markers."""
     return abs(len(kind.places_px) - n) <= n // 3
 
 
@@ -189,7 +198,7 @@ def _scaled(given: Array, places: Array) -> tuple[float, Array] | None:
 
 def _moved(scale: float, shift: Array) -> str:
     times = "" if abs(scale - 1) <= SAME_SCALE else f"multiplied by {scale:.3g} and "
-    return f"are {times}moved by ({shift[0]:+.0f}, {shift[1]:+.0f}) px"
+    return f"are {times}moved by ({round(shift[0]):+d}, {round(shift[1]):+d}) px"
 
 
 def _compared(rgb: NDArray, pairs: Correspondences, kinds: list[Kind], kind: Kind) -> Held:

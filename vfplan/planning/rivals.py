@@ -56,6 +56,8 @@ def rivals_of(
     sure = [name for name, value in odds.items() if value > np.log(SURE)]
     if sure and own_square > ON_MARK_PX**2:
         raise MarkerError(misread(pairs, near, "are read " + ", or ".join(sure)))
+    if own_square > ON_MARK_PX**2 and (scale := _scaled(pairs.source, kinds)):
+        raise MarkerError(misread(pairs, near, f"are multiplied by {scale:.3g}"))
     names = ", or ".join(name for name, value in odds.items() if value > np.log(POSSIBLE))
     said = (
         f"the given positions meet the marks drawn as well if read {names}, so the slice cannot "
@@ -63,6 +65,22 @@ def rivals_of(
         "--seen-from tells a mirrored one"
     )
     return (said,) if names else ()
+
+
+def _scaled(given: Array, kinds: list[Kind]) -> float | None:
+    """The scale that meets the marks surely better than no change and any shift; `None`: none."""
+    kind = min(kinds, key=lambda one: square_from(given, one))
+    hits = hits_of(given, kind)
+    own, drawn = given[list(hits)], kind.places_px[list(hits.values())]
+    scale = scale_to(own, drawn)
+    others = (square_from(given + shift, kind) for shift in (0.0, (drawn - own).mean(axis=0)))
+    odds = len(given) * np.log(min(others) / square_from(scale * given, kind))
+    return scale if odds > np.log(SURE) else None
+
+
+def scale_to(given: Array, drawn: Array) -> float:
+    """The number that takes the given positions nearest to the drawn ones."""
+    return float((given * drawn).sum() / (given**2).sum())
 
 
 def square_from(places: Array, kind: Kind) -> float:

@@ -18,6 +18,7 @@ REACH_PX = 24  # largest half-size of a marker
 MIN_CONTRAST = 0.15  # of full scale: below it nothing was drawn
 _PAD = 4
 HUES = 24  # sectors of the circle of hues that are told apart
+STAMPED = 0.96  # correlation of one mark with all of its kind; digits have less
 ALIKE = 0.35  # marks of one kind differ less than this share, or 2 px, in width and height
 FEWEST = 3
 WHITE, WHITISH, BRIGHTER = 247, 200, 64  # thin lines cover half of their pixels
@@ -128,7 +129,37 @@ class Kind:
     """Marks of one hue and size."""
 
     places_px: Array  # (M, 2) their centres of area (u, v)
+    own: NDArray  # (M,) which of the spots they are
+    boxes: NDArray  # of all spots, their left, top, width, height and area
+    numbers: NDArray  # (H, W) the spot that a pixel is of, from 1
     faint: bool = False  # told by little, so that some may be missing
+
+    def stamped(self) -> bool:
+        """Whether all have one shape, the same upside down as crosses, dots and rings are.
+
+        Letters with others beside them, on one line, are none.
+        """
+        import cv2
+
+        side = int(self.boxes[self.own, 2:4].max()) + 5
+        masks = []
+        for k, place in zip(self.own, self.places_px, strict=True):
+            left, top, width, height = self.boxes[k, :4]
+            mask = self.numbers[top : top + height, left : left + width] == k + 1
+            at = tuple((place - [left, top] + side).tolist())
+            mask = cv2.getRectSubPix(np.pad(mask, side).astype(np.float32), (side, side), at)
+            masks.append(cv2.GaussianBlur(mask, (0, 0), 1.0).ravel())
+        each = np.array(masks) / np.linalg.norm(masks, axis=1)[:, None]
+        shape = np.median(np.r_[each, each[:, ::-1]], axis=0)
+        like = each @ shape / np.linalg.norm(shape)
+        return bool(like.min() >= STAMPED) and 2 * sum(map(self._in_a_line, self.own)) < len(each)
+
+    def _in_a_line(self, k: int) -> bool:
+        """Whether another spot stands on the same foot beside this one, nearer than its height."""
+        left, top, width, height = self.boxes[:, :4].T
+        same_foot = np.abs(top + height - top[k] - height[k]) <= 1
+        gap = np.maximum(left - left[k] - width[k], left[k] - left - width)
+        return bool((same_foot & (gap >= 0) & (gap < height[k])).any())
 
 
 def kinds_of_spots(rgb: NDArray) -> list[Kind]:
@@ -165,8 +196,11 @@ def kinds_of_spots(rgb: NDArray) -> list[Kind]:
 def _of_mask(mask: NDArray[np.uint8]) -> list[Kind]:
     import cv2
 
-    count, _, boxes, places = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    return _by_size(boxes[1:], places[1:]) if count <= MOST_SPOTS else []
+    count, numbers, boxes, places = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    if count > MOST_SPOTS:
+        return []
+    groups = _by_size(boxes[1:])
+    return [Kind(places[1:][group], group, boxes[1:], numbers) for group in groups]
 
 
 def _peaks(hue: Array, weight: Array) -> list[float]:
@@ -180,11 +214,11 @@ def _peaks(hue: Array, weight: Array) -> list[float]:
     return [float(np.angle((weight[c] * np.exp(1j * hue[c])).sum())) for c in centres]
 
 
-def _by_size(boxes: NDArray, places: NDArray) -> list[Kind]:
+def _by_size(boxes: NDArray) -> list[NDArray]:
     """Spots of about one width and height together, the larger groups first."""
     size, area = boxes[:, 2:4].astype(float), boxes[:, 4]
     open_ = (size.max(axis=1) <= 2 * REACH_PX) & (area >= 4) & (size.min(axis=1) >= 3)
-    kinds = []
+    groups = []
     while open_.sum() >= FEWEST:
         near = [
             open_ & (np.abs(size - size[k]) <= np.maximum(2, ALIKE * size[k])).all(axis=1)
@@ -193,6 +227,6 @@ def _by_size(boxes: NDArray, places: NDArray) -> list[Kind]:
         group = max(near, key=np.count_nonzero)
         if group.sum() < FEWEST:
             break
-        kinds.append(Kind(places[group]))
+        groups.append(np.flatnonzero(group))
         open_ &= ~group
-    return kinds
+    return groups
