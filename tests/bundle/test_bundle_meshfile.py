@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import struct
+import zipfile
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ import vfplan
 from vfplan.bundle import import_cloud
 from vfplan.bundle.clouds import refined
 from vfplan.bundle.meshfile import STL_FACET, read_mesh
-from vfplan.errors import InputError
+from vfplan.errors import InputError, SessionError
+from vfplan.session.arrays import npz_header
 
 POINTS = np.array([[0, 0, 0], [0.1, 0, 0], [0, 1 / 3, 0], [0, 0, -2.5e-3]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], dtype=np.int32)
@@ -205,6 +207,26 @@ def claimed(shape):
     header = {"descr": "<f8", "fortran_order": False, "shape": shape}
     np.lib.format.write_array_header_1_0(stream, header)
     return stream.getvalue() + bytes(24)
+
+
+@pytest.mark.parametrize(
+    "header", ["{'a':1}\n  b\n c\n", "{'descr': '<f8', (", "-" * 9000, "(" * 400, " " * 20060]
+)
+def test_a_header_that_is_none_is_refused_in_one_line(header, tmp_path):
+    head = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode()
+    (tmp_path / "a.npy").write_bytes(head)
+    with pytest.raises(InputError, match=r"no \.npy file of numbers: the header is ") as raised:
+        import_cloud(tmp_path / "a.npy", units="mm")
+    assert "\n" not in str(raised.value)
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        for name in ("time", "hip"):
+            archive.writestr(f"{name}.npy", head)
+    with (
+        open(tmp_path / "a.npz", "rb") as stream,
+        pytest.raises(SessionError, match=r"as \.npz: time: the header is ") as raised,
+    ):
+        next(npz_header(stream, "a.npz"))
+    assert "\n" not in str(raised.value)
 
 
 @pytest.mark.parametrize("shape", [(2, 3), (10**15, 3), (0, 3), (3,), (1, 3, 1), (-1, 3)])

@@ -17,6 +17,7 @@ from vfplan.bundle.meshfile import Mesh, read_mesh
 from vfplan.engine.parameters import PAPER_BAND, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
+from vfplan.io.npy import npy_header
 from vfplan.io.reading import opened_file, real, require_short
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
@@ -158,6 +159,8 @@ def _read(path: Path, units: str) -> tuple[Mesh, str]:
 def _npy(data: bytes, where: str) -> Mesh:
     stream = io.BytesIO(data)
     try:
+        npy_header(stream)
+        stream.seek(0)
         points = np.lib.format.read_array(stream, allow_pickle=False)
     except (ValueError, EOFError, OverflowError, MemoryError) as error:
         raise InputError(f"is no .npy file of numbers: {error}", where=where) from error

@@ -11,6 +11,7 @@ import numpy as np
 
 from vfplan.errors import InputError, SessionError
 from vfplan.io.hdf5 import h5py
+from vfplan.io.npy import npy_header
 from vfplan.session.types import BLOCK, Array, Pair
 
 _NAMES = ("time", "hip")
@@ -140,11 +141,10 @@ def _npz_members(
 def _member(
     stream: IO[bytes], name: str, where: str
 ) -> tuple[IO[bytes], tuple[int, ...], np.dtype]:
-    version = np.lib.format.read_magic(stream)
-    if version not in ((1, 0), (2, 0)):
-        raise SessionError(f"{name} is in .npy version {version}; 1.0 or 2.0 wanted", where=where)
-    reads = (np.lib.format.read_array_header_1_0, np.lib.format.read_array_header_2_0)
-    shape, fortran, dtype = reads[version[0] - 1](stream)
+    try:
+        shape, fortran, dtype = npy_header(stream)
+    except ValueError as error:
+        raise SessionError(f"cannot be read as .npz: {name}: {error}", where=where) from None
     if fortran and len(shape) > 1:
         raise SessionError(f"{name} is stored by columns; C order wanted", where=where)
     return stream, shape, dtype
