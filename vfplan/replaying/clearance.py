@@ -17,7 +17,10 @@ from vfplan.replaying.quantities import flattened, row_norms
 Array = NDArray[np.float64]
 _PAIRS = 2_000_000  # distances held at a time
 _STRIDE = 64  # ticks held against a mesh together
-_ACROSS = 64  # cells along a cloud, at most
+_ACROSS = 64  # cells along a cloud, more where few of them hold points
+_FEW = 4096
+_FIELD = 1 << 21  # of each coordinate in a cell's key, its highest bit unused
+_HALVES = ~(_FIELD >> 1 | _FIELD * _FIELD >> 1)
 
 
 def clearance_of(fixture: Fixture, rule: Rule) -> Clearance | None:
@@ -107,8 +110,8 @@ class MeshClearance(Clearance):
 class PointClearance(Clearance):
     """To points (N, 3) [m], across an ignored axis where there is one.
 
-    The points lie in cells, the ticks in groups within one cell's length of their first: a group is
-    compared with the cells in which its nearest point can be, if that can be the nearest of all.
+    The points and the ticks lie in cells: the ticks of a cell are compared with the cells in which
+    their nearest point can be, if that can be the nearest of all.
     """
 
     def __init__(self, points: Array, radius: float, axis: Array | None) -> None:
@@ -116,13 +119,17 @@ class PointClearance(Clearance):
         self._axis = axis
         points = flattened(points, axis)
         self._low, self._high = points.min(axis=0), points.max(axis=0)
-        self._cell = max(radius / 2, float((self._high - self._low).max()) / _ACROSS)
-        cells = (points - self._low) // self._cell
-        order = np.lexsort(cells.T)
-        self._points, cells = points[order], cells[order]
-        first = np.flatnonzero((np.diff(cells, axis=0, prepend=-1) != 0).any(axis=1))
-        self._spans = np.append(first, len(points))
-        self._centres = self._low + (cells[first] + 0.5) * self._cell
+        cell = max(radius / 2, float((self._high - self._low).max()) / _ACROSS)
+        halved = min(13, int(np.log2(2 * cell / radius)))
+        keys = ((points - self._low) * (2**halved / cell)).astype(int) @ (_FIELD**2, _FIELD, 1)
+        held = np.unique(keys)
+        while halved and len(held) > _FEW:
+            halved, keys, held = halved - 1, keys >> 1 & _HALVES, np.unique(held >> 1 & _HALVES)
+        self._cell = cell / 2**halved
+        self._points = points[np.argsort(keys, kind="stable")]
+        self._spans = np.append(np.searchsorted(np.sort(keys), held), len(points))
+        cells = held[:, None] // (_FIELD**2, _FIELD, 1) % _FIELD
+        self._centres = self._low + (cells + 0.5) * self._cell
 
     def update(self, proxy: Array) -> None:
         """As `Clearance` has it."""
@@ -130,15 +137,18 @@ class PointClearance(Clearance):
         beyond = row_norms(places - np.clip(places, self._low, self._high))
         self._look(places[[beyond.argmin()]])
         places = places[beyond < self._nearest]
-        way = np.cumsum(row_norms(np.diff(places, axis=0, prepend=places[:1])))
-        for group in np.split(places, np.flatnonzero(np.diff(way // self._cell)) + 1):
+        cells = (places - self._low) // self._cell
+        order = np.lexsort(cells.T)
+        other = (np.diff(cells[order], axis=0) != 0).any(axis=1)
+        for group in np.split(places[order], np.flatnonzero(other) + 1):
             self._look(group)
 
     def _look(self, places: Array) -> None:
         if not len(places):
             return
-        off = self._cell + np.sqrt(0.75) * self._cell  # of a tick and of a point, from where it is
-        away = row_norms(self._centres - places[0])
+        off = 2 * 0.87 * self._cell  # of a tick and of a point, from the middles of their cells
+        cell = (places[0] - self._low) // self._cell
+        away = row_norms(self._centres - (self._low + (cell + 0.5) * self._cell))
         near = np.flatnonzero((away - off < self._nearest) & (away - 2 * off <= away.min()))
         if not len(near):
             return
