@@ -102,6 +102,7 @@ def test_episodes_are_what_numpy_finds(pressed):
             assert episode[name] == pytest.approx(value, rel=1e-9, abs=1e-15), name
         np.testing.assert_allclose(episode["impulse_ns"], (t.force * dt[:, None])[part].sum(0))
         assert episode["deepest"]["tick"] == deep
+        assert episode["energy_peak_j"] >= episode["energy_j"]
         along = episode["deepest_along"]
         assert along["s_m"] == pytest.approx(t.proxy[deep, 0], abs=0.26e-3)
 
@@ -118,6 +119,13 @@ def test_energy_splits_into_sampling_and_the_proxy(pressed):
     # Every part of the loss or gain lies in an episode.
     for name in ("energy_j", "energy_hold_j"):
         assert sum(e[name] for e in m["episodes"]) == pytest.approx(m[name], rel=1e-9), name
+
+
+def test_what_is_a_float_is_one_where_nothing_was_touched(pressed):
+    free = replay(fixture_of(line()), probing(0.1, deepest=0.01), **PAPER).metrics
+    assert not free["episodes"]
+    for name in free.keys() & pressed.metrics.keys():
+        assert type(free[name]) is type(pressed.metrics[name]), name
 
 
 def test_blocks_do_not_change_the_numbers(pressed, monkeypatch):
@@ -178,6 +186,18 @@ def test_clearance_is_the_least_distance(axis, far):
         assert clearance.minimum_m == pytest.approx(
             np.sqrt((gaps**2).sum(2)).min() - 5e-3, abs=1e-12
         ), trial
+
+
+@pytest.mark.parametrize("radius", [1e-6, 1e-3, 1.0])
+def test_the_clearance_of_a_dense_curve_looks_at_few_of_its_points(radius):
+    t = np.linspace(0, 1, 20_000)
+    points = np.stack([np.cos(t), np.sin(t), t], axis=1)
+    path = points[::200] * (1 + radius) + np.random.default_rng(3).normal(0, 1e-4, (100, 3))
+    clearance = PointClearance(points, radius, None)
+    clearance.update(path)
+    gaps = np.linalg.norm(path[:, None] - points, axis=2)
+    assert clearance.minimum_m == pytest.approx(gaps.min() - radius, abs=1e-12)
+    assert radius == 1 or np.diff(clearance._spans).max() < len(points) / 500
 
 
 def test_a_meshs_clearance_is_to_its_triangles():

@@ -130,7 +130,8 @@ class Episodes:
             "ticks": end - start,
             **{name: float(values[part].max()) for name, values in steps.peaks.items()},
             **sums,
-            "energy_peak_j": max(0.0, float(np.cumsum(steps.work_j[part]).max())),
+            # The sum of all is one of the sums on the way, but for its rounding.
+            "energy_peak_j": max(0.0, float(np.cumsum(steps.work_j[part]).max()), sums["energy_j"]),
             "speed_at_touch_m_s": steps.speed[start - 1] if start else self._speed,
             "deepest": {
                 "t_s": ticks.time[deep],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
 from typing import Any
 
 import numpy as np
@@ -39,8 +39,8 @@ class Metrics:
         self._episodes = Episodes(known)
         self._states = np.zeros(len(STATES), dtype=np.int64)
         self._state_s = np.zeros(len(STATES))
-        self._sums: Counter[str] = Counter()
-        self._peaks: Counter[str] = Counter()
+        self._sums: defaultdict[str, float] = defaultdict(float)
+        self._peaks: defaultdict[str, float] = defaultdict(float)
         self._span: tuple[float, float] | None = None
         self._worst_step = 0
         self._status = dict.fromkeys(("inside", "limit", "bad_hip"), 0)
