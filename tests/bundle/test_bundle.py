@@ -84,10 +84,15 @@ def test_a_foreign_file_is_no_bundle(data, tmp_path):
         vfplan.read_fixture(path)
 
 
-def test_a_fixture_with_a_point_that_is_not_finite_is_not_written(tmp_path):
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e308])
+@pytest.mark.parametrize("mesh", [None, np.array([[2, 3, 4]], np.int32)])
+def test_a_fixture_with_a_point_that_is_not_finite_is_not_written(mesh, value, tmp_path):
     fixture = bundles.minimal()
-    fixture.points[3, 1] = np.nan
-    with pytest.raises(InputError, match="finite"):
+    fixture.points[3:5, 1] = value
+    if mesh is not None:
+        fixture = replace(fixture, curve=None, mesh=mesh)
+    with pytest.raises(InputError, match=r"not finite|allowed"):
         vfplan.write_fixture(fixture, tmp_path / "a.h5")
     assert os.listdir(tmp_path) == []
 
@@ -117,6 +122,12 @@ WRONG = {
     "a time of no form": lambda f: replace(f, provenance=replace(f.provenance, created_utc="now")),
     "a setting that is a list": lambda f: replace(
         f, provenance=replace(f.provenance, settings={"a": [1]})
+    ),
+    "a setting of 401 digits": lambda f: replace(
+        f, provenance=replace(f.provenance, settings={"a": 10**400})
+    ),
+    "a setting of 5001 digits": lambda f: replace(
+        f, provenance=replace(f.provenance, settings={"a": -(10**5000)})
     ),
     "a label that ends in NUL": lambda f: replace(
         f, registration=replace(f.registration, labels=("x1\0", *f.registration.labels[1:]))

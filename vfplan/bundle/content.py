@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import sys
 from dataclasses import fields, replace
 from functools import cache
 from typing import Any
@@ -156,6 +157,8 @@ def _written(value: Any) -> str:
     if isinstance(value, str):
         return f'"{value}"'
     plain = value.item() if isinstance(value, np.generic) else value
+    if isinstance(plain, int) and abs(plain) > sys.float_info.max:
+        raise InputError("no bundle can hold this: a setting that is an integer of 1.8e308 or more")
     if isinstance(plain, (bool, int, float)) and math.isfinite(plain):
         return json.dumps(plain)
     raise InputError(f"a setting of value {value!r}; text, a finite number or a boolean is wanted")

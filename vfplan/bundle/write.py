@@ -58,7 +58,7 @@ def completed(content: Content) -> Content:
     content["/@id"] = digest.hexdigest()[:32]
     if "/rendering@contact_radius_m" in content:
         # Of arrays that do not fit together there is none: the reader says what is wrong.
-        with suppress(IndexError, ValueError):
+        with suppress(IndexError, ValueError), np.errstate(invalid="ignore", over="ignore"):
             content |= leak.certificate(content)
     return content
 
