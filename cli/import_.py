@@ -25,8 +25,8 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
     option("--frame", type=click.Choice(["robot_base", "patient_lps"]), default="robot_base",
            help="Frame of the file's numbers."),
     option("--curve", type=click.Choice(["open", "closed"]),
-           help="The points are one curve, in order; otherwise a bare cloud, which nothing "
-           "certifies."),
+           help="The points, not a mesh's, are one curve, in order; otherwise a bare cloud, which "
+           "nothing certifies."),
     option("--spacing", type=MM, help="Longest edge of a mesh.  [default: R/10]"),
     option("--stiffness", type=Numbers(1, 3, metavar="N_PER_M[,Y,Z]", positive=False),
            default="1000", help="K along the axes of the frame."),

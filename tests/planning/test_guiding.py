@@ -157,3 +157,8 @@ def test_lines_and_arcs_guide_and_ticks_too_long_are_warned_of(monkeypatch):
     assert any("a tick may take" in said for said in made.warnings)
     with pytest.raises(SettingError, match=r"the guide of 0\.1 mm does not count"):
         plan(*ELBOW, settings=FixtureSettings(guide_m=1e-4, arcs_m=1e-3))
+
+
+def test_what_is_said_of_no_guide_is_refused_by_its_options():
+    with pytest.raises(SettingError, match=r"--ends, .* --guide-cut-bends .* without --guide MM"):
+        FixtureSettings(guide_ends="stop")

@@ -175,7 +175,8 @@ class FixtureSettings:
         more = self.guide_ends, self.guide_pull, self.guide_cut_bends
         if self.guide_m is None and (any(more) or self.guide_stroke is not None):
             raise SettingError(
-                "a guide's ends, stroke, pull and bends have no effect without its radius, --guide"
+                "--ends, --guide-stroke, --guide-pull and --guide-cut-bends have no effect without "
+                "--guide MM"
             )
         force, speed = (*self.guide_pull, LEAD_SPEED_M_S)[:2] if self.guide_pull else (0.0, 1.0)
         if not (abs(force) <= 1000 and 0 < speed <= 10):
