@@ -146,16 +146,22 @@ class PointClearance(Clearance):
     def _look(self, places: Array) -> None:
         if not len(places):
             return
-        off = 2 * 0.87 * self._cell  # of a tick and of a point, from the middles of their cells
-        cell = (places[0] - self._low) // self._cell
-        away = row_norms(self._centres - (self._low + (cell + 0.5) * self._cell))
-        near = np.flatnonzero((away - off < self._nearest) & (away - 2 * off <= away.min()))
+        off = 0.87 * self._cell  # of a tick, and of a point, from the middle of its cell
+        middle = self._low + ((places[0] - self._low) // self._cell + 0.5) * self._cell
+        near = np.flatnonzero(self._may_be_nearest(row_norms(self._centres - middle), 2 * off))
         if not len(near):
             return
         spans = [self._points[self._spans[k] : self._spans[k + 1]] for k in near]
         candidates = np.concatenate(spans)
+        candidates = candidates[self._may_be_nearest(row_norms(candidates - middle), off)]
+        if not len(candidates):
+            return
         rows = max(1, _PAIRS // len(candidates))
         for start in range(0, len(places), rows):
             part = places[start : start + rows, None]
             squares = sum((part[..., i] - candidates[:, i]) ** 2 for i in range(3))
             self._nearest = min(self._nearest, float(np.sqrt(squares.min())))
+
+    def _may_be_nearest(self, away: Array, off: float) -> NDArray[np.bool_]:
+        """Of what is so far from a middle: what may be the nearest to a tick within `off`."""
+        return (away - off < self._nearest) & (away - 2 * off <= away.min())
