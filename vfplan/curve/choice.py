@@ -16,7 +16,7 @@ CROWD_SHARE = 4.0  # a mark this many times shorter than a line is still of its 
 LEAST_DASHES, DASH_SHARE, ALIKE = 5, 0.8, 1.4  # of one size: this share, within this factor
 LONGER = 2.5  # times a dash: a mark this long is no other dash
 NEAR_PX = 40.0  # between two candidates' ends: parts of one line, it may be; and farther apart,
-FACING_DEG = 30.0  # from the way between them, where they run towards each other so
+FACING_DEG = 30.0, 75.0  # from the way between them, where they run so; of two alike, over a bend
 FRAMES = 6.0  # times longer than the curve in it: the frame itself may be the planned curve
 WINDOW = 0.9  # of the picture's sides: the viewer's own frame
 DESCRIBED = 8  # candidates at most, in an error message
@@ -69,6 +69,8 @@ def _near_ends(
 ) -> str:
     """What two candidates' ends close by may mean, and the way round it."""
     ends = [(i, *end) for i, c in enumerate(candidates, 1) for end in inked_ends(c, mask)]
+    thin, *_, broad = sorted(c.width_px for c in candidates)
+    facing = FACING_DEG[len(candidates) == 2 and broad <= ALIKE * thin]
     gaps = [
         (float(np.hypot(*(b - a))), i, j, (a + b) / 2 + origin)
         for k, (i, a, from_a) in enumerate(ends)
@@ -76,7 +78,7 @@ def _near_ends(
         if i != j
         and (
             np.hypot(*(b - a)) <= NEAR_PX
-            or max(angle_deg(from_a, b - a), angle_deg(from_b, a - b)) <= FACING_DEG
+            or max(angle_deg(from_a, b - a), angle_deg(from_b, a - b)) <= facing
         )
     ]
     if not gaps:
