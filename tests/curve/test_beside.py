@@ -66,10 +66,12 @@ def over(bottom, tone):
 
 def test_a_cover_that_reaches_over_the_border_is_told_by_the_ink_s_cut_or_by_its_edge():
     assert any("cut off flat" in w for w in told(over(125, (128, 128, 128))))
+    (one,) = told(over(125, (250, 250, 250)))
+    assert "more sharply than" in one
     thin = Canvas(np.full((*SHAPE, 3), 120.0), "exact")
     thin.line(arc(180, 340), 1.5, RED)
     over(125.3, (60, 60, 60))(thin)
-    assert any("parted off" in w for w in vfplan.extract_curve(thin.image()).warnings)
+    assert any("more sharply than" in w for w in vfplan.extract_curve(thin.image()).warnings)
 
 
 def test_another_pen_s_line_that_goes_straight_on_is_told_and_a_point_is_not():

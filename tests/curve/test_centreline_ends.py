@@ -147,3 +147,17 @@ def test_an_end_is_fitted_where_it_was_drawn(cap, slant):
     tip = fitted([view], picture, path, np.ones((36, 13), bool), 24.0)
     assert (tip.round_at if slant is None else tip.flat_at) == pytest.approx(22.4, abs=0.11)
     assert tip.flat_odds > 100 if slant == 0 else tip.flat_odds < -100
+
+
+@pytest.mark.parametrize("width", [1, 1.5, 2, 3, 5])
+def test_a_line_that_runs_out_of_the_picture_ends_on_its_border(width):
+    for line in ([(-10, 50), (140, 90)], [(60, 40), (85, 150)], [(50, 90), (80, -20)]):
+        path = np.linspace(*np.array(line, float), 400)
+        share = coverage((120, 120), path, width)
+        picture = to_uint8(blend(flat((120, 120), 90), share, (255, 0, 0)))
+        ends = vfplan.extract_curve(picture).strokes[0].points_px[[0, -1]]
+        room = np.minimum(ends + 0.5, 119.5 - ends).min(1)
+        beyond = (path[[0, -1]] < 0).any(1) | (path[[0, -1]] > 119).any(1)
+        if np.hypot(*(ends[0] - path[0])) > np.hypot(*(ends[0] - path[-1])):
+            room = room[::-1]
+        assert room[beyond].max() <= 0.5

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.candidates import Candidate
+from vfplan.curve.ends import CUT_OFF
 from vfplan.curve.light import LUMINANCE
 from vfplan.curve.pen import Pen, sample_pixels
 from vfplan.curve.profile import FOREIGN
@@ -48,7 +49,10 @@ LEVEL, ROUGH = 0.6, 3.0  # of grey: what rounding spreads, and what is no change
 def covered_ends(
     rgb: NDArray, line: Candidate, found: Centreline, origin: tuple[int, int]
 ) -> list[str]:
-    """A warning for each end of a measured open line that something may hide."""
+    """A warning for each end of a measured open line that something may hide, or that is odd.
+
+    Where a cover is seen, that the ink is cut off says no more.
+    """
     if line.closed or len(found.points) <= STRETCH:
         return []
     pen, width, warnings = line.mark.pen, line.width_px, []
@@ -59,19 +63,19 @@ def covered_ends(
     for k, own in enumerate(found.own_ends):
         what = _cover(rgb, pen, width, at[k], onward[k])
         if not what and not own and broken[k] > BROKEN:
-            what = "ground parted off as nowhere along it"
+            what = "the ground changes more sharply than anywhere along the line"
         if (
             not what
             and not own
             and _meets_drawn(rgb, width, cut[k], onward[k], _noisy(rgb, pen, at[k]))
         ):
-            what = "an evenly grey, white or black area with a sharp edge"
+            what = "an evenly grey, white or black area with a sharp edge begins"
+        odd = [phrase for phrase in found.odd[k] if not (what and phrase == CUT_OFF)]
         if what:
+            odd.insert(0, f"lies where {what}: what that hides of it is not followed")
+        if odd:
             u, v = at[k] + origin
-            warnings.append(
-                f"the curve ends at ({u:.0f}, {v:.0f}) where {what} begins: what that hides of it "
-                "is not followed"
-            )
+            warnings.append(f"the curve's end at ({u:.0f}, {v:.0f}) {'; it '.join(odd)}")
     return warnings
 
 
@@ -81,9 +85,9 @@ def _cover(rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray) -
     pixels = sample_pixels(rgb, *ahead.T)
     foreign = np.maximum(np.abs(pixels @ pen.across), -pixels @ pen.along)
     if (foreign > FOREIGN * pen.strength).sum() >= 2:
-        return "something of another colour"
+        return "something of another colour begins"
     if _shows_through(rgb, pen, width, at, onward, VEILED[_noisy(rgb, pen, at)]):
-        return "something that its ink shows through faintly"
+        return "something that its ink shows through faintly begins"
     return ""
 
 

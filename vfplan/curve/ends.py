@@ -37,13 +37,17 @@ ENDED = 0.12  # of the usual ink: less is no line
 SURE, CUT, SLANTED = 8.0, 12.0, 20.0
 THINNEST_PX = 1.5  # of a thinner pen no pixel shows how it is cut
 UNTAPERED = 0.9  # of the usual ink
+CUT_OFF = (
+    "is cut off flat or on a slant, as this pen's own ends are not: something may hide the rest"
+)
 ODD = (
-    "is cut off flat or on a slant, as this pen's own ends are not: something may hide the rest",
+    CUT_OFF,
     "is drawn thinner, evenly so, as by another pen: what lies there may be no part of it",
     "lies shortly beyond a place where the ink all but stops, and comes back: what touches the "
     "end there may be no part of it",
     "is drawn out, and ink goes on beyond it, too thin or faint to be followed",
 )
+SURELY_OFF_PX = 1.0  # beyond the border: less may be a round end that touches it
 # A dot at an end: so many widths across, how round, how long; and the points over which it begins.
 BLOT, ROUNDISH, LONGEST_BLOT, ABRUPT = 1.4, 0.25, 6.0, 3
 
@@ -124,10 +128,10 @@ def _goes_on_thinner(seen: NDArray, mass: NDArray, width: float) -> bool:
     return bool(max(first, then) < OTHER + EVEN and first - then < EVEN)
 
 
-def told_ends(*odd: tuple[bool, bool]) -> tuple[str, str]:
+def told_ends(*odd: tuple[bool, bool]) -> tuple[tuple[str, ...], ...]:
     """What of `ODD` is true of either end, from a pair of flags for each."""
     at_ends = zip(*odd, strict=True)
-    return tuple("; it ".join(w for w, f in zip(ODD, flags, strict=True) if f) for flags in at_ends)
+    return tuple(tuple(w for w, f in zip(ODD, flags, strict=True) if f) for flags in at_ends)
 
 
 def _outward(profiles: Profiles, used: NDArray) -> tuple[tuple[NDArray, int], ...]:
@@ -177,12 +181,15 @@ def line_ends(rgb: NDArray, path: NDArray, used: NDArray, profiles: Profiles, pe
     tips, outward = fitted_tips(rgb, path, used, profiles, pen, inks), (last - inks[0], inks[1])
     both = list(zip((profiles.mass[::-1], profiles.mass), outward, strict=True))
     dots = [blot_middle(mass, ink, profiles.width) for mass, ink in both]
-    odds = np.clip(sum(tip.flat_odds for tip in tips) - ROUND, -50, 50)
+    off = [_off(rgb, *line) for line in zip((path[::-1], path), outward, strict=True)]
+    told = [tip.flat_odds for tip, beyond in zip(tips, off, strict=True) if not beyond]
+    odds = np.clip(sum(told) - ROUND, -50, 50)
     flat = 1 / (1 + np.exp(-odds))  # how likely; one pen drew both ends
     found = []
-    for ink, point, dot, tip in zip(outward, points, dots, tips, strict=True):
+    for ink, point, dot, tip, beyond in zip(outward, points, dots, tips, off, strict=True):
         round_at = tip.round_at - np.interp(2 * tip.half, *EARLY_PX)
         end = min(flat * (tip.flat_at - FLAT_PX) + (1 - flat) * round_at, ink)  # within the ink
+        end = ink if beyond else end
         found.append(ink + point if point else end if dot is None else dot)
     own = [dot is not None or bool(point) for dot, point in zip(dots, points, strict=True)]
     whole = profiles.width >= THINNEST_PX and not any(own) and not profiles.clipped.any()
@@ -190,6 +197,16 @@ def line_ends(rgb: NDArray, path: NDArray, used: NDArray, profiles: Profiles, pe
     cut = _cut(tips) if whole and abrupt else (False, False)
     own = (sure or bool(tip.cut_odds <= -SURE) for sure, tip in zip(own, tips, strict=True))
     return LineEnds((last - found[0], found[1]), cut, tuple(own))
+
+
+def _off(rgb: NDArray, path: NDArray, ink: float) -> bool:
+    """Whether a line runs out of the picture: its end is the border, and no pixel shows the pen's.
+
+    The outermost pixels are read on beyond it, so that its ink seems to end there.
+    """
+    place = np.array([np.interp(ink - SURELY_OFF_PX, np.arange(len(path)), at) for at in path.T])
+    room = np.minimum(place, np.array(rgb.shape[1::-1]) - 1 - place)
+    return bool(room.min() <= -0.5)
 
 
 def _tapers(mass: NDArray, ink: float, width: float) -> bool:

@@ -46,8 +46,6 @@ def unexplained(
             carrying += piece
             warnings += told
         warnings += _hanging(line, found, pieces, origin)
-        for (u, v), odd in zip(found.points[[0, -1]] + origin, found.odd, strict=False):
-            warnings += [f"the curve's end at ({u:.0f}, {v:.0f}) {odd}"] if odd else []
     return carrying, warnings
 
 

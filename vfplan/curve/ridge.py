@@ -64,7 +64,7 @@ class Centreline:
     widening: Widening | None = None  # its widest run; `None` where its width was not measured
     # Whether its profile is that of one line; if not, two may lie side by side all along
     single: bool = True
-    odd: tuple[str, ...] = ()  # what is odd about its (first, last) end; empty where nothing is
+    odd: tuple[tuple[str, ...], ...] = ((), ())  # what is odd about its (first, last) end
     # Whether they are surely the pen's own: round, a dot, or drawn out to a point
     own_ends: tuple[bool, bool] = (False, False)
 
@@ -98,7 +98,7 @@ def trace(
     passes = [FIRST_KNOTS_PX] * (1 + (width > BROAD_PX and not closed)) + [None]
     taken = 0  # extensions of the path
     point = 0.0  # how far ink thinner than half the line goes beyond an end [px]
-    odd: tuple[str, ...] = ()
+    odd: tuple[tuple[str, ...], ...] = ((), ())
     own = (False, False)
     while passes:
         knots = passes.pop(0)
