@@ -103,7 +103,8 @@ def test_flat_wall_meets_the_exact_bound_within_two_percent(rule, delay):
 @pytest.mark.parametrize("rule", ["robust", "paper"])
 @pytest.mark.parametrize("delay", [0, 1, 3])
 @pytest.mark.parametrize(
-    ("damping", "rate"), [(2.0, 500.0), (10.0, 2000.0), (40.0, 2000.0), (50.0, 8000.0)]
+    ("damping", "rate"),
+    [(2.0, 500.0), (5.0, 1000.0), (10.0, 2000.0), (40.0, 2000.0), (50.0, 8000.0)],
 )
 def test_flat_wall_meets_the_exact_bound_with_any_robot(rule, delay, damping, rate):
     robot = Robot("any", 1.0, damping, rate, delay)
