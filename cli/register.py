@@ -140,7 +140,7 @@ def registered_text(report: dict[str, Any]) -> str:
         "held": told(report, *HELD[:1]) or told(report, *HELD[1:]),
         "moved": _margin_line(report.get("margin")),
     }
-    if "spacing_departure" in report:
+    if "spacing_departure" in report and "scale_m_per_px" in report:
         more["departure"] = ", ".join(f"{share:+.2%}" for share in report["spacing_departure"])
     text = told(report | more, *TEXT)
     if "guide" in report:

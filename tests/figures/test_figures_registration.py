@@ -9,6 +9,7 @@ from margins import CLOCKWISE, LINE, registered
 
 from vfplan.errors import SettingError
 from vfplan.figures import registration as picture
+from vfplan.figures import style
 from vfplan.images.read import PlannedImage
 from vfplan.registration import fit_registration
 
@@ -22,7 +23,7 @@ def texts(figure):
 @pytest.fixture
 def figure(monkeypatch, tmp_path):
     kept = []
-    monkeypatch.setattr(picture, "save_png", lambda figure, path: kept.append(figure))
+    monkeypatch.setattr(style, "save_png", lambda figure, path: kept.append(figure))
 
     def draw(registration, curve, **kwargs):
         picture.draw_registration(registration, curve, tmp_path / "p.png", **kwargs)

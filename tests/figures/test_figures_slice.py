@@ -7,6 +7,7 @@ import pytest
 
 from vfplan.curve import vector_stroke
 from vfplan.figures import slice as picture
+from vfplan.figures import style
 from vfplan.images.read import PlannedImage
 
 WAY = np.column_stack([np.linspace(50, 350, 60), np.full(60, 200.0)])
@@ -15,7 +16,7 @@ WAY = np.column_stack([np.linspace(50, 350, 60), np.full(60, 200.0)])
 @pytest.fixture
 def drawn(monkeypatch, tmp_path):
     kept = []
-    monkeypatch.setattr(picture, "save_png", lambda figure, path: kept.append(figure))
+    monkeypatch.setattr(style, "save_png", lambda figure, path: kept.append(figure))
 
     def draw(image, **given):
         if "lines" in given:
