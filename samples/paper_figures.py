@@ -119,8 +119,8 @@ def _trial_in_plane(axes: Axes, run: Replay, span: slice) -> None:
 
 def _window(axes: Axes, path: Any, margin: float) -> None:
     low, high = path.min(axis=0) - margin, path.max(axis=0) + margin
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
+    axes.set_xlim(low[0], high[0], auto=True)  # the aspect may widen either
+    axes.set_ylim(low[1], high[1], auto=True)
     axes.set_aspect("equal", adjustable="datalim")
 
 

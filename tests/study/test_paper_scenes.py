@@ -13,7 +13,7 @@ def folder(tmp_path_factory, vfplan_cli):
     """All figures, by the one command."""
     out = tmp_path_factory.mktemp("paper")
     run = vfplan_cli("demo", "paper", "-o", out, "--json")
-    assert run.code == 0, run.stderr
+    assert (run.code, run.stderr) == (0, "")
     assert sorted(run.json["files"]) == sorted(path.name for path in out.iterdir())
     return out
 
