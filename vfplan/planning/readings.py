@@ -107,7 +107,7 @@ def _met(given: Array, shape: tuple[int, ...], kinds: list[Kind], needed: int) -
 
 def _laid(given: Array, shape: tuple[int, ...], kind: Kind, needed: int) -> tuple[str, bool]:
     """The scale, the shift or both, whichever meets marks best; a shift may lead to labels."""
-    if (both := _scaled(given, kind.places_px)) is None:
+    if (both := _scale_and_shift(given, kind.places_px)) is None:
         return "", False
     met = both[1] + both[0] * given
     if _chance(met, kind, shape, needed, free=2) >= BY_CHANCE:
@@ -174,7 +174,7 @@ def _all_of_one_shape(rgb: NDArray, places: Array) -> bool:
     return True
 
 
-def _scaled(given: Array, places: Array) -> tuple[float, Array] | None:
+def _scale_and_shift(given: Array, places: Array) -> tuple[float, Array] | None:
     """(scale, shift) that puts nearly all given positions onto marks; `None`: none does."""
     if len(given) < FEWEST + 1 or not FEWEST < len(places) <= MOST_MARKS:
         return None

@@ -1,4 +1,7 @@
-"""The readings of given pixels that a mistake makes, and which of them meet the marks drawn."""
+"""The readings of given pixels that a mistake makes, and which of them meet the marks drawn.
+
+Positions are (N, 2) (u, v) px, the centre of the top-left pixel at (0, 0).
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,7 @@ def rivals_of(
     sure = [name for name, value in odds.items() if value > np.log(SURE)]
     if sure and own_square > ON_MARK_PX**2:
         raise MarkerError(misread(pairs, near, "are read " + ", or ".join(sure)))
-    if own_square > ON_MARK_PX**2 and (scale := _scaled(pairs.source, kinds)):
+    if own_square > ON_MARK_PX**2 and (scale := _sure_scale(pairs.source, kinds)):
         raise MarkerError(misread(pairs, near, f"are multiplied by {scale:.3g}"))
     names = ", or ".join(name for name, value in odds.items() if value > np.log(POSSIBLE))
     said = (
@@ -67,7 +70,7 @@ def rivals_of(
     return (said,) if names else ()
 
 
-def _scaled(given: Array, kinds: list[Kind]) -> float | None:
+def _sure_scale(given: Array, kinds: list[Kind]) -> float | None:
     """The scale that meets the marks surely better than no change and any shift; `None`: none."""
     kind = min(kinds, key=lambda one: square_from(given, one))
     hits = hits_of(given, kind)
