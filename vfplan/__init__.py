@@ -65,6 +65,11 @@ def cmake_dir() -> Path:
 
 
 def __getattr__(name: str) -> Any:
+    value = globals()[name] = _made(name)  # asked for once
+    return value
+
+
+def _made(name: str) -> Any:
     if name == "__version__":
         from importlib.metadata import version
 
