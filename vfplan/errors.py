@@ -63,17 +63,6 @@ class InputError(VfplanError):
     exit_code = 3
 
 
-@contextmanager
-def at(where: object | None) -> Iterator[None]:
-    """Errors of input raised inside, if they name no place, name this one, if there is any."""
-    try:
-        yield
-    except InputError as error:
-        if where is not None:
-            error.where = error.where or str(where)
-        raise
-
-
 class ImageError(InputError):
     """An image that cannot be read or used."""
 

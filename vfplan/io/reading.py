@@ -12,7 +12,8 @@ import os
 import re
 import stat
 import zlib
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO, cast
@@ -28,6 +29,17 @@ _REAL = re.compile(r"[ \t]*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)
 
 # More no program writes: bytes of a line, numbers in one, bytes of a file of text.
 MOST_LINE, MOST_COLUMNS, MOST_TEXT = 1 << 16, 1000, 1 << 28
+
+
+@contextmanager
+def at(where: object | None) -> Iterator[None]:
+    """Errors of input raised inside, if they name no place, name this one, if there is any."""
+    try:
+        yield
+    except InputError as error:
+        if where is not None:
+            error.where = error.where or str(where)
+        raise
 
 
 def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:

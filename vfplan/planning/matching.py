@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import CurveError, MarkerError, SettingError, at
+from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.fixture import Fixture
+from vfplan.io.reading import at
 from vfplan.planning.readings import Held, hold_against_marks
 from vfplan.planning.settings import FixtureSettings
 

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.errors import SettingError, at
+from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
+from vfplan.io.reading import at
 from vfplan.registration.result import Registration
 
 

@@ -12,8 +12,9 @@ from vfplan.engine.checks import Vector
 from vfplan.engine.moving import MovingFrame, matrices
 from vfplan.engine.parameters import Status, Trace
 from vfplan.engine.renderable import best_rule, check_renderable
-from vfplan.errors import SceneError, SettingError, at
+from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
+from vfplan.io.reading import at
 from vfplan.replaying.engines import make_engine
 from vfplan.replaying.quantities import Carry, dots, stacked
 from vfplan.session.events import Event, read_events
