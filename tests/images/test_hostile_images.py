@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from vfplan.errors import ImageError
-from vfplan.images.header import MOST_PAGES, MOST_PIXELS, read_header
-from vfplan.images.read import read_image
+from vfplan.images.read import MOST_PAGES, MOST_PIXELS, read_header, read_image
 
 GIB = 1 << 30
 
@@ -97,8 +96,9 @@ def test_a_page_of_many_is_read_alone(tmp_path):
     with pytest.raises(ImageError, match="has 3000 pages; choose one"):
         read_image(tmp_path / "a.tif")
     assert read_image(tmp_path / "a.tif", frame=2999).rgb.shape == (64, 64, 3)
-    with pytest.raises(ImageError, match="has no page 3001; it has 3000"):
-        read_image(tmp_path / "a.tif", frame=3001)
+    for frame in (3001, 0, -1):
+        with pytest.raises(ImageError, match=f"has no page {frame}; it has 3000"):
+            read_image(tmp_path / "a.tif", frame=frame)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".bmp"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from typing import Any
 
 import numpy as np
@@ -22,10 +21,7 @@ def read_annotated(
 
     Raises `CurveError` where there is none, or several and none was chosen.
     """
-    with tempfile.TemporaryFile() as file:
-        file.write(data)
-        file.flush()
-        found = read_annotations(file, where)
+    found = read_annotations(data, where)
     drawn = [each for each in found if each.points is not None or each.plane is not None]
     one, told, stroke = drawn[0], (), number
     others = "".join(f"; not read: {each.name}" for each in found[len(drawn) :][:8])

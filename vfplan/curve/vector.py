@@ -16,7 +16,7 @@ from vfplan.curve import imagej
 from vfplan.curve.path import meetings
 from vfplan.engine.checks import MOST_POINTS
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
-from vfplan.images.header import is_dicom
+from vfplan.images.read import is_dicom
 from vfplan.io.reading import read_whole
 
 MAX_BYTES = 256 * 2**20

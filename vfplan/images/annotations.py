@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError
-from vfplan.images.dicom import dataset_of, quiet
-from vfplan.images.header import check_size
+from vfplan.images.dicom import dataset_of, in_memory, quiet
+from vfplan.images.read import check_size
 from vfplan.io.apart import allow, apart
 
 CORNER_PX = 0.5  # from a pixel's corner to its centre
@@ -46,20 +46,19 @@ class Annotation:
     origin: tuple[int, int] = (0, 0)
 
 
-def read_annotations(file: BinaryIO, where: str) -> list[Annotation]:
+def read_annotations(data: bytes, where: str) -> list[Annotation]:
     """The lines and overlay planes of a DICOM file, then its graphics that are no lines.
 
     Raises `CurveError` where there is no line, `ImageError` for a damaged file, `MissingExtra`.
     """
-    found = apart(
-        "vfplan.images.annotations:found_in", where, file=file, where=where, kind=CurveError
-    )
-    drawn = []
-    for head, values in zip(found, found, strict=True):
-        kind = head.pop("kind")
-        plane = values[0].astype(bool) if kind == "plane" else None
-        points = values[0] - CORNER_PX if kind == "line" else None
-        drawn.append(Annotation(plane=plane, points=points, **head))
+    job, drawn = "vfplan.images.annotations:found_in", []
+    with in_memory(data) as file:
+        found = apart(job, where, file=file, where=where, kind=CurveError)
+        for head, values in zip(found, found, strict=True):
+            kind = head.pop("kind")
+            plane = values[0].astype(bool) if kind == "plane" else None
+            points = values[0] - CORNER_PX if kind == "line" else None
+            drawn.append(Annotation(plane=plane, points=points, **head))
     return drawn
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import ImageError, MissingExtra, needing
-from vfplan.images.header import check_size
+from vfplan.images.read import check_size
 from vfplan.io.apart import allow, apart
 
 COLOUR = {"RGB", "PALETTE COLOR"}
@@ -33,14 +33,14 @@ PART_BYTES = 1 << 26  # of pixels at a time on their way here
 
 
 def read_dicom(
-    file: BinaryIO, where: str, frame: int | None, imager_spacing: bool
+    data: bytes, where: str, frame: int | None, imager_spacing: bool
 ) -> tuple[NDArray, tuple[float, float] | None, NDArray | None, str]:
     """Pixels, spacing and place of a DICOM file.
 
     Parameters
     ----------
-    file, where
-        The open file and its name for messages.
+    data, where
+        The file's bytes and its name for messages.
     frame
         Which frame, from 1; needed when there are several.
     imager_spacing
@@ -60,16 +60,25 @@ def read_dicom(
         pydicom is not installed.
     """
     job = "vfplan.images.dicom:decoded"
-    found = apart(job, where, frame, imager_spacing, file=file, where=where, kind=ImageError)
-    head = next(found)
-    rgb = np.empty(head["shape"], head["dtype"])
-    row = 0
-    for (part,) in found:
-        rgb[row : row + len(part)] = part
-        row += len(part)
+    with in_memory(data) as file:
+        found = apart(job, where, frame, imager_spacing, file=file, where=where, kind=ImageError)
+        head = next(found)
+        rgb = np.empty(head["shape"], head["dtype"])
+        row = 0
+        for (part,) in found:
+            rgb[row : row + len(part)] = part
+            row += len(part)
     place = head["place"]
     spacing = head["spacing"] and tuple(head["spacing"])
     return rgb, spacing, place and np.array(place), head["instance"]
+
+
+def in_memory(data: bytes) -> BinaryIO:
+    """A nameless file, so that no folder need be writable."""
+    file = os.fdopen(os.memfd_create("DICOM"), "w+b")
+    file.write(data)
+    file.flush()
+    return file
 
 
 # What follows runs in a process apart (`vfplan.io.apart`).

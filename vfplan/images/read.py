@@ -1,27 +1,34 @@
 """Read a planned slice: PNG, JPEG, TIFF, BMP or DICOM -> PlannedImage.
 
 Pixels: u to the right, v down, and the *centre* of the top-left pixel is (0, 0).
+
+What a file says of itself is read before any decoder may allocate for it, and no decoder is asked
+for any other kind: PNG (ISO/IEC 15948), JPEG (ITU-T T.81), TIFF 6.0 and BigTIFF, BMP.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import ImageError
-from vfplan.images.header import JPEG, PNG, Header, is_dicom, read_header
+from vfplan.images.tiff import HEIGHT, ORDER, ORIENTATION, WIDTH, directories
 from vfplan.io.reading import read_whole
 
+PNG, JPEG, BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM"
 MOST_BYTES = 2**31 - 1  # more the decoders do not take
+MOST_PIXELS = 1 << 28  # 16384 x 16384, of one page
+MOST_PAGES = 4096
+MOST_SCANS = 200  # of a progressive JPEG, each a pass over the whole image; encoders make ten
 LIBJPEG_DAMAGE = ("Corrupt JPEG data", "Premature end of JPEG", "Invalid SOS", "Inconsistent prog")
 
 
@@ -106,35 +113,114 @@ def read_image(
     MissingExtra
         A DICOM file, and pydicom is not installed.
     """
-    data = _bytes(Path(path))
     where = str(path)
+    data = read_whole(Path(path), MOST_BYTES, ImageError)
+    if not data:
+        raise ImageError("is empty; an image is wanted", where=where)
     sha256 = hashlib.sha256(data).hexdigest()
     if is_dicom(data):
         from vfplan.images.dicom import read_dicom
 
-        with _scratch("DICOM") as file:
-            file.write(data)
-            file.flush()
-            rgb, spacing, place, own = read_dicom(file, where, frame, imager_spacing)
+        rgb, spacing, place, own = read_dicom(data, where, frame, imager_spacing)
         return PlannedImage(rgb, pixel_spacing_mm or spacing, sha256, place, own)
-    _refuse_truncated(data, where)
     header = read_header(data, where)
     return PlannedImage(_decode(data, header, where, frame), pixel_spacing_mm, sha256)
 
 
-def _bytes(path: Path) -> bytes:
-    data = read_whole(path, MOST_BYTES, ImageError)
-    if not data:
-        raise ImageError("is empty; an image is wanted", where=str(path))
-    return data
+def is_dicom(data: bytes) -> bool:
+    """Whether the bytes begin as a DICOM file does (PS3.10 §7.1)."""
+    return data[128:132] == b"DICM"
 
 
-def _refuse_truncated(data: bytes, where: str) -> None:
-    # Decoders fill what is missing with grey and say nothing.
-    if data.startswith(PNG) and b"IEND" not in data[-64:]:
+@dataclass(frozen=True)
+class Header:
+    """What an image file says of itself."""
+
+    kind: str  # "PNG", "JPEG", "TIFF" or "BMP"
+    pages: int = 1  # how many pictures
+    opaque: bool = False  # known to have neither alpha nor pages
+    orientation: int = 1  # EXIF's, 1 to 8, of a PNG; 1 for the others, which OpenCV turns itself
+
+
+def read_header(data: bytes, where: str) -> Header:
+    """The header of an image, whose sizes can be borne.
+
+    Raises `ImageError` for another kind of file, one that is damaged, or more than `MOST_` allow.
+    """
+    kinds = {PNG: _png, JPEG: _jpeg, BMP: _bmp} | dict.fromkeys(ORDER, _tiff)
+    for start, read in kinds.items():
+        if data.startswith(start):
+            try:
+                return read(data, where)
+            except (struct.error, IndexError):
+                raise ImageError("its header is damaged or cut short", where=where) from None
+    raise ImageError("is not an image that can be read (PNG, JPEG, TIFF, BMP, DICOM)", where=where)
+
+
+def check_size(width: int, height: int, where: str) -> None:
+    """Raise `ImageError` for a page without pixels, or of more than are read."""
+    if not 0 < width * height <= MOST_PIXELS or width < 0:
+        raise ImageError(
+            f"{width} x {height} pixels; at least one and at most {MOST_PIXELS} are read",
+            where=where,
+        )
+
+
+def _png(data: bytes, where: str) -> Header:
+    if b"IEND" not in data[-64:]:  # decoders fill what is missing with grey and say nothing
         raise ImageError("the PNG is cut short: it has no IEND chunk", where=where)
-    if data.startswith(JPEG) and b"\xff\xd9" not in data[-4096:]:
+    check_size(*struct.unpack_from(">II", data, 16), where)
+    at, orientation, frames, opaque = len(PNG), 1, 1, data[25] in (0, 2, 3)
+    while at + 8 <= len(data):
+        size, kind = struct.unpack_from(">I4s", data, at)
+        if kind == b"acTL":
+            frames = struct.unpack_from(">I", data, at + 8)[0]
+        elif kind == b"tRNS":
+            opaque = False
+        elif kind == b"eXIf" and data[at + 8 : at + 12] in ORDER:
+            tags = next(directories(data[at + 8 : at + 8 + size]), {})
+            orientation = tags.get(ORIENTATION, 1)
+        at += 12 + size
+    if frames > 1:
+        raise ImageError(f"is animated, {frames} frames; one picture is wanted", where=where)
+    return Header("PNG", opaque=opaque, orientation=orientation)
+
+
+def _jpeg(data: bytes, where: str) -> Header:
+    if b"\xff\xd9" not in data[-4096:]:
         raise ImageError("the JPEG is cut short: it has no end-of-image marker", where=where)
+    at = 2
+    while True:
+        if data[at] != 0xFF:
+            raise IndexError
+        marker = data[at + 1]
+        if marker == 0xFF:  # filling
+            at += 1
+        elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack_from(">HH", data, at + 5)
+            check_size(width, height, where)
+            break
+        else:
+            at += 2 + struct.unpack_from(">H", data, at + 2)[0]
+    if (scans := data.count(b"\xff\xda")) > MOST_SCANS:
+        raise ImageError(f"has {scans} scans; at most {MOST_SCANS} are read", where=where)
+    return Header("JPEG", opaque=True)
+
+
+def _bmp(data: bytes, where: str) -> Header:
+    old = struct.unpack_from("<I", data, 14)[0] == 12
+    width, height = struct.unpack_from("<HH" if old else "<ii", data, 18)
+    check_size(width, abs(height), where)  # below 0: from top to bottom
+    return Header("BMP")
+
+
+def _tiff(data: bytes, where: str) -> Header:
+    pages = 0
+    for pages, page in enumerate(directories(data), start=1):
+        if pages > MOST_PAGES:
+            raise ImageError(f"has more than {MOST_PAGES} pages", where=where)
+        check_size(page.get(WIDTH, 0), page.get(HEIGHT, 0), where)
+    return Header("TIFF", pages)
 
 
 def _decode(data: bytes, header: Header, where: str, frame: int | None) -> NDArray:
@@ -143,17 +229,20 @@ def _decode(data: bytes, header: Header, where: str, frame: int | None) -> NDArr
     buffer = np.frombuffer(data, np.uint8)
     try:
         with _native_stderr() as said:
-            if _is_opaque(data) and frame in (None, 1):  # EXIF orientation is applied here
+            if header.opaque and frame in (None, 1):  # EXIF orientation is applied here
                 rgb = cv2.imdecode(buffer, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_ANYDEPTH)
             else:
-                chosen = _page_index(header, where, frame)
-                pages = cv2.imdecodemulti(buffer, cv2.IMREAD_UNCHANGED, range=(chosen, chosen + 1))[
-                    1
-                ]
-                rgb = _upright(_page(pages[0]), header) if len(pages) else None
-            _refuse_damaged(data, said(), where)
+                at = _page_index(header, where, frame)
+                _, pages = cv2.imdecodemulti(buffer, cv2.IMREAD_UNCHANGED, range=(at, at + 1))
+                rgb = _upright(_page(pages[0]), header.orientation) if len(pages) else None
+            said.seek(0)
+            lines = said.read().decode(errors="replace").splitlines()
     except cv2.error as error:
         raise ImageError(f"cannot be decoded: {error.err}", where=where) from None
+    # libjpeg makes up what it cannot decode, says so, and calls it a success.
+    damage = next((line for line in lines if line.startswith(LIBJPEG_DAMAGE)), None)
+    if damage and header.kind == "JPEG":
+        raise ImageError(f"the JPEG is damaged: {damage}", where=where)
     if rgb is None:
         raise ImageError(f"the {header.kind} cannot be decoded", where=where)
     if rgb.dtype not in (np.uint8, np.uint16):
@@ -161,41 +250,29 @@ def _decode(data: bytes, header: Header, where: str, frame: int | None) -> NDArr
     return rgb
 
 
-def _refuse_damaged(data: bytes, said: str, where: str) -> None:
-    # libjpeg makes up what it cannot decode, says so, and calls it a success.
-    damage = next((x for x in said.splitlines() if x.startswith(LIBJPEG_DAMAGE)), None)
-    if damage and data.startswith(JPEG):
-        raise ImageError(f"the JPEG is damaged: {damage}", where=where)
-
-
-def _is_opaque(data: bytes) -> bool:
-    """A JPEG, or a PNG without alpha: neither has pages either."""
-    if data.startswith(PNG):
-        return data[25] in (0, 2, 3) and b"tRNS" not in data[: data.find(b"IDAT")]
-    return data.startswith(JPEG)
-
-
 def _page_index(header: Header, where: str, frame: int | None) -> int:
     if frame is None and header.pages > 1:
         raise ImageError(
             f"has {header.pages} pages; choose one, 1 to {header.pages} (--frame)", where=where
         )
-    if not 1 <= (frame or 1) <= header.pages:
+    at = 0 if frame is None else frame - 1
+    if not 0 <= at < header.pages:
         raise ImageError(f"has no page {frame}; it has {header.pages}, from 1", where=where)
-    return (frame or 1) - 1
+    return at
 
 
 def _page(page: NDArray) -> NDArray:
+    """A page in colour, red first; what is transparent is laid over black."""
     import cv2
 
-    if page.ndim == 3 and page.shape[2] == 4:
-        return _over_black(page)
-    return cv2.cvtColor(page, cv2.COLOR_GRAY2RGB if page.ndim == 2 else cv2.COLOR_BGR2RGB)
+    if page.ndim == 2 or page.shape[2] == 3:
+        return cv2.cvtColor(page, cv2.COLOR_GRAY2RGB if page.ndim == 2 else cv2.COLOR_BGR2RGB)
+    full, alpha = np.iinfo(page.dtype).max, page[..., 3:].astype(np.uint32)
+    return ((page[..., 2::-1] * alpha + full // 2) // full).astype(page.dtype)
 
 
-def _upright(rgb: NDArray, header: Header) -> NDArray:
+def _upright(rgb: NDArray, orientation: int) -> NDArray:
     """A PNG with alpha, turned as its EXIF says (OpenCV does so for the others)."""
-    orientation = header.orientation
     if orientation in (5, 6, 7, 8):
         rgb = rgb.transpose(1, 0, 2)
     if orientation in (2, 3, 6, 7):
@@ -205,28 +282,15 @@ def _upright(rgb: NDArray, header: Header) -> NDArray:
     return np.ascontiguousarray(rgb)
 
 
-def _scratch(name: str) -> BinaryIO:
-    """A nameless file; in memory where the system can, so that no folder need be writable."""
-    if hasattr(os, "memfd_create"):
-        return os.fdopen(os.memfd_create(name), "w+b")
-    return cast("BinaryIO", tempfile.TemporaryFile())
-
-
 @contextmanager
-def _native_stderr() -> Iterator[Callable[[], str]]:
-    """Keep libpng, libjpeg and others off stderr; yields a function that tells what they said."""
-    with _scratch("native stderr") as log:
-
-        def said() -> str:
-            log.seek(0)
-            return log.read().decode(errors="replace")
-
+def _native_stderr() -> Iterator[BinaryIO]:
+    """Keep libpng, libjpeg and others off stderr; yields a file of what they said."""
+    saved = None
+    with suppress(OSError):  # where there is no stderr
+        saved = os.dup(2)
+    with os.fdopen(os.memfd_create("native stderr"), "w+b") as said:
         try:
-            saved = os.dup(2)
-        except OSError:  # there is no stderr
-            saved = None
-        try:
-            os.dup2(log.fileno(), 2)
+            os.dup2(said.fileno(), 2)
             yield said
         finally:
             if saved is None:
@@ -234,9 +298,3 @@ def _native_stderr() -> Iterator[Callable[[], str]]:
             else:
                 os.dup2(saved, 2)
                 os.close(saved)
-
-
-def _over_black(bgra: NDArray) -> NDArray:
-    full = np.iinfo(bgra.dtype).max
-    alpha = bgra[..., 3:].astype(np.uint32)
-    return ((bgra[..., 2::-1] * alpha + full // 2) // full).astype(bgra.dtype)
