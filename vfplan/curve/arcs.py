@@ -33,6 +33,7 @@ class Arcs:
     # (K,) tan(sweep / 4) of the piece from each vertex on; 0 at the last one of an open stroke
     bulges: Vector
     closed: bool  # whether the last piece leads back to the first vertex
+    error: float  # how far what they were fitted to lies from them at most, in the same unit
 
     def distance(self, x: Vector) -> Vector:
         """(T,) distance of the positions x (T, 2) from the pieces; neighbours lie near in x."""
@@ -56,7 +57,7 @@ def fit_arcs(points: Vector, closed: bool, tolerance: float) -> Arcs:
     points: (M, 2) in order, M of 2 or more; a cubic spline runs through them from corner to corner
     closed: whether the last point joins the first
     tolerance: how far the spline may lie from the pieces, in the unit of the points. A bend too
-        tight for it between two places looked at may lie further off: `measure` finds how far.
+        tight for it between two places looked at may lie further off.
     Raises `CurveError` where two neighbours coincide: no direction leads from one to the other.
     """
     twice = (points == np.roll(points, -1, axis=0)).all(axis=1)
@@ -67,15 +68,10 @@ def fit_arcs(points: Vector, closed: bool, tolerance: float) -> Arcs:
         )
     runs = [_run(*run, tolerance) for run in _smooth_runs(points, closed, tolerance)]
     vertices = np.vstack([*(run[0][:-1] for run in runs), runs[-1][0][-1:]])
-    bulges = np.concatenate([run[1] for run in runs])
+    bulges, error = np.concatenate([run[1] for run in runs]), max(run[2] for run in runs)
     if closed:
-        return Arcs(vertices[:-1], bulges, True)
-    return Arcs(vertices, np.append(bulges, 0.0), False)
-
-
-def places(points: Vector, closed: bool, tolerance: float) -> Vector:
-    """(D, 2) the measured curve in small steps: what `fit_arcs` of the same lays pieces along."""
-    return np.vstack([run[0] for run in _smooth_runs(points, closed, tolerance)])
+        return Arcs(vertices[:-1], bulges, True, error)
+    return Arcs(vertices, np.append(bulges, 0.0), False, error)
 
 
 def _smooth_runs(points: Vector, closed: bool, tolerance: float) -> list[tuple[Vector, Vector]]:
@@ -121,11 +117,6 @@ def find_corners(points: Vector, closed: bool, tolerance: float) -> NDArray[np.i
     return np.flatnonzero((off > tolerance) & alone) + (not closed)
 
 
-def measure(arcs: Arcs, places: Vector) -> float:
-    """How far places (D, 2) of the measured curve lie from its pieces, at most."""
-    return float(arcs.distance(places).max())
-
-
 def plane(axis: Vector) -> Vector:
     """(2, 3) two unit vectors, so that the second is left of the first seen against the axis."""
     first = np.eye(3)[np.argmin(np.abs(axis))]
@@ -139,42 +130,39 @@ def strokes_of(pieces: Pieces, frame: Vector) -> list[Arcs]:
     flat = pieces.vertices @ frame.T
     own = [pieces.stroke == k for k in range(len(pieces.closed))]
     return [
-        Arcs(flat[mine], pieces.bulges[mine], bool(closed))
+        Arcs(flat[mine], pieces.bulges[mine], bool(closed), pieces.error)
         for mine, closed in zip(own, pieces.closed, strict=True)
     ]
 
 
-def _run(places: Vector, tangents: Vector, tolerance: float) -> tuple[Vector, Vector]:
-    """Vertices (K + 1, 2) and bulges (K,) along the places of one smooth run."""
-    vertices, bulges = [places[0]], []
+def _run(places: Vector, tangents: Vector, tolerance: float) -> tuple[Vector, Vector, float]:
+    """Vertices (K + 1, 2) and bulges (K,) along the places of one smooth run, and their error."""
+    vertices, bulges, error = [places[0]], [], 0.0
     first, last, step = 0, len(places) - 1, DENSE
 
-    def holds(end: int) -> bool:
-        joint, one, two = _biarc(places[first], tangents[first], places[end], tangents[end])
+    def pair(end: int) -> tuple[Vector, float, float]:
+        return _biarc(places[first], tangents[first], places[end], tangents[end])
+
+    def off(end: int) -> float:
+        joint, one, two = pair(end)
         if max(abs(one), abs(two)) > 1:
-            return False
+            return np.inf
         x = places[first + 1 : end]
-        off = np.minimum(
-            _distance(places[first], joint, one, x), _distance(joint, places[end], two, x)
-        )
-        return bool(off.max(initial=0.0) <= tolerance)
+        near = _distance(places[first], joint, one, x), _distance(joint, places[end], two, x)
+        return float(np.minimum(*near).max())
 
     while first < last:
-        low, high = first + 1, last + 1  # holds, does not
-        end = min(first + step, last)
-        while low < end < high:
-            if holds(end):
-                low, end = end, min(first + 2 * (end - first), last)
-            else:
-                high = end
+        low, high, least = first + 1, last + 1, 0.0  # holds, does not; how far off the first is
+        end = min(first + max(step, 2), last)  # twice as far each time, then halved
         while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (middle, high) if holds(middle) else (low, middle)
-        joint, one, two = _biarc(places[first], tangents[first], places[low], tangents[low])
+            away = off(end)
+            low, high, least = (end, high, away) if away <= tolerance else (low, end, least)
+            end = (low + high) // 2 if high <= last else min(2 * low - first, last)
+        joint, one, two = pair(low)
         vertices += [joint, places[low]]
         bulges += [one, two]
-        first, step = low, max(1, low - first)
-    return np.array(vertices), np.clip(bulges, -1, 1)
+        first, step, error = low, low - first, max(error, least)
+    return np.array(vertices), np.clip(bulges, -1, 1), error
 
 
 def _biarc(p: Vector, t: Vector, q: Vector, s: Vector) -> tuple[Vector, float, float]:

@@ -147,7 +147,7 @@ def pieces_of(
     SettingError
         Lines and arcs are asked for, and there can be none.
     """
-    from vfplan.curve.arcs import fit_arcs, measure, places, plane
+    from vfplan.curve.arcs import fit_arcs, plane
 
     if settings.points_only:
         return None
@@ -160,9 +160,8 @@ def pieces_of(
     flat, height = carried @ frame.T, float((carried @ axis).mean())
     vertices, bulges, counts, error = [], [], [], 0.0
     for number, closed in enumerate(curve.curve.closed):
-        stroke = flat[curve.curve.stroke == number], bool(closed), tolerance
-        arcs = fit_arcs(*stroke)
-        error = max(error, measure(arcs, places(*stroke)))
+        arcs = fit_arcs(flat[curve.curve.stroke == number], bool(closed), tolerance)
+        error = max(error, arcs.error)
         vertices.append(arcs.vertices @ frame + height * axis)
         bulges.append(arcs.bulges)
         counts.append(len(arcs.bulges))
