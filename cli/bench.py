@@ -41,15 +41,7 @@ FELT = (
     option("--from", "source", type=FILE, metavar="JSON",
            help="Measure nothing: draw again what a bench.json holds."),
 )  # fmt: skip
-def command(
-    stage: str,
-    output: Path | None,
-    quick: bool,
-    peers: tuple[str, ...],
-    surface: Path | None,
-    tolerance_m: float,
-    source: Path | None,
-) -> Report:
+def command(stage, output, quick, peers, surface, tolerance_m, source) -> Report:
     """Measure STAGE (all of them by default) against known truth, and draw error over time."""
     from vfplan.study.bench import Peer, bench, read_document
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from vfplan.cli import options
@@ -26,15 +25,7 @@ from vfplan.cli.values import CSV, PNG, Real
     options.UNITS,
     options.signature(),
 )  # fmt: skip
-def command(
-    fixture: Path,
-    session: Path,
-    radius_mm: float,
-    output: Path | None,
-    events_out: Path | None,
-    picture_out: Path | None,
-    **given: Any,
-) -> Report:
+def command(fixture, session, radius_mm, output, events_out, picture_out, **given) -> Report:
     """Let SESSION's hand burr FIXTURE.h5 with a ball at the tip.
 
     Points within the ball around the HIP go, and deeper ones appear on the ball: a hand that

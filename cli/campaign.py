@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-from pathlib import Path
 from typing import Any
 
 import click
@@ -48,10 +47,9 @@ from vfplan.errors import SettingError
     option("--picture-out", type=PNG, help="Where along the curve, and how far."),
     option("--overwrite", is_flag=True, help="Replace the picture if it exists."),
 )  # fmt: skip
-def command(fixture: Path, sessions: tuple[Path, ...], folder: Path, trials: int,
-            workers: int | None, scheduler: str | None, picture_out: Path | None,
-            beyond: tuple[float, ...], margin_for: tuple[float, ...],
-            **given: Any) -> Report:  # fmt: skip
+def command(
+    fixture, sessions, folder, trials, workers, scheduler, picture_out, beyond, margin_for, **given
+) -> Report:
     """Plan again and again, each time with other errors, and see how far the tool comes.
 
     A trial draws marker errors on both sides and of the curve, fits the registration, carries the

@@ -48,7 +48,7 @@ EXPERIMENT = (
            help="The folder to fill; made when it is not there."),
     OVERWRITE,
 )  # fmt: skip
-def command(what: str, output: Path) -> Report:
+def command(what, output) -> Report:
     """Plan a fixture on a drawn elbow slice, replay a probing session against it, draw both.
 
     \b

@@ -14,7 +14,7 @@ from vfplan.cli.values import FILE
 @click.argument("a", type=FILE, metavar="A.h5")
 @click.argument("b", type=FILE, metavar="B.h5")
 @click.argument("session", type=FILE, required=False)
-def command(a: Path, b: Path, session: Path | None) -> Report:
+def command(a, b, session) -> Report:
     """List what differs between A.h5 and B.h5; exit 1 if anything does.
 
     With a SESSION both are replayed, and the first tick at which proxy or force differ is named.
@@ -45,17 +45,14 @@ def _line(difference: dict[str, Any]) -> str:
 
 
 def _replayed(a: Path, b: Path, session: Path) -> dict[str, Any]:
-    from vfplan.bundle.describe import first_tick
     from vfplan.replaying import replay
+    from vfplan.replaying.apart import Apart
     from vfplan.session import read_session
 
-    recorded = read_session(session)
-    one, other = (replay(path, recorded).trace for path in (a, b))
-    proxy_tick, proxy_max = first_tick(one.proxy, other.proxy)
-    force_tick, force_max = first_tick(one.force, other.force)
-    ticks = [tick for tick in (proxy_tick, force_tick) if tick is not None]
-    data = {"first_tick": min(ticks, default=None), "proxy_max_m": proxy_max}
-    data |= {"force_max_n": force_max, "ticks": len(recorded.time)}
-    if ticks:
-        data["first_tick_time_s"] = float(recorded.time[min(ticks)])
-    return data
+    recorded, apart = read_session(session), Apart()
+    apart.update(*(replay(path, recorded).trace for path in (a, b)))
+    found = apart.report()
+    tick = found.get("first_difference_tick")
+    data = {"first_tick": tick, **{name: found[name] for name in ("proxy_max_m", "force_max_n")}}
+    data["ticks"] = len(recorded.time)
+    return data if tick is None else data | {"first_tick_time_s": float(recorded.time[tick])}

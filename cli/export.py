@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from vfplan.cli.options import FIXTURE, output
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
@@ -15,7 +13,7 @@ SUFFIXES = ".ply", ".csv", ".mrk.json", ".dxf", ".svg"
 @command("export")
 @FIXTURE
 @output("Where to; its ending says the form.", kind=Written(*SUFFIXES))
-def command(fixture: Path, output: Path) -> Report:
+def command(fixture, output) -> Report:
     """Write the points of FIXTURE.h5 as .ply or .csv [m], its strokes as .mrk.json [mm], or its
     lines and arcs as .dxf or .svg [mm].
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from vfplan.cli.options import CURVE, option, output, settings, taking
@@ -14,9 +14,6 @@ from vfplan.cli.run import Report, command, patience
 from vfplan.cli.values import FILE, Number
 
 from vfplan.errors import CurveError, SettingError
-
-if TYPE_CHECKING:
-    from vfplan.planning import Extracted
 
 
 @command("extract")
@@ -27,13 +24,7 @@ if TYPE_CHECKING:
     option("--density", "density_per_mm", type=Number("PTS_PER_MM"),
            help="Points a millimetre; needs a pixel spacing.  [default: one a pixel]"),
 )  # fmt: skip
-def command(
-    image: Path,
-    output: Path,
-    mask_out: Path | None,
-    overlay_out: Path | None,
-    **given: Any,
-) -> Report:
+def command(image, output, mask_out, overlay_out, **given) -> Report:
     """Extract the curve drawn on IMAGE to sub-pixel points.
 
     IMAGE is a PNG, JPEG, TIFF, BMP or DICOM file; or, alone, a vector curve: a Slicer .mrk.json
@@ -74,7 +65,7 @@ def numbered(image: Path, settings: Any, overlay: Path | None) -> Iterator[None]
         raise
 
 
-def write_pictures(extracted: Extracted, mask: Path | None, overlay: Path | None) -> None:
+def write_pictures(extracted: Any, mask: Path | None, overlay: Path | None) -> None:
     """Write the pictures that were asked for."""
     if mask is None and overlay is None:
         return

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from vfplan.cli.options import option, output, taking
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE, MM, Number, Numbers
-
-if TYPE_CHECKING:
-    from vfplan.fixture import Fixture
 
 AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
@@ -37,7 +33,7 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
            help="The fixture is infinite along it."),
     output("The fixture bundle."),
 )  # fmt: skip
-def command(cloud: Path, output: Path, **given: Any) -> Report:
+def command(cloud, output, **given) -> Report:
     """Make a fixture bundle of the points in CLOUD; a mesh is sampled and certified."""
     from vfplan.bundle import import_cloud, read_bundle, write_fixture
     from vfplan.engine.renderable import best_rule
@@ -70,7 +66,7 @@ def command(cloud: Path, output: Path, **given: Any) -> Report:
     return Report(data, text, warnings=_warnings(fixture, content["/leak@largest_m"]))
 
 
-def _warnings(fixture: Fixture, opening: float) -> list[str]:
+def _warnings(fixture: Any, opening: float) -> list[str]:
     from vfplan.bundle.validation import engine_doubt, mesh_doubts
     from vfplan.fixture import size_doubt
 

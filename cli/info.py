@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from vfplan.cli.options import FIXTURE, option
@@ -34,7 +33,7 @@ BARE = ("\n  leak        not certified: a bare cloud, points up to {/leak@larges
 @FIXTURE
 @option("--all", "everything", is_flag=True, help="Every attribute and table of the file.")
 @option("--values", is_flag=True, help="In --json, the per-point tables in full too.")
-def command(fixture: Path, everything: bool, values: bool) -> Report:
+def command(fixture, everything, values) -> Report:
     """Show what FIXTURE.h5 holds, in about ten lines; with --all, all of it.
 
     `--json` always holds all of it.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from vfplan.cli.options import output
 from vfplan.cli.outputs import overwriting
 from vfplan.cli.run import Report, command
@@ -12,7 +10,7 @@ from vfplan.cli.values import Written
 
 @command("keygen")
 @output("The private key, for its owner only; the public key gets the suffix .pub.", kind=Written())
-def command(output: Path) -> Report:
+def command(output) -> Report:
     """Make an Ed25519 key pair: a private key to sign with, a public key for robots to trust."""
     from vfplan.bundle import keygen
 

@@ -32,8 +32,7 @@ from vfplan.cli.values import Real, Whole, Written
            help="Stop after so long; without it at the result's end, or on Ctrl-C."),
     option("--overwrite", is_flag=True, help="Replace the MCAP file if it exists."),
 )  # fmt: skip
-def command(fixture: Path, source: str, openigtlink: int | None, web: int | None,
-            mcap: Path | None, rate: float, seconds: float | None) -> Report:  # fmt: skip
+def command(fixture, source, openigtlink, web, mcap, rate, seconds) -> Report:
     """Show ticks as they come: a result of `vfplan replay -o` at its own pace, or a controller.
 
     A controller sends with vfplan/telemetry.hpp to udp://HOST:PORT. Ctrl-C ends the showing in

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 from vfplan.cli.options import output
 from vfplan.cli.outputs import outputs
@@ -14,7 +12,7 @@ from vfplan.cli.values import FILE
 @command("migrate")
 @click.argument("old", type=FILE, metavar="OLD.h5")
 @output("The new bundle.")
-def command(old: Path, output: Path) -> Report:
+def command(old, output) -> Report:
     """Write the content of OLD.h5, a bundle of version 0.1, as a sealed bundle of version 1.0.
 
     OLD.h5 stays as it is; the new bundle's provenance tells of the migration.

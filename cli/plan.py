@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import click
+from vfplan.cli import options
 from vfplan.cli.extract import extracted_text, numbered, write_pictures
-from vfplan.cli.options import (
-    CURVE,
-    MAKING,
-    ROBOT,
-    fixture_settings,
-    hold_campaign,
-    option,
-    output,
-    settings,
-    taking,
-)
+from vfplan.cli.options import option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.rehearse import BASE, TOOL, objections, rehearsed_text
@@ -29,11 +19,11 @@ from vfplan.cli.values import FILE
 @click.argument("image", type=FILE)
 @click.argument("markers", type=FILE)
 @click.argument("markers2", type=FILE, required=False)
-@taking(
-    output("The fixture bundle to write."),
-    CURVE,
-    MAKING,
-    ROBOT,
+@options.taking(
+    options.output("The fixture bundle to write."),
+    options.CURVE,
+    options.MAKING,
+    options.ROBOT,
     option("--rehearse", metavar="panda|fr3|FILE.xml",
            help="Let a simulated arm go along the curve first, on each side; write nothing (exit "
            "1) where it would not reach or would stop. Its limits: --robot's, or its own."),
@@ -41,18 +31,7 @@ from vfplan.cli.values import FILE
     option("--tool", **TOOL, help="That arm's tip in its flange's frame [m]."),
 )  # fmt: skip
 def command(
-    image: Path,
-    markers: Path,
-    markers2: Path | None,
-    output: Path,
-    robot: str | None,
-    rehearse: str | None,
-    base: tuple[float, ...] | None,
-    tool: tuple[float, ...],
-    mask_out: Path | None,
-    overlay_out: Path | None,
-    picture_out: Path | None,
-    **given: Any,
+    image, markers, markers2, output, mask_out, overlay_out, picture_out, **given
 ) -> Report:
     """Extract the curve drawn on IMAGE, register it by MARKERS and write a fixture bundle.
 
@@ -65,24 +44,23 @@ def command(
     from vfplan.planning import ExtractSettings, plan
     from vfplan.robot import read_robot
 
-    reading, making = settings(ExtractSettings, given), fixture_settings(given)
-    arm = read_robot(robot)
+    reading, making = options.settings(ExtractSettings, given), options.fixture_settings(given)
+    robot = read_robot(given["robot"])
     with patience(f"planning on {image.name}"), numbered(image, reading, overlay_out):
         made = plan(
             image, markers, markers2, extraction=reading, settings=making, curve=given["curve"]
         )
     fixture, verdict, warnings = made.fixture, {}, list(made.warnings)
-    hold_campaign(given, fixture)
-    if arm is not None:
+    options.hold_campaign(given, fixture)
+    if robot is not None:
         from vfplan.stability import approved
 
-        fixture = approved(made.fixture, arm)
+        fixture = approved(made.fixture, robot)
         verdict = {"stability": fixture.stability.as_dict()}
-        warnings += strong_pull(fixture, arm)
-    if rehearse is not None:
-        verdict |= {"rehearsal": rehearsed(fixture, rehearse, arm, base, tool)}
-    given_paths = (output, mask_out, overlay_out, picture_out)
-    with outputs(*given_paths) as (path, mask, overlay, picture):
+        warnings += strong_pull(fixture, robot)
+    if given["rehearse"] is not None:
+        verdict |= {"rehearsal": rehearsed(fixture, robot, given)}
+    with outputs(output, mask_out, overlay_out, picture_out) as (path, mask, overlay, picture):
         write_fixture(fixture, path)
         write_pictures(made.extracted, mask, overlay)
         write_registration_picture(
@@ -110,14 +88,12 @@ def strong_pull(fixture: Any, robot: Any) -> list[str]:
     ]
 
 
-def rehearsed(
-    fixture: Any, choice: str, robot: Any, base: tuple[float, ...] | None, tool: tuple[float, ...]
-) -> list[dict[str, Any]]:
+def rehearsed(fixture: Any, robot: Any, given: dict[str, Any]) -> list[dict[str, Any]]:
     """What a simulated arm says along each side of the curve; `CheckFailed` where it says no."""
     from vfplan.arm import Arm, rehearse, visit
     from vfplan.errors import CheckFailed
 
-    arm, said = Arm(choice, robot, base=base, tool=tool), []
+    arm, said = Arm(given["rehearse"], robot, base=given["base"], tool=given["tool"]), []
     for way in visit(fixture, arm.robot.rate_hz):
         with patience(f"rehearsing {way.name}"):
             found = rehearse(fixture, way, arm)

@@ -3,28 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
-from vfplan.cli.options import (
-    MAKING,
-    MILLI,
-    fixture_settings,
-    hold_campaign,
-    option,
-    output,
-    taking,
-)
+from vfplan.cli import options
+from vfplan.cli.options import option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
 from vfplan.cli.telling import told
 from vfplan.cli.values import FILE, Real
-
-if TYPE_CHECKING:
-    from vfplan.fixture import Fixture
-    from vfplan.images.read import PlannedImage
-    from vfplan.planning import Planned
-
 
 TEXT = (
     "{model} registration from {markers} markers: FRE {fre_rms_m:mm} rms, leave-one-out "
@@ -59,8 +46,8 @@ GUIDE = (
 @click.argument("curve", type=FILE, metavar="CURVE.h5")
 @click.argument("markers", type=FILE)
 @click.argument("markers2", type=FILE, required=False)
-@taking(
-    output("The fixture bundle to write."),
+@options.taking(
+    options.output("The fixture bundle to write."),
     option("--image", type=FILE, metavar="IMAGE",
            help="The slice the curve was drawn on: the markers are held against the marks on it; "
            "for --find-markers, under --picture-out, and for markers in the patient's frame, to "
@@ -68,20 +55,12 @@ GUIDE = (
     option("--touched", type=FILE, metavar="POINTS.csv",
            help="Points that the robot touched on the surface (x_m,y_m,z_m) refine its rigid "
            "registration."),
-    option("--tip-radius", type=Real(min=0), metavar="MM", **MILLI,
+    option("--tip-radius", type=Real(min=0), metavar="MM", **options.MILLI,
            help="Radius of the ball that touched them.  [default: 0]"),
-    MAKING,
+    options.MAKING,
 )  # fmt: skip
 def command(
-    curve: Path,
-    markers: Path,
-    markers2: Path | None,
-    output: Path,
-    image: Path | None,
-    touched: Path | None,
-    tip_radius: float | None,
-    picture_out: Path | None,
-    **given: Any,
+    curve, markers, markers2, output, image, touched, tip_radius, picture_out, **given
 ) -> Report:
     """Register CURVE.h5 to the robot by MARKERS and write a fixture bundle.
 
@@ -92,7 +71,7 @@ def command(
     from vfplan.images.read import read_image
     from vfplan.planning import register
 
-    settings = fixture_settings(given)
+    settings = options.fixture_settings(given)
     if settings.find_markers and image is None:
         raise click.UsageError("--find-markers needs --image, the slice the markers are drawn on")
     if tip_radius is not None and touched is None:
@@ -103,7 +82,7 @@ def command(
         drawn, markers, markers2, settings, image=slice_, touched=touched,
         tip_radius=tip_radius or 0.0,
     )  # fmt: skip
-    hold_campaign(given, planned.fixture)
+    options.hold_campaign(given, planned.fixture)
     with outputs(output, picture_out) as (path, picture):
         write_fixture(planned.fixture, path)
         write_registration_picture(planned, drawn, slice_, picture)
@@ -112,7 +91,7 @@ def command(
 
 
 def write_registration_picture(
-    planned: Planned, curve: Fixture, image: PlannedImage | None, picture: Path | None
+    planned: Any, curve: Any, image: Any | None, picture: Path | None
 ) -> None:
     """Write the registration's picture where one was asked for."""
     if picture is None:

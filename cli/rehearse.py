@@ -60,14 +60,7 @@ REFLEX = (
     option("--picture-out", type=PNG, metavar="PNG", help="Write the arm over the fixture."),
     options.signature(),
 )  # fmt: skip
-def command(
-    fixture: Path,
-    session: Path,
-    output: Path | None,
-    report: Path | None,
-    picture_out: Path | None,
-    **given: Any,
-) -> Report:
+def command(fixture, session, output, report, picture_out, **given) -> Report:
     """Let SESSION's hand move a simulated arm that renders FIXTURE.h5 at its own rate.
 
     The hand is a spring and damper that want the tip where the session is. Says whether the arm

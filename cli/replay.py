@@ -86,14 +86,7 @@ OPTIONS = options.taking(
 @options.output("Per-tick result, HDF5.", required=False)
 @OPTIONS
 @options.signature()
-def command(
-    fixture: Path,
-    session: Path,
-    output: Path | None,
-    csv_out: Path | None,
-    report: Path | None,
-    **given: Any,
-) -> Report:
+def command(fixture, session, output, csv_out, **given) -> Report:
     """Replay SESSION (a recording of HIP positions) against FIXTURE.h5, tick by tick.
 
     SESSION is a CSV with a header t,x,y,z, an HDF5 or .npz file with time and hip, or a ROS bag.
@@ -101,32 +94,24 @@ def command(
     docs/replay.md. Exit 1 when a limit that was given does not hold; the files are written then
     too, as the record of it.
     """
+    report = given["report"]
     refuse_folder(report)
     if report is None and given["image"] is not None:
         raise click.UsageError("--image is for the pictures of --report DIR")
-    with outputs(output, csv_out, report and report / "index.html") as (
-        result_path,
-        csv_path,
-        page_path,
-    ):
-        replayed = _replayed(fixture, session, (result_path, csv_path), report is not None, given)
-        if page_path is not None:
+    with outputs(output, csv_out, report and report / "index.html") as (result, table, index):
+        replayed = _replayed(fixture, session, result, table, given)
+        if index is not None:
             from vfplan.report.page import page
 
             text = page(replayed, image=given["image"], command=command_line())
-            write_whole(page_path, [text.encode("utf-8")], overwrite=True)
+            write_whole(index, [text.encode("utf-8")], overwrite=True)
         text = replay_text(replayed.metrics)
     broken = [check for check in replayed.metrics.get("checks", []) if not check["pass"]]
     return Report(replayed.metrics, text, failed="; ".join(map(check_line, broken)))
 
 
-def _replayed(
-    fixture: Path,
-    session: Path,
-    paths: tuple[Path | None, Path | None],
-    pictures: bool,
-    given: dict[str, Any],
-) -> Any:
+def _replayed(fixture: Path, session: Path, result: Path | None, table: Path | None,
+              given: dict[str, Any]) -> Any:  # fmt: skip
     from vfplan.replaying import Link, replay
     from vfplan.robot import read_robot
     from vfplan.session.events import as_taken
@@ -140,7 +125,7 @@ def _replayed(
     implied = "paper" if given["engine"] == "reference" else None
     rule, robot = given["rule"] or implied, read_robot(given["robot"])
     with progress("replay", source.ticks or guess(session)) as done, ExitStack() as files:
-        writer, sinks = _files(files, *paths, rule)
+        writer, sinks = _files(files, result, table, rule)
         replayed = replay(
             fixture,
             source,
@@ -150,7 +135,7 @@ def _replayed(
             link=options.settings(Link, given),
             governor=_governing(given["governor"], robot),
             limits=tuple((name, sense, limit) for name, limit, sense in bounds),
-            keep=65536 if pictures else 0,
+            keep=65536 if given["report"] else 0,
             # The ticks of both rules are the same ones.
             sinks=[
                 *sinks,

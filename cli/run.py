@@ -63,7 +63,8 @@ def command_line() -> str:
 def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.Command]:
     """A click command whose function returns a `Report`.
 
-    Adds `--json`, `-q` and `-v`, times the call (`elapsed_s`), and turns every `VfplanError` into
+    Its parameters are the options and arguments above it, which say what each may be. Adds
+    `--json`, `-q` and `-v`, times the call (`elapsed_s`), and turns every `VfplanError` into
     one line and its exit code. What the command is to write is checked before it is called, and
     `--overwrite` is heeded by `vfplan.cli.outputs`: the function does not get it.
     """

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from vfplan.cli.options import FIXTURE, option, output, taking
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
@@ -16,18 +14,11 @@ from vfplan.cli.values import FILE
     option("--key", type=FILE, required=True, help="The private key, from `vfplan keygen`."),
     option("--case", default="", help="Case token that the signature is to cover."),
     option("--robot-serial", default="", help="The one robot this bundle is for."),
-    option("--registered-at", metavar="UTC",
+    option("--registered-at", "registered_utc", metavar="UTC",
            help="When the patient was registered, e.g. 2026-01-31T12:00:00Z."),
     output("The signed bundle."),
 )  # fmt: skip
-def command(
-    fixture: Path,
-    key: Path,
-    case: str,
-    robot_serial: str,
-    registered_at: str | None,
-    output: Path,
-) -> Report:
+def command(fixture, output, key, **given) -> Report:
     """Check FIXTURE.h5 and write it again under a seal signed with --key.
 
     The signature covers every byte of the bundle, and case, robot and time of registration where
@@ -36,14 +27,6 @@ def command(
     from vfplan.bundle import sign
 
     with outputs(output) as (path,):
-        seal = sign(
-            fixture,
-            path,
-            key,
-            case=case,
-            robot_serial=robot_serial,
-            registered_utc=registered_at,
-        )
-    return Report(
-        {"output": str(output), **seal.describe()}, f"signed {output}, key {seal.key_id.hex()}"
-    )
+        seal = sign(fixture, path, key, **given)
+    data = {"output": str(output), **seal.describe()}
+    return Report(data, f"signed {output}, key {seal.key_id.hex()}")

@@ -50,17 +50,7 @@ _above = values.Real(min=0, min_open=True)
            help="Write the report, the tables and the pictures there."),
     OVERWRITE,
 )  # fmt: skip
-def command(
-    fixture: Path | None,
-    robot: str | None,
-    stiffness: float | None,
-    margin: float,
-    parts: tuple[str, ...],
-    full: bool,
-    jobs: int,
-    output: Path | None,
-    **given: Any,
-) -> Report:
+def command(fixture, output, robot, stiffness, margin, parts, full, jobs, **given) -> Report:
     """Judge the K of FIXTURE (or --stiffness) in closed loop with a robot, and try the engine.
 
     Exit 1 when K times the margin is not stable, or a case did not come out as it should; the

@@ -31,12 +31,7 @@ from vfplan.cli.values import MM, PNG, Real
     option("--picture-out", type=PNG, metavar="PNG",
            help="Write the surface with the outlines, and three slices of it."),
 )  # fmt: skip
-def command(
-    sources: tuple[Path, ...],
-    output: Path,
-    picture_out: Path | None,
-    **given: Any,
-) -> Report:
+def command(sources, output, picture_out, **given) -> Report:
     """Make a surface through the outlines of one structure in SOURCES.
 
     SOURCES is an RTSTRUCT, a DICOM SEG, a label map (.seg.nrrd, .nii, .nii.gz), one or more Slicer

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import asdict
-from pathlib import Path
 
 import click
 from vfplan.cli.run import Report, command
@@ -13,7 +12,7 @@ from vfplan.cli.values import FILE
 
 @command("validate")
 @click.argument("fixture", type=FILE, metavar="FILE.h5")
-def command(fixture: Path) -> Report:
+def command(fixture) -> Report:
     """List every issue of FILE.h5, not the first one only; exit 1 if any is an error."""
     from vfplan.bundle import validate
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 from vfplan.cli.options import FIXTURE, signature, trust
 from vfplan.cli.run import Report, command
 
@@ -12,7 +9,7 @@ from vfplan.cli.run import Report, command
 @command("verify")
 @FIXTURE
 @signature("--keys", required=True)
-def command(fixture: Path, **given: Any) -> Report:
+def command(fixture, **given) -> Report:
     """Check that FIXTURE.h5 is sound and signed by a trusted key; exit 4 if it is not."""
     from vfplan.bundle import read_bundle
 

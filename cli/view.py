@@ -23,14 +23,7 @@ from vfplan.cli.values import FILE, GIF, PNG, Number, Whole
     option("--frames", type=Whole(1, 2000), default=120, help="Frames of --movie."),
     OVERWRITE,
 )  # fmt: skip
-def command(
-    fixture: Path,
-    result: Path | None,
-    screenshot: Path | None,
-    movie: Path | None,
-    at_s: float | None,
-    frames: int,
-) -> Report:
+def command(fixture, result, screenshot, movie, at_s, frames) -> Report:
     """Show FIXTURE.h5, and with RESULT.h5 (of `replay -o`) HIP, proxy, contact sphere and force.
 
     Opens a window with a time slider, unless --screenshot or --movie is given: those need no

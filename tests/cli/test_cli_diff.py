@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan.bundle.describe import first_tick
+from vfplan.replaying.apart import Apart
+from vfplan.session import TickBlock
 
 
 @pytest.fixture
@@ -45,11 +46,16 @@ def test_parts_that_only_one_has_are_named(vfplan_cli, pair):
 
 
 def test_first_tick_is_the_first_row_that_differs():
-    a = np.zeros((5, 3))
-    b = a.copy()
-    b[3] = (0, 3, 4)
-    assert first_tick(a, b) == (3, 5.0)
-    assert first_tick(a, a) == (None, 0.0)
+    still, zero = np.zeros((5, 3)), np.zeros(5)
+    a = TickBlock(np.arange(5.0), still, still, still, still, zero, zero, zero)
+    proxy, force = still.copy(), still.copy()
+    proxy[3], force[2] = (0, 3, 4), (5e-324, 0, 0)
+    for b, first, far in ((a, None, 0.0), (replace(a, proxy=proxy), 3, 5.0),
+                          (replace(a, proxy=proxy, force=force), 2, 5.0)):  # fmt: skip
+        apart = Apart()
+        apart.update(a, b)
+        found = apart.report()
+        assert (found.get("first_difference_tick"), found["proxy_max_m"]) == (first, far)
 
 
 def test_a_session_tells_when_the_difference_is_felt(vfplan_cli, pair):

@@ -100,10 +100,3 @@ def _difference(a: Any, b: Any) -> dict[str, Any] | None:
     if a.dtype.kind != "U":
         found["max_abs"] = float(np.max(np.abs(a.astype(float) - b.astype(float))))
     return found
-
-
-def first_tick(a: np.ndarray, b: np.ndarray) -> tuple[int | None, float]:
-    """(first row in which two (T, 3) series differ, or `None`; largest distance of two rows)."""
-    apart = np.linalg.norm(a - b, axis=1)
-    rows = np.flatnonzero(np.any(a != b, axis=1))
-    return (int(rows[0]) if len(rows) else None), float(apart.max(initial=0.0))

@@ -32,8 +32,9 @@ class Apart:
         force = row_norms(a.force - b.force)
         first = self._ticks
         self._ticks += len(a)
-        if self._differ is None and (gap.any() or force.any()):
-            self._differ = first + int(np.flatnonzero((gap > 0) | (force > 0))[0])
+        differ = np.flatnonzero(((a.proxy != b.proxy) | (a.force != b.force)).any(axis=1))
+        if self._differ is None and len(differ):
+            self._differ = first + int(differ[0])
         self._proxy = max(self._proxy, (float(gap.max()), -first - int(gap.argmax())))
         self._force = max(self._force, (float(force.max()), -first - int(force.argmax())))
         self._force2 += float((force**2).sum())
