@@ -15,8 +15,7 @@ import pytest
 
 import vfplan
 from vfplan.bundle import read_bundle
-from vfplan.bundle.content import to_content
-from vfplan.bundle.format import table
+from vfplan.bundle.content import table, to_content
 from vfplan.bundle.write import completed, to_payload
 from vfplan.errors import BundleError, InputError, OutputError
 

@@ -30,7 +30,7 @@ def resealed(data: bytes, damaged_block: bool = False) -> bytes:
 
 def sealed(payload: bytes) -> bytes:
     """A payload behind a fresh seal."""
-    from vfplan.bundle.format import seal_of, to_block
+    from vfplan.bundle.write import seal_of, to_block
 
     return to_block(seal_of(payload)) + payload
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.bundle.format import most
+from vfplan.bundle.content import most
 from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.meshfile import Mesh, read_mesh
 from vfplan.engine.parameters import PAPER_BAND, default_band

@@ -1,7 +1,8 @@
-"""A fixture as the flat content of a bundle, path -> value, and back.
+"""What a bundle may hold, by the format's table, and a fixture as such content, path -> value.
 
-Values are text (`str`), `int`, `float`, NumPy arrays, or tuples of text; a part that the fixture
-does not have has no path.
+The table is read from `schemas/bundle-1.1.json`; writer and describer ask it, and nothing about
+paths, types, shapes or units is written down a second time in Python. Values are text (`str`),
+`int`, `float`, NumPy arrays, or tuples of text; a part that the fixture does not have has no path.
 """
 
 from __future__ import annotations
@@ -10,13 +11,13 @@ import json
 import math
 import re
 import sys
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
-from typing import Any
+from importlib import resources
+from typing import Any, Literal
 
 import numpy as np
 
-from vfplan.bundle.format import Row, table
 from vfplan.errors import CorruptError, InputError
 from vfplan.fixture import (
     Curve,
@@ -31,7 +32,82 @@ from vfplan.fixture import (
 )
 
 Content = dict[str, Any]
+Kind = Literal["group", "dataset", "attribute"]
 NUMBER = re.compile(r"-?(0|[1-9][0-9]*)(\.[0-9]+)?([eE][+-]?[0-9]+)?")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One thing a bundle may hold.
+
+    Parameters
+    ----------
+    path
+        "/group/name", or "/group@name" for an attribute.
+    kind, type, shape
+        What it is; `shape` mixes numbers and the size symbols of the table.
+    unit, frame
+        As written in the file's own `unit` and `frame` attributes; "@frame" and "@source_frame"
+        stand for the frame that attribute names (for a unit: px in "image", else m).
+    required
+        "always", "group" (whenever its group is there), "rendering" (whenever `/rendering` is
+        there) or "optional".
+    """
+
+    path: str
+    kind: Kind
+    required: str
+    since: str
+    meaning: str
+    type: str = ""
+    shape: tuple[int | str, ...] = ()
+    unit: str | None = None
+    frame: str | None = None
+    allowed: tuple[str, ...] | None = None
+    min: float | None = None
+    max: float | None = None
+    above: float | None = None
+    max_abs: dict[str, float] | None = None
+
+    @property
+    def parent(self) -> str:
+        """The group that holds it."""
+        holder, _, _ = self.path.partition("@")
+        if self.kind == "attribute":
+            return holder
+        return holder.rpartition("/")[0] or "/"
+
+    @property
+    def name(self) -> str:
+        """The last part of the path."""
+        return self.path.rpartition("@" if self.kind == "attribute" else "/")[2]
+
+
+@cache
+def document() -> dict[str, Any]:
+    """The whole of `bundle-1.1.json`."""
+    text = resources.files("vfplan.schemas").joinpath("bundle-1.1.json").read_text("utf-8")
+    return json.loads(text)
+
+
+@cache
+def table() -> tuple[Row, ...]:
+    """Everything a bundle may hold, in the order of the format."""
+    lists = ("shape", "allowed")
+    return tuple(
+        Row(**{name: tuple(v) if name in lists else v for name, v in entry.items()})
+        for entry in document()["rows"]
+    )
+
+
+def most(symbol: str) -> int:
+    """The largest size that a symbol of the shapes stands for."""
+    return document()["sizes"][symbol]["max"]
+
+
+def most_bytes() -> int:
+    """Of a payload."""
+    return document()["limits"]["payload_bytes"]
 
 
 _PARTS = {

@@ -7,10 +7,9 @@ from pathlib import Path
 
 from vfplan import __version__
 from vfplan._core import read_payload
-from vfplan.bundle.content import Content
-from vfplan.bundle.format import MAGIC, most_bytes
+from vfplan.bundle.content import Content, most_bytes
 from vfplan.bundle.read import opened_source
-from vfplan.bundle.write import VERSION, completed, write_content
+from vfplan.bundle.write import MAGIC, VERSION, completed, write_content
 from vfplan.errors import InputError
 from vfplan.io.reading import now_utc
 

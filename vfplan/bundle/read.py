@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import BinaryIO
 
 from vfplan._core import Sealed
-from vfplan.bundle.content import Content, from_content
-from vfplan.bundle.format import BLOCKS, MAGIC, Seal, most_bytes
+from vfplan.bundle.content import Content, from_content, most_bytes
 from vfplan.bundle.keys import read_keys
 from vfplan.bundle.trust import Trust, check_trust
+from vfplan.bundle.write import BLOCKS, MAGIC, Seal
 from vfplan.errors import BundleError
 from vfplan.fixture import Fixture
 from vfplan.io.reading import opened_file

@@ -9,9 +9,9 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from vfplan.bundle.format import LATEST, Seal, seal_of, signed_message, to_block
 from vfplan.bundle.keys import key_id_of, read_private
 from vfplan.bundle.read import checked_payload
+from vfplan.bundle.write import LATEST, Seal, seal_of, signed_message, to_block
 from vfplan.errors import SettingError
 from vfplan.io.disk import write_whole
 
