@@ -1,17 +1,26 @@
-"""What a bundle holds, as frozen dataclasses: a part that a scene does not need is `None`.
+"""A fixture: its points, how they were drawn and where they came from; what it lacks is `None`.
 
 Nothing here reads or writes; the modules that do all speak in these types.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.records import FRAMES, Frame, Provenance, RegistrationRecord, StabilityVerdict
+from vfplan.io.reading import now_utc
+from vfplan.records import (
+    FRAMES,
+    Frame,
+    Guidance,
+    RegistrationRecord,
+    Rendering,
+    SourceImage,
+    StabilityVerdict,
+)  # fmt: skip
 
 __all__ = [
     "FRAMES", "Curve", "Fixture", "Frame", "Guidance", "Pieces", "Provenance", "RegistrationRecord",
@@ -90,76 +99,48 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class SourceImage:
-    """The slice a curve was drawn on.
+class Provenance:
+    """Where a bundle came from; holds no file names, paths or patient identifiers.
 
     Parameters
     ----------
-    width_px, height_px
-        Size of the image [px].
-    pixel_spacing_mm
-        (along u, along v) [mm/px]; `None` when nobody knows.
+    created_utc
+        ISO 8601, whole seconds, ending in "Z".
+    software
+        "vfplan VERSION".
+    inputs
+        Role ("image", "markers_image", ...) -> SHA-256 of the bytes, lower-case hex.
+    settings
+        The settings in force, by name.
+    history
+        One line for each earlier form of the file (migrations), oldest first.
     """
 
-    width_px: int
-    height_px: int
-    pixel_spacing_mm: tuple[float, float] | None = None
+    created_utc: str
+    software: str
+    inputs: dict[str, str] = field(default_factory=dict)
+    settings: dict[str, str | float | int | bool] = field(default_factory=dict)
+    history: tuple[str, ...] = ()
+
+    @classmethod
+    def now(cls, inputs: dict[str, str], settings: Any) -> Provenance:
+        """Of what is made now, or at the time that SOURCE_DATE_EPOCH says, by this program.
+
+        settings: a dataclass or a dict; what is `None` is left out
+        Raises `InputError` where SOURCE_DATE_EPOCH is no time.
+        """
+        from vfplan import __version__
+
+        named = settings if isinstance(settings, dict) else asdict(settings)
+        flat = {k: _plain(v) for k, v in named.items() if v is not None}
+        return cls(now_utc(), f"vfplan {__version__}", inputs, flat)
 
 
-@dataclass(frozen=True, eq=False)
-class Rendering:
-    """How the robot shall render the fixture (the paper's Table I).
-
-    Parameters
-    ----------
-    stiffness
-        (3,) K along the axes of the frame [N/m].
-    contact_radius
-        r_c [m].
-    band
-        r2 - r_c = r_c - r1 [m].
-    point_radius
-        r_v [m]; 0 for bare points.
-    ignore_axis
-        (3,) unit vector along which the fixture is infinite and renders no force; `None` in 3-D.
-    max_iterations
-        The most iterations of a tick; `None`: the engine's own limit.
-    """
-
-    stiffness: NDArray[np.float64]
-    contact_radius: float
-    band: float
-    point_radius: float = 0.0
-    ignore_axis: NDArray[np.float64] | None = None
-    max_iterations: int | None = None
-
-
-@dataclass(frozen=True)
-class Guidance:
-    """Strokes that guide: the tip is kept within a tube around them.
-
-    Parameters
-    ----------
-    radius
-        ρ of the tube [m].
-    stiffness
-        K beyond it [N/m].
-    ends
-        What the ends of an open stroke do: "stop" (a cap) or "open" (the tip goes free).
-    stroke
-        The one stroke that guides, the others are a forbidden region; `None`: every stroke guides,
-        and nothing is forbidden.
-    lead_force, lead_speed
-        Pull along the curve [N], towards its beginning when negative, and the speed [m/s] at which
-        it has fallen to 0; `None`: no pull, 0.02 m/s.
-    """
-
-    radius: float
-    stiffness: float
-    ends: Literal["stop", "open"] = "stop"
-    stroke: int | None = None
-    lead_force: float | None = None
-    lead_speed: float | None = None
+def _plain(value: Any) -> str | float | int | bool:
+    if not isinstance(value, (tuple, list)):
+        return value
+    nested = any(isinstance(v, (tuple, list)) for v in value)
+    return (";" if nested else ",").join(str(_plain(v)) for v in value)
 
 
 @dataclass(frozen=True, eq=False)
