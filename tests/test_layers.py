@@ -11,7 +11,7 @@ from conftest import ROOT
 # each other.
 LAYERS = [
     ["errors"],
-    ["io", "engine.checks", "palette"],
+    ["io", "palette"],
     ["records"],
     ["robot"],
     ["engine"],

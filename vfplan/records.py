@@ -1,4 +1,4 @@
-"""What a bundle records beside its points: the slice, how to render them, how registered, judged."""
+"""What a bundle records beside its points: slice, rendering, guidance, registration, verdict."""
 
 from __future__ import annotations
 

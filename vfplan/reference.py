@@ -22,8 +22,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vfplan.engine.checks import LIMIT, Vector, check_hip, check_path, check_points
-from vfplan.engine.parameters import ProxyParameters, Status, Step, Trace
+from vfplan.engine.parameters import LIMIT, ProxyParameters, Vector, check_points
+from vfplan.engine.ticks import Status, Step, Trace, check_hip, check_path
 from vfplan.errors import SettingError
 
 CANCELLED = 1e-12  # a sum of eq. (1) below this share of its weights has no direction

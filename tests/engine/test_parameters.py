@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from vfplan import ProxyEngine, ProxyParameters, VfplanError, _core
-from vfplan.engine.checks import check_hip, check_path, check_points
-from vfplan.engine.parameters import PAPER_BAND
+from vfplan.engine.parameters import PAPER_BAND, check_points
+from vfplan.engine.ticks import check_hip, check_path
 from vfplan.errors import SceneError, SettingError
 
 POINT = [[0.0, 0.0, 0.0]]
@@ -59,7 +59,7 @@ def test_band_scales_with_the_scene(scale):
     ("setting", "says"),
     [
         ({"contact_radius": -5e-3}, "contact_radius -0.005 m"),
-        ({"contact_radius": 0}, "above 0"),
+        ({"contact_radius": 0}, "at least 1e-09"),
         ({"contact_radius": np.nan}, "contact_radius nan"),
         ({"contact_radius": "5"}, "one number"),
         ({"contact_radius": True}, "one number"),
@@ -68,7 +68,7 @@ def test_band_scales_with_the_scene(scale):
         ({"band": 0.0}, "band 0 m"),
         ({"band": -1e-5}, "above 0"),
         ({"band": 6e-3}, "at most 0.005"),
-        ({"band": 1e-22}, "r1 must be less than r2"),
+        ({"band": 1e-22}, "1e-8 (r_c + r_v)"),
         ({"outer_radius": 5e-3}, "r3 > r2"),
         ({"band": 5e-3}, "r3 > r2"),
         ({"contact_radius": 1e-300}, "at least 1e-09"),
@@ -77,7 +77,7 @@ def test_band_scales_with_the_scene(scale):
         ({"point_radius": 1e300}, "at most 1e+06"),
         ({"band": 4.9e-11}, "at least 5e-11"),
         ({"band": 1e-8, "point_radius": 2.0}, "1e-8 (r_c + r_v)"),
-        ({"band": 5e-324}, "r1 must be less than r2"),
+        ({"band": 5e-324}, "1e-8 (r_c + r_v)"),
         ({"outer_radius": 1e300}, "at most 2e+06"),
         ({"gain": 0.0}, "gain 0"),
         ({"gain": 1.5}, "at most 1"),

@@ -7,7 +7,7 @@ import pytest
 
 import vfplan
 from vfplan import _core
-from vfplan.engine.parameters import Status
+from vfplan.engine.ticks import Status
 from vfplan.errors import SceneError, SettingError
 
 R = 5e-3

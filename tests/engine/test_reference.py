@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from vfplan import reference
-from vfplan.engine.parameters import ProxyParameters, Status
+from vfplan.engine.parameters import ProxyParameters
+from vfplan.engine.ticks import Status
 from vfplan.errors import SceneError, SettingError
 from vfplan.reference import PaperProxy
 

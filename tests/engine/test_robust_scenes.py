@@ -8,7 +8,7 @@ from failures import floor, inside
 
 import vfplan
 from vfplan import scenes
-from vfplan.engine.parameters import Status
+from vfplan.engine.ticks import Status
 
 R = 5e-3
 K = 1000.0

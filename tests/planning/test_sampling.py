@@ -10,7 +10,7 @@ from conftest import ROOT
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-from vfplan.engine.checks import MOST_POINTS
+from vfplan.engine.parameters import MOST_POINTS
 from vfplan.errors import SettingError
 from vfplan.planning.sampling import sample_curve
 

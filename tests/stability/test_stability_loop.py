@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vfplan.engine.parameters import Status, Step
+from vfplan.engine.ticks import Status, Step
 from vfplan.reference import PaperProxy
 from vfplan.robot import Robot
 from vfplan.stability import Hand, exact_bound, settle, simulate

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from bundles import whole
 
-from vfplan.engine.parameters import Trace
+from vfplan.engine.ticks import Trace
 from vfplan.stability.contacts import patch
 from vfplan.stability.largest import engine_for
 from vfplan.study.extremes import CASES, Extreme, begun, breach, try_cases, wander

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.arm.mjcf import compile_model, mujoco
-from vfplan.engine.checks import number
+from vfplan.engine.parameters import number
 from vfplan.errors import InputError, SettingError
 from vfplan.robot import Robot, read_robot
 

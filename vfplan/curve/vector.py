@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vfplan.curve import imagej
 from vfplan.curve.path import meetings
-from vfplan.engine.checks import MOST_POINTS
+from vfplan.engine.parameters import MOST_POINTS
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.images.read import is_dicom
 from vfplan.io.reading import read_whole

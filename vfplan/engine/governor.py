@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
-from vfplan.engine.checks import Vector, check_hip, check_path, number, real_array
+from vfplan.engine.parameters import Vector, number, real_array
+from vfplan.engine.ticks import check_hip, check_path
 from vfplan.errors import SceneError, SettingError
 from vfplan.robot import Robot
 

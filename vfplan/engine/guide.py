@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
-from vfplan.engine.checks import Vector, check_axis, check_hip, check_path, check_points, number
-from vfplan.engine.parameters import Status
+from vfplan.engine.parameters import Vector, check_axis, check_points, number
 from vfplan.engine.renderable import check_pieces
+from vfplan.engine.ticks import Status, check_hip, check_path
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Pieces
 

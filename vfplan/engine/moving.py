@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vfplan import _core
-from vfplan.engine.checks import Vector, check_hip, check_path, number, real_array
 from vfplan.engine.guide import Guide, GuideTrace
-from vfplan.engine.parameters import Status, Step, Trace
+from vfplan.engine.parameters import Vector, number, real_array
+from vfplan.engine.ticks import Status, Step, Trace, check_hip, check_path
 from vfplan.errors import SceneError
 
 RIGID = 1e-6  # how far RᵀR may be from 1

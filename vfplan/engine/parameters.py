@@ -1,21 +1,29 @@
-"""The paper's Table I as one validated object, and what every engine answers with.
+"""The paper's Table I as one validated object, and the checks of all that is set beforehand.
 
-Both engines (the native one behind `vfplan.ProxyEngine` and the NumPy reference) take their
-settings from here, so that a default or a check exists once.
+Both engines (`vfplan.ProxyEngine` and the NumPy reference) take their settings from here. A check
+returns the value in the one form that they use, or raises with the value found and what is allowed;
+nothing is repaired.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from enum import IntFlag
-from typing import Literal, get_args
+from operator import attrgetter, ge, gt, le
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
-from vfplan.engine.checks import LIMIT, Vector, check_axis, check_points, check_stiffness, number
-from vfplan.errors import SettingError
+from vfplan.errors import SceneError, SettingError
+
+MOST_POINTS = 4_000_000  # in one bundle (schemas/bundle-1.1.json); more are refused unmade
+LIMIT = 1e6  # |coordinate| [m]: beyond it float64 no longer resolves a nanometre
+UNIT = 1e-9  # how far from 1 the length of a unit vector may be, as in parameters.hpp
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+Vector = NDArray[np.float64]
 
 Rule = Literal["robust", "paper", "exact"]
 RULES: tuple[Rule, ...] = ("robust", "paper")  # those that render points
@@ -35,83 +43,6 @@ SMALLEST_RADIUS, LARGEST_RADIUS = 1e-9, LIMIT  # [m]
 FINEST_BAND = 1e-8
 # Roundings of the largest coordinate that a band holds: its hundredth, rest, is a hundred still.
 ROUNDINGS_A_BAND = 1e4
-
-
-class Status(IntFlag):
-    """What a tick has to say beside its result; 0 when all is well."""
-
-    OK = 0
-    BAD_HIP = 1
-    """The HIP was not finite (or beyond 1e6 m): the proxy stayed and the force is its last.
-
-    Before the first good HIP both are 0.
-    """
-    INSIDE = 2
-    """The proxy is inside the fixture and on its way out."""
-    LIMIT = 4
-    """The tick used up its iterations; the proxy is safe and goes on at the next tick."""
-    STALE = 8
-    """The moving fixture's pose is too old: its last frame stands.
-
-    Before the first pose nothing is rendered.
-    """
-    CHANGING = 16
-    """The fixture was exchanged or edited, and the force is on its way to K (proxy - HIP)."""
-    CROSSED = 32
-    """With INSIDE: no way out was found on the side where the proxy was before the exchange."""
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One tick's answer.
-
-    Parameters
-    ----------
-    proxy, normal, force
-        (3,) proxy position [m], unit normal (0 when there is none), force on the hand [N].
-    state
-        -1 no neighbour, 0 free motion, 1 in contact, 2 entrenched.
-    status
-        A `Status`.
-    """
-
-    proxy: Vector
-    normal: Vector
-    force: Vector
-    state: int
-    status: Status
-
-
-@dataclass(frozen=True, eq=False)
-class Trace:
-    """A path's answer, row by row what `Step` is for one tick.
-
-    Parameters
-    ----------
-    proxy, normal, force
-        (T, 3) float64 [m], [1], [N].
-    state
-        (T,) int8.
-    status
-        (T,) uint8, values of `Status`.
-    """
-
-    proxy: Vector
-    normal: Vector
-    force: Vector
-    state: NDArray[np.int8]
-    status: NDArray[np.uint8]
-
-    def __len__(self) -> int:
-        return len(self.state)
-
-    @classmethod
-    def of(cls, steps: list[Step]) -> Trace:
-        """Steps one after the other."""
-        rows = (np.array([getattr(s, n) for s in steps]) for n in ("proxy", "normal", "force"))
-        state, status = ([getattr(s, n) for s in steps] for n in ("state", "status"))
-        vectors = (row.reshape(-1, 3) for row in rows)
-        return cls(*vectors, np.array(state, np.int8), np.array(status, np.uint8))
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,15 +72,16 @@ class ProxyParameters:
     stiffness: Vector
     ignore_axis: Vector | None
 
+    # By the paper's symbols:
+    rc = property(attrgetter("contact_radius"), doc="Contact radius [m].")
+    r3 = property(attrgetter("outer_radius"), doc="Neighbour radius [m].")
+    rv = property(attrgetter("point_radius"), doc="Radius of each cloud point [m].")
+    xi = property(attrgetter("gain"), doc="Gain ξ of eq. (5).")
+
     @property
     def r1(self) -> float:
         """Inner radius r_c - band [m]."""
         return self.contact_radius - self.band
-
-    @property
-    def rc(self) -> float:
-        """Contact radius [m]."""
-        return self.contact_radius
 
     @property
     def r2(self) -> float:
@@ -157,24 +89,9 @@ class ProxyParameters:
         return self.contact_radius + self.band
 
     @property
-    def r3(self) -> float:
-        """Neighbour radius [m]."""
-        return self.outer_radius
-
-    @property
-    def rv(self) -> float:
-        """Radius of each cloud point [m]."""
-        return self.point_radius
-
-    @property
     def R(self) -> float:
         """Distance r_c + r_v at which the proxy rests on a point [m]."""
         return self.contact_radius + self.point_radius
-
-    @property
-    def xi(self) -> float:
-        """Gain ξ of eq. (5)."""
-        return self.gain
 
     @classmethod
     def make(
@@ -222,9 +139,9 @@ class ProxyParameters:
         points = check_points(points)
         if rule not in get_args(Rule):
             raise SettingError(f"rule {rule!r}: allowed are {', '.join(get_args(Rule))}")
-        rc = number("contact_radius", contact_radius, "m", above=0.0)
-        rc = number("contact_radius", rc, "m", least=SMALLEST_RADIUS, most=LARGEST_RADIUS)
-        rv = number("point_radius", point_radius, "m", least=0.0, most=LARGEST_RADIUS)
+        least, most = SMALLEST_RADIUS, LARGEST_RADIUS
+        rc = number("contact_radius", contact_radius, "m", least=least, most=most)
+        rv = number("point_radius", point_radius, "m", least=0.0, most=most)
         axis = check_axis(ignore_axis)
         far = float(np.abs(points).max())
         least = ROUNDINGS_A_BAND * float(np.finfo(float).eps) * far
@@ -233,14 +150,11 @@ class ProxyParameters:
         elif band is None:
             band = PAPER_BAND if rule == "paper" else default_band(points, rc, rv, axis)
         band = number("band", band, "m", above=0.0, most=rc, why="at most contact_radius")
-        if not rc - band < rc + band:
-            raise SettingError(f"band {band:g} m: r1 must be less than r2 (r_c = {rc:g} m)")
         band = number("band", band, "m", least=FINEST_BAND * (rc + rv), why="1e-8 (r_c + r_v)")
         why = f"1e4 roundings of the largest coordinate, {far:g} m"
         band = number("band", band, "m", least=least, why=why)
         r3 = 2 * rc if outer_radius is None else outer_radius
-        r3 = number("outer_radius", r3, "m", above=rc + band, why="r3 > r2")
-        r3 = number("outer_radius", r3, "m", most=2 * LARGEST_RADIUS)
+        r3 = number("outer_radius", r3, "m", above=rc + band, most=2 * most, why="r3 > r2")
         xi = number("gain", gain, "", above=0.0, most=1.0)
         return cls(rule, rc, band, rv, r3, xi, check_stiffness(stiffness), axis)
 
@@ -283,3 +197,104 @@ def iterations_of(value: int | None) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
         raise SettingError(f"max_iterations {value!r}: allowed is an integer of at least 1")
     return min(int(value), 10**6)
+
+
+def check_points(points: ArrayLike) -> Vector:
+    """A cloud as (N, 3) contiguous float64 [m]; `SceneError` when it cannot be one."""
+    cloud = real_array(points, "points")
+    if cloud.ndim != 2 or cloud.shape[1] != 3:
+        raise SceneError(f"points of shape {cloud.shape}: allowed is (N, 3)")
+    if len(cloud) == 0:
+        raise SceneError("points of shape (0, 3): at least one point is needed")
+    check_range(cloud, "point")
+    return cloud
+
+
+def check_stiffness(stiffness: float | ArrayLike) -> Vector:
+    """The diagonal of K as (3,) [N/m], every entry above 0; else `SettingError`."""
+    k = _of_shape(stiffness, "stiffness", {(): "one number", (3,): "(3,)"})
+    k = np.array(np.broadcast_to(k, 3))
+    if not (np.all(np.isfinite(k)) and np.all(k > 0)):
+        raise SettingError(f"stiffness {k.tolist()} N/m: each must be finite and above 0")
+    return _frozen(k)
+
+
+def check_axis(axis: str | ArrayLike | None) -> Vector | None:
+    """The ignored axis as a (3,) unit vector, or `None`; else `SettingError`.
+
+    One that is of unit length, as a bundle's is, stays as it is to the bit: a controller renders it
+    so, and a replay must do the same.
+    """
+    if axis is None:
+        return None
+    if isinstance(axis, str):
+        if axis not in AXES:
+            raise SettingError(f"ignore_axis {axis!r}: allowed are None, x, y, z or a direction")
+        return _frozen(np.array(AXES[axis]))
+    direction = _of_shape(axis, "ignore_axis", {(3,): "(3,)"})
+    largest = float(np.max(np.abs(direction)))
+    if not (math.isfinite(largest) and largest > 0):
+        raise SettingError(f"ignore_axis {direction.tolist()}: must be finite and not zero")
+    if largest < 2 and abs(float(np.linalg.norm(direction)) - 1) < UNIT:
+        return _frozen(direction.copy())
+    direction = direction / largest  # first, so that the norm neither over- nor underflows
+    return _frozen(direction / np.linalg.norm(direction))
+
+
+def _of_shape(values: ArrayLike, name: str, shapes: dict[tuple[int, ...], str]) -> Vector:
+    """A setting as float64 of one of these shapes, which a message names; else `SettingError`."""
+    try:
+        array = real_array(values, name)
+    except SceneError as error:
+        raise SettingError(error.message) from None
+    if array.shape not in shapes:
+        allowed = " or ".join(shapes.values())
+        raise SettingError(f"{name} of shape {array.shape}: allowed is {allowed}")
+    return array
+
+
+def real_array(values: Any, name: str) -> Vector:
+    """Values as contiguous float64 of their own shape; `SceneError` when they are no numbers."""
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        raise SceneError(f"{name}: rows of different length; allowed is an array") from None
+    if array.dtype.kind not in "fiu":
+        raise SceneError(f"{name} of dtype {array.dtype}: allowed are real numbers (float64)")
+    return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
+
+
+def check_range(rows: Vector, name: str) -> None:
+    """Refuse (N, 3) rows that are not finite or lie beyond `LIMIT`; raises `SceneError`."""
+    good = np.all(np.abs(rows) <= LIMIT, axis=1)  # false on NaN
+    if not good.all():
+        found = rows[i := int(np.argmin(good))].tolist()
+        raise SceneError(f"{name} {i} is {found} m: allowed are finite values up to {LIMIT:g} m")
+
+
+def number(
+    name: str,
+    value: Any,
+    unit: str,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    most: float | None = None,
+    why: str = "",
+) -> float:
+    """One finite number within its bounds, as float; else `SettingError` naming what is allowed."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise SettingError(f"{name} {value!r}: allowed is one number")
+    found = float(value)
+    bounds = ("above", above, gt), ("at least", least, ge), ("at most", most, le)
+    asked = [bound for bound in bounds if bound[1] is not None]
+    if not (math.isfinite(found) and all(holds(found, limit) for _, limit, holds in asked)):
+        allowed = " and ".join(f"{text} {limit:g}" for text, limit, _ in asked)
+        unit, why = unit and f" {unit}", why and f" ({why})"
+        raise SettingError(f"{name} {found:g}{unit}: allowed is {allowed}{unit}{why}")
+    return found
+
+
+def _frozen(array: Vector) -> Vector:
+    array.flags.writeable = False
+    return array

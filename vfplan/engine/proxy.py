@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
 from vfplan.engine import renderable as allowed
-from vfplan.engine.checks import check_edit, check_hip, check_path, check_points
-from vfplan.engine.parameters import ProxyParameters, Rule, Search, Status, Step, Trace
+from vfplan.engine.parameters import ProxyParameters, Rule, Search, check_points
+from vfplan.engine.ticks import Status, Step, Trace, check_edit, check_hip, check_path
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, Pieces
 

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
-from vfplan.engine.checks import Vector, check_points
-from vfplan.engine.parameters import ProxyParameters, Rule
+from vfplan.engine.parameters import ProxyParameters, Rule, Vector, check_points
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, Pieces
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from vfplan.engine.checks import Vector
+from vfplan.engine.parameters import Vector
 from vfplan.figures.replay import plane_basis
 from vfplan.figures.style import new_figure, style
 from vfplan.replaying.burring import Burred

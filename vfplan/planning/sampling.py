@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.checks import MOST_POINTS
+from vfplan.engine.parameters import MOST_POINTS
 from vfplan.errors import SettingError
 
 DENSE = 4  # steps in each interval of the fine curve

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from vfplan.engine.checks import Vector
-from vfplan.engine.parameters import Status
+from vfplan.engine.parameters import Vector
 from vfplan.engine.proxy import ProxyEngine
+from vfplan.engine.ticks import Status
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.replaying.checks import finding

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.engine.checks import Vector
 from vfplan.engine.governor import Governor, GovernorStatus
-from vfplan.engine.parameters import Trace
+from vfplan.engine.parameters import Vector
+from vfplan.engine.ticks import Trace
 from vfplan.replaying.quantities import Carry, dots, row_norms
 from vfplan.robot import Robot
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.engine.checks import Vector
 from vfplan.engine.guide import Guide, GuideTrace
-from vfplan.engine.parameters import ProxyParameters, Trace
+from vfplan.engine.parameters import ProxyParameters, Vector
+from vfplan.engine.ticks import Trace
 from vfplan.fixture import Fixture
 from vfplan.replaying.quantities import Carry, dots, row_norms
 from vfplan.replaying.timing import timed

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.parameters import Trace
+from vfplan.engine.ticks import Trace
 from vfplan.session import TickBlock
 from vfplan.session.result import joined
 

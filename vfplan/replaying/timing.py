@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.parameters import Trace
+from vfplan.engine.ticks import Trace
 from vfplan.replaying.quantities import stacked
 
 _PER_OCTAVE = 64  # bins of 1.1 %

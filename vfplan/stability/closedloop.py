@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfplan.engine.checks import Vector
-from vfplan.engine.parameters import Rule
+from vfplan.engine.parameters import Rule, Vector
 from vfplan.fixture import Fixture
 from vfplan.robot import Robot
 from vfplan.stability import contacts

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan import scenes
-from vfplan.engine.checks import Vector, check_axis
+from vfplan.engine.parameters import Vector, check_axis
 from vfplan.engine.renderable import exact_of
 from vfplan.fixture import Fixture, Pieces
 

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfplan.engine.checks import Vector
-from vfplan.engine.parameters import Rule
+from vfplan.engine.parameters import Rule, Vector
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.fixture import Pieces
 from vfplan.robot import Robot

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfplan.engine.checks import Vector
-from vfplan.engine.parameters import Rule, Trace
+from vfplan.engine.parameters import Rule, Vector
+from vfplan.engine.ticks import Trace
 from vfplan.fixture import Fixture
 from vfplan.stability import contacts
 from vfplan.stability.contacts import Contact

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.checks import number
+from vfplan.engine.parameters import number
 
 LEAST_DECAY, MOST_DECAY = 1e-9, 1e12  # b T / m: less and more than float64 can tell from 0 and inf
 

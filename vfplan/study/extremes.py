@@ -16,10 +16,10 @@ from functools import lru_cache, partial
 import numpy as np
 
 from vfplan.curve.arcs import plane, strokes_of
-from vfplan.engine.checks import Vector, check_axis
-from vfplan.engine.parameters import Status, Trace
+from vfplan.engine.parameters import Vector, check_axis
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.engine.renderable import best_rule
+from vfplan.engine.ticks import Status, Trace
 from vfplan.fixture import Fixture, Pieces
 from vfplan.replaying.clearance import MeshClearance
 from vfplan.stability import contacts

@@ -12,8 +12,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
-from vfplan.engine.checks import number
-from vfplan.engine.parameters import RULES, Rule
+from vfplan.engine.parameters import RULES, Rule, number
 from vfplan.engine.renderable import best_rule
 from vfplan.fixture import Fixture, StabilityVerdict
 from vfplan.io.workers import workers

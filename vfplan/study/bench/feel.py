@@ -24,8 +24,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from vfplan.engine.parameters import Status, Trace
 from vfplan.engine.proxy import ProxyEngine
+from vfplan.engine.ticks import Status, Trace
 from vfplan.study.bench.record import Array, Record, Trial, errors_of, timed_ticks
 from vfplan.study.scenes import Drawn, outline
 

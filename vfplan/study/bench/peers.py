@@ -27,7 +27,8 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.engine.parameters import ProxyParameters, Status, Step
+from vfplan.engine.parameters import ProxyParameters
+from vfplan.engine.ticks import Status, Step
 from vfplan.errors import SettingError
 from vfplan.study.bench.record import Array
 

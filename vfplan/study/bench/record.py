@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.parameters import Trace
+from vfplan.engine.ticks import Trace
 from vfplan.errors import InputError
 
 Array = NDArray[np.float64]

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vfplan import fixture
-from vfplan.engine.checks import Vector, check_path, check_stiffness
+from vfplan.engine.parameters import Vector, check_stiffness
+from vfplan.engine.ticks import check_path
 from vfplan.errors import SettingError
 from vfplan.study.scenes import god_object, outline
 from vfplan.study.scenes.pieces import Pieces

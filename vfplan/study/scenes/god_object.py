@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vfplan.engine.checks import Vector
+from vfplan.engine.parameters import Vector
 from vfplan.errors import SceneError
 from vfplan.study.scenes.pieces import Look, Pieces, stack
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from vfplan import fixture as curve
-from vfplan.engine.checks import Vector
+from vfplan.engine.parameters import Vector
 from vfplan.study.scenes.pieces import Arcs, Pieces, Segments
 
 STRAIGHT = 1e-12  # an arc that bends less than this share of its chord is a segment

@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from vfplan.engine.checks import Vector
+from vfplan.engine.parameters import Vector
 
 
 class Look(NamedTuple):

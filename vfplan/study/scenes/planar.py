@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from vfplan.engine.checks import Vector
+from vfplan.engine.parameters import Vector
 from vfplan.errors import SettingError
 from vfplan.study.scenes import outline
 from vfplan.study.scenes.base import Drawn, way

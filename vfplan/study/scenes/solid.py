@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from vfplan.engine.checks import Vector
+from vfplan.engine.parameters import Vector
 from vfplan.study.scenes.base import Scene, way
 from vfplan.study.scenes.pieces import Pieces, Rectangles, Segments, Spheres
 
