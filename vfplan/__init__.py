@@ -42,7 +42,7 @@ _DEFINED = {
     "images.read": "PlannedImage read_image",
     "markers": "Correspondences read_markers",
     "planning": "ExtractSettings FixtureSettings extract plan register",
-    "planning.sampling": "sample_curve",
+    "planning.tolerance": "sample_curve",
     "registration": "Registration fit_registration",
     "replaying": "Replay replay",
     "robot": "Robot read_robot",

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from vfplan.engine.parameters import MOST_POINTS
 from vfplan.errors import SettingError
-from vfplan.planning.sampling import sample_curve
+from vfplan.planning.tolerance import sample_curve
 
 R = 5e-3
 PIXEL = 0.6e-3

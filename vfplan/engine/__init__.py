@@ -2,7 +2,6 @@
 
 parameters  the paper's Table I, and the checks of what an engine is made of
 ticks       what a tick takes, and what every engine answers with
-tolerance   one tolerance in, every setting out
 renderable  whether an engine takes what a fixture holds
 proxy       `ProxyEngine`, the face over the native engine
 moving      `MovingFrame`, the frame of a tracked fixture

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Curve, Fixture, Pieces
-from vfplan.planning.sampling import TightBend, sample_curve
 from vfplan.planning.settings import DEFAULT_ARCS_M, FixtureSettings
+from vfplan.planning.tolerance import TightBend, sample_curve
 
 if TYPE_CHECKING:
     from vfplan.registration import Registration

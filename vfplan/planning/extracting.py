@@ -13,8 +13,8 @@ from vfplan.errors import ImageError, SettingError
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
 from vfplan.io.reading import now_utc
 from vfplan.planning.carrying import along, in_strokes, length_of
-from vfplan.planning.sampling import sample_curve
 from vfplan.planning.settings import ExtractSettings
+from vfplan.planning.tolerance import sample_curve
 
 if TYPE_CHECKING:
     from vfplan.curve import Extraction, Stroke

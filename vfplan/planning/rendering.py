@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.engine.parameters import FINEST_BAND, MAX_ITERATIONS
-from vfplan.engine.tolerance import BAND_SHARE, Choice, choose
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Rendering
 from vfplan.planning.carrying import Carried, carry, pieces_of, require_small
 from vfplan.planning.settings import FixtureSettings
+from vfplan.planning.tolerance import BAND_SHARE, Choice, choose
 
 if TYPE_CHECKING:
     from vfplan.registration import Registration

@@ -82,7 +82,7 @@ class FixtureSettings:
         The registration; see `vfplan.fit_registration`.
     tolerance_m
         How far a surface rendered from points may lie from the drawn one [m];
-        `vfplan.engine.tolerance` takes spacing, band and iteration limit from it.
+        `vfplan.planning.tolerance` takes spacing, band and iteration limit from it.
     density_per_m
         Points a metre; takes the place of the tolerance.
     arcs_m

@@ -13,9 +13,9 @@ from typing import Any, ClassVar, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.tolerance import DEPTH, Choice
 from vfplan.fixture import Pieces
 from vfplan.planning.settings import DEFAULT_ARCS_M
+from vfplan.planning.tolerance import DEPTH, Choice
 from vfplan.study.bench.record import Array
 from vfplan.study.scenes import SCENES, Drawn, Scene
 
@@ -53,7 +53,7 @@ class Case:
     def followable(self) -> NDArray[np.bool_]:
         """(T,) where the exact proxy moves by no more than twice what the HIP does.
 
-        `vfplan.engine.tolerance` promises no more than that: a HIP at most R/2 behind the sharpest
+        `planning.tolerance` promises no more than that: a HIP at most R/2 behind the sharpest
         surface. Deeper, the exact proxy runs away from any engine: with the HIP at the centre of
         the ball around a point it turns round in one tick.
         """
@@ -170,7 +170,7 @@ def chosen_points(scene: Scene, choice: Choice) -> Array:
     """The cloud that a tolerance asks for: by curvature on a drawing, an even one on a surface."""
     if not is_drawn(scene):
         return replace(scene, spacing=_even(scene, choice)).points
-    from vfplan.planning.sampling import sample_curve
+    from vfplan.planning.tolerance import sample_curve
 
     parts = []
     for run in scene.runs:
@@ -191,4 +191,4 @@ def _even(scene: Scene, choice: Choice) -> float:
     if scene.name in ("point", "segment"):
         return choice.spacing_m
     bend = 1 + R / getattr(scene, "radius", np.inf)
-    return choice.surface_spacing_m / np.sqrt(bend)
+    return choice.spacing_m / np.sqrt(2 * bend)

@@ -29,8 +29,8 @@ import numpy as np
 
 from vfplan.curve.vector import FINE_M
 from vfplan.engine.parameters import ProxyParameters
-from vfplan.engine.tolerance import choose
 from vfplan.planning.settings import DEFAULT_ARCS_M
+from vfplan.planning.tolerance import choose
 from vfplan.reference import PaperProxy
 from vfplan.study.bench.cases import Case, cases, chosen_points, fitted, is_drawn
 from vfplan.study.bench.peers import NearestPointPenalty, Peer

@@ -42,7 +42,7 @@ class Trial:
     run: Callable[[], tuple[Any, Array]]
     score: Callable[[Any], Record]  # answer -> `errors_of` it
     unit: str  # of the errors: "px" or "m"
-    # Whether these are the settings that `vfplan.engine.tolerance` takes from the tolerance
+    # Whether these are the settings that `vfplan.planning.tolerance` takes from the tolerance
     chosen: bool = False
     peer: bool = False  # whether an outside program does it
 

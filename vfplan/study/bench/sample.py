@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfplan.engine.tolerance import choose
+from vfplan.planning.tolerance import choose
 from vfplan.study.bench.record import Array, Record, Trial, errors_of, timed_ticks
 
 R = 5e-3
@@ -152,7 +152,7 @@ def _along(line: Line) -> Array:
 
 
 def _by_curvature(line: Line, tolerance_m: float) -> Array:
-    from vfplan.planning.sampling import sample_curve
+    from vfplan.planning.tolerance import sample_curve
 
     return sample_curve(line.fine, line.closed, radius_m=R, tolerance_m=tolerance_m).points
 
@@ -163,7 +163,7 @@ def _even(line: Line, tolerance_m: float) -> Array:
 
 
 def _dense(line: Line, density_per_m: float) -> Array:
-    from vfplan.planning.sampling import sample_curve
+    from vfplan.planning.tolerance import sample_curve
 
     return sample_curve(line.fine, line.closed, radius_m=R, density_per_m=density_per_m).points
 

@@ -15,10 +15,10 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from vfplan.engine.tolerance import choose
 from vfplan.errors import InputError, SettingError
 from vfplan.io.disk import jsonable, write_whole
 from vfplan.io.reading import read_whole
+from vfplan.planning.tolerance import choose
 from vfplan.study.bench.peers import Peer, nanoflann_hint
 from vfplan.study.bench.record import Record, Trial, judge_chosen, mark_pareto, run_trials
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from vfplan.engine.tolerance import choose, iterations, largest_tolerance
 from vfplan.errors import SettingError
+from vfplan.planning.tolerance import choose, iterations, largest_tolerance
 
 R = 5e-3
 
@@ -32,7 +32,7 @@ def test_spacing_is_the_largest_whose_dimples_fit():
 
 def test_a_surface_needs_a_denser_grid_than_a_line():
     choice = choose(1e-5, R)
-    h = choice.surface_spacing_m
+    h = choice.spacing_m / math.sqrt(2)
     x, y = np.meshgrid(np.arange(-5, 6) * h, np.arange(-5, 6) * h)
     cloud = cKDTree(np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()]))
     gap = cloud.query([h / 2, h / 2, R])[0] - R

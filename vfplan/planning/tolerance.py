@@ -1,34 +1,130 @@
-"""A curve in metres -> points whose union of spheres stays within a tolerance of the swept curve.
+"""One tolerance in, every setting out: spacing, band and iteration limit; and the points so spaced.
 
-A sphere of radius R on every point stands for the tube that the same sphere sweeps along the curve.
-Between two points a distance h apart the union falls short of the tube by the dimple depth; on the
-convex side of a bend of curvature κ by at most
+The planned surface is where a curve is R = r_c + r_v away. A tolerance τ bounds how far the proxy
+may rest from it, and where along it, while the HIP is at most `depth` behind it and moves at most
+at `speed`. Three things add up to that, and each gets its share:
 
-    d = R − √(R² − h²/4) + |κ| h²/8,
+spacing, 0.4 τ
+    Between two points a distance h apart the union of their spheres falls short of the tube that
+    the sphere sweeps along the curve; on the convex side of a bend of curvature κ by at most
 
-the dimple of a straight line and the sagitta of the bend; R and the sagitta once the spheres no
-longer meet. For small h that is h²/8 · (1/R + |κ|). A tolerance τ allows
+        d = R − √(R² − h²/4) + |κ| h²/8,
 
-    h(s) = √(8 τ / (1/(R − τ/2) + |κ(s)|)),
+    the dimple of a straight line and the sagitta of the bend; R and the sagitta once the spheres no
+    longer meet. For small h that is h²/8 · (1/R + |κ|); 1/R alone misses by a factor of 3.5 at a
+    2 mm bend (R = 5 mm). A share t of the tolerance allows
 
-with which d ≤ τ exactly, since R − √(R² − h²/4) = h²/4 / (R + √(R² − h²/4)) and the root is at
-least R − τ; spheres that do not touch hold no tolerance, so τ counts up to R.
+        h(s) = √(8 t / (1/(R − t/2) + |κ(s)|)),
 
-The straight-line formula alone, κ = 0, misses by a factor of 3.5 at a 2 mm bend (R = 5 mm).
+    with which d ≤ t exactly, since R − √(R² − h²/4) = h²/4 / (R + √(R² − h²/4)) and the root is at
+    least R − t; spheres that do not touch hold no tolerance, so t counts up to R. That is as few
+    points as can be, and the tick's cost follows their density.
+band, 0.5 τ
+    The engine calls anything within R ± b contact, so the proxy rests up to b off either way. It
+    glides over the dimples as long as b >= d, and is the smoother for a band that is not narrower
+    than it need be: b = 0.5 τ.
+iterations, 0.1 τ
+    Each iteration slides along the tangent plane and returns to the surface. On a surface whose
+    offset has the radius of curvature ρ, with the HIP δ behind it, what is left of a lag e after
+    one iteration is e δ/ρ; nothing is sharper than ρ = R, the ball around a single point. While the
+    HIP runs on by v T a tick its exact proxy runs by w = v T ρ / (ρ - δ), so after n iterations the
+    lag stays at e = w qⁿ / (1 - qⁿ), q = δ/R. From e <= 0.1 τ:
+
+        n = ⌈ ln(1 + w / 0.1 τ) / ln(1/q) ⌉, and one more for each face that can hold the proxy.
+
+    The engine stops earlier where nothing moves; the limit is what a worst tick can cost.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.parameters import MOST_POINTS
+from vfplan.engine.parameters import MOST_POINTS, number
 from vfplan.errors import SettingError
 
+DIMPLE_SHARE, BAND_SHARE, LAG_SHARE = 0.4, 0.5, 0.1
+COARSEST = 0.5  # of R: points further apart than this no band makes smooth
+SPEED_M_S = 0.1  # of a careful hand
+RATE_HZ = 1000.0
+DEPTH = 0.5  # of R: how far behind the surface the tolerance is to hold
+FACES = 3  # in space; two in the plane
 DENSE = 4  # steps in each interval of the fine curve
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The cheapest settings that keep a tolerance."""
+
+    tolerance_m: float  # how far the proxy may be from where the planned surface puts it [m]
+    # The tolerance that the settings below keep [m]: `tolerance_m`, or `largest_tolerance` where
+    # that is less
+    kept_m: float
+    sampling_tolerance_m: float  # what of it the spacing may use, the dimples' depth [m]
+    spacing_m: float  # distance of the points on a straight stretch [m]; less where the curve bends
+    band_m: float  # r2 - r_c [m]
+    max_iterations: int  # a tick
+
+    @property
+    def lag_m(self) -> float:
+        """What of the tolerance the iteration limit may use [m]."""
+        return LAG_SHARE / BAND_SHARE * self.band_m
+
+
+def choose(
+    tolerance_m: float,
+    radius_m: float,
+    *,
+    planar: bool = True,
+    speed_m_s: float = SPEED_M_S,
+    rate_hz: float = RATE_HZ,
+    depth_m: float | None = None,
+) -> Choice:
+    """The settings that a tolerance allows.
+
+    tolerance_m: τ [m] > 0. Of more than `largest_tolerance(radius_m)` only that is used; `kept_m`
+        tells.
+    radius_m: R = r_c + r_v [m]
+    planar: whether the fixture ignores an axis
+    speed_m_s, rate_hz: the fastest hand and the servo rate that the tolerance is to hold for
+    depth_m: the deepest press that it is to hold for, below R [m]; `None`: R/2
+    Raises SettingError: a value that is not positive and finite, or a depth that is not below R
+    """
+    depth = DEPTH * radius_m if depth_m is None else depth_m
+    number("tolerance", tolerance_m, "m", above=0.0)
+    number("radius", radius_m, "m", above=0.0)
+    number("speed", speed_m_s, "m/s", above=0.0)
+    number("rate", rate_hz, "Hz", above=0.0)
+    number("depth", depth, "m", above=0.0)
+    if depth >= radius_m:
+        raise SettingError(f"depth {depth:g} m: below R = {radius_m:g} m is wanted")
+    kept = min(tolerance_m, largest_tolerance(radius_m))
+    dimple = DIMPLE_SHARE * kept
+    return Choice(
+        tolerance_m=tolerance_m,
+        kept_m=kept,
+        sampling_tolerance_m=dimple,
+        spacing_m=math.sqrt(8 * radius_m * dimple),
+        band_m=BAND_SHARE * kept,
+        max_iterations=iterations(LAG_SHARE * kept, radius_m, depth, speed_m_s / rate_hz)
+        + (FACES - 1 if planar else FACES),
+    )
+
+
+def iterations(lag_m: float, radius_m: float, depth_m: float, step_m: float) -> int:
+    """How many iterations a tick keep the lag below `lag_m` on the sharpest convex surface."""
+    q = depth_m / radius_m
+    run = step_m / (1 - q)
+    return max(1, math.ceil(math.log1p(run / lag_m) / -math.log(q)))
+
+
+def largest_tolerance(radius_m: float) -> float:
+    """The tolerance at which points stand half of R apart [m]; beyond it they are bumps."""
+    return (COARSEST * radius_m) ** 2 / (8 * radius_m) / DIMPLE_SHARE
 
 
 @dataclass(frozen=True)
@@ -78,8 +174,8 @@ def sample_curve(
     Raises
     ------
     SettingError
-        A radius, tolerance or density that is not positive and finite, or that takes more points
-        than a bundle holds; fewer than two points, or points that are not finite.
+        A radius, tolerance or density that is not positive and finite, or takes more points than a
+        bundle holds; fewer than two points, or points that are not finite.
     """
     points = _checked(points_m, radius_m, tolerance_m, density_per_m)
     curve = _Fine.of(points, closed)
@@ -132,13 +228,10 @@ class _Fine:
 def _checked(
     points_m: NDArray, radius_m: float, tolerance_m: float, density_per_m: float | None
 ) -> NDArray:
-    for name, value in (
-        ("radius", radius_m),
-        ("tolerance", tolerance_m),
-        ("density", density_per_m),
-    ):
-        if value is not None and not 0 < value < float("inf"):
-            raise SettingError(f"{name} {value} is not a finite number above 0")
+    number("radius", radius_m, "m", above=0.0)
+    number("tolerance", tolerance_m, "m", above=0.0)
+    if density_per_m is not None:
+        number("density", density_per_m, "a metre", above=0.0)
     points = np.asarray(points_m, float)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
         raise SettingError(f"a curve is (M, 3) with M of 2 or more; got {points.shape}")
