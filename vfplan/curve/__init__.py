@@ -4,7 +4,7 @@ The modules follow the data:
 
 extraction  the steps from image to `Extraction`
 asked       a part of the slice, where the curve begins and ends, a region's outline: what is asked
-pen         the pen's colour, un-mixing, the mask and what goes on fainter than it
+pen         the pen's colour, and how much of it lies on each pixel
 marks       connected marks, and what each of them is, by their `skeleton`
 candidates  lines joined over pen lifts (`joining`), in a fixed order
 kinds       curve, text, arrow, frame, symbol or bar

@@ -262,7 +262,6 @@ def _measure(
             candidate.mark.pen,
             candidate.width_px,
             origin,
-            any(m.faint for m in candidate.marks),
         )
     if method == "skeleton":
         sigma = np.full(len(candidate.path), 0.5)

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.pen import Pen, chroma_at, faint_runs, pen_score
+from vfplan.curve.pen import Pen, chroma_at, pen_score
 from vfplan.curve.skeleton import Branch, branches_of, thin
 from vfplan.errors import CurveError
 
@@ -44,7 +44,6 @@ class Mark:
     junctions: tuple[tuple[int, int], ...]
     area_px: int  # pixels
     box: tuple[int, int, int, int]  # (u, v, width, height) px
-    faint: bool = False  # whether a part of it was followed below half of its strength
 
     @property
     def length_px(self) -> float:
@@ -58,7 +57,7 @@ def find_marks(rgb: NDArray, pen: Pen, colour: str) -> tuple[list[Mark], NDArray
     The threshold is half of each mark's own strength, so a thin or transparent line keeps its
     width whatever stands beside it. Raises `CurveError` when there are more than anyone draws.
     """
-    smooth, mask, where, label, faint = _masks(rgb, pen)
+    smooth, mask, where, label = _masks(rgb, pen)
     if not len(label):
         return [], mask
     count = int(label.max())
@@ -77,24 +76,22 @@ def find_marks(rgb: NDArray, pen: Pen, colour: str) -> tuple[list[Mark], NDArray
     bones = _by_label(bone, label[np.searchsorted(where, bone)], count, rgb.shape[1])
     bodies = _by_label(where[drawn], label[drawn], count, rgb.shape[1])
     marks = [
-        _mark(rgb, pen, body, bone, k in faint)
-        for k, (body, bone) in enumerate(zip(bodies, bones, strict=True), 1)
+        _mark(rgb, pen, body, bone)
+        for body, bone in zip(bodies, bones, strict=True)
         if len(body[0]) >= MIN_PIXELS and len(bone[0])
     ]
     return marks, mask
 
 
-def _masks(rgb: NDArray, pen: Pen) -> tuple[NDArray, NDArray, NDArray, NDArray, set[int]]:
+def _masks(rgb: NDArray, pen: Pen) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """The smoothed picture's mask, to be thinned, and that of the picture as it is.
 
     Then, of the smoothed mask's pixels, the flat indices in order and the connected mark of each,
-    from 1: few numbers in place of a label for every pixel of the image; and the marks that were
-    followed below their threshold.
+    from 1: few numbers in place of a label for every pixel of the image.
     """
     score = pen_score(rgb, pen, SMOOTHING_PX)
     smooth = (score > FLOOR).view(np.uint8)
     mask = np.zeros(smooth.shape, bool)
-    runs: list[NDArray] = []
     where, label = _labelled(smooth)
     if len(label):
         count = int(label.max()) + 1
@@ -103,14 +100,8 @@ def _masks(rgb: NDArray, pen: Pen) -> tuple[NDArray, NDArray, NDArray, NDArray, 
         smooth.ravel()[where] = level > 0.5 * strong
         sharp, _ = chroma_at(rgb, *np.divmod(where, rgb.shape[1]), pen)
         mask.ravel()[where] = sharp > 0.5 * _quantile_by_label(sharp, label, count, 0.9)[label]
-        pieces = _labelled(smooth)
-        for run in faint_runs(smooth, pieces, where, label, level, strong):
-            runs.append(where[run])
-            smooth.ravel()[where[run]] = 1
-            mask.ravel()[where[run]] |= sharp[run] > 0.5 * np.quantile(sharp[run], 0.9)
-        where, label = _labelled(smooth) if runs else pieces
-    faint = {int(k) for run in runs for k in label[np.searchsorted(where, run)]}
-    return smooth.view(bool), mask, where, label, faint
+        where, label = _labelled(smooth)
+    return smooth.view(bool), mask, where, label
 
 
 def _labelled(mask: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
@@ -143,7 +134,7 @@ def _by_label(where: NDArray, label: NDArray, count: int, width: int) -> list[tu
     return [(rows[cut], cols[cut]) for cut in cuts]
 
 
-def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple, faint: bool) -> Mark:
+def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple) -> Mark:
     rows, cols = body
     box = (
         int(cols.min()),
@@ -160,7 +151,7 @@ def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple, faint: bool) -> Mark
     mark = Mark("", own, width, tuple(branches), tuple(junctions), len(rows), box)
     other = own.along @ pen.along < np.cos(np.radians(OTHER_HUE_DEG))
     kind = "other colour" if other and mark.area_px > PANEL_PIXELS else _kind(mark)
-    return Mark(kind, own, width, mark.branches, mark.junctions, len(rows), box, faint)
+    return Mark(kind, own, width, mark.branches, mark.junctions, len(rows), box)
 
 
 def _own_pen(rgb: NDArray, rows: NDArray, cols: NDArray, pen: Pen) -> Pen:

@@ -37,7 +37,7 @@ from vfplan.curve.path import (
     without_tips,
 )
 from vfplan.curve.pen import Pen
-from vfplan.curve.profile import SEEN, Profiles, read_profiles
+from vfplan.curve.profile import Profiles, read_profiles
 from vfplan.errors import CurveError
 
 BROAD_PX = 5.0  # a pen this wide hides its ends so well that they are approached twice
@@ -77,7 +77,6 @@ def trace(
     pen: Pen,
     width: float,
     origin: tuple[int, int] = (0, 0),
-    fades: bool = False,
 ) -> Centreline:
     """Measure the line along a pixel path.
 
@@ -86,7 +85,6 @@ def trace(
         gap
     pen, width: the pen and the line's width [px]
     origin: (u, v) of `rgb` in the image that errors speak of [px]
-    fades: whether a part of the line is less than half as strong as the rest
     Raises CurveError: the line is two lines side by side
     """
     from scipy.ndimage import gaussian_filter1d
@@ -107,8 +105,7 @@ def trace(
         base, pitch = evenly(base if closed else extended(base, beyond, width), closed)
         seen_along, middle = (base, normals(base, closed)), base[len(base) // 2]
         bend = 0.0 if knots else bend_of(base, closed)
-        least = FAINTEST if fades else SEEN
-        profiles = read_profiles(rgb, *seen_along, pen, width, least, bend)
+        profiles = read_profiles(rgb, *seen_along, pen, width, bend=bend)
         valid = profiles.valid & ~gap(base)
         if valid.sum() < LEAST:  # nothing to measure: the smoothed path, with a wide sigma
             return _unmeasured(smooth, bridged, closed, width)
