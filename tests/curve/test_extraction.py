@@ -494,6 +494,13 @@ def test_specks_elsewhere_are_not_warned_of():
     assert not vfplan.extract_curve(thin).warnings
 
 
+def test_two_specks_ahead_of_a_thick_pens_end_are_told():
+    image = pen(line_at(200, 60, 300), width=8)
+    image[197:200, 309:312] = image[201:204, 316:319] = RED
+    (warning,) = vfplan.extract_curve(image).warnings
+    assert "among 2 specks" in warning
+
+
 @pytest.mark.parametrize("method", ["ridge", "skeleton", "mask"])
 def test_a_region_that_cuts_the_curve_is_warned_of(method):
     image = pen([[-20, 100], [250, 190]])
