@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -56,15 +55,14 @@ def command(stage, output, quick, peers, surface, tolerance_m, source) -> Report
     names = ["bench.json", "bench.csv", *(f"bench_{stage}.png" for stage in stages)]
     refuse_folder(output, *names)
     if document is None:
-        with _bars() as tell:
-            document = bench(
-                stages,
-                quick=quick,
-                tolerance_m=tolerance_m,
-                peers=[Peer(word) for word in peers],
-                surface=surface,
-                progress=tell,
-            )
+        document = bench(
+            stages,
+            quick=quick,
+            tolerance_m=tolerance_m,
+            peers=[Peer(word) for word in peers],
+            surface=surface,
+            progress=progress,
+        )
     if output is not None:
         _write(document, stages, [output / name for name in names])
     text = "\n".join(_text(document, stages))
@@ -97,23 +95,6 @@ def _write(document: dict[str, Any], stages: tuple[str, ...], files: list[Path])
         write_csv(document, rows)
         for stage, picture in zip(stages, pictures, strict=True):
             draw_stage(document, stage, picture)
-
-
-@contextmanager
-def _bars() -> Iterator[Any]:
-    """One bar a scene on a terminal."""
-    with ExitStack() as stack:
-        seen: list[str] = []
-
-        def tell(label: str, done: int, total: int) -> None:
-            if [label] != seen:
-                stack.close()
-                seen[:] = [label]
-                tell.advance = stack.enter_context(progress(label, total))
-            elif done:
-                tell.advance(1)
-
-        yield tell
 
 
 def _text(document: dict[str, Any], stages: tuple[str, ...]) -> Iterator[str]:

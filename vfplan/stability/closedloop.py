@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -96,13 +96,10 @@ def closed_loop(on: Fixture | str, rule: Rule, robot: Robot, stiffness: float) -
         "k_exact_n_per_m": largest.exact,
         "ratio": largest.ratio,
         "places": count,
-        "energy_j": felt.energy_j,
-        "limit_cycle_m": felt.limit_cycle_m,
-        "rest_s": felt.rest_s,
-        "overshoot": felt.overshoot,
+        **asdict(felt),
     }
-    if felt.limited_ticks is not None:
-        values["limited_ticks"] = felt.limited_ticks
+    if felt.limited_ticks is None:
+        del values["limited_ticks"]
     share = 1 - FLAT_TOLERANCE if scene == "flat" else ELSEWHERE
     limit = share * largest.exact
     return [Row(case, verdict(good, rule), detail, limit, largest.measured, "N/m", values)]

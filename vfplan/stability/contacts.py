@@ -14,6 +14,7 @@ from vfplan.engine.renderable import exact_of
 from vfplan.fixture import Fixture, Pieces
 
 RADIUS = 5e-3  # R = r_c of the scenes [m]
+X, Y, _ = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,24 +47,20 @@ class Contact:
 
 def flat() -> Iterator[Contact]:
     """Experiment 1's sheet."""
-    up = np.array([0.0, 1.0, 0.0])
-    yield Contact(scenes.Sheet().points, scenes.Sheet.centre + RADIUS * up, up[None])
+    yield Contact(scenes.Sheet().points, scenes.Sheet.centre + RADIUS * Y, Y[None])
 
 
 def patch() -> Contact:
     """A small flat sheet, 20 mm wide: enough for one contact."""
-    side, up = 0.02, np.array([0.0, 1.0, 0.0])
-    ticks = np.arange(-20, 21) * (side / 40)
+    ticks = np.arange(-20, 21) * (0.02 / 40)
     x, z = np.meshgrid(ticks, ticks)
     points = np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()])
-    return Contact(points, RADIUS * up, up[None])
+    return Contact(points, RADIUS * Y, Y[None])
 
 
 def convex() -> Iterator[Contact]:
     """The outside of a cylinder of radius 30 mm."""
-    out = np.array([1.0, 0.0, 0.0])
-    scene = scenes.Cylinder(radius=0.03)
-    yield Contact(scene.points, (0.03 + RADIUS) * out, out[None], held=True)
+    yield Contact(scenes.Cylinder(radius=0.03).points, (0.03 + RADIUS) * X, X[None], held=True)
 
 
 def corner() -> Iterator[Contact]:
@@ -80,22 +77,20 @@ def three_walls() -> Iterator[Contact]:
 
 def channel() -> Iterator[Contact]:
     """A channel 5 µm wider than the proxy, pressed against one wall."""
-    scene, down = scenes.Channel(), np.array([0.0, -1.0, 0.0])
-    touch = (RADIUS - scene.width / 2) * down
-    pieces = scene.lines_and_arcs
-    yield Contact(scene.points, touch, down[None], scene.ignore_axis, room=0.0, exact=pieces)
+    scene = scenes.Channel()
+    touch, pieces = (RADIUS - scene.width / 2) * -Y, scene.lines_and_arcs
+    yield Contact(scene.points, touch, -Y[None], scene.ignore_axis, room=0.0, exact=pieces)
 
 
 def point() -> Iterator[Contact]:
     """A single point."""
-    up = np.array([0.0, 1.0, 0.0])
-    yield Contact(scenes.Point().points, RADIUS * up, up[None], held=True)
+    yield Contact(scenes.Point().points, RADIUS * Y, Y[None], held=True)
 
 
 def double_sheet() -> Iterator[Contact]:
     """Two sheets 4 mm apart, pressed from above."""
-    scene, up = scenes.DoubleSheet(), np.array([0.0, 1.0, 0.0])
-    yield Contact(scene.points, (scene.gap / 2 + RADIUS) * up, up[None])
+    scene = scenes.DoubleSheet()
+    yield Contact(scene.points, (scene.gap / 2 + RADIUS) * Y, Y[None])
 
 
 def omega() -> Iterator[Contact]:

@@ -139,17 +139,10 @@ def settle(engine: Engine, hand: Hand, stiffness: float, start: Vector, steps: i
 
 
 def _stages(robot: Robot) -> tuple[list[Stage], list[Stage], list[_Limit]]:
-    sense: list[Stage] = []
-    act: list[Stage] = []
-    limits: list[_Limit] = []
-    if robot.quantum_m is not None:
-        sense.append(_quantise(robot.quantum_m))
-    if robot.delay_ticks:
-        act.append(_delay(robot.delay_ticks))
-    if robot.force_limit_n is not None:
-        limits.append(_Limit(robot.force_limit_n))
-    if robot.force_step_limit_n is not None:
-        limits.append(_Limit(robot.force_step_limit_n, of_change=True))
+    sense = [] if robot.quantum_m is None else [_quantise(robot.quantum_m)]
+    act = [_delay(robot.delay_ticks)] if robot.delay_ticks else []
+    known = (robot.force_limit_n, False), (robot.force_step_limit_n, True)
+    limits = [_Limit(limit, of_change) for limit, of_change in known if limit is not None]
     return sense, [*act, *limits], limits
 
 

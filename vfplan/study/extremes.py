@@ -15,13 +15,12 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from vfplan.curve.arcs import plane, strokes_of
 from vfplan.engine.parameters import Vector, check_axis
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.engine.renderable import best_rule
 from vfplan.engine.ticks import Status, Trace
 from vfplan.fixture import Fixture, Pieces
-from vfplan.replaying.clearance import MeshClearance
+from vfplan.replaying.clearance import Clearance, CurveClearance, MeshClearance, PointClearance
 from vfplan.stability import contacts
 from vfplan.stability.contacts import Contact
 from vfplan.stability.largest import engine_for
@@ -84,23 +83,18 @@ def breach(place: Contact, engine: ProxyEngine, trace: Trace) -> float:
     answers = (trace.proxy, trace.normal, trace.force)
     if not (all(np.isfinite(a).all() for a in answers) and trace.force.any()):
         return float("inf")
-    least = _least_distance(place, engine.parameters.ignore_axis, trace.proxy)
-    return max(0.0, engine.parameters.R - engine.parameters.band - least)
+    clearance = _clearance(place, engine.parameters.R, engine.parameters.ignore_axis)
+    clearance.update(trace.proxy)
+    return max(0.0, -engine.parameters.band - clearance.minimum_m)
 
 
-def _least_distance(place: Contact, axis: Vector | None, proxy: Vector) -> float:
-    """Least distance from what is rendered, across the axis [m]; with no engine's code."""
+def _clearance(place: Contact, radius: float, axis: Vector | None) -> Clearance:
+    """Of proxies to what is rendered, across the axis; with no engine's code."""
     if isinstance(place.exact, Pieces):
-        frame = plane(axis)
-        return float(np.min([s.distance(proxy @ frame.T) for s in strokes_of(place.exact, frame)]))
+        return CurveClearance(place.exact, radius, axis)
     if place.exact is not None:
-        clearance = MeshClearance(place.points, place.exact, 0.0)
-        clearance.update(proxy)
-        return clearance.minimum_m
-    from scipy.spatial import cKDTree
-
-    across = np.eye(3) - (0 if axis is None else np.outer(axis, axis))
-    return float(cKDTree(place.points @ across).query(proxy @ across)[0].min())
+        return MeshClearance(place.points, place.exact, radius)
+    return PointClearance(place.points, radius, axis)
 
 
 def side(place: Contact) -> Vector:

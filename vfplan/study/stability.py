@@ -7,9 +7,10 @@ import io
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import as_completed
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from functools import partial
+from operator import call
 from typing import Any
 
 from vfplan.engine.parameters import RULES, Rule, number
@@ -181,19 +182,12 @@ def _smallest(rows: list[Row]) -> dict[str, float]:
 
 def run_tasks(tasks: list[Task], jobs: int, done: Done) -> list[list[Row]]:
     """Every task's rows, in the order of the tasks, run in `jobs` processes."""
-    if jobs == 1:
-        return [_finish(task(), done) for task in tasks]
-    results: list[list[Row]] = [[] for _ in tasks]
-    with workers(jobs) as pool:
-        futures = {pool.submit(task): i for i, task in enumerate(tasks)}
-        for future in as_completed(futures):
-            results[futures[future]] = _finish(future.result(), done)
+    with workers(jobs) if jobs > 1 else nullcontext() as pool:
+        results = []
+        for rows in (pool.map if pool else map)(call, tasks):
+            results.append(rows)
+            done(1)
     return results
-
-
-def _finish(rows: list[Row], done: Done) -> list[Row]:
-    done(1)
-    return rows
 
 
 Part = tuple[list[Task], dict[str, str]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -104,7 +104,6 @@ def _path(hips: Array, quick: bool) -> Array:
     return hips[:QUICK_TICKS] if quick else hips
 
 
-@dataclass(frozen=True, eq=False)
 class Elbow(Drawn):
     """Experiment 2: the curve drawn on the shipped slice, where the robot truly has it."""
 

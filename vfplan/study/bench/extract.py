@@ -15,7 +15,6 @@ import numpy as np
 
 from vfplan.errors import CurveError
 from vfplan.study.bench import pictures
-from vfplan.study.bench.pictures import Drawing
 from vfplan.study.bench.record import Array, Record, Trial, errors_of, timed
 
 SCALES = {True: (0.5, 1.0), False: (0.5, 0.75, 1.0, 1.5, 2.0)}
@@ -34,7 +33,7 @@ def scenes(quick: bool, tolerance_m: float) -> Iterator[list[Trial]]:
 def _trials(pen: float, quality: int | None, scales: tuple[float, ...]) -> Iterator[Trial]:
     name = f"pen {pen:g} px, " + ("lossless" if quality is None else f"JPEG {quality}")
     for scale in scales:
-        picture = Drawing(pen, quality, scale).picture()
+        picture = pictures.picture(pen, quality, scale)
         score = partial(_score, truth=pictures.curve(), scale=scale)
         for method, extract in METHODS.items():
             run, chosen = partial(timed, partial(extract, picture)), scale == DEFAULT_SCALE

@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -39,11 +39,8 @@ BENDS = ((30e-3, 0.2), (6e-3, -0.7), (8e-3, 0.9), (20e-3, -0.8), (12e-3, 0.9), (
          (40e-3, 0.2), (40e-3, -0.2), (9e-3, 0.8), (10e-3, -0.5), (30e-3, 0.2))  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
 class Wave(Drawn):
     """A curve of eleven arcs, hollow and bulging by turns, touched from its left."""
-
-    name: ClassVar[str] = "wave"
 
     @cached_property
     def runs(self) -> tuple[outline.Run, ...]:

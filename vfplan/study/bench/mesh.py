@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
@@ -58,11 +57,9 @@ def nearest_on(corners: Array, x: Array) -> tuple[Array, Array]:
     return nearest, flat
 
 
-@dataclass(frozen=True, eq=False)
 class Bone(Scene):
     """A closed surface read from a mesh file."""
 
-    name: ClassVar[str] = "bone"
     source: Path = field(default=Path(), kw_only=True)  # PLY or STL, in millimetres
 
     @cached_property

@@ -6,7 +6,6 @@ a pen's width of the centre line, counted on an 8 x 8 grid inside each pixel nea
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -19,19 +18,15 @@ PEN = (226.0, 26.0, 32.0)
 _SUB = 8
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """One way to draw the bench's curve."""
+def picture(pen_px: float, quality: int | None = None, scale: float = 1.0) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8, red first: the bench's curve, drawn on a slice.
 
-    pen_px: float = 3.0  # the pen's width at scale 1 [px]
-    quality: int | None = None  # JPEG quality with 4:2:0 chroma; `None`: lossless
-    # Pixels of the image for each pixel of the original: how fine the slice was captured
-    scale: float = 1.0
-
-    def picture(self) -> NDArray[np.uint8]:
-        """(H, W, 3) uint8, red first."""
-        rgb = _painted(self.pen_px, self.scale)
-        return rgb if self.quality is None else _jpeg(rgb, self.quality)
+    pen_px: the pen's width at scale 1 [px]
+    quality: JPEG quality with 4:2:0 chroma; `None`: lossless
+    scale: pixels of the image for each pixel of the original: how fine the slice was captured
+    """
+    rgb = _painted(pen_px, scale)
+    return rgb if quality is None else _jpeg(rgb, quality)
 
 
 @lru_cache(maxsize=32)

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 from vfplan.planning import ExtractSettings, FixtureSettings, plan
-from vfplan.study.bench.cases import elbow_curve, elbow_map
+from vfplan.study.bench.cases import Elbow, elbow_map
 from vfplan.study.bench.record import Array, Record, Setting, Trial, errors_of, timed
-from vfplan.study.bench.sample import Line, fine, planned_surface
+from vfplan.study.bench.sample import Line, planned_surface
 
 R = 5e-3
 TOLERANCES = {True: (1e-4, 1e-5), False: (3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)}
@@ -84,7 +84,7 @@ def _exact_markers(source: Path, target: Path) -> Path:
 
 def true_surface() -> Array:
     """(K, 3) places R beside the true curve in the plane of the table [m]."""
-    return planned_surface(Line("elbow", fine(elbow_curve())))[::STRIDE]
+    return planned_surface(Line("elbow", *Elbow().runs))[::STRIDE]
 
 
 def _score(planned: Any, surface: Array) -> Record:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.ticks import Trace
 from vfplan.errors import InputError
+from vfplan.replaying import timing
 
 Array = NDArray[np.float64]
 Setting = str | float | int | bool | None
@@ -170,16 +170,6 @@ def _enough(times: list[Array]) -> bool:
 
 
 def timed_ticks(engine: Any, hips: Array) -> tuple[Any, Array]:
-    """Run a path from its first HIP on: the trace, and the time of each tick (T,) [µs].
-
-    The native engine times itself around each step; any other is stepped from Python.
-    """
+    """Run a path from its first HIP on: the trace, and the time of each tick (T,) [µs]."""
     engine.reset(hips[0])
-    if hasattr(engine, "run_timed"):
-        return engine.run_timed(hips)
-    steps, times = [], np.empty(len(hips))
-    for i, hip in enumerate(hips):
-        began = time.perf_counter_ns()
-        steps.append(engine.step(hip))
-        times[i] = (time.perf_counter_ns() - began) / 1e3
-    return Trace.of(steps), times
+    return timing.timed(engine, hips)

@@ -11,11 +11,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from vfplan.planning.tolerance import choose
 from vfplan.study.bench.record import Array, Record, Trial, errors_of, timed_ticks
+from vfplan.study.scenes.outline import Run, arc, segment
 
 R = 5e-3
 FINE_M = 20e-6  # arc between the true curve's vertices
@@ -30,8 +32,17 @@ class Line:
     """A true curve in the plane z = 0."""
 
     name: str  # of the scene
-    fine: Array  # (M, 3) [m], every 20 µm of arc
-    closed: bool = False  # whether the last vertex joins the first
+    run: Run
+
+    @cached_property
+    def fine(self) -> Array:
+        """(M, 3) [m], every 20 µm of arc."""
+        return np.pad(self.run.sample(FINE_M), ((0, 0), (0, 1)))
+
+    @property
+    def closed(self) -> bool:
+        """Whether its last place joins the first."""
+        return self.run.closed
 
 
 def scenes(quick: bool, tolerance_m: float) -> Iterator[list[Trial]]:
@@ -42,33 +53,14 @@ def scenes(quick: bool, tolerance_m: float) -> Iterator[list[Trial]]:
 
 def lines() -> list[Line]:
     """A straight line, a circle of 30 mm, an S of 8 mm bends, and a hairpin of 2 mm."""
-    arc = np.linspace(0, np.pi, 4001)[:, None]
-    hairpin = np.vstack([
-        [[-30e-3, 2e-3]],
-        2e-3 * np.column_stack([np.sin(arc), np.cos(arc)]),
-        [[-30e-3, -2e-3]],
-    ])  # fmt: skip
-    s_bend = np.vstack([
-        8e-3 * np.column_stack([-np.cos(arc), np.sin(arc)]),
-        [[16e-3, 0]] - 8e-3 * np.column_stack([np.cos(arc), np.sin(arc)]),
-    ])  # fmt: skip
-    turn = np.linspace(0, 2 * np.pi, 20_001)[:-1, None]
-    circle = 30e-3 * np.column_stack([np.cos(turn), np.sin(turn)])
+    there = segment((-30e-3, 2e-3), (0, 2e-3)), arc((0, 0), 2e-3, np.pi / 2, -np.pi)
+    bends = arc((0, 0), 8e-3, np.pi, -np.pi), arc((16e-3, 0), 8e-3, np.pi, np.pi)
     return [
-        Line("line", fine(np.array([[0, 0], [0.1, 0.0]]))),
-        Line("circle, 30 mm", fine(circle, closed=True), closed=True),
-        Line("S, 8 mm bends", fine(s_bend)),
-        Line("hairpin, 2 mm", fine(hairpin)),
+        Line("line", Run((segment((0, 0), (0.1, 0)),))),
+        Line("circle, 30 mm", Run((arc((0, 0), 30e-3, 0, 2 * np.pi),), closed=True)),
+        Line("S, 8 mm bends", Run(bends)),
+        Line("hairpin, 2 mm", Run((*there, segment((0, -2e-3), (-30e-3, -2e-3))))),
     ]
-
-
-def fine(corners: Array, closed: bool = False) -> Array:
-    """(M, 3) places [m] on the straight lines between corners (K, 2), `FINE_M` apart."""
-    ring = np.vstack([corners, corners[:1]]) if closed else corners
-    s = np.r_[0, np.cumsum(np.linalg.norm(np.diff(ring, axis=0), axis=1))]
-    at = np.linspace(0, s[-1], max(2, round(s[-1] / FINE_M)) + 1)
-    at = at[:-1] if closed else at
-    return np.column_stack([np.interp(at, s, ring[:, 0]), np.interp(at, s, ring[:, 1]), 0 * at])
 
 
 def _trials(line: Line, tolerances: tuple[float, ...], tolerance_m: float) -> list[Trial]:

@@ -9,6 +9,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -20,10 +21,11 @@ from vfplan.io.disk import jsonable, write_whole
 from vfplan.io.reading import read_whole
 from vfplan.planning.tolerance import choose
 from vfplan.study.bench.peers import Peer, nanoflann_hint
-from vfplan.study.bench.record import Record, Trial, judge_chosen, mark_pareto, run_trials
+from vfplan.study.bench.record import Advance, Record, judge_chosen, mark_pareto, run_trials
 
 Stage = Literal["extract", "sample", "register", "proxy", "feel", "plan"]
 STAGES: tuple[Stage, ...] = get_args(Stage)
+Bar = Callable[[str, int], AbstractContextManager[Advance]]
 REPEATS = {True: 3, False: 7}
 TOLERANCE_M = 1e-5
 BUDGET_US = 1000.0  # a tick of a 1 kHz controller
@@ -36,7 +38,7 @@ def bench(
     tolerance_m: float = TOLERANCE_M,
     peers: Sequence[Peer] = (),
     surface: Path | None = None,
-    progress: Callable[[str, int, int], None] = lambda label, done, total: None,
+    progress: Bar = lambda label, total: nullcontext(lambda n: None),
 ) -> dict[str, Any]:
     """Measure error against run time.
 
@@ -45,7 +47,8 @@ def bench(
     tolerance_m: for the settings that are chosen by it [m]
     peers: outside programs for stage "proxy"
     surface: a mesh file (PLY or STL, mm), e.g. a bone's: one more scene of stage "proxy".
-    progress: told the scene at work, how many of its runs are done, and of how many
+    progress: a `with` block around each scene, given its name and how many runs it has; yields what
+        is told of each run
     Returns the document of docs/accuracy.md: `results`, `peers`, `machine`, `chosen`, ...
     Raises SettingError: an unknown stage, a tolerance that is none, a peer that failed
     """
@@ -60,7 +63,9 @@ def bench(
         scenes = import_module(f"vfplan.study.bench.{stage}").scenes
         more = (peers, surface) if stage == "proxy" else ()
         for trials in scenes(quick, tolerance_m, *more):
-            measured, unusable = _measure(stage, trials, REPEATS[quick], progress)
+            label, repeats = f"{stage}: {trials[0].scene}", REPEATS[quick]
+            with progress(label, len(trials) * (1 + repeats)) as advance:
+                measured, unusable = run_trials(stage, trials, repeats, advance)
             records += measured
             refused += unusable
     mark_pareto(records)
@@ -87,20 +92,6 @@ def _checked(stages: Iterable[Stage]) -> tuple[Stage, ...]:
     if unknown or not given:
         raise SettingError(f"stages {unknown or given}: allowed are {', '.join(STAGES)}")
     return tuple(stage for stage in STAGES if stage in given)
-
-
-def _measure(
-    stage: Stage, trials: list[Trial], repeats: int, progress: Callable[[str, int, int], None]
-) -> tuple[list[Record], list[Record]]:
-    label, total, done = f"{stage}: {trials[0].scene}", len(trials) * (1 + repeats), 0
-
-    def advance(n: int) -> None:
-        nonlocal done
-        done += n
-        progress(label, done, total)
-
-    progress(label, 0, total)
-    return run_trials(stage, trials, repeats, advance)
 
 
 def _peers(peers: Sequence[Peer], wanted: bool) -> list[dict[str, Any]]:

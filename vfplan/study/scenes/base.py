@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,7 +30,13 @@ class Scene(ABC):
     """
 
     spacing: float = 0.5e-3
-    name: ClassVar[str] = ""
+    name: ClassVar[str]
+
+    def __init_subclass__(cls) -> None:
+        """Every scene is a dataclass as this one is, and has its class's name: "double-sheet"."""
+        dataclass(frozen=True, eq=False)(cls)
+        if "name" not in vars(cls):
+            cls.name = re.sub("(?<=[a-z])(?=[A-Z])", "-", cls.__name__).lower()
 
     def __post_init__(self) -> None:
         if not 0 < self.spacing < 1:
@@ -125,7 +132,6 @@ class Scene(ABC):
         return False
 
 
-@dataclass(frozen=True, eq=False)
 class Drawn(Scene):
     """A scene drawn in the plane z = 0 and endless along z.
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 
@@ -15,7 +13,6 @@ from vfplan.study.scenes.base import Drawn, way
 from vfplan.study.scenes.outline import Run
 
 
-@dataclass(frozen=True, eq=False)
 class Circle(Drawn):
     """A circle around the origin.
 
@@ -26,7 +23,6 @@ class Circle(Drawn):
     """
 
     radius: float = 0.03
-    name: ClassVar[str] = "circle"
 
     @cached_property
     def runs(self) -> tuple[Run, ...]:
@@ -46,7 +42,6 @@ class Circle(Drawn):
         return {"outside": np.vstack(outside), "inside": np.vstack(inside)}
 
 
-@dataclass(frozen=True, eq=False)
 class Cylinder(Circle):
     """The circle as a cloud in space, along z.
 
@@ -57,10 +52,8 @@ class Cylinder(Circle):
     """
 
     extrude: float = 0.06
-    name: ClassVar[str] = "cylinder"
 
 
-@dataclass(frozen=True, eq=False)
 class Bend(Drawn):
     """Two straight legs that meet in the origin, one along +x.
 
@@ -96,11 +89,8 @@ class Bend(Drawn):
         return (float(x), along)
 
 
-@dataclass(frozen=True, eq=False)
 class Wedge(Bend):
     """The bend met from outside: a convex edge."""
-
-    name: ClassVar[str] = "wedge"
 
     @property
     def routes(self) -> dict[str, Vector]:
@@ -114,11 +104,8 @@ class Wedge(Bend):
         }
 
 
-@dataclass(frozen=True, eq=False)
 class Corner(Bend):
     """The bend met from inside: a concave corner."""
-
-    name: ClassVar[str] = "corner"
 
     @property
     def routes(self) -> dict[str, Vector]:
@@ -131,7 +118,6 @@ class Corner(Bend):
         }
 
 
-@dataclass(frozen=True, eq=False)
 class Channel(Drawn):
     """Two parallel straight walls, open at both ends.
 
@@ -145,7 +131,6 @@ class Channel(Drawn):
 
     width: float = 10.005e-3
     length: float = 0.06
-    name: ClassVar[str] = "channel"
 
     @cached_property
     def runs(self) -> tuple[Run, ...]:
@@ -170,11 +155,8 @@ _OMEGA_MM = [
 ]  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
 class Omega(Drawn):
     """The paper's hand-drawn Ω, drawn anew: an open curve with two feet."""
-
-    name: ClassVar[str] = "omega"
 
     @cached_property
     def runs(self) -> tuple[Run, ...]:
@@ -211,7 +193,6 @@ _HANDLE_MM = [
 ]  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
 class Teapot(Drawn):
     """A teapot's silhouette, spout to the right: a closed outline with corners and hollows.
 
@@ -222,7 +203,6 @@ class Teapot(Drawn):
     """
 
     width: float = 0.184
-    name: ClassVar[str] = "teapot"
 
     @cached_property
     def runs(self) -> tuple[Run, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import abstractmethod
 from functools import cached_property
 from typing import ClassVar
 
@@ -13,11 +13,8 @@ from vfplan.study.scenes.base import Scene, way
 from vfplan.study.scenes.pieces import Pieces, Rectangles, Segments, Spheres
 
 
-@dataclass(frozen=True, eq=False)
 class Point(Scene):
     """The paper's 0-D simulation: one point at the origin."""
-
-    name: ClassVar[str] = "point"
 
     @cached_property
     def points(self) -> Vector:
@@ -38,7 +35,6 @@ class Point(Scene):
         }
 
 
-@dataclass(frozen=True, eq=False)
 class Segment(Scene):
     """The paper's 1-D simulation: a segment along x, in space.
 
@@ -49,7 +45,6 @@ class Segment(Scene):
     """
 
     length: float = 0.04
-    name: ClassVar[str] = "segment"
 
     @cached_property
     def points(self) -> Vector:
@@ -81,24 +76,35 @@ def grid(corner: Vector, u: Vector, v: Vector, spacing: float) -> Vector:
     return corner + i.reshape(-1, 1) * u + j.reshape(-1, 1) * v
 
 
-@dataclass(frozen=True, eq=False)
-class Sheet(Scene):
-    """Experiment 1: the square x, z in [0.4, 0.5] m at y = 0.1 m; 40 401 points at 0.5 mm."""
+class Walls(Scene):
+    """A scene of rectangles, with a grid of points on each."""
 
-    name: ClassVar[str] = "sheet"
-    centre: ClassVar[Vector] = np.array([0.45, 0.1, 0.45])
+    @property
+    @abstractmethod
+    def squares(self) -> tuple[Vector, Vector, Vector]:
+        """Corners and the sides u and v from them, each (M, 3) [m]."""
 
     @cached_property
     def points(self) -> Vector:
         """(N, 3) [m], edges included."""
-        sides = np.array([0.1, 0, 0]), np.array([0, 0, 0.1])
-        return grid(np.array([0.4, 0.1, 0.4]), *sides, self.spacing)
+        squares = zip(*self.squares, strict=True)
+        return np.vstack([grid(*square, self.spacing) for square in squares])
 
     @cached_property
     def pieces(self) -> tuple[Pieces, ...]:
+        """The rectangles."""
+        return (Rectangles(*self.squares),)
+
+
+class Sheet(Walls):
+    """Experiment 1: the square x, z in [0.4, 0.5] m at y = 0.1 m; 40 401 points at 0.5 mm."""
+
+    centre: ClassVar[Vector] = np.array([0.45, 0.1, 0.45])
+
+    @property
+    def squares(self) -> tuple[Vector, Vector, Vector]:
         """The square."""
-        corner, u, v = np.array([[0.4, 0.1, 0.4]]), np.array([[0.1, 0, 0]]), np.array([[0, 0, 0.1]])
-        return (Rectangles(corner, u, v),)
+        return np.array([[0.4, 0.1, 0.4]]), np.array([[0.1, 0, 0]]), np.array([[0, 0, 0.1]])
 
     @property
     def routes(self) -> dict[str, Vector]:
@@ -112,8 +118,7 @@ class Sheet(Scene):
         }
 
 
-@dataclass(frozen=True, eq=False)
-class DoubleSheet(Scene):
+class DoubleSheet(Walls):
     """Two parallel squares closer than the proxy is wide: no room between them.
 
     Parameters
@@ -126,21 +131,10 @@ class DoubleSheet(Scene):
 
     gap: float = 4e-3
     side: float = 0.06
-    name: ClassVar[str] = "double-sheet"
-
-    @cached_property
-    def points(self) -> Vector:
-        """(N, 3) [m]."""
-        corner, u, v = self._squares
-        return np.vstack([grid(c, u[0], v[0], self.spacing) for c in corner])
-
-    @cached_property
-    def pieces(self) -> tuple[Pieces, ...]:
-        """The two squares."""
-        return (Rectangles(*self._squares),)
 
     @property
-    def _squares(self) -> tuple[Vector, Vector, Vector]:
+    def squares(self) -> tuple[Vector, Vector, Vector]:
+        """Below and above."""
         h, g = self.side / 2, self.gap / 2
         corner = np.array([[-h, -g, -h], [-h, g, -h]])
         return corner, np.array([[2 * h, 0, 0]] * 2), np.array([[0, 0, 2 * h]] * 2)
@@ -152,7 +146,6 @@ class DoubleSheet(Scene):
         return {"above": press, "below": -press}
 
 
-@dataclass(frozen=True, eq=False)
 class Sphere(Scene):
     """A sphere around the origin, its points on a golden spiral.
 
@@ -163,7 +156,6 @@ class Sphere(Scene):
     """
 
     radius: float = 0.03
-    name: ClassVar[str] = "sphere"
 
     @cached_property
     def points(self) -> Vector:
@@ -193,8 +185,7 @@ class Sphere(Scene):
         }
 
 
-@dataclass(frozen=True, eq=False)
-class ThreeWalls(Scene):
+class ThreeWalls(Walls):
     """A three-way concave corner: the walls x = 0, y = 0 and z = 0, free where all are positive.
 
     Parameters
@@ -204,24 +195,17 @@ class ThreeWalls(Scene):
     """
 
     side: float = 0.04
-    name: ClassVar[str] = "three-walls"
 
     @cached_property
     def points(self) -> Vector:
         """(N, 3) [m]; edges that two walls share stand once."""
-        walls = [grid(np.zeros(3), u, v, self.spacing) for u, v in self._sides]
-        return np.unique(np.vstack(walls), axis=0)
-
-    @cached_property
-    def pieces(self) -> tuple[Pieces, ...]:
-        """The three squares."""
-        u, v = (np.array(side) for side in zip(*self._sides, strict=True))
-        return (Rectangles(np.zeros((3, 3)), u, v),)
+        return np.unique(super().points, axis=0)
 
     @property
-    def _sides(self) -> list[tuple[Vector, Vector]]:
-        x, y, z = np.eye(3) * self.side
-        return [(y, z), (z, x), (x, y)]
+    def squares(self) -> tuple[Vector, Vector, Vector]:
+        """Across x, y and z."""
+        sides = np.eye(3) * self.side
+        return np.zeros((3, 3)), sides[[1, 2, 0]], sides[[2, 0, 1]]
 
     @property
     def routes(self) -> dict[str, Vector]:
