@@ -19,6 +19,8 @@ the readings taken here are:
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -39,10 +41,11 @@ class PaperProxy:
     ----------
     points
         (N, 3) cloud [m].
-    contact_radius, band, point_radius, stiffness, ignore_axis, outer_radius, gain
-        Table I; see `ProxyParameters.make`.
     rule
         "paper".
+    parameters
+        Table I: contact_radius, band, point_radius, stiffness, ignore_axis, outer_radius, gain; see
+        `ProxyParameters.make`.
 
     Raises
     ------
@@ -51,30 +54,11 @@ class PaperProxy:
     """
 
     def __init__(
-        self,
-        points: ArrayLike,
-        contact_radius: float = 5e-3,
-        band: float | None = None,
-        point_radius: float = 0.0,
-        stiffness: float | ArrayLike = 1000.0,
-        rule: str = "paper",
-        ignore_axis: str | ArrayLike | None = None,
-        outer_radius: float | None = None,
-        gain: float = 1.0,
+        self, points: ArrayLike, *table: Any, rule: str = "paper", **parameters: Any
     ) -> None:
         if rule != "paper":
             raise SettingError(f"rule {rule!r}: the reference renders 'paper' only")
-        self.parameters = ProxyParameters.make(
-            points,
-            contact_radius=contact_radius,
-            band=band,
-            point_radius=point_radius,
-            stiffness=stiffness,
-            rule="paper",
-            ignore_axis=ignore_axis,
-            outer_radius=outer_radius,
-            gain=gain,
-        )
+        self.parameters = ProxyParameters.make(points, *table, rule="paper", **parameters)
         self._cloud = self._across(check_points(points))
         self._proxy: Vector | None = None
         self._normal, self._force, self._state = np.zeros(3), np.zeros(3), -1

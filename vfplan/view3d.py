@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
@@ -43,15 +44,12 @@ def draw_view(
     Raises MissingExtra: nothing here can render; the message names the package that helps
     Raises SettingError: a time outside the replay
     """
-    from PIL import Image
-
-    stage = Stage(ready_pyvista(screen=False), fixture, ticks, size=size, off_screen=True)
+    stage = Stage(fixture, ticks, size)
     if mark_hz is not None and ticks is not None:
         stage.show_marks(contact_marks(ticks, mark_hz))
     else:
         stage.show_tick(stage.tick_at(at_s))
-    stage.plotter.show(auto_close=False, interactive=False)
-    image = Image.fromarray(stage.plotter.screenshot(return_img=True))
+    image = stage.image()
     stage.plotter.close()
     _save(path, image, "PNG")
 
@@ -69,15 +67,10 @@ def draw_movie(
 
     Frames are evenly spaced in time; `fps` frames are shown a second.
     """
-    from PIL import Image
-
-    stage = Stage(ready_pyvista(screen=False), fixture, ticks, size=size, off_screen=True)
-    stage.show_tick(0)
-    stage.plotter.show(auto_close=False, interactive=False)
-    shots = []
+    stage, shots = Stage(fixture, ticks, size), []
     for at_s in np.linspace(ticks.time[0], ticks.time[-1], max(1, min(frames, len(ticks)))):
         stage.show_tick(stage.tick_at(float(at_s)))
-        shots.append(Image.fromarray(stage.plotter.screenshot(return_img=True)))
+        shots.append(stage.image())
     stage.plotter.close()
     first, *rest = (shot.quantize(64) for shot in shots)
     _save(path, first, "GIF", save_all=True, append_images=rest, duration=round(1000 / fps), loop=0)
@@ -94,7 +87,7 @@ def show(fixture: Fixture, ticks: TickBlock | None = None) -> None:
 
     Raises `MissingExtra` where there is no screen or no OpenGL.
     """
-    stage = Stage(ready_pyvista(screen=True), fixture, ticks, size=(1200, 900), off_screen=False)
+    stage = Stage(fixture, ticks, (1200, 900), screen=True)
     stage.show_tick(stage.tick_at(None))
     if ticks is not None:
         stage.plotter.add_slider_widget(
@@ -125,23 +118,17 @@ def _attend(plotter: Any) -> None:
 class Stage:
     """The cloud and paths, and the parts that move with time.
 
-    pyvista: the module, imported when it is known to work
-    fixture, ticks, size, off_screen: as for `draw_view`
+    fixture, ticks, size: as for `draw_view`
+    screen: whether it is to be seen there; else `image` gives what is to be seen
+    Raises MissingExtra: nothing here can render
     """
 
     def __init__(
-        self,
-        pyvista: Any,
-        fixture: Fixture,
-        ticks: TickBlock | None,
-        *,
-        size: tuple[int, int],
-        off_screen: bool,
+        self, fixture: Fixture, ticks: TickBlock | None, size: tuple[int, int], screen: bool = False
     ) -> None:
-        self._pv = pyvista
-        self._fixture = fixture
-        self._ticks = ticks
-        self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=size)
+        self._pv = pyvista = ready_pyvista(screen=screen)
+        self._fixture, self._ticks = fixture, ticks
+        self.plotter = pyvista.Plotter(off_screen=not screen, window_size=size)
         self.plotter.set_background("white")
         self._add_cloud()
         if ticks is not None:
@@ -151,6 +138,10 @@ class Stage:
                     self.plotter.add_mesh(line, color=colour, line_width=width, opacity=0.8)
         self.plotter.add_axes()
         self._look()
+
+    def image(self) -> Image.Image:
+        """What is to be seen now."""
+        return Image.fromarray(self.plotter.screenshot(return_img=True))
 
     def _add_cloud(self) -> None:
         fixture = self._fixture

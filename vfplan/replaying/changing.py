@@ -16,9 +16,10 @@ from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.reading import at
 from vfplan.replaying.engines import make_engine
-from vfplan.replaying.quantities import Carry, dots, stacked
+from vfplan.replaying.quantities import Carry, dots
 from vfplan.session.events import Event, read_events
 from vfplan.session.poses import Poses, read_poses
+from vfplan.session.result import joined
 
 NOWHERE_M = 1e3  # where a fixture without a pose is for the metrics: out of reach of any tool
 
@@ -85,7 +86,7 @@ class Changing:
             start = end
         traces, micros, frames = zip(*parts, strict=True)
         self._frames = np.concatenate(frames)
-        return stacked(traces), np.concatenate(micros)
+        return joined(traces), np.concatenate(micros)
 
     def _take_up(self, t: float) -> None:
         """All that the tick at `t` begins with."""

@@ -74,8 +74,8 @@ class Guided:
         if self.region is None:
             trace = _alone(guide)
         else:
-            trace, own = timed(self.region, hips) if len(hips) else (self.region.run(hips), micros)
-            micros += 1e6 * own
+            trace, own = timed(self.region, hips)
+            micros += own
         if len(hips):
             self._note(hips, guide, trace)
         if self.region is not None:

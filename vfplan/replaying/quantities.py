@@ -8,19 +8,16 @@ Every quantity is defined here, once; docs/replay.md says the same in words.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.ticks import Trace
 from vfplan.session import TickBlock
 from vfplan.session.result import joined
 
 Array = NDArray[np.float64]
-_TRACE = ("proxy", "normal", "force", "state", "status")
 
 # The proxy counts as held away from the HIP beyond this [m]: p + (x - p) need not give x exactly.
 HELD_M = 1e-9
@@ -57,16 +54,6 @@ class Carry:
             rows = tuple(np.concatenate(two) for two in zip(self._last, rows, strict=True))
         self._last = tuple(row[-1:] for row in rows)
         return rows
-
-
-def picked(trace: Trace, rows: NDArray[np.intp]) -> Trace:
-    """These ticks of a trace."""
-    return Trace(*(getattr(trace, name)[rows] for name in _TRACE))
-
-
-def stacked(traces: Sequence[Trace]) -> Trace:
-    """Traces one after the other, as one."""
-    return Trace(*(np.concatenate([getattr(t, name) for t in traces]) for name in _TRACE))
 
 
 def penetration(hip: Array, proxy: Array) -> Array:

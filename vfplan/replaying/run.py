@@ -16,10 +16,11 @@ from vfplan.replaying.governing import Governing
 from vfplan.replaying.guiding import Guided
 from vfplan.replaying.metrics import Metrics
 from vfplan.replaying.overview import Overview
-from vfplan.replaying.quantities import Stepper, overlap, penetration, picked, stacked
+from vfplan.replaying.quantities import Stepper, overlap, penetration
 from vfplan.replaying.timing import StepTimes
 from vfplan.robot import Robot
 from vfplan.session import TickBlock
+from vfplan.session.result import joined, picked
 
 Array = NDArray[np.float64]
 
@@ -98,7 +99,7 @@ class RuleRun:
         hip = arrived.hip
         if self._last is not None:  # row -1 is then the last packet of the blocks before
             hip = np.concatenate((hip, self._last[0]))
-            trace = stacked([trace, self._last[1]])
+            trace = joined([trace, self._last[1]])
         kept = len(arrived.hip) - 1 if len(arrived.hip) else -1
         self._last = hip[[kept]], picked(trace, np.array([kept]))
         return hip[arrived.row], picked(trace, arrived.row)

@@ -9,19 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.engine.ticks import Trace
-from vfplan.replaying.quantities import stacked
 
 _PER_OCTAVE = 64  # bins of 1.1 %
 _LOWEST_S = 1e-9
 _BINS = 40 * _PER_OCTAVE  # to 1000 s
-_GROUP = 32  # ticks timed together where the engine does not time each
 
 
 class StepTimes:
     """A histogram of the engine's time per tick, each bin 1.1 % wide.
 
-    The native engine times each tick itself. Of another engine, ticks are timed in groups of 32,
-    and a group's mean stands for each of them.
+    The native engine times each tick itself.
     """
 
     def __init__(self) -> None:
@@ -32,13 +29,12 @@ class StepTimes:
     def run(self, engine: Any, hip: NDArray[np.float64]) -> Trace:
         """`engine.run(hip)`, timed."""
         self.ticks += len(hip)
-        if not len(hip):
-            return engine.run(hip)
-        trace, seconds = timed(engine, hip)
+        trace, micros = timed(engine, hip)
+        seconds = 1e-6 * micros
         bins = np.log2(np.maximum(seconds, _LOWEST_S) / _LOWEST_S) * _PER_OCTAVE
         bins = np.minimum(bins.astype(np.int64), _BINS - 1)
         self._bins += np.bincount(bins, minlength=_BINS)
-        self._max_s = max(self._max_s, float(seconds.max()))
+        self._max_s = max(self._max_s, float(seconds.max(initial=0.0)))
         return trace
 
     def report(self) -> dict[str, float]:
@@ -53,14 +49,15 @@ class StepTimes:
 
 
 def timed(engine: Any, hip: NDArray[np.float64]) -> tuple[Trace, NDArray[np.float64]]:
-    """`engine.run(hip)`, and the time of each tick (n,) [s]; in groups where it does not time."""
+    """`engine.run(hip)`, and the time of each tick (n,) [µs].
+
+    The native engine times itself around each step; any other is stepped from Python.
+    """
     if hasattr(engine, "run_timed"):
-        trace, micros = engine.run_timed(hip)
-        return trace, 1e-6 * micros
-    parts, seconds = [], np.empty(len(hip))
-    for start in range(0, len(hip), _GROUP):
-        group = slice(start, start + _GROUP)
-        began = time.perf_counter()
-        parts.append(engine.run(hip[group]))
-        seconds[group] = (time.perf_counter() - began) / len(hip[group])
-    return stacked(parts), seconds
+        return engine.run_timed(hip)
+    steps, times = [], np.empty(len(hip))
+    for i, place in enumerate(hip):
+        began = time.perf_counter_ns()
+        steps.append(engine.step(place))
+        times[i] = (time.perf_counter_ns() - began) / 1e3
+    return Trace.of(steps), times

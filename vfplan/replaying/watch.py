@@ -27,20 +27,12 @@ class SessionWatch:
 
     def __init__(self) -> None:
         self._carry = Carry()
-        self._nominal = 0.0
-        self._count = 0
-        self._even = 0
-        self._jitter2 = 0.0
-        self._dt_max = 0.0
-        self._missing = 0
-        self._gap_count = 0
+        self._nominal = self._jitter2 = self._dt_max = 0.0
+        self._count = self._even = self._missing = self._gap_count = self._jump_count = 0
+        self._repeats = self._run = self._longest = 0
         self._gaps: list[dict[str, float]] = []
-        self._repeats = 0
-        self._run = 0
-        self._longest = 0
-        self._speed = (0.0, 0)
         self._jumps: list[int] = []
-        self._jump_count = 0
+        self._speed = (0.0, 0)
 
     def update(self, time: Array, hip: Array) -> None:
         """Take in the next samples."""

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import Any, BinaryIO, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError, VersionError
-from vfplan.io.apart import apart, one
+from vfplan.io.apart import apart
 from vfplan.io.hdf5 import h5py
 from vfplan.io.reading import OneFile
 from vfplan.session.arrays import opened_hdf5, plain_dataset
 from vfplan.session.types import BLOCK, LATEST_S, Array
 
+Rows = TypeVar("Rows")  # a dataclass of arrays, a row a tick
 RESULT_FORMAT = "vfplan-result"
 RESULT_VERSION = "1.0"
 
@@ -54,7 +55,7 @@ class TickBlock:
 
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> TickBlock:
         """These ticks alone."""
-        return TickBlock(*(getattr(self, name)[rows] for name in TABLE))
+        return picked(self, rows)
 
 
 class Result(Protocol):
@@ -69,9 +70,18 @@ class Result(Protocol):
         """The root attributes."""
 
 
-def joined(blocks: list[TickBlock]) -> TickBlock:
-    """Blocks one after the other, as one."""
-    return TickBlock(*(np.concatenate([getattr(b, name) for b in blocks]) for name in TABLE))
+def joined(blocks: Sequence[Rows]) -> Rows:
+    """Blocks, or traces, one after the other, as one."""
+    return type(blocks[0])(*map(np.concatenate, zip(*map(_columns, blocks), strict=True)))
+
+
+def picked(block: Rows, rows: slice | NDArray[np.intp]) -> Rows:
+    """These ticks of a block, or of a trace."""
+    return type(block)(*(column[rows] for column in _columns(block)))
+
+
+def _columns(block: Any) -> list[Array]:
+    return [getattr(block, field.name) for field in fields(block)]
 
 
 STATES = (-1, 0, 1, 2)
@@ -94,21 +104,16 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
         A major version that this program does not read.
     """
     file, where = _found(path), Path(path).name
-    attrs = one("vfplan.session.result:stored_attrs", where, file=file, where=where)
-    blocks = list(_blocks(file, where, group))
+    read = apart("vfplan.session.result:stored", where, group, file=file, where=where)
+    attrs, blocks, start, last = next(read), [], 0, -np.inf
+    for arrays in read:
+        blocks.append(block := TickBlock(*arrays))
+        _check_values(block, start, last, where)
+        start, last = start + len(block), block.time[-1]
+    file.require_unchanged()
     if not blocks:
         raise InputError("a result without ticks", where=where)
     return joined(blocks), attrs
-
-
-def _blocks(file: OneFile, where: str, group: str) -> Iterator[TickBlock]:
-    start, last = 0, -np.inf
-    for arrays in apart("vfplan.session.result:stored", where, group, file=file, where=where):
-        block = TickBlock(*arrays)
-        _check_values(block, start, last, where)
-        start, last = start + len(block), block.time[-1]
-        yield block
-    file.require_unchanged()
 
 
 def _found(path: str | Path) -> OneFile:
@@ -119,25 +124,15 @@ def _found(path: str | Path) -> OneFile:
         raise InputError(message, where=Path(path).name) from None
 
 
-# Both run in a process apart (`vfplan.io.apart`): a file can be made for libhdf5 to crash on.
+def stored(stream: BinaryIO, where: str, group: str) -> Iterator[Any]:
+    """A result's root attributes, then blocks of its datasets, in the order of `TickBlock`.
 
-
-def stored_attrs(stream: BinaryIO, where: str) -> Iterator[dict[str, Any]]:
-    """The root attributes of a result."""
+    In a process apart (`vfplan.io.apart`): a file can be made for libhdf5 to crash on.
+    """
     with opened_hdf5(stream, where, InputError) as file:
-        _check_head(file, where)
-        yield {name: _plain(value) for name, value in file.attrs.items()}
-
-
-def _plain(value: Any) -> Any:
-    value = value.tolist() if hasattr(value, "tolist") else value
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-
-
-def stored(stream: BinaryIO, where: str, group: str) -> Iterator[tuple[Array, ...]]:
-    """Blocks of a result's datasets, in the order of `TickBlock`."""
-    with opened_hdf5(stream, where, InputError) as file:
-        _check_head(file, where)
+        attrs = {name: _plain(value) for name, value in file.attrs.items()}
+        _check_head(attrs, where)
+        yield attrs
         if group and not isinstance(file.get(group, getlink=True), h5py.HardLink):
             raise InputError(f"has no group {group!r}", where=where)
         place = file[group] if group else file
@@ -192,12 +187,15 @@ def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
         )
 
 
-def _check_head(file: h5py.File, where: str) -> None:
-    found = file.attrs.get("format")
-    found = found.decode("utf-8", "replace") if isinstance(found, bytes) else found
+def _plain(value: Any) -> Any:
+    value = value.tolist() if hasattr(value, "tolist") else value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def _check_head(attrs: dict[str, Any], where: str) -> None:
+    found, version = attrs.get("format"), str(attrs.get("version"))
     if found != RESULT_FORMAT:
         raise InputError(f"format is {found!r}; {RESULT_FORMAT!r} wanted", where=where)
-    version = str(file.attrs.get("version"))
     if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
         raise VersionError(
             f"result version {version}; this program reads {RESULT_VERSION}", where=where
