@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import ImageError, MissingExtra, needing
-from vfplan.images.read import check_size
+from vfplan.images.read import check_size, index_of
 from vfplan.io.apart import allow, apart
 
 COLOUR = {"RGB", "PALETTE COLOR"}
@@ -98,7 +98,8 @@ def decoded(
     file.seek(0)
     with quiet(where):
         dataset = _image_of(file, where)
-        rgb = _pixels(dataset, where, _frame_index(dataset, frame, where))
+        count = int(dataset.get("NumberOfFrames") or 1)
+        rgb = _pixels(dataset, where, index_of("frame", frame, count, where))
         spacing = _spacing(dataset, where, imager_spacing)
         place = _place(dataset, _spacing(dataset, where, imager=False))
     yield {
@@ -153,16 +154,6 @@ def _image_of(file: BinaryIO, where: str) -> Any:
         kind = dataset.get("Modality") or "no image"
         raise ImageError(f"the DICOM file holds no pixels ({kind})", where=where)
     return dataset
-
-
-def _frame_index(dataset: Any, frame: int | None, where: str) -> int:
-    count = int(dataset.get("NumberOfFrames") or 1)
-    if frame is None and count > 1:
-        raise ImageError(f"has {count} frames; choose one, 1 to {count} (--frame)", where=where)
-    chosen = 1 if frame is None else frame
-    if not 1 <= chosen <= count:
-        raise ImageError(f"has no frame {chosen}; it has {count}, numbered from 1", where=where)
-    return chosen - 1
 
 
 def _pixels(dataset: Any, where: str, index: int) -> NDArray:

@@ -232,7 +232,7 @@ def _decode(data: bytes, header: Header, where: str, frame: int | None) -> NDArr
             if header.opaque and frame in (None, 1):  # EXIF orientation is applied here
                 rgb = cv2.imdecode(buffer, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_ANYDEPTH)
             else:
-                at = _page_index(header, where, frame)
+                at = index_of("page", frame, header.pages, where)
                 _, pages = cv2.imdecodemulti(buffer, cv2.IMREAD_UNCHANGED, range=(at, at + 1))
                 rgb = _upright(_page(pages[0]), header.orientation) if len(pages) else None
             said.seek(0)
@@ -250,14 +250,13 @@ def _decode(data: bytes, header: Header, where: str, frame: int | None) -> NDArr
     return rgb
 
 
-def _page_index(header: Header, where: str, frame: int | None) -> int:
-    if frame is None and header.pages > 1:
-        raise ImageError(
-            f"has {header.pages} pages; choose one, 1 to {header.pages} (--frame)", where=where
-        )
+def index_of(what: str, frame: int | None, count: int, where: str) -> int:
+    """Of the page or frame asked for, which count from 1; raises `ImageError` if there is none."""
+    if frame is None and count > 1:
+        raise ImageError(f"has {count} {what}s; choose one, 1 to {count} (--frame)", where=where)
     at = 0 if frame is None else frame - 1
-    if not 0 <= at < header.pages:
-        raise ImageError(f"has no page {frame}; it has {header.pages}, from 1", where=where)
+    if not 0 <= at < count:
+        raise ImageError(f"has no {what} {frame}; it has {count}, from 1", where=where)
     return at
 
 
