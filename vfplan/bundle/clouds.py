@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import warnings
 from pathlib import Path
@@ -14,11 +13,11 @@ from numpy.typing import NDArray
 from vfplan.bundle.content import most
 from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.meshfile import Mesh, read_mesh
-from vfplan.engine.parameters import PAPER_BAND, default_band
+from vfplan.engine.parameters import PAPER_BAND, check_axis, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
 from vfplan.io.npy import npy_header
-from vfplan.io.reading import opened_file, real, require_short
+from vfplan.io.reading import read_bytes, real, require_short
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")
@@ -70,7 +69,7 @@ def import_cloud(
     points, triangles = found.points * METRES[units], found.triangles
     radius = contact_radius + point_radius
     _check(points, radius, str(path))
-    mesh, axis, left_out = None, _unit(ignore_axis), list(found.left_out)
+    mesh, axis, left_out = None, check_axis(ignore_axis), list(found.left_out)
     if triangles is not None:
         if curve is not None:
             raise SettingError(
@@ -117,16 +116,6 @@ def _as_curve(count: int, curve: str | None) -> Curve | None:
     return Curve(np.zeros(count, dtype=np.int32), np.array([curve == "closed"]))
 
 
-def _unit(axis: Any) -> Points | None:
-    if axis is None:
-        return None
-    axis = np.asarray(axis, dtype=float)
-    length = np.linalg.norm(axis)
-    if axis.shape != (3,) or not np.isfinite(length) or length == 0:
-        raise SettingError(f"ignored axis {axis.tolist()}; three finite numbers, not all 0, wanted")
-    return axis / length
-
-
 def _check(points: Points, radius: float, where: str) -> None:
     cap = most("N")
     if not 1 <= len(points) <= cap:
@@ -143,17 +132,14 @@ def _read(path: Path, units: str) -> tuple[Mesh, str]:
     suffix, where = path.suffix.lower(), str(path)
     if suffix not in SUFFIXES:
         raise InputError(f"ends in none of {', '.join(SUFFIXES)}", where=where)
-    with opened_file(path) as file:
-        data = file.read(MOST_BYTES + 1)
-    if len(data) > MOST_BYTES:
-        raise InputError(f"longer than {MOST_BYTES} bytes", where=where)
+    data, digest = read_bytes(path, MOST_BYTES)
     if suffix == ".npy":
         found = _npy(data, where)
     elif suffix == ".csv":
         found = _csv(data, units, where)
     else:
         found = read_mesh(data, suffix, where)
-    return found, hashlib.sha256(data).hexdigest()
+    return found, digest
 
 
 def _npy(data: bytes, where: str) -> Mesh:

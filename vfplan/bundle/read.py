@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -92,19 +94,15 @@ def checked_payload(source: str | Path) -> bytes:
         return sealed.payload
 
 
-class opened_source:  # noqa: N801 - used as a function
+@contextmanager
+def opened_source(source: str | Path | bytes) -> Iterator[BinaryIO]:
     """A binary stream over a path or over bytes; errors raised within name the path."""
-
-    def __init__(self, source: str | Path | bytes) -> None:
-        self.path = None if isinstance(source, bytes) else Path(source)
-        self.stream: BinaryIO = (
-            io.BytesIO(source) if isinstance(source, bytes) else opened_file(Path(source))
-        )
-
-    def __enter__(self) -> BinaryIO:
-        return self.stream
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        self.stream.close()
-        if self.path and isinstance(error, BundleError):
-            error.where = str(self.path) + (f":{error.where}" if error.where else "")
+    if isinstance(source, bytes):
+        yield io.BytesIO(source)
+        return
+    with opened_file(Path(source)) as stream:
+        try:
+            yield stream
+        except BundleError as error:
+            error.where = str(Path(source)) + (f":{error.where}" if error.where else "")
+            raise

@@ -157,9 +157,8 @@ def _put(group: Any, row: Row, content: Content) -> None:
     dataset = group.create_dataset(
         row.name, data=data, chunks=chunks, fletcher32=True, fill_time="never"
     )
-    for name, text in (("unit", unit_of(row, content)), ("frame", frame_of(row, content))):
-        if text is not None:
-            dataset.attrs.create(name, _coded(text, "text"))
+    for name, text in _beside(row, content).items():
+        dataset.attrs.create(name, _coded(text, "text"))
 
 
 def chunk_shape(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
@@ -176,23 +175,14 @@ def _coded(value: Any, kind: str) -> np.ndarray:
     return bare.astype(h5py.string_dtype("utf-8", max(1, bare.itemsize)))
 
 
-def frame_of(row: Row, content: Content) -> str | None:
-    """The frame to write beside a dataset, "@frame" and "@source_frame" filled in."""
-    if row.frame == "@frame":
-        return content.get("/@frame")
-    if row.frame == "@source_frame":
-        return content.get("/registration@source_frame")
-    return row.frame
-
-
-def unit_of(row: Row, content: Content) -> str | None:
-    """The unit to write beside a dataset, "@frame" and "@source_frame" filled in."""
-    if row.unit is None:
-        return None
+def _beside(row: Row, content: Content) -> dict[str, str]:
+    """Unit and frame to write beside a dataset, "@frame" and "@source_frame" filled in."""
+    frame, unit = row.frame, row.unit
     for name, path in (("@frame", "/@frame"), ("@source_frame", "/registration@source_frame")):
-        if name in row.unit:
-            return row.unit.replace(name, UNITS_OF_FRAME.get(content.get(path, ""), "?"))
-    return row.unit
+        known = content.get(path)
+        frame = known if frame == name else frame
+        unit = unit and unit.replace(name, UNITS_OF_FRAME.get(known, "?"))
+    return {name: text for name, text in (("unit", unit), ("frame", frame)) if text is not None}
 
 
 @dataclass(frozen=True)
