@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.engine.parameters import FINEST_BAND, MAX_ITERATIONS
+from vfplan.engine.parameters import FINEST_BAND, MAX_ITERATIONS, ProxyParameters, check_axis
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Rendering
 from vfplan.planning.carrying import Carried, carry, pieces_of, require_small
@@ -63,13 +63,9 @@ class Rendered:
         """The same for a bundle's provenance, flat."""
         flat: dict[str, float | int] = {f"left_out_{name}": n for name, n in self.left_out.items()}
         if self.choice is not None:
-            flat |= {
-                "chosen_tolerance_m": self.choice.kept_m,
-                "chosen_spacing_m": self.choice.spacing_m,
-                "chosen_band_m": self.choice.band_m,
-                "chosen_max_iterations": self.choice.max_iterations,
-                "chosen_lag_m": self.choice.lag_m,
-            }
+            flat["chosen_tolerance_m"] = self.choice.kept_m
+            names = "spacing_m", "band_m", "max_iterations", "lag_m"
+            flat |= {f"chosen_{name}": getattr(self.choice, name) for name in names}
         return flat
 
     @property
@@ -203,7 +199,6 @@ def _rendering_of(
 ) -> Rendering:
     """Radii, band, stiffness and ignored axis that the points (N, 3) are rendered with."""
     from vfplan.bundle import mesh_band
-    from vfplan.engine.parameters import ProxyParameters
 
     axis = ignored_axis(settings.ignore_axis, registration, slice_axes)
     band = choice and choice.band_m
@@ -242,12 +237,12 @@ def ignored_axis(
     if not planar:
         if choice == "normal":
             raise SettingError("a curve in space has no slice normal; ignore x, y, z or none")
-        return np.eye(3)["xyz".index(choice)]
+        return check_axis(choice)
     normal = np.cross(columns[:, 0], columns[:, 1])
     normal /= np.linalg.norm(normal)
     if choice == "normal":
         return normal
-    axis = np.eye(3)["xyz".index(choice)]
+    axis = check_axis(choice)
     tilt = np.degrees(np.arccos(min(1.0, abs(axis @ normal))))
     if tilt > MAX_IGNORED_TILT_DEG:
         raise SettingError(
