@@ -40,7 +40,7 @@ FELT = (
     option("--from", "source", type=FILE, metavar="JSON",
            help="Measure nothing: draw again what a bench.json holds."),
 )  # fmt: skip
-def command(stage, output, quick, peers, surface, tolerance_m, source) -> Report:
+def command(stage, output, source, peers, **given) -> Report:
     """Measure STAGE (all of them by default) against known truth, and draw error over time."""
     from vfplan.study.bench import Peer, bench, read_document
 
@@ -55,14 +55,7 @@ def command(stage, output, quick, peers, surface, tolerance_m, source) -> Report
     names = ["bench.json", "bench.csv", *(f"bench_{stage}.png" for stage in stages)]
     refuse_folder(output, *names)
     if document is None:
-        document = bench(
-            stages,
-            quick=quick,
-            tolerance_m=tolerance_m,
-            peers=[Peer(word) for word in peers],
-            surface=surface,
-            progress=progress,
-        )
+        document = bench(stages, peers=[Peer(p) for p in peers], progress=progress, **given)
     if output is not None:
         _write(document, stages, [output / name for name in names])
     text = "\n".join(_text(document, stages))

@@ -43,12 +43,11 @@ def output(text: str, required: bool = True, kind: click.ParamType = HDF5) -> Ca
     return taking(option("-o", "--output", type=kind, required=required, help=text), OVERWRITE)
 
 
-def _stroke(ctx: click.Context, param: click.Parameter, value: str | None) -> str | int | None:
-    if value is None or value in ("all", "longest"):
-        return value
-    if value.isdecimal():
-        return int(value)
-    raise click.BadParameter(f"{value!r} is neither 'all', 'longest' nor a stroke's number")
+def _stroke(text: str) -> str | int:
+    """`all`, `longest` or a stroke's number."""
+    if text not in ("all", "longest") and not text.isdecimal():
+        raise ValueError(f"{text!r} is neither 'all', 'longest' nor a stroke's number")
+    return int(text) if text.isdecimal() else text
 
 
 def _rectangle(text: str) -> tuple[int, ...]:
@@ -112,7 +111,7 @@ CURVE = taking(
     option("--method", type=click.Choice(["ridge", "skeleton", "mask"]), default="ridge",
            help="Sub-pixel ridge, bare skeleton, or every mask pixel."),
     option("--roi", type=RECTANGLE, help="Look only in this rectangle of pixels."),
-    option("--stroke", metavar="all|longest|N", callback=_stroke,
+    option("--stroke", type=Parsed("all|longest|N", _stroke),
            help="Which of several candidates is the curve."),
     option("--max-gap", "max_gap_px", type=Real(min=0), default=20.0, metavar="PX",
            help="Bridge pen lifts shorter than this."),

@@ -83,11 +83,7 @@ def _exaggeration(lengths_px: Array, wanted_px: float) -> float:
 
 
 def _draw_band(
-    axes: Any,
-    figure: Any,
-    registration: Registration,
-    curve: Fixture,
-    width: float,
+    axes: Any, figure: Any, registration: Registration, curve: Fixture, width: float
 ) -> None:
     """The predicted RMS TRE as colour, and the 95 % band for the whole curve as width."""
     from matplotlib.collections import LineCollection, PolyCollection
@@ -161,11 +157,7 @@ def _draw_markers(axes: Any, registration: Registration, factor: float) -> None:
 
 
 def _draw_scale(
-    axes: Any,
-    registration: Registration,
-    width: float,
-    height: float,
-    arrows: float,
+    axes: Any, registration: Registration, width: float, height: float, arrows: float
 ) -> None:
     """Two bars under the slice: a length in the slice, and a length of the residuals."""
     scale_mm = registration.geometry.scale * 1e3
@@ -175,13 +167,8 @@ def _draw_scale(
         y = height * (1 + 0.28 * STRIP_IN * DPI / WIDTH_PX * width / height)
         bar = {"color": FORCE, "lw": 2.5, "clip_on": False, "solid_capstyle": "butt"}
         axes.plot([left * width, left * width + px], [y, y], **bar)
-        axes.text(
-            left * width + px + 0.01 * width,
-            y,
-            f"{length:g} mm {what}",
-            va="center",
-            fontsize=8,
-            clip_on=False,
-        )
+        words = {"va": "center", "clip_on": False}
+        beside = left * width + px + 0.01 * width
+        axes.text(beside, y, f"{length:g} mm {what}", fontsize=8, **words)
     note = "beside each marker: its residual\n(its part across the slice)"
-    axes.text(0.70 * width, y, note, va="center", fontsize=7, clip_on=False)
+    axes.text(0.70 * width, y, note, fontsize=7, **words)

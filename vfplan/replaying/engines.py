@@ -48,10 +48,5 @@ def _region(fixture: Fixture, rule: str, engine: str) -> Any:
         raise SettingError(f"the reference engine has rule 'paper' only, not {rule!r}")
     from vfplan.reference import PaperProxy
 
-    return PaperProxy(
-        fixture.points,
-        contact_radius=fixture.contact_radius,
-        point_radius=fixture.point_radius,
-        stiffness=fixture.stiffness,
-        ignore_axis=fixture.ignore_axis,
-    )
+    names = ("contact_radius", "point_radius", "stiffness", "ignore_axis")
+    return PaperProxy(fixture.points, **{name: getattr(fixture, name) for name in names})

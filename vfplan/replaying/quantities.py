@@ -122,6 +122,13 @@ class Steps:
         return np.divide(step, self.dt, out=np.zeros_like(step), where=self.dt > 0)
 
     @cached_property
+    def _along(self) -> tuple[Array, Array]:
+        """Δx_t (n, 3) and |Δx_t| (n,) [m], the length zero where the fixture does not push."""
+        normal = self.ticks.normal
+        along = self.dhip - dots(normal, self.dhip)[:, None] * normal
+        return along, np.where(self.held, row_norms(along), 0.0)
+
+    @cached_property
     def sliding(self) -> tuple[Array, Array, Array]:
         """Normal force, tangential drag and tangential path, each (n,).
 
@@ -129,10 +136,8 @@ class Steps:
         force opposes the HIP's tangential motion Δx_t = Δx - (n·Δx) n; path |Δx_t| [m]. Zero where
         the fixture does not push.
         """
-        normal, force = self.ticks.normal, self.ticks.force
-        along = self.dhip - dots(normal, self.dhip)[:, None] * normal
-        path = np.where(self.held, row_norms(along), 0.0)
-        press = np.where(self.held, dots(normal, force), 0.0)
+        (along, path), force = self._along, self.ticks.force
+        press = np.where(self.held, dots(self.ticks.normal, force), 0.0)
         drag = np.divide(-dots(force, along), path, out=np.zeros_like(path), where=path > 0)
         return press, drag, path
 
@@ -142,9 +147,7 @@ class Steps:
 
         (x - p)·Δx_t/|Δx_t|; below 0 where it runs ahead, 0 where the HIP does not slide.
         """
-        normal = self.ticks.normal
-        along = self.dhip - dots(normal, self.dhip)[:, None] * normal
-        path = np.where(self.held, row_norms(along), 0.0)
+        along, path = self._along
         behind = dots(self.ticks.hip - self.ticks.proxy, along)
         return np.divide(behind, path, out=np.zeros_like(path), where=path > 0)
 
@@ -189,14 +192,7 @@ class Stepper:
         return self._steps(joined([block, block]), np.concatenate((hand, hand)))
 
     def _steps(self, block: TickBlock, hand: Array) -> Steps:
-        steps = Steps(
-            first=self._done,
-            ticks=block[:-1],
-            hand=hand[:-1],
-            dt=np.diff(block.time),
-            dhand=np.diff(hand, axis=0),
-            dhip=np.diff(block.hip, axis=0),
-            dforce=np.diff(block.force, axis=0),
-        )
+        changes = (np.diff(rows, axis=0) for rows in (block.time, hand, block.hip, block.force))
+        steps = Steps(self._done, block[:-1], hand[:-1], *changes)
         self._done += len(steps)
         return steps

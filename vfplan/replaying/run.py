@@ -79,16 +79,9 @@ class RuleRun:
         return block
 
     def _block(self, stamps: Array, hip: Array, trace: Trace) -> TickBlock:
-        return TickBlock(
-            stamps,
-            hip,
-            trace.proxy,
-            trace.normal,
-            trace.force,
-            trace.state,
-            penetration(hip, trace.proxy),
-            overlap(hip, trace.proxy, trace.normal, self._surface),
-        )
+        proxy, normal = trace.proxy, trace.normal
+        depths = penetration(hip, proxy), overlap(hip, proxy, normal, self._surface)
+        return TickBlock(stamps, hip, proxy, normal, trace.force, trace.state, *depths)
 
     def _rendered(self, stamps: Array, hand: Array) -> tuple[Array, Trace]:
         """What the controller had, and what it answered."""

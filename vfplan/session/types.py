@@ -105,15 +105,8 @@ class SessionStream:
 
     def load(self) -> Session:
         """Everything in memory."""
-        pieces = list(self.blocks())
-        return Session(
-            np.concatenate([time for time, _ in pieces]),
-            np.concatenate([hip for _, hip in pieces]),
-            frame=self.frame,
-            name=self.name,
-            sha256=self.sha256,
-            notes=self.notes,
-        )
+        time, hip = map(np.concatenate, zip(*self.blocks(), strict=True))
+        return Session(time, hip, self.frame, self.name, self.sha256, self.notes)
 
 
 # What can be replayed.

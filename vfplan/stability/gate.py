@@ -14,6 +14,7 @@ from vfplan.stability.closedloop import closed_loop
 from vfplan.stability.rows import Row
 
 MARGIN = 1.25  # K may be at most k_max / MARGIN
+ROBOT_KEYS = ("mass_kg", "damping_n_s_per_m", "rate_hz", "delay_ticks")  # of the verdict
 
 
 def felt_stiffness(fixture: Fixture) -> float:
@@ -40,15 +41,10 @@ def felt_stiffness(fixture: Fixture) -> float:
 def judge(robot: Robot, stiffness: float, rows: list[Row], margin: float) -> StabilityVerdict:
     """The verdict on K [N/m] from closed-loop rows."""
     measured = [row.measured for row in rows if row.measured is not None]
+    known = {name: getattr(robot, name) for name in ROBOT_KEYS}
+    most = min(measured, default=0.0)
     return StabilityVerdict(
-        robot=robot.name,
-        mass_kg=robot.mass_kg,
-        damping_n_s_per_m=robot.damping_n_s_per_m,
-        rate_hz=robot.rate_hz,
-        delay_ticks=robot.delay_ticks,
-        k_n_per_m=stiffness,
-        k_max_n_per_m=min(measured, default=0.0),
-        margin=margin,
+        robot.name, **known, k_n_per_m=stiffness, k_max_n_per_m=most, margin=margin
     )
 
 

@@ -20,14 +20,13 @@ from vfplan.io.workers import workers
 from vfplan.robot import Robot
 from vfplan.stability import contacts
 from vfplan.stability.closedloop import closed_loop, scenes_for
-from vfplan.stability.gate import MARGIN, felt_stiffness, judge, refusal
+from vfplan.stability.gate import MARGIN, ROBOT_KEYS, felt_stiffness, judge, refusal
 from vfplan.stability.passivity import passivity
 from vfplan.stability.rows import Row
 from vfplan.stability.theory import Plant, exact_bound
 from vfplan.study.extremes import CASES, try_cases
 
 DEFAULT_ROBOT = Robot("default", mass_kg=1.0, damping_n_s_per_m=5.0, rate_hz=1000.0)
-ROBOT_KEYS = ("robot", "mass_kg", "damping_n_s_per_m", "rate_hz", "delay_ticks")
 LIMITS = {"friction_n": "N", "quantum_m": "m", "force_limit_n": "N", "force_step_limit_n": "N"}
 ALL_RULES: tuple[Rule, ...] = (*RULES, "exact")
 DEFAULT_STIFFNESS = 1000.0  # [N/m], where there is no bundle to ask
@@ -58,7 +57,7 @@ class Study:
     def as_dict(self) -> dict[str, Any]:
         """As the command's JSON holds it."""
         found = asdict(self.verdict)
-        robot = {name: found[name] for name in ROBOT_KEYS}
+        robot = {name: found[name] for name in ("robot", *ROBOT_KEYS)}
         return {
             "stable": self.verdict.stable,
             "k_n_per_m": self.verdict.k_n_per_m,
@@ -195,7 +194,7 @@ Part = tuple[list[Task], dict[str, str]]
 
 def _closed_loop(fixture: Fixture | None, robot: Robot, stiffness: float, full: bool) -> Part:
     turns = _turns(fixture)
-    tasks: list[Task] = [partial(closed_loop, on, rule, robot, stiffness) for rule, on in turns]
+    tasks = [partial(closed_loop, on, rule, robot, stiffness) for rule, on in turns]
     return tasks, _not_met("closed-loop", fixture)
 
 

@@ -87,7 +87,8 @@ def cases(quick: bool, surface: Path | None = None) -> Iterator[Case]:
     more = [] if surface is None else [_bone(surface)]
     for name, route in QUICK if quick else FULL:
         scene = SCENES[name]()
-        yield Case(f"{name}, {route}", scene, _path(scene.path(route, SPEED_M_S), quick))
+        ticks = QUICK_TICKS if quick else None
+        yield Case(f"{name}, {route}", scene, scene.path(route, SPEED_M_S)[:ticks])
     if not quick:
         yield experiment_2()
     yield from more
@@ -98,10 +99,6 @@ def _bone(surface: Path) -> Case:
 
     bone = Bone(source=surface)
     return Case(f"{surface.stem}, press and slide", bone, bone.path("press and slide", SPEED_M_S))
-
-
-def _path(hips: Array, quick: bool) -> Array:
-    return hips[:QUICK_TICKS] if quick else hips
 
 
 class Elbow(Drawn):

@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from vfplan.errors import CurveError
 from vfplan.study.bench import pictures
@@ -44,8 +45,6 @@ def _trials(pen: float, quality: int | None, scales: tuple[float, ...]) -> Itera
 
 def _score(found: Array, truth: Array, scale: float) -> Record:
     """Distances of the points found from the true line, and of the line from them [px]."""
-    from scipy.spatial import cKDTree
-
     points = pictures.from_pixels(found, scale)
     away = from_line(points, truth, cKDTree(truth).query(points)[1])
     missed, _ = cKDTree(points).query(truth[::5])

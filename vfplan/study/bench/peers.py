@@ -123,12 +123,11 @@ def _settings(par: ProxyParameters) -> str:
     return "name,value\n" + "".join(f"{k},{v:.17g}\n" for k, v in values.items())
 
 
-def nanoflann_hint() -> str:
-    """How to get the one peer that the project ships the source of."""
-    return (
-        "the nanoflann peer did not run: apt install libnanoflann-dev, compile "
-        "vfplan/samples/peer/nanoflann_peer.cpp (g++ -std=c++20 -O2) and give --peer its path"
-    )
+# How to get the one peer that the project ships the source of.
+NANOFLANN = (
+    "the nanoflann peer did not run: apt install libnanoflann-dev, compile "
+    "vfplan/samples/peer/nanoflann_peer.cpp (g++ -std=c++20 -O2) and give --peer its path"
+)
 
 
 class NearestPointPenalty:

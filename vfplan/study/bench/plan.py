@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from vfplan.planning import ExtractSettings, FixtureSettings, plan
 from vfplan.study.bench.cases import Elbow, elbow_map
@@ -89,8 +90,6 @@ def true_surface() -> Array:
 
 def _score(planned: Any, surface: Array) -> Record:
     """|distance to the nearest point - R| at the true surface, in the plane of the table [m]."""
-    from scipy.spatial import cKDTree
-
     points = planned.fixture.points * [1.0, 1.0, 0.0]
     nearest, _ = cKDTree(points).query(surface)
     report = planned.report["register"]

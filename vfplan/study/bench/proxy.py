@@ -26,9 +26,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from vfplan.curve.vector import FINE_M
 from vfplan.engine.parameters import ProxyParameters
+from vfplan.engine.proxy import ProxyEngine
 from vfplan.planning.settings import DEFAULT_ARCS_M
 from vfplan.planning.tolerance import choose
 from vfplan.reference import PaperProxy
@@ -58,49 +60,36 @@ class Method:
     in_space: bool = False  # given the cloud of an extruded drawing, without an ignored axis
 
 
-def _native(**settings: Any) -> Make:
-    return lambda case: (_on(case.scene.points, case, **settings), {})
+def _engine(kind: type = ProxyEngine, **settings: Any) -> Make:
+    return lambda case: (_on(case.scene.points, case, kind, **settings), {})
 
 
-def _on(points: Array, case: Case, **settings: Any) -> Any:
-    from vfplan.engine.proxy import ProxyEngine
-
-    axis = case.scene.ignore_axis
-    return ProxyEngine(points, ignore_axis=axis, stiffness=STIFFNESS, **settings)
+def _on(points: Array, case: Case, kind: type = ProxyEngine, **settings: Any) -> Any:
+    return kind(points, ignore_axis=case.scene.ignore_axis, stiffness=STIFFNESS, **settings)
 
 
 def _along(case: Case) -> tuple[Any, dict[str, Any]]:
-    from vfplan.engine.proxy import ProxyEngine
-
     pieces = fitted(case.scene)
     engine = ProxyEngine.along(pieces, R, stiffness=STIFFNESS)
     return engine, {"lines_and_arcs": pieces.count}
 
 
-def _python(kind: type) -> Make:
-    def make(case: Case) -> tuple[Any, dict[str, Any]]:
-        scene = case.scene
-        return kind(scene.points, ignore_axis=scene.ignore_axis, stiffness=STIFFNESS), {}
-
-    return make
-
-
 def _limited(n: int) -> Method:
     return Method(
-        _native(max_iterations=n), settings=(("max_iterations", n),), full_only=n not in (1, 4)
+        _engine(max_iterations=n), settings=(("max_iterations", n),), full_only=n not in (1, 4)
     )
 
 
 BRUTE = (("search", "brute"),)
 METHODS: dict[str, Method] = {
-    "robust": Method(_native()),
+    "robust": Method(_engine()),
     **{f"robust, {n} iteration{'s' * (n > 1)}": _limited(n) for n in (1, 2, 4, 8)},
-    "robust, every point": Method(_native(search="brute"), BRUTE_WORK, BRUTE),
-    "robust, not planar": Method(_native(), settings=(("planar", False),), in_space=True),
-    "paper": Method(_native(rule="paper")),
-    "paper, every point": Method(_native(rule="paper", search="brute"), BRUTE_WORK, BRUTE, True),
-    "paper in NumPy": Method(_python(PaperProxy), NUMPY_WORK),
-    "nearest-point penalty": Method(_python(NearestPointPenalty)),
+    "robust, every point": Method(_engine(search="brute"), BRUTE_WORK, BRUTE),
+    "robust, not planar": Method(_engine(), settings=(("planar", False),), in_space=True),
+    "paper": Method(_engine(rule="paper")),
+    "paper, every point": Method(_engine(rule="paper", search="brute"), BRUTE_WORK, BRUTE, True),
+    "paper in NumPy": Method(_engine(PaperProxy), NUMPY_WORK),
+    "nearest-point penalty": Method(_engine(NearestPointPenalty)),
     "exact": Method(_along, drawn=True),
 }
 
@@ -239,7 +228,5 @@ def _friction(case: Case, proxy: Array) -> dict[str, Any]:
 
 
 def _clearance(case: Case, points: Array, proxy: Array) -> float:
-    from scipy.spatial import cKDTree
-
     flat = np.ones(3) if case.scene.ignore_axis is None else np.array([1.0, 1.0, 0.0])
     return float(cKDTree(points * flat).query(proxy * flat)[0].min() - R)

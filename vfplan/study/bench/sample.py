@@ -14,8 +14,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from vfplan.planning.tolerance import choose
+from vfplan.engine.proxy import ProxyEngine
+from vfplan.planning.tolerance import choose, sample_curve
 from vfplan.study.bench.record import Array, Record, Trial, errors_of, timed_ticks
 from vfplan.study.scenes.outline import Run, arc, segment
 
@@ -82,8 +84,6 @@ def _trial(
     hips: Array,
     chosen: bool = False,
 ) -> Trial:
-    from vfplan.engine.proxy import ProxyEngine
-
     began = time.perf_counter()
     points = METHODS[method](line, **settings)
     plan_us = (time.perf_counter() - began) * 1e6
@@ -102,8 +102,6 @@ def planned_surface(line: Line) -> Array:
 
     What another part of the curve swallows does not belong to it.
     """
-    from scipy.spatial import cKDTree
-
     fine = line.fine
     normal = _normals(line)
     places = [fine + R * normal, fine - R * normal]
@@ -129,8 +127,6 @@ def _normals(line: Line) -> Array:
 
 def surface_error(points: Array, surface: Array) -> Array:
     """(K,) how far the nearest point is beyond R from each place of the planned surface [m]."""
-    from scipy.spatial import cKDTree
-
     nearest, _ = cKDTree(points).query(surface)
     return np.maximum(nearest - R, 0.0)
 
@@ -144,8 +140,6 @@ def _along(line: Line) -> Array:
 
 
 def _by_curvature(line: Line, tolerance_m: float) -> Array:
-    from vfplan.planning.tolerance import sample_curve
-
     return sample_curve(line.fine, line.closed, radius_m=R, tolerance_m=tolerance_m).points
 
 
@@ -155,8 +149,6 @@ def _even(line: Line, tolerance_m: float) -> Array:
 
 
 def _dense(line: Line, density_per_m: float) -> Array:
-    from vfplan.planning.tolerance import sample_curve
-
     return sample_curve(line.fine, line.closed, radius_m=R, density_per_m=density_per_m).points
 
 

@@ -20,7 +20,7 @@ from vfplan.errors import InputError, SettingError
 from vfplan.io.disk import jsonable, write_whole
 from vfplan.io.reading import read_whole
 from vfplan.planning.tolerance import choose
-from vfplan.study.bench.peers import Peer, nanoflann_hint
+from vfplan.study.bench.peers import NANOFLANN, Peer
 from vfplan.study.bench.record import Advance, Record, judge_chosen, mark_pareto, run_trials
 
 Stage = Literal["extract", "sample", "register", "proxy", "feel", "plan"]
@@ -98,7 +98,7 @@ def _peers(peers: Sequence[Peer], wanted: bool) -> list[dict[str, Any]]:
     """What ran beside us, and what could have."""
     ran = [{"name": p.name, "command": p.command, "ran": True} for p in peers] if wanted else []
     if wanted and not any("nanoflann" in p.name for p in peers):
-        ran.append({"name": "nanoflann", "ran": False, "message": nanoflann_hint()})
+        ran.append({"name": "nanoflann", "ran": False, "message": NANOFLANN})
     return ran
 
 
