@@ -285,3 +285,24 @@ def test_a_shift_of_all_is_not_called_counted_from_one():
     (said,) = hold_against_marks(drawn(3, "cyan", "cross"), pairs(PLACES + 5)).warnings
     assert "lie (+5.0" in said
     assert "counted" not in said
+
+
+@pytest.mark.parametrize("how", ["multiplied", "moved", "digits"])
+def test_three_markers_beside_their_marks_and_others_are_never_silent(how):
+    """Three positions leave too little to tell how they were misread, so only that they were."""
+    image, own = drawn(3, "cyan", "cross"), PLACES[[0, 3, 5]]
+    given = {
+        "multiplied": own * 0.7,
+        "moved": own + np.array([31, 22]),
+        "digits": own + np.array([[0, 0], [90, 0], [0, -54]]),
+    }[how]
+    warned = hold_against_marks(image, pairs(given)).warnings
+    assert (
+        "of the 3 given positions have a mark near them, but 8 of one kind are drawn" in warned[0]
+    )
+
+
+def test_a_shift_among_more_marks_of_one_shape_is_refused():
+    image = drawn(4, "green", "ring")
+    with pytest.raises(MarkerError, match=r"moved by \(-60, \+45\) px"):
+        hold_against_marks(image, pairs(PLACES[:5] + np.array([60, -45])))

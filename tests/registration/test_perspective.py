@@ -66,6 +66,20 @@ def test_the_bounds_hold_whatever_the_tilt(tilt):
     assert np.mean(point) > 0.9
 
 
+@pytest.mark.parametrize("sets", [4, pytest.param(1000, marks=pytest.mark.full)])
+@pytest.mark.parametrize("tilt", [0, 2, 5, 20])
+def test_six_markers_bound_a_whole_curve_whatever_the_tilt(tilt, sets):
+    held = []
+    for source, touched, curve, true in plates.plates(6, tilt, sets):
+        r = fit_registration(source, touched)
+        whole = r.tre95_curve_m(curve)
+        assert (whole >= r.tre95_m(curve)).all()
+        held.append((np.linalg.norm(r.apply(curve) - true, axis=1) <= whole).all())
+    assert np.mean(held) >= (0.94 if sets > 100 else 0.5)
+    if sets > 100 and tilt == 0:
+        assert np.mean(held) < 0.97
+
+
 @pytest.mark.parametrize("view", [0, 3])
 def test_the_bounds_hold_in_real_photographs(shared_data, view):
     point, whole, said = [], [], []

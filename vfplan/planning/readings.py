@@ -36,7 +36,6 @@ SHIFT_PX = 0.6  # half a pixel is a convention of where pixels begin, more is a 
 LONE_PX = 1.5
 DRAWN_PX = 0.1  # a mark's centre as found
 IS, MAY_BE = 0.01, 0.05  # chance of such positions counted from 0
-CLEAN = 0.25
 SCALES = (0.2, 5.0)
 SAME_SCALE = 0.02
 MOST_MARKS = 40  # of a kind; a scale is looked for among fewer
@@ -86,7 +85,7 @@ def hold_against_marks(rgb: NDArray, pairs: Correspondences) -> Held:
         raise MarkerError(misread(pairs, len(own), how))
     if how:
         return Held(len(own), warnings=(_unsure(how),))
-    elsewhere = _others(rgb, kinds, len(given), len(own))
+    elsewhere = _others(kinds, len(given), len(own))
     if not own or elsewhere:
         return Held(len(own), warnings=elsewhere)
     return _compared(rgb, pairs, kinds, kind)
@@ -121,7 +120,9 @@ def _laid(given: Array, shape: tuple[int, ...], kind: Kind, needed: int) -> tupl
     far = np.abs(shift).max()
     if far < 0.5 or (far <= NEAR_PX and abs(scale - 1) > SAME_SCALE):
         return f"are multiplied by {scale:.3g}", True
-    return _moved(scale, shift), _as_many(kind, len(given)) and (far > LABEL_PX or kind.stamped())
+    n = len(given)
+    no_labels = far > LABEL_PX, abs(len(kind.places_px) - n) <= n // 3, kind.stamped(n)
+    return _moved(scale, shift), sum(no_labels) >= 2
 
 
 def _chance(
@@ -140,38 +141,16 @@ def _chance(
     return float(count**free * chances[needed - 1 :].min())
 
 
-def _as_many(kind: Kind, n: int) -> bool:
-    """Whether about as many marks are drawn as there are markers."""
-    return abs(len(kind.places_px) - n) <= n // 3
-
-
-def _others(rgb: NDArray, kinds: list[Kind], n: int, near: int) -> tuple[str, ...]:
-    """A warning where about as many crosses, or dots, as there are markers stand elsewhere."""
+def _others(kinds: list[Kind], n: int, near: int) -> tuple[str, ...]:
+    """A warning where at least as many marks of one shape as there are markers stand elsewhere."""
     for kind in kinds:
-        count = len(kind.places_px)
-        if _as_many(kind, n) and _all_of_one_shape(rgb, kind.places_px):
-            u, v = kind.places_px[0]
+        if not kind.faint and kind.stamped(n):
+            count, (u, v) = len(kind.places_px), kind.places_px[0]
             return (
                 f"{near} of the {n} given positions have a mark near them, but {count} of one kind "
                 f"are drawn, one at ({u:.0f}, {v:.0f}): check u_px and v_px",
             )
     return ()
-
-
-def _all_of_one_shape(rgb: NDArray, places: Array) -> bool:
-    """Whether each place has a clean cross, or each a clean dot: letters are neither."""
-    from vfplan.markers.finding import find_markers
-
-    shapes = set()
-    for place in places:
-        try:
-            (found,) = find_markers(rgb, [""], place[None], search_px=ON_MARK_PX)
-        except MarkerError:
-            return False
-        shapes.add(found.shape)
-        if found.misfit > CLEAN or len(shapes) > 1:
-            return False
-    return True
 
 
 def _scale_and_shift(given: Array, places: Array) -> tuple[float, Array] | None:

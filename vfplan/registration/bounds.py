@@ -41,10 +41,12 @@ MAX_POINTS = 100  # the error varies smoothly along a curve: more points change 
 PARAMETERS = 11
 FEWEST_MARKERS = 6
 # The bound is widened where good markers come once in ten sets: too wide does no harm, too narrow
-# does. Few markers show perspective badly: theirs, where good ones come once in four. It is
-# warned of where they come once in 100, and counts in the predicted TRE where once in 20,000: far
-# beyond a strip of markers a homography of chance is so wide that one in ten thousand biases it.
+# does. Few markers show perspective badly: theirs, where good ones come once in four, and along a
+# curve their bound counts what they cannot rule out, too. It is warned of where good ones come once
+# in 100, and counts in the predicted TRE where once in 20,000: far beyond a strip of markers a
+# homography of chance is so wide that one in ten thousand biases it.
 WIDENED, WIDENED_OF_FEW, FEW_MARKERS = 0.1, 0.25, 8
+MOST_UNSEEN = 2.0  # of the model's own bound: far beyond a strip there is no other
 SAID = 0.01
 COUNTED = 5e-5
 
@@ -131,6 +133,7 @@ class Perspective:
     variance: float
     dof: int
     p_value: float  # probability of this much perspective from markers without any
+    told: bool  # whether that is so little that it widens every bound
     studentised_f: Array  # (N,) of each marker against the homography
 
     @property
@@ -155,8 +158,8 @@ class Perspective:
 def perspective(fit: Fit) -> Perspective | None:
     """The homography of the markers used, where it explains what an affine map leaves.
 
-    `None` for 3-D markers, for fewer than `FEWEST_MARKERS`, where the F test finds nothing, and
-    where one bad marker explains the residuals better.
+    `None` for 3-D markers, for fewer than `FEWEST_MARKERS`, where the F test finds nothing in more
+    than `FEW_MARKERS`, and where one bad marker explains the residuals better.
     """
     from scipy.special import fdtrc, fdtri
 
@@ -167,8 +170,8 @@ def perspective(fit: Fit) -> Perspective | None:
     if not isinstance(problem.model, Affine):
         fit = solve(replace(problem, model=Affine(2)), used)
     dof, sse = 3 * n - PARAMETERS, fit.variance * fit.dof
-    chance = WIDENED_OF_FEW if n <= FEW_MARKERS else WIDENED
-    limit = float(fdtri(2.0, float(dof), 1 - chance))
+    few = n <= FEW_MARKERS
+    limit = 0.0 if few else float(fdtri(2.0, float(dof), 1 - WIDENED))
     if not sse > n * problem.floor_m**2:
         return None
     after_a_step = max(_step(problem, fit.m, np.zeros(2), used)[1], problem.floor_m**2)
@@ -191,7 +194,13 @@ def perspective(fit: Fit) -> Perspective | None:
     lost = (problem.weights * error * deleted).sum(axis=1)
     remaining = np.maximum(left - lost * used, problem.floor_m**2)
     f = (lost / 3) / (remaining / (dof - 3 * used))
-    return Perspective(m, q, root, left / dof, dof, p_value, f)
+    told = p_value < (WIDENED_OF_FEW if few else WIDENED)
+    return Perspective(m, q, root, left / dof, dof, p_value, told, f)
+
+
+def with_unseen(plain: Array, bent: Array, p_value: float) -> Array:
+    """The model's bound, and the more of a homography's beyond it the less chance explains it."""
+    return plain + (1 - p_value) ** 2 * np.clip(bent - plain, 0.0, MOST_UNSEEN * plain)
 
 
 def _gain(sse: float, left: float, dof: int) -> float:

@@ -109,7 +109,7 @@ def _agreeing(problem: Problem) -> np.ndarray:
     if used.all():
         return used
     seen = perspective(solve(problem))
-    if seen is None or (seen.studentised_f > f_limit(len(used), seen.dof - 3)).any():
+    if not (seen and seen.told) or (seen.studentised_f > f_limit(len(used), seen.dof - 3)).any():
         return used
     return np.ones(len(used), dtype=bool)
 

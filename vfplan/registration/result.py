@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -145,6 +144,11 @@ class Registration:
         The transform stays the model's: a homography only widens the bounds, and says of markers
         that it explains that they are not to blame.
         """
+        return self._homography if self._homography and self._homography.told else None
+
+    @cached_property
+    def _homography(self) -> Perspective | None:
+        """The homography, also where it is as likely not there."""
         return perspective(self.fit)
 
     @cached_property
@@ -183,8 +187,8 @@ class Registration:
         """
         if self.perspective is None or not self.perspective.sure:
             return bounds.rms(self.tre_covariance(points))
-        parts, bent, _ = self._error(points)
-        return np.sqrt((parts**2).sum(axis=(1, 2)) + bent.departure**2 + 3 * bent.variance)
+        parts, away, _ = self._error(points, self.perspective)
+        return np.sqrt((parts**2).sum(axis=(1, 2)) + away**2 + 3 * self.perspective.variance)
 
     def tre_rms_m(self, points: ArrayLike) -> float:
         """Predicted target registration error [m], RMS over source points."""
@@ -197,8 +201,9 @@ class Registration:
         bound of a marker measured there, for what the homography leaves may be the lens's, which
         bends the curve as much as it does the markers.
         """
-        parts, bent, dof = self._error(points)
-        return bent.departure + _bound(parts, bent.variance, dof)
+        seen = self.perspective
+        parts, away, dof = self._error(points, seen)
+        return away + _bound(parts, seen.variance if seen else 0.0, dof)
 
     def tre95_curve_m(self, points: ArrayLike) -> Array:
         """(M,) radius [m] that the error stays within at all these points at once, with 0.95.
@@ -207,26 +212,29 @@ class Registration:
         less often; this one is wider by the one factor that makes up for it. Where there is
         `perspective`, what the homography leaves is a lens's, which no noise makes up for: the
         bound of a marker measured there is added, each point with its share of the 0.05, for it may
-        differ from point to point.
+        differ from point to point. Few markers hardly show it: they count what they cannot rule
+        out (`bounds.with_unseen`).
         """
-        parts, bent, dof = self._error(points)
-        pointwise = _bound(parts, 0.0, dof)
-        together = bounds.curve_factor(parts, pointwise, dof) * pointwise
-        if self.perspective is None:
+        seen = self._homography
+        parts, away, dof = self._error(points, seen)
+        together = away + _together(parts, dof)
+        if seen is None:
             return together
+        if not seen.told:
+            plain, _, dof = self._error(points, None)
+            return bounds.with_unseen(_together(plain, dof), together, seen.p_value)
         share = 1 - 0.05 / min(len(parts), bounds.MAX_POINTS)
-        return bent.departure + together + _bound(parts, bent.variance, dof, share)
+        return together + _bound(parts, seen.variance, dof, share)
 
-    def _error(self, points: ArrayLike) -> tuple[Array, _Bent, int]:
-        """The random part (M, 3, p) [m], what perspective adds, and degrees of freedom."""
+    def _error(self, points: ArrayLike, seen: Perspective | None) -> tuple[Array, Array, int]:
+        """The random part (M, 3, p) [m], the way to `seen` (M,) [m], and degrees of freedom."""
         s = self.normalised(points)
-        seen = self.perspective
         if seen is None:
             rows = marker_rows(homogeneous(s)).reshape(len(s), 3, -1)
-            return rows @ self.fit.root * self.sigma_m, _Bent(np.zeros(len(s)), 0.0), self.dof
+            return rows @ self.fit.root * self.sigma_m, np.zeros(len(s)), self.dof
         away = np.linalg.norm(homogeneous(s) @ self.fit.m.T - seen.apply(s), axis=1)
         parts = seen.rows(s) @ seen.root * np.sqrt(seen.variance)
-        return parts, _Bent(away, seen.variance), seen.dof
+        return parts, away, seen.dof
 
     @cached_property
     def geometry(self) -> Geometry:
@@ -280,13 +288,12 @@ class Registration:
         return homogeneous(self.normalised(points))
 
 
-class _Bent(NamedTuple):
-    """The transform's departure from the homography (M,) [m], and the variance left an axis."""
-
-    departure: Array
-    variance: float
-
-
 def _bound(parts: Array, variance: float, dof: int, probability: float = 0.95) -> Array:
     covariances = parts @ np.swapaxes(parts, 1, 2) + variance * np.eye(3)
     return bounds.bound(covariances, dof, probability)
+
+
+def _together(parts: Array, dof: int) -> Array:
+    """(M,) the bound that holds at all points at once."""
+    pointwise = _bound(parts, 0.0, dof)
+    return bounds.curve_factor(parts, pointwise, dof) * pointwise

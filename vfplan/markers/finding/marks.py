@@ -18,7 +18,7 @@ REACH_PX = 24  # largest half-size of a marker
 MIN_CONTRAST = 0.15  # of full scale: below it nothing was drawn
 _PAD = 4
 HUES = 24  # sectors of the circle of hues that are told apart
-STAMPED = 0.96  # correlation of one mark with all of its kind; digits have less
+STAMPED = 0.96  # correlation of one mark with most of its kind; digits have less
 ALIKE = 0.35  # marks of one kind differ less than this share, or 2 px, in width and height
 FEWEST = 3
 WHITE, WHITISH, BRIGHTER = 247, 200, 64  # thin lines cover half of their pixels
@@ -134,8 +134,8 @@ class Kind:
     numbers: NDArray  # (H, W) the spot that a pixel is of, from 1
     faint: bool = False  # told by little, so that some may be missing
 
-    def stamped(self) -> bool:
-        """Whether all have one shape, the same upside down as crosses, dots and rings are.
+    def stamped(self, least: int) -> bool:
+        """Whether so many, and most, have one shape, the same upside down: crosses, dots, rings.
 
         Letters with others beside them, on one line, are none.
         """
@@ -152,7 +152,9 @@ class Kind:
         each = np.array(masks) / np.linalg.norm(masks, axis=1)[:, None]
         shape = np.median(np.r_[each, each[:, ::-1]], axis=0)
         like = each @ shape / np.linalg.norm(shape)
-        return bool(like.min() >= STAMPED) and 2 * sum(map(self._in_a_line, self.own)) < len(each)
+        alike = int((like >= STAMPED).sum())
+        lettered = sum(map(self._in_a_line, self.own))
+        return alike >= max(least, 0.8 * len(each)) and 2 * lettered < len(each)
 
     def _in_a_line(self, k: int) -> bool:
         """Whether another spot stands on the same foot beside this one, nearer than its height."""
