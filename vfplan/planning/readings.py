@@ -2,6 +2,7 @@
 
 A wrong reading of pixels (rows counted from below, a view at 80 %, from 1 instead of 0) fits as
 well as the right one, for it is an affine map too: no residual shows it, only the slice can.
+Positions are (N, 2) (u, v) px, the centre of the top-left pixel at (0, 0).
 """
 
 from __future__ import annotations
@@ -13,29 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError
-from vfplan.planning.rivals import (
-    NEAR_PX,
-    ON_MARK_PX,
-    ROUNDED_PX,
-    hits_of,
-    misread,
-    other_readings,
-    rivals_of,
-    scale_to,
-    square_from,
-)
+from vfplan.markers.finding import find_markers
+from vfplan.markers.finding.marks import NEAR_PX, ROUNDED_PX, Kind, kinds_of_spots
 
 if TYPE_CHECKING:
     from vfplan.markers import Correspondences
-    from vfplan.markers.finding.marks import Kind
 
 Array = NDArray[np.float64]
 
 FEWEST = 3
+ON_MARK_PX = 2.0
 SHIFT_PX = 0.6  # half a pixel is a convention of where pixels begin, more is a mistake
 LONE_PX = 1.5
 DRAWN_PX = 0.1  # a mark's centre as found
 IS, MAY_BE = 0.01, 0.05  # chance of such positions counted from 0
+SURE, POSSIBLE = 1e6, 0.05  # odds of another reading
 SCALES = (0.2, 5.0)
 SAME_SCALE = 0.02
 MOST_MARKS = 40  # of a kind; a scale is looked for among fewer
@@ -68,77 +61,121 @@ def hold_against_marks(rgb: NDArray, pairs: Correspondences) -> Held:
         but another reading of them (rows from below, columns from the right, another scale) puts
         them onto marks of one kind
     """
-    from vfplan.markers.finding.marks import kinds_of_spots
-
-    given = pairs.source
-    kinds = kinds_of_spots(rgb)
-    enough = max(FEWEST, (len(given) + 1) // 2)
+    given, kinds = pairs.source, kinds_of_spots(rgb)
     if not kinds:
         return Held(0)
-    kind = min(kinds, key=lambda one: square_from(given, one))
-    own = hits_of(given, kind)
-    if len(own) >= enough:
-        rivals = rivals_of(pairs, rgb.shape, kinds, len(own))
-        return replace(_compared(rgb, pairs, kinds, kind), rivals=rivals)
-    how, sure = _met(given, rgb.shape, kinds, max(enough, 2 * len(own)))
+    kind = min(kinds, key=lambda one: one.square_from(given))
+    n, near = len(given), len(kind.met_by(given)[0])
+    enough = max(FEWEST, (n + 1) // 2)
+    if near >= enough:
+        how, sure = _as_well(given, rgb.shape, kinds, near)
+    else:
+        how, sure = _instead(given, rgb.shape, kinds, max(enough, 2 * near))
     if sure:
-        raise MarkerError(misread(pairs, len(own), how))
-    if how:
-        return Held(len(own), warnings=(_unsure(how),))
-    elsewhere = _others(kinds, len(given), len(own))
-    if not own or elsewhere:
-        return Held(len(own), warnings=elsewhere)
+        raise MarkerError(
+            f"{near} of the {n} given positions have a mark near them on the slice, but where they "
+            f"{how} they meet the marks drawn: correct u_px and v_px (the centre of the top-left "
+            "pixel is 0, 0; u to the right, v down, in pixels of the file)"
+        )
+    if near >= enough:
+        rival = (
+            f"the given positions meet the marks drawn as well if {how.removeprefix('are ')}, so "
+            "the slice cannot tell which is right: check u_px and v_px, and move a marker out of "
+            "the symmetry; --seen-from tells a mirrored one"
+        )
+        return replace(_compared(rgb, pairs, kinds, kind), rivals=(rival,) if how else ())
+    unsure = (
+        f"no marks are drawn at most of the given positions; where they {how} they meet marks of "
+        "one kind: check u_px and v_px"
+    )
+    warnings = (unsure,) if how else _others(kinds, n, near)
+    if warnings or not near:
+        return Held(near, warnings=warnings)
     return _compared(rgb, pairs, kinds, kind)
 
 
-def _met(given: Array, shape: tuple[int, ...], kinds: list[Kind], needed: int) -> tuple[str, bool]:
+def other_readings(given: Array, shape: tuple[int, ...]) -> dict[str, Array]:
+    """The positions as each mistake has them, by its name."""
+    below = np.array([0.0, shape[0] - 1.0])
+    right = np.array([shape[1] - 1.0, 0.0])
+    return {
+        "with v counted from below": below + given * [1, -1],
+        "with u counted from the right": right + given * [-1, 1],
+        "with u counted from the right and v from below": right + below - given,
+        "with row and column exchanged": given[:, ::-1],
+    }
+
+
+def _read(names: list[str]) -> str:
+    return f"are read {', or '.join(names)}" if names else ""
+
+
+def _as_well(
+    given: Array, shape: tuple[int, ...], kinds: list[Kind], near: int
+) -> tuple[str, bool]:
+    """The readings that meet the marks about as well, by the odds of normal errors, or surely."""
+    own_square = min(kind.square_from(given) for kind in kinds)
+    odds = {}
+    for name, read in other_readings(given, shape).items():
+        squares = [k.square_from(read) for k in kinds if len(k.met_by(read)[0]) >= near]
+        odds[name] = len(given) * np.log(own_square / min(squares, default=1e9))
+    if own_square > ON_MARK_PX**2:
+        sure = _read([name for name, value in odds.items() if value > np.log(SURE)])
+        if how := sure or _sure_scale(given, kinds):
+            return how, True
+    return _read([name for name, value in odds.items() if value > np.log(POSSIBLE)]), False
+
+
+def _sure_scale(given: Array, kinds: list[Kind]) -> str:
+    """The scale that meets the marks surely better than no change and any shift, if one does."""
+    kind = min(kinds, key=lambda one: one.square_from(given))
+    own, drawn = kind.met_by(given)
+    scale = _scale_to(given[own], drawn)
+    others = (kind.square_from(given + by) for by in (0.0, (drawn - given[own]).mean(axis=0)))
+    odds = len(given) * np.log(min(others) / kind.square_from(scale * given))
+    return f"are multiplied by {scale:.3g}" if odds > np.log(SURE) else ""
+
+
+def _scale_to(given: Array, drawn: Array) -> float:
+    """The number that takes the given positions nearest to the drawn ones."""
+    return float((given * drawn).sum() / (given**2).sum())
+
+
+def _instead(
+    given: Array, shape: tuple[int, ...], kinds: list[Kind], needed: int
+) -> tuple[str, bool]:
     """What puts the positions onto marks of a kind by no chance, and whether that is sure."""
     names = [  # of a symmetric layout several, and the marks cannot tell which
         name
         for name, read in other_readings(given, shape).items()
-        if any(_chance(read, kind, shape, needed) < BY_CHANCE for kind in kinds)
+        if any(kind.chance(read, needed) < BY_CHANCE for kind in kinds)
     ]
     if names:
-        return f"are read {', or '.join(names)}", True
-    laid = [_laid(given, shape, kind, needed) for kind in kinds]
+        return _read(names), True
+    laid = [_laid(given, kind, needed) for kind in kinds]
     return max(laid, key=lambda one: (one[1], bool(one[0])))
 
 
-def _laid(given: Array, shape: tuple[int, ...], kind: Kind, needed: int) -> tuple[str, bool]:
+def _laid(given: Array, kind: Kind, needed: int) -> tuple[str, bool]:
     """The scale, the shift or both, whichever meets marks best; a shift may lead to labels."""
     if (both := _scale_and_shift(given, kind.places_px)) is None:
         return "", False
     met = both[1] + both[0] * given
-    if _chance(met, kind, shape, needed, free=2) >= BY_CHANCE:
+    if kind.chance(met, needed, free=2) >= BY_CHANCE:
         return "", False
-    hits = hits_of(met, kind)
-    own, drawn = given[list(hits)], kind.places_px[list(hits.values())]
-    alone, move = (scale_to(own, drawn), np.zeros(2), 1), (1.0, (drawn - own).mean(axis=0), 1)
+    hits, drawn = kind.met_by(met)
+    own = given[hits]
+    alone, move = (_scale_to(own, drawn), np.zeros(2), 1), (1.0, (drawn - own).mean(axis=0), 1)
     fits = [alone, move, (*both, 2)]
-    chances = [_chance(t + s * given, kind, shape, needed, free=free) for s, t, free in fits]
+    chances = [kind.chance(t + s * given, needed, free=free) for s, t, free in fits]
     scale, shift, _ = fits[int(np.argmin(chances))]
-    far = np.abs(shift).max()
-    if far < 0.5 or (far <= NEAR_PX and abs(scale - 1) > SAME_SCALE):
+    far, n = np.abs(shift).max(), len(given)
+    times = "" if abs(scale - 1) <= SAME_SCALE else f"multiplied by {scale:.3g} and "
+    if far < 0.5 or (far <= NEAR_PX and times):
         return f"are multiplied by {scale:.3g}", True
-    n = len(given)
+    how = f"are {times}moved by ({round(shift[0]):+d}, {round(shift[1]):+d}) px"
     no_labels = far > LABEL_PX, abs(len(kind.places_px) - n) <= n // 3, kind.stamped(n)
-    return _moved(scale, shift), sum(no_labels) >= 2
-
-
-def _chance(
-    places: Array, kind: Kind, shape: tuple[int, ...], needed: int, *, free: int = 0
-) -> float:
-    """The chance that so many places lie so near to marks, `free` of them laid onto any mark."""
-    from scipy.special import bdtrc
-
-    hits, count = hits_of(places, kind), len(kind.places_px)
-    if len(hits) < max(needed, free + 1):
-        return 1.0
-    away = np.linalg.norm(places[list(hits)] - kind.places_px[list(hits.values())], axis=1)
-    near = count * np.pi * np.maximum(np.sort(away), 1.0) ** 2 / (shape[0] * shape[1])
-    others = np.arange(len(hits)) - free  # of the k nearest, without those laid and one
-    chances = bdtrc(others, len(places) - free, np.minimum(near, 1.0))
-    return float(count**free * chances[needed - 1 :].min())
+    return how, sum(no_labels) >= 2
 
 
 def _others(kinds: list[Kind], n: int, near: int) -> tuple[str, ...]:
@@ -164,70 +201,52 @@ def _scale_and_shift(given: Array, places: Array) -> tuple[float, Array] | None:
     scale = drawn @ edge / (edge @ edge)
     straight = np.linalg.norm(drawn - scale[:, None] * edge, axis=1) < NEAR_PX
     good = straight & (scale > SCALES[0]) & (scale < SCALES[1])
-    best: tuple[float, Array, int] | None = None
-    for s, start in zip(scale[good], places[a[good]], strict=True):
-        moved = start + s * (given - given[i])
-        away = np.linalg.norm(moved[:, None] - places[None], axis=2)
-        hits = int((away.min(axis=1) < NEAR_PX / 2).sum())
-        if best is None or hits > best[2]:
-            best = float(s), start - s * given[i], hits
+    if not good.any():
+        return None
+    scale, shift = scale[good], places[a[good]] - scale[good, None] * given[i]
+    moved = shift[:, None] + scale[:, None, None] * given
+    away = np.linalg.norm(moved[:, :, None] - places, axis=3).min(axis=2)
+    hits = (away < NEAR_PX / 2).sum(axis=1)
+    best = int(hits.argmax())
     needed = max(FEWEST + 1, int(np.ceil(0.8 * len(given))))
-    return best[:2] if best is not None and best[2] >= needed else None
-
-
-def _moved(scale: float, shift: Array) -> str:
-    times = "" if abs(scale - 1) <= SAME_SCALE else f"multiplied by {scale:.3g} and "
-    return f"are {times}moved by ({round(shift[0]):+d}, {round(shift[1]):+d}) px"
+    return (float(scale[best]), shift[best]) if hits[best] >= needed else None
 
 
 def _compared(rgb: NDArray, pairs: Correspondences, kinds: list[Kind], kind: Kind) -> Held:
-    own = hits_of(pairs.source, kind)
-    index = np.array(sorted(own))
-    drawn = kind.places_px[[own[i] for i in index]]
-    away = pairs.source[index] - drawn
+    """How far the positions lie from their marks, and what that says."""
+    own, drawn = kind.met_by(pairs.source)
+    index, away = own, pairs.source[own] - drawn
     if _doubts(pairs, index, away):  # the rough centres may be to blame
         fitted = _measured(rgb, pairs, index, drawn)
         if 2 * len(fitted[0]) > len(index):  # else they are neither crosses nor dots
             index, away = fitted
-    rms, mean = float(np.sqrt((away**2).sum(axis=1).mean())), away.mean(axis=0)
+    rms, (u, v) = float(np.sqrt((away**2).sum(axis=1).mean())), away.mean(axis=0)
     bare = () if kind.faint else _bare(pairs, kinds, own)
-    return Held(
-        len(index), rms, (float(mean[0]), float(mean[1])), _doubts(pairs, index, away) + bare
-    )
+    return Held(len(index), rms, (float(u), float(v)), _doubts(pairs, index, away) + bare)
 
 
-def _bare(pairs: Correspondences, kinds: list[Kind], own: dict[int, int]) -> tuple[str, ...]:
+def _bare(pairs: Correspondences, kinds: list[Kind], own: NDArray) -> tuple[str, ...]:
     """A warning for markers without a mark near them, where the others have one."""
-    bare = [i for i in range(len(pairs.labels)) if i not in own]
+    bare = np.setdiff1d(np.arange(len(pairs.labels)), own)
     if len(bare) > len(own) // 3:  # marks of two kinds are markers too
-        bare = [i for i in bare if not any(i in hits_of(pairs.source, kind) for kind in kinds)]
-    if not bare or len(own) < max(FEWEST, len(bare)):
+        bare = np.setdiff1d(bare, np.concatenate([k.met_by(pairs.source)[0] for k in kinds]))
+    if not len(bare) or len(own) < max(FEWEST, len(bare)):
         return ()
     names = ", ".join(pairs.labels[i] for i in bare)
     return (f"no mark is drawn within {NEAR_PX:.0f} px of {names}, though the others have theirs",)
-
-
-def _unsure(how: str) -> str:
-    return (
-        f"no marks are drawn at most of the given positions; where they {how} they meet marks of "
-        "one kind: check u_px and v_px"
-    )
 
 
 def _measured(
     rgb: NDArray, pairs: Correspondences, index: NDArray, drawn: Array
 ) -> tuple[NDArray, Array]:
     """The same distances from marks that were fitted, where a cross or a dot fits."""
-    from vfplan.markers.finding import find_markers
-
-    kept, away, missed = [], [], 0
-    for i, place in zip(index, drawn, strict=True):
+    kept, away = [], []
+    for tried, (i, place) in enumerate(zip(index, drawn, strict=True)):
+        if tried > 1 + 2 * len(kept):  # nor will the others fit: it takes long to see that
+            break
         try:
             (found,) = find_markers(rgb, [""], place[None], search_px=ON_MARK_PX)
         except MarkerError:
-            missed += 1
-            if missed > 1 + len(kept):  # nor will the others fit: it takes long to see that
-                break
             continue
         kept.append(i)
         away.append(pairs.source[i] - found.position_px)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.markers.finding.marks import SEARCH_PX, coverages, inside, marks_near, window
+from vfplan.markers.finding.marks import NEAR_PX, coverages, inside, marks_near, window
 from vfplan.markers.finding.shapes import GOOD_MISFIT, Shape, fit_mark
 
 MAX_MISFIT = 0.45  # RMS: above it, no cross and no dot
@@ -28,7 +28,7 @@ class FoundMarker:
 
 
 def find_markers(
-    rgb: NDArray, labels: Sequence[str], positions_px: ArrayLike, *, search_px: float = SEARCH_PX
+    rgb: NDArray, labels: Sequence[str], positions_px: ArrayLike, *, search_px: float = NEAR_PX
 ) -> tuple[FoundMarker, ...]:
     """The drawn marker nearest to each given position.
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SEARCH_PX = 8.0  # how far a marker may be from where it was said to be
+NEAR_PX = 8.0  # how far a marker may be from where it was said to be
+ROUNDED_PX = 0.25  # its centre, as programs round it
 REACH_PX = 24  # largest half-size of a marker
 MIN_CONTRAST = 0.15  # of full scale: below it nothing was drawn
 _PAD = 4
@@ -133,6 +134,34 @@ class Kind:
     boxes: NDArray  # of all spots, their left, top, width, height and area
     numbers: NDArray  # (H, W) the spot that a pixel is of, from 1
     faint: bool = False  # told by little, so that some may be missing
+
+    def met_by(self, places: Array) -> tuple[NDArray, Array]:
+        """Which places (N, 2) have a mark near them, each the other's nearest, and where it is."""
+        apart = np.linalg.norm(places[:, None] - self.places_px[None], axis=2)
+        nearest, every = apart.argmin(axis=1), np.arange(len(places))
+        near = apart[every, nearest] <= NEAR_PX
+        own = np.flatnonzero(near & (apart.argmin(axis=0)[nearest] == every))
+        return own, self.places_px[nearest[own]]
+
+    def square_from(self, places: Array) -> float:
+        """Mean square distance of places (N, 2) from their marks; of one without the limit's."""
+        own, drawn = self.met_by(places)
+        bare = (len(places) - len(own)) * NEAR_PX**2
+        square = float(((places[own] - drawn) ** 2).sum() + bare) / len(places)
+        return max(square, ROUNDED_PX**2)
+
+    def chance(self, places: Array, needed: int, *, free: int = 0) -> float:
+        """The chance that so many places lie so near to marks, `free` of them laid onto any."""
+        from scipy.special import bdtrc
+
+        (own, drawn), count = self.met_by(places), len(self.places_px)
+        if len(own) < max(needed, free + 1):
+            return 1.0
+        away = np.sort(np.linalg.norm(places[own] - drawn, axis=1))
+        near = count * np.pi * np.maximum(away, 1.0) ** 2 / self.numbers.size
+        others = np.arange(len(own)) - free  # of the k nearest, without those laid and one
+        chances = bdtrc(others, len(places) - free, np.minimum(near, 1.0))
+        return float(count**free * chances[needed - 1 :].min())
 
     def stamped(self, least: int) -> bool:
         """Whether so many, and most, have one shape, the same upside down: crosses, dots, rings.
