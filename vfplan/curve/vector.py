@@ -224,7 +224,7 @@ def _control_points(text: str, where: str) -> VectorCurve:
 
 
 def _polyline(text: str, origin: imagej.PixelOrigin | None, where: str) -> VectorCurve:
-    from vfplan.markers.table import table_rows
+    from vfplan.markers.files import table_rows
 
     rows = table_rows(text, where)
     header = [name.strip() for name in rows[0]] if rows else []

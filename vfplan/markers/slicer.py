@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import MarkerError
-from vfplan.markers.table import MarkerPoints, label_of, number, table_rows
+from vfplan.markers.files import MarkerPoints, label_of, number, table_rows
 
 SCHEMA = re.compile(r".*markups-schema-v1\.[0-9]+\.[0-9]+\.json#*$", re.IGNORECASE)
 # Metres in one unit, by the code that a file may hold (plain, or as a UCUM code).

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.errors import SettingError
+from vfplan.errors import MarkerError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.reading import at
+from vfplan.markers.files import ROBOT, cells_of, number, numbered, read_text, table_rows
 from vfplan.registration.result import Registration
 
 
@@ -32,7 +33,6 @@ def touch(
         out of range
     Raises MarkerError: the file cannot be read, or its points do not hold the bone
     """
-    from vfplan.markers.table import read_touched
     from vfplan.registration.touching import refine_by_touch
 
     if curve.mesh is None:
@@ -76,3 +76,21 @@ def _warnings(report: dict[str, Any]) -> tuple[str, ...]:
             "allows: did a marker move, or is something else touched?"
         )
     return tuple(told)
+
+
+def read_touched(path: str | Path) -> np.ndarray:
+    """(T, 3) places [m] that a robot touched; columns `label` and `t` may stand beside them.
+
+    Raises MarkerError: the file cannot be read, has other columns, or holds a value that is not a
+        finite number
+    """
+    where = str(path)
+    header, *rows = table_rows(read_text(path), where) or [[]]
+    names = [name.strip().lower() for name in header]
+    if not set(ROBOT) <= set(names) <= {*ROBOT, "label", "t"} or len(set(names)) != len(names):
+        shown = ",".join(names)[:80]
+        raise MarkerError(f"its columns are {shown!r}; {','.join(ROBOT)} is wanted", where=where)
+    records = [(cells_of(names, row, at), at) for at, row in numbered(rows, where)]
+    return np.array(
+        [[number(record[name].strip(), name, at) for name in ROBOT] for record, at in records]
+    ).reshape(-1, 3)

@@ -1,4 +1,7 @@
-"""Labelled positions in CSV tables whose header names columns and units; touched places as well."""
+"""Marker files -> two sides joined by label; units and frames are read, never guessed.
+
+CSV tables, whose header names columns and units, are read here, Slicer's files in `slicer`.
+"""
 
 from __future__ import annotations
 
@@ -51,6 +54,100 @@ class MarkerPoints:
                     f"label {label!r} occurs {count} times; each marker may occur once",
                     where=self.where,
                 )
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondences:
+    """The same markers seen in two frames."""
+
+    labels: tuple[str, ...]  # (N,) in the order of the source file
+    source: NDArray[np.float64]  # (N, 2) [px] in "image", or (N, 3) [m] in "patient_lps"
+    source_frame: MarkerFrame  # "image" or "patient_lps"
+    target: NDArray[np.float64]  # (N, 3) [m] in `target_frame`
+    # (N,) or (N, 3) standard deviation of `target` an axis [m]; `None` when none was given
+    sigma: NDArray[np.float64] | None = None
+    # "patient_lps" where the target side came from a Slicer file
+    target_frame: MarkerFrame = "robot_base"
+
+
+def read_markers(path: str | Path, path2: str | Path | None = None) -> Correspondences:
+    """Read markers from one file that holds both sides, or from two files joined by label.
+
+    One file: a CSV with `label,u_px,v_px,x_m,y_m,z_m`. Two files, each a CSV (`label,u_px,v_px` or
+    `label,x_m,y_m,z_m`), a Slicer `.mrk.json` or a Slicer `.fcsv`. Image pixels are always a
+    source and a CSV of robot positions is always the target, in whichever order the files come; a
+    Slicer file (patient LPS) takes the other side. Two Slicer files: the first is the source.
+
+    Raises
+    ------
+    MarkerError
+        A file that cannot be read or parsed; a label that is missing, doubled or extra; two files
+        for the same side.
+    """
+    if path2 is None:
+        sides = _read(Path(path))
+        if len(sides) != 2:
+            raise MarkerError(
+                f"holds only {sides[0].frame} positions; give a second file with the other side, "
+                "or one CSV with label,u_px,v_px,x_m,y_m,z_m",
+                where=str(path),
+            )
+        source, target = sides
+    else:
+        source, target = _sides(_single(Path(path)), _single(Path(path2)))
+    return _join(source, target)
+
+
+def _read(path: Path) -> list[MarkerPoints]:
+    from vfplan.markers.slicer import parse_fcsv, parse_mrk_json
+
+    readers = {".csv": parse_table, ".json": parse_mrk_json, ".fcsv": parse_fcsv}
+    if (reader := readers.get(path.suffix.lower())) is None:
+        raise MarkerError(
+            f"has suffix {path.suffix!r}; .csv, .mrk.json or .fcsv is wanted", where=str(path)
+        )
+    found = reader(read_text(path), str(path))
+    return found if isinstance(found, list) else [found]
+
+
+def _single(path: Path) -> MarkerPoints:
+    sides = _read(path)
+    if len(sides) == 2:
+        raise MarkerError(
+            "holds both sides already; give it alone, or two files with one side each",
+            where=str(path),
+        )
+    return sides[0]
+
+
+def _sides(a: MarkerPoints, b: MarkerPoints) -> tuple[MarkerPoints, MarkerPoints]:
+    if a.frame == b.frame != "patient_lps":
+        raise MarkerError(
+            f"both files hold {a.frame} positions ({a.where}); one of each side is wanted",
+            where=b.where,
+        )
+    swapped = b.frame == "image" or a.frame == "robot_base"
+    return (b, a) if swapped else (a, b)
+
+
+def _join(source: MarkerPoints, target: MarkerPoints) -> Correspondences:
+    for one, other in ((source, target), (target, source)):
+        missing = [label for label in one.labels if label not in other.labels]
+        if missing:
+            names = ", ".join(map(repr, missing))
+            raise MarkerError(
+                f"no marker {names}, which {one.where} has; both sides need the same labels",
+                where=other.where,
+            )
+    order = [target.labels.index(label) for label in source.labels]
+    return Correspondences(
+        source.labels,
+        source.positions,
+        source.frame,
+        target.positions[order],
+        None if target.sigma is None else target.sigma[order],
+        target.frame,
+    )
 
 
 def read_text(path: str | Path) -> str:
@@ -115,7 +212,7 @@ def parse_table(text: str, where: str) -> list[MarkerPoints]:
         raise MarkerError(f"is empty; a CSV with a header is wanted ({ALLOWED})", where=where)
     header = [cell.strip().lower() for cell in rows[0]]
     _check_header(header, where)
-    records = [_record(header, row, at) for at, row in _places(rows[1:], where)]
+    records = [cells_of(header, row, at) for at, row in numbered(rows[1:], where)]
     labels = tuple(
         label_of(record["label"], f"row {i}", where) for i, record in enumerate(records, start=2)
     )
@@ -164,7 +261,8 @@ def _check_header(header: list[str], where: str) -> None:
             raise MarkerError(f"column {name!r} is not understood; allowed: {ALLOWED}", where=where)
 
 
-def _record(header: list[str], row: list[str], where: str) -> dict[str, str]:
+def cells_of(header: list[str], row: list[str], where: str) -> dict[str, str]:
+    """A row's cells by their columns' names."""
     if len(row) != len(header):
         raise MarkerError(f"{len(row)} cells; the header names {len(header)} columns", where=where)
     return dict(zip(header, row, strict=True))
@@ -195,23 +293,6 @@ def _sigma(
     return sigma[:, 0] if len(names) == 1 else sigma
 
 
-def read_touched(path: str | Path) -> np.ndarray:
-    """(T, 3) places [m] that a robot touched; columns `label` and `t` may stand beside them.
-
-    Raises MarkerError: the file cannot be read, has other columns, or holds a value that is not a
-        finite number
-    """
-    where = str(path)
-    header, *rows = table_rows(read_text(path), where) or [[]]
-    names = [name.strip().lower() for name in header]
-    if not set(ROBOT) <= set(names) <= {*ROBOT, "label", "t"} or len(set(names)) != len(names):
-        shown = ",".join(names)[:80]
-        raise MarkerError(f"its columns are {shown!r}; {','.join(ROBOT)} is wanted", where=where)
-    records = [(_record(names, row, at), at) for at, row in _places(rows, where)]
-    return np.array(
-        [[number(record[name].strip(), name, at) for name in ROBOT] for record, at in records]
-    ).reshape(-1, 3)
-
-
-def _places(rows: list[list[str]], where: str) -> list[tuple[str, list[str]]]:
+def numbered(rows: list[list[str]], where: str) -> list[tuple[str, list[str]]]:
+    """Each row below the header, and where it stands."""
     return [(f"{where}, row {i}", row) for i, row in enumerate(rows, start=2)]
