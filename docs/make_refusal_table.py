@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 import vfplan
 from vfplan.registration import diagnosis as diagnosing
+from vfplan.registration.diagnosis import refuse_sure_faults
 from vfplan.registration.labelling import SURE
-from vfplan.registration.register import refuse_sure_faults
 
 PIXEL = 0.6e-3  # m
 NOISE = (0.1e-3, 2e-3)  # m an axis

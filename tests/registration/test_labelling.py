@@ -9,9 +9,8 @@ from layouts import MODELS, PX, planar, solid
 
 from vfplan.errors import MarkerError
 from vfplan.registration import fit_registration
-from vfplan.registration.diagnosis import diagnose
+from vfplan.registration.diagnosis import diagnose, refuse_sure_faults
 from vfplan.registration.labelling import better_labelling, name_labelling
-from vfplan.registration.register import refuse_sure_faults
 
 N = 9
 GRID = np.array([[100.0 + 300 * i, 80 + 300 * j] for j in range(3) for i in range(3)])

@@ -9,8 +9,7 @@ from layouts import PX, grid, planar, solid
 
 from vfplan.errors import MarkerError
 from vfplan.registration import fit_registration
-from vfplan.registration.diagnosis import diagnose
-from vfplan.registration.register import refuse_sure_faults
+from vfplan.registration.diagnosis import diagnose, refuse_sure_faults
 
 SAMPLES = ROOT / "samples"
 

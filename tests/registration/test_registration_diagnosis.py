@@ -10,8 +10,9 @@ from layouts import MODELS, PX, grid, planar, solid
 
 from vfplan.errors import CheckFailed, MarkerError, SettingError
 from vfplan.registration import fit_registration
+from vfplan.registration.bounds import check_max_tre, target_error
 from vfplan.registration.diagnosis import diagnose
-from vfplan.registration.report import check_max_tre, describe, target_error
+from vfplan.registration.register import describe
 
 NAMES = [f"x{i}" for i in range(1, 10)]
 

@@ -144,7 +144,8 @@ def register(
         what is forbidden.
     """
     now_utc()  # refuses a SOURCE_DATE_EPOCH that is no time before any work is done
-    from vfplan.registration.report import check_max_tre, describe, target_error
+    from vfplan.registration.bounds import check_max_tre, target_error
+    from vfplan.registration.register import describe
 
     settings = settings or FixtureSettings()
     if curve.mesh is not None and settings.density_per_m is not None:

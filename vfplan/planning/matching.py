@@ -91,8 +91,7 @@ def match(
     Raises SettingError: markers to be found in a slice that is not there, a model that cannot be
         fitted
     """
-    from vfplan.registration.diagnosis import diagnose
-    from vfplan.registration.register import refuse_sure_faults
+    from vfplan.registration.diagnosis import diagnose, refuse_sure_faults
 
     pairs, curve, slice_axes = _pairs(curve, markers, markers2, image)
     with at(markers if markers2 is None else f"{markers}, {markers2}"):

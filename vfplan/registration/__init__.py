@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vfplan.registration.register import fit_registration
+from vfplan.registration.register import describe, fit_registration
 from vfplan.registration.result import Registration
 
-__all__ = ["Registration", "fit_registration"]
+__all__ = ["Registration", "describe", "fit_registration"]

@@ -27,12 +27,24 @@ along the curve, while each marker looks like an outlier. An F test of the two p
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from vfplan.errors import CheckFailed
 from vfplan.registration.fit import Fit, solve, studentised_f, without_itself
-from vfplan.registration.models import Affine, Array, homogeneous, marker_rows, root_of_inverse
-from vfplan.registration.problem import Problem
+from vfplan.registration.models import (
+    Affine,
+    Array,
+    homography,
+    homography_rows,
+    root_of_inverse,
+)
+from vfplan.registration.problem import Problem, outside_hull
+
+if TYPE_CHECKING:
+    from vfplan.registration.result import Registration
 
 DIRECTIONS = 8192
 TOGETHER = 8
@@ -122,13 +134,68 @@ def _solve(largest_squared: Array, p: int, dof: int, probability: float) -> floa
 
 
 @dataclass(frozen=True, eq=False)
+class TargetError:
+    """The predicted target registration error along a curve."""
+
+    rms_m: Array  # (M,) predicted RMS TRE at each point [m]
+    bound95_m: Array  # (M,) bound at each point, probability 0.95 for that point [m]
+    curve95_m: Array  # (M,) bound for all points at once, probability 0.95 [m]
+    worst: int  # index of the point with the largest bound
+    outside_hull: np.ndarray  # (M,) bool: outside the markers' convex hull
+    extrapolated: np.ndarray  # (M,) bool: predicted worse than at every marker
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """A sentence where part of the curve lies beyond the markers."""
+        beyond = int((self.outside_hull | self.extrapolated).sum())
+        if not beyond:
+            return ()
+        share = beyond / len(self.rms_m)
+        return (
+            f"{beyond} of {len(self.rms_m)} curve points ({share:.0%}) lie beyond the markers: "
+            "the registration is extrapolated there",
+        )
+
+
+def target_error(registration: Registration, points: ArrayLike) -> TargetError:
+    """The predicted error along a curve given in the source frame, (M, 2|3)."""
+    rms = registration.tre_m(points)
+    bound = registration.tre95_m(points)
+    problem = registration.fit.problem
+    s = registration.normalised(points)
+    at_markers = registration.tre_m(registration.source[registration.used])
+    return TargetError(
+        rms,
+        bound,
+        registration.tre95_curve_m(points),
+        int(bound.argmax()),
+        outside_hull(problem.s[registration.used], s),
+        rms > at_markers.max() * (1 + 1e-9),
+    )
+
+
+def check_max_tre(error: TargetError, limit_m: float) -> None:
+    """The gate: the 95 % bound for the whole curve must stay below the limit everywhere.
+
+    Raises CheckFailed: with the largest bound, where it is, and the limit
+    """
+    worst = int(error.curve95_m.argmax())
+    value = float(error.curve95_m[worst])
+    if not value <= limit_m:
+        raise CheckFailed(
+            f"the registration error may reach {value * 1e3:.3f} mm (95 % bound over the curve), "
+            f"more than the {limit_m * 1e3:g} mm allowed",
+            where=f"curve point {worst}",
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Perspective:
     """A homography that explains the markers better than the affine map."""
 
-    # (3, 3) and (2,) in normalised coordinates: y = M x~ / (1 + q·s)
-    m: Array
-    q: Array
-    root: Array  # (11, 11) A with A Aᵀ σ̂² the covariance of M's entries and q
+    # (11,) of y = M x~ / (1 + q·s) in normalised coordinates: row-major M, then q
+    h: Array
+    root: Array  # (11, 11) A with A Aᵀ σ̂² the covariance of `h`
     # σ̂² [m²] of a weight of 1, and 3 N - 11
     variance: float
     dof: int
@@ -148,11 +215,11 @@ class Perspective:
 
     def apply(self, s: Array) -> Array:
         """Centred target positions (M, 3) [m] of normalised points (M, 2)."""
-        return _positions(self.m, self.q, s)
+        return homography(self.h, s)
 
     def rows(self, s: Array) -> Array:
         """(M, 3, 11): how the position of s moves with the parameters."""
-        return _rows(self.m, self.q, s)
+        return homography_rows(self.h, s)
 
 
 def perspective(fit: Fit) -> Perspective | None:
@@ -174,28 +241,25 @@ def perspective(fit: Fit) -> Perspective | None:
     limit = 0.0 if few else float(fdtri(2.0, float(dof), 1 - WIDENED))
     if not sse > n * problem.floor_m**2:
         return None
-    after_a_step = max(_step(problem, fit.m, np.zeros(2), used)[1], problem.floor_m**2)
-    if _gain(sse, after_a_step, dof) < limit / 2:
+    h = _homography(problem, np.append(fit.m, [0.0, 0.0]), used)
+    if not (1 + problem.s @ h[9:] > 0).all():
         return None
-    m, q = _homography(problem, fit.m, used)
-    if not (1 + problem.s @ q > 0).all():
-        return None
-    error = problem.y - _positions(m, q, problem.s)
+    error = problem.y - homography(h, problem.s)
     left = max(float((problem.weights * error**2)[used].sum()), problem.floor_m**2)
-    gain = _gain(sse, left, dof)
+    gain = (sse - left) / 2 / (left / dof)
     p_value = float(fdtrc(2.0, float(dof), gain))
     if gain < limit or p_value > _best_outlier(fit):
         return None
-    root = root_of_inverse(_weighted(problem, m, q, used))
+    root = root_of_inverse(_weighted(problem, h, used))
     # As `residuals.studentised_f`, of the linearised homography.
-    spread = _rows(m, q, problem.s) @ root
+    spread = homography_rows(h, problem.s) @ root
     hat = np.einsum("nap,nbp,nb->nab", spread, spread, problem.weights)
     deleted = without_itself(error, np.eye(3) + np.where(used, -1.0, 1.0)[:, None, None] * hat)
     lost = (problem.weights * error * deleted).sum(axis=1)
     remaining = np.maximum(left - lost * used, problem.floor_m**2)
     f = (lost / 3) / (remaining / (dof - 3 * used))
     told = p_value < (WIDENED_OF_FEW if few else WIDENED)
-    return Perspective(m, q, root, left / dof, dof, p_value, told, f)
+    return Perspective(h, root, left / dof, dof, p_value, told, f)
 
 
 def with_unseen(plain: Array, bent: Array, p_value: float) -> Array:
@@ -203,42 +267,20 @@ def with_unseen(plain: Array, bent: Array, p_value: float) -> Array:
     return plain + (1 - p_value) ** 2 * np.clip(bent - plain, 0.0, MOST_UNSEEN * plain)
 
 
-def _gain(sse: float, left: float, dof: int) -> float:
-    return (sse - left) / 2 / (left / dof)
-
-
-def _positions(m: Array, q: Array, s: Array) -> Array:
-    return homogeneous(s) @ m.T / (1 + s @ q)[:, None]
-
-
-def _rows(m: Array, q: Array, s: Array) -> Array:
-    below = (1 + s @ q)[:, None, None]
-    linear = marker_rows(homogeneous(s)).reshape(len(s), 3, 9) / below
-    bent = -_positions(m, q, s)[:, :, None] * s[:, None, :] / below
-    return np.concatenate([linear, bent], axis=2)
-
-
-def _weighted(problem: Problem, m: Array, q: Array, used: np.ndarray) -> Array:
-    rows = np.sqrt(problem.weights)[:, :, None] * _rows(m, q, problem.s)
+def _weighted(problem: Problem, h: Array, used: np.ndarray) -> Array:
+    rows = np.sqrt(problem.weights)[:, :, None] * homography_rows(h, problem.s)
     return rows[used].reshape(-1, PARAMETERS)
 
 
-def _step(problem: Problem, m: Array, q: Array, used: np.ndarray) -> tuple[Array, float]:
-    """Gauss-Newton's step, and the sum of squares that the linear problem leaves after it."""
-    error = np.sqrt(problem.weights) * (problem.y - _positions(m, q, problem.s))
-    rows, right = _weighted(problem, m, q, used), error[used].ravel()
-    step = np.linalg.lstsq(rows, right, rcond=None)[0]
-    return step, float(((right - rows @ step) ** 2).sum())
-
-
-def _homography(problem: Problem, m: Array, used: np.ndarray) -> tuple[Array, Array]:
-    q = np.zeros(2)
+def _homography(problem: Problem, h: Array, used: np.ndarray) -> Array:
+    """The one of least squares, by Gauss-Newton from another."""
     for _ in range(30):
-        step, _ = _step(problem, m, q, used)
-        m, q = m + step[:9].reshape(3, 3), q + step[9:]
+        error = np.sqrt(problem.weights) * (problem.y - homography(h, problem.s))
+        step = np.linalg.lstsq(_weighted(problem, h, used), error[used].ravel(), rcond=None)[0]
+        h = h + step
         if np.abs(step[9:]).max() < 1e-12:
             break
-    return m, q
+    return h
 
 
 def _best_outlier(fit: Fit) -> float:

@@ -1,4 +1,9 @@
-"""What may be wrong with a registration, named: suspects, labels, layout, scale, perspective."""
+"""What may be wrong with a registration, named: suspects, labels, layout, scale, perspective.
+
+A `Diagnosis` warns of what is suspicious, once in twenty to a hundred good sets. What is refused is
+beyond doubt: from good markers it comes less than once in ten thousand sets, whatever their layout
+(docs/registration.md). An outlier is never among it: errors with heavy tails look like one.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +12,7 @@ from math import comb
 
 import numpy as np
 
+from vfplan.errors import MarkerError
 from vfplan.registration.fit import agreeing, f_limit, one_to_blame, solve
 from vfplan.registration.labelling import Relabelling, better_labelling, name_labelling
 from vfplan.registration.models import Affine, Orthogonal
@@ -21,7 +27,13 @@ LARGEST_RADIUS_M = 1.0  # RMS, of markers seen in one slice: no scanner is so wi
 UNCHECKED_LEVERAGE = 0.9
 QUICK_SUBSETS = 20_000
 
+# Residuals over the stated sigmas: beyond it the sigmas, or the markers, are others.
+MAX_OVER_SIGMA = 10.0
+# Along u and v; more is another unit, not a printer's stretch.
+MAX_SCALE_FACTOR = 2.0
+
 Label = str | int
+Scales = tuple[float, ...] | None
 
 
 @dataclass(frozen=True)
@@ -35,8 +47,8 @@ class Diagnosis:
     labellings: int  # that fit about as well as the given one, and that one
     unchecked: tuple[Label, ...]  # labels of markers no other marker checks (leverage above 0.9)
     # Scale found over the known one, minus 1; along u and v for the affine model
-    spacing_departure: tuple[float, ...] | None
-    spacing_departure_sigma: tuple[float, ...] | None  # standard errors of the departures
+    spacing_departure: Scales
+    spacing_departure_sigma: Scales  # standard errors of the departures
     warnings: tuple[str, ...]  # one sentence for each of these that a user should read
 
 
@@ -47,11 +59,8 @@ def diagnose(registration: Registration) -> Diagnosis:
     relabelled = better_labelling(everyone, square=registration.pixel_spacing is not None)
     pair = relabelled and relabelled.pair
     swapped = None if pair is None else (labels[pair[0]], labels[pair[1]])
-    unchecked = tuple(
-        label
-        for label, h, used in zip(labels, fit.leverage, fit.used, strict=True)
-        if used and h > UNCHECKED_LEVERAGE
-    )
+    hidden = np.flatnonzero(fit.used & (fit.leverage > UNCHECKED_LEVERAGE))
+    unchecked = tuple(labels[i] for i in hidden)
     departure, sigma = _departure(registration)
     suspects = _suspects(registration, swapped)
     warnings = (
@@ -99,19 +108,14 @@ def _suspects(registration: Registration, swapped: tuple[Label, Label] | None) -
 def _masked(registration: Registration) -> list[Label]:
     """Markers that a robust search would leave out: several bad ones hide each other's F."""
     problem = registration.fit.problem
-    if (
-        registration.perspective
-        or registration.robust
-        or comb(len(problem.s), problem.model.minimal) > QUICK_SUBSETS
-    ):
+    subsets = comb(len(problem.s), problem.model.minimal)
+    if registration.perspective or registration.robust or subsets > QUICK_SUBSETS:
         return []
     used = agreeing(problem, alpha=0.01)
     return [label for label, good in zip(registration.labels, used, strict=True) if not good]
 
 
-def _departure(
-    registration: Registration,
-) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None]:
+def _departure(registration: Registration) -> tuple[Scales, Scales]:
     """Scale over the known scale, minus 1, and its standard error; a rigid fit's, were it free."""
     fit, problem = registration.fit, registration.fit.problem
     k = problem.model.dimension
@@ -191,23 +195,13 @@ def layout_warnings(registration: Registration, unchecked: tuple[Label, ...]) ->
         found.append(
             f"no other marker checks {names}: an error there moves the fit and leaves no residual"
         )
-    for a, b in _coincident(registration):
-        found.append(f"markers {a} and {b} stand at the same place in the source")
+    s, labels = registration.fit.problem.s, registration.labels
+    for a, b in np.argwhere(np.triu(np.linalg.norm(s[:, None] - s, axis=2) < 1e-6, 1)):
+        found.append(f"markers {labels[a]} and {labels[b]} stand at the same place in the source")
     return tuple(found)
 
 
-def _coincident(registration: Registration) -> list[tuple[Label, Label]]:
-    s, labels = registration.fit.problem.s, registration.labels
-    apart = np.linalg.norm(s[:, None] - s[None], axis=2)
-    i, j = np.nonzero(np.triu(apart < 1e-6, 1))
-    return [(labels[a], labels[b]) for a, b in zip(i, j, strict=True)]
-
-
-def scale_warnings(
-    registration: Registration,
-    departure: tuple[float, ...] | None,
-    sigma: tuple[float, ...] | None,
-) -> tuple[str, ...]:
+def scale_warnings(registration: Registration, departure: Scales, sigma: Scales) -> tuple[str, ...]:
     """Residuals or a scale beyond what is known."""
     from scipy.special import chdtrc
 
@@ -257,3 +251,50 @@ def stretch_warning(registration: Registration) -> tuple[str, ...]:
         f"of the given spacing) would leave {left[1]} a marker, not {left[0]}: is a column in "
         "another unit, or the pixel spacing or the model another?",
     )
+
+
+def refuse_sure_faults(registration: Registration, diagnosis: Diagnosis) -> None:
+    """Refuse markers that are surely wrong and still in the fit.
+
+    Raises MarkerError: labels exchanged or in another order, residuals far beyond the stated
+        sigmas, or a scale that is not the known one
+    """
+    if diagnosis.relabelled:
+        _refuse_relabelled(registration, diagnosis.relabelled)
+    unit = registration.fit.problem.sigma_unit_m
+    if unit is not None and registration.sigma_m > MAX_OVER_SIGMA * unit:
+        raise MarkerError(
+            f"the residuals are {registration.sigma_m / unit:.3g} times what the stated sigmas "
+            f"allow; at most {MAX_OVER_SIGMA:g} times is allowed (wrong labels, or a marker to "
+            "leave out with --robust?)"
+        )
+    if one_to_blame(registration.fit) is None:
+        _refuse_scale(diagnosis)
+
+
+def _refuse_relabelled(registration: Registration, other: Relabelling) -> None:
+    fit = registration.fit
+    moved = [i for i, j in enumerate(other.order) if i != j]
+    if not other.sure or not fit.used[moved].any():
+        return
+    everyone = solve(fit.problem)
+    rms = float(np.sqrt((everyone.vectors**2).sum(axis=1).mean()))
+    what = "the labels are wrong, and more than one other labelling fits"
+    if other.alone:
+        what = name_labelling(other.order, registration.labels)
+    raise MarkerError(
+        f"{what}: as labelled the markers miss their places by {rms * 1e3:.3g} mm rms, so by "
+        f"{other.rms_m * 1e3:.3g} mm; correct the labels, or leave them out with --robust"
+    )
+
+
+def _refuse_scale(diagnosis: Diagnosis) -> None:
+    found = diagnosis.spacing_departure or (), diagnosis.spacing_departure_sigma or ()
+    for departure, sigma in zip(*found, strict=True):
+        within = 1 / MAX_SCALE_FACTOR <= 1 + departure <= MAX_SCALE_FACTOR
+        if abs(departure) > 4 * sigma and not within:
+            raise MarkerError(
+                f"the markers give {1 + departure:.4g} times the known scale; at most "
+                f"{MAX_SCALE_FACTOR:g} times, either way, is allowed (millimetres for metres, or a "
+                "wrong pixel spacing?)"
+            )

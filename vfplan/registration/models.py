@@ -152,6 +152,19 @@ def marker_rows(x: Array) -> Array:
     return np.einsum("ab,ni->nabi", np.eye(3), x).reshape(3 * len(x), -1)
 
 
+def homography(h: Array, s: Array) -> Array:
+    """Positions (N, 3) of s (N, 2): y = M x~ / (1 + q·s), by row-major M, then q (11,)."""
+    return homogeneous(s) @ h[:9].reshape(3, 3).T / (1 + s @ h[9:])[:, None]
+
+
+def homography_rows(h: Array, s: Array) -> Array:
+    """(N, 3, 11): how they move with h."""
+    below = (1 + s @ h[9:])[:, None, None]
+    linear = marker_rows(homogeneous(s)).reshape(len(s), 3, 9) / below
+    bent = -homography(h, s)[:, :, None] * s[:, None, :] / below
+    return np.concatenate([linear, bent], axis=2)
+
+
 def root_of_inverse(rows: Array) -> Array:
     """(p, p) A with A Aᵀ the inverse of XᵀX, from X (n, p): with a positive diagonal, so unique."""
     r = np.linalg.qr(rows, mode="r")

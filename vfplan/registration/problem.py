@@ -214,3 +214,18 @@ def _weights(
         )
     unit = float(1 / np.sqrt((1 / table**2).mean()))
     return (unit / table) ** 2, unit
+
+
+def outside_hull(markers: Array, points: Array) -> np.ndarray:
+    """(M,) bool: points (M, k) outside the convex hull of markers (N, k); flat hulls in 3-D too."""
+    from scipy.spatial import ConvexHull
+
+    centre = markers.mean(axis=0)
+    _, extent, axes = np.linalg.svd(markers - centre, full_matrices=False)
+    basis = axes[extent > extent[0] * 1e-9]
+    flat, inside = (markers - centre) @ basis.T, (points - centre) @ basis.T
+    planes = ConvexHull(flat).equations
+    tolerance = 1e-9 * extent[0]
+    beyond = (inside @ planes[:, :-1].T + planes[:, -1] > tolerance).any(axis=1)
+    off = np.linalg.norm((points - centre) - inside @ basis, axis=1) > 1e-6 * extent[0]
+    return beyond | off

@@ -1,21 +1,16 @@
-"""Markers to a registration, and the refusal of those that are surely wrong.
-
-A `Diagnosis` warns of what is suspicious, once in twenty to a hundred good sets. What is refused
-here is beyond doubt: from good markers it comes less than once in ten thousand sets, whatever their
-layout (docs/registration.md has the measurement). An outlier is never among it: errors with heavy
-tails are common, and look like one.
-"""
+"""Markers to a registration, and the registration as data for `--json`: units in the names."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.registration.bounds import perspective
+from vfplan.registration.bounds import TargetError, perspective, target_error
+from vfplan.registration.diagnosis import Diagnosis, diagnose
 from vfplan.registration.fit import (
     MIN_EXTENT,
     Fit,
@@ -25,18 +20,10 @@ from vfplan.registration.fit import (
     one_to_blame,
     solve,
 )
-from vfplan.registration.labelling import Relabelling, better_labelling, name_labelling
+from vfplan.registration.labelling import better_labelling, name_labelling
 from vfplan.registration.models import Array, ModelName, Orthogonal, homogeneous
 from vfplan.registration.problem import Problem, make_problem
 from vfplan.registration.result import Registration
-
-if TYPE_CHECKING:
-    from vfplan.registration.diagnosis import Diagnosis
-
-# Residuals over the stated sigmas: beyond it the sigmas, or the markers, are others.
-MAX_OVER_SIGMA = 10.0
-# Along u and v; more is another unit, not a printer's stretch.
-MAX_SCALE_FACTOR = 2.0
 
 
 def fit_registration(
@@ -186,56 +173,105 @@ def _is_mirrored(fit: Fit) -> bool:
     return fit.variance * fit.dof > mirrored * fdtri(float(fit.dof), float(fit.dof), 0.999)
 
 
-def refuse_sure_faults(registration: Registration, diagnosis: Diagnosis) -> None:
-    """Refuse markers that are surely wrong and still in the fit.
+def describe(
+    registration: Registration,
+    points: ArrayLike | None = None,
+    *,
+    diagnosis: Diagnosis | None = None,
+    error: TargetError | None = None,
+) -> dict[str, Any]:
+    """The registration, its markers, and its predicted error along source `points` (M, 2|3).
 
-    Raises MarkerError: labels exchanged or in another order, residuals far beyond the stated
-        sigmas, or a scale that is not the known one
+    What has no meaning for this source or model is absent; what cannot be known is `None`.
     """
+    diagnosis = diagnosis or diagnose(registration)
+    report: dict[str, Any] = {
+        "model": registration.model,
+        "markers": len(registration.labels),
+        "T_robot_image": registration.T_target_source,
+        "fre_rms_m": registration.fre_rms_m,
+        "fle_rms_m": registration.fle_rms_m,
+        "loo_rms_m": registration.loo_rms_m,
+        "degrees_of_freedom": registration.dof,
+        "condition": registration.condition,
+        "residuals": describe_markers(registration),
+        "outliers": list(registration.outliers),
+        "suspects": [{"label": k, "reason": why} for k, why in diagnosis.suspects.items()],
+        "labellings": diagnosis.labellings,
+        **_geometry(registration, diagnosis),
+    }
+    if registration.robust:
+        report["robust"] = {"used": int(registration.used.sum())}
+    if diagnosis.swapped:
+        report["swapped_labels"] = list(diagnosis.swapped)
+    seen = registration.perspective
+    if seen is not None:
+        report["perspective"] = {"p_value": seen.p_value, "said": seen.said}
     if diagnosis.relabelled:
-        _refuse_relabelled(registration, diagnosis.relabelled)
-    _refuse_beyond_sigma(registration)
-    if one_to_blame(registration.fit) is None:
-        _refuse_scale(diagnosis)
+        other, labels = diagnosis.relabelled, registration.labels
+        report["better_labelling" if other.seems else "rival_labelling"] = {
+            "labels": [labels[j] for j in other.order],
+            "fre_rms_m": other.rms_m,
+            "gain": other.gain,
+        }
+    if registration.fit.problem.sigma_unit_m is not None:
+        ratio = registration.sigma_m / registration.fit.problem.sigma_unit_m
+        report["residuals_over_stated_sigma"] = ratio
+    if points is not None:
+        error = error or target_error(registration, points)
+        report |= {"tre_rms_m": float(np.sqrt((error.rms_m**2).mean()))}
+        report["tre"] = _target(registration, points, error)
+    return report
 
 
-def _refuse_relabelled(registration: Registration, other: Relabelling) -> None:
-    fit = registration.fit
-    moved = [i for i, j in enumerate(other.order) if i != j]
-    if not other.sure or not fit.used[moved].any():
-        return
-    everyone = solve(fit.problem)
-    rms = float(np.sqrt((everyone.vectors**2).sum(axis=1).mean()))
-    what = "the labels are wrong, and more than one other labelling fits"
-    if other.alone:
-        what = name_labelling(other.order, registration.labels)
-    raise MarkerError(
-        f"{what}: as labelled the markers miss their places by {rms * 1e3:.3g} mm rms, so by "
-        f"{other.rms_m * 1e3:.3g} mm; correct the labels, or leave them out with --robust"
-    )
+def describe_markers(registration: Registration) -> list[dict[str, Any]]:
+    """One entry a marker: residual, leverage, leave-one-out error, studentised F."""
+    residuals = registration.residuals_m
+    return [
+        {
+            "label": label,
+            "residual_m": float(residuals[i]),
+            "vector_m": registration.residual_vectors_m[i],
+            "leverage": float(registration.leverage[i]),
+            "loo_m": float(registration.loo_m[i]),
+            "f": float(registration.studentised_f[i]),
+            "used": bool(registration.used[i]),
+        }
+        for i, label in enumerate(registration.labels)
+    ]
 
 
-def _refuse_beyond_sigma(registration: Registration) -> None:
-    unit = registration.fit.problem.sigma_unit_m
-    if unit is not None and registration.sigma_m > MAX_OVER_SIGMA * unit:
-        raise MarkerError(
-            f"the residuals are {registration.sigma_m / unit:.3g} times what the stated sigmas "
-            f"allow; at most {MAX_OVER_SIGMA:g} times is allowed (wrong labels, or a marker to "
-            "leave out with --robust?)"
-        )
+def _geometry(registration: Registration, diagnosis: Diagnosis) -> dict[str, Any]:
+    found = registration.geometry
+    planar = registration.source.shape[1] == 2
+    unit = "_m_per_px" if planar else ""
+    report: dict[str, Any] = {
+        f"scale{unit}": found.scale,
+        f"axis_scales{unit}": found.axis_scales,
+        f"singular_values{unit}": found.singular_values,
+        "anisotropy": found.anisotropy,
+        "shear": found.shear,
+    }
+    if found.normal is not None:
+        report["plane_normal"] = found.normal
+        report["image_faces"] = -found.normal
+    if diagnosis.spacing_departure is not None:
+        report["spacing_departure"] = list(diagnosis.spacing_departure)
+        report["spacing_departure_sigma"] = list(diagnosis.spacing_departure_sigma or ())
+    return report
 
 
-def _refuse_scale(diagnosis: Diagnosis) -> None:
-    if not diagnosis.spacing_departure or not diagnosis.spacing_departure_sigma:
-        return
-    for departure, sigma in zip(
-        diagnosis.spacing_departure, diagnosis.spacing_departure_sigma, strict=True
-    ):
-        factor = 1 + departure
-        sure = abs(departure) > 4 * sigma
-        if sure and not 1 / MAX_SCALE_FACTOR <= factor <= MAX_SCALE_FACTOR:
-            raise MarkerError(
-                f"the markers give {factor:.4g} times the known scale; at most "
-                f"{MAX_SCALE_FACTOR:g} times, either way, is allowed (millimetres for metres, or a "
-                "wrong pixel spacing?)"
-            )
+def _target(registration: Registration, points: ArrayLike, error: TargetError) -> dict[str, Any]:
+    worst = error.worst
+    place = np.atleast_2d(np.asarray(points, dtype=float))[worst]
+    return {
+        "rms_m": float(np.sqrt((error.rms_m**2).mean())),
+        "max_rms_m": float(error.rms_m.max()),
+        "bound95_max_m": float(error.bound95_m[worst]),
+        "curve95_max_m": float(error.curve95_m.max()),
+        "worst_point": worst,
+        "worst_source": place[: registration.source.shape[1]],
+        "worst_target_m": registration.apply(place[None])[0],
+        "points_outside_markers": int(error.outside_hull.sum()),
+        "points_extrapolated": int(error.extrapolated.sum()),
+    }
