@@ -125,18 +125,10 @@ def _gains(problem: Problem, orders: list[Order], dropped: int) -> Array:
 
 def name_labelling(order: Order, labels: Sequence[str | int]) -> str:
     """What the labelling does to the given one, in words; lower-case, no full stop."""
-    n = len(order)
-    moved = [i for i in range(n) if order[i] != i]
+    moved = [i for i, j in enumerate(order) if i != j]
     if len(moved) == 2:
         return f"the labels of {labels[moved[0]]} and {labels[moved[1]]} are exchanged"
-    if order == tuple(range(n))[::-1]:
-        how = "in reverse order"
-    elif (shift := _shift(order)) is not None:
-        how = f"shifted by {min(shift, n - shift)}"
-    elif (shape := _transposed(order)) is not None:
-        how = f"transposed, rows for columns of {shape[0]} x {shape[1]}"
-    else:
-        how = "in another order"
+    how = _usual(len(order)).get(order, "in another order")
     few = ", ".join(f"{labels[i]} is labelled {labels[order[i]]}" for i in moved[:3])
     return f"the labels are {how} ({few}{', ...' if len(moved) > 3 else ''})"
 
@@ -152,31 +144,16 @@ def _limit(problem: Problem, alpha: float, dropped: int = 0) -> float:
     return float(fdtri(dof, dof, 1 - alpha))
 
 
-def _shift(order: Order) -> int | None:
-    n = len(order)
-    return order[0] if all(order[i] == (i + order[0]) % n for i in range(n)) else None
-
-
-def _transposed(order: Order) -> tuple[int, int] | None:
-    return next((shape for shape in _shapes(len(order)) if _transpose(*shape) == order), None)
-
-
-def _shapes(n: int) -> list[tuple[int, int]]:
-    return [(r, n // r) for r in range(2, n // 2 + 1) if n % r == 0]
-
-
-def _transpose(rows: int, columns: int) -> Order:
-    return tuple(np.arange(rows * columns).reshape(rows, columns).T.ravel().tolist())
-
-
-def _usual(n: int) -> Iterator[Order]:
-    """Reversal, cyclic shifts of either direction, and transpositions of a grid's markers."""
-    forward = tuple(range(n))
-    for k in range(n):
-        turned = forward[k:] + forward[:k]
-        yield turned
-        yield turned[::-1]
-    yield from (_transpose(*shape) for shape in _shapes(n))
+def _usual(n: int) -> dict[Order, str]:
+    """Transpositions of a grid's markers, cyclic shifts of either direction, and reversal."""
+    forward = np.arange(n)
+    usual = [(np.roll(forward, k)[::-1], "in another order") for k in range(1, n)]
+    for r in (r for r in range(2, n // 2 + 1) if n % r == 0):
+        how = f"transposed, rows for columns of {r} x {n // r}"
+        usual.append((forward.reshape(r, -1).T, how))
+    usual += [(np.roll(forward, -k), f"shifted by {min(k, n - k)}") for k in range(1, n)]
+    usual.append((forward[::-1], "in reverse order"))
+    return {tuple(order.ravel().tolist()): how for order, how in usual}
 
 
 def _candidates(problem: Problem, worth: float) -> set[Order]:
@@ -200,19 +177,16 @@ def _exchanges(n: int) -> Iterator[Order]:
 
 def _bases(problem: Problem, count: int) -> list[list[int]]:
     """Threes of source markers far apart from each other, no marker in two of them."""
-    open_ = list(range(len(problem.s)))
-    bases: list[list[int]] = []
+    from scipy.linalg import qr
+
+    open_ = np.arange(len(problem.s))
+    bases = []
     while len(bases) < count and len(open_) >= 3:
-        s = problem.s[open_]
-        first = int(np.linalg.norm(s - s.mean(axis=0), axis=1).argmax())
-        edge = s - s[first]
-        second = int(np.linalg.norm(edge, axis=1).argmax())
-        along = edge[second] / np.linalg.norm(edge[second])
-        third = int(np.linalg.norm(edge - np.outer(edge @ along, along), axis=1).argmax())
-        if len({first, second, third}) < 3:
+        r, pivots = qr(problem.x[open_].T, mode="r", pivoting=True)
+        if abs(r[2, 2]) < 1e-6:  # what is left lies on a line
             break
-        bases.append([open_[k] for k in (first, second, third)])
-        open_ = [k for k in open_ if k not in bases[-1]]
+        bases.append(open_[pivots[:3]].tolist())
+        open_ = np.delete(open_, pivots[:3])
     return bases
 
 
@@ -249,9 +223,6 @@ def _all_but_one(squares: Array) -> Array:
 
 
 def _assigned(cost: Array) -> Order:
-    nearest = cost.argmin(axis=1)
-    if len(set(nearest.tolist())) == len(cost):
-        return tuple(nearest.tolist())
     from scipy.optimize import linear_sum_assignment
 
     return tuple(linear_sum_assignment(cost)[1].tolist())
