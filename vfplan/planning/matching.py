@@ -59,7 +59,7 @@ class Matched:
 
 
 def _pairs(
-    curve: Fixture, markers: str | Path, markers2: str | Path | None, image: PlannedImage | None
+    curve: Fixture, markers: str | Path, markers2: str | Path | None, own: PlannedImage | None
 ) -> tuple[Correspondences, Fixture, NDArray[np.float64] | None]:
     """The markers, and the curve in their source frame (see `Matched`)."""
     from vfplan.markers import read_markers
@@ -68,7 +68,7 @@ def _pairs(
         raise CurveError("the curve is in frame 'robot_base' already; one of an image is wanted")
     pairs = read_markers(markers, markers2)
     if (pairs.source_frame, curve.frame) == ("patient_lps", "image"):
-        return pairs, *in_patient(curve, image if _drawn_on(curve, image) else None)
+        return pairs, *in_patient(curve, own)
     if pairs.source_frame != curve.frame:
         raise MarkerError(
             f"markers are given in frame {pairs.source_frame!r}, the curve in {curve.frame!r}"
@@ -93,20 +93,20 @@ def match(
     """
     from vfplan.registration.diagnosis import diagnose, refuse_sure_faults
 
-    pairs, curve, slice_axes = _pairs(curve, markers, markers2, image)
+    own = image if _drawn_on(curve, image) else None
+    pairs, curve, slice_axes = _pairs(curve, markers, markers2, own)
     with at(markers if markers2 is None else f"{markers}, {markers2}"):
-        check_plausible(pairs, curve, image if _drawn_on(curve, image) else None)
-        held = None
-        if pairs.source_frame == "image" and image is not None and _drawn_on(curve, image):
-            held = hold_against_marks(image.rgb, pairs)
-        found = _find(pairs, curve, image) if settings.find_markers else ()
+        check_plausible(pairs, curve, own)
+        in_image = pairs.source_frame == "image"
+        held = hold_against_marks(own.rgb, pairs) if own and in_image else None
+        found = _find(pairs, image, own) if settings.find_markers else ()
         if found:
             pairs = replace(pairs, source=np.array([marker.position_px for marker in found]))
         registration = _fit(curve, pairs, settings)
         diagnosis = diagnose(registration)
         refuse_sure_faults(registration, diagnosis)
     doubts = () if held is None else (*held.rivals, *(() if found else held.warnings))
-    warnings = (*doubts, *_warnings(pairs, curve, image))
+    warnings = (*doubts, *_warnings(pairs, another=image is not own))
     return Matched(curve, slice_axes, pairs, registration, diagnosis, found, held, warnings)
 
 
@@ -128,7 +128,7 @@ def _fit(curve: Fixture, pairs: Correspondences, settings: FixtureSettings) -> R
 
 
 def _find(
-    pairs: Correspondences, curve: Fixture, image: PlannedImage | None
+    pairs: Correspondences, image: PlannedImage | None, own: PlannedImage | None
 ) -> tuple[FoundMarker, ...]:
     from vfplan.markers.finding import find_markers
 
@@ -136,11 +136,11 @@ def _find(
         raise SettingError("markers can be found in an image only; these are given in 3-D")
     if image is None:
         raise SettingError("to find the markers the image is needed, which was not given")
-    if not _drawn_on(curve, image):
+    if own is None:
         raise SettingError(
             "the image given is not the one the curve was drawn on (SHA-256 differs)"
         )
-    return find_markers(image.rgb, pairs.labels, pairs.source)
+    return find_markers(own.rgb, pairs.labels, pairs.source)
 
 
 def _drawn_on(curve: Fixture, image: PlannedImage | None) -> bool:
@@ -149,14 +149,14 @@ def _drawn_on(curve: Fixture, image: PlannedImage | None) -> bool:
     return image is not None and (not known or not image.sha256 or known == image.sha256)
 
 
-def _warnings(pairs: Correspondences, curve: Fixture, image: PlannedImage | None) -> Iterator[str]:
+def _warnings(pairs: Correspondences, *, another: bool) -> Iterator[str]:
     """What of frame and image a person should look at."""
     if pairs.target_frame != "robot_base":
         yield (
             f"the target markers, and so the fixture, are in {pairs.target_frame}: no robot "
             "renders it before it is registered to its own frame"
         )
-    if image is not None and not _drawn_on(curve, image):
+    if another:
         yield (
             "the image given is not the file the curve was drawn on (SHA-256 differs): nothing was "
             "checked against it"

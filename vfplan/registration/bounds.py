@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vfplan.errors import CheckFailed
-from vfplan.registration.fit import Fit, solve, studentised_f, without_itself
+from vfplan.registration.fit import Fit, f_of_each, solve, studentised_f
 from vfplan.registration.models import (
     Affine,
     Array,
@@ -251,13 +251,9 @@ def perspective(fit: Fit) -> Perspective | None:
     if gain < limit or p_value > _best_outlier(fit):
         return None
     root = root_of_inverse(_weighted(problem, h, used))
-    # As `residuals.studentised_f`, of the linearised homography.
     spread = homography_rows(h, problem.s) @ root
     hat = np.einsum("nap,nbp,nb->nab", spread, spread, problem.weights)
-    deleted = without_itself(error, np.eye(3) + np.where(used, -1.0, 1.0)[:, None, None] * hat)
-    lost = (problem.weights * error * deleted).sum(axis=1)
-    remaining = np.maximum(left - lost * used, problem.floor_m**2)
-    f = (lost / 3) / (remaining / (dof - 3 * used))
+    f = f_of_each(problem, used, error, hat, dof)
     told = p_value < (WIDENED_OF_FEW if few else WIDENED)
     return Perspective(h, root, left / dof, dof, p_value, told, f)
 

@@ -84,7 +84,8 @@ def leave_one_out(fit: Fit) -> Array:
     Affine: (I - H_i)⁻¹ e_i, exact without refitting. Otherwise every fit is done.
     """
     if isinstance(fit.problem.model, Affine):
-        return np.linalg.norm(_deleted_vectors(fit), axis=1)
+        rest = np.eye(3) - fit.hat * fit.used[:, None, None]
+        return np.linalg.norm(without_itself(fit.vectors, rest), axis=1)
     problem, n = fit.problem, len(fit.used)
     if fit.used.sum() - 1 < problem.model.minimal:
         return np.where(fit.used, np.nan, np.linalg.norm(fit.vectors, axis=1))
@@ -94,10 +95,6 @@ def leave_one_out(fit: Fit) -> Array:
     error = problem.y - np.einsum("nak,nk->na", m, problem.x)
     spread = _second_extent(problem.s, keep)
     return np.where(spread > 1e-6, np.linalg.norm(error, axis=1), np.nan)
-
-
-def _deleted_vectors(fit: Fit) -> Array:
-    return without_itself(fit.vectors, np.eye(3) - fit.hat * fit.used[:, None, None])
 
 
 def without_itself(vectors: Array, rest: Array) -> Array:
@@ -115,6 +112,11 @@ def _second_extent(s: Array, keep: np.ndarray) -> Array:
 
 
 def studentised_f(fit: Fit) -> Array:
+    """(N,) externally studentised F of each marker against the transform."""
+    return f_of_each(fit.problem, fit.used, fit.vectors, fit.hat, fit.dof)
+
+
+def f_of_each(problem: Problem, used: np.ndarray, vectors: Array, hat: Array, dof: int) -> Array:
     """(N,) externally studentised F of each marker, of 3 and ν - 3 degrees of freedom.
 
     q = eᵀ W (I - H)⁻¹ e is what the sum of squares loses without the marker; F is (q/3) over the
@@ -122,18 +124,12 @@ def studentised_f(fit: Fit) -> Array:
     1982). A marker the fit did not use is tested as a new observation, which is the same F. NaN
     where no degree of freedom is left.
     """
-    problem = fit.problem
-    rest_dof = fit.dof - 3 * fit.used
-    deleted = _deleted_vectors(fit)
-    lost = (problem.weights * fit.vectors * deleted).sum(axis=1)
-    outside = np.eye(3) + fit.hat
-    new = np.linalg.solve(outside, fit.vectors[:, :, None])[:, :, 0]
-    lost = np.where(fit.used, lost, (problem.weights * fit.vectors * new).sum(axis=1))
-    sse = fit.variance * fit.dof
-    floor = problem.floor_m**2
-    rest = np.maximum(sse - lost * fit.used, floor)
-    f = (lost / 3) / (rest / np.maximum(rest_dof, 1))
-    f = np.where(lost > floor, f, 0.0)
+    own, floor = used[:, None, None], problem.floor_m**2
+    deleted = without_itself(vectors, np.eye(3) + np.where(own, -hat, hat))
+    lost = (problem.weights * vectors * deleted).sum(axis=1)
+    rest = np.maximum((problem.weights * vectors**2)[used].sum() - lost * used, floor)
+    rest_dof = dof - 3 * used
+    f = np.where(lost > floor, (lost / 3) / (rest / np.maximum(rest_dof, 1)), 0.0)
     return np.where((rest_dof > 0) & np.isfinite(lost), f, np.nan)
 
 
