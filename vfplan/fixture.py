@@ -6,6 +6,7 @@ Nothing here reads or writes; the modules that do all speak in these types.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -205,35 +206,13 @@ class Fixture:
         sigma = None if self.sigma is None else self.sigma[mine]
         return replace(self, points=self.points[mine], sigma=sigma, curve=curve, guidance=None)
 
-    @property
-    def stiffness(self) -> NDArray[np.float64]:
-        """(3,) K [N/m]."""
-        return self._rendering.stiffness
-
-    @property
-    def contact_radius(self) -> float:
-        """r_c [m]."""
-        return self._rendering.contact_radius
-
-    @property
-    def band(self) -> float:
-        """r2 - r_c [m]."""
-        return self._rendering.band
-
-    @property
-    def point_radius(self) -> float:
-        """r_v [m]."""
-        return self._rendering.point_radius
-
-    @property
-    def ignore_axis(self) -> NDArray[np.float64] | None:
-        """(3,) unit vector, or `None`."""
-        return self._rendering.ignore_axis
-
-    @property
-    def max_iterations(self) -> int | None:
-        """The most iterations of a tick, or `None`."""
-        return self._rendering.max_iterations
+    # As it is rendered; of one that is not, an `AttributeError`:
+    stiffness = property(attrgetter("_rendering.stiffness"), doc="(3,) K [N/m].")
+    contact_radius = property(attrgetter("_rendering.contact_radius"), doc="r_c [m].")
+    band = property(attrgetter("_rendering.band"), doc="r2 - r_c [m].")
+    point_radius = property(attrgetter("_rendering.point_radius"), doc="r_v [m].")
+    ignore_axis = property(attrgetter("_rendering.ignore_axis"), doc="(3,) unit vector, or `None`.")
+    max_iterations = property(attrgetter("_rendering.max_iterations"), doc="A tick's most; `None`.")
 
     @property
     def _rendering(self) -> Rendering:
