@@ -15,7 +15,7 @@ fitting     the spline through what was read, and its standard deviation
 ends        where the ink of a line begins and ends
 beside      ink that the line leaves, and dots that touch it
 evidence    the measured line held against the ink
-covers      what may hide an end
+covers      what may hide an end, `boxes` by their outline
 doubts      what a person should look at, runs side by side among it
 path        the geometry of a path
 vector      curves that were drawn as vectors (`imagej`, `annotated`)

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.boxes import boxed
 from vfplan.curve.candidates import Candidate
 from vfplan.curve.ends import CUT_OFF
 from vfplan.curve.light import LUMINANCE
@@ -42,6 +43,7 @@ ALONG_PX, OFF_INK_PX = np.arange(0.0, 8.0, 1.4), 1.5
 DEPTH_PX = np.array([-2.5, -1.6, -0.75, 0.75, 1.6, 2.5])
 ENDS_PX, PLACES = 20, 24  # from the ends, where along the line the same is looked for
 BROKEN = 0.38  # more than anywhere there
+BOXED, SURER = 0.63, 1.3  # of a box's outline; times as much where the end is surely the pen's own
 INKED = 0.3  # of the pen's strength: a ray on which other ink lies tells nothing
 LEVEL, ROUGH = 0.6, 3.0  # of grey: what rounding spreads, and what is no change
 
@@ -62,8 +64,10 @@ def covered_ends(
     broken = _breaks(rgb, pen, found.points, width, cut, onward)
     for k, own in enumerate(found.own_ends):
         what = _cover(rgb, pen, width, at[k], onward[k])
-        if not what and not own and broken[k] > BROKEN:
+        if not what and broken[k] > BROKEN * (SURER if own else 1):
             what = "the ground changes more sharply than anywhere along the line"
+        if not what and boxed(rgb, pen, cut[k], onward[k]) > BOXED * (SURER if own else 1):
+            what = "a side of a box passes"
         if (
             not what
             and not own
