@@ -1,6 +1,6 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The most points of a cloud that lie close together.
+// How much lies close together: the most points of a cloud, or boxes, around any one place.
 #pragma once
 
 #include <algorithm>
@@ -12,70 +12,71 @@
 
 namespace vfplan {
 
-/// How many points lie in each cell of a box around a cloud, or, once `spread`, in the cells
-/// around it.
-template <int D>
-class Census {
-  public:
-    /// `side` of a cell [m]: more where the box would have many more cells than the cloud points.
-    Census(const Cloud<D>& cloud, double side) : box_(cloud.box()), side_(side) {
-        const double most = std::min(4194304.0, 8.0 * static_cast<double>(cloud.size()) + 1024);
-        while (cells() > most) side_ *= 1.25;
-        for (int k = 0; k < D; ++k) count_[k] = static_cast<std::size_t>(along(k)) + 1;
-        held_.assign(static_cast<std::size_t>(cells()), 0);
-        for (std::size_t i = 0; i < cloud.size(); ++i) ++held_[cell(cloud[i])];
+/// The most of n boxes that lie within `reach` of any place, or some more: counted on a grid, by
+/// what each box adds at its corners. `box(i)` gives them; `most`: of the grid's cells, whose side
+/// grows until they are as few.
+template <int D, class BoxOf>
+double crowd(std::size_t n, const BoxOf& box, double reach, double most) {
+    Box<D> all = box(0);
+    for (std::size_t i = 1; i < n; ++i) {
+        all.include(box(i).low);
+        all.include(box(i).high);
     }
-
-    /// Adds up, for each cell, what lies within `reach` of any place in it, and some around.
-    void spread(double reach) {
-        const auto around = static_cast<std::size_t>(std::ceil(reach / side_));
-        std::vector<std::uint64_t> before;
-        for (std::size_t k = 0, stride = 1; k < D; stride *= count_[k], ++k) {
-            before.assign(count_[k] + 1, 0);
-            for (std::size_t first = 0; first < held_.size(); ++first)
-                if (first / stride % count_[k] == 0)
-                    spread_row(&held_[first], stride, around, before);
-        }
-    }
-    double most() const { return *std::max_element(held_.begin(), held_.end()); }
-
-  private:
-    double along(int k) const { return std::floor((box_.high[k] - box_.low[k]) / side_); }
-    double cells() const {
+    double side = reach / 4;
+    const auto count = [&](int k) { return std::floor((all.high.c[k] - all.low.c[k]) / side) + 1; };
+    const auto cells = [&] {
         double product = 1;
-        for (int k = 0; k < D; ++k) product *= along(k) + 1;
+        for (int k = 0; k < D; ++k) product *= count(k);
         return product;
+    };
+    while (cells() > most) side *= 1.25;
+    std::size_t stride[D + 1] = {1};
+    double last[D];
+    for (int k = 0; k < D; ++k) {
+        last[k] = count(k) - 1;
+        stride[k + 1] = stride[k] * (static_cast<std::size_t>(last[k]) + 2);
     }
-    std::size_t cell(const Vec<D>& p) const {
-        std::size_t at = 0;
-        for (int k = D; k-- > 0;) {
-            const auto i = static_cast<std::size_t>((p[k] - box_.low[k]) / side_);
-            at = at * count_[k] + std::min(i, count_[k] - 1);
+    const auto cell = [&](double place, int k) {
+        const double at = std::clamp((place - all.low.c[k]) / side, 0.0, last[k]);
+        return static_cast<std::size_t>(at) * stride[k];
+    };
+    std::vector<std::uint32_t> sum(stride[D]);  // what goes below 0 comes back
+    for (std::size_t i = 0; i < n; ++i) {
+        const Box<D> b = box(i);
+        std::size_t ends[D][2];
+        for (int k = 0; k < D; ++k) {
+            ends[k][0] = cell(b.low.c[k] - reach, k);
+            ends[k][1] = cell(b.high.c[k] + reach, k) + stride[k];
         }
-        return at;
+        for (int corner = 0; corner < 1 << D; ++corner) {
+            std::size_t at = 0;
+            std::uint32_t sign = 1;
+            for (int k = 0; k < D; ++k) {
+                at += ends[k][corner >> k & 1];
+                if (corner >> k & 1) sign = -sign;
+            }
+            sum[at] += sign;
+        }
     }
-    static void spread_row(std::uint32_t* row, std::size_t stride, std::size_t around,
-                           std::vector<std::uint64_t>& before) {
-        const std::size_t n = before.size() - 1;
-        for (std::size_t i = 0; i < n; ++i) before[i + 1] = before[i] + row[i * stride];
-        for (std::size_t i = 0; i < n; ++i)
-            row[i * stride] = static_cast<std::uint32_t>(before[std::min(i + around + 1, n)] -
-                                                         before[i > around ? i - around : 0]);
-    }
+    for (int k = 0; k < D; ++k)
+        for (std::size_t i = stride[k]; i < sum.size(); ++i)
+            if (i % stride[k + 1] >= stride[k]) sum[i] += sum[i - stride[k]];
+    return *std::max_element(sum.begin(), sum.end());
+}
 
-    Box<D> box_;
-    double side_;
-    std::size_t count_[D] = {};
-    std::vector<std::uint32_t> held_;
-};
-
-/// The most points within `reach` of any place, or some more.
+/// The most points of a cloud within `reach` of any place, or some more.
 template <int D>
 double crowd(const Cloud<D>& cloud, double reach) {
-    constexpr double cells_a_reach = 4;
-    Census<D> census(cloud, reach / cells_a_reach);
-    census.spread(reach);
-    return census.most();
+    const auto box = [&](std::size_t i) { return Box<D>{cloud[i], cloud[i]}; };
+    const double most = std::min(4194304.0, 8.0 * static_cast<double>(cloud.size()) + 1024);
+    return crowd<D>(cloud.size(), box, reach, most);
+}
+/// The most of these boxes.
+template <int D>
+double crowd(const std::vector<Box<D>>& boxes, double reach) {
+    const auto box = [&](std::size_t i) { return boxes[i]; };
+    const double n = static_cast<double>(boxes.size());
+    return crowd<D>(boxes.size(), box, reach, 8.0 * n + (D == 3 ? 1048576 : 65536));
 }
 
 }  // namespace vfplan

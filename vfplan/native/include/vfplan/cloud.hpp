@@ -21,6 +21,12 @@ template <int D>
 struct Box {
     Vec<D> low, high;
 
+    void include(const Vec<D>& p) noexcept {
+        for (int k = 0; k < D; ++k) {
+            low.c[k] = std::min(low.c[k], p.c[k]);
+            high.c[k] = std::max(high.c[k], p.c[k]);
+        }
+    }
     /// Part [a, b] of the way from x along the unit vector `way`, up to `most`, that lies within
     /// `margin` of the box; false when none does.
     bool clip(const Vec<D>& x, const Vec<D>& way, double most, double margin, double& a,

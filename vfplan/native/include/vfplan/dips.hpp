@@ -56,11 +56,6 @@ class Rolling {
         const double cells = std::max(1.0, static_cast<double>(cloud.size()) / 8);
         return std::max(1e-300, norm(box.high - box.low) / (D == 2 ? cells : std::sqrt(cells)));
     }
-    static Vec<D> point(const Span<D>& span, std::size_t i) noexcept {
-        Vec<D> p;
-        for (int k = 0; k < D; ++k) p.c[k] = span.c[k][i];
-        return p;
-    }
     template <class F>
     void visit(const Vec<D>& x, double reach, F&& f) {
         source_.visit(x, reach, [&](const Span<D>& span) {
@@ -97,7 +92,7 @@ class Rolling {
         visit(centre, std::sqrt(least2), [&](const Span<D>& span) {
             if (!(kernels_.nearest2(span, centre) < least2)) return;
             for (std::size_t i = 0; i < span.n; ++i) {
-                const Vec<D> p = point(span, i), d = p - centre;
+                const Vec<D> p = span[i], d = p - centre;
                 if (dot(d, d) < least2) least2 = dot(d, d), touched = p;
             }
         });
@@ -129,7 +124,7 @@ class Rolling {
         near_.clear();
         visit(a, reach, [&](const Span<D>& span) {
             for (std::size_t i = 0; i < span.n; ++i) {
-                const Vec<D> d = point(span, i) - a;
+                const Vec<D> d = span[i] - a;
                 const double d2 = dot(d, d);
                 if (d2 > same * same * R_ * R_ && d2 <= reach * reach) near_.push_back(d);
             }

@@ -44,8 +44,8 @@ class Edited {
     void add(const Vec<D>& p) noexcept {
         Box<D>& b = boxes_[count_ / block];
         if (count_ % block == 0) b = {p, p};
-        widen(b, p);
-        widen(box_, p);
+        b.include(p);
+        box_.include(p);
         list_.set(count_++, p);
     }
 
@@ -57,12 +57,6 @@ class Edited {
     }
 
   private:
-    static void widen(Box<D>& b, const Vec<D>& p) noexcept {
-        for (int k = 0; k < D; ++k) {
-            b.low.c[k] = std::min(b.low.c[k], p.c[k]);
-            b.high.c[k] = std::max(b.high.c[k], p.c[k]);
-        }
-    }
     static bool near(const Box<D>& b, const Vec<D>& x, double reach) noexcept {
         double square = 0;
         for (int k = 0; k < D; ++k) {

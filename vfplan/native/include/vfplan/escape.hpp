@@ -39,8 +39,7 @@ class Balls {
         search.source().visit(x, R_ * (1 + 1e-6), [&](const Span<D>& s) noexcept {
             if (!(kernels_.nearest2(s, x) < least)) return;
             for (std::size_t i = 0; i < s.n; ++i) {
-                Vec<D> w = x;
-                for (int k = 0; k < D; ++k) w.c[k] -= s.c[k][i];
+                const Vec<D> w = x - s[i];
                 const double d2 = dot(w, w);
                 if (d2 < least && d2 > 0) least = d2, away = w;
             }

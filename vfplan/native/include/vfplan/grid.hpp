@@ -174,25 +174,4 @@ class Grid {
     std::vector<std::uint64_t> keys_;   // of the occupied cells, where not all have an entry
 };
 
-/// All of a cloud too small to be worth a grid.
-template <int D>
-class Everything {
-  public:
-    Everything(const Cloud<D>& cloud, double) : box_(cloud.box()), cloud_(cloud) {}
-
-    const Box<D>& box() const noexcept { return box_; }
-    const Cloud<D>& cloud() const noexcept { return cloud_; }
-    std::size_t cells() const noexcept { return 0; }
-    std::size_t bytes() const noexcept { return cloud_.bytes(); }
-
-    template <class F>
-    void visit(const Vec<D>&, double, F&& f) const noexcept {
-        f(cloud_.span(0, cloud_.size()));
-    }
-
-  private:
-    Box<D> box_;
-    Cloud<D> cloud_;
-};
-
 }  // namespace vfplan

@@ -37,6 +37,12 @@ template <int D>
 struct Span {
     const double* c[D] = {};
     std::size_t n = 0;
+
+    Vec<D> operator[](std::size_t i) const noexcept {
+        Vec<D> p;
+        for (int k = 0; k < D; ++k) p.c[k] = c[k][i];
+        return p;
+    }
 };
 
 /// What eq. (1) adds up, over how many points, and the nearest distance on the way.
@@ -116,6 +122,17 @@ namespace detail {
 inline constexpr double far_away = 1e15;  // coordinate of a lane without a point
 inline constexpr double lane_numbers[8] = {0, 1, 2, 3, 4, 5, 6, 7};
 
+#define VFPLAN_PRAGMA(...) _Pragma(#__VA_ARGS__)
+#if defined(__clang__)
+#define VFPLAN_BEGIN(features) \
+    VFPLAN_PRAGMA(clang attribute push(__attribute__((target(features))), apply_to = function))
+#define VFPLAN_END VFPLAN_PRAGMA(clang attribute pop)
+#else
+#define VFPLAN_BEGIN(features) \
+    VFPLAN_PRAGMA(GCC push_options) VFPLAN_PRAGMA(GCC target(features, "prefer-vector-width=512"))
+#define VFPLAN_END VFPLAN_PRAGMA(GCC pop_options)
+#endif
+
 #define VFPLAN_LANES 2
 namespace lanes2 {
 #include "vfplan/lanes.inl"
@@ -123,41 +140,25 @@ namespace lanes2 {
 #undef VFPLAN_LANES
 
 #if VFPLAN_WIDE
-#if defined(__clang__)
-#pragma clang attribute push(__attribute__((target("avx2"))), apply_to = function)
-#else
-#pragma GCC push_options
-#pragma GCC target("avx2")
-#endif
+VFPLAN_BEGIN("avx2")
 #define VFPLAN_LANES 4
 namespace lanes4 {
 #include "vfplan/lanes.inl"
 }
 #undef VFPLAN_LANES
-#if defined(__clang__)
-#pragma clang attribute pop
-#else
-#pragma GCC pop_options
-#endif
+VFPLAN_END
 
-#if defined(__clang__)
-#pragma clang attribute push(__attribute__((target("avx2,avx512f,avx512dq,avx512vl"))), \
-                             apply_to = function)
-#else
-#pragma GCC push_options
-#pragma GCC target("avx2,avx512f,avx512dq,avx512vl,prefer-vector-width=512")
-#endif
+VFPLAN_BEGIN("avx2,avx512f,avx512dq,avx512vl")
 #define VFPLAN_LANES 8
 namespace lanes8 {
 #include "vfplan/lanes.inl"
 }
 #undef VFPLAN_LANES
-#if defined(__clang__)
-#pragma clang attribute pop
-#else
-#pragma GCC pop_options
+VFPLAN_END
 #endif
-#endif
+#undef VFPLAN_PRAGMA
+#undef VFPLAN_BEGIN
+#undef VFPLAN_END
 
 #if defined(__GNUC__)
 #pragma GCC diagnostic pop

@@ -11,7 +11,7 @@ struct Block {
     Lanes d[D];
     Lanes d2;
 
-    VFPLAN_INLINE void read(const Span<D>& in, std::size_t i, const Vec<D>& x) {
+    VFPLAN_INLINE Block(const Span<D>& in, std::size_t i, const Vec<D>& x) {
         const std::size_t left = in.n - i;
         for (int k = 0; k < D; ++k) d[k] = load(in.c[k] + i) - x.c[k];
         if (left < 8) {
@@ -32,8 +32,7 @@ template <int D>
 std::size_t gather(const Span<D>& in, const Vec<D>& x, double reach2, double* const* out) {
     std::size_t n = 0;
     for (std::size_t i = 0; i < in.n; i += 8) {
-        Block<D> b;
-        b.read(in, i, x);
+        const Block<D> b(in, i, x);
         for (unsigned m = bits(b.d2 <= reach2); m != 0; m &= m - 1, ++n) {
             const auto j = i + static_cast<std::size_t>(__builtin_ctz(m));
             for (int k = 0; k < D; ++k) out[k][n] = in.c[k][j];
@@ -46,8 +45,7 @@ template <int D>
 double nearest2(const Span<D>& in, const Vec<D>& x) {
     Lanes m = all(std::numeric_limits<double>::infinity());
     for (std::size_t i = 0; i < in.n; i += 8) {
-        Block<D> b;
-        b.read(in, i, x);
+        const Block<D> b(in, i, x);
         m = smaller(b.d2, m);
     }
     return least(m);
@@ -69,8 +67,7 @@ void normal(const Span<D>& in, const Vec<D>& x, double r1, double r3, NormalSum<
     for (std::size_t begin = 0; begin < in.n; begin += strip) {
         const std::size_t end = std::min(begin + strip, in.n);
         for (std::size_t i = begin; i < end; i += 8) {
-            Block<D> b;
-            b.read(in, i, x);
+            const Block<D> b(in, i, x);
             near = smaller(b.d2, near);
             store(b.d2, squares + (i - begin));
             store_seeds(b.d2, seeds + (i - begin));
@@ -94,8 +91,7 @@ double first(const Span<D>& in, const Vec<D>& x, const Vec<D>& way, double reach
     const Lanes zero = all(0.0);
     Lanes least_root = all(std::numeric_limits<double>::infinity());
     for (std::size_t i = 0; i < in.n; i += 8) {
-        Block<D> b;
-        b.read(in, i, x);
+        const Block<D> b(in, i, x);
         const Lanes ahead = b.along(way);
         const Lanes inside = ahead * ahead - b.d2 + radius2;
         const Mask hit = (b.d2 < reach2) & (inside >= 0.0) & (ahead >= 0.0);
@@ -113,8 +109,7 @@ void distances(const Span<D>& in, const Vec<D>& x, const Vec<D>& hip, double rea
     const Vec<D> u = hip - x;
     Lanes to_proxy = zero, to_hip = zero, count = zero;
     for (std::size_t i = 0; i < in.n; i += 8) {
-        Block<D> b;
-        b.read(in, i, x);
+        const Block<D> b(in, i, x);
         const Mask near = b.d2 < reach2;
         if (bits(near) == 0) continue;
         Lanes h2 = (b.d[0] - u.c[0]) * (b.d[0] - u.c[0]);
@@ -134,8 +129,7 @@ double out(const Span<D>& in, const Vec<D>& x, const Vec<D>& n, double entrenche
     const Lanes zero = all(0.0);
     Lanes most = all(-std::numeric_limits<double>::infinity());
     for (std::size_t i = 0; i < in.n; i += 8) {
-        Block<D> b;
-        b.read(in, i, x);
+        const Block<D> b(in, i, x);
         const Mask inside = b.d2 < entrenched2;
         if (bits(inside) == 0) continue;
         const Lanes ahead = b.along(n);
@@ -151,8 +145,7 @@ double meet(const Span<D>& in, const Ray<D>& ray) {
     const Lanes zero = all(0.0);
     Lanes first = all(std::numeric_limits<double>::infinity());
     for (std::size_t i = 0; i < in.n; i += 8) {
-        Block<D> b;
-        b.read(in, i, ray.from);
+        const Block<D> b(in, i, ray.from);
         const Lanes ahead = b.along(ray.way);
         const Lanes outer = ahead * ahead - b.d2 + ray.outer2;
         const Mask front = (ahead > 0.0) & (outer > 0.0);
@@ -174,8 +167,7 @@ std::size_t within(const Span<D>& in, const Vec<D>& x, double reach2, std::uint3
                    std::size_t room) {
     std::size_t n = 0;
     for (std::size_t i = 0; i < in.n; i += 8) {
-        Block<D> b;
-        b.read(in, i, x);
+        const Block<D> b(in, i, x);
         for (unsigned m = bits(b.d2 <= reach2); m != 0; m &= m - 1, ++n)
             if (n < room)
                 to[n] = static_cast<std::uint32_t>(i) +
@@ -193,8 +185,7 @@ void patch(const Span<D>& in, const Patch<D>& p, Moments<D>& to) {
     for (auto& v : a) v = zero;
     for (auto& v : z) v = zero;
     for (std::size_t i = 0; i < in.n; i += 8) {
-        Block<D> b;
-        b.read(in, i, p.at);
+        const Block<D> b(in, i, p.at);
         const Mask near = b.d2 < p.most2;
         if (bits(near) == 0) continue;
         const Lanes up = -b.along(p.up);

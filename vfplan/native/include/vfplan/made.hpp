@@ -1,6 +1,6 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// A rule in its space with its stiffness, and the same behind a type that a controller can hold.
+// A rule in its space, and the same behind a type that a controller can hold.
 // What the scene does not need is left out by type, chosen once when the engine is made.
 #pragma once
 
@@ -45,17 +45,17 @@ struct Before final : Passage<S::dimension> {
 
 namespace detail {
 
-/// A rule in a space with a stiffness; all of it known to the compiler.
-template <class S, class RuleOf, class Stiffness>
+/// A rule in a space; both known to the compiler.
+template <class S, class RuleOf>
 class RuleEngine : public AnyEngine {
   public:
     static constexpr int D = S::dimension;
 
-    RuleEngine(S space, RuleOf rule, Stiffness stiffness, const Parameters& p)
+    RuleEngine(S space, RuleOf rule, const Parameters& p)
         : AnyEngine(std::max({p.stiffness[0], p.stiffness[1], p.stiffness[2]}), p.R(), p.band),
           space_(space),
           rule_(std::move(rule)),
-          stiffness_(stiffness) {}
+          stiffness_{p.stiffness} {}
 
     void reset(const Vec3& hip) noexcept final {
         rule_.reset();
@@ -116,14 +116,15 @@ class RuleEngine : public AnyEngine {
 inline constexpr std::size_t small_cloud = 64;
 
 /// Points.
-template <class S, class R, class K>
-class Some final : public RuleEngine<S, R, K> {
+template <class S, class R>
+class Some final : public RuleEngine<S, R> {
   public:
     static constexpr bool editable = requires(R& rule) { rule.neighbours().source().remove(0); };
-    std::unique_ptr<Grid<S::dimension>> all;  // where the rule has not all points
+    using All = std::unique_ptr<Grid<S::dimension>>;
 
-    Some(S s, R rule, K k, const Parameters& p, const Kernels<S::dimension>& kernels)
-        : RuleEngine<S, R, K>(s, std::move(rule), k, p), kernels_(kernels) {}
+    /// `all`: the points, where the rule has not all of them.
+    Some(S s, R rule, const Parameters& p, const Kernels<S::dimension>& kernels, All all)
+        : RuleEngine<S, R>(s, std::move(rule), p), kernels_(kernels), all_(std::move(all)) {}
     void remove(std::size_t id) noexcept override {
         if constexpr (editable) this->rule_.edited(source().remove(id), false);
     }
@@ -135,14 +136,14 @@ class Some final : public RuleEngine<S, R, K> {
         }
     }
     std::size_t bytes() noexcept override {
-        return sizeof(*this) + this->rule_.neighbours().bytes() + (all ? all->bytes() : 0);
+        return sizeof(*this) + this->rule_.neighbours().bytes() + (all_ ? all_->bytes() : 0);
     }
     std::size_t cells() noexcept override { return source().cells(); }
     double within(const Vec3& at, double reach) noexcept override {
         return within(source(), at, reach);
     }
     double distance(const Vec3& at) noexcept override {
-        return all ? distance(*all, at) : distance(source(), at);
+        return all_ ? distance(*all_, at) : distance(source(), at);
     }
 
   private:
@@ -161,12 +162,13 @@ class Some final : public RuleEngine<S, R, K> {
     }
 
     Kernels<S::dimension> kernels_;
+    All all_;
 };
 
 /// Lines and arcs, or triangles, as they are.
-template <class S, class R, class K>
-struct Exact final : RuleEngine<S, R, K> {
-    using RuleEngine<S, R, K>::RuleEngine;
+template <class S, class R>
+struct Exact final : RuleEngine<S, R> {
+    using RuleEngine<S, R>::RuleEngine;
     std::size_t bytes() noexcept override { return sizeof(*this) + this->rule_.bytes(); }
     std::size_t cells() noexcept override { return this->rule_.cells(); }
     double distance(const Vec3& at) noexcept override {
@@ -177,29 +179,13 @@ struct Exact final : RuleEngine<S, R, K> {
     }
 };
 
-template <class F>
-void with_stiffness(const Parameters& p, F&& make) {
-    const Vec3& k = p.stiffness;
-    if (k[0] == k[1] && k[1] == k[2])
-        make(ScalarStiffness{k[0]});
-    else
-        make(DiagonalStiffness{k});
-}
-
 using Made = std::unique_ptr<AnyEngine>;
 
 template <class R, class S, class C>
 Made with_rule(S space, const C& cloud, const Parameters& p, Width width,
                std::unique_ptr<Grid<S::dimension>> all = nullptr) {
     const auto loops = kernels<S::dimension>(width);
-    Made made;
-    with_stiffness(p, [&](auto stiffness) {
-        using Type = Some<S, R, decltype(stiffness)>;
-        auto some = std::make_unique<Type>(space, R(cloud, p, loops), stiffness, p, loops);
-        some->all = std::move(all);
-        made = std::move(some);
-    });
-    return made;
+    return std::make_unique<Some<S, R>>(space, R(cloud, p, loops), p, loops, std::move(all));
 }
 
 template <class S>
@@ -228,16 +214,6 @@ inline Made make(const double* xyz, std::size_t n, const Parameters& p, Width wi
                          : in_space(Space{}, xyz, n, p, width);
 }
 
-template <class S, class R>
-Made exactly(S space, R rule, const Parameters& p) {
-    Made made;
-    with_stiffness(p, [&](auto stiffness) {
-        using Type = Exact<S, R, decltype(stiffness)>;
-        made = std::make_unique<Type>(space, std::move(rule), stiffness, p);
-    });
-    return made;
-}
-
 inline Made make(const std::vector<Stroke>& strokes, Parameters p) {
     p.rule = Rule::exact;
     p.band = curve::ExactRule::band(p, strokes);
@@ -245,7 +221,8 @@ inline Made make(const std::vector<Stroke>& strokes, Parameters p) {
     check(strokes);
     if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
     const Slice space(*p.ignore_axis);
-    return exactly(space, curve::ExactRule(curve::Curve(strokes, space, p.R()), p), p);
+    return std::make_unique<Exact<Slice, curve::ExactRule>>(
+        space, curve::ExactRule(curve::Curve(strokes, space, p.R()), p), p);
 }
 
 inline Made make(const mesh::Surface& surface, Parameters p) {
@@ -257,7 +234,8 @@ inline Made make(const mesh::Surface& surface, Parameters p) {
     mesh::Mesh triangles(surface, mesh::ExactRule::tolerance * p.R());
     mesh::Smooth smooth(triangles, p.R());
     p.band += smooth.rise();
-    return exactly(Space{}, mesh::ExactRule(std::move(triangles), std::move(smooth), p), p);
+    return std::make_unique<Exact<Space, mesh::ExactRule>>(
+        Space{}, mesh::ExactRule(std::move(triangles), std::move(smooth), p), p);
 }
 
 }  // namespace detail

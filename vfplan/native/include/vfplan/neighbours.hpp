@@ -103,25 +103,26 @@ double nearest2(Search& search, const Kernels<D>& kernels, const Vec<D>& x, doub
 template <int D>
 using Neighbours = Gathered<D, Grid<D>>;
 
-/// The same calls on a small cloud: always all of it.
+/// The same calls on a cloud too small to be worth a grid or a list: always all of it.
 template <int D>
 class AllPoints {
   public:
-    using Source = Everything<D>;
-
     AllPoints(const Cloud<D>& cloud, double, double, double, const Kernels<D>&)
-        : source_(cloud, 0) {}
+        : box_(cloud.box()), cloud_(cloud) {}
 
-    const Source& source() const noexcept { return source_; }
-    std::size_t bytes() const noexcept { return source_.bytes(); }
+    const AllPoints& source() const noexcept { return *this; }
+    const Box<D>& box() const noexcept { return box_; }
+    std::size_t cells() const noexcept { return 0; }
+    std::size_t bytes() const noexcept { return cloud_.bytes(); }
     void forget() noexcept {}
     template <class F>
-    void visit(const Vec<D>& x, double reach, F&& f) noexcept {
-        source_.visit(x, reach, f);
+    void visit(const Vec<D>&, double, F&& f) const noexcept {
+        f(cloud_.span(0, cloud_.size()));
     }
 
   private:
-    Source source_;
+    Box<D> box_;
+    Cloud<D> cloud_;
 };
 
 }  // namespace vfplan

@@ -90,8 +90,7 @@ class PaperRule {
         double weights = 0;
         neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
             for (std::size_t i = 0; i < s.n; ++i) {
-                Vec<D> away = proxy;
-                for (int k = 0; k < D; ++k) away.c[k] -= s.c[k][i];
+                const Vec<D> away = proxy - s[i];
                 const double r = norm(away);
                 if (!(r > 0 && r < p_.outer_radius)) continue;
                 const double t = std::max((r - p_.r1()) / (p_.outer_radius - p_.r1()), 0.0);

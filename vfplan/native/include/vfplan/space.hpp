@@ -40,23 +40,15 @@ struct Slice {
     }
 };
 
-/// Eq. (8) with one stiffness for all axes; nothing acts along an ignored axis by itself.
-struct ScalarStiffness {
-    double k;
-
-    template <class S>
-    Vec3 force(const S& space, const Vec<S::dimension>& across) const noexcept {
-        return k * space.direction(across);
-    }
-};
-
-/// Eq. (8), K = diag(k); across an ignored axis P K P (proxy - HIP).
-struct DiagonalStiffness {
+/// Eq. (8), K = diag(k); across an ignored axis P K P (proxy - HIP), where one stiffness for all
+/// axes leaves nothing along it by itself.
+struct Stiffness {
     Vec3 k;
 
     template <class S>
     Vec3 force(const S& space, const Vec<S::dimension>& across) const noexcept {
         const Vec3 d = space.direction(across);
+        if (k[0] == k[1] && k[1] == k[2]) return k[0] * d;
         const Vec3 kd{{k[0] * d[0], k[1] * d[1], k[2] * d[2]}};
         return space.direction(space.across(kd));
     }

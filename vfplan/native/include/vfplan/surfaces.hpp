@@ -118,8 +118,7 @@ class Surfaces {
     }
 
     void touch(const Span<D>& s, std::size_t i, const Vec<D>& x) noexcept {
-        Vec<D> away = x;
-        for (int k = 0; k < D; ++k) away.c[k] -= s.c[k][i];
+        const Vec<D> away = x - s[i];
         if (dot(away, away) <= shell_ * shell_) contacts_.add(away);
     }
 

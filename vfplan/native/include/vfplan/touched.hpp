@@ -42,18 +42,13 @@ class Touched {
         search.visit(x, reach, [&](const Span<D>& s) noexcept {
             std::uint32_t which[room];
             const std::size_t n = kernels_.within(s, x, reach * reach, which, room);
-            for (std::size_t i = 0; i < std::min(n, room); ++i) f(away(s, which[i], x));
+            for (std::size_t i = 0; i < std::min(n, room); ++i) f(x - s[which[i]]);
             if (n <= room) return;
             for (std::size_t i = which[room - 1] + 1; i < s.n; ++i) {  // a crowd of points
-                const Vec<D> w = away(s, i, x);
+                const Vec<D> w = x - s[i];
                 if (dot(w, w) <= reach * reach) f(w);
             }
         });
-    }
-    static Vec<D> away(const Span<D>& s, std::size_t i, const Vec<D>& x) noexcept {
-        Vec<D> w = x;
-        for (int k = 0; k < D; ++k) w.c[k] -= s.c[k][i];
-        return w;
     }
 
     static constexpr std::size_t room = 256;

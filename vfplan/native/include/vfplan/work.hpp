@@ -45,50 +45,6 @@ inline double tick_work(const double* xyz, std::size_t n, const Parameters& p) {
     return tick_work(Space{}, xyz, n, p);
 }
 
-/// The most of these boxes that lie within `reach` of any place, or some more: counted on a grid,
-/// by what each box adds at its corners.
-template <int D>
-double crowd(const std::vector<Box<D>>& boxes, double reach) {
-    Box<D> all = boxes[0];
-    for (const Box<D>& b : boxes)
-        for (int k = 0; k < D; ++k) {
-            all.low.c[k] = std::min(all.low.c[k], b.low.c[k]);
-            all.high.c[k] = std::max(all.high.c[k], b.high.c[k]);
-        }
-    double side = reach / 4;
-    const auto count = [&](int k) { return std::floor((all.high.c[k] - all.low.c[k]) / side) + 1; };
-    const auto cells = [&] {
-        double product = 1;
-        for (int k = 0; k < D; ++k) product *= count(k);
-        return product;
-    };
-    while (cells() > 8.0 * static_cast<double>(boxes.size()) + (D == 3 ? 1048576 : 65536))
-        side *= 1.25;
-    std::size_t stride[D + 1] = {1};
-    for (int k = 0; k < D; ++k)
-        stride[k + 1] = stride[k] * (static_cast<std::size_t>(count(k)) + 1);
-    const auto cell = [&](double place, int k) {
-        const double at = std::floor((place - all.low.c[k]) / side);
-        return static_cast<std::size_t>(std::min(std::max(at, 0.0), count(k) - 1)) * stride[k];
-    };
-    std::vector<double> sum(stride[D]);
-    for (const Box<D>& b : boxes)
-        for (int corner = 0; corner < 1 << D; ++corner) {
-            std::size_t at = 0;
-            double sign = 1;
-            for (int k = 0; k < D; ++k) {
-                const bool high = corner >> k & 1;
-                at += high ? cell(b.high.c[k] + reach, k) + stride[k] : cell(b.low.c[k] - reach, k);
-                if (high) sign = -sign;
-            }
-            sum[at] += sign;
-        }
-    for (int k = 0; k < D; ++k)
-        for (std::size_t i = stride[k]; i < sum.size(); ++i)
-            if (i % stride[k + 1] >= stride[k]) sum[i] += sum[i - stride[k]];
-    return *std::max_element(sum.begin(), sum.end());
-}
-
 /// Time [s] that a tick of rule exact takes at most, by the features in its list; as above.
 inline double tick_work(const std::vector<Stroke>& strokes, const Parameters& p) {
     constexpr double an_iteration = 7.5e-6, a_feature = 10e-9;  // [s]
@@ -111,12 +67,9 @@ inline double tick_work(const mesh::Surface& s, const Parameters& p) {
     std::vector<Box<3>> boxes;
     mesh::Coarse(s, mesh::ExactRule::tolerance * p.R())
         .each([&](const Vec3& a, const Vec3& b, const Vec3& c, const auto&) {
-            Box<3> box;
-            for (int k = 0; k < 3; ++k) {
-                box.low.c[k] = std::min({a.c[k], b.c[k], c.c[k]});
-                box.high.c[k] = std::max({a.c[k], b.c[k], c.c[k]});
-            }
-            boxes.push_back(box);
+            boxes.push_back({a, a});
+            boxes.back().include(b);
+            boxes.back().include(c);
         });
     const double near = crowd(boxes, mesh::ExactRule::list_reach * p.R());
     return a_step * (3 * mesh::ExactRule::most_steps + a_triangle * near);
