@@ -23,6 +23,28 @@ vfplan::mesh::Surface surface(const Rows& points, const Triples& triangles) {
     return {points.data(), points.shape(0), triangles.data(), triangles.shape(0)};
 }
 
+// What is made of lines and arcs, or of a mesh: `shape` makes one of `names`.
+template <class Shape, class... Args, class... Names>
+void bind_shape(nb::module_& m, nb::class_<Engine>& engine, Shape (*shape)(const Args&...),
+                const Names&... names) {
+    m.def(
+        "tick_work",
+        [shape](const Args&... args, const vfplan::Parameters& p) {
+            const Shape made = shape(args...);
+            nb::gil_scoped_release release;
+            return vfplan::tick_work(made, p);
+        },
+        names..., "parameters"_a);
+    engine.def(
+        "__init__",
+        [shape](Engine* self, const Args&... args, const vfplan::Parameters& p) {
+            const Shape made = shape(args...);
+            nb::gil_scoped_release release;
+            new (self) Engine(made, p);
+        },
+        names..., "parameters"_a);
+}
+
 template <int D>
 nb::tuple rows(const vfplan::Thinned<D>& thinned) {
     auto out = array<double>(thinned.cloud.size(), D);
@@ -117,20 +139,6 @@ NB_MODULE(_core, m) {
         },
         "points"_a, "parameters"_a, "time that a tick takes at most [s]");
     m.def(
-        "tick_work",
-        [](const Rows& vertices, const Numbers& bulges, const Ids& stroke, const Flags& closed,
-           const vfplan::Parameters& p) {
-            return vfplan::tick_work(strokes(vertices, bulges, stroke, closed), p);
-        },
-        "vertices"_a, "bulges"_a, "stroke"_a, "closed"_a, "parameters"_a);
-    m.def(
-        "tick_work",
-        [](const Rows& points, const Triples& triangles, const vfplan::Parameters& p) {
-            nb::gil_scoped_release release;
-            return vfplan::tick_work(surface(points, triangles), p);
-        },
-        "points"_a, "triangles"_a, "parameters"_a);
-    m.def(
         "by_triangles",
         [](const Rows& points, const Triples& triangles, const vfplan::Parameters& p) {
             nb::gil_scoped_release release;
@@ -139,7 +147,8 @@ NB_MODULE(_core, m) {
         "points"_a, "triangles"_a, "parameters"_a, "whether rule exact is the best for a mesh");
     m.attr("most_tick_work") = vfplan::most_tick_work;
 
-    nb::class_<Engine>(m, "Engine")
+    nb::class_<Engine> engine(m, "Engine");
+    engine
         .def(
             "__init__",
             [](Engine* self, const Rows& points, const vfplan::Parameters& p, int width) {
@@ -148,21 +157,6 @@ NB_MODULE(_core, m) {
                     Engine(points.data(), points.shape(0), p, static_cast<vfplan::Width>(width));
             },
             "points"_a, "parameters"_a, "width"_a = 0)
-        .def(
-            "__init__",
-            [](Engine* self, const Rows& vertices, const Numbers& bulges, const Ids& stroke,
-               const Flags& closed, const vfplan::Parameters& p) {
-                new (self) Engine(strokes(vertices, bulges, stroke, closed), p);
-            },
-            "vertices"_a, "bulges"_a, "stroke"_a, "closed"_a, "parameters"_a)
-        .def(
-            "__init__",
-            [](Engine* self, const Rows& points, const Triples& triangles,
-               const vfplan::Parameters& p) {
-                nb::gil_scoped_release release;
-                new (self) Engine(surface(points, triangles), p);
-            },
-            "points"_a, "triangles"_a, "parameters"_a)
         .def(
             "reset",
             [](Engine& e, const Row& hip) {
@@ -200,6 +194,8 @@ NB_MODULE(_core, m) {
         .def_prop_ro("bytes", &Engine::bytes)
         .def_prop_ro("cells", &Engine::cells)
         .def_prop_ro("planar", &Engine::planar);
+    bind_shape(m, engine, &strokes, "vertices"_a, "bulges"_a, "stroke"_a, "closed"_a);
+    bind_shape(m, engine, &surface, "points"_a, "triangles"_a);
 
     bind_governor(m);
     bind_guide(m);

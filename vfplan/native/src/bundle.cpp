@@ -33,24 +33,12 @@ nb::object array(std::vector<T>&& values, const std::vector<std::size_t>& shape)
     return nb::cast(nb::ndarray<nb::numpy, T>(data, shape.size(), shape.data(), owner));
 }
 
-nb::object texts(const std::vector<std::string>& all) {
-    nb::list list;
-    for (const std::string& text : all) list.append(nb::str(text.c_str(), text.size()));
-    return nb::tuple(list);
-}
-
 nb::object to_python(vb::Value&& value) {
-    const bool scalar = value.shape.empty();
-    switch (value.type) {
-        case vb::Type::f8:
-            return scalar ? nb::cast(value.f8[0]) : array(std::move(value.f8), value.shape);
-        case vb::Type::i4:
-            return scalar ? nb::cast(value.i4[0]) : array(std::move(value.i4), value.shape);
-        case vb::Type::u1:
-            return scalar ? nb::cast(int{value.u1[0]}) : array(std::move(value.u1), value.shape);
-        default:
-            return scalar ? nb::cast(value.text[0]) : texts(value.text);
-    }
+    return value.visit([&]<class T>(std::vector<T>& all) -> nb::object {
+        if (value.shape.empty()) return nb::cast(all[0]);
+        if constexpr (std::is_arithmetic_v<T>) return array(std::move(all), value.shape);
+        return nb::tuple(nb::cast(all));
+    });
 }
 
 /// ({path: value}, [(location, code, severity, message)])

@@ -37,9 +37,6 @@ nb::tuple ticks(const Rows& hips, bool timed, F&& tick) {
     auto state = array<std::int8_t>(n, 1);
     auto status = array<std::uint8_t>(n, 1);
     auto seconds = array<double>(timed ? n : 0, 1);
-    double *p = proxy.data(), *v = normal.data(), *f = force.data(), *t = seconds.data();
-    std::int8_t* a = state.data();
-    std::uint8_t* b = status.data();
     const double* h = hips.data();
     {
         nb::gil_scoped_release release;
@@ -48,12 +45,13 @@ nb::tuple ticks(const Rows& hips, bool timed, F&& tick) {
             clock::time_point before;
             if (timed) before = clock::now();
             const vfplan::Step s = tick(i, vfplan::Vec3{{h[3 * i], h[3 * i + 1], h[3 * i + 2]}});
-            if (timed) t[i] = std::chrono::duration<double>(clock::now() - before).count();
-            std::memcpy(p + 3 * i, s.proxy.c, sizeof s.proxy.c);
-            std::memcpy(v + 3 * i, s.normal.c, sizeof s.normal.c);
-            std::memcpy(f + 3 * i, s.force.c, sizeof s.force.c);
-            a[i] = static_cast<std::int8_t>(s.state);
-            b[i] = s.status;
+            if (timed)
+                seconds.data()[i] = std::chrono::duration<double>(clock::now() - before).count();
+            std::memcpy(proxy.data() + 3 * i, s.proxy.c, sizeof s.proxy.c);
+            std::memcpy(normal.data() + 3 * i, s.normal.c, sizeof s.normal.c);
+            std::memcpy(force.data() + 3 * i, s.force.c, sizeof s.force.c);
+            state.data()[i] = static_cast<std::int8_t>(s.state);
+            status.data()[i] = s.status;
         }
     }
     return nb::make_tuple(proxy, normal, force, state, status, seconds);

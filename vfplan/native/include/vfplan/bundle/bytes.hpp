@@ -3,8 +3,10 @@
 // Bytes of a file that are read and never left: nothing here believes a length that a file states.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -21,39 +23,23 @@ namespace vfplan::bundle {
 using Bytes = std::vector<unsigned char>;
 
 /// Bytes that somebody else owns.
-class View {
-  public:
+struct View : std::span<const unsigned char> {
+    using std::span<const unsigned char>::span;
     View() = default;
-    View(const unsigned char* data, std::size_t size) : data_(data), size_(size) {}
-    View(const Bytes& bytes) : View(bytes.data(), bytes.size()) {}
-
-    [[nodiscard]] const unsigned char* data() const { return data_; }
-    [[nodiscard]] std::size_t size() const { return size_; }
-    [[nodiscard]] const unsigned char* begin() const { return data_; }
-    [[nodiscard]] const unsigned char* end() const { return data_ + size_; }
-    unsigned char operator[](std::size_t i) const { return data_[i]; }
+    View(std::span<const unsigned char> bytes) : span(bytes) {}
 
     /// `count` bytes from `at` on; the caller knows that they are there.
-    [[nodiscard]] View part(std::size_t at, std::size_t count) const { return {data_ + at, count}; }
+    [[nodiscard]] View part(std::size_t at, std::size_t count) const { return subspan(at, count); }
     [[nodiscard]] View first(std::size_t count) const { return part(0, count); }
-    [[nodiscard]] View from(std::size_t at) const { return part(at, size_ - at); }
+    [[nodiscard]] View from(std::size_t at) const { return part(at, size() - at); }
 
     [[nodiscard]] std::string_view text() const {
-        return {reinterpret_cast<const char*>(data_), size_};
+        return {reinterpret_cast<const char*>(data()), size()};
     }
-    [[nodiscard]] bool begins(std::string_view text) const {
-        return size_ >= text.size() && first(text.size()).text() == text;
-    }
+    [[nodiscard]] bool begins(std::string_view start) const { return text().starts_with(start); }
     [[nodiscard]] bool all_zero() const {
-        for (const unsigned char byte : *this) {
-            if (byte != 0) return false;
-        }
-        return true;
+        return std::all_of(begin(), end(), [](unsigned char byte) { return byte == 0; });
     }
-
-  private:
-    const unsigned char* data_ = nullptr;
-    std::size_t size_ = 0;
 };
 
 /// The unsigned little-endian number of `width` <= 8 bytes at `at`.
@@ -71,29 +57,23 @@ class Window {
     Window(View data, std::string where) : data_(data), where_(std::move(where)) {}
 
     View take(std::uint64_t count) {
-        if (count > left()) corrupt("an object header is cut short");
+        require(count <= left(), "an object header is cut short");
         at_ += static_cast<std::size_t>(count);
         return data_.part(at_ - static_cast<std::size_t>(count), static_cast<std::size_t>(count));
     }
     std::uint64_t number(std::size_t width) { return number_at(take(width), 0, width); }
     void wanted(std::size_t width, std::uint64_t value, const char* what) {
         const std::uint64_t found = number(width);
-        if (found == value) return;
-        corrupt(std::string(what) + " is " + std::to_string(found) + "; " + std::to_string(value) +
-                " wanted");
+        require(found == value, std::string(what) + " is " + std::to_string(found) + "; " +
+                                    std::to_string(value) + " wanted");
     }
-    void done() const {
-        if (left() != 0) corrupt("a header message is too long");
-    }
+    void done() const { require(left() == 0, "a header message is too long"); }
 
     [[nodiscard]] std::size_t left() const { return data_.size() - at_; }
     [[nodiscard]] std::size_t at() const { return at_; }
 
-    [[noreturn]] void corrupt(const std::string& message) const {
-        throw BundleError("corrupt.hdf5", where_, message);
-    }
-    [[noreturn]] void unsafe(const char* code, const std::string& message) const {
-        throw BundleError(code, where_, message);
+    void require(bool good, std::string_view message, const char* code = "corrupt.hdf5") const {
+        detail::require(good, code, where_, message);
     }
 
   private:

@@ -52,15 +52,15 @@ class FixedArray {
         const auto page_bits = layout.number(1), address = layout.number(8);
         const View head = file_.claim_checked(address, 28, where_);
         entry_ = static_cast<std::size_t>(head[6]);
-        if (!head.begins(std::string_view("FAHD\0\1", 6)) || entry_ < 13 || entry_ > 20 ||
-            head[7] != page_bits || page_bits < 1 || page_bits > 20) {
-            layout.corrupt("has an index of another form");
-        }
+        layout.require(head.begins(std::string_view("FAHD\0\1", 6)) && entry_ >= 13 &&
+                           entry_ <= 20 && head[7] == page_bits && page_bits >= 1 &&
+                           page_bits <= 20,
+                       "has an index of another form");
         const std::uint64_t count = number_at(head, 8, 8), block = number_at(head, 16, 8);
-        if (count != cut.count()) {
-            layout.unsafe("unsafe.cap", "has an index of " + std::to_string(count) + " chunks; " +
-                                            std::to_string(cut.count()) + " wanted");
-        }
+        layout.require(count == cut.count(),
+                       "has an index of " + std::to_string(count) + " chunks; " +
+                           std::to_string(cut.count()) + " wanted",
+                       "unsafe.cap");
         const std::uint64_t page = std::uint64_t{1} << page_bits;
         stored_ = cut.bytes() + fletcher_bytes;
         if (count <= page) {
@@ -75,9 +75,8 @@ class FixedArray {
 
   private:
     void check_block(View block, std::uint64_t address) const {
-        if (!block.begins(std::string_view("FADB\0\1", 6)) || number_at(block, 6, 8) != address) {
-            throw BundleError("corrupt.hdf5", where_, "has an index without its block");
-        }
+        require(block.begins(std::string_view("FADB\0\1", 6)) && number_at(block, 6, 8) == address,
+                "corrupt.hdf5", where_, "has an index without its block");
     }
     /// Behind the block's head: a bit for each page that says that it is there, then the pages.
     void read_pages(std::uint64_t block, std::uint64_t address, std::uint64_t count,
@@ -87,9 +86,8 @@ class FixedArray {
         check_block(head, address);
         for (std::uint64_t i = 0; i < 8 * bits; ++i) {
             const bool there = (head[static_cast<std::size_t>(14 + i / 8)] >> (7 - i % 8) & 1) != 0;
-            if (there != (i < pages)) {
-                throw BundleError("corrupt.storage", where_, "has an index without all its pages");
-            }
+            require(there == (i < pages), "corrupt.storage", where_,
+                    "has an index without all its pages");
         }
         std::uint64_t at = block + head.size() + 4;
         for (std::uint64_t i = 0; i < pages; ++i) {
@@ -103,13 +101,10 @@ class FixedArray {
             const auto size = number_at(entries, 8, entry_ - 12);
             const auto mask = number_at(entries, entry_ - 4, 4);
             addresses_.push_back(number_at(entries, 0, 8));
-            if (addresses_.back() == nowhere) {
-                throw BundleError("corrupt.storage", where_, "has a chunk that is not there");
-            }
-            if (mask != 0 || size != stored_) {
-                throw BundleError("unsafe.filter", where_,
-                                  "has a chunk that did not pass fletcher32");
-            }
+            require(addresses_.back() != nowhere, "corrupt.storage", where_,
+                    "has a chunk that is not there");
+            require(mask == 0 && size == stored_, "unsafe.filter", where_,
+                    "has a chunk that did not pass fletcher32");
         }
     }
 
@@ -128,18 +123,16 @@ inline void check_fill_and_filter(const Object& object, std::size_t element, con
         const auto flags = body.number(1);
         const auto size = (flags & 0x20) != 0 ? body.number(4) : 0;
         const View value = body.take(size);
-        if ((flags & 0xC0) != 0 || (flags & 0x30) == 0x30 || (size != 0 && size != element) ||
-            !value.all_zero()) {
-            body.corrupt("has another fill value than zero");
-        }
+        body.require((flags & 0xC0) == 0 && (flags & 0x30) != 0x30 &&
+                         (size == 0 || size == element) && value.all_zero(),
+                     "has another fill value than zero");
         body.done();
     }
     // Version 2, one filter: fletcher32, by its number and with no parameters.
     const std::string_view text = object.filter ? object.filter->text() : std::string_view();
     constexpr std::string_view mandatory{"\2\1\3\0\0\0\0\0", 8}, optional{"\2\1\3\0\1\0\0\0", 8};
-    if (text != mandatory && text != optional) {
-        wrong("unsafe.filter", row, "must have fletcher32 as its one filter");
-    }
+    require(text == mandatory || text == optional, "unsafe.filter", row,
+            "must have fletcher32 as its one filter");
 }
 
 /// How a table is cut, and where its chunks are, from its layout message.
@@ -147,43 +140,36 @@ inline std::vector<std::uint64_t> chunk_addresses(File& file, const Object& obje
                                                   std::size_t rank, const Row& row) {
     constexpr std::uint64_t single = 1, fixed_array = 3;
     Window layout(*object.layout, object.path);
-    if (layout.number(1) != 4 || layout.number(1) != 2) {
-        layout.unsafe("unsafe.layout",
-                      "is not stored in chunks as libver v110 does; no other layout is allowed");
-    }
+    layout.require(layout.number(1) == 4 && layout.number(1) == 2,
+                   "is not stored in chunks as libver v110 does; no other layout is allowed",
+                   "unsafe.layout");
     const auto flags = layout.number(1), dimensions = layout.number(1), width = layout.number(1);
-    if ((flags & ~std::uint64_t{2}) != 0 || dimensions != rank + 1 || width < 1 || width > 8) {
-        layout.corrupt("has a chunk of another form than its dataspace");
-    }
+    layout.require(
+        (flags & ~std::uint64_t{2}) == 0 && dimensions == rank + 1 && width >= 1 && width <= 8,
+        "has a chunk of another form than its dataspace");
     for (std::size_t i = 0; i < rank; ++i) cut.chunk[i] = layout.number(width);
     const bool some = cut.chunk[0] > 0 && cut.chunk[1] > 0;
     const bool within = cut.chunk[0] <= cut.table[0] && cut.chunk[1] <= cut.table[1];
-    if (layout.number(width) != cut.element || !some || !within) {
-        layout.corrupt("has chunks of another shape");
-    }
-    if (cut.bytes() > limits::chunk_bytes) {
-        wrong("unsafe.cap", row,
-              "has chunks of " + std::to_string(cut.bytes()) + " bytes; at most " +
-                  std::to_string(limits::chunk_bytes) + " allowed");
-    }
-    if (cut.count() > limits::chunks_per_dataset) {
-        wrong("unsafe.cap", row,
-              "has " + std::to_string(cut.count()) + " chunks; at most " +
-                  std::to_string(limits::chunks_per_dataset) + " allowed");
-    }
+    layout.require(layout.number(width) == cut.element && some && within,
+                   "has chunks of another shape");
+    require(cut.bytes() <= limits::chunk_bytes, "unsafe.cap", row,
+            "has chunks of " + std::to_string(cut.bytes()) + " bytes; at most " +
+                std::to_string(limits::chunk_bytes) + " allowed");
+    require(cut.count() <= limits::chunks_per_dataset, "unsafe.cap", row,
+            "has " + std::to_string(cut.count()) + " chunks; at most " +
+                std::to_string(limits::chunks_per_dataset) + " allowed");
     std::vector<std::uint64_t> addresses;
     const auto index = layout.number(1);
     if (index == single) {
         const auto size = layout.number(8), mask = layout.number(4);
         addresses.push_back(layout.number(8));
-        if (mask != 0) wrong("unsafe.filter", row, "has a chunk that did not pass fletcher32");
-        if (flags != 2 || size != cut.bytes() + fletcher_bytes || cut.count() != 1) {
-            layout.corrupt("has a chunk of another size");
-        }
-    } else if (index == fixed_array && flags == 0) {
-        addresses = FixedArray(file, object.path).addresses(layout, cut);
+        require(mask == 0, "unsafe.filter", row, "has a chunk that did not pass fletcher32");
+        layout.require(flags == 2 && size == cut.bytes() + fletcher_bytes && cut.count() == 1,
+                       "has a chunk of another size");
     } else {
-        layout.unsafe("unsafe.layout", "has a chunk index of kind " + std::to_string(index));
+        layout.require(index == fixed_array && flags == 0,
+                       "has a chunk index of kind " + std::to_string(index), "unsafe.layout");
+        addresses = FixedArray(file, object.path).addresses(layout, cut);
     }
     layout.done();
     return addresses;
@@ -193,9 +179,8 @@ inline std::vector<std::uint64_t> chunk_addresses(File& file, const Object& obje
 inline View chunk_at(File& file, std::uint64_t address, const Chunking& cut, const Row& row) {
     const View stored = file.claim(address, cut.bytes() + fletcher_bytes, std::string(row.path));
     const View chunk = stored.first(stored.size() - fletcher_bytes);
-    if (sums_count && fletcher32(chunk) != number_at(stored, chunk.size(), fletcher_bytes)) {
-        wrong("corrupt.checksum", row, "has a chunk whose checksum differs");
-    }
+    require(!sums_count || fletcher32(chunk) == number_at(stored, chunk.size(), fletcher_bytes),
+            "corrupt.checksum", row, "has a chunk whose checksum differs");
     return chunk;
 }
 
@@ -213,9 +198,8 @@ inline void scatter(View chunk, std::size_t index, const Chunking& cut, Value& v
     const std::size_t first = at[0] * static_cast<std::size_t>(cut.chunk[0]) * whole +
                               at[1] * static_cast<std::size_t>(cut.chunk[1]);
     const auto need_zeros = [&](View rest) {
-        if (!rest.all_zero()) {
-            wrong("unsafe.hole", row, "has something in a chunk beyond the table's edge");
-        }
+        require(rest.all_zero(), "unsafe.hole", row,
+                "has something in a chunk beyond the table's edge");
     };
     need_zeros(chunk.from(side(0) * stride));
     if (cut.chunk[1] == whole) {
@@ -233,9 +217,8 @@ inline Value table_of(File& file, const Object& object, Chunking cut, std::size_
                       const Row& row) {
     check_fill_and_filter(object, cut.element, row);
     const auto addresses = chunk_addresses(file, object, cut, rank, row);
-    if (product(addresses.size(), cut.bytes() + fletcher_bytes) > limits::payload_bytes) {
-        wrong("unsafe.cap", row, "claims more bytes than a file may have");
-    }
+    require(product(addresses.size(), cut.bytes() + fletcher_bytes) <= limits::payload_bytes,
+            "unsafe.cap", row, "claims more bytes than a file may have");
     std::vector<View> chunks;
     for (const auto address : addresses) chunks.push_back(chunk_at(file, address, cut, row));
     Value value = room_for(row, static_cast<std::size_t>(cut.table[0] * cut.table[1]));

@@ -1,9 +1,11 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -23,9 +25,14 @@ struct Value {
     std::vector<std::uint8_t> u1;
     std::vector<std::string> text;
 
-    friend bool operator==(const Value& a, const Value& b) {
-        return a.type == b.type && a.shape == b.shape && a.f8 == b.f8 && a.i4 == b.i4 &&
-               a.u1 == b.u1 && a.text == b.text;
+    bool operator==(const Value&) const = default;
+    /// What `f` gives of the member of its type.
+    template <class F>
+    auto visit(const F& f) {
+        return type == Type::f8   ? f(f8)
+               : type == Type::i4 ? f(i4)
+               : type == Type::u1 ? f(u1)
+                                  : f(text);
     }
     [[nodiscard]] const std::string& string() const { return text.front(); }
     [[nodiscard]] double number() const { return f8.front(); }
@@ -40,7 +47,7 @@ class Absent : public std::out_of_range {
 /// Everything a bundle holds, by its path in the format.
 class Content {
   public:
-    friend bool operator==(const Content& a, const Content& b) { return a.values_ == b.values_; }
+    bool operator==(const Content&) const = default;
     [[nodiscard]] bool has(std::string_view path) const { return find(path) != nullptr; }
     /// Throws Absent if there is no such value.
     [[nodiscard]] const Value& at(std::string_view path) const {
@@ -52,15 +59,21 @@ class Content {
         const auto found = values_.find(path);
         return found == values_.end() ? nullptr : &found->second;
     }
+    /// A number that must be there, or one that need not, as it is otherwise.
+    [[nodiscard]] double number(std::string_view path) const { return at(path).number(); }
+    [[nodiscard]] double number(std::string_view path, double otherwise) const {
+        return has(path) ? number(path) : otherwise;
+    }
+    [[nodiscard]] std::optional<int> integer(std::string_view path) const {
+        return has(path) ? std::optional<int>(at(path).i4.front()) : std::nullopt;
+    }
     /// Whether anything of a group is there.
     [[nodiscard]] bool has_group(std::string_view group) const {
-        for (const auto& [path, value] : values_) {
-            if (path.size() > group.size() && path.compare(0, group.size(), group) == 0 &&
-                (path[group.size()] == '/' || path[group.size()] == '@')) {
-                return true;
-            }
-        }
-        return false;
+        return std::any_of(values_.begin(), values_.end(), [&](const auto& value) {
+            const std::string& path = value.first;
+            return path.size() > group.size() && path.starts_with(group) &&
+                   (path[group.size()] == '/' || path[group.size()] == '@');
+        });
     }
     void put(std::string_view path, Value value) {
         values_.insert_or_assign(std::string(path), std::move(value));

@@ -39,6 +39,15 @@ class BundleError : public std::runtime_error {
     std::string message;
 };
 
+namespace detail {
+
+/// Throws a BundleError unless this is `good`.
+inline void require(bool good, const char* code, std::string_view where, std::string_view message) {
+    if (!good) throw BundleError(code, std::string(where), std::string(message));
+}
+
+}  // namespace detail
+
 /// One thing that is wrong with a bundle, or, as a note, was left unchecked.
 struct Finding {
     std::string code, where, message;
@@ -57,6 +66,10 @@ class Findings {
     }
     void error(std::string_view code, std::string_view where, const std::string& message) {
         add(BundleError(std::string(code), std::string(where), message));
+    }
+    void require(bool good, std::string_view code, std::string_view where,
+                 std::string_view message) {
+        if (!good) error(code, where, std::string(message));
     }
     void note(std::string_view code, std::string_view where, const std::string& message) {
         all_.push_back({std::string(code), std::string(where), message, false});

@@ -148,17 +148,30 @@ inline std::vector<Stroke> strokes_of(const Content& content) {
 }
 
 inline Guidance guidance_of(const Content& content) {
-    Guidance guidance;
-    guidance.radius = content.at("/guidance@radius_m").number();
-    guidance.stiffness = content.at("/guidance@stiffness_n_per_m").number();
-    guidance.open = content.at("/guidance@ends").string() == "open";
-    if (const Value* force = content.find("/guidance@lead_force_n"))
-        guidance.lead_force = force->number();
-    if (const Value* speed = content.find("/guidance@lead_speed_m_s"))
-        guidance.lead_speed = speed->number();
-    if (const Value* stroke = content.find("/guidance@stroke"))
-        guidance.stroke = stroke->i4.front();
-    return guidance;
+    const Guidance plain;
+    return {.radius = content.number("/guidance@radius_m"),
+            .stiffness = content.number("/guidance@stiffness_n_per_m"),
+            .open = content.at("/guidance@ends").string() == "open",
+            .lead_force = content.number("/guidance@lead_force_n", plain.lead_force),
+            .lead_speed = content.number("/guidance@lead_speed_m_s", plain.lead_speed),
+            .stroke = content.integer("/guidance@stroke")};
+}
+
+inline std::array<double, 3> three(const Value& value) {
+    return {value.f8[0], value.f8[1], value.f8[2]};
+}
+
+inline Rendering rendering_of(const Content& content) {
+    Rendering rendering{.stiffness = three(content.at("/rendering/stiffness")),
+                        .contact_radius = content.number("/rendering@contact_radius_m"),
+                        .band = content.number("/rendering@band_m"),
+                        .point_radius = content.number("/rendering@point_radius_m"),
+                        .ignore_axis = {},
+                        .max_iterations = content.integer("/rendering@max_iterations")};
+    if (const Value* axis = content.find("/rendering/ignore_axis")) {
+        rendering.ignore_axis = three(*axis);
+    }
+    return rendering;
 }
 
 inline std::vector<vfplan::Stroke> pieces_of(const Content& content) {
@@ -188,18 +201,7 @@ inline Fixture to_fixture(Bundle bundle) {
     fixture.points = content.take("/points").f8;
     if (content.has("/sigma")) fixture.sigma = content.take("/sigma").f8;
     if (content.has("/rendering/stiffness")) {
-        Rendering rendering;
-        std::copy_n(content.at("/rendering/stiffness").f8.begin(), 3, rendering.stiffness.begin());
-        rendering.contact_radius = content.at("/rendering@contact_radius_m").number();
-        rendering.band = content.at("/rendering@band_m").number();
-        rendering.point_radius = content.at("/rendering@point_radius_m").number();
-        if (const Value* axis = content.find("/rendering/ignore_axis")) {
-            rendering.ignore_axis = {axis->f8[0], axis->f8[1], axis->f8[2]};
-        }
-        if (const Value* most = content.find("/rendering@max_iterations")) {
-            rendering.max_iterations = most->i4.front();
-        }
-        fixture.rendering = rendering;
+        fixture.rendering = detail::rendering_of(content);
         fixture.certified = content.at("/leak@certified").u1.front() != 0;
     }
     if (content.has("/curve/stroke")) fixture.strokes = detail::strokes_of(content);

@@ -36,10 +36,8 @@ class File {
         const View part = within(address, size, where);
         claims_.emplace_back(address, address + size);
         claimed_ += size;
-        if (claimed_ > data_.size()) {
-            throw BundleError("unsafe.overlap", where,
-                              "refers to more bytes, all in all, than the file has");
-        }
+        require(claimed_ <= data_.size(), "unsafe.overlap", where,
+                "refers to more bytes, all in all, than the file has");
         return part;
     }
     /// A part of metadata without the checksum at its end, which holds.
@@ -47,16 +45,14 @@ class File {
         const View part = claim(address, size, where);
         const bool sound = size >= 4 && lookup3(part.first(part.size() - 4)) ==
                                             number_at(part, part.size() - 4, 4);
-        if (size < 4 || (sums_count && !sound)) {
-            throw BundleError("corrupt.hdf5", where, "has metadata whose checksum differs");
-        }
+        require(size >= 4 && (sound || !sums_count), "corrupt.hdf5", where,
+                "has metadata whose checksum differs");
         return part.first(part.size() - 4);
     }
     [[nodiscard]] View within(std::uint64_t address, std::uint64_t size,
                               const std::string& where) const {
-        if (address > data_.size() || size > data_.size() - address) {
-            throw BundleError("corrupt.hdf5", where, "refers to bytes outside of the file");
-        }
+        require(address <= data_.size() && size <= data_.size() - address, "corrupt.hdf5", where,
+                "refers to bytes outside of the file");
         return data_.part(static_cast<std::size_t>(address), static_cast<std::size_t>(size));
     }
 
@@ -67,11 +63,8 @@ class File {
         std::sort(claims_.begin(), claims_.end());
         std::uint64_t at = 0;
         for (const auto& [first, end] : claims_) {
-            if (first < at) {
-                throw BundleError(
-                    "unsafe.overlap", "",
+            require(first >= at, "unsafe.overlap", "",
                     "the bytes from " + std::to_string(first) + " belong to two things");
-            }
             check_hole(at, first, unknown);
             at = end;
         }
@@ -80,11 +73,9 @@ class File {
 
   private:
     void check_hole(std::uint64_t first, std::uint64_t end, bool unknown) const {
-        if (!unknown && !within(first, end - first, "").all_zero()) {
-            throw BundleError("unsafe.hole", "",
-                              "bytes " + std::to_string(first) + " to " + std::to_string(end) +
-                                  " of the payload belong to nothing and are not zero");
-        }
+        require(unknown || within(first, end - first, "").all_zero(), "unsafe.hole", "",
+                "bytes " + std::to_string(first) + " to " + std::to_string(end) +
+                    " of the payload belong to nothing and are not zero");
     }
 
     View data_;
@@ -98,85 +89,72 @@ struct Attribute {
     View type, space, data;
 };
 
+/// Links or attributes of one object: a few, each with a name of its own.
+template <class T>
+struct Named : std::vector<T> {
+    [[nodiscard]] const T* find(std::string_view name) const {
+        const auto found =
+            std::find_if(this->begin(), this->end(), [&](const T& t) { return t.name == name; });
+        return found == this->end() ? nullptr : &*found;
+    }
+    void add(const Window& body, T one, std::uint64_t most, const std::string& noun) {
+        body.require(find(one.name) == nullptr,
+                     "has two " + noun + " of the name " + in_quotes(one.name));
+        this->push_back(std::move(one));
+        body.require(this->size() <= most, "has more than " + std::to_string(most) + " " + noun,
+                     "unsafe.cap");
+    }
+};
+
 /// What one object header says.
 struct Object {
     std::string path;
-    std::vector<Link> links;
-    std::vector<Attribute> attributes;
+    Named<Link> links;
+    Named<Attribute> attributes;
     std::optional<View> space, type, fill, filter, layout;
     bool group = false;
-
-    [[nodiscard]] const Attribute* attribute(std::string_view name) const {
-        const auto found = std::find_if(attributes.begin(), attributes.end(),
-                                        [&](const Attribute& a) { return a.name == name; });
-        return found == attributes.end() ? nullptr : &*found;
-    }
-    [[nodiscard]] const Link* link(std::string_view name) const {
-        const auto found =
-            std::find_if(links.begin(), links.end(), [&](const Link& l) { return l.name == name; });
-        return found == links.end() ? nullptr : &*found;
-    }
 };
 
 /// Link info and attribute info: heap and index must not be there, nor creation order.
 inline void read_info(Window& body) {
     body.wanted(2, 0, "version and flags of link or attribute info");
     const auto heap = body.number(8), index = body.number(8);
-    if (heap != nowhere || index != nowhere) {
-        body.unsafe("unsafe.layout", "keeps links or attributes in a heap");
-    }
+    body.require(heap == nowhere && index == nowhere, "keeps links or attributes in a heap",
+                 "unsafe.layout");
 }
 
 inline void read_group_info(Window& body) {
     body.wanted(1, 0, "version of group info");
     const auto flags = body.number(1);
-    if ((flags & ~std::uint64_t{3}) != 0) body.corrupt("group info flags");
+    body.require((flags & ~std::uint64_t{3}) == 0, "group info flags");
     body.take(((flags & 1) != 0 ? 4u : 0u) + ((flags & 2) != 0 ? 4u : 0u));
 }
 
-inline void add_link(Window& body, Object& object) {
-    Link link = read_link(body);
-    if (object.link(link.name) != nullptr)
-        body.corrupt("has two links of the name " + in_quotes(link.name));
-    object.links.push_back(std::move(link));
-    if (object.links.size() > limits::links_per_group) {
-        body.unsafe("unsafe.cap",
-                    "has more than " + std::to_string(limits::links_per_group) + " links");
-    }
-}
-
-inline void read_attribute(Window& body, Object& object) {
+inline Attribute read_attribute(Window& body) {
     body.wanted(1, 3, "version of an attribute");
     body.wanted(1, 0, "flags of an attribute");
     const auto name = body.number(2), type = body.number(2), space = body.number(2);
-    if (body.number(1) > 1) body.corrupt("has a name of another encoding");
+    body.require(body.number(1) <= 1, "has a name of another encoding");
     const auto ended = body.take(name).text();
-    if (ended.empty() || ended.back() != '\0') body.corrupt("has an attribute without a name");
+    body.require(ended.ends_with('\0'), "has an attribute without a name");
     Attribute attribute{std::string(ended.substr(0, ended.size() - 1)), {}, {}, {}};
     check_name(body, attribute.name);
-    if (object.attribute(attribute.name) != nullptr) {
-        body.corrupt("has two attributes of the name " + in_quotes(attribute.name));
-    }
     attribute.type = body.take(type);
     attribute.space = body.take(space);
     attribute.data = body.take(body.left());
-    object.attributes.push_back(std::move(attribute));
-    if (object.attributes.size() > limits::attributes_per_object) {
-        body.unsafe("unsafe.cap", "has more than " + std::to_string(limits::attributes_per_object) +
-                                      " attributes");
-    }
+    return attribute;
 }
+
+inline constexpr char gap[] = "has a gap in its object header that is not zero";
 
 inline void read_message(std::uint64_t kind, Window& body, Object& object) {
     const auto keep = [&](std::optional<View>& into) {
-        if (into) body.corrupt("has a header message twice");
+        body.require(!into, "has a header message twice");
         into = body.take(body.left());
     };
     switch (kind) {
         case 0x00:
-            if (!body.take(body.left()).all_zero())
-                body.corrupt("has a gap in its object header that is not zero");
-            return;
+            return body.require(body.take(body.left()).all_zero(), gap);
         case 0x01:
             return keep(object.space);
         case 0x02:
@@ -187,7 +165,7 @@ inline void read_message(std::uint64_t kind, Window& body, Object& object) {
         case 0x05:
             return keep(object.fill);
         case 0x06:
-            return add_link(body, object);
+            return object.links.add(body, read_link(body), limits::links_per_group, "links");
         case 0x08:
             return keep(object.layout);
         case 0x0A:
@@ -195,12 +173,14 @@ inline void read_message(std::uint64_t kind, Window& body, Object& object) {
         case 0x0B:
             return keep(object.filter);
         case 0x0C:
-            return read_attribute(body, object);
+            return object.attributes.add(body, read_attribute(body), limits::attributes_per_object,
+                                         "attributes");
         case 0x15:
             return read_info(body);
         default:
-            body.unsafe("unsafe.message",
-                        "holds header message " + std::to_string(kind) + ", which no bundle needs");
+            body.require(false,
+                         "holds header message " + std::to_string(kind) + ", which no bundle needs",
+                         "unsafe.message");
     }
 }
 
@@ -211,10 +191,10 @@ inline void read_messages(Window block, Object& object,
     while (block.left() >= 4) {
         const auto kind = block.number(1), size = block.number(2), flags = block.number(1);
         Window body(block.take(size), object.path);
-        if ((flags & ~constant_or_known) != 0) {
-            body.unsafe("unsafe.message", "holds a header message with flags " +
-                                              std::to_string(flags) + ", which no bundle needs");
-        }
+        body.require((flags & ~constant_or_known) == 0,
+                     "holds a header message with flags " + std::to_string(flags) +
+                         ", which no bundle needs",
+                     "unsafe.message");
         if (kind == continuation) {
             const auto start = body.number(8);
             more.emplace_back(start, body.number(8));
@@ -223,8 +203,7 @@ inline void read_messages(Window block, Object& object,
         }
         body.done();
     }
-    if (!block.take(block.left()).all_zero())
-        block.corrupt("has a gap in its object header that is not zero");
+    block.require(block.take(block.left()).all_zero(), gap);
 }
 
 /// The object header at an address, with all blocks that it goes on in.
@@ -233,24 +212,23 @@ inline Object read_object(File& file, std::uint64_t address, std::string path) {
     Object object;
     object.path = std::move(path);
     Window head(file.within(address, 16, object.path), object.path);  // no header is shorter
-    if (head.take(4).text() != "OHDR" || head.number(1) != 2) {
-        head.corrupt("has no object header of version 2");
-    }
+    head.require(head.take(4).text() == "OHDR" && head.number(1) == 2,
+                 "has no object header of version 2");
     const auto flags = head.number(1);
-    if ((flags & ~std::uint64_t{0x33}) != 0) head.corrupt("object header flags");
+    head.require((flags & ~std::uint64_t{0x33}) == 0, "object header flags");
     const std::size_t width = std::size_t{1} << (flags & 3);
     const std::size_t front =
         6 + ((flags & 0x20) != 0 ? 16u : 0u) + ((flags & 0x10) != 0 ? 4u : 0u) + width;
     const auto size = number_at(file.within(address, front, object.path), front - width, width);
-    if (size > limits::payload_bytes) head.corrupt("an object header is cut short");
+    head.require(size <= limits::payload_bytes, "an object header is cut short");
     const View block = file.claim_checked(address, front + size + 4, object.path);
     std::vector<std::pair<std::uint64_t, std::uint64_t>> more;
     read_messages(Window(block.from(front), object.path), object, more);
     for (std::size_t i = 0; i < more.size(); ++i) {
-        if (i == most_blocks) head.unsafe("unsafe.cap", "has too many header blocks");
+        head.require(i < most_blocks, "has too many header blocks", "unsafe.cap");
         const auto [start, length] = more[i];
         const View chunk = file.claim_checked(start, length, object.path);
-        if (!chunk.begins("OCHK")) head.corrupt("a header block has no signature");
+        head.require(chunk.begins("OCHK"), "a header block has no signature");
         read_messages(Window(chunk.from(4), object.path), object, more);
     }
     return object;

@@ -91,39 +91,37 @@ inline std::string leaking(const Content& content) {
     const bool curve = content.at("/leak@kind").string() == "curve";
     return std::string("the fixture leaks between samples: ") +
            (curve ? "gap between neighbours" : "covering radius of a triangle") + " of " +
-           rounded(content.at("/leak@largest_m").number()) + " m at (" + rounded(place[0]) + ", " +
+           rounded(content.number("/leak@largest_m")) + " m at (" + rounded(place[0]) + ", " +
            rounded(place[1]) + ", " + rounded(place[2]) + "); at most " +
-           rounded(content.at("/leak@limit_m").number()) + " m holds the proxy back";
+           rounded(content.number("/leak@limit_m")) + " m holds the proxy back";
 }
 
 inline void compare(const Content& content, std::string_view path, double wanted,
                     Findings& findings) {
     const Value* found = content.find(path);
-    if (found == nullptr || std::abs(found->number() - wanted) > 1e-9 * std::max(wanted, 1e-3)) {
-        findings.error("corrupt.leak", path,
-                       "is " + (found == nullptr ? "absent" : shown(found->number())) +
-                           "; the fixture gives " + shown(wanted));
-    }
+    findings.require(
+        found != nullptr && std::abs(found->number() - wanted) <= 1e-9 * std::max(wanted, 1e-3),
+        "corrupt.leak", path,
+        "is " + (found == nullptr ? "absent" : shown(found->number())) + "; the fixture gives " +
+            shown(wanted));
 }
 
 /// Compares largest_m and limit_m; whether the fixture, of this kind, holds its proxy back.
 inline bool holds_back(const Content& content, bool mesh, Findings& findings) {
-    const double reach = content.at("/rendering@contact_radius_m").number() +
-                         content.at("/rendering@point_radius_m").number() -
-                         content.at("/rendering@band_m").number();
+    const double reach = content.number("/rendering@contact_radius_m") +
+                         content.number("/rendering@point_radius_m") -
+                         content.number("/rendering@band_m");
     compare(content, "/leak@limit_m", mesh ? reach : 2 * reach, findings);
     compare(content, "/leak@largest_m", mesh ? largest_cover(content) : largest_gap(content),
             findings);
-    const bool holds =
-        content.at("/leak@largest_m").number() <= content.at("/leak@limit_m").number();
+    const bool holds = content.number("/leak@largest_m") <= content.number("/leak@limit_m");
     if (!holds) findings.error("unsafe.leak", "/leak", leaking(content));
     return holds;
 }
 
 inline void check_leak(const Content& content, Findings& findings) {
-    if (content.has_group("/rendering") != content.has_group("/leak")) {
-        findings.error("corrupt.leak", "/leak", "must be there if and only if /rendering is");
-    }
+    findings.require(content.has_group("/rendering") == content.has_group("/leak"), "corrupt.leak",
+                     "/leak", "must be there if and only if /rendering is");
     const std::string& found = content.at("/leak@kind").string();
     const bool mesh = content.has("/mesh/triangles"), curve = content.has("/curve/stroke");
     const std::string kind = mesh ? "mesh" : curve ? "curve" : "cloud";
@@ -134,15 +132,13 @@ inline void check_leak(const Content& content, Findings& findings) {
     bool holds = false;
     if (kind != "cloud") {
         holds = holds_back(content, mesh, findings);
-    } else if (content.has("/leak@limit_m")) {
-        findings.error("corrupt.leak", "/leak@limit_m", "must be absent of a cloud");
+    } else {
+        findings.require(!content.has("/leak@limit_m"), "corrupt.leak", "/leak@limit_m",
+                         "must be absent of a cloud");
     }
     const bool says = content.at("/leak@certified").u1.front() != 0;
-    if (says != holds) {
-        findings.error(
-            "corrupt.leak", "/leak@certified",
-            std::string("is ") + (says ? "1" : "0") + "; " + (holds ? "1" : "0") + " wanted");
-    }
+    findings.require(says == holds, "corrupt.leak", "/leak@certified",
+                     "is " + std::to_string(says) + "; " + std::to_string(holds) + " wanted");
 }
 
 }  // namespace vfplan::bundle::detail

@@ -21,21 +21,19 @@ struct Link {
 
 /// The name of a link or an attribute: UTF-8 that can be shown.
 inline void check_name(const Window& body, std::string_view name) {
-    if (name.empty() || !is_utf8(name) || has_control(name) ||
-        name.find('/') != std::string_view::npos) {
-        body.corrupt("has the name " + in_quotes(name) + ", which is none");
-    }
+    body.require(!name.empty() && is_utf8(name) && !has_control(name) &&
+                     name.find('/') == std::string_view::npos,
+                 "has the name " + in_quotes(name) + ", which is none");
 }
 
 /// A link message; its address is not looked at here.
 inline Link read_link(Window& body) {
     body.wanted(1, 1, "version of a link");
     const auto flags = body.number(1);
-    if ((flags & 0x08) != 0 && body.number(1) != 0) {
-        body.unsafe("unsafe.link", "holds a link that is not hard; no other is allowed");
-    }
-    if ((flags & ~std::uint64_t{0x1B}) != 0) body.corrupt("link flags");
-    if ((flags & 0x10) != 0 && body.number(1) > 1) body.corrupt("has a name of another encoding");
+    body.require((flags & 0x08) == 0 || body.number(1) == 0,
+                 "holds a link that is not hard; no other is allowed", "unsafe.link");
+    body.require((flags & ~std::uint64_t{0x1B}) == 0, "link flags");
+    body.require((flags & 0x10) == 0 || body.number(1) <= 1, "has a name of another encoding");
     const auto name = body.take(body.number(std::size_t{1} << (flags & 3))).text();
     check_name(body, name);
     return {std::string(name), body.number(8)};

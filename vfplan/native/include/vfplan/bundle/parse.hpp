@@ -59,21 +59,16 @@ inline const Row& row_at(std::string_view path) {
 inline Version version_of(const Object& root) {
     const auto text = [&](std::string_view path) {
         const Row& row = row_at(path);
-        const Attribute* attribute = root.attribute(split(row).second);
-        if (attribute == nullptr) wrong("corrupt.missing", row, "is missing");
+        const Attribute* attribute = root.attributes.find(split(row).second);
+        require(attribute != nullptr, "corrupt.missing", row, "is missing");
         return scalar_of(*attribute, row).string();
     };
     const std::string format = text("/@format"), version = text("/@version");
-    if (format != format_name) {
-        throw BundleError(
-            "corrupt.format", "/@format",
+    require(format == format_name, "corrupt.format", "/@format",
             "format is " + in_quotes(format) + "; " + in_quotes(format_name) + " wanted");
-    }
     Version found;
-    if (!is_version(version, found)) {
-        throw BundleError("corrupt.version", "/@version",
-                          "version is " + in_quotes(version) + "; MAJOR.MINOR wanted");
-    }
+    require(is_version(version, found), "corrupt.version", "/@version",
+            "version is " + in_quotes(version) + "; MAJOR.MINOR wanted");
     return found;
 }
 
@@ -112,9 +107,8 @@ class Reader {
         }
         const std::string found =
             "version " + std::to_string(version_.major) + "." + std::to_string(version_.minor);
-        if (version_.major == newest.major) {
-            throw BundleError("version.seal", "/@version", found + " without a seal");
-        }
+        require(version_.major != newest.major, "version.seal", "/@version",
+                found + " without a seal");
         throw BundleError(
             "version.major", "/@version",
             found + "; this program reads versions " + std::to_string(newest.major) +
@@ -138,15 +132,14 @@ class Reader {
         if (group == groups_.end()) return;
         const Object& parent = group->second;
         const std::string_view name = split(row).second;
-        const bool there = row.kind == Kind::attribute ? parent.attribute(name) != nullptr
-                                                       : parent.link(name) != nullptr;
-        if (!there) {
-            if (must_be_there(row)) wrong("corrupt.missing", row, "is missing");
-            return;
+        const bool is_attribute = row.kind == Kind::attribute;
+        const Attribute* attribute = is_attribute ? parent.attributes.find(name) : nullptr;
+        const Link* link = is_attribute ? nullptr : parent.links.find(name);
+        if (attribute == nullptr && link == nullptr) {
+            return require(!must_be_there(row), "corrupt.missing", row, "is missing");
         }
-        if (row.kind == Kind::group) return open_group(row, parent.link(name)->address);
-        Value value = row.kind == Kind::attribute ? scalar_of(*parent.attribute(name), row)
-                                                  : table(row, parent.link(name)->address);
+        if (row.kind == Kind::group) return open_group(row, link->address);
+        Value value = is_attribute ? scalar_of(*attribute, row) : table(row, link->address);
         check_range(value, row, filled(row.unit, content_, true));
         content_.put(row.path, std::move(value));
     }
@@ -158,9 +151,8 @@ class Reader {
 
     void open_group(const Row& row, std::uint64_t address) {
         Object object = read_object(file_, address, std::string(row.path));
-        if (!object.group || object.layout || object.type || object.space) {
-            wrong("corrupt.kind", row, "is not a group");
-        }
+        require(object.group && !object.layout && !object.type && !object.space, "corrupt.kind",
+                row, "is not a group");
         const Object& group = groups_.emplace(row.path, std::move(object)).first->second;
         check_names(group, row);
     }
@@ -168,37 +160,34 @@ class Reader {
     /// Every name in a group is known, unless the file is of a newer version; no two links lead
     /// to one object.
     void check_names(const Object& group, const Row& row) {
-        std::set<std::string_view> links, attributes;
-        for (const Row& other : rows) {
-            if (!knows(other) || other.path == "/" || split(other).first != row.path) continue;
-            (other.kind == Kind::attribute ? attributes : links).insert(split(other).second);
-        }
+        const auto has = [&](std::string_view name, bool attribute) {
+            return std::any_of(rows.begin(), rows.end(), [&](const Row& other) {
+                return knows(other) && (other.kind == Kind::attribute) == attribute &&
+                       split(other) == std::pair(row.path, name);
+            });
+        };
         for (const Link& link : group.links) {
-            const bool known = links.count(link.name) > 0;
+            const bool known = has(link.name, false);
             check_known(known, link.name, row);
             unknown_ = unknown_ || !known;
-            if (!addresses_.insert(link.address).second) {
-                wrong("unsafe.link", row,
-                      "holds a second link, " + in_quotes(link.name) + ", to one object");
-            }
+            require(addresses_.insert(link.address).second, "unsafe.link", row,
+                    "holds a second link, " + in_quotes(link.name) + ", to one object");
         }
         for (const Attribute& attribute : group.attributes) {
-            check_known(attributes.count(attribute.name) > 0, attribute.name, row);
+            check_known(has(attribute.name, true), attribute.name, row);
         }
     }
 
     void check_known(bool known, std::string_view name, const Row& row) const {
-        if (!known && !newer()) {
-            wrong("unsafe.unknown", row, "holds " + in_quotes(name) + ", which this format lacks");
-        }
+        require(known || newer(), "unsafe.unknown", row,
+                "holds " + in_quotes(name) + ", which this format lacks");
     }
 
     Value table(const Row& row, std::uint64_t address) {
         const Object object = read_object(file_, address, std::string(row.path));
-        if (object.group || !object.links.empty() || !object.layout || !object.type ||
-            !object.space) {
-            wrong("corrupt.kind", row, "is not a dataset");
-        }
+        require(
+            !object.group && object.links.empty() && object.layout && object.type && object.space,
+            "corrupt.kind", row, "is not a dataset");
         const auto sides = sides_of(*object.space, row);
         check_shape(sides, row);
         Chunking cut;
@@ -222,52 +211,39 @@ class Reader {
         for (const auto& [name, text] : {std::pair{"unit", filled(row.unit, content_, true)},
                                          std::pair{"frame", filled(row.frame, content_, false)}}) {
             if (text.empty()) continue;
-            const Attribute* attribute = object.attribute(name);
-            if (attribute == nullptr) {
-                wrong("corrupt.missing", row, "has no attribute " + in_quotes(name));
-            }
+            const Attribute* attribute = object.attributes.find(name);
+            require(attribute != nullptr, "corrupt.missing", row,
+                    "has no attribute " + in_quotes(name));
             const std::string found = scalar_of(*attribute, plain).string();
-            if (found != text) {
-                const bool unit = std::string_view(name) == "unit";
-                wrong(unit ? "corrupt.unit" : "corrupt.frame", row,
-                      name + (" is " + in_quotes(found)) + "; " + in_quotes(text) + " wanted");
-            }
+            require(found == text, ("corrupt." + std::string(name)).c_str(), row,
+                    name + (" is " + in_quotes(found)) + "; " + in_quotes(text) + " wanted");
         }
     }
 
     void check_shape(const std::vector<std::uint64_t>& sides, const Row& row) {
         const std::size_t rank = row.shape[1].empty() ? 1 : 2;
-        if (sides.size() != rank) {
-            wrong("corrupt.shape", row,
-                  "has " + std::to_string(sides.size()) + " dimensions; " + std::to_string(rank) +
-                      " wanted");
-        }
+        require(sides.size() == rank, "corrupt.shape", row,
+                "has " + std::to_string(sides.size()) + " dimensions; " + std::to_string(rank) +
+                    " wanted");
         for (std::size_t i = 0; i < rank; ++i) check_side(sides[i], row.shape[i], row);
     }
 
     void check_side(std::uint64_t side, std::string_view wanted, const Row& row) {
         if (is_digit(wanted[0])) {
-            if (side != static_cast<std::uint64_t>(wanted[0] - '0')) {
-                wrong(
-                    "corrupt.shape", row,
-                    "has " + std::to_string(side) + " where " + std::string(wanted) + " is wanted");
-            }
-            return;
+            return require(
+                side == static_cast<std::uint64_t>(wanted[0] - '0'), "corrupt.shape", row,
+                "has " + std::to_string(side) + " where " + std::string(wanted) + " is wanted");
         }
         const auto cap = std::find_if(sizes.begin(), sizes.end(), [&](const Size& s) {
                              return s.letter == wanted[0];
                          })->max;
-        if (side < 1 || side > cap) {
-            wrong("unsafe.cap", row,
-                  std::string(wanted) + " is " + std::to_string(side) + "; 1 to " +
-                      std::to_string(cap) + " allowed");
-        }
+        require(side >= 1 && side <= cap, "unsafe.cap", row,
+                std::string(wanted) + " is " + std::to_string(side) + "; 1 to " +
+                    std::to_string(cap) + " allowed");
         const auto known = sizes_.emplace(wanted[0], side).first->second;
-        if (known != side) {
-            wrong("corrupt.shape", row,
-                  std::string(wanted) + " is " + std::to_string(side) + " here and " +
-                      std::to_string(known) + " elsewhere");
-        }
+        require(known == side, "corrupt.shape", row,
+                std::string(wanted) + " is " + std::to_string(side) + " here and " +
+                    std::to_string(known) + " elsewhere");
     }
 
     View data_;

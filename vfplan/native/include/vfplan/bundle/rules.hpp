@@ -33,10 +33,8 @@ inline void check_understood(const Content& content, Findings& findings) {
         const std::string path = text.substr(start, end - start);
         const bool known =
             std::any_of(rows.begin(), rows.end(), [&](const Row& row) { return row.path == path; });
-        if (!path.empty() && !known) {
-            findings.error("version.must_understand", path,
-                           "must be understood, and this program does not");
-        }
+        findings.require(path.empty() || known, "version.must_understand", path,
+                         "must be understood, and this program does not");
         start = end + 1;
     }
 }
@@ -46,30 +44,25 @@ inline void check_groups(const Content& content, Findings& findings) {
     using Frames = std::initializer_list<std::string_view>;
     const std::string& frame = content.at("/@frame").string();
     const auto allow = [&](std::string_view group, Frames frames) {
-        if (content.has_group(group) &&
-            std::find(frames.begin(), frames.end(), frame) == frames.end()) {
-            findings.error("corrupt.group", group, "must not be in the frame " + in_quotes(frame));
-        }
+        findings.require(!content.has_group(group) ||
+                             std::find(frames.begin(), frames.end(), frame) != frames.end(),
+                         "corrupt.group", group, "must not be in the frame " + in_quotes(frame));
     };
     allow("/image", {"image", "robot_base"});
     allow("/rendering", {"robot_base", "patient_lps"});
     allow("/guidance", {"robot_base", "patient_lps"});
     allow("/registration", {"robot_base"});
     allow("/mesh", {"robot_base", "patient_lps"});
-    if (content.has_group("/mesh") && content.has_group("/curve")) {
-        findings.error("corrupt.group", "/mesh", "must not stand beside /curve");
-    }
+    findings.require(!content.has_group("/mesh") || !content.has_group("/curve"), "corrupt.group",
+                     "/mesh", "must not stand beside /curve");
 }
 
 inline void check_frames(const Content& content, Findings& findings) {
     const std::vector<double>& points = content.at("/points").f8;
     if (content.at("/@frame").string() != "image") return;
-    for (std::size_t i = 2; i < points.size(); i += 3) {
-        if (points[i] != 0) {
-            return findings.error("corrupt.value", "/points",
-                                  "third column must be 0 in the frame image");
-        }
-    }
+    bool flat = true;
+    for (std::size_t i = 2; i < points.size(); i += 3) flat = flat && points[i] == 0;
+    findings.require(flat, "corrupt.value", "/points", "third column must be 0 in the frame image");
 }
 
 inline void check_identity(const Content& content, Findings& findings) {
@@ -81,10 +74,8 @@ inline void check_identity(const Content& content, Findings& findings) {
         {reinterpret_cast<const unsigned char*>(points.data()), points.size() * sizeof(double)});
     const std::string wanted = to_hex(view(sum.digest())).substr(0, 32);
     const std::string& found = content.at("/@id").string();
-    if (found != wanted) {
-        findings.error("corrupt.id", "/@id",
-                       "is " + in_quotes(found) + "; the points give " + in_quotes(wanted));
-    }
+    findings.require(found == wanted, "corrupt.id", "/@id",
+                     "is " + in_quotes(found) + "; the points give " + in_quotes(wanted));
 }
 
 /// Whether these are 0, ..., 0, 1, ..., 1, 2, ...
@@ -103,11 +94,9 @@ inline void check_curve(const Content& content, Findings& findings) {
     }
     const std::size_t strokes = content.at("/curve/closed").u1.size();
     const auto found = static_cast<std::size_t>(stroke.back()) + 1;
-    if (found != strokes) {
-        findings.error("corrupt.shape", "/curve/closed",
-                       "has " + std::to_string(strokes) + " strokes; the points have " +
-                           std::to_string(found));
-    }
+    findings.require(
+        found == strokes, "corrupt.shape", "/curve/closed",
+        "has " + std::to_string(strokes) + " strokes; the points have " + std::to_string(found));
 }
 
 inline void check_pieces(const Content& content, Findings& findings) {
@@ -118,68 +107,57 @@ inline void check_pieces(const Content& content, Findings& findings) {
     }
     const std::vector<std::int32_t>& stroke = content.at("/pieces/stroke").i4;
     const std::size_t strokes = content.at("/curve/closed").u1.size();
-    if (!counts_up(stroke) || static_cast<std::size_t>(stroke.back()) + 1 != strokes) {
-        findings.error("corrupt.value", "/pieces/stroke",
-                       "must count 0, 1, ... to the " + std::to_string(strokes) +
-                           " strokes of /curve along the vertices");
-    }
+    findings.require(counts_up(stroke) && static_cast<std::size_t>(stroke.back()) + 1 == strokes,
+                     "corrupt.value", "/pieces/stroke",
+                     "must count 0, 1, ... to the " + std::to_string(strokes) +
+                         " strokes of /curve along the vertices");
 }
 
 inline void check_mesh(const Content& content, Findings& findings) {
     const std::vector<std::int32_t>& triangles = content.at("/mesh/triangles").i4;
     const std::int32_t highest = *std::max_element(triangles.begin(), triangles.end());
     const std::size_t count = content.at("/points").shape[0];
-    if (static_cast<std::size_t>(highest) >= count) {
-        findings.error("corrupt.value", "/mesh/triangles",
-                       "names point " + std::to_string(highest) + " of " + std::to_string(count));
-    }
+    findings.require(static_cast<std::size_t>(highest) < count, "corrupt.value", "/mesh/triangles",
+                     "names point " + std::to_string(highest) + " of " + std::to_string(count));
 }
 
 inline void check_rendering(const Content& content, Findings& findings) {
     if (const Value* axis = content.find("/rendering/ignore_axis")) {
         const std::vector<double>& a = axis->f8;
         const double length = std::sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
-        if (std::abs(length - 1) > 1e-9) {
-            findings.error("corrupt.value", "/rendering/ignore_axis",
-                           "has length " + shown(length) + "; 1 wanted");
-        }
+        findings.require(std::abs(length - 1) <= 1e-9, "corrupt.value", "/rendering/ignore_axis",
+                         "has length " + shown(length) + "; 1 wanted");
     }
-    const double radius = content.at("/rendering@contact_radius_m").number() +
-                          content.at("/rendering@point_radius_m").number();
-    if (content.at("/rendering@band_m").number() >= radius) {
-        findings.error("corrupt.value", "/rendering@band_m",
-                       "must be less than R = " + shown(radius) + " m");
-    }
+    const double radius =
+        content.number("/rendering@contact_radius_m") + content.number("/rendering@point_radius_m");
+    findings.require(content.number("/rendering@band_m") < radius, "corrupt.value",
+                     "/rendering@band_m", "must be less than R = " + shown(radius) + " m");
 }
 
 inline void check_guidance(const Content& content, Findings& findings) {
     if (!content.has_group("/guidance")) return;
     for (const std::string_view group : {"/curve", "/rendering"}) {
-        if (!content.has_group(group)) {
-            findings.error("corrupt.group", "/guidance", "needs " + std::string(group));
-        }
+        findings.require(content.has_group(group), "corrupt.group", "/guidance",
+                         "needs " + std::string(group));
     }
     const Value* named = content.find("/@must_understand");
-    if (named == nullptr ||
-        (" " + named->string() + " ").find(" /guidance ") == std::string::npos) {
-        findings.error("corrupt.missing", "/@must_understand", "does not name /guidance");
-    }
+    findings.require(
+        named != nullptr && (" " + named->string() + " ").find(" /guidance ") != std::string::npos,
+        "corrupt.missing", "/@must_understand", "does not name /guidance");
     const Value* stroke = content.find("/guidance@stroke");
     if (stroke == nullptr) return;
     const auto strokes = static_cast<std::int64_t>(content.at("/curve/closed").u1.size());
-    if (stroke->i4.front() >= strokes || strokes < 2) {
-        findings.error("corrupt.value", "/guidance@stroke",
-                       "is " + std::to_string(stroke->i4.front()) + "; " + std::to_string(strokes) +
-                           " strokes leave no forbidden region beside such a one");
-    }
+    findings.require(stroke->i4.front() < strokes && strokes >= 2, "corrupt.value",
+                     "/guidance@stroke",
+                     "is " + std::to_string(stroke->i4.front()) + "; " + std::to_string(strokes) +
+                         " strokes leave no forbidden region beside such a one");
 }
 
 inline void check_unique(const std::vector<std::string>& names, std::string_view path,
                          Findings& findings) {
     const std::set<std::string_view> different(names.begin(), names.end());
-    if (different.size() != names.size() || different.count("") > 0) {
-        findings.error("corrupt.value", path, "must be different from each other and not empty");
-    }
+    findings.require(different.size() == names.size() && !different.contains(""), "corrupt.value",
+                     path, "must be different from each other and not empty");
 }
 
 inline void check_registration(const Content& content, Findings& findings) {
@@ -201,9 +179,8 @@ inline void check_registration(const Content& content, Findings& findings) {
         for (std::size_t i = 0; i < side; ++i) {
             negative = negative || covariance->f8[i * side + i] < 0;
         }
-        if (negative) {
-            findings.error("corrupt.value", "/registration/covariance", "has a negative variance");
-        }
+        findings.require(!negative, "corrupt.value", "/registration/covariance",
+                         "has a negative variance");
     }
     check_unique(content.at("/registration/labels").text, "/registration/labels", findings);
 }
@@ -213,15 +190,12 @@ inline void check_pairs(const Content& content, Findings& findings) {
          {std::pair{"/provenance/input_roles", "/provenance/input_sha256"},
           std::pair{"/provenance/setting_names", "/provenance/setting_values"}}) {
         const Value* names = content.find(one);
-        if ((names != nullptr) != content.has(other)) {
-            findings.error("corrupt.missing", "/provenance",
-                           std::string(one) + " and " + other + " need each other");
-        }
+        findings.require((names != nullptr) == content.has(other), "corrupt.missing", "/provenance",
+                         std::string(one) + " and " + other + " need each other");
         if (names == nullptr) continue;
         check_unique(names->text, one, findings);
-        if (!std::all_of(names->text.begin(), names->text.end(), is_name)) {
-            findings.error("corrupt.value", one, "may hold letters, digits, '_', '.', '-'");
-        }
+        findings.require(std::all_of(names->text.begin(), names->text.end(), is_name),
+                         "corrupt.value", one, "may hold letters, digits, '_', '.', '-'");
     }
 }
 
@@ -231,16 +205,14 @@ inline void check_provenance(const Content& content, Findings& findings) {
         const Value* list = content.find(path);
         if (list == nullptr) return;
         for (const std::string& text : list->text) {
-            if (!good(text)) findings.error("corrupt.value", path, "holds " + in_quotes(text));
+            findings.require(good(text), "corrupt.value", path, "holds " + in_quotes(text));
         }
     };
     each("/provenance/input_sha256", is_sha256);
     each("/provenance/setting_values", is_setting);
     const std::string& time = content.at("/provenance@created_utc").string();
-    if (!is_utc_time(time)) {
-        findings.error("corrupt.value", "/provenance@created_utc",
-                       "is " + in_quotes(time) + "; YYYY-MM-DDThh:mm:ssZ wanted");
-    }
+    findings.require(is_utc_time(time), "corrupt.value", "/provenance@created_utc",
+                     "is " + in_quotes(time) + "; YYYY-MM-DDThh:mm:ssZ wanted");
 }
 
 }  // namespace detail

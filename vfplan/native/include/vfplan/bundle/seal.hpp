@@ -42,18 +42,15 @@ inline constexpr std::array<std::uint32_t, 4> seal_sizes{512, 1024, 2048, 4096};
 inline constexpr std::size_t head_size = 148, digest_size = 32;
 inline constexpr std::uint64_t latest = 253402300799;  // 9999-12-31T23:59:59Z
 
-inline void require(bool good, const std::string& message) {
-    if (!good) throw BundleError("corrupt.seal", "", message);
+inline void require(bool good, std::string_view message) {
+    require(good, "corrupt.seal", "", message);
 }
 
 /// The length of the seal that a file begins with.
 inline std::size_t seal_size(View data) {
-    if (data.begins(hdf5_signature)) {
-        throw BundleError("version.seal", "",
-                          "has no seal; this program reads versions 1.x, which have one, and a "
-                          "bundle of version 0.1 is brought up to date by `vfplan migrate OLD.h5 "
-                          "-o NEW.h5`");
-    }
+    require(!data.begins(hdf5_signature), "version.seal", "",
+            "has no seal; this program reads versions 1.x, which have one, and a bundle of version "
+            "0.1 is brought up to date by `vfplan migrate OLD.h5 -o NEW.h5`");
     require(data.begins(magic), "is no fixture bundle: it begins with " +
                                     in_quotes(data.text().substr(0, magic.size())) + ", not " +
                                     in_quotes(magic));
@@ -61,12 +58,10 @@ inline std::size_t seal_size(View data) {
         "ends after " + std::to_string(data.size()) + " bytes, within its seal";
     require(data.size() >= seal_sizes.front(), ends);
     const auto version = number_at(data, 8, 2);
-    if (version != 1) {
-        throw BundleError("version.seal", "",
-                          "seal version " + std::to_string(version) +
-                              "; this program reads 1: a newer vfplan wrote it, `pip install "
-                              "--upgrade vfplan` gets it");
-    }
+    require(version == 1, "version.seal", "",
+            "seal version " + std::to_string(version) +
+                "; this program reads 1: a newer vfplan wrote it, `pip install --upgrade vfplan` "
+                "gets it");
     const auto size = number_at(data, 12, 4);
     require(std::find(seal_sizes.begin(), seal_sizes.end(), size) != seal_sizes.end(),
             "seal of " + std::to_string(size) + " bytes; 512, 1024, 2048 or 4096 wanted");
@@ -129,11 +124,9 @@ inline Seal read_seal(View block) {
 inline Seal unseal(View data, View& payload) {
     const std::size_t size = detail::seal_size(data);
     Seal seal = detail::read_seal(data.first(size));
-    if (seal.payload_length > limits::payload_bytes) {
-        throw BundleError("unsafe.cap", "",
-                          "payload of " + std::to_string(seal.payload_length) + " bytes; at most " +
-                              std::to_string(limits::payload_bytes) + " allowed");
-    }
+    detail::require(seal.payload_length <= limits::payload_bytes, "unsafe.cap", "",
+                    "payload of " + std::to_string(seal.payload_length) + " bytes; at most " +
+                        std::to_string(limits::payload_bytes) + " allowed");
     payload = data.from(size);
     detail::require(payload.size() == seal.payload_length,
                     std::to_string(seal.payload_length) + " bytes were sealed, " +
@@ -146,15 +139,14 @@ inline Seal unseal(View data, View& payload) {
 /// The bytes of a file of at most the size a bundle may have.
 inline Bytes read_file(const std::filesystem::path& path) {
     std::error_code error;
-    if (!std::filesystem::is_regular_file(path, error)) {
-        throw BundleError("input", path.string(), "there is no such file, or it is not regular");
-    }
+    const std::string name = path.string();
+    detail::require(std::filesystem::is_regular_file(path, error), "input", name,
+                    "there is no such file, or it is not regular");
     std::ifstream file(path, std::ios::binary);
-    if (!file) throw BundleError("input", path.string(), "cannot be opened");
+    detail::require(bool(file), "input", name, "cannot be opened");
     const std::uintmax_t size = std::filesystem::file_size(path, error);
-    if (size > limits::payload_bytes + detail::seal_sizes.back()) {
-        throw BundleError("unsafe.cap", path.string(), "longer than a bundle may be");
-    }
+    detail::require(size <= limits::payload_bytes + detail::seal_sizes.back(), "unsafe.cap", name,
+                    "longer than a bundle may be");
     Bytes data(static_cast<std::size_t>(size));
     file.read(reinterpret_cast<char*>(data.data()), static_cast<std::streamsize>(size));
     data.resize(static_cast<std::size_t>(file.gcount()));

@@ -3,9 +3,12 @@
 // Small checks on text, and numbers as text, whatever the program's locale is.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <bit>
 #include <charconv>
 #include <cmath>
+#include <compare>
 #include <cstdint>
 #include <locale>
 #include <sstream>
@@ -17,25 +20,20 @@ namespace vfplan::bundle {
 /// Valid UTF-8: no overlong form, no surrogate, nothing above U+10FFFF.
 inline bool is_utf8(std::string_view text) {
     for (std::size_t i = 0; i < text.size();) {
-        const auto lead = static_cast<unsigned char>(text[i]);
-        const int more = lead < 0x80   ? 0
-                         : lead < 0xC2 ? -1
-                         : lead < 0xE0 ? 1
-                         : lead < 0xF0 ? 2
-                         : lead < 0xF5 ? 3
-                                       : -1;
-        if (more < 0 || i + static_cast<std::size_t>(more) >= text.size()) return false;
-        std::uint32_t code = more == 0 ? lead : lead & (0x3Fu >> more);
-        for (int k = 1; k <= more; ++k) {
-            const auto next = static_cast<unsigned char>(text[i + static_cast<std::size_t>(k)]);
+        const auto lead = static_cast<unsigned char>(text[i++]);
+        const auto ones = static_cast<std::size_t>(std::countl_one(lead));
+        const std::size_t end = i + (ones > 0 ? ones - 1 : 0);
+        if (ones == 1 || ones > 4 || end > text.size()) return false;
+        std::uint32_t code = lead & (0xFFu >> ones);
+        while (i < end) {
+            const auto next = static_cast<unsigned char>(text[i++]);
             if ((next & 0xC0) != 0x80) return false;
             code = code << 6 | (next & 0x3F);
         }
-        if ((more == 2 && code < 0x800) || (more == 3 && (code < 0x10000 || code > 0x10FFFF)) ||
-            (code >= 0xD800 && code <= 0xDFFF)) {
+        constexpr std::array<std::uint32_t, 5> least{0, 0, 0x80, 0x800, 0x10000};
+        if (code < least[ones] || code > 0x10FFFF || (code >= 0xD800 && code <= 0xDFFF)) {
             return false;
         }
-        i += static_cast<std::size_t>(more) + 1;
     }
     return true;
 }
@@ -115,9 +113,7 @@ inline bool is_setting(std::string_view text) {
 struct Version {
     int major = 0, minor = 0;
 
-    friend constexpr bool operator<(const Version& a, const Version& b) {
-        return a.major != b.major ? a.major < b.major : a.minor < b.minor;
-    }
+    auto operator<=>(const Version&) const = default;
 };
 
 /// Reads a version, each part 0..99999 without leading zeros; false if it is none.
@@ -125,30 +121,22 @@ inline bool is_version(std::string_view text, Version& version) {
     const std::size_t dot = text.find('.');
     if (dot == std::string_view::npos) return false;
     const auto parse = [](std::string_view part, int& value) {
-        if (part.empty() || part.size() > 5 || (part[0] == '0' && part.size() > 1)) return false;
-        value = 0;
-        for (const char c : part) {
-            if (!is_digit(c)) return false;
-            value = 10 * value + (c - '0');
-        }
-        return true;
+        const char* end = part.data() + part.size();
+        return !part.empty() && part.size() <= 5 && (part[0] != '0' || part.size() == 1) &&
+               std::all_of(part.data(), end, is_digit) &&
+               std::from_chars(part.data(), end, value).ptr == end;
     };
     return parse(text.substr(0, dot), version.major) && parse(text.substr(dot + 1), version.minor);
 }
 
-/// A number in the shortest form that reads back as itself.
-inline std::string shown(double x) {
+/// A number in the shortest form that reads back as itself, or as `form` says.
+template <class... Form>
+std::string shown(double x, Form... form) {
     std::array<char, 32> out{};
-    return {out.data(), std::to_chars(out.data(), out.data() + out.size(), x).ptr};
+    return {out.data(), std::to_chars(out.data(), out.data() + out.size(), x, form...).ptr};
 }
-
 /// A number with six digits.
-inline std::string rounded(double x) {
-    std::array<char, 32> out{};
-    const auto end =
-        std::to_chars(out.data(), out.data() + out.size(), x, std::chars_format::general, 6);
-    return {out.data(), end.ptr};
-}
+inline std::string rounded(double x) { return shown(x, std::chars_format::general, 6); }
 
 /// Text of a file between quotes, cut short, with nothing in it that a terminal would obey.
 inline std::string in_quotes(std::string_view text) {

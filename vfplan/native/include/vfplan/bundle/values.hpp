@@ -12,6 +12,7 @@
 #include <cstring>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -24,8 +25,8 @@
 
 namespace vfplan::bundle::detail {
 
-[[noreturn]] inline void wrong(const char* code, const Row& row, const std::string& message) {
-    throw BundleError(code, std::string(row.path), message);
+inline void require(bool good, const char* code, const Row& row, std::string_view message) {
+    require(good, code, row.path, message);
 }
 
 /// The datatype messages of float64, int32 and uint8, little-endian, behind the byte that holds
@@ -47,36 +48,28 @@ inline std::string_view encoding_of(Type type) {
 /// The size in bytes of one element, whose datatype must be the row's, byte for byte.
 inline std::size_t element_size(View message, const Row& row) {
     constexpr std::uint64_t integer = 0, floating = 1, string = 3;
-    if (message.size() < 8) wrong("corrupt.hdf5", row, "has a datatype that is cut short");
+    require(message.size() >= 8, "corrupt.hdf5", row, "has a datatype that is cut short");
     const std::uint64_t kind = message[0] & 15u, version = message[0] >> 4u;
-    if (kind != integer && kind != floating && kind != string) {
-        wrong("unsafe.type", row,
-              "has a datatype of class " + std::to_string(kind) +
-                  "; numbers and fixed-length "
-                  "strings are allowed");
-    }
-    if (version < 1 || version > 3) {
-        wrong("corrupt.hdf5", row, "has a datatype of version " + std::to_string(version));
-    }
+    require(kind == integer || kind == floating || kind == string, "unsafe.type", row,
+            "has a datatype of class " + std::to_string(kind) +
+                "; numbers and fixed-length strings are allowed");
+    require(version >= 1 && version <= 3, "corrupt.hdf5", row,
+            "has a datatype of version " + std::to_string(version));
     const auto size = number_at(message, 4, 4);
     if (row.type != Type::text) {
         const bool same_class = kind == (row.type == Type::f8 ? floating : integer);
-        if (!same_class || message.from(1).text() != encoding_of(row.type)) {
-            wrong("corrupt.type", row, "has another type than " + std::string(name_of(row.type)));
-        }
+        require(same_class && message.from(1).text() == encoding_of(row.type), "corrupt.type", row,
+                "has another type than " + std::string(name_of(row.type)));
         return static_cast<std::size_t>(size);
     }
-    if (kind != string) wrong("unsafe.type", row, "is not a fixed-length string");
+    require(kind == string, "unsafe.type", row, "is not a fixed-length string");
     const std::uint64_t padding = message[1] & 15u, encoding = message[1] >> 4u;
-    if (message.size() != 8 || encoding > 1 || message[2] != 0 || message[3] != 0 || size == 0) {
-        wrong("corrupt.type", row, "is text of another encoding");
-    }
-    if (padding > 1) wrong("corrupt.type", row, "is text padded with blanks; NUL is wanted");
-    if (size > limits::text_bytes) {
-        wrong("unsafe.cap", row,
-              "is text of " + std::to_string(size) + " bytes; at most " +
-                  std::to_string(limits::text_bytes) + " allowed");
-    }
+    require(message.size() == 8 && encoding <= 1 && message[2] == 0 && message[3] == 0 && size > 0,
+            "corrupt.type", row, "is text of another encoding");
+    require(padding <= 1, "corrupt.type", row, "is text padded with blanks; NUL is wanted");
+    require(size <= limits::text_bytes, "unsafe.cap", row,
+            "is text of " + std::to_string(size) + " bytes; at most " +
+                std::to_string(limits::text_bytes) + " allowed");
     return static_cast<std::size_t>(size);
 }
 
@@ -87,17 +80,15 @@ inline std::vector<std::uint64_t> sides_of(View message, const Row& row) {
     body.wanted(1, 2, "version of a dataspace");
     const auto rank = body.number(1), flags = body.number(1), kind = body.number(1);
     const bool array = kind == simple && rank > 0;
-    if (rank > 3 || flags > 1 || (!array && (kind != scalar || rank != 0 || flags != 0))) {
-        wrong("corrupt.shape", row,
-              "has a dataspace of kind " + std::to_string(kind) + ", rank " + std::to_string(rank));
-    }
+    require(rank <= 3 && flags <= 1 && (array || (kind == scalar && rank == 0 && flags == 0)),
+            "corrupt.shape", row,
+            "has a dataspace of kind " + std::to_string(kind) + ", rank " + std::to_string(rank));
     std::vector<std::uint64_t> sides, most;
     for (std::uint64_t i = 0; i < rank; ++i) sides.push_back(body.number(8));
     for (std::uint64_t i = 0; i < rank * flags; ++i) most.push_back(body.number(8));
     body.done();
-    if (flags != 0 && sides != most) {
-        wrong("unsafe.layout", row, "can grow; only arrays of fixed size are allowed");
-    }
+    require(flags == 0 || sides == most, "unsafe.layout", row,
+            "can grow; only arrays of fixed size are allowed");
     return sides;
 }
 
@@ -106,8 +97,8 @@ inline std::string text_of(View raw, const Row& row) {
     std::size_t size = raw.size();
     while (size > 0 && raw[size - 1] == 0) --size;
     const std::string_view text = raw.first(size).text();
-    if (!is_utf8(text)) wrong("corrupt.text", row, "is not UTF-8");
-    if (has_control(text)) wrong("corrupt.text", row, "holds control characters");
+    require(is_utf8(text), "corrupt.text", row, "is not UTF-8");
+    require(!has_control(text), "corrupt.text", row, "holds control characters");
     return std::string(text);
 }
 
@@ -115,39 +106,30 @@ inline std::string text_of(View raw, const Row& row) {
 inline Value room_for(const Row& row, std::size_t count) {
     Value value;
     value.type = row.type;
-    if (row.type == Type::f8) value.f8.resize(count);
-    if (row.type == Type::i4) value.i4.resize(count);
-    if (row.type == Type::u1) value.u1.resize(count);
-    if (row.type == Type::text) value.text.resize(count);
+    value.visit([&](auto& all) { all.resize(count); });
     return value;
 }
 
 /// Fills elements `at` and following from bytes of elements of `size` bytes.
 inline void fill(Value& value, std::size_t at, View raw, std::size_t size, const Row& row) {
-    const auto copy = [&](auto& into) { std::memcpy(into.data() + at, raw.data(), raw.size()); };
-    switch (value.type) {
-        case Type::f8:
-            return copy(value.f8);
-        case Type::i4:
-            return copy(value.i4);
-        case Type::u1:
-            return copy(value.u1);
-        default:
+    value.visit([&]<class T>(std::vector<T>& all) {
+        if constexpr (std::is_arithmetic_v<T>) {
+            std::memcpy(all.data() + at, raw.data(), raw.size());
+        } else {
             for (std::size_t i = 0; i < raw.size() / size; ++i) {
-                value.text[at + i] = text_of(raw.part(i * size, size), row);
+                all[at + i] = text_of(raw.part(i * size, size), row);
             }
-    }
+        }
+    });
 }
 
 /// A scalar attribute of a row's type.
 inline Value scalar_of(const Attribute& attribute, const Row& row) {
-    if (!sides_of(attribute.space, row).empty()) wrong("corrupt.shape", row, "is not a scalar");
+    require(sides_of(attribute.space, row).empty(), "corrupt.shape", row, "is not a scalar");
     const std::size_t size = element_size(attribute.type, row);
-    if (attribute.data.size() != size) {
-        wrong("corrupt.hdf5", row,
-              "has " + std::to_string(attribute.data.size()) + " bytes; " + std::to_string(size) +
-                  " wanted");
-    }
+    require(attribute.data.size() == size, "corrupt.hdf5", row,
+            "has " + std::to_string(attribute.data.size()) + " bytes; " + std::to_string(size) +
+                " wanted");
     Value value = room_for(row, 1);
     fill(value, 0, attribute.data, size, row);
     return value;
@@ -184,25 +166,21 @@ inline void check_range(const Value& value, const Row& row, std::string_view uni
         for (std::size_t at; (at = choice.find('|')) != std::string::npos;) {
             choice.replace(at, 1, " or ");
         }
-        wrong("corrupt.value", row, "is " + in_quotes(value.string()) + "; " + choice + " allowed");
+        return require(false, "corrupt.value", row,
+                       "is " + in_quotes(value.string()) + "; " + choice + " allowed");
     }
     const auto [low, high] = row.type == Type::f8   ? extent(value.f8)
                              : row.type == Type::i4 ? extent(value.i4)
                                                     : extent(value.u1);
-    if (!std::isfinite(low) || !std::isfinite(high)) {
-        wrong("corrupt.value", row, "holds a number that is not finite");
-    }
+    require(std::isfinite(low) && std::isfinite(high), "corrupt.value", row,
+            "holds a number that is not finite");
     const double cap = unit == "m" ? row.max_abs_m : unit == "px" ? row.max_abs_px : infinity;
     const double least = std::max(-cap, row.min), most = std::min(cap, row.max);
-    if (low < least || high > most) {
-        wrong("corrupt.range", row,
-              "runs from " + shown(low) + " to " + shown(high) + "; " + shown(least) + " to " +
-                  shown(most) + " allowed");
-    }
-    if (low <= row.above) {
-        wrong("corrupt.range", row,
-              "is " + shown(low) + "; more than " + shown(row.above) + " wanted");
-    }
+    require(low >= least && high <= most, "corrupt.range", row,
+            "runs from " + shown(low) + " to " + shown(high) + "; " + shown(least) + " to " +
+                shown(most) + " allowed");
+    require(low > row.above, "corrupt.range", row,
+            "is " + shown(low) + "; more than " + shown(row.above) + " wanted");
 }
 
 }  // namespace vfplan::bundle::detail
