@@ -145,7 +145,7 @@ def dashed(dash, gap, width=2.5):
 
 @pytest.mark.parametrize(("dash", "gap"), [(3, 7), (8, 14), (18, 26)])
 def test_dashes_that_are_not_joined_are_told_as_such(dash, gap):
-    with pytest.raises(CurveError, match=r"dots or dashes in red.*--max-gap \(20 px\); draw it"):
+    with pytest.raises(CurveError, match=r"dots or dashes;.*--max-gap \(20 px\); draw it"):
         vfplan.extract_curve(dashed(dash, gap))
 
 

@@ -6,7 +6,7 @@ extraction  the steps from image to `Extraction`
 asked       a part of the slice, where the curve begins and ends, a region's outline: what is asked
 pen         the pen's colour, and how much of it lies on each pixel
 marks       connected marks, and what each of them is, by their `skeleton`
-candidates  lines joined over pen lifts (`joining`), in a fixed order
+candidates  lines joined over pen lifts, in a fixed order
 kinds       curve, text, arrow, frame, symbol or bar
 choice      which candidate it is, or why none
 ridge       the measurement: a pixel path -> the line's centre and its uncertainty

@@ -88,14 +88,9 @@ def between(
     keep = np.arange(min(first, stop), max(first, stop) + 1)
     keep = keep if first < stop else keep[::-1]
     points = found.points[keep]
-    length = float(np.hypot(*np.diff(points, axis=0).T).sum())
-    return replace(
-        found,
-        points=points,
-        sigma=found.sigma[keep],
-        bridged=found.bridged[keep],
-        length=length,
-    )
+    length = float(arc_length(points, False)[-1])
+    sigma, bridged = found.sigma[keep], found.bridged[keep]
+    return replace(found, points=points, sigma=sigma, bridged=bridged, length=length)
 
 
 def _rolled(found: Centreline, by: int) -> Centreline:
@@ -152,17 +147,15 @@ def outline_of(
     own = (label == label[inside[1], inside[0]]).view(np.uint8)
     near = cv2.dilate(own, np.ones((3, 3), np.uint8)) > 0
     alpha = np.where(near, _coverage(rgb[box], mark.pen), 0.0)
-    rings = sorted(find_contours(np.pad(alpha, 1), 0.5), key=lambda c: -_area(c))
-    ring = rings[0][:-1, ::-1] - 1
-    ring = ring if _signed(ring) > 0 else ring[::-1]
-    even, _ = evenly(ring, True)
-    points = gaussian_filter1d(even, SMOOTH_PX, axis=0, mode="wrap")
-    points = np.roll(points, -int(points.sum(1).argmin()), 0) + np.array([left, top])
+    rings = sorted(find_contours(np.pad(alpha, 1), 0.5), key=lambda c: -abs(_area(c)))
+    ring = rings[0][:-1] if _area(rings[0]) > 0 else rings[0][:0:-1]
+    even, _ = evenly(ring[:, ::-1] - 1, True)
+    smooth = gaussian_filter1d(even, SMOOTH_PX, axis=0, mode="wrap")
+    sigma = np.full(len(even), np.hypot(SIGMA_PX, np.sqrt(((even - smooth) ** 2).mean())))
+    points = np.roll(smooth, -int(smooth.sum(1).argmin()), 0) + np.array([left, top])
     none = np.zeros(len(points), bool)
-    rough = even - gaussian_filter1d(even, SMOOTH_PX, axis=0, mode="wrap")
-    sigma = np.full(len(points), np.hypot(SIGMA_PX, np.sqrt((rough**2).mean())))
     line = Centreline(points, sigma, none, True, float(arc_length(points, True)[-1]))
-    holes = sum(_area(c) > 1 for c in rings[1:])
+    holes = sum(abs(_area(c)) > 1 for c in rings[1:])
     warnings = [f"the filled region has {holes} holes; its outer outline is taken"] if holes else []
     return Candidate(points, True, none, (mark,)), line, warnings
 
@@ -171,10 +164,8 @@ def _coverage(rgb: NDArray, pen: Pen) -> NDArray[np.float64]:
     return rgb @ pen.along * (255.0 / np.iinfo(rgb.dtype).max) / pen.strength
 
 
-def _signed(ring: NDArray) -> float:
-    after = np.roll(ring, -1, 0)
-    return float(np.sum(ring[:, 0] * after[:, 1] - after[:, 0] * ring[:, 1])) / 2
+def _area(contour: NDArray) -> float:
+    """Of a closed (row, column) contour: above 0 where it runs clockwise as seen."""
+    import cv2
 
-
-def _area(ring: NDArray) -> float:
-    return abs(_signed(ring))
+    return cv2.contourArea(contour[:, ::-1].astype(np.float32), oriented=True)

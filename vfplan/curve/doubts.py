@@ -33,8 +33,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.candidates import Candidate, inked_ends
-from vfplan.curve.joining import angle_deg
+from vfplan.curve.candidates import Candidate, angle_deg, inked_ends
 from vfplan.curve.path import normals, runs
 from vfplan.curve.pen import Pen
 from vfplan.curve.profile import Profiles

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.beside import Piece
-from vfplan.curve.candidates import Candidate, inked_ends
-from vfplan.curve.joining import angle_deg
+from vfplan.curve.candidates import Candidate, angle_deg, inked_ends
 from vfplan.curve.path import runs
 from vfplan.curve.ridge import Centreline
 from vfplan.errors import CurveError

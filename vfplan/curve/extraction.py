@@ -12,13 +12,8 @@ from numpy.typing import NDArray
 
 from vfplan.curve.asked import between, check_places, outline_of, part_of, region_of, through
 from vfplan.curve.beside import intruders, pieces_beside, set_aside
-from vfplan.curve.candidates import Candidate, candidates_of
-from vfplan.curve.choice import (
-    against_advice,
-    choose,
-    refuse_crowd,
-    refuse_grey,
-)
+from vfplan.curve.candidates import Candidate, candidates_of, refuse_crowd
+from vfplan.curve.choice import against_advice, choose, refuse_grey, refuse_junctions
 from vfplan.curve.covers import covered_ends
 from vfplan.curve.doubts import a_bar, cut_off, nearly_closed, several, side_by_side
 from vfplan.curve.evidence import (
@@ -29,7 +24,7 @@ from vfplan.curve.evidence import (
 )
 from vfplan.curve.kinds import tell_apart
 from vfplan.curve.marks import find_marks
-from vfplan.curve.path import drawn_length
+from vfplan.curve.path import arc_length, drawn_length
 from vfplan.curve.pen import Pen
 from vfplan.curve.ridge import Centreline, trace
 from vfplan.errors import CurveError, SettingError
@@ -167,18 +162,23 @@ def extract_curve(
     if not marks:
         refuse_grey(rgb)
     candidates, others = tell_apart(candidates_of(marks, mask, max_gap_px, rgb), mask, max_gap_px)
-    told, notes = [*candidates, *others], []
+    told = [*candidates, *others]
     if outline:
         line, measured, notes = outline_of(rgb, region_of(marks), mask)
         both = [(line, measured)]
     else:
         refuse_crowd(candidates, others, marks, colour, max_gap_px)
-        aside = set_aside(marks, told, candidates, origin)
         if given and stroke is None:
             candidates = through(candidates, np.subtract(given, origin)) or candidates
-        chosen = choose(candidates, others, mask, stroke, colour, origin, aside)
+        chosen = candidates
+        if len(candidates) != 1 or stroke is not None:
+            aside = set_aside(marks, told, candidates, origin)
+            chosen = choose(candidates, others, mask, stroke, colour, origin, aside)
+        for line in chosen:
+            if line.junctions:
+                refuse_junctions(line, origin)
         both = [(c, _measure(rgb, c, method, mask, origin)) for c in chosen]
-        notes += against_advice(chosen, others, origin, mask.shape)
+        notes = against_advice(chosen, others, origin, mask.shape) if others else []
     pieces, ink = pieces_beside(mask, both, told, marks)
     specks, found = unexplained(both, pieces, mask, max_gap_px, origin)
     notes += found
@@ -222,8 +222,7 @@ def vector_stroke(points_px: NDArray, closed: bool, image: PlannedImage, where: 
             f"leaves the image of {image.width_px}x{image.height_px} px at ({u:.1f}, {v:.1f})",
             where=where,
         )
-    ring = np.vstack([points_px, points_px[:1]]) if closed else points_px
-    length = float(np.hypot(*np.diff(ring, axis=0).T).sum())
+    length = float(arc_length(points_px, closed)[-1])
     none = np.zeros(len(points_px), bool)
     stroke = Stroke(points_px, None, closed, none, length, None)
     mask = np.zeros(image.rgb.shape[:2], bool)

@@ -13,8 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.candidates import Candidate, ends_of
-from vfplan.curve.joining import MAX_TURN_DEG
+from vfplan.curve.candidates import MAX_TURN_DEG, Candidate, ends_of
 from vfplan.curve.skeleton import Branch
 
 MIN_LENGTH_PX = 20.0
