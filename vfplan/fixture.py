@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from vfplan.io.reading import now_utc
 from vfplan.records import (
-    FRAMES,
     Frame,
     Guidance,
     RegistrationRecord,
@@ -24,7 +23,7 @@ from vfplan.records import (
 )  # fmt: skip
 
 __all__ = [
-    "FRAMES", "Curve", "Fixture", "Frame", "Guidance", "Pieces", "Provenance", "RegistrationRecord",
+    "Curve", "Fixture", "Frame", "Guidance", "Pieces", "Provenance", "RegistrationRecord",
     "Rendering", "SourceImage", "StabilityVerdict",
 ]  # fmt: skip
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Frame = Literal["image", "robot_base", "patient_lps"]
-FRAMES: tuple[Frame, ...] = ("image", "robot_base", "patient_lps")
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from vfplan.bundle.content import most
 from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.meshfile import Mesh, read_mesh
-from vfplan.engine.parameters import PAPER_BAND, check_axis, default_band
+from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
 from vfplan.io.npy import npy_header
-from vfplan.io.reading import read_bytes, real, require_short
+from vfplan.io.reading import at, read_bytes, real, require_short
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")
@@ -68,7 +68,12 @@ def import_cloud(
     found, digest = _read(Path(path), units)
     points, triangles = found.points * METRES[units], found.triangles
     radius = contact_radius + point_radius
-    _check(points, radius, str(path))
+    if not 0 < radius < np.inf:
+        raise SettingError(f"R = contact radius + point radius = {radius} m; more than 0 wanted")
+    with at(path):
+        points = check_points(points)
+        if len(points) > most("N"):
+            raise InputError(f"{len(points)} points; at most {most('N')} are allowed")
     mesh, axis, left_out = None, check_axis(ignore_axis), list(found.left_out)
     if triangles is not None:
         if curve is not None:
@@ -114,17 +119,6 @@ def _as_curve(count: int, curve: str | None) -> Curve | None:
     if curve not in ("open", "closed"):
         raise SettingError(f"curve {curve!r}; 'open' or 'closed' wanted")
     return Curve(np.zeros(count, dtype=np.int32), np.array([curve == "closed"]))
-
-
-def _check(points: Points, radius: float, where: str) -> None:
-    cap = most("N")
-    if not 1 <= len(points) <= cap:
-        raise InputError(f"{len(points)} points; 1 to {cap} allowed", where=where)
-    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-    if len(bad):
-        raise InputError(f"point {bad[0]} is not finite", where=where)
-    if not radius > 0 or not np.isfinite(radius):
-        raise SettingError(f"R = contact radius + point radius = {radius} m; more than 0 wanted")
 
 
 def _read(path: Path, units: str) -> tuple[Mesh, str]:

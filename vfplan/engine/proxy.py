@@ -119,8 +119,8 @@ class ProxyEngine:
         kind = allowed.exact_of(fixture)
         if rule == "exact" and kind is None:
             raise SceneError("rule 'exact': needs a curve of pieces and an axis, or a mesh without")
-        if not offline:
-            allowed.check_work(fixture, rule)
+        if not offline and (doubt := allowed.work_doubt(fixture, rule)) is not None:
+            raise SceneError(doubt)
         if rule == "exact" and kind == "curve":
             return cls.along(fixture.pieces, **settings)
         if rule == "exact":

@@ -133,15 +133,6 @@ def work_doubt(fixture: Fixture, rule: Rule | None = None) -> str | None:
     )
 
 
-def check_work(fixture: Fixture, rule: Rule | None = None) -> None:
-    """Refuse a fixture whose ticks may take longer than a loop of 1 kHz can wait.
-
-    Raises `SceneError` with the time, the time given, and what makes it so.
-    """
-    if (doubt := work_doubt(fixture, rule)) is not None:
-        raise SceneError(doubt)
-
-
 def check_editing(points: NDArray[np.float64], native: _core.Parameters, real_time: bool) -> None:
     """Refuse to edit a cloud whose ticks are short enough for a loop only thinned."""
     if real_time and _core.tick_work(points, native) > MOST_TICK_WORK:
