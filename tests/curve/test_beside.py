@@ -7,6 +7,7 @@ from drawing import anatomy
 from slices import RED, SHAPE
 
 import vfplan
+from vfplan.errors import CurveError
 
 CENTRE, RADIUS, WIDTH = np.array([190.0, 160.0]), 90.0, 4.0
 
@@ -86,3 +87,38 @@ def test_another_pen_s_line_that_goes_straight_on_is_told_and_a_point_is_not():
 def test_a_thinner_stroke_behind_a_corner_is_told_and_one_of_the_same_pen_is_not():
     assert any("drawn thinner" in w for w in told(corner(WIDTH / 2)))
     assert not told(corner(WIDTH))
+
+
+@pytest.mark.parametrize(("share", "quality"), [(0.2, 85), (0.4, None), (0.6, None), (0.6, 85)])
+def test_a_second_stroke_beside_a_part_of_the_line_is_refused(share, quality):
+    canvas = Canvas(anatomy(SHAPE, 3), "exact")
+    canvas.line(arc(180, 340), WIDTH, RED)
+    beside = arc(200, 200 + 160 * share)
+    canvas.line(CENTRE + (1 + WIDTH / RADIUS) * (beside - CENTRE), WIDTH, RED)
+    with pytest.raises(CurveError, match=r"times as wide|side by side"):
+        vfplan.extract_curve(canvas.image(quality))
+
+
+def test_a_pen_pressed_more_and_less_is_no_second_stroke():
+    way = arc(180, 340)
+    for swings in (1, 3):
+        widths = WIDTH * (1 + 0.4 * np.sin(np.linspace(0, 2 * np.pi * swings, len(way))))
+        canvas = Canvas(anatomy(SHAPE, 3), "exact")
+        canvas.pressed(way, widths, RED)
+        assert not vfplan.extract_curve(canvas.image()).warnings
+
+
+def test_the_thin_strokes_of_a_sign_at_the_end_are_told_and_an_arrow_s_corners_are_not():
+    end, before = arc(180, 340)[[-1, -30]]
+    onward = (end - before) / np.hypot(*(end - before))
+    inward = (CENTRE - end) / RADIUS
+
+    def cross(canvas):
+        for lean in (inward, onward):
+            canvas.line([end - 5 * lean, end + 5 * lean], 1.5, RED)
+
+    def head(canvas):
+        canvas.fill([end + 10 * onward, end + 6 * inward, end - 6 * inward], RED)
+
+    assert any("a thinner stroke leaves it" in w for w in told(cross))
+    assert not told(head)

@@ -23,8 +23,7 @@ LEAST_PIXELS = 3
 # Of the usual width, and a pixel and a half more: ink of more than the line. From one to so many
 # widths long, and so many of line on either side say where it runs.
 WIDE, WIDE_PX, LONGEST, FLANK = 1.4, 1.5, 4.0, 3.0
-OFF_PX, OFF = 0.8, 3.0  # the line leaves its way by so much, and so many times what the flanks do
-BOTH = 0.35  # of the wider side's: a dot on the line, which moves it nowhere
+OFF_PX = 0.8  # the line leaves its way by so much, less where the ink reaches as far to both sides
 PRESSED = 4.0  # times the widths' own spread: a pen that is pressed varies all along
 STEP_PX, SPARE_PX = 0.5, 6.0
 
@@ -200,5 +199,5 @@ def _dots(
         way = powers @ np.linalg.lstsq(powers[~inner], points[at][~inner], rcond=None)[0]
         off = np.hypot(*(points[at] - way).T)
         sides = _reaches(way, False, mask, line.width_px)[:, inner].max(1)
-        if off.max() > max(OFF_PX, OFF * off[~inner].max()) and sides.min() < BOTH * sides.max():
+        if off.max() * (1 - sides.min() / sides.max()) > OFF_PX:
             yield points[run[len(run) // 2]], len(run), float(off.max())

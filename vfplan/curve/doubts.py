@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -46,10 +47,11 @@ MOST_LIFTS = 2  # a ring drawn with more is no C
 
 RUN, LEAST_RUN = 4.0, 12  # widths, points: a corner or a blot is shorter
 DOUBTED, REFUSED = (1.1, 1.25), (1.3, 1.35)  # in clean pictures, in those with JPEG's noise
-BLOT, BLOT_PX, DOT = 4.5, 40.0, 1.35  # widths, px: so short a run, somewhere so wide, is a dot
+USUAL = 0.35  # quantile: a second line may run beside most of this one
+BLOT, BLOT_PX, DOT = 4.5, 40.0, 1.25  # widths, px: so short a run, somewhere so wide, is a dot
 BLOT_DOUBT = 0.06  # of its width beyond the line's: how far beside its middle the line may run
 BESIDE_PX = 0.65  # between two runs: the line midway is 0.3 px off either
-OUTLIER = 4.0  # times the line's own spread: a pen that is pressed, or fades, varies all along
+AT_ONCE = 4.0  # times the line's usual change over 12 points: another begins there
 BEND_POINTS = 5  # of the path, about a pixel apart
 TIGHT = 0.5  # of a bend's radius, a profile's reach: more, and it sees the bend's other side
 RISEN = (1.04, 1.05)  # of mass over peak, at least, where the mass alone speaks for two runs
@@ -195,33 +197,43 @@ def widest_run(
     seen = np.where(profiles.seen, np.clip(profiles.alpha, 0.0, None), 0.0)
     mass = seen.sum(1)
     across = mass / np.maximum(seen.max(1), 1e-6)
-    mass, across = (values / np.median(values[valid]) for values in (mass, across))
     count = min(max(LEAST_RUN, round(RUN * width)), len(base))
     mode = "wrap" if closed else "nearest"
+    touched = maximum_filter1d(profiles.doubt, count, mode=mode) > 0  # its blur widens the edge
+    clear = valid & ~touched if (valid & ~touched).any() else valid
+    mass, across = (values / np.quantile(values[clear], USUAL) for values in (mass, across))
     blots = _blots(np.minimum(mass, across), min(BLOT * width, BLOT_PX))
-    in_blots, plain = np.where(blots, BLOT_DOUBT * width * (mass - 1), 0.0), valid & ~blots
-    both, mass, across = (
+    plain = clear & ~blots
+    both, mean, across = (
         uniform_filter1d(np.where(plain, values, 1.0), count, mode=mode)
         for values in (np.minimum(mass, across), mass, across)
     )
+    at_once = partial(_changes_at_once, uniform_filter1d(1.0 * plain, count, mode=mode))
     noisy = profiles.noisy
-    spread = 1.48 * float(np.median(np.abs(mass - np.median(mass))))
-    by_mass = (width * (mass - 1) > BESIDE_PX) & (across > RISEN[noisy])
-    by_mass &= mass - 1 > OUTLIER * spread
+    by_mass = (width * (mean - 1) > BESIDE_PX) & (across > RISEN[noisy]) & at_once(mean)
     by_mass &= maximum_filter1d(_turn(base, closed), count, mode=mode) * profiles.x[-1] < TIGHT
-    pressed = OUTLIER * 1.48 * float(np.median(np.abs(both - np.median(both))))
-    wide = (both - 1 > pressed) & (width * (both - 1) > BESIDE_PX / 2)
+    wide = (width * (both - 1) > BESIDE_PX / 2) & at_once(both)
     doubted = (wide & (both > DOUBTED[noisy])) | by_mass
     refused = bool((wide & (both > REFUSED[noisy])).any())
-    ratio = both if refused else np.where(by_mass, mass, both)
+    ratio = both if refused else np.where(by_mass, mean, both)
     at = int(np.where(doubted, ratio, 0.0).argmax() if doubted.any() else ratio.argmax())
-    place = (float(base[at, 0]), float(base[at, 1]))
     # From where it is doubted on, as far as the mass speaks for it at all.
-    aside = width * (np.maximum(ratio, mass) - 1) / 2
+    aside = width * (np.maximum(ratio, mean) - 1) / 2
     near = binary_propagation(doubted, mask=doubted | (aside > BESIDE_PX / 4))
     doubt = maximum_filter1d(np.where(near, aside, 0.0), count, mode=mode)
-    doubt = np.maximum(doubt, in_blots)
+    doubt = np.maximum(doubt, np.where(blots, BLOT_DOUBT * width * (mass - 1), 0.0))
+    place = (float(base[at, 0]), float(base[at, 1]))
     return Widening(float(ratio[at]), place, bool(doubted.any()), refused, doubt)
+
+
+def _changes_at_once(whole: NDArray, values: NDArray) -> bool:
+    """Whether a width changes at once somewhere, between places that are `whole`.
+
+    A pen that is pressed, or fades, varies all along.
+    """
+    both = (whole[LEAST_RUN:] > 1 - 1e-6) & (whole[:-LEAST_RUN] > 1 - 1e-6)
+    change = np.abs(values[LEAST_RUN:] - values[:-LEAST_RUN])[both]
+    return bool(len(change) and change.max() > AT_ONCE * np.median(change))
 
 
 def _blots(ratio: NDArray, longest: float) -> NDArray[np.bool_]:

@@ -24,7 +24,8 @@ REACH = 3.0  # times its own length, beyond `max_gap`, a piece is looked for
 SLIM = 2.0  # times longer than wide: a piece that has a direction
 ALIKE = 2.5  # widths of one pen differ by no more
 SAME, STROKE, STROKE_PX = 1.3, 3.0, 14.0  # nearly so wide, so many times as long: a stroke of it
-SPECKS = 2
+SPECKS, SPECK = 2, 0.25  # of so much of a width at least: JPEG leaves crumbs beside a broad pen
+TOUCHING, TOUCHING_PX = 2.0, 8.0  # widths, px from an end: a sign that the line runs into
 NO_CONTINUATION = ("text", "frame", "scale bar", "leader", "other colour")
 LEFT = 0.5  # of a width, and a pixel: an honest fit does not leave the ink by more
 BRIDGE_WIDTHS, BRIDGE_PX = 2.0, 4.0  # beside a gap, where profiles lack a side
@@ -43,9 +44,22 @@ def unexplained(
         for at, outward in inked_ends(line, mask):
             piece, told = _beyond(line, at, outward, pieces, max_gap_px, origin)
             carrying += piece
-            warnings += told
+            warnings += told + _crossed(line, at, origin)
         warnings += _hanging(line, found, pieces, origin)
     return carrying, warnings
+
+
+def _crossed(line: Candidate, at: NDArray, origin: tuple[int, int]) -> list[str]:
+    """A warning where a thinner stroke leaves the line near an end, as a letter's or a cross's."""
+    reach = TOUCHING * line.width_px + TOUCHING_PX
+    places = [p for m in line.marks for p in m.offshoots if np.hypot(*(p - at)) < reach]
+    if not places:
+        return []
+    (u, v), (p, q) = at + origin, np.add(places[0], origin)
+    return [
+        f"the curve ends at ({u:.0f}, {v:.0f}), where a thinner stroke leaves it at ({p}, {q}): "
+        "what touches the end there, as a letter does, may be no part of it"
+    ]
 
 
 def _beyond(
@@ -59,15 +73,14 @@ def _beyond(
     """What lies ahead of an end: the nearest piece that may carry the line on, or specks."""
     near, specks = [], 0
     for piece in pieces:
-        if piece.kind in NO_CONTINUATION:
-            continue
         away = piece.pixels - at
         distance = np.hypot(*away.T)
         gap = float(distance.min())
-        if gap > max_gap + REACH * piece.length_px:
+        if gap > max_gap + REACH * piece.length_px or piece.kind in NO_CONTINUATION:
             continue
         aside = angle_deg(outward, away[distance.argmin()]) if gap else 0.0
-        specks += gap <= max_gap and aside <= 90.0 and piece.kind == "speck"
+        whole = piece.length_px >= SPECK * line.width_px
+        specks += gap <= max_gap and aside <= 90.0 and piece.kind == "speck" and whole
         if piece.kind != "own" and _carries_on(line, piece, gap, aside, at, outward, max_gap):
             near.append((gap, piece))
     if near:

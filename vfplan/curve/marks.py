@@ -7,7 +7,7 @@ are set aside *and reported*, so that nothing disappears in silence.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -28,6 +28,7 @@ MIN_ASPECT = 4.0  # a line is at least this many times longer than wide,
 BROAD_PX, BROAD_ASPECT = 10.0, 8.0  # and a broad one more;
 DASH_ASPECT = 1.8  # of a dash, which may belong to a dashed line
 FILLED = 0.35  # of its box: more is a panel with holes
+THINNER = 0.85  # of the line's width: the corners of a dot or an arrow's head are broader
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,7 @@ class Mark:
     junctions: tuple[tuple[int, int], ...]
     area_px: int  # pixels
     box: tuple[int, int, int, int]  # (u, v, width, height) px
+    offshoots: tuple[tuple[int, int], ...] = ()  # (u, v) in spurs that are thinner than the line
 
     @property
     def length_px(self) -> float:
@@ -136,22 +138,35 @@ def _by_label(where: NDArray, label: NDArray, count: int, width: int) -> list[tu
 
 def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple) -> Mark:
     rows, cols = body
-    box = (
-        int(cols.min()),
-        int(rows.min()),
-        int(np.ptp(cols)) + 1,
-        int(np.ptp(rows)) + 1,
-    )
+    corner, area = (int(cols.min()), int(rows.min())), len(rows)
+    box = (*corner, int(np.ptp(cols)) + 1, int(np.ptp(rows)) + 1)
     own = _own_pen(rgb, rows, cols, pen)
-    branches, junctions = _pruned(*bone, rgb.shape[1], len(rows) / len(bone[0]))
+    branches, junctions, spurs = _pruned(*bone, rgb.shape[1], area / len(bone[0]))
     # A path along pixels is about 5 % longer than the line; each end is short of half a width.
     length = sum(b.length for b in branches) / 1.05
-    width = len(rows) / max(length, 1.0)
-    width = len(rows) / (length + width / 2 * sum(map(any, (b.free for b in branches))) + 1)
-    mark = Mark("", own, width, tuple(branches), tuple(junctions), len(rows), box)
+    width = area / max(length, 1.0)
+    width = area / (length + width / 2 * sum(map(any, (b.free for b in branches))) + 1)
+    thin = _thinner(spurs, rows, cols, box, width)
+    mark = Mark("", own, width, tuple(branches), tuple(junctions), area, box, thin)
     other = own.along @ pen.along < np.cos(np.radians(OTHER_HUE_DEG))
-    kind = "other colour" if other and mark.area_px > PANEL_PIXELS else _kind(mark)
-    return Mark(kind, own, width, mark.branches, mark.junctions, len(rows), box)
+    kind = "other colour" if other and area > PANEL_PIXELS else _kind(mark)
+    return replace(mark, kind=kind)
+
+
+def _thinner(
+    spurs: list[Branch], rows: NDArray, cols: NDArray, box: tuple[int, ...], width: float
+) -> tuple[tuple[int, int], ...]:
+    """A place in each spur that is thinner than the line: another stroke's, as a letter's is."""
+    import cv2
+
+    if not spurs:
+        return ()
+    ink = np.zeros((box[3] + 2, box[2] + 2), np.uint8)
+    ink[rows - box[1] + 1, cols - box[0] + 1] = 1
+    half = cv2.distanceTransform(ink, cv2.DIST_L2, 5)
+    paths = (np.clip(s.path, box[:2], np.add(box[:2], box[2:]) - 1) for s in spurs)
+    widths = ((p[0], 2 * np.median(half[tuple((p - box[:2] + 1).T[::-1])])) for p in paths)
+    return tuple((int(u), int(v)) for (u, v), across in widths if across < THINNER * width)
 
 
 def _own_pen(rgb: NDArray, rows: NDArray, cols: NDArray, pen: Pen) -> Pen:
@@ -162,18 +177,18 @@ def _own_pen(rgb: NDArray, rows: NDArray, cols: NDArray, pen: Pen) -> Pen:
 
 def _pruned(
     rows: NDArray, cols: NDArray, width: int, pen_width: float
-) -> tuple[list[Branch], list[tuple[int, int]]]:
-    """The skeleton without the short spurs that thinning leaves on a line's edge."""
+) -> tuple[list[Branch], list[tuple[int, int]], list[Branch]]:
+    """The skeleton without the short spurs that thinning leaves on a line's edge, and the spurs."""
+    gone: list[Branch] = []
     while True:
         branches, junctions = branches_of(rows, cols, width)
-        if not junctions:
-            return branches, junctions
         spurs = [b for b in branches if any(b.free) and b.length + 1 < 1.5 * pen_width + 2]
-        if not spurs or len(spurs) == len(branches):
-            return branches, junctions
+        if not junctions or not spurs or len(spurs) == len(branches):
+            return branches, junctions, gone
         shortest = min(spurs, key=lambda b: (b.length, tuple(b.path[0])))
-        gone = {tuple(pixel) for pixel in shortest.path.tolist()}
-        keep = np.array([(u, v) not in gone for u, v in zip(cols, rows, strict=True)])
+        gone.append(shortest)
+        pixels = {tuple(pixel) for pixel in shortest.path.tolist()}
+        keep = np.array([(u, v) not in pixels for u, v in zip(cols, rows, strict=True)])
         rows, cols = rows[keep], cols[keep]
 
 
