@@ -28,7 +28,7 @@ def _bound(text: str) -> tuple[str, float]:
         raise ValueError(f"{text!r}; NAME=NUMBER wanted, e.g. force_max_n=20") from None
 
 
-BOUND = Parsed("NAME=NUMBER", _bound)
+BOUND, SENSES = Parsed("NAME=NUMBER", _bound), ("at_most", "at_least")
 OPTIONS = options.taking(
     option("--csv", "csv_out", type=values.CSV, help="Per-tick result as CSV."),
     option("--report", type=FILE, metavar="DIR",
@@ -120,12 +120,13 @@ def _replayed(fixture: Path, session: Path, result: Path | None, table: Path | N
     poses, events = given["poses"], given["events"]
     if not given["rate_hz"]:
         poses, events = as_taken(session, poses, events)
-    bounds = [(*bound, "at_most") for bound in given["at_most"]]
-    bounds += [(*bound, "at_least") for bound in given["at_least"]]
+    limits = [(name, sense, limit) for sense in SENSES for name, limit in given[sense]]
     implied = "paper" if given["engine"] == "reference" else None
     rule, robot = given["rule"] or implied, read_robot(given["robot"])
     with progress("replay", source.ticks or guess(session)) as done, ExitStack() as files:
         writer, sinks = _files(files, result, table, rule)
+        # The ticks of both rules are the same ones.
+        sinks.append(lambda name, block: done((rule != "both" or name != "paper") * len(block)))
         replayed = replay(
             fixture,
             source,
@@ -134,13 +135,9 @@ def _replayed(fixture: Path, session: Path, result: Path | None, table: Path | N
             robot=robot,
             link=options.settings(Link, given),
             governor=_governing(given["governor"], robot),
-            limits=tuple((name, sense, limit) for name, limit, sense in bounds),
+            limits=tuple(limits),
             keep=65536 if given["report"] else 0,
-            # The ticks of both rules are the same ones.
-            sinks=[
-                *sinks,
-                lambda name, block: done((rule != "both" or name != "paper") * len(block)),
-            ],
+            sinks=sinks,
             trust=options.trust(given),
             poses=poses,
             events=events,

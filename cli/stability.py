@@ -50,22 +50,21 @@ _above = values.Real(min=0, min_open=True)
            help="Write the report, the tables and the pictures there."),
     OVERWRITE,
 )  # fmt: skip
-def command(fixture, output, robot, stiffness, margin, parts, full, jobs, **given) -> Report:
+def command(fixture, output, robot, **given) -> Report:
     """Judge the K of FIXTURE (or --stiffness) in closed loop with a robot, and try the engine.
 
     Exit 1 when K times the margin is not stable, or a case did not come out as it should; the
     report is written all the same.
     """
     from vfplan.bundle import read_fixture
-    from vfplan.study.stability import prepare
+    from vfplan.study.stability import study
 
     refuse_folder(output, *FILES)
+    asked = {name: given.pop(name) for name in ("stiffness", "margin", "parts", "full", "jobs")}
     arm = chosen_robot(robot, given)
     judged = None if fixture is None else read_fixture(fixture)
     with at(fixture):
-        prepared = prepare(judged, arm, stiffness=stiffness, margin=margin, full=full, parts=parts)
-    with progress("stability", len(prepared.tasks)) as done:
-        found = prepared.run(jobs, done)
+        found = study(judged, arm, progress=progress, **asked)
     data, text = found.as_dict(), found.as_text()
     if output is not None:
         _write(output, found)

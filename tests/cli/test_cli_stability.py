@@ -13,8 +13,7 @@ from vfplan.bundle import read_fixture, write_fixture
 from vfplan.errors import CheckFailed
 from vfplan.fixture import Fixture
 from vfplan.robot import Robot
-from vfplan.stability import exact_bound, gate
-from vfplan.stability.largest import plant_of
+from vfplan.stability import Plant, exact_bound, gate
 
 ROBOT = Robot("test", 1.0, 5.0, 1000.0, delay_ticks=1)
 KEYS = {"cases", "k_max_n_per_m", "k_linear_bound_n_per_m", "stable", "left_out", "elapsed_s"}
@@ -105,7 +104,7 @@ def test_verdict_is_stored_and_read_back(tmp_path):
     fixture = whole()
     found = gate(fixture, ROBOT)
     assert found.stable
-    assert found.k_max_n_per_m >= 0.95 * exact_bound(plant_of(ROBOT), 1)
+    assert found.k_max_n_per_m >= 0.95 * exact_bound(Plant.of(ROBOT), 1)
     path = tmp_path / "fixture.h5"
     write_fixture(replace(fixture, stability=found), path)
     assert read_fixture(path).stability == found

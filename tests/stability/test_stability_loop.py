@@ -13,8 +13,8 @@ from vfplan.robot import Robot
 from vfplan.stability import Hand, exact_bound, settle, simulate
 from vfplan.stability.closedloop import press
 from vfplan.stability.contacts import Contact, along, first_touch, patch, point, spread
-from vfplan.stability.largest import engine_for, largest_stiffness, plant_of, pressing_hand
-from vfplan.stability.theory import closed_loop
+from vfplan.stability.largest import engine_for, largest_stiffness, pressing_hand
+from vfplan.stability.theory import Plant, closed_loop
 
 ROBOT = Robot("test", 1.0, 5.0, 1000.0)
 NONE = Hand(np.zeros(3))
@@ -37,7 +37,7 @@ def test_linear_loop_is_the_matrix_power(delay):
     motion = simulate(Spring(), robot, NONE, 3000.0, np.array([0, 1e-3, 0]), np.zeros(3), 200)
     state = np.zeros(2 + delay)
     state[0] = state[2:] = 1e-3  # the force was what it is at the first tick
-    one = closed_loop(plant_of(robot), 3000.0, delay)
+    one = closed_loop(Plant.of(robot), 3000.0, delay)
     expected = [(np.linalg.matrix_power(one, k) @ state)[0] for k in range(200)]
     np.testing.assert_allclose(motion.x[:, 1], expected, rtol=0, atol=1e-13)
 
@@ -94,7 +94,7 @@ def test_settle_finds_the_balance():
 def test_flat_wall_meets_the_exact_bound_within_two_percent(rule, delay):
     robot = replace(ROBOT, delay_ticks=delay)
     found = largest_stiffness(patch(), robot, engine_for(patch(), rule))
-    assert found.exact == pytest.approx(exact_bound(plant_of(robot), delay))
+    assert found.exact == pytest.approx(exact_bound(Plant.of(robot), delay))
     assert abs(found.ratio - 1) < 0.02
     assert not found.beyond
 

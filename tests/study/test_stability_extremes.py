@@ -13,7 +13,7 @@ from vfplan.engine.ticks import Trace
 from vfplan.stability.contacts import patch
 from vfplan.stability.largest import engine_for
 from vfplan.study.extremes import CASES, Extreme, begun, breach, try_cases, wander
-from vfplan.study.stability import prepare
+from vfplan.study.stability import DEFAULT_ROBOT, PARTS
 
 SLOW = {"hip/at rest for 1e7 ticks"}  # some seconds; the command runs it
 
@@ -53,8 +53,9 @@ def test_breach_sees_what_it_should():
 def test_long_runs_are_left_out_unless_asked_for():
     names = {f"extreme/{case.name}" for case in CASES if case.full}
     assert names
-    assert prepare(whole(), parts=["extremes"]).left_out.keys() >= names
-    assert not names & prepare(whole(), parts=["extremes"], full=True).left_out.keys()
+    for full in (False, True):
+        left_out = PARTS["extremes"](whole(), DEFAULT_ROBOT, 1000.0, full)[1]
+        assert names & left_out.keys() == (set() if full else names)
 
 
 def test_the_long_run_takes_the_bundles_own_points():

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
-from vfplan.figures.style import DPI, NICE, nice_below, on_slice
+from vfplan.figures.style import DPI, nice_below, on_slice
 from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
@@ -77,9 +77,7 @@ def _exaggeration(lengths_px: Array, wanted_px: float) -> float:
     longest = float(np.linalg.norm(lengths_px, axis=-1).max()) if lengths_px.size else 0.0
     if not longest > 0:
         return 1.0
-    factor = wanted_px / longest
-    power = 10.0 ** np.floor(np.log10(max(factor, 1.0)))
-    return max(power * n for n in NICE if power * n <= max(factor, 1.0))
+    return nice_below(max(wanted_px / longest, 1.0))
 
 
 def _draw_band(

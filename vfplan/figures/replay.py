@@ -158,27 +158,18 @@ def _window(path: Array, cloud: Array, margin: float) -> tuple[Array, Array]:
 
 
 def _scene_3d(replayed: Replay, mark_hz: float) -> Figure:
-    ticks, fixture = replayed.ticks, replayed.fixture
+    ticks, points = replayed.ticks, replayed.fixture.points
+    cloud, hip, proxy = (MM * a for a in (points, ticks.hip, ticks.proxy))
+    normal, radius = ticks.normal, MM * replayed.fixture.contact_radius
     figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
-    thin = max(1, len(fixture.points) // 4000)
-    axes.plot(
-        *(MM * fixture.points[::thin]).T, ".", ms=1.0, color=CLOUD, alpha=0.4, label="fixture"
-    )
-    axes.plot(*(MM * ticks.hip).T, ".", ms=1.5, color=HIP, label="HIP")
-    axes.plot(*(MM * ticks.proxy).T, "-", lw=0.9, color=PROXY, label="proxy")
-    picks = contact_marks(replayed.ticks, mark_hz)
-    axes.quiver(
-        *(MM * ticks.proxy[picks]).T,
-        *(MM * fixture.contact_radius * ticks.normal[picks]).T,
-        color=PROXY,
-        lw=0.8,
-    )
+    thin = max(1, len(cloud) // 4000)
+    axes.plot(*cloud[::thin].T, ".", ms=1.0, color=CLOUD, alpha=0.4, label="fixture")
+    axes.plot(*hip.T, ".", ms=1.5, color=HIP, label="HIP")
+    axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy")
+    picks = contact_marks(ticks, mark_hz)
+    axes.quiver(*proxy[picks].T, *(radius * normal[picks]).T, color=PROXY, lw=0.8)
     for k in picks:
-        axes.plot(
-            *(MM * _ring(ticks.proxy[k], ticks.normal[k], fixture.contact_radius)).T,
-            color=CONTACT,
-            lw=0.5,
-        )
+        axes.plot(*_ring(proxy[k], normal[k], radius).T, color=CONTACT, lw=0.5)
     axes.set(xlabel="x [mm]", ylabel="y [mm]")
     axes.set_zlabel("z [mm]")
     axes.set_aspect("equal")

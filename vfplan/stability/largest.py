@@ -43,27 +43,14 @@ class Largest:
         return self.measured / self.exact
 
 
-def plant_of(robot: Robot, hand: float = 0.0) -> Plant:
-    """The robot's moving mass as theory sees it: no friction, no limits, no quantum."""
-    return Plant(robot.mass_kg, robot.damping_n_s_per_m, 1 / robot.rate_hz, hand)
-
-
 def engine_for(contact: Contact, rule: Rule, band: float | None = None) -> ProxyEngine:
     """An engine of 1 N/m on the contact's cloud, or on its lines and arcs, or triangles."""
+    radius, settings = contact.radius, {"stiffness": 1.0, "ignore_axis": contact.ignore_axis}
     if rule == "exact" and isinstance(contact.exact, Pieces):
-        return ProxyEngine.along(
-            contact.exact, contact.radius, stiffness=1.0, ignore_axis=contact.ignore_axis
-        )
+        return ProxyEngine.along(contact.exact, radius, **settings)
     if rule == "exact":
-        return ProxyEngine.on(contact.points, contact.exact, contact.radius, stiffness=1.0)
-    return ProxyEngine(
-        contact.points,
-        contact_radius=contact.radius,
-        band=band,
-        stiffness=1.0,
-        rule=rule,
-        ignore_axis=contact.ignore_axis,
-    )
+        return ProxyEngine.on(contact.points, contact.exact, radius, stiffness=1.0)
+    return ProxyEngine(contact.points, radius, band, rule=rule, **settings)
 
 
 def engines_for(rule: Rule, band: float | None = None) -> Callable[[Contact], ProxyEngine]:
@@ -84,7 +71,7 @@ def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> Largest
     engine: of stiffness 1 N/m, on the contact's cloud
     """
     share = HAND if contact.held else 0.0
-    exact = exact_bound(plant_of(robot), robot.delay_ticks, share)
+    exact = exact_bound(Plant.of(robot), robot.delay_ticks, share)
     if exact == 0.0:
         return Largest(0.0, 0.0)
     ticks = run_length(robot, exact)
@@ -123,7 +110,7 @@ def _bracket(
 
 def run_length(robot: Robot, exact: float) -> int:
     """Ticks in which a K half a percent too large raises the energy by five percent."""
-    grows = spectral_radius(plant_of(robot), 1.005 * exact, robot.delay_ticks)
+    grows = spectral_radius(Plant.of(robot), 1.005 * exact, robot.delay_ticks)
     ticks = math.log(1.05) / (2 * math.log(grows)) if grows > 1 else math.inf
     period = 2 * math.pi * math.sqrt(robot.mass_kg / exact) * robot.rate_hz
     return int(min(max(ticks, 16 * period, 400), 20_000))

@@ -105,7 +105,7 @@ def simulate(
     stiffness
         K [N/m], the largest of the diagonal.
     """
-    plant = Plant(robot.mass_kg, robot.damping_n_s_per_m, 1 / robot.rate_hz, hand.stiffness)
+    plant = Plant.of(robot, hand.stiffness)
     sense, act, limits = _stages(robot)
     move = _frictionless(plant) if robot.friction_n is None else _rubbing(plant, robot.friction_n)
     rows = np.empty((5, ticks, 3))

@@ -9,13 +9,13 @@ to tick is a matrix exponential and no integrator's error can pass for an instab
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.engine.parameters import number
+from vfplan.robot import Robot
 
 LEAST_DECAY, MOST_DECAY = 1e-9, 1e12  # b T / m: less and more than float64 can tell from 0 and inf
 
@@ -51,6 +51,11 @@ class Plant:
         number("damping", self.damping, "N·s/m", least=0.0)
         number("period", self.period, "s", above=0.0)
         number("hand", self.hand, "N/m", least=0.0)
+
+    @classmethod
+    def of(cls, robot: Robot, hand: float = 0.0) -> Plant:
+        """A robot's moving mass, or a verdict's, as theory sees it: no friction, no limits."""
+        return cls(robot.mass_kg, robot.damping_n_s_per_m, 1 / robot.rate_hz, hand)
 
     def transition(self, t: float | None = None) -> NDArray[np.float64]:
         """(2, 2) the exact motion over t [s] (one tick when `None`) from x = 0.
@@ -96,12 +101,7 @@ def linear_bound(plant: Plant, delay_ticks: int = 0) -> float:
     return plant.damping / (plant.period * (0.5 + delay_ticks))
 
 
-def exact_bound(
-    plant: Plant,
-    delay_ticks: int = 0,
-    hand_share: float = 0.0,
-    radius: Callable[[Plant, float, int], float] = spectral_radius,
-) -> float:
+def exact_bound(plant: Plant, delay_ticks: int = 0, hand_share: float = 0.0) -> float:
     """The K [N/m] at which the spectral radius reaches 1; 0 without damping.
 
     To a relative 1e-10, or 2e-13 m / (b T) if that is more: so much is left of 1 - radius.
@@ -110,8 +110,6 @@ def exact_bound(
     ----------
     hand_share
         k_h / K where the hand's spring is scaled with K; 0 for the plant's own.
-    radius
-        Another way to compute the spectral radius, e.g. in higher precision.
 
     Raises
     ------
@@ -126,7 +124,7 @@ def exact_bound(
     def holds(k: float) -> bool:
         held = Plant(plant.mass, plant.damping, plant.period, hand_share * k or plant.hand)
         # 1 - rho falls to rounding long before K falls to 0, hence the margin of one part in 1e13.
-        return radius(held, k, delay_ticks) < 1.0 - 1e-13
+        return spectral_radius(held, k, delay_ticks) < 1.0 - 1e-13
 
     low = high = linear_bound(plant, delay_ticks)
     while not holds(low):

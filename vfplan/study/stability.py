@@ -7,8 +7,8 @@ import io
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from functools import partial
 from operator import call
 from typing import Any
@@ -33,6 +33,7 @@ DEFAULT_STIFFNESS = 1000.0  # [N/m], where there is no bundle to ask
 
 Task = Callable[[], list[Row]]
 Done = Callable[[int], None]
+Bar = Callable[[str, int], AbstractContextManager[Done]]
 
 
 @dataclass(frozen=True)
@@ -49,27 +50,14 @@ class Study:
         """Rows that did not hold; findings about rule `paper` are not among them."""
         return [row for row in self.rows if row.outcome == "fail"]
 
-    @property
-    def good(self) -> bool:
-        """The K passes and every case came out as it should."""
-        return self.verdict.stable and not self.failed
-
     def as_dict(self) -> dict[str, Any]:
         """As the command's JSON holds it."""
-        found = asdict(self.verdict)
-        robot = {name: found[name] for name in ("robot", *ROBOT_KEYS)}
+        verdict, found = self.verdict, self.verdict.as_dict()
+        robot = {name: found.pop(name) for name in ("robot", *ROBOT_KEYS)}
         return {
-            "stable": self.verdict.stable,
-            "k_n_per_m": self.verdict.k_n_per_m,
-            "k_max_n_per_m": self.verdict.k_max_n_per_m,
+            **found,
             "k_max_by_rule_n_per_m": _smallest(self.rows),
-            "k_pass_n_per_m": self.verdict.k_pass_n_per_m,
-            "k_linear_bound_n_per_m": self.verdict.k_linear_bound_n_per_m,
-            "k_exact_bound_n_per_m": exact_bound(
-                Plant(robot["mass_kg"], robot["damping_n_s_per_m"], 1 / robot["rate_hz"]),
-                robot["delay_ticks"],
-            ),
-            "margin": self.verdict.margin,
+            "k_exact_bound_n_per_m": exact_bound(Plant.of(verdict), verdict.delay_ticks),
             "robot": robot,
             "failed": [row.case for row in self.failed],
             "cases": [row.as_dict() for row in self.rows],
@@ -101,26 +89,7 @@ class Study:
         return "\n".join(lines)
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """A study that is ready to run."""
-
-    tasks: list[Task]  # each makes some rows; they can be pickled
-    left_out: dict[str, str]  # case -> why this bundle cannot meet it
-    # What is judged
-    robot: Robot
-    stiffness: float
-    margin: float
-
-    def run(self, jobs: int = 1, done: Done = lambda n: None) -> Study:
-        """Run in `jobs` processes; `done` is told each end of a task."""
-        started = time.perf_counter()
-        rows = [row for result in run_tasks(self.tasks, jobs, done) for row in result]
-        verdict = judge(self.robot, self.stiffness, _loops(rows, "robust", "exact"), self.margin)
-        return Study(rows, verdict, self.left_out, time.perf_counter() - started)
-
-
-def prepare(
+def study(
     fixture: Fixture | None = None,
     robot: Robot = DEFAULT_ROBOT,
     *,
@@ -128,14 +97,19 @@ def prepare(
     margin: float = MARGIN,
     full: bool = False,
     parts: Iterable[str] = (),
-) -> Prepared:
-    """The parts of the study that this bundle and robot can meet.
+    jobs: int = 1,
+    progress: Bar = lambda label, total: nullcontext(lambda n: None),
+) -> Study:
+    """Run the parts of the study that this bundle and robot can meet.
 
     fixture: the bundle to judge; `None`: the standard scenes, and `stiffness` is judged
     stiffness: K [N/m] to judge; `None`: the bundle's largest, or 1000
     margin: K times this must be stable
     full: also the long runs
     parts: of `PARTS`; none: all. The closed loop always runs: the verdict needs it.
+    jobs: processes
+    progress: a `with` block around the run, given its name and how many tasks it has; yields what
+        is told of each
     Raises SceneError: a curve that is no fixture yet
     Raises SettingError: a stiffness, a margin or a figure of the robot that is not finite or
         outside its range
@@ -151,7 +125,11 @@ def prepare(
             more, out = part(fixture, robot, stiffness, full)
             tasks += more
             left_out |= out
-    return Prepared(tasks, left_out, robot, stiffness, margin)
+    started = time.perf_counter()
+    with progress("stability", len(tasks)) as done:
+        rows = [row for result in run_tasks(tasks, jobs, done) for row in result]
+    verdict = judge(robot, stiffness, _loops(rows, "robust", "exact"), margin)
+    return Study(rows, verdict, left_out, time.perf_counter() - started)
 
 
 def _check(robot: Robot, margin: float) -> None:

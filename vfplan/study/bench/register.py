@@ -89,13 +89,11 @@ def _score(maps: list[Array], T: Array, curve: Array) -> Record:
     return errors_of(wrong, draws=len(maps))
 
 
-def _ours(model: str, robust: bool = False) -> Callable[[Array, Array], Array]:
+def _ours(model: str) -> Callable[[Array, Array], Array]:
     def fit(source: Array, target: Array) -> Array:
         from vfplan.registration import fit_registration
 
-        found = fit_registration(
-            source, target, model=model, robust=robust, pixel_spacing=SPACING_M
-        )
+        found = fit_registration(source, target, model=model, pixel_spacing=SPACING_M)
         return found.T_target_source
 
     return fit

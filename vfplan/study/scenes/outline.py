@@ -156,27 +156,24 @@ def polyline(*corners: Vector) -> tuple[Run, ...]:
     return tuple(Run((segment(a, b),)) for a, b in pairwise(corners))
 
 
-def smooth(nodes: Vector, *, closed: bool = False) -> Run:
+def smooth(nodes: Vector) -> Run:
     """Biarcs through nodes (K, 2) [m], tangent at each to the circle through it and its two."""
-    tangents = _tangents(nodes, closed)
-    order = list(range(len(nodes))) + ([0] if closed else [])
     links = []
-    for i, j in pairwise(order):
-        links += biarc(nodes[i], tangents[i], nodes[j], tangents[j])
-    return Run(tuple(links), closed)
+    for start, end in pairwise(zip(nodes, _tangents(nodes), strict=True)):
+        links += biarc(*start, *end)
+    return Run(tuple(links))
 
 
-def _tangents(nodes: Vector, closed: bool) -> Vector:
+def _tangents(nodes: Vector) -> Vector:
     """Unit tangents (K, 2): at a node, of the circle through it and its neighbours."""
     before, after = np.roll(nodes, 1, axis=0), np.roll(nodes, -1, axis=0)
     to, on = nodes - before, after - nodes
     to_square, on_square = (to**2).sum(axis=1), (on**2).sum(axis=1)
     tangent = to / to_square[:, None] + on / on_square[:, None]
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
-    if not closed:  # the ends mirror the inner tangent about the chord
-        for end, inner, chord in ((0, 1, on[0]), (-1, -2, to[-1])):
-            unit = chord / np.linalg.norm(chord)
-            tangent[end] = 2 * (tangent[inner] @ unit) * unit - tangent[inner]
+    for end, inner, chord in ((0, 1, on[0]), (-1, -2, to[-1])):  # mirrored about the chord
+        unit = chord / np.linalg.norm(chord)
+        tangent[end] = 2 * (tangent[inner] @ unit) * unit - tangent[inner]
     return tangent
 
 
