@@ -16,7 +16,8 @@ from vfplan.cli.run import Report, command
 from vfplan.cli.telling import told
 from vfplan.cli.values import FILE
 
-from vfplan.io.disk import jsonable, write_whole
+from vfplan.io.disk import jsonable
+from vfplan.io.files import write_whole
 
 STORY = (
     "A red curve stands on an elbow slice of {image[width_px]} x {image[height_px]} px.\n"

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import click
 from vfplan.cli.values import FILE, HDF5, MM, PNG, Number, Numbers, Parsed, Real, Whole
 
-from vfplan.io.reading import real
+from vfplan.io.files import real
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -10,7 +10,8 @@ import click
 from vfplan.cli.values import Written
 
 from vfplan.errors import OutputError, VfplanError
-from vfplan.io.disk import Placed, beside, create, made_folder, move_whole, working_in
+from vfplan.io.disk import Placed, made_folder, move_whole
+from vfplan.io.files import beside, create, working_in
 
 PLACED = "vfplan.cli.placed"  # under this key in click's context: what the command wrote
 
@@ -86,7 +87,7 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
 
     Raises `OutputError` where the system lets a file not be made or written, or it exists.
     """
-    # Writers make them anew (`vfplan.io.disk.create`): nothing is written through another's link.
+    # Writers make them anew (`vfplan.io.files.create`): nothing is written through another's link.
     temporaries = tuple(p and beside(p, "".join(p.suffixes[-2:])[1:] or "tmp") for p in paths)
     with ExitStack() as folders:
         try:

@@ -13,7 +13,7 @@ from vfplan.cli.run import Report, command, command_line, progress
 from vfplan.cli.telling import told
 from vfplan.cli.values import FILE, PNG, Number, Numbers
 
-from vfplan.io.disk import write_whole
+from vfplan.io.files import write_whole
 
 BASE = {"type": Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)}
 TOOL = {"type": options.VECTOR, "default": "0,0,0.1"}

@@ -15,8 +15,7 @@ from vfplan.cli.replay_text import check_line, replay_text
 from vfplan.cli.run import Report, command, command_line, progress
 from vfplan.cli.values import FILE, Number, Numbers, Parsed, Real, Whole
 
-from vfplan.io.disk import write_whole
-from vfplan.io.reading import real
+from vfplan.io.files import real, write_whole
 
 
 def _bound(text: str) -> tuple[str, float]:

@@ -30,7 +30,7 @@ from vfplan.cli.stopping import Stopped, stoppable
 
 from vfplan.errors import VfplanError
 from vfplan.io.disk import jsonable
-from vfplan.io.reading import now_utc
+from vfplan.io.files import now_utc
 
 # Unicode's kinds of signs that are not to be seen: controls, directions, halves, unknown ones.
 STEERING = ("Cc", "Cf", "Cs", "Co", "Cn")

@@ -13,8 +13,8 @@ from vfplan.cli.options import OVERWRITE, option, taking
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import Report, command, progress
 
-from vfplan.io.disk import jsonable, write_whole
-from vfplan.io.reading import at
+from vfplan.io.disk import jsonable
+from vfplan.io.files import at, write_whole
 
 PARTS = ("closed-loop", "passivity", "extremes")
 REPORT, TABLE, PASSIVITY = FILES = "stability.json", "cases.csv", "passivity.png"

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from vfplan.io.reading import real
+from vfplan.io.files import real
 
 # Existence is checked by the library, which answers 3 (bad input) and not 2 (usage).
 FILE = click.Path(path_type=Path)

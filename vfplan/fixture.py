@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.io.reading import now_utc
+from vfplan.io.files import now_utc
 from vfplan.records import (
     Frame,
     Guidance,

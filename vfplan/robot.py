@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from vfplan.errors import InputError
-from vfplan.io.reading import read_whole
+from vfplan.io.files import read_whole
 
 SHIPPED = ("franka", "fr3")
 VERSIONS = ("1.0", "1.1")

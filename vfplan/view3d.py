@@ -13,7 +13,7 @@ from PIL import Image
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
-from vfplan.io.disk import write_whole
+from vfplan.io.files import write_whole
 from vfplan.io.opengl import ready_pyvista
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.overview import contact_marks

@@ -11,8 +11,8 @@ from vfplan.cli.outputs import outputs
 from vfplan.curve.vector import read_vector_curve
 from vfplan.errors import ImageError, InputError, MarkerError, OutputError, SessionError
 from vfplan.images.read import read_image
-from vfplan.io.disk import move_whole, write_whole
-from vfplan.io.reading import read_whole
+from vfplan.io.disk import move_whole
+from vfplan.io.files import read_whole, write_whole
 from vfplan.markers import read_markers
 from vfplan.robot import read_robot
 from vfplan.session import read_session

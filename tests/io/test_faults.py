@@ -17,7 +17,7 @@ import pytest
 from conftest import need_program
 
 import vfplan
-from vfplan.io.disk import working_in, write_whole
+from vfplan.io.files import working_in, write_whole
 from vfplan.session import Session
 
 TESTS = Path(__file__).parents[1]
@@ -187,7 +187,7 @@ def test_nothing_is_written_through_a_link_put_there_meanwhile(tmp_path, monkeyp
 
     victim = tmp_path / "victim"
     victim.write_bytes(b"theirs")
-    monkeypatch.setattr("vfplan.io.disk.beside", lambda *_: tmp_path / "guessed")
+    monkeypatch.setattr("vfplan.io.files.beside", lambda *_: tmp_path / "guessed")
     (tmp_path / "guessed").symlink_to(victim)
     for write in (lambda path: write_whole(path, [b"ours"], overwrite=True), CsvWriter):
         with pytest.raises(vfplan.VfplanError, match="File exists"):

@@ -22,7 +22,8 @@ import vfplan.session.read
 import vfplan.session.result
 from vfplan.errors import InputError, SessionError
 from vfplan.io.apart import apart
-from vfplan.io.reading import real, stream_over
+from vfplan.io.files import real
+from vfplan.io.reading import stream_over
 from vfplan.session import ResultWriter, TickBlock, open_session, read_result, read_session
 
 GIB = 1 << 30

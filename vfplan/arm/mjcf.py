@@ -13,7 +13,7 @@ from typing import Any
 from xml.parsers import expat
 
 from vfplan.errors import InputError, needing
-from vfplan.io.reading import read_whole
+from vfplan.io.files import read_whole
 
 _LOG = logging.getLogger("vfplan")
 

@@ -16,8 +16,9 @@ from vfplan.bundle.meshfile import Mesh, read_mesh
 from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
+from vfplan.io.files import at, read_bytes, real
 from vfplan.io.npy import npy_header
-from vfplan.io.reading import at, read_bytes, real, require_short
+from vfplan.io.reading import require_short
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")

@@ -14,7 +14,7 @@ from typing import Any
 
 from vfplan.errors import InputError, SettingError, needing
 from vfplan.io.disk import write_together
-from vfplan.io.reading import opened_file
+from vfplan.io.files import opened_file
 
 KEY_FILE_BYTES = 1 << 20
 BEGIN, END = b"-----BEGIN PUBLIC KEY-----", b"-----END PUBLIC KEY-----"

@@ -11,7 +11,7 @@ from vfplan.bundle.content import Content, most_bytes
 from vfplan.bundle.read import opened_source
 from vfplan.bundle.write import MAGIC, VERSION, completed, write_content
 from vfplan.errors import InputError
-from vfplan.io.reading import now_utc
+from vfplan.io.files import now_utc
 
 HISTORY = "/provenance/history"
 

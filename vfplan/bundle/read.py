@@ -15,7 +15,7 @@ from vfplan.bundle.trust import Trust, check_trust
 from vfplan.bundle.write import BLOCKS, MAGIC, Seal
 from vfplan.errors import BundleError
 from vfplan.fixture import Fixture
-from vfplan.io.reading import opened_file
+from vfplan.io.files import opened_file
 
 
 def read_fixture(path: str | Path, *, trust: Trust | None = None) -> Fixture:

@@ -13,7 +13,7 @@ from vfplan.bundle.keys import key_id_of, read_private
 from vfplan.bundle.read import checked_payload
 from vfplan.bundle.write import LATEST, Seal, seal_of, signed_message, to_block
 from vfplan.errors import SettingError
-from vfplan.io.disk import write_whole
+from vfplan.io.files import write_whole
 
 
 def sign(

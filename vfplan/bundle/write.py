@@ -33,7 +33,7 @@ from vfplan.bundle import leak
 from vfplan.bundle.content import Content, Row, table, to_content
 from vfplan.errors import InputError, OutputError, SceneError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.io.disk import write_whole
+from vfplan.io.files import write_whole
 from vfplan.io.hdf5 import h5py
 
 h5f, h5p = h5py.h5f, h5py.h5p

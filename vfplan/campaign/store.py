@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from vfplan.campaign.settings import BLOCK, CampaignSettings
 from vfplan.errors import InputError, OutputError, needing
 from vfplan.fixture import Fixture
-from vfplan.io.disk import write_whole
-from vfplan.io.reading import read_whole
+from vfplan.io.files import read_whole, write_whole
 from vfplan.session import Session
 
 FORMAT, VERSION, QUESTION = "vfplan-campaign", "1.0", "campaign.json"

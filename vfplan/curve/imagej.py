@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, MissingExtra, SettingError
-from vfplan.io.reading import real
+from vfplan.io.files import real
 
 if TYPE_CHECKING:
     from roifile import ImagejRoi

@@ -17,7 +17,7 @@ from vfplan.curve.path import meetings
 from vfplan.engine.parameters import MOST_POINTS
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.images.read import is_dicom
-from vfplan.io.reading import read_whole
+from vfplan.io.files import read_whole
 
 MAX_BYTES = 256 * 2**20
 FINE_M = 2.5e-4  # of a curve in the patient: a point every quarter of a millimetre

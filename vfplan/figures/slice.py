@@ -13,7 +13,7 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from vfplan.figures.style import DPI, nice_below, on_slice
-from vfplan.io.disk import write_whole
+from vfplan.io.files import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, HIP, PROXY
 
 if TYPE_CHECKING:

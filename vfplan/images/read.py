@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import ImageError
 from vfplan.images.tiff import HEIGHT, ORDER, ORIENTATION, WIDTH, directories
-from vfplan.io.reading import read_whole
+from vfplan.io.files import read_whole
 
 PNG, JPEG, BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM"
 MOST_BYTES = 2**31 - 1  # more the decoders do not take

@@ -1,50 +1,17 @@
-"""What is written: files, whole or not at all, and values as JSON holds them."""
+"""Several files written together, all or none, and values as JSON holds them."""
 
 from __future__ import annotations
 
-import errno
-import fcntl
 import math
 import os
-import re
-import secrets
 import shutil
-import stat
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from vfplan.errors import OutputError
-
-EXISTS = "exists already; give --overwrite to replace it"
-# What a file system answers that has no hard links.
-NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL)
-HIDDEN = re.compile(r"\.vfplan-[0-9a-f]{16}\..+")  # the names that `beside` gives
-
-
-@contextmanager
-def working_in(folder: Path) -> Iterator[None]:
-    """Mark a folder as one that is being written to, and first take away what a kill left there.
-
-    Every writer holds a shared lock on the folder while it has hidden files there. Whoever gets
-    the lock alone knows that the hidden files of its user have lost their writer. Where a file
-    system has no locks, or somebody else keeps the folder locked, nothing is taken away.
-    """
-    try:
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError:  # the writer that follows says what is wrong
-        yield
-        return
-    try:
-        with suppress(OSError):
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            _sweep(folder)
-        with suppress(OSError):
-            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        yield
-    finally:
-        os.close(descriptor)
+from vfplan.io.files import NO_LINKS, beside, create, put_in_place, sync, working_in
 
 
 @contextmanager
@@ -59,67 +26,6 @@ def made_folder(folder: Path) -> Iterator[None]:
             with suppress(OSError):
                 place.rmdir()
         raise
-
-
-def _sweep(folder: Path) -> None:
-    for entry in os.scandir(folder):
-        if not HIDDEN.fullmatch(entry.name):
-            continue
-        found = entry.stat(follow_symlinks=False)
-        if found.st_uid == os.geteuid() and stat.S_ISREG(found.st_mode):
-            os.unlink(entry.path)
-
-
-def create(path: Path, mode: int = 0o666) -> BinaryIO:
-    """A new file, open for writing and reading; raises `OSError`, also where a link has its name.
-
-    O_EXCL: in a folder that others may write to, nothing is written through a link of theirs.
-    """
-    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
-    return open(os.open(path, flags, mode), "w+b")
-
-
-def write_whole(path: Path, parts: list[bytes], *, overwrite: bool, mode: int = 0o666) -> None:
-    """Write a file so that, whatever happens, the old one or the new one is there, whole.
-
-    A temporary file in the same folder, fsync, rename, fsync of the folder. Without `overwrite` no
-    file is ever replaced, not even one that appears meanwhile.
-
-    Raises OutputError: the path exists and `overwrite` is false, is a directory, or cannot be
-        written
-    """
-    with whole_file(Path(path), overwrite=overwrite, mode=mode) as file:
-        file.writelines(parts)
-        file.seek(0)
-        if any(file.read(len(part)) != part for part in parts):
-            raise OSError(errno.EIO, "it reads back otherwise than it was written")
-
-
-@contextmanager
-def whole_file(path: Path, *, overwrite: bool, mode: int = 0o666) -> Iterator[BinaryIO]:
-    """A file to fill that gets its name when the block ends well, and else is taken away.
-
-    What `write_whole` says of files holds; raises as it does.
-    """
-    temporary = beside(path, "tmp")
-    try:
-        if path.is_dir():
-            raise OutputError("is a directory; a file is wanted", where=str(path))
-        if path.exists() and not overwrite:
-            raise OutputError(EXISTS, where=str(path))
-        with working_in(path.parent), ExitStack() as left:
-            with create(temporary, mode) as file:
-                left.callback(temporary.unlink, missing_ok=True)
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
-            _put(temporary, path, overwrite=overwrite)
-            if not overwrite:
-                left.callback(path.unlink, missing_ok=True)
-            sync(path.parent)
-            left.pop_all()
-    except OSError as error:
-        raise OutputError(f"cannot be written: {error.strerror}", where=str(path)) from error
 
 
 def write_together(files: list[tuple[Path, bytes, int]], *, overwrite: bool) -> None:
@@ -142,15 +48,6 @@ def write_together(files: list[tuple[Path, bytes, int]], *, overwrite: bool) -> 
         move_whole(moves, overwrite=overwrite).keep()
 
 
-def sync(path: Path, flags: int = os.O_DIRECTORY) -> None:
-    """Wait until a folder's names, or a file's bytes, are on the disk; raises `OSError`."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | flags)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
 class Placed:
     """Files that were put into their places together, and can be taken out again.
 
@@ -165,7 +62,7 @@ class Placed:
         """Give a finished file its name; raises `OSError`, or `OutputError` if it exists."""
         old = _set_aside(target) if overwrite else None
         try:
-            _put(temporary, target, overwrite=overwrite)
+            put_in_place(temporary, target, overwrite=overwrite)
         except BaseException:
             if old is not None:
                 old.unlink(missing_ok=True)
@@ -214,34 +111,6 @@ def move_whole(moves: Iterable[tuple[Path, Path]], *, overwrite: bool) -> Placed
             raise OutputError(f"cannot be written: {error.strerror}", where=str(at)) from error
         raise
     return placed
-
-
-def beside(path: Path, suffix: str) -> Path:
-    """A hidden name in the same folder, that no file has."""
-    return path.with_name(f".vfplan-{secrets.token_hex(8)}.{suffix}")  # never too long a name
-
-
-def _put(temporary: Path, target: Path, *, overwrite: bool) -> None:
-    """Rename; without `overwrite` in one step with the question whether the name is free."""
-    if overwrite:
-        os.replace(temporary, target)
-        return
-    try:
-        try:
-            os.link(temporary, target)  # unlike a rename, never replaces
-        except OSError as error:
-            if error.errno not in NO_LINKS:
-                raise
-            os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC))
-            try:
-                os.replace(temporary, target)
-            except OSError:
-                os.unlink(target)
-                raise
-            return
-    except FileExistsError:
-        raise OutputError(EXISTS, where=str(target)) from None
-    os.unlink(temporary)
 
 
 def _set_aside(target: Path) -> Path | None:

@@ -1,77 +1,20 @@
-"""What comes from outside: regular files, opened once, of a bounded size; numbers in text; time.
-
-The size is bounded also once files are unpacked.
-"""
+"""Files that are read in pieces, opened once, and what is packed or long, of a bounded size."""
 
 from __future__ import annotations
 
 import hashlib
 import io
-import math
 import os
-import re
-import stat
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO, cast
 
 from vfplan.errors import InputError
+from vfplan.io.files import opened_file
 
-MOST_FILE = MOST_UNPACKED = 1 << 30  # bytes
-
-# Digits, a point, an exponent: not the 1_000, 0x10, 1d3, nan or digits of other scripts that one
-# reader or another takes.
-_REAL = re.compile(r"[ \t]*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)[ \t]*")
-
-
+MOST_UNPACKED = 1 << 30  # bytes
 # More no program writes: bytes of a line, numbers in one, bytes of a file of text.
 MOST_LINE, MOST_COLUMNS, MOST_TEXT = 1 << 16, 1000, 1 << 28
-
-
-@contextmanager
-def at(where: object | None) -> Iterator[None]:
-    """Errors of input raised inside, if they name no place, name this one, if there is any."""
-    try:
-        yield
-    except InputError as error:
-        if where is not None:
-            error.where = error.where or str(where)
-        raise
-
-
-def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
-    """A regular file, open for reading.
-
-    Raises an error of the `kind` given if there is none, it is a directory, a pipe or a device,
-    or it cannot be read.
-    """
-    try:
-        # Not to hang on a named pipe, which opens only when somebody writes to it.
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except FileNotFoundError:
-        raise kind("cannot be read: there is no such file", where=str(path)) from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise kind(f"cannot be read: {reason}", where=str(path)) from error
-    mode = os.fstat(descriptor).st_mode
-    if not stat.S_ISREG(mode):
-        os.close(descriptor)
-        what = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
-        raise kind(f"cannot be read: it is {what}, not a file", where=str(path))
-    return open(descriptor, "rb")
-
-
-def read_whole(path: Path, most: int, kind: type[InputError] = InputError) -> bytes:
-    """The bytes of a regular file of at most `most` bytes; raises as `opened_file` does."""
-    with opened_file(path, kind) as file:
-        size = os.fstat(file.fileno()).st_size
-        data = b"" if size > most else file.read(most + 1)
-    if max(size, len(data)) > most:
-        raise kind(f"is longer than {most} bytes, the most read", where=str(path))
-    return data
 
 
 class OneFile:
@@ -143,14 +86,6 @@ class _View(io.RawIOBase):
         return self._at
 
 
-def read_bytes(path: Path, most: int = MOST_FILE) -> tuple[bytes, str]:
-    """A file's bytes and their SHA-256; raises `InputError` as `read_whole` does."""
-    with suppress(OSError):  # what is not there, `read_whole` names
-        most = min(most, path.stat().st_size + 1)  # a read takes room for all that it may get
-    data = read_whole(path, most, InputError)
-    return data, hashlib.sha256(data).hexdigest()
-
-
 def unpacked(data: bytes, kind: str, where: str, most: int = MOST_UNPACKED) -> bytes:
     """What "gzip" or "bzip2" bytes hold, never more than `most`.
 
@@ -191,34 +126,3 @@ def require_short(data: bytes) -> None:
         if end < 0:
             raise ValueError(f"the line at byte {at} is longer than {MOST_LINE} bytes")
         at = end + 1
-
-
-def real(text: str) -> float:
-    """A decimal number, blanks around it allowed; raises `ValueError` for anything else.
-
-    What is beyond the largest float64, 1.8e308, is no number either.
-    """
-    match = _REAL.fullmatch(text)
-    if match is None:
-        raise ValueError(f"{text[:40]!r} is no number" if text.strip() else "a number is missing")
-    value = float(match[1])
-    if math.isinf(value):
-        raise ValueError(f"{text[:40]!r} is larger than a float64 holds, 1.8e308")
-    return value
-
-
-def now_utc() -> str:
-    """Now, or what SOURCE_DATE_EPOCH says (reproducible-builds.org), as ISO 8601 in whole seconds.
-
-    Raises `InputError` where SOURCE_DATE_EPOCH is no time.
-    """
-    epoch = os.environ.get("SOURCE_DATE_EPOCH")
-    if epoch is None:
-        moment = datetime.now(UTC)
-    elif epoch.isascii() and epoch.isdigit() and len(epoch) < 12:
-        moment = datetime.fromtimestamp(int(epoch), UTC)
-    else:
-        raise InputError(
-            f"the environment's SOURCE_DATE_EPOCH is {epoch!r}; whole seconds since 1970 are wanted"
-        )
-    return moment.strftime("%Y-%m-%dT%H:%M:%SZ")

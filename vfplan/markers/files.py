@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError
-from vfplan.io.reading import read_whole, real
+from vfplan.io.files import read_whole, real
 
 IMAGE = ("u_px", "v_px")
 ROBOT = ("x_m", "y_m", "z_m")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from vfplan.engine.renderable import work_doubt
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Provenance, size_doubt
-from vfplan.io.reading import OneFile, now_utc
+from vfplan.io.files import now_utc, read_bytes
 from vfplan.planning.extracting import Extracted, describe_extraction, extract, planned_curve
 from vfplan.planning.guiding import add_guidance
 from vfplan.planning.margin import add_margin
@@ -211,7 +211,7 @@ def _provenance(
     before = curve.provenance
     if curve.mesh is not None:  # its samples keep the tolerance that it was made with
         settings = replace(settings, tolerance_m=None)
-    hashes = {role: OneFile(Path(path)).sha256() for role, path in read.items() if path is not None}
+    hashes = {role: read_bytes(Path(path))[1] for role, path in read.items() if path is not None}
     now = Provenance.now(before.inputs | hashes, settings)
     return replace(now, settings=before.settings | now.settings | found, history=before.history)
 

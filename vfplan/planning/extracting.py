@@ -11,7 +11,7 @@ import numpy as np
 
 from vfplan.errors import ImageError, SettingError
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
-from vfplan.io.reading import now_utc
+from vfplan.io.files import now_utc
 from vfplan.planning.carrying import along, in_strokes, length_of
 from vfplan.planning.settings import ExtractSettings
 from vfplan.planning.tolerance import sample_curve

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.io.reading import at
+from vfplan.io.files import at
 from vfplan.planning.readings import Held, hold_against_marks
 from vfplan.planning.settings import FixtureSettings
 

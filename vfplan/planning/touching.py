@@ -10,7 +10,7 @@ import numpy as np
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.io.reading import at
+from vfplan.io.files import at
 from vfplan.markers.files import ROBOT, cells_of, number, numbered, read_text, table_rows
 from vfplan.registration.result import Registration
 

@@ -14,7 +14,7 @@ from vfplan.engine.renderable import best_rule, check_renderable
 from vfplan.engine.ticks import Status, Trace
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.io.reading import at
+from vfplan.io.files import at
 from vfplan.replaying.engines import make_engine
 from vfplan.replaying.quantities import Carry, dots
 from vfplan.session.events import Event, read_events

@@ -12,7 +12,7 @@ from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.renderable import best_rule
 from vfplan.errors import SessionError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.io.reading import at
+from vfplan.io.files import at
 from vfplan.replaying.apart import Apart
 from vfplan.replaying.changing import Changing
 from vfplan.replaying.checks import check_limits, findings, robot_limits

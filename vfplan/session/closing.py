@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
-from vfplan.io.disk import whole_file
+from vfplan.io.files import whole_file
 
 
 def require_same(found: object, written: object) -> None:

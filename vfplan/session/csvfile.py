@@ -9,7 +9,8 @@ from typing import BinaryIO, NoReturn
 import numpy as np
 
 from vfplan.errors import SessionError
-from vfplan.io.reading import MOST_COLUMNS, MOST_LINE, OneFile, real
+from vfplan.io.files import real
+from vfplan.io.reading import MOST_COLUMNS, MOST_LINE, OneFile
 from vfplan.session.types import Array, Pair
 
 WANTED = ("t", "x", "y", "z")

@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import SessionError
-from vfplan.io.disk import write_whole
-from vfplan.io.reading import MOST_TEXT, OneFile, read_whole, real
+from vfplan.io.files import read_whole, real, write_whole
+from vfplan.io.reading import MOST_TEXT, OneFile
 from vfplan.session.csvfile import csv_columns, read_csv
 from vfplan.session.poses import Poses, read_poses
 

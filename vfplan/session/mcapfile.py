@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MissingExtra, SessionError, needing
-from vfplan.io.reading import opened_file
+from vfplan.io.files import opened_file
 from vfplan.session.types import Pair
 
 TICK = np.dtype([

@@ -15,7 +15,7 @@ from vfplan.bundle import mesh_band
 from vfplan.bundle.leak import largest_cover, open_edges
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Provenance, Rendering
-from vfplan.io.reading import now_utc
+from vfplan.io.files import now_utc
 from vfplan.registration.nearest import NearestOnMesh
 from vfplan.surface.contours import Contours
 from vfplan.surface.mesh import Level, zero_level

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, ImageError, InputError, MarkerError
-from vfplan.io.reading import read_whole
+from vfplan.io.files import read_whole
 from vfplan.surface.contours import Contours, Structure
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vfplan.errors import InputError, VfplanError, needing
 from vfplan.images.dicom import silent
 from vfplan.images.read import is_dicom
-from vfplan.io.reading import read_bytes
+from vfplan.io.files import read_bytes
 from vfplan.surface.contours import Contours, Structure, choose_structure
 from vfplan.surface.labels import rings_of_mask, rings_of_share
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from vfplan.errors import InputError
-from vfplan.io.reading import at, opened_file
+from vfplan.io.files import at, opened_file
 from vfplan.surface.contours import Contours
 from vfplan.surface.labels import contours_of_volume
 

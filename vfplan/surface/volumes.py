@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError, needing
-from vfplan.io.reading import MOST_UNPACKED, first_unpacked, read_bytes, unpacked
+from vfplan.io.files import read_bytes
+from vfplan.io.reading import MOST_UNPACKED, first_unpacked, unpacked
 from vfplan.surface.contours import Structure
 from vfplan.surface.labels import LabelVolume, checked_place
 

@@ -17,8 +17,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from vfplan.errors import InputError, SettingError
-from vfplan.io.disk import jsonable, write_whole
-from vfplan.io.reading import read_whole
+from vfplan.io.disk import jsonable
+from vfplan.io.files import read_whole, write_whole
 from vfplan.planning.tolerance import choose
 from vfplan.study.bench.peers import NANOFLANN, Peer
 from vfplan.study.bench.record import Advance, Record, judge_chosen, mark_pareto, run_trials
