@@ -20,7 +20,6 @@
 #include "vfplan/bundle/finding.hpp"
 #include "vfplan/bundle/header.hpp"
 #include "vfplan/bundle/schema.hpp"
-#include "vfplan/bundle/superblock.hpp"
 #include "vfplan/bundle/text.hpp"
 #include "vfplan/bundle/values.hpp"
 

@@ -68,12 +68,12 @@ inline void check_frames(const Content& content, Findings& findings) {
 inline void check_identity(const Content& content, Findings& findings) {
     const std::string& frame = content.at("/@frame").string();
     const std::vector<double>& points = content.at("/points").f8;
+    const std::string& found = content.at("/@id").string();  // version 0.1 had none
     Sha256 sum;
     sum.update({reinterpret_cast<const unsigned char*>(frame.c_str()), frame.size() + 1});
     sum.update(
         {reinterpret_cast<const unsigned char*>(points.data()), points.size() * sizeof(double)});
     const std::string wanted = to_hex(view(sum.digest())).substr(0, 32);
-    const std::string& found = content.at("/@id").string();
     findings.require(found == wanted, "corrupt.id", "/@id",
                      "is " + in_quotes(found) + "; the points give " + in_quotes(wanted));
 }
@@ -228,17 +228,13 @@ inline void check(const Content& content, const Version& version, Findings& find
         } catch (const Absent&) {
         }
     };
-    for (const CheckOf rule :
-         {detail::check_understood, detail::check_groups, detail::check_frames}) {
+    for (const CheckOf rule : {detail::check_understood, detail::check_groups, detail::check_frames,
+                               detail::check_identity, detail::check_curve, detail::check_pieces,
+                               detail::check_mesh, detail::check_rendering, detail::check_guidance,
+                               detail::check_registration, detail::check_provenance}) {
         apply(rule);
     }
-    const bool sealed = version.major > 0;  // 0.1 had neither identity nor certificate
-    if (sealed) apply(detail::check_identity);
-    for (const CheckOf rule :
-         {detail::check_curve, detail::check_pieces, detail::check_mesh, detail::check_rendering,
-          detail::check_guidance, detail::check_registration, detail::check_provenance}) {
-        apply(rule);
-    }
+    const bool sealed = version.major > 0;  // 0.1 had no certificate
     if (sealed && findings.sound()) apply(detail::check_leak);
     if (sealed && !findings.sound()) {
         findings.note("leak.unchecked", "/leak", "not checked, because of the errors above");

@@ -33,16 +33,9 @@ inline void require(bool good, const char* code, const Row& row, std::string_vie
 /// the message's version and the datatype's class; no other encoding of a number is allowed.
 inline std::string_view encoding_of(Type type) {
     using namespace std::string_view_literals;
-    switch (type) {
-        case Type::f8:
-            return "\x20\x3f\0\x08\0\0\0\0\0\x40\0\x34\x0b\0\x34\xff\x03\0\0"sv;
-        case Type::i4:
-            return "\x08\0\0\x04\0\0\0\0\0\x20\0"sv;
-        case Type::u1:
-            return "\0\0\0\x01\0\0\0\0\0\x08\0"sv;
-        default:
-            return {};
-    }
+    return type == Type::f8   ? "\x20\x3f\0\x08\0\0\0\0\0\x40\0\x34\x0b\0\x34\xff\x03\0\0"sv
+           : type == Type::i4 ? "\x08\0\0\x04\0\0\0\0\0\x20\0"sv
+                              : "\0\0\0\x01\0\0\0\0\0\x08\0"sv;
 }
 
 /// The size in bytes of one element, whose datatype must be the row's, byte for byte.
