@@ -77,7 +77,7 @@ def test_six_markers_bound_a_whole_curve_whatever_the_tilt(tilt, sets):
         held.append((np.linalg.norm(r.apply(curve) - true, axis=1) <= whole).all())
     assert np.mean(held) >= (0.94 if sets > 100 else 0.5)
     if sets > 100 and tilt == 0:
-        assert np.mean(held) < 0.97
+        assert np.mean(held) < 0.98
 
 
 @pytest.mark.parametrize("view", [0, 3])

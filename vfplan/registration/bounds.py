@@ -200,7 +200,7 @@ class Perspective:
     variance: float
     dof: int
     p_value: float  # probability of this much perspective from markers without any
-    told: bool  # whether that is so little that it widens every bound
+    told: bool  # whether that is little, and no bad marker's doing: it widens every bound
     studentised_f: Array  # (N,) of each marker against the homography
 
     @property
@@ -225,10 +225,10 @@ class Perspective:
 def perspective(fit: Fit) -> Perspective | None:
     """The homography of the markers used, where it explains what an affine map leaves.
 
-    `None` for 3-D markers, for fewer than `FEWEST_MARKERS`, where the F test finds nothing in more
-    than `FEW_MARKERS`, and where one bad marker explains the residuals better.
+    `None` for 3-D markers and fewer than `FEWEST_MARKERS`. Where the F test finds nothing, or one
+    bad marker explains the residuals better, it is not `told`; of more than `FEW_MARKERS`, `None`.
     """
-    from scipy.special import fdtrc, fdtri
+    from scipy.special import fdtrc
 
     problem, used = fit.problem, fit.used
     n = int(used.sum())
@@ -238,7 +238,6 @@ def perspective(fit: Fit) -> Perspective | None:
         fit = solve(replace(problem, model=Affine(2)), used)
     dof, sse = 3 * n - PARAMETERS, fit.variance * fit.dof
     few = n <= FEW_MARKERS
-    limit = 0.0 if few else float(fdtri(2.0, float(dof), 1 - WIDENED))
     if not sse > n * problem.floor_m**2:
         return None
     h = _homography(problem, np.append(fit.m, [0.0, 0.0]), used)
@@ -246,15 +245,15 @@ def perspective(fit: Fit) -> Perspective | None:
         return None
     error = problem.y - homography(h, problem.s)
     left = max(float((problem.weights * error**2)[used].sum()), problem.floor_m**2)
-    gain = (sse - left) / 2 / (left / dof)
+    gain = max(sse - left, 0.0) / 2 / (left / dof)
     p_value = float(fdtrc(2.0, float(dof), gain))
-    if gain < limit or p_value > _best_outlier(fit):
+    told = p_value < (WIDENED_OF_FEW if few else WIDENED) and p_value <= _best_outlier(fit)
+    if not (told or few):
         return None
     root = root_of_inverse(_weighted(problem, h, used))
     spread = homography_rows(h, problem.s) @ root
     hat = np.einsum("nap,nbp,nb->nab", spread, spread, problem.weights)
     f = f_of_each(problem, used, error, hat, dof)
-    told = p_value < (WIDENED_OF_FEW if few else WIDENED)
     return Perspective(h, root, left / dof, dof, p_value, told, f)
 
 
