@@ -6,8 +6,8 @@ texture. How much it is parted is held against as many places along the same lin
 picture itself says what its bones and its noise do. Where it ends in a thin frame, or the line runs
 along others, a box, disc or panel in white, black or grey is told as a drawn thing: level, plain in
 shape, as its outline is nearly its own convex hull, and sharp nearly all round. An end that is
-surely round, a dot or a point is the pen's own, whatever lies beyond. Under a half transparent
-cover ink goes on, fainter.
+surely round, a dot or a point is the pen's own, if what lies beyond is not clearer yet. Under a
+half transparent cover ink goes on, fainter.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ LEAN, SHIFT_PX = np.radians(np.arange(-60, 61, 15)), np.array([-0.75, 0.0, 0.75]
 ALONG_PX, OFF_INK_PX = np.arange(0.0, 8.0, 1.4), 1.5
 DEPTH_PX = np.array([-2.5, -1.6, -0.75, 0.75, 1.6, 2.5])
 ENDS_PX, PLACES = 20, 24  # from the ends, where along the line the same is looked for
-BROKEN = 0.38  # more than anywhere there
-BOXED, SURER = 0.63, 1.3  # of a box's outline; times as much where the end is surely the pen's own
+# More than anywhere there, and of a box's outline; then where the end is surely the pen's own.
+BROKEN, BOXED = (0.38, 0.5), (0.63, 0.9)
 INKED = 0.3  # of the pen's strength: a ray on which other ink lies tells nothing
 LEVEL, ROUGH = 0.6, 3.0  # of grey: what rounding spreads, and what is no change
 
@@ -64,9 +64,9 @@ def covered_ends(
     broken = _breaks(rgb, pen, found.points, width, cut, onward)
     for k, own in enumerate(found.own_ends):
         what = _cover(rgb, pen, width, at[k], onward[k])
-        if not what and broken[k] > BROKEN * (SURER if own else 1):
+        if not what and broken[k] > BROKEN[own]:
             what = "the ground changes more sharply than anywhere along the line"
-        if not what and boxed(rgb, pen, cut[k], onward[k]) > BOXED * (SURER if own else 1):
+        if not what and boxed(rgb, pen, cut[k], onward[k]) > BOXED[own]:
             what = "a side of a box passes"
         if (
             not what

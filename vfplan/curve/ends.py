@@ -86,7 +86,7 @@ def fading_ends(profiles: Profiles, used: NDArray) -> tuple[bool, bool]:
     """Whether ink still shows at either end of what was read, though no point was found there."""
     beyond = (mass[int(np.ceil(_half(mass, at))) :] for mass, at in _outward(profiles, used))
     pairs = zip(beyond, points_of(profiles, used), strict=True)
-    return tuple(len(m) > SHORT and m.min() >= POINT[1] and not found for m, found in pairs)
+    return tuple(len(m) > SHORT and m.min() >= np.mean(POINT) and not point for m, point in pairs)
 
 
 def broken_ends(profiles: Profiles, used: NDArray, width: float) -> tuple[bool, bool]:
