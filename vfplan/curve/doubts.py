@@ -4,31 +4,22 @@ None of it proves the curve wrong, so it is told with its pixels; only two runs 
 by side are refused: they would be measured midway.
 
 A pen changes its strength with its opacity and with the ground under it, its width it keeps. So a
-place counts as wide by the smaller of two ratios to the line's own median: of the coverage summed
-across the line, its mass, and of that sum over the profile's peak. Over curves of 2 to 8 px, bends
-down to 3 px, bright bones, opacities of 35 to 100 % and both ways of blending the widest run
-measured 1.08 in PNG and 1.17 in JPEG 50 and 75; at corners of 30 to 90 degrees, where a line
-touches itself for a few pixels, 1.17 and 1.20. Two runs of a 3 px pen d px apart reach 1 + d/3.
-
-JPEG blurs the profile so that its peak falls with its width, and only the mass still tells: of thin
-pens, runs 1 px apart reach 1.3 to 1.5 by their mass and 1.06 to 1.2 over the peak. A mass that
-speaks for `BESIDE_PX` is doubted where the other ratio rises at all; a pen that merely grows
-stronger does not do that.
+place counts as wide by the smaller of two ratios to the line's usual: of the coverage summed across
+the line, its mass, and of that sum over the profile's peak. JPEG blurs the profile so that its peak
+falls with its width, and only the mass still tells: one that speaks for `BESIDE_PX` is doubted
+where the other ratio rises at all. A pen that is pressed changes its width all along; where a
+second line begins, it changes at once.
 
 Several lines side by side all along are no wider run: their profile has a valley. A single pen's
-has one hill. Two runs 0.5 px apart leave a valley between them, in the coverage where the picture
-is clean; JPEG's coarse colour fills it, but its brightness keeps it. A spiral's turns drift across
-the path, so the profiles are averaged over short runs, and the median of all runs speaks for the
-line. Over single pens of 2 to 14 px, PNG to JPEG 50, both ways of blending, it measured at most
-0.04 of the hill in coverage and 0.06 in brightness; of two and three lines 0.5 px apart 0.17 and
-more in coverage (PNG), 0.08 and more in brightness (JPEG).
+has one hill. A spiral's turns drift across the path, so the profiles are averaged over short runs,
+and the median of all runs speaks for the line: in the coverage where the picture is clean, and in
+the brightness where JPEG's coarse colour fills the valley.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -51,6 +42,7 @@ USUAL = 0.35  # quantile: a second line may run beside most of this one
 BLOT, BLOT_PX, DOT = 4.5, 40.0, 1.25  # widths, px: so short a run, somewhere so wide, is a dot
 BLOT_DOUBT = 0.06  # of its width beyond the line's: how far beside its middle the line may run
 BESIDE_PX = 0.65  # between two runs: the line midway is 0.3 px off either
+OUTLIER = 4.0  # times the spread of the line's mass
 AT_ONCE = 4.0  # times the line's usual change over 12 points: another begins there
 BEND_POINTS = 5  # of the path, about a pixel apart
 TIGHT = 0.5  # of a bend's radius, a profile's reach: more, and it sees the bend's other side
@@ -100,8 +92,14 @@ def nearly_closed(
     line: Candidate, mask: NDArray[np.bool_], max_gap_px: float, origin: tuple[int, int]
 ) -> list[str]:
     """A warning for a short opening between a line's ends, whether it was closed or left open."""
-    if line.closed:
-        return _closed_over(line, origin)
+    gaps = list(runs(line.bridged, True)) if line.closed else []
+    if 0 < len(gaps) <= MOST_LIFTS:  # of a ring with few lifts, any may be its opening
+        run = max(gaps, key=len)
+        u, v = line.path[run[len(run) // 2]] + origin
+        return [
+            f"a gap of about {len(run):.0f} px at ({u:.0f}, {v:.0f}) was bridged, which closes the "
+            "curve; a smaller --max-gap leaves it open"
+        ]
     ends = inked_ends(line, mask)
     if not ends:
         return []
@@ -115,19 +113,6 @@ def nearly_closed(
     return [
         f"the curve is nearly closed: {missing:.0f} px are missing between ({u:.0f}, {v:.0f}) and "
         f"({p:.0f}, {q:.0f})"
-    ]
-
-
-def _closed_over(line: Candidate, origin: tuple[int, int]) -> list[str]:
-    """Of a ring with few lifts, any may be its opening."""
-    gaps = list(runs(line.bridged, True))
-    if not 0 < len(gaps) <= MOST_LIFTS:
-        return []
-    run = max(gaps, key=len)
-    u, v = line.path[run[len(run) // 2]] + origin
-    return [
-        f"a gap of about {len(run):.0f} px at ({u:.0f}, {v:.0f}) was bridged, which closes the "
-        "curve; a smaller --max-gap leaves it open"
     ]
 
 
@@ -208,17 +193,20 @@ def widest_run(
         uniform_filter1d(np.where(plain, values, 1.0), count, mode=mode)
         for values in (np.minimum(mass, across), mass, across)
     )
-    at_once = partial(_changes_at_once, uniform_filter1d(1.0 * plain, count, mode=mode))
     noisy = profiles.noisy
-    by_mass = (width * (mean - 1) > BESIDE_PX) & (across > RISEN[noisy]) & at_once(mean)
+    # A pen whose strength changes at once raises its mass, and in JPEG what is across, a little.
+    more, risen = (v / np.median(v[plain]) if plain.any() else v for v in (mean, across))
+    by_mass = (width * (more - 1) > BESIDE_PX) & (risen > RISEN[noisy])
+    by_mass &= more - 1 > OUTLIER * 1.48 * float(np.median(np.abs(more - np.median(more))))
     by_mass &= maximum_filter1d(_turn(base, closed), count, mode=mode) * profiles.x[-1] < TIGHT
-    wide = (width * (both - 1) > BESIDE_PX / 2) & at_once(both)
+    at_once = _changes_at_once(uniform_filter1d(1.0 * plain, count, mode=mode), both)
+    wide = (width * (both - 1) > BESIDE_PX / 2) & at_once
     doubted = (wide & (both > DOUBTED[noisy])) | by_mass
     refused = bool((wide & (both > REFUSED[noisy])).any())
-    ratio = both if refused else np.where(by_mass, mean, both)
+    ratio = both if refused else np.where(by_mass, more, both)
     at = int(np.where(doubted, ratio, 0.0).argmax() if doubted.any() else ratio.argmax())
     # From where it is doubted on, as far as the mass speaks for it at all.
-    aside = width * (np.maximum(ratio, mean) - 1) / 2
+    aside = width * (np.maximum(ratio, more) - 1) / 2
     near = binary_propagation(doubted, mask=doubted | (aside > BESIDE_PX / 4))
     doubt = maximum_filter1d(np.where(near, aside, 0.0), count, mode=mode)
     doubt = np.maximum(doubt, np.where(blots, BLOT_DOUBT * width * (mass - 1), 0.0))

@@ -148,36 +148,34 @@ def _hanging(
     return warnings
 
 
-def refuse_blind_bridges(
-    line: Candidate, found: Centreline, max_gap_px: float, origin: tuple[int, int]
-) -> None:
-    """Raise `CurveError` where more than a caller allows could not be measured."""
+def doubted_bridges(
+    line: Candidate,
+    found: Centreline,
+    mask: NDArray[np.bool_],
+    max_gap_px: float,
+    origin: tuple[int, int],
+) -> list[str]:
+    """A warning for each bridge that runs over ink, beyond what its edges lack of a profile.
+
+    Raises `CurveError` where more than a caller allows could not be measured.
+    """
+    warnings = []
     slack = BRIDGE_WIDTHS * line.width_px + BRIDGE_PX
     for run in runs(found.bridged, found.closed):
-        length = float(np.hypot(*np.diff(found.points[run], axis=0).T).sum())
+        points, (u, v) = found.points[run], found.points[run[len(run) // 2]] + origin
+        length = float(np.hypot(*np.diff(points, axis=0).T).sum())
         if length > max_gap_px + slack:
-            u, v = found.points[run[len(run) // 2]] + origin
             raise CurveError(
                 f"{length:.0f} px of the line cannot be measured, for something lies over or "
                 f"against it; no more than --max-gap ({max_gap_px:g} px) is bridged",
                 where=f"pixel ({u:.0f}, {v:.0f})",
             )
-
-
-def bridged_ink(
-    line: Candidate, found: Centreline, mask: NDArray[np.bool_], origin: tuple[int, int]
-) -> list[str]:
-    """A warning for each bridge that runs over ink, beyond what its edges lack of a profile."""
-    warnings = []
-    slack = BRIDGE_WIDTHS * line.width_px + BRIDGE_PX
-    for run in runs(found.bridged, found.closed):
-        u, v = np.rint(found.points[run]).astype(int).T
-        inked = mask[v.clip(0, mask.shape[0] - 1), u.clip(0, mask.shape[1] - 1)]
-        if inked.sum() > slack:
-            place = found.points[run[len(run) // 2]] + origin
+        p, q = np.rint(points).astype(int).T
+        inked = mask[q.clip(0, mask.shape[0] - 1), p.clip(0, mask.shape[1] - 1)].sum()
+        if inked > slack:
             warnings.append(
-                f"{inked.sum()} px of visible ink around ({place[0]:.0f}, {place[1]:.0f}) could "
-                "not be measured: the curve is carried across from both sides"
+                f"{inked} px of visible ink around ({u:.0f}, {v:.0f}) could not be measured: the "
+                "curve is carried across from both sides"
             )
     return warnings
 

@@ -17,8 +17,7 @@ from vfplan.curve.choice import against_advice, choose, refuse_grey, refuse_junc
 from vfplan.curve.covers import covered_ends
 from vfplan.curve.doubts import a_bar, cut_off, nearly_closed, several, side_by_side
 from vfplan.curve.evidence import (
-    bridged_ink,
-    refuse_blind_bridges,
+    doubted_bridges,
     refuse_strayed,
     unexplained,
 )
@@ -184,9 +183,8 @@ def extract_curve(
     notes += found
     for line, measured in both:
         if method == "ridge":
-            refuse_blind_bridges(line, measured, max_gap_px, origin)
+            notes += doubted_bridges(line, measured, mask, max_gap_px, origin)
             refuse_strayed(line, measured, origin)
-            notes += bridged_ink(line, measured, mask, origin)
             notes += intruders(line, measured, mask, origin)
             notes += covered_ends(rgb, line, measured, origin)
         notes += several(line, measured.single)

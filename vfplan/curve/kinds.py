@@ -7,7 +7,6 @@ stays a candidate, and several candidates are the user's to choose from.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -218,7 +217,9 @@ def is_arrow(line: Candidate, mask: NDArray) -> bool:
         tip = np.mean(line.junctions, axis=0)
         near = all(np.hypot(*(np.array(j) - tip)) < 2.5 * line.width_px for j in line.junctions)
         short = all(b.length < 0.5 * branches[0].length for b in barbs)
-        return near and short and 2 <= len(barbs) <= 4 and not all(map(_straight_on(shaft), barbs))
+        return (
+            near and short and 2 <= len(barbs) <= 4 and not all(_carries(b, shaft) for b in barbs)
+        )
     half = _half_widths(line, mask)
     usual = np.median(half)
     head = half > 1.6 * usual + 0.5
@@ -244,36 +245,30 @@ def is_leader(line: Candidate, told: list[Candidate]) -> bool:
     return max(near) >= 1 and min(near) == 0
 
 
-def _straight_on(shaft: NDArray) -> Callable[[Branch], bool]:
-    """A test of whether a branch merely carries the shaft on."""
-    along = shaft[-1] - shaft[0]
-
-    def test(branch: Branch) -> bool:
-        way = branch.path[-1] - branch.path[0]
-        size = np.hypot(*way) * np.hypot(*along)
-        return bool(size and abs(way @ along) > 0.95 * size)
-
-    return test
+def _carries(branch: Branch, shaft: NDArray) -> bool:
+    """Whether a branch merely carries the shaft on."""
+    along, way = shaft[-1] - shaft[0], branch.path[-1] - branch.path[0]
+    size = np.hypot(*way) * np.hypot(*along)
+    return bool(size and abs(way @ along) > 0.95 * size)
 
 
 def _straight(path: NDArray) -> bool:
-    chord = (path[-1] - path[0]).astype(float)
-    length = np.hypot(*chord)
-    if length < 8:
-        return False
-    aside = np.abs((path - path[0]) @ np.array([-chord[1], chord[0]])) / length
-    return bool(aside.max() < 1.2 + 0.02 * length)
+    return bool(_on_chord(path, 0, len(path) - 1).all())
 
 
 def _mostly_straight(path: NDArray) -> bool:
     """Whether a path is straight but for hooks at its ends."""
-    begin, end = path[len(path) // 4], path[3 * len(path) // 4]
-    chord = (end - begin).astype(float)
+    return bool(_on_chord(path, len(path) // 4, 3 * len(path) // 4).mean() > SHAFT)
+
+
+def _on_chord(path: NDArray, first: int, last: int) -> NDArray[np.bool_]:
+    """(M,) what lies on the straight line between two points of a path; of a short one nothing."""
+    chord = (path[last] - path[first]).astype(float)
     length = np.hypot(*chord)
     if length < 8:
-        return False
-    aside = np.abs((path - begin) @ np.array([-chord[1], chord[0]])) / length
-    return bool((aside < 1.2 + 0.02 * length).mean() > SHAFT)
+        return np.zeros(len(path), bool)
+    aside = np.abs((path - path[first]) @ np.array([-chord[1], chord[0]])) / length
+    return aside < 1.2 + 0.02 * length
 
 
 def _half_widths(line: Candidate, mask: NDArray) -> NDArray:
