@@ -9,7 +9,7 @@ from drawing import anatomy, blend, coverage, flat, jpeg, polyline, to_uint8, wa
 from scipy.spatial import cKDTree
 
 import vfplan
-from vfplan.curve.skeleton import thin
+from vfplan.curve.path import thin
 from vfplan.curve.tip import View, fitted
 
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.light import LUMINANCE
 from vfplan.curve.pen import Pen
+from vfplan.curve.profile import LUMINANCE
 
 REACH_PX, LEAST_PX = 96, 16  # looked at around an end; a box's sides, at least
 NOISE = 12.0  # levels of grey: what a ground, and JPEG beside an edge, may change by

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from vfplan.curve.boxes import boxed
 from vfplan.curve.candidates import Candidate
 from vfplan.curve.ends import CUT_OFF
-from vfplan.curve.light import LUMINANCE
 from vfplan.curve.pen import Pen, sample_pixels
-from vfplan.curve.profile import FOREIGN
+from vfplan.curve.profile import FOREIGN, LUMINANCE
 from vfplan.curve.ridge import Centreline
 
 WIDE, NOISE = 24, 0.5  # px around an end; levels of colour there, as JPEG's, not of clean ground

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.candidates import MAX_TURN_DEG, Candidate, ends_of
-from vfplan.curve.skeleton import Branch
+from vfplan.curve.path import Branch
 
 MIN_LENGTH_PX = 20.0
 DOMINANT = 4.0

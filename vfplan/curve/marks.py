@@ -13,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.path import Branch, branches_of, thin
 from vfplan.curve.pen import Pen, chroma_at, pen_score
-from vfplan.curve.skeleton import Branch, branches_of, thin
 from vfplan.errors import CurveError
 
 FLOOR = 18.0  # chroma below which a pixel is never pen, on 0..255: JPEG noise reaches about 12

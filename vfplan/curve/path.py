@@ -1,28 +1,119 @@
-"""The geometry of a path: normals, length, even steps, a smoothing spline, what lies beyond it.
-
-The spline's knots stand closer where the line bends: a cubic spline with knots h apart departs from
-a bend of radius R by little as long as h is below about R/2. On straight runs `widest` px of line
-share a knot, so that the noise averages out. No knot falls into a gap: there one cubic, smooth to
-the second derivative at both sides, carries the line from edge to edge.
-"""
+"""A line's way over the pixels: a mask's skeleton, its branches, and the geometry of a path."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+NEAR_PX = 8  # farther from every skeleton no line lies, but a broad one
 # So much of a thinned line's end, in widths beyond a thin line's, may turn to a corner of the pen.
 CROOKED, THIN_PX = 1.25, 2.5
-# Two places nearer than this share of a step, and more steps apart along the curve, are a meeting.
-MEETING, APART, TOGETHER = 0.75, 4, 2**16
 STRETCH_PX = 9.0  # of line, or a width, from which the bend at an end is taken
+# (row, column) steps to half of the eight neighbours; the other half is the same edges again.
+_STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
-CLOSEST_PX = 3.5
-GAP_PX = 2.0  # between neighbouring points: more is a gap
-WRAP_PX = 100.0  # a knot's influence fades by a factor of about 4 each knot further
-BEND_SHARE = 0.5  # of the radius of curvature: the knots' distance in a bend
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """A run of skeleton pixels between two places where the path ends, forks or closes."""
+
+    path: NDArray[np.int64]  # (M, 2) int64 pixels (u, v), in order
+    closed: bool  # whether the last pixel touches the first
+    # Whether its (first, last) pixel ends freely; `False` where it runs into a junction
+    free: tuple[bool, bool]
+
+    @property
+    def length(self) -> float:
+        """Along the pixels [px]."""
+        steps = np.diff(self.path, axis=0)
+        return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+
+
+def thin(mask: NDArray) -> NDArray[np.bool_]:
+    """(H, W) bool, the mask thinned to lines of one pixel; the border is padded first.
+
+    Zhang and Suen's way, which is quick, eats a line of even width at 45° from its end, the whole
+    of it at worst: where it left a part of the mask without a skeleton near, Lee's is taken.
+    """
+    import cv2
+    from skimage.morphology import skeletonize
+
+    padded = np.pad(mask.view(bool), 1)
+    bone = skeletonize(padded)
+    near = cv2.dilate(bone.view(np.uint8), np.ones((2 * NEAR_PX + 1,) * 2, np.uint8))
+    if (padded & (near == 0)).any():
+        bone = skeletonize(padded, method="lee") > 0
+    return bone[1:-1, 1:-1]
+
+
+def edges_of(rows: NDArray, cols: NDArray, width: int) -> NDArray[np.int64]:
+    """(E, 2) pairs of neighbouring pixels, as indices into the list sorted by row, then column.
+
+    A diagonal pair that also shares a straight neighbour is left out: the corner of a staircase is
+    not a fork.
+    """
+    flat = rows * (width + 2) + cols
+    pairs = []
+    for dr, dc in _STEPS:
+        target = _find(flat, flat + dr * (width + 2) + dc)
+        keep = target >= 0
+        if dr and dc:
+            corner_a = _find(flat, flat + dr * (width + 2))
+            corner_b = _find(flat, flat + dc)
+            keep &= (corner_a < 0) & (corner_b < 0)
+        here = np.nonzero(keep)[0]
+        pairs.append(np.column_stack([here, target[here]]))
+    return np.concatenate(pairs)
+
+
+def _find(haystack: NDArray, needles: NDArray) -> NDArray[np.int64]:
+    at = np.searchsorted(haystack, needles)
+    at[at == len(haystack)] = 0
+    return np.where(haystack[at] == needles, at, -1)
+
+
+def branches_of(
+    rows: NDArray, cols: NDArray, width: int
+) -> tuple[list[Branch], list[tuple[int, int]]]:
+    """Split one connected skeleton into branches.
+
+    rows, cols: (M,) int64 pixels of one connected skeleton, sorted by row, then column
+    width: columns of the image
+    Returns the branches, and the pixels (u, v) where three or more of them meet
+    """
+    pairs = edges_of(rows, cols, width)
+    forks = np.bincount(pairs.ravel(), minlength=len(rows)) > 2
+    near: list[list[int]] = [[] for _ in rows]  # but for forks
+    beside = np.zeros(len(rows), bool)  # a fork
+    for a, b in pairs.tolist():
+        if forks[a] or forks[b]:
+            beside[[a, b]] = True
+        else:
+            near[a].append(b)
+            near[b].append(a)
+    pixels = np.column_stack([cols, rows]).astype(np.int64)
+    branches, seen = [], set(np.flatnonzero(forks).tolist())
+    # Ends first, so that every open branch is walked from one; what is left are rings.
+    for start in sorted(range(len(rows)), key=lambda i: len(near[i]) > 1):
+        if start not in seen:
+            order = _walk(start, near, seen)
+            closed = len(order) > 2 and start in near[order[-1]]
+            free = tuple(not (closed or beside[end]) for end in (start, order[-1]))
+            branches.append(Branch(pixels[order], closed, free))
+    return branches, [tuple(each) for each in pixels[forks].tolist()]
+
+
+def _walk(start: int, near: list[list[int]], seen: set[int]) -> list[int]:
+    """The pixels from one on, and marks them as seen."""
+    order, onward = [], [start]
+    while onward:
+        order.append(onward[0])
+        seen.add(onward[0])
+        onward = [n for n in near[order[-1]] if n not in seen]
+    return order
 
 
 def normals(points: NDArray, closed: bool) -> NDArray:
@@ -58,23 +149,6 @@ def evenly(points: NDArray, closed: bool) -> tuple[NDArray, float]:
     at = np.linspace(0, arc[-1], count + 1)
     even = np.column_stack([np.interp(at, arc, ring[:, k]) for k in (0, 1)])
     return (even[:-1] if closed else even), arc[-1] / count
-
-
-def meetings(points: NDArray, closed: bool, step: float) -> NDArray[np.bool_]:
-    """(M,) which points of a curve in even steps lie where it crosses, touches or doubles itself.
-
-    Of two straight runs that cross, some points lie no further apart than 0.71 steps.
-    """
-    from scipy.spatial import cKDTree
-
-    tree, count = cKDTree(points), len(points)
-    met = np.zeros(count, bool)
-    for part in np.array_split(np.arange(count), count // TOGETHER + 1):
-        off, other = tree.query(points[part], 2 * APART + 2, distance_upper_bound=MEETING * step)
-        along = np.abs(other - part[:, None])
-        along = np.minimum(along, count - along) if closed else along
-        met[part] = (np.isfinite(off) & (along > APART)).any(1)
-    return met
 
 
 def without_tips(path: NDArray, width: float) -> tuple[NDArray, float]:
@@ -119,73 +193,6 @@ def _onward(points: NDArray, by: float, width: float) -> NDArray:
     bend = np.hypot(*near) / 2 + stretch * (1 - np.exp((0.5 - steps) / stretch))
     heading = np.arctan2(near[1], near[0]) + turn * bend
     return points[-1] + np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
-
-
-def fit_spline(s: NDArray, points: NDArray, valid: NDArray, period: float | None, knots: NDArray):
-    """Least-squares cubic spline of points over arc length, with the knots given.
-
-    s: (M,) arc length of each point, increasing
-    points: (M, K) values; only those where `valid` count
-    valid: (M,) bool
-    period: length of a closed curve; `None` for an open one
-    knots: (Q,) inner and end knots, increasing, of one period
-    """
-    from scipy.interpolate import make_lsq_spline
-
-    x, y = s[valid], points[valid]
-    inner = knots
-    if period is not None:  # wrapped on both sides, so that the seam is as smooth as the rest
-        reach = min(period / 3, WRAP_PX)
-        before, after = x > x[0] + period - reach, x < x[0] + reach
-        x = np.r_[x[before] - period, x, x[after] + period]
-        y = np.vstack([y[before], y, y[after]])
-        inner = np.r_[knots[:-1] - period, knots[:-1], knots + period]
-        inner = inner[(inner > x[0] + CLOSEST_PX / 2) & (inner < x[-1] - CLOSEST_PX / 2)]
-    inner = inner[(inner > x[0]) & (inner < x[-1])]
-    inner = _with_data(inner, x)
-    t = np.r_[[x[0]] * 4, inner, [x[-1]] * 4]
-    return make_lsq_spline(x, y, t, 3)
-
-
-def _with_data(inner: NDArray, x: NDArray) -> NDArray:
-    """The knots that leave enough points in every interval to determine the spline.
-
-    Only the interval over a gap may be empty, between two that are not: so the cubic that crosses
-    it bends as it must, and those on either side follow what was measured there.
-    """
-    kept, last, crossing = [], 0, False
-    for knot in inner:
-        upto = int(np.searchsorted(x, knot))
-        enough = upto - last >= 3
-        beyond = 0 < upto < len(x) and x[upto] - x[upto - 1] > GAP_PX and kept and not crossing
-        if (enough or beyond) and len(x) - upto >= 3:
-            kept.append(knot)
-            last, crossing = upto, not enough
-    return np.array(kept)
-
-
-def place_knots(
-    s: NDArray, curvature: NDArray, valid: NDArray, length: float, widest: float
-) -> NDArray:
-    """Knots over [0, length], closer in bends; at the edges of a gap and none inside it."""
-    from scipy.ndimage import maximum_filter1d
-
-    bend = maximum_filter1d(np.abs(curvature), 9)
-    spacing = np.clip(BEND_SHARE / np.maximum(bend, 1e-6), CLOSEST_PX, widest)
-    knots = [np.array([0.0])]
-    for seen in runs(valid, False):
-        run, gaps = s[seen], spacing[seen]
-        count = np.r_[0.0, np.cumsum(np.diff(run) / ((gaps[1:] + gaps[:-1]) / 2))]
-        knots.append(np.interp(np.linspace(0, count[-1], max(1, round(count[-1])) + 1), count, run))
-    at = np.unique(np.concatenate([*knots, [length]]))
-    return at[(at >= 0) & (at <= length)]
-
-
-def curvature_of(spline, s: NDArray) -> NDArray:
-    """Signed curvature [1/px] of a plane spline."""
-    first, second = spline(s, 1), spline(s, 2)
-    speed = np.maximum(np.hypot(first[:, 0], first[:, 1]), 1e-9)
-    return (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
 
 
 def runs(flags: NDArray[np.bool_], closed: bool) -> Iterator[NDArray[np.int64]]:

@@ -1,4 +1,10 @@
-"""Coverage along the local normals of a path, and how far off the path the line lies."""
+"""Coverage and brightness along the local normals of a path: how far off it the line lies.
+
+JPEG stores colour at half resolution, brightness in full. Where the ground beside the line is
+smooth, brightness less the ground, a straight run from flank to flank, shows the line as well: a
+profile of its own, fitted as that of the coverage is. Both offsets are weighed by their own noise,
+so that bones' edges under the line, and clean colour, leave the colour's offset as it is.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.light import (
-    LUMINANCE,
-    blur_of,
-    drawn_inward,
-    is_coarse,
-    is_tinted,
-    with_light,
-    without_ground,
-)
 from vfplan.curve.pen import Pen, sample_pixels
 
 MARGIN_PX = 2.0  # profiles reach this far beyond the line's edge
@@ -28,8 +25,17 @@ VISIBLE = 0.85  # of the usual coverage: the pen lies on top of the other colour
 RISE = 0.2  # of full coverage, past the line's edge: a neighbour
 FAR_PX = 5.0  # beyond a width from the line's middle a pen that was enlarged has faded as well
 SEEN = 0.25  # of the usual coverage: less is no line
+LUMINANCE = np.array([0.299, 0.587, 0.114])
+FLANK_PX = 0.8  # beyond the line's edge begins the ground
+MIDDLE_PX = 0.5
+CLEAR = 2.0  # times its flanks' roughness: a line this much darker or brighter is seen
+GREY_LEVELS = 1.0  # that the ground is rough at least, of 255
+COARSE = 0.004  # of full coverage beside the line: JPEG's noise
+LEAST = 30  # profiles from which noise and brightness can be judged
+TREND_PX = 8.0  # slower changes of the offset are the path's, not noise
+MEDIAN_OF_SQUARE = 0.455  # of a normal variable
 SHADING_T = 5.0  # a shading effect below this many standard errors is not there,
-SHADING_DOUBT = 0.4  # share of the correction that may be wrong
+SHADING_DOUBT = 0.6  # share of the correction that may be wrong
 SHADING_MOST = 0.4  # and linear light shifts no edge by more, from black to white [px]
 
 
@@ -51,7 +57,7 @@ class Profiles:
     clipped: NDArray[np.float64]  # (M,) share of the line's own width that lies outside the image
     # (M,) grey just beyond the line on one side minus on the other, -1..1
     shading: NDArray[np.float64]
-    noisy: bool  # whether the colour beside the line has noise, as JPEG's has
+    noisy: bool  # whether there is colour beside the line, as JPEG's noise is
     blur: float  # variance of the line's blur, a pixel's square included [px²]
     width: float  # the line's width [px]
     # (M,) what un-mixing may have got wrong where another colour touches the line [px]
@@ -64,14 +70,11 @@ def read_profiles(
     normal: NDArray,
     pen: Pen,
     width: float,
-    least: float = SEEN,
-    bend: NDArray | float = 0.0,
 ) -> Profiles:
     """Read profiles across a (M, 2) path with (M, 2) unit normals.
 
-    Coverage of less than `least` of the usual is no line. Where another colour touches the line, it
-    is measured by what that leaves of it: all of it, or one of its edges. `bend` [1/px] is the (M,)
-    curvature of a path that is already on the line.
+    Where another colour touches the line, it is measured by what that leaves of it: all of it, or
+    one of its edges.
     """
     half = np.ceil((width / 2 + MARGIN_PX) / STEP_PX)
     x = np.arange(-half, half + 1) * STEP_PX
@@ -91,19 +94,17 @@ def read_profiles(
     mass = mass / usual
     seen = ~foreign & inside
     shown = np.where(touched[:, None], _shown_beside(alpha, across, seen, x, width, usual), seen)
-    valid = np.where(touched, shown.any(1), (mass > least) & ~foreign[:, core].any(1))
+    valid = np.where(touched, shown.any(1), (mass > SEEN) & ~foreign[:, core].any(1))
     valid &= inside[:, np.abs(x) <= INNER_PX].all(1)
     mean = _mean_profile(alpha, valid[:, None] & seen)
     off = (width + FAR_PX) * normal
     beside = sample_pixels(rgb, *np.moveaxis(np.stack([base - off, base + off], 1), 2, 0))
     beside = (beside @ pen.along / pen.strength)[valid]
     offset = _matched(x, alpha, valid[:, None] & shown, mean)
-    blur = blur_of(x, _mean_profile(alpha, (valid & ~touched & seen.all(1))[:, None] & seen), width)
-    offset -= drawn_inward(bend, blur)
     valid &= np.abs(offset) < width / 2 + 1.5
     light, rough = without_ground(x, pixels @ LUMINANCE, width)
-    coarse = is_coarse(beside)
-    if coarse:
+    noisy = len(beside) >= LEAST and _spread(beside) > COARSE
+    if noisy:
         offset = with_light(
             x, light, rough, valid[:, None] & seen, np.where(valid, offset, 0.0), width
         )
@@ -125,8 +126,8 @@ def read_profiles(
         valid=valid,
         clipped=clipped,
         shading=shading,
-        noisy=coarse or is_tinted(beside),
-        blur=blur,
+        noisy=noisy,
+        blur=blur_of(x, mean, width),
         width=width,
         doubt=np.where(touched, np.where(shown.all(1), *TOUCHED_PX), 0.0),
     )
@@ -176,6 +177,55 @@ def _matched(x: NDArray, alpha: NDArray, seen: NDArray, profile: NDArray) -> NDA
             fit[row] = np.linalg.lstsq(basis[seen[row]], alpha[row, seen[row]], rcond=None)[0]
     scale = np.where(fit[:, 0] > 0.2, fit[:, 0], np.inf)
     return -fit[:, 1] / scale
+
+
+def with_light(
+    x: NDArray, left: NDArray, rough: NDArray, seen: NDArray, offset: NDArray, width: float
+) -> NDArray[np.float64]:
+    """(M,) offsets with what the brightness adds.
+
+    x: (K,) places across the path [px]
+    left, rough: (M, K) brightness less the ground, and (M,) how rough the ground is
+    seen: (M, K) where they count; a row that lacks one is left
+    offset: (M,) of the line by its colour [px]
+    width: the line's width [px]
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    depth = left[:, np.abs(x) <= MIDDLE_PX].mean(1)
+    clear = seen.all(1) & (np.abs(depth) > CLEAR * rough)
+    trend = gaussian_filter1d(offset, TREND_PX)
+    noise = _spread((offset - trend)[seen.any(1)])
+    if clear.sum() < LEAST:
+        return offset
+    depth, weight = np.where(clear, depth, 1.0), np.where(clear, depth / rough**2, 0.0)
+    mean = weight @ left / (weight @ depth)
+    mean = (mean + mean[::-1]) / 2
+    light = _matched(x, left / depth[:, None], clear[:, None] & seen, mean)
+    doubt = rough / np.abs(depth)
+    doubt = doubt * _spread(((light - trend) / doubt)[clear])
+    share = np.where(clear, noise**2 / (noise**2 + doubt**2), 0.0)
+    return offset + share * (light - offset)
+
+
+def without_ground(x: NDArray, light: NDArray, width: float) -> tuple[NDArray, NDArray]:
+    """(M, K) brightness less the ground, and (M,) how rough the ground is."""
+    flank = np.abs(x) > width / 2 + FLANK_PX
+    line = np.column_stack([np.ones_like(x), x])
+    left = light - (line @ np.linalg.pinv(line[flank]) @ light[:, flank].T).T
+    return left, np.sqrt((left[:, flank] ** 2).mean(1)) + GREY_LEVELS
+
+
+def _spread(values: NDArray) -> float:
+    """Standard deviation, whatever a few outliers do."""
+    return float(np.sqrt(np.median(values**2) / MEDIAN_OF_SQUARE)) + 1e-6
+
+
+def blur_of(x: NDArray, profile: NDArray, width: float) -> float:
+    """Variance of the blur, a pixel's square included, in a line's (K,) mean profile [px²]."""
+    weight = np.clip(profile, 0.0, None)
+    variance = float((weight * x**2).sum() / max(weight.sum(), 1e-9))
+    return max(variance - width**2 / 12, 0.0)
 
 
 def shading_shift(

@@ -25,22 +25,12 @@ from vfplan.curve.ends import (
     thinner_ends,
     told_ends,
 )
-from vfplan.curve.fitting import FIRST_KNOTS_PX, Fitted, bridged_sigma, fit_line
-from vfplan.curve.light import bend_of
-from vfplan.curve.path import (
-    arc_length,
-    curvature_of,
-    evenly,
-    extended,
-    normals,
-    prolonged,
-    without_tips,
-)
+from vfplan.curve.fitting import Fitted, bridged_sigma, curvature_of, fit_line
+from vfplan.curve.path import arc_length, evenly, extended, normals, prolonged, without_tips
 from vfplan.curve.pen import Pen
 from vfplan.curve.profile import Profiles, read_profiles
 from vfplan.errors import CurveError
 
-BROAD_PX = 5.0  # a pen this wide hides its ends so well that they are approached twice
 FARTHER_PX = 12.0  # at a time, a pen that is drawn out to a point is followed
 LONGER = 4  # times more at most, while an end is not in sight
 TIP, THIN_PX = 0.4, 2.5  # of the width beyond a thin line's: an end whose profile lacks a side
@@ -93,19 +83,18 @@ def trace(
     gap = _gap_finder(smooth, bridged)
     # lost: arc at an end that the path lacks [px]
     base, lost = (smooth, 0.0) if closed else without_tips(smooth, width)
-    passes = [FIRST_KNOTS_PX] * (1 + (width > BROAD_PX and not closed)) + [None]
+    passes = [False, True]  # whether it is the last one
     taken = 0  # extensions of the path
     point = 0.0  # how far ink thinner than half the line goes beyond an end [px]
     odd: tuple[tuple[str, ...], ...] = ((), ())
     own = (False, False)
     while passes:
-        knots = passes.pop(0)
+        last = passes.pop(0)
         # Far enough to see the line end, and no further: what lies beyond may be red as well.
         beyond = lost + width / 2 + 2 + point
         base, pitch = evenly(base if closed else extended(base, beyond, width), closed)
         seen_along, middle = (base, normals(base, closed)), base[len(base) // 2]
-        bend = 0.0 if knots else bend_of(base, closed)
-        profiles = read_profiles(rgb, *seen_along, pen, width, bend=bend)
+        profiles = read_profiles(rgb, *seen_along, pen, width)
         valid = profiles.valid & ~gap(base)
         if valid.sum() < LEAST:  # nothing to measure: the smoothed path, with a wide sigma
             return _unmeasured(smooth, bridged, closed, width)
@@ -119,11 +108,10 @@ def trace(
             faint = even is not profiles  # a faint tip thins to less
             drawn_out = max(points_of(even, used))
             if taken < LONGER and (_goes_on(ink, valid | faint) or drawn_out > point):
-                # The path is read once more, longer: wide knots first, then at least one fine pass.
-                passes = [FIRST_KNOTS_PX, *(passes or [None])]
+                passes = [False, True]  # the path is read once more, longer
                 taken += 1
                 point = min(2 * drawn_out, point + FARTHER_PX) if drawn_out > point else point
-        fitted = fit_line(s, base, profiles, used, closed, knots)
+        fitted = fit_line(s, base, profiles, used, closed, last)
         if not closed and not passes:
             ends = line_ends(rgb, fitted.spline(s), used, even, pen)
             fades_out = profiles.noisy and width > THIN_PX
@@ -227,18 +215,10 @@ def _result(
     points = place(at)
     nearest = np.clip(np.rint(at / (s[1] - s[0])).astype(int), 0, len(s) - 1)
     bridged = ~valid[nearest]
-    gaps = _with_flanks(bridged, ~used[nearest])
     sigma = np.hypot(
-        fitted.sigma[nearest], bridged_sigma(gaps, curvature_of(fitted.spline, at), closed)
+        fitted.sigma[nearest], bridged_sigma(bridged, curvature_of(fitted.spline, at), closed)
     )
     return Centreline(points, sigma, bridged, closed, float(arc[-1]))
-
-
-def _with_flanks(bridged: NDArray, unused: NDArray) -> NDArray[np.bool_]:
-    """The bridged stretches with the unused points that adjoin them."""
-    from scipy.ndimage import binary_propagation
-
-    return binary_propagation(bridged, mask=bridged | unused)
 
 
 def _inside(dense: NDArray, curve: NDArray, shape: tuple[int, ...]) -> tuple[NDArray, NDArray]:

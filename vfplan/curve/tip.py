@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.light import LUMINANCE, MIDDLE_PX
 from vfplan.curve.path import extended, normals
 from vfplan.curve.pen import Pen
-from vfplan.curve.profile import STEP_PX, Profiles
+from vfplan.curve.profile import LUMINANCE, MIDDLE_PX, STEP_PX, Profiles
 
 HALF_DISC = 0.85  # of its radius: where a round end's ink falls to half the width
 SLANTS = np.tan(np.radians([-60.0, -30.0, 30.0, 60.0]))  # px along the line per px across

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import imagej
-from vfplan.curve.path import meetings
 from vfplan.engine.parameters import MOST_POINTS
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.images.read import is_dicom
@@ -27,6 +26,8 @@ SAME = 1e-12  # of a curve's length: points no further apart are one
 KINDS = {"Curve": False, "ClosedCurve": True}
 SUFFIXES = (".json", ".csv", ".fcsv", ".roi")  # of files that hold a curve alone
 WANTED = "a .mrk.json, .fcsv, .roi, CSV or DICOM is wanted"
+# Two places nearer than this share of a step, and more steps apart along the curve, are a meeting.
+MEETING, APART, TOGETHER = 0.75, 4, 2**16
 SPLINE_TOLD_M = 1e-4  # a spline this far from straight lines is told where a file names neither
 
 
@@ -167,6 +168,23 @@ def _meets_itself(curve: VectorCurve, where: str) -> list[str]:
     first = ", ".join(f"{x:.1f}" for x in scale * places[np.argmax(met)])
     over = f"over {scale * step * met.sum():.3g} {unit} in all"
     return [f"{where}: crosses, touches or doubles itself first at ({first}) {unit}, {over}"]
+
+
+def meetings(points: NDArray, closed: bool, step: float) -> NDArray[np.bool_]:
+    """(M,) which points of a curve in even steps lie where it crosses, touches or doubles itself.
+
+    Of two straight runs that cross, some points lie no further apart than 0.71 steps.
+    """
+    from scipy.spatial import cKDTree
+
+    tree, count = cKDTree(points), len(points)
+    met = np.zeros(count, bool)
+    for part in np.array_split(np.arange(count), count // TOGETHER + 1):
+        off, other = tree.query(points[part], 2 * APART + 2, distance_upper_bound=MEETING * step)
+        along = np.abs(other - part[:, None])
+        along = np.minimum(along, count - along) if closed else along
+        met[part] = (np.isfinite(off) & (along > APART)).any(1)
+    return met
 
 
 def onto_slice(curve: VectorCurve, T_patient_image: NDArray | None, where: str) -> VectorCurve:
