@@ -30,7 +30,7 @@ POINT, BLUNT_PX, SHORT = (0.3, 0.2), (4.0, 6.0), 3
 # more than so much there is an arrow's head.
 THINNED, BREAK, BREAK_PX, HEAD = 0.75, 0.55, 14, 2.2
 # Another pen's line: so much less ink than usual, over so many pixels, even to within so much.
-FULL, OTHER, OTHER_PX, EVEN = 0.8, 0.62, 6, 0.04
+FULL, OTHER, OTHER_PX, EVEN = 0.8, 0.62, 5, 0.04
 ENDED = 0.12  # of the usual ink: less is no line
 # Log odds: of a form that is surely the pen's own, of a cut beside such an end, and of a slanting
 # cut by itself, which the end of a jagged line may seem.
