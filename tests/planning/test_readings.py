@@ -306,3 +306,11 @@ def test_a_shift_among_more_marks_of_one_shape_is_refused():
     image = drawn(4, "green", "ring")
     with pytest.raises(MarkerError, match=r"moved by \(-60, \+45\) px"):
         hold_against_marks(image, pairs(PLACES[:5] + np.array([60, -45])))
+
+
+def test_one_marker_that_is_not_drawn_hides_no_misreading():
+    image, own = drawn(4, "cyan", "dot"), np.vstack([PLACES, [480, 190]])
+    with pytest.raises(MarkerError, match=r"moved by \(-30, \+22\) px"):
+        hold_against_marks(image, pairs(own + np.array([30, -22])))
+    elsewhere = np.random.default_rng(4).uniform(0, [WIDTH, HEIGHT], own.shape)
+    assert "but 8 of one kind are drawn" in hold_against_marks(image, pairs(elsewhere)).warnings[0]

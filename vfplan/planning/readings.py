@@ -169,19 +169,19 @@ def _laid(given: Array, kind: Kind, needed: int) -> tuple[str, bool]:
     fits = [alone, move, (*both, 2)]
     chances = [kind.chance(t + s * given, needed, free=free) for s, t, free in fits]
     scale, shift, _ = fits[int(np.argmin(chances))]
-    far, n = np.abs(shift).max(), len(given)
+    far, n, count = np.abs(shift).max(), len(given), len(kind.places_px)
     times = "" if abs(scale - 1) <= SAME_SCALE else f"multiplied by {scale:.3g} and "
     if far < 0.5 or (far <= NEAR_PX and times):
         return f"are multiplied by {scale:.3g}", True
     how = f"are {times}moved by ({round(shift[0]):+d}, {round(shift[1]):+d}) px"
-    no_labels = far > LABEL_PX, abs(len(kind.places_px) - n) <= n // 3, kind.stamped(n)
+    no_labels = far > LABEL_PX, abs(count - n) <= n // 3, kind.stamped(min(n, count))
     return how, sum(no_labels) >= 2
 
 
 def _others(kinds: list[Kind], n: int, near: int) -> tuple[str, ...]:
-    """A warning where at least as many marks of one shape as there are markers stand elsewhere."""
+    """A warning where about as many marks of one shape as markers, or more, stand elsewhere."""
     for kind in kinds:
-        if not kind.faint and kind.stamped(n):
+        if not kind.faint and kind.stamped(n - n // 3):
             count, (u, v) = len(kind.places_px), kind.places_px[0]
             return (
                 f"{near} of the {n} given positions have a mark near them, but {count} of one kind "
