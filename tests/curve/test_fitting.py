@@ -11,7 +11,7 @@ from canvas import RASTERISERS, Canvas
 from drawing import anatomy, blend, compare, coverage, flat, jpeg, straight_coverage, to_uint8, wavy
 
 import vfplan
-from vfplan.curve.fitting import end_factor, measured_sigma
+from vfplan.curve.fitting import bridged_sigma, end_factor, measured_sigma
 from vfplan.curve.profile import blur_of
 
 RED = (255, 0, 0)
@@ -81,7 +81,7 @@ def sigma_of(noisy=True, angle=0.6, curvature=0.0, power=1.0):
     normal = np.tile([-np.sin(angle), np.cos(angle)], (400, 1))
     picture = SimpleNamespace(noisy=noisy, blur=0.3, width=3.0)
     bend = np.full(400, curvature)
-    return measured_sigma(residual, np.ones(400, bool), normal, bend, picture).mean()
+    return measured_sigma(residual, np.ones(400, bool), normal, bend, picture, "nearest").mean()
 
 
 def test_the_deviation_grows_with_the_noise_along_the_grid_in_bends_and_at_ends():
@@ -94,6 +94,22 @@ def test_the_deviation_grows_with_the_noise_along_the_grid_in_bends_and_at_ends(
     assert factor[50] == pytest.approx(1, abs=1e-3)
     assert (np.diff(factor[:50]) <= 0).all()
     assert factor[5] == pytest.approx(5.5)
+
+
+def test_the_deviation_of_a_ring_knows_no_seam():
+    rng = np.random.default_rng(1)
+    residual, bend = 0.2 * rng.standard_normal((2, 200))
+    normal = np.tile([0.6, 0.8], (200, 1))
+    picture = SimpleNamespace(noisy=False, blur=0.3, width=3.0)
+    gap = np.arange(200) % 199 < 20
+
+    def stated(by):
+        values = (np.roll(part, by, 0) for part in (residual, ~gap, normal, bend))
+        sigma = measured_sigma(*values, picture, "wrap")
+        extra = bridged_sigma(np.roll(gap, by), np.roll(bend, by), True)
+        return np.roll(np.column_stack([sigma, extra]), -by, 0)
+
+    assert stated(-10) == pytest.approx(stated(60))
 
 
 @pytest.mark.parametrize("rasteriser", RASTERISERS)

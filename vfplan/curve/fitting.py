@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,8 +82,9 @@ def fit_line(
     knots = place_knots(s, bend, valid, period or s[-1], widest)
     spline = fit_spline(s, raw, valid, period, knots)
     residual, bend = _along_normal(raw - spline(s), normal, valid), curvature_of(spline, s)
-    sigma = measured_sigma(residual, valid, normal, bend, profiles)
-    touched = maximum_filter1d(profiles.doubt, TOUCHED_POINTS)
+    mode = "wrap" if closed else "nearest"
+    sigma = measured_sigma(residual, valid, normal, bend, profiles, mode)
+    touched = maximum_filter1d(profiles.doubt, TOUCHED_POINTS, mode=mode)
     sigma = np.sqrt(sigma**2 + doubt**2 + touched**2) * (1 + CLIPPED * profiles.clipped)
     if period is None:
         sigma *= end_factor(s, *s[valid][[0, -1]])
@@ -161,12 +163,18 @@ def _along_normal(offset: NDArray, normal: NDArray, valid: NDArray) -> NDArray:
 
 
 def measured_sigma(
-    residual: NDArray, valid: NDArray, normal: NDArray, curvature: NDArray, profiles: Profiles
+    residual: NDArray,
+    valid: NDArray,
+    normal: NDArray,
+    curvature: NDArray,
+    profiles: Profiles,
+    mode: Literal["wrap", "nearest"],
 ) -> NDArray[np.float64]:
     """(M,) standard deviation of the fitted line where it was seen [px].
 
     residual, valid: (M,) measured offset minus the spline [px], and where there is any
     normal, curvature: (M, 2) unit normals of the line, and (M,) its curvature [1/px]
+    mode: how the line goes on beyond what was measured: a ring's wraps
     """
     from scipy.ndimage import uniform_filter1d
 
@@ -175,7 +183,7 @@ def measured_sigma(
     if not profiles.noisy:
         ratio, most = CLEAN * max(1.0, THIN_PX / profiles.width), GRID_PX**2
     near, share = (
-        uniform_filter1d(values, CORNER_PX, mode="nearest")
+        uniform_filter1d(values, CORNER_PX, mode=mode)
         for values in (np.where(valid, residual**2, 0.0), valid.astype(float))
     )
     corner = CORNER * np.maximum(near / np.maximum(share, 0.05) - most, 0.0)
@@ -188,7 +196,10 @@ def measured_sigma(
 
 
 def drawn_inward(curvature: NDArray, blur: float) -> NDArray[np.float64]:
-    """(M,) how far blur of that variance [px²] draws a line to the inside of its bends [px]."""
+    """(M,) how far blur of that variance [px²] draws a line to the inside of its bends [px].
+
+    In JPEG, too, by the blur that shows: nothing of JPEG's own is taken off a bend.
+    """
     return curvature * blur / 2
 
 
@@ -205,7 +216,7 @@ def bridged_sigma(bridged: NDArray, curvature: NDArray, closed: bool) -> NDArray
     """
     extra = np.zeros(len(bridged))
     spread = np.sqrt(np.mean(curvature**2))
-    for run in runs(bridged, False):
+    for run in runs(bridged, closed):
         x = np.arange(len(run)) + 0.5
         extra[run] = SWAY * spread * x * (len(run) - x) / 2
     return extra
