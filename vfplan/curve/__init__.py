@@ -13,6 +13,7 @@ ridge       the measurement: a pixel path -> the line's centre and its uncertain
 profile     what is read across the line: its coverage and its brightness
 fitting     the spline through what was read, and its standard deviation
 ends        where the ink of a line begins and ends
+tip         the forms of a pen's end, fitted to the pixels there
 beside      ink that the line leaves, and dots that touch it
 evidence    the measured line held against the ink
 covers      what may hide an end, `boxes` by their outline
