@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from canvas import Canvas, rectangle
-from drawing import compare, flat, wavy
+from drawing import blend, compare, flat, to_uint8, wavy
 
 import vfplan
 from vfplan.errors import CurveError, SettingError
@@ -84,8 +84,11 @@ def test_the_outline_of_a_filled_region():
     edge = [160, 120] + radius[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
     canvas = Canvas(flat(SHAPE, 90.0), "exact")
     canvas.fill(edge, RED)
-    (stroke,) = vfplan.extract_curve(canvas.image(), outline=True).strokes
+    found = vfplan.extract_curve(canvas.image(), outline=True)
+    (stroke,) = found.strokes
     assert stroke.closed
+    assert not found.warnings
+    assert found.ink["curve"] == found.mask.sum()
     error = compare(stroke, edge, True)
     assert error.rms < 0.1
     assert 0.3 < error.z_rms < 1.6
@@ -94,6 +97,35 @@ def test_the_outline_of_a_filled_region():
         vfplan.extract_curve(canvas.image(), outline=True)
     with pytest.raises(CurveError, match="one filled region, found 0"):
         vfplan.extract_curve(drawn(WAVE).image(), outline=True)
+
+
+@pytest.mark.parametrize(
+    ("middle", "cut"),
+    [
+        (160, {"roi": (160, 0, 160, 240)}),
+        (160, {"exclude": [(0, 0, 160, 240)]}),
+        (20, {}),
+        (160, {"roi": (50, 20, 200, 200), "exclude": [(150, 60, 20, 12)]}),
+    ],
+)
+def test_an_outline_that_follows_a_border_is_warned_of(middle, cut):
+    v, u = np.mgrid[:240, :320]
+    inside = np.clip(60.5 - np.hypot(u - middle, v - 120), 0, 1)
+    picture = to_uint8(blend(flat(SHAPE, 90.0), inside, RED))
+    (warning,) = vfplan.extract_curve(picture, outline=True, **cut).warnings
+    (box,) = cut.get("exclude", [cut.get("roi", (0, 0, 320, 240))])
+    assert f"runs along the border of {','.join(map(str, box))} for" in warning
+
+
+def test_an_end_that_was_cut_away_is_not_told_of():
+    picture = drawn(WAVE).image()
+    picture[60:180, 262:] = 255
+    told = [
+        vfplan.extract_curve(picture, roi=(0, 0, 300, 240), **places).warnings
+        for places in ({}, {"end": tuple(WAVE[600])}, {"start": tuple(WAVE[600]), "end": (50, 120)})
+    ]
+    assert any("the curve's end" in w for w in told[0])
+    assert told[1:] == [(), ()]
 
 
 @pytest.mark.parametrize(

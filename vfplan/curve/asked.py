@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.beside import Piece
 from vfplan.curve.candidates import Candidate
 from vfplan.curve.marks import Mark
 from vfplan.curve.path import arc_length, evenly
@@ -18,6 +19,7 @@ from vfplan.errors import CurveError, SettingError
 NEAR_WIDTHS, NEAR_PX = 3.0, 10.0  # from the line: a place farther off is not meant to be on it
 # Of an outline, where half of a pixel's square is covered.
 MARGIN_PX = 3
+BORDER_PX = 1.0  # from a border, one that is cut off there lies
 SMOOTH_PX = 1.5  # along the outline: the pixels' own staircase
 SIGMA_PX = 0.1  # at least: an edge has one side only, and programs differ in how they fill
 
@@ -63,8 +65,8 @@ def through(candidates: list[Candidate], places: NDArray) -> list[Candidate]:
 
 def between(
     line: Candidate, found: Centreline, start: Place, end: Place, origin: tuple[int, int]
-) -> Centreline:
-    """The measured line from `start` to `end` (u, v) [px], in that direction.
+) -> tuple[Candidate, Centreline]:
+    """The measured line from `start` to `end` (u, v) [px], in that direction; its lost ends `cut`.
 
     One of them alone gives the direction, and cuts off what lies beyond it; on a ring `start` says
     where it begins.
@@ -75,7 +77,7 @@ def between(
     if found.closed:
         if end is not None:
             raise CurveError("the curve is closed and has no end; leave --end out")
-        return _rolled(found, -_index(line, found, start, "--start", origin))
+        return line, _rolled(found, -_index(line, found, start, "--start", origin))
     last = len(found.points) - 1
     first = None if start is None else _index(line, found, start, "--start", origin)
     stop = None if end is None else _index(line, found, end, "--end", origin)
@@ -90,7 +92,9 @@ def between(
     points = found.points[keep]
     length = float(arc_length(points, False)[-1])
     sigma, bridged = found.sigma[keep], found.bridged[keep]
-    return replace(found, points=points, sigma=sigma, bridged=bridged, length=length)
+    lost = (_distance(points[[0, -1]], at) > _reach(line) for at in found.points[[0, -1]])
+    part = replace(found, points=points, sigma=sigma, bridged=bridged, length=length)
+    return replace(line, cut=tuple(lost)), part
 
 
 def _rolled(found: Centreline, by: int) -> Centreline:
@@ -158,6 +162,39 @@ def outline_of(
     holes = sum(abs(_area(c)) > 1 for c in rings[1:])
     warnings = [f"the filled region has {holes} holes; its outer outline is taken"] if holes else []
     return Candidate(points, True, none, (mark,)), line, warnings
+
+
+def cut_outline(
+    outline: NDArray, roi: Box | None, exclude: Sequence[Box], shape: tuple[int, ...]
+) -> list[str]:
+    """A warning for each border along which an outline (u, v) in the whole picture runs."""
+    warnings = []
+    for box in (roi or (0, 0, shape[1], shape[0]), *exclude):
+        low = np.subtract(box[:2], 0.5)
+        beyond = np.maximum(low - outline, outline - low - box[2:]).max(1)
+        along = np.flatnonzero(np.abs(beyond) < BORDER_PX)
+        if len(along):
+            u, v = outline[along[len(along) // 2]]
+            warnings.append(
+                f"the outline runs along the border of {','.join(map(str, box))} for "
+                f"{len(along)} px, around ({u:.0f}, {v:.0f}): the region is cut off there"
+            )
+    return warnings
+
+
+def claim_inside(outline: NDArray, pieces: list[Piece], ink: dict[str, int]) -> list[Piece]:
+    """The pieces without a region's own inside, which is counted as the curve's ink."""
+    import cv2
+
+    ring, beside = outline.astype(np.float32), []
+    for piece in pieces:
+        place = piece.pixels[0].tolist()
+        if piece.kind == "own" and cv2.pointPolygonTest(ring, place, False) > 0:
+            ink["own"] -= len(piece.pixels)
+            ink["curve"] += len(piece.pixels)
+        else:
+            beside.append(piece)
+    return beside
 
 
 def _coverage(rgb: NDArray, pen: Pen) -> NDArray[np.float64]:

@@ -40,6 +40,7 @@ class Candidate:
     # (u, v) where it forks or crosses itself; it cannot be used when there are any
     junctions: tuple[tuple[int, int], ...] = ()
     kind: str = "curve"  # "curve", "junction", or what it was taken for instead
+    cut: tuple[bool, bool] = (False, False)  # whether a person cut off its (first, last) end
 
     @classmethod
     def of_mark(cls, mark: Mark) -> Candidate:
@@ -146,13 +147,14 @@ def refuse_crowd(
 
 
 def ends_of(line: Candidate) -> list[tuple[NDArray, NDArray]]:
-    """Where an open line ends (u, v) [px], and the unit direction in which it would go on."""
+    """Where an open line ends (u, v) [px], if not cut off, and the unit direction of going on."""
     reach = min(TANGENT_PX, len(line.path) - 1)
     if line.closed or line.junctions or reach < 3:
         return []
     skip = reach // 6  # thinning, and what hides the line, bend its last pixels
     runs = line.path[: reach + 1], line.path[::-1][: reach + 1]
-    return [(run[0], _direction(run[skip:])) for run in runs]
+    ends = zip(runs, line.cut, strict=True)
+    return [(run[0], _direction(run[skip:])) for run, cut in ends if not cut]
 
 
 def inked_ends(line: Candidate, mask: NDArray[np.bool_]) -> list[tuple[NDArray, NDArray]]:

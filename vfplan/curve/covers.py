@@ -61,7 +61,8 @@ def covered_ends(
     onward = (at - inner) / np.hypot(*(at - inner).T)[:, None]
     cut = at + [_ink_beyond(rgb, pen, width, *end) * end[1] for end in zip(at, onward, strict=True)]
     broken = _breaks(rgb, pen, found.points, width, cut, onward)
-    for k, own in enumerate(found.own_ends):
+    for k in np.flatnonzero(~np.array(line.cut)):
+        own = found.own_ends[k]
         what = _cover(rgb, pen, width, at[k], onward[k])
         if not what and broken[k] > BROKEN[own]:
             what = "the ground changes more sharply than anywhere along the line"

@@ -78,7 +78,7 @@ def cut_off(
             )
         for p, q, across, down in exclude:
             place = np.add(at, (u, v))
-            beside = np.maximum(np.abs(place - (p, q) - (np.array([across, down]) - 1) / 2), 0)
+            beside = np.abs(place - (p, q) - (np.array([across, down]) - 1) / 2)
             off = np.maximum(beside - np.array([across, down]) / 2, 0)
             if np.hypot(*off) <= line.width_px:
                 warnings.append(
@@ -101,7 +101,7 @@ def nearly_closed(
             "curve; a smaller --max-gap leaves it open"
         ]
     ends = inked_ends(line, mask)
-    if not ends:
+    if len(ends) < 2:
         return []
     (a, from_a), (b, from_b) = ends
     missing = float(np.hypot(*(b - a)))

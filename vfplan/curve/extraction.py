@@ -10,17 +10,22 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.asked import between, check_places, outline_of, part_of, region_of, through
+from vfplan.curve.asked import (
+    between,
+    check_places,
+    claim_inside,
+    cut_outline,
+    outline_of,
+    part_of,
+    region_of,
+    through,
+)
 from vfplan.curve.beside import intruders, pieces_beside, set_aside
 from vfplan.curve.candidates import Candidate, candidates_of, refuse_crowd
 from vfplan.curve.choice import against_advice, choose, refuse_grey, refuse_junctions
 from vfplan.curve.covers import covered_ends
 from vfplan.curve.doubts import a_bar, cut_off, nearly_closed, several, side_by_side
-from vfplan.curve.evidence import (
-    doubted_bridges,
-    refuse_strayed,
-    unexplained,
-)
+from vfplan.curve.evidence import doubted_bridges, refuse_strayed, unexplained
 from vfplan.curve.kinds import tell_apart
 from vfplan.curve.marks import find_marks
 from vfplan.curve.path import arc_length, drawn_length
@@ -164,6 +169,7 @@ def extract_curve(
     told = [*candidates, *others]
     if outline:
         line, measured, notes = outline_of(rgb, region_of(marks), mask)
+        notes += cut_outline(measured.points + origin, roi, exclude, planned.rgb.shape)
         both = [(line, measured)]
     else:
         refuse_crowd(candidates, others, marks, colour, max_gap_px)
@@ -179,6 +185,12 @@ def extract_curve(
         both = [(c, _measure(rgb, c, method, mask, origin)) for c in chosen]
         notes = against_advice(chosen, others, origin, mask.shape) if others else []
     pieces, ink = pieces_beside(mask, both, told, marks)
+    if outline:
+        pieces = claim_inside(measured.points, pieces, ink)
+    lines, asked = [line for line, _ in both], both
+    if given:  # what is said of the line's ends is said of those that are left
+        asked = [between(line, found, start, end, origin) for line, found in both]
+        both = [(line, whole) for (line, _), (_, whole) in zip(asked, both, strict=True)]
     specks, found = unexplained(both, pieces, mask, max_gap_px, origin)
     notes += found
     for line, measured in both:
@@ -192,10 +204,8 @@ def extract_curve(
         notes += side_by_side(line, measured.widening, origin, accept_width)
         notes += cut_off(line, mask, roi, exclude, planned.rgb.shape)
         notes += nearly_closed(line, mask, max_gap_px, origin)
-    aside = set_aside(marks, told, [line for line, _ in both], origin, specks)
-    if given:
-        both = [(line, between(line, found, start, end, origin)) for line, found in both]
-    strokes = tuple(_stroke(measured, line, origin) for line, measured in both)
+    aside = set_aside(marks, told, lines, origin, specks)
+    strokes = tuple(_stroke(measured, line, origin) for line, measured in asked)
     whole = _whole(mask, origin, planned.rgb.shape)
     return Extraction(whole, strokes, method, aside, tuple(notes), ink)
 
