@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +23,11 @@ from vfplan.records import (
 )  # fmt: skip
 
 __all__ = [
-    "Curve", "Fixture", "Frame", "Guidance", "Pieces", "Provenance", "RegistrationRecord",
+    "FRAMES", "Curve", "Fixture", "Frame", "Guidance", "Pieces", "Provenance", "RegistrationRecord",
     "Rendering", "SourceImage", "StabilityVerdict",
 ]  # fmt: skip
 
+FRAMES: tuple[Frame, ...] = get_args(Frame)
 LEAST_M, MOST_M = 1e-3, 3.0  # across: a mark on a bone, a patient
 FARTHEST_M = 10.0  # from the origin: a robot in the same room
 
@@ -211,7 +212,9 @@ class Fixture:
     band = property(attrgetter("_rendering.band"), doc="r2 - r_c [m].")
     point_radius = property(attrgetter("_rendering.point_radius"), doc="r_v [m].")
     ignore_axis = property(attrgetter("_rendering.ignore_axis"), doc="(3,) unit vector, or `None`.")
-    max_iterations = property(attrgetter("_rendering.max_iterations"), doc="A tick's most; `None`.")
+    max_iterations = property(
+        attrgetter("_rendering.max_iterations"), doc="The most iterations of a tick, or `None`."
+    )
 
     @property
     def _rendering(self) -> Rendering:

@@ -161,6 +161,24 @@ def test_a_fixture_that_breaks_a_rule_is_refused_and_nothing_is_left(change, tmp
 
 
 @pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        (float("nan"), "a setting of value nan: text, a finite number or a boolean is wanted"),
+        (None, "of value None: text"),
+        ([1, 2], r"of value \[1, 2\]: text"),
+        (b"x", "of value b'x': text"),
+        (10**400, "an integer beyond 1.8e308"),
+    ],
+    ids=["nan", "nothing", "list", "bytes", "integer of 401 digits"],
+)
+def test_what_is_no_setting_is_told_with_its_value(value, says, tmp_path):
+    whole = bundles.whole()
+    provenance = replace(whole.provenance, settings={"a": value})
+    with pytest.raises(InputError, match=says):
+        vfplan.write_fixture(replace(whole, provenance=provenance), tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize(
     "module", ["vfplan.bundle", "vfplan.session.arrays", "vfplan.session.resultwriter"]
 )
 def test_no_plugin_can_be_loaded(module, tmp_path):

@@ -10,6 +10,7 @@ import vfplan
 from vfplan.bundle import export, import_cloud
 from vfplan.bundle.clouds import refined
 from vfplan.bundle.leak import covering_radius, largest_cover
+from vfplan.errors import InputError
 
 TETRAHEDRON = np.array([[0, 0, 0], [30, 0, 0], [0, 30, 0], [0, 0, 30]], dtype=float)
 FACES = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)]
@@ -175,6 +176,20 @@ def test_what_cannot_be_read_is_code_3_in_one_line(name, text, vfplan_cli, tmp_p
     run = vfplan_cli("import", tmp_path / name, "--units", "mm", "-o", tmp_path / "out.h5")
     assert (run.code, (tmp_path / "out.h5").exists()) == (3, False)
     assert run.error_line
+
+
+@pytest.mark.parametrize(
+    ("points", "says"),
+    [
+        (np.zeros((0, 3)), "0 points; 1 to"),
+        (np.array([[1, 2, 3], [4, np.nan, 6.0]]), "point 1 is not finite"),
+    ],
+)
+def test_points_are_refused_by_their_row_not_by_numbers_in_metres(points, says, tmp_path):
+    np.save(tmp_path / "a.npy", points)
+    with pytest.raises(InputError, match=says) as raised:
+        import_cloud(tmp_path / "a.npy", units="mm")
+    assert raised.value.where.endswith("a.npy")
 
 
 def test_units_must_be_said(stl, vfplan_cli, tmp_path):

@@ -12,6 +12,7 @@ import zlib
 import cv2
 import numpy as np
 import pytest
+from conftest import ROOT
 
 from vfplan.errors import ImageError
 from vfplan.images.read import MOST_PAGES, MOST_PIXELS, read_header, read_image
@@ -246,3 +247,9 @@ def test_a_capture_made_to_fill_memory_or_time_is_refused(tmp_path, name, monkey
         read_image(tmp_path / "a.dcm")
     assert time.process_time() - began < 10
     assert 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) < GIB
+
+
+def test_a_picture_is_read_where_there_is_no_stderr():
+    code = "import os, vfplan; os.close(2); print(vfplan.read_image('samples/elbow.png').width_px)"
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, check=True)
+    assert int(run.stdout) > 0

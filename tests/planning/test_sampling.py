@@ -139,7 +139,7 @@ def test_the_straight_formula_alone_breaks_it_at_a_tight_bend():
 
 def test_density_overrides():
     fine, closed = CURVES["circle 20 mm"]
-    sampled = sample_curve(fine, closed, radius_m=R, density_per_m=2000)
+    sampled = sample_curve(fine, closed, radius_m=R, tolerance_m=None, density_per_m=2000)
     assert len(sampled.points) == pytest.approx(2000 * 2 * np.pi * 0.02, abs=1)
     assert sampled.spacing_m == pytest.approx(5e-4, rel=0.01)
 

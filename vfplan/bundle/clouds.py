@@ -72,9 +72,11 @@ def import_cloud(
     if not 0 < radius < np.inf:
         raise SettingError(f"R = contact radius + point radius = {radius} m; more than 0 wanted")
     with at(path):
+        if not 1 <= len(points) <= most("N"):
+            raise InputError(f"{len(points)} points; 1 to {most('N')} are allowed")
+        if not (finite := np.isfinite(points).all(axis=1)).all():
+            raise InputError(f"point {finite.argmin()} is not finite")
         points = check_points(points)
-        if len(points) > most("N"):
-            raise InputError(f"{len(points)} points; at most {most('N')} are allowed")
     mesh, axis, left_out = None, check_axis(ignore_axis), list(found.left_out)
     if triangles is not None:
         if curve is not None:

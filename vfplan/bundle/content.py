@@ -8,6 +8,7 @@ paths, types, shapes or units is written down a second time in Python. Values ar
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import dataclass, fields, replace
 from functools import cache
@@ -227,13 +228,18 @@ def _to_provenance(content: Content) -> Provenance:
 
 
 def _written(value: Any) -> str:
-    """A setting as a bundle holds it; what else is no setting, the reader refuses."""
+    """A setting as a bundle holds it."""
     if isinstance(value, str):
         return f'"{value}"'
+    plain = value.item() if isinstance(value, np.generic) else value
     try:
-        return json.dumps(value.item() if isinstance(value, np.generic) else value)
-    except (TypeError, ValueError):
-        raise InputError("a setting is neither text, a finite number nor a boolean") from None
+        if isinstance(plain, (bool, int, float)) and math.isfinite(plain):
+            return json.dumps(plain)
+    except OverflowError:
+        raise InputError("a setting is an integer beyond 1.8e308: no bundle can hold it") from None
+    raise InputError(
+        f"a setting of value {value!r:.80}: text, a finite number or a boolean is wanted"
+    )
 
 
 def _setting(text: str) -> str | float | int | bool:

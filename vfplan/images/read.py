@@ -285,9 +285,9 @@ def _upright(rgb: NDArray, orientation: int) -> NDArray:
 def _native_stderr() -> Iterator[BinaryIO]:
     """Keep libpng, libjpeg and others off stderr; yields a file of what they said."""
     saved = None
-    with suppress(OSError):  # where there is no stderr
-        saved = os.dup(2)
-    with os.fdopen(os.memfd_create("native stderr"), "w+b") as said:
+    with os.fdopen(os.memfd_create("native stderr"), "w+b") as said:  # 2, where there is no stderr
+        with suppress(OSError):
+            saved = os.dup(2)
         try:
             os.dup2(said.fileno(), 2)
             yield said

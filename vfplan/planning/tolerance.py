@@ -153,7 +153,7 @@ def sample_curve(
     closed: bool,
     *,
     radius_m: float,
-    tolerance_m: float = 1e-5,
+    tolerance_m: float | None = 1e-5,
     density_per_m: float | None = None,
 ) -> Sampled:
     """Sample a fine curve by need, or at a given density.
@@ -169,7 +169,7 @@ def sample_curve(
     tolerance_m
         How far the union of spheres may lie from the swept curve, on either side [m].
     density_per_m
-        Points a metre of arc; takes the place of the tolerance.
+        Points a metre of arc; takes the place of the tolerance, which may be `None` then.
 
     Raises
     ------
@@ -226,11 +226,12 @@ class _Fine:
 
 
 def _checked(
-    points_m: NDArray, radius_m: float, tolerance_m: float, density_per_m: float | None
+    points_m: NDArray, radius_m: float, tolerance_m: float | None, density_per_m: float | None
 ) -> NDArray:
     number("radius", radius_m, "m", above=0.0)
-    number("tolerance", tolerance_m, "m", above=0.0)
-    if density_per_m is not None:
+    if density_per_m is None:
+        number("tolerance", tolerance_m, "m", above=0.0)
+    else:
         number("density", density_per_m, "a metre", above=0.0)
     points = np.asarray(points_m, float)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:

@@ -18,7 +18,7 @@ _BINS = 40 * _PER_OCTAVE  # to 1000 s
 class StepTimes:
     """A histogram of the engine's time per tick, each bin 1.1 % wide.
 
-    The native engine times each tick itself.
+    The native engine times each tick itself; any other is stepped and timed from Python.
     """
 
     def __init__(self) -> None:
