@@ -108,6 +108,8 @@ def test_outlines_become_a_registered_fixture_that_holds_a_proxy(
     refined = vfplan.read_fixture(tmp_path / "t.h5")
     shift = refined.points - moved(1e3 * planned.points + [0.8, 0, 0])
     assert np.abs(shift).max() < 5e-5
+    worst = run.json["tre"]
+    assert refined.points[worst["worst_point"]] == pytest.approx(worst["worst_target_m"], abs=1e-9)
     (tmp_path / "t.csv").write_text("a,b\n1,2\n")
     run = vfplan_cli("register", "s.h5", *markers, "--model", "rigid", "--touched", "t.csv",
                      "-o", "u.h5", cwd=tmp_path)  # fmt: skip

@@ -76,11 +76,13 @@ def read_whole(path: Path, most: int, kind: type[InputError] = InputError) -> by
     return data
 
 
-def read_bytes(path: Path, most: int = MOST_FILE) -> tuple[bytes, str]:
-    """A file's bytes and their SHA-256; raises `InputError` as `read_whole` does."""
+def read_bytes(
+    path: Path, most: int = MOST_FILE, kind: type[InputError] = InputError
+) -> tuple[bytes, str]:
+    """A file's bytes and their SHA-256; raises as `read_whole` does."""
     with suppress(OSError):  # what is not there, `read_whole` names
         most = min(most, path.stat().st_size + 1)  # a read takes room for all that it may get
-    data = read_whole(path, most, InputError)
+    data = read_whole(path, most, kind)
     return data, hashlib.sha256(data).hexdigest()
 
 

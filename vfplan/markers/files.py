@@ -9,7 +9,7 @@ import csv
 import io
 import math
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 from unicodedata import category
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError
-from vfplan.io.files import read_whole, real
+from vfplan.io.files import read_bytes, real
 
 IMAGE = ("u_px", "v_px")
 ROBOT = ("x_m", "y_m", "z_m")
@@ -44,6 +44,7 @@ class MarkerPoints:
     # (N,) or (N, 3) standard deviations [m] an axis; `None` where the file names none
     sigma: NDArray[np.float64] | None = None
     where: str | None = None  # the file, for messages
+    sha256: str = ""  # of the file's bytes, lower-case hex
 
     def __post_init__(self) -> None:
         if not self.labels:
@@ -68,6 +69,7 @@ class Correspondences:
     sigma: NDArray[np.float64] | None = None
     # "patient_lps" where the target side came from a Slicer file
     target_frame: MarkerFrame = "robot_base"
+    inputs: dict[str, str] = field(default_factory=dict)  # SHA-256 of "markers", "markers2"
 
 
 def read_markers(path: str | Path, path2: str | Path | None = None) -> Correspondences:
@@ -92,10 +94,9 @@ def read_markers(path: str | Path, path2: str | Path | None = None) -> Correspon
                 "or one CSV with label,u_px,v_px,x_m,y_m,z_m",
                 where=str(path),
             )
-        source, target = sides
-    else:
-        source, target = _sides(_single(Path(path)), _single(Path(path2)))
-    return _join(source, target)
+        return _join(*sides, {"markers": sides[0].sha256})
+    one, other = _single(Path(path)), _single(Path(path2))
+    return _join(*_sides(one, other), {"markers": one.sha256, "markers2": other.sha256})
 
 
 def _read(path: Path) -> list[MarkerPoints]:
@@ -106,8 +107,9 @@ def _read(path: Path) -> list[MarkerPoints]:
         raise MarkerError(
             f"has suffix {path.suffix!r}; .csv, .mrk.json or .fcsv is wanted", where=str(path)
         )
-    found = reader(read_text(path), str(path))
-    return found if isinstance(found, list) else [found]
+    text, sha256 = read_text(path)
+    found = reader(text, str(path))
+    return [replace(side, sha256=sha256) for side in (found if type(found) is list else [found])]
 
 
 def _single(path: Path) -> MarkerPoints:
@@ -130,7 +132,7 @@ def _sides(a: MarkerPoints, b: MarkerPoints) -> tuple[MarkerPoints, MarkerPoints
     return (b, a) if swapped else (a, b)
 
 
-def _join(source: MarkerPoints, target: MarkerPoints) -> Correspondences:
+def _join(source: MarkerPoints, target: MarkerPoints, inputs: dict[str, str]) -> Correspondences:
     for one, other in ((source, target), (target, source)):
         missing = [label for label in one.labels if label not in other.labels]
         if missing:
@@ -140,20 +142,18 @@ def _join(source: MarkerPoints, target: MarkerPoints) -> Correspondences:
                 where=other.where,
             )
     order = [target.labels.index(label) for label in source.labels]
+    sigma = None if target.sigma is None else target.sigma[order]
     return Correspondences(
-        source.labels,
-        source.positions,
-        source.frame,
-        target.positions[order],
-        None if target.sigma is None else target.sigma[order],
-        target.frame,
-    )
+        source.labels, source.positions, source.frame, target.positions[order], sigma,
+        target.frame, inputs,
+    )  # fmt: skip
 
 
-def read_text(path: str | Path) -> str:
-    """A marker file's text, or a `MarkerError`."""
+def read_text(path: str | Path) -> tuple[str, str]:
+    """A marker file's text and the SHA-256 of its bytes, or a `MarkerError`."""
+    data, sha256 = read_bytes(Path(path), MAX_BYTES, MarkerError)
     try:
-        return read_whole(Path(path), MAX_BYTES, MarkerError).decode("utf-8-sig")
+        return data.decode("utf-8-sig"), sha256
     except UnicodeDecodeError:
         raise MarkerError("is not UTF-8 text", where=str(path)) from None
 

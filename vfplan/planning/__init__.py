@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from vfplan.engine.renderable import work_doubt
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture, Provenance, size_doubt
-from vfplan.io.files import now_utc, read_bytes
+from vfplan.io.files import now_utc
 from vfplan.planning.extracting import Extracted, describe_extraction, extract, planned_curve
 from vfplan.planning.guiding import add_guidance
 from vfplan.planning.margin import add_margin
@@ -166,20 +166,20 @@ def register(
     added_m = 0.0 if margin is None else margin.largest_m
     rendered = render(guarded, registration, making, matched.slice_axes, added_m)
     # All of it -> a fixture.
-    read = {"markers": markers, "markers2": markers2, "touched": touched}
-    provenance = _provenance(guarded, making, read, rendered.settings | _left_out(matched))
+    inputs = matched.pairs.inputs | ({} if refined is None else {"touched": refined.sha256})
+    provenance = _provenance(guarded, making, inputs, rendered.settings | _left_out(matched))
     fixture = _fixture(matched, guarded, registration, rendered, provenance)
     guide, guide_warnings = {}, ()
     if settings.guide_m is not None:
         fixture, guide, guide_warnings = add_guidance(fixture, settings)
-    # What was found on the way.
-    # What the touched points changed is told beside it, so the markers' own fit is described.
+    # What was found on the way: the markers' own fit, and what the touched points made of it.
     report = describe(matched.registration, drawn.points, diagnosis=matched.diagnosis, error=error)
     report |= {"target_frame": fixture.frame} | rendered.report | matched.report | guide
     if margin is not None:
         report["margin"] = margin.report
     if refined is not None:
         report |= {"T_robot_image": registration.T_target_source, "touched": refined.report}
+        report["tre"]["worst_target_m"] = registration.apply(drawn.points[[error.worst]])[0]
     report["elapsed_s"] = time.perf_counter() - started
     warnings = (
         *matched.diagnosis.warnings,
@@ -204,15 +204,14 @@ def _left_out(matched: Matched) -> dict[str, str]:
 def _provenance(
     curve: Fixture,
     settings: FixtureSettings,
-    read: dict[str, str | Path | None],
+    inputs: dict[str, str],
     found: dict[str, Any],
 ) -> Provenance:
     """The curve's provenance, continued by the files that were read and what was found."""
     before = curve.provenance
     if curve.mesh is not None:  # its samples keep the tolerance that it was made with
         settings = replace(settings, tolerance_m=None)
-    hashes = {role: read_bytes(Path(path))[1] for role, path in read.items() if path is not None}
-    now = Provenance.now(before.inputs | hashes, settings)
+    now = Provenance.now(before.inputs | inputs, settings)
     return replace(now, settings=before.settings | now.settings | found, history=before.history)
 
 

@@ -22,6 +22,7 @@ class Refined:
     registration: Registration
     report: dict[str, Any]
     warnings: tuple[str, ...]
+    sha256: str  # of the file of touched points
 
 
 def touch(
@@ -39,7 +40,7 @@ def touch(
         raise SettingError("touched points refine the registration of a surface; this is none")
     if not 0 <= tip_radius < 0.05:
         raise SettingError(f"tip radius {1e3 * tip_radius:g} mm; 0 to 50 mm are allowed")
-    points = read_touched(path)
+    points, sha256 = read_touched(path)
     with at(path):
         found = refine_by_touch(registration, points, curve.points, curve.mesh, tip_radius)
     moved = np.linalg.norm(
@@ -58,7 +59,7 @@ def touch(
         "moved_over_markers_bound95": beyond,
         "tip_radius_m": tip_radius,
     }
-    return Refined(found.registration, report, _warnings(report))
+    return Refined(found.registration, report, _warnings(report), sha256)
 
 
 def _warnings(report: dict[str, Any]) -> tuple[str, ...]:
@@ -78,19 +79,21 @@ def _warnings(report: dict[str, Any]) -> tuple[str, ...]:
     return tuple(told)
 
 
-def read_touched(path: str | Path) -> np.ndarray:
-    """(T, 3) places [m] that a robot touched; columns `label` and `t` may stand beside them.
+def read_touched(path: str | Path) -> tuple[np.ndarray, str]:
+    """(T, 3) places [m] that a robot touched, and their file's SHA-256.
+
+    Columns `label` and `t` may stand beside them.
 
     Raises MarkerError: the file cannot be read, has other columns, or holds a value that is not a
         finite number
     """
     where = str(path)
-    header, *rows = table_rows(read_text(path), where) or [[]]
+    text, sha256 = read_text(path)
+    header, *rows = table_rows(text, where) or [[]]
     names = [name.strip().lower() for name in header]
     if not set(ROBOT) <= set(names) <= {*ROBOT, "label", "t"} or len(set(names)) != len(names):
         shown = ",".join(names)[:80]
         raise MarkerError(f"its columns are {shown!r}; {','.join(ROBOT)} is wanted", where=where)
     records = [(cells_of(names, row, at), at) for at, row in numbered(rows, where)]
-    return np.array(
-        [[number(record[name].strip(), name, at) for name in ROBOT] for record, at in records]
-    ).reshape(-1, 3)
+    places = [[number(record[name].strip(), name, at) for name in ROBOT] for record, at in records]
+    return np.array(places).reshape(-1, 3), sha256
