@@ -188,7 +188,7 @@ class Thinning {
     std::vector<std::uint32_t> first_;  // of each cell's chain
 };
 
-/// What rule robust looks at of a cloud, and what that takes of the band: nothing, and all of it,
+/// What rule robust looks at of a cloud, and what that takes of the band: all of it, and nothing,
 /// where so few points lie within its list's reach that they cost no more than the rest of a tick.
 template <int D>
 struct Thinned {

@@ -24,7 +24,7 @@ class Settle {
     }
 
     /// From x, which nothing lies nearer to than R less the rise, straight to where the HIP at h
-    /// takes it; false, and nothing done, where that is not free, or further from the HIP.
+    /// takes it; false, x as it was, where that is not free, or further from the HIP: `hold` anew.
     bool operator()(const Near& near, Vec3& x, const Vec3& h, const Vec3& start) noexcept {
         if (!(smooth_.rise() > 0)) return false;
         const double far = furthest(h, start);
