@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from importlib.resources import files
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ import vfplan
 from vfplan.errors import CheckFailed, SettingError
 from vfplan.fixture import Curve, Guidance
 from vfplan.planning import FixtureSettings, plan
+from vfplan.planning.carrying import require_small
 from vfplan.planning.guiding import add_guidance
 from vfplan.robot import Robot
 
@@ -157,6 +160,20 @@ def test_lines_and_arcs_guide_and_ticks_too_long_are_warned_of(monkeypatch):
     assert any("a tick may take" in said for said in made.warnings)
     with pytest.raises(SettingError, match=r"the guide of 0\.1 mm does not count"):
         plan(*ELBOW, settings=FixtureSettings(guide_m=1e-4, arcs_m=1e-3))
+    with pytest.raises(SettingError, match="stroke 0: the curve is one stroke, which guides w"):
+        add_guidance(made.fixture, FixtureSettings(guide_m=1e-3, guide_stroke=0))
+
+
+@pytest.mark.parametrize("beside", [0.317e-3, 0.5e-3, 1e-3, 2.1e-6, 1.5e-6])
+def test_the_advice_for_lines_and_arcs_is_taken(beside):
+    with pytest.raises(SettingError, match="--arcs") as told:
+        require_small(SimpleNamespace(error=1e-3), beside, FixtureSettings())
+    advice = re.search(r"--arcs ([^,]*)", str(told.value))[1]
+    if beside < 2e-6:
+        assert advice == "none"
+        return
+    settings = FixtureSettings(arcs_m=1e-3 * float(advice))
+    require_small(SimpleNamespace(error=settings.arcs_m), beside, settings)
 
 
 def test_what_is_said_of_no_guide_is_refused_by_its_options():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import subprocess
@@ -16,9 +17,9 @@ from scipy.spatial import cKDTree
 import vfplan
 from vfplan.errors import CurveError, MarkerError, SettingError
 from vfplan.fixture import Fixture, Provenance
-from vfplan.planning import ExtractSettings, FixtureSettings, plan
+from vfplan.planning import ExtractSettings, FixtureSettings, extract, plan
 from vfplan.planning.carrying import along
-from vfplan.planning.rendering import ignored_axis
+from vfplan.planning.rendering import ignored_axis, render
 
 SAMPLES = ROOT / "samples"
 SPACING = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
@@ -155,6 +156,29 @@ def test_provenance_names_inputs_by_hash_and_nothing_by_path():
     assert {"colour", "model", "tolerance_m"} <= set(provenance.settings)
 
 
+def test_provenance_has_the_hash_of_the_bytes_that_were_fitted(monkeypatch, tmp_path):
+    markers, drawn = tmp_path / "m.csv", extract(SAMPLES / "elbow.png").fixture
+    markers.write_bytes((SAMPLES / "elbow_markers_image.csv").read_bytes())
+    fitted = hashlib.sha256(markers.read_bytes()).hexdigest()
+
+    def replaced(*given):
+        markers.write_text("another file's")
+        return render(*given)
+
+    monkeypatch.setattr("vfplan.planning.render", replaced)
+    made = vfplan.register(drawn, markers, SAMPLES / "elbow_markers_robot.csv")
+    assert made.fixture.provenance.inputs["markers"] == fitted
+
+
+def test_the_spacing_is_that_of_neighbours():
+    sparse = ExtractSettings(pixel_spacing_mm=(0.5, 0.5), density_per_mm=0.05)
+    made = elbow(extraction=sparse, settings=FixtureSettings(density_per_m=20.0, points_only=True))
+    apart = np.linalg.norm(np.diff(made.fixture.points, axis=0), axis=1).mean()
+    assert made.report["register"]["spacing_m"] == pytest.approx(apart, rel=1e-6)
+    drawn = np.linalg.norm(np.diff(made.extracted.fixture.points[:, :2] * 0.5, axis=0), axis=1)
+    assert made.report["extract"]["spacing_mm"] == pytest.approx(drawn.mean(), rel=1e-6)
+
+
 def test_density_takes_the_place_of_the_tolerance():
     made = elbow(settings=FixtureSettings(density_per_m=2000.0))
     assert made.report["register"]["spacing_m"] == pytest.approx(0.5e-3, rel=0.01)
@@ -231,3 +255,14 @@ def test_markers_in_space_do_not_register_a_slice(tmp_path):
 def test_settings_that_say_nothing_are_refused(given, says):
     with pytest.raises(SettingError, match=says):
         FixtureSettings(**given)
+
+
+def test_settings_hold_in_python_as_on_the_command_line(tmp_path):
+    assert FixtureSettings(stiffness=500.0) == FixtureSettings(stiffness=(500.0,))
+    with pytest.raises(SettingError, match=r"stiffness is -1 N/m"):
+        FixtureSettings(stiffness=-1)
+    for density in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(SettingError, match="points a millimetre; a finite number above 0"):
+            ExtractSettings(density_per_mm=density)
+    (tmp_path / "line.csv").write_text("u_px,v_px\n5,5\n50,5\n")
+    assert len(extract(tmp_path / "line.csv", ExtractSettings(exclude=())).fixture.points) == 46

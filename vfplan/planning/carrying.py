@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from decimal import ROUND_DOWN, Context
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Curve, Fixture, Pieces
-from vfplan.planning.settings import DEFAULT_ARCS_M, FixtureSettings
+from vfplan.planning.settings import ARCS_M, DEFAULT_ARCS_M, FixtureSettings
 from vfplan.planning.tolerance import TightBend, sample_curve
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def carry(
     return Carried(
         points=_on_grid(np.concatenate([s.points for s in samples])),
         source=np.concatenate([along(curve.points[own], s.parameter) for own, s in pairs]),
-        spacing_m=length / sum(counts),
+        spacing_m=length / (sum(counts) - np.count_nonzero(~curve.curve.closed)),
         sigma=sigma,
         curve=in_strokes(counts, curve.curve.closed, bridged),
         sampling_error_m=max(s.sampling_error_m for s in samples),
@@ -186,8 +187,10 @@ def require_small(pieces: Pieces, largest_m: float, settings: FixtureSettings) -
     counted = ("margin", largest_m), ("--max-tre", settings.max_tre_m), ("guide", settings.guide_m)
     for name, beside in counted:
         if beside and pieces.error > SMALL * beside:
+            most = float(Context(2, ROUND_DOWN).create_decimal(SMALL * beside * 1e3))
+            finer = f"{most:g}, or less" if most >= ARCS_M[0] * 1e3 else "none"
             raise SettingError(
                 f"the lines and arcs depart by {pieces.error * 1e3:.4g} mm from the curve, which "
                 f"the {name} of {beside * 1e3:.4g} mm does not count; at most {SMALL:g} of it is "
-                f"allowed: --arcs {SMALL * beside * 1e3:.2g}, or less"
+                f"allowed: --arcs {finer}"
             )

@@ -114,7 +114,7 @@ def _refuse_settings(settings: ExtractSettings, names: tuple[str, ...]) -> None:
     """A setting that a vector curve leaves without effect would be taken for one that had it."""
     for name in names:
         value = getattr(settings, name)
-        if value != getattr(ExtractSettings(), name):
+        if (value or None) != getattr(ExtractSettings(), name):
             raise SettingError(f"{name} {value!r} has no effect on a vector curve; leave it out")
 
 
@@ -253,8 +253,9 @@ def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str
         report["set_aside"] = list(extraction.set_aside)
     if spacing is not None:
         length_mm = sum(s["length_mm"] for s in report["strokes"])
-        report["spacing_mm"] = length_mm / points
-        report["density_per_mm"] = points / length_mm if length_mm else None
+        gaps = sum(len(s.points_px) - (ordered and not s.closed) for s in extraction.strokes)
+        report["spacing_mm"] = length_mm / gaps
+        report["density_per_mm"] = gaps / length_mm if length_mm else None
     return report
 
 

@@ -29,7 +29,11 @@ def add_guidance(
     stroke = settings.guide_stroke
     if not strokes:
         raise SettingError("a guide needs a drawn curve; this fixture is a surface or a cloud")
-    if stroke is not None and not (0 <= stroke < strokes and strokes > 1):
+    if stroke is not None and strokes == 1:
+        raise SettingError(
+            f"guide stroke {stroke}: the curve is one stroke, which guides without it"
+        )
+    if stroke is not None and not 0 <= stroke < strokes:
         raise SettingError(
             f"guide stroke {stroke}: of {strokes} strokes one from 0 to {strokes - 1} may guide "
             "while others are forbidden; without it all guide"

@@ -53,6 +53,11 @@ class ExtractSettings:
         Which frame or page of the file, from 1; `None`: the only one there is.
     imager_spacing
         Accept DICOM's ImagerPixelSpacing, measured at the detector; `None`: do not.
+
+    Raises
+    ------
+    SettingError
+        A density that is not positive and finite.
     """
 
     colour: str = "red"
@@ -70,6 +75,14 @@ class ExtractSettings:
     density_per_mm: float | None = None
     frame: int | None = None
     imager_spacing: bool | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a density of no points, before any work is done; raises `SettingError`."""
+        if self.density_per_mm is not None and not 0 < self.density_per_mm < float("inf"):
+            raise SettingError(
+                f"density is {self.density_per_mm:g} points a millimetre; a finite number above 0 "
+                "is wanted"
+            )
 
 
 @dataclass(frozen=True)
@@ -132,7 +145,7 @@ class FixtureSettings:
     density_per_m: float | None = None
     arcs_m: float | None = None
     points_only: bool = False
-    stiffness: tuple[float, ...] = (1000.0,)
+    stiffness: float | tuple[float, ...] = (1000.0,)  # one number is held as a tuple of one
     contact_radius: float = 5e-3
     point_radius: float = 0.0
     ignore_axis: str | None = None
@@ -149,6 +162,8 @@ class FixtureSettings:
 
     def __post_init__(self) -> None:
         """Refuse what no bundle can hold, before any work is done; raises `SettingError`."""
+        if isinstance(self.stiffness, (int, float)):
+            object.__setattr__(self, "stiffness", (self.stiffness,))
         for name, values, (least, largest), unit in (
             ("contact radius", (self.contact_radius,), CONTACT_RADIUS_M, "m"),
             ("point radius", (self.point_radius,), POINT_RADIUS_M, "m"),
