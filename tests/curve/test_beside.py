@@ -36,6 +36,18 @@ def test_a_dot_at_one_side_is_told_with_its_place(closed, quality, side):
     assert np.hypot(u - at[0], v - at[1]) < 2.5 * WIDTH
 
 
+def test_a_dot_is_told_where_the_line_runs_from_border_to_border():
+    u = np.linspace(-20, SHAPE[1] + 20, 1200)
+    line = np.column_stack([u, 150 + 40 * np.sin(u / 60)])
+    canvas = Canvas(anatomy(SHAPE, 3), "exact")
+    canvas.line(line, WIDTH, RED)
+    canvas.disc(line[600] - [0, 1.2 * WIDTH], 1.5 * WIDTH, RED)
+    found = vfplan.extract_curve(canvas.image())
+    assert any("wider to one side" in w for w in found.warnings)
+    assert found.mask.sum() > WIDTH * SHAPE[1]
+    assert found.ink["curve"] > 0.9 * found.mask.sum()
+
+
 def test_a_dot_where_a_ring_is_cut_open_is_told():
     clear = Canvas(anatomy(SHAPE, 3), "exact")
     clear.line(arc(0, 359.7), WIDTH, RED, True)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from canvas import Canvas
 from drawing import anatomy, blend, coverage, flat, jpeg, polyline, to_uint8, wavy
 from scipy.spatial import cKDTree
+from slices import RED
 
 import vfplan
 from vfplan.curve.path import thin
@@ -161,3 +163,32 @@ def test_a_line_that_runs_out_of_the_picture_ends_on_its_border(width):
         if np.hypot(*(ends[0] - path[0])) > np.hypot(*(ends[0] - path[-1])):
             room = room[::-1]
         assert room[beyond].max() <= 0.5
+
+
+@pytest.mark.parametrize("over", [10, 20, 40])
+@pytest.mark.parametrize("width", [2.5, 4])
+def test_a_pen_drawn_out_to_a_point_is_followed_to_it(width, over):
+    for seed, (angle, bend) in enumerate(ARCS):
+        curve = arc(angle, bend)
+        along = np.hypot(*np.diff(curve, axis=0).T).cumsum()
+        canvas = Canvas(anatomy((150, 150), seed), "exact")
+        canvas.pressed(curve, width * np.clip(np.r_[0, along] / over, 0.05, 1), RED)
+        found = vfplan.extract_curve(canvas.image())
+        assert not found.warnings
+        points = found.strokes[0].points_px
+        assert np.hypot(*(points[[0, -1]] - curve[0]).T).min() < 1.5
+        assert np.hypot(*(points[[0, -1]] - curve[-1]).T).min() < 1.5
+
+
+@pytest.mark.parametrize("line", [((508, 271), (454, 256)), ((20, 3), (160, 3))])
+def test_short_lines_beside_the_border_are_measured(line):
+    picture = np.full((512, 512, 3), 90, np.uint8)
+    cv2.line(picture, *line, RED, 5, cv2.LINE_AA)
+    ends = vfplan.extract_curve(picture).strokes[0].points_px[[0, -1]]
+    assert all(np.hypot(*(ends - place).T).min() < 4 for place in line)
+
+
+def test_a_block_of_ink_ends_in_no_error_of_its_own():
+    picture = np.full((52, 5, 3), 90, np.uint8)
+    picture[:26] = RED
+    assert vfplan.extract_curve(picture).strokes

@@ -23,7 +23,7 @@ LEAST_PIXELS = 3
 # Of the usual width, and a pixel and a half more: ink of more than the line. From one to so many
 # widths long, and so many of line on either side say where it runs.
 WIDE, WIDE_PX, LONGEST, FLANK = 1.4, 1.5, 4.0, 3.0
-OFF_PX = 0.8  # the line leaves its way by so much, less where the ink reaches as far to both sides
+OFF_PX, BOTH = 0.8, 0.35  # the line leaves its way by so much; more of the wider side's is a bead
 PRESSED = 4.0  # times the widths' own spread: a pen that is pressed varies all along
 STEP_PX, SPARE_PX = 0.5, 6.0
 
@@ -63,7 +63,7 @@ def pieces_beside(
     ink = mask.view(np.uint8)
     left, top, width, height = cv2.boundingRect(ink)
     ink, corner = ink[top : top + height, left : left + width], np.array([left, top])
-    rest = np.ascontiguousarray(ink)
+    rest = ink.copy()
     for line, found in chosen:
         points = found.points if found.widening else line.path  # unmeasured ones have no order
         _wipe(rest, points - corner, found.closed, line.width_px / 2 + EDGE_PX)
@@ -199,5 +199,5 @@ def _dots(
         way = powers @ np.linalg.lstsq(powers[~inner], points[at][~inner], rcond=None)[0]
         off = np.hypot(*(points[at] - way).T)
         sides = _reaches(way, False, mask, line.width_px)[:, inner].max(1)
-        if off.max() * (1 - sides.min() / sides.max()) > OFF_PX:
+        if sides.min() < BOTH * sides.max() and off.max() > OFF_PX:
             yield points[run[len(run) // 2]], len(run), float(off.max())

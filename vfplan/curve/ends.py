@@ -23,9 +23,12 @@ from vfplan.curve.tip import Tip, fitted_tips
 # look the same.
 FLAT_PX, EARLY_PX = 1.1, ((2.2, 3.0), (1.0, 0.78))
 ROUND = 0.44  # log odds for a round pen before anything was seen: most programs draw with one
-# Of a pen drawn out to a point, so much coverage is seen surely, and the rest follows; a blunt end
-# has lost it so soon, in clean pictures and where JPEG's noise goes on.
-POINT, BLUNT_PX, SHORT = (0.3, 0.2), (4.0, 6.0), 3
+# Of a pen drawn out to a point the coverage falls evenly from so much to so little, and the rest
+# follows. A blunt end loses it in so many pixels, in clean pictures and where JPEG's noise goes on,
+# so many of its edges' blur and such a share of its width; a slanting one to one side.
+POINT, SHORT = (0.8, 0.1), 3
+BLUNT_PX, BLURRED, ROUNDED, SLANT, UNEVEN = (3.2, 8.0), 1.7, 0.2, 0.125, 0.15
+SHOWS = 0.25  # of the usual ink
 # Of the usual ink: so little, so much less than nearer to the end, within so many pixels of it;
 # more than so much there is an arrow's head.
 THINNED, BREAK, BREAK_PX, HEAD = 0.75, 0.55, 14, 2.2
@@ -72,21 +75,31 @@ def ink_ends(profiles: Profiles, valid: NDArray) -> tuple[float, float]:
     return last - _half(profiles.mass[::-1], last - on[0]), _half(profiles.mass, on[-1])
 
 
-def points_of(profiles: Profiles, used: NDArray) -> tuple[float, float]:
-    """How far ink goes on beyond half of the line's coverage, at both ends [px].
+def points_of(profiles: Profiles, used: NDArray, inks: tuple[float, float]) -> tuple[float, float]:
+    """How far a pen that is drawn out to a point, or was pressed less, goes on beyond `inks` [px].
 
-    A pen that is drawn out to a point does so, and one that was pressed less at its end. Where the
-    ink still shows at the end of what was read, it goes on at least so far. A tint is no ink.
+    Where the ink still shows at the end of what was read, it goes on so far at least. A tint is no
+    ink.
     """
-    blunt = BLUNT_PX[profiles.noisy]
-    return tuple(_point(mass, at, blunt) for mass, at in _outward(profiles, used))
+    cover = (profiles.alpha * profiles.seen).clip(0.0)
+    aside = (cover @ profiles.x) / np.maximum(cover.sum(1), 1e-6)
+    blunt = ROUNDED * profiles.width + BLURRED * np.sqrt(profiles.blur) + BLUNT_PX[profiles.noisy]
+    slant, shows = SLANT * profiles.width, SHOWS if profiles.noisy else POINT[1]
+    places = (len(used) - 1 - inks[0], inks[1])
+    off = profiles.clipped[[0, -1]] > 0  # of the picture, where its border's pixels are read on
+    lines = zip(_outward(profiles, used), (aside[::-1], aside), places, off, strict=True)
+    points = (
+        _point(*line, side, slant, blunt, 1.0 if beyond else shows) - at
+        for line, side, at, beyond in lines
+    )
+    return tuple(max(more, 0.0) for more in points)
 
 
-def fading_ends(profiles: Profiles, used: NDArray) -> tuple[bool, bool]:
+def fading_ends(profiles: Profiles, used: NDArray, points: tuple[float, float]) -> tuple[bool, ...]:
     """Whether ink still shows at either end of what was read, though no point was found there."""
     beyond = (mass[int(np.ceil(_half(mass, at))) :] for mass, at in _outward(profiles, used))
-    pairs = zip(beyond, points_of(profiles, used), strict=True)
-    return tuple(len(m) > SHORT and m.min() >= np.mean(POINT) and not point for m, point in pairs)
+    pairs = zip(beyond, points, strict=True)
+    return tuple(len(m) > SHORT and m.min() >= SHOWS and not point for m, point in pairs)
 
 
 def broken_ends(profiles: Profiles, used: NDArray, width: float) -> tuple[bool, bool]:
@@ -139,18 +152,30 @@ def _outward(profiles: Profiles, used: NDArray) -> tuple[tuple[NDArray, int], ..
     first, last = np.flatnonzero(used)[[0, -1]]
     tint = np.minimum(profiles.alpha[:, :2].min(1), profiles.alpha[:, -2:].min(1)).clip(0.0)
     line = (profiles.alpha - tint[:, None]).clip(0.0).sum(1)
-    mass = np.minimum(profiles.mass, line / np.median(line[used]))
+    mass = np.minimum(profiles.mass, line / max(np.median(line[used]), 1e-6))
     return (mass[::-1], int(len(used) - 1 - first)), (mass, int(last))
 
 
-def _point(mass: NDArray, at: int, blunt: float) -> float:
-    half = _half(mass, at)
-    beyond = mass[int(np.ceil(half)) :]
-    thinner, thin = (int(np.argmax(np.r_[beyond, 0.0] < share)) for share in POINT)
-    more = POINT[1] / (POINT[0] - POINT[1]) * (thin - thinner)
-    halfway = beyond[thin + int(more / 2) :][:1]
-    more *= len(halfway) == 0 or halfway[0] > POINT[1] / 4  # what stops at once is no point
-    return thin + more if thin > blunt else 0.0
+def _point(
+    mass: NDArray, at: int, aside: NDArray, slant: float, blunt: float, shows: float
+) -> float:
+    """Where a line's coverage comes to nothing if it falls evenly; 0 where it does not."""
+    half, (full, least) = int(_half(mass, at)), POINT
+    begins = np.flatnonzero(mass[: half + 1] >= full).max(initial=0)
+    thin = half + 1 + int(np.argmax(np.r_[mass[half + 1 :], 0.0] < least))
+    seen = mass[begins:thin]
+    uneven = np.abs(seen - np.linspace(seen[0], seen[-1], len(seen))).max() > UNEVEN
+    if uneven or abs(aside[begins:thin].mean()) > slant:
+        return 0.0
+    if thin == len(mass):
+        return float(thin) if len(seen) > 1 and mass[-1] >= shows else 0.0
+    fall = thin - begins
+    if fall <= blunt:
+        return 0.0
+    more = least / (full - least) * fall
+    halfway = mass[thin + int(more / 2) :][:1]
+    more *= len(halfway) == 0 or halfway[0] > least / 4  # what stops at once is no point
+    return thin - 1 + (mass[thin - 1] - least) / (mass[thin - 1] - mass[thin]) + more
 
 
 def blot_middle(mass: NDArray, ink: float, width: float) -> float | None:
@@ -169,15 +194,23 @@ def blot_middle(mass: NDArray, ink: float, width: float) -> float | None:
     return float(middle) if round_one and abrupt and len(run) < LONGEST_BLOT * width else None
 
 
-def line_ends(rgb: NDArray, path: NDArray, used: NDArray, profiles: Profiles, pen: Pen) -> LineEnds:
+def line_ends(
+    rgb: NDArray,
+    path: NDArray,
+    used: NDArray,
+    profiles: Profiles,
+    pen: Pen,
+    points: tuple[float, float],
+) -> LineEnds:
     """Both ends of the centre line itself.
 
     rgb: (H, W, 3) image
     path, used: (M, 2) points of the line, about one a pixel, to beyond both ends, and (M,) where it
         was measured
     profiles: what was read across it
+    points: how far either is drawn out beyond its ink [px]
     """
-    last, inks, points = len(path) - 1, ink_ends(profiles, used), points_of(profiles, used)
+    last, inks = len(path) - 1, ink_ends(profiles, used)
     tips, outward = fitted_tips(rgb, path, used, profiles, pen, inks), (last - inks[0], inks[1])
     both = list(zip((profiles.mass[::-1], profiles.mass), outward, strict=True))
     dots = [blot_middle(mass, ink, profiles.width) for mass, ink in both]

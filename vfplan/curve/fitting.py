@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from vfplan.curve.path import normals, runs
 from vfplan.curve.profile import Profiles, shading_shift
 
-KNOTS_PX, NOISY_KNOTS_PX = 7.0, 18.0  # apart; JPEG's noise hangs together over blocks of 16 px
+KNOTS_PX, NOISY_KNOTS_PX = 7.0, 12.0  # apart; JPEG's noise hangs together over blocks of 16 px
 CLOSEST_PX, BEND_SHARE = 3.5, 0.5  # in a bend, of whose radius they stand this share apart
 GAP_PX = 2.0  # between neighbouring points: more is a gap
 WRAP_PX = 100.0  # a knot's influence fades by a factor of about 4 each knot further
@@ -33,7 +33,7 @@ FLOOR_PX = 0.001  # what programs that draw round off
 # The spline's error over the RMS of what is left: the pixel grid's pattern averages out, of thin
 # pens less, and is no more than `GRID_PX`; JPEG's noise hangs together, the longer the louder it is
 # [1/px].
-CLEAN, THIN_PX, GRID_PX, NOISY, LOUDER = 0.12, 4.0, 0.033, 0.33, 3.0
+CLEAN, THIN_PX, GRID_PX, NOISY, LOUDER = 0.12, 4.0, 0.033, 0.375, 3.0
 # Beyond so many times the noise, over so much line, it is a corner that the spline cuts.
 LOUD, CORNER_PX, CORNER = 1.5, 29, 2.0
 # The grid's share along its rows, crisp and soft; the sine of the angle over which it fades; the

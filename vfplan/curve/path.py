@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 NEAR_PX = 8  # farther from every skeleton no line lies, but a broad one
 # So much of a thinned line's end, in widths beyond a thin line's, may turn to a corner of the pen.
@@ -158,9 +158,11 @@ def without_tips(path: NDArray, width: float) -> tuple[NDArray, float]:
     return kept, float(arc_length(path[: cut + 1], False)[-1])
 
 
-def extended(points: NDArray, by: float, width: float) -> NDArray:
-    """The line carried on by `by` px at both ends as it bends there."""
-    return np.vstack([_onward(points[::-1], by, width)[::-1], points, _onward(points, by, width)])
+def extended(points: NDArray, by: ArrayLike, width: float) -> NDArray:
+    """The line carried on by `by` px, or by (first, last), at both ends as it bends there."""
+    first, last = np.broadcast_to(by, 2)
+    tails = _onward(points[::-1], first, width)[::-1], _onward(points, last, width)
+    return np.vstack([tails[0], points, tails[1]])
 
 
 def prolonged(

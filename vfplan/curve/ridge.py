@@ -85,7 +85,7 @@ def trace(
     base, lost = (smooth, 0.0) if closed else without_tips(smooth, width)
     passes = [False, True]  # whether it is the last one
     taken = 0  # extensions of the path
-    point = 0.0  # how far ink thinner than half the line goes beyond an end [px]
+    point = np.zeros(2)  # how far ink thinner than half the line goes beyond either end [px]
     odd: tuple[tuple[str, ...], ...] = ((), ())
     own = (False, False)
     while passes:
@@ -104,18 +104,21 @@ def trace(
             even = _evened(profiles, valid, width)
             ink = ink_ends(even, valid)
             lost = TIP * max(width - THIN_PX, 0.0)
-            used = _between(used, s, pitch * ink[0] + lost, pitch * ink[1] - lost)
+            points = points_of(profiles, used, ink)
+            inner = ink[0] - points[0], ink[1] + points[1]
+            used = _between(used, s, pitch * inner[0] + lost, pitch * inner[1] - lost)
             faint = even is not profiles  # a faint tip thins to less
-            drawn_out = max(points_of(even, used))
-            if taken < LONGER and (_goes_on(ink, valid | faint) or drawn_out > point):
+            room = np.array([ink[0], len(base) - 1 - ink[1]])
+            longer = np.greater(points, room - 1.5) & np.greater(points, 0)
+            if taken < LONGER and (_goes_on(ink, valid | faint) or longer.any()):
                 passes = [False, True]  # the path is read once more, longer
                 taken += 1
-                point = min(2 * drawn_out, point + FARTHER_PX) if drawn_out > point else point
+                point = point + FARTHER_PX * longer
         fitted = fit_line(s, base, profiles, used, closed, last)
         if not closed and not passes:
-            ends = line_ends(rgb, fitted.spline(s), used, even, pen)
+            ends = line_ends(rgb, fitted.spline(s), used, even, pen, points)
             fades_out = profiles.noisy and width > THIN_PX
-            fading = fading_ends(even, used) if fades_out else (False, False)
+            fading = fading_ends(even, used, points) if fades_out else (False, False)
             thinner = thinner_ends(profiles, used, width)
             odd = told_ends(ends.cut, thinner, broken_ends(profiles, used, width), fading)
             own, (start, stop) = ends.own, pitch * np.array(ends.places)

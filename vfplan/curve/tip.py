@@ -31,7 +31,10 @@ SAMPLING_PX2, SHARPEST_PX = 0.2, 0.3  # of which so much is its own, read betwee
 ALIKE_COLOUR, ALIKE_LIGHT, ALIKE_CLEAN = 14.0, 6.0, 1.0
 CRISP_PX = 0.35  # the blur of a picture that was not enlarged: pixels hang together over more
 FAINTEST, FAINTEST_GREY = 0.01, 1.0  # of full coverage, and of 255: no model is better
-LEAST_SEEN, CLEAR = 8, 1.0  # profiles in which a line stands out of its flanks' roughness so much
+LEAST_SEEN, CLEAR = (
+    8,
+    1.0,
+)  # pixels, or profiles in which a line stands out of its flanks' roughness so
 
 
 @dataclass(frozen=True)
@@ -137,6 +140,8 @@ def fitted(views: list[View], rgb: NDArray, path: NDArray, seen: NDArray, ink: f
     """The end of a path's line of which the ink ends near row `ink`."""
     half = views[-1].half
     s, x, u, v = _around(path, seen, ink - half - BACK_PX, half + SIDE_PX, rgb.shape)
+    if len(s) < LEAST_SEEN:  # it lies outside of the picture
+        return Tip(ink - HALF_DISC * half, ink, 0.0, 0.0, 0.0, half)
     pixels = rgb[v, u] * (255.0 / np.iinfo(rgb.dtype).max)
     slants = [None, 0.0, *SLANTS]
     at = np.where([slant is None for slant in slants], ink - HALF_DISC * half, ink)
@@ -166,6 +171,7 @@ def _around(
     places, normal = path[rows], normals(path, False)[rows]
     low = np.maximum(np.floor(places.min(0) - reach), 0).astype(int)
     high = np.minimum(np.ceil(places.max(0) + reach) + 1, shape[1::-1]).astype(int)
+    high = np.maximum(low, high)
     v, u = (grid.ravel() for grid in np.mgrid[low[1] : high[1], low[0] : high[0]])
     off = np.column_stack([u, v])[:, None] - places
     nearest = (off**2).sum(2).argmin(1)
