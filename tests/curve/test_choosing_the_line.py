@@ -114,7 +114,16 @@ def test_an_outline_that_follows_a_border_is_warned_of(middle, cut):
     picture = to_uint8(blend(flat(SHAPE, 90.0), inside, RED))
     (warning,) = vfplan.extract_curve(picture, outline=True, **cut).warnings
     (box,) = cut.get("exclude", [cut.get("roi", (0, 0, 320, 240))])
-    assert f"runs along the border of {','.join(map(str, box))} for" in warning
+    name = "excluded" if "exclude" in cut else "region" if "roi" in cut else "picture"
+    assert f"runs along the border of the {name} {','.join(map(str, box))} for" in warning
+
+
+def test_a_border_along_a_line_is_warned_of():
+    crest = round(WAVE[:, 1].min())
+    for cut in ({"roi": (0, crest, 320, 240 - crest)}, {"exclude": [(0, 0, 320, crest)]}):
+        (warning,) = vfplan.extract_curve(drawn(WAVE).image(), **cut).warnings
+        assert "the curve runs along the border of the" in warning
+    assert not vfplan.extract_curve(drawn(WAVE).image(), roi=(0, crest - 5, 320, 150)).warnings
 
 
 def test_an_end_that_was_cut_away_is_not_told_of():

@@ -17,9 +17,10 @@ from vfplan.curve.ridge import Centreline
 from vfplan.errors import CurveError, SettingError
 
 NEAR_WIDTHS, NEAR_PX = 3.0, 10.0  # from the line: a place farther off is not meant to be on it
+NEAR_BORDER, ALONG = 1.5, 2.0  # widths from a border to the end that it cuts; widths along it
+BORDER_PX = 1.0  # from a border, an outline that it cuts
 # Of an outline, where half of a pixel's square is covered.
 MARGIN_PX = 3
-BORDER_PX = 1.0  # from a border, one that is cut off there lies
 SMOOTH_PX = 1.5  # along the outline: the pixels' own staircase
 SIGMA_PX = 0.1  # at least: an edge has one side only, and programs differ in how they fill
 
@@ -37,25 +38,64 @@ def check_places(method: str, stroke: int | str | None, given: list, outline: bo
         raise SettingError("an outline has no method and no stroke to choose; leave them out")
 
 
-def part_of(
-    rgb: NDArray, roi: Box | None, exclude: Sequence[Box]
-) -> tuple[NDArray, tuple[int, int]]:
-    """What is looked at, and where it lies; excluded parts lose their colour."""
-    for box in (*([] if roi is None else [roi]), *exclude):
-        u, v, width, height = box
-        rows, cols = rgb.shape[:2]
+def part_of(rgb: NDArray, roi: Box | None, exclude: Sequence[Box]) -> NDArray:
+    """The picture without colour in what is excluded, and around the region."""
+    import cv2
+
+    rows, cols = rgb.shape[:2]
+    for u, v, width, height in (*([] if roi is None else [roi]), *exclude):
         inside = u >= 0 and v >= 0 and width > 0 and height > 0 and u + width <= cols
         if not (inside and v + height <= rows):
             raise SettingError(f"region {u},{v},{width},{height} does not lie in {cols}x{rows} px")
-    if exclude:
-        rgb = rgb.copy()
-    for u, v, width, height in exclude:
-        part = rgb[v : v + height, u : u + width]
-        part[:] = part.mean(2, keepdims=True).astype(rgb.dtype)
-    if roi is None:
-        return rgb, (0, 0)
-    u, v, width, height = roi
-    return np.ascontiguousarray(rgb[v : v + height, u : u + width]), (u, v)
+    looked_at = np.zeros((rows, cols), bool)
+    for (u, v, width, height), kept in (
+        (roi or (0, 0, cols, rows), True),
+        *((box, False) for box in exclude),
+    ):
+        looked_at[v : v + height, u : u + width] = kept
+    grey = cv2.transform(rgb, np.full((1, 3), 1 / 3))
+    return np.where(looked_at[..., None], rgb, grey[..., None])
+
+
+def cut_off(
+    line: Candidate,
+    found: Centreline,
+    outline: bool,
+    roi: Box | None,
+    exclude: Sequence[Box],
+    shape: tuple[int, ...],
+) -> tuple[Candidate, list[str]]:
+    """The line, its ends on a border of what is looked at `cut`, and a warning for each of them.
+
+    And one for each border along which its measured points run. An outline has no ends, and the
+    picture's own border may cut it too.
+    """
+    boxes = [("excluded", box) for box in exclude] + ([("region", roi)] if roi else [])
+    boxes += [("picture", (0, 0, shape[1], shape[0]))] if outline else []
+    points, width = found.points[~found.bridged], 0.0 if outline else line.width_px
+    cut, warnings = np.array(line.cut), []
+    for name, box in boxes:
+        border = f"the border of the {name} {','.join(map(str, box))}"
+        met = _from_border(line.path[[0, -1]], box, shape) < NEAR_BORDER * width
+        along = points[_from_border(points, box, shape) < max(width / 2, BORDER_PX)]
+        if met.any() and not line.closed:
+            ends = line.path[[0, -1]][met & ~cut]
+            warnings += [f"the curve ends at ({u:.0f}, {v:.0f}) on {border}" for u, v in ends]
+            cut |= met
+        elif len(along) > ALONG * width:
+            u, v = along[len(along) // 2]
+            over = f"for {len(along)} px, around ({u:.0f}, {v:.0f})"
+            warnings.append(f"the curve runs along {border} {over}")
+    told = [f"{each}: what lies beyond is cut off" for each in warnings]
+    return replace(line, cut=tuple(cut)), told
+
+
+def _from_border(points: NDArray, box: Box, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """(M,) how far points (M, 2) lie from a box's border; the picture's own is only its own."""
+    size, low, high = shape[1::-1], np.array(box[:2]), np.add(box[:2], box[2:])
+    if box != (0, 0, *size):
+        low, high = np.where(low > 0, low, -np.inf), np.where(high < size, high, np.inf)
+    return np.abs(np.maximum(low - 0.5 - points, points - high + 0.5).max(1))
 
 
 def through(candidates: list[Candidate], places: NDArray) -> list[Candidate]:
@@ -64,7 +104,7 @@ def through(candidates: list[Candidate], places: NDArray) -> list[Candidate]:
 
 
 def between(
-    line: Candidate, found: Centreline, start: Place, end: Place, origin: tuple[int, int]
+    line: Candidate, found: Centreline, start: Place, end: Place
 ) -> tuple[Candidate, Centreline]:
     """The measured line from `start` to `end` (u, v) [px], in that direction; its lost ends `cut`.
 
@@ -77,10 +117,10 @@ def between(
     if found.closed:
         if end is not None:
             raise CurveError("the curve is closed and has no end; leave --end out")
-        return line, _rolled(found, -_index(line, found, start, "--start", origin))
+        return line, _rolled(found, -_index(line, found, start, "--start"))
     last = len(found.points) - 1
-    first = None if start is None else _index(line, found, start, "--start", origin)
-    stop = None if end is None else _index(line, found, end, "--end", origin)
+    first = None if start is None else _index(line, found, start, "--start")
+    stop = None if end is None else _index(line, found, end, "--end")
     if first is None:
         first = 0 if stop > last / 2 else last
     if stop is None:
@@ -102,17 +142,14 @@ def _rolled(found: Centreline, by: int) -> Centreline:
     return replace(found, **{name: np.roll(getattr(found, name), by, axis=0) for name in names})
 
 
-def _index(
-    line: Candidate, found: Centreline, place: Place, option: str, origin: tuple[int, int]
-) -> int:
-    at = np.subtract(place, origin)
-    away = _distance(found.points, at)
+def _index(line: Candidate, found: Centreline, place: Place, option: str) -> int:
+    away = _distance(found.points, place)
     if away > _reach(line):
         raise CurveError(
             f"{option} {place[0]:g},{place[1]:g} lies {away:.0f} px off the curve; at most "
             f"{_reach(line):.0f} px are allowed"
         )
-    return int(np.hypot(*(found.points - at).T).argmin())
+    return int(np.hypot(*(found.points - place).T).argmin())
 
 
 def _distance(points: NDArray, place: NDArray) -> float:
@@ -162,24 +199,6 @@ def outline_of(
     holes = sum(abs(_area(c)) > 1 for c in rings[1:])
     warnings = [f"the filled region has {holes} holes; its outer outline is taken"] if holes else []
     return Candidate(points, True, none, (mark,)), line, warnings
-
-
-def cut_outline(
-    outline: NDArray, roi: Box | None, exclude: Sequence[Box], shape: tuple[int, ...]
-) -> list[str]:
-    """A warning for each border along which an outline (u, v) in the whole picture runs."""
-    warnings = []
-    for box in (roi or (0, 0, shape[1], shape[0]), *exclude):
-        low = np.subtract(box[:2], 0.5)
-        beyond = np.maximum(low - outline, outline - low - box[2:]).max(1)
-        along = np.flatnonzero(np.abs(beyond) < BORDER_PX)
-        if len(along):
-            u, v = outline[along[len(along) // 2]]
-            warnings.append(
-                f"the outline runs along the border of {','.join(map(str, box))} for "
-                f"{len(along)} px, around ({u:.0f}, {v:.0f}): the region is cut off there"
-            )
-    return warnings
 
 
 def claim_inside(outline: NDArray, pieces: list[Piece], ink: dict[str, int]) -> list[Piece]:

@@ -117,45 +117,40 @@ def set_aside(
     marks: list[Mark],
     lines: list[Candidate],
     chosen: list[Candidate],
-    origin: tuple[int, int],
     specks: Sequence[Piece] = (),
 ) -> tuple[dict, ...]:
     """What was not used, with its place: panels, lines of other kinds or not chosen, `specks`.
 
     `lines` are all that were told apart, the candidates first.
     """
-    u, v = origin
     aside = [
-        {"kind": m.kind, "box": (m.box[0] + u, m.box[1] + v, *m.box[2:]), "area_px": m.area_px}
+        {"kind": m.kind, "box": m.box, "area_px": m.area_px}
         for m in marks
         if m.kind in ("panel", "other colour")
     ]
     for number, line in enumerate((c for c in lines if c.kind != "speck"), 1):
         if not any(line is c for c in chosen):
-            box = (line.box[0] + u, line.box[1] + v, *line.box[2:])
-            entry = {"kind": line.kind, "box": box, "length_px": round(line.length_px, 1)}
+            entry = {"kind": line.kind, "box": line.box, "length_px": round(line.length_px, 1)}
             entry["stroke"] = number
             if line.junctions:
-                entry["junctions"] = [(a + u, b + v) for a, b in line.junctions]
+                entry["junctions"] = list(line.junctions)
             aside.append(entry)
     for piece in specks:
         if piece.kind == "speck":
             low, high = piece.pixels.min(0), piece.pixels.max(0)
-            box = tuple(int(x) for x in (*(low + origin), *(high - low + 1)))
+            box = tuple(int(x) for x in (*low, *(high - low + 1)))
             aside.append({"kind": "speck", "box": box, "length_px": round(piece.length_px, 1)})
     return tuple(aside)
 
 
-def intruders(
-    line: Candidate, found: Centreline, mask: NDArray[np.bool_], origin: tuple[int, int]
-) -> list[str]:
+def intruders(line: Candidate, found: Centreline, mask: NDArray[np.bool_]) -> list[str]:
     """A warning for each dot beside the line."""
     if len(found.points) <= FLANK * max(line.width_px, 3.0) + SPARE_PX:
         return []  # too short for one
     beside = _reaches(found.points, found.closed, mask, line.width_px)
     warnings = []
     for place, length, off in _dots(line, found, beside, mask):
-        u, v = place + origin
+        u, v = place
         warnings.append(
             f"the ink is wider to one side around ({u:.0f}, {v:.0f}), over {length:.0f} px, and "
             f"draws the curve {off:.1f} px off the way on which it comes and goes on"

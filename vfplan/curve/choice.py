@@ -22,7 +22,6 @@ def choose(
     mask: NDArray[np.bool_],
     stroke: int | str | None,
     colour: str,
-    origin: tuple[int, int],
     aside: tuple[dict, ...],
 ) -> list[Candidate]:
     """The lines to measure; raises `CurveError` for none or doubt.
@@ -41,36 +40,34 @@ def choose(
         raise CurveError(f"no candidate number {stroke}: there are {len(candidates)}{more}")
     if stroke is None and len(candidates) > 1:
         shown, left = candidates[:DESCRIBED], len(candidates) - DESCRIBED
-        listed = "; ".join(f"{i}: {describe(c, origin)}" for i, c in enumerate(shown, 1))
+        listed = "; ".join(f"{i}: {describe(c)}" for i, c in enumerate(shown, 1))
         error = CurveError(
             f"{len(candidates)} candidates and none was chosen (--stroke all, longest or a "
             f"number; --roi; --colour): {listed}{f'; and {left} shorter ones' if left > 0 else ''}"
-            f"{_nearest_ends(shown, mask, origin)}"
+            f"{_nearest_ends(shown, mask)}"
         )
-        error.candidates = tuple(c.path + origin for c in candidates)
+        error.candidates = tuple(c.path for c in candidates)
         raise error
     return candidates if stroke == "all" else candidates[:1]
 
 
-def describe(candidate: Candidate, origin: tuple[int, int] = (0, 0)) -> str:
+def describe(candidate: Candidate) -> str:
     """One candidate in words: shape, length, width, where from and where to."""
     size = f"{candidate.length_px:.0f} px long, {candidate.width_px:.1f} px wide"
     if candidate.junctions:
         u, v = candidate.junctions[0]
-        return f"forked, {size}, junction at ({u + origin[0]}, {v + origin[1]})"
-    (a, b), (c, d) = candidate.path[[0, -1]] + origin
+        return f"forked, {size}, junction at ({u}, {v})"
+    (a, b), (c, d) = candidate.path[[0, -1]]
     if candidate.closed:
         return f"closed, {size}, through ({a:.0f}, {b:.0f})"
     return f"open, {size}, ({a:.0f}, {b:.0f}) to ({c:.0f}, {d:.0f})"
 
 
-def _nearest_ends(
-    candidates: list[Candidate], mask: NDArray[np.bool_], origin: tuple[int, int]
-) -> str:
+def _nearest_ends(candidates: list[Candidate], mask: NDArray[np.bool_]) -> str:
     """Where two candidates' ends lie nearest, what that may mean, and the way round it."""
     ends = [(i, at) for i, c in enumerate(candidates, 1) for at, _ in inked_ends(c, mask)]
     gaps = [
-        (float(np.hypot(*(b - a))), i, j, (a + b) / 2 + origin)
+        (float(np.hypot(*(b - a))), i, j, (a + b) / 2)
         for (i, a), (j, b) in combinations(ends, 2)
         if i != j
     ]
@@ -102,15 +99,13 @@ def _inventory(aside: tuple[dict, ...], colour: str) -> str:
 def against_advice(
     chosen: list[Candidate],
     others: list[Candidate],
-    origin: tuple[int, int],
     shape: tuple[int, ...],
 ) -> list[str]:
     """A warning for a line that was chosen though it looks like something else, and for one set
     aside that is longer than what was chosen and drawn round neither that nor the picture.
     """
     warnings = [
-        f"stroke {_place(c, origin)} looks like {_article(c.kind)}, and is taken because it was "
-        "named"
+        f"stroke {_place(c)} looks like {_article(c.kind)}, and is taken because it was named"
         for c in chosen
         if not c.is_candidate
     ]
@@ -119,7 +114,7 @@ def against_advice(
         window = other.kind == "frame" and (other.box[2:] > WINDOW * np.array(shape[1::-1])).all()
         if longer and not window and not any(other is c for c in chosen):
             warnings.append(
-                f"{_article(other.kind)} {_place(other, origin)}, {other.length_px:.0f} px long, "
+                f"{_article(other.kind)} {_place(other)}, {other.length_px:.0f} px long, "
                 "was set aside though it is longer than the curve"
             )
     return warnings
@@ -136,8 +131,8 @@ def _round(frame: Candidate, line: Candidate) -> bool:
     return u <= a and v <= b and u + w >= a + c and v + h >= b + d
 
 
-def _place(line: Candidate, origin: tuple[int, int]) -> str:
-    return f"at ({line.box[0] + origin[0]}, {line.box[1] + origin[1]})"
+def _place(line: Candidate) -> str:
+    return f"at ({line.box[0]}, {line.box[1]})"
 
 
 def _article(kind: str) -> str:
@@ -153,11 +148,11 @@ def refuse_grey(rgb: NDArray) -> None:
         )
 
 
-def refuse_junctions(line: Candidate, origin: tuple[int, int]) -> None:
+def refuse_junctions(line: Candidate) -> None:
     """Raise `CurveError` for a line that forks."""
-    u, v = np.mean(line.junctions, axis=0) + origin
+    u, v = np.mean(line.junctions, axis=0)
     forks = line.junctions[:DESCRIBED]
-    places = ", ".join(f"({a + origin[0]}, {b + origin[1]})" for a, b in forks)
+    places = ", ".join(f"({a}, {b})" for a, b in forks)
     raise CurveError(
         f"the line forks, touches or crosses itself at {places}: which way it runs would be "
         "a guess",

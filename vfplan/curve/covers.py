@@ -47,9 +47,7 @@ INKED = 0.3  # of the pen's strength: a ray on which other ink lies tells nothin
 LEVEL, ROUGH = 0.6, 3.0  # of grey: what rounding spreads, and what is no change
 
 
-def covered_ends(
-    rgb: NDArray, line: Candidate, found: Centreline, origin: tuple[int, int]
-) -> list[str]:
+def covered_ends(rgb: NDArray, line: Candidate, found: Centreline) -> list[str]:
     """A warning for each end of a measured open line that something may hide, or that is odd.
 
     Where a cover is seen, that the ink is cut off says no more.
@@ -78,7 +76,7 @@ def covered_ends(
         if what:
             odd.insert(0, f"lies where {what}: what that hides of it is not followed")
         if odd:
-            u, v = at[k] + origin
+            u, v = at[k]
             warnings.append(f"the curve's end at ({u:.0f}, {v:.0f}) {'; it '.join(odd)}")
     return warnings
 

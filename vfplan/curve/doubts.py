@@ -1,4 +1,4 @@
-"""What may be wrong with a measured curve: what a region cuts, an opening, runs side by side.
+"""What may be wrong with a measured curve: an opening, a bar, runs side by side.
 
 None of it proves the curve wrong, so it is told with its pixels; only two runs that surely lie side
 by side are refused: they would be measured midway.
@@ -18,7 +18,6 @@ the brightness where JPEG's coarse colour fills the valley.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -57,45 +56,12 @@ EDGE_PX = 1.0  # of the line left out of the brightness: a dark outline reaches 
 Verdict = Literal["single", "doubted", "several"]
 
 
-def cut_off(
-    line: Candidate,
-    mask: NDArray[np.bool_],
-    roi: tuple[int, int, int, int] | None,
-    exclude: Sequence[tuple[int, int, int, int]],
-    shape: tuple[int, ...],
-) -> list[str]:
-    """A warning for each end of a line on the border of the region or of an excluded part."""
-    u, v, width, height = roi or (0, 0, shape[1], shape[0])
-    inner = np.array([u, v, shape[1] - u - width, shape[0] - v - height]) > 0
-    warnings = []
-    for at, _ in inked_ends(line, mask):
-        room = np.r_[at, np.array([width, height]) - 1 - at] + 0.5
-        if (inner & (room <= line.width_px)).any():  # a slanting line ends where its middle does
-            place = np.add(at, (u, v))
-            warnings.append(
-                f"the curve ends at ({place[0]:.0f}, {place[1]:.0f}) on the border of the region "
-                f"{u},{v},{width},{height}: what lies beyond is cut off"
-            )
-        for p, q, across, down in exclude:
-            place = np.add(at, (u, v))
-            beside = np.abs(place - (p, q) - (np.array([across, down]) - 1) / 2)
-            off = np.maximum(beside - np.array([across, down]) / 2, 0)
-            if np.hypot(*off) <= line.width_px:
-                warnings.append(
-                    f"the curve ends at ({place[0]:.0f}, {place[1]:.0f}) on the border of the "
-                    f"excluded {p},{q},{across},{down}: what lies in it is not followed"
-                )
-    return warnings
-
-
-def nearly_closed(
-    line: Candidate, mask: NDArray[np.bool_], max_gap_px: float, origin: tuple[int, int]
-) -> list[str]:
+def nearly_closed(line: Candidate, mask: NDArray[np.bool_], max_gap_px: float) -> list[str]:
     """A warning for a short opening between a line's ends, whether it was closed or left open."""
     gaps = list(runs(line.bridged, True)) if line.closed else []
     if 0 < len(gaps) <= MOST_LIFTS:  # of a ring with few lifts, any may be its opening
         run = max(gaps, key=len)
-        u, v = line.path[run[len(run) // 2]] + origin
+        u, v = line.path[run[len(run) // 2]]
         return [
             f"a gap of about {len(run):.0f} px at ({u:.0f}, {v:.0f}) was bridged, which closes the "
             "curve; a smaller --max-gap leaves it open"
@@ -109,20 +75,20 @@ def nearly_closed(
         return []
     if max(angle_deg(from_a, b - a), angle_deg(from_b, a - b)) > AHEAD_DEG:
         return []
-    (u, v), (p, q) = a + origin, b + origin
+    (u, v), (p, q) = a, b
     return [
         f"the curve is nearly closed: {missing:.0f} px are missing between ({u:.0f}, {v:.0f}) and "
         f"({p:.0f}, {q:.0f})"
     ]
 
 
-def a_bar(line: Candidate, pen: Pen, origin: tuple[int, int]) -> list[str]:
+def a_bar(line: Candidate, pen: Pen) -> list[str]:
     """A warning for a broad line along a row or column whose hue is not quite the pen's."""
     if line.closed or line.width_px < BAR_PX or angle_deg(line.mark.pen.along, pen.along) < BAR_DEG:
         return []
     if np.ptp(line.path, axis=0).min() > BAR_ASIDE * line.length_px:
         return []
-    u, v = line.path[len(line.path) // 2] + origin
+    u, v = line.path[len(line.path) // 2]
     return [
         f"the line at ({u:.0f}, {v:.0f}), {line.width_px:.0f} px wide, runs straight along a row "
         "or column, in a hue that is not quite the pen's: it may be a chart's bar"
@@ -139,16 +105,14 @@ def several(line: Candidate, single: bool) -> list[str]:
     ]
 
 
-def side_by_side(
-    line: Candidate, widest: Widening | None, origin: tuple[int, int], accepted: bool
-) -> list[str]:
+def side_by_side(line: Candidate, widest: Widening | None, accepted: bool) -> list[str]:
     """A warning where two runs may lie side by side; raises `CurveError` where they surely do.
 
     An arrow was named by somebody who saw its head.
     """
     if widest is None or not widest.doubted:
         return []
-    u, v = np.add(widest.place, origin)
+    u, v = widest.place
     what = f"the line is {widest.ratio:.2f} times as wide as elsewhere around ({u:.0f}, {v:.0f})"
     if widest.refused and line.kind != "arrow" and not accepted:
         raise CurveError(

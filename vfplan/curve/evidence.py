@@ -36,26 +36,25 @@ def unexplained(
     pieces: list[Piece],
     mask: NDArray[np.bool_],
     max_gap_px: float,
-    origin: tuple[int, int],
 ) -> tuple[list[Piece], list[str]]:
     """The pieces that may carry a chosen line on, and a warning for each place of such ink."""
     carrying, warnings = [], []
     for line, found in chosen:
         for at, outward in inked_ends(line, mask):
-            piece, told = _beyond(line, at, outward, pieces, max_gap_px, origin)
+            piece, told = _beyond(line, at, outward, pieces, max_gap_px)
             carrying += piece
-            warnings += told + _crossed(line, at, origin)
-        warnings += _hanging(line, found, pieces, origin)
+            warnings += told + _crossed(line, at)
+        warnings += _hanging(line, found, pieces)
     return carrying, warnings
 
 
-def _crossed(line: Candidate, at: NDArray, origin: tuple[int, int]) -> list[str]:
+def _crossed(line: Candidate, at: NDArray) -> list[str]:
     """A warning where a thinner stroke leaves the line near an end, as a letter's or a cross's."""
     reach = TOUCHING * line.width_px + TOUCHING_PX
     places = [p for m in line.marks for p in m.offshoots if np.hypot(*(p - at)) < reach]
     if not places:
         return []
-    (u, v), (p, q) = at + origin, np.add(places[0], origin)
+    (u, v), (p, q) = at, places[0]
     return [
         f"the curve ends at ({u:.0f}, {v:.0f}), where a thinner stroke leaves it at ({p}, {q}): "
         "what touches the end there, as a letter does, may be no part of it"
@@ -68,7 +67,6 @@ def _beyond(
     outward: NDArray,
     pieces: list[Piece],
     max_gap: float,
-    origin: tuple[int, int],
 ) -> tuple[list[Piece], list[str]]:
     """What lies ahead of an end: the nearest piece that may carry the line on, or specks."""
     near, specks = [], 0
@@ -85,14 +83,14 @@ def _beyond(
             near.append((gap, piece))
     if near:
         gap, piece = min(near, key=lambda item: item[0])
-        u, v = (piece.pixels.min(0) + piece.pixels.max(0)) / 2 + origin
+        u, v = (piece.pixels.min(0) + piece.pixels.max(0)) / 2
         what = "a mark" if piece.kind == "speck" else f"a mark ({piece.kind})"
         return [piece], [
             f"{what} of {piece.length_px:.0f} px at ({u:.0f}, {v:.0f}) lies about {gap:.0f} px "
             "beyond the curve's end and is not part of it"
         ]
     if specks >= SPECKS:
-        u, v = at + origin
+        u, v = at
         return [], [f"the curve ends at ({u:.0f}, {v:.0f}) among {specks} specks of its colour"]
     return [], []
 
@@ -127,9 +125,7 @@ def _turn(a: NDArray, b: NDArray) -> float:
     return float(np.degrees(np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)))
 
 
-def _hanging(
-    line: Candidate, found: Centreline, pieces: list[Piece], origin: tuple[int, int]
-) -> list[str]:
+def _hanging(line: Candidate, found: Centreline, pieces: list[Piece]) -> list[str]:
     """Ink that hangs together with the line and lies too far beside it."""
     from scipy.spatial import cKDTree
 
@@ -140,7 +136,7 @@ def _hanging(
         if piece.kind == "own":
             distance = tree.query(piece.pixels)[0]
             if distance.max() > most:
-                u, v = piece.pixels[distance.argmax()] + origin
+                u, v = piece.pixels[distance.argmax()]
                 warnings.append(
                     f"ink of {piece.length_px:.0f} px that hangs together with the curve reaches "
                     f"to ({u}, {v}), {distance.max():.0f} px beside it, and is not part of it"
@@ -153,7 +149,6 @@ def doubted_bridges(
     found: Centreline,
     mask: NDArray[np.bool_],
     max_gap_px: float,
-    origin: tuple[int, int],
 ) -> list[str]:
     """A warning for each bridge that runs over ink, beyond what its edges lack of a profile.
 
@@ -162,7 +157,7 @@ def doubted_bridges(
     warnings = []
     slack = BRIDGE_WIDTHS * line.width_px + BRIDGE_PX
     for run in runs(found.bridged, found.closed):
-        points, (u, v) = found.points[run], found.points[run[len(run) // 2]] + origin
+        points, (u, v) = found.points[run], found.points[run[len(run) // 2]]
         length = float(np.hypot(*np.diff(points, axis=0).T).sum())
         if length > max_gap_px + slack:
             raise CurveError(
@@ -180,7 +175,7 @@ def doubted_bridges(
     return warnings
 
 
-def refuse_strayed(line: Candidate, found: Centreline, origin: tuple[int, int]) -> None:
+def refuse_strayed(line: Candidate, found: Centreline) -> None:
     """Raise `CurveError` where the fitted line left the ink it was measured in."""
     from scipy.spatial import cKDTree
 
@@ -192,7 +187,7 @@ def refuse_strayed(line: Candidate, found: Centreline, origin: tuple[int, int]) 
         distance[(nearest == 0) | (nearest == len(line.path) - 1)] = 0.0
     worst = int(distance.argmax())
     if distance[worst] > (1 + LEFT) * line.width_px + 2.0:
-        u, v = measured[worst] + origin
+        u, v = measured[worst]
         raise CurveError(
             f"the fitted line left its ink by {distance[worst]:.0f} px: the drawing is not one "
             "smooth line there",

@@ -14,7 +14,7 @@ from vfplan.curve.asked import (
     between,
     check_places,
     claim_inside,
-    cut_outline,
+    cut_off,
     outline_of,
     part_of,
     region_of,
@@ -24,7 +24,7 @@ from vfplan.curve.beside import intruders, pieces_beside, set_aside
 from vfplan.curve.candidates import Candidate, candidates_of, refuse_crowd
 from vfplan.curve.choice import against_advice, choose, refuse_grey, refuse_junctions
 from vfplan.curve.covers import covered_ends
-from vfplan.curve.doubts import a_bar, cut_off, nearly_closed, several, side_by_side
+from vfplan.curve.doubts import a_bar, nearly_closed, several, side_by_side
 from vfplan.curve.evidence import doubted_bridges, refuse_strayed, unexplained
 from vfplan.curve.kinds import tell_apart
 from vfplan.curve.marks import find_marks
@@ -156,11 +156,11 @@ def extract_curve(
     """
     planned = as_image(image)
     _check(method, stroke, max_gap_px)
-    given, rgb, origin = [p for p in (start, end) if p is not None], planned.rgb, (0, 0)
+    given, rgb = [p for p in (start, end) if p is not None], planned.rgb
     if given or outline:
         check_places(method, stroke, given, outline)
     if roi is not None or exclude:
-        rgb, origin = part_of(rgb, roi, exclude)
+        rgb = part_of(rgb, roi, exclude)
     pen = Pen.of_colour(colour)
     marks, mask = find_marks(rgb, pen, colour)
     if not marks:
@@ -169,45 +169,44 @@ def extract_curve(
     told = [*candidates, *others]
     if outline:
         line, measured, notes = outline_of(rgb, region_of(marks), mask)
-        notes += cut_outline(measured.points + origin, roi, exclude, planned.rgb.shape)
         both = [(line, measured)]
     else:
         refuse_crowd(candidates, others, marks, colour, max_gap_px)
         if given and stroke is None:
-            candidates = through(candidates, np.subtract(given, origin)) or candidates
+            candidates = through(candidates, np.array(given)) or candidates
         chosen = candidates
         if len(candidates) != 1 or stroke is not None:
-            aside = set_aside(marks, told, candidates, origin)
-            chosen = choose(candidates, others, mask, stroke, colour, origin, aside)
+            aside = set_aside(marks, told, candidates)
+            chosen = choose(candidates, others, mask, stroke, colour, aside)
         for line in chosen:
             if line.junctions:
-                refuse_junctions(line, origin)
-        both = [(c, _measure(rgb, c, method, mask, origin)) for c in chosen]
-        notes = against_advice(chosen, others, origin, mask.shape) if others else []
+                refuse_junctions(line)
+        both = [(c, _measure(rgb, c, method, mask)) for c in chosen]
+        notes = against_advice(chosen, others, mask.shape) if others else []
     pieces, ink = pieces_beside(mask, both, told, marks)
     if outline:
         pieces = claim_inside(measured.points, pieces, ink)
-    lines, asked = [line for line, _ in both], both
-    if given:  # what is said of the line's ends is said of those that are left
-        asked = [between(line, found, start, end, origin) for line, found in both]
-        both = [(line, whole) for (line, _), (_, whole) in zip(asked, both, strict=True)]
-    specks, found = unexplained(both, pieces, mask, max_gap_px, origin)
+    lines, asked = [line for line, _ in both], []
+    for k, (line, whole) in enumerate(both):  # of ends that were cut off nothing more is said
+        line, part = between(line, whole, start, end) if given else (line, whole)
+        line, cut = cut_off(line, whole, outline, roi, exclude, rgb.shape)
+        both[k] = (line, whole)
+        asked.append(_stroke(part, line))
+        notes += cut
+    specks, found = unexplained(both, pieces, mask, max_gap_px)
     notes += found
     for line, measured in both:
         if method == "ridge":
-            notes += doubted_bridges(line, measured, mask, max_gap_px, origin)
-            refuse_strayed(line, measured, origin)
-            notes += intruders(line, measured, mask, origin)
-            notes += covered_ends(rgb, line, measured, origin)
+            notes += doubted_bridges(line, measured, mask, max_gap_px)
+            refuse_strayed(line, measured)
+            notes += intruders(line, measured, mask)
+            notes += covered_ends(rgb, line, measured)
         notes += several(line, measured.single)
-        notes += a_bar(line, pen, origin)
-        notes += side_by_side(line, measured.widening, origin, accept_width)
-        notes += cut_off(line, mask, roi, exclude, planned.rgb.shape)
-        notes += nearly_closed(line, mask, max_gap_px, origin)
-    aside = set_aside(marks, told, lines, origin, specks)
-    strokes = tuple(_stroke(measured, line, origin) for line, measured in asked)
-    whole = _whole(mask, origin, planned.rgb.shape)
-    return Extraction(whole, strokes, method, aside, tuple(notes), ink)
+        notes += a_bar(line, pen)
+        notes += side_by_side(line, measured.widening, accept_width)
+        notes += nearly_closed(line, mask, max_gap_px)
+    aside = set_aside(marks, told, lines, specks)
+    return Extraction(mask, tuple(asked), method, aside, tuple(notes), ink)
 
 
 def load_libraries() -> None:
@@ -248,18 +247,7 @@ def _check(method: str, stroke: int | str | None, max_gap_px: float) -> None:
         raise SettingError(f"max gap {max_gap_px} px is not a finite number from 0")
 
 
-def _whole(mask: NDArray, origin: tuple[int, int], shape: tuple) -> NDArray:
-    if mask.shape == shape[:2]:
-        return mask
-    whole = np.zeros(shape[:2], bool)
-    u, v = origin
-    whole[v : v + mask.shape[0], u : u + mask.shape[1]] = mask
-    return whole
-
-
-def _measure(
-    rgb: NDArray, candidate: Candidate, method: Method, mask: NDArray, origin: tuple[int, int]
-) -> Centreline:
+def _measure(rgb: NDArray, candidate: Candidate, method: Method, mask: NDArray) -> Centreline:
     if method == "ridge":
         return trace(
             rgb,
@@ -268,7 +256,6 @@ def _measure(
             candidate.bridged,
             candidate.mark.pen,
             candidate.width_px,
-            origin,
         )
     if method == "skeleton":
         sigma = np.full(len(candidate.path), 0.5)
@@ -277,9 +264,9 @@ def _measure(
     return _every_pixel(mask, candidate)
 
 
-def _stroke(line: Centreline, candidate: Candidate, origin: tuple[int, int]) -> Stroke:
+def _stroke(line: Centreline, candidate: Candidate) -> Stroke:
     return Stroke(
-        line.points + origin, line.sigma, line.closed, line.bridged, line.length, candidate.width_px
+        line.points, line.sigma, line.closed, line.bridged, line.length, candidate.width_px
     )
 
 

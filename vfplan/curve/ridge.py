@@ -66,7 +66,6 @@ def trace(
     bridged: NDArray,
     pen: Pen,
     width: float,
-    origin: tuple[int, int] = (0, 0),
 ) -> Centreline:
     """Measure the line along a pixel path.
 
@@ -74,7 +73,6 @@ def trace(
     path, closed, bridged: (M, 2) pixel path, whether it is a ring, and (M,) which points lie on a
         gap
     pen, width: the pen and the line's width [px]
-    origin: (u, v) of `rgb` in the image that errors speak of [px]
     Raises CurveError: the line is two lines side by side
     """
     from scipy.ndimage import gaussian_filter1d
@@ -126,7 +124,7 @@ def trace(
         base = fitted.spline(np.arange(*inner, pitch))
     verdict = lines_in(profiles, valid, width)
     if verdict == "several":
-        _refuse_double(middle + origin, width)
+        _refuse_double(middle, width)
     widest = widest_run(profiles, seen_along[0], valid, width, closed)
     fitted = replace(fitted, sigma=np.hypot(fitted.sigma, widest.doubt))
     line = _result(fitted, s, valid, used, closed, start, stop, rgb.shape, width)
