@@ -91,13 +91,30 @@ def test_another_pen_s_line_that_goes_straight_on_is_told_and_a_point_is_not():
     end = arc(180, 340)[-1]
     ahead = np.array([0.34, 0.94])
     straight = told(lambda canvas: canvas.line([end, end + 25 * ahead], 1.2, RED))
-    assert any("drawn thinner" in w for w in straight)
+    assert any("thinner at once" in w for w in straight)
     way = np.column_stack([np.linspace(0, 25, 60)] * 2) * ahead + end
     assert not told(lambda canvas: canvas.pressed(way, np.linspace(WIDTH, 0.3, 60), RED))
 
 
+@pytest.mark.parametrize(("gap", "quality"), [(0.0, None), (2.0, None), (2.0, 85)])
+def test_a_letter_at_the_end_is_told_and_a_pen_that_is_pressed_less_is_not(gap, quality):
+    end = arc(180, 340)[-1]
+    turned = np.array([[0.34, 0.94], [-0.94, 0.34]])
+    strokes = ([[0, 0], [12, 0]], [[7, 0], [12, 5]], [[5, 0], [0, 5]])  # a K, upside down
+
+    def letter(canvas):
+        for stroke in strokes:
+            canvas.line(end + (np.array([WIDTH / 2 + gap, 0]) + stroke) @ turned, 1.8, RED)
+
+    assert any("thinner at once" in w for w in told(letter, quality=quality))
+    widths = WIDTH * np.linspace(1.5, 0.5, 1200)
+    canvas = Canvas(anatomy(SHAPE, 3), "exact")
+    canvas.pressed(arc(180, 340), widths, RED)
+    assert not vfplan.extract_curve(canvas.image(quality)).warnings
+
+
 def test_a_thinner_stroke_behind_a_corner_is_told_and_one_of_the_same_pen_is_not():
-    assert any("drawn thinner" in w for w in told(corner(WIDTH / 2)))
+    assert any("thinner at once" in w for w in told(corner(WIDTH / 2)))
     assert not told(corner(WIDTH))
 
 

@@ -29,12 +29,10 @@ ROUND = 0.44  # log odds for a round pen before anything was seen: most programs
 POINT, SHORT = (0.8, 0.1), 3
 BLUNT_PX, BLURRED, ROUNDED, SLANT, UNEVEN = (3.2, 8.0), 1.7, 0.2, 0.125, 0.15
 SHOWS = 0.25  # of the usual ink
-# Of the usual ink: so little, so much less than nearer to the end, within so many pixels of it;
-# more than so much there is an arrow's head.
-THINNED, BREAK, BREAK_PX, HEAD = 0.75, 0.55, 14, 2.2
-# Another pen's line: so much less ink than usual, over so many pixels, even to within so much.
-FULL, OTHER, OTHER_PX, EVEN = 0.8, 0.62, 5, 0.04
-ENDED = 0.12  # of the usual ink: less is no line
+# The square of a fall of the ink, over its usual change along the line and so much more; it begins
+# where the line is full. A sign's strokes are so full for no more pixels, and a dot or an arrow's
+# head has more ink. An end cut blunt falls within half a width and so many pixels.
+FALL, EVEN, FULL, SIGN_PX, HEAD, BLUNT = 0.9, 0.03, 0.8, 14, 2.2, 3
 # Log odds: of a form that is surely the pen's own, of a cut beside such an end, and of a slanting
 # cut by itself, which the end of a jagged line may seem.
 SURE, CUT, SLANTED = 8.0, 12.0, 20.0
@@ -45,9 +43,8 @@ CUT_OFF = (
 )
 ODD = (
     CUT_OFF,
-    "is drawn thinner, evenly so, as by another pen: what lies there may be no part of it",
-    "lies shortly beyond a place where the ink all but stops, and comes back: what touches the "
-    "end there may be no part of it",
+    "lies beyond a place where the ink grows thinner at once, or all but stops: a sign that "
+    "touches the end there, or another pen's line, may be no part of it",
     "is drawn out, and ink goes on beyond it, too thin or faint to be followed",
 )
 SURELY_OFF_PX = 1.0  # beyond the border: less may be a round end that touches it
@@ -102,43 +99,40 @@ def fading_ends(profiles: Profiles, used: NDArray, points: tuple[float, float]) 
     return tuple(len(m) > SHORT and m.min() >= SHOWS and not point for m, point in pairs)
 
 
-def broken_ends(profiles: Profiles, used: NDArray, width: float) -> tuple[bool, bool]:
-    """Whether the ink all but stops shortly before either end, and comes back: it may be a sign's.
+def stepped_ends(profiles: Profiles, used: NDArray, width: float) -> tuple[bool, bool]:
+    """Whether the ink falls at once towards either end, and then goes on.
 
-    A letter that touches the line's end is thinner, forks and bends; a pen's own end does not.
+    A pen that is lifted, drawn out or pressed less grows thinner along its way. A letter that the
+    end runs into, and another pen's line, is thinner at once, and the ink may all but stop there.
     """
+    from scipy.ndimage import uniform_filter1d
+
     first, last = np.flatnonzero(used)[[0, -1]]
-    found = []
-    for turn, at in ((-1, len(used) - 1 - first), (1, last)):
-        mass, seen = profiles.mass[::turn], profiles.seen.all(1)[::turn]
-        end = int(_half(mass, int(at)))
-        run = slice(end, max(end - int(width / 2) - BREAK_PX, 0), -1)
-        beyond = np.maximum.accumulate(mass[run])
-        thin = seen[run] & (mass[run] < THINNED) & (beyond < HEAD)
-        found.append(bool((thin & (mass[run] < beyond - BREAK)).any()))
-    return found[0], found[1]
+    off, rows = np.abs(profiles.x), np.arange(len(used))
+    ink = profiles.alpha[:, off <= (width + 1) / 2].clip(0.0).sum(1)
+    seen = profiles.seen[:, off < width / 2].all(1) & (profiles.clipped == 0) | used
+    ink = np.interp(rows, rows[seen], ink[seen]) / max(np.median(ink[used]), 1e-6)
+    if profiles.noisy:
+        ink = uniform_filter1d(ink, 3, mode="constant")
+    reach = round(width / 2) + BLUNT
+    whole = ink[first : last + 1]
+    changes = np.abs(whole[reach:] - whole[:-reach])
+    usual = EVEN + (np.quantile(changes, 0.75) if len(changes) else 0.0)
+    lines = ((ink[::-1], profiles.mass[::-1]), (ink, profiles.mass))
+    return tuple(_fall(*line, reach) ** 2 > FALL * usual for line in lines)
 
 
-def thinner_ends(profiles: Profiles, used: NDArray, width: float) -> tuple[bool, bool]:
-    """Whether the line goes on, at either end, as one that is evenly thinner.
-
-    A pen that is lifted or pressed less grows thinner along its way; one that was changed, or a
-    sign that touches the end, is thinner at once.
-    """
-    return tuple(
-        _goes_on_thinner(mass[: at + 1], mass, width) for mass, at in _outward(profiles, used)
-    )
-
-
-def _goes_on_thinner(seen: NDArray, mass: NDArray, width: float) -> bool:
-    rest = mass[np.flatnonzero(seen >= FULL).max(initial=0) :]
-    stop = int(np.argmax(np.r_[rest, 0.0] < ENDED))
-    last = stop - 2 if stop < len(rest) else stop  # its own end, if that was read
-    run = rest[int(width / 2) + 2 : max(last, 0)]
-    if len(run) < OTHER_PX:
-        return False
-    first, then = np.median(run[: len(run) // 2]), np.median(run[len(run) // 2 :])
-    return bool(max(first, then) < OTHER + EVEN and first - then < EVEN)
+def _fall(ink: NDArray, mass: NDArray, reach: int) -> float:
+    """The most by which ink falls over up to `reach` points, and does not over as many more."""
+    most, heads = (np.maximum.accumulate(values[::-1])[::-1] for values in (ink, mass))
+    full = np.cumsum((ink >= FULL)[::-1])[::-1]
+    deepest = 0.0
+    for n in range(2, reach + 1):
+        before, after, beyond = np.minimum(ink[: -2 * n], 1.0), ink[n:-n], most[2 * n :]
+        fall = np.minimum(before - after, before - after - 2 * (after - beyond))
+        sign = (beyond >= SHOWS) & (full[n:-n] <= SIGN_PX) & (heads[: -2 * n] <= HEAD)
+        deepest = max(deepest, fall[sign & (before >= FULL)].max(initial=0.0))
+    return float(deepest)
 
 
 def told_ends(*odd: tuple[bool, bool]) -> tuple[tuple[str, ...], ...]:

@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from vfplan.curve.doubts import Widening, lines_in, widest_run
 from vfplan.curve.ends import (
-    broken_ends,
     fading_ends,
     ink_ends,
     line_ends,
     points_of,
-    thinner_ends,
+    stepped_ends,
     told_ends,
 )
 from vfplan.curve.fitting import Fitted, bridged_sigma, curvature_of, fit_line
@@ -117,8 +116,7 @@ def trace(
             ends = line_ends(rgb, fitted.spline(s), used, even, pen, points)
             fades_out = profiles.noisy and width > THIN_PX
             fading = fading_ends(even, used, points) if fades_out else (False, False)
-            thinner = thinner_ends(profiles, used, width)
-            odd = told_ends(ends.cut, thinner, broken_ends(profiles, used, width), fading)
+            odd = told_ends(ends.cut, stepped_ends(profiles, used, width), fading)
             own, (start, stop) = ends.own, pitch * np.array(ends.places)
         inner = (0.0, stop) if closed else s[used][[0, -1]]
         base = fitted.spline(np.arange(*inner, pitch))
