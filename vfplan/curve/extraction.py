@@ -165,7 +165,7 @@ def extract_curve(
     marks, mask = find_marks(rgb, pen, colour)
     if not marks:
         refuse_grey(rgb)
-    candidates, others = tell_apart(candidates_of(marks, mask, max_gap_px, rgb), mask, max_gap_px)
+    candidates, others = tell_apart(candidates_of(marks, mask, max_gap_px, rgb), mask)
     told = [*candidates, *others]
     if outline:
         line, measured, notes = outline_of(rgb, region_of(marks), mask)
