@@ -103,14 +103,17 @@ def test_the_margin_for_p_makes_entering_as_rare_as_wished(folder):
 
 @pytest.mark.parametrize("trials", [64, pytest.param(12_000, marks=pytest.mark.full)])
 def test_coverage_of_the_bounds(tmp_path, trials):
-    """Exact where no perspective is taken for true; one set in ten, at most, is bound wider."""
+    """Exact at a point; over the curve wider by the perspective that could not be ruled out."""
     run_campaign(line_fixture(), [pressing()], tmp_path / "c", trials, settings(coverage=True))
     found = summary(*read_campaign(tmp_path / "c"), [0.0], [0.05])["coverage"]
     print(found)
-    assert found["not_widened"]["low"] <= 0.95 <= found["not_widened"]["high"]
+    assert found["not_widened"]["high"] >= 0.95
     if trials > 1000:
         assert found["tre95"] == pytest.approx(0.95, abs=0.01)
-        assert found["whole_curve"]["p"] == pytest.approx(0.95, abs=0.01)
+        assert found["not_widened"]["low"] > 0.95
+        assert found["not_widened"]["p"] < 0.975
+        assert found["whole_curve"]["low"] > 0.95
+        assert found["whole_curve"]["p"] < 0.975
         assert 0.08 < found["widened"] < 0.11
 
 

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from vfplan.errors import SettingError
-from vfplan.planning.tolerance import choose, iterations, largest_tolerance
+from vfplan.planning.tolerance import choose, iterations, largest_tolerance, sample_curve
 
 R = 5e-3
 
@@ -89,3 +89,12 @@ def test_a_coarse_tolerance_stops_where_points_become_bumps():
 def test_refuses_what_has_no_answer(given, says):
     with pytest.raises(SettingError, match=says):
         choose(**{"radius_m": R, **given})
+
+
+def test_an_array_of_no_axis_is_the_number_it_holds():
+    assert choose(np.array(1e-5), np.array(R)) == choose(1e-5, R)
+    line = np.linspace([0.0, 0, 0], [0.1, 0, 0], 50)
+    found = sample_curve(line, False, radius_m=np.array(R))
+    np.testing.assert_array_equal(found.points, sample_curve(line, False, radius_m=R).points)
+    with pytest.raises(SettingError, match="allowed is one number"):
+        choose(1e-5, np.array([R]))

@@ -1,8 +1,7 @@
 """The paper's Table I as one validated object, and the checks of all that is set beforehand.
 
 Both engines (`vfplan.ProxyEngine` and the NumPy reference) take their settings from here. A check
-returns the value in the one form that they use, or raises with the value found and what is allowed;
-nothing is repaired.
+returns the value in the one form that they use, or raises with what was found and what is allowed.
 """
 
 from __future__ import annotations
@@ -283,6 +282,7 @@ def number(
     why: str = "",
 ) -> float:
     """One finite number within its bounds, as float; else `SettingError` naming what is allowed."""
+    value = value[()] if isinstance(value, np.ndarray) and not value.ndim else value
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise SettingError(f"{name} {value!r}: allowed is one number")
     found = float(value)

@@ -94,12 +94,11 @@ def choose(
     depth_m: the deepest press that it is to hold for, below R [m]; `None`: R/2
     Raises SettingError: a value that is not positive and finite, or a depth that is not below R
     """
-    depth = DEPTH * radius_m if depth_m is None else depth_m
-    number("tolerance", tolerance_m, "m", above=0.0)
-    number("radius", radius_m, "m", above=0.0)
-    number("speed", speed_m_s, "m/s", above=0.0)
-    number("rate", rate_hz, "Hz", above=0.0)
-    number("depth", depth, "m", above=0.0)
+    tolerance_m = number("tolerance", tolerance_m, "m", above=0.0)
+    radius_m = number("radius", radius_m, "m", above=0.0)
+    speed_m_s = number("speed", speed_m_s, "m/s", above=0.0)
+    rate_hz = number("rate", rate_hz, "Hz", above=0.0)
+    depth = DEPTH * radius_m if depth_m is None else number("depth", depth_m, "m", above=0.0)
     if depth >= radius_m:
         raise SettingError(f"depth {depth:g} m: below R = {radius_m:g} m is wanted")
     kept = min(tolerance_m, largest_tolerance(radius_m))

@@ -52,9 +52,8 @@ PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)  # as many as the affine m
 MAX_POINTS = 100  # the error varies smoothly along a curve: more points change nothing
 PARAMETERS = 11
 FEWEST_MARKERS = 6
-# The bound is widened where good markers come once in ten sets: too wide does no harm, too narrow
-# does. Few markers show perspective badly: theirs, where good ones come once in four, and along a
-# curve their bound counts what they cannot rule out, too. It is warned of where good ones come once
+# The bound is widened where good markers come once in ten sets (few markers show perspective badly:
+# once in four): too wide does no harm, too narrow does. It is warned of where good ones come once
 # in 100, and counts in the predicted TRE where once in 20,000: far beyond a strip of markers a
 # homography of chance is so wide that one in ten thousand biases it.
 WIDENED, WIDENED_OF_FEW, FEW_MARKERS = 0.1, 0.25, 8
@@ -191,7 +190,7 @@ def check_max_tre(error: TargetError, limit_m: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Perspective:
-    """A homography that explains the markers better than the affine map."""
+    """The homography that explains the markers best."""
 
     # (11,) of y = M x~ / (1 + q·s) in normalised coordinates: row-major M, then q
     h: Array
@@ -223,10 +222,10 @@ class Perspective:
 
 
 def perspective(fit: Fit) -> Perspective | None:
-    """The homography of the markers used, where it explains what an affine map leaves.
+    """The homography of the markers used.
 
     `None` for 3-D markers and fewer than `FEWEST_MARKERS`. Where the F test finds nothing, or one
-    bad marker explains the residuals better, it is not `told`; of more than `FEW_MARKERS`, `None`.
+    bad marker explains the residuals better, it is not `told`.
     """
     from scipy.special import fdtrc
 
@@ -237,7 +236,6 @@ def perspective(fit: Fit) -> Perspective | None:
     if not isinstance(problem.model, Affine):
         fit = solve(replace(problem, model=Affine(2)), used)
     dof, sse = 3 * n - PARAMETERS, fit.variance * fit.dof
-    few = n <= FEW_MARKERS
     if not sse > n * problem.floor_m**2:
         return None
     h = _homography(problem, np.append(fit.m, [0.0, 0.0]), used)
@@ -247,9 +245,8 @@ def perspective(fit: Fit) -> Perspective | None:
     left = max(float((problem.weights * error**2)[used].sum()), problem.floor_m**2)
     gain = max(sse - left, 0.0) / 2 / (left / dof)
     p_value = float(fdtrc(2.0, float(dof), gain))
-    told = p_value < (WIDENED_OF_FEW if few else WIDENED) and p_value <= _best_outlier(fit)
-    if not (told or few):
-        return None
+    limit = WIDENED_OF_FEW if n <= FEW_MARKERS else WIDENED
+    told = p_value < limit and p_value <= _best_outlier(fit)
     root = root_of_inverse(_weighted(problem, h, used))
     spread = homography_rows(h, problem.s) @ root
     hat = np.einsum("nap,nbp,nb->nab", spread, spread, problem.weights)

@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 ModelName = Literal["affine", "similarity", "rigid"]
 MODELS: tuple[ModelName, ...] = ("affine", "similarity", "rigid")
+LONGEST_TURN = 0.3  # rad, and of the log of the scale, in one step
+HALVINGS = 20
 
 
 @dataclass(frozen=True)
@@ -112,14 +114,24 @@ class Orthogonal:
         return moves.reshape(3 * (k + 1), self.parameters)
 
     def _refine(self, s: Array, y: Array, w: Array, m: Array) -> Array:
-        x = homogeneous(s)
+        """The least squares near M; a step is halved until it lessens them, so none runs away."""
+        x, root = homogeneous(s), np.sqrt(w)
+        error = root * (y - x @ m.T)
         for _ in range(50):
-            g = self.tangent(m)
-            root = np.sqrt(w).reshape(-1, 1)
-            residual = (y - x @ m.T).reshape(-1, 1)
-            step = np.linalg.lstsq(root * marker_rows(x) @ g, root * residual, rcond=None)[0][:, 0]
-            m = self.moved(m, step)
-            if np.abs(step[:3]).max() < 1e-15 and np.abs(step[6:]).sum() < 1e-15:
+            rows = root.reshape(-1, 1) * (marker_rows(x) @ self.tangent(m))
+            step = np.linalg.lstsq(rows, error.ravel(), rcond=None)[0]
+            step *= min(1.0, LONGEST_TURN / max(np.abs(np.delete(step, [3, 4, 5])).max(), 1e-300))
+            least = float((error**2).sum())
+            for _ in range(HALVINGS):
+                moved = self.moved(m, step)
+                found = root * (y - x @ moved.T)
+                if (found**2).sum() < least:
+                    break
+                step /= 2
+            else:
+                break
+            m, error = moved, found
+            if (error**2).sum() > (1 - 1e-14) * least:
                 break
         return m
 

@@ -212,8 +212,8 @@ class Registration:
         less often; this one is wider by the one factor that makes up for it. Where there is
         `perspective`, what the homography leaves is a lens's, which no noise makes up for: the
         bound of a marker measured there is added, each point with its share of the 0.05, for it may
-        differ from point to point. Few markers hardly show it: they count what they cannot rule
-        out (`bounds.with_unseen`).
+        differ from point to point. Where there is none, what the markers cannot rule out counts
+        (`bounds.with_unseen`).
         """
         seen = self._homography
         parts, away, dof = self._error(points, seen)
