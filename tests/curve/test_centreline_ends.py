@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import re
+
 import cv2
 import numpy as np
 import pytest
 from canvas import Canvas
 from drawing import anatomy, blend, coverage, flat, jpeg, polyline, to_uint8, wavy
+from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 from slices import RED
 
 import vfplan
 from vfplan.curve.path import thin
+from vfplan.curve.point import fitted as fitted_point
 from vfplan.curve.tip import View, fitted
 
 
@@ -178,6 +182,50 @@ def test_a_pen_drawn_out_to_a_point_is_followed_to_it(width, over):
         points = found.strokes[0].points_px
         assert np.hypot(*(points[[0, -1]] - curve[0]).T).min() < 1.5
         assert np.hypot(*(points[[0, -1]] - curve[-1]).T).min() < 1.5
+
+
+@pytest.mark.parametrize(("over", "within"), [(10, 1.5), (20, 1.5), (40, 3.0)])
+def test_a_point_is_followed_in_jpeg_or_told(over, within):
+    for seed, (angle, bend) in enumerate(ARCS):
+        curve = arc(angle, bend)
+        along = np.r_[0, np.hypot(*np.diff(curve, axis=0).T).cumsum()]
+        canvas = Canvas(anatomy((150, 150), seed), "exact")
+        canvas.pressed(curve, 4 * np.clip(along / over, 0.05, 1), RED)
+        for quality in (90, 80):
+            found = vfplan.extract_curve(canvas.image(quality))
+            ends = found.strokes[0].points_px[[0, -1]]
+            assert np.hypot(*(ends - curve[0]).T).min() < within + len(found.warnings)
+            assert all("is drawn out: where it ends is unsure by" in w for w in found.warnings)
+            assert not any("unsure" in w and near(w, curve[-1]) for w in found.warnings)
+
+
+def near(warning, place):
+    """Whether the first place that a warning names lies within 20 px."""
+    found = re.search(r"\((\d+), (\d+)\)", warning)
+    return np.hypot(*(np.array(found.groups(), float) - place)) < 20
+
+
+@pytest.mark.parametrize(("fall", "stub"), [(10, 0.0), (20, 0.05), (40, 0.05)])
+@pytest.mark.parametrize("noise", [0.003, 0.03])
+def test_an_even_fall_has_its_end_with_a_true_deviation(fall, stub, noise):
+    """In noise that hangs together as JPEG's; the truth lies where the course was made to end."""
+    rng, s, z = np.random.default_rng(fall), np.arange(90.0), []
+    for end in rng.uniform(60, 62, 25):
+        mass = np.where(s < end, np.clip((end - s) / fall, stub, 1), 0)
+        mass = gaussian_filter1d(mass, 0.8) + gaussian_filter1d(rng.normal(0, noise, 90), 1)
+        half = 89 - np.argmax(mass[::-1] > 0.5)
+        point = fitted_point(mass[half - 45 if half > 45 else 0 :], min(half, 45.0), 3.0, 0.64)
+        assert point.drawn_out
+        z.append((half + point.beyond - end) / np.hypot(point.sigma, 0.3))
+    assert np.sqrt(np.mean(np.square(z))) < 2
+
+
+def test_blunt_ends_are_no_points():
+    rng, s = np.random.default_rng(7), np.arange(90.0)
+    for end in rng.uniform(50, 52, 100):
+        mass = gaussian_filter1d((s < end).astype(float), rng.uniform(0.6, 1.6))
+        mass += gaussian_filter1d(rng.normal(0, 0.04, 90), 1) * (0.2 + mass)
+        assert fitted_point(mass[5:], end - 5, 3.0, 2.0).likely < 0.2
 
 
 @pytest.mark.parametrize("line", [((508, 271), (454, 256)), ((20, 3), (160, 3))])

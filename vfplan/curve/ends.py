@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.pen import Pen
+from vfplan.curve.point import Point
 from vfplan.curve.profile import Profiles
 from vfplan.curve.tip import Tip, fitted_tips
 
@@ -23,11 +24,6 @@ from vfplan.curve.tip import Tip, fitted_tips
 # look the same.
 FLAT_PX, EARLY_PX = 1.1, ((2.2, 3.0), (1.0, 0.78))
 ROUND = 0.44  # log odds for a round pen before anything was seen: most programs draw with one
-# Of a pen drawn out to a point the coverage falls evenly from so much to so little, and the rest
-# follows. A blunt end loses it in so many pixels, in clean pictures and where JPEG's noise goes on,
-# so many of its edges' blur and such a share of its width; a slanting one to one side.
-POINT, SHORT = (0.8, 0.1), 3
-BLUNT_PX, BLURRED, ROUNDED, SLANT, UNEVEN = (3.2, 8.0), 1.7, 0.2, 0.125, 0.15
 SHOWS = 0.25  # of the usual ink
 # The square of a fall of the ink, over its usual change along the line and so much more; it begins
 # where the line is full. A sign's strokes are so full for no more pixels, and a dot or an arrow's
@@ -45,8 +41,8 @@ ODD = (
     CUT_OFF,
     "lies beyond a place where the ink grows thinner at once, or all but stops: a sign that "
     "touches the end there, or another pen's line, may be no part of it",
-    "is drawn out, and ink goes on beyond it, too thin or faint to be followed",
 )
+UNSURE_PX = 1.5  # of where a line ends: more is told
 SURELY_OFF_PX = 1.0  # beyond the border: less may be a round end that touches it
 # A dot at an end: so many widths across, how round, how long; and the points over which it begins.
 BLOT, ROUNDISH, LONGEST_BLOT, ABRUPT = 1.4, 0.25, 6.0, 3
@@ -60,6 +56,7 @@ class LineEnds(NamedTuple):
     # Whether it is cut off as no pen's own end is: one pen draws both alike, and none on a slant
     cut: tuple[bool, bool]
     own: tuple[bool, bool]  # whether it is surely the pen's own: round, a dot, or a point
+    unsure: tuple[float, float]  # standard deviation of where it is, by points alone [px]
 
 
 def ink_ends(profiles: Profiles, valid: NDArray) -> tuple[float, float]:
@@ -70,33 +67,6 @@ def ink_ends(profiles: Profiles, valid: NDArray) -> tuple[float, float]:
     """
     on, last = np.flatnonzero(valid), len(valid) - 1
     return last - _half(profiles.mass[::-1], last - on[0]), _half(profiles.mass, on[-1])
-
-
-def points_of(profiles: Profiles, used: NDArray, inks: tuple[float, float]) -> tuple[float, float]:
-    """How far a pen that is drawn out to a point, or was pressed less, goes on beyond `inks` [px].
-
-    Where the ink still shows at the end of what was read, it goes on so far at least. A tint is no
-    ink.
-    """
-    cover = (profiles.alpha * profiles.seen).clip(0.0)
-    aside = (cover @ profiles.x) / np.maximum(cover.sum(1), 1e-6)
-    blunt = ROUNDED * profiles.width + BLURRED * np.sqrt(profiles.blur) + BLUNT_PX[profiles.noisy]
-    slant, shows = SLANT * profiles.width, SHOWS if profiles.noisy else POINT[1]
-    places = (len(used) - 1 - inks[0], inks[1])
-    off = profiles.clipped[[0, -1]] > 0  # of the picture, where its border's pixels are read on
-    lines = zip(_outward(profiles, used), (aside[::-1], aside), places, off, strict=True)
-    points = (
-        _point(*line, side, slant, blunt, 1.0 if beyond else shows) - at
-        for line, side, at, beyond in lines
-    )
-    return tuple(max(more, 0.0) for more in points)
-
-
-def fading_ends(profiles: Profiles, used: NDArray, points: tuple[float, float]) -> tuple[bool, ...]:
-    """Whether ink still shows at either end of what was read, though no point was found there."""
-    beyond = (mass[int(np.ceil(_half(mass, at))) :] for mass, at in _outward(profiles, used))
-    pairs = zip(beyond, points, strict=True)
-    return tuple(len(m) > SHORT and m.min() >= SHOWS and not point for m, point in pairs)
 
 
 def stepped_ends(profiles: Profiles, used: NDArray, width: float) -> tuple[bool, bool]:
@@ -141,35 +111,10 @@ def told_ends(*odd: tuple[bool, bool]) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(w for w, f in zip(ODD, flags, strict=True) if f) for flags in at_ends)
 
 
-def _outward(profiles: Profiles, used: NDArray) -> tuple[tuple[NDArray, int], ...]:
-    """The line's own coverage, without a tint's, towards both ends; the last point used of each."""
-    first, last = np.flatnonzero(used)[[0, -1]]
-    tint = np.minimum(profiles.alpha[:, :2].min(1), profiles.alpha[:, -2:].min(1)).clip(0.0)
-    line = (profiles.alpha - tint[:, None]).clip(0.0).sum(1)
-    mass = np.minimum(profiles.mass, line / max(np.median(line[used]), 1e-6))
-    return (mass[::-1], int(len(used) - 1 - first)), (mass, int(last))
-
-
-def _point(
-    mass: NDArray, at: int, aside: NDArray, slant: float, blunt: float, shows: float
-) -> float:
-    """Where a line's coverage comes to nothing if it falls evenly; 0 where it does not."""
-    half, (full, least) = int(_half(mass, at)), POINT
-    begins = np.flatnonzero(mass[: half + 1] >= full).max(initial=0)
-    thin = half + 1 + int(np.argmax(np.r_[mass[half + 1 :], 0.0] < least))
-    seen = mass[begins:thin]
-    uneven = np.abs(seen - np.linspace(seen[0], seen[-1], len(seen))).max() > UNEVEN
-    if uneven or abs(aside[begins:thin].mean()) > slant:
-        return 0.0
-    if thin == len(mass):
-        return float(thin) if len(seen) > 1 and mass[-1] >= shows else 0.0
-    fall = thin - begins
-    if fall <= blunt:
-        return 0.0
-    more = least / (full - least) * fall
-    halfway = mass[thin + int(more / 2) :][:1]
-    more *= len(halfway) == 0 or halfway[0] > least / 4  # what stops at once is no point
-    return thin - 1 + (mass[thin - 1] - least) / (mass[thin - 1] - mass[thin]) + more
+def unsure_end(sigma: float) -> tuple[str, ...]:
+    """What is said of an end whose place is known to `sigma` px only, if that is too much."""
+    told = f"is drawn out: where it ends is unsure by {sigma:.0f} px"
+    return (told,) if sigma > UNSURE_PX else ()
 
 
 def blot_middle(mass: NDArray, ink: float, width: float) -> float | None:
@@ -194,7 +139,7 @@ def line_ends(
     used: NDArray,
     profiles: Profiles,
     pen: Pen,
-    points: tuple[float, float],
+    points: tuple[Point, Point],
 ) -> LineEnds:
     """Both ends of the centre line itself.
 
@@ -202,7 +147,7 @@ def line_ends(
     path, used: (M, 2) points of the line, about one a pixel, to beyond both ends, and (M,) where it
         was measured
     profiles: what was read across it
-    points: how far either is drawn out beyond its ink [px]
+    points: what speaks for either's being drawn out beyond its ink
     """
     last, inks = len(path) - 1, ink_ends(profiles, used)
     tips, outward = fitted_tips(rgb, path, used, profiles, pen, inks), (last - inks[0], inks[1])
@@ -212,18 +157,23 @@ def line_ends(
     told = [tip.flat_odds for tip, beyond in zip(tips, off, strict=True) if not beyond]
     odds = np.clip(sum(told) - ROUND, -50, 50)
     flat = 1 / (1 + np.exp(-odds))  # how likely; one pen drew both ends
-    found = []
+    found, unsure = [], []
     for ink, point, dot, tip, beyond in zip(outward, points, dots, tips, off, strict=True):
         round_at = tip.round_at - np.interp(2 * tip.half, *EARLY_PX)
         end = min(flat * (tip.flat_at - FLAT_PX) + (1 - flat) * round_at, ink)  # within the ink
         end = ink if beyond else end
-        found.append(ink + point if point else end if dot is None else dot)
-    own = [dot is not None or bool(point) for dot, point in zip(dots, points, strict=True)]
-    whole = profiles.width >= THINNEST_PX and not any(own) and not profiles.clipped.any()
+        end = end if dot is None else dot
+        found.append(ink + point.beyond if point.drawn_out else end)
+        unsure.append(0.0 if beyond or dot is not None else point.unsure(end - ink))
+    drawn = any(dot is not None or point.drawn_out for dot, point in zip(dots, points, strict=True))
+    whole = profiles.width >= THINNEST_PX and not drawn and not profiles.clipped.any()
     abrupt = not any(_tapers(mass, ink, profiles.width) for mass, ink in both)
     cut = _cut(tips) if whole and abrupt else (False, False)
-    own = (sure or bool(tip.cut_odds <= -SURE) for sure, tip in zip(own, tips, strict=True))
-    return LineEnds((last - found[0], found[1]), cut, tuple(own))
+    own = (
+        dot is not None or point.surely(profiles.width) or bool(tip.cut_odds <= -SURE)
+        for dot, point, tip in zip(dots, points, tips, strict=True)
+    )
+    return LineEnds((last - found[0], found[1]), cut, tuple(own), tuple(unsure))
 
 
 def _off(rgb: NDArray, path: NDArray, ink: float) -> bool:

@@ -17,20 +17,20 @@ from numpy.typing import NDArray
 
 from vfplan.curve.doubts import Widening, lines_in, widest_run
 from vfplan.curve.ends import (
-    fading_ends,
     ink_ends,
     line_ends,
-    points_of,
     stepped_ends,
     told_ends,
+    unsure_end,
 )
 from vfplan.curve.fitting import Fitted, bridged_sigma, curvature_of, fit_line
 from vfplan.curve.path import arc_length, evenly, extended, normals, prolonged, without_tips
 from vfplan.curve.pen import Pen
+from vfplan.curve.point import points_of
 from vfplan.curve.profile import Profiles, read_profiles
 from vfplan.errors import CurveError
 
-FARTHER_PX = 12.0  # at a time, a pen that is drawn out to a point is followed
+FARTHER_PX = 4.0  # beyond the point to which a pen is drawn out, the path is read
 LONGER = 4  # times more at most, while an end is not in sight
 TIP, THIN_PX = 0.4, 2.5  # of the width beyond a thin line's: an end whose profile lacks a side
 WHOLE = 0.8  # of the usual coverage: beside a gap, less is no whole profile
@@ -101,22 +101,22 @@ def trace(
             even = _evened(profiles, valid, width)
             ink = ink_ends(even, valid)
             lost = TIP * max(width - THIN_PX, 0.0)
-            points = points_of(profiles, used, ink)
-            inner = ink[0] - points[0], ink[1] + points[1]
+            points = points_of(rgb, base, used, profiles, pen, ink)
+            out = np.array([p.beyond * p.drawn_out for p in points])
+            inner = ink[0] - out[0], ink[1] + out[1]
             used = _between(used, s, pitch * inner[0] + lost, pitch * inner[1] - lost)
             faint = even is not profiles  # a faint tip thins to less
             room = np.array([ink[0], len(base) - 1 - ink[1]])
-            longer = np.greater(points, room - 1.5) & np.greater(points, 0)
+            longer = out > np.maximum(room, 0.0)
             if taken < LONGER and (_goes_on(ink, valid | faint) or longer.any()):
                 passes = [False, True]  # the path is read once more, longer
                 taken += 1
-                point = point + FARTHER_PX * longer
+                point = point + np.where(longer, out - room + FARTHER_PX, 0.0)
         fitted = fit_line(s, base, profiles, used, closed, last)
         if not closed and not passes:
             ends = line_ends(rgb, fitted.spline(s), used, even, pen, points)
-            fades_out = profiles.noisy and width > THIN_PX
-            fading = fading_ends(even, used, points) if fades_out else (False, False)
-            odd = told_ends(ends.cut, stepped_ends(profiles, used, width), fading)
+            odd = told_ends(ends.cut, stepped_ends(profiles, used, width))
+            odd = tuple(o + unsure_end(px) for o, px in zip(odd, ends.unsure, strict=True))
             own, (start, stop) = ends.own, pitch * np.array(ends.places)
         inner = (0.0, stop) if closed else s[used][[0, -1]]
         base = fitted.spline(np.arange(*inner, pitch))
