@@ -314,3 +314,18 @@ def test_one_marker_that_is_not_drawn_hides_no_misreading():
         hold_against_marks(image, pairs(own + np.array([30, -22])))
     elsewhere = np.random.default_rng(4).uniform(0, [WIDTH, HEIGHT], own.shape)
     assert "but 8 of one kind are drawn" in hold_against_marks(image, pairs(elsewhere)).warnings[0]
+
+
+@pytest.mark.parametrize("undrawn", [(), (2, 5)])
+def test_marks_that_are_letters_of_any_width(undrawn):
+    image = texture(8)
+    for k, (u, v) in enumerate(PLACES.astype(int).tolist()):
+        (width, height), _ = cv2.getTextSize("ABCDEFGI"[k], cv2.FONT_HERSHEY_SIMPLEX, 0.7, 2)
+        if k not in undrawn:
+            at = (u - width // 2, v + height // 2)
+            font = cv2.FONT_HERSHEY_SIMPLEX
+            cv2.putText(image, "ABCDEFGI"[k], at, font, 0.7, COLOURS["green"], 2, cv2.LINE_AA)
+    said = [w for w in hold_against_marks(image, pairs(PLACES)).warnings if w.startswith("no mark")]
+    assert [re.findall(r"x\d", one) for one in said] == ([["x3", "x6"]] if undrawn else [])
+    with pytest.raises(MarkerError, match=r"multiplied by 1\.25"):
+        hold_against_marks(image, pairs(0.8 * PLACES))

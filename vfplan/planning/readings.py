@@ -158,8 +158,7 @@ def _instead(
 
 def _laid(given: Array, kind: Kind, needed: int) -> tuple[str, bool]:
     """The scale, the shift or both, whichever meets marks best; a shift may lead to labels."""
-    if (both := _scale_and_shift(given, kind.places_px)) is None:
-        return "", False
+    both = _scale_and_shift(given, kind.places_px) or (1.0, np.zeros(2))
     met = both[1] + both[0] * given
     if kind.chance(met, needed, free=2) >= BY_CHANCE:
         return "", False
@@ -191,25 +190,30 @@ def _others(kinds: list[Kind], n: int, near: int) -> tuple[str, ...]:
 
 
 def _scale_and_shift(given: Array, places: Array) -> tuple[float, Array] | None:
-    """(scale, shift) that puts nearly all given positions onto marks; `None`: none does."""
-    if len(given) < FEWEST + 1 or not FEWEST < len(places) <= MOST_MARKS:
-        return None
+    """(scale, shift) that puts most of the given positions onto marks; `None`: hardly any."""
+    pairs = len(given) // 2 if len(places) <= MOST_MARKS else 0  # the mark of one may not be drawn
     apart = np.linalg.norm(given[:, None] - given[None], axis=2)
-    i, j = np.unravel_index(apart.argmax(), apart.shape)
+    found: list[tuple[int, float, Array]] = [(0, 1.0, np.zeros(2))]
+    for _ in range(pairs):
+        pair = np.array(np.unravel_index(apart.argmax(), apart.shape))
+        apart[pair], apart[:, pair] = 0, 0
+        found += _through(given, places, *given[pair])
+    hits, scale, shift = max(found, key=lambda one: one[0])
+    return (scale, shift) if hits > FEWEST else None
+
+
+def _through(given: Array, places: Array, one: Array, other: Array) -> list[Any]:
+    """The (hits, scale, shift) of most hits that takes two given positions to two marks."""
     a, b = np.nonzero(~np.eye(len(places), dtype=bool))
-    edge, drawn = given[j] - given[i], places[b] - places[a]
+    edge, drawn = other - one, places[b] - places[a]
     scale = drawn @ edge / (edge @ edge)
     straight = np.linalg.norm(drawn - scale[:, None] * edge, axis=1) < NEAR_PX
     good = straight & (scale > SCALES[0]) & (scale < SCALES[1])
-    if not good.any():
-        return None
-    scale, shift = scale[good], places[a[good]] - scale[good, None] * given[i]
+    scale, shift = scale[good], places[a[good]] - scale[good, None] * one
     moved = shift[:, None] + scale[:, None, None] * given
-    away = np.linalg.norm(moved[:, :, None] - places, axis=3).min(axis=2)
-    hits = (away < NEAR_PX / 2).sum(axis=1)
-    best = int(hits.argmax())
-    needed = max(FEWEST + 1, int(np.ceil(0.8 * len(given))))
-    return (float(scale[best]), shift[best]) if hits[best] >= needed else None
+    near = np.linalg.norm(moved[:, :, None] - places, axis=3).min(axis=2) < NEAR_PX / 2
+    hits = near.sum(axis=1)
+    return [(int(hits[k]), float(scale[k]), shift[k]) for k in hits.argsort()[-1:]]
 
 
 def _compared(rgb: NDArray, pairs: Correspondences, kinds: list[Kind], kind: Kind) -> Held:
@@ -221,13 +225,13 @@ def _compared(rgb: NDArray, pairs: Correspondences, kinds: list[Kind], kind: Kin
         if 2 * len(fitted[0]) > len(index):  # else they are neither crosses nor dots
             index, away = fitted
     rms, (u, v) = float(np.sqrt((away**2).sum(axis=1).mean())), away.mean(axis=0)
-    bare = () if kind.faint else _bare(pairs, kinds, own)
+    bare = () if kind.faint else _bare(pairs, kinds, kind, own)
     return Held(len(index), rms, (float(u), float(v)), _doubts(pairs, index, away) + bare)
 
 
-def _bare(pairs: Correspondences, kinds: list[Kind], own: NDArray) -> tuple[str, ...]:
+def _bare(pairs: Correspondences, kinds: list[Kind], kind: Kind, own: NDArray) -> tuple[str, ...]:
     """A warning for markers without a mark near them, where the others have one."""
-    bare = np.setdiff1d(np.arange(len(pairs.labels)), own)
+    bare = np.setdiff1d(np.flatnonzero(~kind.spotted(pairs.source)), own)
     if len(bare) > len(own) // 3:  # marks of two kinds are markers too
         bare = np.setdiff1d(bare, np.concatenate([k.met_by(pairs.source)[0] for k in kinds]))
     if not len(bare) or len(own) < max(FEWEST, len(bare)):

@@ -143,6 +143,14 @@ class Kind:
         own = np.flatnonzero(near & (apart.argmin(axis=0)[nearest] == every))
         return own, self.places_px[nearest[own]]
 
+    def spotted(self, places: Array) -> NDArray[np.bool_]:
+        """Which places (N, 2) lie on a spot of the hue that is as long as most of the kind."""
+        longest = self.boxes[:, 2:4].max(axis=1)
+        usual = np.median(longest[self.own])
+        alike = self.boxes[np.abs(longest - usual) <= max(2, ALIKE * usual)]
+        middle = alike[:, :2] + (alike[:, 2:4] - 1) / 2
+        return (np.linalg.norm(places[:, None] - middle, axis=2) <= NEAR_PX / 2).any(axis=1)
+
     def square_from(self, places: Array) -> float:
         """Mean square distance of places (N, 2) from their marks; of one without the limit's."""
         own, drawn = self.met_by(places)
