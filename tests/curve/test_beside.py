@@ -151,3 +151,11 @@ def test_the_thin_strokes_of_a_sign_at_the_end_are_told_and_an_arrow_s_corners_a
 
     assert any("a thinner stroke leaves it" in w for w in told(cross))
     assert not told(head)
+
+
+@pytest.mark.parametrize("quality", [None, 85])
+def test_a_sign_of_the_same_pen_at_the_end_is_told_by_its_turn_and_the_ink_beside(quality):
+    end = arc(180, 340)[-1]
+    two = np.array([[-6, 3], [-2, -1], [3, 0], [4, 4], [-4, 14], [6, 14]])  # a figure 2, its neck
+    said = told(lambda canvas: canvas.line(end + two, 0.9 * WIDTH, RED), quality=quality)
+    assert any("shortly beyond a turn" in w for w in said)

@@ -26,6 +26,11 @@ WIDE, WIDE_PX, LONGEST, FLANK = 1.4, 1.5, 4.0, 3.0
 OFF_PX, BOTH = 0.8, 0.35  # the line leaves its way by so much; more of the wider side's is a bead
 PRESSED = 4.0  # times the widths' own spread: a pen that is pressed varies all along
 STEP_PX, SPARE_PX = 0.5, 6.0
+TURN_DEG, TURN_WIDTHS, END_PX = (
+    40.0,
+    1.5,
+    25.0,
+)  # over so many widths, so near an end: a sign's turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +146,32 @@ def set_aside(
             box = tuple(int(x) for x in (*low, *(high - low + 1)))
             aside.append({"kind": "speck", "box": box, "length_px": round(piece.length_px, 1)})
     return tuple(aside)
+
+
+def turned(line: Candidate, found: Centreline, at: NDArray, pieces: list[Piece]) -> list[str]:
+    """A warning where the line turns sharply near its end and leaves ink beside it, as in a sign.
+
+    A corner that the pen drew leaves none, and in a dot or an arrow's head no line turns so far.
+    """
+    near = [p for p in pieces if p.kind == "own" and _within(END_PX, p.pixels, at).any()]
+    points = found.points[_within(END_PX, found.points, at)]
+    step = max(round(TURN_WIDTHS * line.width_px / 2), 3)
+    if not near or found.widening is None or len(points) <= 2 * step:
+        return []
+    way = points[step:] - points[:-step]
+    way = way / np.hypot(*way.T)[:, None]
+    turn = np.degrees(np.arccos((way[step:] * way[:-step]).sum(1).clip(-1, 1).min()))
+    if turn < TURN_DEG:
+        return []
+    u, v = at
+    return [
+        f"the curve ends at ({u:.0f}, {v:.0f}) shortly beyond a turn of {turn:.0f} degrees, and "
+        "leaves ink beside it there: what touches the end, as a letter does, may be no part of it"
+    ]
+
+
+def _within(reach: float, points: NDArray, at: NDArray) -> NDArray[np.bool_]:
+    return np.hypot(*(points - at).T) < reach
 
 
 def intruders(line: Candidate, found: Centreline, mask: NDArray[np.bool_]) -> list[str]:

@@ -12,6 +12,7 @@ from vfplan.curve.kinds import MIN_LENGTH_PX
 from vfplan.errors import CurveError
 
 FRAMES = 6.0  # times longer than the curve in it: the frame itself may be the planned curve
+LONGER = 2.0  # times longer than a curve outside it: of a frame, less says nothing
 WINDOW = 0.9  # of the picture's sides: the viewer's own frame
 DESCRIBED = 8  # candidates or places at most, in an error message
 
@@ -110,7 +111,8 @@ def against_advice(
         if not c.is_candidate
     ]
     for other in others:
-        longer = all(other.length_px > c.length_px and not _round(other, c) for c in chosen)
+        length = other.length_px / (LONGER if other.kind == "frame" else 1.0)
+        longer = all(length > c.length_px and not _round(other, c) for c in chosen)
         window = other.kind == "frame" and (other.box[2:] > WINDOW * np.array(shape[1::-1])).all()
         if longer and not window and not any(other is c for c in chosen):
             warnings.append(

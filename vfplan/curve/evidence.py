@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.beside import Piece
+from vfplan.curve.beside import Piece, turned
 from vfplan.curve.candidates import Candidate, angle_deg, inked_ends
 from vfplan.curve.path import runs
 from vfplan.curve.ridge import Centreline
@@ -43,7 +43,7 @@ def unexplained(
         for at, outward in inked_ends(line, mask):
             piece, told = _beyond(line, at, outward, pieces, max_gap_px)
             carrying += piece
-            warnings += told + _crossed(line, at)
+            warnings += told + (_crossed(line, at) or turned(line, found, at, pieces))
         warnings += _hanging(line, found, pieces)
     return carrying, warnings
 
