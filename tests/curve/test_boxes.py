@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vfplan.curve.boxes import boxed
-from vfplan.curve.covers import BOXED
+from vfplan.curve.covers import BORDER_PX, BOXED
 from vfplan.curve.pen import Pen
 
 PEN = Pen.of_colour("red")
@@ -31,13 +31,17 @@ def picture(held=None, rows=(120, 180), columns=(90, 150)):
     return np.clip(rgb, 0, 255).astype(np.uint8)
 
 
-def score(rgb, turn=0):
-    """With the whole picture turned by so many quarters."""
+def found(rgb, turn=0):
+    """The outline's and the border's score, with the whole picture turned by so many quarters."""
     way = np.array([0.0, 1.0])
     at = np.array([120.0, 119.5]) - 119.5
     for _ in range(turn):
         at, way = (np.array([x[1], -x[0]]) for x in (at, way))
     return boxed(np.ascontiguousarray(np.rot90(rgb, turn)), PEN, at + 119.5, way)
+
+
+def score(rgb, turn=0):
+    return found(rgb, turn)[0]
 
 
 @pytest.mark.parametrize("turn", range(4))
@@ -60,3 +64,23 @@ def test_nothing_else_is_one():
         assert score(rgb) < BOXED[0], shape.sum()
     beside = picture(HOLDS["stripes"], (135, 190))  # too far ahead to end a line
     assert score(beside) < BOXED[0]
+
+
+@pytest.mark.parametrize("turn", range(4))
+def test_a_long_sharp_border_needs_no_corner(turn):
+    """As of a grey scale, or of another view beside this one."""
+    view = picture()
+    view[120:] = (90 + 20 * np.cos(U / 11))[120:, :, None]
+    outline, border = found(view, turn)
+    assert border > 2 * BORDER_PX
+    assert outline < BOXED[0]
+
+
+def test_what_is_smooth_or_slants_is_no_such_border():
+    grey = picture().astype(float)
+    ramp = np.clip((V - 117) / 6, 0, 1)[..., None]
+    for rgb in (picture(), grey * (1 - ramp) + 220 * ramp):
+        assert found(rgb.round().astype(np.uint8))[1] < BORDER_PX / 2
+    slanting = picture()
+    slanting[V - U / 5 > 96] = 230
+    assert found(slanting)[1] < BORDER_PX

@@ -1,9 +1,12 @@
-"""Whether a drawn box lies over a line's end: a rectangle one of whose sides passes there.
+"""Whether a drawn box lies over a line's end, or a strip, or another view of a split screen.
 
 A box has sides along rows and columns, each a border on one side of which the picture changes
 little; anatomy has none that end in corners. What the box holds does not matter: words, stripes
 and shades are as good as white. Of all rectangles that pass the end the best is taken, so that one
 side may be lost, as where white lies on white.
+
+A border that goes on along one row or column for long, and is as sharp as pixels are, needs no
+corner: no scanner leaves one.
 """
 
 from __future__ import annotations
@@ -23,10 +26,16 @@ EVEN = 0.5  # what a border scores of which nothing can be read; along which no 
 COLUMNS, PASSING = 6, 6.0  # tried for a side; evidence of a side at the end, before others are
 SLANT = 0.3  # of the line's direction across a side, at least
 HERE = 0.2  # a box is no surer than the side at the end by more
+# Of a border as sharp as pixels: levels of grey that the ground changes by anyway; what one pixel
+# of it scores at most; the share of the change beside it that counts, and of a wall at a corner.
+QUIET, SHARPEST, NEAR, CORNER = 3.0, 1.5, 0.5, 0.5
+BESIDE = -3, 5  # rows from the ink's end among which it may pass
 
 
-def boxed(rgb: NDArray, pen: Pen, cut: NDArray, onward: NDArray) -> float:
+def boxed(rgb: NDArray, pen: Pen, cut: NDArray, onward: NDArray) -> tuple[float, float]:
     """How much of a box's outline is seen that begins at a line's `cut`: 1 for all of it.
+
+    And how long and sharp a straight border passes there, in pixels that are surely one.
 
     onward: (2,) the line's direction there
     """
@@ -37,13 +46,14 @@ def boxed(rgb: NDArray, pen: Pen, cut: NDArray, onward: NDArray) -> float:
     low = np.maximum(BORDER - at + REACH_PX, BORDER)
     high = np.minimum(rgb.shape[1::-1] - at + REACH_PX, 2 * REACH_PX + 1) - BORDER
     inside = np.s_[low[1] : max(high[1], 0), low[0] : max(high[0], 0)]
-    read, found = np.zeros(grey.shape, bool), 0.0
+    read, outline, border = np.zeros(grey.shape, bool), 0.0, 0.0
     read[inside] = cv2.dilate((ink > INK).view(np.uint8), np.ones((INK_PX, INK_PX)))[inside] == 0
     for ahead, *views in ((onward[1], grey, read), (onward[0], grey.T, read.T)):
+        grid, seen = (view if ahead > 0 else view[::-1] for view in views)
+        border = max(border, _bordered(grid, seen))
         if abs(ahead) >= SLANT:
-            grid, seen = (view if ahead > 0 else view[::-1] for view in views)
-            found = max(found, *(_outlined(grid, seen, within) for within in (False, True)))
-    return found
+            outline = max(outline, *(_outlined(grid, seen, within) for within in (False, True)))
+    return outline, border
 
 
 def _around(rgb: NDArray, at: NDArray, *rows: NDArray) -> list[NDArray]:
@@ -54,6 +64,35 @@ def _around(rgb: NDArray, at: NDArray, *rows: NDArray) -> list[NDArray]:
     )
     near = rgb[v[:, None], u].astype(np.float32) * np.float32(255 / np.iinfo(rgb.dtype).max)
     return [near @ row.astype(np.float32) for row in rows]
+
+
+def _bordered(grey: NDArray, read: NDArray) -> float:
+    """How long a sharp border passes the middle along a row, with walls that leave it upwards."""
+    middle, best = len(grey) // 2, 0.0
+    rows = np.arange(middle + BESIDE[0], middle + BESIDE[1])
+    sides, walls = _sharp(grey, read)[:, rows], _sharp(grey.T, read.T).swapaxes(1, 2)
+    sums = np.cumsum(walls, axis=1)
+    most = np.maximum.accumulate(sums[:, ::-1], axis=1)[:, ::-1]
+    walls = CORNER * np.maximum(most[:, rows + 1] - sums[:, rows], 0)
+    for side, left, right in zip(sides, walls, walls[::-1], strict=True):
+        back = np.cumsum(side[:, middle - 1 : 0 : -1], axis=1) + left[:, middle - 2 :: -1]
+        onward = np.cumsum(side[:, middle:], axis=1) + right[:, middle:]
+        best = max(best, (back.max(1).clip(0) + onward.max(1).clip(0)).max())
+    return float(best)
+
+
+def _sharp(grey: NDArray, read: NDArray) -> NDArray[np.float64]:
+    """(2, M, N) how sharply rows change to the next: against those before, and those after."""
+    change = np.abs(np.diff(grey, axis=0))
+    step, near = change[2:-2] + QUIET, NEAR * np.maximum(change[1:-3], change[3:-1])
+    sharp = np.zeros((2, *grey.shape), np.float32)
+    for own, beside, next_one in zip(
+        sharp, (change[1:-3], change[3:-1]), (change[:-4], change[4:]), strict=True
+    ):
+        ground = np.maximum.reduce([beside, next_one, near]) + QUIET
+        own[2:-3] = np.log(step / ground).clip(-1, SHARPEST) - EVEN
+    sharp[:, :-1] *= read[:-1] & read[1:]
+    return sharp
 
 
 def _outlined(grey: NDArray, read: NDArray, within: bool) -> float:

@@ -42,7 +42,9 @@ ALONG_PX, OFF_INK_PX = np.arange(0.0, 8.0, 1.4), 1.5
 DEPTH_PX = np.array([-2.5, -1.6, -0.75, 0.75, 1.6, 2.5])
 ENDS_PX, PLACES = 20, 24  # from the ends, where along the line the same is looked for
 # More than anywhere there, and of a box's outline; then where the end is surely the pen's own.
-BROKEN, BOXED = (0.38, 0.5), (0.63, 0.9)
+BROKEN, BOXED = (0.36, 0.5), (0.63, 0.9)
+BORDER_PX = 30.0  # of a straight border that is sharp beyond doubt
+SMOOTH = -0.5  # what the ground may lack of a break where something drawn begins
 INKED = 0.3  # of the pen's strength: a ray on which other ink lies tells nothing
 LEVEL, ROUGH = 0.6, 3.0  # of grey: what rounding spreads, and what is no change
 
@@ -60,18 +62,10 @@ def covered_ends(rgb: NDArray, line: Candidate, found: Centreline) -> list[str]:
     cut = at + [_ink_beyond(rgb, pen, width, *end) * end[1] for end in zip(at, onward, strict=True)]
     broken = _breaks(rgb, pen, found.points, width, cut, onward)
     for k in np.flatnonzero(~np.array(line.cut)):
-        own = found.own_ends[k]
         what = _cover(rgb, pen, width, at[k], onward[k])
-        if not what and broken[k] > BROKEN[own]:
-            what = "the ground changes more sharply than anywhere along the line"
-        if not what and boxed(rgb, pen, cut[k], onward[k]) > BOXED[own]:
-            what = "a side of a box passes"
-        if (
-            not what
-            and not own
-            and _meets_drawn(rgb, width, cut[k], onward[k], _noisy(rgb, pen, at[k]))
-        ):
-            what = "an evenly grey, white or black area with a sharp edge begins"
+        if not what:
+            noisy = _noisy(rgb, pen, at[k])
+            what = _cut_by(rgb, pen, width, cut[k], onward[k], noisy, broken[k], found.own_ends[k])
         odd = [phrase for phrase in found.odd[k] if not (what and phrase == CUT_OFF)]
         if what:
             odd.insert(0, f"lies where {what}: what that hides of it is not followed")
@@ -79,6 +73,27 @@ def covered_ends(rgb: NDArray, line: Candidate, found: Centreline) -> list[str]:
             u, v = at[k]
             warnings.append(f"the curve's end at ({u:.0f}, {v:.0f}) {'; it '.join(odd)}")
     return warnings
+
+
+def _cut_by(
+    rgb: NDArray,
+    pen: Pen,
+    width: float,
+    cut: NDArray,
+    onward: NDArray,
+    noisy: bool,
+    broken: float,
+    own: bool,
+) -> str:
+    """What without a colour of its own begins where the ink is cut; empty where nothing does."""
+    if broken > BROKEN[own]:
+        return "the ground changes more sharply than anywhere along the line"
+    outline, border = boxed(rgb, pen, cut, onward)
+    if outline > BOXED[own] or border > BORDER_PX:
+        return "a side of a box passes"
+    if broken > SMOOTH and not own and _meets_drawn(rgb, width, cut, onward, noisy):
+        return "an evenly grey, white or black area with a sharp edge begins"
+    return ""
 
 
 def _cover(rgb: NDArray, pen: Pen, width: float, at: NDArray, onward: NDArray) -> str:
@@ -172,18 +187,11 @@ def _meets_drawn(rgb: NDArray, width: float, cut: NDArray, onward: NDArray, nois
     near = np.ascontiguousarray(rgb[low[1] : v, low[0] : u])
     if near.dtype != np.uint8:
         near = (near * (255.0 / np.iinfo(rgb.dtype).max)).astype(np.float32)
-    aside = (width / 2 + 3) * np.array([-onward[1], onward[0]])
-    back = [cut - low - 4 * onward, *(cut - low - 5 * onward + side * aside for side in (1, -1))]
     for within in LEVELS[noisy]:
         area = _level_area(near, cut - low + AHEAD_PX * onward, width, within)
-        if area is None:
+        if area is None or np.hypot(*(area[0] - (cut - low)).T).min() > REACH_PX:
             continue
-        outline, level = area
-        own, left, right = (_encloses(outline, place) for place in back)
-        off = np.hypot(*(outline - (cut - low)).T).min()
-        if off > REACH_PX or own or (left and right):
-            continue
-        if _is_sharp(near, outline, level, STEP[noisy], SHARP[noisy]):
+        if _is_sharp(near, *area, STEP[noisy], SHARP[noisy]):
             return True
     return False
 
@@ -228,12 +236,6 @@ def _level_area(
     size = cv2.contourArea(outline)
     plain = size >= max(LEAST_AREA, CONVEX * cv2.contourArea(cv2.convexHull(outline)))
     return (outline[:, 0], level) if plain and boxes[own, 4] >= FILLED * size else None
-
-
-def _encloses(outline: NDArray, place: NDArray) -> bool:
-    import cv2
-
-    return cv2.pointPolygonTest(outline[:, None].astype(np.float32), place.tolist(), False) >= 0
 
 
 def _is_sharp(near: NDArray, outline: NDArray, level: float, step: float, sharp: float) -> bool:
