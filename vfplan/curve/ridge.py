@@ -116,7 +116,9 @@ def trace(
         if not closed and not passes:
             ends = line_ends(rgb, fitted.spline(s), used, even, pen, points)
             odd = told_ends(ends.cut, stepped_ends(profiles, used, width))
-            odd = tuple(o + unsure_end(px) for o, px in zip(odd, ends.unsure, strict=True))
+            # A point that was followed, and is none when seen from nearer, is told as well.
+            unsure = np.where((point > 0) & (out == 0), point, ends.unsure)
+            odd = tuple(o + unsure_end(px) for o, px in zip(odd, unsure, strict=True))
             own, (start, stop) = ends.own, pitch * np.array(ends.places)
         inner = (0.0, stop) if closed else s[used][[0, -1]]
         base = fitted.spline(np.arange(*inner, pitch))
