@@ -28,7 +28,7 @@ SHOWS = 0.25  # of the usual ink
 # The square of a fall of the ink, over its usual change along the line and so much more; it begins
 # where the line is full. A sign's strokes are so full for no more pixels, and a dot or an arrow's
 # head has more ink. An end cut blunt falls within half a width and so many pixels.
-FALL, EVEN, FULL, SIGN_PX, HEAD, BLUNT = 0.9, 0.03, 0.8, 14, 2.2, 3
+FALL, EVEN, FULL, SIGN_PX, HEAD, BLUNT = 0.75, 0.03, 0.8, 14, 2.2, 3
 # Log odds: of a form that is surely the pen's own, of a cut beside such an end, and of a slanting
 # cut by itself, which the end of a jagged line may seem.
 SURE, CUT, SLANTED = 8.0, 12.0, 20.0
