@@ -21,10 +21,9 @@ TANGENT_PX = 14  # length of line from which an end's direction is taken
 MAX_TURN_DEG = 60.0  # between the directions on both sides of a gap
 MAX_ASIDE_DEG = 45.0  # between a direction and the gap itself
 BLUR_PX = 2.0  # by which an end may lie aside: over a short gap, a large angle
-EDGE_PX = 0.5  # by which a gap between inked pixels may seem wider than it is
 # A handle's size at most; its border's and its middle's grey; pixels of either.
 HANDLE_PX, HANDLE_GREY, HANDLE_PIXELS = 16.0, (60.0, 225.0), 6
-ALIKE_DEG, ALIKE = 20.0, 2.0  # one pen: its hue, and the factor of its strength and its width
+ALIKE = 2.0  # of one pen: the factor of its strength and its width
 CROWD, CROWD_SHARE = 4, 4.0  # so many specks, at most so many times shorter than a line's own marks
 
 
@@ -193,7 +192,7 @@ def _pairs(
         return []
     from scipy.spatial import cKDTree
 
-    reach = max_gap + EDGE_PX + 2 * max(e.ink for e in ends)
+    reach = max_gap + 2 * max(e.ink for e in ends)
     near = sorted(cKDTree([e.at for e in ends]).query_pairs(reach))
     costs = [(_cost(ends[i], ends[j], lines, max_gap, rgb), i, j) for i, j in near]
     free, pairs = set(range(len(ends))), []
@@ -211,7 +210,7 @@ def _cost(a: End, b: End, lines: list[Candidate], max_gap: float, rgb: NDArray) 
     distance = float(np.hypot(*across))
     gap = distance - a.ink - b.ink
     shorter = min(len(lines[end.line].path) for end in (a, b)) + first.width_px
-    if gap > min(max_gap + EDGE_PX, shorter) or not _same_pen(first, second):
+    if gap > min(max_gap, shorter) or not _same_pen(first, second):
         return np.inf
     turn = angle_deg(a.outward, -b.outward)
     aside = max(angle_deg(a.outward, across), angle_deg(-b.outward, across))
@@ -233,10 +232,9 @@ def _is_handle(rgb: NDArray, at: NDArray, size: float) -> bool:
 
 
 def _same_pen(a: Mark, b: Mark) -> bool:
-    """Whether two marks are alike in hue, strength and width."""
+    """Whether two marks are alike in strength and width."""
     ratios = (a.pen.strength / b.pen.strength, a.width_px / b.width_px)
-    alike = all(1 / ALIKE < ratio < ALIKE for ratio in ratios)
-    return alike and angle_deg(a.pen.along, b.pen.along) < ALIKE_DEG
+    return all(1 / ALIKE < ratio < ALIKE for ratio in ratios)
 
 
 def _joined(lines: list[Candidate], pairs: list[tuple[End, End]]) -> list[Candidate]:

@@ -44,8 +44,8 @@ def choose(
         listed = "; ".join(f"{i}: {describe(c)}" for i, c in enumerate(shown, 1))
         error = CurveError(
             f"{len(candidates)} candidates and none was chosen (--stroke all, longest or a "
-            f"number; --roi; --colour): {listed}{f'; and {left} shorter ones' if left > 0 else ''}"
-            f"{_nearest_ends(shown, mask)}"
+            f"number; --roi; --exclude; --colour): {listed}"
+            f"{f'; and {left} shorter ones' if left > 0 else ''}{_nearest_ends(shown, mask)}"
         )
         error.candidates = tuple(c.path for c in candidates)
         raise error

@@ -12,17 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.beside import Piece, turned
-from vfplan.curve.candidates import Candidate, angle_deg, inked_ends
+from vfplan.curve.candidates import ALIKE, Candidate, angle_deg, inked_ends
 from vfplan.curve.path import runs
 from vfplan.curve.ridge import Centreline
 from vfplan.errors import CurveError
 
 OWN_WIDTHS, OWN_PX = 1.5, 6.0  # ink this far beyond its edge is no blot, glyph or arrow's head
-AHEAD_DEG, AIMED_DEG = 60.0, 25.0  # from an end's direction: ink near it, and ink far from it
-BENT_DEG, UNEVEN_DEG = 50.0, 35.0  # from an end's direction, for a piece along the same bend
+AHEAD_DEG, UNEVEN_DEG = 60.0, 35.0  # from an end's direction; between both halves of a bend
 REACH = 3.0  # times its own length, beyond `max_gap`, a piece is looked for
-SLIM = 2.0  # times longer than wide: a piece that has a direction
-ALIKE = 2.5  # widths of one pen differ by no more
 SAME, STROKE, STROKE_PX = 1.3, 3.0, 14.0  # nearly so wide, so many times as long: a stroke of it
 SPECKS, SPECK = 2, 0.25  # of so much of a width at least: JPEG leaves crumbs beside a broad pen
 TOUCHING, TOUCHING_PX = 2.0, 8.0  # widths, px from an end: a sign that the line runs into
@@ -111,13 +108,11 @@ def _carries_on(
         return aside <= AHEAD_DEG
     if wider <= SAME and piece.length_px >= max(STROKE * piece.width_px, STROKE_PX):
         return aside < 90.0
-    if piece.length_px < SLIM * piece.width_px:
-        return aside <= AIMED_DEG
     # An arc turns by as much again beyond its chord's middle.
     way = piece.middle - at
     along = piece.along if piece.along @ way > 0 else -piece.along
     first, then = _turn(outward, way), _turn(way, along)
-    return abs(first) <= BENT_DEG and abs(first - then) <= UNEVEN_DEG
+    return abs(first) <= AHEAD_DEG and abs(first - then) <= UNEVEN_DEG
 
 
 def _turn(a: NDArray, b: NDArray) -> float:

@@ -81,14 +81,11 @@ def _is_frame(line: Candidate, shape: tuple[int, ...]) -> bool:
         return True
     if not line.closed:
         return False
-    centre, size, angle = cv2.minAreaRect(path.astype(np.float32))
-    turn = np.radians(angle)
-    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    from_side = np.abs(np.abs((path - centre) @ axes.T) - np.array(size) / 2)
-    inside = np.abs((path - centre) @ axes.T) <= np.array(size) / 2 + 1
-    near = min(1.5, RECTANGLE * min(size))
-    on_side = ((from_side <= near) & inside[:, ::-1]).any(1)
-    return bool(on_side.mean() > 0.8)
+    rectangle = cv2.minAreaRect(path.astype(np.float32))
+    near = min(1.5, RECTANGLE * min(rectangle[1]))
+    corners = cv2.boxPoints(rectangle)
+    off = [cv2.pointPolygonTest(corners, (u, v), True) for u, v in path.astype(float)]
+    return bool(np.mean(np.abs(off) <= near) > 0.8)
 
 
 def _is_ruled(line: Candidate) -> bool:

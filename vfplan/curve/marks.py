@@ -59,6 +59,8 @@ def find_marks(rgb: NDArray, pen: Pen, colour: str) -> tuple[list[Mark], NDArray
     The threshold is half of each mark's own strength, so a thin or transparent line keeps its
     width whatever stands beside it. Raises `CurveError` when there are more than anyone draws.
     """
+    import cv2
+
     smooth, mask, where, label = _masks(rgb, pen)
     if not len(label):
         return [], mask
@@ -70,10 +72,9 @@ def find_marks(rgb: NDArray, pen: Pen, colour: str) -> tuple[list[Mark], NDArray
             f"no planned curve: {drawings} marks in {colour} (at most {MOST_MARKS}): noise or a "
             "coloured picture; look in a part of it (--roi)"
         )
-    top, left, bottom, right = _bounds(where, rgb.shape[1])
-    window = (slice(top, bottom), slice(left, right))
-    bone = np.flatnonzero(thin(smooth[window]))
-    rows, cols = np.divmod(bone, right - left)
+    left, top, width, height = cv2.boundingRect(smooth.view(np.uint8))
+    bone = np.flatnonzero(thin(smooth[top : top + height, left : left + width]))
+    rows, cols = np.divmod(bone, width)
     bone = (rows + top) * rgb.shape[1] + cols + left
     bones = _by_label(bone, label[np.searchsorted(where, bone)], count, rgb.shape[1])
     bodies = _by_label(where[drawn], label[drawn], count, rgb.shape[1])
@@ -120,11 +121,6 @@ def _quantile_by_label(values: NDArray, label: NDArray, count: int, q: float) ->
     starts = np.r_[0, ends[:-1]]
     at = starts + ((ends - starts - 1) * q).astype(np.int64)
     return values[order][np.clip(at, 0, len(values) - 1)]
-
-
-def _bounds(where: NDArray, width: int) -> tuple[int, int, int, int]:
-    rows, cols = np.divmod(where, width)
-    return int(rows[0]), int(cols.min()), int(rows[-1]) + 1, int(cols.max()) + 1
 
 
 def _by_label(where: NDArray, label: NDArray, count: int, width: int) -> list[tuple]:
