@@ -159,3 +159,31 @@ def test_a_sign_of_the_same_pen_at_the_end_is_told_by_its_turn_and_the_ink_besid
     two = np.array([[-6, 3], [-2, -1], [3, 0], [4, 4], [-4, 14], [6, 14]])  # a figure 2, its neck
     said = told(lambda canvas: canvas.line(end + two, 0.9 * WIDTH, RED), quality=quality)
     assert any("shortly beyond a turn" in w for w in said)
+
+
+def leaving(width, at, length=60.0):
+    """A straight line from a place on the circle outwards."""
+    return lambda canvas: canvas.line([at, at + length * (at - CENTRE) / RADIUS], width, RED)
+
+
+@pytest.mark.parametrize("quality", [None, 85])
+@pytest.mark.parametrize("closed", [False, True])
+def test_a_leader_that_touches_the_curve_is_cut_off_and_told_of_in_the_account(closed, quality):
+    canvas = Canvas(anatomy(SHAPE, 3), "exact")
+    canvas.line(arc(0, 359.7) if closed else arc(180, 340), WIDTH, RED, closed)
+    leaving(1.8, arc(260, 261)[0])(canvas)
+    found = vfplan.extract_curve(canvas.image(quality))
+    assert not found.warnings
+    (stroke,), (aside,) = found.strokes, found.set_aside
+    assert aside["kind"] == "offshoot"
+    assert 45 < aside["length_px"] < 65
+    assert found.ink["offshoot"] > 45
+    off = np.abs(np.hypot(*(stroke.points_px - CENTRE).T) - RADIUS)
+    assert off.max() < 0.5
+    assert stroke.closed == closed
+
+
+def test_what_leaves_the_curve_in_its_own_pen_or_near_its_end_is_no_leader():
+    with pytest.raises(CurveError, match="forks"):
+        told(leaving(WIDTH, arc(260, 261)[0]))
+    assert told(leaving(1.8, arc(332, 333)[0]))

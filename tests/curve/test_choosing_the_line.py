@@ -8,6 +8,11 @@ from canvas import Canvas, rectangle
 from drawing import blend, compare, flat, to_uint8, wavy
 
 import vfplan
+from vfplan.curve.candidates import Candidate
+from vfplan.curve.kinds import tell_apart
+from vfplan.curve.marks import Mark
+from vfplan.curve.path import Branch
+from vfplan.curve.pen import Pen
 from vfplan.errors import CurveError, SettingError
 
 SHAPE, RED = (240, 320), (255, 0, 0)
@@ -156,3 +161,13 @@ def test_the_ink_is_accounted_for():
     found = vfplan.extract_curve(canvas.image())
     assert sum(found.ink.values()) == found.mask.sum()
     assert found.ink["curve"] > 2 * sum(n for kind, n in found.ink.items() if kind != "curve")
+
+
+def test_a_line_of_which_half_is_too_faint_for_the_mask_is_told_apart():
+    path = np.column_stack([np.arange(5, 65), np.full(60, 20)])
+    pen, mask = Pen.of_colour("red"), np.zeros((40, 80), bool)
+    mask[19:22, 5:15] = True
+    mark = Mark("curve", pen, 3.0, (Branch(path, False, (True, True)),), (), 30, (5, 19, 10, 3))
+    kept, aside = tell_apart([Candidate.of_mark(mark)], mask)
+    assert [c.kind for c in kept] == ["curve"]
+    assert not aside

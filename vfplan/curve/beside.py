@@ -7,13 +7,13 @@ makes the ink wide over a short run, and the line leaves the way on which it com
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.candidates import Candidate
-from vfplan.curve.marks import Mark
+from vfplan.curve.marks import LEADER, Mark
 from vfplan.curve.path import normals, runs
 from vfplan.curve.ridge import Centreline
 
@@ -26,11 +26,9 @@ WIDE, WIDE_PX, LONGEST, FLANK = 1.4, 1.5, 4.0, 3.0
 OFF_PX, BOTH = 0.8, 0.35  # the line leaves its way by so much; more of the wider side's is a bead
 PRESSED = 4.0  # times the widths' own spread: a pen that is pressed varies all along
 STEP_PX, SPARE_PX = 0.5, 6.0
-TURN_DEG, TURN_WIDTHS, END_PX = (
-    40.0,
-    1.5,
-    25.0,
-)  # over so many widths, so near an end: a sign's turn
+SLIM = 3.0  # times longer than wide: a leader
+TURN_DEG, TURN_WIDTHS = 40.0, 1.5  # over so many widths: a sign's turn
+END_PX = 25.0  # so near an end what leaves the line may carry it on
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,9 +83,22 @@ def pieces_beside(
         name = kind.get(int(whole[rows[cut[0]], cols[cut[0]]]), "speck")
         pixels[name] = pixels.get(name, 0) + len(cut)
         if len(cut) >= LEAST_PIXELS:
-            at = np.column_stack([cols[cut], rows[cut]]) + corner
-            pieces.append(Piece.of_pixels(at, name))
+            piece = Piece.of_pixels(np.column_stack([cols[cut], rows[cut]]) + corner, name)
+            if name == "own" and all(_leaves(piece, *each) for each in chosen):
+                piece = replace(piece, kind="offshoot")
+                pixels["own"] -= len(cut)
+                pixels["offshoot"] = pixels.get("offshoot", 0) + len(cut)
+            pieces.append(piece)
     return pieces, pixels
+
+
+def _leaves(piece: Piece, line: Candidate, found: Centreline) -> bool:
+    """Whether ink is a straight line of a thinner pen that leaves the curve, not near an end."""
+    if piece.length_px < SLIM * piece.width_px or piece.width_px >= LEADER * line.width_px:
+        return False
+    away = np.hypot(*(found.points[:, None] - piece.pixels[:: max(len(piece.pixels) // 99, 1)]).T)
+    foot = found.points[away.min(0).argmin()]
+    return found.closed or not _within(END_PX, found.points[[0, -1]], foot).any()
 
 
 def _wipe(ink: NDArray[np.uint8], points: NDArray, closed: bool, reach: float) -> None:
@@ -141,10 +152,10 @@ def set_aside(
                 entry["junctions"] = list(line.junctions)
             aside.append(entry)
     for piece in specks:
-        if piece.kind == "speck":
+        if piece.kind in ("speck", "offshoot"):
             low, high = piece.pixels.min(0), piece.pixels.max(0)
             box = tuple(int(x) for x in (*low, *(high - low + 1)))
-            aside.append({"kind": "speck", "box": box, "length_px": round(piece.length_px, 1)})
+            aside.append({"kind": piece.kind, "box": box, "length_px": round(piece.length_px, 1)})
     return tuple(aside)
 
 

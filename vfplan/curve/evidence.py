@@ -23,7 +23,7 @@ REACH = 3.0  # times its own length, beyond `max_gap`, a piece is looked for
 SAME, STROKE, STROKE_PX = 1.3, 3.0, 14.0  # nearly so wide, so many times as long: a stroke of it
 SPECKS, SPECK = 2, 0.25  # of so much of a width at least: JPEG leaves crumbs beside a broad pen
 TOUCHING, TOUCHING_PX = 2.0, 8.0  # widths, px from an end: a sign that the line runs into
-NO_CONTINUATION = ("text", "frame", "scale bar", "leader", "other colour")
+NO_CONTINUATION = ("text", "frame", "scale bar", "leader", "offshoot", "other colour")
 LEFT = 0.5  # of a width, and a pixel: an honest fit does not leave the ink by more
 BRIDGE_WIDTHS, BRIDGE_PX = 2.0, 4.0  # beside a gap, where profiles lack a side
 

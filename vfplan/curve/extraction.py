@@ -205,7 +205,7 @@ def extract_curve(
         notes += a_bar(line, pen)
         notes += side_by_side(line, measured.widening, accept_width)
         notes += nearly_closed(line, mask, max_gap_px)
-    aside = set_aside(marks, told, lines, specks)
+    aside = set_aside(marks, told, lines, [*specks, *(p for p in pieces if p.kind == "offshoot")])
     return Extraction(mask, tuple(asked), method, aside, tuple(notes), ink)
 
 

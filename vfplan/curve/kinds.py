@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve.candidates import Candidate
+from vfplan.curve.path import is_straight
 
 MIN_LENGTH_PX = 20.0
 DOMINANT = 4.0
@@ -135,11 +136,12 @@ def _heads(line: Candidate, mask: NDArray) -> int:
     path = _shaft(line)
     if line.closed or len(line.marks) > 1 or not _straight(path, _head(line)):
         return 0
-    u, v, width, height = line.box
-    crop = np.ascontiguousarray(mask[v : v + height, u : u + width]).view(np.uint8)
+    low = np.minimum(line.pixels.min(0), line.box[:2])  # of a faded line some lie outside its box
+    high = np.maximum(line.pixels.max(0) + 1, np.add(line.box[:2], line.box[2:]))
+    crop = np.ascontiguousarray(mask[low[1] : high[1], low[0] : high[0]]).view(np.uint8)
     label = cv2.connectedComponents(crop, connectivity=8)[1]
-    own = label[tuple((path[len(path) // 2] - [u, v])[::-1])]
-    ink = np.vstack([np.argwhere(label == own)[:, ::-1] + [u, v], line.pixels])
+    own = label[tuple((path[len(path) // 2] - low)[::-1])]
+    ink = np.vstack([np.argwhere(label == (own or -1))[:, ::-1] + low, line.pixels])
     off, at = cKDTree(path).query(ink)
     first, last = path[[len(path) // 4, 3 * len(path) // 4]]
     along = (last - first) / np.hypot(*(last - first))
@@ -184,9 +186,4 @@ def _straight(path: NDArray, spare: int) -> bool:
     """Whether a path is straight but for so many pixels at its ends; a short one is not."""
     spare = min(spare, len(path) // 4)
     path = path[spare : len(path) - spare]
-    chord = (path[-1] - path[0]).astype(float)
-    length = np.hypot(*chord)
-    if length < 8:
-        return False
-    aside = np.abs((path - path[0]) @ np.array([-chord[1], chord[0]])) / length
-    return bool((aside < 1.2 + 0.02 * length).all())
+    return bool(np.hypot(*(path[-1] - path[0])) >= 8) and is_straight(path)

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.path import Branch, branches_of, thin
+from vfplan.curve.path import Branch, branches_of, is_straight, normals, thin
 from vfplan.curve.pen import Pen, chroma_at, pen_score
 from vfplan.errors import CurveError
 
@@ -29,6 +29,8 @@ BROAD_PX, BROAD_ASPECT = 10.0, 8.0  # and a broad one more;
 DASH_ASPECT = 1.8  # of a dash, which may belong to a dashed line
 FILLED = 0.35  # of its box: more is a panel with holes
 THINNER = 0.85  # of the line's width: the corners of a dot or an arrow's head are broader
+LEADER = 0.7  # of the line's ink: a straight branch of less is a sign's, drawn with another pen
+FAINT = 0.2  # coverage at which a line's ink ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +139,7 @@ def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple) -> Mark:
     corner, area = (int(cols.min()), int(rows.min())), len(rows)
     box = (*corner, int(np.ptp(cols)) + 1, int(np.ptp(rows)) + 1)
     own = _own_pen(rgb, rows, cols, pen)
-    branches, junctions, spurs = _pruned(*bone, rgb.shape[1], area / len(bone[0]))
+    branches, junctions, spurs = _pruned(*bone, rgb, own, area / len(bone[0]))
     # A path along pixels is about 5 % longer than the line; each end is short of half a width.
     length = sum(b.length for b in branches) / 1.05
     width = area / max(length, 1.0)
@@ -172,20 +174,51 @@ def _own_pen(rgb: NDArray, rows: NDArray, cols: NDArray, pen: Pen) -> Pen:
 
 
 def _pruned(
-    rows: NDArray, cols: NDArray, width: int, pen_width: float
+    rows: NDArray, cols: NDArray, rgb: NDArray, pen: Pen, pen_width: float
 ) -> tuple[list[Branch], list[tuple[int, int]], list[Branch]]:
-    """The skeleton without the short spurs that thinning leaves on a line's edge, and the spurs."""
+    """The skeleton without spurs, and these: short ones, as thinning leaves on a line's edge, and
+    straight ones of a thinner pen, as a leader that touches the line.
+    """
     gone: list[Branch] = []
     while True:
-        branches, junctions = branches_of(rows, cols, width)
-        spurs = [b for b in branches if any(b.free) and b.length + 1 < 1.5 * pen_width + 2]
-        if not junctions or not spurs or len(spurs) == len(branches):
+        branches, junctions = branches_of(rows, cols, rgb.shape[1])
+        free = [b for b in branches if any(b.free)] if junctions else []
+        spurs = [b for b in free if b.length + 1 < 1.5 * pen_width + 2]
+        spurs = spurs or _leaders(free, branches, rgb, pen, pen_width)
+        if not spurs or len(spurs) == len(branches):
             return branches, junctions, gone
         shortest = min(spurs, key=lambda b: (b.length, tuple(b.path[0])))
         gone.append(shortest)
         pixels = {tuple(pixel) for pixel in shortest.path.tolist()}
         keep = np.array([(u, v) not in pixels for u, v in zip(cols, rows, strict=True)])
         rows, cols = rows[keep], cols[keep]
+
+
+def _leaders(
+    free: list[Branch], branches: list[Branch], rgb: NDArray, pen: Pen, width: float
+) -> list[Branch]:
+    """The free branches that are straight and hold less ink than the longest branch."""
+    longest = max(branches, key=lambda b: b.length, default=None)
+    straight = [b for b in free if b is not longest and is_straight(b.path)]
+    if not straight:
+        return []
+    most = LEADER * _ink_across(longest.path, rgb, pen, width)
+    return [b for b in straight if _ink_across(b.path, rgb, pen, width) < most]
+
+
+def _ink_across(path: NDArray, rgb: NDArray, pen: Pen, width: float) -> float:
+    """How much of the pen's ink lies across a line: its width, blurred or not [px]."""
+    from scipy.ndimage import gaussian_filter1d
+
+    smooth = gaussian_filter1d(path.astype(float), 2.0, axis=0, mode="nearest")
+    across, limit = normals(smooth, False), np.array(rgb.shape[1::-1]) - 1
+    ink = np.zeros(len(path))
+    for side, first in ((1, 0), (-1, 1)):
+        away = side * np.arange(first, 2 * width + 2)[:, None, None]
+        u, v = np.moveaxis(np.rint(smooth + away * across).astype(int).clip(0, limit), 2, 0)
+        cover = chroma_at(rgb, v, u, pen)[0] / pen.strength
+        ink += (cover * np.logical_and.accumulate(cover > FAINT)).sum(0)
+    return float(np.median(ink))
 
 
 def _kind(mark: Mark) -> str:

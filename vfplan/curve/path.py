@@ -126,6 +126,14 @@ def normals(points: NDArray, closed: bool) -> NDArray:
     return np.column_stack([-tangent[:, 1], tangent[:, 0]])
 
 
+def is_straight(path: NDArray) -> bool:
+    """Whether a pixel path keeps to the line between its ends."""
+    chord = (path[-1] - path[0]).astype(float)
+    length = np.hypot(*chord)
+    aside = np.abs((path - path[0]) @ np.array([-chord[1], chord[0]])) / max(length, 1.0)
+    return bool((aside < 1.2 + 0.02 * length).all())
+
+
 def arc_length(points: NDArray, closed: bool) -> NDArray:
     """(M,) or, closed, (M + 1,) arc length at the points [px]."""
     ring = np.vstack([points, points[:1]]) if closed else points
