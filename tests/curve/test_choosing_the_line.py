@@ -171,3 +171,16 @@ def test_a_line_of_which_half_is_too_faint_for_the_mask_is_told_apart():
     kept, aside = tell_apart([Candidate.of_mark(mark)], mask)
     assert [c.kind for c in kept] == ["curve"]
     assert not aside
+
+
+@pytest.mark.parametrize(("width", "told"), [(1.5, True), (3.0, False)])
+def test_a_thin_straight_line_beside_the_curve_is_a_bar_and_one_of_its_pen_is_not(width, told):
+    canvas = drawn(WAVE, width=3.5)
+    canvas.line([(80, 190), (150, 215)], width, RED)
+    if not told:
+        with pytest.raises(CurveError, match="2 candidates"):
+            vfplan.extract_curve(canvas.image())
+        return
+    found = vfplan.extract_curve(canvas.image())
+    assert [mark["kind"] for mark in found.set_aside] == ["bar"]
+    assert not found.warnings

@@ -40,7 +40,7 @@ def tell_apart(
     longest = max((c.length_px for c in named if c.kind == "curve"), default=0.0)
     named = [replace(c, kind=_beside(c, longest)) for c in named]
     named = _texts(named, longest)
-    named = [replace(c, kind="leader") if is_leader(c, named) else c for c in named]
+    named = [replace(c, kind=_thinner(c, named)) for c in named]
     kept = [c for c in named if c.is_candidate]
     return kept, [c for c in named if not c.is_candidate]
 
@@ -157,25 +157,35 @@ def _shaft(line: Candidate) -> NDArray[np.int64]:
     return max((b.path for m in line.marks for b in m.branches), key=len)
 
 
-def is_leader(line: Candidate, told: list[Candidate]) -> bool:
-    """A straight line that begins at words, beside a longer and broader curve."""
+def _thinner(line: Candidate, told: list[Candidate]) -> str:
+    """The kind of a straight line beside a longer and broader curve: a leader begins at words.
+
+    One without words is a bar where it is half as long: what it may carry on is told of.
+    """
     shaft = _shaft(line)
     if (
         not (line.is_candidate or line.kind == "arrow")
         or line.closed
         or not _straight(shaft, _head(line))
     ):
-        return False
-    longer = (c for c in told if c.kind == "curve" and c.length_px >= len(shaft))
-    if all(line.width_px >= THINNER * c.width_px for c in longer):
-        return False
+        return line.kind
+    broader = [
+        c.length_px
+        for c in told
+        if c.kind == "curve" and c.length_px >= len(shaft) and line.width_px < THINNER * c.width_px
+    ]
+    if not broader:
+        return line.kind
     small = [c.pixels for c in told if c is not line and c.length_px < WORD_PX]
     small += [b.path for m in line.marks for b in m.branches if len(b.path) < len(shaft) / 2]
     near = [
         any(np.hypot(*(glyph - end).T).min() < NEAR_WORDS_PX for glyph in small)
         for end in (shaft[0], shaft[-1])
     ]
-    return sum(near) == 1
+    if sum(near) == 1:
+        return "leader"
+    one = line.is_candidate and len(line.marks) == 1
+    return "bar" if one and max(broader) >= 2 * line.length_px else line.kind
 
 
 def _head(line: Candidate) -> int:
