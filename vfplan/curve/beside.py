@@ -23,9 +23,11 @@ LEAST_PIXELS = 3
 # Of the usual width, and a pixel and a half more: ink of more than the line. From one to so many
 # widths long, and so many of line on either side say where it runs.
 WIDE, WIDE_PX, LONGEST, FLANK = 1.4, 1.5, 4.0, 3.0
-OFF_PX, BOTH = 0.8, 0.35  # the line leaves its way by so much; more of the wider side's is a bead
+# So many widths beyond the wide ink the line is seen to come and to go. It leaves its way by so
+# much; ink to both sides of that, on the one more than such a share of the other, is a bead.
+MARGIN, OFF_PX, BOTH = 0.6, 0.8, 0.6
 PRESSED = 4.0  # times the widths' own spread: a pen that is pressed varies all along
-STEP_PX, SPARE_PX = 0.5, 6.0
+STEP_PX, SPARE_PX = 0.5, 6
 SLIM = 3.0  # times longer than wide: a leader
 TURN_DEG, TURN_WIDTHS = 40.0, 1.5  # over so many widths: a sign's turn
 END_PX = 25.0  # so near an end what leaves the line may carry it on
@@ -219,22 +221,35 @@ def _dots(
     points, width = found.points, beside.sum(0)
     usual = float(np.median(width))
     most = usual + PRESSED * 1.48 * float(np.median(np.abs(width - usual)))
-    margin, flank = round(line.width_px + 2), round(FLANK * line.width_px + SPARE_PX)
+    margin, stretch = round(MARGIN * line.width_px) + 1, 2 * round(line.width_px) + SPARE_PX - 2
     for run in runs(width > max(WIDE * usual, usual + WIDE_PX), found.closed):
         longest = LONGEST * line.width_px + SPARE_PX
         if not line.width_px <= len(run) <= longest or width[run].max() <= most:
             continue
-        at = np.arange(run[0] - margin - flank, run[0] + len(run) + margin + flank)
-        inner = np.abs(at - run[0] - (len(run) - 1) / 2) < len(run) / 2 + margin
+        at = np.arange(run[0] - margin - stretch, run[0] + len(run) + margin + stretch)
         if found.closed:
             at = at % len(points)
-        keep = (at >= 0) & (at < len(points))
-        at, inner = at[keep], inner[keep]
-        if min((~inner)[: len(at) // 2].sum(), (~inner)[len(at) // 2 :].sum()) < flank / 2:
+        elif min(at[0], len(points) - 1 - at[-1]) < -stretch // 2:
             continue  # at an end: where the line goes is not known from both sides
-        powers = np.vander(np.linspace(-1, 1, len(at)), 6)
-        way = powers @ np.linalg.lstsq(powers[~inner], points[at][~inner], rcond=None)[0]
-        off = np.hypot(*(points[at] - way).T)
-        sides = _reaches(way, False, mask, line.width_px)[:, inner].max(1)
+        at = at[(at >= 0) & (at < len(points))]
+        near = np.isin(at, np.arange(run[0] - margin, run[0] + len(run) + margin) % len(points))
+        comes, *_, goes = np.flatnonzero(near)
+        way = _way(points[at], comes, goes)
+        off = np.hypot(*(points[at[near]][:, None] - way).T).min(0)
+        sides = _reaches(way, False, mask, line.width_px).max(1)
         if sides.min() < BOTH * sides.max() and off.max() > OFF_PX:
             yield points[run[len(run) // 2]], len(run), float(off.max())
+
+
+def _way(points: NDArray, comes: int, goes: int) -> NDArray[np.float64]:
+    """(K, 2) from one point of a line to a later one as an arc would: by the tangents there."""
+    ends, row = points[[comes, goes]], np.arange(len(points))
+    before = np.polyfit(row[: comes + 1] - comes, points[: comes + 1], 2)[1]
+    after = np.polyfit(row[goes:] - goes, points[goes:], 2)[1]
+    along = np.array([before, after]) / np.hypot(*np.array([before, after]).T)[:, None]
+    chord, turn = np.hypot(*(ends[1] - ends[0])), np.arccos(np.clip(along[0] @ along[1], -1, 1))
+    reach = chord / (3 * np.cos(turn / 4) ** 2)
+    t = np.arange(0, chord, STEP_PX)[:, None] / chord
+    corners = ends[0], ends[0] + reach * along[0], ends[1] - reach * along[1], ends[1]
+    weights = (1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3
+    return sum(weight * corner for weight, corner in zip(weights, corners, strict=True))
