@@ -96,7 +96,7 @@ def test_another_pen_s_line_that_goes_straight_on_is_told_and_a_point_is_not():
     assert not told(lambda canvas: canvas.pressed(way, np.linspace(WIDTH, 0.3, 60), RED))
 
 
-@pytest.mark.parametrize(("gap", "quality"), [(0.0, None), (2.0, None), (2.0, 85)])
+@pytest.mark.parametrize(("gap", "quality"), [(0.0, None), (2.0, 85)])
 def test_a_letter_at_the_end_is_told_and_a_pen_that_is_pressed_less_is_not(gap, quality):
     end = arc(180, 340)[-1]
     turned = np.array([[0.34, 0.94], [-0.94, 0.34]])

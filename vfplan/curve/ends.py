@@ -69,8 +69,10 @@ def ink_ends(profiles: Profiles, valid: NDArray) -> tuple[float, float]:
     return last - _half(profiles.mass[::-1], last - on[0]), _half(profiles.mass, on[-1])
 
 
-def stepped_ends(profiles: Profiles, used: NDArray, width: float) -> tuple[bool, bool]:
-    """Whether the ink falls at once towards either end, and then goes on.
+def stepped_ends(
+    profiles: Profiles, used: NDArray, width: float, places: tuple[float, float]
+) -> tuple[bool, bool]:
+    """Whether the ink falls at once towards either end, and then goes on up to its `places`.
 
     A pen that is lifted, drawn out or pressed less grows thinner along its way. A letter that the
     end runs into, and another pen's line, is thinner at once, and the ink may all but stop there.
@@ -82,6 +84,8 @@ def stepped_ends(profiles: Profiles, used: NDArray, width: float) -> tuple[bool,
     ink = profiles.alpha[:, off <= (width + 1) / 2].clip(0.0).sum(1)
     seen = profiles.seen[:, off < width / 2].all(1) & (profiles.clipped == 0) | used
     ink = np.interp(rows, rows[seen], ink[seen]) / max(np.median(ink[used]), 1e-6)
+    beyond = np.maximum(places[0] - rows, rows - places[1])
+    ink[beyond > width / 2 + 1] = 0.0  # what the line does not reach
     if profiles.noisy:
         ink = uniform_filter1d(ink, 3, mode="constant")
     reach = round(width / 2) + BLUNT

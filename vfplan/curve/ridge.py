@@ -115,7 +115,7 @@ def trace(
         fitted = fit_line(s, base, profiles, used, closed, last)
         if not closed and not passes:
             ends = line_ends(rgb, fitted.spline(s), used, even, pen, points)
-            odd = told_ends(ends.cut, stepped_ends(profiles, used, width))
+            odd = told_ends(ends.cut, stepped_ends(profiles, used, width, ends.places))
             # A point that was followed, and is none when seen from nearer, is told as well.
             unsure = np.where((point > 0) & (out == 0), point, ends.unsure)
             odd = tuple(o + unsure_end(px) for o, px in zip(odd, unsure, strict=True))
