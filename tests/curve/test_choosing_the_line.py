@@ -129,6 +129,28 @@ def test_a_border_along_a_line_is_warned_of():
         (warning,) = vfplan.extract_curve(drawn(WAVE).image(), **cut).warnings
         assert "the curve runs along the border of the" in warning
     assert not vfplan.extract_curve(drawn(WAVE).image(), roi=(0, crest - 5, 320, 150)).warnings
+    left = WAVE[np.argmin(WAVE[:, 1]) + 40 :]  # beyond the stretch along the border
+    places = {"start": tuple(left[0]), "end": tuple(left[-1])}
+    above = np.array([(0, 0, 320, crest)])
+    assert not vfplan.extract_curve(drawn(WAVE).image(), exclude=above, **places).warnings
+
+
+def test_the_whole_picture_as_a_region_cuts_nothing_off():
+    out = np.array([[-5.0, 100], [200, 130]])
+    found = vfplan.extract_curve(drawn(out).image(), roi=(0, 0, 320, 240))
+    assert not found.warnings
+    assert compare(found.strokes[0], out[[0, 1]]).rms < 0.1
+    with pytest.raises(CurveError, match="nothing in red is a line"):
+        vfplan.extract_curve(drawn(out).image(), roi=np.array([0, 0, 320, 20]))
+
+
+def test_ink_beside_one_of_several_lines_is_not_told_as_beside_another():
+    at = LOWER[450]
+    image = drawn(WAVE, LOWER, [at, np.add(at, [0, 6])]).image()
+    found = vfplan.extract_curve(image, stroke="all")
+    assert len(found.strokes) == 2
+    assert found.ink["own"] >= 3
+    assert not any("hangs together" in w for w in found.warnings)
 
 
 def test_an_end_that_was_cut_away_is_not_told_of():

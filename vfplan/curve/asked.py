@@ -49,7 +49,7 @@ def part_of(rgb: NDArray, roi: Box | None, exclude: Sequence[Box]) -> NDArray:
             raise SettingError(f"region {u},{v},{width},{height} does not lie in {cols}x{rows} px")
     looked_at = np.zeros((rows, cols), bool)
     for (u, v, width, height), kept in (
-        (roi or (0, 0, cols, rows), True),
+        ((0, 0, cols, rows) if roi is None else roi, True),
         *((box, False) for box in exclude),
     ):
         looked_at[v : v + height, u : u + width] = kept
@@ -70,17 +70,19 @@ def cut_off(
     And one for each border along which its measured points run. An outline has no ends, and the
     picture's own border may cut it too.
     """
-    boxes = [("excluded", box) for box in exclude] + ([("region", roi)] if roi else [])
+    boxes = [("excluded", box) for box in exclude] + ([] if roi is None else [("region", roi)])
     boxes += [("picture", (0, 0, shape[1], shape[0]))] if outline else []
     points, width = found.points[~found.bridged], 0.0 if outline else line.width_px
     cut, warnings = np.array(line.cut), []
     for name, box in boxes:
         border = f"the border of the {name} {','.join(map(str, box))}"
-        met = _from_border(line.path[[0, -1]], box, shape) < NEAR_BORDER * width
-        along = points[_from_border(points, box, shape) < max(width / 2, BORDER_PX)]
+        ends, beside = (
+            _from_border(at, box, shape, name == "picture") for at in (line.path[[0, -1]], points)
+        )
+        met, along = ends < NEAR_BORDER * width, points[beside < max(width / 2, BORDER_PX)]
         if met.any() and not line.closed:
-            ends = line.path[[0, -1]][met & ~cut]
-            warnings += [f"the curve ends at ({u:.0f}, {v:.0f}) on {border}" for u, v in ends]
+            at = line.path[[0, -1]][met & ~cut]
+            warnings += [f"the curve ends at ({u:.0f}, {v:.0f}) on {border}" for u, v in at]
             cut |= met
         elif len(along) > ALONG * width:
             u, v = along[len(along) // 2]
@@ -90,10 +92,12 @@ def cut_off(
     return replace(line, cut=tuple(cut)), told
 
 
-def _from_border(points: NDArray, box: Box, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """(M,) how far points (M, 2) lie from a box's border; the picture's own is only its own."""
+def _from_border(
+    points: NDArray, box: Box, shape: tuple[int, ...], own: bool
+) -> NDArray[np.float64]:
+    """(M,) how far points (M, 2) lie from a box's border; the picture's own only counts as such."""
     size, low, high = shape[1::-1], np.array(box[:2]), np.add(box[:2], box[2:])
-    if box != (0, 0, *size):
+    if not own:
         low, high = np.where(low > 0, low, -np.inf), np.where(high < size, high, np.inf)
     return np.abs(np.maximum(low - 0.5 - points, points - high + 0.5).max(1))
 

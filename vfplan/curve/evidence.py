@@ -41,8 +41,7 @@ def unexplained(
             piece, told = _beyond(line, at, outward, pieces, max_gap_px)
             carrying += piece
             warnings += told + (_crossed(line, at) or turned(line, found, at, pieces))
-        warnings += _hanging(line, found, pieces)
-    return carrying, warnings
+    return carrying, warnings + _hanging(chosen, pieces)
 
 
 def _crossed(line: Candidate, at: NDArray) -> list[str]:
@@ -120,17 +119,17 @@ def _turn(a: NDArray, b: NDArray) -> float:
     return float(np.degrees(np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)))
 
 
-def _hanging(line: Candidate, found: Centreline, pieces: list[Piece]) -> list[str]:
-    """Ink that hangs together with the line and lies too far beside it."""
+def _hanging(chosen: list[tuple[Candidate, Centreline]], pieces: list[Piece]) -> list[str]:
+    """Ink that hangs together with a line, the nearest, and lies too far beside it."""
     from scipy.spatial import cKDTree
 
-    tree = cKDTree(found.points)
-    most = line.width_px / 2 + max(OWN_WIDTHS * line.width_px, OWN_PX)
+    lines = [(cKDTree(found.points), line.width_px) for line, found in chosen]
     warnings = []
     for piece in pieces:
         if piece.kind == "own":
-            distance = tree.query(piece.pixels)[0]
-            if distance.max() > most:
+            away = ((tree.query(piece.pixels)[0], width) for tree, width in lines)
+            distance, width = min(away, key=lambda near: near[0].min())
+            if distance.max() > width / 2 + max(OWN_WIDTHS * width, OWN_PX):
                 u, v = piece.pixels[distance.argmax()]
                 warnings.append(
                     f"ink of {piece.length_px:.0f} px that hangs together with the curve reaches "

@@ -159,12 +159,12 @@ def extract_curve(
     given, rgb = [p for p in (start, end) if p is not None], planned.rgb
     if given or outline:
         check_places(method, stroke, given, outline)
-    if roi is not None or exclude:
+    if roi is not None or len(exclude):
         rgb = part_of(rgb, roi, exclude)
     pen = Pen.of_colour(colour)
     marks, mask = find_marks(rgb, pen, colour)
     if not marks:
-        refuse_grey(rgb)
+        refuse_grey(planned.rgb)
     candidates, others = tell_apart(candidates_of(marks, mask, max_gap_px, rgb), mask)
     told = [*candidates, *others]
     if outline:
@@ -189,7 +189,7 @@ def extract_curve(
     lines, asked = [line for line, _ in both], []
     for k, (line, whole) in enumerate(both):  # of ends that were cut off nothing more is said
         line, part = between(line, whole, start, end) if given else (line, whole)
-        line, cut = cut_off(line, whole, outline, roi, exclude, rgb.shape)
+        line, cut = cut_off(line, part, outline, roi, exclude, rgb.shape)
         both[k] = (line, whole)
         asked.append(_stroke(part, line))
         notes += cut
