@@ -329,3 +329,13 @@ def test_marks_that_are_letters_of_any_width(undrawn):
     assert [re.findall(r"x\d", one) for one in said] == ([["x3", "x6"]] if undrawn else [])
     with pytest.raises(MarkerError, match=r"multiplied by 1\.25"):
         hold_against_marks(image, pairs(0.8 * PLACES))
+
+
+@pytest.mark.filterwarnings("error")
+def test_markers_given_at_one_place_are_held_against_marks_as_well():
+    image = texture(8)
+    for u, v in PLACES.astype(int).tolist():
+        cv2.circle(image, (u, v), 5, COLOURS["green"], -1)
+    given = 0.7 * PLACES[[0, 1, 2, 3, 3, 3, 3, 3]]
+    with pytest.raises(MarkerError, match=r"multiplied by 1\.43"):
+        hold_against_marks(image, pairs(given))

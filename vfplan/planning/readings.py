@@ -206,7 +206,7 @@ def _through(given: Array, places: Array, one: Array, other: Array) -> list[Any]
     """The (hits, scale, shift) of most hits that takes two given positions to two marks."""
     a, b = np.nonzero(~np.eye(len(places), dtype=bool))
     edge, drawn = other - one, places[b] - places[a]
-    scale = drawn @ edge / (edge @ edge)
+    scale = drawn @ edge / max(edge @ edge, 1e-9)  # markers may lie at one place
     straight = np.linalg.norm(drawn - scale[:, None] * edge, axis=1) < NEAR_PX
     good = straight & (scale > SCALES[0]) & (scale < SCALES[1])
     scale, shift = scale[good], places[a[good]] - scale[good, None] * one
