@@ -187,3 +187,11 @@ def test_what_leaves_the_curve_in_its_own_pen_or_near_its_end_is_no_leader():
     with pytest.raises(CurveError, match="forks"):
         told(leaving(WIDTH, arc(260, 261)[0]))
     assert told(leaving(1.8, arc(332, 333)[0]))
+
+
+def test_a_dot_ahead_of_the_end_is_told_however_it_lies():
+    at = arc(360, 361)[0]
+    for turn in np.radians([0, 45, 90, 135]):
+        way = 1.5 * np.array([np.cos(turn), np.sin(turn)])
+        said = told(lambda canvas, way=way: canvas.line([at - way, at + way], WIDTH, RED))
+        assert any("beyond the curve's end" in w for w in said)

@@ -110,6 +110,8 @@ def _carries_on(
     # An arc turns by as much again beyond its chord's middle.
     way = piece.middle - at
     along = piece.along if piece.along @ way > 0 else -piece.along
+    if piece.length_px < ALIKE * piece.width_px:
+        along = way  # a dot or a short dash has no direction
     first, then = _turn(outward, way), _turn(way, along)
     return abs(first) <= AHEAD_DEG and abs(first - then) <= UNEVEN_DEG
 
