@@ -199,6 +199,14 @@ def test_a_point_is_followed_in_jpeg_or_told(over, within):
             assert not any("unsure" in w and near(w, curve[-1]) for w in found.warnings)
 
 
+def test_a_point_is_followed_where_the_line_comes_from_beyond_the_picture():
+    curve = np.column_stack([np.linspace(-10, 130, 500), np.linspace(70, 90, 500)])
+    canvas = Canvas(anatomy((150, 150), 1), "exact")
+    canvas.pressed(curve, 4 * np.clip(np.linspace(140, 0, 500) / 25, 0.05, 1), RED)
+    ends = vfplan.extract_curve(canvas.image()).strokes[0].points_px[[0, -1]]
+    assert np.hypot(*(ends - curve[-1]).T).min() < 1.5
+
+
 def near(warning, place):
     """Whether the first place that a warning names lies within 20 px."""
     found = re.search(r"\((\d+), (\d+)\)", warning)

@@ -71,15 +71,22 @@ def points_of(
     The path is carried on as it bends; a row is about a pixel.
     """
     usual = np.median((profiles.alpha * profiles.seen).sum(1)[used])
-    lines = (path[::-1], len(path) - 1 - inks[0]), (path, inks[1])
+    cut = profiles.clipped > 0
+    lines = (path[::-1], len(path) - 1 - inks[0], cut[::-1]), (path, inks[1], cut)
     return tuple(_point(rgb, *line, profiles, pen, usual) for line in lines)
 
 
 def _point(
-    rgb: NDArray, path: NDArray, ink: float, profiles: Profiles, pen: Pen, usual: float
+    rgb: NDArray,
+    path: NDArray,
+    ink: float,
+    cut: NDArray,
+    profiles: Profiles,
+    pen: Pen,
+    usual: float,
 ) -> Point:
     first, width = max(int(ink) - REACH, 0), profiles.width
-    if profiles.clipped.any():
+    if cut[first:].any():
         return NONE
     line = extended(path[first:], (0.0, max(ink + REACH - len(path), 0.0)), width)
     read = read_profiles(rgb, line, normals(line, False), pen, width)
