@@ -1,5 +1,7 @@
 """What touches a line or lies over its end, here a circle's, whose way is known everywhere."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from canvas import Canvas
@@ -195,3 +197,15 @@ def test_a_dot_ahead_of_the_end_is_told_however_it_lies():
         way = 1.5 * np.array([np.cos(turn), np.sin(turn)])
         said = told(lambda canvas, way=way: canvas.line([at - way, at + way], WIDTH, RED))
         assert any("beyond the curve's end" in w for w in said)
+
+
+def test_a_dot_as_large_as_its_ring_ends_in_no_error():
+    for dot in (5.0, 6.0, 7.0):
+        canvas = Canvas(anatomy((90, 90), 3), "exact")
+        turn = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+        ring = np.column_stack([np.cos(turn), np.sin(turn)])
+        canvas.line(45 + 5 * ring, 2.0, RED, True)
+        for k in range(0, 200, 20):
+            canvas.fill(45 + 8 * ring[k] + dot * ring, RED)
+            with suppress(CurveError):
+                vfplan.extract_curve(canvas.image(), accept_width=True)

@@ -227,10 +227,10 @@ def _dots(
         if not line.width_px <= len(run) <= longest or width[run].max() <= most:
             continue
         at = np.arange(run[0] - margin - stretch, run[0] + len(run) + margin + stretch)
-        if found.closed:
+        if found.closed and len(at) <= len(points):
             at = at % len(points)
-        elif min(at[0], len(points) - 1 - at[-1]) < -stretch // 2:
-            continue  # at an end: where the line goes is not known from both sides
+        elif found.closed or min(at[0], len(points) - 1 - at[-1]) < -stretch // 2:
+            continue  # at an end, or round a small ring: where it goes is not seen on both sides
         at = at[(at >= 0) & (at < len(points))]
         near = np.isin(at, np.arange(run[0] - margin, run[0] + len(run) + margin) % len(points))
         comes, *_, goes = np.flatnonzero(near)
