@@ -83,8 +83,41 @@ def test_what_was_set_aside_though_it_is_longer_is_warned_of():
     assert len(found.strokes) == 1
     assert found.strokes[0].length_px < 200
     assert any("a frame at (99, 79), 677 px long" in warning for warning in found.warnings)
-    around = vfplan.extract_curve(drawn(BOX[[0, 1, 2, 3, 0]], 0.5 * WAVE + np.array([100, 75])))
-    assert not around.warnings  # a panel's frame, as many slices have
+    inside = 0.5 * WAVE + np.array([100, 75])
+    (around,) = vfplan.extract_curve(drawn(BOX[[0, 1, 2, 3, 0]], inside)).warnings
+    assert "a frame at (99, 79), 677 px long" in around
+    window = np.array([[5, 5], [394, 5], [394, 294], [5, 294], [5, 5]])
+    assert not vfplan.extract_curve(drawn(window, inside)).warnings  # the viewer's own
+
+
+def test_a_small_piece_ahead_of_a_long_line_is_told_from_afar():
+    ahead = WAVE[0] - WAVE[1]
+    ahead /= np.hypot(*ahead)
+    piece = WAVE[0] + np.array([43.0, 48.0])[:, None] * ahead
+    (warning,) = vfplan.extract_curve(drawn(WAVE, piece)).warnings
+    assert "beyond the curve's end and is not part of it" in warning
+    assert not vfplan.extract_curve(drawn(WAVE[800:], piece - WAVE[0] + WAVE[800])).warnings
+
+
+@pytest.mark.parametrize("slant", [20, 30, 35, 50])
+def test_a_ring_that_another_pen_cuts_on_a_slant_stays_closed(slant):
+    turn = np.linspace(0, 2 * np.pi, 900, endpoint=False)
+    ring = [200, 150] + 90 * np.column_stack([np.cos(turn), np.sin(turn)])
+    along = 60 * np.array([np.cos(np.radians(slant)), np.sin(np.radians(slant))])
+    picture = blend(flat(SHAPE, 90.0), coverage(SHAPE, ring, 5.0, True), RED)
+    cut = coverage(SHAPE, np.add([200, 60], [-along, along]), 3.0, False)
+    found = vfplan.extract_curve(to_uint8(blend(picture, cut, (255, 165, 0))))
+    assert found.strokes[0].closed
+    assert compare(found.strokes[0], ring, True).worst < 1.0
+
+
+@pytest.mark.parametrize("quality", [70, 76, 80, 85, 90, 94])
+def test_the_edges_of_orange_bars_are_no_red_line(quality):
+    picture = np.full((*SHAPE, 3), 90, np.uint8)
+    for k, height in enumerate((70, 45, 120, 95)):
+        picture[250 - height : 250, 103 + 27 * k : 119 + 27 * k] = (255, 140, 0)
+    with pytest.raises(CurveError, match=r"no line in red|other colour"):
+        vfplan.extract_curve(jpeg(picture, quality))
 
 
 def ring_by_hand(drift):

@@ -215,6 +215,8 @@ def _cost(a: End, b: End, lines: list[Candidate], max_gap: float, rgb: NDArray) 
     turn = angle_deg(a.outward, -b.outward)
     aside = max(angle_deg(a.outward, across), angle_deg(-b.outward, across))
     aside = max(aside - np.degrees(np.arctan2(BLUR_PX, distance)), 0.0)
+    if distance < min(first.width_px, second.width_px):
+        aside = 0.0  # nearer than two strokes can lie: one, cut on a slant
     bent = turn > MAX_TURN_DEG or aside > MAX_ASIDE_DEG
     if bent and not (distance <= HANDLE_PX and _is_handle(rgb, (a.at + b.at) / 2, distance)):
         return np.inf

@@ -11,7 +11,6 @@ from vfplan.curve.candidates import Candidate, inked_ends
 from vfplan.curve.kinds import MIN_LENGTH_PX
 from vfplan.errors import CurveError
 
-FRAMES = 6.0  # times longer than the curve in it: the frame itself may be the planned curve
 LONGER = 2.0  # times longer than a curve outside it: of a frame, less says nothing
 WINDOW = 0.9  # of the picture's sides: the viewer's own frame
 DESCRIBED = 8  # candidates or places at most, in an error message
@@ -103,7 +102,7 @@ def against_advice(
     shape: tuple[int, ...],
 ) -> list[str]:
     """A warning for a line that was chosen though it looks like something else, and for one set
-    aside that is longer than what was chosen and drawn round neither that nor the picture.
+    aside that is longer than what was chosen, if it is not the viewer's own frame.
     """
     warnings = [
         f"stroke {_place(c)} looks like {_article(c.kind)}, and is taken because it was named"
@@ -112,7 +111,7 @@ def against_advice(
     ]
     for other in others:
         length = other.length_px / (LONGER if other.kind == "frame" else 1.0)
-        longer = all(length > c.length_px and not _round(other, c) for c in chosen)
+        longer = all(length > c.length_px for c in chosen)
         window = other.kind == "frame" and (other.box[2:] > WINDOW * np.array(shape[1::-1])).all()
         if longer and not window and not any(other is c for c in chosen):
             warnings.append(
@@ -120,17 +119,6 @@ def against_advice(
                 "was set aside though it is longer than the curve"
             )
     return warnings
-
-
-def _round(frame: Candidate, line: Candidate) -> bool:
-    """Whether a line's box encloses that of another, as a panel's frame does what stands in it.
-
-    Of one that is many times longer, what it encloses is a small part of what was drawn.
-    """
-    if frame.length_px > FRAMES * line.length_px:
-        return False
-    (u, v, w, h), (a, b, c, d) = frame.box, line.box
-    return u <= a and v <= b and u + w >= a + c and v + h >= b + d
 
 
 def _place(line: Candidate) -> str:

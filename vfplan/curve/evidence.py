@@ -19,7 +19,7 @@ from vfplan.errors import CurveError
 
 OWN_WIDTHS, OWN_PX = 1.5, 6.0  # ink this far beyond its edge is no blot, glyph or arrow's head
 AHEAD_DEG, UNEVEN_DEG = 60.0, 35.0  # from an end's direction; between both halves of a bend
-REACH = 3.0  # times its own length, beyond `max_gap`, a piece is looked for
+REACH, SHARE = 3.0, 0.1  # of its own length or the line's, beyond `max_gap`: where a piece is
 SAME, STROKE, STROKE_PX = 1.3, 3.0, 14.0  # nearly so wide, so many times as long: a stroke of it
 SPECKS, SPECK = 2, 0.25  # of so much of a width at least: JPEG leaves crumbs beside a broad pen
 TOUCHING, TOUCHING_PX = 2.0, 8.0  # widths, px from an end: a sign that the line runs into
@@ -70,7 +70,8 @@ def _beyond(
         away = piece.pixels - at
         distance = np.hypot(*away.T)
         gap = float(distance.min())
-        if gap > max_gap + REACH * piece.length_px or piece.kind in NO_CONTINUATION:
+        reach = max_gap + max(REACH * piece.length_px, SHARE * line.length_px)
+        if gap > reach or piece.kind in NO_CONTINUATION:
             continue
         aside = angle_deg(outward, away[distance.argmin()]) if gap else 0.0
         whole = piece.length_px >= SPECK * line.width_px
@@ -105,7 +106,8 @@ def _carries_on(
         return False
     if gap <= max_gap:
         return aside <= AHEAD_DEG
-    if wider <= SAME and piece.length_px >= max(STROKE * piece.width_px, STROKE_PX):
+    stroke = wider <= SAME and piece.length_px >= max(STROKE * piece.width_px, STROKE_PX)
+    if stroke and gap <= max_gap + REACH * piece.length_px:
         return aside < 90.0
     # An arc turns by as much again beyond its chord's middle.
     way = piece.middle - at

@@ -28,6 +28,8 @@ MIN_ASPECT = 4.0  # a line is at least this many times longer than wide,
 BROAD_PX, BROAD_ASPECT = 10.0, 8.0  # and a broad one more;
 DASH_ASPECT = 1.8  # of a dash, which may belong to a dashed line
 FILLED = 0.35  # of its box: more is a panel with holes
+# So far beside a mark, colour so many times as strong: in JPEG, the edge of a bar in that colour.
+FRINGE_PX, FRINGE = 4, (0.5, 1.6)  # of a mark in another hue than the pen's, of one in the pen's
 THINNER = 0.85  # of the line's width: the corners of a dot or an arrow's head are broader
 LEADER = 0.7  # of the line's ink: a straight branch of less is a sign's, drawn with another pen
 FAINT = 0.2  # coverage at which a line's ink ends
@@ -147,7 +149,9 @@ def _mark(rgb: NDArray, pen: Pen, body: tuple, bone: tuple) -> Mark:
     thin = _thinner(spurs, rows, cols, box, width)
     mark = Mark("", own, width, tuple(branches), tuple(junctions), area, box, thin)
     other = own.along @ pen.along < np.cos(np.radians(OTHER_HUE_DEG))
-    kind = "other colour" if other and area > PANEL_PIXELS else _kind(mark)
+    beside = _colour_beside(rgb, rows, cols, pen) / own.strength
+    other = (other and area > PANEL_PIXELS) or beside > FRINGE[not other]
+    kind = "other colour" if other else _kind(mark)
     return replace(mark, kind=kind)
 
 
@@ -165,6 +169,17 @@ def _thinner(
     paths = (np.clip(s.path, box[:2], np.add(box[:2], box[2:]) - 1) for s in spurs)
     widths = ((p[0], 2 * np.median(half[tuple((p - box[:2] + 1).T[::-1])])) for p in paths)
     return tuple((int(u), int(v)) for (u, v), across in widths if across < THINNER * width)
+
+
+def _colour_beside(rgb: NDArray, rows: NDArray, cols: NDArray, pen: Pen) -> float:
+    """The chroma of what lies all along a mark in another hue, as beside the edge of a bar."""
+    strongest = np.zeros(len(rows))
+    for down, right in ((FRINGE_PX, 0), (-FRINGE_PX, 0), (0, FRINGE_PX), (0, -FRINGE_PX)):
+        v, u = (rows + down).clip(0, rgb.shape[0] - 1), (cols + right).clip(0, rgb.shape[1] - 1)
+        along, across = chroma_at(rgb, v, u, pen)
+        other = np.abs(across) > np.tan(np.radians(OTHER_HUE_DEG)) * along
+        strongest = np.maximum(strongest, np.where(other, np.hypot(along, across), 0.0))
+    return float(np.median(strongest))
 
 
 def _own_pen(rgb: NDArray, rows: NDArray, cols: NDArray, pen: Pen) -> Pen:
