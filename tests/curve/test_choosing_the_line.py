@@ -71,6 +71,9 @@ def test_what_is_excluded_is_not_looked_at_and_a_cut_end_is_told():
     assert any("on the border of the excluded 200,60,120,120" in w for w in cut.warnings)
     with pytest.raises(SettingError, match="does not lie in"):
         vfplan.extract_curve(image, exclude=[(300, 0, 40, 10)])
+    for odd in ((0.0, 0.0, 40.0, 10.0), (0, 0, 40), (0, 0, np.nan, 10)):
+        with pytest.raises(SettingError, match="in whole pixels"):
+            vfplan.extract_curve(image, roi=odd)
 
 
 def test_a_run_that_is_wider_is_taken_when_its_width_is_accepted():

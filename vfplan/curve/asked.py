@@ -43,7 +43,10 @@ def part_of(rgb: NDArray, roi: Box | None, exclude: Sequence[Box]) -> NDArray:
     import cv2
 
     rows, cols = rgb.shape[:2]
-    for u, v, width, height in (*([] if roi is None else [roi]), *exclude):
+    for box in (*([] if roi is None else [roi]), *exclude):
+        if np.shape(box) != (4,) or np.asarray(box).dtype.kind not in "iu":
+            raise SettingError(f"region {box} is not u, v, width, height in whole pixels")
+        u, v, width, height = box
         inside = u >= 0 and v >= 0 and width > 0 and height > 0 and u + width <= cols
         if not (inside and v + height <= rows):
             raise SettingError(f"region {u},{v},{width},{height} does not lie in {cols}x{rows} px")
