@@ -17,7 +17,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, TextIO
@@ -29,6 +29,7 @@ from vfplan.cli.plain import heed_no_settings
 from vfplan.cli.stopping import Stopped, stoppable
 
 from vfplan.errors import VfplanError
+from vfplan.findings import Finding
 from vfplan.io.disk import jsonable
 from vfplan.io.files import now_utc
 
@@ -41,6 +42,8 @@ class Report:
     """What a command found: `data` for `--json`, `text` for a person, `exit_code` for a script.
 
     `failed` says in a line what check did not hold; the exit code is then 1, if no other is given.
+    `findings` are what a person should look at before the result is used; `warnings` are sentences
+    about the call itself that need no answer.
     """
 
     data: dict[str, Any]
@@ -48,6 +51,7 @@ class Report:
     exit_code: int = 0
     warnings: list[str] = field(default_factory=list)
     failed: str = ""
+    findings: Sequence[Finding] | None = None  # None where the command looks for none
 
     def __post_init__(self) -> None:
         """A check that failed is exit code 1."""
@@ -103,7 +107,16 @@ def _run(work: Callable[[], Report], as_json: bool, quiet: bool, verbose: int) -
         refuse_outputs()
         report = work()
     except VfplanError as error:
-        _fail(error.kind, error.message, error.where, error.exit_code, as_json, verbose)
+        _fail(
+            error.kind,
+            error.message,
+            error.where,
+            error.exit_code,
+            as_json,
+            verbose,
+            code=error.code,
+            numbers=error.numbers,
+        )
     except OSError as error:  # a device, a name or a folder that nobody foresaw
         reason = error.strerror or type(error).__name__
         _fail("OSError", reason, error.filename, 3, as_json, verbose)
@@ -132,6 +145,10 @@ def _configure_log(verbose: int) -> None:
 
 
 def _emit(report: Report, elapsed: float, as_json: bool, quiet: bool) -> None:
+    findings = report.findings or ()
+    for finding in findings:
+        word = "warning" if finding.severity == "doubt" else "note"
+        click.echo(shown(f"vfplan: {word}: {finding.text}"), err=True)
     for warning in report.warnings:
         click.echo(shown(f"vfplan: warning: {warning}"), err=True)
     if report.exit_code:
@@ -140,8 +157,11 @@ def _emit(report: Report, elapsed: float, as_json: bool, quiet: bool) -> None:
     if as_json:
         name = click.get_current_context().info_name
         data = {"format": f"vfplan-{name}", "version": "1.0", **report.data}
-        if report.warnings:
-            data.setdefault("warnings", report.warnings)
+        warnings = [finding.text for finding in findings] + list(report.warnings)
+        if warnings:
+            data.setdefault("warnings", warnings)
+        if report.findings is not None:
+            data.setdefault("findings", [finding.as_dict() for finding in findings])
         data.setdefault("elapsed_s", round(elapsed, 6))
         text = json.dumps(jsonable(data), indent=2, allow_nan=False)
         if sys.stdout is None:
@@ -168,21 +188,31 @@ class _Shown(logging.Formatter):
 
 
 def _fail(
-    kind: str, message: str, where: str | None, code: int, as_json: bool, verbose: int
+    kind: str,
+    message: str,
+    where: str | None,
+    exit_code: int,
+    as_json: bool,
+    verbose: int,
+    *,
+    code: str | None = None,
+    numbers: dict[str, Any] | None = None,
 ) -> None:
     if verbose >= 2:
         traceback.print_exc()
     line = f"{where}: {message}" if where else message
     texts = [(shown("vfplan: error: " + " ".join(line.split())), sys.stderr)]
     if as_json:
-        error = {"kind": kind, "message": message, "where": where}
+        error: dict[str, Any] = {"kind": kind, "message": message, "where": where}
+        if code is not None:
+            error |= {"code": code, "numbers": jsonable(numbers or {})}
         texts.insert(0, (json.dumps({"error": error}, indent=2), sys.stdout))
     for text, stream in texts:
         try:
             click.echo(text, file=stream)
         except OSError:
             _silence(stream)
-    sys.exit(code)
+    sys.exit(exit_code)
 
 
 def _silence(stream: TextIO | None) -> None:

@@ -11,7 +11,7 @@ from conftest import ROOT
 # each other.
 LAYERS = [
     ["errors"],
-    ["io", "palette"],
+    ["io", "palette", "findings"],
     ["records", "robot"],
     ["fixture"],
     ["engine"],

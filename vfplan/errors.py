@@ -19,8 +19,9 @@ One tree, so that a caller can catch as much or as little as it wants:
     ├── OutputError         2   an output path that exists already or cannot be written
     └── MissingExtra        2   an optional dependency that this call needs is not installed
 
-The message says what is wrong, the value found and what is allowed; `where` names the place
-(a file, a marker's label, a dataset's path, a pixel).
+The message says what is wrong, the value found, what is allowed and what to do. `where` names the
+place (a file, a marker's label, a dataset's path, a pixel). `code` is a stable name of what is wrong
+and `numbers` holds the values that the message speaks of, so that no caller has to read the words.
 """
 
 from __future__ import annotations
@@ -39,14 +40,29 @@ class VfplanError(Exception):
         What is wrong, the value found, and what is allowed.
     where
         The place: a file's name, a label, a path inside a bundle; `None` when there is none.
+    code
+        A stable name of what is wrong, such as "line-forks". Without one it is the class's own.
+    numbers
+        The values that the message speaks of, by name, with the unit in the name.
     """
 
     exit_code = 1
+    code = "error"
 
-    def __init__(self, message: str, *, where: str | None = None) -> None:
+    def __init__(
+        self,
+        message: str,
+        *,
+        where: str | None = None,
+        code: str | None = None,
+        numbers: dict[str, Any] | None = None,
+    ) -> None:
         super().__init__(message)
         self.message = message
         self.where = where
+        if code is not None:
+            self.code = code
+        self.numbers = dict(numbers or {})
 
     @property
     def kind(self) -> str:
@@ -60,11 +76,14 @@ class VfplanError(Exception):
 class InputError(VfplanError):
     """Bad input: the caller's data cannot be used."""
 
+    code = "input"
     exit_code = 3
 
 
 class ImageError(InputError):
     """An image that cannot be read or used."""
+
+    code = "image"
 
 
 class CurveError(InputError):
@@ -73,65 +92,84 @@ class CurveError(InputError):
     `candidates` are the lines there were to choose from, (n, 2) [px] each, in their numbers' order.
     """
 
+    code = "curve"
     candidates: tuple[Any, ...] = ()
 
 
 class MarkerError(InputError):
     """Marker files or correspondences that determine no transform."""
 
+    code = "markers"
+
 
 class SessionError(InputError):
     """A recording of HIP positions that cannot be replayed."""
 
+    code = "session"
+
 
 class SceneError(InputError, ValueError):
     """A point cloud or a HIP path the engine cannot render."""
+
+    code = "scene"
 
 
 class BundleError(VfplanError):
     """A bundle that had to be loaded and cannot be trusted."""
 
     exit_code = 4
-    code = ""  # of the finding, as `vfplan validate` prints it; "" where no reader found it
+    code = "bundle"
 
 
 class CorruptError(BundleError):
     """The bytes are not what was written."""
 
+    code = "corrupt"
+
 
 class UnsafeError(BundleError):
     """The file uses a feature that the format forbids."""
+
+    code = "unsafe"
 
 
 class VersionError(BundleError):
     """A format version that this program does not read."""
 
+    code = "version"
+
 
 class SignatureError(BundleError):
     """A signature is missing, wrong, or by an unknown key."""
+
+    code = "signature"
 
 
 class CheckFailed(VfplanError):  # noqa: N818 - a verdict, not a malfunction
     """A check found something: a gate that did not hold, an invalid file, a difference."""
 
+    code = "check-failed"
     exit_code = 1
 
 
 class SettingError(VfplanError, ValueError):
     """A parameter outside its range."""
 
+    code = "setting"
     exit_code = 2
 
 
 class OutputError(VfplanError):
     """An output path that exists already or cannot be written."""
 
+    code = "output"
     exit_code = 2
 
 
 class MissingExtra(VfplanError):  # noqa: N818 - names the missing thing
     """An optional dependency that this call needs is not installed."""
 
+    code = "missing-extra"
     exit_code = 2
 
 

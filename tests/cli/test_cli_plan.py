@@ -151,7 +151,7 @@ def test_bad_input_is_one_clear_line_and_leaves_nothing(vfplan_cli, tmp_path, ca
     assert not any(folder.iterdir())
     again = vfplan_cli(*args, "--json")
     assert again.code == code
-    assert set(again.json["error"]) == {"kind", "message", "where"}
+    assert set(again.json["error"]) == {"kind", "message", "where", "code", "numbers"}
 
 
 def test_three_collinear_markers_are_refused(vfplan_cli, tmp_path):

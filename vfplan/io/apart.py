@@ -87,7 +87,12 @@ def one(job: str, *args: Any, **given: Any) -> Any:
 def _raise(error: dict[str, Any]) -> NoReturn:
     kind = getattr(errors, str(error["kind"]), InputError)
     known = isinstance(kind, type) and issubclass(kind, VfplanError)
-    raise (kind if known else InputError)(str(error["message"]), where=error["where"])
+    raise (kind if known else InputError)(
+        str(error["message"]),
+        where=error["where"],
+        code=error.get("code"),
+        numbers=error.get("numbers"),
+    )
 
 
 def _received(pipe: BinaryIO) -> dict[str, Any] | None:
@@ -209,7 +214,13 @@ def _work(function: Any, request: dict[str, Any], handed: list[int]) -> NoReturn
                     _more_time(request["step_s"])
                 _send(pipe, {"end": True})
             except VfplanError as error:
-                what = {"kind": error.kind, "message": error.message, "where": error.where}
+                what = {
+                    "kind": error.kind,
+                    "message": error.message,
+                    "where": error.where,
+                    "code": error.code,
+                    "numbers": error.numbers,
+                }
                 _send(pipe, {"error": what})
             except MemoryError:
                 pass  # as the parent says it of a reader without an end
