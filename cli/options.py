@@ -125,7 +125,7 @@ CURVE = taking(
            help="Take the outline of the one filled region."),
     option("--curve", type=FILE, metavar="FILE",
            help="A curve drawn on the image as vectors: Slicer .mrk.json or .fcsv, ImageJ .roi, "
-           "CSV u_px,v_px or X,Y, or a DICOM presentation state or overlay."),
+           "CSV u_px,v_px or X,Y, or a DICOM presentation state."),
     option("--curve-origin", type=click.Choice(["centre", "corner"]),
            help="Where on a pixel ImageJ counts from: a line's X,Y from the centre, an area's from "
            "the corner; asked for where the file leaves it open."),

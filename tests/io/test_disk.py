@@ -8,7 +8,6 @@ import os
 import pytest
 from vfplan.cli.outputs import outputs
 
-from vfplan.curve.vector import read_vector_curve
 from vfplan.errors import ImageError, InputError, MarkerError, OutputError, SessionError
 from vfplan.images.read import read_image
 from vfplan.io.disk import move_whole
@@ -16,6 +15,7 @@ from vfplan.io.files import read_whole, write_whole
 from vfplan.markers import read_markers
 from vfplan.robot import read_robot
 from vfplan.session import read_session
+from vfplan.vectors.read import read_vector_curve
 
 
 @pytest.fixture

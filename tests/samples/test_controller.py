@@ -15,8 +15,8 @@ import pytest
 from conftest import ROOT, need_program
 
 import vfplan
-from vfplan.curve.arcs import fit_arcs
 from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering
+from vfplan.geometry.arcs import fit_arcs
 from vfplan.live.sources import decode
 from vfplan.study.scenes import Omega, Sheet
 

@@ -1,7 +1,7 @@
-"""What is drawn on a DICOM image beside its pixels: presentation states' graphics, overlay planes.
+"""The lines of a DICOM presentation state, as points on the image that it was drawn on.
 
 Graphics (GSPS, PS3.3 C.10.5) count pixels from the upper left corner of the first one, so half a
-pixel is taken off; an overlay plane (C.9.2) is a bitmap that lies on whole pixels.
+pixel is taken off.
 """
 
 from __future__ import annotations
@@ -16,14 +16,11 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError
 from vfplan.images.dicom import dataset_of, in_memory, quiet
-from vfplan.images.read import check_size
 from vfplan.io.apart import allow, apart
 
 CORNER_PX = 0.5  # from a pixel's corner to its centre
 LINES = {"POLYLINE": False, "INTERPOLATED": True}  # and whether it is curved between its points
-PLANES = range(0x6000, 0x6020, 2)
-PIXEL_BYTES = 16  # of memory that a pixel of an overlay may take
-WANTED = "a POLYLINE or INTERPOLATED graphic in PIXEL units, or an overlay plane, is wanted"
+WANTED = "a POLYLINE or INTERPOLATED graphic in PIXEL units is wanted"
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,21 +30,18 @@ class Annotation:
     name: what it is, for messages
     drawn_on: the images' SOP instance UIDs, each with its frames, from 1; none where all are meant
     points, smooth: a graphic's (M, 2) points (u, v) [px], and whether it is curved between them
-    plane, origin: an overlay's (H, W) bool, and where its first pixel lies (u, v) [px]
 
-    One with neither points nor a plane is a graphic that is no line.
+    One without points is a graphic that is no line.
     """
 
     name: str
     drawn_on: dict[str, list[int]]
     points: NDArray[np.float64] | None = None
     smooth: bool = False
-    plane: NDArray[np.bool_] | None = None
-    origin: tuple[int, int] = (0, 0)
 
 
 def read_annotations(data: bytes, where: str) -> list[Annotation]:
-    """The lines and overlay planes of a DICOM file, then its graphics that are no lines.
+    """The lines of a DICOM presentation state, then its graphics that are no lines.
 
     Raises `CurveError` where there is no line, `ImageError` for a damaged file, `MissingExtra`.
     """
@@ -56,9 +50,8 @@ def read_annotations(data: bytes, where: str) -> list[Annotation]:
         found = apart(job, where, file=file, where=where, kind=CurveError)
         for head, values in zip(found, found, strict=True):
             kind = head.pop("kind")
-            plane = values[0].astype(bool) if kind == "plane" else None
             points = values[0] - CORNER_PX if kind == "line" else None
-            drawn.append(Annotation(plane=plane, points=points, **head))
+            drawn.append(Annotation(points=points, **head))
     return drawn
 
 
@@ -87,29 +80,12 @@ def found_in(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple[NDAr
                 points = numbers.reshape(-1, 2)
                 head = {"kind": "line", "name": name, "drawn_on": drawn_on, "smooth": LINES[kind]}
                 drawn += [head, (points,)]
-        for group in PLANES:
-            if (group, 0x3000) in dataset:
-                drawn += _plane(dataset, group, where)
     if not drawn:
         there = "; ".join(others[:6]) or f"no drawing ({str(dataset.get('Modality', ''))[:16]})"
         raise CurveError(f"is DICOM with {there}; {WANTED}", where=where)
     yield from drawn
     for name in others:
         yield from ({"kind": "other", "name": name, "drawn_on": {}}, (np.zeros(0),))
-
-
-def _plane(dataset: Any, group: int, where: str) -> tuple[dict[str, Any], tuple[NDArray]]:
-    rows, columns = (int(dataset[group, element].value) for element in (0x10, 0x11))
-    check_size(columns, rows, where)
-    if (group, 0x15) in dataset and int(dataset[group, 0x15].value) != 1:
-        raise CurveError(f"overlay plane {group:04x} has several frames", where=where)
-    allow(PIXEL_BYTES * rows * columns, 0)
-    top, left = (int(x) for x in dataset[group, 0x50].value)  # of the image, from 1
-    label = str(dataset[group, 0x1500].value)[:32] if (group, 0x1500) in dataset else ""
-    name = f"overlay plane {group:04x}" + (f" {label!r}" if label else "")
-    drawn_on = {str(dataset.get("SOPInstanceUID", "")): []}
-    head = {"kind": "plane", "name": name, "drawn_on": drawn_on, "origin": (left - 1, top - 1)}
-    return head, (dataset.overlay_array(group).astype(np.uint8),)
 
 
 def _images(item: Any) -> dict[str, list[int]]:

@@ -148,7 +148,7 @@ def pieces_of(
     SettingError
         Lines and arcs are asked for, and there can be none.
     """
-    from vfplan.curve.arcs import fit_arcs, plane
+    from vfplan.geometry.arcs import fit_arcs, plane
 
     if settings.points_only:
         return None

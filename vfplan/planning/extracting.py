@@ -61,15 +61,15 @@ def extract(
     curve
         A vector curve drawn on the slice, taken instead of a pen's: Slicer's `.mrk.json` or
         `.fcsv` (a DICOM slice says where it lies), ImageJ's `.roi`, a CSV `u_px,v_px` or `X,Y`, or
-        a DICOM presentation state or overlay.
+        a DICOM presentation state.
 
     Raises `ImageError`, `CurveError`, `SettingError` or `MissingExtra`.
     """
     now_utc()  # refuses a SOURCE_DATE_EPOCH that is no time before any work is done
     settings = settings or ExtractSettings()
     from vfplan.curve import load_libraries
-    from vfplan.curve.vector import SUFFIXES
     from vfplan.images.read import read_image
+    from vfplan.vectors.read import SUFFIXES
 
     alone = Path(path).suffix.lower() in SUFFIXES
     if curve is not None or alone:
@@ -129,8 +129,8 @@ def _drawn_as_vectors(
     image: PlannedImage, path: str | Path, settings: ExtractSettings
 ) -> tuple[Extraction, str]:
     from vfplan.curve import vector_stroke
-    from vfplan.curve.annotated import check_drawn_on
-    from vfplan.curve.vector import onto_slice, read_vector_curve
+    from vfplan.vectors.presentation import check_drawn_on
+    from vfplan.vectors.read import onto_slice, read_vector_curve
 
     curve = read_vector_curve(path, settings.curve_origin, settings.stroke)
     placed = onto_slice(curve, image.T_patient_image, str(path))
@@ -141,7 +141,7 @@ def _drawn_as_vectors(
 
 def _vector_alone(path: str | Path, settings: ExtractSettings) -> Extracted:
     """A curve in the patient's frame [m], or in the pixels of an image that is not given."""
-    from vfplan.curve.vector import FINE_M, read_vector_curve
+    from vfplan.vectors.read import FINE_M, read_vector_curve
 
     started = time.perf_counter()
     curve = read_vector_curve(path, settings.curve_origin, settings.stroke)

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.arcs import plane, strokes_of
 from vfplan.engine.parameters import Rule
 from vfplan.engine.renderable import exact_of
 from vfplan.fixture import Fixture, Pieces
+from vfplan.geometry.arcs import plane, strokes_of
 from vfplan.registration.nearest import on_triangles
 from vfplan.replaying.quantities import flattened, row_norms
 

@@ -22,8 +22,8 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
 
     Raises `InputError` where a file holds none, an open curve, or is damaged.
     """
-    from vfplan.curve.vector import FINE_M, VectorCurve
     from vfplan.markers.slicer import lps_points, markups_of
+    from vfplan.vectors.read import FINE_M, VectorCurve
 
     rings, digest = [], hashlib.sha256()
     for path in paths:

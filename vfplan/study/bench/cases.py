@@ -150,7 +150,7 @@ def is_drawn(scene: Scene) -> TypeGuard[Drawn]:
 
 def fitted(scene: Drawn, tolerance_m: float = DEFAULT_ARCS_M) -> Pieces:
     """Lines and arcs through a drawing's points, as a plan fits them."""
-    from vfplan.curve.arcs import fit_arcs
+    from vfplan.geometry.arcs import fit_arcs
 
     arcs = [fit_arcs(run.sample(scene.spacing), run.closed, tolerance_m) for run in scene.runs]
     flat = np.vstack([a.vertices for a in arcs])

@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vfplan.curve.vector import FINE_M
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.planning.settings import DEFAULT_ARCS_M
@@ -37,6 +36,7 @@ from vfplan.reference import PaperProxy
 from vfplan.study.bench.cases import Case, cases, chosen_points, fitted, is_drawn
 from vfplan.study.bench.peers import NearestPointPenalty, Peer
 from vfplan.study.bench.record import Array, Record, Setting, Trial, errors_of, timed_ticks
+from vfplan.vectors.read import FINE_M
 
 R = 5e-3
 STIFFNESS = 1000.0

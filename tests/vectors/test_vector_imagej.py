@@ -9,9 +9,9 @@ import pytest
 from captures import capture
 from vector_files import polyline
 
-from vfplan.curve.vector import read_vector_curve
 from vfplan.errors import CurveError, MissingExtra, SettingError
 from vfplan.planning import ExtractSettings, extract
+from vfplan.vectors.read import read_vector_curve
 
 roifile = pytest.importorskip("roifile", reason="needs pip install 'vfplan[imagej]'")
 

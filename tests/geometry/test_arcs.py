@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from vfplan.curve.arcs import find_corners, fit_arcs
 from vfplan.errors import CurveError
+from vfplan.geometry.arcs import find_corners, fit_arcs
 
 TOLERANCE = 1e-6
 

@@ -1,18 +1,18 @@
-"""Curves drawn on a DICOM image beside its pixels: presentation states and overlay planes."""
+"""Lines of DICOM presentation states."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from captures import capture
-from drawing import coverage, normal_errors
+from drawing import normal_errors
 from pydicom.dataset import Dataset, FileMetaDataset
 from pydicom.uid import ExplicitVRLittleEndian
 from vector_files import polyline
 
-from vfplan.curve.vector import read_vector_curve
 from vfplan.errors import CurveError, SettingError
 from vfplan.planning import ExtractSettings, extract
+from vfplan.vectors.read import read_vector_curve
 
 GREY = np.tile(np.arange(100, dtype=np.uint8), (80, 1))
 LINE = np.array([(20.5, 20.5), (60.5, 30.5), (70.5, 60.5)])  # from the first pixel's corner
@@ -52,30 +52,6 @@ def state(tmp_path, *graphics, image="1.2.3.4", frames=None):
     return path
 
 
-def with_overlays(tmp_path, *planes, origin=(1, 1)):
-    """A grey slice with overlay planes, (H, W) bool."""
-    path = capture(tmp_path, GREY, "MONOCHROME2")
-    from pydicom import dcmread
-
-    data = dcmread(path)
-    for group, plane in zip(range(0x6000, 0x6020, 2), planes, strict=False):
-        bits = np.packbits(plane.ravel(), bitorder="little").tobytes()
-        data.add_new((group, 0x10), "US", plane.shape[0])
-        data.add_new((group, 0x11), "US", plane.shape[1])
-        data.add_new((group, 0x40), "CS", "G")
-        data.add_new((group, 0x50), "SS", list(origin))
-        data.add_new((group, 0x100), "US", 1)
-        data.add_new((group, 0x102), "US", 0)
-        data.add_new((group, 0x1500), "LO", f"cut {group:04x}")
-        data.add_new((group, 0x3000), "OW", bits + bytes(len(bits) % 2))
-    data.save_as(path, enforce_file_format=True)
-    return path
-
-
-def drawn(points, width=2.0):
-    return coverage(GREY.shape, np.asarray(points, float), width) > 0.5
-
-
 def test_a_presentation_states_polyline_counts_from_the_first_pixels_corner(tmp_path):
     curve = read_vector_curve(state(tmp_path, graphic()))
     assert curve.points.tolist() == (LINE - 0.5).tolist()
@@ -92,27 +68,32 @@ def test_one_that_returns_is_closed_and_an_interpolated_one_is_a_spline_with_a_w
 
 def test_of_several_one_is_chosen_and_named(tmp_path):
     path = state(tmp_path, graphic(), graphic(LINE + 5), graphic(LINE[:1], "POINT"))
-    with pytest.raises(CurveError, match=r"2 curves and none was chosen .*1: POLYLINE of 3 points"):
+    with pytest.raises(CurveError, match="1: POLYLINE of 3 points") as refused:
         read_vector_curve(path)
+    assert refused.value.code == "vector-several"
+    assert refused.value.numbers["curves"] == 2
     curve = read_vector_curve(path, number=2)
     assert curve.points[0].tolist() == [25.0, 25.0]
     assert "of 2 curves 2: POLYLINE of 3 points, layer 'CUT' is taken" in curve.warnings[0]
-    with pytest.raises(CurveError, match="no curve number 3"):
+    with pytest.raises(CurveError) as refused:
         read_vector_curve(path, number=3)
+    assert (refused.value.code, refused.value.numbers["number"]) == ("vector-number", 3)
 
 
 def test_a_graphic_beside_the_curve_that_is_no_line_is_refused_by_name(tmp_path):
     path = state(tmp_path, graphic(LINE[:2], "CIRCLE"), graphic())
-    with pytest.raises(CurveError, match=r"1 curve and none was chosen .*; not read: CIRCLE of 2"):
+    with pytest.raises(CurveError, match="not read: CIRCLE of 2") as refused:
         read_vector_curve(path)
+    assert (refused.value.code, refused.value.numbers["curves"]) == ("vector-several", 1)
     curve = read_vector_curve(path, number=1)
     assert curve.points.tolist() == (LINE - 0.5).tolist()
     assert (
         "of 1 curve 1: POLYLINE of 3 points, layer 'CUT' is taken; not read: CIRCLE"
         in (curve.warnings[0])
     )
-    with pytest.raises(CurveError, match="no curve number 2"):
+    with pytest.raises(CurveError) as refused:
         read_vector_curve(path, number=2)
+    assert refused.value.code == "vector-number"
 
 
 @pytest.mark.parametrize(
@@ -145,27 +126,10 @@ def test_a_state_is_taken_on_the_image_it_names_alone(tmp_path):
     assert made.warnings == ()
 
 
-def test_an_overlay_planes_line_is_followed_down_its_middle(tmp_path):
-    path = with_overlays(tmp_path, drawn(LINE - 0.5))
-    made = extract(path, ExtractSettings(), curve=path)
-    stroke = made.extraction.strokes[0]
-    assert np.abs(normal_errors(stroke.points_px, LINE - 0.5, False)).max() < 1.0
-    assert np.hypot(*(stroke.points_px[[0, -1]] - (LINE - 0.5)[[0, -1]]).T).max() < 2.0
-
-
-def test_an_overlay_begins_where_it_says_and_several_are_chosen_from(tmp_path):
-    moved = read_vector_curve(with_overlays(tmp_path, drawn(LINE - 0.5), origin=(11, 6)))
-    still = read_vector_curve(with_overlays(tmp_path, drawn(LINE - 0.5)))
-    assert np.allclose(moved.points - still.points, (5, 10))
-    two = with_overlays(tmp_path, drawn(LINE - 0.5), drawn(LINE[:2] + 9))
-    with pytest.raises(CurveError, match="1: overlay plane 6000 'cut 6000'; 2: overlay plane 6002"):
-        read_vector_curve(two)
-    assert "2: overlay plane 6002" in read_vector_curve(two, number=2).warnings[0]
-
-
-def test_an_empty_overlay_and_a_damaged_file_are_refused(tmp_path):
-    with pytest.raises(CurveError, match="overlay plane 6000 'cut 6000': no planned curve"):
-        read_vector_curve(with_overlays(tmp_path, np.zeros(GREY.shape, bool)))
+def test_an_image_without_a_drawing_and_a_damaged_file_are_refused(tmp_path):
+    image = capture(tmp_path, GREY, "MONOCHROME2")
+    with pytest.raises(CurveError, match="no drawing"):
+        read_vector_curve(image)
     path = state(tmp_path, graphic())
     path.write_bytes(path.read_bytes()[:-30])
     with pytest.raises(CurveError):

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve import imagej
 from vfplan.engine.parameters import MOST_POINTS
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.images.read import is_dicom
 from vfplan.io.files import read_whole
+from vfplan.vectors import imagej
 
 MAX_BYTES = 256 * 2**20
 FINE_M = 2.5e-4  # of a curve in the patient: a point every quarter of a millimetre
@@ -95,7 +95,7 @@ def read_vector_curve(
     path: the file
     origin: where on a pixel ImageJ's whole numbers lie, "centre" or "corner", if the file leaves it
         open (a `X,Y` table does)
-    number: which of several graphics or overlay planes of a DICOM file, from 1
+    number: which of several graphics of a DICOM presentation state, from 1
     Raises CurveError: the file is missing, is no such curve, or holds fewer than two different
         points
     Raises SettingError: an origin or a number is given for a file that needs none
@@ -112,7 +112,7 @@ def read_vector_curve(
         raise SettingError(f"stroke {number!r} has no effect on a vector curve; leave it out")
     try:
         curve = (
-            _annotated(data, origin, number, where)
+            _presentation(data, origin, number, where)
             if dicom
             else _read(data, Path(path).suffix.lower(), origin, where)
         )
@@ -137,23 +137,22 @@ def _read(data: bytes, suffix: str, origin: imagej.PixelOrigin | None, where: st
     return _slicer(text, where) if suffix == ".json" else _control_points(text, where)
 
 
-def _annotated(
+def _presentation(
     data: bytes, origin: imagej.PixelOrigin | None, number: int | None, where: str
 ) -> VectorCurve:
-    from vfplan.curve.annotated import read_annotated
+    from vfplan.vectors.presentation import read_presentation
 
     if origin is not None:
         raise SettingError(f"curve_origin {origin!r} has no effect on DICOM")
-    points, drawn, known, told = read_annotated(data, number, where)
-    points, closed = _opened(points)
-    closed = known.get("closed", closed)
-    curve = VectorCurve(
-        _distinct(points, closed, where), closed, drawn.smooth, "", told, drawn.drawn_on
-    )
+    drawn, warnings = read_presentation(data, number, where)
+    points, closed = _opened(drawn.points)
+    points = _distinct(points, closed, where)
+    curve = VectorCurve(points, closed, drawn.smooth, "", warnings, drawn.drawn_on)
     if not curve.smooth:
         return curve
     away = f"a spline is laid through its points, up to {curve.off_straight():.2g} px from straight"
-    return replace(curve, warnings=(*told, f"{where}: {away} lines; DICOM leaves its form open"))
+    warning = f"{where}: {away} lines; DICOM leaves its form open"
+    return replace(curve, warnings=(*warnings, warning))
 
 
 def _meets_itself(curve: VectorCurve, where: str) -> list[str]:

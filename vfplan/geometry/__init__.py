@@ -1,0 +1,1 @@
+"""Plane and space geometry that several packages need."""

@@ -1,0 +1,6 @@
+"""Curves that were drawn as vectors and need no extraction.
+
+read          a vector curve in the patient's frame or in pixels, from any file
+imagej        ImageJ's `.roi` and its tables of X,Y coordinates
+presentation  lines of a DICOM presentation state
+"""
