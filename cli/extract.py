@@ -43,7 +43,7 @@ def command(image, output, mask_out, overlay_out, **given) -> Report:
         write_fixture(extracted.fixture, path)
         write_pictures(extracted, mask, overlay)
     text = f"{extracted_text(extracted.report)}\nwrote {output}"
-    return Report(extracted.report, text, warnings=list(extracted.warnings))
+    return Report(extracted.report, text, findings=extracted.findings)
 
 
 @contextmanager

@@ -14,6 +14,8 @@ from vfplan.cli.rehearse import BASE, TOOL, objections, rehearsed_text
 from vfplan.cli.run import Report, command, patience
 from vfplan.cli.values import FILE
 
+from vfplan.findings import Finding, doubt
+
 
 @command("plan")
 @click.argument("image", type=FILE)
@@ -50,14 +52,14 @@ def command(
         made = plan(
             image, markers, markers2, extraction=reading, settings=making, curve=given["curve"]
         )
-    fixture, verdict, warnings = made.fixture, {}, list(made.warnings)
+    fixture, verdict, findings = made.fixture, {}, list(made.findings)
     options.hold_campaign(given, fixture)
     if robot is not None:
         from vfplan.stability import approved
 
         fixture = approved(made.fixture, robot)
         verdict = {"stability": fixture.stability.as_dict()}
-        warnings += strong_pull(fixture, robot)
+        findings += strong_pull(fixture, robot)
     if given["rehearse"] is not None:
         verdict |= {"rehearsal": rehearsed(fixture, robot, given)}
     with outputs(output, mask_out, overlay_out, picture_out) as (path, mask, overlay, picture):
@@ -73,19 +75,20 @@ def command(
         text += "\nstable up to {k_max_n_per_m:.0f} N/m with robot {robot}".format(
             **verdict["stability"]
         )
-    return Report(made.report | verdict, f"{text}\nwrote {output}", warnings=warnings)
+    return Report(made.report | verdict, f"{text}\nwrote {output}", findings=findings)
 
 
-def strong_pull(fixture: Any, robot: Any) -> list[str]:
+def strong_pull(fixture: Any, robot: Any) -> list[Finding]:
     """That the robot cannot pull along the guide as it is asked to."""
     pull = fixture.guidance and fixture.guidance.lead_force
     limit = robot.force_limit_n
     if not pull or limit is None or abs(pull) <= limit:
         return []
-    return [
-        f"the guide pulls with {abs(pull):g} N, robot {robot.name!r} gives {limit:g} N at most: "
-        "its governor holds the rest back, of the tube's force too"
-    ]
+    text = (
+        f"The guide pulls with {abs(pull):g} N, but robot {robot.name!r} is limited to "
+        f"{limit:g} N. Its governor holds the rest back, also of the tube's force."
+    )
+    return [doubt("guide-pull-strong", "plan", text)]
 
 
 def rehearsed(fixture: Any, robot: Any, given: dict[str, Any]) -> list[dict[str, Any]]:

@@ -87,7 +87,7 @@ def command(
         write_fixture(planned.fixture, path)
         write_registration_picture(planned, drawn, slice_, picture)
     text = f"{registered_text(planned.report)}\nwrote {output}"
-    return Report(planned.report, text, warnings=list(planned.warnings))
+    return Report(planned.report, text, findings=planned.findings)
 
 
 def write_registration_picture(

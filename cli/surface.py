@@ -49,7 +49,7 @@ def command(sources, output, picture_out, **given) -> Report:
             from vfplan.figures.surface import draw_surface
 
             draw_surface(made, picture)
-    return Report(made.report, f"{_text(made.report)}\nwrote {output}", warnings=[*made.warnings])
+    return Report(made.report, f"{_text(made.report)}\nwrote {output}", findings=made.findings)
 
 
 def _text(report: dict[str, Any]) -> str:

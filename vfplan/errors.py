@@ -20,8 +20,8 @@ One tree, so that a caller can catch as much or as little as it wants:
     └── MissingExtra        2   an optional dependency that this call needs is not installed
 
 The message says what is wrong, the value found, what is allowed and what to do. `where` names the
-place (a file, a marker's label, a dataset's path, a pixel). `code` is a stable name of what is wrong
-and `numbers` holds the values that the message speaks of, so that no caller has to read the words.
+place (a file, a marker's label, a dataset's path, a pixel). `code` is a stable name of what is
+wrong, and `numbers` holds the values that the message speaks of: no caller has to read the words.
 """
 
 from __future__ import annotations

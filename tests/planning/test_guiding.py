@@ -61,12 +61,12 @@ def test_without_a_guide_a_bundle_is_of_the_version_that_holds_it(tmp_path):
 
 def test_one_stroke_guides_beside_the_one_that_is_forbidden():
     settings = FixtureSettings(guide_m=1e-3, guide_stroke=1)
-    fixture, report, warnings = add_guidance(two_lines(0.02), settings)
+    fixture, report, findings = add_guidance(two_lines(0.02), settings)
     assert (fixture.forbidden[:, 1] == 0).all()
     assert report["guide"]["clearance_min_m"] == pytest.approx(0.015, abs=1e-5)
-    assert not warnings
-    _, _, warnings = add_guidance(two_lines(5.5e-3), settings)
-    assert "reaches into the forbidden region at arc" in warnings[0]
+    assert not findings
+    _, _, findings = add_guidance(two_lines(5.5e-3), settings)
+    assert [finding.code for finding in findings] == ["guide-in-forbidden"]
 
 
 def test_a_guide_that_leads_into_the_forbidden_region_is_refused_with_the_place():
@@ -111,8 +111,9 @@ def test_a_bend_tighter_than_the_tube_is_refused_unless_it_may_be_cut():
     settings = {"guide_m": 3e-3, "guide_stroke": 1}
     with pytest.raises(SettingError, match=r"mm fit the bends, .* at arc 3\d"):
         add_guidance(two_lines(0, bent), FixtureSettings(**settings))
-    told = add_guidance(two_lines(0, bent), FixtureSettings(**settings, guide_cut_bends=True))[2]
-    assert "the tip may cut that corner" in told[0]
+    cutting = FixtureSettings(**settings, guide_cut_bends=True)
+    _, _, findings = add_guidance(two_lines(0, bent), cutting)
+    assert "guide-tight-bend" in [finding.code for finding in findings]
 
 
 @pytest.mark.parametrize(
@@ -144,8 +145,8 @@ def test_a_pull_that_the_robot_cannot_give_is_warned_of():
     settings = FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_pull=(-25.0,))
     fixture = add_guidance(two_lines(0.02), settings)[0]
     weak = Robot("weak", 1.0, 1.0, 1000.0, force_limit_n=20.0)
-    (said,) = strong_pull(fixture, weak)
-    assert "pulls with 25 N, robot 'weak' gives 20 N at most" in said
+    (finding,) = strong_pull(fixture, weak)
+    assert (finding.code, finding.severity, finding.stage) == ("guide-pull-strong", "doubt", "plan")
     assert not strong_pull(fixture, replace(weak, force_limit_n=25.0))
     assert not strong_pull(fixture, replace(weak, force_limit_n=None))
 
@@ -157,7 +158,7 @@ def test_lines_and_arcs_guide_and_ticks_too_long_are_warned_of(monkeypatch):
     guide = vfplan.Guide.of(made.fixture, hold="at_once")
     on = made.fixture.points @ np.diag([1.0, 1, 0])
     assert np.abs(guide.run(on).lateral_m).max() < 5e-6
-    assert any("a tick may take" in said for said in made.warnings)
+    assert "tick-too-long" in [finding.code for finding in made.findings]
     with pytest.raises(SettingError, match=r"the guide of 0\.1 mm does not count"):
         plan(*ELBOW, settings=FixtureSettings(guide_m=1e-4, arcs_m=1e-3))
     with pytest.raises(SettingError, match="stroke 0: the curve is one stroke, which guides w"):

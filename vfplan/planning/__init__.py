@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from vfplan.engine.renderable import work_doubt
 from vfplan.errors import SettingError
+from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture, Provenance, size_doubt
 from vfplan.io.files import now_utc
 from vfplan.planning.extracting import Extracted, describe_extraction, extract, planned_curve
@@ -44,7 +45,12 @@ class Planned:
     fixture: Fixture
     registration: Registration
     report: dict[str, Any]
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The texts of the findings."""
+        return tuple(finding.text for finding in self.findings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +67,14 @@ class Plan:
         return {"extract": self.extracted.report, "register": self.registered.report}
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """What a person should look at."""
-        return self.extracted.warnings + self.registered.warnings
+        return self.extracted.findings + self.registered.findings
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The texts of the findings."""
+        return tuple(finding.text for finding in self.findings)
 
 
 def plan(
@@ -169,9 +180,9 @@ def register(
     inputs = matched.pairs.inputs | ({} if refined is None else {"touched": refined.sha256})
     provenance = _provenance(guarded, making, inputs, rendered.settings | _left_out(matched))
     fixture = _fixture(matched, guarded, registration, rendered, provenance)
-    guide, guide_warnings = {}, ()
+    guide, guide_findings = {}, ()
     if settings.guide_m is not None:
-        fixture, guide, guide_warnings = add_guidance(fixture, settings)
+        fixture, guide, guide_findings = add_guidance(fixture, settings)
     # What was found on the way: the markers' own fit, and what the touched points made of it.
     report = describe(matched.registration, drawn.points, diagnosis=matched.diagnosis, error=error)
     report |= {"target_frame": fixture.frame} | rendered.report | matched.report | guide
@@ -181,15 +192,16 @@ def register(
         report |= {"T_robot_image": registration.T_target_source, "touched": refined.report}
         report["tre"]["worst_target_m"] = registration.apply(drawn.points[[error.worst]])[0]
     report["elapsed_s"] = time.perf_counter() - started
-    warnings = (
-        *matched.diagnosis.warnings,
-        *(error if refined is None else refined).warnings,
-        *matched.warnings,
-        *rendered.warnings,
-        *guide_warnings,
-        *_doubts(fixture),
-    )
-    return Planned(fixture, registration, report, warnings)
+    marker_warnings = (*matched.diagnosis.warnings, *matched.warnings)
+    findings = [doubt("markers-doubt", "register", text) for text in marker_warnings]
+    if refined is not None:
+        findings += refined.findings
+    else:
+        findings += [note("extrapolated", "register", text) for text in error.warnings]
+    findings += rendered.findings
+    findings += guide_findings
+    findings += _fixture_findings(fixture)
+    return Planned(fixture, registration, report, tuple(findings))
 
 
 def _left_out(matched: Matched) -> dict[str, str]:
@@ -238,8 +250,14 @@ def _fixture(
     )
 
 
-def _doubts(fixture: Fixture) -> list[str]:
+def _fixture_findings(fixture: Fixture) -> list[Finding]:
     """What of the fixture itself a person should look at."""
-    pieces = fixture.curve and fixture.curve.pieces
-    doubts = size_doubt(fixture.points), work_doubt(fixture) if pieces else None
-    return [doubt for doubt in doubts if doubt]
+    findings = []
+    size = size_doubt(fixture.points)
+    if size is not None:
+        findings.append(doubt("size-unusual", "plan", size))
+    if fixture.curve is not None and fixture.curve.pieces is not None:
+        work = work_doubt(fixture)
+        if work is not None:
+            findings.append(doubt("tick-too-long", "plan", work))
+    return findings

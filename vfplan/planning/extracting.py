@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vfplan.errors import ImageError, SettingError
+from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
 from vfplan.io.files import now_utc
 from vfplan.planning.carrying import along, in_strokes, length_of
@@ -41,7 +42,12 @@ class Extracted:
     image: PlannedImage | None
     extraction: Extraction | None
     report: dict[str, Any]
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The texts of the findings."""
+        return tuple(finding.text for finding in self.findings)
 
 
 def extract(
@@ -99,7 +105,8 @@ def extract(
     elapsed = time.perf_counter() - started
     fixture = planned_curve(extraction, image, settings, inputs=inputs)
     report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
-    return Extracted(fixture, image, extraction, report, tuple(extraction.warnings))
+    findings = tuple(doubt("extract-doubt", "extract", text) for text in extraction.warnings)
+    return Extracted(fixture, image, extraction, report, findings)
 
 
 def _check_spacing(image: PlannedImage, *, asked: bool, where: str) -> None:
@@ -166,7 +173,8 @@ def _vector_alone(path: str | Path, settings: ExtractSettings) -> Extracted:
         "points": len(points),
         "elapsed_s": time.perf_counter() - started,
     }
-    return Extracted(fixture, None, None, report, curve.warnings)
+    findings = tuple(note("vector-curve", "extract", text) for text in curve.warnings)
+    return Extracted(fixture, None, None, report, findings)
 
 
 def planned_curve(

@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import CheckFailed, SettingError
+from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Guidance
 from vfplan.planning.settings import FixtureSettings
 
 
 def add_guidance(
     fixture: Fixture, settings: FixtureSettings
-) -> tuple[Fixture, dict[str, Any], tuple[str, ...]]:
-    """The fixture with the guidance that was asked for, what is reported of it, and warnings.
+) -> tuple[Fixture, dict[str, Any], tuple[Finding, ...]]:
+    """The fixture with the guidance that was asked for, its part of the report, and findings.
 
     Raises SettingError: a tube that runs into itself or is wider than a bend, or a stroke that is
         not there
@@ -46,7 +47,7 @@ def add_guidance(
         *settings.guide_pull,
     )  # fmt: skip
     fixture = replace(fixture, guidance=guidance)
-    with warnings.catch_warnings():  # told below
+    with warnings.catch_warnings():  # The finding below says the same.
         warnings.simplefilter("ignore")
         guide = Guide.of(fixture, cut_bends=settings.guide_cut_bends)
     report = {
@@ -56,15 +57,17 @@ def add_guidance(
         "lead_force_n": guidance.lead_force or 0.0,
         "lengths_m": guide.lengths_m,
     }
-    told = [guide.tight_bend] if guide.tight_bend else []
+    findings = []
+    if guide.tight_bend:
+        findings.append(doubt("guide-tight-bend", "plan", guide.tight_bend))
     if stroke is not None:
         report["stroke"] = stroke
-        report["clearance_min_m"], near = _clearance(fixture, guide)
-        told += near
-    return fixture, {"guide": report}, tuple(told)
+        report["clearance_min_m"], overlap = _clearance(fixture, guide)
+        findings += overlap
+    return fixture, {"guide": report}, tuple(findings)
 
 
-def _clearance(fixture: Fixture, guide: Any) -> tuple[float, list[str]]:
+def _clearance(fixture: Fixture, guide: Any) -> tuple[float, list[Finding]]:
     """Least room between the guide's curve and the proxy's forbidden positions [m]."""
     from vfplan.engine.proxy import ProxyEngine
 
@@ -84,7 +87,9 @@ def _clearance(fixture: Fixture, guide: Any) -> tuple[float, list[str]]:
         )
     if room[worst] >= guide.radius:
         return float(room[worst]), []
-    return float(room[worst]), [
+    text = (
         f"the guide's tube reaches into the forbidden region {at}: {1e3 * room[worst]:.4g} mm are "
         f"left beside the curve, the tube has {1e3 * guide.radius:g} mm; both forces act there"
-    ]
+    )
+    place = tuple(float(v) for v in places[worst])
+    return float(room[worst]), [doubt("guide-in-forbidden", "plan", text, place_m=place)]

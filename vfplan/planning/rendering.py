@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vfplan.engine.parameters import FINEST_BAND, MAX_ITERATIONS, ProxyParameters, check_axis
 from vfplan.errors import SettingError
+from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Rendering
 from vfplan.planning.carrying import Carried, carry, pieces_of, require_small
 from vfplan.planning.settings import FixtureSettings
@@ -69,15 +70,16 @@ class Rendered:
         return flat
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """That less than the tolerance asked for was used."""
         choice = self.choice
         if choice is None or choice.kept_m == choice.tolerance_m:
             return ()
-        return (
-            f"the tolerance of {choice.tolerance_m * 1e3:g} mm is more than r_c + r_v allow: "
-            f"{choice.kept_m * 1e3:.4g} mm was used, beyond which the points are bumps",
+        text = (
+            f"The tolerance of {choice.tolerance_m * 1e3:g} mm is more than r_c + r_v allow. "
+            f"{choice.kept_m * 1e3:.4g} mm was used, because wider spacing would be felt as bumps."
         )
+        return (note("tolerance-reduced", "plan", text),)
 
 
 def render(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import MarkerError, SettingError
+from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture
 from vfplan.io.files import at
 from vfplan.markers.files import ROBOT, cells_of, number, numbered, read_text, table_rows
@@ -21,7 +22,7 @@ class Refined:
 
     registration: Registration
     report: dict[str, Any]
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     sha256: str  # of the file of touched points
 
 
@@ -59,24 +60,26 @@ def touch(
         "moved_over_markers_bound95": beyond,
         "tip_radius_m": tip_radius,
     }
-    return Refined(found.registration, report, _warnings(report), sha256)
+    return Refined(found.registration, report, _findings(report), sha256)
 
 
-def _warnings(report: dict[str, Any]) -> tuple[str, ...]:
-    told = []
+def _findings(report: dict[str, Any]) -> tuple[Finding, ...]:
+    findings = []
     if len(report["left_out"]):
         rows = ", ".join(map(str, report["left_out"][:8]))
-        told.append(
+        text = (
             f"{len(report['left_out'])} of {report['points']} touched points lie off the surface "
             f"and are left out: {rows}{', ...' if len(report['left_out']) > 8 else ''}"
         )
+        findings.append(doubt("touch-left-out", "register", text))
     if report["moved_over_markers_bound95"] > 1:
-        told.append(
+        text = (
             f"touching moves the surface by up to {1e3 * report['moved_max_m']:.3f} mm, "
             f"{report['moved_over_markers_bound95']:.1f} times what the markers' 95 % bound "
             "allows: did a marker move, or is something else touched?"
         )
-    return tuple(told)
+        findings.append(doubt("touch-moves-far", "register", text))
+    return tuple(findings)
 
 
 def read_touched(path: str | Path) -> tuple[np.ndarray, str]:

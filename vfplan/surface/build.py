@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from vfplan.bundle import mesh_band
 from vfplan.bundle.leak import largest_cover, open_edges
 from vfplan.errors import SettingError
+from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.io.files import now_utc
 from vfplan.registration.nearest import NearestOnMesh
@@ -80,7 +81,12 @@ class Surface:
     fixture: Fixture
     sliced: Sliced
     report: dict[str, Any]
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The texts of the findings."""
+        return tuple(finding.text for finding in self.findings)
 
 
 def surface(
@@ -133,8 +139,9 @@ def surface(
     )
     report = _report(contours, sliced, levels, fixture, settings)
     report["elapsed_s"] = time.perf_counter() - started
-    warnings = (*contours.told, *sliced.told, *_ends(sliced, settings), *_errors(report))
-    return Surface(fixture, sliced, report, warnings)
+    texts = (*contours.told, *sliced.told, *_ends(sliced, settings), *_errors(report))
+    findings = tuple(doubt("surface-doubt", "surface", text) for text in texts)
+    return Surface(fixture, sliced, report, findings)
 
 
 def _joined(levels: list[Level], R_slice_patient: Array) -> tuple[Array, NDArray[np.int32]]:
