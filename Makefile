@@ -30,7 +30,7 @@ $(STAMP): $(SOURCES) | $(VENV)/.vfplan-tools
 
 # What the tests need on top: the extras of the same wheel.
 $(VENV)/.vfplan-test: $(STAMP)
-	$(BIN)/python -m pip install -q "$$(ls build/wheel/*.whl)[arm,campaign,dicom,imagej,live,sign,surface,ros,test]"
+	$(BIN)/python -m pip install -q "$$(ls build/wheel/*.whl)[all,test]"
 	touch $@
 
 demo: $(STAMP)

@@ -101,6 +101,8 @@ def test_the_lock_holds_what_every_extra_asks_for(lock):
     locked = re.findall(r"^([\w.-]+)==([^ ;\\]+)(.*(?:\n    --hash.*)*)", "\n".join(entries), re.M)
     assert all("--hash=sha256:" in rest for *_, rest in locked)
     for requirement in map(Requirement, wanted):
+        if requirement.name == "vfplan":  # the extra `all` names the other extras
+            continue
         found = [version for name, version, _ in locked if name == requirement.name.lower()]
         assert found, requirement
         assert any(requirement.specifier.contains(version) for version in found), requirement

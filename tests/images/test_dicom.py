@@ -11,7 +11,7 @@ from drawing import compare
 import vfplan
 from vfplan.errors import CurveError, ImageError, VfplanError
 
-pydicom = pytest.importorskip("pydicom", reason="needs pip install 'vfplan[dicom]'")
+pydicom = pytest.importorskip("pydicom", reason="needs the package pydicom")
 from captures import CURVE, PICTURE, SHAPE, capture  # noqa: E402
 from pydicom.data import get_testdata_files  # noqa: E402
 
