@@ -3,7 +3,7 @@
     .venv/bin/python docs/make_tuned.py            every number, halved and doubled; minutes
     .venv/bin/python docs/make_tuned.py lean window  only these
 
-The headers are copied, one number of tuned.hpp is changed, and a small library is built from them
+The headers are copied, one number of rules/constants.hpp is changed, and a small library is built from them
 with g++ and driven in place of the installed engine.
 """
 
@@ -86,8 +86,8 @@ def _of(array):
 
 
 def numbers() -> dict[str, float]:
-    """The numbers of tuned.hpp, in its order."""
-    text = (INCLUDE / "vfplan" / "tuned.hpp").read_text()
+    """The numbers of rules/constants.hpp, in its order."""
+    text = (INCLUDE / "vfplan" / "rules" / "constants.hpp").read_text()
     lines = re.findall(r"inline constexpr \w+ ([^;]+);", text)
     pairs = [pair.split(" = ") for line in lines for pair in line.split(", ")]
     return {name.strip(): float(value) for name, value in pairs}
@@ -98,7 +98,7 @@ def build(folder: Path, name: str | None, value: float) -> ctypes.CDLL:
     headers = folder / "include"
     shutil.rmtree(headers, ignore_errors=True)
     shutil.copytree(INCLUDE, headers)
-    tuned = headers / "vfplan" / "tuned.hpp"
+    tuned = headers / "vfplan" / "rules" / "constants.hpp"
     if name:
         tuned.write_text(re.sub(rf"\b{name} = [^,;]+", f"{name} = {value:.17g}", tuned.read_text()))
     (folder / "driver.cpp").write_text(DRIVER)

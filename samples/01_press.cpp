@@ -3,7 +3,7 @@
 // Press a tip onto three points; beside it in Python: 01_press.py.
 #include <cstdio>
 
-#include "vfplan/dips.hpp"
+#include "vfplan/cloud/band.hpp"
 #include "vfplan/engine.hpp"
 
 int main() {

@@ -7,7 +7,7 @@
 // need it turned into one first, which is what Admittance and Velocity do.
 #pragma once
 
-#include "vfplan/vec.hpp"
+#include "vfplan/base/vec.hpp"
 
 namespace controller {
 

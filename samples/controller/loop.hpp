@@ -18,7 +18,7 @@
 #include <utility>
 #include <vector>
 
-#include "vfplan/status.hpp"
+#include "vfplan/parameters.hpp"
 
 namespace controller {
 

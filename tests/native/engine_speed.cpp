@@ -17,7 +17,7 @@
 #include <ctime>
 
 #include "scenes.hpp"
-#include "vfplan/dips.hpp"
+#include "vfplan/cloud/band.hpp"
 #include "vfplan/engine.hpp"
 
 #if __has_include(<nanoflann.hpp>)

@@ -5,13 +5,12 @@
 // be among them, none twice; exit status 1 names the first failure. A line a scene and radius:
 //
 //     SCENE DIMENSION RADIUS POINTS most stretches of memory, most points, of any one question
-#include "vfplan/neighbours.hpp"
-
 #include <cstdio>
 #include <cstdlib>
 
 #include "scenes.hpp"
-#include "vfplan/space.hpp"
+#include "vfplan/base/vec.hpp"
+#include "vfplan/cloud/grid.hpp"
 
 namespace {
 

@@ -5,9 +5,9 @@
 
 #include "strokes.hpp"
 #include "ticks.hpp"
-#include "vfplan/dips.hpp"
+#include "vfplan/cloud/band.hpp"
+#include "vfplan/tick_time.hpp"
 #include "vfplan/version.hpp"
-#include "vfplan/work.hpp"
 
 void bind_governor(nb::module_& m);
 void bind_guide(nb::module_& m);

@@ -11,7 +11,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "vfplan/vec.hpp"
+#include "vfplan/base/vec.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;

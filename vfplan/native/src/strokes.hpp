@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "numpy.hpp"
-#include "vfplan/curve/stroke.hpp"
+#include "vfplan/curve/pieces.hpp"
 
 using Numbers = nb::ndarray<const double, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 using Ids = nb::ndarray<const std::int32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;

@@ -25,7 +25,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "vfplan/vec.hpp"
+#include "vfplan/base/vec.hpp"
 
 namespace vfplan {
 

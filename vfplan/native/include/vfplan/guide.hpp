@@ -15,10 +15,9 @@
 #include <cstdio>
 #include <optional>
 
-#include "vfplan/cloud.hpp"
+#include "vfplan/cloud/points.hpp"
+#include "vfplan/curve/tube.hpp"
 #include "vfplan/parameters.hpp"
-#include "vfplan/room.hpp"
-#include "vfplan/status.hpp"
 
 namespace vfplan {
 

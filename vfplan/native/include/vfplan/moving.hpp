@@ -16,9 +16,9 @@
 #include <cmath>
 #include <cstdint>
 
-#include "vfplan/cloud.hpp"
-#include "vfplan/ring.hpp"
-#include "vfplan/status.hpp"
+#include "vfplan/base/spsc_queue.hpp"
+#include "vfplan/cloud/points.hpp"
+#include "vfplan/parameters.hpp"
 
 namespace vfplan {
 

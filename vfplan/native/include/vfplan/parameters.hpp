@@ -1,17 +1,20 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// Table I of the paper, in SI.
+// What an engine is given (Table I of the paper, in SI units), and what each tick answers.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <optional>
 
-#include "vfplan/vec.hpp"
+#include "vfplan/base/vec.hpp"
 
 namespace vfplan {
+
+// Table I of the paper, in SI.
 
 /// Radii that float64 serves among coordinates of up to 1e6 m: their squares neither under- nor
 /// overflow, in the float32 seeds of the loops either (1e-38 to 3e38).
@@ -28,10 +31,10 @@ enum class Search { automatic, grid, brute, editable };
 
 struct Parameters {
     double contact_radius = 5e-3;  ///< r_c [m]
-    double band = 1e-5;            ///< r2 - r_c = r_c - r1 [m]; `band_for` (dips.hpp) has a cloud's
-    double point_radius = 0;       ///< r_v [m]
-    double outer_radius = 1e-2;    ///< r3 [m]
-    double gain = 1;               ///< xi of eq. (5)
+    double band = 1e-5;  ///< r2 - r_c = r_c - r1 [m]; `band_for` (cloud/band.hpp) has a cloud's
+    double point_radius = 0;             ///< r_v [m]
+    double outer_radius = 1e-2;          ///< r3 [m]
+    double gain = 1;                     ///< xi of eq. (5)
     Vec3 stiffness{{1000, 1000, 1000}};  ///< diagonal of K [N/m]
     std::optional<Vec3> ignore_axis;     ///< unit vector along which the fixture is infinite
     Rule rule = Rule::robust;
@@ -75,5 +78,46 @@ inline void check_resolved(const Parameters& p, const double* xyz, std::size_t n
     if (!(p.band >= roundings_a_band * std::numeric_limits<double>::epsilon() * most))
         reject("band must be at least 2.2e-12 of the largest coordinate: its 1e4 roundings");
 }
+
+// What one tick answers.
+
+/// The paper's state of the proxy.
+enum class State : std::int8_t {
+    no_neighbour = -1,
+    free_motion = 0,
+    in_contact = 1,
+    entrenched = 2
+};
+
+/// What a tick has to say beside its result; bits, 0 when all is well.
+enum Status : std::uint8_t {
+    ok = 0,
+    bad_hip = 1,     ///< HIP not finite or beyond 1e6 m: the proxy stayed, the force is its last;
+                     ///< before the first good HIP both are 0
+    inside = 2,      ///< started inside: the proxy is led out and handed to the rule
+    limit = 4,       ///< the tick used up its iterations; the proxy is safe and goes on next tick
+    stale_pose = 8,  ///< the moving fixture's pose is too old: its last frame stands; before the
+                     ///< first pose nothing is rendered
+    changing = 16,   ///< the fixture was exchanged or edited: the force is on its way to K (proxy
+                     ///< - HIP)
+    crossed = 32,    ///< with `inside`: no way out was found on the side where the proxy was before
+                     ///< the exchange
+};
+
+/// What a rule says of a tick, in the space it works in.
+template <int D>
+struct Tick {
+    Vec<D> normal;
+    State state = State::no_neighbour;
+    std::uint8_t status = ok;
+};
+
+struct Step {
+    Vec3 proxy;   ///< [m]
+    Vec3 normal;  ///< unit, 0 when there is none
+    Vec3 force;   ///< on the hand [N]
+    State state = State::no_neighbour;
+    std::uint8_t status = ok;
+};
 
 }  // namespace vfplan

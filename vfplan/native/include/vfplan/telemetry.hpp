@@ -22,8 +22,8 @@
 #include <thread>
 #include <vector>
 
-#include "vfplan/portable.hpp"
-#include "vfplan/status.hpp"
+#include "vfplan/base/vec.hpp"
+#include "vfplan/parameters.hpp"
 
 namespace vfplan {
 

@@ -9,9 +9,9 @@
 
 #include <utility>
 
-#include "vfplan/entrance.hpp"
-#include "vfplan/mesh/settle.hpp"
+#include "vfplan/mesh/smooth.hpp"
 #include "vfplan/parameters.hpp"
+#include "vfplan/rules/start_inside.hpp"
 
 namespace vfplan::mesh {
 

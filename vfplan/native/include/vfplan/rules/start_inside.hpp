@@ -1,16 +1,110 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// A start inside the fixture: the proxy is taken out along the shortest way found, slowly, so that
-// the force ramps; it follows the HIP meanwhile. Outside, the rule takes over as slowly.
+// A start inside the fixture: the way out, and how slowly the force may change on it and after it.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <utility>
 
-#include "vfplan/handover.hpp"
-#include "vfplan/neighbours.hpp"
-#include "vfplan/status.hpp"
+#include "vfplan/base/vec.hpp"
+#include "vfplan/cloud/grid.hpp"
+#include "vfplan/parameters.hpp"
+#include "vfplan/rules/constants.hpp"
 
 namespace vfplan {
+
+// How fast the force may grow or turn after a start inside, an exchange or an edit: the way out
+// keeps to it, and so does the handover until the rule has taken over.
+
+/// Of R, a tick: how fast the force may change besides following the HIP.
+inline constexpr double ramp = 1.0 / 256;
+
+/// A ball that holds the proxy for one tick. Its middle is where the proxy would be had it gone
+/// with the HIP, its radius what K times it may add to the force, or turn it by.
+template <int D>
+struct Leash {
+    Vec<D> middle;
+    double radius;
+
+    /// The part of [0, length] from x, in the ball, along the unit vector `way` that stays in it.
+    double operator()(const Vec<D>& x, const Vec<D>& way, double length) const noexcept {
+        const Vec<D> w = x - middle;
+        const double b = dot(w, way), c = dot(w, w) - radius * radius;
+        return std::clamp(std::sqrt(std::max(0.0, b * b - c)) - b, 0.0, length);
+    }
+};
+
+// From the way out of a fixture to the rule: the proxy goes the rule's own way, but each tick only
+// as far as the force may change. What is left of the way waits for the next tick. Without it
+// test_a_hand_that_leaves_clutter_feels_no_jump fails.
+
+template <int D>
+class Handover {
+  public:
+    static constexpr int most = 64;           // corners of a way
+    static constexpr double kept = 1.0 / 64;  // of R: a HIP that goes further needs a new way
+
+    explicit Handover(double radius) noexcept : R_(radius) {}
+
+    bool active() const noexcept { return active_; }
+    /// Something of the way is left, and it still leads to the HIP at h.
+    bool leads(const Vec<D>& h) const noexcept {
+        return next_ < count_ && norm(h - hip_) <= kept * R_;
+    }
+
+    void begin() noexcept {
+        active_ = true;
+        next_ = count_ = unfinished_ = 0;
+    }
+    void stop() noexcept { active_ = planning_ = false; }
+    /// The way may lead into what is new.
+    void forget() noexcept { next_ = count_ = 0; }
+
+    /// The rule goes to the HIP at h now, and tells each corner that it passes.
+    void plan(const Vec<D>& h) noexcept {
+        hip_ = h;
+        next_ = count_ = 0;
+        planning_ = true;
+    }
+    bool planning() const noexcept { return planning_; }
+    bool full() const noexcept { return planning_ && count_ + 2 > most; }
+    void pass(const Vec<D>& x) noexcept {
+        if (planning_) corner_[count_++] = x;
+    }
+    /// The rule has gone; `moved`: to the end of those corners, and not back to where it was.
+    void planned(bool moved) noexcept {
+        planning_ = false;
+        if (!moved) count_ = 0;
+    }
+    /// The rule's way fits into this tick, to its end or to where the rule ran out of iterations.
+    /// True when the rule has taken over: it may never come to an end below a HIP that trembles.
+    bool fits(bool end) noexcept { return end || ++unfinished_ == tuned::patience; }
+
+    /// Goes on from x as far as the leash allows; true at the end of the way.
+    bool walk(Vec<D>& x, const Leash<D>& leash) noexcept {
+        for (; next_ < count_; ++next_) {
+            const Vec<D> leg = corner_[next_] - x;
+            const double length = norm(leg);
+            if (!(length > 0)) continue;
+            const double s = leash(x, (1 / length) * leg, length);
+            x = s < length ? x + (s / length) * leg : corner_[next_];
+            if (s < length) return false;
+        }
+        return true;
+    }
+
+  private:
+    double R_;
+    bool active_ = false, planning_ = false;
+    Vec<D> corner_[most];
+    Vec<D> hip_;  // that the way was made for
+    int next_ = 0, count_ = 0;
+    int unfinished_ = 0;  // ways that fitted and had no end
+};
+
+// A start inside the fixture: the proxy is taken out along the shortest way found, slowly, so that
+// the force ramps; it follows the HIP meanwhile. Outside, the rule takes over as slowly.
 
 /// The free space before an exchange. A way out leads to the proxy's own side if the proxy could
 /// have gone it before, and comes out with the fixture, in the direction -out, where it was.
@@ -224,6 +318,74 @@ class Escape {
     const Passage<D>* passage_ = nullptr;
     bool crossed_ = false;
     int ticks_to_choose_ = 0;
+};
+
+// Whether the proxy is outside, as the rules `robust` and `exact` need it, and how it comes there:
+// led out of what it starts in; then the rule takes over, each tick as far as the force may change.
+
+template <int D, class Search, class Around = Balls<D>>
+class Entrance {
+  public:
+    Entrance(const Around& around, double radius) noexcept : escape_(around, radius) {}
+
+    void reset() noexcept {
+        escape_.stop();
+        held_ = taking_over_ = stays_ = false;
+    }
+    /// After a reset: a proxy that is inside is led out from where it is.
+    void go_on(const Passage<D>* before) noexcept {
+        stays_ = true;
+        escape_.keep_to(before);
+    }
+
+    /// Makes sure that the proxy is outside; false while it is on its way out. `clear`: whether one
+    /// of which nothing is known is outside.
+    template <class Clear>
+    bool outside(Search& search, Vec<D>& proxy, const Vec<D>& hip, Clear&& clear) noexcept {
+        if (held_) return true;
+        if (!escape_.active()) {
+            if (clear()) return escape_.stop(), held_ = true;
+            anchor_ = proxy;
+            escape_.begin(search, stays_ ? proxy : hip);
+        }
+        held_ = escape_.step(search, stays_ ? anchor_ : hip, proxy);
+        taking_over_ = held_ && !(proxy == hip);
+        if (held_) {
+            escape_.meets(hip);
+            stays_ = false;
+        }
+        unfinished_ = 0;
+        return false;
+    }
+    /// What a tick on the way out tells.
+    Tick<D> tick() const noexcept {
+        Tick<D> tick;
+        tick.state = State::entrenched;
+        tick.normal = escape_.way();
+        tick.status = escape_.status();
+        return tick;
+    }
+
+    bool taking_over() const noexcept { return taking_over_; }
+    Leash<D> leash(const Vec<D>& x, const Vec<D>& h) noexcept { return escape_.leash(x, h); }
+    /// The rule has gone as far as the leash, or until it had no steps left; whether it still has
+    /// to take over.
+    bool goes_on(bool leashed, bool limited) noexcept {
+        return taking_over_ = leashed || (limited && ++unfinished_ < most_unfinished);
+    }
+    /// Whether the proxy is outside yet; else it is taken out from the next tick on.
+    void hold(bool outside) noexcept { held_ = outside; }
+    /// Something has come near: from the next tick on a proxy that is inside of it is led out.
+    void look_again() noexcept { stays_ = std::exchange(held_, false) || stays_; }
+
+  private:
+    static constexpr int most_unfinished = 32;
+
+    Escape<D, Search, Around> escape_;
+    Vec<D> anchor_;  // where a way out began on which the proxy stays
+    int unfinished_ = 0;
+    bool held_ = false, taking_over_ = false;
+    bool stays_ = false;  // on the way out the proxy does not go with the HIP
 };
 
 }  // namespace vfplan

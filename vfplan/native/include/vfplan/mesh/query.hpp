@@ -7,7 +7,7 @@
 // one.
 #pragma once
 
-#include "vfplan/cone.hpp"
+#include "vfplan/base/half_spaces.hpp"
 #include "vfplan/mesh/triangles.hpp"
 
 namespace vfplan::mesh {

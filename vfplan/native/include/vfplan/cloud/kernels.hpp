@@ -1,18 +1,19 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// Eight points at a time, whatever the processor: the loops over points exist once, in lanes.inl,
+// Eight points at a time, whatever the processor: the loops over points exist once, in kernels.inl,
 // and are compiled for the baseline and, on x86-64, for AVX2 and AVX-512. The width is chosen once,
 // when an engine is made. All widths keep eight partial sums, add them in one order and use only
 // correctly rounded operations, so they give the same bits.
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <limits>
 
-#include "vfplan/vec.hpp"
+#include "vfplan/base/vec.hpp"
 
 #if defined(__x86_64__) && defined(__GNUC__)
 #include <immintrin.h>
@@ -135,7 +136,7 @@ inline constexpr double lane_numbers[8] = {0, 1, 2, 3, 4, 5, 6, 7};
 
 #define VFPLAN_LANES 2
 namespace lanes2 {
-#include "vfplan/lanes.inl"
+#include "vfplan/cloud/kernels.inl"
 }
 #undef VFPLAN_LANES
 
@@ -143,7 +144,7 @@ namespace lanes2 {
 VFPLAN_BEGIN("avx2")
 #define VFPLAN_LANES 4
 namespace lanes4 {
-#include "vfplan/lanes.inl"
+#include "vfplan/cloud/kernels.inl"
 }
 #undef VFPLAN_LANES
 VFPLAN_END
@@ -151,7 +152,7 @@ VFPLAN_END
 VFPLAN_BEGIN("avx2,avx512f,avx512dq,avx512vl")
 #define VFPLAN_LANES 8
 namespace lanes8 {
-#include "vfplan/lanes.inl"
+#include "vfplan/cloud/kernels.inl"
 }
 #undef VFPLAN_LANES
 VFPLAN_END

@@ -7,19 +7,212 @@
 // that keeps to all of them at height R; go along it until a sphere is met.
 #pragma once
 
+#include <algorithm>
 #include <utility>
 
-#include "vfplan/entrance.hpp"
+#include "vfplan/base/half_spaces.hpp"
+#include "vfplan/base/vec.hpp"
+#include "vfplan/cloud/density.hpp"
+#include "vfplan/cloud/grid.hpp"
 #include "vfplan/parameters.hpp"
-#include "vfplan/rest.hpp"
-#include "vfplan/status.hpp"
-#include "vfplan/surfaces.hpp"
-#include "vfplan/thinning.hpp"
-#include "vfplan/touched.hpp"
-#include "vfplan/travel.hpp"
-#include "vfplan/tuned.hpp"
+#include "vfplan/rules/constants.hpp"
+#include "vfplan/rules/contacts.hpp"
+#include "vfplan/rules/start_inside.hpp"
 
 namespace vfplan {
+
+// Whether the HIP rests, so that the proxy has to come to rest as well.
+//
+// On one surface a lift may take the proxy away from the HIP, and the slide that follows may bring
+// it back to where it was: round and round among points that no fit explains. So the lifts below
+// one place of the HIP are limited. Beyond, the proxy descends or stays, and towards that place: a
+// HIP that trembles around it gives no new reason to move. Without it
+// test_a_trembling_hip_does_not_keep_it_moving fails.
+
+template <int D>
+class Rest {
+  public:
+    explicit Rest(double band) noexcept : band_(band) {}
+
+    /// Nothing holds the proxy.
+    void wake() noexcept { held_ = false; }
+
+    /// A tick begins with the proxy held, `distance` from the HIP h: what the rule is to move it
+    /// to, near h. `ticks`: as how many it counts where the HIP is still.
+    const Vec<D>& goal(const Vec<D>& h, double distance, int ticks) noexcept {
+        if (!held_ || !near(h, place_, 1)) {
+            held_ = true;
+            place_ = still_at_ = h;
+            least_ = distance;
+            lifted_ = 0;
+            still_ = 0;
+        } else if (!near(h, still_at_, tuned::margin)) {
+            still_at_ = h;
+            still_ = 0;
+        } else if (still_ < tuned::patience) {
+            still_ = std::min(still_ + ticks, tuned::patience);
+            if (still_ == tuned::patience) place_ = h;
+        }
+        stalled_ = still_ == tuned::patience || lifted_ > tuned::deep * band_;
+        return stalled_ ? place_ : h;
+    }
+
+    /// Whether each iteration of this tick has to bring the proxy nearer to its goal.
+    bool is_stalled() const noexcept { return stalled_; }
+
+    /// An iteration has changed |proxy - goal| by `growth`.
+    void count_lift(double growth) noexcept {
+        if (growth > tuned::min_advance * band_) lifted_ += growth;
+    }
+
+    /// The iterations went to x, to the end or until there were none left: as much as a lift of b.
+    void ends(const Vec<D>& x, bool end) noexcept {
+        if (!end) lifted_ += band_;
+        if (!(lifted_ > 0)) return;
+        if (const double left = norm(place_ - x); left < least_ - band_) {  // it gets somewhere
+            least_ = left;
+            lifted_ = 0;
+        }
+    }
+
+    /// Whether the tick from `start` to x, the HIP at h, is to be undone: its iterations brought
+    /// the proxy hardly nearer to its goal, or it is further from the HIP than any tick may take
+    /// it.
+    bool undoes(const Vec<D>& start, const Vec<D>& x, const Vec<D>& h,
+                int iterations) const noexcept {
+        if (!stalled_) return false;
+        const double gain = norm(place_ - start) - norm(place_ - x);
+        return !(gain > iterations * tuned::min_advance * band_ &&
+                 norm(h - x) <= norm(h - start) + band_);
+    }
+
+  private:
+    bool near(const Vec<D>& a, const Vec<D>& b, double bands) const noexcept {
+        const Vec<D> d = a - b;
+        return dot(d, d) <= bands * bands * band_ * band_;
+    }
+
+    double band_;
+    bool held_ = false, stalled_ = false;
+    Vec<D> place_;       // of the HIP, where the lifts are counted
+    double lifted_ = 0;  // by which they took the proxy away from its goal
+    double least_ = 0;   // |proxy - place_| from where they are counted
+    Vec<D> still_at_;
+    int still_ = 0;  // ticks that the HIP has been at still_at_
+};
+
+// How far the proxy can go along a straight way: the whole way, not a step of it.
+
+/// What stops the proxy: spheres of radius `outer` met steeply, of radius `inner` met at a graze.
+struct Obstacles {
+    double outer, inner;
+    double steep;  ///< sine of the angle between way and sphere above which a meeting is steep
+};
+
+template <int D, class Search>
+class Travel {
+  public:
+    static constexpr int most_stretches = 128;  // of all ways of a tick, each as long as R
+
+    Travel(const Kernels<D>& kernels, double radius) noexcept : kernels_(kernels), R_(radius) {}
+
+    /// A tick begins.
+    void begin() noexcept { left_ = most_stretches; }
+
+    /// Length of the part of [0, length] from x along the unit vector `way` that is free. `limit`
+    /// is set when the way has more stretches than a tick may look at; the answer is then what was
+    /// seen.
+    double operator()(Search& search, const Vec<D>& x, const Vec<D>& way, double length,
+                      const Obstacles& o, bool& limit) noexcept {
+        const double steep = o.steep * o.outer;
+        Ray<D> ray{x, way, o.outer * o.outer, o.inner * o.inner, steep * steep};
+        if (length <= stretch()) return std::min(length, first(search, ray, length));
+        double a, b;
+        if (!search.source().box().clip(x, way, length, R_, a, b)) return length;
+        for (; left_ > 0; --left_, a += stretch()) {
+            const double most = std::min(stretch(), b - a);
+            if (most <= 0) return length;
+            ray.from = x + a * way;
+            const double s = first(search, ray, most);
+            if (s < most) return std::min(length, a + s);
+        }
+        limit = true;
+        return std::min(length, a);
+    }
+
+  private:
+    double stretch() const noexcept { return R_; }
+
+    double first(Search& search, const Ray<D>& ray, double length) const noexcept {
+        double s = std::numeric_limits<double>::infinity();
+        // Short ways lie in the list around the proxy; long ones are asked around their middle.
+        const bool brief = length <= tuned::brief * R_;
+        const Vec<D> around = brief ? ray.from : ray.from + 0.5 * length * ray.way;
+        const double reach = R_ + (brief ? length : 0.5 * length);
+        const auto look = [&](const Span<D>& span) noexcept {
+            s = std::min(s, kernels_.meet(span, ray));
+        };
+        if (brief)
+            search.visit(around, reach, look);
+        else
+            search.source().visit(around, reach, look);
+        // A hair before the sphere, so that it is met again and not, by a rounding, entered.
+        return std::max(0.0, s - tuned::hair * R_);
+    }
+
+    Kernels<D> kernels_;
+    double R_;
+    int left_ = most_stretches;
+};
+
+// Where fitted surfaces leave no way, the points themselves decide: the step nearest to a wished
+// one that runs into none of the points that touch the proxy, the god-object's own.
+
+template <int D, class Search>
+class Touched {
+  public:
+    static constexpr int most = 8;  // points that may bend the step
+
+    explicit Touched(const Kernels<D>& kernels) noexcept : kernels_(kernels) {}
+
+    /// argmin |v - u| with (x - p) · v >= 0 for the points p within `reach` of x, by a hair more
+    /// than 0, so that rounding does not stop it at once. The points that v runs into most steeply
+    /// are taken one after the other, until there is none.
+    Vec<D> operator()(Search& search, const Vec<D>& x, const Vec<D>& u, double reach,
+                      double slack) const noexcept {
+        Wall<D> wall[most];
+        Vec<D> v = u;
+        for (int count = 0; count < most; ++count) {
+            double into = 0;
+            visit(search, x, reach, [&](const Vec<D>& away) noexcept {
+                const double r = norm(away), a = dot(away, v);
+                if (r > 0 && a < into * r) into = a / r, wall[count] = {(1 / r) * away, slack};
+            });
+            if (into == 0) break;
+            v = project(u, wall, count + 1, 0.5 * slack);
+            if (!(norm(v) > slack)) break;
+        }
+        return v;
+    }
+
+  private:
+    template <class F>
+    void visit(Search& search, const Vec<D>& x, double reach, F&& f) const noexcept {
+        search.visit(x, reach, [&](const Span<D>& s) noexcept {
+            std::uint32_t which[room];
+            const std::size_t n = kernels_.within(s, x, reach * reach, which, room);
+            for (std::size_t i = 0; i < std::min(n, room); ++i) f(x - s[which[i]]);
+            if (n <= room) return;
+            for (std::size_t i = which[room - 1] + 1; i < s.n; ++i) {  // a crowd of points
+                const Vec<D> w = x - s[i];
+                if (dot(w, w) <= reach * reach) f(w);
+            }
+        });
+    }
+
+    static constexpr std::size_t room = 256;
+    Kernels<D> kernels_;
+};
 
 template <int D, template <int> class SearchOf>
 class RobustRule {
@@ -265,7 +458,7 @@ class RobustRule {
 
     Parameters p_;
     Kernels<D> kernels_;
-    double R_, safe2_, grain_;  // grain_: g of tuned.hpp
+    double R_, safe2_, grain_;  // grain_: g of constants.hpp
     Obstacles graze_, full_;
     Surfaces<D, Search> surfaces_;
     Search neighbours_;

@@ -4,9 +4,8 @@
 // keeps the paper's failures; the robust rule cures them.
 #pragma once
 
-#include "vfplan/neighbours.hpp"
+#include "vfplan/cloud/grid.hpp"
 #include "vfplan/parameters.hpp"
-#include "vfplan/status.hpp"
 
 namespace vfplan {
 

@@ -3,7 +3,7 @@
 // The step nearest to a wished one that keeps to every wall: argmin |v - u| with n_j · v >= lift_j.
 #pragma once
 
-#include "vfplan/vec.hpp"
+#include "vfplan/base/vec.hpp"
 
 namespace vfplan {
 

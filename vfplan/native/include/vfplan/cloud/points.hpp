@@ -10,43 +10,12 @@
 #include <new>
 #include <vector>
 
-#include "vfplan/lanes.hpp"
-#include "vfplan/vec.hpp"
+#include "vfplan/base/vec.hpp"
+#include "vfplan/cloud/kernels.hpp"
 
 namespace vfplan {
 
 inline constexpr double largest_coordinate = 1e6;  // [m]; beyond it float64 loses the nanometre
-
-template <int D>
-struct Box {
-    Vec<D> low, high;
-
-    void include(const Vec<D>& p) noexcept {
-        for (int k = 0; k < D; ++k) {
-            low.c[k] = std::min(low.c[k], p.c[k]);
-            high.c[k] = std::max(high.c[k], p.c[k]);
-        }
-    }
-    /// Part [a, b] of the way from x along the unit vector `way`, up to `most`, that lies within
-    /// `margin` of the box; false when none does.
-    bool clip(const Vec<D>& x, const Vec<D>& way, double most, double margin, double& a,
-              double& b) const noexcept {
-        a = 0;
-        b = most;
-        for (int k = 0; k < D; ++k) {
-            const double to_low = low.c[k] - margin - x.c[k];
-            const double to_high = high.c[k] + margin - x.c[k];
-            if (way.c[k] == 0) {
-                if (to_low > 0 || to_high < 0) return false;
-                continue;
-            }
-            const double s = to_low / way.c[k], t = to_high / way.c[k];
-            a = std::max(a, std::min(s, t));
-            b = std::min(b, std::max(s, t));
-        }
-        return a <= b;
-    }
-};
 
 /// Memory that begins where a register of 64 bytes does: loads do not straddle cache lines.
 template <class T>

@@ -8,10 +8,10 @@
 #include <utility>
 #include <vector>
 
-#include "vfplan/neighbours.hpp"
+#include "vfplan/base/vec.hpp"
+#include "vfplan/cloud/grid.hpp"
 #include "vfplan/parameters.hpp"
-#include "vfplan/space.hpp"
-#include "vfplan/surface.hpp"
+#include "vfplan/rules/contacts.hpp"
 
 namespace vfplan {
 namespace detail {

@@ -1,0 +1,190 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// Vectors of two or three coordinates, boxes, the plane across an ignored axis, and what the engine
+// asks of a compiler, said where it fails.
+#pragma once
+
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error \
+    "vfplan: built with -ffast-math or -ffinite-math-only, a NaN would become a force: leave them out"
+#endif
+#if !defined(__GNUC__)
+#error "vfplan: needs vector extensions: build with g++, clang or MinGW"
+#endif
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <stdexcept>
+#include <string>
+
+namespace vfplan {
+
+/// Throws; in a program without exceptions, prints the reason and aborts.
+template <class Error = std::invalid_argument>
+[[noreturn]] inline void reject(const std::string& why) {
+#ifdef __cpp_exceptions
+    throw Error("vfplan: " + why);
+#else
+    std::fprintf(stderr, "vfplan: %s\n", why.c_str());
+    std::abort();
+#endif
+}
+
+template <int D>
+struct Vec {
+    static_assert(D == 2 || D == 3);
+    double c[D] = {};
+
+    // A template, so that an index of any integer type is taken as it is.
+    template <class Index>
+    double& operator[](Index i) noexcept {
+        return c[i];
+    }
+    template <class Index>
+    double operator[](Index i) const noexcept {
+        return c[i];
+    }
+};
+
+using Vec2 = Vec<2>;
+using Vec3 = Vec<3>;
+
+template <int D>
+Vec<D> operator+(const Vec<D>& a, const Vec<D>& b) noexcept {
+    Vec<D> r;
+    for (int k = 0; k < D; ++k) r.c[k] = a.c[k] + b.c[k];
+    return r;
+}
+template <int D>
+Vec<D> operator-(const Vec<D>& a, const Vec<D>& b) noexcept {
+    Vec<D> r;
+    for (int k = 0; k < D; ++k) r.c[k] = a.c[k] - b.c[k];
+    return r;
+}
+template <int D>
+Vec<D> operator*(double s, const Vec<D>& a) noexcept {
+    Vec<D> r;
+    for (int k = 0; k < D; ++k) r.c[k] = s * a.c[k];
+    return r;
+}
+template <int D>
+bool operator==(const Vec<D>& a, const Vec<D>& b) noexcept {
+    for (int k = 0; k < D; ++k)
+        if (a.c[k] != b.c[k]) return false;
+    return true;
+}
+template <int D>
+double dot(const Vec<D>& a, const Vec<D>& b) noexcept {
+    double sum = a.c[0] * b.c[0];
+    for (int k = 1; k < D; ++k) sum += a.c[k] * b.c[k];
+    return sum;
+}
+template <int D>
+double norm(const Vec<D>& a) noexcept {
+    return std::sqrt(dot(a, a));
+}
+inline Vec3 cross(const Vec3& a, const Vec3& b) noexcept {
+    return {{a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}};
+}
+/// d v / |v|; 0 when v is 0.
+template <int D>
+Vec<D> along(const Vec<D>& v, double d) noexcept {
+    const double length = norm(v);
+    return length > 0 ? (d / length) * v : Vec<D>{};
+}
+
+template <int D>
+void frame(const Vec<D>& up, Vec<D> (&side)[D - 1]) noexcept {
+    if constexpr (D == 2) {
+        side[0] = {{-up.c[1], up.c[0]}};
+    } else {
+        int least = 0;
+        for (int k = 1; k < 3; ++k)
+            if (std::abs(up.c[k]) < std::abs(up.c[least])) least = k;
+        Vec<D> axis;
+        axis.c[least] = 1;
+        side[0] = along(axis - dot(axis, up) * up, 1);
+        side[1] = cross(up, side[0]);
+    }
+}
+
+template <int D>
+struct Box {
+    Vec<D> low, high;
+
+    void include(const Vec<D>& p) noexcept {
+        for (int k = 0; k < D; ++k) {
+            low.c[k] = std::min(low.c[k], p.c[k]);
+            high.c[k] = std::max(high.c[k], p.c[k]);
+        }
+    }
+    /// Part [a, b] of the way from x along the unit vector `way`, up to `most`, that lies within
+    /// `margin` of the box; false when none does.
+    bool clip(const Vec<D>& x, const Vec<D>& way, double most, double margin, double& a,
+              double& b) const noexcept {
+        a = 0;
+        b = most;
+        for (int k = 0; k < D; ++k) {
+            const double to_low = low.c[k] - margin - x.c[k];
+            const double to_high = high.c[k] + margin - x.c[k];
+            if (way.c[k] == 0) {
+                if (to_low > 0 || to_high < 0) return false;
+                continue;
+            }
+            const double s = to_low / way.c[k], t = to_high / way.c[k];
+            a = std::max(a, std::min(s, t));
+            b = std::min(b, std::max(s, t));
+        }
+        return a <= b;
+    }
+};
+
+/// Three coordinates, as given.
+struct Space {
+    static constexpr int dimension = 3;
+
+    Vec3 across(const Vec3& p) const noexcept { return p; }
+    Vec3 direction(const Vec3& v) const noexcept { return v; }
+    Vec3 place(const Vec3& q, const Vec3&, const Vec3&) const noexcept { return q; }
+};
+
+/// Two coordinates in the plane normal to the unit vector a; along a the proxy goes with the HIP.
+struct Slice {
+    static constexpr int dimension = 2;
+    Vec3 e1, e2;
+
+    explicit Slice(const Vec3& a) noexcept {
+        int least = 0;
+        for (int k = 1; k < 3; ++k)
+            if (std::abs(a[k]) < std::abs(a[least])) least = k;
+        Vec3 axis;
+        axis[least] = 1;
+        e1 = axis - dot(a, axis) * a;
+        e1 = (1 / norm(e1)) * e1;
+        e2 = cross(a, e1);
+    }
+    Vec2 across(const Vec3& p) const noexcept { return {{dot(e1, p), dot(e2, p)}}; }
+    Vec3 direction(const Vec2& v) const noexcept { return v[0] * e1 + v[1] * e2; }
+    /// The proxy at q, where the HIP is at hip, seen across the axis at h.
+    Vec3 place(const Vec2& q, const Vec3& hip, const Vec2& h) const noexcept {
+        return hip + direction(q - h);
+    }
+};
+
+/// Eq. (8), K = diag(k); across an ignored axis P K P (proxy - HIP), where one stiffness for all
+/// axes leaves nothing along it by itself.
+struct Stiffness {
+    Vec3 k;
+
+    template <class S>
+    Vec3 force(const S& space, const Vec<S::dimension>& across) const noexcept {
+        const Vec3 d = space.direction(across);
+        if (k[0] == k[1] && k[1] == k[2]) return k[0] * d;
+        const Vec3 kd{{k[0] * d[0], k[1] * d[1], k[2] * d[2]}};
+        return space.direction(space.across(kd));
+    }
+};
+
+}  // namespace vfplan
