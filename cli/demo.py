@@ -69,7 +69,12 @@ def command(what, output) -> Report:
         for name, place in zip(sample.FILES, places, strict=True):
             write_whole(place, [Path(folder, name).read_bytes()], overwrite=True)
     left = f"Left in {output}: {', '.join(sample.FILES)}"
-    return Report({**data, "files": list(sample.FILES)}, f"{text}\n{left}")
+    return Report(
+        {**data, "files": list(sample.FILES)},
+        f"{text}\n{left}",
+        verdict=f"done: {len(sample.FILES)} files written",
+        next_step=f"look at the pictures in {output}; docs/tutorial.md tells the steps one by one",
+    )
 
 
 def _pipeline(found: dict[str, Any]) -> tuple[dict[str, Any], str]:

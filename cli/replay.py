@@ -11,7 +11,7 @@ import click
 from vfplan.cli import options, values
 from vfplan.cli.options import FIXTURE, SESSION, option
 from vfplan.cli.outputs import outputs, refuse_folder
-from vfplan.cli.replay_text import check_line, replay_text
+from vfplan.cli.replay_text import failed_line, next_step, replay_text
 from vfplan.cli.run import Report, command, command_line, progress
 from vfplan.cli.values import FILE, Number, Numbers, Parsed, Real, Whole
 
@@ -90,8 +90,8 @@ def command(fixture, session, output, csv_out, **given) -> Report:
 
     SESSION is a CSV with a header t,x,y,z, an HDF5 or .npz file with time and hip, or a ROS bag.
     Reports contact episodes, forces, penetration, energy and timing; every number is defined in
-    docs/replay.md. Exit 1 when a limit that was given does not hold; the files are written then
-    too, as the record of it.
+    docs/replay.md. Exit 1 when a limit that was given does not hold, or when limits were given and
+    the tool never touched the fixture; the files are written then too, as the record of it.
     """
     report = given["report"]
     refuse_folder(report)
@@ -105,8 +105,13 @@ def command(fixture, session, output, csv_out, **given) -> Report:
             text = page(replayed, image=given["image"], command=command_line())
             write_whole(index, [text.encode("utf-8")], overwrite=True)
         text = replay_text(replayed.metrics)
-    broken = [check for check in replayed.metrics.get("checks", []) if not check["pass"]]
-    return Report(replayed.metrics, text, failed="; ".join(map(check_line, broken)))
+    return Report(
+        replayed.metrics,
+        text,
+        failed=failed_line(replayed.metrics),
+        verdict=replayed.verdict,
+        next_step=next_step(replayed.metrics),
+    )
 
 
 def _replayed(fixture: Path, session: Path, result: Path | None, table: Path | None,

@@ -6,10 +6,11 @@ from typing import Any
 
 from vfplan.cli.telling import told
 
-from vfplan.replaying.checks import LIMITS
+from vfplan.replaying.checks import LIMITS, has_touched
 from vfplan.replaying.episodes import episode_count
 
 EPISODES = 20  # listed; --json has all
+NEVER_TOUCHED = "the tool never touched the fixture"
 NUMBERS = (
     "penetration  max {penetration_max_m:mm}, rms {penetration_rms_m:mm}",
     "; overlap max {overlap_max_m:mm}",
@@ -57,6 +58,8 @@ EPISODE = (
 def replay_text(found: dict[str, Any]) -> str:
     """The short report."""
     lines = [_head(found), _numbers(found)]
+    if not has_touched(found):
+        lines.insert(0, f"NOT TESTED: {NEVER_TOUCHED}")
     if "paper" in found:
         paper = _numbers(found["paper"]).replace("\n", "\n  ")
         lines += ["rule paper, side by side:", f"  {paper}", f"the rules{_apart(found['apart'])}"]
@@ -121,9 +124,38 @@ def _episode(episode: dict[str, Any]) -> str:
     return told(episode | {"near": near}, *EPISODE)
 
 
+def failed_line(found: dict[str, Any]) -> str:
+    """Why the exit code is 1; empty where it is 0."""
+    checks = found.get("checks", [])
+    broken = [check_text(check) for check in checks if not check["pass"]]
+    if broken:
+        return "; ".join(broken)
+    if checks and found["verdict"] == "not-tested":
+        return f"not tested: {NEVER_TOUCHED}"
+    return ""
+
+
+def next_step(found: dict[str, Any]) -> str:
+    """What to do after a replay."""
+    if not has_touched(found):
+        return (
+            "replay a session that touches the fixture, and check --units and the session's frame"
+        )
+    if "checks" not in found:
+        return "give limits to hold it against: --robot NAME, --at-most force_max_n=NUMBER"
+    if found["verdict"] == "fail":
+        return "look at the failed limits: --report DIR draws the session tick by tick"
+    return "vfplan stability FIXTURE.h5 --robot NAME says whether the stiffness is safe"
+
+
 def check_line(check: dict[str, Any]) -> str:
     """One limit, whether it holds, and the value found."""
+    word = "pass" if check["pass"] else "FAIL"
+    return f"{word}: {check_text(check)}"
+
+
+def check_text(check: dict[str, Any]) -> str:
+    """One limit and the value found."""
     sense = "at_most" if "at_most" in check else "at_least"
-    verdict = "pass" if check["pass"] else "FAIL"
     words = sense.replace("_", " ")
-    return f"{verdict}: {check['name']} is {check['value']:.6g}, {words} {check[sense]:g} wanted"
+    return f"{check['name']} is {check['value']:.6g}, {words} {check[sense]:g} is allowed"

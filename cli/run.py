@@ -42,6 +42,8 @@ class Report:
     """What a command found: `data` for `--json`, `text` for a person, `exit_code` for a script.
 
     `failed` says in a line what check did not hold; the exit code is then 1, if no other is given.
+    `verdict` says in a line how it ended, `next_step` what to do now: the text ends with both, and
+    JSON holds them as `verdict` and `next` unless `data` has a `verdict` of its own.
     `findings` are what a person should look at before the result is used; `warnings` are sentences
     about the call itself that need no answer.
     """
@@ -52,6 +54,8 @@ class Report:
     warnings: list[str] = field(default_factory=list)
     failed: str = ""
     findings: Sequence[Finding] | None = None  # None where the command looks for none
+    verdict: str = ""
+    next_step: str = ""
 
     def __post_init__(self) -> None:
         """A check that failed is exit code 1."""
@@ -162,13 +166,26 @@ def _emit(report: Report, elapsed: float, as_json: bool, quiet: bool) -> None:
             data.setdefault("warnings", warnings)
         if report.findings is not None:
             data.setdefault("findings", [finding.as_dict() for finding in findings])
+        if report.verdict:
+            data.setdefault("verdict", report.verdict)
+            data.setdefault("next", report.next_step)
         data.setdefault("elapsed_s", round(elapsed, 6))
         text = json.dumps(jsonable(data), indent=2, allow_nan=False)
         if sys.stdout is None:
             raise OSError(errno.EBADF, os.strerror(errno.EBADF))
         click.echo(text)
     elif not quiet:
-        click.echo(shown(report.text))
+        click.echo(shown(report.text + last_lines(report)))
+
+
+def last_lines(report: Report) -> str:
+    """The last two lines of a command's text: how it ended, and what to do next."""
+    text = ""
+    if report.verdict:
+        text += f"\nverdict: {report.verdict}"
+    if report.next_step:
+        text += f"\nnext: {report.next_step}"
+    return text
 
 
 def shown(text: str) -> str:

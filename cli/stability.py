@@ -69,7 +69,25 @@ def command(fixture, output, robot, **given) -> Report:
     if output is not None:
         _write(output, found)
         text += f"\nwrote {output}"
-    return Report(data, text, failed=_failed(found))
+    verdict, next_step = _verdict(found)
+    return Report(data, text, failed=_failed(found), verdict=verdict, next_step=next_step)
+
+
+def _verdict(found: Any) -> tuple[str, str]:
+    """How the study ended, and what to do next, a line each."""
+    judged = found.verdict
+    if not judged.stable:
+        return (
+            f"fail: K = {judged.k_n_per_m:g} N/m is not stable with this robot",
+            "plan with a smaller --stiffness, or judge it with the robot's true --mass and "
+            "--damping",
+        )
+    if found.failed:
+        return "fail: a case did not come out as it should", "report the cases that failed"
+    return (
+        f"pass: K = {judged.k_n_per_m:g} N/m is stable with this robot",
+        "vfplan sign FIXTURE.h5 --key KEY, then load it on the robot",
+    )
 
 
 def _failed(found: Any) -> str:

@@ -25,4 +25,8 @@ def command(fixture) -> Report:
     lines.append(f"{fixture} is {'valid' if valid else 'NOT valid'}: {found}")
     data = {"valid": valid, "issues": [asdict(issue) for issue in issues]}
     failed = "" if valid else f"{fixture} is NOT valid: {found}"
-    return Report(data, "\n".join(lines), failed=failed)
+    if valid:
+        verdict, next_step = "valid", "vfplan review FIXTURE.h5 shows what it holds"
+    else:
+        verdict, next_step = "not valid", "make the bundle anew; a robot refuses this one"
+    return Report(data, "\n".join(lines), failed=failed, verdict=verdict, next_step=next_step)

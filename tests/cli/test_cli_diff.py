@@ -76,3 +76,11 @@ def test_a_session_tells_when_the_difference_is_felt(vfplan_cli, pair):
     assert run.json["force_max_n"] > 0
     same = vfplan_cli("diff", pair / "a.h5", pair / "a.h5", pair / "s.csv", "--json")
     assert (same.code, same.json["first_tick"]) == (0, None)
+    assert same.json["verdict"] == "pass"
+
+
+def test_a_session_that_touches_neither_tests_nothing(vfplan_cli, pair):
+    lines = [f"{k * 1e-3},5,5,{k * 1e-6}" for k in range(100)]
+    (pair / "far.csv").write_text("\n".join(["t,x,y,z", *lines]))
+    run = vfplan_cli("diff", pair / "a.h5", pair / "a.h5", pair / "far.csv", "--json")
+    assert (run.code, run.json["verdict"], run.json["first_tick"]) == (1, "not-tested", None)

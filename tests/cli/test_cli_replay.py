@@ -192,3 +192,48 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
     assert refused.code == 3
     assert "the same image wanted" in refused.error_line
     assert not (tmp_path / "two").exists()
+
+
+@pytest.fixture(scope="module")
+def far(files):
+    """The same session a metre away from the fixture."""
+    head, *rows = files[1].read_text().splitlines()
+    moved = [row.split(",") for row in rows]
+    lines = [f"{t},{x},{float(y) + 1.0},{z}" for t, x, y, z in moved]
+    path = files[1].with_name("far.csv")
+    path.write_text("\n".join([head, *lines]))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("limits", "code", "verdict"),
+    [
+        ([], 0, "not-tested"),
+        (["--at-most", "force_max_n=1000"], 0, "pass"),
+        (["--at-most", "force_max_n=1e-6"], 1, "fail"),
+    ],
+)
+def test_verdict_of_a_session_that_touches(vfplan_cli, files, limits, code, verdict):
+    run = vfplan_cli("replay", *files, *limits, "--json")
+    assert (run.code, run.json["verdict"]) == (code, verdict)
+    assert run.json["next"]
+    told = vfplan_cli("replay", *files, *limits).stdout.splitlines()[-2:]
+    assert told == [f"verdict: {verdict}", f"next: {run.json['next']}"]
+
+
+def test_limits_on_a_session_that_stays_away_are_not_tested(vfplan_cli, files, far, tmp_path):
+    free = vfplan_cli("replay", files[0], far, "--json")
+    assert (free.code, free.json["verdict"]) == (0, "not-tested")
+    limits = "--robot", "franka", "--at-most", "force_max_n=5"
+    run = vfplan_cli("replay", files[0], far, *limits, "--report", tmp_path / "page", "--json")
+    assert (run.code, run.json["verdict"]) == (1, "not-tested")
+    page = (tmp_path / "page" / "index.html").read_text()
+    assert '<p class="verdict none">NOT TESTED' in page
+    assert "verdict pass" not in page
+    text = vfplan_cli("replay", files[0], far, *limits)
+    assert text.stdout.startswith("NOT TESTED")
+
+
+def test_a_broken_limit_fails_also_without_touch(vfplan_cli, files, far):
+    run = vfplan_cli("replay", files[0], far, "--at-most", "duration_s=0.001", "--json")
+    assert (run.code, run.json["verdict"]) == (1, "fail")

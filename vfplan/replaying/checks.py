@@ -91,6 +91,27 @@ def check_limits(
     return checks
 
 
+def has_touched(report: dict[str, Any]) -> bool:
+    """Whether the fixture did anything: it pushed the tool, or a guide had hold of the tip.
+
+    report: as `Metrics.report` gives it
+    """
+    return report["contact_ticks"] > 0 or report.get("arc_m") is not None
+
+
+def verdict_of(report: dict[str, Any], checks: list[dict[str, Any]]) -> str:
+    """How a replay ended: "pass", "fail" or "not-tested".
+
+    A replay passes if every limit holds and the tool touched the fixture. Limits that hold because
+    the tool stayed away, and a replay without limits, test nothing.
+    """
+    if any(not check["pass"] for check in checks):
+        return "fail"
+    if not checks or not has_touched(report):
+        return "not-tested"
+    return "pass"
+
+
 # Rounding in the independent measurement of clearance [m].
 _ROUNDING_M = 1e-9
 # A session that stays farther than this from the fixture is likely in other units or another frame.

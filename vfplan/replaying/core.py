@@ -15,7 +15,7 @@ from vfplan.fixture import Fixture
 from vfplan.io.files import at
 from vfplan.replaying.apart import Apart
 from vfplan.replaying.changing import Changing
-from vfplan.replaying.checks import check_limits, findings, robot_limits
+from vfplan.replaying.checks import check_limits, findings, robot_limits, verdict_of
 from vfplan.replaying.engines import RULES
 from vfplan.replaying.episodes import episode_count
 from vfplan.replaying.faults import Link
@@ -70,8 +70,13 @@ class Replay:
 
     @property
     def passed(self) -> bool:
-        """Whether every limit that was given holds."""
+        """Whether every limit that was given holds; see `verdict` for what that is worth."""
         return all(check["pass"] for check in self.metrics.get("checks", []))
+
+    @property
+    def verdict(self) -> str:
+        """ "pass", "fail", or "not-tested": without limits, or if the tool never touched."""
+        return self.metrics["verdict"]
 
 
 def result_record(metrics: dict[str, Any]) -> dict[str, Any]:
@@ -280,6 +285,7 @@ def _result(
     asked = (*limits, *(robot_limits(robot) if robot is not None else ()))
     if asked:
         metrics["checks"] = check_limits(metrics, asked)
+    metrics["verdict"] = verdict_of(metrics, metrics.get("checks", []))
     return Replay(run.rule, engine, run.overview.ticks, metrics, fixture, run.overview.stride)
 
 

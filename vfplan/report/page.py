@@ -20,6 +20,7 @@ from vfplan.io.disk import made_folder
 from vfplan.io.files import now_utc, write_whole
 from vfplan.palette import DARK, LIGHT
 from vfplan.replaying import Replay
+from vfplan.replaying.checks import has_touched
 from vfplan.report.scrubber import scrubber_data
 from vfplan.report.tables import checks, code, episodes, findings, settings, summary, table
 
@@ -120,12 +121,16 @@ def _colours() -> str:
 
 
 def _verdict(found: dict[str, Any]) -> str:
-    if "checks" not in found:
-        return '<p class="verdict none">no limits given</p>'
-    failed = sum(not check["pass"] for check in found["checks"])
-    if failed:
-        return f'<p class="verdict fail">FAIL: {failed} of {len(found["checks"])} limits</p>'
-    return f'<p class="verdict pass">PASS: all {len(found["checks"])} limits hold</p>'
+    """The first line of the page: green, red, or grey where nothing was tested."""
+    limits = found.get("checks", [])
+    if found["verdict"] == "fail":
+        failed = sum(not check["pass"] for check in limits)
+        return f'<p class="verdict fail">FAIL: {failed} of {len(limits)} limits</p>'
+    if found["verdict"] == "pass":
+        return f'<p class="verdict pass">PASS: all {len(limits)} limits hold</p>'
+    if has_touched(found):
+        return '<p class="verdict none">NOT TESTED: no limits were given</p>'
+    return '<p class="verdict none">NOT TESTED: the tool never touched the fixture</p>'
 
 
 def _places(replayed: Replay, image: Path | None) -> list[str]:
