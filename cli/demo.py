@@ -11,7 +11,6 @@ from typing import Any
 import click
 from vfplan.cli.options import OVERWRITE, option, taking
 from vfplan.cli.outputs import outputs, refuse_folder
-from vfplan.cli.rehearse import rehearsed_text
 from vfplan.cli.run import Report, command
 from vfplan.cli.telling import told
 from vfplan.cli.values import FILE
@@ -98,6 +97,8 @@ def _experiments(found: dict[str, Any]) -> tuple[dict[str, Any], str]:
 
 
 def _panda(found: dict[str, Any]) -> tuple[dict[str, Any], str]:
+    from vfplan.arm.command import rehearsed_text
+
     lines = [
         f"{name}: {m['points']} points, {m['slope_n_per_m']:.1f} N/m felt\n{rehearsed_text(m)}"
         for name, m in found.items()

@@ -5,38 +5,56 @@ from __future__ import annotations
 import difflib
 import importlib
 import json
-import keyword
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import click
 
-# name -> one line for `vfplan --help`, in the order of the work. The module is vfplan.cli.<name>
-# and holds a click command called `command`; loading none of them keeps `--help` fast.
-COMMANDS: dict[str, str] = {
-    "extract": "A planned slice in, its drawn curve out.",
-    "register": "Markers and a curve in, a fixture out.",
-    "plan": "A planned slice and its markers in, a fixture out.",
-    "replay": "Replay a session against a fixture.",
-    "rehearse": "Rehearse a session on a simulated arm.",
-    "burr": "Burr a fixture away: points go under the tool.",
-    "validate": "Everything that is wrong with a bundle.",
-    "info": "What a bundle holds.",
-    "migrate": "Bring an old bundle up to date, in a new file.",
-    "keygen": "Make a key pair for signing bundles.",
-    "sign": "Approve a bundle with a private key.",
-    "verify": "Check a bundle's signature.",
-    "diff": "What differs between two bundles.",
-    "bench": "Error against run time, for every stage.",
-    "campaign": "How sure is a plan: many trials with other errors.",
-    "stability": "Is K stable with this robot? Closed loop and extreme cases.",
-    "surface": "Outlined slices in, a surface out.",
-    "import": "A bundle from any point cloud or mesh.",
-    "export": "A bundle's points as PLY, CSV or .mrk.json.",
-    "live": "A result or a controller's ticks, live, for Slicer and MCAP.",
-    "view": "A fixture and a replay in three dimensions.",
-    "demo": "The whole pipeline on the shipped sample.",
+# The groups of `vfplan --help`, and in each the commands with one line of help.
+GROUPS: dict[str, dict[str, str]] = {
+    "Plan": {
+        "plan": "A planned slice and its markers in, a fixture out.",
+        "extract": "A planned slice in, its drawn curve out.",
+        "register": "Markers and a curve in, a fixture out.",
+        "surface": "Outlined slices in, a surface out.",
+        "import": "A bundle from any point cloud or mesh.",
+    },
+    "Check": {
+        "replay": "Replay a session against a fixture.",
+        "stability": "Is K stable with this robot? Closed loop and extreme cases.",
+        "validate": "Everything that is wrong with a bundle.",
+        "info": "What a bundle holds.",
+        "diff": "What differs between two bundles.",
+        "view": "A fixture and a replay in three dimensions.",
+    },
+    "Robot": {
+        "keygen": "Make a key pair for signing bundles.",
+        "sign": "Approve a bundle with a private key.",
+        "verify": "Check a bundle's signature.",
+        "rehearse": "Rehearse a session on a simulated arm.",
+        "live": "A result or a controller's ticks, live, for Slicer and MCAP.",
+    },
+    "More": {
+        "demo": "The whole pipeline on the shipped sample.",
+        "bench": "Error against run time, for every stage.",
+        "campaign": "How sure is a plan: many trials with other errors.",
+        "burr": "Burr a fixture away: points go under the tool.",
+        "export": "A bundle's points as PLY, CSV or .mrk.json.",
+        "migrate": "Bring an old bundle up to date, in a new file.",
+    },
+}
+COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
+
+# Each module holds a click command called `command`. It is imported when the command is called,
+# which keeps `--help` fast. A module that is not named here is vfplan.cli.<name>.
+MODULES = {
+    "import": "vfplan.cli.import_",  # `import` is a word of Python's own
+    "surface": "vfplan.surface.command",
+    "campaign": "vfplan.campaign.command",
+    "rehearse": "vfplan.arm.command",
+    "live": "vfplan.live.command",
+    "burr": "vfplan.burr.command",
 }
 
 
@@ -44,7 +62,7 @@ class LazyGroup(click.Group):
     """A click group that imports a command's module only when that command runs."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names of all commands, in the order of the work."""
+        """Names of all commands, in the order of the help."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
@@ -53,13 +71,14 @@ class LazyGroup(click.Group):
             near = difflib.get_close_matches(name, COMMANDS, 1)
             hint = f"did you mean {near[0]!r}?" if near else "they are " + ", ".join(COMMANDS)
             raise click.UsageError(f"no command {name!r}; {hint}", ctx)
-        # A command named like a Python keyword has an underscore after its module's name.
-        module = f"{name}_" if keyword.iskeyword(name) else name
-        return importlib.import_module(f"vfplan.cli.{module}").command
+        module = MODULES.get(name, f"vfplan.cli.{name}")
+        return importlib.import_module(module).command
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> NoReturn:
         """Run; a usage error is one line on stderr (and JSON on stdout with `--json`), exit 2."""
         words = list(sys.argv[1:] if args is None else args) or ["--help"]
+        if words[0] == "help":
+            words = [*words[1:], "--help"]
         extra["standalone_mode"] = False
         try:
             code = super().main(words, *rest, **extra)
@@ -71,9 +90,10 @@ class LazyGroup(click.Group):
         sys.exit(code if isinstance(code, int) else 0)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands without importing them."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+        """List the commands by groups, without importing them."""
+        for group, commands in GROUPS.items():
+            with formatter.section(group):
+                formatter.write_dl(list(commands.items()))
 
 
 def _print_cmake_dir(ctx: click.Context, option: click.Parameter, wanted: bool) -> None:
@@ -96,6 +116,8 @@ def _print_cmake_dir(ctx: click.Context, option: click.Parameter, wanted: bool) 
 )
 def cli() -> None:
     """Turn a surgeon's drawn curve into a virtual fixture a robot can trust.
+
+    The way is: plan, look at it, sign; then replay and stability; then the robot.
 
     Research software; not a medical device.
     """

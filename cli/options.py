@@ -101,6 +101,9 @@ def robot(purpose: str = "") -> Callable[[F], F]:
 
 
 ROBOT = robot()
+# Where a simulated arm stands, and its tip: `rehearse` and `plan --rehearse`.
+BASE = {"type": Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)}
+TOOL = {"type": VECTOR, "default": "0,0,0.1"}
 # How the curve is read from the image: `extract` and `plan`. Named as in `ExtractSettings`.
 CURVE = taking(
     option("--colour", **COLOUR, help="The planning pen's colour."),

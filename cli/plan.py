@@ -10,7 +10,6 @@ from vfplan.cli.extract import extracted_text, numbered, write_pictures
 from vfplan.cli.options import option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.register import registered_text, write_registration_picture
-from vfplan.cli.rehearse import BASE, TOOL, objections, rehearsed_text
 from vfplan.cli.run import Report, command, patience
 from vfplan.cli.values import FILE
 
@@ -29,8 +28,9 @@ from vfplan.findings import Finding, doubt
     option("--rehearse", metavar="panda|fr3|FILE.xml",
            help="Let a simulated arm go along the curve first, on each side; write nothing (exit "
            "1) where it would not reach or would stop. Its limits: --robot's, or its own."),
-    option("--base", **BASE, help="That arm's base in the fixture's frame [m].  [default: 0,0,0]"),
-    option("--tool", **TOOL, help="That arm's tip in its flange's frame [m]."),
+    option("--base", **options.BASE,
+           help="That arm's base in the fixture's frame [m].  [default: 0,0,0]"),
+    option("--tool", **options.TOOL, help="That arm's tip in its flange's frame [m]."),
 )  # fmt: skip
 def command(
     image, markers, markers2, output, mask_out, overlay_out, picture_out, **given
@@ -70,6 +70,8 @@ def command(
         )
     text = f"{extracted_text(made.extracted.report)}\n{registered_text(made.registered.report)}"
     if "rehearsal" in verdict:
+        from vfplan.arm.command import rehearsed_text
+
         text += "".join(f"\n{rehearsed_text(found)}" for found in verdict["rehearsal"])
     if "stability" in verdict:
         text += "\nstable up to {k_max_n_per_m:.0f} N/m with robot {robot}".format(
@@ -93,11 +95,13 @@ def strong_pull(fixture: Any, robot: Any) -> list[Finding]:
 
 def rehearsed(fixture: Any, robot: Any, given: dict[str, Any]) -> list[dict[str, Any]]:
     """What a simulated arm says along each side of the curve; `CheckFailed` where it says no."""
-    from vfplan.arm import Arm, rehearse, visit
+    from vfplan.arm import Arm, rehearse
+    from vfplan.arm.command import objections
     from vfplan.errors import CheckFailed
+    from vfplan.replaying.approach import approach_sessions
 
     arm, said = Arm(given["rehearse"], robot, base=given["base"], tool=given["tool"]), []
-    for way in visit(fixture, arm.robot.rate_hz):
+    for way in approach_sessions(fixture, arm.robot.rate_hz):
         with patience(f"rehearsing {way.name}"):
             found = rehearse(fixture, way, arm)
         if not found.passed:

@@ -12,7 +12,7 @@ from vfplan.cli import options, values
 from vfplan.cli.options import FIXTURE, SESSION, option
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.replay_text import failed_line, next_step, replay_text
-from vfplan.cli.run import Report, command, command_line, progress
+from vfplan.cli.run import Report, command, command_line, progress, rough_ticks
 from vfplan.cli.values import FILE, Number, Numbers, Parsed, Real, Whole
 
 from vfplan.io.files import real, write_whole
@@ -127,7 +127,7 @@ def _replayed(fixture: Path, session: Path, result: Path | None, table: Path | N
     limits = [(name, sense, limit) for sense in SENSES for name, limit in given[sense]]
     implied = "paper" if given["engine"] == "reference" else None
     rule, robot = given["rule"] or implied, read_robot(given["robot"])
-    with progress("replay", source.ticks or guess(session)) as done, ExitStack() as files:
+    with progress("replay", source.ticks or rough_ticks(session)) as done, ExitStack() as files:
         writer, sinks = _files(files, result, table, rule)
         # The ticks of both rules are the same ones.
         sinks.append(lambda name, block: done((rule != "both" or name != "paper") * len(block)))
@@ -172,11 +172,6 @@ def _governing(asked: tuple[float, ...] | None, robot: Any) -> Any:
     if not asked:
         return robot
     return replace(robot, force_step_limit_n=asked[0], force_limit_n=asked[1])
-
-
-def guess(session: Path) -> int:
-    """About how many ticks a text file holds; the bar only."""
-    return max(1, session.stat().st_size // 40)
 
 
 def _source(session: Path, given: dict[str, Any]) -> Any:

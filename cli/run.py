@@ -20,6 +20,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, TextIO
 from unicodedata import category
 
@@ -262,6 +263,11 @@ def patience(doing: str, after_s: float = 1.0) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
+
+
+def rough_ticks(session: Path) -> int:
+    """About how many ticks a session file of text holds: enough for a progress bar."""
+    return max(1, session.stat().st_size // 40)
 
 
 @contextmanager

@@ -36,7 +36,9 @@ class Written(click.Path):
         return path
 
 
-PNG, GIF, CSV, HDF5 = Written(".png"), Written(".gif"), Written(".csv"), Written(".h5", ".hdf5")
+PNG = Written(".png")
+CSV = Written(".csv")
+HDF5 = Written(".h5", ".hdf5")
 
 
 class Parsed(click.ParamType):

@@ -9,7 +9,7 @@ import click
 from vfplan.cli.options import FIXTURE, OVERWRITE, option, taking
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command, patience
-from vfplan.cli.values import FILE, GIF, PNG, Number, Whole
+from vfplan.cli.values import FILE, PNG, Number
 
 
 @command("view")
@@ -17,41 +17,34 @@ from vfplan.cli.values import FILE, GIF, PNG, Number, Whole
 @click.argument("result", type=FILE, required=False, metavar="[RESULT.h5]")
 @taking(
     option("--screenshot", type=PNG, metavar="PNG", help="Write one view; needs no screen."),
-    option("--movie", type=GIF, metavar="GIF", help="Write the replay; needs no screen."),
     option("--at", "at_s", type=Number("S", positive=False),
            help="The time shown by --screenshot.  [default: the deepest tick]"),
-    option("--frames", type=Whole(1, 2000), default=120, help="Frames of --movie."),
     OVERWRITE,
 )  # fmt: skip
-def command(fixture, result, screenshot, movie, at_s, frames) -> Report:
+def command(fixture, result, screenshot, at_s) -> Report:
     """Show FIXTURE.h5, and with RESULT.h5 (of `replay -o`) HIP, proxy, contact sphere and force.
 
-    Opens a window with a time slider, unless --screenshot or --movie is given: those need no
-    screen, only an OpenGL library (Debian: libosmesa6).
+    Opens a window with a time slider, unless --screenshot is given: that needs no screen, only an
+    OpenGL library (Debian: libosmesa6).
     """
-    if movie is not None and result is None:
-        raise click.UsageError("--movie needs RESULT.h5")
     if at_s is not None and (screenshot is None or result is None):
         raise click.UsageError("--at needs --screenshot and RESULT.h5")
     cloud, ticks = _read(fixture, result)
     from vfplan import view3d
     from vfplan.io import opengl
 
-    shown = screenshot is None and movie is None
     with patience("trying how pictures can be drawn here"):
-        opengl.ready_pyvista(screen=shown)
-    if shown:
-        view3d.show(cloud, ticks)
-    with outputs(screenshot, movie) as (picture, film):
-        if picture is not None:
-            view3d.draw_view(cloud, picture, ticks=ticks, at_s=at_s)
-        if film is not None:
-            view3d.draw_movie(cloud, film, ticks, frames=frames)
-    written = [str(path) for path in (screenshot, movie) if path is not None]
-    data: dict[str, Any] = {"points": len(cloud.points), "files": written}
+        opengl.ready_pyvista(screen=screenshot is None)
+    data: dict[str, Any] = {"points": len(cloud.points), "files": []}
     if ticks is not None:
         data["ticks"] = len(ticks)
-    return Report(data, "\n".join(f"wrote {name}" for name in written))
+    if screenshot is None:
+        view3d.show(cloud, ticks)
+        return Report(data)
+    with outputs(screenshot) as (picture,):
+        view3d.draw_view(cloud, picture, ticks=ticks, at_s=at_s)
+    data["files"] = [str(screenshot)]
+    return Report(data, f"wrote {screenshot}")
 
 
 def _read(fixture: Path, result: Path | None) -> tuple[Any, Any]:

@@ -27,7 +27,7 @@ FILES = (
 def draw(folder: Path) -> dict[str, dict[str, Any]]:
     """Run both on the simulated arm; leave `FILES` in `folder`, return each run's numbers."""
     from vfplan.arm import Arm, rehearse
-    from vfplan.figures.arm import depth, efforts, in_space
+    from vfplan.arm.figures import depth, efforts, in_space
     from vfplan.figures.style import save_png
 
     hand: Session = read_session(str(files("vfplan.samples") / "elbow_session.csv"))

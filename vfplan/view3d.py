@@ -1,4 +1,4 @@
-"""Three-dimensional views by PyVista: on a screen, or without one as PNG and GIF."""
+"""Three-dimensional views by PyVista: on a screen, or without one as PNG."""
 
 from __future__ import annotations
 
@@ -52,28 +52,6 @@ def draw_view(
     image = stage.image()
     stage.plotter.close()
     _save(path, image, "PNG")
-
-
-def draw_movie(
-    fixture: Fixture,
-    path: Path,
-    ticks: TickBlock,
-    *,
-    frames: int = 120,
-    fps: float = 20.0,
-    size: tuple[int, int] = (640, 480),
-) -> None:
-    """Write the replay as an animated GIF, without a screen; raises as `draw_view`.
-
-    Frames are evenly spaced in time; `fps` frames are shown a second.
-    """
-    stage, shots = Stage(fixture, ticks, size), []
-    for at_s in np.linspace(ticks.time[0], ticks.time[-1], max(1, min(frames, len(ticks)))):
-        stage.show_tick(stage.tick_at(float(at_s)))
-        shots.append(stage.image())
-    stage.plotter.close()
-    first, *rest = (shot.quantize(64) for shot in shots)
-    _save(path, first, "GIF", save_all=True, append_images=rest, duration=round(1000 / fps), loop=0)
 
 
 def _save(path: Path, image: Any, kind: str, **how: Any) -> None:

@@ -7,9 +7,10 @@ import pytest
 from replays import fixture_of
 
 import vfplan
-from vfplan.arm import Arm, rehearse, visit
+from vfplan.arm import Arm, rehearse
 from vfplan.arm.loop import Hand
 from vfplan.errors import InputError, SessionError, SettingError
+from vfplan.replaying.approach import approach_sessions
 from vfplan.session import Session
 
 
@@ -137,7 +138,7 @@ def test_what_cannot_be_rehearsed_is_refused():
 
 def test_a_visit_goes_along_both_sides_and_no_deeper_than_the_line():
     fixture = wall()
-    left, right = visit(fixture)
+    left, right = approach_sessions(fixture)
     for way, sign in ((left, 1), (right, -1)):
         beside = sign * (way.hip[:, 1] - 0.05)
         assert beside.min() == pytest.approx(0.0, abs=1e-9)
@@ -146,7 +147,7 @@ def test_a_visit_goes_along_both_sides_and_no_deeper_than_the_line():
         speed = np.linalg.norm(np.diff(way.hip, axis=0), axis=1).max() / 1e-3
         assert speed == pytest.approx(0.05, rel=1e-3)
     with pytest.raises(InputError, match="no drawn curve"):
-        visit(fixture_of(fixture.points, curve=False))
+        approach_sessions(fixture_of(fixture.points, curve=False))
 
 
 @pytest.mark.full

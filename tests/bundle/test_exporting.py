@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 
 import bundles
@@ -62,40 +61,8 @@ def test_ezdxf_reads_the_same_arcs_in_space(fixture, tmp_path):
     assert 1e-3 * np.array([list(v) for v in found]) == pytest.approx(wanted, abs=1e-12)
 
 
-def arc_middle(a, b, radius, sweep):
-    """The middle of an SVG arc below a half circle: on the left of a to b where sweep is 1."""
-    chord = b - a
-    side = np.array([chord[1], -chord[0]]) / np.hypot(*chord) * (1 if sweep else -1)
-    return (a + b) / 2 + side * (radius - math.sqrt(max(radius**2 - chord @ chord / 4, 0)))
-
-
-def test_svg_draws_the_same_arcs(fixture, tmp_path):
-    path = tmp_path / "c.svg"
-    export(fixture, path)
-    text = path.read_text()
-    assert text.count("<path") == 2
-    assert text.count("Z") == 1
-    found = []
-    for drawn in re.findall(r'd="([^"]*)"', text):
-        at = None
-        for kind, rest in re.findall(r"([MLA])([^MLAZ]*)", drawn):
-            numbers = [float(v) for v in rest.split()]
-            end = np.array(numbers[-2:])
-            if kind == "L":
-                found.append((at + end) / 2)
-            if kind == "A":
-                found.append(arc_middle(at, end, numbers[0], numbers[4]))
-            at = end
-    axis = fixture.ignore_axis
-    x = np.cross([0.0, 1, 0] if max(abs(axis[:2])) < 1 / 64 else [0.0, 0, 1], axis)
-    x /= np.linalg.norm(x)
-    wanted = 1e3 * middles(fixture.pieces, axis)
-    wanted = np.column_stack([wanted @ x, -wanted @ np.cross(axis, x)])
-    assert np.array(found) == pytest.approx(wanted, abs=2e-3)  # half circles: root of a rounding
-
-
 def test_what_is_no_drawing_is_said(fixture, tmp_path):
-    assert "rendering" in left_out(fixture, "c.svg")
+    assert "rendering" in left_out(fixture, "c.dxf")
     assert "curve/pieces" not in left_out(fixture, "c.dxf")
     assert "curve/pieces" in left_out(fixture, "c.csv")
     with pytest.raises(InputError, match="without lines and arcs"):

@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from scipy.stats import binom, norm
 
-from vfplan.arm.visit import visit
 from vfplan.campaign import CampaignSettings, Trials, margin_for, read_campaign, run_campaign
-from vfplan.campaign.rare import design_point
-from vfplan.campaign.statistics import clopper_pearson, margins, quantile, summary
+from vfplan.campaign.statistics import clopper_pearson, margins, quantile
 from vfplan.campaign.store import BLOCK
 from vfplan.errors import CheckFailed, InputError, OutputError, SettingError
 from vfplan.fixture import Curve, Fixture, Provenance, RegistrationRecord, Rendering
+from vfplan.replaying.approach import approach_sessions
 from vfplan.session import Session
 
 pytest.importorskip("pyarrow", reason="needs pip install 'vfplan[campaign]'")
@@ -101,22 +100,6 @@ def test_the_margin_for_p_makes_entering_as_rare_as_wished(folder):
     assert after == int(np.floor(0.05 * len(depth)))
 
 
-@pytest.mark.parametrize("trials", [64, pytest.param(12_000, marks=pytest.mark.full)])
-def test_coverage_of_the_bounds(tmp_path, trials):
-    """Exact at a point; over the curve wider by the perspective that could not be ruled out."""
-    run_campaign(line_fixture(), [pressing()], tmp_path / "c", trials, settings(coverage=True))
-    found = summary(*read_campaign(tmp_path / "c"), [0.0], [0.05])["coverage"]
-    print(found)
-    assert found["not_widened"]["high"] >= 0.95
-    if trials > 1000:
-        assert found["tre95"] == pytest.approx(0.95, abs=0.01)
-        assert found["not_widened"]["low"] > 0.95
-        assert found["not_widened"]["p"] < 0.975
-        assert found["whole_curve"]["low"] > 0.95
-        assert found["whole_curve"]["p"] < 0.975
-        assert 0.08 < found["widened"] < 0.11
-
-
 def line_depths():
     """Quantiles 0.05, 0.5, 0.95 of the depth [m] of a hand that goes along the line.
 
@@ -136,7 +119,7 @@ def line_depths():
 @pytest.mark.parametrize("fle", [FLE, pytest.param(4 * FLE, id="slipping")])
 def test_a_hand_of_no_session_does_not_slip_round_open_ends(fle):
     f = line_fixture()
-    trials = Trials(f, visit(f, 200.0, to_ends=False), settings(fle_robot_m=fle))
+    trials = Trials(f, approach_sessions(f, 200.0, to_ends=False), settings(fle_robot_m=fle))
     depth = np.array([trials.run(k)["depth_m"] for k in range(400)])
     for q, wanted in zip((0.05, 0.5, 0.95), fle / FLE * line_depths(), strict=True):
         found = quantile(np.sort(depth), q)
@@ -147,7 +130,7 @@ def test_a_stroke_too_short_to_press_on_is_refused():
     f = line_fixture()
     short = replace(f, points=f.points[:39], curve=Curve(np.zeros(39, np.int32), f.curve.closed))
     with pytest.raises(InputError, match=r"19 mm long.*within 10 mm of it"):
-        visit(short, to_ends=False)
+        approach_sessions(short, to_ends=False)
 
 
 @pytest.mark.parametrize("workers", [2])
@@ -193,18 +176,6 @@ def test_without_a_session_the_hand_goes_along_both_sides(tmp_path, vfplan_cli):
     assert found["trials"] == 2
     assert found["p_enter"][0]["p"] == 1.0, "5 mm past contact reach the line on average"
     assert len(json.loads((tmp_path / "c" / "campaign.json").read_text())["session_sha256"]) == 2
-
-
-def test_a_rare_event_as_in_closed_form():
-    """P = 1e-6: the straight line's depth is linear in the marker errors."""
-    beyond = MEAN + norm.isf(1e-6) * SPREAD
-    trials = Trials(line_fixture(), [pressing()], settings(rare_m=0.0))
-    trials.shift = design_point(trials, beyond)
-    assert np.linalg.norm(trials.shift) == pytest.approx(norm.isf(1e-6), rel=0.01)
-    rows = [trials.run(k) for k in range(1500)]
-    weight = np.array([row["weight"] for row in rows])
-    hit = np.array([row["depth_m"] for row in rows]) > beyond
-    assert (weight * hit).mean() == pytest.approx(1e-6, rel=0.10)
 
 
 def test_intervals_against_their_definitions():

@@ -13,7 +13,7 @@ def test_without_a_command_the_help_is_shown(vfplan_cli):
 
 @pytest.mark.parametrize(
     ("word", "hint"),
-    [("registr", "did you mean 'register'?"), ("xyzzy", "they are extract, register, plan")],
+    [("registr", "did you mean 'register'?"), ("xyzzy", "they are plan, extract, register")],
 )
 def test_an_unknown_command_is_answered_with_what_there_is(vfplan_cli, word, hint):
     run = vfplan_cli(word)

@@ -40,21 +40,17 @@ def share(picture, rgb, within=60):
     return (np.abs(pixels - rgb).max(axis=2) < within).mean()
 
 
-def test_screenshot_and_movie_without_a_screen(vfplan_cli, files, tmp_path):
+def test_screenshot_without_a_screen(vfplan_cli, files, tmp_path):
     need_gl()
-    png, gif = tmp_path / "v.png", tmp_path / "v.gif"
-    run = vfplan_cli("view", *files, "--screenshot", png, "--movie", gif, "--frames", 5, "--json",
-                     env={"DISPLAY": ""})  # fmt: skip
+    png = tmp_path / "v.png"
+    run = vfplan_cli("view", *files, "--screenshot", png, "--json", env={"DISPLAY": ""})
     assert run.code == 0, run.stderr
     assert run.stderr == ""
-    assert run.json["files"] == [str(png), str(gif)]
+    assert run.json["files"] == [str(png)]
     assert Image.open(png).size == (1200, 900)
     assert 0.3 < share(png, (255, 255, 255)) < 0.99
     assert share(png, rgb(CLOUD)) > 1e-4  # the cloud
     assert share(png, rgb(PROXY)) > 1e-4  # the proxy and its path
-    movie = Image.open(gif)
-    assert movie.n_frames == 5
-    assert movie.info["duration"] == 50
 
 
 def test_time_and_cloud_alone(tmp_path):
@@ -93,11 +89,10 @@ def test_no_screen_is_said(vfplan_cli, files):
 
 
 def test_wrong_use(vfplan_cli, files, tmp_path):
-    for option, name in (("--screenshot", "m.jpg"), ("--screenshot", "m"), ("--movie", "m.mp4")):
+    for option, name in (("--screenshot", "m.jpg"), ("--screenshot", "m")):
         run = vfplan_cli("view", *files, option, tmp_path / name)
         assert run.code == 2
         assert "is wanted" in run.error_line
-    assert vfplan_cli("view", files[0], "--movie", tmp_path / "m.gif").code == 2
     assert vfplan_cli("view", files[0], "--at", "1", "--screenshot", tmp_path / "m.png").code == 2
     assert vfplan_cli("view", tmp_path / "no.h5", "--screenshot", tmp_path / "m.png").code == 3
     assert list(tmp_path.iterdir()) == []

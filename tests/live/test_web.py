@@ -15,9 +15,9 @@ from chromium import Page
 from conftest import need_program
 
 from vfplan.errors import OutputError
+from vfplan.live.page import live_page
 from vfplan.live.sources import Feed
 from vfplan.live.web import Web
-from vfplan.report.live import live_page
 from vfplan.session.mcapfile import TICK
 
 pytest.importorskip("websockets", reason="needs pip install 'vfplan[live]'")

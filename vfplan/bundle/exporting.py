@@ -18,11 +18,11 @@ MRK_SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/"
     "Schema/markups-schema-v1.0.3.json#"
 )
-SUFFIXES = (".ply", ".csv", ".mrk.json", ".dxf", ".svg")
+SUFFIXES = (".ply", ".csv", ".mrk.json", ".dxf")
 
 
 def export(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> None:
-    """Write points as .ply or .csv, strokes as .mrk.json, lines and arcs as .dxf or .svg.
+    """Write points as .ply or .csv, strokes as .mrk.json, lines and arcs as .dxf.
 
     PLY and CSV keep the bundle's unit (m; px in the frame image). Slicer knows millimetres and
     patient axes only: points of the frame robot_base are written as they are, in mm, labelled LPS.
@@ -34,13 +34,13 @@ def export(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> No
     OutputError
         The path exists and `overwrite` is false, or cannot be written.
     """
-    forms = {".ply": _ply, ".csv": _csv, ".mrk.json": _mrk, ".dxf": dxf, ".svg": svg}
+    forms = {".ply": _ply, ".csv": _csv, ".mrk.json": _mrk, ".dxf": dxf}
     text = forms[_suffix(path)](fixture)
     write_whole(Path(path), [text], overwrite=overwrite)
 
 
 # What of a fixture each form holds besides its points; a mesh's corners are points.
-DRAWN = {".dxf": {"curve"}, ".svg": {"curve"}}
+DRAWN = {".dxf": {"curve"}}
 HELD = {".ply": {"mesh"}, ".csv": {"sigma", "curve"}, ".mrk.json": {"curve"}} | DRAWN
 PARTS = ("sigma", "curve", "mesh", "image", "rendering", "registration", "stability")
 
@@ -128,7 +128,6 @@ def _markup(points_mm: np.ndarray, number: int, closed: bool) -> dict[str, Any]:
     }
 
 
-MARGIN_MM = 1.0  # around an SVG's drawing
 Vector = NDArray[np.float64]
 
 
@@ -149,28 +148,10 @@ def dxf(fixture: Fixture) -> bytes:
     return "".join(f"{code:3}\n{_text(value)}\n" for code, value in rows).encode()
 
 
-def svg(fixture: Fixture) -> bytes:
-    """A path a stroke, seen with the ignored axis pointing to the viewer."""
-    pieces, axis = _pieces(fixture)
-    across, up, _ = _arbitrary_axes(axis)
-    paths, places = [], []
-    for points, bulges, closed in _strokes(pieces):
-        flat = 1e3 * np.column_stack([points @ across, -points @ up])
-        places.append(flat)
-        paths.append(f'<path d="{"".join(_steps(flat, bulges, closed))}"/>')
-    reach = np.abs(np.diff(np.concatenate(places), axis=0)).max(initial=0.0) + MARGIN_MM
-    low, high = np.min(np.vstack(places), axis=0) - reach, np.max(np.vstack(places), axis=0) + reach
-    box = " ".join(f"{v:.6f}" for v in (*low, *(high - low)))
-    wide, tall = (f"{v:.6f}mm" for v in high - low)
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide}" height="{tall}" viewBox="{box}"'
-    style = 'fill="none" stroke="black" stroke-width="0.1"'
-    return "\n".join([f"{head} {style}>", *paths, "</svg>", ""]).encode()
-
-
 def _pieces(fixture: Fixture) -> tuple[Pieces, Vector]:
     if fixture.pieces is None or fixture.rendering is None or fixture.ignore_axis is None:
         raise InputError(
-            "a fixture without lines and arcs has no .dxf or .svg; its points have the other forms"
+            "a fixture without lines and arcs has no .dxf; its points have the other forms"
         )
     return fixture.pieces, fixture.ignore_axis
 
@@ -187,19 +168,6 @@ def _arbitrary_axes(axis: Vector) -> Vector:
     x = np.cross([0.0, 1.0, 0.0] if steep else [0.0, 0.0, 1.0], axis)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(axis, x), axis])
-
-
-def _steps(flat: Vector, bulges: Vector, closed: bool) -> Iterator[str]:
-    yield f"M{flat[0, 0]:.6f} {flat[0, 1]:.6f}"
-    ends = [*flat[1:], *([flat[0]] if closed else [])]
-    for a, b, bulge in zip(flat, ends, bulges, strict=False):
-        if bulge == 0:
-            yield f"L{b[0]:.6f} {b[1]:.6f}"
-            continue
-        radius = np.hypot(*(b - a)) * (1 + bulge**2) / (4 * abs(bulge))
-        yield f"A{radius:.6f} {radius:.6f} 0 0 {int(bulge < 0)} {b[0]:.6f} {b[1]:.6f}"
-    if closed:
-        yield "Z"
 
 
 def _text(value: object) -> str:

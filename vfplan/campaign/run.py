@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from vfplan.campaign.rare import design_point
 from vfplan.campaign.settings import BLOCK, CampaignSettings
 from vfplan.campaign.store import Store, parquet, question
 from vfplan.campaign.trial import Trials
@@ -61,8 +60,6 @@ def run_campaign(
     made = Trials(fixture, sessions, settings or CampaignSettings())
     store = Store(folder, question(fixture, sessions, made.settings))
     missing = store.missing(-(-trials // BLOCK))
-    if missing and made.settings.rare_m is not None:
-        made.shift = design_point(made, made.settings.rare_m)
     with _blocks(made, missing, workers, scheduler) as blocks:
         for block, rows in blocks:
             store.keep(block, rows)

@@ -35,10 +35,6 @@ class CampaignSettings:
         Smallest and largest K [N/m] of the rendering, drawn evenly; `None`: the fixture's own.
     hand_stiffness
         k_h [N/m] of the hand that follows the session: a firm grip is 300 to 1000 N/m.
-    coverage
-        Also count how often the registration's own 95 % bounds hold.
-    rare_m
-        Draw the trials where the tool comes this far [m] beyond the curve, and weigh them.
 
     Raises
     ------
@@ -52,13 +48,11 @@ class CampaignSettings:
     tremor_m: float = 0.0
     stiffness_range: tuple[float, float] | None = None
     hand_stiffness: float = 500.0
-    coverage: bool = False
-    rare_m: float | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.seed < 2**63:
             raise SettingError(f"seed {self.seed}: allowed is an integer from 0 to 2^63 - 1")
-        for name in ("fle_image_px", "fle_robot_m", "tremor_m", "rare_m"):
+        for name in ("fle_image_px", "fle_robot_m", "tremor_m"):
             value = getattr(self, name)
             if value is not None and not (isfinite(value) and value >= 0):
                 raise SettingError(f"{name} is {value}; a finite number of at least 0 is wanted")

@@ -68,36 +68,12 @@ def margins(depth: Array, wanted: list[float], share: float) -> list[dict[str, f
     return found
 
 
-def weighted(depth: Array, weight: Array, beyond_m: float) -> dict[str, float]:
-    """A rare event's probability from weighted trials, with its normal interval.
-
-    A. B. Owen, Monte Carlo theory, methods and examples, 2013, chapter 9.
-    """
-    hit = np.where(depth > beyond_m, weight, 0.0)
-    p = float(hit.mean())
-    error = 1.96 * float(hit.std(ddof=1)) / np.sqrt(len(hit))
-    total = float(hit.sum())
-    effective = total**2 / float((hit**2).sum()) if total > 0 else 0.0
-    return {
-        "beyond_mm": 1e3 * beyond_m, "p": p, "low": max(0.0, p - error), "high": p + error,
-        "effective_trials": effective,
-    }  # fmt: skip
-
-
-def _share(held: NDArray[np.bool_]) -> dict[str, float]:
-    low, high = clopper_pearson(int(held.sum()), len(held))
-    return {"p": float(held.sum() / max(1, len(held))), "low": low, "high": high}
-
-
 def summary(
     asked: dict[str, Any], table: dict[str, Array], beyond_m: list[float], wanted: list[float]
 ) -> dict[str, Any]:
     """What `vfplan campaign --json` says of the trials of `read_campaign`."""
-    depth, settings = table["depth_m"], asked["settings"]
-    data: dict[str, Any] = {"trials": len(depth), "settings": settings}
-    if "weight" in table:
-        data["p_enter"] = [weighted(depth, table["weight"], settings["rare_m"])]
-        return data
+    depth = table["depth_m"]
+    data: dict[str, Any] = {"trials": len(depth), "settings": asked["settings"]}
     ordered = np.sort(depth)
     data["p_enter"] = entering(depth, beyond_m)
     data["margin_for"] = margins(depth, wanted, asked["share"])
@@ -107,12 +83,4 @@ def summary(
     }
     data["force_max_n"] = float(table["force_n"].max())
     data["force_step_max_n"] = float(table["force_step_n"].max())
-    if "inside_band" in table:
-        held, widened = table["inside_band"], table["widened"]
-        data["coverage"] = {
-            "tre95": float(table["inside_bound"].mean()),
-            "whole_curve": _share(held),
-            "widened": float(widened.mean()),
-            "not_widened": _share(held[~widened]),
-        }
     return data

@@ -180,11 +180,8 @@ def _block(path: Path, block: int) -> dict[str, NDArray]:
         table = parquet().read_table(BytesIO(data))
         found = {name: table.column(name).to_numpy() for name in table.column_names}
         trials = found["trial"]
-        numbers = [found[name] for name in NUMBERS] + [found.get("weight", trials)]
-        if not all(np.isfinite(values).all() for values in numbers):
+        if not all(np.isfinite(found[name]).all() for name in NUMBERS):
             raise ValueError
-        if ("inside_band" in found) != ("widened" in found):  # of a build that did not tell
-            raise KeyError
     except (pyarrow.ArrowException, OSError, KeyError, TypeError, ValueError):
         raise InputError("is a damaged block; remove it to have it made anew",
                          where=str(path)) from None  # fmt: skip

@@ -26,10 +26,8 @@ from vfplan.campaign.settings import CampaignSettings, fle_of, tremor
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError
 from vfplan.fixture import Fixture, RegistrationRecord
-from vfplan.registration.fit import Fit, solve
 from vfplan.registration.models import homogeneous
 from vfplan.registration.problem import Problem, make_problem
-from vfplan.registration.result import Registration
 from vfplan.replaying.quantities import HELD_M, dots, row_norms
 from vfplan.session import Session
 
@@ -89,7 +87,6 @@ class Trials:
         self._markers = make_problem(self._source, self._target, record.model, metres, None, None)
         self._along = homogeneous(self._markers.normaliser(self._curve))
         self._sigma = fixture.sigma
-        self.shift: Array | None = None  # of the standard normals, where a rare event is sought
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the engines, which belong to one process."""
@@ -111,20 +108,14 @@ class Trials:
     def draw(self, trial: int) -> tuple[Array, np.random.Generator]:
         """The trial's standard normals (`dimension`,), and the generator for the rest."""
         rng = np.random.Generator(np.random.Philox(key=[self.settings.seed, trial]))
-        z = rng.standard_normal(self.dimension)
-        return (z if self.shift is None else z + self.shift), rng
+        return rng.standard_normal(self.dimension), rng
 
     def run(self, trial: int) -> dict[str, Any]:
         """One trial as a row of the campaign's table."""
         z, rng = self.draw(trial)
         problem = self._problem(z)
         outcome = self.replay(self._carried(problem, z), trial, rng)
-        row = {"trial": trial, **outcome.__dict__}
-        if self.shift is not None:
-            row["weight"] = float(np.exp(0.5 * self.shift @ self.shift - z @ self.shift))
-        if self.settings.coverage:
-            row |= self._covered(solve(problem))
-        return row
+        return {"trial": trial, **outcome.__dict__}
 
     def planned(self, z: Array) -> Array:
         """The fixture's points (N, 3) [m] that these normals lead to."""
@@ -249,17 +240,6 @@ class Trials:
         if (axis := self.fixture.ignore_axis) is not None:
             away -= np.outer(away @ axis, axis)
         return int(dots(away, away).argmin())
-
-    def _covered(self, fit: Fit) -> dict[str, Any]:
-        """Whether the trial's own 95 % bounds hold its own registration's error."""
-        labels = tuple(range(len(self._source)))
-        found = Registration(fit.problem.model.name, labels, self._source, self._target, fit)
-        error = row_norms(found.apply(self._curve) - self.fixture.points)
-        return {
-            "inside_bound": float((error <= found.tre95_m(self._curve)).mean()),
-            "inside_band": bool((error <= found.tre95_curve_m(self._curve)).all()),
-            "widened": found.perspective is not None,
-        }
 
 
 def _registered(fixture: Fixture) -> RegistrationRecord:

@@ -69,7 +69,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
             section("What was replayed", settings(found, replayed.fixture)),
         ]
     )
-    return document(title, body + scripts(scrubber_data(replayed), "scrubber.js"))
+    return document(title, body + scripts(scrubber_data(replayed), part("scrubber.js")))
 
 
 def _named(role: str, found: dict[str, Any]) -> dict[str, str]:
@@ -86,16 +86,16 @@ def about(facts: dict[str, str]) -> str:
     return section("About this page", table([], lines, "settings"))
 
 
-def part(name: str) -> str:
-    """The text of a file beside this one."""
-    return (files("vfplan.report") / name).read_text("utf-8")
+def part(name: str, package: str = "vfplan.report") -> str:
+    """The text of a package's file; without a package, of a file beside this one."""
+    return (files(package) / name).read_text("utf-8")
 
 
-def scripts(data: dict[str, Any], name: str) -> str:
-    """The page's data, and the scripts that draw it: the common ones, then its own."""
+def scripts(data: dict[str, Any], script: str) -> str:
+    """The page's data, and what draws it: the common scripts, then the text of its own."""
     # "</" inside the data would end the script element.
     text = json.dumps(data, allow_nan=False).replace("</", "<\\/")
-    drawing = "".join(part(file) for file in ("canvas.js", "scene.js", "plot.js", name))
+    drawing = part("canvas.js") + part("scene.js") + part("plot.js") + script
     return f'<script type="application/json" id="data">{text}</script><script>{drawing}</script>'
 
 

@@ -6,7 +6,7 @@ from html import escape
 from typing import Any
 
 from vfplan.arm import Rehearsal
-from vfplan.figures.arm import efforts, in_space
+from vfplan.arm.figures import efforts, in_space
 from vfplan.report.page import about, document, picture, section
 from vfplan.report.tables import table
 

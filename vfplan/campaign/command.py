@@ -7,11 +7,11 @@ import time
 from typing import Any
 
 import click
+
 from vfplan.cli.options import FIXTURE, MILLI, option, settings, taking
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command, progress
 from vfplan.cli.values import FILE, PNG, Numbers, Real, Whole
-
 from vfplan.errors import SettingError
 
 
@@ -38,9 +38,6 @@ from vfplan.errors import SettingError
            default="0,0.5,1", help="Depths beyond the true curve whose probability is told."),
     option("--margin-for", type=Numbers(*range(1, 21), metavar="P[,P...]"), default="0.05,0.01",
            help="Probabilities whose margin is told."),
-    option("--coverage", is_flag=True, help="Count how often the registration's 95 % bounds hold."),
-    option("--rare", "rare_m", type=Real(0, min_open=True), metavar="MM", **MILLI,
-           help="A rare event: draw trials where the tool comes this far, and weigh them."),
     option("--workers", type=Whole(1, 4096),
            help="Processes on this machine; without it, one a core."),
     option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, e.g. tcp://HOST:8786."),
@@ -63,14 +60,14 @@ def command(
         raise click.UsageError("--workers and --scheduler: one of them")
     if not all(0 < p < 1 for p in margin_for):
         raise SettingError("--margin-for: probabilities above 0 and below 1 are wanted")
-    from vfplan.arm.visit import visit
     from vfplan.bundle import read_fixture
     from vfplan.campaign import CampaignSettings, read_campaign, run_campaign
     from vfplan.campaign.statistics import summary
+    from vfplan.replaying.approach import approach_sessions
     from vfplan.session import read_session
 
     planned = read_fixture(fixture)
-    heard = [read_session(path) for path in sessions] or visit(planned, to_ends=False)
+    heard = [read_session(path) for path in sessions] or approach_sessions(planned, to_ends=False)
     how = settings(CampaignSettings, given)
     began = time.perf_counter()
     with progress("campaign", trials) as done:
@@ -83,7 +80,7 @@ def command(
     data = summary(asked, table, [1e-3 * mm for mm in beyond], list(margin_for))
     data |= {"trials_made": made, "trials_per_minute": 60 * made / elapsed}
     if picture_out is not None:
-        from vfplan.figures.campaign import draw_campaign
+        from vfplan.campaign.figures import draw_campaign
 
         with outputs(picture_out) as (picture,):
             draw_campaign(planned, table, 1e-3 * beyond[0], picture)
@@ -106,16 +103,4 @@ def _text(data: dict[str, Any]) -> str:
         lines.append(
             f"  margin for p < {m['p']:g}: {m['margin_mm']:.3f} mm (95 %: {low} to {high})"
         )
-    if "coverage" in data:
-        found = data["coverage"]
-        whole, plain = (
-            f"{part['p']:.3f} (95 %: {part['low']:.3f} to {part['high']:.3f})"
-            for part in (found["whole_curve"], found["not_widened"])
-        )
-        lines += [
-            f"  the registration's bounds hold: at a point {found['tre95']:.3f}, along the whole "
-            f"curve {whole}",
-            f"  {100 * found['widened']:.1f} % of them are widened for perspective that is not "
-            f"there; the others hold along the whole curve {plain}",
-        ]
     return "\n".join(lines)

@@ -8,9 +8,9 @@ from replays import fixture_of
 
 import vfplan
 from vfplan.bundle import write_fixture
+from vfplan.burr.burr import burr
+from vfplan.burr.figures import burr_figure
 from vfplan.errors import SettingError
-from vfplan.figures.burr import burr_figure
-from vfplan.replaying.burring import burr
 
 K, R, B, BAND = 1000.0, 5e-3, 3e-3, 5e-5
 

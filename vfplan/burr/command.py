@@ -34,7 +34,7 @@ def command(fixture, session, radius_mm, output, events_out, picture_out, **give
     removal is a ball's, not a bone's.
     """
     from vfplan.bundle import read_fixture
-    from vfplan.replaying.burring import burr
+    from vfplan.burr.burr import burr
     from vfplan.session import read_session, write_result
     from vfplan.session.events import write_events
 
@@ -48,7 +48,7 @@ def command(fixture, session, radius_mm, output, events_out, picture_out, **give
         if events is not None:
             write_events(events, burred.events)
         if picture is not None:
-            from vfplan.figures.burr import burr_figure
+            from vfplan.burr.figures import burr_figure
             from vfplan.figures.style import save_png
 
             save_png(burr_figure(burred), picture)

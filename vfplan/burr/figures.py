@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from vfplan.burr.burr import Burred
 from vfplan.engine.parameters import Vector
 from vfplan.figures.replay import plane_basis
 from vfplan.figures.style import new_figure, style
-from vfplan.replaying.burring import Burred
 from vfplan.replaying.quantities import row_norms
 
 MM = 1e3

@@ -17,7 +17,7 @@ def live_page(fixture: Fixture, name: str) -> tuple[str, Callable[[Any], list[fl
     """HTML text, how a tick goes to it, and what tells its scene from another's."""
     data = scene_data(fixture)
     scene = hashlib.sha256(json.dumps([name, data]).encode()).hexdigest()[:16]
-    shown = part("live.html").replace("{scene}", part("scene.html"))
+    shown = part("live.html", "vfplan.live").replace("{scene}", part("scene.html"))
     body = f"<header><h1>Live: {escape(name)}</h1></header>{shown}"
-    text = body + scripts({**data, "scene": scene}, "live.js")
+    text = body + scripts({**data, "scene": scene}, part("live.js", "vfplan.live"))
     return document(f"Live: {escape(name)}", text, live=True), tick_row(fixture), scene

@@ -16,7 +16,9 @@ DEEP_M = 5e-3  # how far past contact the hand wants to go, the drawn line at mo
 CLEAR = 1.5  # of the distance at which the proxy stops, where a way begins and ends
 
 
-def visit(fixture: Fixture, rate_hz: float = 1000.0, *, to_ends: bool = True) -> list[Session]:
+def approach_sessions(
+    fixture: Fixture, rate_hz: float = 1000.0, *, to_ends: bool = True
+) -> list[Session]:
     """Hands that press on the drawn curve: along each stroke, on each of its sides.
 
     Beside a curve that is endless along an axis; of one in space above and below it, in the

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+
 from vfplan.cli.options import FIXTURE, option, taking
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
@@ -53,8 +54,8 @@ def command(fixture, source, openigtlink, web, mcap, rate, seconds) -> Report:
             servers.append(_closed(stack, Server(shown, openigtlink, feed)))
             click.echo(f"vfplan: OpenIGTLink at 127.0.0.1:{servers[-1].port}", err=True)
         if web is not None:
+            from vfplan.live.page import live_page
             from vfplan.live.web import Web
-            from vfplan.report.live import live_page
 
             servers.append(_closed(stack, Web(*live_page(shown, fixture.name), web, feed)))
             click.echo(f"vfplan: page at http://127.0.0.1:{servers[-1].port}/", err=True)

@@ -8,16 +8,10 @@ from typing import Any
 from vfplan.cli import options
 from vfplan.cli.options import option, taking
 from vfplan.cli.outputs import outputs, refuse_folder
-from vfplan.cli.replay import guess
-from vfplan.cli.run import Report, command, command_line, progress
+from vfplan.cli.run import Report, command, command_line, progress, rough_ticks
 from vfplan.cli.telling import told
-from vfplan.cli.values import FILE, PNG, Number, Numbers
-
+from vfplan.cli.values import FILE, PNG, Number
 from vfplan.io.files import write_whole
-
-BASE = {"type": Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)}
-TOOL = {"type": options.VECTOR, "default": "0,0,0.1"}
-
 
 TEXT = (
     "arm {arm}: {ticks} ticks, {duration_s:.3f} s, {reached} reached; {real_time_factor:.0f} times "
@@ -49,8 +43,8 @@ REFLEX = (
     option("--arm", default="panda", metavar="panda|fr3|FILE.xml",
            help="The arm: a shipped one, or an MJCF file of hinges with a site `tip`."),
     options.robot("The limits it has; its own for a shipped arm."),
-    option("--base", **BASE, help="Its base in the fixture's frame [m].  [default: 0,0,0]"),
-    option("--tool", **TOOL, help="The tip in the flange's frame [m]."),
+    option("--base", **options.BASE, help="Its base in the fixture's frame [m].  [default: 0,0,0]"),
+    option("--tool", **options.TOOL, help="The tip in the flange's frame [m]."),
     option("--no-governor", is_flag=True, help="Command the engine's force as it is."),
     option("--hand", "hand_n_per_m", type=Number("N_PER_M"), default="600",
            help="How stiffly the hand wants the tip where the session is."),
@@ -90,12 +84,12 @@ def command(fixture, session, output, report, picture_out, **given) -> Report:
             with ResultWriter(result, {"rehearsal": found.metrics}) as file:
                 file.append(found.ticks)
         if picture is not None:
-            from vfplan.figures.arm import in_space
+            from vfplan.arm.figures import in_space
             from vfplan.figures.style import save_png
 
             save_png(in_space(found), picture)
         if index is not None:
-            from vfplan.report.arm import page
+            from vfplan.arm.page import page
 
             about = {"command": command_line(), "fixture": fixture.name,
                      "fixture's SHA-256": seal.describe()["sha256"]}  # fmt: skip
@@ -113,7 +107,7 @@ def _session(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Any, l
     from vfplan.session import open_session, resampled
 
     source = open_session(path, units=units, frame=frame)
-    with progress("read", guess(path)):
+    with progress("read", rough_ticks(path)):
         whole = source.load()
     rate = 1 / float(np.median(np.diff(whole.time)))
     if 0.99 < rate / rate_hz < 1.01:

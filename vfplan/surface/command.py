@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+
 from vfplan.cli.options import COLOUR, MILLI, STIFFNESS, option, output, settings, taking
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command, patience
@@ -46,7 +47,7 @@ def command(sources, output, picture_out, **given) -> Report:
     with outputs(output, picture_out) as (path, picture):
         write_fixture(made.fixture, path)
         if picture is not None:
-            from vfplan.figures.surface import draw_surface
+            from vfplan.surface.figures import draw_surface
 
             draw_surface(made, picture)
     return Report(made.report, f"{_text(made.report)}\nwrote {output}", findings=made.findings)
