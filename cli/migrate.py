@@ -13,9 +13,9 @@ from vfplan.cli.values import FILE
 @click.argument("old", type=FILE, metavar="OLD.h5")
 @output("The new bundle.")
 def command(old, output) -> Report:
-    """Write the content of OLD.h5, a bundle of version 0.1, as a sealed bundle of version 1.0.
+    """Write the content of OLD.h5, a bundle of version 0.1, 1.0 or 1.1, as one of version 2.0.
 
-    OLD.h5 stays as it is; the new bundle's provenance tells of the migration.
+    OLD.h5 stays as it is. The new bundle's provenance tells of the migration; it is unsigned.
     """
     from vfplan.bundle import migrate
 

@@ -1,4 +1,4 @@
-"""Write the tables of docs/format.md and the C++ constants from schemas/bundle-1.1.json.
+"""Write the tables of docs/format.md and the C++ constants from schemas/bundle-2.0.json.
 
 python docs/make_format.py        (part of `make docs`; the tests compare both with the schema)
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from vfplan.bundle.content import Row, document, table
+from vfplan.bundle.schema import Row, document, table
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "format.md"

@@ -1,6 +1,7 @@
 """Files that want to do harm: refused with a reason, quickly, in little memory, without a crash."""
 
 import hashlib
+import io
 import os
 import random
 import signal
@@ -11,12 +12,13 @@ from pathlib import Path
 
 import bundles
 import damage
+import h5py
 import hostile
 import pytest
 from conftest import ROOT
 
 import vfplan
-from vfplan.bundle import read_bundle, validate
+from vfplan.bundle import read_bundle, seal, validate
 from vfplan.errors import BundleError, CorruptError
 
 MOST_SECONDS, MOST_MIB = 10, 512  # of processor time, so that a busy machine fails nothing
@@ -81,11 +83,38 @@ def test_validate_finds_an_error_in_each_file_of_the_corpus(corpus):
 
 def test_a_seal_that_was_grown_again_is_refused(sealed_bytes):
     """What is verified are the file's bytes, not what they can be written as."""
-    for data in (sealed_bytes("whole"), (ARCHIVE / "1.0-signed.h5").read_bytes()):
-        block, payload = bytearray(data[:480].ljust(4064, b"\0")), data[512:]
+    for data in (sealed_bytes("whole"), (ARCHIVE / "2.0-signed.h5").read_bytes()):
+        length = len(data) - damage.SEAL
+        payload = seal.with_end_of_file(data[:length], length + 4096)
+        block = bytearray(data[length : -damage.TAIL].ljust(4096 - damage.TAIL, b"\0"))
         block[12:16] = (4096).to_bytes(4, "little")
+        block[24:56] = hashlib.sha256(payload).digest()
+        tail = seal.TAIL.pack(hashlib.sha256(block).digest(), 4096, 0, seal.TAIL_MAGIC)
         with pytest.raises(CorruptError, match="longer than its texts need"):
-            read_bundle(bytes(block) + hashlib.sha256(block).digest() + payload)
+            read_bundle(payload + bytes(block) + tail)
+
+
+@pytest.mark.parametrize("mode", ["r+", "a"])
+@pytest.mark.parametrize("change", [False, True])
+def test_a_bundle_that_h5py_opened_for_writing_is_as_it_was_or_refused(mode, change, tmp_path):
+    path = tmp_path / "a.h5"
+    vfplan.write_fixture(bundles.whole(), path)
+    before = path.read_bytes()
+    with h5py.File(path, mode) as file:
+        if change:
+            file.attrs["touched"] = 1
+    if not change:
+        assert path.read_bytes() == before
+        return
+    with pytest.raises(CorruptError, match="opened for writing by another program"):
+        vfplan.read_fixture(path)
+
+
+def test_a_bundle_that_was_cut_is_a_truncated_file_to_libhdf5(sealed_bytes):
+    data = sealed_bytes("whole")
+    for length in (len(data) - 1, len(data) - damage.SEAL, len(data) - damage.SEAL - 1):
+        with pytest.raises(OSError, match="truncated file"):
+            h5py.File(io.BytesIO(data[:length]))
 
 
 def test_nothing_of_another_file_is_opened(tmp_path):
@@ -117,23 +146,35 @@ def test_a_flipped_bit_is_refused_by_the_seal(name, step, sealed_bytes):
 
 
 @pytest.mark.parametrize(("name", "step"), [("small", 1), ("whole", 13), ("large", 40_009)])
-def test_a_flipped_bit_under_a_good_seal_is_refused_or_harmless(name, step, sealed_bytes):
+def test_a_flipped_bit_under_a_good_seal_is_refused_or_read_as_h5py_reads_it(
+    name, step, sealed_bytes
+):
+    """Who can seal a file anew can change its values, but never into what h5py does not see."""
     data = sealed_bytes(name)
     cases = (damage.flipped(data, i, True) for i in range(0, len(data), step))
-    assert set(sweep(data, cases)) <= {".", "="}
+    text, _ = damage.in_child(lambda: "".join(map(damage.verdict_of_two, cases)))
+    assert set(text) == {".", "="}
 
 
 @pytest.mark.full
-def test_every_flipped_bit_under_a_good_seal_is_refused_or_harmless(sealed_bytes):
+def test_every_flipped_bit_under_a_good_seal_is_refused_or_read_as_h5py_reads_it(sealed_bytes):
     data = sealed_bytes("whole")
     cases = (damage.flipped(data, i, True) for i in range(len(data)))
-    assert set(sweep(data, cases)) <= {".", "="}
+    text, _ = damage.in_child(lambda: "".join(map(damage.verdict_of_two, cases)))
+    assert set(text) == {".", "="}
 
 
-@pytest.mark.parametrize("again", [False, True], ids=["as_is", "resealed"])
-def test_every_prefix_is_refused(again, sealed_bytes):
+def test_every_prefix_is_refused(sealed_bytes):
     data = sealed_bytes("whole")
-    assert set(sweep(data, (damage.cut(data, i, again) for i in range(len(data))))) == {"."}
+    assert set(sweep(data, (data[:i] for i in range(len(data))))) == {"."}
+
+
+def test_every_prefix_of_the_payload_is_refused_under_a_seal_of_its_own(sealed_bytes):
+    data = sealed_bytes("whole")
+    length = len(data) - damage.SEAL
+    found = sweep(data, (damage.cut(data, i, True) for i in range(len(data))))
+    assert set(found[: length - 7] + found[length + 1 :]) == {"."}
+    assert found[length] == "="  # and of the zeros in front of it some, which are put back
 
 
 def test_25_kills_while_writing_leave_the_old_file_or_the_new_one(tmp_path):

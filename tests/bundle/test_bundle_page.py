@@ -21,27 +21,34 @@ import vfplan
 from vfplan.bundle import validate
 
 GOLDEN = Path(__file__).parents[1] / "data" / "bundles"
-SEALED = sorted(GOLDEN.glob("1.*.h5"))
+SEALED = sorted(GOLDEN.glob("2.*.h5"))
 
 
 def check_seal(data, public=None):
     """Section 4: (case, robot serial, time of registration) of sealed bytes, or an assertion."""
-    magic, version, flags, size, length, digest = struct.unpack_from("<8sHHIQ32s", data)
-    assert (magic, version, flags & ~1) == (b"VFPLSEAL", 1, 0)
-    assert hashlib.sha256(data[: size - 32]).digest() == data[size - 32 : size]
-    assert len(data) - size == length
-    assert hashlib.sha256(data[size:]).digest() == digest
-    moment, n_case, n_robot = struct.unpack_from("<QHH", data, 136)
+    assert len(data) >= 560
+    assert data[-8:] == b"VFPLTAIL"
+    size, zero = struct.unpack_from("<II", data, len(data) - 16)
+    assert size in (512, 1024, 2048, 4096)
+    payload, seal = data[:-size], data[-size:]
+    magic, version, flags, also_size, length, digest = struct.unpack_from("<8sHHIQ32s", seal)
+    assert (magic, version, flags & ~1, zero) == (b"VFPLSEAL", 2, 0, 0)
+    assert (also_size, length) == (size, len(payload))
+    assert len(payload) % 8 == 0
+    moment, n_case, n_robot = struct.unpack_from("<QHH", seal, 136)
     end = 148 + n_case + n_robot
-    assert size == next(b for b in (512, 1024, 2048, 4096) if end + 32 <= b)
-    assert not any(data[end : size - 32])
-    assert flags or not any(data[56 : size - 32])
+    assert size == next(b for b in (512, 1024, 2048, 4096) if end + 48 <= b)
+    assert not any(seal[end:-48])
+    assert flags or not any(seal[56:-48])
+    assert hashlib.sha256(seal[:-48]).digest() == seal[-48:-16]
+    assert hashlib.sha256(payload).digest() == digest
+    assert struct.unpack_from("<Q", payload, 28) == (len(data),)
     if public is not None:
         raw = public.public_bytes_raw()
-        assert data[56:72] == hashlib.sha256(raw).digest()[:16]
-        message = b"vfplan bundle seal 1\0" + data[:72] + data[136 : size - 32]
-        public.verify(data[72:136], message)
-    return data[148 : 148 + n_case].decode(), data[148 + n_case : end].decode(), moment
+        assert seal[56:72] == hashlib.sha256(raw).digest()[:16]
+        message = b"vfplan bundle seal 2\0" + seal[:72] + seal[136:-48]
+        public.verify(seal[72:136], message)
+    return seal[148 : 148 + n_case].decode(), seal[148 + n_case : end].decode(), moment
 
 
 @pytest.mark.parametrize("path", SEALED, ids=lambda p: p.stem)
@@ -50,12 +57,12 @@ def test_the_page_tells_how_a_seal_is_checked(path):
 
 
 def test_the_page_tells_how_a_signature_is_checked():
-    data = (GOLDEN / "1.0-signed.h5").read_bytes()
+    data = (GOLDEN / "2.0-signed.h5").read_bytes()
     public = load_pem_public_key((GOLDEN / "signed.pub").read_bytes())
     assert check_seal(data, public)[:2] == ("case 17", "R-0042")
     forged = bytearray(data)
-    forged[140] ^= 1  # another day, sealed again
-    forged[480:512] = hashlib.sha256(forged[:480]).digest()
+    forged[-512 + 140] ^= 1  # another day, sealed again
+    forged[-48:-16] = hashlib.sha256(forged[-512:-48]).digest()
     with pytest.raises(InvalidSignature):
         check_seal(bytes(forged), public)
 
@@ -66,20 +73,42 @@ def text(holder, name, value):
 
 
 def dataset(group, name, values, unit=None, frame=None):
-    made = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
+    made = group.create_dataset(name, data=values, fill_time="never")
     for key, value in (("unit", unit), ("frame", frame)):
         if value is not None:
             text(made, key, value)
 
 
-def written(points, user_block):
+def lookup3(data):
+    """The checksum of HDF5's metadata (HDF5 file format specification, version 3.0)."""
+
+    def rot(x, k):
+        return (x << k | x >> (32 - k)) & 0xFFFFFFFF
+
+    a = b = c = 0xDEADBEEF + len(data)
+    padded = data + bytes(-len(data) % 12)
+    words = struct.unpack(f"<{len(padded) // 4}I", padded)
+    while len(words) > 3:
+        a, b, c = (x + y & 0xFFFFFFFF for x, y in zip((a, b, c), words[:3], strict=True))
+        for k in (4, 6, 8, 16, 19, 4):
+            a = (a - c & 0xFFFFFFFF) ^ rot(c, k)
+            c = c + b & 0xFFFFFFFF
+            a, b, c = b, c, a
+        words = words[3:]
+    a, b, c = (x + y & 0xFFFFFFFF for x, y in zip((a, b, c), words, strict=True))
+    for k in (14, 11, 25, 16, 4, 14, 24):
+        c = (c ^ b) - rot(b, k) & 0xFFFFFFFF
+        a, b, c = b, c, a
+    return b
+
+
+def written(points):
     """A closed curve as a bundle, from sections 1 to 5."""
     stream = io.BytesIO()
-    options = {"libver": ("v110", "v110"), "userblock_size": user_block}
-    with h5py.File(stream, "w", **options) as file:
+    with h5py.File(stream, "w", libver=("v108", "v108")) as file:
         for name, value in (
             ("format", "vfplan-fixture"),
-            ("version", "1.0"),
+            ("version", "2.0"),
             ("frame", "robot_base"),
             ("id", hashlib.sha256(b"robot_base\0" + points.tobytes()).hexdigest()[:32]),
         ):
@@ -104,19 +133,23 @@ def written(points, user_block):
         text(provenance, "software", "a program of somebody else's")
         words = np.array(["gezeichnet von Zoë".encode()], h5py.string_dtype("utf-8", 19))
         dataset(provenance, "history", words)
-    payload = stream.getvalue()[user_block:]
+    payload = stream.getvalue()
+    payload += bytes(-len(payload) % 8)
+    superblock = payload[:28] + struct.pack("<Q", len(payload) + 512) + payload[36:44]
+    payload = superblock + struct.pack("<I", lookup3(superblock)) + payload[48:]
     digest = hashlib.sha256(payload).digest()
-    head = struct.pack("<8sHHIQ32s", b"VFPLSEAL", 1, 0, 512, len(payload), digest)
-    head = head.ljust(480, b"\0")
-    return head + hashlib.sha256(head).digest() + payload
+    head = struct.pack("<8sHHIQ32s", b"VFPLSEAL", 2, 0, 512, len(payload), digest)
+    head = head.ljust(464, b"\0")
+    tail = hashlib.sha256(head).digest() + struct.pack("<II8s", 512, 0, b"VFPLTAIL")
+    return payload + head + tail
 
 
-@pytest.mark.parametrize("user_block", [0, 512], ids=["seal_in_front", "seal_in_a_user_block"])
-def test_the_page_tells_how_a_bundle_is_written(user_block, tmp_path):
+def test_the_page_tells_how_a_bundle_is_written(tmp_path):
     points = bundles.large(60).points
     points = 0.4 + (points - 0.4) * 0.2
     path = tmp_path / "theirs.h5"
-    path.write_bytes(written(points, user_block))
+    path.write_bytes(written(points))
+    check_seal(path.read_bytes())
     assert [issue.code for issue in validate(path)] == ["seal.unsigned"]
     fixture = vfplan.read_fixture(path)
     assert fixture.points.tobytes() == points.tobytes()

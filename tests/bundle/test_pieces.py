@@ -52,12 +52,6 @@ def test_pieces_that_do_not_follow_the_points_are_told_of(planned, tmp_path):
     assert "pieces.apart" not in [issue.code for issue in validate(planned[0])]
 
 
-def test_a_bundle_without_pieces_stays_of_its_version(vfplan_cli, tmp_path):
-    path = tmp_path / "f.h5"
-    vfplan.write_fixture(bundles.whole(), path)
-    assert vfplan_cli("info", path, "--json").json["version"] == "1.0"
-
-
 def test_plan_fits_pieces_within_what_was_asked(planned, vfplan_cli):
     path, report = planned
     fixture = vfplan.read_fixture(path)
@@ -67,7 +61,6 @@ def test_plan_fits_pieces_within_what_was_asked(planned, vfplan_cli):
     assert engine.rule == "exact"
     assert engine.distance(fixture.points).max() < 2e-6
     assert vfplan_cli("validate", path).code == 0
-    assert vfplan_cli("info", path, "--json").json["version"] == "1.1"
 
 
 def test_replay_takes_the_curve_where_there_is_one(planned, vfplan_cli):

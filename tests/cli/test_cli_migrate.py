@@ -9,7 +9,7 @@ def test_the_new_bundle_is_valid_and_tells_of_its_origin(vfplan_cli, tmp_path):
     new = tmp_path / "new.h5"
     env = {"SOURCE_DATE_EPOCH": "1767323045"}
     run = vfplan_cli("migrate", OLD, "-o", new, "--json", env=env)
-    assert (run.code, run.json["version"]) == (0, "1.0")
+    assert (run.code, run.json["version"]) == (0, "2.0")
     assert run.json["history"].startswith("2026-01-02T03:04:05Z")
     assert vfplan_cli("validate", new).code == 0
     first = new.read_bytes()
@@ -32,4 +32,4 @@ def test_an_old_bundle_elsewhere_is_refused_with_the_command_that_helps(vfplan_c
     assert run.code == 4
     assert "vfplan migrate" in run.error_line
     assert "0.1" in run.error_line
-    assert "1.x" in run.error_line
+    assert "seal is missing" in run.error_line

@@ -77,14 +77,14 @@ def test_a_changed_and_resealed_bundle_is_not_what_was_signed(desk):
     trust = Trust(read_keys(desk / "alice.pub"))
     signed, other = (desk / "s.h5").read_bytes(), (desk / "a.h5").read_bytes()
     assert read_bundle(signed, trust=trust)[1].signed
-    changed = bytearray(signed)
-    changed[-1] ^= 1
-    for forged in (
-        damage.resealed(bytes(changed)),  # another payload under the old signature
-        damage.resealed(signed[:148] + b"C2" + signed[150:], damaged_block=True),  # another case
-        damage.resealed(signed[:140] + b"\x01" + signed[141:], damaged_block=True),  # another day
-        damage.resealed(signed[:72] + bytes(64) + signed[136:], damaged_block=True),
-    ):
+    start = len(signed) - damage.SEAL
+    last_of_payload = start - 1, bytes([signed[start - 1] ^ 1])
+    another_case = start + 148, b"C2"
+    another_day = start + 140, b"\x01"
+    no_signature = start + 72, bytes(64)
+    for at, value in (last_of_payload, another_case, another_day, no_signature):
+        changed = signed[:at] + value + signed[at + len(value) :]
+        forged = damage.resealed(changed, damaged_seal=at >= start)
         with pytest.raises(SignatureError):
             read_bundle(forged, trust=trust)
     with pytest.raises(SignatureError):
@@ -98,7 +98,7 @@ def test_several_trusted_keys_stand_in_one_file(desk):
     assert read_bundle(desk / "s.h5", trust=Trust(read_keys(both)))[1].signed
 
 
-def test_a_long_case_token_makes_a_longer_seal_that_plain_tools_step_over(desk, vfplan_cli):
+def test_a_long_case_token_makes_a_longer_seal_that_plain_tools_ignore(desk, vfplan_cli):
     import h5py
 
     token = "c" * 700
@@ -106,8 +106,10 @@ def test_a_long_case_token_makes_a_longer_seal_that_plain_tools_step_over(desk, 
     assert vfplan_cli("sign", desk / "a.h5", *words).code == 0
     assert read_bundle(desk / "long.h5")[1].case == token
     with h5py.File(desk / "long.h5") as file:
-        assert file.userblock_size == 1024
+        assert file.userblock_size == 0
         assert file["points"].shape == (70, 3)
+    assert len((desk / "long.h5").read_bytes()) - len((desk / "a.h5").read_bytes()) == 512
+    vfplan.read_fixture(desk / "long.h5")
 
 
 @pytest.mark.parametrize(

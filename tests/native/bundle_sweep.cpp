@@ -19,20 +19,38 @@ namespace {
 
 using vfplan::bundle::Bytes;
 
-// The tests' files have a block of 512 bytes.
-constexpr std::size_t block = 512, digest_size = 32;
+using vfplan::bundle::View;
 
-void reseal(Bytes& data, bool damaged_block) {
-    if (data.size() < block) return;
-    if (!damaged_block) {
-        const std::uint64_t length = data.size() - block;
-        std::memcpy(data.data() + 16, &length, sizeof length);
-        const auto digest = vfplan::bundle::sha256(vfplan::bundle::View(data).from(block));
-        std::copy(digest.begin(), digest.end(), data.begin() + 24);
+// The tests' files have a seal of 512 bytes.
+constexpr std::size_t seal_size = 512, tail_size = 48;
+
+void put_digest(Bytes& data, std::size_t first, std::size_t count, std::size_t at) {
+    const auto digest = vfplan::bundle::sha256(View(data).part(first, count));
+    std::copy(digest.begin(), digest.end(), data.begin() + std::ptrdiff_t(at));
+}
+
+/// The digests of the seal are made anew; that of the payload not where the seal itself is damaged.
+void reseal(Bytes& data, bool damaged_seal) {
+    const std::size_t payload = data.size() - seal_size;
+    if (!damaged_seal) put_digest(data, 0, payload, payload + 24);
+    put_digest(data, payload, seal_size - tail_size, data.size() - tail_size);
+}
+
+/// The first bytes of a bundle, filled up to a multiple of 8, under the seal of the whole one with
+/// all its lengths and digests made anew.
+Bytes sealed_prefix(const Bytes& good, std::size_t length) {
+    Bytes data(good.begin(), good.begin() + std::ptrdiff_t(length));
+    data.resize((length + 7) / 8 * 8);
+    const std::uint64_t payload = data.size(), end = payload + seal_size;
+    if (payload >= 48) {
+        std::memcpy(data.data() + 28, &end, sizeof end);
+        const std::uint32_t sum = vfplan::bundle::detail::lookup3(View(data).first(44));
+        std::memcpy(data.data() + 44, &sum, sizeof sum);
     }
-    const auto digest =
-        vfplan::bundle::sha256(vfplan::bundle::View(data).first(block - digest_size));
-    std::copy(digest.begin(), digest.end(), data.begin() + block - digest_size);
+    data.insert(data.end(), good.end() - std::ptrdiff_t(seal_size), good.end());
+    std::memcpy(data.data() + payload + 16, &payload, sizeof payload);
+    reseal(data, false);
+    return data;
 }
 
 char verdict(Bytes data, const vfplan::bundle::Content& wanted) {
@@ -83,10 +101,12 @@ int main(int argc, char** argv) {
         Bytes data = good;
         if (mode == "flips") {
             data[i] ^= static_cast<unsigned char>(1u << (i % 8));
+            if (again) reseal(data, i >= good.size() - seal_size);
+        } else if (again) {
+            data = sealed_prefix(good, i);
         } else {
             data.resize(i);
         }
-        if (again) reseal(data, mode == "flips" && i < block);
         std::cout << verdict(std::move(data), wanted) << std::flush;
     }
     std::cout << std::endl;

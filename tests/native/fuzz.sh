@@ -11,11 +11,9 @@ root=$(cd "$(dirname "$0")/../.." && pwd)
 seconds=${1:-60}
 folder=${2:-$root/build/fuzz}
 mkdir -p "$folder/corpus"
-for file in "$root"/tests/data/bundles/*.h5; do
-    name=$(basename "$file")
-    # The payload alone: an archived bundle's seal has 512 bytes, version 0.1 has none.
-    if [ "$(head -c 8 "$file")" = VFPLSEAL ]; then skip=512; else skip=0; fi
-    tail -c "+$((skip + 1))" "$file" >"$folder/corpus/$name.payload"
+for file in "$root"/tests/data/bundles/2.*.h5; do
+    # The payload alone: an archived bundle's seal has 512 bytes.
+    head -c -512 "$file" >"$folder/corpus/$(basename "$file").payload"
 done
 clang++ -std=c++17 -O1 -g -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined \
     -I"$root/vfplan/native/include" "$root/tests/native/fuzz_bundle.cpp" -o "$folder/fuzz_bundle"

@@ -10,17 +10,17 @@ namespace vb = vfplan::bundle;
 
 extern "C" int LLVMFuzzerTestOneInput(const unsigned char* data, std::size_t size) {
     const vb::View payload(data, size);
-    for (const bool sealed : {true, false}) {
-        vb::Findings all(false), first(true);
-        vb::read_payload(payload, all, sealed);
-        bool read = true;
-        try {
-            vb::read_payload(payload, first, sealed);
-        } catch (const vb::BundleError&) {
-            read = false;
-        }
-        if (read != all.sound()) std::abort();
+    // As if the file were as long as its superblock says, so that what lies behind it is reached.
+    const std::uint64_t length = size < 36 ? size : vb::number_at(payload, 28, 8);
+    vb::Findings all(false), first(true);
+    vb::read_payload(payload, length, all);
+    bool read = true;
+    try {
+        vb::read_payload(payload, length, first);
+    } catch (const vb::BundleError&) {
+        read = false;
     }
+    if (read != all.sound()) std::abort();
     try {
         vb::View inside;
         vb::unseal(payload, inside);

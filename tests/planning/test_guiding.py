@@ -52,11 +52,11 @@ def test_without_a_guide_a_bundle_is_of_the_version_that_holds_it(tmp_path):
     made = plan(*ELBOW, settings=FixtureSettings(points_only=True))
     vfplan.write_fixture(made.fixture, tmp_path / "a.h5")
     found = describe(tmp_path / "a.h5")
-    assert found["version"] == "1.0"
+    assert found["version"] == "2.0"
     assert "/@must_understand" not in found
     vfplan.write_fixture(replace(made.fixture, guidance=Guidance(1e-3, 500.0)), tmp_path / "b.h5")
     found = describe(tmp_path / "b.h5")
-    assert (found["version"], found["/@must_understand"]) == ("1.1", "/guidance")
+    assert (found["version"], found["/@must_understand"]) == ("2.0", "/guidance")
 
 
 def test_one_stroke_guides_beside_the_one_that_is_forbidden():

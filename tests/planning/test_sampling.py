@@ -123,7 +123,7 @@ def test_spheres_that_do_not_meet_cost_the_whole_radius():
 
 @pytest.mark.parametrize("asked", [{"density_per_m": 1e12}, {"tolerance_m": 1e-18}], ids=str)
 def test_more_points_than_a_bundle_holds_are_refused_at_once(asked):
-    sizes = json.loads((ROOT / "schemas" / "bundle-1.1.json").read_text())["sizes"]
+    sizes = json.loads((ROOT / "schemas" / "bundle-2.0.json").read_text())["sizes"]
     assert sizes["N"]["max"] == MOST_POINTS
     with pytest.raises(SettingError, match="at most 4000000"):
         sample_curve(*CURVES["line"], radius_m=R, **asked)

@@ -10,6 +10,7 @@ from vfplan.fixture import (
     Curve,
     Fixture,
     Guidance,
+    Pieces,
     Provenance,
     RegistrationRecord,
     Rendering,
@@ -39,7 +40,7 @@ def guided():
 
 
 def large(count=100_000):
-    """A closed curve of many points, in several chunks."""
+    """A closed curve of many points."""
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
     points = np.column_stack([0.4 + 0.1 * np.cos(angle), 0.1 * np.sin(angle), 0.1 + 0 * angle])
     curve = Curve(np.zeros(count, np.int32), np.array([True]))
@@ -132,6 +133,30 @@ def whole():
             covariance=np.diag(np.geomspace(1e-14, 1e-8, 9)),
             tre_m=np.linspace(1.9e-4, 2.6e-4, n),
         ),
+    )
+
+
+def drawn():
+    """A line that goes on in a quarter circle, and a circle, as pieces and as points on them."""
+    along = np.linspace(0.40, 0.43, 31)[:-1]
+    quarter = np.linspace(-np.pi / 2, 0, 17)
+    ring = np.linspace(0, 2 * np.pi, 50, endpoint=False)
+    x = np.concatenate([along, 0.43 + 0.01 * np.cos(quarter), 0.46 + 0.008 * np.cos(ring)])
+    y = np.concatenate([0 * along, 0.01 + 0.01 * np.sin(quarter), 0.04 + 0.008 * np.sin(ring)])
+    vertices = [(0.40, 0), (0.43, 0), (0.44, 0.01), (0.468, 0.04), (0.452, 0.04)]
+    closed = np.array([False, True])
+    pieces = Pieces(
+        vertices=np.array([(*vertex, 0.1) for vertex in vertices]),
+        bulges=np.array([0, np.tan(np.pi / 8), 0, 1, 1]),
+        stroke=np.array([0, 0, 0, 1, 1], np.int32),
+        closed=closed,
+        error=1e-9,
+    )
+    return replace(
+        small(),
+        points=np.column_stack([x, y, np.full_like(x, 0.1)]),
+        curve=Curve(np.repeat([0, 1], [47, 50]).astype(np.int32), closed, pieces=pieces),
+        rendering=replace(small().rendering, ignore_axis=np.array([0.0, 0.0, 1.0])),
     )
 
 

@@ -3,46 +3,54 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 import resource
 import signal
-import struct
 
+import h5py
 import numpy as np
 
-from vfplan.bundle import read_bundle
+from vfplan.bundle import read_bundle, seal
 from vfplan.errors import BundleError
 
-BLOCK, DIGEST = 512, 32
+SEAL, TAIL = 512, 48
+"""Lengths of the seal of a bundle with short texts, and of what follows its texts [bytes]."""
 
 
-def resealed(data: bytes, damaged_block: bool = False) -> bytes:
-    """The bytes under a seal that holds; the block's own damage is kept if told so."""
-    if len(data) < BLOCK:
+def sealed(payload: bytes, *, end: int | None = None) -> bytes:
+    """An HDF5 file as a bundle: filled up with zeros, its end of file set, a seal behind it.
+
+    `end` is the end of file that it states, in place of the true one.
+    """
+    payload += bytes(-len(payload) % 8)
+    if len(payload) >= 48:
+        payload = seal.with_end_of_file(payload, len(payload) + SEAL if end is None else end)
+    digest = hashlib.sha256(payload).digest()
+    return payload + seal.to_bytes(seal.Seal(len(payload), digest))
+
+
+def resealed(data: bytes, damaged_seal: bool = False) -> bytes:
+    """The bytes with a seal whose digests hold; the seal's own damage is kept if told so."""
+    if len(data) < SEAL:
         return data
-    block, payload = bytearray(data[:BLOCK]), data[BLOCK:]
-    if not damaged_block:
-        block[16:24] = struct.pack("<Q", len(payload))
+    payload, block = data[:-SEAL], bytearray(data[-SEAL:])
+    if not damaged_seal:
         block[24:56] = hashlib.sha256(payload).digest()
-    block[-DIGEST:] = hashlib.sha256(block[:-DIGEST]).digest()
-    return bytes(block) + payload
-
-
-def sealed(payload: bytes) -> bytes:
-    """A payload behind a fresh seal."""
-    from vfplan.bundle.write import seal_of, to_block
-
-    return to_block(seal_of(payload)) + payload
+    block[-TAIL:-16] = hashlib.sha256(block[:-TAIL]).digest()
+    return payload + bytes(block)
 
 
 def flipped(data: bytes, index: int, again: bool) -> bytes:
+    """One bit of a bundle is another one; `again`: and the digests are those of the new bytes."""
     damaged = bytearray(data)
     damaged[index] ^= 1 << (index % 8)
-    return resealed(bytes(damaged), index < BLOCK) if again else bytes(damaged)
+    return resealed(bytes(damaged), index >= len(data) - SEAL) if again else bytes(damaged)
 
 
 def cut(data: bytes, length: int, again: bool) -> bytes:
-    return resealed(data[:length]) if again else data[:length]
+    """The first bytes of a bundle; `again`: under a seal of their own."""
+    return sealed(data[:length]) if again else data[:length]
 
 
 def equal(a, b) -> bool:
@@ -51,6 +59,28 @@ def equal(a, b) -> bool:
         a[p].tobytes() == b[p].tobytes() if isinstance(a[p], np.ndarray) else a[p] == b[p]
         for p in a
     )
+
+
+def by_h5py(data: bytes, paths) -> dict:
+    """The values of a bundle at these paths as h5py reads them, in the form of `read_bundle`."""
+    values = {}
+    with h5py.File(io.BytesIO(data)) as file:
+        for path in paths:
+            where, _, name = path.partition("@")
+            value = file[where].attrs[name] if name else file[where][...]
+            if isinstance(value, np.ndarray) and value.dtype.kind == "S":
+                value = tuple(text.decode() for text in value)
+            values[path] = value.decode() if isinstance(value, bytes) else value
+    return values
+
+
+def verdict_of_two(data: bytes) -> str:
+    """'.' refused, '=' read with the values that h5py reads, '!' read with others."""
+    try:
+        values = read_bundle(data)[0]
+    except BundleError:
+        return "."
+    return "=" if equal(values, by_h5py(data, values)) else "!"
 
 
 def verdict(data: bytes, wanted) -> str:

@@ -77,15 +77,6 @@ def lookup3(data: bytes) -> int:
     return c
 
 
-def fletcher32(chunk: bytes) -> bytes:
-    """The checksum that libhdf5 puts behind a chunk of an even number of bytes, not all zero."""
-    once = twice = 0
-    for (word,) in struct.iter_unpack(">H", chunk):
-        once = (once + word) % 0xFFFF
-        twice = (twice + once) % 0xFFFF
-    return struct.pack("<HH", once or 0xFFFF, twice or 0xFFFF)
-
-
 def checked_spans(payload: bytes):
     """(first, end) of each piece of metadata whose checksum follows it directly."""
     for first, end, summed in hdf5_spans.spans(payload):

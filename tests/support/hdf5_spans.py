@@ -6,9 +6,6 @@ behind what it deletes, and the reader refuses such rests before it comes to any
 
 from __future__ import annotations
 
-import math
-
-MOST_CHUNKS = 10_000
 NIL, LINK, LAYOUT, CONTINUATION = 0x00, 0x06, 0x08, 0x10
 
 
@@ -59,46 +56,12 @@ def _targets(data: bytes, at: int) -> list[int]:
     return [number(data, at + width + number(data, at, width), 8)] if hard else []
 
 
-def chunks(data: bytes, at: int):
+def contiguous(data: bytes, at: int):
     """(first, end, whether a checksum ends it) of what a layout message at `at` leads to."""
-    if data[at : at + 2] != b"\x04\x02":
-        return
-    dimensions, width = data[at + 3], data[at + 4]
-    index = at + 5 + dimensions * width
-    if data[index] == 1:
-        size, there = number(data, index + 1, 8), number(data, index + 13, 8)
-        yield there, there + (size if data[at + 2] & 2 else _bytes(data, at)), False
-    elif data[index] == 3:
-        yield from _fixed_array(data, number(data, index + 2, 8))
-
-
-def _bytes(data: bytes, at: int) -> int:
-    width = data[at + 4]
-    return math.prod(number(data, at + 5 + i * width, width) for i in range(data[at + 3]))
-
-
-def _fixed_array(data: bytes, head: int):
-    if data[head : head + 4] != b"FAHD":
-        return
-    yield head, head + 28, True
-    entry, page = data[head + 6], 1 << data[head + 7]
-    count, block = number(data, head + 8, 8), number(data, head + 16, 8)
-    if count > MOST_CHUNKS:
-        return
-    pages = [block + 14] if count <= page else []
-    at = block + 14
-    if not pages:
-        total = -(-count // page)
-        at += -(-total // 8) + 4
-        yield block, at, True
-        pages = [at + i * (page * entry + 4) for i in range(total)]
-    for i, first in enumerate(pages):
-        here = min(page, count - i * page)
-        yield (first if count > page else block), first + here * entry + 4, True
-        for at in range(first, first + here * entry, entry):
-            there = number(data, at, 8)
-            if there < len(data):
-                yield there, there + number(data, at + 8, entry - 12), False
+    if data[at : at + 2] == b"\x03\x01":
+        there, size = number(data, at + 2, 8), number(data, at + 10, 8)
+        if there < len(data):
+            yield there, there + size, False
 
 
 def spans(data: bytes) -> list[tuple[int, int, bool]]:
@@ -107,7 +70,7 @@ def spans(data: bytes) -> list[tuple[int, int, bool]]:
     for first, end, messages in headers(data):
         found.append((first, end, True))
         for kind, start, _ in messages:
-            found += chunks(data, start) if kind == LAYOUT else []
+            found += contiguous(data, start) if kind == LAYOUT else []
     return sorted((first, min(end, len(data)), sum_) for first, end, sum_ in found)
 
 

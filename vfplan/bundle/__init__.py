@@ -2,7 +2,7 @@
 
     read_fixture(path) -> Fixture        write_fixture(fixture, path)
 
-docs/format.md is the normative text, schemas/bundle-1.1.json its machine-readable twin.
+docs/format.md is the normative text, schemas/bundle-2.0.json its machine-readable twin.
 """
 
 from vfplan.bundle.clouds import import_cloud, mesh_band

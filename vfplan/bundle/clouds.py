@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.bundle.content import most
 from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.meshfile import Mesh, read_mesh
+from vfplan.bundle.schema import max_size
 from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
@@ -72,8 +72,8 @@ def import_cloud(
     if not 0 < radius < np.inf:
         raise SettingError(f"R = contact radius + point radius = {radius} m; more than 0 wanted")
     with at(path):
-        if not 1 <= len(points) <= most("N"):
-            raise InputError(f"{len(points)} points; 1 to {most('N')} are allowed")
+        if not 1 <= len(points) <= max_size("N"):
+            raise InputError(f"{len(points)} points; 1 to {max_size('N')} are allowed")
         if not (finite := np.isfinite(points).all(axis=1)).all():
             raise InputError(f"point {finite.argmin()} is not finite")
         points = check_points(points)
@@ -218,11 +218,12 @@ def refined(
     if not (np.isfinite(spacing) and spacing > 0):
         raise SettingError(f"spacing {spacing} m; more than 0 wanted")
     too_many = SceneError(
-        f"spacing {spacing} m takes more than {most('N')} points or {most('K')} triangles"
+        f"spacing {spacing} m takes more than {max_size('N')} points or {max_size('K')} triangles"
     )
     one, two, three = (points[triangles[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(two - one, three - one), axis=1).sum() / 2
-    if area > most("K") * np.sqrt(3) / 4 * spacing**2:  # no triangle without a longer edge has more
+    # No triangle without a longer edge has more area than one with three edges of that length.
+    if area > max_size("K") * np.sqrt(3) / 4 * spacing**2:
         raise too_many
     clean, finer, cells = vtkStaticCleanPolyData(), vtkAdaptiveSubdivisionFilter(), vtkMergePoints()
     mesh = _to_vtk(points, triangles)
@@ -236,7 +237,7 @@ def refined(
     finer.SetLocator(cells)
     finer.SetMaximumEdgeLength(spacing)
     finer.SetMaximumTriangleArea(np.inf)
-    finer.SetMaximumNumberOfTriangles(most("K"))
+    finer.SetMaximumNumberOfTriangles(max_size("K"))
     finer.SetMaximumNumberOfPasses(100)
     for step in (clean, finer):
         step.SetOutputPointsPrecision(step.DOUBLE_PRECISION)
@@ -246,7 +247,11 @@ def refined(
     points, triangles = _from_vtk(finer.GetOutput())
     edges = (points[triangles[:, k]] - points[triangles[:, k - 1]] for k in range(3))
     longest = max(np.linalg.norm(edge, axis=1).max() for edge in edges)
-    if longest > spacing * (1 + 1e-12) or len(points) > most("N") or len(triangles) > most("K"):
+    if (
+        longest > spacing * (1 + 1e-12)
+        or len(points) > max_size("N")
+        or len(triangles) > max_size("K")
+    ):
         raise too_many
     return points, triangles
 

@@ -1,22 +1,18 @@
-"""What a bundle may hold, by the format's table, and a fixture as such content, path -> value.
+"""A fixture as the content of a bundle, path -> value, and back.
 
-The table is read from `schemas/bundle-1.1.json`; writer and describer ask it, and nothing about
-paths, types, shapes or units is written down a second time in Python. Values are text (`str`),
-`int`, `float`, NumPy arrays, or tuples of text; a part that the fixture does not have has no path.
+A part that the fixture does not have has no path.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import re
-from dataclasses import dataclass, fields, replace
-from functools import cache
-from importlib import resources
-from typing import Any, Literal
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
+from vfplan.bundle.schema import Content, Row, rows_by_path
 from vfplan.errors import InputError
 from vfplan.fixture import (
     Curve,
@@ -30,83 +26,54 @@ from vfplan.fixture import (
     StabilityVerdict,
 )
 
-Content = dict[str, Any]
-Kind = Literal["group", "dataset", "attribute"]
+# Where each value of a bundle lives in a `Fixture`. A test holds this list against the schema:
+# a path without a field, or a field without a path, fails. `/provenance` and
+# `/rendering/stability` are written out below, and `/@format`, `/@version`, `/@id`,
+# `/@must_understand` and `/leak` are what the format computes.
+FIELDS = {
+    "/@frame": "frame",
+    "/points": "points",
+    "/sigma": "sigma",
+    "/curve/stroke": "curve.stroke",
+    "/curve/closed": "curve.closed",
+    "/curve/bridged": "curve.bridged",
+    "/pieces/vertices": "pieces.vertices",
+    "/pieces/bulges": "pieces.bulges",
+    "/pieces/stroke": "pieces.stroke",
+    "/pieces@error_m": "pieces.error",
+    "/mesh/triangles": "mesh",
+    "/image@width_px": "image.width_px",
+    "/image@height_px": "image.height_px",
+    "/image/pixel_spacing": "image.pixel_spacing_mm",
+    "/rendering/stiffness": "rendering.stiffness",
+    "/rendering/ignore_axis": "rendering.ignore_axis",
+    "/rendering@contact_radius_m": "rendering.contact_radius",
+    "/rendering@band_m": "rendering.band",
+    "/rendering@point_radius_m": "rendering.point_radius",
+    "/rendering@max_iterations": "rendering.max_iterations",
+    "/guidance@radius_m": "guidance.radius",
+    "/guidance@stiffness_n_per_m": "guidance.stiffness",
+    "/guidance@ends": "guidance.ends",
+    "/guidance@lead_force_n": "guidance.lead_force",
+    "/guidance@lead_speed_m_s": "guidance.lead_speed",
+    "/guidance@stroke": "guidance.stroke",
+    "/registration@model": "registration.model",
+    "/registration@source_frame": "registration.source_frame",
+    "/registration@fre_rms_m": "registration.fre_rms_m",
+    "/registration@loo_rms_m": "registration.loo_rms_m",
+    "/registration@tre_rms_m": "registration.tre_rms_m",
+    "/registration/T_robot_image": "registration.T_robot_image",
+    "/registration/labels": "registration.labels",
+    "/registration/source": "registration.source",
+    "/registration/target": "registration.target",
+    "/registration/residuals": "registration.residuals_m",
+    "/registration/covariance": "registration.covariance",
+    "/registration/tre": "registration.tre_m",
+}
+"""Path in the bundle -> field of the fixture."""
 
-
-@dataclass(frozen=True)
-class Row:
-    """One thing a bundle may hold.
-
-    Parameters
-    ----------
-    path
-        "/group/name", or "/group@name" for an attribute.
-    kind, type, shape
-        What it is; `shape` mixes numbers and the size symbols of the table.
-    unit, frame
-        As written in the file's own `unit` and `frame` attributes; "@frame" and "@source_frame"
-        stand for the frame that attribute names (for a unit: px in "image", else m).
-    required
-        "always", "group" (whenever its group is there), "rendering" (whenever `/rendering` is
-        there) or "optional".
-    """
-
-    path: str
-    kind: Kind
-    required: str
-    since: str
-    meaning: str
-    type: str = ""
-    shape: tuple[int | str, ...] = ()
-    unit: str | None = None
-    frame: str | None = None
-    allowed: tuple[str, ...] | None = None
-    min: float | None = None
-    max: float | None = None
-    above: float | None = None
-    max_abs: dict[str, float] | None = None
-
-    @property
-    def parent(self) -> str:
-        """The group that holds it."""
-        holder, _, _ = self.path.partition("@")
-        if self.kind == "attribute":
-            return holder
-        return holder.rpartition("/")[0] or "/"
-
-    @property
-    def name(self) -> str:
-        """The last part of the path."""
-        return self.path.rpartition("@" if self.kind == "attribute" else "/")[2]
-
-
-@cache
-def document() -> dict[str, Any]:
-    """The whole of `bundle-1.1.json`."""
-    text = resources.files("vfplan.schemas").joinpath("bundle-1.1.json").read_text("utf-8")
-    return json.loads(text)
-
-
-@cache
-def table() -> tuple[Row, ...]:
-    """Everything a bundle may hold, in the order of the format."""
-    lists = ("shape", "allowed")
-    return tuple(
-        Row(**{name: tuple(v) if name in lists else v for name, v in entry.items()})
-        for entry in document()["rows"]
-    )
-
-
-def most(symbol: str) -> int:
-    """The largest size that a symbol of the shapes stands for."""
-    return document()["sizes"][symbol]["max"]
-
-
-def most_bytes() -> int:
-    """Of a payload."""
-    return document()["limits"]["payload_bytes"]
-
+_STABILITY = [field.name for field in fields(StabilityVerdict) if field.name != "robot"]
+"""The numbers of `/rendering/stability`, in order."""
 
 _PARTS = {
     "curve": Curve,
@@ -116,23 +83,16 @@ _PARTS = {
     "guidance": Guidance,
     "registration": RegistrationRecord,
 }
-_UNIT = re.compile("_(m|mm|px|n|m_s|n_per_m)$")
-_OWN = {"/@frame": "frame", "/points": "points", "/sigma": "sigma", "/mesh/triangles": "mesh"}
-
-
-@cache
-def fields_of(part: str) -> dict[str, str]:
-    """path -> field of a part: those of one name, but for the unit that either may end in."""
-    names = {_UNIT.sub("", field.name): field.name for field in fields(_PARTS[part])}
-    rows = [(row.path, _UNIT.sub("", row.name)) for row in table() if row.parent == f"/{part}"]
-    return {path: names[name] for path, name in rows if name in names}
+"""The parts of a fixture that `FIELDS` names in front of a point, and their types."""
 
 
 def to_content(fixture: Fixture) -> Content:
-    """Every value that a bundle of this fixture holds, but for `format` and `version`."""
-    content = _coded(fixture, _OWN)
-    for part in _PARTS:
-        content |= _coded(getattr(fixture, part), fields_of(part))
+    """Every value that a bundle of this fixture holds, but for those that the format computes."""
+    content: Content = {}
+    for path, field in FIELDS.items():
+        value = _value_at(fixture, field)
+        if value is not None:
+            content[path] = _as_typed(value, rows_by_path()[path])
     if fixture.stability is not None:
         numbers = [getattr(fixture.stability, field) for field in _STABILITY]
         content["/rendering@robot"] = fixture.stability.robot
@@ -140,16 +100,21 @@ def to_content(fixture: Fixture) -> Content:
     return content | _provenance(fixture.provenance)
 
 
-def _coded(part: Any, names: dict[str, str]) -> Content:
-    """The values of a part that are there, of the types in the format's table."""
-    values = {path: getattr(part, field, None) for path, field in names.items()}
-    rows = {row.path: row for row in table()}
-    return {path: _typed(v, rows[path]) for path, v in values.items() if v is not None}
+def _value_at(fixture: Fixture, field: str) -> Any:
+    """The value of "part.field" or "field"; `None` where the fixture has none."""
+    value: Any = fixture
+    for name in field.split("."):
+        if value is None:
+            return None
+        value = getattr(value, name)
+    return value
 
 
-def _typed(value: Any, row: Row) -> Any:
+def _as_typed(value: Any, row: Row) -> Any:
+    """A value of the type in its row of the format's table."""
     if row.kind == "attribute":
-        return {"f8": float, "text": str}.get(row.type, int)(value)
+        kinds = {"f8": float, "text": str}
+        return kinds.get(row.type, int)(value)
     if row.type == "text":
         return tuple(map(str, value))
     return np.ascontiguousarray(value, dtype=f"<{row.type}")
@@ -157,36 +122,38 @@ def _typed(value: Any, row: Row) -> Any:
 
 def from_content(content: Content) -> Fixture:
     """The fixture that a checked content describes."""
-    curve = _part("curve", content)
-    if curve is not None:
-        curve = replace(curve, pieces=_part("pieces", content, closed=curve.closed))
-    image = _part("image", content)
-    if image is not None and image.pixel_spacing_mm is not None:
-        image = replace(image, pixel_spacing_mm=tuple(image.pixel_spacing_mm.tolist()))
+    own: dict[str, Any] = {}
+    parts: dict[str, dict[str, Any]] = {name: {} for name in _PARTS}
+    for path, field in FIELDS.items():
+        if path not in content:
+            continue
+        value = _as_field(content[path])
+        part, _, name = field.rpartition(".")
+        if part:
+            parts[part][name] = value
+        else:
+            own[name] = value
+    pieces = parts.pop("pieces")
+    made = {name: _PARTS[name](**values) for name, values in parts.items() if values}
+    if pieces:
+        curve = made["curve"]
+        made["curve"] = replace(curve, pieces=Pieces(closed=curve.closed, **pieces))
+    if "image" in made and made["image"].pixel_spacing_mm is not None:
+        spacing = tuple(made["image"].pixel_spacing_mm.tolist())
+        made["image"] = replace(made["image"], pixel_spacing_mm=spacing)
     return Fixture(
-        **{field: content.get(path) for path, field in _OWN.items()},
+        **own,
+        **made,
         provenance=_to_provenance(content),
-        curve=curve,
-        image=image,
-        rendering=_part("rendering", content),
-        registration=_part("registration", content),
         stability=_to_stability(content),
-        guidance=_part("guidance", content),
     )
 
 
-def _part(name: str, content: Content, **more: Any) -> Any:
-    """A part of the fixture; `None` where the content has none. Bytes in tables are flags."""
-    paths = fields_of(name)
-    if not paths.keys() & content.keys():
-        return None
-    values = {field: content.get(path) for path, field in paths.items()}
-    flags = {f: v.astype(bool) for f, v in values.items() if getattr(v, "dtype", None) == np.uint8}
-    return _PARTS[name](**values | flags | more)
-
-
-# The numbers of `/rendering/stability`, in order.
-_STABILITY = [field.name for field in fields(StabilityVerdict) if field.name != "robot"]
+def _as_field(value: Any) -> Any:
+    """A value as a fixture has it: bytes in tables are flags."""
+    if isinstance(value, np.ndarray) and value.dtype == np.uint8:
+        return value.astype(bool)
+    return value
 
 
 def _to_stability(content: Content) -> StabilityVerdict | None:

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.bundle.content import Content, Row, from_content, table
+from vfplan.bundle.content import from_content
 from vfplan.bundle.read import read_bundle
+from vfplan.bundle.schema import Content, Row, table
 from vfplan.engine.renderable import MOST_TICK_WORK, best_rule, work_of
 from vfplan.errors import VfplanError
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.bundle.content import Content
+from vfplan.bundle.schema import Content
 
 BLOCK = 1 << 18  # triangles or points at a time, to bound memory
 STEPS = 16  # along a tree's order, to bound the distance to the nearest neighbour

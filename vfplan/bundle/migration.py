@@ -2,50 +2,83 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from vfplan import __version__
-from vfplan._core import read_payload
-from vfplan.bundle.content import Content, most_bytes
-from vfplan.bundle.read import opened_source
-from vfplan.bundle.write import MAGIC, VERSION, completed, write_content
-from vfplan.errors import InputError
-from vfplan.io.files import now_utc
+from vfplan.bundle.read import read_bundle
+from vfplan.bundle.schema import VERSION, Content, rows_by_path
+from vfplan.bundle.seal import HDF5_MAGIC, MAGIC, TAIL_MAGIC
+from vfplan.bundle.write import completed, write_content
+from vfplan.errors import BundleError, CorruptError, InputError
+from vfplan.io.apart import apart
+from vfplan.io.files import now_utc, opened_file
+from vfplan.io.reading import OneFile
 
 HISTORY = "/provenance/history"
+JOB = "vfplan.bundle.oldformats:old_content"
+"""Reads an old bundle, in a process apart: libhdf5 can crash on what somebody else wrote."""
 
 
 def migrate(old: str | Path, new: str | Path, *, overwrite: bool = False) -> Content:
     """Write the content of an older bundle as one of this version; the old file is not touched.
 
-    What is kept is kept bit for bit; the migration, with the SHA-256 of the old file, is added to
-    `/provenance/history`. Returns the new content.
+    What is kept is kept bit for bit. The migration, with the SHA-256 of the old file and the key
+    of who had signed it, is added to `/provenance/history`. The new bundle is unsigned, and nobody
+    has reviewed it. Returns the new content.
 
     Raises
     ------
     InputError
         There is no such file, or it has the present version already.
     BundleError
-        It is not sound.
+        It is not sound, or its seal is missing.
     SceneError
-        The old fixture leaks between samples, which the old version did not check.
+        The old fixture leaks between samples, which version 0.1 did not check.
     """
-    content, digest = _content_of_0_1(old)
+    _refuse_current(Path(old))
+    head, content = _read_old(Path(old))
     line = (
-        f"{now_utc()} vfplan {__version__}: migrated from {content['/@version']} to {VERSION},"
-        f" SHA-256 {digest}"
+        f"{now_utc()} vfplan {__version__}: migrated from {head['version']} to {VERSION},"
+        f" SHA-256 {head['sha256']}"
     )
+    if head["signed_by"] is not None:
+        line += f", was signed by key {head['signed_by']}"
     content = completed(content | {HISTORY: (*content.get(HISTORY, ()), line)})
     write_content(content, Path(new), overwrite=overwrite)
     return content
 
 
-def _content_of_0_1(path: str | Path) -> tuple[Content, str]:
-    """The content of a bundle of version 0.1, which had no seal, and the SHA-256 of its bytes."""
-    with opened_source(path) as stream:
-        payload = stream.read(most_bytes() + 1)
-        if payload.startswith(MAGIC):
-            raise InputError("has a seal, so it needs no migration", where=str(path))
-        content, _ = read_payload(payload, sealed=False)
-        return content, hashlib.sha256(payload).hexdigest()
+def _refuse_current(path: Path) -> None:
+    """Refuse a bundle of the present version: a sound one needs no migration."""
+    with opened_file(path) as stream:
+        start = stream.read(len(MAGIC))
+        size = stream.seek(0, 2)
+        stream.seek(max(0, size - len(TAIL_MAGIC)))
+        is_current = start == HDF5_MAGIC and stream.read() == TAIL_MAGIC
+    if is_current:
+        read_bundle(path)
+        raise InputError(
+            f"has version {VERSION} already, so it needs no migration",
+            where=str(path),
+            code="no-migration-needed",
+        )
+
+
+def _read_old(path: Path) -> tuple[dict[str, Any], Content]:
+    """The head that `old_content` yields, and the content of an old bundle."""
+    file = OneFile(path)
+    try:
+        answers = apart(JOB, file=file, where=str(path), kind=CorruptError)
+        head = next(answers)
+        content: Content = {}
+        for name, value in head["values"].items():
+            content[name] = tuple(value) if isinstance(value, list) else value
+        for name, (values,) in zip(head["tables"], answers, strict=True):
+            content[name] = np.ascontiguousarray(values, dtype=f"<{rows_by_path()[name].type}")
+    except BundleError as error:
+        error.where = str(path) + (f":{error.where}" if error.where else "")
+        raise
+    return head, content

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 from vfplan._core import Sealed
-from vfplan.bundle.content import Content, from_content, most_bytes
+from vfplan.bundle.content import from_content
 from vfplan.bundle.keys import read_keys
+from vfplan.bundle.schema import Content, max_payload_bytes
+from vfplan.bundle.seal import HDF5_MAGIC, LENGTHS, Seal
 from vfplan.bundle.trust import Trust, check_trust
-from vfplan.bundle.write import BLOCKS, MAGIC, Seal
 from vfplan.errors import BundleError
 from vfplan.fixture import Fixture
 from vfplan.io.files import opened_file
@@ -57,11 +58,11 @@ def unsealed(stream: BinaryIO, trust: Trust | None = None) -> Sealed:
 
     Raises `BundleError`.
     """
-    start = stream.read(len(MAGIC))
-    if start == MAGIC:
+    data = stream.read(len(HDF5_MAGIC))
+    if data == HDF5_MAGIC:  # else the reader says what it is, without the rest of a foreign file
         stream.seek(0)
-        start = stream.read(most_bytes() + BLOCKS[-1] + 1)
-    sealed = Sealed(start)
+        data = stream.read(max_payload_bytes() + LENGTHS[-1] + 1)
+    sealed = Sealed(data)
     if trust is not None:
         check_trust(sealed, trust)
     return sealed

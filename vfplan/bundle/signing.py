@@ -5,13 +5,21 @@ Needs the extra `[sign]` (the package `cryptography`).
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from vfplan.bundle.keys import key_id_of, read_private
 from vfplan.bundle.read import checked_payload
-from vfplan.bundle.write import LATEST, Seal, seal_of, signed_message, to_block
+from vfplan.bundle.seal import (
+    LATEST,
+    Seal,
+    seal_length,
+    signed_message,
+    to_bytes,
+    with_end_of_file,
+)
 from vfplan.errors import SettingError
 from vfplan.io.files import write_whole
 
@@ -26,7 +34,7 @@ def sign(
     registered_utc: str | None = None,
     overwrite: bool = False,
 ) -> Seal:
-    """Approve a bundle: write it again, its payload unchanged, under a signed seal.
+    """Approve a bundle: write it again, its content unchanged, with a signed seal.
 
     `case`, `robot_serial` and `registered_utc` (ISO 8601, UTC) are covered by the signature. An
     earlier signature is replaced.
@@ -48,8 +56,10 @@ def sign(
             raise SettingError(f"{what} {text!r} holds control characters")
     key = read_private(key_path)
     payload = checked_payload(source)
-    seal = replace(
-        seal_of(payload),
+    payload = with_end_of_file(payload, len(payload) + seal_length(case, robot_serial))
+    seal = Seal(
+        len(payload),
+        hashlib.sha256(payload).digest(),
         key_id=key_id_of(key.public_key()),
         signature=bytes(64),
         case=case,
@@ -57,7 +67,7 @@ def sign(
         registered=registered,
     )
     seal = replace(seal, signature=key.sign(signed_message(seal)))
-    write_whole(Path(target), [to_block(seal), payload], overwrite=overwrite)
+    write_whole(Path(target), [payload, to_bytes(seal)], overwrite=overwrite)
     return seal
 
 

@@ -10,9 +10,10 @@ from typing import Literal
 import numpy as np
 
 from vfplan.bundle import leak
-from vfplan.bundle.content import Content, from_content
+from vfplan.bundle.content import from_content
 from vfplan.bundle.leak import sorted_edges
 from vfplan.bundle.read import opened_source, unsealed
+from vfplan.bundle.schema import Content
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.engine.renderable import work_doubt
 from vfplan.errors import BundleError, SceneError

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from vfplan import _core
 from vfplan.errors import SceneError, SettingError
 
-MOST_POINTS = 4_000_000  # in one bundle (schemas/bundle-1.1.json); more are refused unmade
+MOST_POINTS = 4_000_000  # in one bundle (schemas/bundle-2.0.json); more are refused unmade
 LIMIT = 1e6  # |coordinate| [m]: beyond it float64 no longer resolves a nanometre
 UNIT = 1e-9  # how far from 1 the length of a unit vector may be, as in parameters.hpp
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}

@@ -45,7 +45,7 @@ def apart(
     *args: Any,
     file: OneFile | BinaryIO | None = None,
     where: str,
-    kind: type[InputError] = InputError,
+    kind: type[VfplanError] = InputError,
 ) -> Iterator[Any]:
     """What `job`, "module:function" of vfplan, yields when it is called in a process apart.
 

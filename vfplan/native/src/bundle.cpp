@@ -42,12 +42,12 @@ nb::object to_python(vb::Value&& value) {
 }
 
 /// ({path: value}, [(location, code, severity, message)])
-nb::tuple read_payload(vb::View payload, bool sealed, bool strict) {
+nb::tuple read_payload(vb::View payload, std::uint64_t file_length, bool strict) {
     vb::Findings findings(strict);
     vb::Content content;
     {
         nb::gil_scoped_release release;
-        content = vb::read_payload(payload, findings, sealed);
+        content = vb::read_payload(payload, file_length, findings);
     }
     nb::dict values;
     for (auto& [path, value] : content) values[path.c_str()] = to_python(std::move(value));
@@ -91,15 +91,20 @@ void bind_bundle(nb::module_& m) {
     nb::register_exception_translator(translate);
     m.def(
         "read_payload",
-        [](const nb::bytes& payload, bool sealed, bool strict) {
-            return read_payload(view(payload), sealed, strict);
+        [](const nb::bytes& payload, std::uint64_t file_length, bool strict) {
+            return read_payload(view(payload), file_length, strict);
         },
-        "payload"_a, "sealed"_a = true, "strict"_a = true);
+        "payload"_a, "file_length"_a, "strict"_a = true);
+    m.def(
+        "lookup3", [](const nb::bytes& data) { return vb::detail::lookup3(view(data)); }, "data"_a,
+        "The checksum of HDF5's metadata");
     nb::class_<Sealed>(m, "Sealed", "A bundle's bytes, whose seal holds")
         .def(nb::init<nb::bytes>(), "data"_a)
         .def(
             "read",
-            [](const Sealed& s, bool strict) { return read_payload(s.payload, true, strict); },
+            [](const Sealed& s, bool strict) {
+                return read_payload(s.payload, s.data.size(), strict);
+            },
             "strict"_a = true)
         .def_prop_ro("payload", [](const Sealed& s) { return to_bytes(s.payload); })
         .def_prop_ro("payload_length", [](const Sealed& s) { return s.seal.payload_length; })

@@ -94,15 +94,15 @@ struct Bundle {
     Seal seal;
 };
 
-/// Everything in a payload, checked; `sealed` is false for version 0.1 only, which had no seal.
+/// Everything in a payload, checked; `file_length` is that of the bundle with its seal.
 ///
 /// Findings that are strict throw BundleError at the first error; others collect what there is, and
 /// the content is what could be read.
-inline Content read_payload(View payload, Findings& findings, bool sealed = true) {
+inline Content read_payload(View payload, std::uint64_t file_length, Findings& findings) {
     try {
-        detail::Reader reader(payload, findings);
-        Content content = reader.read(sealed);
-        check(content, reader.version(), findings);
+        detail::Reader reader(payload, file_length, findings);
+        Content content = reader.read();
+        check(content, findings);
         return content;
     } catch (const BundleError& error) {
         findings.add(error);
@@ -115,7 +115,7 @@ inline Bundle read_bundle(View data) {
     View payload;
     Bundle bundle{{}, unseal(data, payload)};
     Findings findings(true);
-    bundle.content = read_payload(payload, findings);
+    bundle.content = read_payload(payload, data.size(), findings);
     return bundle;
 }
 
@@ -125,7 +125,7 @@ inline std::vector<Finding> examine(View data) {
     try {
         View payload;
         unseal(data, payload);
-        read_payload(payload, findings);
+        read_payload(payload, data.size(), findings);
     } catch (const BundleError& error) {
         findings.add(error);
     }

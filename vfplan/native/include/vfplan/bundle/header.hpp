@@ -8,7 +8,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -112,7 +111,7 @@ struct Object {
     std::string path;
     Named<Link> links;
     Named<Attribute> attributes;
-    std::optional<View> space, type, fill, filter, layout;
+    std::optional<View> space, type, fill, layout;
     bool group = false;
 };
 
@@ -172,7 +171,8 @@ inline void read_message(std::uint64_t kind, Window& body, Object& object) {
         case 0x0A:
             return read_group_info(body);
         case 0x0B:
-            return keep(object.filter);
+            return body.require(false, "passes its data through a filter; none is allowed",
+                                "unsafe.filter");
         case 0x0C:
             return object.attributes.add(body, read_attribute(body), limits::attributes_per_object,
                                          "attributes");
@@ -188,7 +188,8 @@ inline void read_message(std::uint64_t kind, Window& body, Object& object) {
 /// Reads one block's messages; adds to `more` where its header goes on.
 inline void read_messages(Window block, Object& object,
                           std::vector<std::pair<std::uint64_t, std::uint64_t>>& more) {
-    constexpr std::uint64_t continuation = 0x10, constant_or_known = 0x05;
+    constexpr std::uint64_t empty = 0x00, continuation = 0x10, constant_or_known = 0x05;
+    bool has_empty_message = false;
     while (block.left() >= 4) {
         const auto kind = block.number(1), size = block.number(2), flags = block.number(1);
         Window body(block.take(size), object.path);
@@ -202,8 +203,12 @@ inline void read_messages(Window block, Object& object,
         } else {
             read_message(kind, body, object);
         }
+        has_empty_message = has_empty_message || kind == empty;
         body.done();
     }
+    // As libhdf5: a block has an empty message, or a gap too small for one, but not both.
+    block.require(block.left() == 0 || !has_empty_message,
+                  "has a gap in its object header beside an empty message");
     block.require(block.take(block.left()).all_zero(), gap);
 }
 
@@ -235,24 +240,22 @@ inline Object read_object(File& file, std::uint64_t address, std::string path) {
     return object;
 }
 
-/// The address of the root, from a payload's first 48 bytes: a plain superblock of HDF5 1.10.
-inline std::uint64_t root_address(File& file, View data) {
+/// The address of the root, from a payload's first 48 bytes: a plain superblock, as `libver` v108
+/// makes it, but that its end of file is that of the whole bundle, seal included.
+inline std::uint64_t root_address(File& file, View data, std::uint64_t file_length) {
     const auto must = [](bool good, const std::string& why) {
         require(good, "corrupt.hdf5", "", why);
     };
     must(data.begins("\x89HDF\r\n\x1a\n"), "no HDF5 file: the signature is missing");
     must(data.size() >= 48, "is too short for an HDF5 file");
-    must((data[8] == 2 || data[8] == 3) && data[9] == 8 && data[10] == 8 && data[11] == 0,
+    must(data[8] == 2 && data[9] == 8 && data[10] == 8 && data[11] == 0,
          "superblock of another version or other sizes");
     file.claim_checked(0, 48, "");
+    must(number_at(data, 12, 8) == 0, "the superblock has another base address than 0");
     must(number_at(data, 20, 8) == nowhere, "the superblock has an extension");
-    // Relative to the payload, or to the bundle with its seal in front: libhdf5 takes either.
-    constexpr std::array<std::uint64_t, 5> bases{0, 512, 1024, 2048, 4096};
-    const auto base = number_at(data, 12, 8), end = number_at(data, 28, 8) - base;
-    must(std::find(bases.begin(), bases.end(), base) != bases.end(),
-         "the superblock has another base address");
-    must(end == data.size(), "the superblock claims " + std::to_string(end) + " bytes, " +
-                                 std::to_string(data.size()) + " are there");
+    const auto end = number_at(data, 28, 8);
+    must(end == file_length, "the superblock says that the file ends at " + std::to_string(end) +
+                                 "; it ends at " + std::to_string(file_length));
     return number_at(data, 36, 8);
 }
 

@@ -15,7 +15,6 @@
 #include <utility>
 #include <vector>
 
-#include "vfplan/bundle/chunks.hpp"
 #include "vfplan/bundle/content.hpp"
 #include "vfplan/bundle/finding.hpp"
 #include "vfplan/bundle/header.hpp"
@@ -74,17 +73,17 @@ inline Version version_of(const Object& root) {
 /// One pass over a file.
 class Reader {
   public:
-    Reader(View payload, Findings& findings)
-        : data_(payload), file_(payload), findings_(findings) {}
+    /// `file_length`: of the whole bundle, with its seal.
+    Reader(View payload, std::uint64_t file_length, Findings& findings)
+        : data_(payload), file_(payload), file_length_(file_length), findings_(findings) {}
 
-    /// Everything that the table of the file's version knows; `sealed`: behind a seal, which every
-    /// version has but 0.1.
-    Content read(bool sealed) {
-        const std::uint64_t address = root_address(file_, data_);
+    /// Everything that the table of the file's version knows.
+    Content read() {
+        const std::uint64_t address = root_address(file_, data_, file_length_);
         addresses_.insert(address);
         groups_.emplace("/", read_object(file_, address, "/"));
         version_ = version_of(groups_.at("/"));
-        check_version(sealed);
+        check_version();
         for (const Kind kind : {Kind::group, Kind::attribute, Kind::dataset}) {
             // Attributes before tables: units and frames of tables depend on them.
             for (const Row& row : rows) {
@@ -100,17 +99,12 @@ class Reader {
     [[nodiscard]] bool knows(const Row& row) const { return !(version_ < row.since); }
     [[nodiscard]] bool newer() const { return newest < version_; }
 
-    void check_version(bool sealed) const {
-        if (sealed ? version_.major == newest.major : version_.major == 0 && version_.minor == 1) {
-            return;
-        }
-        const std::string found =
-            "version " + std::to_string(version_.major) + "." + std::to_string(version_.minor);
-        require(version_.major != newest.major, "version.seal", "/@version",
-                found + " without a seal");
+    void check_version() const {
+        if (version_.major == newest.major) return;
         throw BundleError(
             "version.major", "/@version",
-            found + "; this program reads versions " + std::to_string(newest.major) +
+            "version " + std::to_string(version_.major) + "." + std::to_string(version_.minor) +
+                "; this program reads versions " + std::to_string(newest.major) +
                 ".x (writes " + std::string(format_version) + "); " +
                 (version_.major < newest.major
                      ? "`vfplan migrate OLD.h5 -o NEW.h5` brings it up to date"
@@ -189,12 +183,8 @@ class Reader {
             "corrupt.kind", row, "is not a dataset");
         const auto sides = sides_of(*object.space, row);
         check_shape(sides, row);
-        Chunking cut;
-        cut.element = element_size(*object.type, row);
-        std::copy(sides.begin(), sides.end(), cut.table.begin());
-        Value value = table_of(file_, object, cut, sides.size(), row);
+        Value value = table_of(file_, object, sides, element_size(*object.type, row), row);
         check_own(object, row);
-        for (const auto side : sides) value.shape.push_back(static_cast<std::size_t>(side));
         return value;
     }
 
@@ -247,6 +237,7 @@ class Reader {
 
     View data_;
     File file_;
+    std::uint64_t file_length_;
     Findings& findings_;
     Version version_;
     Content content_;

@@ -68,7 +68,7 @@ inline void check_frames(const Content& content, Findings& findings) {
 inline void check_identity(const Content& content, Findings& findings) {
     const std::string& frame = content.at("/@frame").string();
     const std::vector<double>& points = content.at("/points").f8;
-    const std::string& found = content.at("/@id").string();  // version 0.1 had none
+    const std::string& found = content.at("/@id").string();
     Sha256 sum;
     sum.update({reinterpret_cast<const unsigned char*>(frame.c_str()), frame.size() + 1});
     sum.update(
@@ -220,8 +220,8 @@ inline void check_provenance(const Content& content, Findings& findings) {
 /// A rule: reports to findings what does not hold; throws Absent if a value it needs is missing.
 using CheckOf = void (*)(const Content&, Findings&);
 
-/// Applies every rule of a version.
-inline void check(const Content& content, const Version& version, Findings& findings) {
+/// Applies every rule.
+inline void check(const Content& content, Findings& findings) {
     const auto apply = [&](CheckOf rule) {
         try {
             rule(content, findings);
@@ -234,9 +234,8 @@ inline void check(const Content& content, const Version& version, Findings& find
                                detail::check_registration, detail::check_provenance}) {
         apply(rule);
     }
-    const bool sealed = version.major > 0;  // 0.1 had no certificate
-    if (sealed && findings.sound()) apply(detail::check_leak);
-    if (sealed && !findings.sound()) {
+    if (findings.sound()) apply(detail::check_leak);
+    if (!findings.sound()) {
         findings.note("leak.unchecked", "/leak", "not checked, because of the errors above");
     }
 }

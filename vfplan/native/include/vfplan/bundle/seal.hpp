@@ -1,6 +1,6 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The seal in front of every bundle (docs/format.md): checked before anything else.
+// The seal behind every bundle (docs/format.md, section 4): checked before anything else.
 #pragma once
 
 #include <algorithm>
@@ -20,10 +20,10 @@
 
 namespace vfplan::bundle {
 
-/// What a bundle's user block says about its payload.
+/// What the seal behind a bundle's payload, its HDF5 file, says.
 struct Seal {
     std::uint64_t payload_length = 0;
-    Digest digest{};
+    Digest digest{};  // SHA-256 of the payload
     bool is_signed = false;
     std::array<unsigned char, 16> key_id{};
     std::array<unsigned char, 64> signature{};
@@ -35,38 +35,83 @@ struct Seal {
 
 namespace detail {
 
-inline constexpr std::string_view magic = "VFPLSEAL";
-inline constexpr std::string_view signed_domain{"vfplan bundle seal 1\0", 21};
+inline constexpr std::string_view seal_magic = "VFPLSEAL";
+inline constexpr std::string_view tail_magic = "VFPLTAIL";
+inline constexpr std::string_view signed_domain{"vfplan bundle seal 2\0", 21};
 inline constexpr std::string_view hdf5_signature = "\x89HDF\r\n\x1a\n";
 inline constexpr std::array<std::uint32_t, 4> seal_sizes{512, 1024, 2048, 4096};
-inline constexpr std::size_t head_size = 148, digest_size = 32;
+inline constexpr std::uint64_t seal_version = 2;
+inline constexpr std::size_t superblock_size = 48;
+inline constexpr std::size_t head_size = 148;         // of a seal, before its texts
+inline constexpr std::size_t tail_size = 48;          // of a seal, behind them
 inline constexpr std::uint64_t latest = 253402300799;  // 9999-12-31T23:59:59Z
 
 inline void require(bool good, std::string_view message) {
     require(good, "corrupt.seal", "", message);
 }
 
-/// The length of the seal that a file begins with.
-inline std::size_t seal_size(View data) {
-    require(!data.begins(hdf5_signature), "version.seal", "",
-            "has no seal; this program reads versions 1.x, which have one, and a bundle of version "
-            "0.1 is brought up to date by `vfplan migrate OLD.h5 -o NEW.h5`");
-    require(data.begins(magic), "is no fixture bundle: it begins with " +
-                                    in_quotes(data.text().substr(0, magic.size())) + ", not " +
-                                    in_quotes(magic));
-    const std::string ends =
-        "ends after " + std::to_string(data.size()) + " bytes, within its seal";
-    require(data.size() >= seal_sizes.front(), ends);
-    const auto version = number_at(data, 8, 2);
-    require(version == 1, "version.seal", "",
-            "seal version " + std::to_string(version) +
-                "; this program reads 1: a newer vfplan wrote it, `pip install --upgrade vfplan` "
-                "gets it");
-    const auto size = number_at(data, 12, 4);
+/// Says why a file that does not end in a seal is no bundle of this version.
+[[noreturn]] inline void refuse_unsealed(View data) {
+    if (data.begins(seal_magic)) {
+        throw BundleError("version.seal", "",
+                          "has its seal in front, as versions 1.0 and 1.1 had it; this program reads "
+                          "versions 2.x, and `vfplan migrate OLD.h5 -o NEW.h5` brings it up to date");
+    }
+    if (data.begins(hdf5_signature)) {
+        throw BundleError("corrupt.seal", "",
+                          "its seal is missing: the file was cut, or opened for writing by another "
+                          "program. Only version 0.1 had no seal; `vfplan migrate OLD.h5 -o NEW.h5` "
+                          "brings such a bundle up to date");
+    }
+    throw BundleError("corrupt.seal", "",
+                      "is no fixture bundle: it begins with " +
+                          in_quotes(data.text().substr(0, hdf5_signature.size())) +
+                          ", not as an HDF5 file does");
+}
+
+/// The seal that a file ends in: it is there, and says of the file's length what is true.
+inline View find_seal(View data) {
+    if (!data.begins(hdf5_signature) || data.size() < superblock_size + seal_sizes.front() ||
+        data.from(data.size() - tail_magic.size()).text() != tail_magic) {
+        refuse_unsealed(data);
+    }
+    const auto size = static_cast<std::size_t>(number_at(data, data.size() - 16, 4));
     require(std::find(seal_sizes.begin(), seal_sizes.end(), size) != seal_sizes.end(),
             "seal of " + std::to_string(size) + " bytes; 512, 1024, 2048 or 4096 wanted");
-    require(data.size() >= size, ends);
-    return static_cast<std::size_t>(size);
+    require(size + superblock_size <= data.size(), "its seal is as long as the whole file");
+    const View seal = data.from(data.size() - size);
+    require(seal.begins(seal_magic), "its seal does not begin " + std::to_string(size) +
+                                         " bytes before the file's end, as it says");
+    const auto version = number_at(seal, 8, 2);
+    require(version == seal_version, "version.seal", "",
+            "seal version " + std::to_string(version) +
+                "; this program reads 2: a newer vfplan wrote it, `pip install --upgrade vfplan` "
+                "gets it");
+    const auto payload = number_at(seal, 16, 8);
+    require(number_at(seal, 12, 4) == size && number_at(seal, size - 12, 4) == 0,
+            "its seal says two lengths of itself");
+    require(payload == data.size() - size,
+            std::to_string(payload) + " bytes were sealed, " +
+                std::to_string(data.size() - size) + " are there");
+    require(payload % 8 == 0, "the sealed part is no multiple of 8 bytes long");
+    require(payload <= limits::payload_bytes, "unsafe.cap", "",
+            "payload of " + std::to_string(payload) + " bytes; at most " +
+                std::to_string(limits::payload_bytes) + " allowed");
+    return seal;
+}
+
+/// The texts lie within the seal, nothing follows them, and it is no longer than they need.
+inline void check_texts(View seal) {
+    const auto end =
+        static_cast<std::size_t>(head_size + number_at(seal, 144, 2) + number_at(seal, 146, 2));
+    const std::size_t room = seal.size() - tail_size;
+    require(end <= room, "the seal's texts do not fit into it");
+    const auto* least = std::find_if(seal_sizes.begin(), seal_sizes.end(),
+                                     [&](std::uint32_t size) { return size >= end + tail_size; });
+    require(*least == seal.size(), "the seal is longer than its texts need");
+    const auto flags = number_at(seal, 10, 2);
+    require((flags & ~std::uint64_t{1}) == 0 && seal.part(end, room - end).all_zero(),
+            "the seal holds something unknown");
 }
 
 inline void read_signed(Seal& seal, View block) {
@@ -85,28 +130,21 @@ inline void read_signed(Seal& seal, View block) {
     require(seal.registered <= latest, "registered " + std::to_string(seal.registered) +
                                            " s after 1970; at most " + std::to_string(latest) +
                                            " allowed");
-    const View body = block.first(block.size() - digest_size);
+    // Everything but the signature itself, and the tail, which repeats what is known.
+    const View body = block.first(block.size() - tail_size);
     seal.signed_message.assign(signed_domain.begin(), signed_domain.end());
     seal.signed_message.insert(seal.signed_message.end(), body.begin(), body.begin() + 72);
     seal.signed_message.insert(seal.signed_message.end(), body.begin() + 136, body.end());
 }
 
 inline Seal read_seal(View block) {
-    const View body = block.first(block.size() - digest_size);
+    check_texts(block);
+    const View body = block.first(block.size() - tail_size);
     const Digest digest = sha256(body);
     require(std::equal(digest.begin(), digest.end(), block.begin() + body.size()),
             "the seal itself is damaged: its SHA-256 differs");
-    const auto flags = number_at(block, 10, 2);
-    const auto end =
-        static_cast<std::size_t>(head_size + number_at(block, 144, 2) + number_at(block, 146, 2));
-    require(end <= body.size(), "the seal's texts do not fit into it");
-    require((flags & ~std::uint64_t{1}) == 0 && body.from(end).all_zero(),
-            "the seal holds something unknown");
-    const auto* least = std::find_if(seal_sizes.begin(), seal_sizes.end(),
-                                     [&](std::uint32_t size) { return size >= end + digest_size; });
-    require(*least == block.size(), "the seal is longer than its texts need");
     Seal seal;
-    seal.is_signed = flags == 1;
+    seal.is_signed = (number_at(block, 10, 2) & 1) != 0;
     seal.payload_length = number_at(block, 16, 8);
     std::copy_n(block.begin() + 24, 32, seal.digest.begin());
     if (seal.is_signed) {
@@ -120,17 +158,11 @@ inline Seal read_seal(View block) {
 
 }  // namespace detail
 
-/// Checks a bundle's bytes against their seal; `payload` is set to the part behind it.
+/// Checks a bundle's bytes against the seal that they end in; `payload` is set to what it seals.
 inline Seal unseal(View data, View& payload) {
-    const std::size_t size = detail::seal_size(data);
-    Seal seal = detail::read_seal(data.first(size));
-    detail::require(seal.payload_length <= limits::payload_bytes, "unsafe.cap", "",
-                    "payload of " + std::to_string(seal.payload_length) + " bytes; at most " +
-                        std::to_string(limits::payload_bytes) + " allowed");
-    payload = data.from(size);
-    detail::require(payload.size() == seal.payload_length,
-                    std::to_string(seal.payload_length) + " bytes were sealed, " +
-                        std::to_string(payload.size()) + " are there");
+    const View block = detail::find_seal(data);
+    Seal seal = detail::read_seal(block);
+    payload = data.first(data.size() - block.size());
     detail::require(sha256(payload) == seal.digest,
                     "SHA-256 differs from the sealed one: the bytes are not those written");
     return seal;

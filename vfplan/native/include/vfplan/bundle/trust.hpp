@@ -149,7 +149,7 @@ inline Bundle read_bundle(View data, const Trust& trust) {
     Bundle bundle{{}, unseal(data, payload)};
     require_signature(bundle.seal, trust);
     Findings findings(true);
-    bundle.content = read_payload(payload, findings);
+    bundle.content = read_payload(payload, data.size(), findings);
     return bundle;
 }
 

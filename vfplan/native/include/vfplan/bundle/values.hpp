@@ -103,17 +103,60 @@ inline Value room_for(const Row& row, std::size_t count) {
     return value;
 }
 
-/// Fills elements `at` and following from bytes of elements of `size` bytes.
-inline void fill(Value& value, std::size_t at, View raw, std::size_t size, const Row& row) {
+/// Fills a value from bytes of elements of `size` bytes.
+inline void fill(Value& value, View raw, std::size_t size, const Row& row) {
     value.visit([&]<class T>(std::vector<T>& all) {
         if constexpr (std::is_arithmetic_v<T>) {
-            std::memcpy(all.data() + at, raw.data(), raw.size());
+            std::memcpy(all.data(), raw.data(), raw.size());
         } else {
-            for (std::size_t i = 0; i < raw.size() / size; ++i) {
-                all[at + i] = text_of(raw.part(i * size, size), row);
+            for (std::size_t i = 0; i < all.size(); ++i) {
+                all[i] = text_of(raw.part(i * size, size), row);
             }
         }
     });
+}
+
+/// Refuses a fill value other than zeros.
+inline void check_fill(const Object& object, std::size_t element) {
+    if (!object.fill) return;
+    Window body(*object.fill, object.path);
+    body.wanted(1, 3, "version of a fill value");
+    const auto flags = body.number(1);
+    const auto size = (flags & 0x20) != 0 ? body.number(4) : 0;
+    const View value = body.take(size);
+    body.require((flags & 0xC0) == 0 && (flags & 0x30) != 0x30 && (size == 0 || size == element) &&
+                     value.all_zero(),
+                 "has another fill value than zero");
+    body.done();
+}
+
+/// The bytes of a table, which stand in one piece; known to be so many, whatever the file says.
+inline View data_of(File& file, const Object& object, std::uint64_t bytes, const Row& row) {
+    constexpr std::uint64_t contiguous = 1;
+    Window layout(*object.layout, object.path);
+    layout.require(layout.number(1) == 3 && layout.number(1) == contiguous,
+                   "is not stored in one piece, as libver v108 does; no other layout is allowed",
+                   "unsafe.layout");
+    const auto address = layout.number(8), size = layout.number(8);
+    layout.done();
+    require(address != nowhere, "corrupt.storage", row, "has no data");
+    require(size == bytes, "corrupt.storage", row,
+            "has " + std::to_string(size) + " bytes of data; its shape and type need " +
+                std::to_string(bytes));
+    return file.claim(address, size, object.path);
+}
+
+/// Every element of a table of this shape, whose datatype is known to be the row's.
+inline Value table_of(File& file, const Object& object, const std::vector<std::uint64_t>& sides,
+                      std::size_t element, const Row& row) {
+    check_fill(object, element);
+    std::uint64_t count = 1;  // the caps on sides and texts keep these products small
+    for (const auto side : sides) count *= side;
+    const View data = data_of(file, object, count * element, row);
+    Value value = room_for(row, static_cast<std::size_t>(count));
+    fill(value, data, element, row);
+    for (const auto side : sides) value.shape.push_back(static_cast<std::size_t>(side));
+    return value;
 }
 
 /// A scalar attribute of a row's type.
@@ -124,7 +167,7 @@ inline Value scalar_of(const Attribute& attribute, const Row& row) {
             "has " + std::to_string(attribute.data.size()) + " bytes; " + std::to_string(size) +
                 " wanted");
     Value value = room_for(row, 1);
-    fill(value, 0, attribute.data, size, row);
+    fill(value, attribute.data, size, row);
     return value;
 }
 

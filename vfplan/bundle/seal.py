@@ -1,0 +1,160 @@
+"""The seal behind a bundle's HDF5 file: it says what the bytes are, and who vouches for them.
+
+Layout, little-endian, with the length L of the whole file, the length B of the seal, and P = L - B
+(docs/format.md, section 4):
+
+    P + 0     8  magic "VFPLSEAL"        P + 136    8  registered [s since 1970 UTC], 0: not given
+    P + 8     2  seal version, 2         P + 144    2  length of the case token
+    P + 10    2  flags, bit 0: signed    P + 146    2  length of the robot's serial
+    P + 12    4  B                       P + 148       case token, serial (UTF-8), zeros
+    P + 16    8  P                       L - 48    32  SHA-256 of bytes P to L - 48
+    P + 24   32  SHA-256 of 0 to P       L - 16     4  B
+    P + 56   16  key id                  L - 12     4  zero
+    P + 72   64  Ed25519 signature       L - 8      8  magic "VFPLTAIL"
+
+The HDF5 file states L as its own end (`with_end_of_file`): a bundle that was cut anywhere, in its
+seal too, is then a truncated file to every HDF5 library.
+
+Seals are written here, and read and checked by the reader (vfplan/bundle/seal.hpp).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from vfplan._core import Sealed, lookup3
+from vfplan.errors import SettingError
+
+MAGIC = b"VFPLSEAL"
+TAIL_MAGIC = b"VFPLTAIL"
+HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+SEAL_VERSION = 2
+SIGNED = 1
+LENGTHS = (512, 1024, 2048, 4096)
+HEAD = struct.Struct("<8sHHIQ32s16s64sQHH")
+TAIL = struct.Struct("<32sII8s")
+SIGNATURE = slice(72, 136)
+DOMAIN = b"vfplan bundle seal 2\0"
+"""In front of what is signed, so that a signature can be taken for no other one."""
+LATEST = 253_402_300_799
+"""9999-12-31T23:59:59Z, the last moment that a seal may state [s since 1970 UTC]."""
+
+
+@dataclass(frozen=True)
+class Seal:
+    """What a bundle's seal says.
+
+    Parameters
+    ----------
+    payload_length, sha256
+        Of the HDF5 file in front of the seal.
+    key_id
+        The first 16 bytes of SHA-256 of the raw public key; `None` when unsigned.
+    signature
+        64 bytes; `None` when unsigned.
+    case, robot_serial
+        What the bundle was approved for; "" when not given.
+    registered
+        When the patient was registered [s since 1970 UTC]; `None` when not given.
+    """
+
+    payload_length: int
+    sha256: bytes
+    key_id: bytes | None = None
+    signature: bytes | None = None
+    case: str = ""
+    robot_serial: str = ""
+    registered: int | None = None
+
+    @classmethod
+    def of(cls, sealed: Sealed) -> Seal:
+        """The seal of a bundle's bytes, as the reader found it."""
+        signed: dict[str, Any] = {}
+        if sealed.signed:
+            names = ("key_id", "signature", "case", "robot_serial")
+            signed = {name: getattr(sealed, name) for name in names}
+            signed["registered"] = sealed.registered or None
+        return cls(sealed.payload_length, sealed.sha256, **signed)
+
+    @property
+    def signed(self) -> bool:
+        """Whether there is a signature; says nothing about its worth."""
+        return self.key_id is not None
+
+    def describe(self) -> dict[str, object]:
+        """The seal as `vfplan info --json` shows it: what is not there is absent."""
+        key_id = self.key_id.hex() if self.key_id else None
+        data: dict[str, object] = {"ok": True, "signed": self.signed, "key_id": key_id}
+        data["sha256"] = self.sha256.hex()
+        if self.case:
+            data["case"] = self.case
+        if self.robot_serial:
+            data["robot_serial"] = self.robot_serial
+        if self.registered is not None:
+            moment = datetime.fromtimestamp(self.registered, UTC)
+            data["registered_utc"] = moment.strftime("%Y-%m-%dT%H:%M:%SZ")
+        return data
+
+
+def seal_length(case: str = "", robot_serial: str = "") -> int:
+    """The least length of a seal that has room for its texts [bytes].
+
+    Raises `SettingError` when they do not fit into the longest.
+    """
+    texts = len(case.encode()) + len(robot_serial.encode())
+    for length in LENGTHS:
+        if HEAD.size + texts + TAIL.size <= length:
+            return length
+    room = LENGTHS[-1] - HEAD.size - TAIL.size
+    raise SettingError(
+        f"case and serial have {texts} bytes; at most {room} allowed",
+        code="seal-texts-too-long",
+        numbers={"bytes": texts, "max_bytes": room},
+    )
+
+
+def with_end_of_file(payload: bytes, length: int) -> bytes:
+    """An HDF5 file that states `length` as its end, in its superblock of version 2."""
+    head = payload[:28] + struct.pack("<Q", length) + payload[36:44]
+    return head + struct.pack("<I", lookup3(head)) + payload[48:]
+
+
+def unsigned(payload: bytes) -> list[bytes]:
+    """The parts of a bundle's file: the payload, and the seal of one that nobody signed."""
+    payload = with_end_of_file(payload, len(payload) + seal_length())
+    return [payload, to_bytes(Seal(len(payload), hashlib.sha256(payload).digest()))]
+
+
+def to_bytes(seal: Seal) -> bytes:
+    """The seal as it stands behind the payload; raises as `seal_length` does."""
+    length = seal_length(seal.case, seal.robot_serial)
+    body = _body(seal, length)
+    return body + TAIL.pack(hashlib.sha256(body).digest(), length, 0, TAIL_MAGIC)
+
+
+def signed_message(seal: Seal) -> bytes:
+    """The bytes a signature covers: all of the seal but the signature and the tail."""
+    body = _body(seal, seal_length(seal.case, seal.robot_serial))
+    return DOMAIN + body[: SIGNATURE.start] + body[SIGNATURE.stop :]
+
+
+def _body(seal: Seal, length: int) -> bytes:
+    case, serial = seal.case.encode(), seal.robot_serial.encode()
+    head = HEAD.pack(
+        MAGIC,
+        SEAL_VERSION,
+        SIGNED if seal.signed else 0,
+        length,
+        seal.payload_length,
+        seal.sha256,
+        seal.key_id or bytes(16),
+        seal.signature or bytes(64),
+        seal.registered or 0,
+        len(case),
+        len(serial),
+    )
+    return (head + case + serial).ljust(length - TAIL.size, b"\0")
