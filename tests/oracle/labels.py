@@ -1,0 +1,155 @@
+"""What the registration makes of good marker sets and of usual label mistakes, set by set."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import Counter
+from dataclasses import astuple, dataclass, fields
+
+import numpy as np
+from label_mistakes import MISTAKES, PX_M, curve_error, marker_set
+
+import vfplan
+from vfplan.errors import MarkerError
+
+EVERY = range(600)
+QUICK = range(0, 600, 13)  # every layout, number of markers and model
+
+# Good sets of a larger localisation error may be refused by the gate on the residual,
+GATED_FLE_MM = 0.5
+# and of all good sets this share.
+MAX_REFUSED = 0.01
+# The same fit: relative tolerance of the good sets' residuals and of the curve's errors.
+SAME_FIT = 1e-3
+
+
+@dataclass
+class Row:
+    """One set: the outcome with the right labels and with each mistake, and the good set's errors.
+
+    An outcome is "refused", "finding" (written with a finding) or "silent" (written without one).
+    """
+
+    set: int
+    layout: str
+    markers: int
+    model: str
+    fle_mm: float
+    good: str
+    reversed: str
+    shifted: str
+    exchanged: str
+    permuted: str
+    fre_mm: float  # RMS residual of the markers with the right labels; NaN where refused
+    curve_mm: float  # largest error of the curve that the right labels give; NaN where refused
+
+
+def model_of(markers):
+    """Three markers need the rigid model; of the others, three in five sets take the affine one."""
+    if len(markers.source) == 3:
+        return "rigid"
+    return ("affine", "affine", "affine", "similarity", "rigid")[markers.number % 5]
+
+
+def judged(source, target, model):
+    """(outcome, registration) of markers whose pixel spacing is known.
+
+    This is the one place of the oracle that knows how a registration is made and judged.
+    """
+    from vfplan.registration.diagnosis import diagnose, refuse_sure_faults
+
+    try:
+        registration = vfplan.fit_registration(source, target, model=model, pixel_spacing=PX_M)
+        diagnosis = diagnose(registration)
+        refuse_sure_faults(registration, diagnosis)
+    except MarkerError:
+        return "refused", None
+    return ("finding" if diagnosis.warnings else "silent"), registration
+
+
+def measured(number):
+    """The row of one set."""
+    markers = marker_set(number)
+    model = model_of(markers)
+    good, registration = judged(markers.source, markers.target, model)
+    fre_mm = curve_mm = np.nan
+    if registration is not None:
+        fre_mm = 1e3 * registration.fre_rms_m
+        matrix = np.asarray(registration.T_target_source)
+        curve_mm = 1e3 * curve_error(matrix[:3][:, [0, 1, -1]], markers.truth)
+    outcomes = []
+    for mistake in MISTAKES:
+        target = markers.target[markers.orders[mistake]]
+        outcomes.append(judged(markers.source, target, model)[0])
+    n, fle_mm = len(markers.source), 1e3 * markers.fle_m
+    return Row(number, markers.layout, n, model, fle_mm, good, *outcomes, fre_mm, curve_mm)
+
+
+def text(_tree, name):
+    """What tests/data/oracle/labels.csv holds."""
+    out = io.StringIO()
+    out.write(
+        "# Outcomes of good marker sets and of label mistakes (tests/support/label_mistakes.py).\n"
+        f"# Renew: python tests/oracle/renew.py {name}\n"
+    )
+    table = csv.writer(out, lineterminator="\n")
+    table.writerow([field.name for field in fields(Row)])
+    for number in EVERY:
+        row = astuple(measured(number))
+        table.writerow([f"{x:.5f}" if isinstance(x, float) else x for x in row])
+    return out.getvalue()
+
+
+def parsed(text):
+    """{number: Row}."""
+    lines = [line for line in text.splitlines() if not line.startswith("#")]
+    rows = {}
+    for given in csv.DictReader(lines):
+        numbers = {name: float(given[name]) for name in ("fle_mm", "fre_mm", "curve_mm")}
+        whole = {name: int(given[name]) for name in ("set", "markers")}
+        rows[whole["set"]] = Row(**{**given, **numbers, **whole})
+    return rows
+
+
+def worse(frozen, new):
+    """What is worse than in 2dd7600, a line for each; `new` may be a part of the sets."""
+    lines = []
+    for number, row in new.items():
+        before = frozen[number]
+        for mistake in MISTAKES:
+            was, now = getattr(before, mistake), getattr(row, mistake)
+            if now == "silent" and was != "silent":
+                lines.append(f"{_named(row)}: {mistake} is silent, was {was}")
+        if row.good == "refused" and row.fle_mm <= GATED_FLE_MM:
+            lines.append(f"{_named(row)}: the right labels are refused")
+        for name in ("fre_mm", "curve_mm"):
+            was, now = getattr(before, name), getattr(row, name)
+            if abs(now - was) > SAME_FIT * was + 1e-4:
+                lines.append(f"{_named(row)}: {name} is {now:.4f}, was {was:.4f}")
+    refused, findings = (
+        sum(row.good == word for row in new.values()) for word in ("refused", "finding")
+    )
+    if refused > max(1, MAX_REFUSED * len(new)):
+        lines.append(f"{refused} of {len(new)} good sets refused")
+    findings_before = sum(frozen[number].good == "finding" for number in new)
+    if findings > findings_before:
+        lines.append(f"{findings} of {len(new)} good sets with a finding, {findings_before} before")
+    return lines
+
+
+def compared(frozen, new):
+    """Outcomes before and now, a row for the right labels and for each mistake."""
+    words = ("refused", "finding", "silent")
+    lines = [f"| labels | {' | '.join(words)} |", "|---|---|---|---|"]
+    for labels in ("good", *MISTAKES):
+        pairs = []
+        for word in words:
+            pair = [Counter(getattr(rows[k], labels) for k in new)[word] for rows in (frozen, new)]
+            pairs.append(f"{pair[0]} {pair[1]}")
+        lines.append(f"| {labels} | {' | '.join(pairs)} |")
+    return lines
+
+
+def _named(row):
+    return f"set {row.set} ({row.markers} on a {row.layout}, {row.model}, FLE {row.fle_mm:.2f} mm)"
