@@ -53,7 +53,7 @@ LEFT_OUT = {
     "elapsed_s", "real_time_factor", "step_us", "trials_per_minute", "machine", "budget_us", "us",
     "key_id", "sha256", "digest", "warnings", "findings", "history", "message", "text", "verdict",
     "next", "format", "version", "/@id", "/@version", "/provenance@created_utc",
-    "/provenance@software", "chosen", "pareto",
+    "/provenance@software", "/provenance/history", "chosen", "pareto",
 }  # fmt: skip
 # Relative tolerance of numbers. The first line's commands draw or extract anew, the second's
 # simulate an arm with a library whose versions differ; the others take a frozen bundle.
@@ -87,11 +87,10 @@ def prepare(folder):
     """Put the sample, the frozen bundles and two small inputs into the folder."""
     for path in SAMPLES.glob("elbow*"):
         shutil.copy(path, folder)
-    for name, path in (
-        ("elbow.h5", OURS / "elbow.h5"),
-        ("guided.h5", OURS / "elbow-guided.h5"),
-    ):
-        shutil.copy(readable(path, folder), folder / name)
+    migrated = folder / "migrated"
+    migrated.mkdir()
+    shutil.copy(readable(OURS / "elbow.h5", migrated), folder / "elbow.h5")
+    shutil.copy(readable(OURS / "elbow-guided.h5", migrated), folder / "guided.h5")
     shutil.copy(ARCHIVE / "0.1-everything.h5", folder / "old.h5")
     here = Path.cwd()
     os.chdir(folder)
