@@ -1,6 +1,7 @@
 """The exception tree: what callers may catch, and which exit code each class has."""
 
 import inspect
+import re
 
 import pytest
 
@@ -38,3 +39,17 @@ def test_text_names_the_place_first():
     error = errors.MarkerError("three markers lie on a line", where="x1")
     assert str(error) == "x1: three markers lie on a line"
     assert (error.kind, error.where) == ("MarkerError", "x1")
+
+
+@pytest.mark.parametrize("error", tree(), ids=lambda c: c.__name__)
+def test_every_class_has_a_code_of_its_own(error):
+    assert re.fullmatch(r"[a-z]+(-[a-z]+)*", error.code)
+    assert [c.__name__ for c in tree() if c.code == error.code] == [error.__name__]
+
+
+def test_a_code_and_numbers_of_the_fault_take_the_place_of_the_class_s():
+    plain = errors.CurveError("no line")
+    assert (plain.code, plain.numbers) == ("curve", {})
+    forked = errors.CurveError("the line forks", code="line-forks", numbers={"branches": 3})
+    assert (forked.code, forked.numbers) == ("line-forks", {"branches": 3})
+    assert errors.CurveError.code == "curve"

@@ -1,8 +1,15 @@
 """The bare command and the commands' names."""
 
+import json
+
+import numpy as np
 import pytest
+from click.testing import CliRunner
+from conftest import ROOT
+from vfplan.cli.main import cli
 
 import vfplan
+from vfplan.errors import CurveError
 
 
 def test_without_a_command_the_help_is_shown(vfplan_cli):
@@ -23,3 +30,28 @@ def test_an_unknown_command_is_answered_with_what_there_is(vfplan_cli, word, hin
 
 def test_cmake_dir_is_the_packages(vfplan_cli):
     assert vfplan_cli("--cmake-dir").stdout.strip() == str(vfplan.cmake_dir())
+
+
+def test_an_error_in_json_has_a_code_and_numbers(vfplan_cli, tmp_path):
+    """Of the class where the fault has none of its own; never a sentence to be parsed."""
+    run = vfplan_cli("extract", tmp_path / "absent.png", "-o", tmp_path / "c.h5", "--json")
+    assert run.code == 3
+    error = run.json["error"]
+    assert set(error) == {"kind", "message", "where", "code", "numbers"}
+    assert (error["kind"], error["code"], error["numbers"]) == ("ImageError", "image", {})
+
+
+def test_numbers_of_a_fault_are_plain_json(monkeypatch, tmp_path):
+    """NumPy's numbers and infinities too."""
+    numbers = {"rows": np.int64(3), "far_m": np.inf, "at_px": np.array([1.5, 2.0])}
+
+    def refuse(*_given, **_options):
+        raise CurveError("the line forks", code="line-forks", numbers=numbers)
+
+    monkeypatch.setattr("vfplan.planning.extract", refuse)
+    words = ["extract", str(ROOT / "samples" / "elbow.png"), "-o", str(tmp_path / "c.h5"), "--json"]
+    done = CliRunner().invoke(cli, words)
+    assert done.exit_code == 3
+    error = json.loads(done.stdout)["error"]
+    assert error["code"] == "line-forks"
+    assert error["numbers"] == {"rows": 3, "far_m": None, "at_px": [1.5, 2.0]}

@@ -31,6 +31,7 @@ import numpy as np
 
 from vfplan import errors
 from vfplan.errors import InputError, VfplanError
+from vfplan.io.disk import jsonable
 from vfplan.io.reading import OneFile, stream_over
 
 MEMORY_BYTES = 768 << 20  # of a reader, beyond what it shares with the helper
@@ -219,7 +220,7 @@ def _work(function: Any, request: dict[str, Any], handed: list[int]) -> NoReturn
                     "message": error.message,
                     "where": error.where,
                     "code": error.code,
-                    "numbers": error.numbers,
+                    "numbers": jsonable(error.numbers),
                 }
                 _send(pipe, {"error": what})
             except MemoryError:
