@@ -43,6 +43,15 @@ def _refuse(*paths: Path) -> None:
             raise OutputError(error.strerror or str(error), where=str(path)) from None
 
 
+def refuse_beside(path: Path | None) -> None:
+    """As `refuse_outputs`, of a file that the command names by itself beside the others."""
+    if path is None:
+        return
+    context = click.get_current_context()
+    others = [p.name for p in context.command.params if isinstance(p.type, Written)]
+    _refuse(*filter(None, map(context.params.get, others)), path)
+
+
 def refuse_folder(folder: Path | None, *names: str) -> None:
     """As `refuse_outputs`, of files in a folder that is made; without names it must be empty."""
     if folder is None:

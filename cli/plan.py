@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import click
 from vfplan.cli import options
 from vfplan.cli.extract import extracted_text, numbered, write_pictures
 from vfplan.cli.options import option
-from vfplan.cli.outputs import outputs
+from vfplan.cli.outputs import outputs, refuse_beside
 from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.run import Report, command, patience
 from vfplan.cli.values import FILE
@@ -31,9 +34,12 @@ from vfplan.findings import Finding, doubt
     option("--base", **options.BASE,
            help="That arm's base in the fixture's frame [m].  [default: 0,0,0]"),
     option("--tool", **options.TOOL, help="That arm's tip in its flange's frame [m]."),
+    option("--no-sheet", is_flag=True,
+           help="Leave out the review sheet, which is written beside the bundle as "
+           "STEM-sheet.png."),
 )  # fmt: skip
 def command(
-    image, markers, markers2, output, mask_out, overlay_out, picture_out, **given
+    image, markers, markers2, output, mask_out, overlay_out, picture_out, no_sheet, **given
 ) -> Report:
     """Extract the curve drawn on IMAGE, register it by MARKERS and write a fixture bundle.
 
@@ -41,11 +47,18 @@ def command(
     .mrk.json or .fcsv. With --robot the fixture's stiffness must be stable in closed loop with
     that robot (exit 1 if it is not), and the verdict is stored in the bundle. With --rehearse a
     simulated arm must be able to render it.
+
+    Look at the review sheet that is written beside the bundle: it shows both ends of the line
+    enlarged, and everything that was doubtful.
     """
     from vfplan.bundle import write_fixture
     from vfplan.planning import ExtractSettings, plan
     from vfplan.robot import read_robot
 
+    sheet_path = None
+    if not no_sheet:
+        sheet_path = output.with_name(f"{output.stem}-sheet.png")
+        refuse_beside(sheet_path)
     reading, making = options.settings(ExtractSettings, given), options.fixture_settings(given)
     robot = read_robot(given["robot"])
     with patience(f"planning on {image.name}"), numbered(image, reading, overlay_out):
@@ -62,8 +75,14 @@ def command(
         findings += strong_pull(fixture, robot)
     if given["rehearse"] is not None:
         verdict |= {"rehearsal": rehearsed(fixture, robot, given)}
-    with outputs(output, mask_out, overlay_out, picture_out) as (path, mask, overlay, picture):
+    made = replace(made, fixture=fixture)
+    with outputs(output, mask_out, overlay_out, picture_out, sheet_path) as (
+        path, mask, overlay, picture, sheet,
+    ):  # fmt: skip
         write_fixture(fixture, path)
+        if sheet is not None:
+            digest = write_review_sheet(made, findings, output.name, sheet)
+            verdict |= {"sheet": str(sheet_path), "digest": digest}
         write_pictures(made.extracted, mask, overlay)
         write_registration_picture(
             made.registered, made.extracted.fixture, made.extracted.image, picture
@@ -77,7 +96,20 @@ def command(
         text += "\nstable up to {k_max_n_per_m:.0f} N/m with robot {robot}".format(
             **verdict["stability"]
         )
-    return Report(made.report | verdict, f"{text}\nwrote {output}", findings=findings)
+    text += f"\nwrote {output}"
+    if sheet_path is not None:
+        text += f" and {sheet_path}, its review sheet"
+    return Report(made.report | verdict, text, findings=findings)
+
+
+def write_review_sheet(made: Any, findings: Sequence[Finding], title: str, path: Path) -> str:
+    """Write the sheet that shows a plan to a person; returns its digest."""
+    from vfplan.review.sheet import write_sheet
+    from vfplan.review.sheet_input import of_plan
+
+    shown = of_plan(made, title, findings=tuple(findings))
+    write_sheet(shown, path)
+    return shown.digest
 
 
 def strong_pull(fixture: Any, robot: Any) -> list[Finding]:

@@ -25,6 +25,7 @@ LAYERS = [
     ["study"],
     ["figures", "view3d"],
     ["study.bench_figures"],
+    ["review"],
     ["report"],
     ["samples"],
     ["cli"],

@@ -35,7 +35,7 @@ def test_plan_writes_a_fixture_and_reports_both_steps(vfplan_cli, tmp_path):
     assert fixture.points.shape == (run.json["register"]["points"], 3)
     assert fixture.frame == "robot_base"
     assert fixture.stiffness.tolist() == [1000.0] * 3
-    assert list(tmp_path.iterdir()) == [path]
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "f-sheet.png", path]
 
 
 def test_extract_then_register_is_plan(vfplan_cli, tmp_path, monkeypatch):

@@ -1,0 +1,161 @@
+"""`vfplan review` and the sheet that `vfplan plan` writes: the same digest, nothing by halves."""
+
+from __future__ import annotations
+
+import shutil
+
+import bundles
+import cv2
+import numpy as np
+import pytest
+from conftest import ROOT
+
+from vfplan.bundle import write_fixture
+from vfplan.review.paper import PAGE_HEIGHT, PAGE_WIDTH
+
+SAMPLES = ROOT / "samples"
+IMAGE = SAMPLES / "elbow.png"
+MARKERS = (SAMPLES / "elbow_markers_image.csv", SAMPLES / "elbow_markers_robot.csv")
+PLAN = ("plan", IMAGE, *MARKERS, "--pixel-spacing", 0.5)
+
+
+def sheet_size(path):
+    return cv2.imread(str(path)).shape
+
+
+@pytest.fixture(scope="module")
+def planned(vfplan_cli, tmp_path_factory):
+    """A folder with a fixture, its curve and its sheet, and what `plan` reported."""
+    folder = tmp_path_factory.mktemp("planned")
+    run = vfplan_cli(*PLAN, "-o", folder / "elbow.h5", "--json")
+    assert run.code == 0, run.stderr
+    curve = vfplan_cli("extract", IMAGE, "--pixel-spacing", 0.5, "-o", folder / "curve.h5")
+    assert curve.code == 0, curve.stderr
+    return folder, run.json
+
+
+def test_plan_writes_the_sheet_beside_the_bundle(planned):
+    folder, report = planned
+    assert report["sheet"] == str(folder / "elbow-sheet.png")
+    assert sheet_size(folder / "elbow-sheet.png") == (PAGE_HEIGHT, PAGE_WIDTH, 3)
+    assert len(report["digest"]) == 64
+
+
+def test_no_sheet_leaves_it_out(vfplan_cli, tmp_path):
+    run = vfplan_cli(*PLAN, "-o", tmp_path / "f.h5", "--no-sheet", "--json")
+    assert run.code == 0, run.stderr
+    assert "sheet" not in run.json
+    assert list(tmp_path.iterdir()) == [tmp_path / "f.h5"]
+
+
+def test_sheet_that_exists_is_not_overwritten(vfplan_cli, tmp_path):
+    sheet = tmp_path / "f-sheet.png"
+    sheet.write_bytes(b"mine")
+    run = vfplan_cli(*PLAN, "-o", tmp_path / "f.h5")
+    assert run.code == 2
+    assert sheet.read_bytes() == b"mine"
+    assert list(tmp_path.iterdir()) == [sheet]
+    run = vfplan_cli(*PLAN, "-o", tmp_path / "f.h5", "--overwrite")
+    assert run.code == 0, run.stderr
+    assert sheet_size(sheet)[1] == PAGE_WIDTH
+
+
+def test_sheet_and_overlay_need_two_names(vfplan_cli, tmp_path):
+    run = vfplan_cli(*PLAN, "-o", tmp_path / "f.h5", "--overlay-out", tmp_path / "f-sheet.png")
+    assert run.code == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_same_plan_has_the_same_sheet_at_any_time(vfplan_cli, tmp_path):
+    digests, pictures = set(), set()
+    for epoch in ("1700000000", "1800000000"):
+        folder = tmp_path / epoch
+        folder.mkdir()
+        run = vfplan_cli(*PLAN, "-o", folder / "f.h5", "--json", env={"SOURCE_DATE_EPOCH": epoch})
+        assert run.code == 0, run.stderr
+        digests.add(run.json["digest"])
+        pictures.add((folder / "f-sheet.png").read_bytes())
+    assert len(digests) == len(pictures) == 1
+
+
+def test_review_of_slice_and_markers_is_that_of_the_plan(vfplan_cli, planned, tmp_path):
+    _, report = planned
+    sheet = tmp_path / "s.png"
+    run = vfplan_cli("review", *PLAN[1:], "--sheet-out", sheet, "--json")
+    assert run.code == 0, run.stderr
+    assert run.json["digest"] == report["digest"]
+    assert run.json["findings"] == report["findings"]
+    assert list(tmp_path.iterdir()) == [sheet]
+
+
+@pytest.mark.parametrize("source", ["elbow.h5", "curve.h5"])
+def test_review_of_a_bundle_takes_its_slice_back_in(vfplan_cli, planned, tmp_path, source):
+    folder, _ = planned
+    with_slice, without = (
+        vfplan_cli("review", folder / source, *more, "--sheet-out", tmp_path / name, "--json")
+        for name, more in (("a.png", ("--slice", IMAGE)), ("b.png", ()))
+    )
+    assert with_slice.code == without.code == 0, with_slice.stderr + without.stderr
+    assert with_slice.json["digest"] != without.json["digest"]
+    assert "missing" in without.json["verdict"]
+    assert "missing" not in with_slice.json["verdict"]
+
+
+def test_curve_bundle_with_markers_is_registered_for_the_sheet(vfplan_cli, planned, tmp_path):
+    folder, _ = planned
+    run = vfplan_cli(
+        "review", folder / "curve.h5", *MARKERS, "--slice", IMAGE, "--sheet-out", tmp_path / "a.png"
+    )
+    assert run.code == 0, run.stderr
+    fixture = vfplan_cli(
+        "review", folder / "elbow.h5", *MARKERS, "--slice", IMAGE, "--sheet-out", tmp_path / "b.png"
+    )
+    assert fixture.code == 2
+
+
+def test_another_slice_is_refused(vfplan_cli, planned, tmp_path):
+    folder, _ = planned
+    other = tmp_path / "other.png"
+    picture = cv2.imread(str(IMAGE))
+    picture[0, 0] += 1
+    cv2.imwrite(str(other), picture)
+    run = vfplan_cli(
+        "review", folder / "elbow.h5", "--slice", other, "--sheet-out", tmp_path / "s.png", "--json"
+    )
+    assert run.code == 3
+    assert run.json["error"]["code"] == "slice-other"
+    assert list(tmp_path.iterdir()) == [other]
+
+
+def test_slice_option_belongs_to_a_bundle(vfplan_cli, tmp_path):
+    run = vfplan_cli("review", IMAGE, "--slice", IMAGE, "--sheet-out", tmp_path / "s.png")
+    assert run.code == 2
+
+
+@pytest.mark.parametrize("name", ["minimal", "sheet", "patient"])
+def test_review_of_a_bundle_without_a_slice(vfplan_cli, tmp_path, name):
+    path = tmp_path / "f.h5"
+    write_fixture(getattr(bundles, name)(), path)
+    run = vfplan_cli("review", path, "--sheet-out", tmp_path / "s.png", "--json")
+    assert run.code == 0, run.stderr
+    assert sheet_size(tmp_path / "s.png")[1] == PAGE_WIDTH
+
+
+def test_review_of_a_slice_alone(vfplan_cli, tmp_path):
+    run = vfplan_cli("review", IMAGE, "--sheet-out", tmp_path / "s.png", "--json")
+    assert run.code == 0, run.stderr
+    assert run.json["findings"] == []
+
+
+def test_plan_of_vectors_has_a_sheet(vfplan_cli, tmp_path):
+    picture = tmp_path / "slice.png"
+    shutil.copy(IMAGE, picture)
+    t = np.linspace(0, 1, 40)
+    rows = "\n".join(f"{250 + 300 * a:.3f},{300 + 200 * a * a:.3f}" for a in t)
+    curve = tmp_path / "curve.csv"
+    curve.write_text("u_px,v_px\n" + rows + "\n")
+    for words in (("plan", picture, *MARKERS, "--curve", curve), ("plan", curve, *MARKERS)):
+        out = tmp_path / "f.h5"
+        run = vfplan_cli(*words, "-o", out, "--overwrite", "--json")
+        assert run.code == 0, run.stderr
+        assert sheet_size(tmp_path / "f-sheet.png")[1] == PAGE_WIDTH

@@ -1,0 +1,96 @@
+"""The digest of a sheet: any change of what is shown changes it, and no time does."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass, replace
+
+import bundles
+import numpy as np
+import pytest
+
+from vfplan.bundle import read_fixture, write_fixture
+from vfplan.findings import doubt
+from vfplan.review.digest import LEFT_OUT, digest_of
+
+FINDING = doubt("ink-left", "extract", "Ink is left.", place_px=(3.0, 4.0))
+
+
+def changes(value, path=""):
+    """(where, the same thing with one value changed) for every value of a nested record."""
+    for field in fields(value):
+        part = getattr(value, field.name)
+        if field.name in LEFT_OUT or part is None:
+            continue
+        where = f"{path}.{field.name}"
+        if is_dataclass(part):
+            for inner, changed in changes(part, where):
+                yield inner, replace(value, **{field.name: changed})
+        else:
+            yield where, replace(value, **{field.name: changed_value(part)})
+
+
+def changed_value(value):
+    if isinstance(value, np.ndarray):
+        changed = value.copy()
+        flat = changed.reshape(-1)
+        flat[-1] = not flat[-1] if changed.dtype == bool else np.nextafter(flat[-1], 9e9)
+        if changed.dtype.kind in "iu":
+            flat[-1] += 1
+        return changed
+    if isinstance(value, str):
+        return value + "x"
+    if isinstance(value, dict):
+        return {**value, "another": 1}
+    if isinstance(value, tuple):
+        return (*value[:-1], changed_value(value[-1])) if value else (1,)
+    return np.nextafter(value, 9e9) if isinstance(value, float) else value + 1
+
+
+@pytest.mark.parametrize("name", ["whole", "guided", "sheet", "patient"])
+def test_any_change_of_content_changes_it(name):
+    fixture = getattr(bundles, name)()
+    seen = {digest_of(fixture): "the fixture itself"}
+    for where, changed in changes(fixture):
+        digest = digest_of(changed)
+        assert digest not in seen, (where, seen[digest])
+        seen[digest] = where
+    assert len(seen) > 8
+
+
+def test_findings_count_and_answers_do_not():
+    fixture = bundles.whole()
+    bare, asked = digest_of(fixture), digest_of(fixture, (FINDING,))
+    assert bare != asked
+    assert asked != digest_of(fixture, (replace(FINDING, text="Other ink is left."),))
+    assert asked != digest_of(fixture, (replace(FINDING, place_px=(3.0, 5.0)),))
+    answered = replace(FINDING, answered_by="A", answered_utc="2026-01-02T03:04:05Z")
+    assert asked == digest_of(fixture, (answered,))
+
+
+def test_sheet_without_its_slice_has_another():
+    fixture = bundles.whole()
+    assert digest_of(fixture) != digest_of(fixture, slice_shown=False)
+    # A mesh was drawn on no slice.
+    assert digest_of(bundles.sheet()) == digest_of(bundles.sheet(), slice_shown=False)
+
+
+def test_time_and_program_do_not_change_it():
+    fixture = bundles.whole()
+    later = replace(
+        fixture.provenance, created_utc="2031-01-01T00:00:00Z", software="vfplan 9",
+        history=("migrated",),
+    )  # fmt: skip
+    assert digest_of(replace(fixture, provenance=later)) == digest_of(fixture)
+
+
+@pytest.mark.parametrize("name", ["whole", "guided", "sheet", "small"])
+def test_bundle_that_was_read_has_the_digest_of_what_was_written(name, tmp_path):
+    fixture = getattr(bundles, name)()
+    write_fixture(fixture, tmp_path / "f.h5")
+    assert digest_of(read_fixture(tmp_path / "f.h5")) == digest_of(fixture)
+
+
+def test_it_is_64_hexadecimal_digits():
+    digest = digest_of(bundles.small())
+    assert len(digest) == 64
+    assert int(digest, 16) >= 0

@@ -1,0 +1,389 @@
+"""The review sheet: a covered end is plain to see, and no caption collides."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bundles
+import cv2
+import drawn_ends
+import numpy as np
+import pytest
+from drawing import blend, coverage, flat, to_uint8
+
+from vfplan.errors import InputError
+from vfplan.findings import doubt, note
+from vfplan.images.read import PlannedImage
+from vfplan.review.insets import INSET_PX, ZOOM
+from vfplan.review.paper import DPI, PAGE_HEIGHT, PAGE_WIDTH
+from vfplan.review.sheet import FREE_RADIUS, draw_sheet
+from vfplan.review.sheet_input import (
+    SheetInput,
+    SheetStroke,
+    check_slice,
+    of_fixture,
+    side_in_words,
+)
+
+RED = (255, 0, 0)
+
+
+def drawn_part(sheet, box):
+    """The pixels of a box on the sheet."""
+    top = round(box.top) + box.page * PAGE_HEIGHT
+    left = round(box.left)
+    return sheet.pixels[top : top + round(box.height), left : left + round(box.width)]
+
+
+def insets(sheet, words):
+    return [b for b in sheet.boxes if b.kind == "inset" and b.words.startswith(words)]
+
+
+def collisions(sheet):
+    """Pairs of texts, insets and pictures that overlap; a caption may stand on the slice itself."""
+    found = []
+    for i, one in enumerate(sheet.boxes):
+        for other in sheet.boxes[i + 1 :]:
+            if {one.kind, other.kind} != {"text", "picture"} and one.overlaps(other):
+                found.append((one, other))
+    return found
+
+
+def check_layout(sheet):
+    """No two texts overlap, none covers an inset, and all stand on the paper."""
+    assert sheet.pixels.shape[1:] == (PAGE_WIDTH, 3)
+    assert sheet.pixels.shape[0] % PAGE_HEIGHT == 0
+    assert collisions(sheet) == []
+    for box in sheet.boxes:
+        assert box.left >= 0
+        assert box.top >= 0
+        assert box.right <= PAGE_WIDTH, box
+        assert box.bottom <= PAGE_HEIGHT, box
+
+
+def line_of(points, *, closed=False, bridged=None, width=3.0):
+    flags = np.zeros(len(points), bool) if bridged is None else bridged
+    return SheetStroke(np.asarray(points, float), closed, flags, width)
+
+
+def ring(shape, radius=60.0):
+    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    return np.array(shape[1::-1]) / 2 + radius * np.column_stack([np.cos(turn), np.sin(turn)])
+
+
+def shown_of(image, *strokes, **more):
+    return SheetInput("slice.png", "0" * 64, rgb=image, strokes=strokes, account=(), **more)
+
+
+# ---- a covered end ----
+
+
+@pytest.mark.parametrize("covered", ["start", "end"])
+@pytest.mark.parametrize("seed", range(5))
+def test_covered_end_is_plain_to_see_in_its_inset(seed, covered):
+    drawn = drawn_ends.draw(seed, covered=covered, tone=(0, 255, 40, 200, 60)[seed])
+    sheet = draw_sheet(drawn_ends.sheet_input(drawn))
+    [inset, _] = insets(sheet, covered.capitalize())
+    assert (inset.width, inset.height, inset.zoom) == (INSET_PX, INSET_PX, ZOOM)
+    assert INSET_PX / DPI * 25.4 >= 40  # millimetres in print
+
+    # Each pixel of the slice is a square of 8 x 8 equal pixels: nothing is drawn over it.
+    u, v, width, height = inset.shows
+    seen = drawn_part(sheet, inset)
+    squares = seen.reshape(height, ZOOM, width, ZOOM, 3)
+    rows, columns = np.mgrid[v : v + height, u : u + width]
+    is_there = (rows >= 0) & (rows < drawn.image.shape[0])
+    is_there &= (columns >= 0) & (columns < drawn.image.shape[1])
+    wanted = drawn.image[rows[is_there], columns[is_there]]
+    for i in range(ZOOM):
+        for j in range(ZOOM):
+            assert (squares[:, i, :, j][is_there] == wanted).all()
+
+    # The border of the box passes within a pen's width of the middle, where the line stops.
+    left, top, box_width, box_height = drawn.box
+    end = drawn.line[0] if covered == "start" else drawn.line[-1]
+    outside = np.maximum(np.array([left, top]) - end, end - [left + box_width, top + box_height])
+    assert outside.max() <= drawn.width + 1
+
+    # Its border is a step of grey along each row and column that crosses it in the inset.
+    inside = np.zeros(drawn.image.shape[:2], bool)
+    inside[top : top + box_height, left : left + box_width] = True
+    part = np.ix_(
+        range(max(v, 0), min(v + height, len(inside))),
+        range(max(u, 0), min(u + width, inside.shape[1])),
+    )
+    grey = drawn.image[..., 1].astype(float)
+    border = cv2.dilate(inside.astype(np.uint8), np.ones((3, 3))).astype(bool) & ~inside
+    assert border[part].sum() >= 20  # pixels of border are in the inset
+    assert grey[part][inside[part]].std() < 1
+    step = np.abs(grey[part][border[part]] - np.median(grey[part][inside[part]]))
+    assert np.median(step) >= 20  # of 256 greys
+
+
+def test_box_of_nearly_the_same_grey_shows_in_the_wider_view():
+    drawn = drawn_ends.draw(3, covered="")
+    ground = to_uint8(flat(drawn.image.shape[:2], 90.0)).copy()
+    end = np.rint(drawn.line[-1]).astype(int)
+    share = coverage(ground.shape[:2], drawn.line, 3.0)
+    image = to_uint8(blend(ground.astype(float), share, RED))
+    image[end[1] - 14 : end[1] + 15, end[0] - 14 : end[0] + 15] = 94  # 4 of 256 greys
+    sheet = draw_sheet(shown_of(image, line_of(drawn.line)))
+    [_, wider] = insets(sheet, "End")
+    u, v, _, _ = wider.shows
+    seen = drawn_part(sheet, wider)[:: wider.zoom, :: wider.zoom].astype(float)
+    inside = seen[end[1] - v - 10 : end[1] - v + 10, end[0] - u + 12].mean()
+    beside = seen[end[1] - v - 10 : end[1] - v + 10, end[0] - u + 17].mean()
+    assert abs(inside - beside) >= 3 * 4
+
+
+def test_box_of_the_grey_around_it_shows_as_even_among_noise():
+    drawn = drawn_ends.draw(3, covered="end", tone=110)
+    u, v, width, height = drawn.box
+    grey = drawn.image[..., 1].astype(float)
+    assert abs(grey[v - 4 : v - 1, u : u + width].mean() - 110) < 10
+    sheet = draw_sheet(drawn_ends.sheet_input(drawn))
+    [_, wider] = insets(sheet, "End")
+    seen = drawn_part(sheet, wider)[:: wider.zoom, :: wider.zoom, 1].astype(float)
+    left, top = u - wider.shows[0], v - wider.shows[1]
+    inside = seen[max(top, 0) : top + height, max(left, 0) : left + width]
+    beside = seen[max(top, 0) : top + height, left - 12 : left - 2]
+    assert inside.std() < 1
+    assert beside.std() > 20
+
+
+def test_nothing_covers_the_ends_on_the_picture_itself():
+    drawn = drawn_ends.draw(1, covered="")
+    plain = draw_sheet(drawn_ends.sheet_input(drawn))
+    picture = next(box for box in plain.boxes if box.kind == "picture")
+    zoom = picture.width / drawn.image.shape[1]
+    size = round(picture.width), round(picture.height)
+    method = cv2.INTER_NEAREST if zoom >= 2 else cv2.INTER_LINEAR
+    bare = cv2.resize(drawn.image, size, interpolation=method)
+    seen = drawn_part(plain, picture)
+    rows, columns = np.mgrid[: size[1], : size[0]]
+    for end in (drawn.line[0], drawn.line[-1]):
+        u, v = (end + 0.5) * zoom - 0.5
+        close = np.hypot(columns - u, rows - v) < FREE_RADIUS - 4
+        changed = (seen != bare).any(axis=2) & close
+        # A thin line leads from the caption to the end; it stops 8 px before it.
+        assert changed.mean() * changed.size <= 0.15 * close.sum()
+        assert not (changed & (np.hypot(columns - u, rows - v) < 6)).any()
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_ink_stays_visible_and_no_captions_overlap_on_random_slices(seed):
+    rng = np.random.default_rng([seed, 1])
+    drawn = drawn_ends.draw(seed, covered=["", "start", "end"][seed % 3])
+    shape = drawn.image.shape
+    findings = [
+        (note if k % 3 else doubt)("a-code", "extract", "Look here. " * (k + 1),
+                                   place_px=tuple(rng.uniform(0, 300, 2)))
+        for k in range(int(rng.integers(0, 9)))
+    ]  # fmt: skip
+    shown = drawn_ends.sheet_input(
+        drawn,
+        findings=tuple(findings),
+        markers=drawn_ends.markers(rng, shape, int(rng.integers(4, 41))),
+        metres_per_px=5e-4,
+        side="above (robot +z)",
+    )
+    shown = replace(shown, account=drawn_ends.account(rng, shape, int(rng.integers(0, 30))))
+    sheet = draw_sheet(shown)
+    check_layout(sheet)
+    # Captions, outlines and arrows leave the middle of the ink as it is, but where a marker or its
+    # arrow lies on the line.
+    picture = next(box for box in sheet.boxes if box.kind == "picture")
+    zoom = picture.width / shape[1]
+    at = np.rint((drawn.line + 0.5) * zoom - 0.5).astype(int)
+    seen = drawn_part(sheet, picture)[at[:, 1], at[:, 0]]
+    at_slice = np.rint(drawn.line).astype(int)
+    ink = drawn.image[at_slice[:, 1], at_slice[:, 0]].astype(int)
+    is_ink = (ink[:, 0] - ink[:, 1]) > 150
+    is_seen = (seen[:, 0].astype(int) - seen[:, 1]) > 60
+    assert is_seen[is_ink].mean() > 0.85
+    captions = [b for b in sheet.boxes if b.kind == "text" and b.overlaps(picture)]
+    for box in captions:
+        left, top = box.left - picture.left, box.top - picture.top
+        inside = (at[:, 0] >= left) & (at[:, 0] < left + box.width)
+        inside &= (at[:, 1] >= top) & (at[:, 1] < top + box.height)
+        assert not inside.any(), box.words
+
+
+# ---- what a sheet shows ----
+
+
+def test_open_line_has_both_ends_and_each_bridge_enlarged():
+    points = np.column_stack([np.linspace(20, 360, 341), np.full(341, 160.0)])
+    bridged = np.zeros(341, bool)
+    bridged[100:110] = True
+    bridged[200:290] = True  # 90 px are more than one inset shows
+    sheet = draw_sheet(
+        shown_of(np.zeros((320, 380, 3), np.uint8), line_of(points, bridged=bridged))
+    )
+    check_layout(sheet)
+    names = [box.words for box in sheet.boxes if box.kind == "inset"]
+    assert names[:4] == [
+        "Start of the line", "Start of the line, wider", "End of the line", "End of the line, wider"
+    ]  # fmt: skip
+    assert names[4] == "Bridge 1, 9 px"
+    assert names[5:] == [f"Bridge 2, 89 px, part {k} of 3" for k in (1, 2, 3)]
+    covered = np.zeros(380, bool)
+    for box in insets(sheet, "Bridge 2"):
+        covered[box.shows[0] : box.shows[0] + box.shows[2]] = True
+    assert covered[215:315].all()
+
+
+def test_closed_line_shows_its_start_and_a_bridge_across_it():
+    points = ring((320, 380))
+    bridged = np.zeros(len(points), bool)
+    bridged[:8] = bridged[-8:] = True
+    sheet = draw_sheet(
+        shown_of(np.zeros((320, 380, 3), np.uint8), line_of(points, closed=True, bridged=bridged))
+    )
+    check_layout(sheet)
+    names = [box.words for box in sheet.boxes if box.kind == "inset"]
+    assert names == ["Start of the line", "Start of the line, wider", "Bridge 1, 14 px"]
+
+
+def test_twelve_bridges_take_another_page():
+    points = ring((600, 700), 220.0)
+    bridged = np.arange(400) % 33 < 5
+    sheet = draw_sheet(
+        shown_of(
+            np.full((600, 700, 3), 90, np.uint8), line_of(points, closed=True, bridged=bridged)
+        )
+    )
+    check_layout(sheet)
+    assert len(insets(sheet, "Bridge")) == 12
+    assert {box.page for box in insets(sheet, "Bridge")} == {0, 1}
+
+
+@pytest.mark.parametrize("size", [(40, 40), (4096, 4096), (60, 3000), (2500, 50)])
+def test_any_size_of_slice_fits(size):
+    rng = np.random.default_rng(5)
+    image = rng.integers(0, 120, (*size, 3), dtype=np.uint8)
+    t = np.linspace(0.1, 0.9, 500)[:, None]
+    line = line_of(t * (size[1], size[0]) + (0, 2) * np.sin(20 * t))
+    sheet = draw_sheet(
+        shown_of(image, line, markers=drawn_ends.markers(rng, size, 6), metres_per_px=1e-4,
+                 tre95_m=np.full(500, 2e-4))
+    )  # fmt: skip
+    check_layout(sheet)
+    [inset, _] = insets(sheet, "Start")
+    assert inset.width == INSET_PX
+
+
+def test_slice_of_16_bits_is_shown_with_its_brightest_value_white():
+    image = np.zeros((50, 60, 3), np.uint16)
+    image[10:40, 10:50] = 4000
+    image[20:30, 20:30] = 2000
+    sheet = draw_sheet(shown_of(image, line_of([[25, 25], [30, 25], [35, 25]])))
+    [inset, _] = insets(sheet, "Start")
+    assert set(np.unique(drawn_part(sheet, inset))) >= {0, 128, 255}
+
+
+def test_a_hundred_findings_and_forty_markers_are_all_named():
+    rng = np.random.default_rng(7)
+    drawn = drawn_ends.draw(2, covered="")
+    findings = tuple(
+        doubt("ink-left", "extract", f"Number {k}.", place_px=tuple(rng.uniform(0, 300, 2)))
+        for k in range(100)
+    )
+    shown = drawn_ends.sheet_input(
+        drawn, findings=findings, markers=drawn_ends.markers(rng, drawn.image.shape, 40)
+    )
+    sheet = draw_sheet(shown)
+    check_layout(sheet)
+    words = " ".join(box.words for box in sheet.boxes if box.kind == "text")
+    for number in range(1, 101):
+        assert f"F{number}  wants an answer" in words
+    assert shown.verdict == "100 findings want an answer before this is signed"
+
+
+def test_text_from_files_can_do_no_harm():
+    drawn = drawn_ends.draw(4, covered="")
+    names = ("a\nb\x1b[31m", "\u202eabc", "x" * 300, "名前 мм", "")
+    rng = np.random.default_rng(1)
+    given = drawn_ends.markers(rng, drawn.image.shape, len(names))
+    given = tuple(replace(m, label=name) for m, name in zip(given, names, strict=True))
+    finding = doubt("code" * 40, "plan", "word " * 200 + "y" * 400, answered_by="\x00" * 9)
+    sheet = draw_sheet(drawn_ends.sheet_input(drawn, markers=given, findings=(finding,)))
+    check_layout(sheet)
+
+
+# ---- a bundle ----
+
+
+@pytest.mark.parametrize("name", ["minimal", "small", "sheet", "whole", "guided", "patient"])
+def test_bundle_without_a_slice_has_three_views(name):
+    fixture = getattr(bundles, name)()
+    place = tuple(fixture.points[0])
+    sheet = draw_sheet(
+        of_fixture(fixture, "f.h5", findings=(doubt("size-unusual", "plan", "So.", place_m=place),))
+    )
+    check_layout(sheet)
+    views = [box for box in sheet.boxes if box.kind == "picture"]
+    assert len(views) == 3
+    for view in views:
+        assert (drawn_part(sheet, view) < 200).any()
+
+
+def test_large_cloud_is_drawn_in_time():
+    sheet = draw_sheet(of_fixture(bundles.large(), "f.h5"))
+    check_layout(sheet)
+
+
+def test_sheet_without_its_slice_says_so():
+    shown = of_fixture(bundles.whole(), "f.h5")
+    assert shown.missing_slice
+    assert "missing" in shown.verdict
+    assert not of_fixture(bundles.sheet(), "f.h5").missing_slice
+
+
+def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
+    fixture = bundles.whole()
+    image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "ab" * 32)
+    shown = of_fixture(fixture, "f.h5", image=image)
+    arc, circle = shown.strokes
+    turn = np.linspace(0, np.pi, 40)
+    truth = np.column_stack([300 + 60 * np.cos(turn), 400 - 60 * np.sin(turn)])
+    assert np.abs(arc.points_px - truth).max() < 1e-6
+    assert circle.closed
+    record = fixture.registration
+    for marker, place, target in zip(shown.markers, record.source, record.target, strict=True):
+        assert np.array_equal(marker.place, place)
+        # A step of the residual on the slice is the residual in the robot's frame, but for its part
+        # across the slice.
+        moved = record.T_robot_image[:, :2] @ marker.residual_px
+        normal = np.cross(record.T_robot_image[:, 0], record.T_robot_image[:, 1])
+        left = target - record.T_robot_image @ [*place, 1] - moved
+        assert np.linalg.norm(np.cross(left, normal)) < 1e-9 * np.linalg.norm(normal)
+    check_layout(draw_sheet(shown))
+
+
+def test_another_slice_is_refused():
+    image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "cd" * 32)
+    with pytest.raises(InputError) as caught:
+        of_fixture(bundles.whole(), "f.h5", image=image)
+    assert caught.value.code == "slice-other"
+    with pytest.raises(InputError) as caught:
+        check_slice(bundles.sheet(), image)
+    assert caught.value.code == "slice-unknown"
+
+
+def test_side_is_said_in_words():
+    assert side_in_words(np.array([0.1, -0.2, 0.9])) == "above (robot +z)"
+    assert side_in_words(np.array([0.1, -0.2, -0.9])) == "below (robot -z)"
+    assert side_in_words(np.array([0.1, -0.95, 0.2])) == "the side (robot -y)"
+
+
+def test_png_prints_at_its_own_size():
+    from io import BytesIO
+
+    from PIL import Image
+
+    png = draw_sheet(drawn_ends.sheet_input(drawn_ends.draw(0))).png()
+    with Image.open(BytesIO(png)) as image:
+        image.load()
+        assert image.size[0] == PAGE_WIDTH
+        assert image.info["dpi"] == pytest.approx((DPI, DPI), abs=0.1)

@@ -1,0 +1,77 @@
+"""Drawn slices whose line ends in the open or under a grey box, as the input of a review sheet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from canvas import Canvas
+from drawing import anatomy
+from slices import RED, SHAPE, arc_of, hand, part, pen
+
+from vfplan.review.sheet_input import AccountEntry, SheetInput, SheetMarker, SheetStroke
+
+
+@dataclass
+class Drawn:
+    """A slice, the visible part of its line, the pen's width, and the box over the end if any.
+
+    `box` is (u, v, width, height): its first pixel and its size.
+    """
+
+    image: np.ndarray
+    line: np.ndarray
+    width: float
+    box: tuple[int, int, int, int] | None
+
+
+def draw(seed, *, covered="end", tone=None, shape=SHAPE):
+    """A hand-drawn line; a box hides 35 to 60 px of it at its "start", its "end" or nowhere."""
+    rng = np.random.default_rng([seed, 36])
+    canvas = Canvas(anatomy(shape, int(rng.integers(1000))), "exact")
+    line, width = hand(rng), pen(rng)
+    canvas.line(line, width, RED)
+    length = arc_of(line)[-1]
+    hidden_length = rng.uniform(35, 60)
+    box = None
+    if covered:
+        hidden = part(line, length - hidden_length, length)
+        if covered == "start":
+            hidden = part(line, 0, hidden_length)
+        low = np.floor(hidden.min(0) - rng.uniform(3, 8)).astype(int)
+        high = np.ceil(hidden.max(0) + rng.uniform(3, 8)).astype(int)
+        grey = rng.choice([0.0, 255.0, 60.0, 110.0, 160.0]) if tone is None else tone
+        canvas.box((low + high) / 2, *(high - low + 1), (float(grey),) * 3)
+        box = (*low, *(high - low + 1))
+        inside = ((line >= low - 0.5) & (line <= high + 0.5)).all(axis=1)
+        outside = np.flatnonzero(~inside)
+        line = line[: outside[-1] + 1] if covered == "end" else line[outside[0] :]
+    return Drawn(canvas.image(None), line, width, tuple(map(int, box)) if box else None)
+
+
+def sheet_input(drawn, **more):
+    """The sheet's input of a drawn slice whose visible line was taken."""
+    no_bridge = np.zeros(len(drawn.line), bool)
+    stroke = SheetStroke(drawn.line, False, no_bridge, drawn.width)
+    return SheetInput(title="drawn.png", digest="0" * 64, rgb=drawn.image, strokes=(stroke,),
+                      account=(), **more)  # fmt: skip
+
+
+def markers(rng, shape, count):
+    """Markers anywhere on a slice, with residuals of a pixel or so."""
+    height, width = shape[:2]
+    places = rng.uniform((2, 2), (width - 3, height - 3), (count, 2))
+    residuals = rng.normal(0, 0.7, (count, 2))
+    return tuple(
+        SheetMarker(f"M{k}", place, residual, 5e-4 * float(np.hypot(*residual)), used=k != 3)
+        for k, (place, residual) in enumerate(zip(places, residuals, strict=True))
+    )
+
+
+def account(rng, shape, count):
+    """Pieces of other ink anywhere on a slice."""
+    height, width = shape[:2]
+    return tuple(
+        AccountEntry(k + 1, rng.uniform(0, width - 1), rng.uniform(0, height - 1), 90 - k, 0.01)
+        for k in range(count)
+    )

@@ -1,0 +1,543 @@
+"""Everything that a review sheet shows, as one plain record, and how it is filled.
+
+`of_plan` and `of_extraction` fill it from what was just planned, `of_fixture` from a bundle that
+was read, with its slice where that is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import InputError
+from vfplan.findings import Finding
+from vfplan.fixture import Fixture
+from vfplan.review.digest import digest_of
+
+if TYPE_CHECKING:
+    from vfplan.images.read import PlannedImage
+    from vfplan.planning import Extracted, Plan
+    from vfplan.registration import Registration
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SheetStroke:
+    """One line on the slice.
+
+    `points_px` is (M, 2) (u, v) in drawing order, or in no order where `is_ordered` is false;
+    `bridged` is (M,) bool, points that were carried over a gap in the ink; `width_px` is the
+    pen's, or `None` where nobody knows.
+    """
+
+    points_px: Array
+    closed: bool
+    bridged: NDArray[np.bool_]
+    width_px: float | None = None
+    is_ordered: bool = True
+
+
+@dataclass(frozen=True)
+class AccountEntry:
+    """Ink in the pen's colour that was not taken: where, how much [px], and its share of all."""
+
+    number: int
+    u: float
+    v: float
+    pixels: int
+    share: float
+    what: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class SheetMarker:
+    """A marker where it was given.
+
+    `place` is (u, v) [px] on a slice, else (x, y, z) [m] in the frame of the fixture.
+    `residual_px` is (2,) from there to where the other markers say it lies, in the plane of the
+    slice, or `None`; `residual_m` is the length of the whole residual.
+    """
+
+    label: str
+    place: Array
+    residual_px: Array | None
+    residual_m: float
+    used: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class SheetInput:
+    """What a sheet shows.
+
+    Parameters
+    ----------
+    title
+        What is reviewed, such as a file's name.
+    digest
+        By which it is accepted.
+    findings
+        What a person should look at.
+    rgb
+        (H, W, 3) uint8 or uint16, the slice; `None` where there is none.
+    strokes
+        The lines on the slice.
+    account
+        Other ink, the largest first; `None` where nobody knows.
+    markers
+        Where they were given.
+    metres_per_px
+        The size of a pixel; `None` where nobody knows.
+    margin_m
+        What was added to the radius around the line [m].
+    tre95_m
+        (M,) the 95 % bound of the registration's error along all strokes' points [m].
+    side
+        From where the slice is seen, such as "above (robot +z)".
+    facts
+        (heading, text) in the order in which they stand beside the picture.
+    reviewed
+        Who approved it and when, in words; empty where nobody has.
+    points_m, triangles
+        (N, 3) and (K, 3): the geometry of a bundle that shows no slice.
+    frame
+        The frame of `points_m`.
+    missing_slice
+        The curve was drawn on a slice, and that was not given.
+    """
+
+    title: str
+    digest: str
+    findings: tuple[Finding, ...] = ()
+    rgb: NDArray[Any] | None = None
+    strokes: tuple[SheetStroke, ...] = ()
+    account: tuple[AccountEntry, ...] | None = None
+    markers: tuple[SheetMarker, ...] = ()
+    metres_per_px: float | None = None
+    margin_m: float | None = None
+    tre95_m: Array | None = None
+    side: str | None = None
+    facts: tuple[tuple[str, str], ...] = ()
+    reviewed: str = ""
+    points_m: Array | None = None
+    triangles: NDArray[np.int32] | None = None
+    frame: str = "robot_base"
+    missing_slice: bool = False
+
+    @property
+    def open_doubts(self) -> int:
+        """How many findings want an answer."""
+        return sum(finding.is_open for finding in self.findings)
+
+    @property
+    def verdict(self) -> str:
+        """The title of the sheet: what is to be done with this plan."""
+        if self.missing_slice:
+            return "The slice is missing: this sheet shows no end of the line"
+        if self.open_doubts == 1:
+            return "1 finding wants an answer before this is signed"
+        if self.open_doubts:
+            return f"{self.open_doubts} findings want an answer before this is signed"
+        if self.reviewed:
+            return f"Approved by {self.reviewed}"
+        if self.rgb is None:
+            return "No open finding. Look at the three views, then approve"
+        return "No open finding. Look at the ends, then approve"
+
+
+def of_plan(plan: Plan, title: str, *, findings: tuple[Finding, ...] | None = None) -> SheetInput:
+    """What the sheet of a new plan shows; `findings` are the plan's own where none are given."""
+    if findings is None:
+        findings = plan.findings
+    if plan.extracted.image is None:
+        return of_fixture(plan.fixture, title, findings=findings)
+    return of_fixture(
+        plan.fixture,
+        title,
+        image=plan.extracted.image,
+        findings=findings,
+        registration=plan.registered.registration,
+        extracted=plan.extracted,
+    )
+
+
+def of_extraction(extracted: Extracted, title: str) -> SheetInput:
+    """What the sheet of a curve shows that is not registered yet."""
+    return of_fixture(
+        extracted.fixture,
+        title,
+        image=extracted.image,
+        findings=extracted.findings,
+        extracted=None if extracted.image is None else extracted,
+    )
+
+
+def of_fixture(
+    fixture: Fixture,
+    title: str,
+    *,
+    image: PlannedImage | None = None,
+    findings: tuple[Finding, ...] = (),
+    registration: Registration | None = None,
+    extracted: Extracted | None = None,
+) -> SheetInput:
+    """What the sheet of a bundle shows.
+
+    Parameters
+    ----------
+    fixture
+        The bundle.
+    title
+        What it is called on the sheet.
+    image
+        The slice that the curve was drawn on, where it is known.
+    findings
+        More than the bundle holds.
+    registration
+        The registration the fixture was made with. Without it, it is made again from the markers
+        that the bundle holds.
+    extracted
+        The curve as it was measured on the slice, with the account of other ink. Without it, the
+        points of the bundle are carried back onto the slice.
+
+    Raises
+    ------
+    InputError
+        The image is not the one that the curve was drawn on.
+    """
+    if image is not None:
+        check_slice(fixture, image)
+    own = tuple(getattr(fixture, "findings", None) or ())
+    findings = (*own, *(finding for finding in findings if finding not in own))
+    drawn = fixture.provenance.inputs.get("image") is not None
+    record = SheetInput(
+        title=title,
+        digest=digest_of(fixture, findings, slice_shown=image is not None),
+        findings=findings,
+        reviewed=_reviewed(fixture),
+        margin_m=_margin_of(fixture, None),
+        side=_side_of(fixture),
+        frame=fixture.frame,
+    )
+    if image is None:
+        return replace(
+            record,
+            points_m=fixture.points,
+            triangles=fixture.mesh,
+            markers=_markers_in_space(fixture),
+            missing_slice=drawn,
+            facts=_facts(record, fixture, ()),
+        )
+    if extracted is None:
+        strokes, account = strokes_of_fixture(fixture, image), None
+    else:
+        strokes, account = strokes_of_extraction(extracted), account_of(extracted)
+    registration = registration or _registration_again(fixture)
+    tre95_m = None
+    if registration is not None:
+        tre95_m = _bound_along(registration, strokes, image)
+    record = replace(
+        record,
+        rgb=image.rgb,
+        strokes=strokes,
+        account=account,
+        metres_per_px=_metres_per_px(fixture, image),
+        markers=_markers_on_slice(fixture),
+        tre95_m=tre95_m,
+        margin_m=_margin_of(fixture, tre95_m),
+    )
+    return replace(record, facts=_facts(record, fixture, strokes))
+
+
+def check_slice(fixture: Fixture, image: PlannedImage) -> None:
+    """Raise `InputError` unless the image is the one that the curve was drawn on."""
+    known = fixture.provenance.inputs.get("image")
+    if known is None:
+        raise InputError(
+            "This bundle was not drawn on a slice. Leave --slice out.", code="slice-unknown"
+        )
+    if known != image.sha256:
+        raise InputError(
+            f"This is not the slice that the curve was drawn on: its SHA-256 begins with "
+            f"{image.sha256[:12]}, the bundle names {known[:12]}. Give the original file.",
+            code="slice-other",
+            numbers={"expected": known, "found": image.sha256},
+        )
+
+
+def strokes_of_extraction(extracted: Extracted) -> tuple[SheetStroke, ...]:
+    """The lines as they were measured."""
+    is_ordered = extracted.extraction.method != "mask"
+    return tuple(
+        SheetStroke(s.points_px, s.closed, np.asarray(s.bridged), s.width_px, is_ordered)
+        for s in extracted.extraction.strokes
+    )
+
+
+def strokes_of_fixture(fixture: Fixture, image: PlannedImage) -> tuple[SheetStroke, ...]:
+    """The lines of a bundle, carried back onto its slice."""
+    points = _to_pixels(fixture, image)(fixture.points)
+    if fixture.curve is None:
+        return (SheetStroke(points, False, np.zeros(len(points), bool), is_ordered=False),)
+    strokes = []
+    for k, closed in enumerate(fixture.curve.closed):
+        of_stroke = fixture.curve.stroke == k
+        bridged = np.zeros(int(of_stroke.sum()), bool)
+        if fixture.curve.bridged is not None:
+            bridged = np.asarray(fixture.curve.bridged[of_stroke], bool)
+        strokes.append(SheetStroke(points[of_stroke], bool(closed), bridged))
+    return tuple(strokes)
+
+
+def _to_pixels(fixture: Fixture, image: PlannedImage) -> Callable[[Array], Array]:
+    """From the frame of the fixture back to the pixels of its slice."""
+    if fixture.frame == "image":
+        return lambda points: points[:, :2]
+    if fixture.frame == "patient_lps":
+        return _onto_plane(_place_in_patient(image))
+    record = fixture.registration
+    if record is None:
+        raise InputError(
+            "This bundle does not say how it was registered, so its curve cannot be drawn on the "
+            "slice. Leave --slice out.",
+            code="slice-unregistered",
+        )
+    if record.source_frame == "image":
+        return _onto_plane(record.T_robot_image)
+    back = np.linalg.inv(record.T_robot_image)
+    onto = _onto_plane(_place_in_patient(image))
+    return lambda points: onto(points @ back[:3, :3].T + back[:3, 3])
+
+
+def _place_in_patient(image: PlannedImage) -> Array:
+    if image.T_patient_image is None:
+        raise InputError(
+            "The slice does not say where it lies in the patient, so the curve cannot be drawn on "
+            "it. Give the DICOM file, or leave --slice out.",
+            code="slice-unplaced",
+        )
+    return image.T_patient_image[:3]
+
+
+def _onto_plane(transform: Array) -> Callable[[Array], Array]:
+    """(M, 3) points of a plane to the (u, v) that a (3, 3) transform of [u v 1] brings there."""
+    back = np.linalg.pinv(transform[:3, :2])
+    return lambda points: (points - transform[:3, 2]) @ back.T
+
+
+def _bound_along(
+    registration: Registration, strokes: tuple[SheetStroke, ...], image: PlannedImage
+) -> Array:
+    """(M,) the 95 % bound along the points of all strokes [m]."""
+    points = np.concatenate([stroke.points_px for stroke in strokes])
+    if registration.source.shape[1] == 3:
+        place = _place_in_patient(image)
+        points = points @ place[:, :2].T + place[:, 2]
+    return registration.tre95_curve_m(points)
+
+
+def account_of(extracted: Extracted) -> tuple[AccountEntry, ...]:
+    """The ink that was not taken, the largest first."""
+    extraction = extracted.extraction
+    entries = getattr(extraction, "account", None)
+    if entries is not None:
+        return tuple(_account_entry(entry) for entry in entries)
+    total = max(1, int(extraction.mask.sum())) if extraction.mask.size else 1
+    listed = []
+    for mark in extraction.set_aside:
+        u, v, width, height = mark["box"]
+        pixels = int(extraction.mask[v : v + height, u : u + width].sum())
+        listed.append((pixels, u + (width - 1) / 2, v + (height - 1) / 2, mark["kind"]))
+    listed.sort(reverse=True)
+    return tuple(
+        AccountEntry(number, u, v, pixels, pixels / total, kind)
+        for number, (pixels, u, v, kind) in enumerate(listed, 1)
+    )
+
+
+def _account_entry(entry: Any) -> AccountEntry:
+    values = entry if isinstance(entry, dict) else vars(entry)
+    names = ("number", "u", "v", "pixels", "share")
+    return AccountEntry(**{name: values[name] for name in names}, what=values.get("kind", ""))
+
+
+def _reviewed(fixture: Fixture) -> str:
+    review = getattr(fixture, "reviewed", None)
+    if review is None:
+        return ""
+    return f"{review.by}, {review.utc}"
+
+
+def _margin_of(fixture: Fixture, tre95_m: Array | None) -> float | None:
+    """What the plan added to the radius around each point; `None` where it added nothing."""
+    margin = fixture.provenance.settings.get("margin")
+    if margin == "tre95":
+        return None if tre95_m is None else float(tre95_m.max())
+    return None if margin is None else float(margin)
+
+
+def _metres_per_px(fixture: Fixture, image: PlannedImage) -> float | None:
+    record = fixture.registration
+    if record is not None and record.source_frame == "image":
+        return float(np.sqrt(np.prod(np.linalg.svd(record.T_robot_image[:3, :2])[1])))
+    if image.T_patient_image is not None:
+        return float(np.sqrt(np.prod(np.linalg.norm(image.T_patient_image[:3, :2], axis=0))))
+    spacing = image.pixel_spacing_mm or (fixture.image and fixture.image.pixel_spacing_mm)
+    return None if spacing is None else float(np.sqrt(spacing[0] * spacing[1])) * 1e-3
+
+
+def _side_of(fixture: Fixture) -> str | None:
+    """From where the robot sees the slice; `None` for markers in space."""
+    record = fixture.registration
+    if record is None or record.source_frame != "image":
+        return None
+    across, down = record.T_robot_image[:3, :2].T
+    return side_in_words(-np.cross(across, down))
+
+
+def side_in_words(faces: Array) -> str:
+    """The side of the robot that a direction points to, such as "above (robot +z)"."""
+    axis = int(np.abs(faces).argmax())
+    sign = "+" if faces[axis] > 0 else "-"
+    names = {"+z": "above", "-z": "below"}
+    direction = f"{sign}{'xyz'[axis]}"
+    return f"{names.get(direction, 'the side')} (robot {direction})"
+
+
+def _markers_on_slice(fixture: Fixture) -> tuple[SheetMarker, ...]:
+    record = fixture.registration
+    if record is None or record.source_frame != "image":
+        return ()
+    linear, origin = record.T_robot_image[:3, :2], record.T_robot_image[:3, 2]
+    residuals = record.target - (record.source @ linear.T + origin)
+    in_plane = residuals @ np.linalg.pinv(linear).T
+    return _markers_of(fixture, record.source, in_plane)
+
+
+def _markers_in_space(fixture: Fixture) -> tuple[SheetMarker, ...]:
+    if fixture.registration is None:
+        return ()
+    return _markers_of(fixture, fixture.registration.target, None)
+
+
+def _markers_of(
+    fixture: Fixture, places: Array, residuals_px: Array | None
+) -> tuple[SheetMarker, ...]:
+    record = fixture.registration
+    left_out = str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
+    markers = []
+    for i, label in enumerate(record.labels):
+        residual_px = None if residuals_px is None else residuals_px[i]
+        residual_m = float(record.residuals_m[i])
+        markers.append(
+            SheetMarker(label, places[i], residual_px, residual_m, label not in left_out)
+        )
+    return tuple(markers)
+
+
+def _registration_again(fixture: Fixture) -> Registration | None:
+    """The registration that the bundle's markers give; `None` where that is not the bundle's own.
+
+    A bundle holds neither weights of markers nor the bound along its curve.
+    """
+    from vfplan.errors import VfplanError
+    from vfplan.registration import fit_registration
+
+    record = fixture.registration
+    if record is None:
+        return None
+    left_out = str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
+    used = np.array([label not in left_out for label in record.labels])
+    spacing = fixture.image and fixture.image.pixel_spacing_mm
+    if record.source_frame != "image" or spacing is None:
+        spacing_m = None
+    else:
+        spacing_m = (spacing[0] * 1e-3, spacing[1] * 1e-3)
+    try:
+        again = fit_registration(
+            record.source[used], record.target[used], model=record.model, pixel_spacing=spacing_m
+        )
+    except VfplanError:
+        return None
+    same = np.allclose(again.T_target_source, record.T_robot_image, rtol=1e-6, atol=1e-9)
+    return again if same else None
+
+
+def _facts(
+    record: SheetInput,
+    fixture: Fixture,
+    strokes: tuple[SheetStroke, ...],
+) -> tuple[tuple[str, str], ...]:
+    """What stands beside the picture, in words."""
+    facts = [("Line" if strokes else "Geometry", _geometry_in_words(record, fixture, strokes))]
+    if record.metres_per_px is not None:
+        facts.append(("Pixel", f"{record.metres_per_px * 1e3:.4g} mm"))
+    if fixture.registration is not None:
+        facts.append(("Markers", _markers_in_words(fixture)))
+    if fixture.frame == "image":
+        facts.append(("Error of the registration", "not registered yet"))
+    elif fixture.registration is not None:
+        facts.append(("Error of the registration", _error_in_words(record, fixture)))
+    if record.margin_m is not None:
+        facts.append(("Margin", f"{record.margin_m * 1e3:.2f} mm on every side"))
+    elif "margin" in fixture.provenance.settings:
+        facts.append(("Margin", "the 95 % bound"))
+    elif fixture.rendering is not None:
+        facts.append(("Margin", "none"))
+    if fixture.rendering is not None:
+        radius = fixture.rendering.contact_radius + fixture.rendering.point_radius
+        what = "points" if fixture.curve is None else "line"
+        if fixture.mesh is not None:
+            what = "surface"
+        facts.append(("The tool's centre keeps", f"{radius * 1e3:.2f} mm from the {what}"))
+    return tuple(facts)
+
+
+def _geometry_in_words(
+    record: SheetInput, fixture: Fixture, strokes: tuple[SheetStroke, ...]
+) -> str:
+    if not strokes:
+        triangles = "" if fixture.mesh is None else f", {len(fixture.mesh)} triangles"
+        return f"{len(fixture.points)} points{triangles}"
+    parts = []
+    for stroke in strokes:
+        if not stroke.is_ordered:
+            parts.append(f"{len(stroke.points_px)} pixels in no order")
+            continue
+        points = stroke.points_px
+        if stroke.closed:
+            points = np.vstack([points, points[:1]])
+        length = float(np.hypot(*np.diff(points, axis=0).T).sum())
+        words = f"{'closed' if stroke.closed else 'open'}, {length:.0f} px"
+        if record.metres_per_px is not None:
+            words += f" = {length * record.metres_per_px * 1e3:.1f} mm"
+        if stroke.width_px is not None:
+            words += f"; the pen is {stroke.width_px:.1f} px wide"
+        parts.append(words)
+    return ". ".join(parts)
+
+
+def _markers_in_words(fixture: Fixture) -> str:
+    record = fixture.registration
+    worst = int(np.argmax(record.residuals_m))
+    return (
+        f"{len(record.labels)}, {record.model}; residual {record.fre_rms_m * 1e3:.2f} mm rms, "
+        f"largest {record.residuals_m[worst] * 1e3:.2f} mm at {record.labels[worst]}"
+    )
+
+
+def _error_in_words(record: SheetInput, fixture: Fixture) -> str:
+    if record.tre95_m is not None:
+        bound = float(record.tre95_m.max())
+        words = f"the whole line lies within {bound * 1e3:.2f} mm"
+        if record.metres_per_px is not None:
+            words += f" ({bound / record.metres_per_px:.1f} px)"
+        return words + " (95 %)"
+    if fixture.registration.tre_m is not None:
+        largest = float(fixture.registration.tre_m.max())
+        return f"{largest * 1e3:.2f} mm rms at most; the 95 % bound is not kept in the bundle"
+    return "not known"
