@@ -3,8 +3,8 @@
     .venv/bin/python docs/make_tuned.py            every number, halved and doubled; minutes
     .venv/bin/python docs/make_tuned.py lean window  only these
 
-The headers are copied, one number of rules/constants.hpp is changed, and a small library is built from them
-with g++ and driven in place of the installed engine.
+The headers are copied, one number of rules/constants.hpp is changed, and a small library is built
+from them with g++ and driven in place of the installed engine.
 """
 
 from __future__ import annotations

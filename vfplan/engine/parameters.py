@@ -179,8 +179,8 @@ class ProxyParameters:
 def default_band(points: Vector, rc: float, rv: float, axis: Vector | None) -> float:
     """The paper's band of 10 µm, or what a ball of r_c + r_v sinks between the points [m].
 
-    `vfplan::band_for` of the C++ header cloud/band.hpp: for even points the dimple's depth; more for
-    noise, pixels' stairs and gaps. Never less than 1e-8 R, nor more than r_c / 2.
+    `vfplan::band_for` of the C++ header cloud/band.hpp: for even points the dimple's depth; more
+    for noise, pixels' stairs and gaps. Never less than 1e-8 R, nor more than r_c / 2.
     """
     p = _core.Parameters()
     p.contact_radius, p.point_radius = rc, rv

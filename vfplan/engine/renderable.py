@@ -110,7 +110,8 @@ def work_of(fixture: Fixture, rule: Rule | None = None) -> float:
 
     Of the best rule unless one is given.
 
-    A bound, computed in the C++ header tick_time.hpp with the times of the machine of docs/engine.md.
+    A bound, computed in the C++ header tick_time.hpp with the times of the machine of
+    docs/engine.md.
 
     Raises `SceneError` for a rendering that no engine takes.
     """
