@@ -1,8 +1,8 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The checksum behind each piece of an HDF5 file's metadata: Jenkins' lookup3. The seal covers those
-// bytes already, but libhdf5 does not open a file whose checksums are wrong, and no reader is to take
-// what another one refuses.
+// The checksum behind each piece of an HDF5 file's metadata: Jenkins' lookup3. The seal covers
+// those bytes already, but libhdf5 does not open a file whose checksums are wrong, and no reader is
+// to take what another one refuses.
 #pragma once
 
 #include <array>

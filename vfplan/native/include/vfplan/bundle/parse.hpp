@@ -104,8 +104,8 @@ class Reader {
         throw BundleError(
             "version.major", "/@version",
             "version " + std::to_string(version_.major) + "." + std::to_string(version_.minor) +
-                "; this program reads versions " + std::to_string(newest.major) +
-                ".x (writes " + std::string(format_version) + "); " +
+                "; this program reads versions " + std::to_string(newest.major) + ".x (writes " +
+                std::string(format_version) + "); " +
                 (version_.major < newest.major
                      ? "`vfplan migrate OLD.h5 -o NEW.h5` brings it up to date"
                      : "`pip install --upgrade vfplan` gets a program that reads it"));

@@ -42,8 +42,8 @@ inline constexpr std::string_view hdf5_signature = "\x89HDF\r\n\x1a\n";
 inline constexpr std::array<std::uint32_t, 4> seal_sizes{512, 1024, 2048, 4096};
 inline constexpr std::uint64_t seal_version = 2;
 inline constexpr std::size_t superblock_size = 48;
-inline constexpr std::size_t head_size = 148;         // of a seal, before its texts
-inline constexpr std::size_t tail_size = 48;          // of a seal, behind them
+inline constexpr std::size_t head_size = 148;          // of a seal, before its texts
+inline constexpr std::size_t tail_size = 48;           // of a seal, behind them
 inline constexpr std::uint64_t latest = 253402300799;  // 9999-12-31T23:59:59Z
 
 inline void require(bool good, std::string_view message) {
@@ -53,15 +53,17 @@ inline void require(bool good, std::string_view message) {
 /// Says why a file that does not end in a seal is no bundle of this version.
 [[noreturn]] inline void refuse_unsealed(View data) {
     if (data.begins(seal_magic)) {
-        throw BundleError("version.seal", "",
-                          "has its seal in front, as versions 1.0 and 1.1 had it; this program reads "
-                          "versions 2.x, and `vfplan migrate OLD.h5 -o NEW.h5` brings it up to date");
+        throw BundleError(
+            "version.seal", "",
+            "has its seal in front, as versions 1.0 and 1.1 had it; this program reads "
+            "versions 2.x, and `vfplan migrate OLD.h5 -o NEW.h5` brings it up to date");
     }
     if (data.begins(hdf5_signature)) {
-        throw BundleError("corrupt.seal", "",
-                          "its seal is missing: the file was cut, or opened for writing by another "
-                          "program. Only version 0.1 had no seal; `vfplan migrate OLD.h5 -o NEW.h5` "
-                          "brings such a bundle up to date");
+        throw BundleError(
+            "corrupt.seal", "",
+            "its seal is missing: the file was cut, or opened for writing by another "
+            "program. Only version 0.1 had no seal; `vfplan migrate OLD.h5 -o NEW.h5` "
+            "brings such a bundle up to date");
     }
     throw BundleError("corrupt.seal", "",
                       "is no fixture bundle: it begins with " +
@@ -90,9 +92,8 @@ inline View find_seal(View data) {
     const auto payload = number_at(seal, 16, 8);
     require(number_at(seal, 12, 4) == size && number_at(seal, size - 12, 4) == 0,
             "its seal says two lengths of itself");
-    require(payload == data.size() - size,
-            std::to_string(payload) + " bytes were sealed, " +
-                std::to_string(data.size() - size) + " are there");
+    require(payload == data.size() - size, std::to_string(payload) + " bytes were sealed, " +
+                                               std::to_string(data.size() - size) + " are there");
     require(payload % 8 == 0, "the sealed part is no multiple of 8 bytes long");
     require(payload <= limits::payload_bytes, "unsafe.cap", "",
             "payload of " + std::to_string(payload) + " bytes; at most " +
