@@ -7,6 +7,7 @@ from typing import Any
 from vfplan.cli.options import FIXTURE, option
 from vfplan.cli.run import Report, command
 from vfplan.cli.telling import told
+from vfplan.cli.verify import finding_lines, seal_lines
 
 LINES = (
     "{format} {version}, frame {frame}, {points} points",
@@ -66,7 +67,10 @@ def _summary(data: dict[str, Any]) -> str:
     if "/registration/source" in data:
         more["markers"] = len(data["/registration/source"])
     leak = CERTIFIED if "/leak@limit_m" in data else BARE
-    return told(data | more, *LINES, *leak)
+    lines = [told(data | more, *LINES, *leak), *seal_lines(seal)]
+    if "/rendering/stiffness" in data or data["findings"]:
+        lines += finding_lines(data["findings"], data["reviewed"])
+    return "\n".join(lines)
 
 
 def _page(data: dict[str, Any]) -> str:

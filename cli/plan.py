@@ -75,6 +75,7 @@ def command(
         findings += strong_pull(fixture, robot)
     if given["rehearse"] is not None:
         verdict |= {"rehearsal": rehearsed(fixture, robot, given)}
+    fixture = replace(fixture, findings=tuple(findings))
     made = replace(made, fixture=fixture)
     with outputs(output, mask_out, overlay_out, picture_out, sheet_path) as (
         path, mask, overlay, picture, sheet,

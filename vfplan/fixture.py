@@ -12,19 +12,21 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.findings import Finding
 from vfplan.io.files import now_utc
 from vfplan.records import (
     Frame,
     Guidance,
     RegistrationRecord,
     Rendering,
+    Review,
     SourceImage,
     StabilityVerdict,
 )  # fmt: skip
 
 __all__ = [
     "FRAMES", "Curve", "Fixture", "Frame", "Guidance", "Pieces", "Provenance", "RegistrationRecord",
-    "Rendering", "SourceImage", "StabilityVerdict",
+    "Rendering", "Review", "SourceImage", "StabilityVerdict",
 ]  # fmt: skip
 
 FRAMES: tuple[Frame, ...] = get_args(Frame)
@@ -91,12 +93,15 @@ class Curve:
         (N,) bool, points that lie on a bridged pen lift; `None` when nothing was bridged.
     pieces
         The same strokes as lines and arcs; `None` where they are known by their points alone.
+    edited
+        (N,) bool, points that were drawn or moved by hand; `None` when all were measured.
     """
 
     stroke: NDArray[np.int32]
     closed: NDArray[np.bool_]
     bridged: NDArray[np.bool_] | None = None
     pieces: Pieces | None = None
+    edited: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)
@@ -162,6 +167,10 @@ class Fixture:
         Present when the scene has them.
     mesh
         (K, 3) int32, rows of `points` that form the triangles of an imported surface.
+    findings
+        What a person should look at before the fixture is used, answered or not.
+    reviewed
+        Who approved it; `None` while nobody has, and again after any change.
     """
 
     frame: Frame
@@ -175,6 +184,13 @@ class Fixture:
     stability: StabilityVerdict | None = None
     mesh: NDArray[np.int32] | None = None
     guidance: Guidance | None = None
+    findings: tuple[Finding, ...] = ()
+    reviewed: Review | None = None
+
+    @property
+    def open_findings(self) -> tuple[Finding, ...]:
+        """The doubts that nobody has answered."""
+        return tuple(finding for finding in self.findings if finding.is_open)
 
     @property
     def pieces(self) -> Pieces | None:
@@ -197,11 +213,13 @@ class Fixture:
         kept = np.arange(len(self.curve.closed)) != self.guidance.stroke
         number = np.cumsum(kept, dtype=np.int32) - 1
         bridged = None if self.curve.bridged is None else self.curve.bridged[mine]
+        edited = None if self.curve.edited is None else self.curve.edited[mine]
         curve = Curve(
             number[self.curve.stroke[mine]],
             self.curve.closed[kept],
             bridged,
             self.pieces and self.pieces.of(kept),
+            edited,
         )
         sigma = None if self.sigma is None else self.sigma[mine]
         return replace(self, points=self.points[mine], sigma=sigma, curve=curve, guidance=None)

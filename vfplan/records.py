@@ -126,6 +126,27 @@ class RegistrationRecord:
 
 
 @dataclass(frozen=True)
+class Review:
+    """That a person looked at the plan and approved it.
+
+    It dies with any change: whoever makes another fixture of this one leaves it out.
+
+    Parameters
+    ----------
+    by
+        Who.
+    utc
+        When, as "2026-01-31T12:00:00Z".
+    digest
+        SHA-256 of what was shown, lower-case hex.
+    """
+
+    by: str
+    utc: str
+    digest: str
+
+
+@dataclass(frozen=True)
 class StabilityVerdict:
     """The stability gate's verdict on a fixture's K with one robot.
 

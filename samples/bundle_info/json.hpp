@@ -60,12 +60,13 @@ class JsonWriter {
              << string(vfplan::bundle::to_hex(vfplan::bundle::view(seal.digest)));
         if (!seal.case_token.empty()) out_ << ", \"case\": " << string(seal.case_token);
         if (!seal.robot_serial.empty()) out_ << ", \"robot_serial\": " << string(seal.robot_serial);
-        if (seal.registered != 0) {
-            const auto moment = static_cast<std::time_t>(seal.registered);
+        if (seal.signed_at != 0) {
+            const auto moment = static_cast<std::time_t>(seal.signed_at);
             char text[32];
             std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", std::gmtime(&moment));
-            out_ << ", \"registered_utc\": " << string(text);
+            out_ << ", \"signed_utc\": " << string(text);
         }
+        if (seal.despite_findings) out_ << ", \"despite_findings\": true";
         out_ << "}";
     }
 

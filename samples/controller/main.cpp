@@ -79,9 +79,9 @@ std::size_t run(Changing& engine, std::optional<vfplan::Governor>& governor, con
     return missed;
 }
 
-/// The fixture, approved by one of the keys. Without keys it is whole and undamaged, which says
+/// The fixture, signed by one of the keys. Without keys it is whole and undamaged, which says
 /// nothing of who made it: anybody who can write the file can seal another one.
-vfplan::bundle::Fixture approved(const Options& o, const std::string& path) {
+vfplan::bundle::Fixture trusted(const Options& o, const std::string& path) {
     if (o.from_anybody) {
         std::fprintf(stderr,
                      "controller: warning: %s is loaded without a signature: it is undamaged, but "
@@ -94,10 +94,24 @@ vfplan::bundle::Fixture approved(const Options& o, const std::string& path) {
     trust.keys = vfplan::bundle::read_keys(o.keys);
     trust.case_token = o.case_token;
     trust.robot_serial = o.robot_serial;
+    trust.max_age = o.max_age;
     return vfplan::bundle::read_fixture(path, trust);
 #else
     throw UsageError("--keys: this controller was built without OpenSSL");
 #endif
+}
+
+/// A trusted fixture of whose planning no finding is open.
+vfplan::bundle::Fixture approved(const Options& o, const std::string& path) {
+    vfplan::bundle::Fixture fixture = trusted(o, path);
+    const std::size_t open = fixture.findings_unanswered;
+    if (open > 0 && !o.despite_findings) {
+        throw vfplan::bundle::BundleError(
+            "unsafe.findings", path,
+            "open findings of its planning: " + std::to_string(open) +
+                "; `vfplan info` lists them, --despite-findings takes it all the same");
+    }
+    return fixture;
 }
 
 /// The engines that the events exchange, each by its own best rule where the first one's is exact;

@@ -3,6 +3,7 @@
 // What the controller is told on its command line.
 #pragma once
 #include <charconv>
+#include <chrono>
 #include <map>
 #include <optional>
 #include <stdexcept>
@@ -39,6 +40,8 @@ inline constexpr const char* usage =
     "  --unsigned                             take it from anybody: all that is known is that it\n"
     "                                         is undamaged\n"
     "  --case TOKEN, --robot-serial SERIAL    for which case and robot\n"
+    "  --max-age TIME                         how long ago it may have been signed: 12h, 30min\n"
+    "  --despite-findings                     take it though findings of its planning are open\n"
     "  --help                                 this page\n"
     "exit: 0 done, 2 usage, 3 bad input, 4 a bundle that cannot be trusted\n";
 
@@ -50,11 +53,12 @@ struct Options {
     std::string fixture, log, telemetry, keys, poses, events;
     std::optional<vfplan::MovingLimits> moving;
     std::optional<std::string> case_token, robot_serial;
+    std::optional<std::chrono::seconds> max_age;
     Form form = Impedance{};
     std::optional<vfplan::Rule> rule;  // else the one nearest to what the bundle holds
     double seconds = 5;
     std::optional<vfplan::GovernorLimits> governor;
-    bool simulated_time = false, from_anybody = false;
+    bool simulated_time = false, from_anybody = false, despite_findings = false;
 };
 
 template <class T>
@@ -74,6 +78,16 @@ inline double positive(const std::string& option, const std::string& value) {
         !(number > 0 && number <= 3600))
         throw UsageError(option + " " + value + ": allowed is above 0 and at most 3600");
     return number;
+}
+
+/// A time with its unit, as 12h, 30min or 45s.
+inline std::chrono::seconds age(const std::string& value) {
+    const std::size_t digits = std::min(value.find_first_not_of("0123456789"), value.size());
+    const std::string unit = value.substr(digits);
+    const std::map<std::string, long> seconds_of{{"h", 3600}, {"min", 60}, {"s", 1}};
+    if (digits == 0 || digits > 6 || !seconds_of.contains(unit))
+        throw UsageError("--max-age " + value + ": a time like 12h, 30min or 45s is wanted");
+    return std::chrono::seconds(std::stol(value.substr(0, digits)) * seconds_of.at(unit));
 }
 
 inline vfplan::GovernorLimits limits(const std::string& value) {
@@ -132,6 +146,10 @@ inline Options parse(const std::vector<std::string>& args) {
             o.case_token = value();
         else if (args[i] == "--robot-serial")
             o.robot_serial = value();
+        else if (args[i] == "--max-age")
+            o.max_age = age(value());
+        else if (args[i] == "--despite-findings")
+            o.despite_findings = true;
         else if (args[i] == "--governor")
             o.governor = limits(value());
         else if (args[i] == "--poses")
@@ -159,8 +177,9 @@ inline Options parse(const std::vector<std::string>& args) {
     if (o.fixture.empty()) throw UsageError("FIXTURE.h5 is missing");
     if (o.moving && o.poses.empty())
         throw UsageError("--pose-limits and --pivot are for a fixture that moves: --poses");
-    if (o.keys.empty() && (o.case_token || o.robot_serial))
-        throw UsageError("--case and --robot-serial need --keys: the signature covers them");
+    if (o.keys.empty() && (o.case_token || o.robot_serial || o.max_age))
+        throw UsageError(
+            "--case, --robot-serial and --max-age need --keys: the signature covers them");
     if (o.keys.empty() != o.from_anybody)
         throw UsageError(
             "either --keys KEYS.pub, who must have signed the fixture, or --unsigned, which takes "

@@ -1,7 +1,7 @@
 """Render a fixture on a Franka arm, over its own protocol, at 1 kHz.
 
-    python loop.py FIXTURE.h5 --robot HOST (--require-signature KEYS.pub | --unsigned)
-                   [--seconds 10] [--no-governor]
+    python loop.py FIXTURE.h5 --robot HOST --require-signature KEYS.pub --case CASE --max-age S
+    python loop.py FIXTURE.h5 --robot HOST --unsigned [--seconds 10] [--no-governor]
 
 Needs `pylibfranka`, Franka's own binding. The arm is held by your hand: the only torques are the
 fixture's, governed, and the arm compensates its own weight. Stop it by its button, or by Ctrl-C.
@@ -102,16 +102,28 @@ def main(arguments: list[str]) -> int:
     maker = parser.add_mutually_exclusive_group(required=True)
     maker.add_argument("--require-signature", metavar="KEYS", help="one of these must have signed")
     maker.add_argument("--unsigned", action="store_true", help="anybody may have made the fixture")
+    parser.add_argument("--case", help="for which case it must be signed")
+    parser.add_argument("--robot-serial", help="for which robot it must be signed")
+    parser.add_argument("--max-age", type=float, metavar="S", help="how long ago, at most [s]")
+    parser.add_argument(
+        "--despite-findings", action="store_true", help="take it though findings are open"
+    )
     given = parser.parse_args(arguments)
     trust = None
     if given.unsigned:
+        if (given.case, given.robot_serial, given.max_age) != (None, None, None):
+            parser.error("--case, --robot-serial and --max-age need --require-signature")
         print(f"warning: {given.fixture} is loaded without a signature: it is undamaged, but "
               "anybody may have made it, for any patient", file=sys.stderr)  # fmt: skip
     else:
         from vfplan.bundle import Trust, read_keys
 
-        trust = Trust(read_keys(given.require_signature))
+        keys = read_keys(given.require_signature)
+        trust = Trust(keys, given.case, given.robot_serial, given.max_age)
     fixture = vfplan.read_fixture(given.fixture, trust=trust)
+    if fixture.open_findings and not given.despite_findings:
+        codes = ", ".join(finding.code for finding in fixture.open_findings)
+        parser.error(f"findings of its planning are not answered: {codes}")
     if fixture.guidance is not None:
         parser.error("the fixture guides; this loop renders forbidden regions only")
     stiffness = float(np.max(fixture.stiffness))

@@ -29,7 +29,9 @@ def test_what_is_written_is_read_bit_for_bit(make, tmp_path):
     bundles.same(vfplan.read_fixture(tmp_path / "a.h5"), make())
 
 
-@pytest.mark.parametrize("name", ["minimal", "whole", "sheet", "pixels", "patient", "guided"])
+@pytest.mark.parametrize(
+    "name", ["minimal", "whole", "sheet", "pixels", "patient", "guided", "reviewed"]
+)
 def test_h5py_reads_the_same_values(name):
     """Two readers that share no code."""
     data = damage.sealed(to_payload(completed(to_content(getattr(bundles, name)()))))
@@ -197,13 +199,13 @@ def test_every_path_has_a_field_of_the_fixture():
         row.path
         for row in table()
         if row.kind != "group"
-        and row.parent not in ("/leak", "/provenance")
+        and row.parent not in ("/leak", "/provenance", "/findings")
         and row.path not in by_the_format | by_hand
     }
     assert FIELDS.keys() == wanted
     fields = set(FIELDS.values())
     assert len(fields) == len(FIELDS)
-    whole = ("provenance", "stability")  # written by hand
+    whole = ("provenance", "stability", "findings")  # written by hand
     for field in dataclasses.fields(Fixture):
         part = content._PARTS.get(field.name)
         if part is None:

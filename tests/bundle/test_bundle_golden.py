@@ -157,7 +157,7 @@ def test_an_old_file_that_crashes_its_reader_is_an_error_as_any_other(tmp_path, 
 
 def test_the_signed_bundle_still_verifies():
     seal = require_signature(SIGNED, KEYS, case="case 17", robot_serial="R-0042")
-    assert seal.describe()["registered_utc"] == "2026-01-02T03:00:00Z"
+    assert seal.describe()["signed_utc"] == "2026-01-02T03:00:00Z"
     with pytest.raises(SignatureError):
         require_signature(SIGNED, KEYS, max_age=3600)
 

@@ -17,7 +17,7 @@ def test_a_sound_bundle_is_valid_and_says_what_it_is_not(vfplan_cli, tmp_path):
     assert run.code == 0
     assert run.json["valid"]
     codes = {issue["code"] for issue in run.json["issues"]}
-    assert codes == {"seal.unsigned", "leak.open_ends", "leak.between"}
+    assert codes == {"seal.unsigned", "leak.open_ends", "leak.between", "review.missing"}
     assert {issue["severity"] for issue in run.json["issues"]} == {"note"}
 
 

@@ -15,6 +15,7 @@ import pytest
 from conftest import ROOT, need_program
 
 import vfplan
+from vfplan.findings import doubt
 from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering
 from vfplan.geometry.arcs import fit_arcs
 from vfplan.live.sources import decode
@@ -516,7 +517,14 @@ def test_a_signature_can_be_demanded(controller, drawn, tmp_path):
     from vfplan.bundle import keygen, sign
 
     keys, other = keygen(tmp_path / "k")[0], keygen(tmp_path / "l")[0]
-    sign(drawn, tmp_path / "s.h5", tmp_path / "k", case="17", robot_serial="R1")
+    sign(
+        drawn,
+        tmp_path / "s.h5",
+        tmp_path / "k",
+        case="17",
+        robot_serial="R1",
+        despite_findings=True,
+    )
     short = ("--seconds", "0.01", "--simulated-time")
     plain = controller(drawn, *short)
     assert (plain.returncode, plain.stderr.count("\n")) == (0, 1)
@@ -532,3 +540,24 @@ def test_a_signature_can_be_demanded(controller, drawn, tmp_path):
                   [tmp_path / "s.h5", "--keys", keys, "--robot-serial", "R2"]):  # fmt: skip
         refused = controller(*words, *short, maker=())
         assert (refused.returncode, refused.stdout) == (4, ""), words
+    for age, code in (("12h", 0), ("30min", 0), ("soon", 2), ("12", 2), ("h", 2)):
+        made = controller(tmp_path / "s.h5", *short, maker=("--keys", keys, "--max-age", age))
+        assert made.returncode == code, age
+    sign(
+        drawn, tmp_path / "old.h5", tmp_path / "k", registered_utc="2026-01-02T03:00:00Z",
+        despite_findings=True,
+    )  # fmt: skip
+    old = controller(tmp_path / "old.h5", *short, maker=("--keys", keys, "--max-age", "12h"))
+    assert (old.returncode, old.stdout) == (4, "")
+
+
+def test_open_findings_are_refused_unless_told(controller, drawn, tmp_path):
+    fixture = vfplan.read_fixture(drawn)
+    open_one = doubt("end-other-colour", "extract", "The end lies under other ink.")
+    path = tmp_path / "open.h5"
+    vfplan.write_fixture(replace(fixture, findings=(open_one,)), path)
+    short = ("--seconds", "0.01", "--simulated-time")
+    refused = controller(path, *short)
+    assert (refused.returncode, refused.stdout) == (4, "")
+    assert "open findings of its planning: 1" in refused.stderr
+    assert controller(path, *short, "--despite-findings").returncode == 0

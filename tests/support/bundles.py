@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from vfplan.findings import doubt, note
 from vfplan.fixture import (
     Curve,
     Fixture,
@@ -14,6 +15,7 @@ from vfplan.fixture import (
     Provenance,
     RegistrationRecord,
     Rendering,
+    Review,
     SourceImage,
 )
 
@@ -160,6 +162,35 @@ def drawn():
     )
 
 
+FINDINGS = (
+    doubt("end-other-colour", "extract", "The end lies under other ink.", place_px=(318.5, 400.0)),
+    note("bridge-short", "extract", "A gap of 4 px was bridged.", place_px=(352.0, 341.25)),
+    doubt("tick-too-long", "plan", "A tick may take 0.4 ms.", place_m=(0.41, 0.05, 0.13)),
+    replace(
+        doubt("marker-suspect", "register", "Marker x3 lies 1.2 mm off."),
+        answered_by="A. Planner",
+        answered_utc="2026-01-02T03:05:06Z",
+    ),
+)
+
+
+def doubtful():
+    """The whole one with findings, of which two are open, and with points moved by hand."""
+    base = whole()
+    edited = np.arange(len(base.points)) % 7 == 3
+    return replace(base, curve=replace(base.curve, edited=edited), findings=FINDINGS)
+
+
+def reviewed():
+    """The same with all findings answered, approved by a person."""
+    answered = [
+        replace(finding, answered_by="A. Planner", answered_utc="2026-01-02T03:05:06Z")
+        for finding in FINDINGS
+    ]
+    review = Review("A. Planner", "2026-01-02T03:06:00Z", "0f" * 32)
+    return replace(doubtful(), findings=tuple(answered), reviewed=review)
+
+
 def same(a, b, path="fixture"):
     """Assert that two fixtures hold the same values, bit for bit."""
     assert type(a) is type(b), path
@@ -170,6 +201,10 @@ def same(a, b, path="fixture"):
         assert a.dtype == b.dtype, path
         assert a.shape == b.shape, path
         assert a.tobytes() == b.tobytes(), path
+    elif isinstance(a, tuple):
+        assert len(a) == len(b), path
+        for i, (one, other) in enumerate(zip(a, b, strict=True)):
+            same(one, other, f"{path}[{i}]")
     else:
         assert a == b, path
 

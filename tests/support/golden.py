@@ -60,6 +60,8 @@ MADE = {
     "patient": "patient",
     "guided": "guided",
     "pieces": "drawn",
+    "findings": "doubtful",
+    "reviewed": "reviewed",
 }
 """Name in the archive -> the made-up fixture that it holds."""
 
@@ -86,6 +88,7 @@ def write_archive() -> None:
             case="case 17",
             robot_serial="R-0042",
             registered_utc="2026-01-02T03:00:00Z",
+            despite_findings=True,
             overwrite=True,
         )
         (ARCHIVE / "signed.pub").write_bytes(public.read_bytes())

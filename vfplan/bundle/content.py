@@ -14,6 +14,7 @@ import numpy as np
 
 from vfplan.bundle.schema import Content, Row, rows_by_path
 from vfplan.errors import InputError
+from vfplan.findings import Finding
 from vfplan.fixture import (
     Curve,
     Fixture,
@@ -22,12 +23,13 @@ from vfplan.fixture import (
     Provenance,
     RegistrationRecord,
     Rendering,
+    Review,
     SourceImage,
     StabilityVerdict,
 )
 
 # Where each value of a bundle lives in a `Fixture`. A test holds this list against the schema:
-# a path without a field, or a field without a path, fails. `/provenance` and
+# a path without a field, or a field without a path, fails. `/findings`, `/provenance` and
 # `/rendering/stability` are written out below, and `/@format`, `/@version`, `/@id`,
 # `/@must_understand` and `/leak` are what the format computes.
 FIELDS = {
@@ -37,6 +39,7 @@ FIELDS = {
     "/curve/stroke": "curve.stroke",
     "/curve/closed": "curve.closed",
     "/curve/bridged": "curve.bridged",
+    "/curve/edited": "curve.edited",
     "/pieces/vertices": "pieces.vertices",
     "/pieces/bulges": "pieces.bulges",
     "/pieces/stroke": "pieces.stroke",
@@ -69,6 +72,9 @@ FIELDS = {
     "/registration/residuals": "registration.residuals_m",
     "/registration/covariance": "registration.covariance",
     "/registration/tre": "registration.tre_m",
+    "/review@by": "reviewed.by",
+    "/review@utc": "reviewed.utc",
+    "/review@digest": "reviewed.digest",
 }
 """Path in the bundle -> field of the fixture."""
 
@@ -82,6 +88,7 @@ _PARTS = {
     "rendering": Rendering,
     "guidance": Guidance,
     "registration": RegistrationRecord,
+    "reviewed": Review,
 }
 """The parts of a fixture that `FIELDS` names in front of a point, and their types."""
 
@@ -97,7 +104,7 @@ def to_content(fixture: Fixture) -> Content:
         numbers = [getattr(fixture.stability, field) for field in _STABILITY]
         content["/rendering@robot"] = fixture.stability.robot
         content["/rendering/stability"] = np.array(numbers, dtype="<f8")
-    return content | _provenance(fixture.provenance)
+    return content | _findings_content(fixture.findings) | _provenance(fixture.provenance)
 
 
 def _value_at(fixture: Fixture, field: str) -> Any:
@@ -146,6 +153,7 @@ def from_content(content: Content) -> Fixture:
         **made,
         provenance=_to_provenance(content),
         stability=_to_stability(content),
+        findings=findings_of(content),
     )
 
 
@@ -162,6 +170,55 @@ def _to_stability(content: Content) -> StabilityVerdict | None:
     numbers = dict(zip(_STABILITY, content["/rendering/stability"].tolist(), strict=True))
     numbers["delay_ticks"] = round(numbers["delay_ticks"])
     return StabilityVerdict(content["/rendering@robot"], **numbers)
+
+
+def _findings_content(findings: tuple[Finding, ...]) -> Content:
+    """The group `/findings`; nothing where nothing was found."""
+    if not findings:
+        return {}
+    content: Content = {
+        "/findings/code": tuple(finding.code for finding in findings),
+        "/findings/severity": tuple(finding.severity for finding in findings),
+        "/findings/text": tuple(finding.text for finding in findings),
+        "/findings/stage": tuple(finding.stage for finding in findings),
+    }
+    for name, columns in (("place_px", 2), ("place_m", 3)):
+        places = [getattr(finding, name) for finding in findings]
+        has_place = np.array([place is not None for place in places])
+        if has_place.any():
+            zeros = (0.0,) * columns
+            rows = [zeros if place is None else place for place in places]
+            content[f"/findings/has_{name}"] = has_place.astype("<u1")
+            content[f"/findings/{name}"] = np.array(rows, dtype="<f8")
+    if any(finding.answered_by is not None for finding in findings):
+        content["/findings/answered_by"] = tuple(f.answered_by or "" for f in findings)
+        content["/findings/answered_utc"] = tuple(f.answered_utc or "" for f in findings)
+    return content
+
+
+def findings_of(content: Content) -> tuple[Finding, ...]:
+    """What a checked content says that a person should look at."""
+    findings = []
+    for i, code in enumerate(content.get("/findings/code", ())):
+        places: dict[str, Any] = {}
+        for name in ("place_px", "place_m"):
+            if f"/findings/{name}" in content and content[f"/findings/has_{name}"][i]:
+                places[name] = tuple(content[f"/findings/{name}"][i].tolist())
+        answered = {}
+        for name in ("answered_by", "answered_utc"):
+            if f"/findings/{name}" in content:
+                answered[name] = content[f"/findings/{name}"][i] or None
+        findings.append(
+            Finding(
+                code,
+                content["/findings/severity"][i],
+                content["/findings/text"][i],
+                content["/findings/stage"][i],
+                **places,
+                **answered,
+            )
+        )
+    return tuple(findings)
 
 
 def _provenance(provenance: Provenance) -> Content:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.bundle.content import from_content
+from vfplan.bundle.content import findings_of, from_content
 from vfplan.bundle.read import read_bundle
 from vfplan.bundle.schema import Content, Row, table
 from vfplan.engine.renderable import MOST_TICK_WORK, best_rule, work_of
@@ -16,7 +16,7 @@ from vfplan.errors import VfplanError
 
 
 def describe(path: str | Path, *, values: bool = False, work: bool = False) -> dict[str, Any]:
-    """Head, seal, and every attribute and table of a bundle by its path in the format.
+    """Head, seal, findings, and every attribute and table of a bundle by its path in the format.
 
     Tables with a row for each point or triangle are summed up as `shape`, `min`, `max` and the
     SHA-256 of their little-endian bytes, with `values` as well if wanted; all others are plain.
@@ -31,6 +31,8 @@ def describe(path: str | Path, *, values: bool = False, work: bool = False) -> d
         "frame": content["/@frame"],
         "points": len(content["/points"]),
         "seal": seal.describe(),
+        "findings": [finding.as_dict() for finding in findings_of(content)],
+        "reviewed": review_of(content),
     }
     if work and "/rendering/stiffness" in content:
         described["tick_work"] = _work(content)
@@ -38,6 +40,13 @@ def describe(path: str | Path, *, values: bool = False, work: bool = False) -> d
         if row.path in content:
             described[row.path] = _shown(content[row.path], row, values)
     return described
+
+
+def review_of(content: Content) -> dict[str, str] | None:
+    """Who reviewed the plan, when, and the digest of what was shown; `None` where nobody did."""
+    if "/review@by" not in content:
+        return None
+    return {name: content[f"/review@{name}"] for name in ("by", "utc", "digest")}
 
 
 def _work(content: Content) -> dict[str, Any]:

@@ -79,20 +79,12 @@ def require_signature(
     """The seal of a bundle that is sound and signed by a key of the file `keys`.
 
     To load what was checked, and not what the file holds a moment later, give a `Trust` to
-    `read_fixture` instead. `max_age` is in seconds since the registration.
+    `read_fixture` instead. `max_age` is in seconds since the signing.
 
     Raises as `read_fixture` does, and `MissingExtra` without the extra `[sign]`.
     """
     trust = Trust(read_keys(keys), case, robot_serial, max_age)
     return read_bundle(source, trust=trust)[1]
-
-
-def checked_payload(source: str | Path) -> bytes:
-    """The payload of a sound bundle. Raises as `read_fixture` does."""
-    with opened_source(source) as stream:
-        sealed = unsealed(stream)
-        sealed.read()
-        return sealed.payload
 
 
 @contextmanager

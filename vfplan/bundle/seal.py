@@ -3,14 +3,16 @@
 Layout, little-endian, with the length L of the whole file, the length B of the seal, and P = L - B
 (docs/format.md, section 4):
 
-    P + 0     8  magic "VFPLSEAL"        P + 136    8  registered [s since 1970 UTC], 0: not given
+    P + 0     8  magic "VFPLSEAL"        P + 136    8  time of signing [s since 1970 UTC], 0: not given
     P + 8     2  seal version, 2         P + 144    2  length of the case token
-    P + 10    2  flags, bit 0: signed    P + 146    2  length of the robot's serial
+    P + 10    2  flags                   P + 146    2  length of the robot's serial
     P + 12    4  B                       P + 148       case token, serial (UTF-8), zeros
     P + 16    8  P                       L - 48    32  SHA-256 of bytes P to L - 48
     P + 24   32  SHA-256 of 0 to P       L - 16     4  B
     P + 56   16  key id                  L - 12     4  zero
     P + 72   64  Ed25519 signature       L - 8      8  magic "VFPLTAIL"
+
+Flags: bit 0: signed; bit 1: signed although findings were open, or nobody had reviewed the plan.
 
 The HDF5 file states L as its own end (`with_end_of_file`): a bundle that was cut anywhere, in its
 seal too, is then a truncated file to every HDF5 library.
@@ -34,6 +36,7 @@ TAIL_MAGIC = b"VFPLTAIL"
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 SEAL_VERSION = 2
 SIGNED = 1
+DESPITE_FINDINGS = 2
 LENGTHS = (512, 1024, 2048, 4096)
 HEAD = struct.Struct("<8sHHIQ32s16s64sQHH")
 TAIL = struct.Struct("<32sII8s")
@@ -58,8 +61,11 @@ class Seal:
         64 bytes; `None` when unsigned.
     case, robot_serial
         What the bundle was approved for; "" when not given.
-    registered
-        When the patient was registered [s since 1970 UTC]; `None` when not given.
+    signed_at
+        When it was signed, or the earlier time from which its signer lets its age count, as when
+        the patient was registered [s since 1970 UTC]; `None` when not given.
+    despite_findings
+        Whether it was signed although findings were open, or nobody had reviewed the plan.
     """
 
     payload_length: int
@@ -68,16 +74,17 @@ class Seal:
     signature: bytes | None = None
     case: str = ""
     robot_serial: str = ""
-    registered: int | None = None
+    signed_at: int | None = None
+    despite_findings: bool = False
 
     @classmethod
     def of(cls, sealed: Sealed) -> Seal:
         """The seal of a bundle's bytes, as the reader found it."""
         signed: dict[str, Any] = {}
         if sealed.signed:
-            names = ("key_id", "signature", "case", "robot_serial")
+            names = ("key_id", "signature", "case", "robot_serial", "despite_findings")
             signed = {name: getattr(sealed, name) for name in names}
-            signed["registered"] = sealed.registered or None
+            signed["signed_at"] = sealed.signed_at or None
         return cls(sealed.payload_length, sealed.sha256, **signed)
 
     @property
@@ -94,9 +101,11 @@ class Seal:
             data["case"] = self.case
         if self.robot_serial:
             data["robot_serial"] = self.robot_serial
-        if self.registered is not None:
-            moment = datetime.fromtimestamp(self.registered, UTC)
-            data["registered_utc"] = moment.strftime("%Y-%m-%dT%H:%M:%SZ")
+        if self.signed_at is not None:
+            moment = datetime.fromtimestamp(self.signed_at, UTC)
+            data["signed_utc"] = moment.strftime("%Y-%m-%dT%H:%M:%SZ")
+        if self.despite_findings:
+            data["despite_findings"] = True
         return data
 
 
@@ -144,16 +153,21 @@ def signed_message(seal: Seal) -> bytes:
 
 def _body(seal: Seal, length: int) -> bytes:
     case, serial = seal.case.encode(), seal.robot_serial.encode()
+    flags = 0
+    if seal.signed:
+        flags |= SIGNED
+    if seal.despite_findings:
+        flags |= DESPITE_FINDINGS
     head = HEAD.pack(
         MAGIC,
         SEAL_VERSION,
-        SIGNED if seal.signed else 0,
+        flags,
         length,
         seal.payload_length,
         seal.sha256,
         seal.key_id or bytes(16),
         seal.signature or bytes(64),
-        seal.registered or 0,
+        seal.signed_at or 0,
         len(case),
         len(serial),
     )

@@ -10,7 +10,7 @@ from typing import Any
 from vfplan._core import Sealed
 from vfplan.errors import SettingError, SignatureError
 
-CLOCK_SKEW = 60  # s a registration may seem to lie in the future
+CLOCK_SKEW = 60  # s a signature may seem to lie in the future
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,8 @@ class Trust:
     case, robot_serial
         What the bundle must have been signed for; `None`: not checked.
     max_age
-        How long ago the patient may have been registered [s]; `None`: not checked.
+        How long ago it may have been signed [s]; `None`: not checked. Where the signer stated when
+        the patient was registered, that counts.
 
     Raises `SettingError` when `max_age` is negative or not finite.
     """
@@ -71,10 +72,10 @@ def check_trust(seal: Sealed, trust: Trust, now: float | None = None) -> None:
 
 
 def _check_age(seal: Sealed, max_age: float, now: float) -> None:
-    if not seal.registered:
-        raise SignatureError("no registration time is signed, and a maximum age is demanded")
-    age = now - seal.registered
+    if not seal.signed_at:
+        raise SignatureError("does not state when it was signed, and a maximum age is demanded")
+    age = now - seal.signed_at
     if age > max_age:
-        raise SignatureError(f"the registration is {age:.0f} s old; at most {max_age:.0f} allowed")
+        raise SignatureError(f"was signed {age:.0f} s ago; at most {max_age:.0f} s old is demanded")
     if age < -CLOCK_SKEW:
-        raise SignatureError(f"the registration lies {-age:.0f} s in the future")
+        raise SignatureError(f"the time of signing lies {-age:.0f} s in the future")

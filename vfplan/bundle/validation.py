@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from vfplan.bundle import leak
-from vfplan.bundle.content import from_content
+from vfplan.bundle.content import findings_of, from_content
 from vfplan.bundle.leak import sorted_edges
 from vfplan.bundle.read import opened_source, unsealed
 from vfplan.bundle.schema import Content
@@ -56,8 +56,22 @@ def validate(source: str | Path | bytes) -> list[Issue]:
     issues += [Issue(*issue) for issue in found]
     checks = [_size, _residuals, _paths]
     if not any(issue.severity == "error" for issue in issues):
-        checks = [_certificate, _rendering, _pieces, *checks]
+        checks = [_findings, _certificate, _rendering, _pieces, *checks]
     return issues + [issue for check in checks for issue in check(content)]
+
+
+def _findings(content: Content) -> Iterator[Issue]:
+    """What planning found, and whether a person has looked at it."""
+    for finding in findings_of(content):
+        if finding.is_open:
+            yield Issue("/findings", finding.code, "warning", finding.text)
+        elif finding.answered_by is None:
+            yield Issue("/findings", finding.code, "note", finding.text)
+        else:
+            text = f"{finding.text} (accepted by {finding.answered_by}, {finding.answered_utc})"
+            yield Issue("/findings", finding.code, "note", text)
+    if "/rendering/stiffness" in content and "/review@by" not in content:
+        yield Issue("/review", "review.missing", "note", "nobody has reviewed it")
 
 
 def _certificate(content: Content) -> Iterator[Issue]:

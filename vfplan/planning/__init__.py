@@ -201,6 +201,9 @@ def register(
     findings += rendered.findings
     findings += guide_findings
     findings += _fixture_findings(fixture)
+    # What was found on the slice travels on with it; a place in the curve's own frame would not fit.
+    before = tuple(replace(finding, place_m=None) for finding in curve.findings)
+    fixture = replace(fixture, findings=(*before, *findings))
     return Planned(fixture, registration, report, tuple(findings))
 
 

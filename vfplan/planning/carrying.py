@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import ROUND_DOWN, Context
 from typing import TYPE_CHECKING
 
@@ -68,10 +68,13 @@ def carry(
     pairs = list(zip(members, samples, strict=True))
     counts = [len(s.points) for s in samples]
     length = sum(length_of(s.points, c) for s, c in zip(samples, curve.curve.closed, strict=True))
-    bridged = sigma = None
-    if curve.curve.bridged is not None:
-        marks = curve.curve.bridged.astype(float)
-        bridged = np.concatenate([along(marks[own], s.parameter) > 0 for own, s in pairs])
+    flags: dict[str, NDArray[np.bool_]] = {}
+    for name in ("bridged", "edited"):
+        marks = getattr(curve.curve, name)
+        if marks is not None:
+            shares = [along(marks[own].astype(float), s.parameter) for own, s in pairs]
+            flags[name] = np.concatenate(shares) > 0
+    sigma = None
     if curve.sigma is not None:
         scale = metres_per_unit(registration)
         sigma = np.concatenate([along(curve.sigma[own], s.parameter) for own, s in pairs]) * scale
@@ -80,7 +83,7 @@ def carry(
         source=np.concatenate([along(curve.points[own], s.parameter) for own, s in pairs]),
         spacing_m=length / (sum(counts) - np.count_nonzero(~curve.curve.closed)),
         sigma=sigma,
-        curve=in_strokes(counts, curve.curve.closed, bridged),
+        curve=replace(in_strokes(counts, curve.curve.closed), **flags),
         sampling_error_m=max(s.sampling_error_m for s in samples),
         tight_bends=tuple(bend for s in samples for bend in s.tight_bends),
     )
@@ -124,7 +127,9 @@ def length_of(points: NDArray[np.float64], closed: bool) -> float:
     return float(np.linalg.norm(np.diff(ring, axis=0), axis=1).sum())
 
 
-def in_strokes(counts: list[int], closed: NDArray[np.bool_], bridged: NDArray | None) -> Curve:
+def in_strokes(
+    counts: list[int], closed: NDArray[np.bool_], bridged: NDArray[np.bool_] | None = None
+) -> Curve:
     """Strokes of so many points each, one after the other."""
     return Curve(np.repeat(np.arange(len(counts), dtype=np.int32), counts), closed, bridged)
 

@@ -106,7 +106,7 @@ def extract(
     fixture = planned_curve(extraction, image, settings, inputs=inputs)
     report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
     findings = tuple(doubt("extract-doubt", "extract", text) for text in extraction.warnings)
-    return Extracted(fixture, image, extraction, report, findings)
+    return Extracted(replace(fixture, findings=findings), image, extraction, report, findings)
 
 
 def _check_spacing(image: PlannedImage, *, asked: bool, where: str) -> None:
@@ -174,7 +174,7 @@ def _vector_alone(path: str | Path, settings: ExtractSettings) -> Extracted:
         "elapsed_s": time.perf_counter() - started,
     }
     findings = tuple(note("vector-curve", "extract", text) for text in curve.warnings)
-    return Extracted(fixture, None, None, report, findings)
+    return Extracted(replace(fixture, findings=findings), None, None, report, findings)
 
 
 def planned_curve(

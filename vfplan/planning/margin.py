@@ -106,10 +106,11 @@ def _moved(
     taken = np.concatenate(samples)
     points = curve.points[taken]
     points[:, :2] = np.concatenate(places)
-    bridged = curve.curve.bridged
-    strokes = Curve(
-        curve.curve.stroke[taken], curve.curve.closed, None if bridged is None else bridged[taken]
-    )
+    strokes = Curve(curve.curve.stroke[taken], curve.curve.closed)
+    for name in ("bridged", "edited"):
+        flags = getattr(curve.curve, name)
+        if flags is not None:
+            strokes = replace(strokes, **{name: flags[taken]})
     sigma = None if curve.sigma is None else curve.sigma[taken]
     return replace(curve, points=points, sigma=sigma, curve=strokes), dropped
 

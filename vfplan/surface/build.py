@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -141,7 +141,7 @@ def surface(
     report["elapsed_s"] = time.perf_counter() - started
     texts = (*contours.told, *sliced.told, *_ends(sliced, settings), *_errors(report))
     findings = tuple(doubt("surface-doubt", "surface", text) for text in texts)
-    return Surface(fixture, sliced, report, findings)
+    return Surface(replace(fixture, findings=findings), sliced, report, findings)
 
 
 def _joined(levels: list[Level], R_slice_patient: Array) -> tuple[Array, NDArray[np.int32]]:

@@ -41,13 +41,14 @@ nb::object to_python(vb::Value&& value) {
     });
 }
 
-/// ({path: value}, [(location, code, severity, message)])
-nb::tuple read_payload(vb::View payload, std::uint64_t file_length, bool strict) {
+/// ({path: value}, [(location, code, severity, message)]) of what `read` gives
+template <class Read>
+nb::tuple read_with(const Read& read, bool strict) {
     vb::Findings findings(strict);
     vb::Content content;
     {
         nb::gil_scoped_release release;
-        content = vb::read_payload(payload, file_length, findings);
+        content = read(findings);
     }
     nb::dict values;
     for (auto& [path, value] : content) values[path.c_str()] = to_python(std::move(value));
@@ -92,7 +93,12 @@ void bind_bundle(nb::module_& m) {
     m.def(
         "read_payload",
         [](const nb::bytes& payload, std::uint64_t file_length, bool strict) {
-            return read_payload(view(payload), file_length, strict);
+            const vb::View bytes = view(payload);
+            return read_with(
+                [&](vb::Findings& findings) {
+                    return vb::read_payload(bytes, file_length, findings);
+                },
+                strict);
         },
         "payload"_a, "file_length"_a, "strict"_a = true);
     m.def(
@@ -103,13 +109,19 @@ void bind_bundle(nb::module_& m) {
         .def(
             "read",
             [](const Sealed& s, bool strict) {
-                return read_payload(s.payload, s.data.size(), strict);
+                const std::size_t length = s.data.size();
+                return read_with(
+                    [&](vb::Findings& findings) {
+                        return vb::read_sealed(s.seal, s.payload, length, findings);
+                    },
+                    strict);
             },
             "strict"_a = true)
         .def_prop_ro("payload", [](const Sealed& s) { return to_bytes(s.payload); })
         .def_prop_ro("payload_length", [](const Sealed& s) { return s.seal.payload_length; })
         .def_prop_ro("sha256", [](const Sealed& s) { return to_bytes(vb::view(s.seal.digest)); })
         .def_prop_ro("signed", [](const Sealed& s) { return s.seal.is_signed; })
+        .def_prop_ro("despite_findings", [](const Sealed& s) { return s.seal.despite_findings; })
         .def_prop_ro("key_id", [](const Sealed& s) { return to_bytes(vb::view(s.seal.key_id)); })
         .def_prop_ro("signature",
                      [](const Sealed& s) { return to_bytes(vb::view(s.seal.signature)); })
@@ -117,5 +129,5 @@ void bind_bundle(nb::module_& m) {
                      [](const Sealed& s) { return to_bytes(s.seal.signed_message); })
         .def_prop_ro("case", [](const Sealed& s) { return s.seal.case_token; })
         .def_prop_ro("robot_serial", [](const Sealed& s) { return s.seal.robot_serial; })
-        .def_prop_ro("registered", [](const Sealed& s) { return s.seal.registered; });
+        .def_prop_ro("signed_at", [](const Sealed& s) { return s.seal.signed_at; });
 }

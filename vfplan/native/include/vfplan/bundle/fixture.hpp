@@ -62,6 +62,8 @@ struct Fixture {
     std::string created_utc;
     std::vector<vfplan::Stroke> pieces;  // lines and arcs, a stroke each; none where unknown
     std::vector<std::int32_t> mesh;      // three points a triangle, or empty
+    std::size_t findings_unanswered = 0;  // doubts of the planning that nobody has answered
+    bool reviewed = false;                // a person looked at the plan and approved it
     Seal seal;
 
     [[nodiscard]] std::size_t size() const { return points.size() / 3; }
@@ -110,12 +112,36 @@ inline Content read_payload(View payload, std::uint64_t file_length, Findings& f
     }
 }
 
+namespace detail {
+
+/// A signature says of itself whether it was given in spite of what was found.
+inline void check_despite_findings(const Seal& seal, const Content& content, Findings& findings) {
+    if (!seal.is_signed) return;
+    const std::size_t open = count_unanswered(content);
+    const bool despite = open > 0 || !content.has_group("/review");
+    findings.require(seal.despite_findings == despite, "unsafe.findings", "/findings",
+                     despite ? "is signed with " + std::to_string(open) +
+                                   " unanswered findings or without a review, and the seal does "
+                                   "not say so"
+                             : "is signed as if in spite of findings, and has none that is open");
+}
+
+}  // namespace detail
+
+/// Everything in the payload of a bundle whose seal holds, as `read_payload` does.
+inline Content read_sealed(const Seal& seal, View payload, std::uint64_t file_length,
+                           Findings& findings) {
+    Content content = read_payload(payload, file_length, findings);
+    if (findings.sound()) detail::check_despite_findings(seal, content, findings);
+    return content;
+}
+
 /// Checks seal, structure and every rule. Throws BundleError.
 inline Bundle read_bundle(View data) {
     View payload;
     Bundle bundle{{}, unseal(data, payload)};
     Findings findings(true);
-    bundle.content = read_payload(payload, data.size(), findings);
+    bundle.content = read_sealed(bundle.seal, payload, data.size(), findings);
     return bundle;
 }
 
@@ -124,8 +150,8 @@ inline std::vector<Finding> examine(View data) {
     Findings findings(false);
     try {
         View payload;
-        unseal(data, payload);
-        read_payload(payload, data.size(), findings);
+        const Seal seal = unseal(data, payload);
+        read_sealed(seal, payload, data.size(), findings);
     } catch (const BundleError& error) {
         findings.add(error);
     }
@@ -208,6 +234,8 @@ inline Fixture to_fixture(Bundle bundle) {
     if (content.has("/guidance@radius_m")) fixture.guidance = detail::guidance_of(content);
     if (content.has("/mesh/triangles")) fixture.mesh = content.take("/mesh/triangles").i4;
     if (content.has("/pieces/vertices")) fixture.pieces = detail::pieces_of(content);
+    fixture.findings_unanswered = count_unanswered(content);
+    fixture.reviewed = content.has_group("/review");
     fixture.seal = std::move(bundle.seal);
     return fixture;
 }

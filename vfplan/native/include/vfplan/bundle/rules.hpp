@@ -185,6 +185,59 @@ inline void check_registration(const Content& content, Findings& findings) {
     check_unique(content.at("/registration/labels").text, "/registration/labels", findings);
 }
 
+/// Places and answers come in pairs; a finding without one has zeros, or empty texts.
+inline void check_findings(const Content& content, Findings& findings) {
+    if (!content.has_group("/findings")) return;
+    for (const std::string_view path : {"/findings/code", "/findings/stage"}) {
+        const std::vector<std::string>& names = content.at(path).text;
+        findings.require(std::all_of(names.begin(), names.end(), is_name), "corrupt.value", path,
+                         "may hold letters, digits, '_', '.', '-'");
+    }
+    for (const auto& [flag, place] :
+         {std::pair{"/findings/has_place_px", "/findings/place_px"},
+          std::pair{"/findings/has_place_m", "/findings/place_m"}}) {
+        findings.require(content.has(flag) == content.has(place), "corrupt.missing", "/findings",
+                         std::string(flag) + " and " + place + " need each other");
+        if (!content.has(flag) || !content.has(place)) continue;
+        const std::vector<std::uint8_t>& there = content.at(flag).u1;
+        const std::vector<double>& places = content.at(place).f8;
+        const std::size_t columns = places.size() / there.size();
+        bool zeros = true;
+        for (std::size_t i = 0; i < places.size(); ++i) {
+            zeros = zeros && (there[i / columns] != 0 || places[i] == 0);
+        }
+        findings.require(zeros, "corrupt.value", place, "holds a place of a finding without one");
+    }
+    findings.require(
+        !content.has("/findings/place_m") || content.at("/@frame").string() != "image",
+        "corrupt.group", "/findings/place_m", "must not be in the frame 'image'");
+    const Value *by = content.find("/findings/answered_by"),
+                *when = content.find("/findings/answered_utc");
+    findings.require((by == nullptr) == (when == nullptr), "corrupt.missing", "/findings",
+                     "/findings/answered_by and /findings/answered_utc need each other");
+    if (by == nullptr || when == nullptr) return;
+    for (std::size_t i = 0; i < by->text.size(); ++i) {
+        const std::string& time = when->text[i];
+        const bool answered = !by->text[i].empty();
+        findings.require(answered ? is_utc_time(time) : time.empty(), "corrupt.value",
+                         "/findings/answered_utc",
+                         "is " + in_quotes(time) + "; " +
+                             (answered ? "YYYY-MM-DDThh:mm:ssZ" : "nothing") + " wanted");
+    }
+}
+
+inline void check_review(const Content& content, Findings& findings) {
+    if (!content.has_group("/review")) return;
+    const std::string &by = content.at("/review@by").string(),
+                      &time = content.at("/review@utc").string(),
+                      &digest = content.at("/review@digest").string();
+    findings.require(!by.empty(), "corrupt.value", "/review@by", "is empty");
+    findings.require(is_utc_time(time), "corrupt.value", "/review@utc",
+                     "is " + in_quotes(time) + "; YYYY-MM-DDThh:mm:ssZ wanted");
+    findings.require(is_sha256(digest), "corrupt.value", "/review@digest",
+                     "is " + in_quotes(digest) + "; 64 hexadecimal digits wanted");
+}
+
 inline void check_pairs(const Content& content, Findings& findings) {
     for (const auto& [one, other] :
          {std::pair{"/provenance/input_roles", "/provenance/input_sha256"},
@@ -217,6 +270,19 @@ inline void check_provenance(const Content& content, Findings& findings) {
 
 }  // namespace detail
 
+/// How many doubts of a checked content nobody has answered.
+inline std::size_t count_unanswered(const Content& content) {
+    if (!content.has("/findings/severity")) return 0;
+    const std::vector<std::string>& severity = content.at("/findings/severity").text;
+    const Value* by = content.find("/findings/answered_by");
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < severity.size(); ++i) {
+        const bool answered = by != nullptr && !by->text[i].empty();
+        if (severity[i] == "doubt" && !answered) ++count;
+    }
+    return count;
+}
+
 /// A rule: reports to findings what does not hold; throws Absent if a value it needs is missing.
 using CheckOf = void (*)(const Content&, Findings&);
 
@@ -231,7 +297,8 @@ inline void check(const Content& content, Findings& findings) {
     for (const CheckOf rule : {detail::check_understood, detail::check_groups, detail::check_frames,
                                detail::check_identity, detail::check_curve, detail::check_pieces,
                                detail::check_mesh, detail::check_rendering, detail::check_guidance,
-                               detail::check_registration, detail::check_provenance}) {
+                               detail::check_registration, detail::check_findings,
+                               detail::check_review, detail::check_provenance}) {
         apply(rule);
     }
     if (findings.sound()) apply(detail::check_leak);

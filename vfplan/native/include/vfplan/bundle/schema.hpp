@@ -57,7 +57,7 @@ inline constexpr std::uint64_t attributes_per_object = 16;
 inline constexpr std::uint64_t links_per_group = 32;
 }  // namespace limits
 
-inline constexpr std::array<Size, 12> sizes{
+inline constexpr std::array<Size, 13> sizes{
     Size{'N', 4000000},
     Size{'S', 100000},
     Size{'M', 10000},
@@ -70,9 +70,10 @@ inline constexpr std::array<Size, 12> sizes{
     Size{'H', 64},
     Size{'E', 200000},
     Size{'V', 1000000},
+    Size{'F', 1000},
 };
 
-inline constexpr std::array<Row, 70> rows{
+inline constexpr std::array<Row, 86> rows{
     Row{"/", Kind::group, Type::none, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
     Row{"/@format", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "vfplan-fixture", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
     Row{"/@version", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
@@ -85,6 +86,7 @@ inline constexpr std::array<Row, 70> rows{
     Row{"/curve/stroke", Kind::dataset, Type::i4, Required::group, {"N", ""}, "1", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}},
     Row{"/curve/closed", Kind::dataset, Type::u1, Required::group, {"S", ""}, "1", "", "", -infinity, 1.0, -infinity, infinity, infinity, {2, 0}},
     Row{"/curve/bridged", Kind::dataset, Type::u1, Required::optional, {"N", ""}, "1", "", "", -infinity, 1.0, -infinity, infinity, infinity, {2, 0}},
+    Row{"/curve/edited", Kind::dataset, Type::u1, Required::optional, {"N", ""}, "1", "", "", -infinity, 1.0, -infinity, infinity, infinity, {2, 0}},
     Row{"/pieces", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
     Row{"/pieces/vertices", Kind::dataset, Type::f8, Required::group, {"V", "3"}, "@frame", "@frame", "", -infinity, infinity, -infinity, 100.0, 1000000.0, {2, 0}},
     Row{"/pieces/bulges", Kind::dataset, Type::f8, Required::group, {"V", ""}, "1", "", "", -1.0, 1.0, -infinity, infinity, infinity, {2, 0}},
@@ -135,6 +137,21 @@ inline constexpr std::array<Row, 70> rows{
     Row{"/leak@between_m", Kind::attribute, Type::f8, Required::optional, {"", ""}, "m", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}},
     Row{"/leak/between_place", Kind::dataset, Type::f8, Required::optional, {"3", ""}, "@frame", "@frame", "", -infinity, infinity, -infinity, 100.0, infinity, {2, 0}},
     Row{"/leak@open_edges", Kind::attribute, Type::i4, Required::optional, {"", ""}, "1", "", "", 1.0, infinity, -infinity, infinity, infinity, {2, 0}},
+    Row{"/findings", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
+    Row{"/findings/code", Kind::dataset, Type::text, Required::group, {"F", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
+    Row{"/findings/severity", Kind::dataset, Type::text, Required::group, {"F", ""}, "", "", "note|doubt", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
+    Row{"/findings/text", Kind::dataset, Type::text, Required::group, {"F", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
+    Row{"/findings/stage", Kind::dataset, Type::text, Required::group, {"F", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
+    Row{"/findings/has_place_px", Kind::dataset, Type::u1, Required::optional, {"F", ""}, "1", "", "", -infinity, 1.0, -infinity, infinity, infinity, {2, 0}},
+    Row{"/findings/place_px", Kind::dataset, Type::f8, Required::optional, {"F", "2"}, "px", "image", "", -infinity, infinity, -infinity, infinity, 1000000.0, {2, 0}},
+    Row{"/findings/has_place_m", Kind::dataset, Type::u1, Required::optional, {"F", ""}, "1", "", "", -infinity, 1.0, -infinity, infinity, infinity, {2, 0}},
+    Row{"/findings/place_m", Kind::dataset, Type::f8, Required::optional, {"F", "3"}, "m", "@frame", "", -infinity, infinity, -infinity, 100.0, infinity, {2, 0}},
+    Row{"/findings/answered_by", Kind::dataset, Type::text, Required::optional, {"F", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
+    Row{"/findings/answered_utc", Kind::dataset, Type::text, Required::optional, {"F", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
+    Row{"/review", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
+    Row{"/review@by", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
+    Row{"/review@utc", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
+    Row{"/review@digest", Kind::attribute, Type::text, Required::group, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
     Row{"/provenance", Kind::group, Type::none, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
     Row{"/provenance@created_utc", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
     Row{"/provenance@software", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},

@@ -25,11 +25,12 @@ struct Seal {
     std::uint64_t payload_length = 0;
     Digest digest{};  // SHA-256 of the payload
     bool is_signed = false;
+    bool despite_findings = false;  // signed with open findings, or without a review
     std::array<unsigned char, 16> key_id{};
     std::array<unsigned char, 64> signature{};
     std::string case_token;        // empty: not given
     std::string robot_serial;      // empty: not given
-    std::uint64_t registered = 0;  // seconds since 1970 UTC; 0: not given
+    std::uint64_t signed_at = 0;   // seconds since 1970 UTC; 0: not given
     Bytes signed_message;          // what the signature covers
 };
 
@@ -111,7 +112,7 @@ inline void check_texts(View seal) {
                                      [&](std::uint32_t size) { return size >= end + tail_size; });
     require(*least == seal.size(), "the seal is longer than its texts need");
     const auto flags = number_at(seal, 10, 2);
-    require((flags & ~std::uint64_t{1}) == 0 && seal.part(end, room - end).all_zero(),
+    require((flags & ~std::uint64_t{3}) == 0 && seal.part(end, room - end).all_zero(),
             "the seal holds something unknown");
 }
 
@@ -121,16 +122,16 @@ inline void read_signed(Seal& seal, View block) {
     };
     std::copy_n(block.begin() + 56, 16, seal.key_id.begin());
     std::copy_n(block.begin() + 72, 64, seal.signature.begin());
-    seal.registered = number_at(block, 136, 8);
+    seal.signed_at = number_at(block, 136, 8);
     seal.case_token = block.part(head_size, count(144)).text();
     seal.robot_serial = block.part(head_size + count(144), count(146)).text();
     for (const std::string* part : {&seal.case_token, &seal.robot_serial}) {
         require(is_utf8(*part), "the seal's texts are not UTF-8");
         require(!has_control(*part), "the seal's texts hold control characters");
     }
-    require(seal.registered <= latest, "registered " + std::to_string(seal.registered) +
-                                           " s after 1970; at most " + std::to_string(latest) +
-                                           " allowed");
+    require(seal.signed_at <= latest, "signed " + std::to_string(seal.signed_at) +
+                                          " s after 1970; at most " + std::to_string(latest) +
+                                          " allowed");
     // Everything but the signature itself, and the tail, which repeats what is known.
     const View body = block.first(block.size() - tail_size);
     seal.signed_message.assign(signed_domain.begin(), signed_domain.end());
@@ -145,7 +146,11 @@ inline Seal read_seal(View block) {
     require(std::equal(digest.begin(), digest.end(), block.begin() + body.size()),
             "the seal itself is damaged: its SHA-256 differs");
     Seal seal;
-    seal.is_signed = (number_at(block, 10, 2) & 1) != 0;
+    const auto flags = number_at(block, 10, 2);
+    seal.is_signed = (flags & 1) != 0;
+    seal.despite_findings = (flags & 2) != 0;
+    require(seal.is_signed || !seal.despite_findings,
+            "the seal is unsigned and yet signed in spite of findings");
     seal.payload_length = number_at(block, 16, 8);
     std::copy_n(block.begin() + 24, 32, seal.digest.begin());
     if (seal.is_signed) {

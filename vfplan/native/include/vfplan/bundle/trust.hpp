@@ -98,7 +98,7 @@ struct Trust {
     std::vector<PublicKey> keys;
     std::optional<std::string> case_token;
     std::optional<std::string> robot_serial;
-    std::optional<std::chrono::seconds> max_age;  // since the registration
+    std::optional<std::chrono::seconds> max_age;  // since the signing
 };
 
 inline bool signature_holds(const Seal& seal, const PublicKey& key) {
@@ -130,16 +130,16 @@ inline void require_signature(
         throw BundleError("signature.robot", "", "signed for another robot");
     }
     if (!trust.max_age) return;
-    if (seal.registered == 0) {
-        throw BundleError("signature.age", "", "no registration time was signed");
+    if (seal.signed_at == 0) {
+        throw BundleError("signature.age", "", "does not state when it was signed");
     }
     const auto age = std::chrono::duration_cast<std::chrono::seconds>(now.time_since_epoch()) -
-                     std::chrono::seconds(static_cast<std::int64_t>(seal.registered));
+                     std::chrono::seconds(static_cast<std::int64_t>(seal.signed_at));
     if (age > *trust.max_age) {
-        throw BundleError("signature.age", "", "the registration is too old");
+        throw BundleError("signature.age", "", "was signed too long ago");
     }
     if (age < std::chrono::seconds(-60)) {
-        throw BundleError("signature.age", "", "the registration lies in the future");
+        throw BundleError("signature.age", "", "the time of signing lies in the future");
     }
 }
 
@@ -149,7 +149,7 @@ inline Bundle read_bundle(View data, const Trust& trust) {
     Bundle bundle{{}, unseal(data, payload)};
     require_signature(bundle.seal, trust);
     Findings findings(true);
-    bundle.content = read_payload(payload, data.size(), findings);
+    bundle.content = read_sealed(bundle.seal, payload, data.size(), findings);
     return bundle;
 }
 

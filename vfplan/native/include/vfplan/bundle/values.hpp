@@ -197,13 +197,17 @@ std::pair<double, double> extent(const std::vector<T>& numbers) {
 /// Refuses a value outside of its row's range; `unit` is "m", "px" or another.
 inline void check_range(const Value& value, const Row& row, std::string_view unit) {
     if (row.type == Type::text) {
-        if (row.allowed.empty() || is_allowed(value.string(), row.allowed)) return;
-        std::string choice(row.allowed);
-        for (std::size_t at; (at = choice.find('|')) != std::string::npos;) {
-            choice.replace(at, 1, " or ");
+        if (row.allowed.empty()) return;
+        for (const std::string& text : value.text) {
+            if (is_allowed(text, row.allowed)) continue;
+            std::string choice(row.allowed);
+            for (std::size_t at; (at = choice.find('|')) != std::string::npos;) {
+                choice.replace(at, 1, " or ");
+            }
+            require(false, "corrupt.value", row,
+                    "is " + in_quotes(text) + "; " + choice + " allowed");
         }
-        return require(false, "corrupt.value", row,
-                       "is " + in_quotes(value.string()) + "; " + choice + " allowed");
+        return;
     }
     const auto [low, high] = row.type == Type::f8   ? extent(value.f8)
                              : row.type == Type::i4 ? extent(value.i4)

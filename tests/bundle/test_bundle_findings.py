@@ -1,0 +1,161 @@
+"""What planning found and who looked at it: in the file, and before a signature."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bundles
+import damage
+import pytest
+
+import vfplan
+from vfplan.bundle import describe, keygen, read_bundle, seal, sign, validate
+from vfplan.errors import BundleError, CheckFailed, InputError
+from vfplan.findings import doubt, note
+from vfplan.fixture import Review
+from vfplan.io.disk import jsonable
+
+MAKE = {
+    "findings": bundles.doubtful,
+    "review": bundles.reviewed,
+    "notes alone": lambda: replace(bundles.whole(), findings=(note("seen", "plan", "Nothing."),)),
+}
+
+
+@pytest.fixture
+def key(tmp_path):
+    keygen(tmp_path / "key")
+    return tmp_path / "key"
+
+
+@pytest.mark.parametrize("make", MAKE.values(), ids=MAKE)
+def test_findings_and_review_are_read_as_they_were_written(make, tmp_path):
+    vfplan.write_fixture(make(), tmp_path / "a.h5")
+    bundles.same(vfplan.read_fixture(tmp_path / "a.h5"), make())
+
+
+def test_a_fixture_without_findings_has_no_group_for_them(tmp_path):
+    vfplan.write_fixture(bundles.whole(), tmp_path / "a.h5")
+    content, _ = read_bundle(tmp_path / "a.h5")
+    assert not [path for path in content if path.startswith(("/findings", "/review"))]
+    fixture = vfplan.read_fixture(tmp_path / "a.h5")
+    assert (fixture.findings, fixture.reviewed, fixture.curve.edited) == ((), None, None)
+
+
+WRONG = {
+    "a code of two words": ("/findings/code", {"code": "two words"}),
+    "an unknown severity": ("/findings/severity", {"severity": "error"}),
+    "an answer without a time": ("/findings/answered_utc", {"answered_by": "A"}),
+    "an answer at no time": (
+        "/findings/answered_utc",
+        {"answered_by": "A", "answered_utc": "yesterday"},
+    ),
+    "a time without an answer": (
+        "/findings/answered_utc",
+        {"answered_utc": "2026-01-02T03:05:06Z", "answered_by": ""},
+    ),
+    "a place out of range": ("/findings/place_m", {"place_m": (0.0, 0.0, 1e3)}),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_finding_that_breaks_a_rule_is_not_written(name, tmp_path):
+    where, change = WRONG[name]
+    first = replace(bundles.FINDINGS[3], answered_utc=None, answered_by=None)
+    answered = bundles.FINDINGS[3]
+    fixture = replace(bundles.whole(), findings=(replace(first, **change), answered))
+    with pytest.raises(InputError) as raised:
+        vfplan.write_fixture(fixture, tmp_path / "a.h5")
+    assert raised.value.where == where
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        ({"by": ""}, "/review@by"),
+        ({"utc": "2026-01-02"}, "/review@utc"),
+        ({"digest": "0F" * 32}, "/review@digest"),
+    ],
+)
+def test_a_review_that_breaks_a_rule_is_not_written(change, where, tmp_path):
+    review = replace(Review("A", "2026-01-02T03:06:00Z", "0f" * 32), **change)
+    with pytest.raises(InputError) as raised:
+        vfplan.write_fixture(replace(bundles.whole(), reviewed=review), tmp_path / "a.h5")
+    assert raised.value.where == where
+
+
+def test_a_place_in_metres_has_no_meaning_on_a_slice(tmp_path):
+    finding = doubt("odd", "extract", "Odd.", place_m=(0.0, 0.0, 0.0))
+    with pytest.raises(InputError) as raised:
+        vfplan.write_fixture(replace(bundles.pixels(), findings=(finding,)), tmp_path / "a.h5")
+    assert raised.value.where == "/findings/place_m"
+
+
+def test_info_validate_and_verify_show_findings_and_review(vfplan_cli, key, tmp_path):
+    vfplan.write_fixture(bundles.doubtful(), tmp_path / "a.h5")
+    info = vfplan_cli("info", tmp_path / "a.h5", "--json").json
+    assert info["findings"] == jsonable([finding.as_dict() for finding in bundles.FINDINGS])
+    assert info["reviewed"] is None
+    issues = {i.code: i.severity for i in validate(tmp_path / "a.h5")}
+    assert issues["end-other-colour"] == issues["tick-too-long"] == "warning"
+    assert issues["bridge-short"] == issues["marker-suspect"] == "note"
+    assert issues["review.missing"] == "note"
+    words = ["--key", key, "--case", "C 1", "--robot-serial", "R7", "--despite-findings"]
+    done = vfplan_cli("sign", tmp_path / "a.h5", *words, "-o", tmp_path / "s.h5")
+    assert done.code == 0
+    run = vfplan_cli("verify", tmp_path / "s.h5", "--keys", f"{key}.pub", "--json")
+    assert run.json["despite_findings"]
+    assert len(run.json["findings"]) == 4
+    for command in (["info"], ["verify", "--keys", f"{key}.pub"]):
+        text = vfplan_cli(command[0], tmp_path / "s.h5", *command[1:]).stdout
+        for part in ("C 1", "R7", run.json["signed_utc"], "end-other-colour", "not answered"):
+            assert part in text
+
+
+@pytest.mark.parametrize(
+    ("make", "code", "open_codes"),
+    [
+        (bundles.doubtful, "findings-unanswered", ["end-other-colour", "tick-too-long"]),
+        (bundles.whole, "not-reviewed", None),
+    ],
+)
+def test_what_is_open_or_not_reviewed_is_signed_only_when_told(
+    make, code, open_codes, key, tmp_path
+):
+    vfplan.write_fixture(make(), tmp_path / "a.h5")
+    with pytest.raises(CheckFailed) as raised:
+        sign(tmp_path / "a.h5", tmp_path / "s.h5", key)
+    assert raised.value.code == code
+    assert raised.value.numbers.get("codes") == open_codes
+    assert not (tmp_path / "s.h5").exists()
+    assert sign(tmp_path / "a.h5", tmp_path / "s.h5", key, despite_findings=True).despite_findings
+    assert describe(tmp_path / "s.h5")["seal"]["despite_findings"]
+
+
+@pytest.mark.parametrize("despite", [False, True])
+def test_what_is_answered_and_reviewed_is_signed_without_a_mark(despite, key, tmp_path):
+    vfplan.write_fixture(bundles.reviewed(), tmp_path / "a.h5")
+    signed = sign(tmp_path / "a.h5", tmp_path / "s.h5", key, despite_findings=despite)
+    assert not signed.despite_findings
+    assert vfplan.read_fixture(tmp_path / "s.h5").reviewed == bundles.reviewed().reviewed
+
+
+@pytest.mark.parametrize("make", [bundles.doubtful, bundles.whole, bundles.reviewed])
+def test_a_seal_that_hides_findings_or_invents_them_is_refused(make, key, tmp_path):
+    """Also of a key that is trusted: another program may have signed."""
+    vfplan.write_fixture(make(), tmp_path / "a.h5")
+    sign(tmp_path / "a.h5", tmp_path / "s.h5", key, despite_findings=True)
+    data = bytearray((tmp_path / "s.h5").read_bytes())
+    read_bundle(bytes(data))
+    data[len(data) - damage.SEAL + 10] ^= seal.DESPITE_FINDINGS
+    with pytest.raises(BundleError) as raised:
+        read_bundle(damage.resealed(bytes(data), damaged_seal=True))
+    assert raised.value.code == "unsafe.findings"
+
+
+def test_an_unsigned_seal_is_not_signed_in_spite_of_anything(tmp_path):
+    vfplan.write_fixture(bundles.doubtful(), tmp_path / "a.h5")
+    data = bytearray((tmp_path / "a.h5").read_bytes())
+    data[len(data) - damage.SEAL + 10] |= seal.DESPITE_FINDINGS
+    with pytest.raises(BundleError):
+        read_bundle(damage.resealed(bytes(data), damaged_seal=True))
