@@ -159,9 +159,12 @@ def test_signature_can_be_demanded(vfplan_cli, files, tmp_path):
     assert made.code == 0, made.stderr
     public = key.with_suffix(".pub.pem") if key.with_suffix(".pub.pem").exists() else None
     public = public or next(p for p in tmp_path.iterdir() if p != key)
-    assert vfplan_cli(
-        "sign", files[0], "--key", key, "--case", "C1", "--despite-findings", "-o", signed
-    ).code == 0
+    assert (
+        vfplan_cli(
+            "sign", files[0], "--key", key, "--case", "C1", "--despite-findings", "-o", signed
+        ).code
+        == 0
+    )
     demand = ("--require-signature", public)
     assert vfplan_cli("replay", files[0], files[1], *demand).code == 4
     assert vfplan_cli("replay", signed, files[1], *demand, "--case", "C2").code == 4

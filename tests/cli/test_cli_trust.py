@@ -57,8 +57,8 @@ MARKERS = "elbow_markers_image.csv elbow_markers_robot.csv"
 PLAN = f"plan elbow.png {MARKERS} --pixel-spacing 0.5 {PICTURES}"
 WORDS = ["--version", f"{PLAN} -o p.h5", "replay f.h5 s.csv -o r.h5 --csv r.csv --report page",
          "validate f.h5", "info f.h5", "migrate old.h5 -o n.h5", "keygen -o k", "diff f.h5 f.h5",
-         "sign f.h5 --key k --despite-findings -o signed.h5", "verify signed.h5 --keys k.pub", "view f.h5 r.h5",
-         "import p.csv --units mm -o i.h5", "export f.h5 -o e.ply",
+         "sign f.h5 --key k --despite-findings -o signed.h5", "verify signed.h5 --keys k.pub",
+         "view f.h5 r.h5", "import p.csv --units mm -o i.h5", "export f.h5 -o e.ply",
          "stability f.h5 --part closed-loop --jobs 2 -o s"]  # fmt: skip
 LONG_WORDS = ["extract elbow.png --pixel-spacing 0.5 -o c.h5", "demo -o demo",
               f"register c.h5 {MARKERS} -o g.h5",

@@ -62,7 +62,8 @@ CASES = {
     "import": ["import", "p.csv", "--units", "m", "-o", "i.h5"],
     "export": ["export", "f.h5", "-o", "x.ply"],
     "migrate": ["migrate", "0.1.h5", "-o", "m.h5"],
-    "sign": ["sign", "f.h5", "--key", "key.pem", "--despite-findings", "-o", "old.h5", "--overwrite"],
+    "sign": ["sign", "f.h5", "--key", "key.pem", "--despite-findings",
+             "-o", "old.h5", "--overwrite"],
     "keygen": ["keygen", "-o", "new"],
     "keygen over old keys": ["keygen", "-o", "old", "--overwrite"],
 }  # fmt: skip

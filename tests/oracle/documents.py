@@ -32,7 +32,7 @@ COMMANDS = {
     "export": "export elbow.h5 -o elbow.dxf",
     "view": "view elbow.h5 --screenshot view.png",
     "keygen": "keygen -o planner.key",
-    "sign": "sign elbow.h5 --key planner.key --case case-17 -o signed.h5",
+    "sign": "sign elbow.h5 --key planner.key --case case-17 --despite-findings -o signed.h5",
     "verify": "verify signed.h5 --keys planner.pub --case case-17",
     "diff": "diff elbow.h5 guided.h5",
     "replay": "replay elbow.h5 elbow_session.csv -o result.h5",

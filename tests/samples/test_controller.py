@@ -151,9 +151,12 @@ def test_replay_reproduces_the_log_bit_for_bit(
     fixture, session = request.getfixturevalue(scene), tmp_path / "session.csv"
     seconds = 5 if scene == "planned" else 2  # its hand has further to go
     asked = ("--rule", rule) if rule else ()
+    # The surface of the bone comes with a doubt about its ends, which nobody has answered here.
+    despite = ("--despite-findings",) if scene == "bone" else ()
     done = controller(
-        fixture, "--form", form, *asked, "--seconds", seconds, "--log", session, "--simulated-time"
-    )
+        fixture, "--form", form, *asked, *despite, "--seconds", seconds, "--log", session,
+        "--simulated-time",
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     result = tmp_path / "result.h5"
     report = vfplan_cli("replay", fixture, session, "-o", result, *asked, "--json")

@@ -705,6 +705,89 @@ def bare_cloud_called_certified(f):
     text(f["leak"], "kind", "cloud")
 
 
+# --- findings and review -----------------------------------------------------------------------
+
+
+def findings(f, **change):
+    """One open doubt, with what `change` puts in place of its values."""
+    texts = {"code": "odd", "severity": "doubt", "text": "Odd.", "stage": "plan"}
+    group = f.create_group("findings")
+    for name, value in (texts | change).items():
+        group.create_dataset(name, data=np.array([value.encode()]))
+
+
+@case
+def finding_of_an_unknown_severity(f):
+    findings(f, severity="error")
+
+
+@case
+def finding_with_a_code_of_two_words(f):
+    findings(f, code="very odd")
+
+
+@case
+def finding_answered_by_somebody_at_no_time(f):
+    findings(f, answered_by="A. Planner")
+
+
+@case
+def finding_with_a_place_that_is_not_there(f):
+    findings(f)
+    group = f["findings"]
+    text(group.create_dataset("has_place_px", data=np.zeros(1, "u1")), "unit", "1")
+    place = group.create_dataset("place_px", data=np.ones((1, 2)))
+    text(place, "unit", "px")
+    text(place, "frame", "image")
+
+
+@case
+def place_of_a_finding_without_its_flag(f):
+    findings(f)
+    place = f["findings"].create_dataset("place_px", data=np.ones((1, 2)))
+    text(place, "unit", "px")
+    text(place, "frame", "image")
+
+
+@case
+def finding_without_words(f):
+    findings(f)
+    del f["findings/text"]
+
+
+def review(f, **change):
+    group = f.create_group("review")
+    values = {"by": "A. Planner", "utc": "2026-01-02T03:04:05Z", "digest": "0f" * 32} | change
+    for name, value in values.items():
+        if value is not None:
+            text(group, name, value)
+
+
+@case
+def review_by_nobody(f):
+    review(f, by="\0")
+
+
+@case
+def review_at_no_time(f):
+    review(f, utc="yesterday")
+
+
+@case
+def review_of_nothing(f):
+    review(f, digest=None)
+
+
+@accepted
+def one_open_finding(f):
+    findings(f)
+
+
+@accepted
+def a_review(f):
+    review(f)
+
+
 # --- format and version ----------------------------------------------------------------------
 
 
@@ -834,8 +917,8 @@ def fewer_bulges_than_vertices(f):
     pieces(f, bulges=(0.0, 0.5, 0.0))
 
 
-@accepted
-def lines_and_arcs(f):
+@case
+def lines_and_arcs_of_another_curve(f):
     pieces(f)
 
 
@@ -979,7 +1062,7 @@ def whole_files():
     yield "seal_in_front", b"VFPLSEAL" + data[8:]
     for name, at, value, width in (
         ("seal_of_a_later_version", 8, 3, 2),
-        ("seal_with_an_unknown_flag", 10, 2, 2),
+        ("seal_with_an_unknown_flag", 10, 4, 2),
         ("seal_of_another_length", 12, 1024, 4),
         ("seal_of_another_payload", 16, length, 8),
         ("unsigned_seal_with_a_key", 56, 1, 1),
@@ -1004,3 +1087,6 @@ def files():
         yield name, data, False
     for name, function in ACCEPTED.items():
         yield name, damage.sealed(changed(function)), True
+    for name in ("drawn", "doubtful", "reviewed", "sheet", "patient", "pixels"):
+        content = completed(to_content(getattr(bundles, name)()))
+        yield name, damage.sealed(to_payload(content)), True

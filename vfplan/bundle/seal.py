@@ -1,9 +1,9 @@
 """The seal behind a bundle's HDF5 file: it says what the bytes are, and who vouches for them.
 
-Layout, little-endian, with the length L of the whole file, the length B of the seal, and P = L - B
-(docs/format.md, section 4):
+Layout, little-endian (docs/format.md, section 4). L is the length of the whole file, B that of the
+seal, and P = L - B:
 
-    P + 0     8  magic "VFPLSEAL"        P + 136    8  time of signing [s since 1970 UTC], 0: not given
+    P + 0     8  magic "VFPLSEAL"        P + 136    8  time of signing [s since 1970], 0: not given
     P + 8     2  seal version, 2         P + 144    2  length of the case token
     P + 10    2  flags                   P + 146    2  length of the robot's serial
     P + 12    4  B                       P + 148       case token, serial (UTF-8), zeros

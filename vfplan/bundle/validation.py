@@ -14,13 +14,11 @@ from vfplan.bundle.content import findings_of, from_content
 from vfplan.bundle.leak import sorted_edges
 from vfplan.bundle.read import opened_source, unsealed
 from vfplan.bundle.schema import Content
-from vfplan.engine.proxy import ProxyEngine
 from vfplan.engine.renderable import work_doubt
 from vfplan.errors import BundleError, SceneError
 from vfplan.fixture import Fixture, size_doubt
 
 Severity = Literal["error", "warning", "note"]
-RESIDUAL_TOLERANCE_M = 1e-6
 UNSIGNED = "is not signed: protected against accident, not against intent"
 SAME = 1e-9  # relative agreement of a stored certificate with a recomputed one
 
@@ -54,9 +52,9 @@ def validate(source: str | Path | bytes) -> list[Issue]:
         content, found = sealed.read(strict=False)
         del sealed  # the certificate needs the memory
     issues += [Issue(*issue) for issue in found]
-    checks = [_size, _residuals, _paths]
+    checks = [_size, _paths]
     if not any(issue.severity == "error" for issue in issues):
-        checks = [_findings, _certificate, _rendering, _pieces, *checks]
+        checks = [_certificate, _rendering, *checks, _findings]
     return issues + [issue for check in checks for issue in check(content)]
 
 
@@ -118,29 +116,6 @@ def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
     return doubt and ("rendering.work", f"{doubt}; it is for replay and study, not for a robot")
 
 
-def _pieces(content: Content) -> Iterator[Issue]:
-    """Points and pieces are one curve: which of them is rendered depends on the controller."""
-    if "/pieces/vertices" not in content or "/rendering/stiffness" not in content:
-        return
-    from scipy.spatial import cKDTree
-
-    fixture = from_content(content)
-    pieces, across = fixture.pieces, np.eye(3) - np.outer(fixture.ignore_axis, fixture.ignore_axis)
-    engine = ProxyEngine.along(pieces, ignore_axis=fixture.ignore_axis)
-    off = float(engine.distance(fixture.points).max())
-    most = 2 * pieces.error + RESIDUAL_TOLERANCE_M
-    away = cKDTree(fixture.points @ across).query(pieces.vertices @ across)[0].max()
-    apart = "engines that know points alone render another curve"
-    largest = content["/leak@largest_m"] + most
-    for what, found, allowed in (
-        ("points lie up to {} m from the lines and arcs", off, most),
-        ("vertices lie up to {} m from the points", away, largest),
-    ):
-        if found > allowed:
-            text = f"{what.format(f'{found:.3g}')}, at most {allowed:.3g} m wanted: {apart}"
-            yield Issue("/pieces", "pieces.apart", "warning", text)
-
-
 def _size(content: Content) -> Iterator[Issue]:
     """A slip of units, which no rule of the format can see."""
     if content.get("/@frame") == "image" or "/points" not in content:
@@ -148,20 +123,6 @@ def _size(content: Content) -> Iterator[Issue]:
     doubt = size_doubt(content["/points"])
     if doubt is not None:
         yield Issue("/points", "points.size", "warning", doubt)
-
-
-def _residuals(content: Content) -> Iterator[Issue]:
-    """The stored residuals are those of the stored transform and markers."""
-    try:
-        T, source = content["/registration/T_robot_image"], content["/registration/source"]
-        target, stored = content["/registration/target"], content["/registration/residuals"]
-        moved = np.column_stack([source, np.ones(len(source))]) @ T.T
-    except (KeyError, ValueError):
-        return
-    worst = float(np.max(np.abs(np.linalg.norm(moved[:, :3] - target, axis=1) - stored)))
-    if worst > RESIDUAL_TOLERANCE_M:
-        text = f"differ by up to {worst:.3g} m from what transform and markers give"
-        yield Issue("/registration/residuals", "registration.residuals", "warning", text)
 
 
 def _paths(content: Content) -> Iterator[Issue]:

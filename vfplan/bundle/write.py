@@ -17,12 +17,24 @@ from vfplan._core import read_payload
 from vfplan.bundle import leak, seal
 from vfplan.bundle.content import to_content
 from vfplan.bundle.schema import FORMAT, VERSION, Content, Row, document, table
-from vfplan.errors import InputError, OutputError, SceneError
+from vfplan.errors import InputError, OutputError, SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import write_whole
 from vfplan.io.hdf5 import h5py
 
 h5f, h5g, h5p = h5py.h5f, h5py.h5g, h5py.h5p
+GEOMETRY = (
+    "/points",
+    "/mesh/triangles",
+    "/pieces/vertices",
+    "/pieces/bulges",
+    "/pieces/stroke",
+)
+"""What `/@id` is the digest of, behind the frame."""
+
+DISAGREEING = ("unsafe.pieces", "unsafe.mesh", "unsafe.stability", "unsafe.registration")
+"""Codes of values that are sound each, and do not fit together."""
+
 UNITS_OF_FRAME = {"image": "px", "robot_base": "m", "patient_lps": "m"}
 
 
@@ -38,6 +50,9 @@ def write_fixture(fixture: Fixture, path: str | Path, *, overwrite: bool = False
         The path exists and `overwrite` is false, or cannot be written.
     SceneError
         The fixture leaks between samples: its own proxy can pass through.
+    SettingError
+        Its parts do not agree: its lines and arcs are not the curve of its points, its stability
+        verdict is about another stiffness, its registration about other markers or points.
     InputError
         The fixture breaks another rule of the format.
     """
@@ -56,7 +71,9 @@ def completed(content: Content) -> Content:
     _check_texts(content)
     # The id of the geometry: equal for equal points in the same frame.
     digest = hashlib.sha256(content["/@frame"].encode() + b"\0")
-    digest.update(np.ascontiguousarray(content["/points"], dtype="<f8").data)
+    for path in GEOMETRY:
+        if path in content:
+            digest.update(np.ascontiguousarray(content[path]).data)
     content["/@id"] = digest.hexdigest()[:32]
     if "/rendering@contact_radius_m" in content:
         # Of arrays that do not fit together there is none: the reader says what is wrong.
@@ -87,6 +104,8 @@ def write_content(content: Content, path: Path, *, overwrite: bool) -> None:
         where, code, message = min(errors, key=lambda error: error[0].startswith("/leak"))
         if code == "unsafe.leak":
             raise SceneError(message)
+        if code in DISAGREEING:
+            raise SettingError(message, where=where, code=code)
         raise InputError(f"no bundle can hold this: {message}", where=where)
     write_whole(path, parts, overwrite=overwrite)
 

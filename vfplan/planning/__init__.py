@@ -201,7 +201,7 @@ def register(
     findings += rendered.findings
     findings += guide_findings
     findings += _fixture_findings(fixture)
-    # What was found on the slice travels on with it; a place in the curve's own frame would not fit.
+    # What was found before travels on, without places in a frame that the fixture leaves.
     before = tuple(replace(finding, place_m=None) for finding in curve.findings)
     fixture = replace(fixture, findings=(*before, *findings))
     return Planned(fixture, registration, report, tuple(findings))

@@ -60,8 +60,8 @@ struct Fixture {
     std::optional<Guidance> guidance;
     bool certified = false;  // no proxy of this radius passes between samples
     std::string created_utc;
-    std::vector<vfplan::Stroke> pieces;  // lines and arcs, a stroke each; none where unknown
-    std::vector<std::int32_t> mesh;      // three points a triangle, or empty
+    std::vector<vfplan::Stroke> pieces;   // lines and arcs, a stroke each; none where unknown
+    std::vector<std::int32_t> mesh;       // three points a triangle, or empty
     std::size_t findings_unanswered = 0;  // doubts of the planning that nobody has answered
     bool reviewed = false;                // a person looked at the plan and approved it
     Seal seal;

@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "vfplan/bundle/agreement.hpp"
 #include "vfplan/bundle/content.hpp"
 #include "vfplan/bundle/digest.hpp"
 #include "vfplan/bundle/finding.hpp"
@@ -69,13 +70,22 @@ inline void check_identity(const Content& content, Findings& findings) {
     const std::string& frame = content.at("/@frame").string();
     const std::vector<double>& points = content.at("/points").f8;
     const std::string& found = content.at("/@id").string();
+    const auto bytes = [](const auto& numbers) {
+        return View(reinterpret_cast<const unsigned char*>(numbers.data()),
+                    numbers.size() * sizeof(numbers[0]));
+    };
     Sha256 sum;
     sum.update({reinterpret_cast<const unsigned char*>(frame.c_str()), frame.size() + 1});
-    sum.update(
-        {reinterpret_cast<const unsigned char*>(points.data()), points.size() * sizeof(double)});
+    sum.update(bytes(points));
+    if (const Value* mesh = content.find("/mesh/triangles")) sum.update(bytes(mesh->i4));
+    if (const Value* vertices = content.find("/pieces/vertices")) {
+        sum.update(bytes(vertices->f8));
+        sum.update(bytes(content.at("/pieces/bulges").f8));
+        sum.update(bytes(content.at("/pieces/stroke").i4));
+    }
     const std::string wanted = to_hex(view(sum.digest())).substr(0, 32);
     findings.require(found == wanted, "corrupt.id", "/@id",
-                     "is " + in_quotes(found) + "; the points give " + in_quotes(wanted));
+                     "is " + in_quotes(found) + "; the geometry gives " + in_quotes(wanted));
 }
 
 /// Whether these are 0, ..., 0, 1, ..., 1, 2, ...
@@ -193,9 +203,8 @@ inline void check_findings(const Content& content, Findings& findings) {
         findings.require(std::all_of(names.begin(), names.end(), is_name), "corrupt.value", path,
                          "may hold letters, digits, '_', '.', '-'");
     }
-    for (const auto& [flag, place] :
-         {std::pair{"/findings/has_place_px", "/findings/place_px"},
-          std::pair{"/findings/has_place_m", "/findings/place_m"}}) {
+    for (const auto& [flag, place] : {std::pair{"/findings/has_place_px", "/findings/place_px"},
+                                      std::pair{"/findings/has_place_m", "/findings/place_m"}}) {
         findings.require(content.has(flag) == content.has(place), "corrupt.missing", "/findings",
                          std::string(flag) + " and " + place + " need each other");
         if (!content.has(flag) || !content.has(place)) continue;
@@ -208,9 +217,8 @@ inline void check_findings(const Content& content, Findings& findings) {
         }
         findings.require(zeros, "corrupt.value", place, "holds a place of a finding without one");
     }
-    findings.require(
-        !content.has("/findings/place_m") || content.at("/@frame").string() != "image",
-        "corrupt.group", "/findings/place_m", "must not be in the frame 'image'");
+    findings.require(!content.has("/findings/place_m") || content.at("/@frame").string() != "image",
+                     "corrupt.group", "/findings/place_m", "must not be in the frame 'image'");
     const Value *by = content.find("/findings/answered_by"),
                 *when = content.find("/findings/answered_utc");
     findings.require((by == nullptr) == (when == nullptr), "corrupt.missing", "/findings",
@@ -294,15 +302,21 @@ inline void check(const Content& content, Findings& findings) {
         } catch (const Absent&) {
         }
     };
-    for (const CheckOf rule : {detail::check_understood, detail::check_groups, detail::check_frames,
-                               detail::check_identity, detail::check_curve, detail::check_pieces,
-                               detail::check_mesh, detail::check_rendering, detail::check_guidance,
-                               detail::check_registration, detail::check_findings,
-                               detail::check_review, detail::check_provenance}) {
+    for (const CheckOf rule :
+         {detail::check_understood, detail::check_groups, detail::check_frames,
+          detail::check_identity, detail::check_curve, detail::check_pieces, detail::check_mesh,
+          detail::check_rendering, detail::check_guidance, detail::check_registration,
+          detail::check_findings, detail::check_review, detail::check_provenance}) {
         apply(rule);
     }
     if (findings.sound()) apply(detail::check_leak);
-    if (!findings.sound()) {
+    const bool certified = findings.sound();
+    if (certified) {
+        for (const CheckOf rule : {detail::check_one_curve, detail::check_corners,
+                                   detail::check_stability, detail::check_registered}) {
+            apply(rule);
+        }
+    } else {
         findings.note("leak.unchecked", "/leak", "not checked, because of the errors above");
     }
 }

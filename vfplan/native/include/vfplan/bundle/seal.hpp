@@ -28,10 +28,10 @@ struct Seal {
     bool despite_findings = false;  // signed with open findings, or without a review
     std::array<unsigned char, 16> key_id{};
     std::array<unsigned char, 64> signature{};
-    std::string case_token;        // empty: not given
-    std::string robot_serial;      // empty: not given
-    std::uint64_t signed_at = 0;   // seconds since 1970 UTC; 0: not given
-    Bytes signed_message;          // what the signature covers
+    std::string case_token;       // empty: not given
+    std::string robot_serial;     // empty: not given
+    std::uint64_t signed_at = 0;  // seconds since 1970 UTC; 0: not given
+    Bytes signed_message;         // what the signature covers
 };
 
 namespace detail {

@@ -1,0 +1,338 @@
+"""What is certified is what is rendered: values of a bundle that must agree.
+
+Each file here holds sound values that do not fit together. It cannot be written by `write_fixture`,
+and under a good seal it is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bundles
+import damage
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import vfplan
+from vfplan.bundle import read_bundle, validate
+from vfplan.bundle.content import to_content
+from vfplan.bundle.write import completed, to_payload
+from vfplan.errors import SettingError, UnsafeError
+from vfplan.fixture import Pieces, StabilityVerdict
+
+SAMPLES = ROOT / "samples"
+
+
+def with_pieces(fixture, **change):
+    return replace(fixture, curve=replace(fixture.curve, pieces=replace(fixture.pieces, **change)))
+
+
+def vertices(change):
+    """The drawn fixture with vertices that `change` makes of the true ones."""
+
+    def make():
+        fixture = bundles.drawn()
+        return with_pieces(fixture, vertices=change(fixture.pieces.vertices.copy()))
+
+    return make
+
+
+def detour(excursion):
+    """A spur of so many metres and back, in the middle of the first line."""
+
+    def make():
+        fixture = bundles.drawn()
+        old = fixture.pieces
+        there = np.array([[0.415, 0, 0.1], [0.415, excursion, 0.1], [0.415, 0, 0.1]])
+        return with_pieces(
+            fixture,
+            vertices=np.insert(old.vertices, 1, there, axis=0),
+            bulges=np.insert(old.bulges, 1, np.zeros(3)),
+            stroke=np.insert(old.stroke, 1, np.zeros(3, np.int32)),
+        )
+
+    return make
+
+
+def moved_points():
+    fixture = bundles.drawn()
+    return replace(fixture, points=fixture.points + np.array([0.05, 0, 0]))
+
+
+def bulged(index, value):
+    def make():
+        fixture = bundles.drawn()
+        bulges = fixture.pieces.bulges.copy()
+        bulges[index] = value
+        return with_pieces(fixture, bulges=bulges)
+
+    return make
+
+
+def shortened():
+    """The pieces stop half way: the rest of the points is certified and not rendered."""
+    fixture = bundles.drawn()
+    old = fixture.pieces
+    keep = np.array([True, True, False, True, True])
+    return with_pieces(
+        fixture, vertices=old.vertices[keep], bulges=old.bulges[keep], stroke=old.stroke[keep]
+    )
+
+
+def lengthened():
+    """The pieces go on beyond the last point."""
+    fixture = bundles.drawn()
+    old = fixture.pieces
+    return with_pieces(
+        fixture,
+        vertices=np.insert(old.vertices, 3, [[0.44, 0.05, 0.1]], axis=0),
+        bulges=np.insert(old.bulges, 3, 0.0),
+        stroke=np.insert(old.stroke, 3, 0).astype(np.int32),
+    )
+
+
+def short_cut():
+    """A second way along the first stroke: every vertex and every point lies on the curve."""
+    fixture = bundles.drawn()
+    old = fixture.pieces
+    there = old.vertices[[2, 0, 1]]
+    return with_pieces(
+        fixture,
+        vertices=np.insert(old.vertices, 3, there, axis=0),
+        bulges=np.insert(old.bulges, 3, np.zeros(3)),
+        stroke=np.insert(old.stroke, 3, np.zeros(3, np.int32)),
+    )
+
+
+def reversed_pieces():
+    fixture = bundles.drawn()
+    old = fixture.pieces
+    order = np.array([2, 1, 0, 3, 4])
+    bulges = old.bulges.copy()
+    bulges[:2] = -old.bulges[[1, 0]]
+    return with_pieces(fixture, vertices=old.vertices[order], bulges=bulges)
+
+
+def tear(vertices):
+    vertices[3:] += [0.054, 0, 0]
+    return vertices
+
+
+OTHER_CURVES = {
+    "vertices moved by 50 mm": vertices(lambda v: v + np.array([0.05, 0, 0])),
+    "vertices collapsed to a dot": vertices(lambda v: 0 * v + v[0]),
+    "a stroke torn off by 54 mm": vertices(tear),
+    "vertices 70 m away": vertices(lambda v: v + np.array([70.0, 0, 0])),
+    "vertices moved by 1 mm": vertices(lambda v: v + np.array([0.001, 0, 0])),
+    "points moved by 50 mm": moved_points,
+    "a spur of 5 mm": detour(0.005),
+    "an arc turned over": bulged(1, -np.tan(np.pi / 8)),
+    "an arc made a line": bulged(1, 0.0),
+    "a line made an arc": bulged(0, 0.5),
+    "pieces that stop half way": shortened,
+    "pieces that go on": lengthened,
+    "pieces that go back and begin again": short_cut,
+    "pieces drawn the other way": reversed_pieces,
+}
+
+
+def verdict(**change):
+    """The stability gate's verdict on the K of `bundles.whole`, 1000 N/m across its axis."""
+    K = np.diag(bundles.whole().stiffness)
+    axis = bundles.whole().ignore_axis
+    across = np.eye(3) - np.outer(axis, axis)
+    felt = float(np.linalg.eigvalsh(across @ K @ across).max())
+    known = {"mass_kg": 1.0, "damping_n_s_per_m": 5.0, "rate_hz": 1000.0, "delay_ticks": 1}
+    numbers = {"k_n_per_m": felt, "k_max_n_per_m": 3338.0, "margin": 1.25}
+    return StabilityVerdict("franka", **known | numbers | change)
+
+
+def with_stiffness(value):
+    def make():
+        fixture = replace(bundles.whole(), stability=verdict())
+        rendering = replace(fixture.rendering, stiffness=np.full(3, value))
+        return replace(fixture, rendering=rendering)
+
+    return make
+
+
+OTHER_VERDICTS = {
+    "K of 1e6 beside a verdict on 1000": with_stiffness(1e6),
+    "a verdict on another K": lambda: replace(bundles.whole(), stability=verdict(k_n_per_m=999.0)),
+    "K that is not stable": lambda: replace(bundles.whole(), stability=verdict(margin=4.0)),
+    "a guide that no verdict is about": lambda: replace(bundles.guided(), stability=verdict()),
+}
+
+
+def moved_off_the_slice():
+    fixture = bundles.whole()
+    return replace(fixture, points=fixture.points + 0.01 * fixture.ignore_axis)
+
+
+def other_residuals():
+    fixture = bundles.whole()
+    fixture.registration.residuals_m[2] += 1e-4
+    return fixture
+
+
+def other_markers():
+    fixture = bundles.patient()
+    target = fixture.registration.target + np.array([0.01, 0, 0])
+    record = replace(fixture.registration, target=target)
+    return replace(fixture, registration=record)
+
+
+OTHER_REGISTRATIONS = {
+    "points that do not lie on the slice": moved_off_the_slice,
+    "residuals of other markers": other_residuals,
+    "markers that were moved": other_markers,
+}
+
+
+def free_point():
+    fixture = bundles.sheet()
+    return replace(fixture, points=np.vstack([fixture.points, [[0.05, 0.05, 0.05]]]))
+
+
+CASES = [
+    *((name, make, "unsafe.pieces") for name, make in OTHER_CURVES.items()),
+    *((name, make, "unsafe.stability") for name, make in OTHER_VERDICTS.items()),
+    *((name, make, "unsafe.registration") for name, make in OTHER_REGISTRATIONS.items()),
+    ("a point of no triangle", free_point, "unsafe.mesh"),
+]
+
+
+@pytest.mark.parametrize(("make", "code"), [c[1:] for c in CASES], ids=[c[0] for c in CASES])
+def test_parts_that_do_not_agree_are_not_written_and_not_read(make, code, tmp_path):
+    with pytest.raises(SettingError) as raised:
+        vfplan.write_fixture(make(), tmp_path / "a.h5")
+    assert raised.value.code == code
+    assert not (tmp_path / "a.h5").exists()
+    data = damage.sealed(to_payload(completed(to_content(make()))))
+    with pytest.raises(UnsafeError) as refused:
+        read_bundle(data)
+    assert refused.value.code == code
+    assert [i.code for i in validate(data) if i.severity == "error"] == [code]
+
+
+def test_what_agrees_is_written(tmp_path):
+    for number, fixture in enumerate(
+        (
+            bundles.drawn(),
+            replace(bundles.whole(), stability=verdict()),
+            replace(
+                bundles.guided(),
+                stability=verdict(
+                    k_n_per_m=verdict().k_n_per_m + bundles.guided().guidance.stiffness
+                ),
+            ),
+        )
+    ):
+        vfplan.write_fixture(fixture, tmp_path / f"{number}.h5")
+
+
+def test_a_planned_fixture_cannot_be_rendered_as_another_one(tmp_path):
+    """The sample, as a script might change it: no attacker is needed."""
+    made = vfplan.plan(
+        SAMPLES / "elbow.png",
+        SAMPLES / "elbow_markers_image.csv",
+        SAMPLES / "elbow_markers_robot.csv",
+        extraction=vfplan.planning.ExtractSettings(pixel_spacing_mm=(0.5, 0.5)),
+    )
+    vfplan.write_fixture(made.fixture, tmp_path / "a.h5")
+    moved = replace(made.fixture, points=made.fixture.points + np.array([0.05, 0, 0]))
+    with pytest.raises(SettingError) as raised:
+        vfplan.write_fixture(moved, tmp_path / "b.h5")
+    assert raised.value.code == "unsafe.pieces"
+
+
+def drawn_at_random(draw):
+    """Strokes of lines and arcs in a plane at random, and points on them: closed forms."""
+    axis = draw.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    x = np.cross(axis, draw.normal(size=3))
+    x /= np.linalg.norm(x)
+    frame = np.array([x, np.cross(axis, x)])
+    points, strokes, vertices, bulges, owners, closed = [], [], [], [], [], []
+    for number in range(draw.integers(1, 4)):
+        count = int(draw.integers(2, 8))
+        corners = 0.02 * np.cumsum(draw.uniform(-1, 1, (count, 2)), axis=0)
+        bends = np.where(draw.random(count) < 0.4, 0.0, draw.uniform(-1, 1, count))
+        is_closed = bool(draw.random() < 0.5)
+        places = []
+        for i in range(count if is_closed else count - 1):
+            a, b = corners[i], corners[(i + 1) % count]
+            places.append(on_piece(a, b, bends[i], 2e-3))
+        places = np.vstack(places if is_closed else [*places, corners[-1:]])
+        if is_closed:
+            places = np.roll(places, -int(draw.integers(0, len(places))), axis=0)
+        height = draw.uniform(-0.1, 0.1, (len(places), 1))
+        points.append(places @ frame + height * axis)
+        strokes.append(np.full(len(places), number, np.int32))
+        vertices.append(corners @ frame)
+        bulges.append(bends)
+        owners.append(np.full(count, number, np.int32))
+        closed.append(is_closed)
+    closed = np.array(closed)
+    pieces = Pieces(
+        np.vstack(vertices), np.concatenate(bulges), np.concatenate(owners), closed, 1e-8
+    )
+    curve = bundles.Curve(np.concatenate(strokes), closed, pieces=pieces)
+    rendering = replace(bundles.small().rendering, ignore_axis=axis)
+    return replace(bundles.small(), points=np.vstack(points), curve=curve, rendering=rendering)
+
+
+def on_piece(a, b, bulge, spacing):
+    """Places from a on, about so far apart, up to but not including b."""
+    chord = b - a
+    length = float(np.hypot(*chord))
+    if bulge == 0:
+        share = np.linspace(0, 1, max(2, int(length / spacing) + 2))[:-1]
+        return a + share[:, None] * chord
+    sweep = 4 * np.arctan(bulge)
+    radius = length / (2 * np.sin(abs(sweep) / 2))
+    left = np.array([-chord[1], chord[0]]) / length
+    centre = (a + b) / 2 + left * (length / 2) / np.tan(sweep / 2)
+    turn = np.linspace(0, sweep, max(2, int(radius * abs(sweep) / spacing) + 2))[:-1]
+    arm = a - centre
+    rotated = [np.cos(turn) * arm[0] - np.sin(turn) * arm[1],
+               np.sin(turn) * arm[0] + np.cos(turn) * arm[1]]  # fmt: skip
+    return centre + np.column_stack(rotated)
+
+
+@pytest.mark.parametrize("seed", range(150))
+def test_curves_at_random_agree_with_points_on_them_and_not_with_others(seed, tmp_path):
+    draw = np.random.default_rng(seed)
+    fixture = drawn_at_random(draw)
+    path = tmp_path / "a.h5"
+    vfplan.write_fixture(fixture, path)
+    engine = vfplan.ProxyEngine.of(fixture, "exact")
+    assert engine.distance(fixture.points).max() < 2e-8
+    move = draw.normal(size=3)
+    move -= (move @ fixture.ignore_axis) * fixture.ignore_axis
+    move *= 1e-4 / np.linalg.norm(move)
+    moved = with_pieces(fixture, vertices=fixture.pieces.vertices + move)
+    apart = vfplan.ProxyEngine.of(moved, "exact").distance(fixture.points).max()
+    if apart > 2e-6:
+        with pytest.raises(SettingError):
+            vfplan.write_fixture(moved, path, overwrite=True)
+
+
+def test_the_largest_stiffness_across_an_axis_is_that_of_numpy(tmp_path):
+    draw = np.random.default_rng(3)
+    for _ in range(60):
+        axis = draw.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        K = draw.uniform(100, 2000, 3)
+        across = np.eye(3) - np.outer(axis, axis)
+        felt = float(np.linalg.eigvalsh(across @ np.diag(K) @ across).max())
+        rendering = replace(bundles.small().rendering, ignore_axis=axis, stiffness=K)
+        for factor, good in ((1.0, True), (1 + 1e-5, False), (1 - 1e-5, False)):
+            judged = verdict(k_n_per_m=felt * factor)
+            fixture = replace(bundles.small(), rendering=rendering, stability=judged)
+            if good:
+                vfplan.write_fixture(fixture, tmp_path / "a.h5", overwrite=True)
+                continue
+            with pytest.raises(SettingError):
+                vfplan.write_fixture(fixture, tmp_path / "a.h5", overwrite=True)
