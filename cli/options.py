@@ -90,6 +90,7 @@ MARGIN, TIME = Parsed("tre95|p=P", _margin), Parsed("TIME", _seconds)
 PLACE = Numbers(2, metavar="U,V", positive=False)
 VECTOR = Numbers(3, metavar="X,Y,Z", positive=False)
 STIFFNESS = Numbers(1, 3, metavar="N_PER_M[,Y,Z]")
+MM_OR_NONE = Numbers(1, metavar="MM|none", word="none")
 MILLI = {"callback": lambda ctx, param, value: value and 1e-3 * value}  # given in millimetres
 COLOUR = {"default": "red", "metavar": "NAME|#RRGGBB"}
 
@@ -162,11 +163,19 @@ MAKING = taking(
     option("--ignore-axis", type=click.Choice(["normal", "x", "y", "z", "none"]),
            help="The fixture is infinite along it.  [default: normal, the drawn slice's]"),
     option("--seen-from", type=VECTOR,
-           help="Direction in the robot's frame from which the slice is looked at; refuses "
-           "mirrored markers."),
-    option("--max-tre", "max_tre_m", type=MM,
-           help="Write nothing (exit 1) unless the registration error stays below this over the "
-           "whole curve (95 % bound)."),
+           help="Direction in the robot's frame from which you look at the slice (0,0,1: from "
+           "above); refuses mirrored markers."),
+    option("--max-residual", type=MM_OR_NONE,
+           help="Gate: write nothing (exit 1) if the markers miss their places by more (rms).  "
+           "[default: 1]"),
+    option("--max-tre", type=MM_OR_NONE,
+           help="Gate: write nothing (exit 1) if the registration error may be larger anywhere on "
+           "the curve (95 % bound).  [default: the contact radius]"),
+    option("--markers-as-given", is_flag=True,
+           help="Take the markers even if they meet no marks drawn on the slice, or if another "
+           "order of their labels fits clearly better."),
+    option("--common", is_flag=True,
+           help="Use the markers that both files have.  [default: both must have the same]"),
     option("--margin", type=MARGIN,
            help="Add a safety margin: that bound, or what makes entering less probable than P by "
            "--campaign.  [default: none]"),
@@ -221,11 +230,21 @@ def fixture_settings(given: dict[str, Any]) -> Any:
 
         margin = margin_for(given["campaign"], margin)
     pull = given["guide_pull"] or ()
+    gates = {}
+    if given["max_residual"] is not None:
+        gates["max_residual_m"] = _millimetres_or_none(given["max_residual"])
+    if given["max_tre"] is not None:
+        gates["max_tre_m"] = _millimetres_or_none(given["max_tre"])
     return settings(
         FixtureSettings, given, margin=margin, points_only=given["arcs"] == (),
         arcs_m=given["arcs"][0] * 1e-3 if given["arcs"] else None,
-        guide_pull=(*pull[:1], *(1e-3 * speed for speed in pull[1:])),
+        guide_pull=(*pull[:1], *(1e-3 * speed for speed in pull[1:])), **gates,
     )  # fmt: skip
+
+
+def _millimetres_or_none(value: tuple[float, ...]) -> float | None:
+    """A gate's length [m]; `None` for the word "none"."""
+    return 1e-3 * value[0] if value else None
 
 
 def hold_campaign(given: dict[str, Any], fixture: Any) -> None:

@@ -23,9 +23,9 @@ TEXT = (
     "\n  refined by {used} touched points: {touched[before_rms_m]:mm} rms off the surface before, "
     "{touched[rms_m]:mm} after; the surface moved by {touched[moved_max_m]:mm} at most",
     "\n  scale {scale:.6f}",
-    "\n  {scale_m_per_px:mm.5}/px, anisotropy {anisotropy:.2%}, shear {shear:+.2%}; the image "
-    "faces ({faces})",
+    "\n  {scale_m_per_px:mm.5}/px, anisotropy {anisotropy:.2%}, shear {shear:+.2%}",
     "; against the known pixel spacing {departure} along u, v",
+    "\n  The slice is seen from {seen_from}.",
     "\n{held}{moved}",
 )
 # What is rendered, and what it costs.
@@ -115,7 +115,6 @@ def registered_text(report: dict[str, Any]) -> str:
         "marks": _marks_line(report),
         "place": place,
         "used": touched["points"] - len(touched["left_out"]),
-        "faces": ", ".join(f"{x:+.3f}" for x in report.get("image_faces", ())),
         "held": told(report, *HELD[:1]) or told(report, *HELD[1:]),
         "moved": _margin_line(report.get("margin")),
     }
@@ -135,7 +134,6 @@ def _marker_table(report: dict[str, Any]) -> str:
     width = max(6, *(len(str(marker["label"])) for marker in report["residuals"]))
     lines = [f"  {'marker':<{width}}  residual  leave-one-out  leverage       F  [mm]"]
     moved = {marker["label"]: marker["moved_px"] for marker in report.get("markers_found", ())}
-    reasons = {suspect["label"]: suspect["reason"] for suspect in report["suspects"]}
     for marker in report["residuals"]:
         label = marker["label"]
         line = (
@@ -145,8 +143,10 @@ def _marker_table(report: dict[str, Any]) -> str:
         )
         if label in moved:
             line += f"  found {moved[label]:.2f} px away"
-        if label in reasons:
-            line += f"  suspect: {reasons[label]}"
+        if not marker["used"]:
+            line += "  left out"
+        elif label in report["outliers"]:
+            line += "  suspect"
         lines.append(line)
     return "\n".join(lines)
 
@@ -161,8 +161,8 @@ def _marks_line(report: dict[str, Any]) -> str:
     marks = report.get("marks_drawn")
     if marks is None or "markers_found" in report:
         return ""
-    if not marks["near"]:
-        return "\n  the slice shows no marks at the given positions: they are taken as given"
+    if "rms_px" not in marks:
+        return "\n  no marks are drawn at the given positions: they are taken as given"
     return told(
         report,
         "\n  {marks_drawn[near]} of {markers} given positions have a mark near them on the slice, "

@@ -19,7 +19,7 @@ LAYERS = [
     ["images", "session"],
     ["markers"],
     ["registration", "bundle", "reference", "study.scenes"],
-    ["markers.finding", "curve", "vectors"],
+    ["curve", "vectors"],
     ["planning", "replaying"],
     ["stability"],
     ["study"],

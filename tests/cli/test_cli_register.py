@@ -72,10 +72,12 @@ def test_gate(vfplan_cli, curve, tmp_path):
     common = ("register", curve, PIXELS, ROBOT, "-o", out, "--picture-out", picture)
     run = vfplan_cli(*common, "--max-tre", 0.1)
     assert run.code == 1
-    assert "more than the 0.1 mm allowed" in run.error_line
+    assert "--max-tre" in run.error_line
     assert list(tmp_path.iterdir()) == []
     run = vfplan_cli(*common, "--max-tre", 0.1, "--json")
     assert (run.code, run.json["error"]["kind"]) == (1, "CheckFailed")
+    assert run.json["error"]["code"] == "tre-large"
+    assert run.json["error"]["numbers"]["max_tre_m"] == pytest.approx(1e-4)
     assert vfplan_cli(*common, "--max-tre", 5).code == 0
     assert {p.name for p in tmp_path.iterdir()} == {"f.h5", "p.png"}
     assert vfplan_cli("register", curve, PIXELS, ROBOT, "-o", out, "--max-tre", 0).code == 2
@@ -85,10 +87,15 @@ def test_outlier_is_named_and_left_out_only_when_asked(vfplan_cli, curve, tmp_pa
     head, lines = rows(ROBOT)
     lines[3][1] = float(lines[3][1]) + 0.006
     bad = write(tmp_path / "bad.csv", head, lines)
-    run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "a.h5", "--json")
+    common = ("register", curve, PIXELS, bad, "-o", tmp_path / "a.h5", "--json")
+    run = vfplan_cli(*common)
+    assert (run.code, run.json["error"]["code"]) == (1, "residual-large")
+    assert "x4" in run.error_line
+    assert not (tmp_path / "a.h5").exists()
+    run = vfplan_cli(*common, "--max-residual", "none")
+    assert run.code == 0
     assert run.json["outliers"] == ["x4"]
-    assert run.json["suspects"][0]["label"] == "x4"
-    assert "suspect marker x4" in run.stderr
+    assert [f["code"] for f in run.json["findings"]] == ["marker-suspect"]
     assert all(marker["used"] for marker in run.json["residuals"])
     robust = vfplan_cli(
         "register", curve, PIXELS, bad, "-o", tmp_path / "b.h5", "--json", "--robust"
@@ -105,13 +112,13 @@ def test_exchanged_labels_are_refused_and_diagnosed_when_left_out(vfplan_cli, cu
     lines[1][0], lines[6][0] = lines[6][0], lines[1][0]
     bad = write(tmp_path / "bad.csv", head, lines)
     run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "a.h5", "--json")
-    assert (run.code, run.json["error"]["kind"]) == (3, "MarkerError")
-    assert "labels of x2 and x7 are exchanged" in run.error_line
+    assert (run.code, run.json["error"]["code"]) == (1, "labels-mistaken")
+    assert "x2 and x7" in run.error_line
     assert not (tmp_path / "a.h5").exists()
     run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "a.h5", "--json", "--robust")
     assert run.code == 0
-    assert run.json["swapped_labels"] == ["x2", "x7"]
-    assert "labels of x2 and x7 are exchanged" in run.stderr
+    assert run.json["outliers"] == ["x2", "x7"]
+    assert "labels-doubtful" in [f["code"] for f in run.json["findings"]]
 
 
 def test_mirrored_markers(vfplan_cli, curve, tmp_path):
@@ -296,7 +303,7 @@ def test_a_fixture_larger_than_a_patient_is_doubted(vfplan_cli, tmp_path):
     bad = write(tmp_path / "bad.csv", head, scaled)
     drawn, out = tmp_path / "c.h5", tmp_path / "f.h5"
     assert vfplan_cli("extract", IMAGE, "-o", drawn).code == 0
-    words = ["--density", "0.5", "--contact-radius", "100"]
+    words = ["--density", "0.5", "--contact-radius", "100", "--max-residual", "none"]
     run = vfplan_cli("register", drawn, PIXELS, bad, "-o", out, *words)
     assert run.code == 0, run.stderr
     assert "is a unit wrong?" in run.stderr
@@ -316,7 +323,7 @@ def test_slicer_target_markers_lead_into_the_patients_frame(vfplan_cli, curve, t
         run = vfplan_cli("register", curve, PIXELS, slicer, "-o", out, "--json")
         assert run.code == 0, run.stderr
         assert run.json["target_frame"] == "patient_lps"
-        assert "no robot renders it" in run.stderr
+        assert [f["code"] for f in run.json["findings"]] == ["target-not-robot"]
         T = run.json["T_robot_image"]
         np.testing.assert_allclose(T, in_robot["T_robot_image"], rtol=1e-9, atol=1e-12)
         fixture = vfplan.read_fixture(out)

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.markers.finding import find_markers
-from vfplan.markers.finding.marks import Mark
-from vfplan.markers.finding.shapes import fit_mark
+from vfplan.markers.drawn import Mark, find_markers, fit_mark
 
 FINE = 16  # samples a pixel of the drawings below: their edges are exact to 1/32 px
 
@@ -158,6 +156,6 @@ def test_a_blurred_mark_as_bright_as_its_ground_is_told_by_its_colour():
     v, u = np.indices((24, 24)).astype(float)
     alpha = 1 / (1 + np.exp((np.hypot(u - 11.3, v - 12.1) - 4) / 0.9))
     mark = Mark(alpha, np.ones(alpha.shape, bool), u, v, (11.0, 12.0), 6.0)
-    found_u, found_v, shape, _ = fit_mark(mark, np.full((24, 24, 3), 0.5))
-    assert shape == "dot"
-    assert np.hypot(found_u - 11.3, found_v - 12.1) < 0.05
+    fit = fit_mark(mark, np.full((24, 24, 3), 0.5))
+    assert fit.shape == "dot"
+    assert np.hypot(fit.u - 11.3, fit.v - 12.1) < 0.05

@@ -7,7 +7,7 @@ import pytest
 
 from vfplan import fit_registration
 from vfplan.errors import MarkerError
-from vfplan.registration.fit import solve
+from vfplan.registration.fit import fit_model
 from vfplan.registration.models import marker_rows
 from vfplan.registration.problem import make_problem
 
@@ -56,7 +56,7 @@ def test_a_similarity_with_unlike_sigmas_is_a_minimum(bend):
         sigma = 10 ** rng.uniform(-5, -2.5, target.shape)
         wrong = k % 2
         problem = make_problem(pixels, target[:: 1 - 2 * wrong], "similarity", None, sigma, None)
-        fit = solve(problem)
+        fit = fit_model(problem)
         root = np.sqrt(problem.weights).reshape(-1, 1)
         moves = np.linalg.qr(root * (marker_rows(problem.x) @ problem.model.tangent(fit.m)))[0]
         left = root[:, 0] * fit.vectors.ravel()

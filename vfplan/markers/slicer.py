@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import MarkerError
-from vfplan.markers.files import MarkerPoints, label_of, number, table_rows
+from vfplan.io.table import parse_number, split_rows
+from vfplan.markers.correspondences import MarkerPoints, label_of
 
 SCHEMA = re.compile(r".*markups-schema-v1\.[0-9]+\.[0-9]+\.json#*$", re.IGNORECASE)
 # Metres in one unit, by the code that a file may hold (plain, or as a UCUM code).
@@ -125,7 +126,8 @@ def _position(value: Any, label: str, where: str) -> np.ndarray:
         raise MarkerError(
             f"position of marker {label!r} is {value!r}; three numbers are wanted", where=where
         )
-    return np.array([number(x, f"position of marker {label!r}", where) for x in value])
+    what = f"position of marker {label!r}"
+    return np.array([parse_number(x, what, where, MarkerError) for x in value])
 
 
 def parse_fcsv(text: str, where: str) -> MarkerPoints:
@@ -153,14 +155,17 @@ def fcsv_points(text: str, where: str) -> list[tuple[str | None, np.ndarray]]:
     columns = FCSV_COLUMNS if slicer4 else SLICER3_COLUMNS
     _check_columns(header.get("columns"), columns, where)
     sign = _fcsv_sign(header, slicer4, where)
-    rows = table_rows("\n".join(line for line in lines if not line.startswith("#")), where)
+    text = "\n".join(line for line in lines if not line.startswith("#"))
+    rows = [row for _, row in split_rows(text, where, MarkerError)]
     points = []
     for i, row in enumerate(rows, start=1):
         place = f"{where}, point {i}"
         cells = dict(zip(columns, row, strict=False))
         label = cells.get("label")
         what = f"of marker {label.strip()!r}" if label else "of it"
-        xyz = [number(cells.get(axis), f"{axis} {what}", place) for axis in "xyz"]
+        xyz = [
+            parse_number(cells.get(axis), f"{axis} {what}", place, MarkerError) for axis in "xyz"
+        ]
         points.append((label, np.array(xyz) * sign * 1e-3))
     return points
 

@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any
 
 from vfplan.engine.renderable import work_doubt
 from vfplan.errors import SettingError
-from vfplan.findings import Finding, doubt, note
+from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Provenance, size_doubt
 from vfplan.io.files import now_utc
 from vfplan.planning.extracting import Extracted, describe_extraction, extract, planned_curve
 from vfplan.planning.guiding import add_guidance
 from vfplan.planning.margin import add_margin
-from vfplan.planning.matching import Matched, match
+from vfplan.planning.match import MatchResult, match
 from vfplan.planning.rendering import Rendered, render
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.planning.touching import touch
@@ -147,16 +147,21 @@ def register(
     Raises
     ------
     MarkerError
-        Markers that determine no transform, or that are surely wrong; see
-        `vfplan.planning.matching.match`.
+        Markers that determine no transform, or that no slice or robot can have.
     CurveError, SettingError
     CheckFailed
-        The registration's error may be larger than `settings.max_tre_m`, or the guide leads into
-        what is forbidden.
+        A gate that does not hold: positions that meet no drawn marks, mistaken labels, residuals
+        above `settings.max_residual_m`, an error that may be larger than `settings.max_tre_m`. Or
+        a guide that leads into what is forbidden.
     """
     now_utc()  # refuses a SOURCE_DATE_EPOCH that is no time before any work is done
-    from vfplan.registration.bounds import check_max_tre, target_error
-    from vfplan.registration.register import describe
+    from vfplan.registration import describe
+    from vfplan.registration.checks import (
+        describe_checks,
+        error_findings,
+        refuse_large_error,
+    )
+    from vfplan.registration.error import target_error
 
     settings = settings or FixtureSettings()
     if curve.mesh is not None and settings.density_per_m is not None:
@@ -168,8 +173,8 @@ def register(
     refined = None if touched is None else touch(drawn, registration, touched, tip_radius)
     registration = registration if refined is None else refined.registration
     error = target_error(registration, drawn.points)
-    if settings.max_tre_m is not None:
-        check_max_tre(error, settings.max_tre_m)
+    if (max_tre_m := settings.largest_tre_m) is not None:
+        refuse_large_error(error, max_tre_m, registration, drawn.points)
     # The curve -> what keeps its margin -> points, and how they are rendered.
     guarded, making, margin = drawn, settings, None
     if settings.margin is not None:
@@ -177,14 +182,17 @@ def register(
     added_m = 0.0 if margin is None else margin.largest_m
     rendered = render(guarded, registration, making, matched.slice_axes, added_m)
     # All of it -> a fixture.
-    inputs = matched.pairs.inputs | ({} if refined is None else {"touched": refined.sha256})
+    inputs = matched.correspondences.inputs | (
+        {} if refined is None else {"touched": refined.sha256}
+    )
     provenance = _provenance(guarded, making, inputs, rendered.settings | _left_out(matched))
     fixture = _fixture(matched, guarded, registration, rendered, provenance)
     guide, guide_findings = {}, ()
     if settings.guide_m is not None:
         fixture, guide, guide_findings = add_guidance(fixture, settings)
     # What was found on the way: the markers' own fit, and what the touched points made of it.
-    report = describe(matched.registration, drawn.points, diagnosis=matched.diagnosis, error=error)
+    report = describe(matched.registration, drawn.points, error=error)
+    report |= describe_checks(matched.registration)
     report |= {"target_frame": fixture.frame} | rendered.report | matched.report | guide
     if margin is not None:
         report["margin"] = margin.report
@@ -192,12 +200,8 @@ def register(
         report |= {"T_robot_image": registration.T_target_source, "touched": refined.report}
         report["tre"]["worst_target_m"] = registration.apply(drawn.points[[error.worst]])[0]
     report["elapsed_s"] = time.perf_counter() - started
-    marker_warnings = (*matched.diagnosis.warnings, *matched.warnings)
-    findings = [doubt("markers-doubt", "register", text) for text in marker_warnings]
-    if refined is not None:
-        findings += refined.findings
-    else:
-        findings += [note("extrapolated", "register", text) for text in error.warnings]
+    findings = list(matched.findings)
+    findings += error_findings(error) if refined is None else refined.findings
     findings += rendered.findings
     findings += guide_findings
     findings += _fixture_findings(fixture)
@@ -207,7 +211,7 @@ def register(
     return Planned(fixture, registration, report, tuple(findings))
 
 
-def _left_out(matched: Matched) -> dict[str, str]:
+def _left_out(matched: MatchResult) -> dict[str, str]:
     """The bundle says which markers its registration does not rest on."""
     fitted = matched.registration
     if fitted.used.all():
@@ -231,17 +235,17 @@ def _provenance(
 
 
 def _fixture(
-    matched: Matched,
+    matched: MatchResult,
     curve: Fixture,
     registration: Registration,
     rendered: Rendered,
     provenance: Provenance,
 ) -> Fixture:
     """Only in the robot's frame a bundle holds its slice and its registration (docs/format.md)."""
-    carried, in_robot = rendered.carried, matched.pairs.target_frame == "robot_base"
+    carried, in_robot = rendered.carried, matched.correspondences.target_frame == "robot_base"
     record = registration.record(carried.source, source_frame=curve.frame) if in_robot else None
     return Fixture(
-        frame=matched.pairs.target_frame,
+        frame=matched.correspondences.target_frame,
         points=carried.points,
         provenance=provenance,
         sigma=carried.sigma,

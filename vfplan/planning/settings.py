@@ -111,9 +111,17 @@ class FixtureSettings:
         "normal" (of the slice), "x", "y", "z" or "none"; `None`: the normal where there is one.
     seen_from
         (3,) direction in the robot's frame from which the slice is looked at; refuses mirrored
-        markers. `None`: not checked.
+        markers. `None`: not checked, but a slice seen from below is a finding.
+    max_residual_m
+        Gate: largest RMS residual of the markers used [m]; `None`: any.
     max_tre_m
-        The gate: largest registration error allowed anywhere on the curve (95 % bound) [m].
+        Gate: largest registration error anywhere on the curve, as a 95 % bound [m]; `None`: any.
+        "contact radius" is that radius.
+    markers_as_given
+        Take the markers even if they meet no drawn marks, or if another order of their labels fits
+        clearly better.
+    common
+        Use the markers that both sides have; without it both sides must have the same.
     margin
         "tre95" adds that bound as a safety margin, a number so many metres; `None`: no margin.
     margin_side
@@ -150,7 +158,10 @@ class FixtureSettings:
     point_radius: float = 0.0
     ignore_axis: str | None = None
     seen_from: tuple[float, float, float] | None = None
-    max_tre_m: float | None = None
+    max_residual_m: float | None = 1e-3
+    max_tre_m: float | Literal["contact radius"] | None = "contact radius"
+    markers_as_given: bool = False
+    common: bool = False
     margin: str | float | None = None
     margin_side: str = "both"
     find_markers: bool = False
@@ -176,6 +187,18 @@ class FixtureSettings:
                     raise SettingError(
                         f"{name} is {value:g} {unit}; {least:g} to {largest:g} {unit} are allowed"
                     )
+        for name, limit in (("max_residual_m", self.max_residual_m), ("max_tre_m", self.max_tre_m)):
+            if isinstance(limit, (int, float)) and not 0 < limit < float("inf"):
+                raise SettingError(
+                    f"{name} is {limit:g} m; a finite length above 0, or None, is wanted",
+                    code="gate-range",
+                )
+        if isinstance(self.max_tre_m, str) and self.max_tre_m != "contact radius":
+            raise SettingError(
+                f"max_tre_m is {self.max_tre_m!r}; a length [m], None or 'contact radius' is "
+                "wanted",
+                code="gate-range",
+            )
         if self.ignore_axis not in AXES:
             raise SettingError(
                 f"ignored axis is {self.ignore_axis!r}; normal, x, y, z or none is allowed"
@@ -207,6 +230,13 @@ class FixtureSettings:
             )
         if self.guide_m is not None and min(self.stiffness) <= 0:
             raise SettingError("a guide needs a stiffness above 0")
+
+    @property
+    def largest_tre_m(self) -> float | None:
+        """The gate `max_tre_m` as a length [m]; `None`: any error is taken."""
+        if self.max_tre_m == "contact radius":
+            return self.contact_radius
+        return self.max_tre_m
 
 
 def _mm(*lengths_m: float | None) -> tuple[float, ...]:

@@ -12,8 +12,11 @@ from vfplan.errors import MarkerError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture
 from vfplan.io.files import at
-from vfplan.markers.files import ROBOT, cells_of, number, numbered, read_text, table_rows
-from vfplan.registration.result import Registration
+from vfplan.io.table import read_table
+from vfplan.registration import Registration
+
+COLUMNS = ("x_m", "y_m", "z_m")
+MAX_BYTES = 16 * 2**20
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +38,7 @@ def touch(
         out of range
     Raises MarkerError: the file cannot be read, or its points do not hold the bone
     """
-    from vfplan.registration.touching import refine_by_touch
+    from vfplan.registration.touch import refine_by_touch
 
     if curve.mesh is None:
         raise SettingError("touched points refine the registration of a surface; this is none")
@@ -55,7 +58,7 @@ def touch(
         "left_out": stray + 1,
         "rms_m": found.rms_m,
         "before_rms_m": float(np.sqrt((found.before_m[found.used] ** 2).mean())),
-        "held": found.held,
+        "held": found.constraint,
         "moved_max_m": float(moved.max()),
         "moved_over_markers_bound95": beyond,
         "tip_radius_m": tip_radius,
@@ -90,13 +93,15 @@ def read_touched(path: str | Path) -> tuple[np.ndarray, str]:
     Raises MarkerError: the file cannot be read, has other columns, or holds a value that is not a
         finite number
     """
-    where = str(path)
-    text, sha256 = read_text(path)
-    header, *rows = table_rows(text, where) or [[]]
-    names = [name.strip().lower() for name in header]
-    if not set(ROBOT) <= set(names) <= {*ROBOT, "label", "t"} or len(set(names)) != len(names):
-        shown = ",".join(names)[:80]
-        raise MarkerError(f"its columns are {shown!r}; {','.join(ROBOT)} is wanted", where=where)
-    records = [(cells_of(names, row, at), at) for at, row in numbered(rows, where)]
-    places = [[number(record[name].strip(), name, at) for name in ROBOT] for record, at in records]
+    table, sha256 = read_table(path, MAX_BYTES, MarkerError)
+    names = [name.casefold() for name in table.header]
+    if not set(COLUMNS) <= set(names) <= {*COLUMNS, "label", "t"}:
+        raise MarkerError(
+            f"its columns are {','.join(names)[:80]!r}; {','.join(COLUMNS)} is wanted",
+            where=str(path),
+            code="column-missing",
+        )
+    columns = tuple(table.header[names.index(name)] for name in COLUMNS)
+    table.check_decimals(columns)
+    places = [[table.number(row, column) for column in columns] for row in table.rows]
     return np.array(places).reshape(-1, 3), sha256

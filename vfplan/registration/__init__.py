@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from vfplan.registration.register import describe, fit_registration
-from vfplan.registration.result import Registration
+from vfplan.registration.registration import Registration, describe, fit_registration
 
 __all__ = ["Registration", "describe", "fit_registration"]

@@ -1,4 +1,4 @@
-"""What is to be fitted: checked markers, in coordinates that no unit or origin can spoil."""
+"""The markers, checked and brought into coordinates that no unit and no origin can spoil."""
 
 from __future__ import annotations
 
@@ -11,19 +11,26 @@ from numpy.typing import ArrayLike, NDArray
 from vfplan.errors import MarkerError, SettingError
 from vfplan.registration.models import MODELS, Array, Model, ModelName, homogeneous, make_model
 
-# Longest over shortest RMS extent. Beyond it a layout determines nothing across its length: an
-# affine TRE at one length off the line would be a thousand times the marker error.
+# Longest over shortest RMS extent of a layout. A longer layout determines nothing across itself:
+# at one length beside the line, the error would be a thousand times that of a marker.
 MAX_CONDITION = 1e3
+
+# Larger coordinates overflow when they are squared.
+MAX_COORDINATE = 1e100
 
 
 @dataclass(frozen=True, eq=False)
 class Normaliser:
-    """Raw source -> centred coordinates of unit RMS radius, and the target's centre."""
+    """Raw source coordinates to centred ones of unit RMS radius, and the centre of the target."""
 
-    spacing: Array  # (k,) metres (or, unknown, 1) in a raw unit along each axis
-    centre: Array  # (k,) centre of the markers in the raw unit times `spacing`
-    radius: float  # RMS distance of the markers from it
-    target_centre: Array  # (3,) [m]
+    # (k,) metres in one raw unit along each axis; 1 where that is not known.
+    spacing: Array
+    # (k,) centre of the markers in raw units times `spacing`.
+    centre: Array
+    # RMS distance of the markers from their centre, in the same unit.
+    radius: float
+    # (3,) centre of the target markers [m].
+    target_centre: Array
 
     def __call__(self, points: Array) -> Array:
         """Normalised s (..., k) of raw points (..., k)."""
@@ -31,7 +38,7 @@ class Normaliser:
 
     @property
     def matrix(self) -> Array:
-        """(k+1, k+1): raw [x 1] -> [s 1]."""
+        """(k+1, k+1) matrix from raw [x 1] to [s 1]."""
         k = len(self.spacing)
         matrix = np.eye(k + 1)
         matrix[:k, :k] = np.diag(self.spacing / self.radius)
@@ -45,13 +52,18 @@ class Problem:
 
     model: Model
     normaliser: Normaliser
-    s: Array  # (N, k) source
-    y: Array  # (N, 3) target, centred [m]
-    weights: Array  # (N, 3) relative weights; 1 where every marker is as good as the others
-    # Standard deviation that weight 1 stands for; `None` when none was stated
+    # (N, k) source.
+    s: Array
+    # (N, 3) target, centred [m].
+    y: Array
+    # (N, 3) relative weights; 1 where every marker is as good as the others.
+    weights: Array
+    # Standard deviation that a weight of 1 stands for [m]; `None` where none was stated.
     sigma_unit_m: float | None
+    # Longest over shortest extent of the source; 1 is best.
     condition: float
-    floor_m: float  # residuals below this are rounding, not error
+    # Residuals below this are rounding and no error [m].
+    rounding_floor_m: float
 
     @property
     def x(self) -> Array:
@@ -69,40 +81,45 @@ def make_problem(
 ) -> Problem:
     """Check everything that can be wrong with the markers, then normalise them.
 
-    Raises MarkerError: shapes that do not fit, non-finite values, too few markers, coincident or
-        collinear ones
+    Raises MarkerError: shapes that do not fit, values that are not finite, too few markers, markers
+        in one place or on a line
     Raises SettingError: an unknown model, a bad pixel spacing, `rigid` from pixels without one
     """
     if model not in MODELS:
-        raise SettingError(f"model is {model!r}; allowed: {', '.join(MODELS)}")
+        raise SettingError(
+            f"model is {model!r}; allowed: {', '.join(MODELS)}", code="model-unknown"
+        )
     raw = _positions(source, "source", (2, 3))
     target_m = _positions(target, "target", (3,))
     names = tuple(range(len(raw))) if labels is None else tuple(labels)
-    _check_pairs(raw, target_m, names)
+    _check_both_sides(raw, target_m, names)
     spacing = _spacing(pixel_spacing, raw.shape[1], model)
     _check_count(len(raw), make_model(model, raw.shape[1], 1.0))
+
     metric = raw * spacing
     centre = metric.mean(axis=0)
     radius = float(np.sqrt(((metric - centre) ** 2).sum(axis=1).mean()))
+    # An affine map of a solid needs depth; every other transform needs markers off a line.
     rank = 3 if model == "affine" and raw.shape[1] == 3 else 2
     condition = _condition(metric - centre, metric, "source", rank)
     target_centre = target_m.mean(axis=0)
     y = target_m - target_centre
     _condition(y, target_m, "target", rank)
+
     normaliser = Normaliser(spacing, centre, radius, target_centre)
-    weights, unit = _weights(sigma, len(raw), names)
-    # The largest number a residual is a difference of [m]; sources carried over by the scale.
+    weights, sigma_unit_m = _weights(sigma, len(raw), names)
+    # A residual is a difference of numbers as large as these [m].
     scale = np.linalg.norm(y) / np.linalg.norm(metric - centre)
-    floor = 64 * np.finfo(float).eps * float(np.abs(target_m).max() + np.abs(metric).max() * scale)
+    largest = float(np.abs(target_m).max() + np.abs(metric).max() * scale)
     return Problem(
-        make_model(model, raw.shape[1], radius),
-        normaliser,
-        normaliser(raw),
-        y,
-        weights,
-        unit,
-        condition,
-        floor,
+        model=make_model(model, raw.shape[1], radius),
+        normaliser=normaliser,
+        s=normaliser(raw),
+        y=y,
+        weights=weights,
+        sigma_unit_m=sigma_unit_m,
+        condition=condition,
+        rounding_floor_m=64 * np.finfo(float).eps * largest,
     )
 
 
@@ -110,35 +127,54 @@ def _numbers(values: ArrayLike, what: str) -> Array:
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise MarkerError(f"{what} not numbers in rows of equal length") from None
+        raise MarkerError(
+            f"{what} not numbers in rows of equal length", code="markers-not-numbers"
+        ) from None
 
 
 def _positions(values: ArrayLike, what: str, dimensions: tuple[int, ...]) -> Array:
     array = _numbers(values, f"{what} positions are")
     if array.ndim != 2 or array.shape[1] not in dimensions:
         allowed = " or ".join(f"(N, {d})" for d in dimensions)
-        raise MarkerError(f"{what} has shape {array.shape}; {allowed} is wanted")
+        raise MarkerError(
+            f"{what} has shape {array.shape}; {allowed} is wanted", code="markers-shape"
+        )
     return array
 
 
-def _check_pairs(raw: Array, target: Array, names: Sequence[str]) -> None:
+def _check_both_sides(raw: Array, target: Array, names: Sequence[str | int]) -> None:
     if len(raw) != len(target):
-        raise MarkerError(f"{len(raw)} source and {len(target)} target positions; as many wanted")
+        raise MarkerError(
+            f"{len(raw)} source and {len(target)} target positions; as many of both are wanted",
+            code="markers-shape",
+        )
     if len(names) != len(raw):
-        raise MarkerError(f"{len(names)} labels for {len(raw)} markers; one each is wanted")
-    if len(set(names)) != len(names):
-        doubled = next(name for name in names if list(names).count(name) > 1)
-        raise MarkerError(f"label {doubled!r} occurs more than once; each marker may occur once")
-    for what, array in (("source", raw), ("target", target)):
-        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-        if bad.size:
-            i = int(bad[0])
+        raise MarkerError(
+            f"{len(names)} labels for {len(raw)} markers; one each is wanted", code="markers-shape"
+        )
+    for name in names:
+        if names.count(name) > 1:
             raise MarkerError(
-                f"{what} position of marker {names[i]!r} is {array[i].tolist()}; finite numbers "
-                "are wanted"
+                f"label {name!r} occurs more than once; each marker may occur once",
+                code="label-doubled",
+                numbers={"label": name},
             )
-        if np.abs(array).max(initial=0.0) > 1e100:
-            raise MarkerError(f"{what} holds {np.abs(array).max():g}; at most 1e100 is allowed")
+    for what, array in (("source", raw), ("target", target)):
+        for name, position in zip(names, array, strict=True):
+            if not np.isfinite(position).all():
+                raise MarkerError(
+                    f"{what} position of marker {name!r} is {position.tolist()}; finite numbers "
+                    "are wanted",
+                    code="markers-not-finite",
+                    numbers={"label": name},
+                )
+        largest = float(np.abs(array).max(initial=0.0))
+        if largest > MAX_COORDINATE:
+            raise MarkerError(
+                f"{what} holds {largest:g}; at most {MAX_COORDINATE:g} is allowed",
+                code="markers-too-large",
+                numbers={"largest": largest},
+            )
 
 
 def _spacing(
@@ -148,84 +184,85 @@ def _spacing(
         if dimension == 2 and model == "rigid":
             raise SettingError(
                 "a rigid registration of pixels needs the pixel spacing, which is not known; give "
-                "it, or use the model similarity or affine"
+                "it, or use the model similarity or affine",
+                code="pixel-spacing-missing",
             )
         return np.ones(dimension)
     if dimension == 3:
-        raise SettingError("a pixel spacing was given, but the source is 3-D [m], not pixels")
+        raise SettingError(
+            "a pixel spacing was given, but the source is 3-D [m], not pixels",
+            code="pixel-spacing-useless",
+        )
     try:
         spacing = np.broadcast_to(np.array(pixel_spacing, dtype=float), (2,)).copy()
     except (TypeError, ValueError):
         spacing = np.array([np.nan])
     if not (np.isfinite(spacing) & (spacing > 0)).all():
         raise SettingError(
-            f"pixel spacing is {pixel_spacing!r}; one or two finite numbers above 0 [m] wanted"
+            f"pixel spacing is {pixel_spacing!r}; one or two finite numbers above 0 [m] are wanted",
+            code="pixel-spacing-range",
         )
     return spacing
 
 
 def _check_count(n: int, model: Model) -> None:
-    # One more than the minimum where the minimum leaves no residual, so that an error can be known.
-    needed = model.minimal + (3 * model.minimal == model.parameters)
-    if n < needed:
-        why = (
-            f"{model.minimal} leave no residual, hence no error estimate"
-            if needed > model.minimal
-            else "fewer leave it undetermined"
-        )
-        raise MarkerError(
-            f"{n} markers; the {model.name} model from {model.dimension}-D needs at least {needed} "
-            f"({why})"
-        )
+    # Where the minimum leaves no residual, one marker more is needed to know an error at all.
+    exact = 3 * model.minimal == model.parameters
+    needed = model.minimal + 1 if exact else model.minimal
+    if n >= needed:
+        return
+    reason = "fewer leave it undetermined"
+    if exact:
+        reason = f"{model.minimal} leave no residual, hence no error estimate"
+    raise MarkerError(
+        f"{n} markers; the {model.name} model from {model.dimension}-D needs at least {needed} "
+        f"({reason})",
+        code="too-few-markers",
+        numbers={"markers": n, "needed": needed},
+    )
 
 
 def _condition(centred: Array, positions: Array, what: str, rank: int) -> float:
-    """Longest over the `rank`-th longest RMS extent; refuses what determines nothing."""
+    """Longest over the `rank`-th longest RMS extent; refuses a layout that determines nothing."""
     extent = np.linalg.svd(centred, compute_uv=False)
     rounding = 16 * np.finfo(float).eps * np.abs(positions).max() * np.sqrt(len(positions))
     if not extent[0] > rounding:
-        raise MarkerError(f"all markers coincide in the {what}; they determine no transform")
+        raise MarkerError(
+            f"all markers coincide in the {what}; they determine no transform",
+            code="markers-coincide",
+        )
     shape = ("coincident", "collinear", "coplanar")
     for r in range(1, rank):
         if not extent[r] > max(extent[0] / MAX_CONDITION, rounding):
-            found = extent[0] / extent[r] if extent[r] > 0 else np.inf
+            condition = float(extent[0] / extent[r]) if extent[r] > 0 else np.inf
             advice = "; use similarity or rigid" if r == 2 else ""
             raise MarkerError(
-                f"the markers are {shape[r]} in the {what} (condition {found:.3g}, at most "
-                f"{MAX_CONDITION:g} is allowed): they determine no transform{advice}"
+                f"the markers are {shape[r]} in the {what} (condition {condition:.3g}, at most "
+                f"{MAX_CONDITION:g} is allowed): they determine no transform{advice}",
+                code=f"markers-{shape[r]}",
+                numbers={"condition": condition},
             )
     return float(extent[0] / extent[rank - 1])
 
 
 def _weights(
-    sigma: ArrayLike | None, n: int, names: Sequence[str]
+    sigma: ArrayLike | None, n: int, names: Sequence[str | int]
 ) -> tuple[NDArray[np.float64], float | None]:
+    """Relative weights (N, 3) with mean 1, and the standard deviation that a weight of 1 has."""
     if sigma is None:
         return np.ones((n, 3)), None
     array = _numbers(sigma, "sigma is")
     if array.shape not in ((n,), (n, 3)):
-        raise MarkerError(f"sigma has shape {array.shape}; ({n},) or ({n}, 3) is wanted")
-    table = np.broadcast_to(array.reshape(n, -1), (n, 3))
-    bad = np.flatnonzero(~(np.isfinite(table) & (table > 0)).all(axis=1))
-    if bad.size:
-        i = int(bad[0])
         raise MarkerError(
-            f"sigma of marker {names[i]!r} is {table[i].tolist()}; finite numbers above 0 wanted"
+            f"sigma has shape {array.shape}; ({n},) or ({n}, 3) is wanted", code="sigma-shape"
         )
+    table = np.broadcast_to(array.reshape(n, -1), (n, 3))
+    for name, row in zip(names, table, strict=True):
+        if not (np.isfinite(row) & (row > 0)).all():
+            raise MarkerError(
+                f"sigma of marker {name!r} is {row.tolist()}; finite numbers above 0 are wanted",
+                code="sigma-range",
+                numbers={"label": name},
+            )
     unit = float(1 / np.sqrt((1 / table**2).mean()))
     return (unit / table) ** 2, unit
-
-
-def outside_hull(markers: Array, points: Array) -> np.ndarray:
-    """(M,) bool: points (M, k) outside the convex hull of markers (N, k); flat hulls in 3-D too."""
-    from scipy.spatial import ConvexHull
-
-    centre = markers.mean(axis=0)
-    _, extent, axes = np.linalg.svd(markers - centre, full_matrices=False)
-    basis = axes[extent > extent[0] * 1e-9]
-    flat, inside = (markers - centre) @ basis.T, (points - centre) @ basis.T
-    planes = ConvexHull(flat).equations
-    tolerance = 1e-9 * extent[0]
-    beyond = (inside @ planes[:, :-1].T + planes[:, -1] > tolerance).any(axis=1)
-    off = np.linalg.norm((points - centre) - inside @ basis, axis=1) > 1e-6 * extent[0]
-    return beyond | off

@@ -241,9 +241,9 @@ def _control_points(text: str, where: str) -> VectorCurve:
 
 
 def _polyline(text: str, origin: imagej.PixelOrigin | None, where: str) -> VectorCurve:
-    from vfplan.markers.files import table_rows
+    from vfplan.io.table import split_rows
 
-    rows = table_rows(text, where)
+    rows = [row for _, row in split_rows(text, where, MarkerError)]
     header = [name.strip() for name in rows[0]] if rows else []
     if imagej.is_xy_table(header):
         points = imagej.read_xy_table(rows, origin, where)

@@ -1,0 +1,463 @@
+"""Markers to a transform, with its error wherever it is used."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vfplan.errors import MarkerError, SettingError
+from vfplan.fixture import Frame, RegistrationRecord
+from vfplan.registration.error import (
+    TargetError,
+    error_rows,
+    pointwise_bound,
+    target_error,
+    whole_curve_factor,
+)
+from vfplan.registration.fit import Fit, f_limit, fit_model, leave_one_out, studentised_f
+from vfplan.registration.models import (
+    Array,
+    Geometry,
+    ModelName,
+    Orthogonal,
+    geometry,
+    homogeneous,
+)
+from vfplan.registration.problem import Problem, make_problem
+from vfplan.registration.robust import consistent_markers
+
+# A set of markers in space is called mirrored if its mirror image fits better by an F that good
+# markers reach once in this many sets.
+MIRRORED_ONCE_IN = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """A transform source -> target with its errors; `fit_registration` makes it.
+
+    Parameters
+    ----------
+    model
+        "affine", "similarity" or "rigid".
+    labels
+        (N,) labels as given; the markers' indices where none were.
+    source
+        (N, 2) [px] or (N, 3) [m].
+    target
+        (N, 3) [m].
+    fit
+        The solved problem, in normalised coordinates.
+    robust
+        Whether markers that do not agree with the others were left out.
+    pixel_spacing
+        (2,) known metres a pixel along u and v; `None` where unknown or the source is in space.
+    """
+
+    model: ModelName
+    labels: tuple[str, ...] | tuple[int, ...]
+    source: Array
+    target: Array
+    fit: Fit
+    robust: bool = False
+    pixel_spacing: Array | None = None
+
+    @cached_property
+    def T_target_source(self) -> Array:
+        """(3, 3) acting on [u v 1] with the result (x, y, z) [m], or (4, 4) acting on [x y z 1]."""
+        normaliser = self.fit.problem.normaliser
+        top = self.fit.m @ normaliser.matrix
+        top[:, -1] += normaliser.target_centre
+        if top.shape[1] == 3:
+            return top
+        return np.vstack([top, [0.0, 0.0, 0.0, 1.0]])
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(9, 9) or (12, 12) covariance of the first three rows of T, row by row."""
+        carry = np.kron(np.eye(3), self.fit.problem.normaliser.matrix.T)
+        return carry @ self.fit.covariance @ carry.T
+
+    def apply(self, points: ArrayLike) -> Array:
+        """Target positions (M, 3) [m] of source points (M, 2|3).
+
+        A planar registration also takes (M, 3) points whose third coordinate is 0, as a fixture in
+        the frame "image" holds them.
+        """
+        x = homogeneous(self.normalised(points))
+        return x @ self.fit.m.T + self.fit.problem.normaliser.target_centre
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """(N,) the markers that the fit rests on; all of them, unless it was robust."""
+        return self.fit.used
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom ν = 3 N - p."""
+        return self.fit.dof
+
+    @property
+    def residual_vectors_m(self) -> Array:
+        """(N, 3) target minus transformed source [m]."""
+        return self.fit.vectors
+
+    @property
+    def residuals_m(self) -> Array:
+        """(N,) length of each marker's residual [m]."""
+        return np.linalg.norm(self.fit.vectors, axis=1)
+
+    @property
+    def fre_rms_m(self) -> float:
+        """Fiducial registration error √(Σ|e|²/N) over the markers used [m]."""
+        return float(np.sqrt((self.residuals_m[self.used] ** 2).mean()))
+
+    @property
+    def sigma_m(self) -> float:
+        """Estimated standard deviation of a coordinate of a marker of weight 1: √(Σ w e² / ν)."""
+        return float(np.sqrt(self.fit.variance))
+
+    @property
+    def fle_rms_m(self) -> float:
+        """Estimated fiducial localisation error, RMS length [m]; √3 σ for equal markers."""
+        weights = self.fit.problem.weights[self.used]
+        return float(np.sqrt(self.fit.variance * (1 / weights).sum(axis=1).mean()))
+
+    @property
+    def condition(self) -> float:
+        """Longest over shortest extent of the markers in the source; 1 is best, no unit."""
+        return self.fit.problem.condition
+
+    @property
+    def leverage(self) -> Array:
+        """(N,) share of each marker in its own prediction, 0 to 1 for markers used."""
+        return self.fit.leverage
+
+    @cached_property
+    def loo_m(self) -> Array:
+        """(N,) error at each marker of the fit without it [m]; NaN where that is undetermined."""
+        return leave_one_out(self.fit)
+
+    @property
+    def loo_rms_m(self) -> float | None:
+        """RMS of `loo_m` over the markers used; `None` where one is undetermined."""
+        value = float(np.sqrt((self.loo_m[self.used] ** 2).mean()))
+        return value if np.isfinite(value) else None
+
+    @cached_property
+    def studentised_f(self) -> Array:
+        """(N,) F of each marker against the others; NaN where nothing is left to judge by."""
+        return studentised_f(self.fit)
+
+    @property
+    def f_limits(self) -> Array:
+        """(N,) the F that one of the markers exceeds in one good set of a hundred, at each."""
+        n = int(self.used.sum())
+        limits = np.full(len(self.used), np.inf)
+        for i, is_used in enumerate(self.used):
+            dof = self.dof - 3 * int(is_used)
+            if dof > 0:
+                limits[i] = f_limit(n, dof)
+        return limits
+
+    @cached_property
+    def outliers(self) -> tuple[str, ...] | tuple[int, ...]:
+        """Labels of markers whose F is above its limit, and of those a robust fit left out."""
+        is_outlier = (np.nan_to_num(self.studentised_f) > self.f_limits) | ~self.used
+        return tuple(self.labels[i] for i in np.flatnonzero(is_outlier))
+
+    def tre_covariance(self, points: ArrayLike) -> Array:
+        """(M, 3, 3) covariance [m²] of the registration's error at source points."""
+        rows = self._error_rows(points)
+        return rows @ np.swapaxes(rows, 1, 2)
+
+    def tre_m(self, points: ArrayLike) -> Array:
+        """(M,) predicted RMS target registration error at source points [m]."""
+        return np.sqrt((self._error_rows(points) ** 2).sum(axis=(1, 2)))
+
+    def tre_rms_m(self, points: ArrayLike) -> float:
+        """Predicted target registration error [m], RMS over source points."""
+        return float(np.sqrt((self.tre_m(points) ** 2).mean()))
+
+    def tre95_m(self, points: ArrayLike) -> Array:
+        """(M,) radius [m] that the error stays within at each point with probability 0.95."""
+        return pointwise_bound(self.tre_covariance(points), self.dof)
+
+    def tre95_curve_m(self, points: ArrayLike) -> Array:
+        """(M,) radius [m] that the error stays within at all these points at once, with 0.95.
+
+        The pointwise bound holds at each point with probability 0.95, hence along a whole curve
+        less often. This one is wider by the factor that makes up for it (see `error`).
+        """
+        pointwise_m = self.tre95_m(points)
+        return whole_curve_factor(self._error_rows(points), pointwise_m, self.dof) * pointwise_m
+
+    def _error_rows(self, points: ArrayLike) -> Array:
+        """(M, 3, p) how the error [m] at source points follows from p independent unit normals."""
+        return error_rows(self.normalised(points), self.fit.root) * self.sigma_m
+
+    @cached_property
+    def geometry(self) -> Geometry:
+        """Scale, anisotropy, shear and normal of the transform."""
+        return geometry(self.T_target_source)
+
+    @property
+    def image_faces(self) -> Array | None:
+        """(3,) unit vector in the target frame towards whoever looks at the slice.
+
+        With u to the right and v down. `None` for a source in space.
+        """
+        normal = self.geometry.normal
+        return None if normal is None else -normal
+
+    def normalised(self, points: ArrayLike) -> Array:
+        """(M, k) source points in the fit's own coordinates: centred, of unit RMS radius."""
+        try:
+            array = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        except (TypeError, ValueError):
+            raise SettingError(
+                "points are not numbers in rows of equal length", code="points-shape"
+            ) from None
+        k = self.source.shape[1]
+        if array.ndim == 2 and k == 2 and array.shape[1] == 3 and not array[:, 2].any():
+            array = array[:, :2]
+        if array.ndim != 2 or array.shape[1] != k or not len(array):
+            raise SettingError(
+                f"points have shape {array.shape}; (M, {k}) in the source is wanted",
+                code="points-shape",
+            )
+        if not np.isfinite(array).all():
+            raise SettingError(
+                "points hold NaN or infinity; finite numbers are wanted", code="points-not-finite"
+            )
+        return self.fit.problem.normaliser(array)
+
+    def record(
+        self, points: ArrayLike | None = None, source_frame: Frame | None = None
+    ) -> RegistrationRecord:
+        """The part of this that a fixture keeps.
+
+        Parameters
+        ----------
+        points
+            The fixture's points in the source frame, for the predicted error along them.
+        source_frame
+            "image" or "patient_lps"; by default what the source's dimension says.
+        """
+        frame: Frame = "image" if self.source.shape[1] == 2 else "patient_lps"
+        return RegistrationRecord(
+            model=self.model,
+            source_frame=source_frame or frame,
+            T_robot_image=self.T_target_source,
+            labels=tuple(map(str, self.labels)),
+            source=self.source,
+            target=self.target,
+            residuals_m=self.residuals_m,
+            fre_rms_m=self.fre_rms_m,
+            loo_rms_m=self.loo_rms_m,
+            tre_rms_m=None if points is None else self.tre_rms_m(points),
+            covariance=self.covariance,
+            tre_m=None if points is None else self.tre_m(points),
+        )
+
+
+def fit_registration(
+    source: ArrayLike,
+    target: ArrayLike,
+    *,
+    model: ModelName = "affine",
+    robust: bool = False,
+    labels: Sequence[str] | None = None,
+    pixel_spacing: float | tuple[float, float] | None = None,
+    sigma: ArrayLike | None = None,
+    seen_from: ArrayLike | None = None,
+) -> Registration:
+    """Fit the transform source -> target that markers determine, with its error everywhere.
+
+    Parameters
+    ----------
+    source
+        (N, 2) pixels u, v, or (N, 3) [m].
+    target
+        (N, 3) the same markers in the robot's frame [m].
+    model
+        "affine" (the paper's ordinary least squares), "similarity" or "rigid".
+    robust
+        Leave out the markers that do not agree with the others. They are named in `outliers` and
+        false in `used`. Every minimal subset is tried, so the same markers give the same result.
+    labels
+        (N,) the markers' names, each once; their indices where `None`.
+    pixel_spacing
+        (along u, along v) [m/px], or one number; needed for "rigid" from pixels. For "similarity"
+        only its ratio counts.
+    sigma
+        (N,) or (N, 3) standard deviation of each target position an axis [m]. Only ratios count:
+        the size of the error is estimated from the residuals.
+    seen_from
+        (3,) direction in the target frame from which a planar slice is looked at, u to the right
+        and v down. A mirrored set of markers is then refused. Without it a mirrored planar set
+        cannot be told from one that is turned over; a mirrored set in space is always refused.
+
+    Raises
+    ------
+    MarkerError
+        Positions that determine no transform: not finite, too few, in one place, on a line (or for
+        an affine map of a solid in a plane), or mirrored.
+    SettingError
+        An unknown model, a direction without length, a pixel spacing that is missing or out of
+        range, or more markers than a robust search allows.
+    """
+    direction = None if seen_from is None else _direction(seen_from)
+    problem = make_problem(source, target, model, pixel_spacing, sigma, labels)
+    fit = fit_model(problem, consistent_markers(problem) if robust else None)
+    _refuse_mirrored(fit, direction)
+    return Registration(
+        model=model,
+        labels=tuple(range(len(problem.s))) if labels is None else tuple(labels),
+        source=np.array(source, dtype=np.float64),
+        target=np.array(target, dtype=np.float64),
+        fit=fit,
+        robust=robust,
+        pixel_spacing=None if pixel_spacing is None else problem.normaliser.spacing,
+    )
+
+
+def _direction(value: ArrayLike) -> Array:
+    array = np.array(value, dtype=np.float64)
+    if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
+        raise SettingError(
+            f"seen_from is {value!r}; three finite numbers, not all 0, are wanted",
+            code="seen-from-range",
+        )
+    return array
+
+
+def _refuse_mirrored(fit: Fit, seen_from: Array | None) -> None:
+    """Refuse markers that fit only a mirror image.
+
+    A source in space shows it by itself. A planar one fits its mirror image as well (turned over),
+    so it is held against the direction from which the slice is looked at, where that is given.
+    """
+    if fit.problem.model.dimension == 3:
+        if _is_mirrored(fit):
+            raise MarkerError(
+                "the markers are mirrored: they fit a mirror image far better than any rotation. "
+                "Look for an axis with the wrong sign, or for two axes or labels exchanged",
+                code="mirrored",
+            )
+        return
+    if seen_from is None:
+        return
+    faces = -np.cross(fit.m[:, 0], fit.m[:, 1])
+    faces /= np.linalg.norm(faces)
+    if not faces @ seen_from > 0:
+        raise MarkerError(
+            f"the markers are mirrored: by them the slice is seen from {faces.round(3).tolist()}, "
+            f"but --seen-from says {seen_from.tolist()}. Look for two axes exchanged, or one with "
+            "the wrong sign",
+            code="mirrored",
+            numbers={"faces": faces.tolist(), "seen_from": seen_from.tolist()},
+        )
+
+
+def _is_mirrored(fit: Fit) -> bool:
+    from scipy.special import fdtri
+
+    problem: Problem = fit.problem
+    if not isinstance(problem.model, Orthogonal):
+        return bool(np.linalg.det(fit.m[:, :3]) < 0)
+    flipped = problem.s[fit.used] * [1.0, 1.0, -1.0]
+    y, w = problem.y[fit.used], problem.weights[fit.used]
+    error = y - homogeneous(flipped) @ problem.model.solve(flipped, y, w).T
+    mirrored = max(float((w * error**2).sum()), problem.rounding_floor_m**2)
+    # A flat layout fits both ways, so only a mirror image that fits far better counts.
+    limit = float(fdtri(float(fit.dof), float(fit.dof), 1 - 1 / MIRRORED_ONCE_IN))
+    return fit.variance * fit.dof > limit * mirrored
+
+
+def describe(
+    registration: Registration,
+    points: ArrayLike | None = None,
+    *,
+    error: TargetError | None = None,
+) -> dict[str, Any]:
+    """The registration, its markers, and its predicted error along source `points` (M, 2|3).
+
+    As `--json` reports it. What has no meaning for this source or model is absent, and what cannot
+    be known is `None`.
+    """
+    shape = registration.geometry
+    unit = "_m_per_px" if registration.source.shape[1] == 2 else ""
+    report: dict[str, Any] = {
+        "model": registration.model,
+        "markers": len(registration.labels),
+        "T_robot_image": registration.T_target_source,
+        "fre_rms_m": registration.fre_rms_m,
+        "fle_rms_m": registration.fle_rms_m,
+        "loo_rms_m": registration.loo_rms_m,
+        "degrees_of_freedom": registration.dof,
+        "condition": registration.condition,
+        "residuals": _describe_markers(registration),
+        "outliers": list(registration.outliers),
+        f"scale{unit}": shape.scale,
+        f"axis_scales{unit}": shape.axis_scales,
+        f"singular_values{unit}": shape.singular_values,
+        "anisotropy": shape.anisotropy,
+        "shear": shape.shear,
+    }
+    if shape.normal is not None:
+        report["plane_normal"] = shape.normal
+        report["image_faces"] = registration.image_faces
+        report["seen_from"] = describe_side(registration.image_faces)
+    if registration.robust:
+        report["robust"] = {"used": int(registration.used.sum())}
+    if registration.fit.problem.sigma_unit_m is not None:
+        ratio = registration.sigma_m / registration.fit.problem.sigma_unit_m
+        report["residuals_over_stated_sigma"] = ratio
+    if points is not None:
+        error = error or target_error(registration, points)
+        rms_m = float(np.sqrt((error.rms_m**2).mean()))
+        place = np.atleast_2d(np.asarray(points, dtype=float))[error.worst]
+        report["tre_rms_m"] = rms_m
+        report["tre"] = {
+            "rms_m": rms_m,
+            "max_rms_m": float(error.rms_m.max()),
+            "bound95_max_m": float(error.bound95_m.max()),
+            "curve95_max_m": float(error.curve95_m.max()),
+            "worst_point": error.worst,
+            "worst_source": place[: registration.source.shape[1]],
+            "worst_target_m": registration.apply(place[None])[0],
+            "points_extrapolated": int(error.is_extrapolated.sum()),
+        }
+    return report
+
+
+def _describe_markers(registration: Registration) -> list[dict[str, Any]]:
+    """One entry a marker: residual, leverage, leave-one-out error, F."""
+    markers = []
+    for i, label in enumerate(registration.labels):
+        markers.append(
+            {
+                "label": label,
+                "residual_m": float(registration.residuals_m[i]),
+                "vector_m": registration.residual_vectors_m[i],
+                "leverage": float(registration.leverage[i]),
+                "loo_m": float(registration.loo_m[i]),
+                "f": float(registration.studentised_f[i]),
+                "used": bool(registration.used[i]),
+            }
+        )
+    return markers
+
+
+def describe_side(faces: Array) -> str:
+    """The side of the robot that a slice is seen from, in words: "above (robot +z)"."""
+    axis = int(np.abs(faces).argmax())
+    sign = "+" if faces[axis] > 0 else "-"
+    if axis == 2:
+        return "above (robot +z)" if sign == "+" else "below (robot -z)"
+    return f"the side (robot {sign}{'xy'[axis]})"

@@ -1,0 +1,105 @@
+"""Which markers agree with each other, found without a random number.
+
+Least trimmed squares (P. J. Rousseeuw, "Least median of squares regression", J. Am. Stat. Assoc.
+79, 1984) over the transforms through all minimal subsets finds the half of the markers that agrees
+best. A forward search (A. C. Atkinson and M. Riani, "Robust diagnostic regression analysis", 2000)
+then takes in one marker after another, for as long as the next one fits.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations, islice
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import SettingError
+from vfplan.registration.fit import f_limit, fit_model, studentised_f
+from vfplan.registration.models import Array
+from vfplan.registration.problem import Problem
+
+# All of them are tried. This many take some seconds.
+MAX_SUBSETS = 500_000
+
+# This many subsets are fitted at once: a few megabytes.
+SUBSETS_AT_ONCE = 10_000
+
+# Probability that the forward search stops before a good marker.
+STOP_PROBABILITY = 0.05
+
+
+def consistent_markers(problem: Problem) -> NDArray[np.bool_]:
+    """(N,) the markers that a robust fit rests on.
+
+    Raises SettingError: more minimal subsets than can be searched
+    """
+    n, minimal = len(problem.s), problem.model.minimal
+    subsets = comb(n, minimal)
+    if subsets > MAX_SUBSETS:
+        raise SettingError(
+            f"a robust fit searches all {subsets} subsets of {minimal} of {n} markers; at most "
+            f"{MAX_SUBSETS} are allowed",
+            code="robust-too-many",
+            numbers={"subsets": subsets},
+        )
+    # As few markers as still leave a residual, and at least half of them.
+    half = max((n + minimal + 1) // 2, problem.model.parameters // 3 + 1)
+    half = min(n, half)
+    subset = _best_subset(problem, half)
+    squares = _squares(problem, _through(problem, np.array([subset])))[0]
+    used = np.zeros(n, dtype=bool)
+    used[subset] = True
+    used[np.argsort(squares, kind="stable")[:half]] = True
+    return _forward_search(problem, used)
+
+
+def _best_subset(problem: Problem, half: int) -> list[int]:
+    """The minimal subset whose transform leaves the least sum over the `half` that fits it best."""
+    subsets = combinations(range(len(problem.s)), problem.model.minimal)
+    best_sum, best_subset = np.inf, []
+    while block := list(islice(subsets, SUBSETS_AT_ONCE)):
+        index = np.array(block)
+        index = index[_is_spread_out(problem, index)]
+        if not len(index):
+            continue
+        squares = _squares(problem, _through(problem, index))
+        sums = np.partition(squares, half - 1, axis=1)[:, :half].sum(axis=1)
+        least = int(sums.argmin())
+        if sums[least] < best_sum:
+            best_sum, best_subset = float(sums[least]), index[least].tolist()
+    return best_subset
+
+
+def _forward_search(problem: Problem, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Take in the marker that fits best, until the best one left does not fit."""
+    used = used.copy()
+    while not used.all():
+        fit = fit_model(problem, used)
+        f = np.where(used, np.inf, studentised_f(fit))
+        next_marker = int(np.argmin(f))
+        if f[next_marker] > f_limit(len(used), fit.dof, STOP_PROBABILITY):
+            break
+        used[next_marker] = True
+    return used
+
+
+def _through(problem: Problem, index: NDArray[np.intp]) -> Array:
+    """(P, 3, k+1) the transforms of subsets (P, m) of the markers, all weights equal."""
+    s, y = problem.s[index], problem.y[index]
+    return problem.model.solve(s, y, np.ones_like(y))
+
+
+def _squares(problem: Problem, m: Array) -> Array:
+    """(P, N) weighted squared residual of every marker under each M (P, 3, k+1)."""
+    error = problem.y - problem.x @ np.swapaxes(m, -1, -2)
+    return (problem.weights * error**2).sum(axis=-1)
+
+
+def _is_spread_out(problem: Problem, index: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """(P,) whether a subset determines the transform: not on a line, for a 3-D affine not flat."""
+    s = problem.s[index]
+    centred = s - s.mean(axis=1, keepdims=True)
+    squares = np.linalg.eigvalsh(np.swapaxes(centred, 1, 2) @ centred)[:, ::-1]
+    rank = problem.model.dimension if problem.model.name == "affine" else 2
+    return squares[:, rank - 1] > 1e-6

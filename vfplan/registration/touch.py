@@ -1,0 +1,260 @@
+"""A rigid registration refined by points touched on the surface: each of them lies on it.
+
+The transform is the one that brings the touched points onto the surface, by their distances to the
+nearest place on it (Y. Chen and G. Medioni, "Object modelling by registration of multiple range
+images", Image and Vision Computing 10, 1992: point to plane). A loss that grows slowly first finds
+which points touched the surface and which something else. The markers give the start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import MarkerError, SettingError
+from vfplan.registration.models import Array, Orthogonal, homogeneous, root_of_inverse
+from vfplan.registration.nearest import NearestOnMesh
+from vfplan.registration.registration import Registration
+
+# Twice as many touched points as degrees of freedom.
+MIN_POINTS = 12
+MAX_POINTS = 100_000
+
+# Median distance [m] of the points from the surface that the markers place. More is a wrong unit.
+MAX_START_DISTANCE_M = 0.02
+
+# RMS change of the distances for a motion of 1 in the direction that the patch constrains least.
+# The normals of a sampled surface are off by hundredths of a radian, which looks like as much.
+MIN_CONSTRAINT = 0.03
+
+# A point is left out as a stray if a good one is as far from the surface so seldom.
+STRAY_PROBABILITY = 1e-4
+
+# Each round of fitting uses the spread that the round before has left.
+ROUNDS = 3
+STEPS_A_ROUND = 20
+
+# Distances below this are rounding.
+ROUNDING_M = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Touched:
+    """A registration refined by touched points."""
+
+    # The refined one; its covariance is that of the touched points' fit.
+    registration: Registration
+    # (T,) signed distance of each point from the surface, less the tip's radius [m].
+    distances_m: Array
+    # (T,) the same under the markers' registration [m].
+    before_m: Array
+    # (T,) the points that lie on the surface; the others touched something else.
+    used: NDArray[np.bool_]
+    # How well the patch constrains the motion that it constrains least; see `MIN_CONSTRAINT`.
+    constraint: float
+
+    @property
+    def rms_m(self) -> float:
+        """RMS distance of the points used [m]."""
+        return float(np.sqrt((self.distances_m[self.used] ** 2).mean()))
+
+
+def refine_by_touch(
+    registration: Registration,
+    touched: Array,
+    points: Array,
+    triangles: NDArray[np.int32],
+    tip_radius: float = 0.0,
+) -> Touched:
+    """Bring points touched on a surface onto it.
+
+    Parameters
+    ----------
+    registration
+        Rigid, from the surface's frame to the robot's, good to some millimetres.
+    touched
+        (T, 3) places of the tip's centre in the robot's frame [m].
+    points, triangles
+        The surface in the source frame [m], its triangles anticlockwise from outside.
+    tip_radius
+        Radius of the ball that touches [m].
+
+    Raises
+    ------
+    SettingError
+        A registration that is not rigid.
+    MarkerError
+        Too few points, points far from the surface, or a patch that leaves a motion free.
+    """
+    from scipy.special import stdtrit
+
+    model = registration.fit.problem.model
+    if not isinstance(model, Orthogonal) or model.name != "rigid" or model.dimension != 3:
+        raise SettingError(
+            f"touching refines a rigid registration in space, not {registration.model}; give "
+            "--model rigid",
+            code="touch-not-rigid",
+        )
+    if not MIN_POINTS <= len(touched) <= MAX_POINTS:
+        raise MarkerError(
+            f"{len(touched)} touched points; {MIN_POINTS} to {MAX_POINTS} are wanted",
+            code="touch-count",
+            numbers={"points": len(touched)},
+        )
+    patch = _Patch(registration, touched, NearestOnMesh(points, triangles), tip_radius)
+    m = registration.fit.m
+    before_m = patch.distances(m)
+    start_m = float(np.median(np.abs(before_m)))
+    if start_m > MAX_START_DISTANCE_M:
+        raise MarkerError(
+            f"half of the touched points are more than {1e3 * start_m:.0f} mm from the surface "
+            f"that the markers place; at most {1e3 * MAX_START_DISTANCE_M:.0f} mm is allowed. Look "
+            "for a wrong unit or frame",
+            code="touch-far",
+            numbers={"median_distance_m": start_m},
+        )
+
+    # A robust fit finds which points lie on the surface.
+    for _ in range(ROUNDS):
+        m = patch.fit(m, model, "cauchy")
+    distances_m = patch.distances(m)
+    dof = len(touched) - 6
+    sigma_m = _robust_spread(distances_m)
+
+    # Least squares of those points give the smallest error.
+    for _ in range(ROUNDS):
+        limit = float(stdtrit(dof, 1 - STRAY_PROBABILITY / 2)) * max(sigma_m, ROUNDING_M)
+        used = np.abs(distances_m) <= limit
+        if used.sum() < MIN_POINTS:
+            raise MarkerError(
+                f"only {used.sum()} touched points lie on one surface; {MIN_POINTS} are wanted",
+                code="touch-no-surface",
+                numbers={"points": int(used.sum())},
+            )
+        on_surface = replace(patch, touched=touched[used])
+        m = on_surface.fit(m, model, "linear")
+        distances_m = patch.distances(m)
+        dof = int(used.sum()) - 6
+        sigma_m = float(np.sqrt((distances_m[used] ** 2).sum() / dof))
+
+    _, normals, places = on_surface.nearest(m)
+    constraint = _refuse_free_motion(normals, places)
+    refined = _with_error(registration, m, distances_m[used], normals, places)
+    return Touched(refined, distances_m, before_m, used, constraint)
+
+
+@dataclass(frozen=True, eq=False)
+class _Patch:
+    """Touched points and the surface, compared under one transform after another."""
+
+    registration: Registration
+    touched: Array
+    mesh: NearestOnMesh
+    tip_radius: float
+
+    def distances(self, m: Array) -> Array:
+        """(T,) signed distances from the surface, less the tip's radius [m]."""
+        return self.nearest(m)[0]
+
+    def nearest(self, m: Array) -> tuple[Array, Array, Array]:
+        """Distances (T,), and normals and nearest places (T, 3) on the surface in the target."""
+        normaliser = self.registration.fit.problem.normaliser
+        y = self.touched - normaliser.target_centre
+        s = np.linalg.solve(m[:, :3], (y - m[:, 3]).T).T
+        source = (s * normaliser.radius + normaliser.centre) / normaliser.spacing
+        nearest, rows = self.mesh(source)
+        places = homogeneous(normaliser(nearest)) @ m.T
+        turn = m[:, :3] / np.cbrt(np.linalg.det(m[:, :3]))
+        normals = self.mesh.normals(rows) @ turn.T
+        offset = y - places
+        side = np.where((offset * normals).sum(axis=1) < 0, -1.0, 1.0)
+        length = np.linalg.norm(offset, axis=1)
+        # Beyond an edge the distance grows along the way to the nearest place, not the normal.
+        is_away = length > ROUNDING_M
+        normals[is_away] = side[is_away, None] * offset[is_away] / length[is_away, None]
+        return side * length - self.tip_radius, normals, places
+
+    def fit(self, m: Array, model: Orthogonal, loss: Literal["cauchy", "linear"]) -> Array:
+        """The transform after a least squares fit that starts from M; `loss` as SciPy names it."""
+        from scipy.optimize import least_squares
+
+        scale = max(_robust_spread(self.distances(m)), ROUNDING_M)
+
+        def distances(step: Array) -> Array:
+            return self.distances(model.moved(m, step))
+
+        def jacobian(step: Array) -> Array:
+            moved = model.moved(m, step)
+            _, normals, places = self.nearest(moved)
+            return _jacobian(normals, places - moved[:, 3])
+
+        result = least_squares(
+            distances,
+            np.zeros(6),
+            jacobian,
+            loss=loss,
+            f_scale=scale,
+            x_scale="jac",
+            max_nfev=STEPS_A_ROUND,
+        )
+        return model.moved(m, result.x)
+
+
+def _robust_spread(distances: Array) -> float:
+    """Standard deviation of normal distances that a fit has left, by the median of their sizes.
+
+    The factor for few of them is that of P. J. Rousseeuw and A. M. Leroy, "Robust regression and
+    outlier detection", 1987, ch. 5: six parameters make half of a few distances small.
+    """
+    few = 1 + 5 / max(len(distances) - 6, 1)
+    return 1.4826 * few * float(np.median(np.abs(distances)))
+
+
+def _jacobian(normals: Array, arms: Array) -> Array:
+    """(T, 6) how distances change as the surface turns about the arms' origin, and moves."""
+    return -np.hstack([np.cross(arms, normals), normals])
+
+
+def _refuse_free_motion(normals: Array, places: Array) -> float:
+    """How well the worst motion is constrained; refuses a patch that leaves one free."""
+    arms = places - places.mean(axis=0)
+    radius = np.sqrt((arms**2).sum(axis=1).mean())
+    jacobian = _jacobian(normals, arms / radius)
+    _, sizes, motions = np.linalg.svd(jacobian / np.sqrt(len(jacobian)), full_matrices=False)
+    constraint = float(sizes[-1])
+    if constraint < MIN_CONSTRAINT:
+        turn, shift = motions[-1, :3], motions[-1, 3:]
+        if np.linalg.norm(turn) > np.linalg.norm(shift):
+            motion, axis = "turning about", turn
+        else:
+            motion, axis = "sliding along", shift
+        shown = ", ".join(f"{x:+.2f}" for x in axis / np.linalg.norm(axis))
+        raise MarkerError(
+            f"the touched patch does not hold the bone: {motion} ({shown}) changes the distances "
+            f"by {constraint:.3f} of the motion, {MIN_CONSTRAINT} at least is wanted. Touch places "
+            "that face another way",
+            code="touch-free-motion",
+            numbers={"constraint": constraint},
+        )
+    return constraint
+
+
+def _with_error(
+    registration: Registration, m: Array, distances_m: Array, normals: Array, places: Array
+) -> Registration:
+    """The registration with another transform, and the covariance of these distances' fit."""
+    fit = registration.fit
+    jacobian = _jacobian(normals, places - m[:, 3])
+    dof = len(distances_m) - 6
+    refined = replace(
+        fit,
+        m=m,
+        vectors=fit.problem.y - fit.problem.x @ m.T,
+        variance=float((distances_m**2).sum()) / dof,
+        dof=dof,
+        root=fit.problem.model.tangent(m) @ root_of_inverse(jacobian),
+    )
+    return replace(registration, fit=refined)
