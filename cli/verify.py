@@ -8,6 +8,8 @@ from typing import Any
 from vfplan.cli.options import FIXTURE, signature, trust
 from vfplan.cli.run import Report, command
 
+from vfplan.fixture import Fixture
+
 
 @command("verify")
 @FIXTURE
@@ -27,8 +29,18 @@ def command(fixture, **given) -> Report:
     lines = [f"sound, signed by key {data['key_id']}", *seal_lines(data)]
     lines += finding_lines(data["findings"], reviewed)
     if seal.despite_findings:
-        lines.append("  signed although findings were open, or nobody had reviewed it")
+        lines.append(f"  {'but':<11} signed although {_why_despite(signed)}")
     return Report(data, "\n".join(lines))
+
+
+def _why_despite(signed: Fixture) -> str:
+    """What should have kept somebody from signing."""
+    reasons = []
+    if signed.open_findings:
+        reasons.append("findings were not answered")
+    if signed.reviewed is None:
+        reasons.append("nobody had reviewed it")
+    return " and ".join(reasons)
 
 
 def seal_lines(seal: dict[str, Any]) -> list[str]:

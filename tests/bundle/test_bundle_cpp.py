@@ -188,6 +188,17 @@ def test_a_forged_signature_does_not_hold_in_cpp_either(bundle_sweep, tmp_path):
     assert found == "signature.wrong"
 
 
+def test_no_byte_of_a_signed_bundle_can_be_changed(bundle_sweep):
+    """Neither as it is nor with all digests made anew."""
+    folder = ROOT / "tests" / "data" / "bundles"
+    path = folder / "2.0-signed.h5"
+    found = bundle_sweep("forgeries", path, folder / "signed.pub")
+    assert len(found) == 2 * path.stat().st_size
+    assert set(found[0::2]) == {"."}
+    assert set(found[1::2]) == {".", "="}
+    assert found.count("=") == 32  # the seal's own digest, which is then the right one again
+
+
 def test_both_readers_judge_mutated_files_alike(bundle_sweep, tmp_path):
     """Files whose object headers were edited and carry good checksums; one crash fails it all."""
     good, wanted, paths = hostile.sound(), [], []

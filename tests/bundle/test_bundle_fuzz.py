@@ -10,7 +10,9 @@ import damage
 import fuzz_bundle
 import hostile
 import pytest
-from conftest import ROOT
+from conftest import ROOT, need_header, need_program
+
+import vfplan
 
 RUNS = 200
 
@@ -46,6 +48,47 @@ def test_the_fuzz_target_runs_under_atheris(tmp_path):
     )
     assert done.returncode == 0, done.stderr[-3000:]
     assert "Done 60" in done.stderr
+
+
+def compared_with_h5py(first: int, count: int) -> str:
+    """The verdicts on so many mutants, of two readers that share no code."""
+    text, _ = damage.in_child(
+        lambda: "".join(map(damage.verdict_of_two, fuzz_bundle.mutants(first, count))),
+        limit_s=3600,
+    )
+    return text
+
+
+@pytest.mark.parametrize(
+    ("first", "count"), [(0, 400), pytest.param(400, 100_000, marks=pytest.mark.full)]
+)
+def test_mutants_under_a_good_seal_are_refused_or_read_as_h5py_reads_them(first, count):
+    text = compared_with_h5py(first, count)
+    wrong = [first + i for i, verdict in enumerate(text) if verdict == "!"]
+    assert not wrong, f"mutants {wrong[:20]}"
+    assert len(text) == count
+    assert 0.001 < text.count("=") / count < 0.9
+
+
+@pytest.mark.parametrize(
+    ("first", "count"), [(0, 400), pytest.param(400, 100_000, marks=pytest.mark.full)]
+)
+def test_mutants_meet_no_fault_that_a_sanitizer_sees(first, count, tmp_path):
+    """The reader in C++ with the sanitizers of addresses and undefined behaviour."""
+    compiler = need_program("g++", "g++")
+    need_header("openssl/evp.h", "libssl-dev")
+    program = tmp_path / "bundle_sweep"
+    words = [compiler, "-std=c++20", "-O1", "-fsanitize=address,undefined"]
+    words += ["-fno-sanitize-recover=all", f"-I{Path(vfplan.__file__).parent / 'include'}"]
+    words += [ROOT / "tests" / "native" / "bundle_sweep.cpp", "-lcrypto", "-o", program]
+    subprocess.run([*map(str, words)], check=True)
+    with open(tmp_path / "mutants", "wb") as file:
+        for data in fuzz_bundle.mutants(first, count):
+            file.write(len(data).to_bytes(4, "little") + data)
+    with open(tmp_path / "mutants", "rb") as file:
+        done = subprocess.run([program, "stream"], stdin=file, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert len(done.stdout.strip()) == count
 
 
 @pytest.mark.full

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import re
 import struct
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import bundles
 import h5py
 import numpy as np
 import pytest
+from conftest import ROOT
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.serialization import load_pem_public_key
 
@@ -66,6 +68,23 @@ def test_the_page_tells_how_a_signature_is_checked():
     forged[-48:-16] = hashlib.sha256(forged[-512:-48]).digest()
     with pytest.raises(InvalidSignature):
         check_seal(bytes(forged), public)
+
+
+PAGE = (ROOT / "docs" / "format.md").read_text()
+
+
+def test_every_must_of_the_page_has_a_number():
+    """Rules are list items that begin with their number; tables name theirs in the text above."""
+    rules = {}
+    for item in re.split(r"\n(?=- |\n|#)", PAGE[PAGE.index("## 1. The file") :]):
+        if "MUST" not in item or item.strip().startswith(("|", "<!--")):
+            continue
+        found = re.match(r"\s*- \*\*([A-Z])(\d+)\*\* ", item)
+        assert found, f"a MUST without a number: {item.strip()[:100]!r}"
+        rules.setdefault(found[1], []).append(int(found[2]))
+    for letter, numbers in rules.items():
+        assert numbers == list(range(1, len(numbers) + 1)), letter
+    assert sorted(rules) == ["C", "K", "L", "M", "S", "V"]
 
 
 def text(holder, name, value):

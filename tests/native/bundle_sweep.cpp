@@ -3,6 +3,8 @@
 // The C++ reader against damaged files, many in one process:
 //
 //   bundle_sweep verdicts            paths on stdin; for each a line "KIND where" or "ok"
+//   bundle_sweep stream              bundles on stdin, each behind its length in 4 bytes
+//   bundle_sweep forgeries FILE KEYS one bit of every byte, with all digests made anew, and signed?
 //   bundle_sweep verify FILE KEYS CASE SERIAL MAX_AGE_S     prints "ok", or the code
 //   bundle_sweep flips FILE FIRST STEP [reseal]     one bit of every STEP-th byte
 //   bundle_sweep prefixes FILE FIRST STEP [reseal]  every STEP-th length
@@ -74,6 +76,44 @@ int verdicts() {
     return 0;
 }
 
+/// The bundles come one after the other; one character each.
+int stream() {
+    std::uint32_t length = 0;
+    while (std::cin.read(reinterpret_cast<char*>(&length), sizeof length)) {
+        Bytes data(length);
+        std::cin.read(reinterpret_cast<char*>(data.data()), std::streamsize(length));
+        try {
+            vfplan::bundle::read_bundle(data);
+            std::cout << '=';
+        } catch (const vfplan::bundle::BundleError&) {
+            std::cout << '.';
+        }
+    }
+    std::cout << std::endl;
+    return 0;
+}
+
+/// Whoever changes a signed file and makes its digests anew has no signature.
+int forgeries(const std::string& path, const std::string& keys) {
+    const vfplan::bundle::Trust trust{vfplan::bundle::read_keys(keys), {}, {}, {}};
+    const Bytes good = vfplan::bundle::read_file(path);
+    vfplan::bundle::read_bundle(good, trust);
+    for (std::size_t i = 0; i < 2 * good.size(); ++i) {
+        Bytes data = good;
+        const std::size_t at = i / 2;
+        data[at] ^= static_cast<unsigned char>(1u << (at % 8));
+        if (i % 2 != 0) reseal(data, at >= good.size() - seal_size);
+        try {
+            vfplan::bundle::read_bundle(data, trust);
+            std::cout << (data == good ? '=' : '!');
+        } catch (const vfplan::bundle::BundleError&) {
+            std::cout << '.';
+        }
+    }
+    std::cout << std::endl;
+    return 0;
+}
+
 int verify(const std::string& path, char** words) {
     try {
         const vfplan::bundle::Trust trust{vfplan::bundle::read_keys(words[0]), words[1], words[2],
@@ -91,6 +131,8 @@ int verify(const std::string& path, char** words) {
 int main(int argc, char** argv) {
     const std::string mode = argc > 1 ? argv[1] : "";
     if (mode == "verdicts") return verdicts();
+    if (mode == "stream") return stream();
+    if (mode == "forgeries" && argc == 4) return forgeries(argv[2], argv[3]);
     if (argc < 5) return 2;
     if (mode == "verify") return argc == 7 ? verify(argv[2], argv + 3) : 2;
     const Bytes good = vfplan::bundle::read_file(argv[2]);

@@ -75,12 +75,15 @@ def by_h5py(data: bytes, paths) -> dict:
 
 
 def verdict_of_two(data: bytes) -> str:
-    """'.' refused, '=' read with the values that h5py reads, '!' read with others."""
+    """'.' refused, '=' read with the values that h5py reads, '!' read with others, or alone."""
     try:
         values = read_bundle(data)[0]
     except BundleError:
         return "."
-    return "=" if equal(values, by_h5py(data, values)) else "!"
+    try:
+        return "=" if equal(values, by_h5py(data, values)) else "!"
+    except (OSError, KeyError, RuntimeError, ValueError, UnicodeDecodeError):
+        return "!"
 
 
 def verdict(data: bytes, wanted) -> str:

@@ -23,58 +23,15 @@ if __name__ == "__main__":
     with atheris.instrument_imports(include=["vfplan.bundle"]):
         pass
 
+import bundles
 import damage
 import hdf5_spans
+from vfplan._core import lookup3
 
 from vfplan.bundle import read_bundle, validate
+from vfplan.bundle.content import to_content
+from vfplan.bundle.write import completed, to_payload
 from vfplan.errors import BundleError
-
-WORD = 0xFFFFFFFF
-
-
-def lookup3(data: bytes) -> int:
-    """Bob Jenkins' 2006 hash, which HDF5 uses as the checksum of its metadata."""
-
-    def rot(x, k):
-        return (x << k | x >> (32 - k)) & WORD
-
-    a = b = c = (0xDEADBEEF + len(data)) & WORD
-    blocks = max(0, (len(data) - 1) // 12)
-    for x, y, z in struct.iter_unpack("<3I", data[: 12 * blocks]):
-        a, b, c = (a + x) & WORD, (b + y) & WORD, (c + z) & WORD
-        a = (a - c & WORD) ^ rot(c, 4)
-        c = c + b & WORD
-        b = (b - a & WORD) ^ rot(a, 6)
-        a = a + c & WORD
-        c = (c - b & WORD) ^ rot(b, 8)
-        b = b + a & WORD
-        a = (a - c & WORD) ^ rot(c, 16)
-        c = c + b & WORD
-        b = (b - a & WORD) ^ rot(a, 19)
-        a = a + c & WORD
-        c = (c - b & WORD) ^ rot(b, 4)
-        b = b + a & WORD
-    rest = data[12 * blocks :]
-    if not rest:
-        return c
-    x, y, z = struct.unpack("<3I", rest.ljust(12, b"\0"))
-    a, b, c = (a + x) & WORD, (b + y) & WORD, (c + z) & WORD
-    for k, turn in (
-        (14, "cb"),
-        (11, "ac"),
-        (25, "ba"),
-        (16, "cb"),
-        (4, "ac"),
-        (14, "ba"),
-        (24, "cb"),
-    ):
-        if turn == "cb":
-            c = ((c ^ b) - rot(b, k)) & WORD
-        elif turn == "ac":
-            a = ((a ^ c) - rot(c, k)) & WORD
-        else:
-            b = ((b ^ a) - rot(a, k)) & WORD
-    return c
 
 
 def checked_spans(payload: bytes):
@@ -116,6 +73,18 @@ def mutated(payload: bytes, draw: random.Random) -> bytes:
             length = draw.randrange(1, 32)
             data[at : at + length] = data[source : source + length]
     return repaired(bytes(data[: len(payload)]))
+
+
+SEEDS = ("small", "whole", "doubtful", "drawn", "guided", "sheet", "patient", "pixels")
+"""The made-up fixtures of which mutants are made."""
+
+
+def mutants(first: int, count: int):
+    """Bundles made of sound ones by a few edits, each sealed anew: number -> the same bytes."""
+    good = [to_payload(completed(to_content(getattr(bundles, name)()))) for name in SEEDS]
+    for number in range(first, first + count):
+        draw = random.Random(number)
+        yield damage.sealed(mutated(draw.choice(good), draw))
 
 
 def attempt(payload: bytes) -> bool:
