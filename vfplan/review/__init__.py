@@ -6,4 +6,5 @@ views        a bundle without a slice, from three sides
 labels       where the captions on the slice go
 paper        pages, letters, and what stands where
 digest       64 hexadecimal digits over what a sheet shows
+acceptance   answers, a name and the digest, stored in a bundle
 """
