@@ -101,3 +101,21 @@ def _insistent(
         signal.set_wakeup_fd(before)
         os.close(writing)
         thread.join()
+
+
+@contextmanager
+def noted_signals() -> Iterator[Callable[[], bool]]:
+    """Take the signals of stopping as an ordinary end; yields whether one came.
+
+    One that is ignored, as by nohup, stays so.
+    """
+    came: list[int] = []
+    numbers = [number for number in SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
+    before = {}
+    for number in numbers:
+        before[number] = signal.signal(number, lambda number, frame: came.append(number))
+    try:
+        yield lambda: bool(came)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

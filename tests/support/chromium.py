@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import subprocess
 import time
 from itertools import count
+from pathlib import Path
 
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
@@ -14,6 +16,13 @@ FLAGS = (
     "--disable-sync", "--no-first-run", "--no-default-browser-check", "--hide-scrollbars",
     "--window-size=1100,900", "--remote-debugging-pipe",
 )  # fmt: skip
+
+
+KEY_CODES = {
+    "Enter": 13, "Escape": 27, " ": 32, "Tab": 9, "Delete": 46, "Backspace": 8,
+    "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40,
+}  # fmt: skip
+CTRL, SHIFT = 2, 8
 
 
 class Page:
@@ -65,6 +74,69 @@ class Page:
         done = self.do("Runtime.evaluate", expression=script, returnByValue=True)
         assert "exceptionDetails" not in done, done["exceptionDetails"]
         return done["result"].get("value")
+
+    # A hand: places are pixels of the window.
+
+    def press(self, x, y, kind="mousePressed", button="left", clicks=1, modifiers=0):
+        self.do("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, clickCount=clicks,
+                modifiers=modifiers)  # fmt: skip
+
+    def click(self, x, y):
+        self.press(x, y, "mouseMoved", "none")
+        self.press(x, y)
+        self.press(x, y, "mouseReleased")
+
+    def drag(self, start, stop, steps=8, release=True):
+        """Press at one place, move to another in steps, and let go there."""
+        self.press(*start, "mouseMoved", "none")
+        self.press(*start)
+        for k in range(1, steps + 1):
+            at = [a + (b - a) * k / steps for a, b in zip(start, stop, strict=True)]
+            self.press(*at, "mouseMoved")
+        if release:
+            self.press(*stop, "mouseReleased")
+
+    def wheel(self, x, y, turned, modifiers=0):
+        """Turn the wheel over a place; `turned` below 0 is away from the hand."""
+        self.do("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=turned,
+                modifiers=modifiers)  # fmt: skip
+
+    def key(self, key, modifiers=0, code=None):
+        """Press and release a key by its name, such as "a", "Enter" or "ArrowLeft"."""
+        text = {"text": key} if len(key) == 1 and not modifiers & 2 else {}
+        text = {"text": "\r"} if key == "Enter" else text
+        number = KEY_CODES.get(key, ord(key.upper()) if len(key) == 1 else 0)
+        given = {"key": key, "modifiers": modifiers, "windowsVirtualKeyCode": number}
+        self.do("Input.dispatchKeyEvent", type="keyDown", **given, **text)
+        self.do("Input.dispatchKeyEvent", type="keyUp", **given)
+
+    def type(self, text):
+        self.do("Input.insertText", text=text)
+
+    def size(self, width, height, scale=1):
+        self.do("Emulation.setDeviceMetricsOverride", width=width, height=height,
+                deviceScaleFactor=scale, mobile=False)  # fmt: skip
+
+    def dark(self, is_dark=True):
+        feature = {"name": "prefers-color-scheme", "value": "dark" if is_dark else "light"}
+        self.do("Emulation.setEmulatedMedia", features=[feature])
+
+    def picture(self, path):
+        """Write what the window shows as a PNG."""
+        data = self.do("Page.captureScreenshot", format="png")["data"]
+        Path(path).write_bytes(base64.b64decode(data))
+
+    def until(self, script, wanted=bool, seconds=30):
+        """Run an expression until its value is as wanted; the value."""
+        end = time.monotonic() + seconds
+        while not wanted(found := self.run(script)):
+            assert time.monotonic() < end, (script, found)
+            time.sleep(0.02)
+        return found
+
+    def wrong(self):
+        """The errors that the page's scripts threw or wrote."""
+        return [e for e in self.events if e["method"] == "Runtime.exceptionThrown"]
 
     def _call(self, method, session=None, **parameters):
         message = {"id": next(self._ids), "method": method, "params": parameters}

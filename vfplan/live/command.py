@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import signal
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +12,7 @@ import click
 from vfplan.cli.options import FIXTURE, option, taking
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
-from vfplan.cli.stopping import SIGNALS
+from vfplan.cli.stopping import noted_signals
 from vfplan.cli.values import Real, Whole, Written
 
 
@@ -87,7 +85,7 @@ def _follow(ticks: Any, feed: Any, kept: Any, seconds: float | None) -> dict[str
     """Pass on every tick until the source ends, the time is over, or a signal comes."""
     data = {"ticks": 0, "dropped": 0, "lost_datagrams": 0, "bad_datagrams": 0}
     began = time.monotonic()
-    with _told_to_stop() as stopped:
+    with noted_signals() as stopped:
         for found in ticks:
             if len(found.ticks):
                 data["ticks"] += len(found.ticks)
@@ -102,19 +100,3 @@ def _follow(ticks: Any, feed: Any, kept: Any, seconds: float | None) -> dict[str
             if stopped() or (seconds is not None and time.monotonic() - began >= seconds):
                 break
     return data
-
-
-@contextmanager
-def _told_to_stop() -> Iterator[Callable[[], bool]]:
-    """Take the signals of stopping for the end of the showing, not for a failure.
-
-    One that is ignored, as by nohup, stays so.
-    """
-    came: list[int] = []
-    numbers = [n for n in SIGNALS if signal.getsignal(n) != signal.SIG_IGN]
-    before = {n: signal.signal(n, lambda number, frame: came.append(number)) for n in numbers}
-    try:
-        yield lambda: bool(came)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
