@@ -1,10 +1,35 @@
-"""A person looks at a plan: the review sheet, and the digest by which what was seen is accepted.
+"""A person looks at a plan: the review page, the review sheet, and how the answer is stored.
 
+session      the state of a review: what a person sees, and what each step makes of it
+steps        the steps
+source       a slice or a bundle, read, with its markers
+geometry     the curve on its slice, or why there is none, and all other ink
+strokes      a line that can be mended by its knots, `paths` its geometry
+ink          the pen's ink near a path that a person drew
+markers      the markers, and what the registration says of them
+draft        the steps in a file
+server       the page's server; the page itself is in `page`
+approval     a person's approval, stored in a bundle
 sheet_input  everything that a sheet shows, as one plain record
 sheet        the record as a picture
 views        a bundle without a slice, from three sides
 labels       where the captions on the slice go
 paper        pages, letters, and what stands where
 digest       64 hexadecimal digits over what a sheet shows
-acceptance   answers, a name and the digest, stored in a bundle
+accept       answers and a name, stored in a bundle
 """
+
+from __future__ import annotations
+
+from typing import Any
+
+__all__ = ["Session"]
+
+
+def __getattr__(name: str) -> Any:
+    # The sheet is drawn without the session, whose imports cost half a second.
+    if name == "Session":
+        from vfplan.review.session import Session
+
+        return Session
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -44,10 +44,7 @@ class SheetStroke:
 
 @dataclass(frozen=True)
 class AccountEntry:
-    """Ink in the pen's colour that was not taken: where, how much [px], and its share of all.
-
-    Where `is_ink` is false it is a stretch of the line that shows no ink; `what` says why.
-    """
+    """Ink in the pen's colour that was not taken: where, how much [px], and its share of all."""
 
     number: int
     u: float
@@ -55,7 +52,6 @@ class AccountEntry:
     pixels: int
     share: float
     what: str = ""
-    is_ink: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,14 +149,17 @@ class SheetInput:
         return "No open finding. Look at the ends, then approve"
 
 
-def of_plan(plan: Plan, title: str) -> SheetInput:
-    """What the sheet of a new plan shows."""
+def of_plan(plan: Plan, title: str, *, findings: tuple[Finding, ...] | None = None) -> SheetInput:
+    """What the sheet of a new plan shows; `findings` are the plan's own where none are given."""
+    if findings is None:
+        findings = plan.findings
     if plan.extracted.image is None:
-        return of_fixture(plan.fixture, title)
+        return of_fixture(plan.fixture, title, findings=findings)
     return of_fixture(
         plan.fixture,
         title,
         image=plan.extracted.image,
+        findings=findings,
         registration=plan.registered.registration,
         extracted=plan.extracted,
     )
@@ -172,6 +171,7 @@ def of_extraction(extracted: Extracted, title: str) -> SheetInput:
         extracted.fixture,
         title,
         image=extracted.image,
+        findings=extracted.findings,
         extracted=None if extracted.image is None else extracted,
     )
 
@@ -181,6 +181,7 @@ def of_fixture(
     title: str,
     *,
     image: PlannedImage | None = None,
+    findings: tuple[Finding, ...] = (),
     registration: Registration | None = None,
     extracted: Extracted | None = None,
 ) -> SheetInput:
@@ -194,6 +195,8 @@ def of_fixture(
         What it is called on the sheet.
     image
         The slice that the curve was drawn on, where it is known.
+    findings
+        More than the bundle holds.
     registration
         The registration the fixture was made with. Without it, it is made again from the markers
         that the bundle holds.
@@ -208,11 +211,13 @@ def of_fixture(
     """
     if image is not None:
         check_slice(fixture, image)
+    own = tuple(getattr(fixture, "findings", None) or ())
+    findings = (*own, *(finding for finding in findings if finding not in own))
     drawn = fixture.provenance.inputs.get("image") is not None
     record = SheetInput(
         title=title,
-        digest=digest_of(fixture, slice_shown=image is not None),
-        findings=fixture.findings,
+        digest=digest_of(fixture, findings, slice_shown=image is not None),
+        findings=findings,
         reviewed=_reviewed(fixture),
         margin_m=_margin_of(fixture, None),
         side=_side_of(fixture),
@@ -355,22 +360,16 @@ def account_of(extracted: Extracted) -> tuple[AccountEntry, ...]:
 
 
 def _account_entry(entry: Any) -> AccountEntry:
-    words = {"ink": "", "bridge": "gap in the line", "hidden": "line hidden"}
-    return AccountEntry(
-        number=entry.number,
-        u=entry.u,
-        v=entry.v,
-        pixels=entry.pixels,
-        share=entry.share,
-        what=words.get(entry.what, entry.what),
-        is_ink=entry.what == "ink",
-    )
+    values = entry if isinstance(entry, dict) else vars(entry)
+    names = ("number", "u", "v", "pixels", "share")
+    return AccountEntry(**{name: values[name] for name in names}, what=values.get("kind", ""))
 
 
 def _reviewed(fixture: Fixture) -> str:
-    if fixture.reviewed is None:
+    review = getattr(fixture, "reviewed", None)
+    if review is None:
         return ""
-    return f"{fixture.reviewed.by}, {fixture.reviewed.utc}"
+    return f"{review.by}, {review.utc}"
 
 
 def _margin_of(fixture: Fixture, tre95_m: Array | None) -> float | None:
@@ -393,13 +392,20 @@ def _metres_per_px(fixture: Fixture, image: PlannedImage) -> float | None:
 
 def _side_of(fixture: Fixture) -> str | None:
     """From where the robot sees the slice; `None` for markers in space."""
-    from vfplan.registration.registration import describe_side
-
     record = fixture.registration
     if record is None or record.source_frame != "image":
         return None
     across, down = record.T_robot_image[:3, :2].T
-    return describe_side(-np.cross(across, down))
+    return side_in_words(-np.cross(across, down))
+
+
+def side_in_words(faces: Array) -> str:
+    """The side of the robot that a direction points to, such as "above (robot +z)"."""
+    axis = int(np.abs(faces).argmax())
+    sign = "+" if faces[axis] > 0 else "-"
+    names = {"+z": "above", "-z": "below"}
+    direction = f"{sign}{'xyz'[axis]}"
+    return f"{names.get(direction, 'the side')} (robot {direction})"
 
 
 def _markers_on_slice(fixture: Fixture) -> tuple[SheetMarker, ...]:

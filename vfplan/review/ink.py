@@ -1,0 +1,519 @@
+"""The pen's ink on a slice: what there is, and where a line runs near a path.
+
+`vfplan.extract_curve` measures a curve that it finds by itself. Here a person says where the curve
+runs, and the ink close to that path is measured again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.review.paths import arc_length, evenly, normals
+
+HUE_GATE_DEG = 32.0
+"""Degrees of hue from the pen's at which a pixel shows none of it; magenta is 60 from red."""
+
+CHROMA_FLOOR = 18.0
+"""Grey levels (0 to 255) of colour below which nothing is ink: JPEG's noise reaches 12."""
+
+LOCAL_PX = 15
+"""Side [px] of the square whose strongest ink sets the threshold; wider than a pen's edge."""
+
+MIN_INK_PX = 12
+"""Area [px] below which ink is a speck and no part of a line."""
+
+MIN_LINE_PX = 20.0
+"""Length [px] from which ink counts as a line, as in `vfplan extract`."""
+
+STEP_PX = 0.5
+"""Distance [px] of samples across a path: two a pixel lose nothing of what the picture holds."""
+
+SMOOTH_PX = 2.0
+"""Deviation [px] of the Gaussian that smooths what was measured along a path; hands bend slower."""
+
+INK_SIGMA_PX = 0.05
+"""Deviation [px] that a measured point has at least, which no scatter along the line shows."""
+
+FAINTEST = 0.25
+"""Of the pen's usual strength: fainter colour is no ink to move a path to."""
+
+BORDER_POINTS = 3
+"""Points beside a stretch without ink whose profiles that stretch may cut: a pen's width."""
+
+WIDER = 1.25
+"""Of the pen's width: where the ink is wider, other ink joins the line."""
+
+MAX_BRANCH_PX = 60
+"""Length [px] of a place where other ink joins the line, over which the line can be carried."""
+
+BRANCH_SIGMA_PX = 0.3
+"""Deviation [px] of the line where other ink joins it and it is carried past."""
+
+ROUND_END = 0.4
+"""Of the pen's width, from half of the ink's fall back to the pen's centre, at a round end."""
+
+MAX_WAYS = 9
+"""How many ways through a forked line are offered at most: one digit chooses among them."""
+
+MAX_FREE_ENDS = 12
+"""Free ends of a forked line beyond which it is writing, through which no way is offered."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A path, moved onto the ink where there is any.
+
+    Parameters
+    ----------
+    points
+        (M, 2) pixels (u, v), about one a pixel.
+    sigma
+        (M,) standard deviation across the path [px]; meaningless where there is no ink.
+    has_ink
+        (M,) bool, whether ink was measured there.
+    """
+
+    points: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    has_ink: NDArray[np.bool_]
+
+    @property
+    def is_confirmed(self) -> NDArray[np.bool_]:
+        """(M,) bool, whether ink shows the point; not beside ink that ends, as under a cover."""
+        from scipy.ndimage import binary_erosion
+
+        return binary_erosion(self.has_ink, iterations=BORDER_POINTS, border_value=True)
+
+
+class Ink:
+    """The pen's ink on one slice.
+
+    Parameters
+    ----------
+    rgb
+        (H, W, 3) uint8 or uint16, red first.
+    colour_rgb
+        (3,) the pen's nominal colour, 0 to 255.
+    boxes
+        (u, v, width, height) [px] each: ink in them does not count.
+    """
+
+    def __init__(
+        self,
+        rgb: NDArray,
+        colour_rgb: NDArray,
+        boxes: tuple[tuple[int, int, int, int], ...] = (),
+    ) -> None:
+        self.rgb = rgb
+        self.boxes = boxes
+        self._colour = colour_rgb
+        self._scale = 255.0 / np.iinfo(rgb.dtype).max
+        chroma = np.asarray(colour_rgb, float) - np.mean(colour_rgb)
+        self._along = chroma / np.linalg.norm(chroma)
+        self._across = np.cross(np.ones(3), self._along) / np.sqrt(3.0)
+
+    def without(self, boxes: tuple[tuple[int, int, int, int], ...]) -> Ink:
+        """The same ink but for what lies in the boxes."""
+        return Ink(self.rgb, self._colour, boxes)
+
+    @cached_property
+    def score(self) -> NDArray[np.uint8]:
+        """(H, W) how strongly each pixel shows the pen's colour, 0 to 255; grey shows none."""
+        slope = 1.0 / np.tan(np.radians(HUE_GATE_DEG))
+        rows = np.array([self._along - slope * self._across, self._along + slope * self._across])
+        parts = cv2.transform(self._bytes, rows)  # saturates: what is below 0 becomes 0
+        score = np.minimum(parts[..., 0], parts[..., 1])
+        for u, v, width, height in self.boxes:
+            score[max(v, 0) : max(v + height, 0), max(u, 0) : max(u + width, 0)] = 0
+        return score
+
+    @cached_property
+    def _bytes(self) -> NDArray[np.uint8]:
+        if self.rgb.dtype == np.uint8:
+            return self.rgb
+        return cv2.convertScaleAbs(self.rgb, alpha=self._scale)
+
+    @cached_property
+    def mask(self) -> NDArray[np.bool_]:
+        """(H, W) bool, the pixels that are ink: above half of the strongest ink nearby."""
+        smooth = cv2.GaussianBlur(self.score, (0, 0), 0.8)
+        strongest = cv2.dilate(smooth, np.ones((LOCAL_PX, LOCAL_PX), np.uint8))
+        return (smooth > CHROMA_FLOOR) & (smooth > strongest // 2)
+
+    @cached_property
+    def strength(self) -> float:
+        """The score in the middle of the pen's line."""
+        inked = self.score[self.mask]
+        if not len(inked):
+            return 255.0
+        return float(np.quantile(inked, 0.75))
+
+    def along_path(
+        self, path: NDArray, closed: bool, reach_px: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+        """Where the ink nearest to a path lies, across it.
+
+        Parameters
+        ----------
+        path
+            (M, 2) pixels, about one a pixel.
+        closed
+            Whether the last point joins the first.
+        reach_px
+            How far from the path ink is looked for.
+
+        Returns
+        -------
+        offset, has_ink, width
+            (M,) each: how far the line's centre lies off the path along its normal [px], whether
+            there is one, and how wide its ink is there [px].
+        """
+        half = int(np.ceil((2.0 * reach_px + 4.0) / STEP_PX))
+        x = np.arange(-half, half + 1) * STEP_PX
+        normal = normals(path, closed)
+        u = (path[:, :1] + normal[:, :1] * x).astype(np.float32)
+        v = (path[:, 1:] + normal[:, 1:] * x).astype(np.float32)
+        score = cv2.remap(
+            self.score, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0
+        ).astype(float)
+        # Half of the strongest ink of each profile, as blur does not move a half-height edge.
+        threshold = np.maximum(0.5 * score.max(axis=1), max(CHROMA_FLOOR, FAINTEST * self.strength))
+        inked = score > threshold[:, None]
+        nearest = np.where(inked, np.abs(x), np.inf).argmin(axis=1)
+        row = np.arange(len(path))
+        has_ink = inked[row, nearest] & (np.abs(x[nearest]) <= reach_px)
+        # The run of ink that holds the nearest sample, from its first to its last sample.
+        column = np.arange(len(x))
+        gap_before = np.maximum.accumulate(np.where(inked, -1, column), axis=1)[row, nearest]
+        after = np.where(inked, len(x), column)[:, ::-1]
+        gap_after = np.minimum.accumulate(after, axis=1)[:, ::-1][row, nearest]
+        width = (gap_after - gap_before - 1) * STEP_PX
+        has_ink &= (gap_before >= 0) & (gap_after < len(x))
+        has_ink &= _is_strong(np.where(inked, score, 0.0).max(axis=1), has_ink)
+        # The centroid reads the line's blurred edges as well, up to the middle of a gap.
+        edge = round(2.0 / STEP_PX)
+        first = gap_before[:, None] - edge
+        last = gap_after[:, None] + edge
+        own = (column >= first) & (column <= last) & _not_beyond_neighbour(inked, nearest)
+        weight = np.where(own, score, 0.0)
+        offset = (weight @ x) / np.maximum(weight.sum(axis=1), 1e-9)
+        return np.where(has_ink, offset, 0.0), has_ink, width
+
+    def measure(
+        self, path: NDArray, closed: bool, reach_px: float, pen_px: float | None = None
+    ) -> Measured:
+        """Move a path onto the ink near it; where there is none it stays as it is.
+
+        Parameters
+        ----------
+        path
+            (M, 2) pixels (u, v).
+        closed
+            Whether the last point joins the first.
+        reach_px
+            How far from the path ink is looked for at first; then from the path that it gave.
+        pen_px
+            The pen's width; `None`: as wide as most of the ink along the path.
+        """
+        from scipy.ndimage import binary_dilation
+
+        points = path
+        for reach in (reach_px, max(0.5 * reach_px, 3.0), 3.0, 3.0):
+            points = evenly(points, closed)
+            offset, has_ink, width = self.along_path(points, closed, reach)
+            if not has_ink.any():
+                return _without_ink(path, closed)
+            usual = np.median(width[has_ink]) if pen_px is None else pen_px
+            joined = has_ink & (width > WIDER * usual + 0.5)
+            # The edges of a branch pull the centre before the width shows it.
+            joined = has_ink & binary_dilation(joined, iterations=max(1, round(usual)))
+            alone = has_ink & ~joined
+            alone &= ~_jumps(offset, alone)
+            if not alone.any():
+                return _without_ink(path, closed)
+            smooth = _smoothed(offset, alone, closed)
+            points = points + smooth[:, None] * normals(points, closed)
+            points, passed = _past_branches(points, joined, alone)
+            has_ink = alone | passed
+        scatter = offset[alone] - smooth[alone]
+        noise = 1.4826 * float(np.median(np.abs(scatter)))
+        averaged = noise / np.sqrt(2.0 * np.sqrt(np.pi) * SMOOTH_PX)
+        sigma = np.full(len(points), np.hypot(averaged, INK_SIGMA_PX))
+        sigma[passed] = BRANCH_SIGMA_PX
+        return Measured(points, sigma, has_ink)
+
+    def draw(
+        self, path: NDArray, closed: bool, reach_px: float, free: tuple[bool, bool]
+    ) -> Measured:
+        """Measure a path that a hand drew; a free end near the end of its ink moves there.
+
+        free: whether the (first, last) end is free, and does not lie on another line
+        """
+        line = self.measure(path, closed, reach_px)
+        if closed or not any(free) or not line.has_ink.any():
+            return line
+        # Straight on from both ends: where the ink ends there, the line was meant to end.
+        pen = self.width_along(line.points, False)
+        reach = reach_px + pen
+        before, after = reach * free[0], reach * free[1]
+        carried = _carried_on(line.points, before, after)
+        _, inked, _ = self.along_path(carried, False, 2.0)
+        arc = arc_length(carried, False)
+        start, stop = arc[int(before)], arc[-1 - int(after)]
+        at = arc[inked]
+        if len(at) and free[0] and 1.0 < at[0] < 2.0 * reach:
+            start = at[0] + ROUND_END * pen
+        if len(at) and free[1] and 1.0 < arc[-1] - at[-1] < 2.0 * reach:
+            stop = at[-1] - ROUND_END * pen
+        if stop - start < 4.0:
+            return line
+        at = np.linspace(start, stop, round(stop - start) + 1)
+        path = np.column_stack([np.interp(at, arc, carried[:, k]) for k in (0, 1)])
+        return self.measure(path, False, 3.0, pen)
+
+    def trace(self, path: NDArray, closed: bool) -> Measured:
+        """Measure a line along its skeleton, and carry it on to the ends of its ink."""
+        from scipy.ndimage import gaussian_filter1d
+
+        mode = "wrap" if closed else "nearest"
+        path = gaussian_filter1d(np.asarray(path, float), 2.0, axis=0, mode=mode)
+        width = self.width_along(path, closed)
+        if not closed:
+            path = _carried_on(path, width + 4.0, width + 4.0)
+        line = self.measure(path, closed, max(3.0, width), width)
+        if closed or not line.has_ink.any():
+            return line
+        arc = arc_length(line.points, False)
+        at = arc[line.has_ink]
+        back = ROUND_END * width
+        if at[-1] - at[0] < 2.0 * back + 4.0:
+            return line
+        return _part(line, at[0] + back, at[-1] - back)
+
+    def width_along(self, path: NDArray, closed: bool) -> float:
+        """The usual width of the ink along a path [px]; 3 where there is none."""
+        _, has_ink, width = self.along_path(evenly(path, closed), closed, 8.0)
+        return float(np.median(width[has_ink])) if has_ink.any() else 3.0
+
+
+def _not_beyond_neighbour(inked: NDArray[np.bool_], nearest: NDArray) -> NDArray[np.bool_]:
+    """(M, K) bool: not beyond the middle of the gap to another line's ink."""
+    count = inked.shape[1]
+    column = np.arange(count)
+    at = nearest[:, None]
+    is_right = column > at
+    own = np.ones(inked.shape, bool)
+    for side, order in ((is_right, column), (column < at, column[::-1])):
+        # Going outward: count the changes from gap to ink.
+        run = np.where(side, inked, True)[:, order]
+        begins = np.zeros(run.shape, bool)
+        begins[:, 1:] = run[:, 1:] & ~run[:, :-1]
+        beyond = np.cumsum(begins, axis=1) > 0
+        own &= ~(beyond[:, np.argsort(order)] & side)
+    return own
+
+
+def _is_strong(peak: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(M,) bool: half as strong as the ink around, at least; where it is fainter, the line ends."""
+    from scipy.ndimage import median_filter
+
+    strong = np.zeros(len(peak), bool)
+    at = np.flatnonzero(has_ink)
+    if len(at):
+        strong[at] = peak[at] >= 0.5 * median_filter(peak[at], size=61, mode="nearest")
+    return strong
+
+
+def _jumps(offset: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(M,) bool: offsets that lie off their neighbours', where the nearest ink is another's."""
+    from scipy.ndimage import median_filter
+
+    at = np.flatnonzero(has_ink)
+    jumps = np.zeros(len(offset), bool)
+    if len(at) >= 5:
+        trend = median_filter(offset[at], size=25, mode="nearest")
+        jumps[at] = np.abs(offset[at] - trend) > 1.5
+    return jumps
+
+
+def _smoothed(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[np.float64]:
+    """Offsets smoothed along the path; where no ink is near they fall to 0."""
+    from scipy.ndimage import gaussian_filter1d
+
+    mode = "wrap" if closed else "nearest"
+    weight = has_ink.astype(float)
+    summed = gaussian_filter1d(offset * weight, SMOOTH_PX, mode=mode)
+    share = gaussian_filter1d(weight, SMOOTH_PX, mode=mode)
+    smooth = summed / np.maximum(share, 0.02)
+    if has_ink.all():
+        return smooth
+    # Beyond the last ink the correction goes on, and fades over ten pixels.
+    distance, nearest = _nearest_ink(has_ink, closed)
+    fade = np.exp(-0.5 * (distance / 10.0) ** 2)
+    return np.where(has_ink, smooth, smooth[nearest] * fade)
+
+
+def _nearest_ink(has_ink: NDArray[np.bool_], closed: bool) -> tuple[NDArray, NDArray]:
+    """(M,) steps to the nearest point with ink, and which that is."""
+    count = len(has_ink)
+    at = np.flatnonzero(has_ink)
+    if closed:
+        places = np.r_[at - count, at, at + count]
+    else:
+        places = at
+    own = np.arange(count)
+    after = np.clip(np.searchsorted(places, own), 0, len(places) - 1)
+    before = np.clip(after - 1, 0, None)
+    nearer = np.abs(places[before] - own) < np.abs(places[after] - own)
+    nearest = np.where(nearer, places[before], places[after])
+    return np.abs(nearest - own), nearest % count
+
+
+def _without_ink(path: NDArray, closed: bool) -> Measured:
+    """The path as it is."""
+    points = evenly(path, closed)
+    return Measured(points, np.ones(len(points)), np.zeros(len(points), bool))
+
+
+def _part(line: Measured, start: float, stop: float) -> Measured:
+    """The part of a measured path between two lengths of arc [px]."""
+    arc = arc_length(line.points, False)
+    at = np.linspace(start, stop, max(4, round(stop - start)) + 1)
+    nearest = np.clip(np.rint(np.interp(at, arc, np.arange(len(arc)))).astype(int), 0, len(arc) - 1)
+    points = np.column_stack([np.interp(at, arc, line.points[:, k]) for k in (0, 1)])
+    return Measured(points, line.sigma[nearest], line.has_ink[nearest])
+
+
+def _past_branches(
+    points: NDArray, joined: NDArray[np.bool_], alone: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The points with a smooth way past every place where other ink joins the line.
+
+    There the centre of the ink is not that of the line. The line goes on as on both sides. Also
+    returns which points were carried past.
+    """
+    from scipy.interpolate import CubicSpline
+
+    between = ~alone
+    edges = np.flatnonzero(np.diff(np.r_[False, between, False].astype(int))).reshape(-1, 2)
+    points = points.copy()
+    passed = np.zeros(len(points), bool)
+    at = np.flatnonzero(alone)
+    for start, stop in edges:
+        before = at[at < start][-13::4]
+        after = at[at >= stop][:13:4]
+        is_branch = joined[start:stop].mean() > 0.5 and stop - start <= MAX_BRANCH_PX
+        if not is_branch or len(before) < 2 or len(after) < 2:
+            continue
+        known = np.r_[before, after]
+        run = np.arange(start, stop)
+        points[run] = CubicSpline(known, points[known])(run)
+        passed[run] = True
+    return points, passed
+
+
+def _carried_on(path: NDArray, before_px: float, after_px: float) -> NDArray[np.float64]:
+    """The path with a straight piece of a length at its start and one at its end."""
+    reach = min(8, len(path) - 1)
+    heading = path[-1] - path[-1 - reach]
+    back = path[0] - path[reach]
+    heading = heading / max(np.hypot(*heading), 1e-9)
+    back = back / max(np.hypot(*back), 1e-9)
+    head = np.arange(1.0, before_px + 1.0)[::-1, None] * back + path[0]
+    tail = np.arange(1.0, after_px + 1.0)[:, None] * heading + path[-1]
+    return np.vstack([head, path, tail])
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A way that a curve may take over the ink.
+
+    Parameters
+    ----------
+    path
+        (M, 2) skeleton pixels (u, v) in order.
+    closed
+        Whether the last pixel joins the first.
+    """
+
+    path: NDArray[np.float64]
+    closed: bool
+
+    @property
+    def length_px(self) -> float:
+        """Length along the path, less the 5 % by which a staircase is longer than its line."""
+        return float(arc_length(self.path, self.closed)[-1]) / 1.05
+
+
+def ways_through(mask: NDArray[np.bool_]) -> tuple[list[Way], list[tuple[float, float]]]:
+    """The ways through one connected piece of ink, the longest first, and where it forks.
+
+    A line has one way, from end to end, or around. A forked line has one for each pair of its free
+    ends.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import dijkstra
+    from skimage.morphology import skeletonize
+
+    bone = skeletonize(np.pad(mask, 1), method="lee") > 0
+    rows, columns = np.nonzero(bone)
+    if len(rows) < 2:
+        return [], []
+    number = np.full(bone.shape, -1)
+    number[rows, columns] = np.arange(len(rows))
+    pairs = []
+    lengths = []
+    for dv, du in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        there = number[rows + dv, columns + du]
+        keep = there >= 0
+        if dv and du:  # the corner of a staircase is no fork
+            keep &= (number[rows + dv, columns] < 0) & (number[rows, columns + du] < 0)
+        pairs.append(np.column_stack([np.flatnonzero(keep), there[keep]]))
+        lengths.append(np.full(keep.sum(), np.hypot(dv, du)))
+    edges = np.concatenate(pairs)
+    count = len(rows)
+    degree = np.bincount(edges.ravel(), minlength=count)
+    graph = coo_matrix((np.concatenate(lengths), edges.T), shape=(count, count)).tocsr()
+    pixels = np.column_stack([columns, rows]) - 1.0
+    forks = [tuple(place) for place in pixels[degree > 2].tolist()]
+    ends = np.flatnonzero(degree == 1)
+    if not len(ends):
+        return _around(graph, pixels, edges), forks
+    if len(ends) > MAX_FREE_ENDS:
+        return [], forks
+    distance, before = dijkstra(graph, directed=False, indices=ends, return_predecessors=True)
+    ways = []
+    for i, start in enumerate(ends):
+        for stop in ends[i + 1 :]:
+            if not np.isfinite(distance[i, stop]):
+                continue
+            path = [stop]
+            while path[-1] != start:
+                path.append(before[i, path[-1]])
+            ways.append(Way(pixels[path[::-1]], False))
+    ways.sort(key=lambda way: -way.length_px)
+    return ways[:MAX_WAYS], forks
+
+
+def _around(graph, pixels: NDArray, edges: NDArray) -> list[Way]:
+    """The one way around a ring: cut beside a pixel, and walked the other way round."""
+    from scipy.sparse.csgraph import dijkstra
+
+    cut = graph.tolil()
+    start, stop = edges[0]
+    cut[start, stop] = 0
+    cut[stop, start] = 0
+    cut = cut.tocsr()
+    cut.eliminate_zeros()
+    distance, before = dijkstra(cut, directed=False, indices=start, return_predecessors=True)
+    if not np.isfinite(distance[stop]):
+        return []
+    path = [stop]
+    while path[-1] != start:
+        path.append(before[path[-1]])
+    return [Way(pixels[path], True)]

@@ -1,0 +1,328 @@
+"""The server of the review page: it shows the session and takes the page's steps.
+
+It listens on 127.0.0.1. The slice and the steps need the token, which is made anew for every run
+and stands in the address behind "#", where no browser sends it on. Messages to the page are JSON
+objects: `state` with all there is, `quick` with what is known at once after a step, `preview` of a
+marker that is being dragged, `error`, `approved`.
+"""
+
+from __future__ import annotations
+
+import hmac
+import json
+import queue
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from importlib.resources import files
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import cv2
+import numpy as np
+
+from vfplan.errors import SettingError, VfplanError
+from vfplan.fixture import Fixture
+from vfplan.io.disk import jsonable
+from vfplan.io.loopback import Loopback, reply
+from vfplan.palette import DARK, LIGHT
+from vfplan.review.draft import Draft
+from vfplan.review.session import Session
+
+MAX_MESSAGE_BYTES = 64 * 1024
+"""Size of a message from the page at most; 500 clicks take 20 kB, a table of 200 markers 16 kB."""
+
+MESSAGES_PER_S = 100.0
+"""Messages a second that are taken; a screen that drags sends at most 60."""
+
+BURST = 300.0
+"""Messages that may come at once, as after a browser's pause."""
+
+MAX_TABS = 8
+"""Pages that are served at a time."""
+
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+}
+KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
+
+
+class ReviewServer:
+    """Serves one review until `run` returns.
+
+    Parameters
+    ----------
+    session
+        Where the review stands.
+    draft
+        Where its steps are kept.
+    port
+        0: one that the system chooses.
+    by
+        The name that the page proposes for answers and for the approval.
+    signs
+        Whether the output will be signed, for the words of the page.
+
+    Raises `OutputError` where the port is taken.
+    """
+
+    def __init__(
+        self, session: Session, draft: Draft, *, port: int = 0, by: str = "", signs: bool = False
+    ) -> None:
+        self.token = secrets.token_urlsafe(32)
+        self._session = session
+        self._draft = draft
+        self._about = {"by": by, "signs": signs}
+        self._version = 0
+        self._lock = threading.RLock()
+        self._wanted: queue.Queue = queue.Queue()
+        self._stale = threading.Event()
+        self._stale.set()
+        self._closing = False
+        self._picture = _png(session.source.image.rgb)
+        self._server = Loopback(port, self._answer, self._talk, MAX_MESSAGE_BYTES)
+        self._planner = threading.Thread(target=self._plan, daemon=True)
+        self._planner.start()
+
+    @property
+    def port(self) -> int:
+        """Where it listens on 127.0.0.1."""
+        return self._server.port
+
+    @property
+    def address(self) -> str:
+        """What to open in a browser; whoever knows it can review."""
+        return f"http://127.0.0.1:{self.port}/#{self.token}"
+
+    @property
+    def session(self) -> Session:
+        """Where the review stands."""
+        return self._session
+
+    def run(self, write: Callable[[Fixture], str], stopped: Callable[[], bool]) -> str | None:
+        """Serve until the person approves or leaves, or `stopped` says so.
+
+        Parameters
+        ----------
+        write
+            Writes an approved fixture; returns the words that the page shows.
+        stopped
+            Whether to end; looked at every fifth of a second.
+
+        Returns
+        -------
+        str or None
+            Who approved; `None` where nobody did.
+        """
+        while not stopped():
+            try:
+                connection, wish = self._wanted.get(timeout=0.2)
+            except queue.Empty:
+                continue
+            if wish is None:
+                self._send_all({"left": True})
+                return None
+            try:
+                with self._lock:
+                    words = write(self._session.approve(wish))
+            except VfplanError as error:
+                self._send(connection, _described(error))
+                continue
+            self._draft.discard()
+            self._send_all({"approved": {"by": wish, "text": words}})
+            return wish
+        return None
+
+    def close(self) -> None:
+        """Let every page go."""
+        self._closing = True
+        self._stale.set()
+        self._server.close()
+        self._planner.join()
+
+    # What is asked for by HTTP.
+
+    def _answer(self, connection: Any, request: Any) -> Any:
+        asked = urlsplit(request.path)
+        name = asked.path
+        if name in ("/steps", "/slice.png"):
+            token = parse_qs(asked.query).get("token", [""])[0]
+            if not hmac.compare_digest(token.encode(), self.token.encode()):
+                return connection.respond(403, "the address lacks this review's token")
+            if name == "/steps":
+                return None
+            return reply(connection, self._picture, "image/png", HEADERS)
+        page = _pages().get(name)
+        if page is None:
+            return connection.respond(404, "there is no such page")
+        body, kind = page
+        return reply(connection, body, kind, HEADERS)
+
+    # What is said by WebSocket.
+
+    def _talk(self, connection: Any) -> None:
+        from websockets.exceptions import ConnectionClosed
+
+        if len(self._server.connections) > MAX_TABS:
+            connection.close(1013, f"{MAX_TABS} pages are served, and no more")
+            return
+        with suppress(ConnectionClosed):
+            self._send(connection, {"about": self._about})
+            self._send(connection, self._quick())
+            self._stale.set()
+            allowance = BURST
+            before = time.monotonic()
+            for text in connection:
+                now = time.monotonic()
+                allowance = min(BURST, allowance + (now - before) * MESSAGES_PER_S) - 1.0
+                before = now
+                if allowance < 0.0:
+                    connection.close(1008, "too many messages")
+                    return
+                message = _parsed(text)
+                if message is None:
+                    connection.close(1008, "not understood")
+                    return
+                self._take(connection, message)
+
+    def _take(self, connection: Any, message: dict[str, Any]) -> None:
+        """Do what a message says, and answer it."""
+        try:
+            if "preview" in message:
+                self._send(connection, self._preview(message["preview"]))
+            elif "approve" in message:
+                self._wanted.put((connection, str(message["approve"])[:200]))
+            elif "leave" in message:
+                self._wanted.put((connection, None))
+            else:
+                self._change(message)
+        except VfplanError as error:
+            self._send(connection, _described(error))
+            if "preview" not in message:  # what the page moved already goes back to its place
+                self._send(connection, self._quick())
+                self._stale.set()
+
+    def _change(self, message: dict[str, Any]) -> None:
+        """Apply a step, undo or redo; the draft has it before any page shows it."""
+        with self._lock:
+            if message.get("version") != self._version:
+                raise SettingError(
+                    "the page showed an earlier state; look again, and repeat the step",
+                    code="stale-step",
+                    numbers={"version": self._version},
+                )
+            step = message.get("step")
+            # A look changes nothing that a step could refer to.
+            is_look = isinstance(step, dict) and step.get("do") == "viewed"
+            if "undo" in message:
+                session = self._session.undo()
+            elif "redo" in message:
+                session = self._session.redo()
+            else:
+                session = self._session.apply(step)
+            self._draft.keep(session)
+            self._session = session
+            if not is_look:
+                self._version += 1
+        self._send_all(self._quick())
+        self._stale.set()
+
+    def _preview(self, asked: Any) -> dict[str, Any]:
+        """The registration as it would be with a marker elsewhere; nothing is changed."""
+        from vfplan.review.steps import move_marker
+
+        if not isinstance(asked, dict):
+            raise SettingError("a preview names a marker and a place", code="step-malformed")
+        session = self._session
+        state = move_marker(session, {**asked, "do": "move_marker"})
+        shown = session.marker_state(state.fit)
+        return {"preview": jsonable(shown)}
+
+    def _quick(self) -> dict[str, Any]:
+        with self._lock:
+            session, version = self._session, self._version
+        return {"quick": jsonable(session.quick_state()), "version": version}
+
+    def _plan(self) -> None:
+        """Make the whole plan of the latest state, again and again, and show it."""
+        while True:
+            self._stale.wait()
+            self._stale.clear()
+            if self._closing:
+                return
+            with self._lock:
+                session, version = self._session, self._version
+            state = jsonable(session.state())
+            if version == self._version:
+                self._send_all({"state": state, "version": version})
+
+    def _send_all(self, message: dict[str, Any]) -> None:
+        text = json.dumps(message)
+        for connection in list(self._server.connections):
+            _send_text(connection, text)
+
+    def _send(self, connection: Any, message: dict[str, Any]) -> None:
+        _send_text(connection, json.dumps(message))
+
+
+def _send_text(connection: Any, text: str) -> None:
+    from websockets.exceptions import ConnectionClosed
+
+    with suppress(ConnectionClosed, OSError):
+        connection.send(text)
+
+
+def _parsed(text: str | bytes) -> dict[str, Any] | None:
+    """A message as an object; `None` for anything else."""
+    if not isinstance(text, str):
+        return None
+    try:
+        message = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    return message if isinstance(message, dict) else None
+
+
+def _described(error: VfplanError) -> dict[str, Any]:
+    return {"error": {"code": error.code, "message": str(error)}}
+
+
+def _png(rgb: np.ndarray) -> bytes:
+    """The slice as a PNG of 8 bits, as browsers show it."""
+    if rgb.dtype == np.uint16:
+        rgb = (rgb >> 8).astype(np.uint8)
+    # A low compression: the bytes do not leave this computer.
+    done, data = cv2.imencode(".png", rgb[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    assert done
+    return data.tobytes()
+
+
+def _pages() -> dict[str, tuple[bytes, str]]:
+    """Path -> (body, media type) of all that is served without a token: no word of the slice."""
+    pages = {}
+    for file in files("vfplan.review").joinpath("page").iterdir():
+        suffix = file.name[file.name.rfind(".") :]
+        if suffix in KINDS:
+            pages[f"/{file.name}"] = (file.read_bytes(), f"{KINDS[suffix]}; charset=utf-8")
+    pages["/"] = pages.pop("/index.html")
+    pages["/palette.css"] = (_palette().encode(), "text/css; charset=utf-8")
+    style = files("vfplan.report").joinpath("style.css").read_bytes()
+    pages["/report.css"] = (style, "text/css; charset=utf-8")
+    return pages
+
+
+def _palette() -> str:
+    """The colours of every picture, as the page's variables."""
+    light = "; ".join(f"--{name}: {colour}" for name, colour in LIGHT.items())
+    dark = "; ".join(f"--{name}: {colour}" for name, colour in DARK.items())
+    return f":root {{ {light} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}\n"
