@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -74,13 +75,14 @@ def command(
         findings += strong_pull(fixture, robot)
     if given["rehearse"] is not None:
         verdict |= {"rehearsal": rehearsed(fixture, robot, given)}
-    made = replace(made, fixture=replace(fixture, findings=tuple(findings)))
+    fixture = replace(fixture, findings=tuple(findings))
+    made = replace(made, fixture=fixture)
     with outputs(output, mask_out, overlay_out, picture_out, sheet_path) as (
         path, mask, overlay, picture, sheet,
     ):  # fmt: skip
-        write_fixture(made.fixture, path)
+        write_fixture(fixture, path)
         if sheet is not None:
-            digest = write_review_sheet(made, output.name, sheet)
+            digest = write_review_sheet(made, findings, output.name, sheet)
             verdict |= {"sheet": str(sheet_path), "digest": digest}
         write_pictures(made.extracted, mask, overlay)
         write_registration_picture(
@@ -96,24 +98,17 @@ def command(
             **verdict["stability"]
         )
     text += f"\nwrote {output}"
-    ending = "planned; no finding wants an answer"
-    if made.fixture.open_findings:
-        ending = f"planned; {len(made.fixture.open_findings)} findings want an answer"
-    next_step = f"vfplan review {output} --slice {image}"
     if sheet_path is not None:
         text += f" and {sheet_path}, its review sheet"
-        next_step = f"look at {sheet_path}, then {next_step}"
-    return Report(
-        made.report | verdict, text, findings=findings, verdict=ending, next_step=next_step
-    )
+    return Report(made.report | verdict, text, findings=findings)
 
 
-def write_review_sheet(made: Any, title: str, path: Path) -> str:
+def write_review_sheet(made: Any, findings: Sequence[Finding], title: str, path: Path) -> str:
     """Write the sheet that shows a plan to a person; returns its digest."""
     from vfplan.review.sheet import write_sheet
     from vfplan.review.sheet_input import of_plan
 
-    shown = of_plan(made, title)
+    shown = of_plan(made, title, findings=tuple(findings))
     write_sheet(shown, path)
     return shown.digest
 

@@ -18,11 +18,11 @@ from vfplan.review.insets import INSET_PX, ZOOM
 from vfplan.review.paper import DPI, PAGE_HEIGHT, PAGE_WIDTH
 from vfplan.review.sheet import FREE_RADIUS, draw_sheet
 from vfplan.review.sheet_input import (
-    AccountEntry,
     SheetInput,
     SheetStroke,
     check_slice,
     of_fixture,
+    side_in_words,
 )
 
 RED = (255, 0, 0)
@@ -233,17 +233,6 @@ def test_open_line_has_both_ends_and_each_bridge_enlarged():
     assert covered[215:315].all()
 
 
-def test_stretch_that_something_hides_is_enlarged_too():
-    points = np.column_stack([np.linspace(20, 360, 341), np.full(341, 160.0)])
-    hidden = AccountEntry(1, 180.0, 160.0, 12, 0.02, "line hidden", is_ink=False)
-    ink = AccountEntry(2, 100.0, 90.0, 8, 0.01)
-    shown = shown_of(np.zeros((320, 380, 3), np.uint8), line_of(points))
-    sheet = draw_sheet(replace(shown, account=(hidden, ink)))
-    check_layout(sheet)
-    names = [box.words for box in sheet.boxes if box.kind == "inset"]
-    assert names[4:] == ["1: line hidden"]
-
-
 def test_closed_line_shows_its_start_and_a_bridge_across_it():
     points = ring((320, 380))
     bridged = np.zeros(len(points), bool)
@@ -329,8 +318,9 @@ def test_text_from_files_can_do_no_harm():
 def test_bundle_without_a_slice_has_three_views(name):
     fixture = getattr(bundles, name)()
     place = tuple(fixture.points[0])
-    finding = doubt("size-unusual", "plan", "So.", place_m=place)
-    sheet = draw_sheet(of_fixture(replace(fixture, findings=(finding,)), "f.h5"))
+    sheet = draw_sheet(
+        of_fixture(fixture, "f.h5", findings=(doubt("size-unusual", "plan", "So.", place_m=place),))
+    )
     check_layout(sheet)
     views = [box for box in sheet.boxes if box.kind == "picture"]
     assert len(views) == 3
@@ -382,13 +372,9 @@ def test_another_slice_is_refused():
 
 
 def test_side_is_said_in_words():
-    # The whole bundle's v axis points to -y, so its slice is seen from above.
-    assert of_fixture(bundles.whole(), "f.h5").side == "above (robot +z)"
-    record = bundles.whole().registration
-    turned = record.T_robot_image * [[1], [-1], [1]]
-    below = replace(bundles.whole(), registration=replace(record, T_robot_image=turned))
-    assert of_fixture(below, "f.h5").side == "below (robot -z)"
-    assert of_fixture(bundles.patient(), "f.h5").side is None
+    assert side_in_words(np.array([0.1, -0.2, 0.9])) == "above (robot +z)"
+    assert side_in_words(np.array([0.1, -0.2, -0.9])) == "below (robot -z)"
+    assert side_in_words(np.array([0.1, -0.95, 0.2])) == "the side (robot -y)"
 
 
 def test_png_prints_at_its_own_size():

@@ -1,0 +1,430 @@
+"""The review page in a browser, driven by a hand: mouse, wheel and keys."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from chromium import CTRL, SHIFT, Page
+from conftest import need_program
+from review_slices import fork, hidden_end, miss, two_candidates
+
+import vfplan
+from vfplan.review import Session
+from vfplan.review.draft import Draft
+from vfplan.review.server import ReviewServer
+
+ROOT = Path(__file__).parents[2]
+SLICE = ROOT / "samples" / "elbow.png"
+MARKERS = (ROOT / "samples/elbow_markers_image.csv", ROOT / "samples/elbow_markers_robot.csv")
+READY = "Boolean(window.review && review.state && review.state.warnings)"
+PLANNED = f"{READY} && review.state.why_not[0] !== 'The plan is being made.'"
+
+
+class Hand:
+    """A person at the page: places are pixels of the slice."""
+
+    def __init__(self, browser, address):
+        self.browser = browser
+        browser.size(1300, 860)
+        browser.open(address)
+        browser.until(READY)
+
+    def state(self, path="review.state"):
+        return self.browser.run(path)
+
+    def at(self, place):
+        """Where a place of the slice is in the window."""
+        box = self.browser.run(
+            "(() => { const b = document.getElementById('stage').getBoundingClientRect();"
+            " return [b.left, b.top, review.view.zoom, review.view.x, review.view.y]; })()"
+        )
+        left, top, zoom, x, y = box
+        return left + place[0] * zoom + x, top + place[1] * zoom + y
+
+    def click(self, place):
+        self.browser.click(*self.at(place))
+
+    def drag(self, start, stop):
+        self.browser.drag(self.at(start), self.at(stop))
+
+    def press(self, button):
+        """Click on a button by its id or its words."""
+        place = self.browser.run(
+            f"(() => {{ const wanted = {json.dumps(button)};"
+            " const node = document.getElementById(wanted) || [...document.querySelectorAll("
+            "'button')].find((b) => b.offsetParent && b.textContent.startsWith(wanted));"
+            " node.scrollIntoView({block: 'center'}); const b = node.getBoundingClientRect();"
+            " return [b.left + b.width / 2, b.top + b.height / 2]; })()"
+        )
+        self.browser.click(*place)
+
+    def until_steps(self, count):
+        self.browser.until(f"review.state.steps.length === {count} && {READY}")
+
+    def name(self, text="A. Planner"):
+        self.press("name")
+        self.browser.type(text)
+
+    def look_along(self):
+        """Look along the line until all of it was in view."""
+        for _ in range(60):
+            if not any(self.state("review.state.unseen.map((runs) => runs.length)")):
+                return
+            self.press("look")
+            time.sleep(0.4)
+        raise AssertionError(self.state("review.state.unseen"))
+
+    def accept_all(self):
+        """Accept each doubt in turn by its button."""
+        open_doubts = (
+            "review.state.findings.filter((f) => f.severity === 'doubt'"
+            " && f.answered_by === null).length"
+        )
+        for _ in range(20):
+            left = self.browser.until(f"{READY} ? [{open_doubts}] : null")[0]
+            if not left:
+                return
+            self.press("Accept")
+            self.browser.until(f"{READY} && {open_doubts} === {left - 1}")
+
+    def approve(self):
+        self.browser.until("review.state.approvable", seconds=30)
+        self.press("approve")
+        self.browser.until("document.getElementById('done').open")
+
+
+@pytest.fixture
+def browser(tmp_path):
+    with Page(need_program("chromium", "chromium"), tmp_path / "profile") as page:
+        yield page
+        assert page.wrong() == []
+
+
+class Running:
+    """`vfplan review` as a program of its own."""
+
+    def __init__(self, *words):
+        command = [sys.executable, "-m", "vfplan", "review", *map(str, words), "--no-browser"]
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        self.address = self.process.stdout.readline().strip()
+        assert self.address.startswith("http://127.0.0.1:"), self.process.stderr.read()
+
+    def end(self):
+        out, err = self.process.communicate(timeout=30)
+        return self.process.returncode, out, err
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Begin a review of files; ended with the test."""
+    begun = []
+
+    def begin(*words):
+        begun.append(Running(*words))
+        return begun[-1]
+
+    yield begin
+    for program in begun:
+        program.process.kill()
+        program.process.communicate()
+
+
+def test_the_sample_from_slice_to_signed_fixture(browser, run, tmp_path, vfplan_cli):
+    assert vfplan_cli("keygen", "-o", tmp_path / "surgeon.key").code == 0
+    output = tmp_path / "elbow.h5"
+    program = run(
+        SLICE, *MARKERS, "--pixel-spacing", 0.5, "-o", output,
+        "--key", tmp_path / "surgeon.key", "--case", "case-7",
+    )  # fmt: skip
+    hand = Hand(browser, program.address)
+    assert browser.run("document.getElementById('approve').textContent") == "Approve and sign"
+    # The wheel zooms at the pointer: the place below it stays.
+    before = hand.at((400, 300))
+    browser.wheel(*before, -400)
+    browser.until("review.view.zoom > 1.5")
+    assert np.allclose(hand.at((400, 300)), before, atol=1.0)
+    browser.key("f")
+    hand.look_along()
+    hand.name()
+    hand.accept_all()
+    hand.approve()
+    code, out, err = program.end()
+    assert (code, output.exists()) == (0, True), (out, err)
+    checked = vfplan_cli("verify", output, "--keys", tmp_path / "surgeon.pub", "--json")
+    assert checked.code == 0, checked.stderr
+    fixture = vfplan.read_fixture(output)
+    assert fixture.reviewed.by == "A. Planner"
+    assert not fixture.open_findings
+    planned = vfplan.plan(SLICE, *MARKERS).fixture
+    assert np.allclose(fixture.points, planned.points, atol=1e-9)
+    assert not output.with_name("elbow.h5.draft.json").exists()
+
+
+def test_two_candidates_by_a_click(browser, run, tmp_path):
+    path, truth = two_candidates(tmp_path / "slice.png")
+    program = run(path, "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    assert "candidates" in browser.run("document.getElementById('refusal-text').textContent")
+    hand.click(truth[300])
+    browser.until("review.state.curve_px.length === 1")
+    finish(hand, program, tmp_path / "o.h5", truth)
+
+
+def finish(hand, program, output, truth):
+    """Look, accept, approve; the curve then lies on its ink."""
+    hand.name()
+    hand.look_along()
+    hand.accept_all()
+    hand.approve()
+    code, out, err = program.end()
+    assert code == 0, (out, err)
+    fixture = vfplan.read_fixture(output)
+    measured = fixture.points[:, :2]
+    if fixture.curve.edited is not None:
+        measured = measured[~fixture.curve.edited]
+    assert miss(measured, truth) < 0.3
+    assert fixture.reviewed.by == "A. Planner"
+    return fixture
+
+
+def test_a_fork_by_drawing_along_the_branch_that_is_meant(browser, run, tmp_path):
+    path, truth = fork(tmp_path / "slice.png")
+    program = run(path, "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    browser.key("d")
+    shaken = np.random.default_rng(3).normal(0, 1.0, (10, 2))
+    places = truth[np.linspace(0, len(truth) - 1, 10).astype(int)] + shaken
+    for place in places:
+        hand.click(place)
+    browser.key("Enter")
+    browser.until("review.state.curve_px.length === 1")
+    finish(hand, program, tmp_path / "o.h5", truth)
+
+
+def test_a_hidden_end_by_the_keyboard_alone(browser, run, tmp_path):
+    path, truth, box = hidden_end(tmp_path / "slice.png")
+    program = run(path, "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    browser.run("document.getElementById('stage').focus()")
+    browser.key("d")
+    end = hand.state("review.state.curve_px[0].at(-1)")
+    hidden = truth[truth[:, 0] > box[0] + 6]
+    places = np.vstack([[end], hidden[::20], hidden[-1:]]).tolist()
+    cross = "document.getElementById('cross').transform.baseVal[0].matrix"
+    browser.key("ArrowRight")
+    for place in places:
+        for _ in range(60):
+            off = [place[k] - browser.run(f"{cross}.{name}") for k, name in enumerate("ef")]
+            axis = int(abs(off[1]) > abs(off[0]))
+            if abs(off[axis]) < 0.51:
+                break
+            arrow = (("ArrowLeft", "ArrowRight"), ("ArrowUp", "ArrowDown"))[axis][off[axis] > 0]
+            browser.key(arrow, modifiers=SHIFT if abs(off[axis]) >= 10 else 0)
+        browser.key(" ")
+    browser.key("Enter")
+    browser.until("review.state.edited[0].length > 0")
+    fixture = finish(hand, program, tmp_path / "o.h5", truth)
+    assert np.hypot(*(fixture.points[-1, :2] - truth[-1])) < 1.5
+
+
+def test_a_knot_is_dragged_nudged_and_deleted(browser, run, tmp_path):
+    program = run(SLICE, "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    first = hand.state("review.state.curve_px")
+    knot = hand.state("review.state.knots_px[0][12]")
+    hand.drag(knot, (knot[0] + 30, knot[1] + 50))
+    hand.until_steps(1)
+    assert hand.state("review.state.edited[0].length") > 0
+    assert hand.state("document.getElementById('context').hidden") is False
+    browser.key("ArrowUp", modifiers=SHIFT)
+    browser.key("ArrowUp", modifiers=SHIFT)
+    hand.until_steps(2)
+    browser.key("Delete")
+    hand.until_steps(3)
+    for _ in range(3):
+        browser.key("z", modifiers=CTRL)
+    hand.until_steps(0)
+    assert hand.state("review.state.curve_px") == first
+    browser.key("Z", modifiers=CTRL | SHIFT)
+    hand.until_steps(1)
+
+
+def test_ink_is_excluded_by_a_box_and_left_out_by_its_button(browser, run, tmp_path):
+    path, truth = two_candidates(tmp_path / "slice.png")
+    program = run(path, "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    browser.key("x")
+    hand.drag((20, 30), (360, 130))
+    browser.until("review.state.curve_px.length === 1")
+    assert miss(hand.state("review.state.curve_px[0]"), truth) < 0.3
+    hand.press("undo")
+    browser.until("review.state.curve_px.length === 0")
+    hand.click(truth[300])
+    browser.until("review.state.curve_px.length === 1 && review.state.account.length === 1")
+    browser.run("document.querySelector('#account button').click()")
+    hand.press("Leave out")
+    browser.until("review.state.account[0].left_out")
+
+
+def test_a_misplaced_marker_is_dragged_home_and_the_bound_follows(browser, run, tmp_path):
+    """The bound on the screen follows the drag within 150 ms, as the page itself measures."""
+    lines = MARKERS[0].read_text().splitlines()
+    label, u, v = lines[4].split(",")
+    lines[4] = f"{label},{float(u) + 4:.2f},{v}"
+    wrong = tmp_path / "wrong.csv"
+    wrong.write_text("\n".join(lines) + "\n")
+    program = run(SLICE, wrong, MARKERS[1], "--pixel-spacing", 0.5, "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    before = hand.state("review.state.tre95_m")
+    browser.run(
+        "window.waits = []; window.sent = 0; const send = review.send.bind(review);"
+        " review.send = (m) => { if (m.preview || m.step) window.sent = performance.now();"
+        " send(m); };"
+        " new MutationObserver(() => window.waits.push(performance.now() - window.sent)).observe("
+        "document.getElementById('bound'), {childList: true, characterData: true, subtree: true});"
+    )
+    start, home = (float(u) + 4, float(v)), (float(u), float(v))
+    at = hand.at(start)
+    browser.press(*at, "mouseMoved", "none")
+    browser.press(*at)
+    for share in np.linspace(0, 1, 12)[1:]:
+        place = hand.at((start[0] + share * (home[0] - start[0]), start[1]))
+        browser.press(*place, "mouseMoved")
+        time.sleep(0.06)
+    browser.press(*hand.at(home), "mouseReleased")
+    hand.until_steps(1)
+    after = browser.until("review.state.tre95_m", lambda bound: bound < 0.6 * before)
+    waits = browser.run("window.waits")
+    print(
+        f"bound {1e3 * before:.2f} -> {1e3 * after:.2f} mm, {np.median(waits):.0f} ms median wait"
+    )
+    assert np.median(waits) < 150
+    assert hand.state("review.state.steps.length") == 1
+
+
+def test_reload_second_tab_and_killed_server(browser, run, tmp_path):
+    words = (SLICE, *MARKERS, "-o", tmp_path / "o.h5")
+    program = run(*words)
+    hand = Hand(browser, program.address)
+    knot = hand.state("review.state.knots_px[0][5]")
+    hand.drag(knot, (knot[0] - 40, knot[1]))
+    hand.until_steps(1)
+    moved = hand.state("review.state.curve_px")
+    browser.do("Page.reload")
+    browser.loaded(2)
+    browser.until(f"{READY} && review.state.steps.length === 1")
+    assert hand.state("review.state.curve_px") == moved
+    with Page(need_program("chromium", "chromium"), tmp_path / "other") as second:
+        other = Hand(second, program.address)
+        assert other.state("review.state.curve_px") == moved
+        second.key("z", modifiers=CTRL)
+        browser.until("review.state.steps.length === 0")
+        browser.key("Z", modifiers=CTRL | SHIFT)
+        second.until("review.state.steps.length === 1")
+    program.process.kill()
+    program.process.wait()
+    browser.until("document.getElementById('status').textContent === 'connection lost'")
+    assert "steps are kept" in browser.run("document.getElementById('toast').textContent")
+    again = run(*words)
+    browser.open(again.address)
+    browser.until(f"{READY} && review.state.steps.length === 1")
+    assert hand.state("review.state.curve_px") == moved
+    hand.press("leave")
+    browser.until("document.getElementById('done').open")
+    code, _, err = again.end()
+    assert code == 1
+    assert "left without approval" in err
+    assert not (tmp_path / "o.h5").exists()
+    assert (tmp_path / "o.h5.draft.json").exists()
+
+
+def test_an_address_without_its_token_shows_nothing(browser, run, tmp_path):
+    program = run(SLICE, "-o", tmp_path / "o.h5")
+    browser.open(program.address.split("#")[0])
+    browser.until("document.getElementById('status').textContent === 'connection lost'")
+    assert browser.run("review.state") is None
+    assert browser.run("document.getElementById('slice').naturalWidth") == 0
+
+
+def test_every_control_has_a_name_and_the_page_fits_its_window(browser, run, tmp_path):
+    program = run(SLICE, *MARKERS, "-o", tmp_path / "o.h5")
+    Hand(browser, program.address)
+    unnamed = browser.run(
+        "[...document.querySelectorAll('button, input, textarea, [role]')].filter((n) =>"
+        " !(n.textContent.trim() || n.getAttribute('aria-label') || n.labels?.length || n.title"
+        " || ['status', 'alert'].includes(n.getAttribute('role')))).map((n) => n.outerHTML)"
+    )
+    assert unnamed == []
+    for width, height in ((1300, 860), (1000, 700), (700, 900)):
+        browser.size(width, height)
+        assert browser.run("document.documentElement.scrollWidth <= innerWidth")
+        assert browser.run("document.documentElement.scrollHeight <= innerHeight")
+    browser.key("Tab")
+    outline = "getComputedStyle(document.activeElement).outlineStyle"
+    assert browser.run(f"document.activeElement !== document.body && {outline}") == "solid"
+
+
+def test_a_large_slice_with_many_findings_and_markers_stays_fluent(browser, tmp_path):
+    """4096 x 4096 pixels, 100 findings, 40 markers: drags above 30 frames a second."""
+    rng = np.random.default_rng(1)
+    picture = np.full((4096, 4096, 3), 60, np.uint8)
+    picture += rng.integers(0, 40, picture.shape[:2], np.uint8)[..., None]
+    t = np.linspace(0, 1, 4000)
+    truth = np.column_stack([500 + 3000 * t, 2000 + 900 * np.sin(7 * t)])
+    line = np.rint(truth * 16).astype(np.int32)[:, None]
+    cv2.polylines(picture, [line], False, (0, 0, 255), 5, cv2.LINE_AA, shift=4)
+    path = tmp_path / "large.png"
+    cv2.imwrite(str(path), picture)
+    rows = ["label,u_px,v_px,x_m,y_m,z_m"]
+    for k in range(40):
+        u, v = rng.uniform(100, 4000, 2)
+        rows.append(f"m{k},{u},{v},{u * 1e-4},{-v * 1e-4},0.01")
+    (tmp_path / "m.csv").write_text("\n".join(rows) + "\n")
+    session = Session.open(path, tmp_path / "m.csv")
+    server = ReviewServer(session, Draft(tmp_path / "d.json", {"source": path}, {}))
+    try:
+        hand = Hand(browser, server.address)
+        browser.until("document.getElementById('slice').complete")
+        browser.run(
+            "review.receive({state: {...review.state, findings: [...Array(100)].map((_, k)"
+            " => ({code: 'x', severity: 'doubt', text: `Finding ${k}`, stage: 'extract', place_m:"
+            " null, place_px: [200 + 37 * k, 300 + 31 * k], answered_by: null,"
+            " answered_utc: null}))}, version: review.version})"
+        )
+        assert browser.run("document.querySelectorAll('.pin').length") == 100
+        assert browser.run("document.querySelectorAll('.marker').length") == 40
+        rates = {}
+        rates["pan"] = frames(browser, hand, (2000, 3500), "pan")
+        rates["knot"] = frames(browser, hand, hand.state("review.state.knots_px[0][9]"), "knot")
+        rates["marker"] = frames(
+            browser, hand, hand.state("review.state.markers[7].place_px"), "marker"
+        )
+        print({kind: f"{rate:.0f} frames a second" for kind, rate in rates.items()})
+        assert min(rates.values()) > 30
+    finally:
+        server.close()
+
+
+def frames(browser, hand, place, kind):
+    """Frames a second that the browser draws while something is dragged."""
+    start = hand.at(place)
+    browser.press(*start, "mouseMoved", "none")
+    browser.press(*start)
+    browser.run(
+        "window.frames_ = []; (function next(t) { window.frames_.push(t);"
+        " if (window.frames_.length < 400) requestAnimationFrame(next); })(performance.now())"
+    )
+    for k in range(60):
+        browser.press(start[0] + 1.5 * k, start[1] + 0.8 * k, "mouseMoved")
+    times = np.array(browser.run("window.frames_"))
+    browser.press(start[0] + 90, start[1] + 48, "mouseReleased")
+    return 1e3 * (len(times) - 1) / (times[-1] - times[0])
