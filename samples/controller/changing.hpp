@@ -245,7 +245,7 @@ class Changing {
     void next() {
         Event& event = events_[before_.size()];
         vfplan::Engine& region = engine_.region();
-        before_.push_back(region.taken() + region.waiting());
+        before_.push_back(region.changes_applied() + region.changes_pending());
         hand_over(event, region, event.exchanges() ? &*event.engine : nullptr);
     }
 
@@ -269,7 +269,7 @@ class Changing {
                 frame_->pose(pose->time, pose->pose);
                 ++posed_;
             } else {  // the loop has all of the one before: what a tick takes up is then the file's
-                const auto idle = [&] { return engine_.region().waiting() == 0; };
+                const auto idle = [&] { return engine_.region().changes_pending() == 0; };
                 if (!wait(double(event->tick) * period, idle)) return;
                 next();
             }

@@ -122,7 +122,7 @@ double make_engines(std::vector<Event>& events, const Options& o, vfplan::Rule r
     double stiffness = 0;
     vfplan::Rule now = rule;
     for (Event& event : events) {
-        while (trial.waiting() > 0) trial.step({});
+        while (trial.changes_pending() > 0) trial.step({});
         if (!event.exchanges()) {
             if (now == vfplan::Rule::exact)
                 throw FileError(event.where +
@@ -141,7 +141,7 @@ double make_engines(std::vector<Event>& events, const Options& o, vfplan::Rule r
         Rendered made(other, p, use);
         stiffness = std::max(stiffness, made.stiffness());
         event.engine.emplace(std::move(made.region()));
-        hand_over(event, trial, &Rendered(other, p, vfplan::Use::offline).region());
+        hand_over(event, trial, &Rendered(other, p, vfplan::Use::replay).region());
         now = own;
     }
     return stiffness;
@@ -164,14 +164,14 @@ int control(const Options& o) {
         throw FileError(o.fixture +
                         ": --rule exact wants lines and arcs, or triangles, and it has "
                         "none: `vfplan plan --arcs` keeps them; --rule robust takes its points");
-    const auto use = o.simulated_time ? vfplan::Use::offline : vfplan::Use::real_time;
+    const auto use = o.simulated_time ? vfplan::Use::replay : vfplan::Use::real_time;
     vfplan::Parameters p = vfplan::bundle::parameters(fixture, o.rule);
     if (!std::all_of(events.begin(), events.end(), [](auto& e) { return e.exchanges(); }))
         p.search = vfplan::Search::editable;
     Rendered engine(fixture, p, use);
     double stiffest = engine.stiffness();
     if (!events.empty()) {
-        Rendered trial(fixture, p, vfplan::Use::offline);
+        Rendered trial(fixture, p, vfplan::Use::replay);
         stiffest =
             std::max(stiffest, make_engines(events, o, p.rule, use, p.search, trial.region()));
     }

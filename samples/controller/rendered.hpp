@@ -19,7 +19,7 @@ class Rendered {
         if (p.rule == vfplan::Rule::exact)
             region_.emplace(fixture.guidance
                                 ? vfplan::Engine(fixture.pieces_of(false), p)
-                                : vfplan::bundle::make_engine(fixture, p, vfplan::Use::offline));
+                                : vfplan::bundle::make_engine(fixture, p, vfplan::Use::replay));
         else if (!forbidden.empty())
             region_.emplace(forbidden.data(), forbidden.size() / 3, p);
         if (region_) stiffness_ = std::max({p.stiffness[0], p.stiffness[1], p.stiffness[2]});
@@ -31,7 +31,9 @@ class Rendered {
 
     /// Of the forbidden strokes; not of a fixture that only guides.
     [[nodiscard]] vfplan::Engine& region() { return *region_; }
-    [[nodiscard]] std::uint64_t taken() const noexcept { return region_ ? region_->taken() : 0; }
+    [[nodiscard]] std::uint64_t taken() const noexcept {
+        return region_ ? region_->changes_applied() : 0;
+    }
     /// Of all springs together, at most [N/m].
     [[nodiscard]] double stiffness() const { return stiffness_; }
 

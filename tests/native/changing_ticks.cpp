@@ -62,14 +62,15 @@ struct Loop {
     void step(double depth) {
         const double phase = 1e-4 * double(tick % 40000);
         const Vec3 hip{{5e-3 * std::abs(phase - 2) - 5e-3, 1e-4, -depth}};
-        const auto taken = engine.taken();
+        const auto taken = engine.changes_applied();
         const bool was = last.status & vfplan::changing;
         const long had = allocations;
         const vfplan::Step s = engine.step(hip);
         if (allocations != had) fail("allocation", tick, double(allocations - had));
         const double most = stiffness * (radius / 256 + norm(hip - hip_before));
         const double change = norm(s.force - last.force);
-        if (tick > 0 && (was || taken != engine.taken()) && !(change <= most * (1 + 1e-9)))
+        if (tick > 0 && (was || taken != engine.changes_applied()) &&
+            !(change <= most * (1 + 1e-9)))
             fail("force step", tick, change / most);
         inside += (s.status & vfplan::inside) != 0;
         changing += (s.status & vfplan::changing) != 0;
@@ -104,7 +105,8 @@ void exchange(long n) {
         if (loop.tick % 8 == 0) std::this_thread::yield();
     }
     editor.join();
-    if (engine.taken() != std::uint64_t(n)) fail("not taken up", loop.tick, double(engine.taken()));
+    if (engine.changes_applied() != std::uint64_t(n))
+        fail("not taken up", loop.tick, double(engine.changes_applied()));
     std::printf("exchanged %ld ticks %ld inside %ld changing %ld\n", n, loop.tick, loop.inside,
                 loop.changing);
 }

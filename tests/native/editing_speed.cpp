@@ -122,11 +122,11 @@ void sustained(std::size_t n, double seconds) {
         editing += took;
         longest = std::max(longest, took);
         if (!handed) std::printf("not handed over at tick %ld\n", k);
-        const std::uint64_t before = b.engine.taken();
+        const std::uint64_t before = b.engine.changes_applied();
         const double t = now();
         b.engine.step(b.tool());
         ticks.push_back(now() - t);
-        most = std::max(most, b.engine.taken() - before);
+        most = std::max(most, b.engine.changes_applied() - before);
     }
     std::sort(ticks.begin(), ticks.end());
     const auto part = [&](double p) { return 1e6 * ticks[std::size_t(p * double(count - 1))]; };
@@ -135,8 +135,8 @@ void sustained(std::size_t n, double seconds) {
         "us, "
         "p99 %.1f us, p99.9 %.1f us, most %.1f us; the editor works %.0f %% of the time, "
         "at longest %.0f ms\n",
-        n, double(b.engine.taken()) / seconds, static_cast<unsigned long long>(most), part(0.5),
-        part(0.99), part(0.999), part(1), 100 * editing / seconds, 1e3 * longest);
+        n, double(b.engine.changes_applied()) / seconds, static_cast<unsigned long long>(most),
+        part(0.5), part(0.99), part(0.999), part(1), 100 * editing / seconds, 1e3 * longest);
 }
 
 }  // namespace

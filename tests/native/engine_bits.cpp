@@ -250,7 +250,7 @@ void exchange(const char* name, const std::vector<scenes::Scene>& fixtures, long
         const Vec3 hip = path(t);
         in.add(hip);
         out.add(engine.step(hip));
-        out.add(engine.taken());
+        out.add(engine.changes_applied());
     }
     print(name, in, out, ticks);
 }
@@ -292,7 +292,7 @@ void edit(long ticks, vfplan::Width width) {
         const Vec3 hip = path(t);
         in.add(hip);
         out.add(engine.step(hip));
-        out.add(engine.taken());
+        out.add(engine.changes_applied());
     }
     print("edit", in, out, ticks);
 }

@@ -22,8 +22,8 @@ struct Count {
 /// Loop number I of the real table, counted.
 template <int I, int D, class R, class... A>
 struct Counted {
-    static inline R (*real)(const vfplan::Span<D>&, A...) = nullptr;
-    static R call(const vfplan::Span<D>& in, A... a) {
+    static inline R (*real)(const vfplan::PointSpan<D>&, A...) = nullptr;
+    static R call(const vfplan::PointSpan<D>& in, A... a) {
         ++counts[I].calls;
         counts[I].points += static_cast<long>(in.n);
         return real(in, a...);
@@ -31,7 +31,7 @@ struct Counted {
 };
 
 template <int I, int D, class R, class... A>
-void count(R (*&loop)(const vfplan::Span<D>&, A...)) {
+void count(R (*&loop)(const vfplan::PointSpan<D>&, A...)) {
     Counted<I, D, R, A...>::real = loop;
     loop = Counted<I, D, R, A...>::call;
 }
@@ -42,12 +42,12 @@ vfplan::Kernels<D> counting() {
     count<0>(k.gather);
     count<1>(k.nearest2);
     count<2>(k.normal);
-    count<3>(k.first);
+    count<3>(k.first_root_eq3);
     count<4>(k.distances);
-    count<5>(k.out);
-    count<6>(k.meet);
-    count<7>(k.within);
-    count<8>(k.patch);
+    count<5>(k.last_root_eq7);
+    count<6>(k.ray_hit);
+    count<7>(k.indices_within);
+    count<8>(k.accumulate_fit);
     return k;
 }
 
@@ -63,7 +63,7 @@ void play(const char* name, Space space, const scenes::Points& xyz, long length 
     vfplan::Vec<D> proxy = space.across({{0.05, 0.05, 0.05}});
     for (long t = 0; t < length; ++t) {
         std::memset(counts, 0, sizeof counts);
-        const auto tick = rule(proxy, space.across(path(t)));
+        const auto tick = rule.step(proxy, space.across(path(t)));
         const int state = static_cast<int>(tick.state) + 1;
         ++ticks[state];
         for (int i = 0; i < loops; ++i) {
@@ -82,13 +82,15 @@ void play(const char* name, Space space, const scenes::Points& xyz, long length 
 int main() {
     const auto sheet = scenes::sheet(81, 5e-4), circle = scenes::circle(377, 0.03);
     const vfplan::Slice slice(vfplan::Vec3{{0, 0, 1}});
-    play<vfplan::PaperRule<3, vfplan::Neighbours>>("paper", vfplan::Space{}, sheet);
-    play<vfplan::RobustRule<3, vfplan::Neighbours>>("robust", vfplan::Space{}, sheet);
-    play<vfplan::PaperRule<2, vfplan::AllPoints>>("paper", slice, circle);
-    play<vfplan::RobustRule<2, vfplan::AllPoints>>("robust", slice, circle);
+    play<vfplan::PaperRule<3>>("paper", vfplan::Space{}, sheet);
+    play<vfplan::RobustRule<3>>("robust", vfplan::Space{}, sheet);
+    vfplan::Parameters brute;
+    brute.search = vfplan::Search::brute;
+    play<vfplan::PaperRule<2>>("paper", slice, circle, 20000, brute);
+    play<vfplan::RobustRule<2>>("robust", slice, circle, 20000, brute);
     // Points far apart, and a radius that covers millions of empty cells.
     vfplan::Parameters wide;
     wide.outer_radius = 5;
     const auto dust = scenes::dust(1000, 50);
-    play<vfplan::RobustRule<3, vfplan::Neighbours>>("wide", vfplan::Space{}, dust, 400, wide);
+    play<vfplan::RobustRule<3>>("wide", vfplan::Space{}, dust, 400, wide);
 }

@@ -15,7 +15,7 @@
 namespace {
 
 template <int D>
-long within(const vfplan::Span<D>& s, const vfplan::Vec<D>& x, double reach) {
+long within(const vfplan::PointSpan<D>& s, const vfplan::Vec<D>& x, double reach) {
     long n = 0;
     for (std::size_t i = 0; i < s.n; ++i) {
         double d2 = 0;
@@ -35,7 +35,7 @@ void ask(Search& search, const vfplan::Cloud<D>& cloud, const vfplan::Vec<D>& x,
          const std::string& scene, Most& most) {
     long found = 0;
     Most now;
-    search.visit(x, reach, [&](const vfplan::Span<D>& s) noexcept {
+    search.visit(x, reach, [&](const vfplan::PointSpan<D>& s) noexcept {
         found += within(s, x, reach);
         ++now.spans;
         now.points += s.n;
@@ -54,7 +54,8 @@ void play(const scenes::Scene& scene, Space space) {
     constexpr int D = Space::dimension;
     const auto cloud = vfplan::make_cloud(space, scene.points.data(), scene.points.size() / 3);
     const double radius = 6e-3, skin = 1e-3;
-    vfplan::Neighbours<D> near(cloud, radius, skin, 2e-3, vfplan::kernels<D>());
+    vfplan::Neighbours<D> near(cloud, radius, skin, 2e-3, vfplan::Search::grid,
+                               vfplan::kernels<D>());
     scenes::Random random{5};
     scenes::Path path(scene.points);
     Most most;
@@ -66,7 +67,7 @@ void play(const scenes::Scene& scene, Space space) {
     for (double reach = 1e-6; reach < 2e3; reach *= 10) {
         most = {};
         for (long t = 0; t < 40; ++t)
-            ask(near.source(), cloud, space.across(path(50 * t)), reach, scene.name, most);
+            ask(near.index(), cloud, space.across(path(50 * t)), reach, scene.name, most);
         std::printf("%-27s %d %g %zu %zu %zu\n", scene.name.c_str(), D, reach, cloud.size(),
                     most.spans, most.points);
     }

@@ -52,9 +52,9 @@ void measure(const char* name, long ticks, int repeats) {
             const double us = worst_us(f, rule, ticks, repeats);
             const double bound = rule == vfplan::Rule::exact
                                      ? f.mesh.empty()
-                                           ? vfplan::tick_work(f.pieces, p)
-                                           : vfplan::tick_work(vfplan::bundle::surface(f), p)
-                                     : vfplan::tick_work(f.points.data(), f.size(), p);
+                                           ? vfplan::tick_time_bound(f.pieces, p)
+                                           : vfplan::tick_time_bound(vfplan::bundle::surface(f), p)
+                                     : vfplan::tick_time_bound(f.points.data(), f.size(), p);
             std::printf("%s rule %d bound %.1f worst %.1f\n", name, static_cast<int>(rule),
                         1e6 * bound, us);
         } catch (const std::exception& error) {

@@ -32,7 +32,7 @@ void bind_shape(nb::module_& m, nb::class_<Engine>& engine, Shape (*shape)(const
         [shape](const Args&... args, const vfplan::Parameters& p) {
             const Shape made = shape(args...);
             nb::gil_scoped_release release;
-            return vfplan::tick_work(made, p);
+            return vfplan::tick_time_bound(made, p);
         },
         names..., "parameters"_a);
     engine.def(
@@ -55,20 +55,20 @@ nb::tuple rows(const vfplan::Thinned<D>& thinned) {
 
 // False where the loop takes up nothing.
 bool edit(Engine& engine, const std::optional<Numbers32>& remove, const std::optional<Rows>& add) {
-    const Turn turn(engine.edited, "ProxyEngine", "editor");
+    const ExclusiveUse turn(engine.edited, "ProxyEngine", "editor");
     nb::gil_scoped_release release;
     return engine.edit(remove ? remove->data() : nullptr, remove ? remove->shape(0) : 0,
                        add ? add->data() : nullptr, add ? add->shape(0) : 0);
 }
 
 bool exchange(Engine& engine, Engine& other) {
-    const Turn turn(engine.edited, "ProxyEngine", "editor");
-    const Serving theirs(other);
+    const ExclusiveUse turn(engine.edited, "ProxyEngine", "editor");
+    const EngineUse theirs(other);
     return engine.exchange(std::move(other));
 }
 
 nb::object distance(Engine& engine, const Rows& points) {
-    const Serving turn(engine);
+    const EngineUse turn(engine);
     const std::size_t n = points.shape(0);
     auto out = array<double>(n, 1);
     double* d = out.data();
@@ -135,7 +135,7 @@ NB_MODULE(_core, m) {
         "tick_work",
         [](const Rows& points, const vfplan::Parameters& p) {
             nb::gil_scoped_release release;
-            return vfplan::tick_work(points.data(), points.shape(0), p);
+            return vfplan::tick_time_bound(points.data(), points.shape(0), p);
         },
         "points"_a, "parameters"_a, "time that a tick takes at most [s]");
     m.def(
@@ -145,7 +145,7 @@ NB_MODULE(_core, m) {
             return vfplan::by_triangles(surface(points, triangles), p);
         },
         "points"_a, "triangles"_a, "parameters"_a, "whether rule exact is the best for a mesh");
-    m.attr("most_tick_work") = vfplan::most_tick_work;
+    m.attr("most_tick_work") = vfplan::max_tick_time;
 
     nb::class_<Engine> engine(m, "Engine");
     engine
@@ -160,21 +160,21 @@ NB_MODULE(_core, m) {
         .def(
             "reset",
             [](Engine& e, const Row& hip) {
-                const Serving turn(e);
+                const EngineUse turn(e);
                 e.reset(vec(hip));
             },
             "hip"_a)
         .def(
             "step",
             [](Engine& e, const Row& hip) {
-                const Serving turn(e);
+                const EngineUse turn(e);
                 return answer(e.step(vec(hip)));
             },
             "hip"_a)
         .def(
             "run",
             [](Engine& e, const Rows& hips, bool timed) {
-                const Serving turn(e);
+                const EngineUse turn(e);
                 return ticks(hips, timed, [&](std::size_t, const vfplan::Vec3& hip) noexcept {
                     return e.step(hip);
                 });
@@ -184,11 +184,11 @@ NB_MODULE(_core, m) {
         .def("edit", &edit, "remove"_a.none(), "add"_a.none())
         .def("remake",
              [](Engine& e) {
-                 const Turn turn(e.edited, "ProxyEngine", "editor");
+                 const ExclusiveUse turn(e.edited, "ProxyEngine", "editor");
                  nb::gil_scoped_release release;
                  return e.remake();
              })
-        .def_prop_ro("taken", &Engine::taken)
+        .def_prop_ro("taken", &Engine::changes_applied)
         .def("distance", &distance, "points"_a)
         .def_prop_ro("band", &Engine::band)
         .def_prop_ro("bytes", &Engine::bytes)

@@ -20,7 +20,7 @@ nb::object at(const Guide& guide, std::size_t strand, const std::vector<double>&
 }
 
 nb::object tight_bend(const Guide& guide) {
-    const vfplan::Narrow n = vfplan::tight_bend(guide.path(), guide.parameters().radius);
+    const vfplan::TubeObstacle n = vfplan::tight_bend(guide.path(), guide.parameters().radius);
     if (!n.found) return nb::none();
     return nb::make_tuple(n.strand, n.arc, nb::make_tuple(n.at[0], n.at[1], n.at[2]));
 }
@@ -65,14 +65,14 @@ void bind_guide(nb::module_& m) {
         .def(
             "reset",
             [](Guide& g, const Row& hip) {
-                const Guiding turn(g);
+                const GuideUse turn(g);
                 g.reset(vec(hip));
             },
             "hip"_a)
         .def(
             "run",
             [](Guide& g, const Rows& hips) {
-                const Guiding turn(g);
+                const GuideUse turn(g);
                 return guided(hips, [&](std::size_t, const vfplan::Vec3& hip) noexcept {
                     return g.step(hip);
                 });

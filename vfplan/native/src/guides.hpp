@@ -11,8 +11,8 @@ struct Guide : vfplan::Guide {
     std::atomic_flag busy = ATOMIC_FLAG_INIT;
 };
 
-struct Guiding : Turn {
-    explicit Guiding(Guide& guide) : Turn(guide.busy, "Guide", "guide") {}
+struct GuideUse : ExclusiveUse {
+    explicit GuideUse(Guide& guide) : ExclusiveUse(guide.busy, "Guide", "guide") {}
 };
 
 // Proxy, force (T, 3), arc, lateral, remaining (T,), strand, held, status (T,); `tick` gives a

@@ -60,13 +60,13 @@ void bind_moving(nb::module_& m) {
              })
         .def("run",
              [](MovingFrame& f, Engine& engine, const Numbers& t, const Rows& hips) {
-                 const Serving turn(engine);
+                 const EngineUse turn(engine);
                  return run(f, engine, t, hips,
                             [](const Rows& rows, auto&& tick) { return ticks(rows, true, tick); });
              })
         .def("run",
              [](MovingFrame& f, Guide& guide, const Numbers& t, const Rows& hips) {
-                 const Guiding turn(guide);
+                 const GuideUse turn(guide);
                  return run(f, guide, t, hips,
                             [](const Rows& rows, auto&& tick) { return guided(rows, tick); });
              })

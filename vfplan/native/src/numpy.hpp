@@ -30,17 +30,17 @@ nb::ndarray<nb::numpy, T> array(std::size_t rows, std::size_t columns) {
 inline vfplan::Vec3 vec(const Row& r) { return {{r(0), r(1), r(2)}}; }
 
 /// Holds what one thread serves; a call while another is under way is refused.
-class Turn {
+class ExclusiveUse {
   public:
-    Turn(std::atomic_flag& busy, const char* type, const char* noun) : busy_(busy) {
+    ExclusiveUse(std::atomic_flag& busy, const char* type, const char* noun) : busy_(busy) {
         if (busy_.test_and_set(std::memory_order_acquire))
             throw std::runtime_error("this " + std::string(type) +
                                      " is in use by another thread: one " + noun +
                                      " serves one thread, make one for each");
     }
-    ~Turn() { busy_.clear(std::memory_order_release); }
-    Turn(const Turn&) = delete;
-    Turn& operator=(const Turn&) = delete;
+    ~ExclusiveUse() { busy_.clear(std::memory_order_release); }
+    ExclusiveUse(const ExclusiveUse&) = delete;
+    ExclusiveUse& operator=(const ExclusiveUse&) = delete;
 
   private:
     std::atomic_flag& busy_;

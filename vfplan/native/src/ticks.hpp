@@ -14,9 +14,9 @@ struct Engine : vfplan::Engine {
     std::atomic_flag busy = ATOMIC_FLAG_INIT, edited = ATOMIC_FLAG_INIT;
 };
 
-struct Serving : Turn {
-    explicit Serving(Engine& engine) : Turn(engine.busy, "ProxyEngine", "engine") {
-        if (engine.spent())
+struct EngineUse : ExclusiveUse {
+    explicit EngineUse(Engine& engine) : ExclusiveUse(engine.busy, "ProxyEngine", "engine") {
+        if (engine.was_exchanged())
             throw std::runtime_error("this ProxyEngine was given to another one in exchange");
     }
 };

@@ -113,7 +113,7 @@ class Governor {
     /// The next tick of an arm that takes forces.
     Governed step(const Vec3& force) noexcept {
         const bool good = sound(force.c, 3);
-        return held(force, good, good ? 0 : bad_force, nullptr, 0);
+        return govern(force, good, good ? 0 : bad_force, nullptr, 0);
     }
 
     /// The next tick of an arm that takes torques.
@@ -122,12 +122,12 @@ class Governor {
     Governed step(const Vec3& force, const double* jacobian, int joints) noexcept {
         const int n = std::clamp(joints, 0, most_joints);
         if (n == 0 || !sound(jacobian, 3 * n)) {
-            const Governed g = held({}, false, bad_jacobian, nullptr, 0);
+            const Governed g = govern({}, false, bad_jacobian, nullptr, 0);
             fade_torques();
             return g;
         }
         const bool good = sound(force.c, 3);
-        return held(force, good, good ? 0 : bad_force, jacobian, n);
+        return govern(force, good, good ? 0 : bad_force, jacobian, n);
     }
 
     const GovernorLimits& limits() const noexcept { return limits_; }
@@ -157,14 +157,16 @@ class Governor {
         return jacobian[j] * force[0] + jacobian[n + j] * force[1] + jacobian[2 * n + j] * force[2];
     }
 
-    Governed held(const Vec3& asked, bool good, int said, const double* jacobian, int n) noexcept {
+    Governed govern(const Vec3& asked, bool good, int said, const double* jacobian,
+                    int n) noexcept {
         Governed g;
         g.status = static_cast<std::uint8_t>(said);
         if (by_torque_ && jacobian == nullptr && !(said & bad_jacobian)) g.status |= no_jacobian;
         const Vec3 wanted = good ? asked : Vec3{};
-        const Vec3 target = fitting(wanted, jacobian, n);
-        if (!passes(target, jacobian, n) && !slews(target, jacobian, n)) g.status |= torque_lags;
-        count(target);
+        const Vec3 target = clipped(wanted, jacobian, n);
+        if (!accept(target, jacobian, n) && !ramp_towards(target, jacobian, n))
+            g.status |= torque_lags;
+        account_energy(target);
         if (given() > 1.01 * stored()) g.status |= overdrawn;
         g.force = force_;
         g.held_back = norm(wanted - force_);
@@ -172,7 +174,7 @@ class Governor {
     }
 
     /// The force, shortened to what the arm takes at rest.
-    Vec3 fitting(const Vec3& force, const double* jacobian, int n) const noexcept {
+    Vec3 clipped(const Vec3& force, const double* jacobian, int n) const noexcept {
         double share = 1;
         const auto hold = [&share](double size, double limit) noexcept {
             if (size > limit) share = std::min(share, below * limit / size);
@@ -184,7 +186,7 @@ class Governor {
     }
 
     /// Takes the target as it is, if nothing changes too much by that.
-    bool passes(const Vec3& target, const double* jacobian, int n) noexcept {
+    bool accept(const Vec3& target, const double* jacobian, int n) noexcept {
         if (!(norm(target - force_) <= limits_.force_step)) return false;
         double torque[most_joints];
         for (int j = 0; j < n; ++j) {
@@ -197,7 +199,7 @@ class Governor {
     }
 
     /// Goes towards the target by as much as every limit allows; false where the torques alone do.
-    bool slews(const Vec3& target, const double* jacobian, int n) noexcept {
+    bool ramp_towards(const Vec3& target, const double* jacobian, int n) noexcept {
         const Vec3 change = target - force_;
         double least = 0, most = std::min(1.0, below * limits_.force_step / norm(change));
         const double by_force = most;
@@ -212,7 +214,7 @@ class Governor {
         if (together)
             for (int j = 0; j < n; ++j) torque_[j] = of_joint(jacobian, n, j, force_);
         else
-            follow(jacobian, n);
+            torques_towards(jacobian, n);
         return together;
     }
 
@@ -229,17 +231,17 @@ class Governor {
     }
 
     /// Torques towards J^T F where the Jacobian has changed by more than a step of them allows.
-    void follow(const double* jacobian, int n) noexcept {
+    void torques_towards(const double* jacobian, int n) noexcept {
         double change[most_joints];
         for (int j = 0; j < n; ++j) change[j] = of_joint(jacobian, n, j, force_) - torque_[j];
-        turn(change, n);
+        ramp_torques(change, n);
     }
     void fade_torques() noexcept {
         double change[most_joints];
         for (int j = 0; j < most_joints; ++j) change[j] = -torque_[j];
-        turn(change, most_joints);
+        ramp_torques(change, most_joints);
     }
-    void turn(const double* change, int n) noexcept {
+    void ramp_torques(const double* change, int n) noexcept {
         double share = 1;
         for (int j = 0; j < n; ++j) {
             double least = 0;
@@ -251,7 +253,7 @@ class Governor {
     }
 
     /// A force that lags behind its target pushes, as if on a mass that nothing else holds.
-    void count(const Vec3& target) noexcept {
+    void account_energy(const Vec3& target) noexcept {
         const Vec3 lag = force_ - target;
         if (lag == Vec3{}) {
             closed_given_ += given();

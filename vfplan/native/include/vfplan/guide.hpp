@@ -79,7 +79,7 @@ class Guide {
     /// One curve through `n` points [m], x y z of each in turn.
     Guide(const double* xyz, std::size_t n, bool closed, const GuideParameters& p) : Guide(p) {
         add(xyz, n, closed);
-        make();
+        check_tube();
     }
 
     /// Several curves, one after the other in `xyz`: strand i has counts[i] points.
@@ -88,7 +88,7 @@ class Guide {
         : Guide(p) {
         for (std::size_t i = 0; i < counts.size(); xyz += 3 * counts[i++])
             add(xyz, counts[i], closed.at(i));
-        make();
+        check_tube();
     }
 
     /// Lines and arcs across p.ignore_axis, as they are.
@@ -96,7 +96,7 @@ class Guide {
         check(strokes);
         if (!p.ignore_axis) reject("lines and arcs need an ignore_axis: they are planar");
         for (const Stroke& s : strokes) path_.add(s, *p.ignore_axis, p.radius / 2);
-        make();
+        check_tube();
     }
 
     /// The tip is at `hip` [m]: take the nearest place, and hold it as `hold` says.
@@ -108,7 +108,7 @@ class Guide {
         if (!placed_) return;
         x_ = across(hip);
         search(p_.hold == Hold::at_once);
-        if (held_) stretch_ = stretched(at_);
+        if (held_) stretch_ = stretch_at(at_);
         last_.proxy = hip;
     }
 
@@ -124,8 +124,8 @@ class Guide {
         x_ = across(hip);
         const double moved = norm(x_ - before);
         last_.status = ok;
-        if (held_ && beyond_end()) held_ = false, room_ = 0;
-        held_ ? follow(moved + share()) : wait(moved);
+        if (held_ && beyond_end()) held_ = false, distance_to_tube_ = 0;
+        held_ ? follow(moved + step_allowance()) : decay_force(moved);
         lead(before);
         last_.force = p_.stiffness * stretch_ + pull_;
         last_.proxy = hip + stretch_;
@@ -149,7 +149,7 @@ class Guide {
         }
         path_.add(points, closed);
     }
-    void make() {
+    void check_tube() {
         if (path_.size() == 0) reject("a guide needs a curve");
         const auto text = [](double metres) {
             char digits[32];
@@ -157,18 +157,18 @@ class Guide {
             return std::string(digits);
         };
         const std::string asked = "radius " + text(p_.radius) + " mm: at most ";
-        const auto place = [&](const Narrow& n) {
+        const auto place = [&](const TubeObstacle& n) {
             return " at arc " + text(n.arc) + " mm, [" + text(n.at[0]) + ", " + text(n.at[1]) +
                    ", " + text(n.at[2]) + "] mm";
         };
         if (const double most = path_.extent(); p_.radius > most)
             reject(asked + text(most) + " mm, the extent of the curve itself");
-        if (const Narrow n = narrowest(path_, p_.radius); n.found)
+        if (const TubeObstacle n = narrowest(path_, p_.radius); n.found)
             reject(asked + text(widest(path_, p_.radius, narrowest)) + " mm fit, as " +
                    (n.turn ? "the curve turns round" : "strands run beside each other") +
                    " within " + text(n.width) + " mm" + place(n));
         if (p_.cut_bends) return;
-        if (const Narrow n = tight_bend(path_, p_.radius); n.found)
+        if (const TubeObstacle n = tight_bend(path_, p_.radius); n.found)
             reject(asked + text(widest(path_, p_.radius, tight_bend)) +
                    " mm fit the bends, unless the tip may cut them (cut_bends); the tightest is" +
                    place(n));
@@ -183,10 +183,10 @@ class Guide {
         return p_.ignore_axis ? x - dot(*p_.ignore_axis, x) * *p_.ignore_axis : x;
     }
     const Strand& strand() const noexcept { return path_.strands()[strand_]; }
-    double share() const noexcept { return p_.lead_force == 0 ? 2 * give : give; }
+    double step_allowance() const noexcept { return p_.lead_force == 0 ? 2 * give : give; }
 
     /// Proxy less HIP when the place is c: to the ball of the tube's radius around it.
-    Vec3 stretched(const Vec3& c) const noexcept {
+    Vec3 stretch_at(const Vec3& c) const noexcept {
         const Vec3 v = x_ - c;
         const double d = norm(v);
         return d > p_.radius ? (p_.radius / d - 1) * v : Vec3{};
@@ -198,40 +198,40 @@ class Guide {
         int side = 0;
         for (std::size_t n = 0; n <= path_.size(); ++n) {
             const Piece& piece = path_[piece_];
-            const Piece::Foot foot = piece.descend(x_, at_);
-            const Vec3 next = stretched(foot.at);
-            if (norm(next - stretch_) > allowed) return part(piece, foot.at, allowed);
+            const Piece::PieceDescent foot = piece.descend(x_, at_);
+            const Vec3 next = stretch_at(foot.at);
+            if (norm(next - stretch_) > allowed) return move_partly(piece, foot.at, allowed);
             at_ = foot.at;
             if (foot.side == 0 || foot.side == -side) break;
-            const std::size_t on = path_.beside(strand(), piece_, foot.side);
+            const std::size_t on = path_.next_piece(strand(), piece_, foot.side);
             if (on == Path::none) break;
             const Vec3& ahead = foot.side > 0 ? path_[on].entering : path_[on].leaving;
             if (!(foot.side * dot(x_ - at_, ahead) > 0)) break;
             piece_ = on;
             side = foot.side;
         }
-        stretch_ = stretched(at_);
+        stretch_ = stretch_at(at_);
     }
     /// As far towards `goal` on the piece as the stretch may change.
-    void part(const Piece& piece, const Vec3& goal, double allowed) noexcept {
+    void move_partly(const Piece& piece, const Vec3& goal, double allowed) noexcept {
         double least = 0, most = 1;
         for (int n = 0; n < 30; ++n) {
             const double middle = 0.5 * (least + most);
-            const Vec3 next = stretched(piece.between(at_, goal, middle));
+            const Vec3 next = stretch_at(piece.between(at_, goal, middle));
             (norm(next - stretch_) <= allowed ? least : most) = middle;
         }
         at_ = piece.between(at_, goal, least);
-        stretch_ = stretched(at_);
+        stretch_ = stretch_at(at_);
         last_.status = limit;
     }
 
     /// Not held: what is left of the stretch dies down, the proxy always coming nearer to the HIP,
     /// until the tip is within the tube again.
-    void wait(double moved) noexcept {
-        const double left = norm(stretch_), less = moved + share();
+    void decay_force(double moved) noexcept {
+        const double left = norm(stretch_), less = moved + step_allowance();
         stretch_ = left > less ? (1 - less / left) * stretch_ : Vec3{};
-        room_ -= moved;
-        if (room_ <= 0) search(false);
+        distance_to_tube_ -= moved;
+        if (distance_to_tube_ <= 0) search(false);
         if (held_) stretch_ = {};
     }
     /// The nearest place of all; held when `at_once` or within the tube.
@@ -241,7 +241,8 @@ class Guide {
         piece_ = near.piece;
         at_ = near.at;
         held_ = at_once || (near.distance <= p_.radius && norm(stretch_) == 0 && !beyond_end());
-        room_ = near.distance - p_.radius;  // the HIP has to go that far to get into the tube
+        distance_to_tube_ =
+            near.distance - p_.radius;  // the HIP has to go that far to get into the tube
     }
     /// The place is at an end that lets the tip go, and the HIP is past it.
     bool beyond_end() const noexcept {
@@ -284,7 +285,8 @@ class Guide {
     Vec3 x_, at_;          // HIP and place, across an ignored axis
     Vec3 stretch_, pull_;  // proxy less HIP [m], pull along the curve [N]
     std::size_t strand_ = 0, piece_ = 0;
-    double room_ = 0;   // while not held: how far the HIP has to go at least to get into the tube
+    double distance_to_tube_ =
+        0;              // while not held: how far the HIP has to go at least to get into the tube
     double speed_ = 0;  // of the HIP along the curve [m/s]
     bool placed_ = false, held_ = false;
 };

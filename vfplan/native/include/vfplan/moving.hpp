@@ -101,17 +101,17 @@ class MovingFrame {
         return good;
     }
     /// The tracker's: how many more poses may wait.
-    std::size_t room() const noexcept { return poses_.room(); }
+    std::size_t room() const noexcept { return poses_.free_slots(); }
     std::uint64_t refused() const noexcept { return refused_.load(std::memory_order_relaxed); }
 
     /// The loop: the frame at t [s], which does not go back.
     const Pose& at(double t) noexcept {
         if (!std::isfinite(t)) t = t_;
-        if (placed_ && t > t_) go(std::min(t - t_, limits_.max_age), t);
+        if (placed_ && t > t_) advance(std::min(t - t_, limits_.max_age), t);
         t_ = std::max(t, t_);
         const Stamped* next = poses_.front();
         for (; next && next->stamp <= t; poses_.pop(), next = poses_.front(), ++taken_)
-            take(*next, t);
+            accept_pose(*next, t);
         seen_ = taken_ + (next != nullptr);
         ahead_ = next && next->stamp > t + limits_.max_age;
         return now_;
@@ -162,38 +162,39 @@ class MovingFrame {
     }
 
     /// The frame is to be there when the next pose is due; the first one it begins at.
-    void take(const Stamped& next, double t) noexcept {
-        due_ = t + std::min(next.stamp - stamp_, limits_.max_age);
+    void accept_pose(const Stamped& next, double t) noexcept {
+        arrives_at_ = t + std::min(next.stamp - stamp_, limits_.max_age);
         stamp_ = next.stamp;
         goal_ = next.pose;
         if (!placed_) now_ = goal_;
         placed_ = true;
     }
 
-    /// The part of what is left that belongs to the dt before t, or as much as the limits allow.
-    void go(double dt, double t) noexcept {
-        const double part = due_ > t ? dt / (due_ - t + dt) : 1;
+    /// The fraction of what is left that belongs to the dt before t, or as much as the limits
+    /// allow.
+    void advance(double dt, double t) noexcept {
+        const double fraction = arrives_at_ > t ? dt / (arrives_at_ - t + dt) : 1;
         const Vec3 from = now_.out(limits_.pivot), to = goal_.out(limits_.pivot);
-        const Vec3 way = part * (to - from);
+        const Vec3 way = fraction * (to - from);
         const double length = norm(way), most = limits_.max_speed * dt;
         const bool far = length > most;
-        const bool turned = turn(part, std::min(0.5 * limits_.max_turn * dt, 1.0));
-        if (part == 1 && !far && turned) {
+        const bool turned = rotate_towards(fraction, std::min(0.5 * limits_.max_turn * dt, 1.0));
+        if (fraction == 1 && !far && turned) {
             now_ = goal_;
         } else {
             const Vec3 pivot = from + (far ? most / length : 1) * way;
             now_.place = pivot - now_.turn(limits_.pivot);
         }
     }
-    /// Turns by `part` of what is left, by at most the angle whose half has the sine `most`; false
-    /// when that is less.
-    bool turn(double part, double most) noexcept {
+    /// Turns by `fraction` of what is left, by at most the angle whose half has the sine `most`;
+    /// false when that is less.
+    bool rotate_towards(double fraction, double most) noexcept {
         const double c = now_.w * goal_.w + dot(now_.v, goal_.v), sign = c < 0 ? -1 : 1;
         const double uw = sign * goal_.w - sign * c * now_.w;  // across now_, towards the goal
         const Vec3 uv = sign * goal_.v - (sign * c) * now_.v;
         const double sine = std::sqrt(uw * uw + dot(uv, uv));
         if (!(sine > 0)) return true;
-        const double w = 1 - part + part * std::abs(c), u = part * sine;
+        const double w = 1 - fraction + fraction * std::abs(c), u = fraction * sine;
         const double whole = u / std::sqrt(w * w + u * u), s = std::min(whole, most);
         const double keep = std::sqrt(1 - s * s), add = s / sine;
         now_.w = keep * now_.w + add * uw;
@@ -205,13 +206,13 @@ class MovingFrame {
     }
 
     MovingLimits limits_;
-    Ring<Stamped> poses_;
+    SpscQueue<Stamped> poses_;
     std::atomic<std::uint64_t> refused_{0};
     bool given_ = false;  // the tracker's
     double youngest_ = 0;
     Pose now_, goal_;  // the loop's
     double t_ = -std::numeric_limits<double>::infinity();
-    double stamp_ = 0, due_ = 0;
+    double stamp_ = 0, arrives_at_ = 0;
     bool placed_ = false, ahead_ = false;
     std::uint64_t taken_ = 0, seen_ = 0;
 };

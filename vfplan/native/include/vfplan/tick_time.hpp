@@ -25,63 +25,62 @@ namespace vfplan {
 /// iteration the points in its list, and those that touch, one by one. The three times are those
 /// of the machine of docs/engine.md; tests/engine/test_worst_tick.py holds random fixtures to it.
 template <class S>
-double tick_work(const S& space, const double* xyz, std::size_t n, const Parameters& p) {
+double tick_time_bound(const S& space, const double* xyz, std::size_t n, const Parameters& p) {
     constexpr double an_iteration = 2.5e-6, a_point = 1e-9, a_contact = 8e-9;  // [s]
     constexpr double beside = 16;  // iterations: what a tick does beside them
     constexpr int D = S::dimension;
     const auto cloud = thinned(make_cloud(space, xyz, n), p).cloud;
-    const Surfaces<D, AllPoints<D>> surfaces(kernels<D>(Width::automatic), p.R(), p.band);
-    const double list = std::max((1 + tuned::brief) * p.R(), surfaces.reach());
-    const double near = crowd(cloud, list + 0.75 * tuned::brief * p.R());
+    const ContactSurfaces<D> surfaces(kernels<D>(Width::automatic), p.R(), p.band);
+    const double list = std::max((1 + tuned::list_margin) * p.R(), surfaces.reach());
+    const double near = most_within(cloud, list + 0.75 * tuned::list_margin * p.R());
     // From R - band to the shell, on one surface: as far around the foot.
-    const double inner = p.R() - p.band, outer = surfaces.shell();
-    const double touching = crowd(cloud, std::sqrt(outer * outer - inner * inner));
+    const double inner = p.R() - p.band, outer = surfaces.touch_radius();
+    const double touching = most_within(cloud, std::sqrt(outer * outer - inner * inner));
     return (p.max_iterations + beside) * (an_iteration + a_point * near + a_contact * touching);
 }
 
-inline double tick_work(const double* xyz, std::size_t n, const Parameters& p) {
+inline double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p) {
     check(p);
-    if (p.ignore_axis) return tick_work(Slice(*p.ignore_axis), xyz, n, p);
-    return tick_work(Space{}, xyz, n, p);
+    if (p.ignore_axis) return tick_time_bound(Slice(*p.ignore_axis), xyz, n, p);
+    return tick_time_bound(Space{}, xyz, n, p);
 }
 
 /// Time [s] that a tick of rule exact takes at most, by the features in its list; as above.
-inline double tick_work(const std::vector<Stroke>& strokes, const Parameters& p) {
+inline double tick_time_bound(const std::vector<Stroke>& strokes, const Parameters& p) {
     constexpr double an_iteration = 7.5e-6, a_feature = 10e-9;  // [s]
     check(strokes);
     if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
     const curve::Curve curve(strokes, Slice(*p.ignore_axis), p.R());
     std::vector<Box<2>> boxes;
-    for (std::size_t i = 0; i < curve.size(); ++i)
-        boxes.push_back({curve[static_cast<int>(i)].least, curve[static_cast<int>(i)].most});
-    const double near = crowd(boxes, curve::ExactRule::list_reach * p.R());
-    return curve::ExactRule::most_iterations * (an_iteration + a_feature * near);
+    for (std::size_t i = 0; i < curve.size(); ++i) boxes.push_back(curve[static_cast<int>(i)].box);
+    const double near = most_within(boxes, curve::CurveRule::list_reach * p.R());
+    return curve::CurveRule::max_iterations * (an_iteration + a_feature * near);
 }
 
 /// Likewise for a mesh: the inner steps that its rule grants, and the triangles that lie together,
 /// which a part of a tick looks through to the end.
-inline double tick_work(const mesh::Surface& s, const Parameters& p) {
+inline double tick_time_bound(const mesh::Surface& s, const Parameters& p) {
     constexpr double a_step = 16e-9;  // [s]
     constexpr double a_triangle = 4;  // steps
     mesh::check(s);
     std::vector<Box<3>> boxes;
-    mesh::Coarse(s, mesh::ExactRule::tolerance * p.R())
+    mesh::Coarse(s, mesh::MeshRule::tolerance * p.R())
         .each([&](const Vec3& a, const Vec3& b, const Vec3& c, const auto&) {
             boxes.push_back({a, a});
             boxes.back().include(b);
             boxes.back().include(c);
         });
-    const double near = crowd(boxes, mesh::ExactRule::list_reach * p.R());
-    return a_step * (3 * mesh::ExactRule::most_steps + a_triangle * near);
+    const double near = most_within(boxes, mesh::MeshRule::list_reach * p.R());
+    return a_step * (3 * mesh::MeshRule::max_steps + a_triangle * near);
 }
 
-/// The most tick_work [s] that a loop of 1 kHz is given.
-inline constexpr double most_tick_work = 0.3e-3;
+/// The most tick_time_bound [s] that a loop of 1 kHz is given.
+inline constexpr double max_tick_time = 0.3e-3;
 
 /// Whether a mesh is rendered best by its triangles: nearer to the truth than by its points
 /// (docs/make_mesh.py), if a tick is short enough.
 inline bool by_triangles(const mesh::Surface& s, const Parameters& p) {
-    return tick_work(s, p) <= most_tick_work;
+    return tick_time_bound(s, p) <= max_tick_time;
 }
 
 }  // namespace vfplan

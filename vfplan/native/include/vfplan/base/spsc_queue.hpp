@@ -12,21 +12,22 @@
 namespace vfplan {
 
 template <class T>
-class Ring {
+class SpscQueue {
   public:
-    /// Room for `least` items, rounded up to a power of two; allocates.
-    explicit Ring(std::size_t least) : items_(std::bit_ceil(least)), mask_(items_.size() - 1) {}
-    Ring(const Ring&) = delete;
-    Ring& operator=(const Ring&) = delete;
+    /// Holds at least `capacity` items: the number is rounded up to a power of two. Allocates.
+    explicit SpscQueue(std::size_t capacity)
+        : items_(std::bit_ceil(capacity)), mask_(items_.size() - 1) {}
+    SpscQueue(const SpscQueue&) = delete;
+    SpscQueue& operator=(const SpscQueue&) = delete;
 
     /// The giver's: how many more fit.
-    std::size_t room() const noexcept {
+    std::size_t free_slots() const noexcept {
         return items_.size() - std::size_t(head_.load(std::memory_order_relaxed) -
                                            tail_.load(std::memory_order_acquire));
     }
     /// The giver's: false when they do not all fit; the taker sees all of them at once.
     bool push(const T* items, std::size_t n) noexcept {
-        if (room() < n) return false;
+        if (free_slots() < n) return false;
         const std::uint64_t at = head_.load(std::memory_order_relaxed);
         for (std::size_t i = 0; i < n; ++i) items_[(at + i) & mask_] = items[i];
         head_.store(at + n, std::memory_order_release);
@@ -34,7 +35,7 @@ class Ring {
     }
     bool push(const T& item) noexcept { return push(&item, 1); }
     /// The giver's: how many the taker has not taken yet.
-    std::size_t waiting() const noexcept { return items_.size() - room(); }
+    std::size_t size() const noexcept { return items_.size() - free_slots(); }
     /// The taker's: the oldest item, or null.
     const T* front() const noexcept {
         const std::uint64_t at = tail_.load(std::memory_order_relaxed);

@@ -96,7 +96,7 @@ Vec<D> along(const Vec<D>& v, double d) noexcept {
 }
 
 template <int D>
-void frame(const Vec<D>& up, Vec<D> (&side)[D - 1]) noexcept {
+void tangent_frame(const Vec<D>& up, Vec<D> (&side)[D - 1]) noexcept {
     if constexpr (D == 2) {
         side[0] = {{-up.c[1], up.c[0]}};
     } else {

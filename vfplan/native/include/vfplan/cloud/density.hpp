@@ -22,7 +22,7 @@ namespace vfplan {
 /// what each box adds at its corners. `box(i)` gives them; `most`: of the grid's cells, whose side
 /// grows until they are as few.
 template <int D, class BoxOf>
-double crowd(std::size_t n, const BoxOf& box, double reach, double most) {
+double most_within(std::size_t n, const BoxOf& box, double reach, double most) {
     Box<D> all = box(0);
     for (std::size_t i = 1; i < n; ++i) {
         all.include(box(i).low);
@@ -72,17 +72,17 @@ double crowd(std::size_t n, const BoxOf& box, double reach, double most) {
 
 /// The most points of a cloud within `reach` of any place, or some more.
 template <int D>
-double crowd(const Cloud<D>& cloud, double reach) {
+double most_within(const Cloud<D>& cloud, double reach) {
     const auto box = [&](std::size_t i) { return Box<D>{cloud[i], cloud[i]}; };
     const double most = std::min(4194304.0, 8.0 * static_cast<double>(cloud.size()) + 1024);
-    return crowd<D>(cloud.size(), box, reach, most);
+    return most_within<D>(cloud.size(), box, reach, most);
 }
 /// The most of these boxes.
 template <int D>
-double crowd(const std::vector<Box<D>>& boxes, double reach) {
+double most_within(const std::vector<Box<D>>& boxes, double reach) {
     const auto box = [&](std::size_t i) { return boxes[i]; };
     const double n = static_cast<double>(boxes.size());
-    return crowd<D>(boxes.size(), box, reach, 8.0 * n + (D == 3 ? 1048576 : 65536));
+    return most_within<D>(boxes.size(), box, reach, 8.0 * n + (D == 3 ? 1048576 : 65536));
 }
 
 // Of a dense cloud most points can never be felt: where others stand around one, a ball that stays
@@ -101,19 +101,19 @@ class Thinning {
     Thinning(const Cloud<D>& cloud, double outer, double inner)
         : cloud_(cloud),
           inner_(inner),
-          room_((outer * outer - inner * inner) * (1 - 1e-9)),
-          cell_(2 * around * std::sqrt(room_)),
+          slack2_((outer * outer - inner * inner) * (1 - 1e-9)),
+          cell_(2 * around * std::sqrt(slack2_)),
           low_(cloud.box().low),
           kept_(cloud.size()),
-          first_(std::min(std::bit_ceil(cloud.size()), most_heads), last) {
+          first_(std::min(std::bit_ceil(cloud.size()), max_heads), last) {
         std::vector<std::uint32_t> left(cloud.size());
         for (std::size_t i = 0; i < left.size(); ++i) left[i] = static_cast<std::uint32_t>(i);
         // Far apart at first, nearer where these do not hold what is between.
-        double apart2 = widest * room_;
+        double apart2 = widest * slack2_;
         for (int level = 0; level < levels && !left.empty(); ++level, apart2 *= finer) {
             for (const std::uint32_t i : left)
-                if (alone(i, apart2) && (level == 0 || !held(i))) keep(i);
-            std::erase_if(left, [&](std::uint32_t i) { return kept_[i] || held(i); });
+                if (is_alone(i, apart2) && (level == 0 || !is_held(i))) keep(i);
+            std::erase_if(left, [&](std::uint32_t i) { return kept_[i] || is_held(i); });
             std::reverse(left.begin(), left.end());  // outermost first, once from each side
         }
         for (const std::uint32_t i : left) keep(i);
@@ -131,12 +131,12 @@ class Thinning {
 
   private:
     static constexpr std::uint32_t last = 0xffffffff;
-    static constexpr std::size_t most_heads = 1 << 20;
-    static constexpr int most_near = 48, most = 6;  // points around another; that are taken up
+    static constexpr std::size_t max_heads = 1 << 20;
+    static constexpr int max_near = 48, most = 6;  // points around another; that are taken up
     static constexpr int levels = 24;
     static constexpr double around = 1.5, widest = 1, finer = 0.5;
 
-    struct Near {
+    struct NearPoint {
         double d2;
         Vec<D> d;
     };
@@ -168,7 +168,8 @@ class Thinning {
         first = static_cast<std::uint32_t>(points_.size() - 1);
         kept_[i] = true;
     }
-    /// Calls f(Near) for the kept points within half a cell of p, and some more, until it is false.
+    /// Calls f(NearPoint) for the kept points within half a cell of p, and some more, until it is
+    /// false.
     template <class F>
     void visit(const Vec<D>& p, F&& f) const noexcept {
         const Cell low = cell(p, 0.5);
@@ -177,56 +178,57 @@ class Thinning {
             for (int k = 0; k < D; ++k) c.at[k] += corner >> k & 1;
             for (std::uint32_t j = first_[head(c)]; j != last; j = points_[j].next) {
                 const Vec<D> d = points_[j].at - p;
-                if (!f(Near{dot(d, d), d})) return;
+                if (!f(NearPoint{dot(d, d), d})) return;
             }
         }
     }
-    bool alone(std::uint32_t i, double apart2) const noexcept {
+    bool is_alone(std::uint32_t i, double apart2) const noexcept {
         bool found = false;
-        visit(cloud_[i], [&](const Near& q) { return !(found = q.d2 < apart2); });
+        visit(cloud_[i], [&](const NearPoint& q) { return !(found = q.d2 < apart2); });
         return !found;
     }
 
     /// Whether kept points near by hold point i. Looks for a way u, 1 long at most, that none of
     /// them bars, and takes up what bars it most, until there is no such way or nothing bars it.
-    bool held(std::uint32_t i) const noexcept {
-        Near near[most_near];
+    bool is_held(std::uint32_t i) const noexcept {
+        NearPoint near[max_near];
         int count = 0;
-        visit(cloud_[i], [&](const Near& q) {
-            if (q.d2 <= around * around * room_) near[count++] = q;
-            return count < most_near;
+        visit(cloud_[i], [&](const NearPoint& q) {
+            if (q.d2 <= around * around * slack2_) near[count++] = q;
+            return count < max_near;
         });
         Vec<D> u;
-        Wall<D> wall[most];
-        const Near* chosen[most];
+        ContactPlane<D> plane[most];
+        const NearPoint* chosen[most];
         for (int n = 0; n < most; ++n) {
             double most_barred = 0;
             for (int j = 0; j < count; ++j) {
-                const double barred = 2 * inner_ * dot(u, near[j].d) - near[j].d2 + room_;
+                const double barred = 2 * inner_ * dot(u, near[j].d) - near[j].d2 + slack2_;
                 if (barred > most_barred) most_barred = barred, chosen[n] = &near[j];
             }
             if (!(most_barred > 0)) return false;
-            const double d = std::sqrt(chosen[n]->d2), edge = room_ - chosen[n]->d2;
+            const double d = std::sqrt(chosen[n]->d2), edge = slack2_ - chosen[n]->d2;
             if (2 * inner_ * d <= edge) return true;
-            wall[n] = {(-1 / d) * chosen[n]->d, edge / (2 * inner_ * d)};
-            u = project(Vec<D>{}, wall, n + 1, 1e-12, 1e-14);
+            plane[n] = {(-1 / d) * chosen[n]->d, edge / (2 * inner_ * d)};
+            u = nearest_step(Vec<D>{}, plane, n + 1, 1e-12, 1e-14);
             const double free = dot(u, u);
-            if (free == 0 || free > 1) return among(chosen, n + 1, nullptr, 0);
+            if (free == 0 || free > 1) return is_held_by_some(chosen, n + 1, nullptr, 0);
         }
         return false;
     }
     /// Whether some of the first `count` hold it, and the n others with them.
-    bool among(const Near* const* near, int count, const Near** with, int n) const noexcept {
-        const Near* all[D + 1];
+    bool is_held_by_some(const NearPoint* const* near, int count, const NearPoint** with,
+                         int n) const noexcept {
+        const NearPoint* all[D + 1];
         std::copy_n(with, n, all);
         for (int j = 0; n <= D && j < count; ++j) {
             all[n] = near[j];
-            if (hold(all, n + 1) || among(near, j, all, n + 1)) return true;
+            if (is_held_by(all, n + 1) || is_held_by_some(near, j, all, n + 1)) return true;
         }
         return false;
     }
     /// With the shares that bring their centre nearest to it.
-    bool hold(const Near* const* q, int n) const noexcept {
+    bool is_held_by(const NearPoint* const* q, int n) const noexcept {
         double l[D][D], b[D] = {}, share[D + 1] = {1};
         Vec<D> edge[D];
         for (int r = 0; r < n - 1; ++r) {  // L D Lᵀ
@@ -251,11 +253,11 @@ class Thinning {
             centre = centre + share[k] * q[k]->d;
             square += share[k] * q[k]->d2;
         }
-        return share[0] >= 0 && 2 * inner_ * norm(centre) + square <= room_;
+        return share[0] >= 0 && 2 * inner_ * norm(centre) + square <= slack2_;
     }
 
     const Cloud<D>& cloud_;
-    double inner_, room_;  // room_: outer² - inner²
+    double inner_, slack2_;  // slack2_: outer² - inner²
     double cell_;
     Vec<D> low_;
     std::vector<bool> kept_;
@@ -273,9 +275,9 @@ struct Thinned {
 template <int D>
 Thinned<D> thinned(Cloud<D> cloud, const Parameters& p) {
     constexpr double few = 2048, share = 0.5;  // of the band
-    const double R = p.R(), list = (1 + tuned::brief + 0.75 * tuned::brief) * R;
+    const double R = p.R(), list = (1 + tuned::list_margin + 0.75 * tuned::list_margin) * R;
     if (p.rule != Rule::robust || p.search == Search::editable ||
-        static_cast<double>(cloud.size()) <= few || crowd(cloud, list) <= few)
+        static_cast<double>(cloud.size()) <= few || most_within(cloud, list) <= few)
         return {std::move(cloud)};
     const Thinning<D> thinning(cloud, R - (1 - share) * p.band, R - p.band);
     if (thinning.size() == cloud.size()) return {std::move(cloud)};

@@ -7,8 +7,10 @@
 
 #include <cmath>
 #include <numeric>
+#include <optional>
 
 #include "vfplan/cloud/points.hpp"
+#include "vfplan/parameters.hpp"
 
 namespace vfplan {
 
@@ -42,9 +44,9 @@ class Grid {
                keys_.capacity() * sizeof(std::uint64_t);
     }
 
-    /// Calls f(Span) for stretches that together hold every point within `reach` of x (and more):
-    /// all points at once where that is less work than to walk the rows of cells, most of them
-    /// empty, that a large `reach` covers. So no call costs more than O(N).
+    /// Calls f(PointSpan) for stretches that together hold every point within `reach` of x (and
+    /// more): all points at once where that is less work than to walk the rows of cells, most of
+    /// them empty, that a large `reach` covers. So no call costs more than O(N).
     template <class F>
     void visit(const Vec<D>& x, double reach, F&& f) const noexcept {
         std::int64_t first[D], last[D];
@@ -174,179 +176,102 @@ class Grid {
     std::vector<std::uint64_t> keys_;   // of the occupied cells, where not all have an entry
 };
 
-// The points around the proxy, gathered once and kept while the proxy stays near enough: within a
-// tick and over many ticks.
+/// Clouds of this many points or fewer are looked through point by point: a grid measured slower.
+inline constexpr std::size_t small_cloud = 64;
 
-/// Points near a place, from a Grid or Edited. A neighbourhood too crowded for the list is read
-/// from the grid.
-template <int D, class SourceOf>
-class Gathered {
+/// A reference to a function of a span that does not outlive the call it is given to.
+template <int D>
+class SpanVisitor {
   public:
-    using Source = SourceOf;
-    static constexpr std::size_t most = 8192;  // points in the list
-
-    /// `reach`: the largest radius that is asked for often; `skin`: how far x may go meanwhile;
-    /// `cell`: side of the grid's cells [m].
-    Gathered(const Cloud<D>& cloud, double reach, double skin, double cell,
-             const Kernels<D>& kernels)
-        : source_(cloud, cell),
-          held_(std::clamp<std::size_t>(cloud.size() / 4, 1024, most)),
-          radius_(reach + skin),
-          kernels_(kernels) {}
-
-    const Source& source() const noexcept { return source_; }
-    Source& source() noexcept { return source_; }
-    std::size_t bytes() const noexcept { return source_.bytes() + held_.bytes(); }
-
-    /// Calls f(Span) for stretches that together hold every point within `reach` of x (and more).
     template <class F>
-    void visit(const Vec<D>& x, double reach, F&& f) noexcept {
-        if (reach > radius_) return source_.visit(x, reach, f);
-        if (!(norm(x - centre_) + reach <= radius_) || !valid_) gather(x, reach);
-        if (crowded_) return source_.visit(x, reach, f);
-        f(held_.span(0, count_));
-    }
-
-    /// The next answers depend on nothing asked before.
-    void forget() noexcept { valid_ = false; }
-    /// Whether the list has to do with what lies at p.
-    bool reaches(const Vec<D>& p) const noexcept {
-        return !valid_ || norm(p - centre_) <= radius_ * (1 + 1e-9);
-    }
+    explicit SpanVisitor(F& f) noexcept
+        : f_(const_cast<void*>(static_cast<const void*>(&f))),
+          call_([](void* g, const PointSpan<D>& span) { (*static_cast<F*>(g))(span); }) {}
+    void operator()(const PointSpan<D>& span) const { call_(f_, span); }
 
   private:
-    /// Around a place ahead of x, as it went on from the last one: so the list serves longer.
-    void gather(const Vec<D>& x, double reach) noexcept {
-        const Vec<D> way = x - centre_;
-        const double ahead = std::min(norm(way), 0.9 * (radius_ - reach));
-        centre_ = valid_ ? x + along(way, ahead) : x;
-        valid_ = true;
-        crowded_ = false;
-        count_ = 0;
-        const double reach2 = radius_ * radius_ * (1 + 1e-12);
-        source_.visit(centre_, radius_, [&](const Span<D>& span) noexcept {
-            if (crowded_ || count_ + span.n > held_.size()) {
-                crowded_ = crowded_ || !take_in_parts(span, reach2);
-                return;
-            }
-            count_ += take(span, reach2);
-        });
-    }
-    std::size_t take(const Span<D>& span, double reach2) noexcept {
-        double* to[D];
-        for (int k = 0; k < D; ++k) to[k] = held_.axis(k) + count_;
-        return kernels_.gather(span, centre_, reach2, to);
-    }
-    /// A stretch that may not fit as a whole, eight points at a time; false when it does not.
-    bool take_in_parts(Span<D> span, double reach2) noexcept {
-        while (span.n > 0) {
-            Span<D> part = span;
-            part.n = std::min<std::size_t>(span.n, 8);
-            if (count_ + part.n > held_.size()) return false;
-            count_ += take(part, reach2);
-            for (int k = 0; k < D; ++k) span.c[k] += part.n;
-            span.n -= part.n;
-        }
-        return true;
-    }
-
-    Source source_;
-    Cloud<D> held_;
-    double radius_;
-    Kernels<D> kernels_;
-    Vec<D> centre_;
-    std::size_t count_ = 0;
-    bool valid_ = false, crowded_ = false;
+    void* f_;
+    void (*call_)(void*, const PointSpan<D>&);
 };
 
-/// Square of the distance from x to the nearest point within `reach`, or to one further off.
-template <class Search, int D>
-double nearest2(Search& search, const Kernels<D>& kernels, const Vec<D>& x, double reach) noexcept {
-    double least = std::numeric_limits<double>::infinity();
-    search.visit(x, reach, [&](const Span<D>& span) noexcept {
-        least = std::min(least, kernels.nearest2(span, x));
-    });
-    return least;
-}
-
+/// The points of a cloud, found by place. How it looks is chosen once: point by point; on a grid;
+/// or on a grid from which points may be taken away, with a list of those that were added.
 template <int D>
-using Neighbours = Gathered<D, Grid<D>>;
-
-/// The same calls on a cloud too small to be worth a grid or a list: always all of it.
-template <int D>
-class AllPoints {
+class PointIndex {
   public:
-    AllPoints(const Cloud<D>& cloud, double, double, double, const Kernels<D>&)
-        : box_(cloud.box()), cloud_(cloud) {}
-
-    const AllPoints& source() const noexcept { return *this; }
-    const Box<D>& box() const noexcept { return box_; }
-    std::size_t cells() const noexcept { return 0; }
-    std::size_t bytes() const noexcept { return cloud_.bytes(); }
-    void forget() noexcept {}
-    template <class F>
-    void visit(const Vec<D>&, double, F&& f) const noexcept {
-        f(cloud_.span(0, cloud_.size()));
-    }
-
-  private:
-    Box<D> box_;
-    Cloud<D> cloud_;
-};
-
-// A cloud that loses and gains points between ticks: a grid that is made once, in which a point
-// that is gone leaves a lane without one, and a list of what came since, in blocks with a box each.
-// What has become much is made anew, off the loop.
-
-template <int D>
-class Edited {
-  public:
+    /// Number of points in a block of the list; each block has a box.
     static constexpr std::size_t block = 64;
 
-    /// Room in the list beside n points.
-    static std::size_t room(std::size_t n) noexcept {
+    /// How many points may be added beside n of them.
+    static std::size_t max_added(std::size_t n) noexcept {
         return std::clamp<std::size_t>(n / 16, 1024, 16384);
     }
 
-    Edited(const Cloud<D>& cloud, double cell)
-        : slot_(cloud.size()),
-          grid_(cloud, cell, slot_.data()),
-          box_(grid_.box()),
-          list_(room(cloud.size())),
-          boxes_(list_.size() / block + 1) {}
+    /// `cell`: side of the grid's cells [m].
+    PointIndex(const Cloud<D>& cloud, double cell, Search search) : box_(cloud.box()) {
+        if (search == Search::automatic && cloud.size() <= small_cloud) search = Search::brute;
+        if (search == Search::brute) {
+            all_ = cloud;
+        } else if (search == Search::editable) {
+            slot_.resize(cloud.size());
+            grid_.emplace(cloud, cell, slot_.data());
+            added_ = Cloud<D>(max_added(cloud.size()));
+            boxes_.resize(added_.size() / block + 1);
+        } else {
+            grid_.emplace(cloud, cell);
+        }
+    }
 
     const Box<D>& box() const noexcept { return box_; }
-    double cell() const noexcept { return grid_.cell(); }
-    std::size_t cells() const noexcept { return grid_.cells(); }
+    bool has_grid() const noexcept { return grid_.has_value(); }
+    bool is_editable() const noexcept { return !slot_.empty(); }
+    double cell() const noexcept { return grid_ ? grid_->cell() : 0; }
+    std::size_t cells() const noexcept { return grid_ ? grid_->cells() : 0; }
     std::size_t bytes() const noexcept {
-        return grid_.bytes() + list_.bytes() + slot_.capacity() * sizeof slot_[0] +
-               boxes_.capacity() * sizeof boxes_[0];
+        return all_.bytes() + (grid_ ? grid_->bytes() : 0) + added_.bytes() +
+               slot_.capacity() * sizeof slot_[0] + boxes_.capacity() * sizeof boxes_[0];
     }
 
-    /// Point `id`, counted from the first of the cloud through all that were added.
+    /// Takes point `id` away, counted from the first of the cloud through all that were added;
+    /// returns where it was.
     Vec<D> remove(std::size_t id) noexcept {
         const std::size_t n = slot_.size();
-        const Vec<D> was = id < n ? grid_.cloud()[slot_[id]] : list_[id - n];
-        id < n ? grid_.clear(slot_[id]) : list_.clear(id - n);
-        return was;
+        if (id < n) {
+            const Vec<D> place = grid_->cloud()[slot_[id]];
+            grid_->clear(slot_[id]);
+            return place;
+        }
+        const Vec<D> place = added_[id - n];
+        added_.clear(id - n);
+        return place;
     }
     void add(const Vec<D>& p) noexcept {
-        Box<D>& b = boxes_[count_ / block];
-        if (count_ % block == 0) b = {p, p};
+        Box<D>& b = boxes_[added_count_ / block];
+        if (added_count_ % block == 0) b = {p, p};
         b.include(p);
         box_.include(p);
-        list_.set(count_++, p);
+        added_.set(added_count_++, p);
     }
 
+    /// Calls f(PointSpan) for stretches that together hold every point within `reach` of x, and
+    /// more.
     template <class F>
     void visit(const Vec<D>& x, double reach, F&& f) const noexcept {
-        grid_.visit(x, reach, f);
-        for (std::size_t i = 0; i < count_; i += block)
-            if (near(boxes_[i / block], x, reach)) f(list_.span(i, std::min(i + block, count_)));
+        visit_spans(x, reach, SpanVisitor<D>(f));
     }
 
   private:
-    static bool near(const Box<D>& b, const Vec<D>& x, double reach) noexcept {
+    /// The walk over the cells is compiled once, and not for each caller.
+    [[gnu::noinline]] void visit_spans(const Vec<D>& x, double reach,
+                                       const SpanVisitor<D>& f) const noexcept {
+        if (!grid_) return f(all_.span(0, all_.size()));
+        grid_->visit(x, reach, f);
+        for (std::size_t i = 0; i < added_count_; i += block) {
+            if (!is_near(boxes_[i / block], x, reach)) continue;
+            f(added_.span(i, std::min(i + block, added_count_)));
+        }
+    }
+    static bool is_near(const Box<D>& b, const Vec<D>& x, double reach) noexcept {
         double square = 0;
         for (int k = 0; k < D; ++k) {
             const double gap = std::max({b.low.c[k] - x.c[k], x.c[k] - b.high.c[k], 0.0});
@@ -355,15 +280,133 @@ class Edited {
         return square <= reach * reach * (1 + 1e-12);
     }
 
-    std::vector<std::uint32_t> slot_;  // where the grid keeps each point
-    Grid<D> grid_;
     Box<D> box_;
-    Cloud<D> list_;
-    std::vector<Box<D>> boxes_;  // of the list's blocks
-    std::size_t count_ = 0;
+    Cloud<D> all_;  // where there is no grid
+    std::optional<Grid<D>> grid_;
+    std::vector<std::uint32_t> slot_;  // where an editable grid keeps each point
+    Cloud<D> added_;
+    std::vector<Box<D>> boxes_;  // of the blocks of added points
+    std::size_t added_count_ = 0;
 };
 
+/// The points around the proxy, gathered into a list once and kept while the proxy stays near
+/// enough, within a tick and over many ticks. A neighbourhood too crowded for the list is read from
+/// the index, and so is a cloud without a grid.
 template <int D>
-using EditedNeighbours = Gathered<D, Edited<D>>;
+class Neighbours {
+  public:
+    static constexpr std::size_t max_points = 8192;  // in the list
+
+    /// `reach`: the largest radius that is asked for often [m]; `skin`: how far x may go before the
+    /// list is gathered anew [m]; `cell`: side of the grid's cells [m].
+    Neighbours(const Cloud<D>& cloud, double reach, double skin, double cell, Search search,
+               const Kernels<D>& kernels)
+        : index_(cloud, cell, search), radius_(reach + skin), kernels_(kernels) {
+        if (index_.has_grid())
+            list_ = Cloud<D>(std::clamp<std::size_t>(cloud.size() / 4, 1024, max_points));
+    }
+
+    const PointIndex<D>& index() const noexcept { return index_; }
+    PointIndex<D>& index() noexcept { return index_; }
+    std::size_t bytes() const noexcept { return index_.bytes() + list_.bytes(); }
+
+    /// Calls f(PointSpan) for stretches that together hold every point within `reach` of x, and
+    /// more.
+    template <class F>
+    void visit(const Vec<D>& x, double reach, F&& f) noexcept {
+        if (is_list_enough(x, reach))
+            f(list_.span(0, count_));
+        else
+            index_.visit(x, reach, f);
+    }
+
+    /// Makes the next answers independent of what was asked before.
+    void forget() noexcept { is_gathered_ = false; }
+    /// Whether the list may hold what lies at p.
+    bool reaches(const Vec<D>& p) const noexcept {
+        return !is_gathered_ || norm(p - centre_) <= radius_ * (1 + 1e-9);
+    }
+
+  private:
+    /// Whether the list holds all that lies within `reach` of x; gathers it anew where it has to.
+    bool is_list_enough(const Vec<D>& x, double reach) noexcept {
+        if (!index_.has_grid() || reach > radius_) return false;
+        if (!(norm(x - centre_) + reach <= radius_) || !is_gathered_) gather(x, reach);
+        return !is_crowded_;
+    }
+    /// Gathers around a place ahead of x, in the direction in which x has moved since the last
+    /// time: so the list serves longer.
+    void gather(const Vec<D>& x, double reach) noexcept {
+        const Vec<D> step = x - centre_;
+        const double ahead = std::min(norm(step), 0.9 * (radius_ - reach));
+        centre_ = is_gathered_ ? x + along(step, ahead) : x;
+        is_gathered_ = true;
+        is_crowded_ = false;
+        count_ = 0;
+        const double reach2 = radius_ * radius_ * (1 + 1e-12);
+        index_.visit(centre_, radius_, [&](const PointSpan<D>& span) noexcept {
+            if (is_crowded_ || count_ + span.n > list_.size()) {
+                is_crowded_ = is_crowded_ || !append_in_parts(span, reach2);
+                return;
+            }
+            count_ += append(span, reach2);
+        });
+    }
+    std::size_t append(const PointSpan<D>& span, double reach2) noexcept {
+        double* to[D];
+        for (int k = 0; k < D; ++k) to[k] = list_.axis(k) + count_;
+        return kernels_.gather(span, centre_, reach2, to);
+    }
+    /// Appends a stretch that may not fit as a whole, eight points at a time; false when it does
+    /// not.
+    bool append_in_parts(PointSpan<D> span, double reach2) noexcept {
+        while (span.n > 0) {
+            PointSpan<D> part = span;
+            part.n = std::min<std::size_t>(span.n, 8);
+            if (count_ + part.n > list_.size()) return false;
+            count_ += append(part, reach2);
+            for (int k = 0; k < D; ++k) span.c[k] += part.n;
+            span.n -= part.n;
+        }
+        return true;
+    }
+
+    PointIndex<D> index_;
+    Cloud<D> list_;
+    double radius_;
+    Kernels<D> kernels_;
+    Vec<D> centre_;
+    std::size_t count_ = 0;
+    bool is_gathered_ = false;
+    bool is_crowded_ = false;
+};
+
+/// Square of the distance from x to the nearest point within `reach`, or to one further off.
+template <class Points, int D>
+double nearest2(Points& points, const Kernels<D>& kernels, const Vec<D>& x, double reach) noexcept {
+    double smallest = std::numeric_limits<double>::infinity();
+    points.visit(x, reach, [&](const PointSpan<D>& span) noexcept {
+        smallest = std::min(smallest, kernels.nearest2(span, x));
+    });
+    return smallest;
+}
+
+/// Calls f(proxy - point) for every point within `reach` of x, in the order of the spans.
+template <class Points, int D, class F>
+void visit_within(Points& points, const Kernels<D>& kernels, const Vec<D>& x, double reach,
+                  F&& f) noexcept {
+    static constexpr std::size_t capacity = 256;
+    points.visit(x, reach, [&](const PointSpan<D>& span) noexcept {
+        std::uint32_t indices[capacity];
+        const std::size_t n = kernels.indices_within(span, x, reach * reach, indices, capacity);
+        for (std::size_t i = 0; i < std::min(n, capacity); ++i) f(x - span[indices[i]]);
+        if (n <= capacity) return;
+        // A crowd of points: the rest of the span is looked through one by one.
+        for (std::size_t i = indices[capacity - 1] + 1; i < span.n; ++i) {
+            const Vec<D> away = x - span[i];
+            if (dot(away, away) <= reach * reach) f(away);
+        }
+    });
+}
 
 }  // namespace vfplan

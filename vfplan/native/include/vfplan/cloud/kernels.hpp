@@ -35,7 +35,7 @@ enum class Width { automatic = 0, two = 2, four = 4, eight = 8 };
 
 /// Points stored as one array a coordinate. Seven doubles behind the last may be read.
 template <int D>
-struct Span {
+struct PointSpan {
     const double* c[D] = {};
     std::size_t n = 0;
 
@@ -59,10 +59,10 @@ struct Distances {
     double to_proxy = 0, to_hip = 0, count = 0;
 };
 
-/// A straight way from `from` along the unit vector `way`; see Kernels::meet.
+/// A straight way from `from` along the unit vector `direction`; see Kernels::ray_hit.
 template <int D>
 struct Ray {
-    Vec<D> from, way;
+    Vec<D> from, direction;
     double outer2;  ///< R²: a sphere met steeply stops the proxy here
     double inner2;  ///< a sphere grazed stops it only here
     double steep2;  ///< (sine of the angle to the surface · R)² above which a meeting is steep
@@ -71,19 +71,19 @@ struct Ray {
 /// Normal equations of a weighted fit of heights: z over [1 s ss] or [1 s t ss tt st], s and t the
 /// lateral positions. The upper triangle, row by row.
 template <int D>
-struct Moments {
+struct NormalEquations {
     static constexpr int terms = D == 2 ? 3 : 6;
     double a[terms * (terms + 1) / 2] = {}, z[terms] = {};
 };
 
-/// Which points count for a patch, and how much; see Kernels::patch.
+/// Which points count for a fit, and how much; see Kernels::accumulate_fit.
 template <int D>
-struct Patch {
+struct FitWindow {
     Vec<D> at, up, side[D - 1];
     double height;   ///< subtracted from z
     double scale;    ///< 1 / length unit of s, t and z
-    double least2;   ///< weight 1 at this squared distance ...
-    double most2;    ///< ... and 0 from this one on
+    double inner2;   ///< weight 1 at this squared distance ...
+    double outer2;   ///< ... and 0 from this one on
     double cosine2;  ///< points further off `up` do not count
 };
 
@@ -91,26 +91,28 @@ struct Patch {
 template <int D>
 struct Kernels {
     /// Copies the points of `in` within sqrt(reach2) of x to `out`; returns how many.
-    std::size_t (*gather)(const Span<D>& in, const Vec<D>& x, double reach2, double* const* out);
+    std::size_t (*gather)(const PointSpan<D>& in, const Vec<D>& x, double reach2,
+                          double* const* out);
     /// Smallest squared distance to x.
-    double (*nearest2)(const Span<D>& in, const Vec<D>& x);
+    double (*nearest2)(const PointSpan<D>& in, const Vec<D>& x);
     /// Eqs. (1) and (2).
-    void (*normal)(const Span<D>& in, const Vec<D>& x, double r1, double r3, NormalSum<D>& to);
+    void (*normal)(const PointSpan<D>& in, const Vec<D>& x, double r1, double r3, NormalSum<D>& to);
     /// Eq. (3): smallest root that is not negative over the points within sqrt(reach2).
-    double (*first)(const Span<D>& in, const Vec<D>& x, const Vec<D>& way, double reach2,
-                    double radius2);
+    double (*first_root_eq3)(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& way,
+                             double reach2, double radius2);
     /// Distances of the points within sqrt(reach2) of x to x and to hip.
-    void (*distances)(const Span<D>& in, const Vec<D>& x, const Vec<D>& hip, double reach2,
+    void (*distances)(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& hip, double reach2,
                       Distances& to);
     /// Eq. (7): largest root over the points within sqrt(entrenched2).
-    double (*out)(const Span<D>& in, const Vec<D>& x, const Vec<D>& n, double entrenched2,
-                  double radius2);
+    double (*last_root_eq7)(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& n,
+                            double entrenched2, double radius2);
     /// How far a ray gets before it meets a sphere; infinity when it meets none.
-    double (*meet)(const Span<D>& in, const Ray<D>& ray);
-    /// Numbers of the points within sqrt(reach2), at most `room`; returns how many there are.
-    std::size_t (*within)(const Span<D>& in, const Vec<D>& x, double reach2, std::uint32_t* to,
-                          std::size_t room);
-    void (*patch)(const Span<D>& in, const Patch<D>& patch, Moments<D>& to);
+    double (*ray_hit)(const PointSpan<D>& in, const Ray<D>& ray);
+    /// Numbers of the points within sqrt(reach2), at most `capacity`; returns how many there are.
+    std::size_t (*indices_within)(const PointSpan<D>& in, const Vec<D>& x, double reach2,
+                                  std::uint32_t* to, std::size_t capacity);
+    void (*accumulate_fit)(const PointSpan<D>& in, const FitWindow<D>& patch,
+                           NormalEquations<D>& to);
 };
 
 namespace detail {

@@ -11,21 +11,21 @@ using Native = double __attribute__((vector_size(8 * VFPLAN_LANES)));
 using NativeMask = long long __attribute__((vector_size(8 * VFPLAN_LANES)));
 inline constexpr int parts = 8 / VFPLAN_LANES;
 
-struct Lanes {
+struct Float8 {
     Native v[parts];
 };
 
 #define VFPLAN_EACH for (int i = 0; i < parts; ++i)
 #define VFPLAN_ARITHMETIC(op)                       \
-    VFPLAN_INLINE Lanes operator op(Lanes a, Lanes b) { \
+    VFPLAN_INLINE Float8 operator op(Float8 a, Float8 b) { \
         VFPLAN_EACH a.v[i] = a.v[i] op b.v[i];      \
         return a;                                   \
     }                                               \
-    VFPLAN_INLINE Lanes operator op(Lanes a, double b) { \
+    VFPLAN_INLINE Float8 operator op(Float8 a, double b) { \
         VFPLAN_EACH a.v[i] = a.v[i] op b;           \
         return a;                                   \
     }                                               \
-    VFPLAN_INLINE Lanes operator op(double a, Lanes b) { \
+    VFPLAN_INLINE Float8 operator op(double a, Float8 b) { \
         VFPLAN_EACH b.v[i] = a op b.v[i];           \
         return b;                                   \
     }
@@ -34,20 +34,20 @@ VFPLAN_ARITHMETIC(-)
 VFPLAN_ARITHMETIC(*)
 #undef VFPLAN_ARITHMETIC
 
-VFPLAN_INLINE Lanes operator-(Lanes a) {
+VFPLAN_INLINE Float8 operator-(Float8 a) {
     VFPLAN_EACH a.v[i] = -a.v[i];
     return a;
 }
-VFPLAN_INLINE Lanes& operator+=(Lanes& a, Lanes b) { return a = a + b; }
-VFPLAN_INLINE Lanes& operator-=(Lanes& a, Lanes b) { return a = a - b; }
+VFPLAN_INLINE Float8& operator+=(Float8& a, Float8 b) { return a = a + b; }
+VFPLAN_INLINE Float8& operator-=(Float8& a, Float8 b) { return a = a - b; }
 
-VFPLAN_INLINE Lanes all(double x) {
-    Lanes a;
+VFPLAN_INLINE Float8 all(double x) {
+    Float8 a;
     VFPLAN_EACH a.v[i] = Native{} + x;
     return a;
 }
-VFPLAN_INLINE Lanes load(const double* p) {
-    Lanes a;  // part by part: one copy of the whole would go through narrower registers
+VFPLAN_INLINE Float8 load(const double* p) {
+    Float8 a;  // part by part: one copy of the whole would go through narrower registers
     VFPLAN_EACH std::memcpy(&a.v[i], p + VFPLAN_LANES * i, sizeof(Native));
     return a;
 }
@@ -57,12 +57,12 @@ struct Mask {
     NativeMask v[parts];
 };
 #define VFPLAN_COMPARISON(op)                            \
-    VFPLAN_INLINE Mask operator op(Lanes a, Lanes b) {   \
+    VFPLAN_INLINE Mask operator op(Float8 a, Float8 b) {   \
         Mask m;                                          \
         VFPLAN_EACH m.v[i] = a.v[i] op b.v[i];           \
         return m;                                        \
     }                                                    \
-    VFPLAN_INLINE Mask operator op(Lanes a, double b) { return a op all(b); }
+    VFPLAN_INLINE Mask operator op(Float8 a, double b) { return a op all(b); }
 VFPLAN_COMPARISON(<)
 VFPLAN_COMPARISON(<=)
 VFPLAN_COMPARISON(>)
@@ -77,23 +77,23 @@ VFPLAN_INLINE Mask operator|(Mask a, Mask b) {
     VFPLAN_EACH a.v[i] |= b.v[i];
     return a;
 }
-VFPLAN_INLINE Lanes choose(Mask m, Lanes a, Lanes b) {
+VFPLAN_INLINE Float8 choose(Mask m, Float8 a, Float8 b) {
     VFPLAN_EACH a.v[i] = m.v[i] ? a.v[i] : b.v[i];
     return a;
 }
 #if VFPLAN_LANES == 8  // where a mask would cost a tenth of a tick
-VFPLAN_INLINE Lanes smaller(Lanes a, Lanes b) {
+VFPLAN_INLINE Float8 smaller(Float8 a, Float8 b) {
     return {{(Native)_mm512_maskz_min_pd(0xff, (__m512d)a.v[0], (__m512d)b.v[0])}};
 }
-VFPLAN_INLINE Lanes larger(Lanes a, Lanes b) {
+VFPLAN_INLINE Float8 larger(Float8 a, Float8 b) {
     return {{(Native)_mm512_maskz_max_pd(0xff, (__m512d)a.v[0], (__m512d)b.v[0])}};
 }
 #else
-VFPLAN_INLINE Lanes smaller(Lanes a, Lanes b) { return choose(a < b, a, b); }
-VFPLAN_INLINE Lanes larger(Lanes a, Lanes b) { return choose(a > b, a, b); }
+VFPLAN_INLINE Float8 smaller(Float8 a, Float8 b) { return choose(a < b, a, b); }
+VFPLAN_INLINE Float8 larger(Float8 a, Float8 b) { return choose(a > b, a, b); }
 #endif
 
-VFPLAN_INLINE Lanes root(Lanes a) {
+VFPLAN_INLINE Float8 root(Float8 a) {
 #if VFPLAN_LANES == 8
     a.v[0] = (Native)_mm512_maskz_sqrt_pd(0xff, (__m512d)a.v[0]);
 #elif VFPLAN_LANES == 4
@@ -106,13 +106,13 @@ VFPLAN_INLINE Lanes root(Lanes a) {
     return a;
 }
 
-VFPLAN_INLINE void store(Lanes a, double* p) {
+VFPLAN_INLINE void store(Float8 a, double* p) {
     VFPLAN_EACH std::memcpy(p + VFPLAN_LANES * i, &a.v[i], sizeof(Native));
 }
 
 // 1/sqrt(a) to 1e-7 by correctly rounded float32 operations: nothing here depends on a processor's
 // own approximation. One step of Newton's makes 2e-14 of it.
-VFPLAN_INLINE void store_seeds(Lanes a, float* p) {
+VFPLAN_INLINE void store_seeds(Float8 a, float* p) {
 #if VFPLAN_LANES == 8
     const __m256 f = _mm512_maskz_cvtpd_ps(0xff, (__m512d)a.v[0]);
     _mm256_store_ps(p, _mm256_div_ps(_mm256_set1_ps(1), _mm256_sqrt_ps(f)));
@@ -131,8 +131,8 @@ VFPLAN_INLINE void store_seeds(Lanes a, float* p) {
         1.0f / std::sqrt(static_cast<float>(a.v[i][j]));
 #endif
 }
-VFPLAN_INLINE Lanes load_seeds(const float* p) {
-    Lanes a;
+VFPLAN_INLINE Float8 load_seeds(const float* p) {
+    Float8 a;
 #if VFPLAN_LANES == 8
     a.v[0] = (Native)_mm512_maskz_cvtps_pd(0xff, _mm256_load_ps(p));
 #elif VFPLAN_LANES == 4
@@ -164,13 +164,13 @@ VFPLAN_INLINE unsigned bits(Mask m) {
     return b;
 }
 
-VFPLAN_INLINE double sum(Lanes a) {
+VFPLAN_INLINE double sum(Float8 a) {
     double v[8];
     store(a, v);
     return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
 }
 
-VFPLAN_INLINE double least(Lanes a) {
+VFPLAN_INLINE double smallest(Float8 a) {
     double v[8];
     store(a, v);
     double m = v[0];
@@ -180,11 +180,11 @@ VFPLAN_INLINE double least(Lanes a) {
 
 // Points i .. i+7 of a span relative to x; lanes without a point are far away.
 template <int D>
-struct Block {
-    Lanes d[D];
-    Lanes d2;
+struct PointBlock {
+    Float8 d[D];
+    Float8 d2;
 
-    VFPLAN_INLINE Block(const Span<D>& in, std::size_t i, const Vec<D>& x) {
+    VFPLAN_INLINE PointBlock(const PointSpan<D>& in, std::size_t i, const Vec<D>& x) {
         const std::size_t left = in.n - i;
         for (int k = 0; k < D; ++k) d[k] = load(in.c[k] + i) - x.c[k];
         if (left < 8) {
@@ -194,18 +194,18 @@ struct Block {
         d2 = d[0] * d[0];
         for (int k = 1; k < D; ++k) d2 += d[k] * d[k];
     }
-    VFPLAN_INLINE Lanes along(const Vec<D>& v) const {
-        Lanes a = d[0] * v.c[0];
+    VFPLAN_INLINE Float8 along(const Vec<D>& v) const {
+        Float8 a = d[0] * v.c[0];
         for (int k = 1; k < D; ++k) a += d[k] * v.c[k];
         return a;
     }
 };
 
 template <int D>
-std::size_t gather(const Span<D>& in, const Vec<D>& x, double reach2, double* const* out) {
+std::size_t gather(const PointSpan<D>& in, const Vec<D>& x, double reach2, double* const* out) {
     std::size_t n = 0;
     for (std::size_t i = 0; i < in.n; i += 8) {
-        const Block<D> b(in, i, x);
+        const PointBlock<D> b(in, i, x);
         for (unsigned m = bits(b.d2 <= reach2); m != 0; m &= m - 1, ++n) {
             const auto j = i + static_cast<std::size_t>(__builtin_ctz(m));
             for (int k = 0; k < D; ++k) out[k][n] = in.c[k][j];
@@ -215,13 +215,13 @@ std::size_t gather(const Span<D>& in, const Vec<D>& x, double reach2, double* co
 }
 
 template <int D>
-double nearest2(const Span<D>& in, const Vec<D>& x) {
-    Lanes m = all(std::numeric_limits<double>::infinity());
+double nearest2(const PointSpan<D>& in, const Vec<D>& x) {
+    Float8 m = all(std::numeric_limits<double>::infinity());
     for (std::size_t i = 0; i < in.n; i += 8) {
-        const Block<D> b(in, i, x);
+        const PointBlock<D> b(in, i, x);
         m = smaller(b.d2, m);
     }
-    return least(m);
+    return smallest(m);
 }
 
 // Eqs. (1) and (2) in two passes over a strip: what waits for square roots and divisions, then what
@@ -230,62 +230,62 @@ double nearest2(const Span<D>& in, const Vec<D>& x) {
 // phi / r of a point at distance r is 2 (5/4 w - q) q^4 (2/r) / w^5 with w = 2 (r3 - r1) and
 // q = 2 (r3 - r) between 0 and w. Twice r and 1/r come from one step of Newton's on 1/r.
 template <int D>
-void normal(const Span<D>& in, const Vec<D>& x, double r1, double r3, NormalSum<D>& to) {
+void normal(const PointSpan<D>& in, const Vec<D>& x, double r1, double r3, NormalSum<D>& to) {
     constexpr std::size_t strip = 256;
     alignas(64) double squares[strip];
     alignas(64) float seeds[strip];
     const double w = 2 * (r3 - r1), scale = 2 / (w * w * w * w * w);
-    const Lanes zero = all(0.0), most = all(w);
-    Lanes s[D] = {}, near = all(to.nearest2);
+    const Float8 zero = all(0.0), widest = all(w);
+    Float8 s[D] = {}, near = all(to.nearest2);
     for (std::size_t begin = 0; begin < in.n; begin += strip) {
         const std::size_t end = std::min(begin + strip, in.n);
         for (std::size_t i = begin; i < end; i += 8) {
-            const Block<D> b(in, i, x);
+            const PointBlock<D> b(in, i, x);
             near = smaller(b.d2, near);
             store(b.d2, squares + (i - begin));
             store_seeds(b.d2, seeds + (i - begin));
         }
         for (std::size_t i = begin; i < end; i += 8) {
-            const Lanes d2 = load(squares + (i - begin)), y = load_seeds(seeds + (i - begin));
-            const Lanes r = d2 * y, newton = 3.0 - r * y;
-            const Lanes q = smaller(larger(2 * r3 - r * newton, zero), most), q2 = q * q;
-            const Lanes f = (1.25 * w - q) * (y * newton) * (q2 * q2);
+            const Float8 d2 = load(squares + (i - begin)), y = load_seeds(seeds + (i - begin));
+            const Float8 r = d2 * y, newton = 3.0 - r * y;
+            const Float8 q = smaller(larger(2 * r3 - r * newton, zero), widest), q2 = q * q;
+            const Float8 f = (1.25 * w - q) * (y * newton) * (q2 * q2);
             for (int k = 0; k < D; ++k) s[k] -= f * (load(in.c[k] + i) - x.c[k]);
         }
     }
     for (int k = 0; k < D; ++k) to.sum.c[k] += scale * sum(s[k]);
     to.count += in.n;
-    to.nearest2 = least(near);
+    to.nearest2 = smallest(near);
 }
 
 template <int D>
-double first(const Span<D>& in, const Vec<D>& x, const Vec<D>& way, double reach2,
+double first_root_eq3(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& way, double reach2,
              double radius2) {
-    const Lanes zero = all(0.0);
-    Lanes least_root = all(std::numeric_limits<double>::infinity());
+    const Float8 zero = all(0.0);
+    Float8 nearest_root = all(std::numeric_limits<double>::infinity());
     for (std::size_t i = 0; i < in.n; i += 8) {
-        const Block<D> b(in, i, x);
-        const Lanes ahead = b.along(way);
-        const Lanes inside = ahead * ahead - b.d2 + radius2;
+        const PointBlock<D> b(in, i, x);
+        const Float8 ahead = b.along(way);
+        const Float8 inside = ahead * ahead - b.d2 + radius2;
         const Mask hit = (b.d2 < reach2) & (inside >= 0.0) & (ahead >= 0.0);
         if (bits(hit) == 0) continue;
-        const Lanes d0 = ahead - root(choose(hit, inside, zero));
-        least_root = choose(hit & (d0 >= 0.0) & (d0 < least_root), d0, least_root);
+        const Float8 d0 = ahead - root(choose(hit, inside, zero));
+        nearest_root = choose(hit & (d0 >= 0.0) & (d0 < nearest_root), d0, nearest_root);
     }
-    return least(least_root);
+    return smallest(nearest_root);
 }
 
 template <int D>
-void distances(const Span<D>& in, const Vec<D>& x, const Vec<D>& hip, double reach2,
+void distances(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& hip, double reach2,
                Distances& to) {
-    const Lanes zero = all(0.0), one = all(1.0);
+    const Float8 zero = all(0.0), one = all(1.0);
     const Vec<D> u = hip - x;
-    Lanes to_proxy = zero, to_hip = zero, count = zero;
+    Float8 to_proxy = zero, to_hip = zero, count = zero;
     for (std::size_t i = 0; i < in.n; i += 8) {
-        const Block<D> b(in, i, x);
+        const PointBlock<D> b(in, i, x);
         const Mask near = b.d2 < reach2;
         if (bits(near) == 0) continue;
-        Lanes h2 = (b.d[0] - u.c[0]) * (b.d[0] - u.c[0]);
+        Float8 h2 = (b.d[0] - u.c[0]) * (b.d[0] - u.c[0]);
         for (int k = 1; k < D; ++k) h2 += (b.d[k] - u.c[k]) * (b.d[k] - u.c[k]);
         to_proxy += choose(near, root(b.d2), zero);
         to_hip += choose(near, root(h2), zero);
@@ -297,52 +297,52 @@ void distances(const Span<D>& in, const Vec<D>& x, const Vec<D>& hip, double rea
 }
 
 template <int D>
-double out(const Span<D>& in, const Vec<D>& x, const Vec<D>& n, double entrenched2,
+double last_root_eq7(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& n, double entrenched2,
            double radius2) {
-    const Lanes zero = all(0.0);
-    Lanes most = all(-std::numeric_limits<double>::infinity());
+    const Float8 zero = all(0.0);
+    Float8 largest = all(-std::numeric_limits<double>::infinity());
     for (std::size_t i = 0; i < in.n; i += 8) {
-        const Block<D> b(in, i, x);
+        const PointBlock<D> b(in, i, x);
         const Mask inside = b.d2 < entrenched2;
         if (bits(inside) == 0) continue;
-        const Lanes ahead = b.along(n);
-        const Lanes under = ahead * ahead + (radius2 - b.d2);
-        const Lanes d = ahead + root(choose(inside, under, zero));
-        most = choose(inside & (d > most), d, most);
+        const Float8 ahead = b.along(n);
+        const Float8 under = ahead * ahead + (radius2 - b.d2);
+        const Float8 d = ahead + root(choose(inside, under, zero));
+        largest = choose(inside & (d > largest), d, largest);
     }
-    return -least(-most);
+    return -smallest(-largest);
 }
 
 template <int D>
-double meet(const Span<D>& in, const Ray<D>& ray) {
-    const Lanes zero = all(0.0);
-    Lanes first = all(std::numeric_limits<double>::infinity());
+double ray_hit(const PointSpan<D>& in, const Ray<D>& ray) {
+    const Float8 zero = all(0.0);
+    Float8 first = all(std::numeric_limits<double>::infinity());
     for (std::size_t i = 0; i < in.n; i += 8) {
-        const Block<D> b(in, i, ray.from);
-        const Lanes ahead = b.along(ray.way);
-        const Lanes outer = ahead * ahead - b.d2 + ray.outer2;
+        const PointBlock<D> b(in, i, ray.from);
+        const Float8 ahead = b.along(ray.direction);
+        const Float8 outer = ahead * ahead - b.d2 + ray.outer2;
         const Mask front = (ahead > 0.0) & (outer > 0.0);
         if (bits(front) == 0) continue;
-        const Lanes inner = ahead * ahead - b.d2 + ray.inner2;
+        const Float8 inner = ahead * ahead - b.d2 + ray.inner2;
         const Mask steep = (outer > ray.steep2) & (b.d2 > ray.outer2);
         const Mask hit = front & (steep | (inner > 0.0));
         if (bits(hit) == 0) continue;
-        const Lanes under = choose(steep, outer, inner);
-        Lanes s = ahead - root(choose(hit, under, zero));
+        const Float8 under = choose(steep, outer, inner);
+        Float8 s = ahead - root(choose(hit, under, zero));
         s = larger(s, zero);
         first = choose(hit & (s < first), s, first);
     }
-    return least(first);
+    return smallest(first);
 }
 
 template <int D>
-std::size_t within(const Span<D>& in, const Vec<D>& x, double reach2, std::uint32_t* to,
-                   std::size_t room) {
+std::size_t indices_within(const PointSpan<D>& in, const Vec<D>& x, double reach2, std::uint32_t* to,
+                   std::size_t capacity) {
     std::size_t n = 0;
     for (std::size_t i = 0; i < in.n; i += 8) {
-        const Block<D> b(in, i, x);
+        const PointBlock<D> b(in, i, x);
         for (unsigned m = bits(b.d2 <= reach2); m != 0; m &= m - 1, ++n)
-            if (n < room)
+            if (n < capacity)
                 to[n] = static_cast<std::uint32_t>(i) +
                         static_cast<std::uint32_t>(__builtin_ctz(m));
     }
@@ -350,30 +350,30 @@ std::size_t within(const Span<D>& in, const Vec<D>& x, double reach2, std::uint3
 }
 
 template <int D>
-void patch(const Span<D>& in, const Patch<D>& p, Moments<D>& to) {
-    constexpr int terms = Moments<D>::terms, pairs = terms * (terms + 1) / 2;
-    const Lanes zero = all(0.0), one = all(1.0);
-    const double fall = 1 / (p.most2 - p.least2);
-    Lanes a[pairs], z[terms];
+void accumulate_fit(const PointSpan<D>& in, const FitWindow<D>& p, NormalEquations<D>& to) {
+    constexpr int terms = NormalEquations<D>::terms, pairs = terms * (terms + 1) / 2;
+    const Float8 zero = all(0.0), one = all(1.0);
+    const double fall = 1 / (p.outer2 - p.inner2);
+    Float8 a[pairs], z[terms];
     for (auto& v : a) v = zero;
     for (auto& v : z) v = zero;
     for (std::size_t i = 0; i < in.n; i += 8) {
-        const Block<D> b(in, i, p.at);
-        const Mask near = b.d2 < p.most2;
+        const PointBlock<D> b(in, i, p.at);
+        const Mask near = b.d2 < p.outer2;
         if (bits(near) == 0) continue;
-        const Lanes up = -b.along(p.up);
+        const Float8 up = -b.along(p.up);
         const Mask counts = near & (up > 0.0) & (up * up > p.cosine2 * b.d2);
-        const Lanes q = choose(counts, smaller((p.most2 - b.d2) * fall, one), zero);
-        const Lanes w = q * q;
-        Lanes f[terms];
+        const Float8 q = choose(counts, smaller((p.outer2 - b.d2) * fall, one), zero);
+        const Float8 w = q * q;
+        Float8 f[terms];
         f[0] = one;
         for (int k = 0; k < D - 1; ++k)
             f[1 + k] = choose(counts, -b.along(p.side[k]) * p.scale, zero);
         for (int k = 0; k < D - 1; ++k) f[D + k] = f[1 + k] * f[1 + k];
         if constexpr (D == 3) f[5] = f[1] * f[2];
-        const Lanes height = choose(counts, (up - p.height) * p.scale, zero);
+        const Float8 height = choose(counts, (up - p.height) * p.scale, zero);
         for (int r = 0, n = 0; r < terms; ++r) {
-            const Lanes wf = w * f[r];
+            const Float8 wf = w * f[r];
             z[r] += wf * height;
             for (int c = r; c < terms; ++c, ++n) a[n] += wf * f[c];
         }
@@ -384,8 +384,8 @@ void patch(const Span<D>& in, const Patch<D>& p, Moments<D>& to) {
 
 template <int D>
 Kernels<D> table() {
-    return {gather<D>, nearest2<D>, normal<D>, first<D>, distances<D>,
-            out<D>,    meet<D>,     within<D>, patch<D>};
+    return {gather<D>, nearest2<D>, normal<D>, first_root_eq3<D>, distances<D>,
+            last_root_eq7<D>, ray_hit<D>, indices_within<D>, accumulate_fit<D>};
 }
 
 #undef VFPLAN_EACH

@@ -28,7 +28,7 @@ struct Aligned {
     bool operator==(const Aligned&) const noexcept { return true; }
 };
 
-/// Points in arrays that may be read seven doubles past the end, as Span asks.
+/// Points in arrays that may be read seven doubles past the end, as PointSpan asks.
 template <int D>
 class Cloud {
   public:
@@ -52,8 +52,8 @@ class Cloud {
         for (int k = 0; k < D; ++k) p.c[k] = axes_[k][i];
         return p;
     }
-    Span<D> span(std::size_t begin, std::size_t end) const noexcept {
-        Span<D> s;
+    PointSpan<D> span(std::size_t begin, std::size_t end) const noexcept {
+        PointSpan<D> s;
         for (int k = 0; k < D; ++k) s.c[k] = axes_[k].data() + begin;
         s.n = end - begin;
         return s;
@@ -76,20 +76,25 @@ class Cloud {
     std::vector<double, Aligned<double>> axes_[D];
 };
 
-/// n points of three coordinates each, as seen in `space`. Throws std::invalid_argument on an empty
-/// cloud, more than 2^32 - 2 points, or a coordinate that is not finite or beyond 1e6 m.
+/// Throws std::invalid_argument for a coordinate that is not finite or beyond 1e6 m, with its
+/// value.
+inline void check_coordinates(const double* xyz, std::size_t n) {
+    for (std::size_t i = 0; i < 3 * n; ++i)
+        if (!(std::abs(xyz[i]) <= largest_coordinate))
+            reject("points must be finite and within 1e6 m");
+}
+
+/// The cloud of n points of three coordinates each, as seen in `space`. Throws
+/// std::invalid_argument on an empty cloud, more than 2^32 - 2 points, or a coordinate that is not
+/// finite or beyond 1e6 m.
 template <class S>
 Cloud<S::dimension> make_cloud(const S& space, const double* xyz, std::size_t n) {
     if (n == 0) reject("a cloud needs at least one point");
     if (n >= std::numeric_limits<std::uint32_t>::max()) reject("at most 2^32 - 2 points");
+    check_coordinates(xyz, n);
     Cloud<S::dimension> cloud(n);
-    for (std::size_t i = 0; i < n; ++i) {
-        const Vec3 p{{xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}};
-        for (int k = 0; k < 3; ++k)
-            if (!(std::abs(p.c[k]) <= largest_coordinate))
-                reject("points must be finite and within 1e6 m");
-        cloud.set(i, space.across(p));
-    }
+    for (std::size_t i = 0; i < n; ++i)
+        cloud.set(i, space.across({{xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}}));
     return cloud;
 }
 

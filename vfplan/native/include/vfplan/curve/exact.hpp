@@ -1,91 +1,90 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// Rule `exact`: the proxy among lines and arcs, not among samples of them.
-//
-// The positions R away from a line or an arc are again lines and arcs, so that the proxy is a point
-// among them. Inside of that, it is led out first.
+// Rule `exact` for lines and arcs, not for samples of them. The positions R away from a line or an
+// arc are again lines and arcs, so the proxy is a point among them: it moves freely until it meets
+// one, and then slides along it until it is nearest to the HIP, sees it, comes to the end of the
+// piece, or meets another one. Each of these ends is the root of a quadratic, and each iteration
+// brings the proxy nearer to the HIP. The numbers in brackets are the equations of docs/exact.md.
+// GuardedRule (rules/rule.hpp) checks where the proxy has come to.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
+#include <limits>
 #include <utility>
+#include <vector>
 
+#include "vfplan/base/bounds_tree.hpp"
+#include "vfplan/base/vec.hpp"
 #include "vfplan/curve/offset.hpp"
 #include "vfplan/curve/pieces.hpp"
 #include "vfplan/parameters.hpp"
+#include "vfplan/rules/rule.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
 namespace vfplan::curve {
 
-// A curve of lines and arcs in the plane, and what of it lies near: its features in drawing order
-// under a tree of boxes.
+/// No feature of a curve.
+inline constexpr int none = -1;
 
-/// A line or an arc of at most a quarter circle, from a to b.
-struct Piece {
-    Vec2 a, b, begins, ends;  ///< vertices, and unit tangents there
-    double kappa = 0;         ///< curvature [1/m], positive to the left
-
-    Piece(const Vec2& from, const Vec2& to, double bulge) noexcept : a(from), b(to) {
-        const double chord = norm(b - a), share = 1 / (1 + bulge * bulge);
-        const Vec2 e = (1 / chord) * (b - a);
-        const double c = (1 - bulge * bulge) * share, s = 2 * bulge * share;
-        begins = c * e - s * left(e);
-        ends = c * e + s * left(e);
-        kappa = 2 * s / chord;
-    }
-};
-
+/// A curve of lines and arcs in the plane: its features in drawing order, under a tree of boxes.
 class Curve {
   public:
     Curve() = default;
 
-    /// `across`: the plane's two coordinates of a point in space. R [m]: of the proxy that is to
-    /// go round it, which comes no nearer than `level`.
+    /// `space`: gives the plane's two coordinates of a point. `level`: R of the proxy that is to go
+    /// round the curve [m].
     template <class Slice>
     Curve(const std::vector<Stroke>& strokes, const Slice& space, double level) : level_(level) {
-        for (const Stroke& s : strokes) {
-            std::vector<Vec2> corners(s.bulges.size());
+        for (const Stroke& stroke : strokes) {
+            std::vector<Vec2> corners(stroke.bulges.size());
             for (std::size_t i = 0; i < corners.size(); ++i) {
-                const double* v = s.vertices.data() + 3 * i;
+                const double* v = stroke.vertices.data() + 3 * i;
                 corners[i] = space.across({{v[0], v[1], v[2]}});
             }
-            add(corners, s);
+            add(corners, stroke);
         }
         features_.shrink_to_fit();
-        plant(0, static_cast<std::uint32_t>(features_.size()));
-        nodes_.shrink_to_fit();
+        const auto box_of = [this](std::size_t first, std::size_t last) {
+            Box<2> box{{{never, never}}, {{-never, -never}}};
+            for (std::size_t i = first; i < last; ++i) {
+                for (int k = 0; k < 2; ++k) {
+                    box.low.c[k] = std::min(box.low.c[k], features_[i].box.low.c[k]);
+                    box.high.c[k] = std::max(box.high.c[k], features_[i].box.high.c[k]);
+                }
+            }
+            return box;
+        };
+        tree_.build(0, features_.size(), box_of, [](std::size_t, std::size_t) {});
+        tree_.shrink_to_fit();
     }
 
     const Feature& operator[](int i) const noexcept {
         return features_[static_cast<std::size_t>(i)];
     }
     std::size_t size() const noexcept { return features_.size(); }
-    std::size_t boxes() const noexcept { return nodes_.size(); }
+    std::size_t boxes() const noexcept { return tree_.size(); }
     std::size_t bytes() const noexcept {
-        return features_.capacity() * sizeof(Feature) + nodes_.capacity() * sizeof(Node);
+        return features_.capacity() * sizeof(Feature) + tree_.bytes();
     }
 
-    /// Calls f(i) for every feature whose box meets what `near(least, most)` says of boxes, and for
-    /// some more.
-    template <class Near, class F>
-    void visit(Near&& near, F&& f) const noexcept {
-        for (std::uint32_t k = 0; k < nodes_.size();) {
-            const Node& node = nodes_[k];
-            if (!near(node.least, node.most)) {
-                k = node.skip;
-                continue;
-            }
-            for (std::uint32_t i = node.first; i < node.last; ++i) f(static_cast<int>(i));
-            ++k;
-        }
+    /// Calls f(i) for every feature whose box meets what `is_near(box)` says of boxes, and for some
+    /// more.
+    template <class IsNear, class F>
+    void visit(IsNear&& is_near, F&& f) const noexcept {
+        tree_.visit(is_near, [&](std::uint32_t i) noexcept { f(static_cast<int>(i)); });
     }
-    /// ... for every feature within `reach` of y.
+    /// Calls f(i) for every feature within `reach` of y, which may shrink meanwhile, and for some
+    /// more.
     template <class F>
-    void around(const Vec2& y, double reach, F&& f) const noexcept {
+    void around(const Vec2& y, const double& reach, F&& f) const noexcept {
         visit(
-            [&](const Vec2& least, const Vec2& most) noexcept {
+            [&](const Box<2>& box) noexcept {
                 double square = 0;
                 for (int k = 0; k < 2; ++k) {
-                    const double gap = std::max({least.c[k] - y.c[k], y.c[k] - most.c[k], 0.0});
+                    const double gap =
+                        std::max({box.low.c[k] - y.c[k], y.c[k] - box.high.c[k], 0.0});
                     square += gap * gap;
                 }
                 return square <= reach * reach;
@@ -95,213 +94,172 @@ class Curve {
 
     /// Distance of y from the curve [m].
     double distance(const Vec2& y) const noexcept {
-        double least = never;
-        visit(
-            [&](const Vec2& low, const Vec2& high) noexcept {
-                double square = 0;
-                for (int k = 0; k < 2; ++k) {
-                    const double gap = std::max({low.c[k] - y.c[k], y.c[k] - high.c[k], 0.0});
-                    square += gap * gap;
-                }
-                return square <= least * least;
-            },
-            [&](int i) noexcept { least = std::min(least, (*this)[i].distance(y)); });
-        return least;
+        double nearest = never;
+        around(y, nearest,
+               [&](int i) noexcept { nearest = std::min(nearest, (*this)[i].distance(y)); });
+        return nearest;
     }
 
   private:
-    static constexpr std::uint32_t leaf = 4;                // features under one box
-    static constexpr double quarter = 0.41421356237309515;  // tan(pi / 8): a quarter circle's bulge
-
-    struct Node {
-        Vec2 least, most;
-        std::uint32_t first = 0, last = 0;  // features of a leaf; none of a branch
-        std::uint32_t skip = 0;             // the node behind all that hang on this one
-    };
-
-    void add(const std::vector<Vec2>& corners, const Stroke& s) {
-        std::vector<Piece> pieces;
+    void add(const std::vector<Vec2>& corners, const Stroke& stroke) {
         const std::size_t n = corners.size();
-        for (std::size_t i = 0; i + (s.closed ? 0 : 1) < n; ++i)
-            cut(corners[i], corners[(i + 1) % n], s.bulges[i], pieces);
+        std::vector<PlanarPiece> pieces;
+        for (std::size_t i = 0; i + (stroke.closed ? 0 : 1) < n; ++i)
+            cut_into_quarters(corners[i], corners[(i + 1) % n], stroke.bulges[i], pieces);
         const int first = static_cast<int>(features_.size());
         if (pieces.empty()) {
             features_.push_back(joint(corners[0]));
             return;
         }
+        // A joint, a side, a joint, a side, ...: of a closed stroke the last side leads back to the
+        // first joint.
         const int count = static_cast<int>(pieces.size());
-        const Piece* piece = pieces.data();
-        const int last = first + 2 * count - (s.closed ? 1 : 0);
+        const int last = first + 2 * count - (stroke.closed ? 1 : 0);
         for (int i = 0; i < count; ++i) {
-            const Piece* before = i > 0 ? &piece[i - 1] : s.closed ? &piece[count - 1] : nullptr;
+            const PlanarPiece& piece = pieces[static_cast<std::size_t>(i)];
             const int at = first + 2 * i;
-            features_.push_back(joint(piece[i].a));
-            const int back = before ? (i > 0 ? at - 1 : last) : -1;
-            bound(features_.back(), before, back, &piece[i], at + 1);
-            features_.push_back(side(piece[i], at, i + 1 < count || !s.closed ? at + 2 : first));
+            features_.push_back(joint(piece.a));
+            Feature& corner = features_.back();
+            if (i > 0)
+                corner.ends[0] = end_of(pieces[static_cast<std::size_t>(i - 1)], at - 1);
+            else if (stroke.closed)
+                corner.ends[0] = end_of(pieces.back(), last);
+            corner.ends[1] = {corner.base, piece.start_tangent, at + 1};
+            const bool leads_back = stroke.closed && i + 1 == count;
+            features_.push_back(side(piece, at, leads_back ? first : at + 2));
         }
-        if (s.closed) return;
+        if (stroke.closed) return;
         features_.push_back(joint(pieces.back().b));
-        bound(features_.back(), &pieces.back(), last - 1, nullptr, -1);
+        features_.back().ends[0] = end_of(pieces.back(), last - 1);
     }
-
-    /// Halves an arc until it is a quarter circle at most; a piece of no length is none.
-    static void cut(const Vec2& a, const Vec2& b, double bulge, std::vector<Piece>& pieces) {
-        if (a == b) return;
-        if (std::abs(bulge) <= quarter) {
-            pieces.emplace_back(a, b, bulge);
-            return;
-        }
-        const Vec2 middle = 0.5 * (a + b) - (bulge / 2) * left(b - a);
-        const double half = bulge / (1 + std::sqrt(1 + bulge * bulge));
-        cut(a, middle, half, pieces);
-        cut(middle, b, half, pieces);
+    /// The end of a joint towards the piece that comes before it.
+    static EndNormal end_of(const PlanarPiece& piece, int feature) noexcept {
+        return {piece.b, -1.0 * piece.end_tangent, feature};
     }
 
     Feature joint(const Vec2& at) const noexcept {
         Feature f;
-        f.base = f.least = f.most = at;
+        f.base = at;
+        f.box = {at, at};
         f.kappa = 1;
-        f.high = level_ * level_ / 2;
-        f.high_slope = level_;
-        for (Border& border : f.border) border.at = at;
+        f.upper = level_ * level_ / 2;
+        f.upper_slope = level_;
+        for (EndNormal& end : f.ends) end.at = at;
         return f;
     }
-    /// What lies around the joint f alone: behind the end of one piece, before the other begins.
-    static void bound(Feature& f, const Piece* in, int before, const Piece* out,
-                      int behind) noexcept {
-        if (in) f.border[0] = {f.base, -1.0 * in->ends, before};
-        if (out) f.border[1] = {f.base, out->begins, behind};
-    }
-    Feature side(const Piece& p, int before, int behind) const noexcept {
+    Feature side(const PlanarPiece& p, int before, int behind) const noexcept {
         Feature f;
         f.base = p.a;
         f.kappa = std::abs(p.kappa);
-        f.n = (p.kappa < 0 ? -1.0 : 1.0) * left(p.begins);
-        f.high = level_ + f.kappa * level_ * level_ / 2;
-        f.high_slope = 1 + f.kappa * level_;
+        f.n = (p.kappa < 0 ? -1.0 : 1.0) * left(p.start_tangent);
+        f.upper = level_ + f.kappa * level_ * level_ / 2;
+        f.upper_slope = 1 + f.kappa * level_;
         if (f.kappa * level_ < 1) {
-            f.low = -level_ + f.kappa * level_ * level_ / 2;
-            f.low_slope = 1 - f.kappa * level_;
+            f.lower = -level_ + f.kappa * level_ * level_ / 2;
+            f.lower_slope = 1 - f.kappa * level_;
         }
-        f.border[0] = {p.a, -1.0 * p.begins, before};
-        f.border[1] = {p.b, p.ends, behind};
+        f.ends[0] = {p.a, -1.0 * p.start_tangent, before};
+        f.ends[1] = {p.b, p.end_tangent, behind};
         // The arc lies in the triangle of its chord and the tangents at its ends.
         const double chord = norm(p.b - p.a);
-        const double c = dot(p.begins, (1 / chord) * (p.b - p.a));
-        const Vec2 tip = p.a + (chord / (2 * c)) * p.begins;
+        const double cosine = dot(p.start_tangent, (1 / chord) * (p.b - p.a));
+        const Vec2 tip = p.a + (chord / (2 * cosine)) * p.start_tangent;
         for (int k = 0; k < 2; ++k) {
-            f.least.c[k] = std::min({p.a.c[k], p.b.c[k], tip.c[k]});
-            f.most.c[k] = std::max({p.a.c[k], p.b.c[k], tip.c[k]});
+            f.box.low.c[k] = std::min({p.a.c[k], p.b.c[k], tip.c[k]});
+            f.box.high.c[k] = std::max({p.a.c[k], p.b.c[k], tip.c[k]});
         }
         return f;
-    }
-
-    void plant(std::uint32_t first, std::uint32_t last) {
-        const std::size_t at = nodes_.size();
-        Node node;
-        node.least = {{never, never}};
-        node.most = {{-never, -never}};
-        for (std::uint32_t i = first; i < last; ++i)
-            for (int k = 0; k < 2; ++k) {
-                node.least.c[k] = std::min(node.least.c[k], features_[i].least.c[k]);
-                node.most.c[k] = std::max(node.most.c[k], features_[i].most.c[k]);
-            }
-        nodes_.push_back(node);
-        if (last - first <= leaf) {
-            nodes_[at].first = first;
-            nodes_[at].last = last;
-        } else {
-            const std::uint32_t half = first + (last - first) / 2;
-            plant(first, half);
-            plant(half, last);
-        }
-        nodes_[at].skip = static_cast<std::uint32_t>(nodes_.size());
     }
 
     double level_ = 0;
     std::vector<Feature> features_;
-    std::vector<Node> nodes_;
+    BoundsTree<Box<2>> tree_;
 };
 
-// What of the curve lies near the proxy, and what of it a way meets first: of a list of features
-// that serves as long as the proxy stays about where it was gathered.
-
-inline constexpr int none = -1;  ///< of a curve's features
-
-/// Where a way first goes lower than a feature allows.
-struct Hit {
+/// What a path meets first.
+struct FeatureHit {
     double t = never;
     int feature = none;
-    bool touching = false;  ///< it began at that height
+    bool is_touching = false;  ///< the path started at the height R of the feature
 
-    bool at_once(const Heights& h) const noexcept { return t < (touching ? 1e4 : 1.0) * h.slack; }
+    /// Whether the feature is met at the path's start already.
+    bool is_immediate(const RoundingLimits& limits) const noexcept {
+        return t < (is_touching ? 1e4 : 1.0) * limits.start_slack;
+    }
 };
 
-class Nearby {
+/// What of the curve lies near the proxy, and what of it a path meets first: a list of features
+/// that serves as long as the proxy stays about where it was gathered.
+class FeatureQuery {
   public:
-    static constexpr double skin = 0.2;  // of R: how far the proxy may go with one gathered list
+    /// How far the proxy may go with one gathered list [R].
+    static constexpr double skin = 0.2;
 
-    Nearby(Curve around, double radius, double band)
-        : curve_(std::move(around)),
-          heights_{1e-3 * band, 0.75 * band, 0.1 * band},
+    FeatureQuery(Curve curve, double radius, double band)
+        : curve_(std::move(curve)),
+          limits_{1e-3 * band, 0.75 * band, 0.1 * band},
           R_(radius),
           band_(band) {
         list_.reserve(curve_.size());
     }
 
     const Curve& curve() const noexcept { return curve_; }
-    const Heights& heights() const noexcept { return heights_; }
-    void forget() noexcept { gathered_ = false; }
+    const RoundingLimits& limits() const noexcept { return limits_; }
+    void forget() noexcept { is_gathered_ = false; }
     std::size_t bytes() const noexcept { return list_.capacity() * sizeof list_[0]; }
 
-    /// What the way meets first, within `most`; `skip` is none of it. Looked at from near to far.
-    Hit sweep(const Way& path, double most, int skip) noexcept {
+    /// What the path meets first up to `max_t`, except the feature `skip`. It is looked at from
+    /// near to far.
+    FeatureHit sweep(const ArcPath& path, double max_t, int skip) noexcept {
         for (double reach = skin * R_ / 2;; reach *= 4) {
-            const Hit hit = within(path, std::min(reach, most), skip);
-            if (hit.feature != none || !(reach < most)) return hit;
+            const FeatureHit hit = first_hit(path, std::min(reach, max_t), skip);
+            if (hit.feature != none || !(reach < max_t)) return hit;
         }
     }
 
     /// Distance from the curve where that is less than about R, else some more [m].
     double distance(const Vec2& x) noexcept {
         gather(x, 0);
-        double least = never;
-        for (int i : list_) least = std::min(least, curve_[i].distance(x));
-        return least;
+        double nearest = never;
+        for (int i : list_) nearest = std::min(nearest, curve_[i].distance(x));
+        return nearest;
     }
 
   private:
-    Hit within(const Way& path, double most, int skip) noexcept {
-        Hit hit;
-        const auto look = [&](int i) noexcept {
-            const double reach = R_ + std::min(most, hit.t) + heights_.slack;
+    FeatureHit first_hit(const ArcPath& path, double max_t, int skip) noexcept {
+        FeatureHit hit;
+        const auto try_feature = [&](int i) noexcept {
+            const double reach = R_ + std::min(max_t, hit.t) + limits_.start_slack;
             if (i == skip || curve_[i].box_square(path.x) > reach * reach) return;
-            bool touching;
-            const double t = meets(curve_[i], path, std::min(most, hit.t), heights_, touching);
-            if (t < hit.t) hit = {t, i, touching};
+            bool is_touching;
+            const double t =
+                first_entry(curve_[i], path, std::min(max_t, hit.t), limits_, is_touching);
+            if (t < hit.t) hit = {t, i, is_touching};
         };
-        if (gather(path.x, most)) {
-            for (int i : list_) look(i);
+        if (gather(path.x, max_t)) {
+            for (int i : list_) try_feature(i);
         } else {
             curve_.visit(
-                [&](const Vec2& least, const Vec2& high) noexcept {
-                    return passes(path, std::min(most, hit.t), least, high);
+                [&](const Box<2>& box) noexcept {
+                    return may_pass(path, std::min(max_t, hit.t), box);
                 },
-                look);
+                try_feature);
         }
         return hit;
     }
-    /// Whether the way up to `most` may come within R of a box.
-    bool passes(const Way& path, double most, const Vec2& least, const Vec2& high) const noexcept {
-        double from = 0, to = most;
+    /// Whether the path up to `max_t` may come within R of a box.
+    bool may_pass(const ArcPath& path, double max_t, const Box<2>& box) const noexcept {
+        double from = 0;
+        double to = max_t;
         for (int k = 0; k < 2; ++k) {
-            const double low = least.c[k] - R_ - path.x.c[k], top = high.c[k] + R_ - path.x.c[k];
+            const double low = box.low.c[k] - R_ - path.x.c[k];
+            const double high = box.high.c[k] + R_ - path.x.c[k];
             if (path.q != 0 || path.T.c[k] == 0) {
-                const double reach = path.q != 0 ? most : 0;
-                if (low > reach || top < -reach) return false;
+                const double reach = path.q != 0 ? max_t : 0;
+                if (low > reach || high < -reach) return false;
             } else {
-                const double a = low / path.T.c[k], b = top / path.T.c[k];
+                const double a = low / path.T.c[k];
+                const double b = high / path.T.c[k];
                 from = std::max(from, std::min(a, b));
                 to = std::min(to, std::max(a, b));
             }
@@ -309,352 +267,375 @@ class Nearby {
         return from <= to;
     }
 
-    /// The list of what lies near serves a way of length `most` from x; gathered anew if it has to.
-    bool gather(const Vec2& x, double most) noexcept {
-        if (gathered_ && norm(x - centre_) + most <= skin * R_) return true;
-        if (!(most <= skin * R_ / 2)) return false;
+    /// Makes the list serve a path of length `max_t` from x; gathers it anew where it has to. False
+    /// where the path is too long for a list.
+    bool gather(const Vec2& x, double max_t) noexcept {
+        if (is_gathered_ && norm(x - centre_) + max_t <= skin * R_) return true;
+        if (!(max_t <= skin * R_ / 2)) return false;
         list_.clear();
         centre_ = x;
-        gathered_ = true;
+        is_gathered_ = true;
         curve_.around(x, R_ * (1 + skin) + 2 * band_, [&](int i) noexcept { list_.push_back(i); });
         return true;
     }
 
     Curve curve_;
-    Heights heights_;
+    RoundingLimits limits_;
     double R_, band_;
     std::vector<int> list_;  // features near centre_
     Vec2 centre_;
-    bool gathered_ = false;
+    bool is_gathered_ = false;
 };
 
-// What holds a proxy at rest: the features that touch it, and which of them it may slide along.
-
-/// Tangent of a wall towards u.
-inline Vec2 ahead(const Vec2& normal, const Vec2& u) noexcept {
-    const Vec2 T = left(normal);
-    return dot(T, u) < 0 ? -1.0 * T : T;
+/// Tangent of a feature towards the HIP.
+inline Vec2 tangent_towards(const Vec2& normal, const Vec2& to_hip) noexcept {
+    const Vec2 tangent = left(normal);
+    return dot(tangent, to_hip) < 0 ? -1.0 * tangent : tangent;
 }
 
-/// A hollow that the proxy fills: it is pushed from all its directions at once.
-inline bool full(const Contact& c, const Heights& h) noexcept { return -c.bend * h.filled > 1; }
+/// What lies R from the feature of a contact: a line, or a circle, from x on. (E1)
+inline ArcPath offset_path(const Vec2& x, const Vec2& tangent,
+                           const FeatureContact& contact) noexcept {
+    ArcPath path(x, tangent, 0);
+    const bool curves_right = dot(path.N, contact.normal) < 0;
+    path.q = (curves_right ? contact.curvature : -contact.curvature) / 2;
+    return path;
+}
 
-struct Walls {
-    static constexpr int most = 6;  // that are looked at together
+/// Whether a proxy fills a hollow arc: it is pushed from all its directions at once.
+inline bool is_full_hollow(const FeatureContact& contact, const RoundingLimits& limits) noexcept {
+    return -contact.curvature * limits.full_hollow > 1;
+}
 
-    int feature[most], count = 0;
-    Contact touch[most];
+/// The features that hold a proxy where it stands.
+struct HoldingFeatures {
+    static constexpr int max_features = 6;
 
-    /// False where it is there already, or there are too many. A full hollow pushes as much as its
-    /// two ends do.
-    bool add(const Nearby& near, int what, const Vec2& x) noexcept {
+    int feature[max_features];
+    FeatureContact contact[max_features];
+    int count = 0;
+
+    /// Adds a feature; false where it is there already, or there are too many. A full hollow pushes
+    /// as much as its two ends do.
+    bool add(const FeatureQuery& query, int added, const Vec2& x) noexcept {
         for (int j = 0; j < count; ++j)
-            if (feature[j] == what) return false;
-        const Contact c = near.curve()[what].contact(x);
-        if (full(c, near.heights())) {
-            const Border* ends = near.curve()[what].border;
-            const bool one = add(near, ends[0].next, x), other = add(near, ends[1].next, x);
-            return one || other;
+            if (feature[j] == added) return false;
+        const FeatureContact touch = query.curve()[added].contact(x);
+        if (is_full_hollow(touch, query.limits())) {
+            const EndNormal* ends = query.curve()[added].ends;
+            const bool first = add(query, ends[0].next, x);
+            const bool second = add(query, ends[1].next, x);
+            return first || second;
         }
-        if (count == most) return false;
-        feature[count] = what;
-        touch[count++] = c;
+        if (count == max_features) return false;
+        feature[count] = added;
+        contact[count] = touch;
+        ++count;
         return true;
     }
-    /// The wall along which a step leads nearer to u and into no other; the last met first.
-    int free(const Vec2& u) const noexcept {
+    /// The index of the feature along which a step leads nearer to the HIP and into none of the
+    /// others; of several, the one that was met last. `none` where all hold.
+    int open_towards(const Vec2& to_hip) const noexcept {
         for (int i = count - 1; i >= 0; --i) {
-            const Vec2 T = ahead(touch[i].normal, u);
-            bool open = dot(T, u) > 0;
-            for (int j = 0; j < count && open; ++j)
-                open = j == i || dot(T, touch[j].normal) > -1e-9;
-            if (open) return i;
+            const Vec2 tangent = tangent_towards(contact[i].normal, to_hip);
+            bool is_open = dot(tangent, to_hip) > 0;
+            for (int j = 0; j < count && is_open; ++j)
+                is_open = j == i || dot(tangent, contact[j].normal) > -1e-9;
+            if (is_open) return i;
         }
         return none;
     }
 };
 
-// A proxy on its way to the HIP: straight until it meets the curve, and then along it, until it is
-// nearest to the HIP, sees it, comes to the end of the piece, or meets another one. Each of these
-// ends is a root of a quadratic, and each iteration brings it nearer to the HIP.
-
-enum class End { arrived, rest, corner, more, blocked, leash, limit };
-
-class Slider {
-  public:
-    static constexpr int most_iterations = 32;
-
-    Slider(Curve curve, double radius, double band)
-        : near_(std::move(curve), radius, band), R_(radius), band_(band) {}
-
-    Nearby& near() noexcept { return near_; }
-    const Nearby& near() const noexcept { return near_; }
-    const Curve& curve() const noexcept { return near_.curve(); }
-
-    void let_go() noexcept { on_ = none; }
-    bool held() const noexcept { return on_ != none; }
-    /// From what the proxy slid along last.
-    Vec2 normal(const Vec2& x) const noexcept { return curve()[on_].contact(x).normal; }
-
-    /// From x towards the HIP at h, as far as the leash allows.
-    End go(Vec2& x, const Vec2& h, const Leash<2>* leash) noexcept {
-        for (int i = 0; i < most_iterations; ++i) {
-            const Vec2 u = h - x;
-            const double length = norm(u);
-            if (!(length > 0)) return End::arrived;
-            End end = presses(x, u) ? End::blocked : fly(x, h, u, length, leash);
-            if (end == End::blocked) end = slide(x, h, leash);
-            if (end != End::more) return end;
-        }
-        return End::limit;
-    }
-
-  private:
-    static constexpr int turns = 12;  // from feature to feature where the proxy stands
-
-    /// Whether the feature that the proxy slid along last holds it from going along u.
-    bool presses(const Vec2& x, const Vec2& u) const noexcept {
-        const double slack = near_.heights().slack;
-        if (on_ == none || !curve()[on_].beside(x, slack)) return false;
-        const Contact c = curve()[on_].contact(x);
-        return c.distance < R_ + slack && dot(c.normal, u) < -1e-12 * (R_ + norm(u));
-    }
-
-    /// Straight to the HIP, up to what lies on the way.
-    End fly(Vec2& x, const Vec2& h, const Vec2& u, double length, const Leash<2>* leash) noexcept {
-        const Way path(x, (1 / length) * u, 0);
-        const Hit hit = near_.sweep(path, length, none);
-        const double most = std::min(hit.t, length);
-        if (leash)
-            if (const double t = leaves(*leash, path); t < most) {
-                x = path.at(t);
-                on_ = none;
-                return End::leash;
-            }
-        on_ = hit.feature;
-        if (hit.feature == none) {
-            x = h;
-            return End::arrived;
-        }
-        if (hit.at_once(near_.heights())) return End::blocked;
-        x = path.at(hit.t);
-        return End::more;
-    }
-
-    /// Along what holds the proxy; `rest` and `corner` where that leads no nearer to the HIP.
-    End slide(Vec2& x, const Vec2& h, const Leash<2>* leash) noexcept {
-        raise(x);
-        const Vec2 u = h - x;
-        Walls w;
-        w.add(near_, on_, x);
-        Vec2 before;
-        for (int turn = 0; turn < turns; ++turn) {
-            const int i = w.free(u);
-            if (i == none) return w.count > 1 ? End::corner : End::rest;
-            const Contact& c = w.touch[i];
-            const Vec2 T = ahead(c.normal, u);
-            if (dot(T, before) < 0) return End::rest;  // a kink, from both sides of it
-            Way path(x, T, 0);
-            path.q = (dot(path.N, c.normal) < 0 ? c.bend : -c.bend) / 2;
-            Stop stop = along(path, u, c, w.feature[i]);
-            if (stop.next != w.feature[i] &&
-                stop.t < near_.heights().slack) {  // at its end already
-                const Contact on = curve()[stop.next].contact(x);
-                if (full(on, near_.heights())) {
-                    if (!w.add(near_, stop.next, x)) return End::corner;
-                    before = {};
-                    continue;
-                }
-                before = T;
-                w.feature[i] = stop.next;
-                w.touch[i] = on;
-                continue;
-            }
-            const Hit hit = near_.sweep(path, stop.t, w.feature[i]);
-            if (hit.feature != none && hit.at_once(near_.heights())) {
-                if (!w.add(near_, hit.feature, x)) return End::corner;
-                before = {};
-                continue;
-            }
-            if (hit.feature != none) stop = {hit.t, End::more, hit.feature};
-            if (leash)
-                if (const double s = leaves(*leash, path); s < stop.t)
-                    stop = {s, End::leash, w.feature[i]};
-            const Vec2 y = path.at(stop.t);
-            if (!(norm(h - y) < norm(u))) return End::rest;
-            x = y;
-            on_ = stop.next;
-            return wedged(w.feature[i], hit, x, h) ? End::corner : stop.end;
-        }
-        return End::rest;
-    }
-
-    /// In a slight hollow kink, between a feature and one that the way along it had sunk into: each
-    /// holds from sliding on the other. In a gate, sinking a little gets the proxy through.
-    bool wedged(int feature, const Hit& hit, const Vec2& x, const Vec2& h) const noexcept {
-        if (!hit.touching || on_ != hit.feature) return false;
-        Walls both;
-        return both.add(near_, feature, x) && both.add(near_, on_, x) &&
-               dot(both.touch[0].normal, both.touch[1].normal) > 0 && both.free(h - x) == none;
-    }
-
-    /// Where a way along a feature ends, nothing else met, and on what it goes on.
-    struct Stop {
-        double t;
-        End end;
-        int next;
-    };
-    Stop along(const Way& path, const Vec2& u, const Contact& c, int feature) const noexcept {
-        Stop stop{path.nearest(u), End::rest, feature};
-        const auto sooner = [&](double t, int next) noexcept {
-            if (t < stop.t) stop = {t, End::more, next};
-        };
-        if (c.bend > 0) sooner(path.in_sight(u, c.normal), feature);
-        sooner(path.quarter(), feature);
-        for (const Border& b : curve()[feature].border) sooner(b.met(path), b.next);
-        return stop;
-    }
-
-    /// Up to R again where roundings have let the proxy sink.
-    void raise(Vec2& x) noexcept {
-        const Contact c = curve()[on_].contact(x);
-        const double up = R_ - c.distance;
-        if (up < band_ / 2) return;
-        const Way path(x, c.normal, 0);
-        const Hit hit = near_.sweep(path, up, on_);
-        if (!hit.at_once(near_.heights())) x = path.at(std::min(hit.t, up));
-    }
-    /// Where the way comes out of the leash's ball.
-    static double leaves(const Leash<2>& leash, const Way& path) noexcept {
-        const Vec2 w = path.x - leash.middle;
-        const double in = std::min((dot(w, w) - leash.radius * leash.radius) / 2, 0.0);
-        return (-path.along(in, w, 1)).falls();
-    }
-
-    Nearby near_;
-    double R_, band_;
-    int on_ = none;  // what the proxy slid along last
-};
-
 /// What a start may be inside of: all that lies nearer to the curve than R.
-class Bands {
+class InsideCurve {
   public:
-    explicit Bands(double radius) noexcept : R_(radius) {}
+    InsideCurve(const Curve& curve, double radius) noexcept : curve_(curve), R_(radius) {}
 
-    Vec2 from_nearest(const Curve& curve, const Vec2& x) const noexcept {
-        double least = R_ * (1 + 1e-6);
+    Vec2 from_nearest(const Vec2& x) const noexcept {
+        const double reach = R_ * (1 + 1e-6);
+        double nearest = reach;
         Vec2 away;
-        curve.around(x, least, [&](int i) noexcept {
-            const double d = curve[i].distance(x);
-            if (d < least && d > 0) least = d, away = curve[i].contact(x).normal;
+        curve_.around(x, reach, [&](int i) noexcept {
+            const double d = curve_[i].distance(x);
+            if (!(d < nearest && d > 0)) return;
+            nearest = d;
+            away = curve_[i].contact(x).normal;
         });
         return away;
     }
-    double out(const Curve& curve, const Vec2& y, const Vec2& d) const noexcept {
-        const Way path(y, d, 0);
-        double s = -never;
-        curve.around(y, R_, [&](int i) noexcept {
-            if (curve[i].distance(y) < R_ * (1 - 1e-9)) s = std::max(s, curve[i].out(path));
+    double exit_distance(const Vec2& y, const Vec2& direction) const noexcept {
+        const ArcPath path(y, direction, 0);
+        double distance = -never;
+        curve_.around(y, R_, [&](int i) noexcept {
+            if (curve_[i].distance(y) < R_ * (1 - 1e-9))
+                distance = std::max(distance, curve_[i].exit_parameter(path));
         });
-        return s;
+        return distance;
     }
 
   private:
+    const Curve& curve_;
     double R_;
 };
 
-class ExactRule {
+/// How the rule moves a proxy that is outside.
+class CurveMotion {
   public:
     static constexpr int dimension = 2;
-    /// Of R: how far below R roundings may let the proxy sink.
-    static constexpr double finest = 1e-7;
-    static constexpr int most_iterations = Slider::most_iterations;
-    static constexpr double list_reach = 1 + Nearby::skin + 4 * finest;  // of R
+    static constexpr bool rest_is_final = true;
+    static constexpr int max_iterations = 32;
 
-    /// What roundings take [m], where the strokes lie far from the origin too.
-    static double band(const Parameters& p, const std::vector<Stroke>& strokes) noexcept {
-        double most = 0;
-        for (const Stroke& s : strokes)
-            for (double c : s.vertices) most = std::max(most, std::abs(c));
-        const double rounding = std::numeric_limits<double>::epsilon() * most;
-        return std::max(finest * p.R(), roundings_a_band * rounding);
-    }
-
-    ExactRule(Curve curve, const Parameters& p)
-        : R_(p.R()),
+    CurveMotion(Curve curve, const Parameters& p)
+        : query_(std::move(curve), p.R(), p.band),
+          R_(p.R()),
           band_(p.band),
-          outer_(p.outer_radius + p.point_radius),
-          slider_(std::move(curve), R_, band_),
-          entrance_(Bands(R_), R_) {}
+          neighbourhood_(p.outer_radius + p.point_radius) {}
 
+    const Curve& curve() const noexcept { return query_.curve(); }
+    const FeatureQuery& query() const noexcept { return query_; }
+    InsideCurve inside() const noexcept { return {curve(), R_}; }
+    void begin_tick() noexcept {}
+    void release() noexcept { current_ = none; }
     void reset() noexcept {
-        entrance_.reset();
-        rests_ = false;
-        slider_.near().forget();
-        slider_.let_go();
+        query_.forget();
+        release();
     }
-    /// As a reset, but a proxy that is inside is led out from where it is.
-    void go_on(const Passage<2>* before) noexcept {
-        reset();
-        entrance_.go_on(before);
-    }
-    std::size_t bytes() const noexcept { return curve().bytes() + slider_.near().bytes(); }
-    std::size_t cells() const noexcept { return curve().boxes(); }
-    double distance(const Vec2& x) const noexcept { return curve().distance(x); }
+    int iterations() const noexcept { return max_iterations; }
 
-    /// One servo loop.
-    Tick<2> operator()(Vec2& proxy, const Vec2& hip) noexcept {
-        const auto clear = [&]() noexcept { return curve().distance(proxy) >= R_ - band_; };
-        if (!entrance_.outside(curve(), proxy, hip, clear)) {
-            slider_.let_go();
-            rests_ = false;
-            return entrance_.tick();
+    bool is_clear(const Vec2& proxy) const noexcept {
+        return curve().distance(proxy) >= R_ - band_;
+    }
+    bool is_outside(const Vec2& proxy) noexcept {
+        distance_ = query_.distance(proxy);
+        return distance_ >= R_ - band_;
+    }
+
+    MotionEnd move(Vec2& proxy, const Vec2& hip, NoStall<2>&, PlannedPath<2>&) noexcept {
+        return move_to_hip(proxy, hip, nullptr);
+    }
+    /// As `move`, while the rule takes over from a way out.
+    MotionEnd move_within(const ForceBall<2>& ball, Vec2& proxy, const Vec2& hip) noexcept {
+        return move_to_hip(proxy, hip, &ball);
+    }
+
+    RuleAnswer<2> contact(const Vec2& proxy, const Vec2& hip) noexcept {
+        RuleAnswer<2> answer;
+        if (distance_ <= R_ + band_) {
+            answer.state = State::in_contact;
+            if (current_ == none || end_ == SlideEnd::corner)
+                answer.normal = along(proxy - hip, 1);
+            else
+                answer.normal = curve()[current_].contact(proxy).normal;
+        } else if (std::min(distance_, neighbourhood_) < neighbourhood_ ||
+                   curve().distance(proxy) < neighbourhood_) {
+            answer.state = State::free_motion;
         }
-        if (rests_ && hip == hip_) return last_;
-        hip_ = hip;
-        const Vec2 start = proxy;
-        Tick<2> tick;
-        if (entrance_.taking_over()) {
-            const Leash<2> leash = entrance_.leash(proxy, hip);
-            end_ = slider_.go(proxy, hip, &leash);
-            if (entrance_.goes_on(end_ == End::leash, end_ == End::limit)) tick.status = inside;
-        } else {
-            end_ = slider_.go(proxy, hip, nullptr);
-        }
-        if (end_ == End::limit) tick.status |= limit;
-        double near = slider_.near().distance(proxy);
-        if (!(near >= R_ - band_)) {  // cannot happen; if it does, stay where it was safe
-            proxy = start;
-            slider_.let_go();
-            near = slider_.near().distance(proxy);
-            tick.status |= limit;
-            entrance_.hold(near >= R_ - band_);
-        }
-        rests_ = tick.status == ok;
-        describe(proxy, hip, near, tick);
-        return last_ = tick;
+        return answer;
     }
 
   private:
-    const Curve& curve() const noexcept { return slider_.curve(); }
+    /// How a part of the motion ended; `blocked` by what the proxy stands at, `more` is to come.
+    enum class SlideEnd { arrived, rest, corner, more, blocked, force_ball, limit };
+    /// From feature to feature where the proxy stands.
+    static constexpr int max_turns = 12;
 
-    void describe(const Vec2& x, const Vec2& hip, double near, Tick<2>& tick) noexcept {
-        if (near <= R_ + band_) {
-            tick.state = State::in_contact;
-            tick.normal =
-                !slider_.held() || end_ == End::corner ? along(x - hip, 1) : slider_.normal(x);
-        } else if (std::min(near, outer_) < outer_ || curve().distance(x) < outer_) {
-            tick.state = State::free_motion;
-        }
+    double start_slack() const noexcept { return query_.limits().start_slack; }
+
+    MotionEnd move_to_hip(Vec2& proxy, const Vec2& hip, const ForceBall<2>* ball) noexcept {
+        end_ = slide_and_move_freely(proxy, hip, ball);
+        if (end_ == SlideEnd::limit) return MotionEnd::limit;
+        if (end_ == SlideEnd::force_ball) return MotionEnd::force_ball;
+        return MotionEnd::rests;
     }
 
-    double R_, band_, outer_;
-    Slider slider_;
-    Entrance<2, const Curve, Bands> entrance_;
-    Vec2 hip_;
-    End end_ = End::arrived;
-    Tick<2> last_;
-    bool rests_ = false;
+    /// Freely until something is met, then along it, and so on.
+    SlideEnd slide_and_move_freely(Vec2& proxy, const Vec2& hip,
+                                   const ForceBall<2>* ball) noexcept {
+        for (int i = 0; i < max_iterations; ++i) {
+            const Vec2 to_hip = hip - proxy;
+            const double length = norm(to_hip);
+            if (!(length > 0)) return SlideEnd::arrived;
+            SlideEnd end = SlideEnd::blocked;
+            if (!is_held(proxy, to_hip)) end = move_freely(proxy, hip, to_hip, length, ball);
+            if (end == SlideEnd::blocked) end = slide(proxy, hip, ball);
+            if (end != SlideEnd::more) return end;
+        }
+        return SlideEnd::limit;
+    }
+
+    /// Whether the feature that the proxy slid along last is between it and the HIP.
+    bool is_held(const Vec2& proxy, const Vec2& to_hip) const noexcept {
+        if (current_ == none || !curve()[current_].faces(proxy, start_slack())) return false;
+        const FeatureContact contact = curve()[current_].contact(proxy);
+        const bool touches = contact.distance < R_ + start_slack();
+        return touches && dot(contact.normal, to_hip) < -1e-12 * (R_ + norm(to_hip));
+    }
+
+    /// Straight to the HIP, up to what lies in the way. (E5)
+    SlideEnd move_freely(Vec2& proxy, const Vec2& hip, const Vec2& to_hip, double length,
+                         const ForceBall<2>* ball) noexcept {
+        const ArcPath path(proxy, (1 / length) * to_hip, 0);
+        const FeatureHit hit = query_.sweep(path, length, none);
+        if (ball) {
+            const double t = leaves(*ball, path);
+            if (t < std::min(hit.t, length)) {
+                proxy = path.at(t);
+                current_ = none;
+                return SlideEnd::force_ball;
+            }
+        }
+        current_ = hit.feature;
+        if (hit.feature == none) {
+            proxy = hip;
+            return SlideEnd::arrived;
+        }
+        if (hit.is_immediate(query_.limits())) return SlideEnd::blocked;
+        proxy = path.at(hit.t);
+        return SlideEnd::more;
+    }
+
+    /// Where a path along a feature ends, and the feature on which it goes on.
+    struct PathEnd {
+        double t;
+        SlideEnd kind;
+        int next;
+    };
+
+    /// Along what holds the proxy. What lies R from a line is a line, from an arc or a joint a
+    /// circle (E1): so the proxy's path has one curvature, and it ends at the first of four places,
+    /// each the root of a quadratic: nearest to the HIP (E2), in sight of the HIP (E3), at the end
+    /// of the feature (E4), or where it meets another feature (E5).
+    SlideEnd slide(Vec2& proxy, const Vec2& hip, const ForceBall<2>* ball) noexcept {
+        lift_to_R(proxy);
+        const Vec2 to_hip = hip - proxy;
+        HoldingFeatures holding;
+        holding.add(query_, current_, proxy);
+        Vec2 last_tangent;
+        for (int turn = 0; turn < max_turns; ++turn) {
+            // The one of them along which there is a path towards the HIP and into no other one.
+            const int i = holding.open_towards(to_hip);
+            if (i == none) return holding.count > 1 ? SlideEnd::corner : SlideEnd::rest;
+            const int feature = holding.feature[i];
+            const FeatureContact& contact = holding.contact[i];
+            const Vec2 tangent = tangent_towards(contact.normal, to_hip);
+            if (dot(tangent, last_tangent) < 0) return SlideEnd::rest;  // a kink, from both sides
+            const ArcPath path = offset_path(proxy, tangent, contact);  // (E1)
+
+            // Where the path ends if nothing else is met. (E2)-(E4)
+            PathEnd end = end_of_path(path, to_hip, contact, feature);
+            if (end.next != feature && end.t < start_slack()) {
+                // The proxy stands at the end of the feature already: it turns round the next one.
+                const FeatureContact next = curve()[end.next].contact(proxy);
+                if (is_full_hollow(next, query_.limits())) {
+                    if (!holding.add(query_, end.next, proxy)) return SlideEnd::corner;
+                    last_tangent = {};
+                } else {
+                    last_tangent = tangent;
+                    holding.feature[i] = end.next;
+                    holding.contact[i] = next;
+                }
+                continue;
+            }
+
+            // What else the path meets before. (E5)
+            const FeatureHit hit = query_.sweep(path, end.t, feature);
+            if (hit.feature != none && hit.is_immediate(query_.limits())) {
+                if (!holding.add(query_, hit.feature, proxy)) return SlideEnd::corner;
+                last_tangent = {};
+                continue;
+            }
+            if (hit.feature != none) end = {hit.t, SlideEnd::more, hit.feature};
+            if (ball) {
+                const double t = leaves(*ball, path);
+                if (t < end.t) end = {t, SlideEnd::force_ball, feature};
+            }
+
+            // Only a step that comes nearer to the HIP is taken. (E6)
+            const Vec2 next = path.at(end.t);
+            if (!(norm(hip - next) < norm(to_hip))) return SlideEnd::rest;
+            proxy = next;
+            current_ = end.next;
+            return is_wedged(feature, hit, proxy, hip) ? SlideEnd::corner : end.kind;
+        }
+        return SlideEnd::rest;
+    }
+
+    PathEnd end_of_path(const ArcPath& path, const Vec2& to_hip, const FeatureContact& contact,
+                        int feature) const noexcept {
+        PathEnd end{path.nearest(to_hip), SlideEnd::rest, feature};  // (E2)
+        const auto end_sooner = [&](double t, int next) noexcept {
+            if (t < end.t) end = {t, SlideEnd::more, next};
+        };
+        if (contact.curvature > 0)
+            end_sooner(path.in_sight(to_hip, contact.normal), feature);  // (E3)
+        end_sooner(path.quarter(), feature);
+        for (const EndNormal& side : curve()[feature].ends)
+            end_sooner(side.passed_at(path), side.next);  // (E4)
+        return end;
+    }
+
+    /// Whether the proxy stands in a slight hollow kink, between a feature and one that the path
+    /// along it had sunk into: each holds it from sliding on the other. In a gate, sinking a little
+    /// gets the proxy through.
+    bool is_wedged(int feature, const FeatureHit& hit, const Vec2& proxy,
+                   const Vec2& hip) const noexcept {
+        if (!hit.is_touching || current_ != hit.feature) return false;
+        HoldingFeatures both;
+        return both.add(query_, feature, proxy) && both.add(query_, current_, proxy) &&
+               dot(both.contact[0].normal, both.contact[1].normal) > 0 &&
+               both.open_towards(hip - proxy) == none;
+    }
+
+    /// Up to R again where roundings have let the proxy sink.
+    void lift_to_R(Vec2& proxy) noexcept {
+        const FeatureContact contact = curve()[current_].contact(proxy);
+        const double up = R_ - contact.distance;
+        if (up < band_ / 2) return;
+        const ArcPath path(proxy, contact.normal, 0);
+        const FeatureHit hit = query_.sweep(path, up, current_);
+        if (!hit.is_immediate(query_.limits())) proxy = path.at(std::min(hit.t, up));
+    }
+
+    /// Where the path comes out of the ball.
+    static double leaves(const ForceBall<2>& ball, const ArcPath& path) noexcept {
+        const Vec2 w = path.x - ball.middle;
+        const double inside = std::min((dot(w, w) - ball.radius * ball.radius) / 2, 0.0);
+        return (-path.quadratic_along(inside, w, 1)).first_descent();
+    }
+
+    FeatureQuery query_;
+    double R_, band_, neighbourhood_;
+    int current_ = none;  // the feature that the proxy slid along last
+    SlideEnd end_ = SlideEnd::arrived;
+    double distance_ = never;  // from the curve, where the proxy was checked last [m]
+};
+
+class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
+  public:
+    /// How far below R roundings may let the proxy sink [R].
+    static constexpr double roundings = 1e-7;
+    static constexpr int max_iterations = CurveMotion::max_iterations;
+    /// How far away the features in the list lie at most [R].
+    static constexpr double list_reach = 1 + FeatureQuery::skin + 4 * roundings;
+
+    /// What roundings take [m], where the strokes lie far from the origin too.
+    static double band(const Parameters& p, const std::vector<Stroke>& strokes) noexcept {
+        double largest = 0;
+        for (const Stroke& s : strokes)
+            for (double c : s.vertices) largest = std::max(largest, std::abs(c));
+        const double rounding = std::numeric_limits<double>::epsilon() * largest;
+        return std::max(roundings * p.R(), roundings_a_band * rounding);
+    }
+
+    CurveRule(Curve curve, const Parameters& p)
+        : GuardedRule(CurveMotion(std::move(curve), p), p.R(), p.band) {}
+
+    std::size_t bytes() const noexcept {
+        return motion().curve().bytes() + motion().query().bytes();
+    }
+    std::size_t cells() const noexcept { return motion().curve().boxes(); }
+    double distance(const Vec2& x) const noexcept { return motion().curve().distance(x); }
 };
 
 }  // namespace vfplan::curve

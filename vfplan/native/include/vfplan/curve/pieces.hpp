@@ -57,21 +57,21 @@ struct Piece {
 
     /// Where descent of |x - c| ends that begins at c on the piece; `side`: -1 and 1 where that is
     /// the beginning or the end of the piece, 0 where it is between.
-    struct Foot {
+    struct PieceDescent {
         Vec3 at;
         int side;
     };
-    Foot descend(const Vec3& x, const Vec3& c) const noexcept {
+    PieceDescent descend(const Vec3& x, const Vec3& c) const noexcept {
         if (radius == 0) {
             const double t = dot(x - from, entering);
             if (t <= 0) return {from, -1};
-            return t < length ? Foot{from + t * entering, 0} : Foot{to, 1};
+            return t < length ? PieceDescent{from + t * entering, 0} : PieceDescent{to, 1};
         }
         const Vec3 m = centre(), w = x - m;
         const double a = dot(w, entering), b = dot(w, out);
         if (a > 0 && a * cosine - b * sine < 0)
             return {m + (radius / std::sqrt(a * a + b * b)) * (b * out + a * entering), 0};
-        return dot(w, tangent(c)) > 0 ? Foot{to, 1} : Foot{from, -1};
+        return dot(w, tangent(c)) > 0 ? PieceDescent{to, 1} : PieceDescent{from, -1};
     }
 
     /// The point of the piece nearest to x.
@@ -148,5 +148,45 @@ inline Piece bend(const Vec3& p, const Vec3& q, const Vec3& t, bool enters) noex
 }
 
 }  // namespace detail
+
+namespace curve {
+
+/// A line or an arc of at most a quarter circle in the plane, from a to b.
+struct PlanarPiece {
+    Vec2 a, b;
+    Vec2 start_tangent, end_tangent;  ///< unit vectors
+    double kappa = 0;                 ///< curvature [1/m], positive to the left
+
+    PlanarPiece(const Vec2& from, const Vec2& to, double bulge) noexcept : a(from), b(to) {
+        const auto left = [](const Vec2& v) noexcept { return Vec2{{-v[1], v[0]}}; };
+        const double chord = norm(b - a);
+        const double share = 1 / (1 + bulge * bulge);
+        const Vec2 e = (1 / chord) * (b - a);
+        const double cosine = (1 - bulge * bulge) * share;
+        const double sine = 2 * bulge * share;
+        start_tangent = cosine * e - sine * left(e);
+        end_tangent = cosine * e + sine * left(e);
+        kappa = 2 * sine / chord;
+    }
+};
+
+/// Halves an arc until it is a quarter circle at most; a piece of no length is none.
+inline void cut_into_quarters(const Vec2& a, const Vec2& b, double bulge,
+                              std::vector<PlanarPiece>& pieces) {
+    constexpr double quarter = 0.41421356237309515;  // tan(pi / 8): the bulge of a quarter circle
+    if (a == b) return;
+    if (std::abs(bulge) <= quarter) {
+        pieces.emplace_back(a, b, bulge);
+        return;
+    }
+    const Vec2 chord = b - a;
+    const Vec2 left{{-chord[1], chord[0]}};
+    const Vec2 middle = 0.5 * (a + b) - (bulge / 2) * left;
+    const double half = bulge / (1 + std::sqrt(1 + bulge * bulge));
+    cut_into_quarters(a, middle, half, pieces);
+    cut_into_quarters(middle, b, half, pieces);
+}
+
+}  // namespace curve
 
 }  // namespace vfplan

@@ -76,7 +76,7 @@ class Path {
     std::size_t size() const noexcept { return pieces_.size(); }
 
     /// The piece after (`side` 1) or before (-1) piece i of a strand; `none` beyond its ends.
-    std::size_t beside(const Strand& s, std::size_t i, int side) const noexcept {
+    std::size_t next_piece(const Strand& s, std::size_t i, int side) const noexcept {
         const std::size_t last = s.first + s.count - 1;
         if (side > 0) return i < last ? i + 1 : s.closed ? s.first : none;
         return i > s.first ? i - 1 : s.closed ? last : none;
@@ -231,7 +231,7 @@ class Path {
 // the tube is wide, or beside another strand. There the curve would not say where in it a tip is.
 
 /// Where a tube of some radius runs into itself.
-struct Narrow {
+struct TubeObstacle {
     bool found = false;
     bool turn = false;  ///< in a turn of the curve; else beside another strand
     double width = 0;   ///< between the two places [m]: a tube of half of it fits
@@ -242,25 +242,25 @@ struct Narrow {
 
 namespace detail {
 
-class Room {
+class TubeCheck {
   public:
-    Room(const Path& path, double radius) : path_(path), radius_(radius) {}
+    TubeCheck(const Path& path, double radius) : path_(path), radius_(radius) {}
 
     /// Turns in which `share` of half a circle's length of the curve spans less than the circle's.
-    Narrow turns(double share) const {
-        Narrow worst;
-        for (std::size_t s = 0; s < path_.strands().size(); ++s) turns(s, share, worst);
+    TubeObstacle tight_turns(double share) const {
+        TubeObstacle worst;
+        for (std::size_t s = 0; s < path_.strands().size(); ++s) tight_turns(s, share, worst);
         return worst;
     }
 
-    Narrow look() const {
-        Narrow worst = turns(1);
+    TubeObstacle first_obstacle() const {
+        TubeObstacle worst = tight_turns(1);
         const auto& balls = path_.balls();
         for (std::size_t a = 0; a < balls.size(); ++a)
             for (std::size_t b = a; b < balls.size(); ++b)
                 if (norm(balls[a].middle - balls[b].middle) - balls[a].radius - balls[b].radius <
                     2 * radius_)
-                    beside(balls[a], balls[b], worst);
+                    adjacent_strands(balls[a], balls[b], worst);
         return worst;
     }
 
@@ -270,12 +270,12 @@ class Room {
     /// A circle through points is a polygon or arcs of nearly its radius.
     static constexpr double rounded = 1e-3;
 
-    static void keep(Narrow& worst, const Narrow& one) {
+    static void keep(TubeObstacle& worst, const TubeObstacle& one) {
         if (!worst.found || one.width < worst.width) worst = one;
     }
     double half_circle() const { return std::numbers::pi * radius_; }
 
-    void turns(std::size_t strand, double share, Narrow& worst) const {
+    void tight_turns(std::size_t strand, double share, TubeObstacle& worst) const {
         const Strand& s = path_.strands()[strand];
         const double reach = share * half_circle();
         const double span = 2 * radius_ * std::sin(0.5 * std::numbers::pi * share);
@@ -291,7 +291,7 @@ class Room {
             const double goal = path_[i].start + reach;
             if (!s.closed && goal > s.length) return;
             while (path_[j].start + path_[j].length + behind < goal) {
-                const std::size_t next = path_.beside(s, j, 1);
+                const std::size_t next = path_.next_piece(s, j, 1);
                 if (next == Path::none) break;
                 if (next < j) behind += s.length;
                 j = next;
@@ -305,11 +305,11 @@ class Room {
     }
 
     /// Two strands, or one that comes back: the places where they are nearest to each other.
-    void beside(const Path::Ball& a, const Path::Ball& b, Narrow& worst) const {
+    void adjacent_strands(const Path::Ball& a, const Path::Ball& b, TubeObstacle& worst) const {
         for (std::size_t i = a.first; i < a.last; ++i)
             for (std::size_t j = std::max(b.first, i + 1); j < b.last; ++j) {
                 const double d = apart(i, j);
-                if (!(d < 2 * radius_) || !far_along(i, j) || !least(i, j, d)) continue;
+                if (!(d < 2 * radius_) || !far_along(i, j) || !is_local_minimum(i, j, d)) continue;
                 const double width = crossing(i, j);
                 if (width <= meet || width >= 2 * radius_) continue;
                 const std::size_t s = strand(i);
@@ -330,10 +330,10 @@ class Room {
         return s;
     }
     /// Whether no neighbour of the one is nearer to the other.
-    bool least(std::size_t i, std::size_t j, double d) const {
+    bool is_local_minimum(std::size_t i, std::size_t j, double d) const {
         for (const int side : {-1, 1}) {
-            const std::size_t k = path_.beside(path_.strands()[strand(i)], i, side);
-            const std::size_t l = path_.beside(path_.strands()[strand(j)], j, side);
+            const std::size_t k = path_.next_piece(path_.strands()[strand(i)], i, side);
+            const std::size_t l = path_.next_piece(path_.strands()[strand(j)], j, side);
             if (k != Path::none && apart(k, j) < d) return false;
             if (l != Path::none && apart(i, l) < d) return false;
         }
@@ -342,14 +342,14 @@ class Room {
     /// Distance of the pieces around two places.
     double crossing(std::size_t i, std::size_t j) const {
         double least = std::numeric_limits<double>::infinity();
-        for (const std::size_t k : around(i))
-            for (const std::size_t l : around(j))
+        for (const std::size_t k : adjoining_pieces(i))
+            for (const std::size_t l : adjoining_pieces(j))
                 if (k != Path::none && l != Path::none)
                     least = std::min(least, between(path_[k], path_[l]));
         return least;
     }
-    std::array<std::size_t, 2> around(std::size_t i) const {
-        return {i, path_.beside(path_.strands()[strand(i)], i, -1)};
+    std::array<std::size_t, 2> adjoining_pieces(std::size_t i) const {
+        return {i, path_.next_piece(path_.strands()[strand(i)], i, -1)};
     }
     /// Distance of the chords of two pieces (Ericson, "Real-Time Collision Detection", 5.1.9).
     static double between(const Piece& p, const Piece& q) {
@@ -369,19 +369,19 @@ class Room {
 }  // namespace detail
 
 /// The narrowest place for a tube of `radius` [m] around the curves; none found: it fits.
-inline Narrow narrowest(const Path& path, double radius) {
-    return detail::Room(path, radius).look();
+inline TubeObstacle narrowest(const Path& path, double radius) {
+    return detail::TubeCheck(path, radius).first_obstacle();
 }
 
 /// The tightest bend where a quarter of a circle of `radius` [m] does not fit: the tube is wider
 /// there than the bend, and a tip in it may cut the corner.
-inline Narrow tight_bend(const Path& path, double radius) {
-    return detail::Room(path, radius).turns(0.5);
+inline TubeObstacle tight_bend(const Path& path, double radius) {
+    return detail::TubeCheck(path, radius).tight_turns(0.5);
 }
 
 /// The widest tube of which `test` (narrowest or tight_bend) finds nothing, to 1 % [m]; at most
 /// `radius`, of which it does.
-inline double widest(const Path& path, double radius, Narrow (*test)(const Path&, double)) {
+inline double widest(const Path& path, double radius, TubeObstacle (*test)(const Path&, double)) {
     double fits = 0, too_wide = radius;
     while (too_wide - fits > 0.01 * too_wide && too_wide > 1e-9) {
         const double middle = 0.5 * (fits + too_wide);

@@ -2,243 +2,266 @@
 //
 // Rule `exact` for a mesh: the proxy among triangles, not among samples of them.
 //
-// A step is the one nearest to the HIP that keeps to all walls met so far, swept anew until it
-// meets no other triangle. Free space between walls is convex: no step passes through anything, and
-// each brings the proxy nearer to the HIP.
+// A step is the one nearest to the HIP that keeps to all planes met so far, swept anew until it
+// meets no other triangle. Free space between planes is convex: no step passes through anything,
+// and each brings the proxy nearer to the HIP. GuardedRule (rules/rule.hpp) checks where the proxy
+// has come to.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
 #include <utility>
 
+#include "vfplan/mesh/query.hpp"
 #include "vfplan/mesh/smooth.hpp"
 #include "vfplan/parameters.hpp"
-#include "vfplan/rules/start_inside.hpp"
+#include "vfplan/rules/rule.hpp"
 
 namespace vfplan::mesh {
 
 /// What a start may be inside of: all that lies nearer to the mesh than R.
-class Bands {
+class InsideMesh {
   public:
-    explicit Bands(double radius) noexcept : R_(radius) {}
+    InsideMesh(const TriangleQuery& query, double radius) noexcept : query_(query), R_(radius) {}
 
-    Vec3 from_nearest(const Near& near, const Vec3& x) const noexcept {
-        double least = R_ * (1 + 1e-6);
-        const auto i = near.nearest(x, least);
-        return i == Mesh::none ? Vec3{} : x - near.mesh()[i].nearest(x);
+    Vec3 from_nearest(const Vec3& x) const noexcept {
+        double distance = R_ * (1 + 1e-6);
+        const std::uint32_t i = query_.nearest(x, distance);
+        if (i == Mesh::none) return {};
+        return x - query_.mesh()[i].nearest(x);
     }
     /// Out of what lies around the nearest triangle; nowhere yet, where the tick has no steps left.
-    double out(const Near& near, const Vec3& y, const Vec3& d) const noexcept {
-        if (near.spent()) return 0;
-        double least = R_ * (1 - 1e-9);
-        const auto i = near.nearest(y, least);
+    double exit_distance(const Vec3& y, const Vec3& direction) const noexcept {
+        if (query_.is_budget_spent()) return 0;
+        double distance = R_ * (1 - 1e-9);
+        const std::uint32_t i = query_.nearest(y, distance);
         if (i == Mesh::none) return -never;
-        const Triangle& t = near.mesh()[i];
-        double s = t.reaches(d) - dot(d, y) + R_;  // beyond the end, and back to it
+        const Triangle& t = query_.mesh()[i];
+        // From beyond the end of the triangle back to the place that is R from it.
+        double s = t.extent_along(direction) - dot(direction, y) + R_;
         for (int k = 0; k < 32; ++k) {
-            near.take(3);
-            const Vec3 w = y + s * d - t.nearest(y + s * d);
-            const double r = norm(w), over = r - R_;
+            query_.spend(3);
+            const Vec3 w = y + s * direction - t.nearest(y + s * direction);
+            const double r = norm(w);
+            const double over = r - R_;
             if (!(over > 1e-10 * R_)) break;
-            s -= over * r / dot(w, d);
+            s -= over * r / dot(w, direction);
         }
         return std::max(s, 0.0);
     }
 
   private:
+    const TriangleQuery& query_;
     double R_;
 };
 
-class ExactRule {
+/// How the rule moves a proxy that is outside.
+class MeshMotion {
   public:
     static constexpr int dimension = 3;
-    /// Of R: what a file's single precision, and roundings, may let the proxy sink.
-    static constexpr double finest = 1e-5;
-    static constexpr double tolerance = 1e-11;  // of R: what roundings leave of a plane
-    static constexpr int most_iterations = 16;
-    static constexpr int most_steps = 4000;  // inner ones, of each of a tick's three parts
-    static constexpr double list_reach = Near::reach;  // of R
+    static constexpr bool rest_is_final = true;
+    static constexpr int max_iterations = 16;
+    /// Inner steps of each of the three parts of a tick.
+    static constexpr int max_steps = 4000;
 
-    static double band(const Parameters& p, const Surface& s) noexcept {
-        double most = 0;
-        for (std::size_t i = 0; i < 3 * s.n; ++i) most = std::max(most, std::abs(s.points[i]));
-        const double rounding = std::numeric_limits<double>::epsilon() * most;
-        return std::max(finest * p.R(), roundings_a_band * rounding);
-    }
+    /// The triangles keep the proxy R less the body's rise away, and have what is left of the band.
+    MeshMotion(Mesh mesh, SmoothBody body, const Parameters& p)
+        : R_(p.R() - body.rise()),
+          band_(p.band - body.rise()),
+          neighbourhood_(p.outer_radius + p.point_radius),
+          query_(std::move(mesh), R_, band_),
+          planes_(R_, band_),
+          body_(std::move(body), p.R(), band_) {}
 
-    /// The triangles hold the proxy off by R less the body's rise: what the band has of it.
-    ExactRule(Mesh mesh, Smooth smooth, const Parameters& p)
-        : R_(p.R() - smooth.rise()),
-          band_(p.band - smooth.rise()),
-          outer_(p.outer_radius + p.point_radius),
-          near_(std::move(mesh), R_, band_),
-          walls_(R_, band_),
-          settle_(std::move(smooth), p.R(), band_),
-          entrance_(Bands(R_), R_) {}
-
+    const Mesh& mesh() const noexcept { return query_.mesh(); }
+    std::size_t bytes() const noexcept { return query_.bytes() + body_.bytes(); }
+    /// The radius at which a way out leaves the triangles.
+    double radius() const noexcept { return R_; }
+    InsideMesh inside() const noexcept { return {query_, R_}; }
+    void begin_tick() noexcept { query_.set_step_budget(max_steps); }
+    void release() noexcept { planes_.clear(); }
     void reset() noexcept {
-        entrance_.reset();
-        rests_ = false;
-        walls_.clear();
-        settle_.forget();
+        release();
+        body_.forget();
     }
-    /// As a reset, but a proxy that is inside is led out from where it is.
-    void go_on(const Passage<3>* before) noexcept {
-        reset();
-        entrance_.go_on(before);
+    int iterations() const noexcept { return 1; }
+
+    bool is_clear(const Vec3& proxy) const noexcept {
+        double distance = R_ - band_;
+        return query_.nearest(proxy, distance) == Mesh::none;
     }
-    std::size_t bytes() const noexcept { return near_.bytes() + settle_.bytes(); }
-    std::size_t cells() const noexcept { return mesh().boxes(); }
-    double distance(const Vec3& x) const noexcept {
-        double least = never;
-        int steps = 0;  // of no tick
-        mesh().nearest(x, least, steps);
-        return least;
+    bool is_outside(const Vec3& proxy) noexcept {
+        distance_ = query_.distance(proxy, planes_);
+        return distance_ >= R_ - band_;
     }
 
-    /// One servo loop.
-    Tick<3> operator()(Vec3& proxy, const Vec3& hip) noexcept {
-        near_.grant(most_steps);
-        const auto clear = [&]() noexcept {
-            double least = R_ - band_;
-            return near_.nearest(proxy, least) == Mesh::none;
-        };
-        if (!entrance_.outside(near_, proxy, hip, clear)) {
-            walls_.clear();
-            rests_ = false;
-            return entrance_.tick();
+    MotionEnd move(Vec3& proxy, const Vec3& hip, NoStall<3>&, PlannedPath<3>&) noexcept {
+        if (body_.settle(query_, proxy, hip, proxy)) {
+            distance_ = body_.count() > 0 ? 0 : never;
+            is_settled_ = true;
+            return MotionEnd::settled;
         }
-        if (rests_ && hip == hip_) return last_;
-        hip_ = hip;
-        if (!entrance_.taking_over() && settle_(near_, proxy, hip, proxy))
-            return last_ = settled(proxy, hip);
-        const Vec3 start = proxy;
-        near_.grant(most_steps);
-        Tick<3> tick;
-        const bool taking_over = entrance_.taking_over();
-        Leash<3> leash{};
-        if (taking_over) leash = entrance_.leash(proxy, hip);
-        const End end = go(proxy, hip, taking_over ? &leash : nullptr);
-        if (taking_over && entrance_.goes_on(end == End::leash, end == End::limit))
-            tick.status = inside;
-        if (end == End::limit) tick.status |= limit;
-        double near = near_.nearest(proxy, walls_);
-        if (!(near >= R_ - band_)) {  // cannot happen; if it does, stay where it was safe
-            proxy = start;
-            walls_.clear();
-            near = near_.nearest(proxy, walls_);
-            tick.status |= limit;
-            entrance_.hold(near >= R_ - band_);
+        query_.set_step_budget(max_steps);
+        return step_to_hip(proxy, hip, nullptr);
+    }
+    /// As `move`, while the rule takes over from a way out.
+    MotionEnd move_within(const ForceBall<3>& ball, Vec3& proxy, const Vec3& hip) noexcept {
+        query_.set_step_budget(max_steps);
+        return step_to_hip(proxy, hip, &ball);
+    }
+    /// From the triangles onto the smooth body that they stand for, once the proxy rests.
+    void settle(const Vec3& start, Vec3& proxy, const Vec3& hip, bool rests) noexcept {
+        query_.set_step_budget(max_steps);
+        body_.hold(mesh(), proxy, planes_);
+        is_settled_ = rests && body_.settle(query_, proxy, hip, start);
+        if (is_settled_) {
+            distance_ = body_.count() > 0 ? 0 : never;
+            return;
         }
-        rests_ = tick.status == ok;
-        near_.grant(most_steps);
-        settle_.hold(mesh(), proxy, walls_);
-        if (rests_ && settle_(near_, proxy, hip, start)) return last_ = settled(proxy, hip);
-        settle_.forget();
-        if (rests_) settle_.lift(near_, proxy, hip, start, walls_);
-        describe(proxy, hip, near, tick);
-        return last_ = tick;
+        body_.forget();
+        if (rests) body_.lift(query_, proxy, hip, start, planes_);
+    }
+
+    RuleAnswer<3> contact(const Vec3& proxy, const Vec3& hip) noexcept {
+        RuleAnswer<3> answer;
+        if (distance_ <= R_ + band_) {
+            answer.state = State::in_contact;
+            if (planes_.count() == 1)
+                answer.normal = planes_.normal(0);
+            else
+                answer.normal = along(proxy - hip, 1);
+            if (!(dot(answer.normal, answer.normal) > 0)) answer.normal = away_from_mesh(proxy);
+        } else if (is_in_neighbourhood(proxy)) {
+            answer.state = State::free_motion;
+        }
+        if (is_settled_ && body_.count() == 1) answer.normal = body_.normal();
+        return answer;
     }
 
   private:
-    enum class End { rest, leash, limit };
-
-    const Mesh& mesh() const noexcept { return near_.mesh(); }
-
-    /// From x towards the HIP at h.
-    End go(Vec3& x, const Vec3& h, const Leash<3>* leash) noexcept {
-        for (int i = 0; i < most_iterations && !near_.spent(); ++i) {
-            const Vec3 u = h - x, v = rounds(x, u, step(x, u));
-            const double length = norm(v);
-            const double most =
-                leash && length > 0 ? (*leash)(x, (1 / length) * v, length) : length;
-            x = most < length ? x + (most / length) * v : v == u ? h : x + v;
-            if (most < length) return End::leash;
-            if (v == u || (length < band_ / 8 && !near_.spent())) return End::rest;
+    MotionEnd step_to_hip(Vec3& proxy, const Vec3& hip, const ForceBall<3>* ball) noexcept {
+        for (int i = 0; i < max_iterations && !query_.is_budget_spent(); ++i) {
+            const Vec3 to_hip = hip - proxy;
+            const Vec3 step = round_an_edge(proxy, to_hip, free_step(proxy, to_hip));
+            const double length = norm(step);
+            if (ball && length > 0) {
+                const double free = ball->free_length(proxy, (1 / length) * step, length);
+                if (free < length) {
+                    proxy = proxy + (free / length) * step;
+                    return MotionEnd::force_ball;
+                }
+            }
+            proxy = step == to_hip ? hip : proxy + step;
+            if (step == to_hip) return MotionEnd::rests;
+            if (length < band_ / 8 && !query_.is_budget_spent()) return MotionEnd::rests;
         }
-        return End::limit;
+        return MotionEnd::limit;
     }
 
-    /// The step from x that is nearest to u and meets nothing; it leaves its walls.
-    Vec3 step(const Vec3& x, const Vec3& u) noexcept {
-        Vec3 v = u;
-        const Walls before = walls_;
-        walls_.clear();
-        for (int j = 0; j < before.count() && !near_.spent();
-             ++j) {  // what touches it most likely holds it again
-            Hit hit;
-            hit.t = band_ / (norm(v) + band_);
-            if (near_.meets(before.on(j), x, v, hit)) turn(x, u, hit, v);
+    /// The step from x that is nearest to the HIP and meets nothing. It leaves its planes.
+    Vec3 free_step(const Vec3& x, const Vec3& to_hip) noexcept {
+        Vec3 step = to_hip;
+        const ContactPlanes before = planes_;
+        planes_.clear();
+        // What touched the proxy before most likely holds it again.
+        for (int j = 0; j < before.count() && !query_.is_budget_spent(); ++j) {
+            TriangleHit hit;
+            hit.t = band_ / (norm(step) + band_);
+            if (query_.meets(before.triangle(j), x, step, hit)) turn(x, to_hip, hit, step);
         }
         for (;;) {
-            const Hit hit = near_.sweep(x, v, walls_);
-            if (hit.i == Mesh::none) return v;
-            const Vec3 tried = v;
-            if (!turn(x, u, hit, v)) return hit.t * tried;
+            const TriangleHit hit = query_.sweep(x, step, planes_);
+            if (hit.i == Mesh::none) return step;
+            const Vec3 tried = step;
+            if (!turn(x, to_hip, hit, step)) return hit.t * tried;
         }
     }
-
-    /// Another wall, while there are steps left.
-    bool turn(const Vec3& x, const Vec3& u, const Hit& hit, Vec3& v) noexcept {
-        if (near_.spent()) return false;
-        near_.take_walls(walls_.count() + 1);
-        return walls_.turn(x, u, hit, v);
+    /// Adds a plane, while there are steps left.
+    bool turn(const Vec3& x, const Vec3& to_hip, const TriangleHit& hit, Vec3& step) noexcept {
+        if (query_.is_budget_spent()) return false;
+        query_.spend_on_planes(planes_.count() + 1);
+        return planes_.turn(x, to_hip, hit, step);
     }
 
-    /// The step v, which meets one wall, further where it rounds an edge or a corner and falls off
-    /// behind: to where it comes no nearer to the HIP at most.
-    Vec3 rounds(const Vec3& x, const Vec3& u, const Vec3& v) noexcept {
-        if (walls_.count() != 1 || near_.spent()) return v;
-        const Vec3 fall = walls_.met() * u, n = walls_.normal(0);
-        const Triangle& t = mesh()[walls_.on(0)];
-        Vec3 slide = v - fall;
-        int straight = 0;
+    /// A step that meets one plane, further where it rounds an edge or a corner and falls away
+    /// behind: at most to where it comes no nearer to the HIP.
+    Vec3 round_an_edge(const Vec3& x, const Vec3& to_hip, const Vec3& step) noexcept {
+        if (planes_.count() != 1 || query_.is_budget_spent()) return step;
+        const Vec3 fall = planes_.first_met() * to_hip;
+        const Vec3 n = planes_.normal(0);
+        const Triangle& t = mesh()[planes_.triangle(0)];
+        Vec3 slide = step - fall;
+        int straight_sides = 0;
         for (const Vec3& side : {t.ab, t.ac, t.ac - t.ab}) {
-            const double p = dot(n, side), square = dot(side, side);
+            const double p = dot(n, side);
+            const double square = dot(side, side);
             if (!(square > 0) || p * p > 1e-12 * square) continue;
-            if (++straight > 1) return v;  // its face
+            if (++straight_sides > 1) return step;  // it lies on the face, not on an edge
             slide = slide - (dot(slide, side) / square) * side;
         }
-        const double left = R_ + dot(n, u - fall);
+        const double left = R_ + dot(n, to_hip - fall);
         const double more = 1.9 * left > R_ ? R_ / left - 1 : 0.9;
-        if (!(more > 0 && dot(slide, slide) > band_ * band_ / 64)) return v;
-        const Vec3 further = v + more * slide;
-        return near_.sweep(x, further, walls_).i == Mesh::none ? further : v;
+        if (!(more > 0 && dot(slide, slide) > band_ * band_ / 64)) return step;
+        const Vec3 further = step + more * slide;
+        return query_.sweep(x, further, planes_).i == Mesh::none ? further : step;
     }
 
-    Tick<3> settled(const Vec3& x, const Vec3& hip) noexcept {
-        Tick<3> tick;
-        rests_ = true;
-        describe(x, hip, settle_.count() > 0 ? 0 : never, tick);
-        if (settle_.count() == 1) tick.normal = settle_.normal();
-        return tick;
+    bool is_in_neighbourhood(const Vec3& x) noexcept {
+        if (distance_ < neighbourhood_) return true;
+        // The triangle that was near in the last tick most likely still is.
+        if (near_triangle_ < mesh().size() && mesh()[near_triangle_].distance(x) < neighbourhood_)
+            return true;
+        double distance = neighbourhood_;
+        near_triangle_ = query_.nearest(x, distance);
+        return near_triangle_ != Mesh::none;
     }
-    void describe(const Vec3& x, const Vec3& hip, double near, Tick<3>& tick) noexcept {
-        if (near <= R_ + band_) {
-            tick.state = State::in_contact;
-            tick.normal = walls_.count() == 1 ? walls_.normal(0) : along(x - hip, 1);
-            if (!(dot(tick.normal, tick.normal) > 0)) tick.normal = away(x);
-            return;
-        }
-        double least = outer_;
-        if (near < outer_ || (seen_ < mesh().size() && mesh()[seen_].distance(x) < outer_))
-            tick.state = State::free_motion;
-        else if ((seen_ = near_.nearest(x, least)) != Mesh::none)
-            tick.state = State::free_motion;
-    }
-    Vec3 away(const Vec3& x) const noexcept {
-        double least = Near::reach * R_;
-        const auto i = near_.nearest(x, least);
+    Vec3 away_from_mesh(const Vec3& x) const noexcept {
+        double distance = TriangleQuery::reach * R_;
+        const std::uint32_t i = query_.nearest(x, distance);
         return i == Mesh::none ? Vec3{} : along(x - mesh()[i].nearest(x), 1);
     }
 
-    double R_, band_, outer_;
-    Near near_;
-    Walls walls_;  // of the last step
-    Settle settle_;
-    Entrance<3, const Near, Bands> entrance_;
-    Vec3 hip_;
-    std::uint32_t seen_ = Mesh::none;  // lay near a free proxy
-    Tick<3> last_;
-    bool rests_ = false;
+    double R_, band_, neighbourhood_;
+    TriangleQuery query_;
+    ContactPlanes planes_;  // of the last step
+    SmoothContact body_;
+    double distance_ = never;  // from the mesh, where the proxy was checked last [m]
+    std::uint32_t near_triangle_ = Mesh::none;  // lay near a free proxy in the last tick
+    bool is_settled_ = false;                   // the proxy rests on the smooth body
+};
+
+class MeshRule : public GuardedRule<MeshMotion, NoStall<3>> {
+  public:
+    /// What a file's single precision, and roundings, may let the proxy sink [R].
+    static constexpr double roundings = 1e-5;
+    /// What roundings leave of a plane [R].
+    static constexpr double tolerance = 1e-11;
+    static constexpr int max_iterations = MeshMotion::max_iterations;
+    static constexpr int max_steps = MeshMotion::max_steps;
+    /// How far away the triangles lie at most that a tick looks at [R].
+    static constexpr double list_reach = TriangleQuery::reach;
+
+    static double band(const Parameters& p, const Surface& s) noexcept {
+        double largest = 0;
+        for (std::size_t i = 0; i < 3 * s.n; ++i)
+            largest = std::max(largest, std::abs(s.points[i]));
+        const double rounding = std::numeric_limits<double>::epsilon() * largest;
+        return std::max(roundings * p.R(), roundings_a_band * rounding);
+    }
+
+    MeshRule(Mesh mesh, SmoothBody body, const Parameters& p)
+        : GuardedRule(MeshMotion(std::move(mesh), body, p), p.R() - body.rise(),
+                      p.band - body.rise()) {}
+
+    std::size_t bytes() const noexcept { return motion().bytes(); }
+    std::size_t cells() const noexcept { return motion().mesh().boxes(); }
+    double distance(const Vec3& x) const noexcept {
+        double distance = never;
+        int steps = 0;  // of no tick
+        motion().mesh().nearest(x, distance, steps);
+        return distance;
+    }
 };
 
 }  // namespace vfplan::mesh

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "vfplan/base/bounds_tree.hpp"
 #include "vfplan/cloud/points.hpp"
 
 namespace vfplan::mesh {
@@ -51,7 +52,8 @@ class Coarse {
             }
         for (bool more = true; more;) {
             more = false;
-            for (std::size_t v = s.n; v-- > 0;) more |= drop(static_cast<std::uint32_t>(v));
+            for (std::size_t v = s.n; v-- > 0;)
+                more |= remove_corner(static_cast<std::uint32_t>(v));
         }
     }
 
@@ -64,7 +66,8 @@ class Coarse {
 
   private:
     static constexpr std::uint32_t gone = ~std::uint32_t{0};
-    static constexpr std::size_t crowd = 64;  // triangles round a corner that is looked at
+    static constexpr std::size_t max_triangles_at_corner =
+        64;  // triangles round a corner that is looked at
 
     Vec3 at(std::uint32_t v) const {
         const double* p = points_ + 3 * std::size_t{v};
@@ -75,20 +78,20 @@ class Coarse {
 
     /// Moves v onto the neighbour that changes least, where that is next to nothing: along an edge
     /// between all but parallel planes, not across it.
-    bool drop(std::uint32_t v) {
-        if (around_[v].empty() || around_[v].size() > crowd) return false;
+    bool remove_corner(std::uint32_t v) {
+        if (around_[v].empty() || around_[v].size() > max_triangles_at_corner) return false;
         double least = never;
         std::uint32_t onto = gone;
         for (const std::uint32_t i : around_[v])
             for (const std::uint32_t w : faces_[i])
-                if (const double off = w == v ? never : change(v, w); off < least)
+                if (const double off = w == v ? never : plane_shift(v, w); off < least)
                     least = off, onto = w;
-        return onto != gone && (move(v, onto), true);
+        return onto != gone && (merge_into(v, onto), true);
     }
 
     /// How far the planes of v's triangles are from those of before [m] if it moves onto w; `never`
     /// where that is beyond the tolerance, a side turns or areas are not filled as they were.
-    double change(std::uint32_t v, std::uint32_t w) const {
+    double plane_shift(std::uint32_t v, std::uint32_t w) const {
         double before = 0, after = 0, least = never, most = 0;
         for (const std::uint32_t i : around_[v]) {
             const Face& t = faces_[i];
@@ -110,7 +113,7 @@ class Coarse {
         return least > 1e-9 * before && filled ? most : never;
     }
 
-    void move(std::uint32_t v, std::uint32_t w) {
+    void merge_into(std::uint32_t v, std::uint32_t w) {
         for (const std::uint32_t i : around_[v]) {
             Face& t = faces_[i];
             if (has(t, w)) {
@@ -159,7 +162,7 @@ struct Triangle {
     double distance(const Vec3& y) const noexcept { return norm(y - nearest(y)); }
 
     /// How far it reaches along n.
-    double reaches(const Vec3& n) const noexcept {
+    double extent_along(const Vec3& n) const noexcept {
         return dot(a, n) + std::max({dot(ab, n), dot(ac, n), 0.0});
     }
 };
@@ -183,11 +186,20 @@ class Mesh {
   public:
     static constexpr std::uint32_t none = ~std::uint32_t{0};
 
-    /// `tolerance` [m]: how far its places may move where it has more triangles than it needs.
+    /// `tolerance` [m]: how far its places may merge_into where it has more triangles than it
+    /// needs.
     Mesh(const Surface& s, double tolerance) {
         std::vector<Item> items;
         Coarse(s, tolerance).each([&](const auto&... corner) { items.emplace_back(corner...); });
-        plant(items, 0, items.size());
+        tree_.build(
+            0, items.size(),
+            [&](std::size_t first, std::size_t last) {
+                const Extent e = extent(items, first, last);
+                return disc(items, first, last, 0.5 * (e.low + e.high), along(e.up, 1));
+            },
+            [&](std::size_t first, std::size_t last) {
+                sort_along_longest_side(items, first, last);
+            });
         triangles_.reserve(items.size());
         faces_.reserve(items.size());
         for (const Item& i : items) {
@@ -200,27 +212,16 @@ class Mesh {
     /// The rows of its corners in the surface.
     const Coarse::Face& face(std::uint32_t i) const noexcept { return faces_[i]; }
     std::size_t size() const noexcept { return triangles_.size(); }
-    std::size_t boxes() const noexcept { return nodes_.size(); }
+    std::size_t boxes() const noexcept { return tree_.size(); }
     std::size_t bytes() const noexcept {
-        return triangles_.capacity() * (sizeof(Triangle) + sizeof(Coarse::Face)) +
-               nodes_.capacity() * sizeof(Node);
+        return triangles_.capacity() * (sizeof(Triangle) + sizeof(Coarse::Face)) + tree_.bytes();
     }
 
-    /// Calls f(i) for every triangle in a disc that `near` says so of. Returns the inner steps that
-    /// it took: one a disc, three a triangle.
-    template <class Near, class F>
-    int visit(Near&& near, F&& f) const noexcept {
-        int steps = 0;
-        for (std::uint32_t k = 0; k < nodes_.size(); ++steps) {
-            const Node& node = nodes_[k];
-            if (!near(node.disc)) {
-                k = node.skip;
-                continue;
-            }
-            for (std::uint32_t i = node.first; i < node.last; ++i, steps += 3) f(i);
-            ++k;
-        }
-        return steps;
+    /// Calls f(i) for every triangle in a disc that `is_near(disc)` says so of. Returns the inner
+    /// steps that it took: one a disc, three a triangle.
+    template <class IsNear, class F>
+    int visit(IsNear&& is_near, F&& f) const noexcept {
+        return tree_.visit(is_near, f);
     }
     /// ... for every one within `reach` of y, which may shrink, and some more.
     template <class F>
@@ -239,8 +240,6 @@ class Mesh {
     }
 
   private:
-    static constexpr std::size_t leaf = 4;  // triangles under one box
-
     struct Item {
         std::array<Vec3, 3> corner;
         Vec3 middle;
@@ -248,12 +247,6 @@ class Mesh {
         Item(const Vec3& a, const Vec3& b, const Vec3& c, const Coarse::Face& face)
             : corner{a, b, c}, middle((1.0 / 3) * (a + b + c)), rows(face) {}
     };
-    struct Node {
-        Disc disc;
-        std::uint32_t first = 0, last = 0;  // triangles of a leaf; none of a branch
-        std::uint32_t skip = 0;             // the node behind all that hang on this one
-    };
-
     /// Around `middle`, but for how high that is.
     static Disc disc(const std::vector<Item>& items, std::size_t first, std::size_t last,
                      const Vec3& middle, const Vec3& n) {
@@ -268,41 +261,40 @@ class Mesh {
         constexpr double more = 1 + 1e-9;  // roundings
         return {middle + (low + top) / 2 * n, n, more * std::sqrt(wide2), more * (top - low) / 2};
     }
-    /// Halves them along the longest side of their box, in an order that no library chooses.
-    void plant(std::vector<Item>& items, std::size_t first, std::size_t last) {
-        const std::size_t at = nodes_.size();
-        Vec3 least{{never, never, never}}, most = -1 * least, up;
+    struct Extent {
+        Vec3 low{{never, never, never}}, high{{-never, -never, -never}};
+        Vec3 up;  // sum of the areas' normals
+    };
+    static Extent extent(const std::vector<Item>& items, std::size_t first, std::size_t last) {
+        Extent e;
         for (std::size_t i = first; i < last; ++i) {
             const auto& [a, b, c] = items[i].corner;
-            up = up + cross(b - a, c - a);
-            for (const Vec3& p : items[i].corner)
+            e.up = e.up + cross(b - a, c - a);
+            for (const Vec3& p : items[i].corner) {
                 for (int k = 0; k < 3; ++k) {
-                    least.c[k] = std::min(least.c[k], p.c[k]);
-                    most.c[k] = std::max(most.c[k], p.c[k]);
+                    e.low.c[k] = std::min(e.low.c[k], p.c[k]);
+                    e.high.c[k] = std::max(e.high.c[k], p.c[k]);
                 }
+            }
         }
-        nodes_.push_back({disc(items, first, last, 0.5 * (least + most), along(up, 1)), 0, 0, 0});
-        if (last - first <= leaf) {
-            nodes_[at].first = static_cast<std::uint32_t>(first);
-            nodes_[at].last = static_cast<std::uint32_t>(last);
-        } else {
-            const Vec3 size = most - least;
-            int k = size[1] > size[0] ? 1 : 0;
-            if (size[2] > size[k]) k = 2;
-            const auto from = items.begin() + static_cast<std::ptrdiff_t>(first);
-            std::stable_sort(
-                from, items.begin() + static_cast<std::ptrdiff_t>(last),
-                [k](const Item& a, const Item& b) { return a.middle[k] < b.middle[k]; });
-            const std::size_t half = first + (last - first) / 2;
-            plant(items, first, half);
-            plant(items, half, last);
-        }
-        nodes_[at].skip = static_cast<std::uint32_t>(nodes_.size());
+        return e;
+    }
+    /// Sorts the items along the longest side of their box, in an order that no library chooses.
+    static void sort_along_longest_side(std::vector<Item>& items, std::size_t first,
+                                        std::size_t last) {
+        const Extent e = extent(items, first, last);
+        const Vec3 size = e.high - e.low;
+        int k = size[1] > size[0] ? 1 : 0;
+        if (size[2] > size[k]) k = 2;
+        const auto begin = items.begin();
+        std::stable_sort(begin + static_cast<std::ptrdiff_t>(first),
+                         begin + static_cast<std::ptrdiff_t>(last),
+                         [k](const Item& a, const Item& b) { return a.middle[k] < b.middle[k]; });
     }
 
     std::vector<Triangle> triangles_;
     std::vector<Coarse::Face> faces_;
-    std::vector<Node> nodes_;
+    BoundsTree<Disc> tree_;
 };
 
 }  // namespace vfplan::mesh

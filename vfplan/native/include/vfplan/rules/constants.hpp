@@ -1,64 +1,86 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The numbers of the robust rule that no formula gives, each with its reason. docs/make_tuned.py
-// varies them one by one and prints what each change does; docs/engine.md has the table.
+// The numbers of the robust rule that no formula gives, one a statement, with unit and reason.
+// docs/make_tuned.py halves and doubles each of them and prints what that changes; docs/robust.md
+// has the table.
 //
-// g = sqrt(band / R) ties them to the cloud: the band is as deep as the dimples of a sheet of
+// g = sqrt(band / R) ties them to the cloud. The band is as deep as the dimples of a sheet of
 // spacing 2 g R, or of a curve of spacing 2 sqrt(2) g R, and the nearest sample then lies at most
 // sqrt(2) g R beside the foot.
 #pragma once
 
 namespace vfplan::tuned {
 
-/// Radius of the fit in such spacings. A quadric needs the second ring of samples, and bends away
-/// from what is further off.
-inline constexpr double window = 2.2;
-/// ... in R at most: wide enough for three samples a side at the coarsest spacing that holds, R.
-inline constexpr double widest_window = 1.7;
+/// Radius of the fit, in spacings of a cloud whose dimples are as deep as the band. A quadric needs
+/// the second ring of samples, and bends away from what is further away.
+inline constexpr double fit_spacings = 2.2;
 
-/// How far a fitted normal may lean from the mean direction of the contacts, in the sine sqrt(2) g
-/// that sampling alone explains. Less: the normal of the mean leads, with its cogging; more: a rim
-/// is taken for a surface.
-inline constexpr double lean = 1.3;
+/// Largest radius of the fit, in R. It holds three samples a side at the coarsest spacing that
+/// holds the proxy back, which is R.
+inline constexpr double max_fit_radius = 1.7;
 
-/// How far the centre of the samples lies from the foot, in radii of the fit, up to which they
-/// surround it, and from where on they do not. At a straight border it is 0.29 (sheet) or 0.31
-/// (curve), by the weights' integrals. Up to 0.25 alone would find edges sharper, but among thick
-/// pixels holds the proxy back (test_rests.py, the sample's mask).
-inline constexpr double surrounded = 0.18, one_sided = 0.38;
+/// How far a fitted normal may tilt from the mean direction of its points, as a multiple of the
+/// sine sqrt(2) g that sampling alone explains. With less, the mean leads and the proxy cogs from
+/// sample to sample; with more, a rim is taken for a surface.
+inline constexpr double max_tilt = 1.3;
 
-/// Directions of contacts that differ by less than this, in g, belong to one surface: three
-/// spacings, so that a missing sample does not part it. As a sine between way and sphere it is
-/// where a sphere of radius R stops a sweep: those of the surface that the proxy slides on are met
-/// under sines up to 3 g.
-inline constexpr double linked = 6;
-/// ... as an angle at most: walls of a corner of up to 128 degrees stay two. Its half is the
-/// largest sine of a lean and of a sphere's meeting, for what is steeper is the other wall.
-inline constexpr double most_linked = 0.9;
+/// How far the centre of the samples may lie from the foot if they surround it, in radii of the
+/// fit. At a straight border the weights' integrals give 0.29 (sheet) or 0.31 (curve).
+inline constexpr double surrounded_offset = 0.18;
 
-/// Of R: reach of the list of neighbours, that the brief sweeps need; three quarters of it: how far
-/// the proxy goes before it is gathered anew; twice: the side of a grid's cell. It costs or saves
-/// time, and changes no answer.
-inline constexpr double brief = 0.2;
+/// From where on they lie on one side, in radii of the fit. With 0.25 edges would be found sharper,
+/// but among thick pixels the proxy is then held back (tests/engine/test_rests.py, the mask).
+inline constexpr double one_sided_offset = 0.38;
 
-/// Of the band: a step below it is none; rest is held to it.
-inline constexpr double min_advance = 1e-2;
-/// Of the band: margin of a sweep before R - band, and of a tick before it lets |proxy - HIP| grow;
-/// and how far from where patience began a HIP counts as not moved. Two such ways change what a
-/// step gains by four times as much at most, less than `min_advance`: no step gains by noise.
-inline constexpr double margin = 1e-3;
-/// Of the band: by how much a step may miss a wall through rounding.
-inline constexpr double slack = 1e-6;
-/// Of R: by how much a sweep ends before the sphere that it met, far more than a rounding of R.
-inline constexpr double hair = 1e-9;
-/// Ticks that the HIP has not moved from where on only a gain counts.
-inline constexpr int patience = 32;
-/// Bands that count as sinking: no contact is further off than this, no lift is longer, between
-/// several walls the points among which it squeezes must give more, and lifts below one place of
-/// the HIP may take the proxy away by no more, until it has come nearer by a band.
-inline constexpr double deep = 2;
+/// Share of the weights that a slope has to beat, so that it counts only if the points show it.
+inline constexpr double slope_ridge = 1e-7;
 
-/// Least 1 + h kappa of a hollow: in one nearly as narrow as the proxy the foot is anywhere.
-inline constexpr double narrowest = 0.2;
+/// The same of a curvature, which counts only if the points need it.
+inline constexpr double curvature_ridge = 1e-4;
+
+/// Angle between two directions of one surface, in g. It spans three spacings, so that a missing
+/// sample does not part a surface. As a sine between path and sphere it is also where a sphere of
+/// radius R stops a sweep: those of the surface that the proxy slides on are met under sines of up
+/// to 3 g.
+inline constexpr double same_surface_angle = 6;
+
+/// Largest such angle [rad]: the walls of a corner of up to 128 degrees stay two. Half of it is the
+/// largest sine of a tilt and of the meeting with a sphere, for what is steeper is the other wall.
+inline constexpr double max_same_surface_angle = 0.9;
+
+/// Reach of the list of neighbours beyond R, in R: what short sweeps need. Three quarters of it is
+/// how far the proxy goes before the list is gathered anew, twice of it the side of a grid's cell.
+/// It costs or saves time and changes no answer.
+inline constexpr double list_margin = 0.2;
+
+/// Length below which a step is none, in bands. Rest is held to it.
+inline constexpr double min_step = 1e-2;
+
+/// Margin of a sweep before R - b, of a tick before |proxy - HIP| grows, and the distance within
+/// which a HIP counts as not moved; in bands. Two such steps change a gain by at most four times as
+/// much, which is less than `min_step`: no step gains by noise.
+inline constexpr double gain_margin = 1e-3;
+
+/// By how much a step may miss a plane through rounding, in bands.
+inline constexpr double plane_slack = 1e-6;
+
+/// By how much a sweep ends before the sphere that it meets, in R: far more than a rounding of R.
+inline constexpr double stop_before = 1e-9;
+
+/// Number of ticks in which the HIP has not moved, from where on only a gain counts.
+inline constexpr int ticks_to_stall = 32;
+
+/// Bands that count as sinking. No contact is further away than this and no lift is longer. Between
+/// several surfaces the points among which the proxy squeezes must give more. The lifts below one
+/// place of the HIP may take the proxy away by no more, until it has come nearer by a band.
+inline constexpr double max_lift_bands = 2;
+
+/// Smallest 1 + h kappa of a hollow. In one that is nearly as narrow as the proxy the foot is
+/// anywhere.
+inline constexpr double narrowest_hollow = 0.2;
+
+/// How much the force may change a tick after a start inside, an exchange or an edit, besides
+/// following the HIP: K times this share of R.
+inline constexpr double force_ramp = 0.00390625;  // 1/256
 
 }  // namespace vfplan::tuned

@@ -6,10 +6,11 @@
 
 #include "vfplan/cloud/grid.hpp"
 #include "vfplan/parameters.hpp"
+#include "vfplan/rules/start_inside.hpp"
 
 namespace vfplan {
 
-template <int D, template <int> class Search>
+template <int D>
 class PaperRule {
   public:
     static constexpr int dimension = D;
@@ -18,37 +19,37 @@ class PaperRule {
         : p_(p),
           kernels_(kernels),
           reach_(p.outer_radius + p.point_radius),
-          neighbours_(cloud, reach_, 0.05 * reach_, reach_ / 4, kernels) {}
+          neighbours_(cloud, reach_, 0.05 * reach_, reach_ / 4, p.search, kernels) {}
 
     void reset() noexcept {
         neighbours_.forget();
         known_ = false;
     }
-    void go_on(const void*) noexcept { reset(); }
-    Search<D>& neighbours() noexcept { return neighbours_; }
+    void continue_from(const FreeBefore<D>*) noexcept { reset(); }
+    Neighbours<D>& neighbours() noexcept { return neighbours_; }
 
     /// Algorithm 1, one servo loop.
-    Tick<D> operator()(Vec<D>& proxy, const Vec<D>& hip) noexcept {
-        Tick<D> tick;
+    RuleAnswer<D> step(Vec<D>& proxy, const Vec<D>& hip) noexcept {
+        RuleAnswer<D> answer;
         const auto [normal, de] = sight(proxy);
         const double rv = p_.point_radius, r1 = p_.r1();
         if (!(de < reach_)) {  // Algorithm 4, no neighbour: s = P_HIP - P_proxy
             proxy = hip;
-            return tick;
+            return answer;
         }
-        tick.normal = normal;
+        answer.normal = normal;
         const Vec<D> u = hip - proxy;
         if (de < r1 + rv) {
-            tick.state = State::entrenched;
-            proxy = proxy + leave(proxy, tick.normal) * tick.normal;
+            answer.state = State::entrenched;
+            proxy = proxy + leave(proxy, answer.normal) * answer.normal;
         } else if (de <= p_.r2() + rv) {
-            tick.state = State::in_contact;
-            proxy = proxy + contact_step(u, tick.normal);
+            answer.state = State::in_contact;
+            proxy = proxy + contact_step(u, answer.normal);
         } else {
-            tick.state = State::free_motion;
-            proxy = proxy + free_step(proxy, hip, u, tick.normal, de);
+            answer.state = State::free_motion;
+            proxy = proxy + free_step(proxy, hip, u, answer.normal, de);
         }
-        return tick;
+        return answer;
     }
 
   private:
@@ -65,7 +66,7 @@ class PaperRule {
     const Sight& sight(const Vec<D>& proxy) noexcept {
         if (known_ && proxy == from_) return sight_;
         NormalSum<D> near;
-        neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
+        neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
             kernels_.normal(s, proxy, p_.r1(), p_.outer_radius, near);
         });
         sight_.nearest = std::sqrt(near.nearest2);
@@ -87,7 +88,7 @@ class PaperRule {
     Vec<D> direction_closely(const Vec<D>& proxy) noexcept {
         Vec<D> sum;
         double weights = 0;
-        neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
+        neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
             for (std::size_t i = 0; i < s.n; ++i) {
                 const Vec<D> away = proxy - s[i];
                 const double r = norm(away);
@@ -126,8 +127,8 @@ class PaperRule {
         if (de > (R + length) * (1 + 1e-12)) return u;  // no sphere begins within the step
         const Vec<D> way = (1 / length) * u;
         double d = std::numeric_limits<double>::infinity();
-        neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
-            d = std::min(d, kernels_.first(s, proxy, way, reach_ * reach_, R * R));
+        neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
+            d = std::min(d, kernels_.first_root_eq3(s, proxy, way, reach_ * reach_, R * R));
         });
         if (d >= length) return u;  // nothing in the way: special case 2 would change nothing
         const bool hip_inside = dot(n, u) < 0;
@@ -139,7 +140,7 @@ class PaperRule {
     /// Special case 2: the in-neighbour points are further from the HIP than from the proxy.
     bool moves_away(const Vec<D>& proxy, const Vec<D>& hip) noexcept {
         Distances sum;
-        neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
+        neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
             kernels_.distances(s, proxy, hip, reach_ * reach_, sum);
         });
         return sum.to_hip / sum.count > sum.to_proxy / sum.count;
@@ -150,8 +151,8 @@ class PaperRule {
         const double R = p_.R(), inside = p_.r1() + p_.point_radius;
         double most = 0;
         bool any = false;
-        neighbours_.visit(proxy, reach_, [&](const Span<D>& s) noexcept {
-            const double d = kernels_.out(s, proxy, n, inside * inside, R * R);
+        neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
+            const double d = kernels_.last_root_eq7(s, proxy, n, inside * inside, R * R);
             most = any ? std::max(most, d) : d;
             any = true;
         });
@@ -161,7 +162,7 @@ class PaperRule {
     Parameters p_;
     Kernels<D> kernels_;
     double reach_;
-    Search<D> neighbours_;
+    Neighbours<D> neighbours_;
     Sight sight_;  // from from_, where known_
     Vec<D> from_;
     bool known_ = false;

@@ -1,13 +1,17 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // The default rule. The proxy never enters a sphere of radius R - band around a point, slides on
-// the surfaces that the points sample, is held by every wall of a corner, and lets go.
+// the surfaces that the points sample, is held by every wall of a corner, and lets go. The numbers
+// in brackets are the equations of docs/robust.md.
 //
-// An iteration: find the surfaces that touch; fit each one's normal; take the step towards the HIP
-// that keeps to all of them at height R; go along it until a sphere is met.
+// A tick first tries the straight path to the HIP. Where something is in the way, it iterates. Each
+// iteration finds the surfaces that TOUCH the proxy, chooses the STEP towards the HIP that keeps to
+// all of them, SWEEPS along it until the sphere of a point is met, and ACCEPTS what brings the
+// proxy nearer. GuardedRule (rules/rule.hpp) then checks where the proxy has come to.
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "vfplan/base/half_spaces.hpp"
@@ -17,457 +21,394 @@
 #include "vfplan/parameters.hpp"
 #include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/contacts.hpp"
-#include "vfplan/rules/start_inside.hpp"
+#include "vfplan/rules/rule.hpp"
 
 namespace vfplan {
 
-// Whether the HIP rests, so that the proxy has to come to rest as well.
-//
-// On one surface a lift may take the proxy away from the HIP, and the slide that follows may bring
-// it back to where it was: round and round among points that no fit explains. So the lifts below
-// one place of the HIP are limited. Beyond, the proxy descends or stays, and towards that place: a
-// HIP that trembles around it gives no new reason to move. Without it
-// test_a_trembling_hip_does_not_keep_it_moving fails.
+/// What stops a sweep: spheres of radius `outer` that are met steeply, and spheres of radius
+/// `inner` that are grazed. (R5)
+struct SweepRadii {
+    double outer, inner;  ///< [m]
+    double steep;  ///< sine of the angle between path and sphere above which a meeting is steep
+};
 
+struct SweepResult {
+    double length;                 ///< of the free part of the path [m]
+    bool is_out_of_parts = false;  ///< the path is longer than a tick may look at
+};
+
+/// How far the proxy gets along a straight path before it meets the sphere of a point. It is exact
+/// whatever the length, so that no HIP is fast enough to pass a wall. (R5)
 template <int D>
-class Rest {
+class Sweep {
   public:
-    explicit Rest(double band) noexcept : band_(band) {}
+    /// A long path is looked at in parts of length R; this many of all paths of a tick.
+    static constexpr int max_parts = 128;
 
-    /// Nothing holds the proxy.
-    void wake() noexcept { held_ = false; }
+    Sweep(const Kernels<D>& kernels, double radius) noexcept : kernels_(kernels), R_(radius) {}
 
-    /// A tick begins with the proxy held, `distance` from the HIP h: what the rule is to move it
-    /// to, near h. `ticks`: as how many it counts where the HIP is still.
-    const Vec<D>& goal(const Vec<D>& h, double distance, int ticks) noexcept {
-        if (!held_ || !near(h, place_, 1)) {
-            held_ = true;
-            place_ = still_at_ = h;
-            least_ = distance;
-            lifted_ = 0;
-            still_ = 0;
-        } else if (!near(h, still_at_, tuned::margin)) {
-            still_at_ = h;
-            still_ = 0;
-        } else if (still_ < tuned::patience) {
-            still_ = std::min(still_ + ticks, tuned::patience);
-            if (still_ == tuned::patience) place_ = h;
+    void begin_tick() noexcept { parts_left_ = max_parts; }
+
+    /// How much of the path of this length from x along the unit vector `direction` is free.
+    SweepResult operator()(Neighbours<D>& neighbours, const Vec<D>& x, const Vec<D>& direction,
+                           double length, const SweepRadii& radii) noexcept {
+        const double steep = radii.steep * radii.outer;
+        Ray<D> ray{x, direction, radii.outer * radii.outer, radii.inner * radii.inner,
+                   steep * steep};
+        if (length <= R_) return {std::min(length, first_hit(neighbours, ray, length))};
+        double from, to;
+        if (!neighbours.index().box().clip(x, direction, length, R_, from, to)) return {length};
+        while (parts_left_ > 0) {
+            const double part = std::min(R_, to - from);
+            if (part <= 0) return {length};
+            ray.from = x + from * direction;
+            const double hit = first_hit(neighbours, ray, part);
+            if (hit < part) return {std::min(length, from + hit)};
+            from += R_;
+            --parts_left_;
         }
-        stalled_ = still_ == tuned::patience || lifted_ > tuned::deep * band_;
-        return stalled_ ? place_ : h;
-    }
-
-    /// Whether each iteration of this tick has to bring the proxy nearer to its goal.
-    bool is_stalled() const noexcept { return stalled_; }
-
-    /// An iteration has changed |proxy - goal| by `growth`.
-    void count_lift(double growth) noexcept {
-        if (growth > tuned::min_advance * band_) lifted_ += growth;
-    }
-
-    /// The iterations went to x, to the end or until there were none left: as much as a lift of b.
-    void ends(const Vec<D>& x, bool end) noexcept {
-        if (!end) lifted_ += band_;
-        if (!(lifted_ > 0)) return;
-        if (const double left = norm(place_ - x); left < least_ - band_) {  // it gets somewhere
-            least_ = left;
-            lifted_ = 0;
-        }
-    }
-
-    /// Whether the tick from `start` to x, the HIP at h, is to be undone: its iterations brought
-    /// the proxy hardly nearer to its goal, or it is further from the HIP than any tick may take
-    /// it.
-    bool undoes(const Vec<D>& start, const Vec<D>& x, const Vec<D>& h,
-                int iterations) const noexcept {
-        if (!stalled_) return false;
-        const double gain = norm(place_ - start) - norm(place_ - x);
-        return !(gain > iterations * tuned::min_advance * band_ &&
-                 norm(h - x) <= norm(h - start) + band_);
+        return {std::min(length, from), true};
     }
 
   private:
-    bool near(const Vec<D>& a, const Vec<D>& b, double bands) const noexcept {
-        const Vec<D> d = a - b;
-        return dot(d, d) <= bands * bands * band_ * band_;
-    }
-
-    double band_;
-    bool held_ = false, stalled_ = false;
-    Vec<D> place_;       // of the HIP, where the lifts are counted
-    double lifted_ = 0;  // by which they took the proxy away from its goal
-    double least_ = 0;   // |proxy - place_| from where they are counted
-    Vec<D> still_at_;
-    int still_ = 0;  // ticks that the HIP has been at still_at_
-};
-
-// How far the proxy can go along a straight way: the whole way, not a step of it.
-
-/// What stops the proxy: spheres of radius `outer` met steeply, of radius `inner` met at a graze.
-struct Obstacles {
-    double outer, inner;
-    double steep;  ///< sine of the angle between way and sphere above which a meeting is steep
-};
-
-template <int D, class Search>
-class Travel {
-  public:
-    static constexpr int most_stretches = 128;  // of all ways of a tick, each as long as R
-
-    Travel(const Kernels<D>& kernels, double radius) noexcept : kernels_(kernels), R_(radius) {}
-
-    /// A tick begins.
-    void begin() noexcept { left_ = most_stretches; }
-
-    /// Length of the part of [0, length] from x along the unit vector `way` that is free. `limit`
-    /// is set when the way has more stretches than a tick may look at; the answer is then what was
-    /// seen.
-    double operator()(Search& search, const Vec<D>& x, const Vec<D>& way, double length,
-                      const Obstacles& o, bool& limit) noexcept {
-        const double steep = o.steep * o.outer;
-        Ray<D> ray{x, way, o.outer * o.outer, o.inner * o.inner, steep * steep};
-        if (length <= stretch()) return std::min(length, first(search, ray, length));
-        double a, b;
-        if (!search.source().box().clip(x, way, length, R_, a, b)) return length;
-        for (; left_ > 0; --left_, a += stretch()) {
-            const double most = std::min(stretch(), b - a);
-            if (most <= 0) return length;
-            ray.from = x + a * way;
-            const double s = first(search, ray, most);
-            if (s < most) return std::min(length, a + s);
-        }
-        limit = true;
-        return std::min(length, a);
-    }
-
-  private:
-    double stretch() const noexcept { return R_; }
-
-    double first(Search& search, const Ray<D>& ray, double length) const noexcept {
-        double s = std::numeric_limits<double>::infinity();
-        // Short ways lie in the list around the proxy; long ones are asked around their middle.
-        const bool brief = length <= tuned::brief * R_;
-        const Vec<D> around = brief ? ray.from : ray.from + 0.5 * length * ray.way;
-        const double reach = R_ + (brief ? length : 0.5 * length);
-        const auto look = [&](const Span<D>& span) noexcept {
-            s = std::min(s, kernels_.meet(span, ray));
+    /// The list around the proxy serves a short path; the points beside a long one are looked up
+    /// around its middle.
+    double first_hit(Neighbours<D>& neighbours, const Ray<D>& ray, double length) const noexcept {
+        double hit = std::numeric_limits<double>::infinity();
+        const auto include = [&](const PointSpan<D>& points) noexcept {
+            hit = std::min(hit, kernels_.ray_hit(points, ray));
         };
-        if (brief)
-            search.visit(around, reach, look);
-        else
-            search.source().visit(around, reach, look);
-        // A hair before the sphere, so that it is met again and not, by a rounding, entered.
-        return std::max(0.0, s - tuned::hair * R_);
+        if (length <= tuned::list_margin * R_) {
+            neighbours.visit(ray.from, R_ + length, include);
+        } else {
+            const Vec<D> middle = ray.from + 0.5 * length * ray.direction;
+            neighbours.index().visit(middle, R_ + 0.5 * length, include);
+        }
+        // The path ends a little before the sphere, so that the sphere is met again in the next
+        // sweep and not, by a rounding, entered.
+        return std::max(0.0, hit - tuned::stop_before * R_);
     }
 
     Kernels<D> kernels_;
     double R_;
-    int left_ = most_stretches;
+    int parts_left_ = max_parts;
 };
 
-// Where fitted surfaces leave no way, the points themselves decide: the step nearest to a wished
-// one that runs into none of the points that touch the proxy, the god-object's own.
-
-template <int D, class Search>
-class Touched {
+/// How the rule moves a proxy that is outside.
+template <int D>
+class RobustMotion {
   public:
-    static constexpr int most = 8;  // points that may bend the step
-
-    explicit Touched(const Kernels<D>& kernels) noexcept : kernels_(kernels) {}
-
-    /// argmin |v - u| with (x - p) · v >= 0 for the points p within `reach` of x, by a hair more
-    /// than 0, so that rounding does not stop it at once. The points that v runs into most steeply
-    /// are taken one after the other, until there is none.
-    Vec<D> operator()(Search& search, const Vec<D>& x, const Vec<D>& u, double reach,
-                      double slack) const noexcept {
-        Wall<D> wall[most];
-        Vec<D> v = u;
-        for (int count = 0; count < most; ++count) {
-            double into = 0;
-            visit(search, x, reach, [&](const Vec<D>& away) noexcept {
-                const double r = norm(away), a = dot(away, v);
-                if (r > 0 && a < into * r) into = a / r, wall[count] = {(1 / r) * away, slack};
-            });
-            if (into == 0) break;
-            v = project(u, wall, count + 1, 0.5 * slack);
-            if (!(norm(v) > slack)) break;
-        }
-        return v;
-    }
-
-  private:
-    template <class F>
-    void visit(Search& search, const Vec<D>& x, double reach, F&& f) const noexcept {
-        search.visit(x, reach, [&](const Span<D>& s) noexcept {
-            std::uint32_t which[room];
-            const std::size_t n = kernels_.within(s, x, reach * reach, which, room);
-            for (std::size_t i = 0; i < std::min(n, room); ++i) f(x - s[which[i]]);
-            if (n <= room) return;
-            for (std::size_t i = which[room - 1] + 1; i < s.n; ++i) {  // a crowd of points
-                const Vec<D> w = x - s[i];
-                if (dot(w, w) <= reach * reach) f(w);
-            }
-        });
-    }
-
-    static constexpr std::size_t room = 256;
-    Kernels<D> kernels_;
-};
-
-template <int D, template <int> class SearchOf>
-class RobustRule {
-  public:
-    using Search = SearchOf<D>;
     static constexpr int dimension = D;
+    /// A proxy at rest may move on under a HIP that stays where it is, until it is stalled.
+    static constexpr bool rest_is_final = false;
 
-    RobustRule(const Thinned<D>& of, const Parameters& p, const Kernels<D>& kernels)
+    RobustMotion(const Thinned<D>& thinned, const Parameters& p, const Kernels<D>& kernels)
         : p_(p),
           kernels_(kernels),
           R_(p.R()),
-          safe2_((R_ - p.band + of.lent) * (R_ - p.band + of.lent)),
-          grain_(std::sqrt(p.band / R_)),
-          graze_{R_, R_ - (p.band - of.lent) * (1 - tuned::margin),
-                 std::min(tuned::linked * grain_, tuned::most_linked / 2)},
-          full_{R_, R_ - (p.band - of.lent) * (1 - tuned::margin), 0},
+          safe2_((R_ - p.band + thinned.lent) * (R_ - p.band + thinned.lent)),
+          g_(std::sqrt(p.band / R_)),
+          sliding_radii_{
+              R_, R_ - (p.band - thinned.lent) * (1 - tuned::gain_margin),
+              std::min(tuned::same_surface_angle * g_, tuned::max_same_surface_angle / 2)},
+          free_radii_{R_, R_ - (p.band - thinned.lent) * (1 - tuned::gain_margin), 0},
           surfaces_(kernels, R_, p.band),
-          neighbours_(of.cloud, reach(), 0.75 * tuned::brief * R_, 2 * tuned::brief * R_, kernels),
-          travel_(kernels, R_),
-          entrance_({kernels, R_}, R_),
-          handover_(R_),
-          touched_(kernels),
-          rest_(p.band) {}
+          neighbours_(thinned.cloud, list_reach(), 0.75 * tuned::list_margin * R_,
+                      2 * tuned::list_margin * R_, p.search, kernels),
+          sweep_(kernels, R_) {}
 
-    Search& neighbours() noexcept { return neighbours_; }
-    void reset() noexcept {
+    Neighbours<D>& neighbours() noexcept { return neighbours_; }
+    InsideCloud<D> inside() const noexcept { return {neighbours_.index(), kernels_, R_}; }
+    void begin_tick() noexcept {}
+    void release() noexcept {}
+    void reset() noexcept { forget(); }
+    /// What is known of the surroundings may be wrong by now.
+    void forget() noexcept {
         neighbours_.forget();
         surfaces_.forget();
-        entrance_.reset();
-        handover_.stop();
-        rest_.wake();
     }
-    /// As a reset, but a proxy that is inside is led out from where it is.
-    void go_on(const Passage<D>* before) noexcept {
-        reset();
-        entrance_.go_on(before);
-    }
-    /// A point at p came or went.
-    void edited(const Vec<D>& p, bool came) noexcept {
-        handover_.forget();
-        if (!neighbours_.reaches(p)) return;
-        neighbours_.forget();
-        surfaces_.forget();
-        rest_.wake();
-        if (came) entrance_.look_again();
+    int iterations() const noexcept { return iterations_; }
+
+    bool is_clear(const Vec<D>& proxy) noexcept { return is_outside(proxy); }
+    /// Whether no point is nearer than R - b. (R6)
+    bool is_outside(const Vec<D>& proxy) noexcept {
+        nearest2_ = nearest2(proxy, surfaces_.touch_radius());
+        return nearest2_ >= safe2_;
     }
 
-    /// One servo loop.
-    Tick<D> operator()(Vec<D>& proxy, const Vec<D>& hip) noexcept {
-        const auto clear = [&]() noexcept { return nearest2(proxy, surfaces_.shell()) >= safe2_; };
-        if (!entrance_.outside(neighbours_, proxy, hip, clear)) {
-            handover_.stop();
-            if (entrance_.taking_over()) handover_.begin();
-            return entrance_.tick();
+    /// Towards the HIP: straight, or by iterations until the proxy has arrived, rests, or has none
+    /// left.
+    MotionEnd move(Vec<D>& proxy, const Vec<D>& hip, StallTest<D>& stall,
+                   PlannedPath<D>& path) noexcept {
+        const double distance = norm(hip - proxy);
+        // |proxy - HIP| never grows by more than the band in a tick: a lift has to wait its turn.
+        distance_limit_ = distance + p_.band * (1 - tuned::gain_margin);
+        is_path_too_long_ = false;
+        iterations_ = 0;
+        sweep_.begin_tick();
+        if (try_straight_path(proxy, hip, distance, path)) {
+            stall.release();
+            return MotionEnd::rests;
         }
-        return handover_.active() ? take_over(proxy, hip) : follow(proxy, hip);
+
+        const int ticks = path.is_recording() ? tuned::ticks_to_stall : 1;
+        const Vec<D>& goal = stall.goal(hip, distance, ticks);
+        lift_first_ = false;
+        for (; iterations_ < p_.max_iterations && !is_path_too_long_; ++iterations_) {
+            const Iteration done = iterate(proxy, goal, stall, path);
+            if (done == Iteration::rests && !is_path_too_long_) {
+                if (!path.is_full()) ++iterations_;
+                return MotionEnd::rests;
+            }
+            if (path.is_full()) break;
+        }
+        return MotionEnd::limit;
+    }
+
+    /// Which state the proxy is in, and where the surfaces push it.
+    RuleAnswer<D> contact(const Vec<D>& proxy, const Vec<D>& hip) noexcept {
+        RuleAnswer<D> answer;
+        const double contact = R_ + p_.band;
+        const double neighbourhood = p_.outer_radius + p_.point_radius;
+        const bool is_known_to_touch = surfaces_.is_known_at(proxy) && surfaces_.count() > 0;
+        if (nearest2_ <= contact * contact || is_known_to_touch) {
+            answer.state = State::in_contact;
+            surfaces_.update(neighbours_, proxy);
+            answer.normal = surfaces_.normal(hip - proxy, min_step(), plane_slack());
+        } else if (nearest2_ < neighbourhood * neighbourhood ||
+                   nearest2(proxy, neighbourhood) < neighbourhood * neighbourhood) {
+            answer.state = State::free_motion;
+        }
+        return answer;
     }
 
   private:
-    /// One servo loop of a proxy that is outside.
-    Tick<D> follow(Vec<D>& proxy, const Vec<D>& hip) noexcept {
-        Tick<D> tick;
-        const Vec<D> start = proxy;
-        const double distance = norm(hip - proxy);
-        now_.most = distance + p_.band * (1 - tuned::margin);
-        now_.far = false;
-        travel_.begin();
-        if (try_straight_path(proxy, hip, distance)) {
-            rest_.wake();
-        } else {
-            const int ticks =
-                handover_.planning() ? tuned::patience : 1;  // a planned way counts as a rest
-            const Vec<D>& goal = rest_.goal(hip, distance, ticks);
-            now_.blocked = false;
-            tick.status = limit;
-            int i = 0;
-            for (; i < p_.max_iterations && tick.status == limit && !now_.far; ++i) {
-                if (!advance(proxy, goal) && !now_.far) tick.status = ok;
-                if (handover_.full()) break;
-            }
-            rest_.ends(proxy, tick.status == ok);
-            if (rest_.undoes(start, proxy, hip, i)) {
-                proxy = start;
-                tick.status = ok;
-            }
-        }
-        double near2 = nearest2(proxy, surfaces_.shell());
-        if (!(near2 >= safe2_)) {  // cannot happen; if it does, stay where it was safe
-            proxy = start;
-            near2 = nearest2(proxy, surfaces_.shell());
-            tick.status |= limit;
-            entrance_.hold(near2 >= safe2_);
-        }
-        describe(proxy, hip, near2, tick);
-        return tick;
-    }
+    enum class Iteration { moved, rests };
 
-    /// One servo loop of a proxy that has come out and is not yet where the rule would have it.
-    Tick<D> take_over(Vec<D>& proxy, const Vec<D>& hip) noexcept {
-        const Leash<D> leash = entrance_.leash(proxy, hip);
-        if (!handover_.leads(hip)) {
-            Vec<D> end = proxy;
-            handover_.plan(hip);
-            const Tick<D> tick = follow(end, hip);
-            handover_.planned(!(end == proxy));
-            const bool there = handover_.walk(proxy, leash);
-            if (there && handover_.fits(tick.status == ok)) {
-                handover_.stop();
-                proxy = end;
-                return tick;
-            }
-        } else {
-            handover_.walk(proxy, leash);
-        }
-        Tick<D> tick;
-        tick.status = inside;
-        describe(proxy, hip, nearest2(proxy, surfaces_.shell()), tick);
-        return tick;
-    }
-
-    /// What the iterations of one tick share.
-    struct Iterations {
-        double most = 0;       // |proxy - HIP| that this tick may end with
-        bool blocked = false;  // the last iteration was stopped below R
-        bool far = false;      // the way of this tick is longer than a tick may look at
-    };
-
-    /// What is asked of the list of neighbours: a fit's samples, and what a brief sweep may meet.
-    double reach() const noexcept {
-        return std::max((1.01 + tuned::brief) * R_, surfaces_.reach());  // 1 %: roundings
-    }
-
-    /// Where nothing lies on the straight way, the proxy goes with the HIP, whatever it touches.
-    bool try_straight_path(Vec<D>& x, const Vec<D>& hip, double distance) noexcept {
+    /// Where nothing lies on the straight path, the proxy goes with the HIP, whatever it touches.
+    bool try_straight_path(Vec<D>& proxy, const Vec<D>& hip, double distance,
+                           PlannedPath<D>& path) noexcept {
         if (!(distance > 0)) return true;
-        const Vec<D> u = hip - x;
-        update_contacts(x);
-        for (int j = 0; j < count(); ++j)
-            if (surfaces_.contact(j).r <= R_ && dot(surfaces_.contact(j).nearest, u) < 0)
-                return false;
-        return straight(x, hip, distance) || distance <= slack();  // there but for a rounding
+        const Vec<D> to_hip = hip - proxy;
+        surfaces_.update(neighbours_, proxy);
+        for (int j = 0; j < surfaces_.count(); ++j) {
+            const SurfaceContact<D>& contact = surfaces_.contact(j);
+            if (contact.distance <= R_ && dot(contact.nearest, to_hip) < 0) return false;
+        }
+        if (move_to_first_sphere(proxy, hip, distance, path)) return true;
+        return distance <= plane_slack();  // there but for a rounding
     }
-    /// To the HIP, or, where nothing touches, up to what is met; true where it is there.
-    bool straight(Vec<D>& x, const Vec<D>& hip, double distance) noexcept {
-        const Vec<D> u = hip - x;
-        const double s = travel_(neighbours_, x, (1 / distance) * u, distance, full_, now_.far);
-        if (s >= distance) return go(x, hip);
-        if (count() == 0) go(x, x + (s / distance) * u);
+
+    /// Straight to the HIP, or, where nothing touches, up to what is met. True where the proxy has
+    /// arrived.
+    bool move_to_first_sphere(Vec<D>& proxy, const Vec<D>& hip, double distance,
+                              PlannedPath<D>& path) noexcept {
+        const Vec<D> to_hip = hip - proxy;
+        const double free = sweep(proxy, (1 / distance) * to_hip, distance, free_radii_);
+        if (free >= distance) {
+            move_to(proxy, hip, path);
+            return true;
+        }
+        if (surfaces_.count() == 0) move_to(proxy, proxy + (free / distance) * to_hip, path);
         return false;
     }
-    bool go(Vec<D>& x, const Vec<D>& to) noexcept {
-        x = to;
-        handover_.pass(x);
+
+    /// The plane of the one surface that touches, with the lift that this iteration may take.
+    struct OneSurface {
+        ContactPlane<D> plane;
+        bool lift_now;   ///< the last sweep was stopped below R, as in a hollow: lift first
+        bool lift_next;  ///< the same in the next iteration, should this sweep be stopped
+    };
+    OneSurface one_surface(const Vec<D>& to_hip, double limit) noexcept {
+        OneSurface one;
+        one.plane = surfaces_.planes()[0];
+        one.plane.lift = std::min(one.plane.lift, limit + dot(one.plane.normal, to_hip));
+        const bool is_below_R = surfaces_.count() == 1 && one.plane.lift > min_step();
+        one.lift_now = std::exchange(lift_first_, false) && is_below_R;
+        one.lift_next = is_below_R && !one.lift_now;
+        return one;
+    }
+
+    Iteration iterate(Vec<D>& proxy, const Vec<D>& hip, StallTest<D>& stall,
+                      PlannedPath<D>& path) noexcept {
+        const Vec<D> to_hip = hip - proxy;
+        const double distance = norm(to_hip);
+        if (!(distance > 0)) return Iteration::rests;
+
+        // Touch: groups of points within R + 2 b, and for each group the plane of a quadric fitted
+        // to it. (R1, R2)
+        surfaces_.update(neighbours_, proxy);
+        const int surfaces = surfaces_.count();
+        if (surfaces == 0) {
+            const bool arrived = move_to_first_sphere(proxy, hip, distance, path);
+            return arrived ? Iteration::rests : Iteration::moved;
+        }
+
+        // Step: the one nearest to the HIP that keeps every plane at height R. (R3, R4)
+        const double margin = gain_margin();
+        const double limit = stall.is_stalled() ? distance - margin : distance_limit_;
+        const OneSurface one = one_surface(to_hip, limit);
+        Vec<D> step;
+        if (surfaces > 1) {
+            step = surfaces_.step(to_hip, plane_slack());
+        } else if (one.lift_now) {
+            step = one.plane.lift * one.plane.normal;
+        } else {
+            step = surfaces_.slide(to_hip, one.plane, plane_slack());
+        }
+        const double length = norm(step);
+        if (!(length > min_step())) {
+            if (surfaces == 1) return Iteration::rests;
+            return step_between_points(proxy, hip, path);
+        }
+
+        // Sweep: as much of the step as lies outside of the sphere of every point. (R5)
+        const double free = sweep(proxy, (1 / length) * step, length, sliding_radii_);
+        Vec<D> next;
+        if (free < length) {
+            next = proxy + (free / length) * step;
+        } else if (step == to_hip) {
+            next = hip;
+        } else {
+            next = proxy + step;
+        }
+        const bool is_stuck = free < std::min(length, min_step());
+        if (is_stuck && surfaces > 1 && lift_then_step(proxy, hip, step, path))
+            return Iteration::moved;
+
+        // Accept: between several surfaces only a gain, for their fitted normals would let the
+        // proxy wander; on one surface a lift may take it away by the band at most. (R6)
+        const double left = norm(hip - next);
+        const double allowed = surfaces > 1 ? distance : limit + margin;
+        if (!(left < allowed) || (is_stuck && !one.lift_next))
+            return step_between_points(proxy, hip, path);
+        move_to(proxy, next, path);
+        stall.count_lift(left - distance);
+        lift_first_ = one.lift_next && free < length;
+        return proxy == hip ? Iteration::rests : Iteration::moved;
+    }
+
+    /// Between several surfaces, where the step is stopped at once by the points that the proxy has
+    /// sunk among: first up to R above all planes, then on as the step asks. False, and nothing
+    /// done, unless both bring the proxy nearer. For test_coarse_channel_is_followed_at_speed.
+    bool lift_then_step(Vec<D>& proxy, const Vec<D>& hip, const Vec<D>& step,
+                        PlannedPath<D>& path) noexcept {
+        const Vec<D> up =
+            nearest_step(Vec<D>{}, surfaces_.planes(), surfaces_.count(), plane_slack());
+        const Vec<D> rest = step - up;
+        if (!(norm(up) > min_step() && norm(rest) > min_step())) return false;
+        const Vec<D> top = swept(proxy, up);
+        const Vec<D> next = swept(top, rest);
+        if (!(norm(hip - next) < norm(hip - proxy))) return false;
+        move_to(proxy, top, path);
+        move_to(proxy, next, path);
         return true;
     }
 
-    /// One iteration; false when the proxy has come to rest.
-    bool advance(Vec<D>& x, const Vec<D>& hip) noexcept {
-        const Vec<D> u = hip - x;
-        const double distance = norm(u);
-        if (!(distance > 0)) return false;
-        update_contacts(x);
-        if (count() == 0) return !straight(x, hip, distance);
-        // |proxy - HIP| never grows by more than the band in a tick: a lift has to wait its turn.
-        Wall<D> wall = walls()[0];
-        const double margin = tuned::margin * p_.band;
-        const double most = rest_.is_stalled() ? distance - margin : now_.most;
-        wall.lift = std::min(wall.lift, most + dot(wall.n, u));
-        // Blocked below R, as in a hollow, where the way ahead rises: up first, on in the next.
-        const bool below = count() == 1 && wall.lift > min_advance();
-        const bool lifting = std::exchange(now_.blocked, false) && below;
-        const bool lifts_next = below && !lifting;
-        const Vec<D> v = lifting        ? wall.lift * wall.n
-                         : count() == 1 ? surfaces_.slide(u, wall, slack())
-                                        : surfaces_.step(u, slack());
-        const double length = norm(v);
-        if (!(length > min_advance())) return count() > 1 && step_between_points(x, hip);
-        const double s = travel_(neighbours_, x, (1 / length) * v, length, graze_, now_.far);
-        const Vec<D> y = s < length ? x + (s / length) * v : v == u ? hip : x + v;
-        const bool stuck = s < std::min(length, min_advance());
-        if (stuck && count() > 1 && lift_then_step(x, hip, v)) return true;
-        // Between two walls: descend or stay, for their sampled normals would let it wander.
-        const double left = norm(hip - y);
-        const double allowed = count() > 1 ? distance : most + margin;
-        if (!(left < allowed) || (stuck && !lifts_next)) return step_between_points(x, hip);
-        go(x, y);
-        rest_.count_lift(left - distance);
-        now_.blocked = lifts_next && s < length;
-        return !(x == hip);
+    /// Past the points that touch, where the planes leave no way: the step of the god-object
+    /// method, which runs into none of these points. It is never away from the HIP. For
+    /// test_where_it_rests_there_is_no_way_on. (R4)
+    Iteration step_between_points(Vec<D>& proxy, const Vec<D>& hip, PlannedPath<D>& path) noexcept {
+        const Vec<D> to_hip = hip - proxy;
+        const Vec<D> step = step_past_points(proxy, to_hip);
+        // A step as flat as the slopes between samples gains nothing: the proxy would wander on it.
+        if (!(norm(step) > std::max(min_step(), g_ * norm(to_hip)))) return Iteration::rests;
+        const Vec<D> next = swept(proxy, step);
+        // Between several surfaces a gain of the band may be no more than sinking through it.
+        double least_gain = 0;
+        if (surfaces_.count() > 1) least_gain = tuned::max_lift_bands * p_.band;
+        const bool moves = norm(next - proxy) > min_step();
+        if (!(moves && norm(hip - next) < norm(to_hip) - least_gain)) return Iteration::rests;
+        move_to(proxy, next, path);
+        return Iteration::moved;
+    }
+    /// argmin |v - to_hip| subject to (x - p) . v >= 0 for the points p that touch x, by a little
+    /// more than 0, so that a rounding does not stop the step at once. The points that v runs into
+    /// most steeply are taken one after the other, until there is none.
+    Vec<D> step_past_points(const Vec<D>& x, const Vec<D>& to_hip) noexcept {
+        constexpr int max_points = 8;
+        ContactPlane<D> planes[max_points];
+        const double slack = plane_slack();
+        Vec<D> step = to_hip;
+        for (int count = 0; count < max_points; ++count) {
+            double steepest = 0;
+            const auto include = [&](const Vec<D>& away) noexcept {
+                const double r = norm(away);
+                const double approach = dot(away, step);
+                if (!(r > 0 && approach < steepest * r)) return;
+                steepest = approach / r;
+                planes[count] = {(1 / r) * away, slack};
+            };
+            visit_within(neighbours_, kernels_, x, R_ + min_step(), include);
+            if (steepest == 0) break;
+            step = nearest_step(to_hip, planes, count + 1, 0.5 * slack);
+            if (!(norm(step) > slack)) break;
+        }
+        return step;
     }
 
-    /// One iteration between several walls where the step v is stopped at once by the points that
-    /// the proxy has sunk among: first up to R above all walls, then on as v asks. False, and
-    /// nothing done, unless both bring it nearer. For test_coarse_channel_is_followed_at_speed.
-    bool lift_then_step(Vec<D>& x, const Vec<D>& hip, const Vec<D>& v) noexcept {
-        const Vec<D> up = project(Vec<D>{}, walls(), count(), slack()), on = v - up;
-        if (!(norm(up) > min_advance() && norm(on) > min_advance())) return false;
-        const Vec<D> top = moved(x, up), y = moved(top, on);
-        if (!(norm(hip - y) < norm(hip - x))) return false;
-        go(x, top);
-        return go(x, y);
+    double sweep(const Vec<D>& x, const Vec<D>& direction, double length,
+                 const SweepRadii& radii) noexcept {
+        const SweepResult result = sweep_(neighbours_, x, direction, length, radii);
+        is_path_too_long_ = is_path_too_long_ || result.is_out_of_parts;
+        return result.length;
     }
-    /// x after the step v, or after as much of it as is free.
-    Vec<D> moved(const Vec<D>& x, const Vec<D>& v) noexcept {
-        const double length = norm(v);
-        const double s = travel_(neighbours_, x, (1 / length) * v, length, graze_, now_.far);
-        return s < length ? x + (s / length) * v : x + v;
+    /// x after the step, or after as much of it as is free.
+    Vec<D> swept(const Vec<D>& x, const Vec<D>& step) noexcept {
+        const double length = norm(step);
+        const double free = sweep(x, (1 / length) * step, length, sliding_radii_);
+        return free < length ? x + (free / length) * step : x + step;
+    }
+    void move_to(Vec<D>& proxy, const Vec<D>& next, PlannedPath<D>& path) noexcept {
+        proxy = next;
+        path.record(proxy);
     }
 
-    /// One iteration past the points that touch, where the fitted surfaces leave no way; false at
-    /// rest among them. Never away from the HIP. For test_where_it_rests_there_is_no_way_on.
-    bool step_between_points(Vec<D>& x, const Vec<D>& hip) noexcept {
-        const Vec<D> u = hip - x;
-        const Vec<D> v = touched_(neighbours_, x, u, R_ + min_advance(), slack());
-        // A way as flat as the slopes between samples gains nothing: the proxy would wander on it.
-        if (!(norm(v) > std::max(min_advance(), grain_ * norm(u)))) return false;
-        const Vec<D> y = moved(x, v);
-        // Between several walls a gain of the band may be no more than sinking through it.
-        const double least = count() > 1 ? tuned::deep * p_.band : 0;
-        if (!(norm(y - x) > min_advance() && norm(hip - y) < norm(u) - least)) return false;
-        return go(x, y);
+    /// What is asked of the list of neighbours: the samples of a fit, and what a short sweep may
+    /// meet [m].
+    double list_reach() const noexcept {
+        // 1 % more, for roundings.
+        return std::max((1.01 + tuned::list_margin) * R_, surfaces_.reach());
     }
-    double min_advance() const noexcept { return tuned::min_advance * p_.band; }
-    double slack() const noexcept { return tuned::slack * p_.band; }
-
-    int count() const noexcept { return surfaces_.count(); }
-    const Wall<D>* walls() const noexcept { return surfaces_.walls(); }
-    void update_contacts(const Vec<D>& x) noexcept { surfaces_.update(neighbours_, x); }
-
     double nearest2(const Vec<D>& x, double reach) noexcept {
         return vfplan::nearest2(neighbours_, kernels_, x, reach);
     }
-    void describe(const Vec<D>& x, const Vec<D>& hip, double near2, Tick<D>& tick) noexcept {
-        const double touching = R_ + p_.band, near = p_.outer_radius + p_.point_radius;
-        if (near2 <= touching * touching || (surfaces_.known_at(x) && count() > 0)) {
-            tick.state = State::in_contact;
-            update_contacts(x);
-            tick.normal = surfaces_.normal(hip - x, min_advance(), slack());
-        } else if (near2 < near * near || nearest2(x, near) < near * near) {
-            tick.state = State::free_motion;
-        }
-    }
+    double min_step() const noexcept { return tuned::min_step * p_.band; }
+    double gain_margin() const noexcept { return tuned::gain_margin * p_.band; }
+    double plane_slack() const noexcept { return tuned::plane_slack * p_.band; }
 
     Parameters p_;
     Kernels<D> kernels_;
-    double R_, safe2_, grain_;  // grain_: g of constants.hpp
-    Obstacles graze_, full_;
-    Surfaces<D, Search> surfaces_;
-    Search neighbours_;
-    Travel<D, Search> travel_;
-    Entrance<D, Search> entrance_;
-    Handover<D> handover_;
-    Touched<D, Search> touched_;
-    Rest<D> rest_;
-    Iterations now_;
+    double R_;
+    double safe2_;  // (R - b)^2, and what a thinned cloud lends of the band
+    double g_;      // sqrt(b / R)
+    SweepRadii sliding_radii_, free_radii_;
+    ContactSurfaces<D> surfaces_;
+    Neighbours<D> neighbours_;
+    Sweep<D> sweep_;
+    double distance_limit_ = 0;      // |proxy - HIP| that this tick may end with [m]
+    double nearest2_ = 0;            // to the nearest point, where the proxy was checked last [m^2]
+    int iterations_ = 0;             // of this tick
+    bool lift_first_ = false;        // the last iteration was stopped below R
+    bool is_path_too_long_ = false;  // the path of this tick is longer than a tick may look at
+};
+
+template <int D>
+class RobustRule : public GuardedRule<RobustMotion<D>, StallTest<D>> {
+    using Guarded = GuardedRule<RobustMotion<D>, StallTest<D>>;
+
+  public:
+    RobustRule(const Thinned<D>& thinned, const Parameters& p, const Kernels<D>& kernels)
+        : Guarded(RobustMotion<D>(thinned, p, kernels), p.R(), p.band) {}
+
+    Neighbours<D>& neighbours() noexcept { return this->motion().neighbours(); }
+    /// A point at p came or went.
+    void point_changed(const Vec<D>& p, bool came) noexcept {
+        this->drop_plan();
+        if (!neighbours().reaches(p)) return;
+        this->motion().forget();
+        this->surroundings_changed(came);
+    }
 };
 
 }  // namespace vfplan

@@ -1,10 +1,13 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// A start inside the fixture: the way out, and how slowly the force may change on it and after it.
+// A start inside the fixture. The proxy is led out along the shortest way that is found, slowly, so
+// that the force grows as a ramp, and follows the HIP meanwhile. Once it is outside, the rule takes
+// over as slowly. The numbers in brackets are the equations of docs/robust.md.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "vfplan/base/vec.hpp"
@@ -14,219 +17,210 @@
 
 namespace vfplan {
 
-// How fast the force may grow or turn after a start inside, an exchange or an edit: the way out
-// keeps to it, and so does the handover until the rule has taken over.
-
-/// Of R, a tick: how fast the force may change besides following the HIP.
-inline constexpr double ramp = 1.0 / 256;
-
-/// A ball that holds the proxy for one tick. Its middle is where the proxy would be had it gone
-/// with the HIP, its radius what K times it may add to the force, or turn it by.
+/// A ball that holds the proxy for one tick, so that the force changes no faster than it may. Its
+/// middle is where the proxy would be had it gone with the HIP; K times its radius is what the tick
+/// may add to the force, or turn it by. (W3)
 template <int D>
-struct Leash {
+struct ForceBall {
     Vec<D> middle;
-    double radius;
+    double radius;  ///< [m]
 
-    /// The part of [0, length] from x, in the ball, along the unit vector `way` that stays in it.
-    double operator()(const Vec<D>& x, const Vec<D>& way, double length) const noexcept {
+    /// How much of [0, length] along the unit vector `direction` from x, which lies in the ball,
+    /// stays in it.
+    double free_length(const Vec<D>& x, const Vec<D>& direction, double length) const noexcept {
         const Vec<D> w = x - middle;
-        const double b = dot(w, way), c = dot(w, w) - radius * radius;
+        const double b = dot(w, direction);
+        const double c = dot(w, w) - radius * radius;
         return std::clamp(std::sqrt(std::max(0.0, b * b - c)) - b, 0.0, length);
     }
 };
 
-// From the way out of a fixture to the rule: the proxy goes the rule's own way, but each tick only
-// as far as the force may change. What is left of the way waits for the next tick. Without it
-// test_a_hand_that_leaves_clutter_feels_no_jump fails.
-
-template <int D>
-class Handover {
-  public:
-    static constexpr int most = 64;           // corners of a way
-    static constexpr double kept = 1.0 / 64;  // of R: a HIP that goes further needs a new way
-
-    explicit Handover(double radius) noexcept : R_(radius) {}
-
-    bool active() const noexcept { return active_; }
-    /// Something of the way is left, and it still leads to the HIP at h.
-    bool leads(const Vec<D>& h) const noexcept {
-        return next_ < count_ && norm(h - hip_) <= kept * R_;
-    }
-
-    void begin() noexcept {
-        active_ = true;
-        next_ = count_ = unfinished_ = 0;
-    }
-    void stop() noexcept { active_ = planning_ = false; }
-    /// The way may lead into what is new.
-    void forget() noexcept { next_ = count_ = 0; }
-
-    /// The rule goes to the HIP at h now, and tells each corner that it passes.
-    void plan(const Vec<D>& h) noexcept {
-        hip_ = h;
-        next_ = count_ = 0;
-        planning_ = true;
-    }
-    bool planning() const noexcept { return planning_; }
-    bool full() const noexcept { return planning_ && count_ + 2 > most; }
-    void pass(const Vec<D>& x) noexcept {
-        if (planning_) corner_[count_++] = x;
-    }
-    /// The rule has gone; `moved`: to the end of those corners, and not back to where it was.
-    void planned(bool moved) noexcept {
-        planning_ = false;
-        if (!moved) count_ = 0;
-    }
-    /// The rule's way fits into this tick, to its end or to where the rule ran out of iterations.
-    /// True when the rule has taken over: it may never come to an end below a HIP that trembles.
-    bool fits(bool end) noexcept { return end || ++unfinished_ == tuned::patience; }
-
-    /// Goes on from x as far as the leash allows; true at the end of the way.
-    bool walk(Vec<D>& x, const Leash<D>& leash) noexcept {
-        for (; next_ < count_; ++next_) {
-            const Vec<D> leg = corner_[next_] - x;
-            const double length = norm(leg);
-            if (!(length > 0)) continue;
-            const double s = leash(x, (1 / length) * leg, length);
-            x = s < length ? x + (s / length) * leg : corner_[next_];
-            if (s < length) return false;
-        }
-        return true;
-    }
-
-  private:
-    double R_;
-    bool active_ = false, planning_ = false;
-    Vec<D> corner_[most];
-    Vec<D> hip_;  // that the way was made for
-    int next_ = 0, count_ = 0;
-    int unfinished_ = 0;  // ways that fitted and had no end
-};
-
-// A start inside the fixture: the proxy is taken out along the shortest way found, slowly, so that
-// the force ramps; it follows the HIP meanwhile. Outside, the rule takes over as slowly.
-
 /// The free space before an exchange. A way out leads to the proxy's own side if the proxy could
 /// have gone it before, and comes out with the fixture, in the direction -out, where it was.
 template <int D>
-class Passage {
+class FreeBefore {
   public:
-    virtual bool free(const Vec<D>& d, double length, const Vec<D>& out) const noexcept = 0;
+    virtual bool is_free(const Vec<D>& direction, double length,
+                         const Vec<D>& out) const noexcept = 0;
 
   protected:
-    ~Passage() = default;
+    ~FreeBefore() = default;
 };
 
 /// What a start may be inside of: the balls of radius R around the points of a cloud.
 template <int D>
-class Balls {
+class InsideCloud {
   public:
-    static constexpr double never = std::numeric_limits<double>::infinity();
-
-    Balls(const Kernels<D>& kernels, double radius) noexcept : kernels_(kernels), R_(radius) {}
+    InsideCloud(const PointIndex<D>& points, const Kernels<D>& kernels, double radius) noexcept
+        : points_(points), kernels_(kernels), R_(radius) {}
 
     /// From the nearest point within R to x; 0 where there is none but at x itself.
-    template <class Search>
-    Vec<D> from_nearest(Search& search, const Vec<D>& x) const noexcept {
-        double least = never;
-        Vec<D> away;
-        search.source().visit(x, R_ * (1 + 1e-6), [&](const Span<D>& s) noexcept {
-            if (!(kernels_.nearest2(s, x) < least)) return;
-            for (std::size_t i = 0; i < s.n; ++i) {
-                const Vec<D> w = x - s[i];
-                const double d2 = dot(w, w);
-                if (d2 < least && d2 > 0) least = d2, away = w;
+    Vec<D> from_nearest(const Vec<D>& x) const noexcept {
+        double best2 = std::numeric_limits<double>::infinity();
+        Vec<D> best;
+        points_.visit(x, R_ * (1 + 1e-6), [&](const PointSpan<D>& span) noexcept {
+            if (!(kernels_.nearest2(span, x) < best2)) return;
+            for (std::size_t i = 0; i < span.n; ++i) {
+                const Vec<D> away = x - span[i];
+                const double d2 = dot(away, away);
+                if (d2 < best2 && d2 > 0) {
+                    best2 = d2;
+                    best = away;
+                }
             }
         });
-        return away;
+        return best;
     }
-    /// Distance from y along d out of all balls that y is in; -infinity in none.
-    template <class Search>
-    double out(Search& search, const Vec<D>& y, const Vec<D>& d) const noexcept {
+    /// Distance from y along the unit vector `direction` out of all balls that y is in; -infinity
+    /// where it is in none. (W1)
+    double exit_distance(const Vec<D>& y, const Vec<D>& direction) const noexcept {
         const double inside2 = R_ * R_ * (1 - 1e-9);
-        double s = -never;
-        search.source().visit(y, R_, [&](const Span<D>& span) noexcept {
-            s = std::max(s, kernels_.out(span, y, d, inside2, R_ * R_));
+        double distance = -std::numeric_limits<double>::infinity();
+        points_.visit(y, R_, [&](const PointSpan<D>& span) noexcept {
+            distance =
+                std::max(distance, kernels_.last_root_eq7(span, y, direction, inside2, R_ * R_));
         });
-        return s;
+        return distance;
     }
 
   private:
+    const PointIndex<D>& points_;
     Kernels<D> kernels_;
     double R_;
 };
 
-template <int D, class Search, class Around = Balls<D>>
-class Escape {
+/// The way out of what a start is inside of. `Geometry` is InsideCloud, or the same for a curve or
+/// a mesh. The proxy is at hip + length_ * direction_.
+template <int D>
+class WayOut {
   public:
-    static constexpr int most_hops = 48;             // from sphere to sphere along the way, a tick
-    static constexpr int most_hops_to_choose = 128;  // along all ways together, a tick
-    static constexpr int most_ticks_to_choose = 1024;
+    /// Hops from sphere to sphere along one direction, a tick.
+    static constexpr int max_hops = 48;
+    /// Hops along all directions together while one of them is chosen, a tick.
+    static constexpr int max_hops_to_choose = 128;
+    static constexpr int max_ticks_to_choose = 1024;
 
-    Escape(const Around& around, double radius) noexcept : around_(around), R_(radius) {}
+    explicit WayOut(double radius) noexcept : R_(radius) {}
 
-    bool active() const noexcept { return active_; }
-    const Vec<D>& way() const noexcept { return way_; }
-    void stop() noexcept {
-        active_ = crossed_ = false;
-        passage_ = nullptr;
-    }
-    /// The next way out is one that keeps to this, where there is one.
-    void keep_to(const Passage<D>* passage) noexcept { passage_ = passage; }
+    bool is_active() const noexcept { return is_active_; }
+    const Vec<D>& direction() const noexcept { return direction_; }
     /// `inside`, and whether no way out on the proxy's own side was found.
-    std::uint8_t status() const noexcept { return crossed_ ? inside | crossed : inside; }
+    std::uint8_t status() const noexcept {
+        if (leads_to_other_side_) return inside | other_side;
+        return inside;
+    }
+    void stop() noexcept {
+        is_active_ = false;
+        leads_to_other_side_ = false;
+        free_before_ = nullptr;
+    }
+    /// The next way out is one that was free before, where there is one.
+    void keep_to(const FreeBefore<D>* free_before) noexcept { free_before_ = free_before; }
 
-    /// The HIP is at h, and the proxy inside: look for the way out, from the next step on.
-    void begin(Search& search, const Vec<D>& h) noexcept {
-        active_ = true;
-        out_ = 0;
-        last_ = start_ = h;
-        way_ = Vec<D>{};
-        way_.c[D - 1] = 1;
-        way_ = nearest_ = from_nearest(search, h);
-        best_ = never;
+    /// The HIP is at `hip` and the proxy inside: the way out is looked for from the next tick on.
+    template <class Geometry>
+    void begin(const Geometry& geometry, const Vec<D>& hip) noexcept {
+        is_active_ = true;
+        length_ = 0;
+        last_hip_ = start_ = hip;
+        direction_ = Vec<D>{};
+        direction_.c[D - 1] = 1;
+        direction_ = nearest_ = leave_nearest(geometry, hip);
+        shortest_ = never;
         for (double& t : reached_) t = 0;
-        ticks_to_choose_ = most_ticks_to_choose;
-        crossed_ = false;
+        ticks_to_choose_ = max_ticks_to_choose;
+        leads_to_other_side_ = false;
     }
 
-    /// One tick; true when the proxy has reached the free space.
-    bool step(Search& search, const Vec<D>& h, Vec<D>& proxy) noexcept {
-        bool out = false;
-        if (ticks_to_choose_ > 0 && !choose(search)) {  // no force before there is a way
+    /// One tick; true once the proxy has reached the free space.
+    template <class Geometry>
+    bool step(const Geometry& geometry, const Vec<D>& hip, Vec<D>& proxy) noexcept {
+        bool is_out;
+        if (ticks_to_choose_ > 0 && !choose_direction(geometry)) {
+            // No force before there is a way.
             --ticks_to_choose_;
-            out = hop(search, h, way_) == free;
+            is_out = hop(geometry, hip, direction_) == free;
         } else {
             ticks_to_choose_ = 0;
-            passage_ = nullptr;
-            out = go(search, h);
+            free_before_ = nullptr;
+            is_out = advance(geometry, hip);
         }
-        last_ = h;
-        proxy = h + out_ * way_;
-        active_ = !out;
-        return out;
+        last_hip_ = hip;
+        proxy = hip + length_ * direction_;
+        is_active_ = !is_out;
+        return is_out;
     }
 
-    /// The HIP is at h, wherever the way out began.
-    void meets(const Vec<D>& h) noexcept { last_ = h; }
-
-    /// Where the proxy, now at x, may go while the rule takes over: the HIP has come to h.
-    Leash<D> leash(const Vec<D>& x, const Vec<D>& h) noexcept {
-        const Vec<D> moved = h - std::exchange(last_, h);
-        return {x + moved, ramp * R_ + norm(moved)};
+    /// The HIP is at `hip`, wherever the way out began.
+    void set_hip(const Vec<D>& hip) noexcept { last_hip_ = hip; }
+    /// Where the proxy, now at x, may go while the rule takes over and the HIP has come to `hip`.
+    ForceBall<D> force_ball(const Vec<D>& x, const Vec<D>& hip) noexcept {
+        const Vec<D> moved = hip - std::exchange(last_hip_, hip);
+        return {x + moved, tuned::force_ramp * R_ + norm(moved)};
     }
 
   private:
-    static constexpr int ring = D == 3 ? 27 : 9;
+    /// Directions to the cells of a square or cube around one, its own included.
+    static constexpr int cube_directions = D == 3 ? 27 : 9;
+    static constexpr int candidates = cube_directions + 2;
     static constexpr double never = std::numeric_limits<double>::infinity();
     static constexpr double free = -never;
 
-    Vec<D> from_nearest(Search& search, const Vec<D>& x) noexcept {
-        const Vec<D> away = around_.from_nearest(search, x);
-        const double r = norm(away);
-        return r > 0 ? (1 / r) * away : way_;
+    /// One tick of the way out. K times the change of length_ is the change of force, so it changes
+    /// by R/256 a tick at most, and by what the HIP itself moves against the direction (W2). True
+    /// once the proxy is outside.
+    template <class Geometry>
+    bool advance(const Geometry& geometry, const Vec<D>& hip) noexcept {
+        const double step = tuned::force_ramp * R_;
+        const double needed = distance_to_free(geometry, hip, direction_, length_);
+        if (needed < length_) {
+            // The HIP has come nearer to the free space, or through to its other side: shorten.
+            length_ = std::max(needed, length_ - step);
+        } else {
+            const double backwards = std::max(0.0, -dot(hip - last_hip_, direction_));
+            const double allowed = step + backwards;
+            const double ahead =
+                distance_to_free(geometry, hip + length_ * direction_, direction_, allowed);
+            length_ += std::min(ahead, allowed);
+            if (ahead < allowed) return true;
+        }
+        return hop(geometry, hip + length_ * direction_, direction_) == free;
     }
 
+    /// Follows all directions hop by hop, in turn, so that none uses up the hops of a tick; false
+    /// while the shortest way is not known.
+    template <class Geometry>
+    bool choose_direction(const Geometry& geometry) noexcept {
+        int hops = max_hops_to_choose;
+        for (bool is_open = true; is_open;) {
+            is_open = false;
+            for (int i = 0; i < candidates; ++i) {
+                if (!(reached_[i] < shortest_)) continue;
+                if (hops-- == 0) return false;
+                is_open = true;
+                const Vec<D> d = candidate(i);
+                const double s = hop(geometry, start_ + reached_[i] * d, d);
+                if (s == free) {
+                    shortest_ = reached_[i];
+                    direction_ = d;
+                    chosen_ = i;
+                } else {
+                    reached_[i] += s;
+                }
+            }
+        }
+        if (!was_free_before(geometry, direction_, shortest_)) return reject_direction();
+        // From where it comes out, straight away from what is nearest there may be shorter.
+        for (int i = 0; i < 2; ++i) {
+            const Vec<D> d = leave_nearest(geometry, start_ + shortest_ * direction_);
+            const double t = distance_to_free(geometry, start_, d, shortest_);
+            if (t < shortest_ && was_free_before(geometry, d, t)) {
+                shortest_ = t;
+                direction_ = d;
+            }
+        }
+        return true;
+    }
     /// From the nearest point, its opposite, and the neighbours of a cube.
     Vec<D> candidate(int i) const noexcept {
         if (i < 2) return (i == 0 ? 1.0 : -1.0) * nearest_;
@@ -234,158 +228,209 @@ class Escape {
         for (int k = 0, rest = i - 2; k < D; ++k, rest /= 3) d.c[k] = rest % 3 - 1;
         return norm(d) > 0 ? along(d, 1) : nearest_;
     }
-
-    /// All ways are followed hop by hop, in turn, so that none uses up the hops of a tick; false
-    /// while the shortest one is not known.
-    bool choose(Search& search) noexcept {
-        int hops = most_hops_to_choose;
-        for (bool open = true; open;) {
-            open = false;
-            for (int i = 0; i < ring + 2; ++i) {
-                if (!(reached_[i] < best_)) continue;
-                if (hops-- == 0) return false;
-                open = true;
-                const Vec<D> d = candidate(i);
-                const double s = hop(search, start_ + reached_[i] * d, d);
-                if (s == free)
-                    best_ = reached_[i], way_ = d, chosen_ = i;
-                else
-                    reached_[i] += s;
-            }
-        }
-        if (!own(search, way_, best_)) return refuse();
-        for (int i = 0; i < 2; ++i) {
-            const Vec<D> d = from_nearest(search, start_ + best_ * way_);
-            const double t = exit(search, start_, d, best_);
-            if (t < best_ && own(search, d, t)) best_ = t, way_ = d;
-        }
-        return true;
+    template <class Geometry>
+    bool was_free_before(const Geometry& geometry, const Vec<D>& d, double length) noexcept {
+        if (!free_before_) return true;
+        return free_before_->is_free(d, length, leave_nearest(geometry, start_ + length * d));
     }
-    bool own(Search& search, const Vec<D>& d, double length) noexcept {
-        return !passage_ || passage_->free(d, length, from_nearest(search, start_ + length * d));
-    }
-    /// The shortest way leads to the other side: the next one, or of all, where none is left.
-    bool refuse() noexcept {
-        reached_[chosen_] = best_ = never;
+    /// The shortest way leads to the other side: the next one is tried, and where none is left, the
+    /// shortest of all is taken.
+    bool reject_direction() noexcept {
+        reached_[chosen_] = shortest_ = never;
         for (double t : reached_)
             if (t < never) return false;
         for (double& t : reached_) t = 0;
-        passage_ = nullptr;
-        crossed_ = true;
+        free_before_ = nullptr;
+        leads_to_other_side_ = true;
         return false;
     }
 
-    /// One tick along the way; true when that ends outside.
-    bool go(Search& search, const Vec<D>& h) noexcept {
-        const double behind = exit(search, h, way_, out_);
-        if (behind < out_) {  // as when the HIP has come through to the other side
-            out_ = std::max(behind, out_ - ramp * R_);
-        } else {
-            const double most = ramp * R_ + std::max(0.0, -dot(h - last_, way_));
-            const double ahead = exit(search, h + out_ * way_, way_, most);
-            out_ += std::min(ahead, most);
-            if (ahead < most) return true;
-        }
-        return hop(search, h + out_ * way_, way_) == free;
+    /// Unit vector from the nearest geometry to x; the direction of the way where x lies on it.
+    template <class Geometry>
+    Vec<D> leave_nearest(const Geometry& geometry, const Vec<D>& x) noexcept {
+        const Vec<D> away = geometry.from_nearest(x);
+        const double r = norm(away);
+        return r > 0 ? (1 / r) * away : direction_;
     }
-
-    /// Distance from h along d to the free space; infinity beyond `most` or out of hops.
-    double exit(Search& search, const Vec<D>& h, const Vec<D>& d, double most) noexcept {
+    /// Distance from x along d to the free space; infinity beyond `max_length` or out of hops.
+    template <class Geometry>
+    double distance_to_free(const Geometry& geometry, const Vec<D>& x, const Vec<D>& d,
+                            double max_length) noexcept {
         double t = 0;
-        for (int i = 0; i < most_hops && t < most; ++i) {
-            const double s = hop(search, h + t * d, d);
+        for (int i = 0; i < max_hops && t < max_length; ++i) {
+            const double s = hop(geometry, x + t * d, d);
             if (s == free) return t;
             t += s;
         }
         return never;
     }
-
     /// Distance from y along d out of all that y is in; `free` where it is in nothing.
-    double hop(Search& search, const Vec<D>& y, const Vec<D>& d) noexcept {
-        const double s = around_.out(search, y, d);
+    template <class Geometry>
+    double hop(const Geometry& geometry, const Vec<D>& y, const Vec<D>& d) noexcept {
+        const double s = geometry.exit_distance(y, d);
         return s == free ? s : s + 1e-12 * R_;
     }
 
-    Around around_;
     double R_;
-    bool active_ = false;
-    Vec<D> way_, last_;
-    double out_ = 0;  // from the HIP to the proxy, along the way
+    bool is_active_ = false;
+    Vec<D> direction_, last_hip_;
+    double length_ = 0;  // from the HIP to the proxy [m]
     Vec<D> start_, nearest_;
-    double reached_[ring + 2] = {};  // along each candidate, from the start
-    double best_ = never;
+    double reached_[candidates] = {};  // along each candidate, from the start [m]
+    double shortest_ = never;
     int chosen_ = 0;  // of the candidates
-    const Passage<D>* passage_ = nullptr;
-    bool crossed_ = false;
+    const FreeBefore<D>* free_before_ = nullptr;
+    bool leads_to_other_side_ = false;
     int ticks_to_choose_ = 0;
 };
 
-// Whether the proxy is outside, as the rules `robust` and `exact` need it, and how it comes there:
-// led out of what it starts in; then the rule takes over, each tick as far as the force may change.
-
-template <int D, class Search, class Around = Balls<D>>
-class Entrance {
+/// Whether the proxy is outside, as the rules `robust` and `exact` need it, and how it comes there.
+template <int D>
+class StartInside {
   public:
-    Entrance(const Around& around, double radius) noexcept : escape_(around, radius) {}
+    explicit StartInside(double radius) noexcept : way_out_(radius) {}
 
     void reset() noexcept {
-        escape_.stop();
-        held_ = taking_over_ = stays_ = false;
+        way_out_.stop();
+        is_outside_ = false;
+        is_handing_over_ = false;
+        keeps_place_ = false;
     }
     /// After a reset: a proxy that is inside is led out from where it is.
-    void go_on(const Passage<D>* before) noexcept {
-        stays_ = true;
-        escape_.keep_to(before);
+    void continue_from(const FreeBefore<D>* free_before) noexcept {
+        keeps_place_ = true;
+        way_out_.keep_to(free_before);
     }
 
-    /// Makes sure that the proxy is outside; false while it is on its way out. `clear`: whether one
-    /// of which nothing is known is outside.
-    template <class Clear>
-    bool outside(Search& search, Vec<D>& proxy, const Vec<D>& hip, Clear&& clear) noexcept {
-        if (held_) return true;
-        if (!escape_.active()) {
-            if (clear()) return escape_.stop(), held_ = true;
+    /// Makes sure that the proxy is outside; false while it is on its way out. `is_clear()` tells
+    /// whether a proxy of which nothing is known is outside.
+    template <class Geometry, class IsClear>
+    bool ensure_outside(const Geometry& geometry, Vec<D>& proxy, const Vec<D>& hip,
+                        IsClear&& is_clear) noexcept {
+        if (is_outside_) return true;
+        if (!way_out_.is_active()) {
+            if (is_clear()) {
+                way_out_.stop();
+                is_outside_ = true;
+                return true;
+            }
             anchor_ = proxy;
-            escape_.begin(search, stays_ ? proxy : hip);
+            way_out_.begin(geometry, keeps_place_ ? proxy : hip);
         }
-        held_ = escape_.step(search, stays_ ? anchor_ : hip, proxy);
-        taking_over_ = held_ && !(proxy == hip);
-        if (held_) {
-            escape_.meets(hip);
-            stays_ = false;
+        is_outside_ = way_out_.step(geometry, keeps_place_ ? anchor_ : hip, proxy);
+        is_handing_over_ = is_outside_ && !(proxy == hip);
+        if (is_outside_) {
+            way_out_.set_hip(hip);
+            keeps_place_ = false;
         }
-        unfinished_ = 0;
         return false;
     }
-    /// What a tick on the way out tells.
-    Tick<D> tick() const noexcept {
-        Tick<D> tick;
-        tick.state = State::entrenched;
-        tick.normal = escape_.way();
-        tick.status = escape_.status();
-        return tick;
+    /// What a tick on the way out answers.
+    RuleAnswer<D> answer() const noexcept {
+        RuleAnswer<D> answer;
+        answer.state = State::entrenched;
+        answer.normal = way_out_.direction();
+        answer.status = way_out_.status();
+        return answer;
     }
 
-    bool taking_over() const noexcept { return taking_over_; }
-    Leash<D> leash(const Vec<D>& x, const Vec<D>& h) noexcept { return escape_.leash(x, h); }
-    /// The rule has gone as far as the leash, or until it had no steps left; whether it still has
-    /// to take over.
-    bool goes_on(bool leashed, bool limited) noexcept {
-        return taking_over_ = leashed || (limited && ++unfinished_ < most_unfinished);
+    /// Whether the proxy has come out and is not yet where the rule would have it.
+    bool is_handing_over() const noexcept { return is_handing_over_; }
+    void continue_hand_over(bool continues) noexcept { is_handing_over_ = continues; }
+    ForceBall<D> force_ball(const Vec<D>& proxy, const Vec<D>& hip) noexcept {
+        return way_out_.force_ball(proxy, hip);
     }
-    /// Whether the proxy is outside yet; else it is taken out from the next tick on.
-    void hold(bool outside) noexcept { held_ = outside; }
+
+    /// Whether the proxy is outside; else it is taken out from the next tick on.
+    void set_outside(bool is_outside) noexcept { is_outside_ = is_outside; }
     /// Something has come near: from the next tick on a proxy that is inside of it is led out.
-    void look_again() noexcept { stays_ = std::exchange(held_, false) || stays_; }
+    void recheck() noexcept {
+        if (is_outside_) keeps_place_ = true;
+        is_outside_ = false;
+    }
 
   private:
-    static constexpr int most_unfinished = 32;
+    WayOut<D> way_out_;
+    Vec<D> anchor_;  // where a way out began on which the proxy does not go with the HIP
+    bool is_outside_ = false;
+    bool is_handing_over_ = false;
+    bool keeps_place_ = false;  // on the way out the proxy does not go with the HIP
+};
 
-    Escape<D, Search, Around> escape_;
-    Vec<D> anchor_;  // where a way out began on which the proxy stays
-    int unfinished_ = 0;
-    bool held_ = false, taking_over_ = false;
-    bool stays_ = false;  // on the way out the proxy does not go with the HIP
+/// A path that the rule plans at once and the proxy walks over several ticks, each as far as the
+/// force may change, after it has come out of a fixture. Without it
+/// test_a_hand_that_leaves_clutter_feels_no_jump fails.
+template <int D>
+class PlannedPath {
+  public:
+    static constexpr int max_corners = 64;
+    /// A HIP that moves further than this needs a new path [R].
+    static constexpr double max_hip_motion = 1.0 / 64;
+
+    explicit PlannedPath(double radius) noexcept : R_(radius) {}
+
+    void clear() noexcept {
+        next_ = 0;
+        count_ = 0;
+        is_recording_ = false;
+        unfinished_ = 0;
+    }
+    /// What is left of the path may lead into something new.
+    void drop() noexcept {
+        next_ = 0;
+        count_ = 0;
+    }
+    /// Whether something of the path is left, and it still leads to the HIP.
+    bool leads_to(const Vec<D>& hip) const noexcept {
+        return next_ < count_ && norm(hip - hip_) <= max_hip_motion * R_;
+    }
+
+    /// The rule moves to the HIP now, and records each corner that it passes.
+    void begin_recording(const Vec<D>& hip) noexcept {
+        hip_ = hip;
+        drop();
+        is_recording_ = true;
+    }
+    bool is_recording() const noexcept { return is_recording_; }
+    bool is_full() const noexcept { return is_recording_ && count_ + 2 > max_corners; }
+    void record(const Vec<D>& x) noexcept {
+        if (is_recording_) corner_[count_++] = x;
+    }
+    /// `moved`: the rule went to the last of those corners, and not back to where it was.
+    void end_recording(bool moved) noexcept {
+        is_recording_ = false;
+        if (!moved) count_ = 0;
+    }
+    /// The whole path fits into this tick. True when the rule has taken over: it came to an end, or
+    /// it has not for 32 such ticks, as below a HIP that trembles.
+    bool has_taken_over(bool came_to_end) noexcept {
+        return came_to_end || ++unfinished_ == tuned::ticks_to_stall;
+    }
+
+    /// Goes on from x as far as the ball allows; true at the end of the path.
+    bool walk(Vec<D>& x, const ForceBall<D>& ball) noexcept {
+        for (; next_ < count_; ++next_) {
+            const Vec<D> leg = corner_[next_] - x;
+            const double length = norm(leg);
+            if (!(length > 0)) continue;
+            const double s = ball.free_length(x, (1 / length) * leg, length);
+            if (s < length) {
+                x = x + (s / length) * leg;
+                return false;
+            }
+            x = corner_[next_];
+        }
+        return true;
+    }
+
+  private:
+    double R_;
+    bool is_recording_ = false;
+    Vec<D> corner_[max_corners];
+    Vec<D> hip_;  // that the path was planned for
+    int next_ = 0;
+    int count_ = 0;
+    int unfinished_ = 0;  // paths that fitted into a tick and had no end
 };
 
 }  // namespace vfplan

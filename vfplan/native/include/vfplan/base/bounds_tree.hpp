@@ -1,0 +1,68 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// A tree of bounding volumes over a row of items, walked without a stack: each node knows the node
+// behind all that hang on it.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace vfplan {
+
+template <class Bounds>
+class BoundsTree {
+  public:
+    /// Number of items under one leaf.
+    static constexpr std::size_t leaf_size = 4;
+
+    /// Builds the tree over the items from first to last - 1. `bounds_of(first, last)` gives their
+    /// bounds; `halve(first, last)` may reorder them first, so that each half lies together.
+    template <class BoundsOf, class Halve>
+    void build(std::size_t first, std::size_t last, BoundsOf&& bounds_of, Halve&& halve) {
+        const std::size_t at = nodes_.size();
+        nodes_.push_back({bounds_of(first, last), 0, 0, 0});
+        if (last - first <= leaf_size) {
+            nodes_[at].first = static_cast<std::uint32_t>(first);
+            nodes_[at].last = static_cast<std::uint32_t>(last);
+        } else {
+            halve(first, last);
+            const std::size_t middle = first + (last - first) / 2;
+            build(first, middle, bounds_of, halve);
+            build(middle, last, bounds_of, halve);
+        }
+        nodes_[at].skip = static_cast<std::uint32_t>(nodes_.size());
+    }
+    void shrink_to_fit() { nodes_.shrink_to_fit(); }
+
+    std::size_t size() const noexcept { return nodes_.size(); }
+    std::size_t bytes() const noexcept { return nodes_.capacity() * sizeof(Node); }
+
+    /// Calls f(i) for every item under bounds that `is_near(bounds)` says so of. Returns the inner
+    /// steps that it took: one for each of the bounds, three for each item.
+    template <class IsNear, class F>
+    int visit(IsNear&& is_near, F&& f) const noexcept {
+        int steps = 0;
+        for (std::uint32_t k = 0; k < nodes_.size(); ++steps) {
+            const Node& node = nodes_[k];
+            if (!is_near(node.bounds)) {
+                k = node.skip;
+                continue;
+            }
+            for (std::uint32_t i = node.first; i < node.last; ++i, steps += 3) f(i);
+            ++k;
+        }
+        return steps;
+    }
+
+  private:
+    struct Node {
+        Bounds bounds;
+        std::uint32_t first, last;  // items of a leaf; none of a branch
+        std::uint32_t skip;         // the node behind all that hang on this one
+    };
+
+    std::vector<Node> nodes_;
+};
+
+}  // namespace vfplan
