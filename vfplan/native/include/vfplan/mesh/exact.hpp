@@ -96,14 +96,18 @@ class MeshMotion {
         return distance_ >= R_ - band_;
     }
 
-    MotionEnd move(Vec3& proxy, const Vec3& hip, NoStall<3>&, PlannedPath<3>&) noexcept {
+    MotionEnd move(Vec3& proxy, const Vec3& hip, StallTest<3>& stall, PlannedPath<3>&) noexcept {
         if (body_.settle(query_, proxy, hip, proxy)) {
+            stall.release();
             distance_ = body_.count() > 0 ? 0 : never;
             is_settled_ = true;
             return MotionEnd::settled;
         }
         query_.set_step_budget(max_steps);
-        return step_to_hip(proxy, hip, nullptr);
+        const Vec3& goal = stall.goal(hip, norm(hip - proxy), 1);
+        const MotionEnd end = step_to_hip(proxy, goal, nullptr);
+        if (proxy == hip) stall.release();
+        return end;
     }
     /// As `move`, while the rule takes over from a way out.
     MotionEnd move_within(const ForceBall<3>& ball, Vec3& proxy, const Vec3& hip) noexcept {
@@ -231,7 +235,7 @@ class MeshMotion {
     bool is_settled_ = false;                   // the proxy rests on the smooth body
 };
 
-class MeshRule : public GuardedRule<MeshMotion, NoStall<3>> {
+class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
   public:
     /// What a file's single precision, and roundings, may let the proxy sink [R].
     static constexpr double roundings = 1e-5;
