@@ -48,4 +48,4 @@ def test_without_exceptions_a_bad_setting_ends_the_program_with_its_reason(tmp_p
     assert program, says
     done = subprocess.run([program], capture_output=True, text=True, check=False)
     assert done.returncode != 0
-    assert done.stderr == "vfplan: band must be in (0, contact_radius]\n"
+    assert done.stderr == "vfplan: band -1 m: allowed is above 0 and at most 0.005 m\n"

@@ -18,7 +18,7 @@ from vfplan import _core
 from vfplan.errors import SceneError, SettingError
 
 MOST_POINTS = 4_000_000  # in one bundle (schemas/bundle-2.0.json); more are refused unmade
-LIMIT = 1e6  # |coordinate| [m]: beyond it float64 no longer resolves a nanometre
+LIMIT = _core.largest_coordinate  # |coordinate| [m]: beyond it float64 no longer resolves a nanometre
 UNIT = 1e-9  # how far from 1 the length of a unit vector may be, as in parameters.hpp
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -30,18 +30,19 @@ Search = Literal["auto", "grid", "brute"]
 MAX_ITERATIONS = 16  # of the robust rule, a tick
 
 # Of R, and of the largest coordinate: what roundings may take from the clearance of rule "exact".
-EXACT_BAND = 1e-7
-MESH_BAND = 1e-5  # where it renders triangles: also what single precision takes, as in STL
+EXACT_BAND = _core.curve_band
+MESH_BAND = _core.mesh_band  # where it renders triangles: also what single precision takes, as in STL
 PAPER_BAND = 10e-6  # r2 - rc = rc - r1 of Algorithm 1 [m]
 
 # What float64 serves among coordinates of up to 1e6 m. Squares of such radii neither under- nor
 # overflow, in the float32 seeds of the native loops either.
-SMALLEST_RADIUS, LARGEST_RADIUS = 1e-9, LIMIT  # [m]
+SMALLEST_RADIUS = _core.smallest_radius  # [m]
+LARGEST_RADIUS = _core.largest_radius  # [m]
 # Of R: the square of a distance is rounded to 2e-16 of itself, and a step's least counted part is
 # a millionth of the band. Below, the proxy lags and eq. (1) loses its digits.
-FINEST_BAND = 1e-8
+FINEST_BAND = _core.finest_band
 # Roundings of the largest coordinate that a band holds: its hundredth, rest, is a hundred still.
-ROUNDINGS_A_BAND = 1e4
+ROUNDINGS_A_BAND = _core.roundings_a_band
 
 
 @dataclass(frozen=True, eq=False)

@@ -67,6 +67,24 @@ bool exchange(Engine& engine, Engine& other) {
     return engine.exchange(std::move(other));
 }
 
+// Distances (T,) of points (T, 3) from lines and arcs, across an axis.
+nb::object distance_to_pieces(const Rows& vertices, const Numbers& bulges, const Ids& stroke,
+                              const Flags& closed, const Row& axis, const Rows& points) {
+    const std::vector<vfplan::Stroke> all = strokes(vertices, bulges, stroke, closed);
+    const vfplan::Slice space(vec(axis));
+    const std::size_t n = points.shape(0);
+    auto out = array<double>(n, 1);
+    {
+        nb::gil_scoped_release release;
+        vfplan::check(all);
+        const vfplan::curve::Curve curve(all, space, 1);
+        const double* x = points.data();
+        for (std::size_t i = 0; i < n; ++i)
+            out.data()[i] = curve.distance(space.across({{x[3 * i], x[3 * i + 1], x[3 * i + 2]}}));
+    }
+    return nb::cast(out);
+}
+
 nb::object distance(Engine& engine, const Rows& points) {
     const EngineUse turn(engine);
     const std::size_t n = points.shape(0);
@@ -145,7 +163,17 @@ NB_MODULE(_core, m) {
             return vfplan::by_triangles(surface(points, triangles), p);
         },
         "points"_a, "triangles"_a, "parameters"_a, "whether rule exact is the best for a mesh");
+    m.attr("smallest_radius") = vfplan::smallest_radius;
+    m.attr("largest_radius") = vfplan::largest_radius;
+    m.attr("largest_coordinate") = vfplan::largest_coordinate;
+    m.attr("finest_band") = vfplan::finest_band;
+    m.attr("roundings_a_band") = vfplan::roundings_a_band;
+    m.attr("curve_band") = vfplan::curve::CurveRule::roundings;
+    m.attr("mesh_band") = vfplan::mesh::MeshRule::roundings;
     m.attr("most_tick_work") = vfplan::max_tick_time;
+
+    m.def("distance_to_pieces", &distance_to_pieces, "vertices"_a, "bulges"_a, "stroke"_a,
+          "closed"_a, "axis"_a, "points"_a, "distances from lines and arcs [m]");
 
     nb::class_<Engine> engine(m, "Engine");
     engine

@@ -44,7 +44,7 @@ nb::tuple govern(vfplan::Governor& governor, const Rows& forces,
 
 void bind_governor(nb::module_& m) {
     using vfplan::Governor, vfplan::GovernorLimits;
-    m.attr("most_joints") = GovernorLimits::most_joints;
+    m.attr("most_joints") = GovernorLimits::max_joints;
     nb::class_<GovernorLimits>(m, "GovernorLimits", "what an arm takes, SI")
         .def(nb::init<>())
         .def_rw("force_step", &GovernorLimits::force_step)

@@ -30,20 +30,20 @@
 namespace vfplan {
 
 struct GovernorLimits {
-    static constexpr int most_joints = 16;
+    static constexpr int max_joints = 16;
     static constexpr double none = std::numeric_limits<double>::infinity();
 
-    double force_step = 1.0;          ///< largest |change of force| from one tick to the next [N]
-    double force_max = 20.0;          ///< largest |force| [N]
-    double stiffness = 1000.0;        ///< K of the fixture's spring, its largest [N/m]
-    double mass = 1.0;                ///< least moving mass at the tip, the arm's alone [kg]
-    double period = 1e-3;             ///< of one tick [s]
-    double torque_step[most_joints];  ///< largest |change of torque| of each joint [N m], or none
-    double torque_max[most_joints];   ///< largest |torque| of each joint [N m], or none
+    double force_step = 1.0;         ///< largest |change of force| from one tick to the next [N]
+    double force_max = 20.0;         ///< largest |force| [N]
+    double stiffness = 1000.0;       ///< K of the fixture's spring, its largest [N/m]
+    double mass = 1.0;               ///< least moving mass at the tip, the arm's alone [kg]
+    double period = 1e-3;            ///< of one tick [s]
+    double torque_step[max_joints];  ///< largest |change of torque| of each joint [N m], or none
+    double torque_max[max_joints];   ///< largest |torque| of each joint [N m], or none
 
     GovernorLimits() {
-        std::fill_n(torque_step, most_joints, none);
-        std::fill_n(torque_max, most_joints, none);
+        std::fill_n(torque_step, max_joints, none);
+        std::fill_n(torque_max, max_joints, none);
     }
     /// Least force_step with which a release of force_max gives no more than its spring had [N].
     double least_passive_step() const noexcept {
@@ -71,38 +71,37 @@ struct Governed {
 /// Throws std::invalid_argument on a value outside its range, and on a force_step that is not
 /// passive.
 inline void check(const GovernorLimits& limits) {
-    const auto must = [](bool holds, const std::string& what) {
-        if (!holds) reject(what);
-    };
-    const auto positive = [](double x) { return std::isfinite(x) && x > 0; };
-    must(positive(limits.force_max) && limits.force_max <= 1e6,
-         "force_max must be above 0 and at most 1e6 N");
-    must(positive(limits.stiffness), "stiffness must be above 0");
-    must(positive(limits.mass), "mass must be above 0");
-    must(positive(limits.period), "period must be above 0");
     // A change that is a millionth of the force is still a million roundings of it.
-    must(positive(limits.force_step) && limits.force_step >= 1e-6 * limits.force_max,
-         "force_step must be above 0 and at least 1e-6 force_max");
-    must(limits.force_step >= limits.least_passive_step(),
-         "force_step " + std::to_string(limits.force_step) +
-             " N a tick gives more energy than the spring had stored; at least force_max * period "
-             "* sqrt(stiffness / mass) / 2 = " +
-             std::to_string(limits.least_passive_step()) + " N is passive");
-    for (int j = 0; j < GovernorLimits::most_joints; ++j) {
-        must(limits.torque_max[j] > 0, "torque_max must be above 0");
-        must(limits.torque_step[j] > 0 && (limits.torque_max[j] == GovernorLimits::none ||
-                                           limits.torque_step[j] >= 1e-6 * limits.torque_max[j]),
-             "torque_step must be above 0 and at least 1e-6 torque_max");
+    constexpr double smallest_share = 1e-6;
+    check_above("force_max", limits.force_max, 0, 1e6, " N");
+    check_above("stiffness", limits.stiffness, 0, unbounded, " N/m");
+    check_above("mass", limits.mass, 0, unbounded, " kg");
+    check_above("period", limits.period, 0, unbounded, " s");
+    check_above("force_step", limits.force_step, 0, unbounded, " N");
+    check_from("force_step", limits.force_step, smallest_share * limits.force_max, unbounded, " N");
+    if (!(limits.force_step >= limits.least_passive_step()))
+        reject("force_step " + std::to_string(limits.force_step) +
+               " N a tick gives more energy than the spring had stored; at least force_max * "
+               "period * sqrt(stiffness / mass) / 2 = " +
+               std::to_string(limits.least_passive_step()) + " N is passive");
+    for (int j = 0; j < GovernorLimits::max_joints; ++j) {
+        const double most = limits.torque_max[j];
+        if (!(most > 0)) reject("torque_max " + shown(most) + " N m: allowed is above 0");
+        const double least = most == GovernorLimits::none ? 0 : smallest_share * most;
+        const double step = limits.torque_step[j];
+        if (!(step > 0 && step >= least))
+            reject("torque_step " + shown(step) + " N m: allowed is above 0 and at least " +
+                   shown(least) + " N m");
     }
 }
 
 class Governor {
   public:
-    static constexpr int most_joints = GovernorLimits::most_joints;
+    static constexpr int max_joints = GovernorLimits::max_joints;
 
     explicit Governor(const GovernorLimits& limits) : limits_(limits) {
         check(limits);
-        for (int j = 0; j < most_joints; ++j)
+        for (int j = 0; j < max_joints; ++j)
             by_torque_ = by_torque_ || limits.torque_step[j] < GovernorLimits::none ||
                          limits.torque_max[j] < GovernorLimits::none;
     }
@@ -112,22 +111,22 @@ class Governor {
 
     /// The next tick of an arm that takes forces.
     Governed step(const Vec3& force) noexcept {
-        const bool good = sound(force.c, 3);
-        return govern(force, good, good ? 0 : bad_force, nullptr, 0);
+        const bool good = is_sound(force.c, 3);
+        return govern(force, good, good ? 0 : bad_force, {});
     }
 
     /// The next tick of an arm that takes torques.
     ///
     /// `jacobian`: 3 x `joints`, row after row, of the point the force acts on; joints <= 16.
     Governed step(const Vec3& force, const double* jacobian, int joints) noexcept {
-        const int n = std::clamp(joints, 0, most_joints);
-        if (n == 0 || !sound(jacobian, 3 * n)) {
-            const Governed g = govern({}, false, bad_jacobian, nullptr, 0);
+        const int n = std::clamp(joints, 0, max_joints);
+        if (n == 0 || !is_sound(jacobian, 3 * n)) {
+            const Governed g = govern({}, false, bad_jacobian, {});
             fade_torques();
             return g;
         }
-        const bool good = sound(force.c, 3);
-        return govern(force, good, good ? 0 : bad_force, jacobian, n);
+        const bool good = is_sound(force.c, 3);
+        return govern(force, good, good ? 0 : bad_force, {jacobian, n});
     }
 
     const GovernorLimits& limits() const noexcept { return limits_; }
@@ -141,31 +140,64 @@ class Governor {
 
   private:
     /// Limits are aimed at from a little below, so that no rounding of a sum crosses them.
-    static constexpr double below = 1 - 1e-9, nearly = 1 - 5e-10;
+    static constexpr double below = 1 - 1e-9;
+    /// The same, closer: of a limit that a force already aimed at `below` of.
+    static constexpr double nearly = 1 - 5e-10;
+    /// Largest force [N], and entry of a Jacobian [m], that counts as a number.
     static constexpr double largest = 1e6;
+
+    /// 3 x `joints`, row after row; without one, no joints.
+    struct Jacobian {
+        const double* values = nullptr;
+        int joints = 0;
+
+        /// What a force asks of joint j [N m].
+        double torque(int j, const Vec3& force) const noexcept {
+            return values[j] * force[0] + values[joints + j] * force[1] +
+                   values[2 * joints + j] * force[2];
+        }
+    };
+
+    /// The shares s of a change, from `smallest` to `largest`, that keep to limits.
+    struct Shares {
+        double smallest = 0;
+        double largest = 1;
+
+        bool is_empty() const noexcept { return !(smallest <= largest); }
+        /// Keeps the shares s with |value + s rate| <= limit.
+        void keep(double value, double rate, double limit) noexcept {
+            if (limit == GovernorLimits::none) return;
+            if (rate == 0) {
+                if (std::abs(value) > limit) largest = -1;
+                return;
+            }
+            const double a = (-limit - value) / rate;
+            const double b = (limit - value) / rate;
+            smallest = std::max(smallest, std::min(a, b));
+            largest = std::min(largest, std::max(a, b));
+        }
+    };
 
     Governor(const GovernorLimits& limits, bool by_torque) noexcept
         : limits_(limits), by_torque_(by_torque) {}
 
-    static bool sound(const double* values, int n) noexcept {
+    static bool is_sound(const double* values, int n) noexcept {
         if (values == nullptr) return false;
         for (int k = 0; k < n; ++k)
             if (!(std::abs(values[k]) <= largest)) return false;
         return true;
     }
-    static double of_joint(const double* jacobian, int n, int j, const Vec3& force) noexcept {
-        return jacobian[j] * force[0] + jacobian[n + j] * force[1] + jacobian[2 * n + j] * force[2];
-    }
 
-    Governed govern(const Vec3& asked, bool good, int said, const double* jacobian,
-                    int n) noexcept {
+    /// One tick. A force that is not sound counts as none.
+    Governed govern(const Vec3& force, bool is_force_sound, int status,
+                    const Jacobian& jacobian) noexcept {
         Governed g;
-        g.status = static_cast<std::uint8_t>(said);
-        if (by_torque_ && jacobian == nullptr && !(said & bad_jacobian)) g.status |= no_jacobian;
-        const Vec3 wanted = good ? asked : Vec3{};
-        const Vec3 target = clipped(wanted, jacobian, n);
-        if (!accept(target, jacobian, n) && !ramp_towards(target, jacobian, n))
-            g.status |= torque_lags;
+        g.status = static_cast<std::uint8_t>(status);
+        if (by_torque_ && jacobian.values == nullptr && !(status & bad_jacobian))
+            g.status |= no_jacobian;
+        const Vec3 wanted = is_force_sound ? force : Vec3{};
+        const Vec3 target = clipped(wanted, jacobian);
+        if (!accept(target, jacobian) && !ramp_towards(target, jacobian)) g.status |= torque_lags;
         account_energy(target);
         if (given() > 1.01 * stored()) g.status |= overdrawn;
         g.force = force_;
@@ -174,81 +206,76 @@ class Governor {
     }
 
     /// The force, shortened to what the arm takes at rest.
-    Vec3 clipped(const Vec3& force, const double* jacobian, int n) const noexcept {
+    Vec3 clipped(const Vec3& force, const Jacobian& jacobian) const noexcept {
         double share = 1;
-        const auto hold = [&share](double size, double limit) noexcept {
+        const auto limit_to = [&share](double size, double limit) noexcept {
             if (size > limit) share = std::min(share, below * limit / size);
         };
-        hold(norm(force), limits_.force_max);
-        for (int j = 0; j < n; ++j)
-            hold(std::abs(of_joint(jacobian, n, j, force)), limits_.torque_max[j]);
+        limit_to(norm(force), limits_.force_max);
+        for (int j = 0; j < jacobian.joints; ++j)
+            limit_to(std::abs(jacobian.torque(j, force)), limits_.torque_max[j]);
         return share < 1 ? share * force : force;
     }
 
     /// Takes the target as it is, if nothing changes too much by that.
-    bool accept(const Vec3& target, const double* jacobian, int n) noexcept {
+    bool accept(const Vec3& target, const Jacobian& jacobian) noexcept {
         if (!(norm(target - force_) <= limits_.force_step)) return false;
-        double torque[most_joints];
-        for (int j = 0; j < n; ++j) {
-            torque[j] = of_joint(jacobian, n, j, target);
+        double torque[max_joints];
+        for (int j = 0; j < jacobian.joints; ++j) {
+            torque[j] = jacobian.torque(j, target);
             if (!(std::abs(torque[j] - torque_[j]) <= limits_.torque_step[j])) return false;
         }
-        std::copy_n(torque, n, torque_);
+        std::copy_n(torque, jacobian.joints, torque_);
         force_ = target;
         return true;
     }
 
-    /// Goes towards the target by as much as every limit allows; false where the torques alone do.
-    bool ramp_towards(const Vec3& target, const double* jacobian, int n) noexcept {
+    /// Moves the commanded force towards the target: F + s (target - F) with the largest s in [0,
+    /// 1] for which the force changes by force_step at most (G1), and the torque of every joint
+    /// stays within its step (G2) and its maximum (G3). Where the arm turns so fast that no s does,
+    /// the force keeps to (G1) and the torques follow as fast as (G2) lets them; false then.
+    bool ramp_towards(const Vec3& target, const Jacobian& jacobian) noexcept {
         const Vec3 change = target - force_;
-        double least = 0, most = std::min(1.0, below * limits_.force_step / norm(change));
-        const double by_force = most;
-        for (int j = 0; j < n; ++j) {
-            const double at = of_joint(jacobian, n, j, force_);
-            const double by = of_joint(jacobian, n, j, change);
-            within(at - torque_[j], by, below * limits_.torque_step[j], least, most);
-            within(at, by, nearly * limits_.torque_max[j], least, most);
+        const double force_share =
+            std::min(1.0, below * limits_.force_step / norm(change));  // (G1)
+        Shares shares{0, force_share};
+        for (int j = 0; j < jacobian.joints; ++j) {
+            const double torque = jacobian.torque(j, force_);
+            const double rate = jacobian.torque(j, change);
+            shares.keep(torque - torque_[j], rate, below * limits_.torque_step[j]);  // (G2)
+            shares.keep(torque, rate, nearly * limits_.torque_max[j]);               // (G3)
         }
-        const bool together = least <= most;
-        force_ = force_ + (together ? most : by_force) * change;
-        if (together)
-            for (int j = 0; j < n; ++j) torque_[j] = of_joint(jacobian, n, j, force_);
-        else
-            torques_towards(jacobian, n);
-        return together;
-    }
-
-    /// Narrows [least, most] to the shares s with |at + s by| <= limit.
-    static void within(double at, double by, double limit, double& least, double& most) noexcept {
-        if (limit == GovernorLimits::none) return;
-        if (by == 0) {
-            if (std::abs(at) > limit) most = -1;
-            return;
+        if (shares.is_empty()) {
+            force_ = force_ + force_share * change;
+            torques_towards(jacobian);
+            return false;
         }
-        const double a = (-limit - at) / by, b = (limit - at) / by;
-        least = std::max(least, std::min(a, b));
-        most = std::min(most, std::max(a, b));
+        force_ = force_ + shares.largest * change;
+        for (int j = 0; j < jacobian.joints; ++j) torque_[j] = jacobian.torque(j, force_);
+        return true;
     }
 
     /// Torques towards J^T F where the Jacobian has changed by more than a step of them allows.
-    void torques_towards(const double* jacobian, int n) noexcept {
-        double change[most_joints];
-        for (int j = 0; j < n; ++j) change[j] = of_joint(jacobian, n, j, force_) - torque_[j];
-        ramp_torques(change, n);
+    void torques_towards(const Jacobian& jacobian) noexcept {
+        double change[max_joints];
+        for (int j = 0; j < jacobian.joints; ++j)
+            change[j] = jacobian.torque(j, force_) - torque_[j];
+        ramp_torques(change, jacobian.joints);
     }
     void fade_torques() noexcept {
-        double change[most_joints];
-        for (int j = 0; j < most_joints; ++j) change[j] = -torque_[j];
-        ramp_torques(change, most_joints);
+        double change[max_joints];
+        for (int j = 0; j < max_joints; ++j) change[j] = -torque_[j];
+        ramp_torques(change, max_joints);
     }
     void ramp_torques(const double* change, int n) noexcept {
-        double share = 1;
+        Shares shares;
         for (int j = 0; j < n; ++j) {
-            double least = 0;
-            within(0, change[j], below * limits_.torque_step[j], least, share);
-            within(torque_[j], change[j], limits_.torque_max[j], least, share);
+            shares.smallest = 0;
+            shares.keep(0, change[j], below * limits_.torque_step[j]);
+            shares.smallest = 0;
+            shares.keep(torque_[j], change[j], limits_.torque_max[j]);
         }
-        share = std::max(share, 0.0);
+        const double share = std::max(shares.largest, 0.0);
         for (int j = 0; j < n; ++j) torque_[j] = torque_[j] + share * change[j];
     }
 
@@ -272,7 +299,7 @@ class Governor {
     GovernorLimits limits_;
     bool by_torque_ = false;
     Vec3 force_, before_, momentum_;
-    double torque_[most_joints] = {};
+    double torque_[max_joints] = {};
     double stretched_ = 0;  // [N] the most that the spring was, since the force lags
     double closed_given_ = 0, closed_stored_ = 0;
 };

@@ -57,17 +57,13 @@ struct GuideStep {
 
 /// Throws std::invalid_argument on a value outside its range.
 inline void check(const GuideParameters& p) {
-    const auto must = [](bool holds, const char* what) {
-        if (!holds) reject(what);
-    };
-    must(p.radius >= smallest_radius && p.radius <= largest_radius,
-         "radius must be from 1e-9 to 1e6 m");
-    must(std::isfinite(p.stiffness) && p.stiffness > 0, "stiffness must be above 0");
-    must(std::isfinite(p.lead_force), "lead_force must be finite");
-    must(std::isfinite(p.lead_speed) && p.lead_speed > 0, "lead_speed must be above 0");
-    must(std::isfinite(p.period) && p.period > 0, "period must be above 0");
-    if (p.ignore_axis)
-        must(std::abs(norm(*p.ignore_axis) - 1) < 1e-9, "ignore_axis must be a unit vector");
+    check_from("radius", p.radius, smallest_radius, largest_radius, " m");
+    check_above("stiffness", p.stiffness, 0, unbounded, " N/m");
+    if (!std::isfinite(p.lead_force))
+        reject("lead_force " + shown(p.lead_force) + " N: allowed is a finite force");
+    check_above("lead_speed", p.lead_speed, 0, unbounded, " m/s");
+    check_above("period", p.period, 0, unbounded, " s");
+    if (p.ignore_axis) check_axis(*p.ignore_axis);
 }
 
 class Guide {

@@ -73,10 +73,9 @@ class MovingFrame {
 
     /// Throws std::invalid_argument for a limit out of range.
     explicit MovingFrame(const MovingLimits& limits = {}) : limits_(limits), poses_(most_waiting) {
-        const auto within = [](double x, double most) { return x > 0 && x <= most; };
-        if (!within(limits.max_age, 10)) reject("max_age must be above 0 and at most 10 s");
-        if (!within(limits.max_speed, 10)) reject("max_speed must be above 0 and at most 10 m/s");
-        if (!within(limits.max_turn, 100)) reject("max_turn must be above 0 and at most 100 rad/s");
+        check_above("max_age", limits.max_age, 0, 10, " s");
+        check_above("max_speed", limits.max_speed, 0, 10, " m/s");
+        check_above("max_turn", limits.max_turn, 0, 100, " rad/s");
         if (!finite(limits.pivot)) reject("pivot must be finite and within 1e6 m");
     }
 

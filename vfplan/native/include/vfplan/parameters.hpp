@@ -14,11 +14,11 @@
 
 namespace vfplan {
 
-// Table I of the paper, in SI.
-
 /// Radii that float64 serves among coordinates of up to 1e6 m: their squares neither under- nor
 /// overflow, in the float32 seeds of the loops either (1e-38 to 3e38).
-inline constexpr double smallest_radius = 1e-9, largest_radius = 1e6;  // [m]
+inline constexpr double smallest_radius = 1e-9;  // [m]
+inline constexpr double largest_radius = 1e6;    // [m]
+
 /// Of R. The square of a distance is rounded to 2e-16 of itself, and a step's least counted part is
 /// a millionth of the band: below, the proxy lags and eq. (1) loses its digits.
 inline constexpr double finest_band = 1e-8;
@@ -47,39 +47,36 @@ struct Parameters {
     double R() const noexcept { return contact_radius + point_radius; }
 };
 
-/// Throws std::invalid_argument on a value outside its range.
+/// Throws std::invalid_argument unless this is a unit vector.
+inline void check_axis(const Vec3& axis) {
+    const double length = norm(axis);
+    if (!(std::abs(length - 1) < 1e-9))
+        reject("ignore_axis of length " + shown(length) + ": allowed is a unit vector");
+}
+
+/// Throws std::invalid_argument, with the value found, on one outside its range.
 inline void check(const Parameters& p) {
-    const auto must = [](bool holds, const char* what) {
-        if (!holds) reject(what);
-    };
-    const auto positive = [](double x) { return std::isfinite(x) && x > 0; };
-    must(p.contact_radius >= smallest_radius && p.contact_radius <= largest_radius,
-         "contact_radius must be from 1e-9 to 1e6 m");
-    must(positive(p.band) && p.band <= p.contact_radius, "band must be in (0, contact_radius]");
-    must(p.r1() < p.r2(), "band: r1 must be less than r2");
-    must(p.point_radius >= 0 && p.point_radius <= largest_radius,
-         "point_radius must be from 0 to 1e6 m");
-    must(p.band >= finest_band * p.R(),
-         "band must be at least 1e-8 (contact_radius + point_radius)");
-    must(p.outer_radius > p.r2() && p.outer_radius <= 2 * largest_radius,
-         "outer_radius must exceed r2 and be at most 2e6 m");
-    must(p.gain > 0 && p.gain <= 1, "gain must be in (0, 1]");
-    for (int k = 0; k < 3; ++k) must(positive(p.stiffness[k]), "stiffness must be above 0");
-    if (p.ignore_axis)
-        must(std::abs(norm(*p.ignore_axis) - 1) < 1e-9, "ignore_axis must be a unit vector");
-    must(p.max_iterations >= 1, "max_iterations must be at least 1");
+    check_from("contact_radius", p.contact_radius, smallest_radius, largest_radius, " m");
+    check_from("point_radius", p.point_radius, 0, largest_radius, " m");
+    check_above("band", p.band, 0, p.contact_radius, " m");
+    check_from("band", p.band, finest_band * p.R(), p.contact_radius, " m");
+    check_above("outer_radius", p.outer_radius, p.r2(), 2 * largest_radius, " m");
+    check_above("gain", p.gain, 0, 1, "");
+    for (int k = 0; k < 3; ++k) check_above("stiffness", p.stiffness[k], 0, unbounded, " N/m");
+    if (p.ignore_axis) check_axis(*p.ignore_axis);
+    check_from("max_iterations", p.max_iterations, 1, std::numeric_limits<int>::max(), "");
 }
 
 /// Throws std::invalid_argument where the coordinates of the n points `xyz` are too large to
 /// resolve the band.
 inline void check_resolved(const Parameters& p, const double* xyz, std::size_t n) {
-    double most = 0;
-    for (std::size_t i = 0; i < 3 * n; ++i) most = std::max(most, std::abs(xyz[i]));
-    if (!(p.band >= roundings_a_band * std::numeric_limits<double>::epsilon() * most))
-        reject("band must be at least 2.2e-12 of the largest coordinate: its 1e4 roundings");
+    double largest = 0;
+    for (std::size_t i = 0; i < 3 * n; ++i) largest = std::max(largest, std::abs(xyz[i]));
+    const double least = roundings_a_band * std::numeric_limits<double>::epsilon() * largest;
+    if (!(p.band >= least))
+        reject("band " + shown(p.band) + " m: allowed is at least " + shown(least) +
+               " m, 1e4 roundings of the largest coordinate, " + shown(largest) + " m");
 }
-
-// What one tick answers.
 
 /// The paper's state of the proxy.
 enum class State : std::int8_t {

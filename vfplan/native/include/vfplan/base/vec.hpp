@@ -16,6 +16,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -31,6 +32,29 @@ template <class Error = std::invalid_argument>
     std::abort();
 #endif
 }
+
+/// A number as messages give it.
+inline std::string shown(double x) {
+    char digits[32];
+    std::snprintf(digits, sizeof digits, "%g", x);
+    return digits;
+}
+/// Throws std::invalid_argument, with the value, unless it lies from `least` to `most`.
+inline void check_from(const char* name, double value, double least, double most,
+                       const char* unit) {
+    if (value >= least && value <= most) return;
+    reject(std::string(name) + " " + shown(value) + unit + ": allowed is at least " + shown(least) +
+           " and at most " + shown(most) + unit);
+}
+/// The same unless it lies above `bound` and is at most `most`; infinity is never allowed.
+inline void check_above(const char* name, double value, double bound, double most,
+                        const char* unit) {
+    if (std::isfinite(value) && value > bound && value <= most) return;
+    std::string allowed = "above " + shown(bound);
+    if (std::isfinite(most)) allowed += " and at most " + shown(most);
+    reject(std::string(name) + " " + shown(value) + unit + ": allowed is " + allowed + unit);
+}
+inline constexpr double unbounded = std::numeric_limits<double>::infinity();
 
 template <int D>
 struct Vec {
