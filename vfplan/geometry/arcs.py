@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError
-from vfplan.fixture import Pieces
 
 DENSE = 8  # places looked at between two measured points
 # A corner turns more than a smooth bend does: more than twice as much as the points beside it, and
@@ -123,16 +122,6 @@ def plane(axis: Vector) -> Vector:
     first = first - axis * (first @ axis)
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)])
-
-
-def strokes_of(pieces: Pieces, frame: Vector) -> list[Arcs]:
-    """A fixture's strokes in the plane of `frame` (2, 3)."""
-    flat = pieces.vertices @ frame.T
-    own = [pieces.stroke == k for k in range(len(pieces.closed))]
-    return [
-        Arcs(flat[mine], pieces.bulges[mine], bool(closed), pieces.error)
-        for mine, closed in zip(own, pieces.closed, strict=True)
-    ]
 
 
 def _run(places: Vector, tangents: Vector, tolerance: float) -> tuple[Vector, Vector, float]:

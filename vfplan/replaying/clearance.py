@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan import _core
 from vfplan.engine.parameters import Rule
 from vfplan.engine.renderable import exact_of
 from vfplan.fixture import Fixture, Pieces
-from vfplan.geometry.arcs import plane, strokes_of
 from vfplan.registration.nearest import on_triangles
 from vfplan.replaying.quantities import flattened, row_norms
 
@@ -56,14 +56,13 @@ class CurveClearance(Clearance):
 
     def __init__(self, pieces: Pieces, radius: float, axis: Array) -> None:
         super().__init__(radius)
-        self._frame = plane(axis)
-        self._strokes = strokes_of(pieces, self._frame)
+        self._curve = (pieces.vertices, pieces.bulges, pieces.stroke, pieces.closed.view(np.uint8))
+        self._axis = axis
 
     def update(self, proxy: Array) -> None:
         """As `Clearance` has it."""
-        flat = proxy @ self._frame.T
-        for stroke in self._strokes:
-            self._nearest = min(self._nearest, float(stroke.distance(flat).min()))
+        distances = _core.distance_to_pieces(*self._curve, self._axis, np.ascontiguousarray(proxy))
+        self._nearest = min(self._nearest, float(distances.min()))
 
 
 class MeshClearance(Clearance):
