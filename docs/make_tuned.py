@@ -1,7 +1,7 @@
 """Vary the numbers of the robust rule one by one, and print what each change does.
 
     .venv/bin/python docs/make_tuned.py            every number, halved and doubled; minutes
-    .venv/bin/python docs/make_tuned.py lean window  only these
+    .venv/bin/python docs/make_tuned.py max_tilt fit_spacings  only these
 
 The headers are copied, one number of rules/constants.hpp is changed, and a small library is built
 from them with g++ and driven in place of the installed engine.
