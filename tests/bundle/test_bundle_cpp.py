@@ -108,7 +108,12 @@ def test_constants_and_documentation_are_those_of_the_schema():
 
 
 @pytest.mark.parametrize(
-    ("components", "target"), [("", "vfplan::vfplan"), ("COMPONENTS hdf5", "vfplan::hdf5")]
+    ("components", "target"),
+    [
+        ("", "vfplan::vfplan"),
+        ("COMPONENTS hdf5", "vfplan::hdf5"),
+        ("COMPONENTS engine", "vfplan::engine"),
+    ],
 )
 def test_a_program_reads_bundles_without_a_library(components, target, tmp_path):
     """By the reader's earlier names too, from when it needed libhdf5."""

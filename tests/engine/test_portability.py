@@ -49,3 +49,14 @@ def test_without_exceptions_a_bad_setting_ends_the_program_with_its_reason(tmp_p
     done = subprocess.run([program], capture_output=True, text=True, check=False)
     assert done.returncode != 0
     assert done.stderr == "vfplan: band -1 m: allowed is above 0 and at most 0.005 m\n"
+
+
+def test_the_rules_compiled_once_give_the_same_engine(tmp_path):
+    """With VFPLAN_COMPILED the header only declares the rules; engine.cpp has them."""
+    engine = INCLUDE / "vfplan" / "engine.cpp"
+    apart, says = compiled(tmp_path, "-DVFPLAN_COMPILED", engine)
+    assert apart, says
+    assert subprocess.run([apart], check=False).returncode == 0
+    missing, says = compiled(tmp_path, "-DVFPLAN_COMPILED")
+    assert missing is None
+    assert "make_impl" in says

@@ -7,6 +7,9 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -17,7 +20,13 @@
 #include "vfplan/parameters.hpp"
 #include "vfplan/rules/constants.hpp"
 #include "vfplan/rules/start_inside.hpp"
-#include "vfplan/tick_time.hpp"
+
+/// Before a function that engine_impl.hpp defines: in each source file, or in engine.cpp alone.
+#ifdef VFPLAN_COMPILED
+#define VFPLAN_COMPILED_ONCE
+#else
+#define VFPLAN_COMPILED_ONCE inline
+#endif
 
 namespace vfplan::detail {
 
@@ -45,6 +54,8 @@ struct EngineImpl {
     double band;                 ///< [m]
     EngineImpl* next = nullptr;  ///< in the list of those that are retired
 };
+
+using ImplPtr = std::unique_ptr<EngineImpl>;
 
 /// What the editor hands to the loop.
 struct PendingChange {
@@ -152,12 +163,20 @@ class PointNumbers {
     /// The edit, in the numbers of that engine. Throws std::invalid_argument, and changes nothing,
     /// for a number that is no point's or no longer, for coordinates out of range, and where no
     /// point would be left.
+    /// `is_too_dense`: whether a tick among n points may take longer than a loop can wait.
     std::vector<PendingChange> edit(const std::uint32_t* remove, std::size_t n, const double* add,
-                                    std::size_t m, const Parameters& p) {
+                                    std::size_t m, const Parameters& p,
+                                    bool (*is_too_dense)(const double*, std::size_t,
+                                                         const Parameters&)) {
         check_coordinates(add, m);
         check_resolved(p, add, m);
         const std::size_t added = next_ - base_;
-        if ((added + m) / points_a_check > added / points_a_check) check_density(add, m, p);
+        if ((added + m) / points_a_check > added / points_a_check) {
+            const std::vector<double> added_points = points_added(add, m);
+            if (is_too_dense(added_points.data(), added_points.size() / 3, p))
+                reject(
+                    "add: so many points in one place that a tick would take longer than 0.3 ms");
+        }
         std::vector<PendingChange> all;
         all.reserve(n + m);
         for (std::size_t i = 0; i < n; ++i) {
@@ -185,13 +204,12 @@ class PointNumbers {
     /// So many points in one place are less than max_tick_time: they are checked that often.
     static constexpr std::size_t points_a_check = 1024;
 
-    /// Refuses points that came, and would, so close together that a tick takes too long.
-    void check_density(const double* add, std::size_t m, const Parameters& p) const {
-        std::vector<double> came(add, add + 3 * m);
+    /// x y z of the points that came since the engine was made, and of m more.
+    std::vector<double> points_added(const double* add, std::size_t m) const {
+        std::vector<double> all(add, add + 3 * m);
         for (std::size_t i = local_.size() - (next_ - base_); i < local_.size(); ++i)
-            if (local_[i] != gone) came.insert(came.end(), &xyz_[3 * i], &xyz_[3 * i] + 3);
-        if (!(tick_time_bound(came.data(), came.size() / 3, p) <= max_tick_time))
-            reject("add: so many points in one place that a tick would take longer than 0.3 ms");
+            if (local_[i] != gone) all.insert(all.end(), &xyz_[3 * i], &xyz_[3 * i] + 3);
+        return all;
     }
 
     std::vector<double> xyz_;
