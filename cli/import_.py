@@ -10,6 +10,8 @@ from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
 from vfplan.cli.values import FILE, MM, Number, Numbers
 
+from vfplan.findings import Finding
+
 AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
 
@@ -63,7 +65,19 @@ def command(cloud, output, **given) -> Report:
     )
     text += f"; rule {data['rule']}" if data["rule"] else ""
     text += f"\nwrote {output}"
-    return Report(data, text, warnings=_warnings(fixture, content["/leak@largest_m"]))
+    warnings = _warnings(fixture, content["/leak@largest_m"])
+    return Report(data, text, warnings=warnings, findings=_findings(fixture))
+
+
+def _findings(fixture: Any) -> list[Finding]:
+    """What the mesh or the band is too coarse for; what no engine renders is warned of already."""
+    from vfplan.engine.renderable import mesh_findings
+    from vfplan.errors import SceneError
+
+    try:
+        return mesh_findings(fixture)
+    except SceneError:
+        return []
 
 
 def _warnings(fixture: Any, opening: float) -> list[str]:

@@ -264,3 +264,51 @@ def test_of_a_bare_cloud_no_opening_is_told(rows, says, vfplan_cli, tmp_path):
     run = vfplan_cli("import", tmp_path / "a.csv", "--units", "mm", "-o", tmp_path / "a.h5")
     assert (run.code, "opening" in run.stdout) == (0, False)
     assert says in run.stdout
+
+
+def ball_stl(path, radius_mm, subdivisions):
+    """A ball of triangles: an octahedron, each of its triangles halved along all sides so often."""
+    corners = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])
+    around = [(0, 1), (1, 2), (2, 3), (3, 0)]
+    faces = [corners[[a, b, 4]] for a, b in around] + [corners[[b, a, 5]] for a, b in around]
+    for _ in range(subdivisions):
+        faces = [
+            part
+            for a, b, c in faces
+            for ab, bc, ca in [((a + b) / 2, (b + c) / 2, (c + a) / 2)]
+            for part in ([a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca])
+        ]
+    lines = ["solid ball"]
+    for face in faces:
+        on_ball = [radius_mm * corner / np.linalg.norm(corner) for corner in face]
+        vertices = ["vertex {:.9g} {:.9g} {:.9g}".format(*corner) for corner in on_ball]
+        lines += ["facet normal 0 0 0", "outer loop", *vertices, "endloop", "endfacet"]
+    path.write_text("\n".join([*lines, "endsolid ball"]))
+
+
+@pytest.mark.parametrize(("contact_radius_mm", "is_coarse"), [(1.5, True), (8, False)])
+def test_facets_that_are_felt_are_a_finding(contact_radius_mm, is_coarse, vfplan_cli, tmp_path):
+    """Facets of 2.4 to 3.3 mm leave a ball of 6 mm by up to 0.3 mm: R / 20 is 0.075 or 0.4 mm."""
+    ball_stl(tmp_path / "ball.stl", 6, 2)
+    run = vfplan_cli(
+        "import", tmp_path / "ball.stl", "--units", "mm", "--contact-radius", contact_radius_mm,
+        "-o", tmp_path / "ball.h5", "--json",
+    )  # fmt: skip
+    assert run.code == 0, run.stderr
+    assert run.json["rule"] == "exact"
+    codes = [finding["code"] for finding in run.json["findings"]]
+    assert codes == (["mesh-coarse"] if is_coarse else [])
+
+
+def test_a_band_above_a_hundredth_of_R_is_a_finding(vfplan_cli, tmp_path):
+    """Points 2 mm apart on a sheet, rough by 0.3 mm: the proxy sinks between them."""
+    draw = np.random.default_rng(2)
+    sheet = np.stack(np.meshgrid(np.arange(0, 60, 2.0), np.arange(0, 60, 2.0)), axis=-1)
+    sheet = np.concatenate([sheet, 0.3 * draw.normal(size=(30, 30, 1))], axis=-1).reshape(-1, 3)
+    for spread, codes in ((1.0, ["band-wide"]), (0.1, [])):
+        np.save(tmp_path / f"{spread}.npy", spread * sheet)
+        run = vfplan_cli(
+            "import", tmp_path / f"{spread}.npy", "--units", "mm",
+            "-o", tmp_path / f"{spread}.h5", "--json",
+        )  # fmt: skip
+        assert [finding["code"] for finding in run.json["findings"]] == codes

@@ -1,7 +1,8 @@
 """Rule exact on a mesh comes to rest where the HIP rests: three meshes on which it once did not.
 
 Without a stall test the proxy of the ball of 80 triangles went round a cycle of 9 micrometres for
-ever, or used up its iterations in every tick without a move. The other two did so from fewer places.
+ever, or used up its iterations in every tick without a move. The other two did so from fewer
+places.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from vfplan import _core
 from vfplan.errors import SceneError, SettingError
 
 MOST_POINTS = 4_000_000  # in one bundle (schemas/bundle-2.0.json); more are refused unmade
-LIMIT = _core.largest_coordinate  # |coordinate| [m]: beyond it float64 no longer resolves a nanometre
+LIMIT = _core.largest_coordinate  # |x| [m]: beyond it float64 does not resolve a nanometre
 UNIT = 1e-9  # how far from 1 the length of a unit vector may be, as in parameters.hpp
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -31,7 +31,7 @@ MAX_ITERATIONS = 16  # of the robust rule, a tick
 
 # Of R, and of the largest coordinate: what roundings may take from the clearance of rule "exact".
 EXACT_BAND = _core.curve_band
-MESH_BAND = _core.mesh_band  # where it renders triangles: also what single precision takes, as in STL
+MESH_BAND = _core.mesh_band  # for triangles: also what single precision takes, as in STL
 PAPER_BAND = 10e-6  # r2 - rc = rc - r1 of Algorithm 1 [m]
 
 # What float64 serves among coordinates of up to 1e6 m. Squares of such radii neither under- nor

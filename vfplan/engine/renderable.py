@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from vfplan import _core
 from vfplan.engine.parameters import ProxyParameters, Rule, Vector, check_points
 from vfplan.errors import SceneError, SettingError
+from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Pieces
 
 
@@ -100,6 +101,49 @@ def check_pieces(pieces: Pieces) -> tuple[Vector, Vector, NDArray[np.int32], NDA
     if not np.array_equal(np.unique(stroke), np.arange(len(closed))) or np.any(np.diff(stroke) < 0):
         raise SceneError(f"strokes of vertices: allowed are 0 to {len(closed) - 1}, in order")
     return vertices, bulges, stroke.astype(np.int32), closed.astype(np.uint8)
+
+
+MAX_BAND_SHARE = 0.01
+"""Largest band of a cloud that says nothing, in R. A wider one shows that the points are rough or
+far apart: the proxy may sink by that much without a word."""
+
+
+def mesh_findings(fixture: Fixture) -> list[Finding]:
+    """What a person should know of a cloud or mesh before a robot renders it.
+
+    Raises `SceneError` for a rendering that no engine takes.
+
+    Returns
+    -------
+    list of Finding
+        `mesh-coarse`: facets that are felt, because the body they stand for would be more than
+        R / 20 from them. `band-wide`: a band above 1 % of R where points are rendered.
+    """
+    if fixture.rendering is None:
+        return []
+    findings = []
+    radius = fixture.contact_radius + fixture.point_radius
+    rule = best_rule(fixture)
+    if rule == "exact" and exact_of(fixture) == "mesh":
+        native = check_renderable(fixture).native(None)
+        triangles = check_triangles(fixture.points, fixture.mesh)
+        count, sagitta = _core.coarse_facets(*triangles, native)
+        if count:
+            text = (
+                f"The mesh has {count} facets that are too coarse to be smoothed: the body they "
+                f"stand for is up to {1e3 * sagitta:.3g} mm away from them, and at most "
+                f"{50 * radius:.3g} mm (R / 20) can be smoothed. The tool will feel their edges. "
+                "Import a finer mesh."
+            )
+            findings.append(doubt("mesh-coarse", "import", text))
+    if rule == "robust" and fixture.band > MAX_BAND_SHARE * radius:
+        text = (
+            f"The band is {1e3 * fixture.band:.3g} mm, {100 * fixture.band / radius:.2g} % of R: "
+            "the points are rough or far apart, and the tool may sink by that much. Import denser "
+            "or smoother points."
+        )
+        findings.append(doubt("band-wide", "import", text))
+    return findings
 
 
 MOST_TICK_WORK = _core.most_tick_work  # [s] that a loop of 1 kHz gives a tick

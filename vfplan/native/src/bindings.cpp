@@ -2,6 +2,7 @@
 //
 // The Python face of the native engine. No logic here.
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
 
 #include "strokes.hpp"
 #include "ticks.hpp"
@@ -163,6 +164,18 @@ NB_MODULE(_core, m) {
             return vfplan::by_triangles(surface(points, triangles), p);
         },
         "points"_a, "triangles"_a, "parameters"_a, "whether rule exact is the best for a mesh");
+    m.def(
+        "coarse_facets",
+        [](const Rows& points, const Triples& triangles, const vfplan::Parameters& p) {
+            nb::gil_scoped_release release;
+            const vfplan::mesh::Surface s = surface(points, triangles);
+            vfplan::mesh::check(s);
+            const vfplan::mesh::Mesh mesh(s, vfplan::mesh::MeshRule::tolerance * p.R());
+            const vfplan::mesh::SmoothBody body(mesh, p.R());
+            return std::make_pair(body.coarse_facets(), body.coarsest_sagitta());
+        },
+        "points"_a, "triangles"_a, "parameters"_a,
+        "facets too coarse to be smoothed, and the sagitta of the coarsest [m]");
     m.attr("smallest_radius") = vfplan::smallest_radius;
     m.attr("largest_radius") = vfplan::largest_radius;
     m.attr("largest_coordinate") = vfplan::largest_coordinate;

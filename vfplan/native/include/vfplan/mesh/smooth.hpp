@@ -38,6 +38,11 @@ class SmoothBody {
     /// How far the body is from the triangles at most [m]; 0 where no edge is smoothed.
     double rise() const noexcept { return rise_; }
     double rise(std::uint32_t i) const noexcept { return facets_[i].most; }
+    /// Number of facets that are too coarse to be smoothed: the body would be more than R / 20 from
+    /// them. The proxy feels them as they are.
+    std::size_t coarse_facets() const noexcept { return coarse_facets_; }
+    /// How far the body would be from the coarsest of them [m]; 0 where there is none.
+    double coarsest_sagitta() const noexcept { return coarsest_sagitta_; }
     std::size_t bytes() const noexcept { return facets_.capacity() * sizeof(FacetShape); }
     /// Whether two triangles lie round a common corner of the body.
     bool touch(std::uint32_t i, std::uint32_t j) const noexcept {
@@ -226,6 +231,10 @@ class SmoothBody {
             fits = fits && dot(b.n[k], up) > least;
         }
         if (fits && b.most <= most_) return false;
+        if (fits) {
+            ++coarse_facets_;
+            coarsest_sagitta_ = std::max(coarsest_sagitta_, b.most);
+        }
         bool cut = false;
         for (int k = 0; k < 3; ++k)
             if (const std::uint32_t j = std::exchange(b.beside[k], Mesh::none); j != Mesh::none) {
@@ -237,6 +246,8 @@ class SmoothBody {
 
     std::vector<FacetShape> facets_;
     double most_, rise_ = 0;
+    std::size_t coarse_facets_ = 0;
+    double coarsest_sagitta_ = 0;
 };
 
 // Where the proxy settles on the smooth body: at R from it, as near to the HIP as its sheets allow.
