@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import click
@@ -41,6 +42,8 @@ def command(cloud, output, **given) -> Report:
     from vfplan.engine.renderable import best_rule
 
     fixture = import_cloud(cloud, **given | {"ignore_axis": AXES[given["ignore_axis"]]})
+    findings = _findings(fixture)
+    fixture = replace(fixture, findings=(*fixture.findings, *findings))
     with outputs(output) as (path,):
         write_fixture(fixture, path)
         content, _ = read_bundle(path)
@@ -66,7 +69,7 @@ def command(cloud, output, **given) -> Report:
     text += f"; rule {data['rule']}" if data["rule"] else ""
     text += f"\nwrote {output}"
     warnings = _warnings(fixture, content["/leak@largest_m"])
-    return Report(data, text, warnings=warnings, findings=_findings(fixture))
+    return Report(data, text, warnings=warnings, findings=findings)
 
 
 def _findings(fixture: Any) -> list[Finding]:

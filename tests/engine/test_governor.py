@@ -164,7 +164,7 @@ def test_a_force_held_longer_than_its_spring_lasts_is_said():
         ({"torque_step_nm": 0}, "torque_step_nm 0 N·m"),
         ({"torque_step_nm": [1.0, 2.0], "torque_max_nm": [1.0]}, "of 1 and 2 joints"),
         ({"torque_step_nm": np.ones(17)}, "n at most 16"),
-        ({"torque_step_nm": 1e-9, "torque_max_nm": 80}, "allowed is above 0 and at least 8e-05 N m"),
+        ({"torque_step_nm": 1e-9, "torque_max_nm": 80}, "above 0 and at least 8e-05 N m"),
         ({"torque_step_nm": "much"}, "torque_step_nm of dtype"),
     ],
 )

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from vfplan import _core
 from vfplan.engine.parameters import ProxyParameters, Rule, Vector, check_points
 from vfplan.errors import SceneError, SettingError
-from vfplan.findings import Finding, doubt
+from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture, Pieces
 
 
@@ -142,7 +142,7 @@ def mesh_findings(fixture: Fixture) -> list[Finding]:
             "the points are rough or far apart, and the tool may sink by that much. Import denser "
             "or smoother points."
         )
-        findings.append(doubt("band-wide", "import", text))
+        findings.append(note("band-wide", "import", text))
     return findings
 
 
