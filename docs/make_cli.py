@@ -27,7 +27,8 @@ def reference() -> str:
     """The whole page."""
     parts = [HEAD]
     width = {"max_content_width": 96, "terminal_width": 96}
-    group = click.Context(cli, info_name="vfplan", **width)
+    names = cli.context_settings["help_option_names"]
+    group = click.Context(cli, info_name="vfplan", help_option_names=names, **width)
     parts.append(f"```text\n{cli.get_help(group)}\n```\n")
     for name in COMMANDS:
         command = cli.get_command(group, name)
