@@ -57,7 +57,7 @@ def command(fixture, output, robot, **given) -> Report:
     report is written all the same.
     """
     from vfplan.bundle import read_fixture
-    from vfplan.study.stability import study
+    from vfplan.stability.study import study
 
     refuse_folder(output, *FILES)
     asked = {name: given.pop(name) for name in ("stiffness", "margin", "parts", "full", "jobs")}
@@ -101,7 +101,7 @@ def _failed(found: Any) -> str:
 def chosen_robot(choice: str | None, given: dict[str, Any]) -> Any:
     """The robot that `--robot` names, with what single options say instead."""
     from vfplan.robot import read_robot
-    from vfplan.study.stability import DEFAULT_ROBOT
+    from vfplan.stability.study import DEFAULT_ROBOT
 
     robot = read_robot(choice) or DEFAULT_ROBOT
     return replace(robot, **{name: value for name, value in given.items() if value is not None})

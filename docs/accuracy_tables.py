@@ -52,8 +52,6 @@ def runs(document: dict[str, Any]) -> str:
     """How this run was made."""
     words = ["vfplan bench all", "--quick" if document["quick"] else "", "-o DIR"]
     words += [f"--peer ./{p['name']}" for p in document["peers"] if p["ran"]]
-    scenes = names(r["scene"] for r in of(document, stage="proxy"))
-    words += [f"--surface {s.split(',')[0]}.stl" for s in scenes if "press and slide" in s]
     return "```\n$ " + " ".join(w for w in words if w) + "\n```"
 
 
@@ -190,23 +188,6 @@ def left_out(document: dict[str, Any]) -> str:
     )
 
 
-def feel(document: dict[str, Any]) -> str:
-    """Force steps that the exact proxy does not make, by cloud and rule."""
-    lines = []
-    for scene in names(r["scene"] for r in of(document, stage="feel")):
-        found = {r["method"]: r for r in of(document, stage="feel", scene=scene)}
-        cells = [_steps(found[rule]) for rule in ("robust", "paper", "exact")]
-        own = found["robust"]
-        band, limit = f"{micrometres(own['band_m'])} µm", f"{own['limit_share']:.1%}"
-        lines.append([scene, str(own["points"]), *cells, band, limit])
-    rules = [f"`{rule}`: > 0.6 N, > 2 N, worst" for rule in ("robust", "paper", "exact")]
-    return table(["cloud", "points", *rules, "band of `robust`", "its LIMIT"], lines)
-
-
-def _steps(r: dict[str, Any]) -> str:
-    return f"{r['force_jumps']}, {r['force_jumps_large']}, {r['force_step_max_n']:.2f} N"
-
-
 def chosen(document: dict[str, Any]) -> str:
     """What the tolerance chose, by scene."""
     head = ["scene", "points, or lines and arcs", "surface, worst", "kept", "proxy, RMS / worst",
@@ -287,6 +268,6 @@ def scenes(told: dict[str, dict[str, Any]]) -> str:
 
 
 TABLES = {f.__name__: f for f in (
-    machine, runs, extraction, ridges, sampling, registration, engines, promises, left_out, feel,
+    machine, runs, extraction, ridges, sampling, registration, engines, promises, left_out,
     choice, chosen, plans,
 )}  # fmt: skip

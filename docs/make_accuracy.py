@@ -1,6 +1,6 @@
 """Put a bench's tables and pictures into docs/accuracy.md.
 
-    python docs/make_accuracy.py femur.stl    # runs the whole bench: about 10 minutes, idle
+    python docs/make_accuracy.py              # runs the whole bench: about 10 minutes, idle
     python docs/make_accuracy.py DIR          # of a run that there is
 
 Every number between `<!-- NAME -->` and `<!-- end -->` comes from DIR/bench.json, those of
@@ -25,17 +25,14 @@ PROGRAM = Path(sys.executable).with_name("vfplan")
 PAGE, PICTURES = DOCS / "accuracy.md", DOCS / "pictures"
 
 
-def main(given: Path) -> None:
-    """Fill the page and copy the diagrams, of a run's folder or of a run with this bone."""
-    if given.is_dir():
-        fill(given)
+def main(arguments: list[str]) -> None:
+    """Fill the page and copy the diagrams, of a run's folder or of a run of now."""
+    if arguments:
+        fill(Path(arguments[0]))
         return
     with tempfile.TemporaryDirectory() as made:
-        peer, folder = Path(made) / "nanoflann_peer", Path(made) / "bench"
-        source = DOCS.parent / "samples/peer/nanoflann_peer.cpp"
-        subprocess.run(["g++", "-std=c++20", "-O2", "-o", peer, source], check=True)
-        with_ = "--peer", peer, "--surface", given
-        subprocess.run([PROGRAM, "bench", "all", "-o", folder, *with_], check=True)
+        folder = Path(made) / "bench"
+        subprocess.run([PROGRAM, "bench", "all", "-o", folder], check=True)
         fill(folder)
 
 
@@ -80,4 +77,4 @@ def keep(picture: Path, target: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(sys.argv[1:])

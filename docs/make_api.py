@@ -18,7 +18,7 @@ import vfplan
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "build" / "api"
 # What a program may import beside vfplan's own names; the other rooms are the house's inside.
-ROOMS = ("errors", "bundle", "campaign", "live", "stability", "surface", "study.scenes")
+ROOMS = ("errors", "bundle", "campaign", "live", "stability", "surface", "scenes")
 
 
 def python_pages(folder: Path) -> None:

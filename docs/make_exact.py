@@ -2,7 +2,7 @@
 
 python docs/make_exact.py        (the table of docs/engine.md; a few minutes)
 
-The truth is that of `vfplan.study.scenes`: small steps of a god-object, by another method. A tick
+The truth is that of `vfplan.scenes`: small steps of a god-object, by another method. A tick
 whose truth moves more than 20 times as far as the HIP is the moment of a jump, and left out. Arcs
 of a fit go through the scene's points 0.5 mm apart, as a plan has them.
 """
@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 import vfplan
-from vfplan.study.bench.cases import fitted
-from vfplan.study.scenes import SCENES
+from vfplan.bench.cases import fitted
+from vfplan.scenes import SCENES
 
 R = 5e-3
 PLANAR = ("circle", "wedge", "corner", "channel", "omega", "teapot")

@@ -20,7 +20,9 @@ from vfplan import _core
 from vfplan.bundle import mesh_band
 from vfplan.bundle.clouds import refined
 from vfplan.engine.parameters import ProxyParameters
-from vfplan.study.bench.mesh import Bone
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+from triangle_scenes import Bone
 
 R = 5e-3
 HEAD = "RMS um", "worst um", "us a tick"

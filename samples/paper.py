@@ -25,8 +25,8 @@ from vfplan.samples.experiments import probing_hand, square
 
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.replaying import Replay, replay
+from vfplan.scenes import SCENES
 from vfplan.session import Session, read_session
-from vfplan.study.scenes import SCENES
 
 Array = NDArray[np.float64]
 SIMULATIONS = {"fig2a": "point", "fig2b": "segment", "fig2c": "teapot", "fig2d": "omega"}

@@ -129,11 +129,7 @@ def vfplan_cli():
 def nanoflann_peer(tmp_path_factory):
     """The shipped peer, built on apt's nanoflann."""
     need_header("nanoflann.hpp", "libnanoflann-dev")
-    compiler = need_program("g++", "g++")
-    program = tmp_path_factory.mktemp("peer") / "nanoflann_peer"
-    source = ROOT / "samples" / "peer" / "nanoflann_peer.cpp"
-    flags = ["-std=c++20", "-O2", "-Wall", "-Wextra", "-Werror"]
-    subprocess.run([compiler, *flags, "-o", program, source], check=True)
-    from vfplan.study.bench import Peer
+    need_program("g++", "g++")
+    from vfplan.bench import build_nanoflann
 
-    return Peer(str(program))
+    return build_nanoflann(tmp_path_factory.mktemp("peer"))

@@ -54,7 +54,7 @@ _MODULES: dict[str, str] = {
     "markers": "vfplan.markers",
     "reference": "vfplan.reference",
     "registration": "vfplan.registration",
-    "scenes": "vfplan.study.scenes",
+    "scenes": "vfplan.scenes",
 }
 
 __all__ = ["VfplanError", "__version__", "cmake_dir", *_LAZY, *_MODULES]

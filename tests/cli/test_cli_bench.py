@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 from conftest import ROOT
 
-STAGES = ("extract", "sample", "register", "proxy", "feel", "plan")
+STAGES = ("extract", "sample", "register", "proxy", "plan")
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +52,12 @@ def test_every_scene_compares_two_methods_or_more(quick, stage):
         assert len(methods) >= 2
 
 
+def error(result):
+    """The RMS error to six digits, and to a nanometre: below that programs differ by rounding."""
+    rounded = float(f"{result['error_rms']:.6g}")
+    return max(rounded, 1e-9) if result["unit"] == "m" else rounded
+
+
 @pytest.mark.parametrize("stage", STAGES)
 def test_fronts_are_not_dominated(quick, stage):
     _, document = quick
@@ -60,8 +66,8 @@ def test_fronts_are_not_dominated(quick, stage):
         for r in rows:
             better = [
                 o for o in rows
-                if o["error_rms"] <= r["error_rms"] and o["time_us_median"] <= r["time_us_median"]
-                and (o["error_rms"], o["time_us_median"]) != (r["error_rms"], r["time_us_median"])
+                if error(o) <= error(r) and o["time_us_median"] <= r["time_us_median"]
+                and (error(o), o["time_us_median"]) != (error(r), r["time_us_median"])
             ]  # fmt: skip
             assert r["pareto"] == (not better)
 
@@ -92,6 +98,8 @@ def test_errors_fall_as_settings_tighten(quick):
         assert all(fine < 1.05 * coarse for coarse, fine in pairwise(errors))
     for scene in scenes(document, "proxy"):
         rows = of(document, stage="proxy", scene=scene, method="robust")
+        if len(rows) < 2:  # a quick run tries one spacing of meshes and noise
+            continue
         coarse, fine = falling(rows, "spacing_m", tightest_last=False)
         assert fine < coarse or fine < 1e-9, "the floor on flat pieces is rounding"
 
@@ -124,12 +132,14 @@ def test_the_engines_of_one_rule_agree_and_the_peer_with_them(quick):
 
 def test_no_baseline_is_as_near_as_the_robust_rule(quick):
     _, document = quick
-    assert len(scenes(document, "proxy")) == 5
+    assert len(scenes(document, "proxy")) == 8
     for scene in scenes(document, "proxy"):
+        if "noise" in scene:  # both rest on the noise's peaks
+            continue
         rows = {
             r["method"]: r
             for r in of(document, stage="proxy", scene=scene)
-            if r["settings"].get("spacing_m") == 0.5e-3
+            if r["settings"].get("spacing_m") == (1e-3 if "mesh" in scene else 0.5e-3)
         }
         for baseline in ("nearest-point penalty", "paper", "paper in NumPy", "nanoflann_peer"):
             assert rows["robust"]["error_rms"] < rows[baseline]["error_rms"], (scene, baseline)
@@ -141,6 +151,8 @@ def test_the_chosen_settings_keep_the_tolerance_and_lie_near_the_front(quick):
     tolerance = document["tolerance_m"]
     for stage in ("sample", "proxy"):
         for scene in scenes(document, stage):
+            if "noise" in scene or "ball-mesh" in scene:
+                continue  # what was measured or meshed is further off than the tolerance
             (chosen,) = of(document, stage=stage, scene=scene, chosen=True)
             key = "error_max" if stage == "sample" else "surface_error_m"
             assert chosen[key] <= tolerance, scene
@@ -208,6 +220,29 @@ def test_a_document_without_the_stage_draws_nothing(quick, vfplan_cli, tmp_path)
     assert {p.name for p in (tmp_path / "out").glob("*.png")} == {"bench_sample.png"}
 
 
+def test_the_table_has_a_head_a_key_and_a_last_sentence(quick, vfplan_cli):
+    folder, document = quick
+    lines = vfplan_cli("bench", "proxy", "--from", folder / "bench.json").stdout.splitlines()
+    assert lines[0].split()[:5] == ["proxy:", "median", "a", "tick", "p99.9"]
+    assert any(line.startswith("* on the front") for line in lines)
+    assert not any(" us " in line or "e-0" in line for line in lines)
+    assert lines[-2] == f"verdict: {document['summary']['proxy']}"
+    for peer in ("paper", "nanoflann_peer", "nearest-point penalty"):
+        assert f"{peer} is " in lines[-2]
+    more = vfplan_cli("bench", "proxy", "--from", folder / "bench.json", "-v").stdout.splitlines()
+    assert len(more) > len(lines)
+
+
+def test_meshes_and_noise_are_among_the_scenes(quick):
+    _, document = quick
+    told = scenes(document, "proxy")
+    assert {"ball-mesh, outside", "box-mesh, over an edge", "sheet, 10 % noise"} <= set(told)
+    for scene in ("ball-mesh, outside", "box-mesh, over an edge"):
+        rows = {r["method"]: r for r in of(document, stage="proxy", scene=scene)}
+        assert rows["exact"]["error_rms"] < rows["robust"]["error_rms"] / 2
+        assert rows["exact"]["error_rms"] < rows["nanoflann_peer"]["error_rms"] / 2
+
+
 def test_refuses_to_overwrite(quick, vfplan_cli):
     folder, _ = quick
     run = vfplan_cli("bench", "extract", "--quick", "-o", folder)
@@ -230,7 +265,6 @@ def test_refuses_to_overwrite(quick, vfplan_cli):
         (("extract", "--peer", "true"), 2),
         (("--from", "bench.json", "--quick"), 2),
         (("--from", "bench.json", "--tolerance", "0.01"), 2),
-        (("proxy", "--quick", "--surface", "/nowhere/bone.stl"), 3),
     ],
 )
 def test_errors_are_one_line_with_their_code(vfplan_cli, arguments, code):

@@ -14,9 +14,9 @@ from curves import R
 from guarantees import Rooms
 
 import vfplan
+from vfplan import scenes
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Pieces, Provenance, Rendering
-from vfplan.study import scenes
 
 LINE = np.array([[-0.04, 0], [0.04, 0]]), np.zeros(2), False
 SLACK = 1e-13  # rounding of a distance in a scene of 2 m [m]

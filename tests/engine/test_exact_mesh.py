@@ -11,13 +11,13 @@ import meshes
 import numpy as np
 import pytest
 from meshes import R
+from triangle_scenes import Triangles
 
 import vfplan
 from vfplan.bundle.clouds import refined
 from vfplan.errors import SceneError
 from vfplan.fixture import Fixture, Provenance, Rendering
-from vfplan.study.bench.mesh import Triangles
-from vfplan.study.scenes import god_object
+from vfplan.scenes import god_object
 
 BROKEN = "inside", "grown", "through", "restless", "stuck"
 

@@ -13,7 +13,7 @@ from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Provenance, Rendering
 from vfplan.stability.contacts import Contact, patch
-from vfplan.study.extremes import ROUNDING, breach, walk_path
+from vfplan.stability.extremes import ROUNDING, breach, walk_path
 
 R = 5e-3
 UP = np.array([[0.0, 1.0, 0.0]])

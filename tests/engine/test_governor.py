@@ -10,9 +10,9 @@ from conftest import ROOT, need_program
 from governor_twin import Twin
 
 import vfplan
+from vfplan import scenes
 from vfplan.engine.governor import HEADROOM, GovernorStatus
 from vfplan.errors import SceneError, SettingError
-from vfplan.study import scenes
 
 K, M, T = 1000.0, 1.0, 1e-3
 

@@ -16,8 +16,8 @@ from vfplan.engine.renderable import MOST_TICK_WORK, best_rule, work_of
 from vfplan.replaying import replay
 from vfplan.session import Session
 from vfplan.stability.contacts import along
+from vfplan.stability.extremes import begun, breach, jump, walk_path
 from vfplan.stability.largest import engine_for
-from vfplan.study.extremes import begun, breach, jump, walk_path
 
 
 def meshed(points, triangles, axis=None):

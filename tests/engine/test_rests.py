@@ -303,7 +303,7 @@ def flat(make, kind):
 
 def edge(rng):
     """Over the edge of a wedge."""
-    scene = vfplan.study.scenes.Wedge(spacing=0.8e-3, extrude=0.02)
+    scene = vfplan.scenes.Wedge(spacing=0.8e-3, extrude=0.02)
     hips = scene.path("over", speed=0.5)
     at = rng.integers(len(hips) // 4, len(hips))
     return scene.points, hips[0], hips[at] + rng.normal(0, 1e-3, 3)
@@ -311,7 +311,7 @@ def edge(rng):
 
 def three_walls(rng):
     """Into a three-way corner, whose samples are 10 µm off."""
-    points = vfplan.study.scenes.ThreeWalls(side=0.03).points
+    points = vfplan.scenes.ThreeWalls(side=0.03).points
     points = points + rng.normal(0, 1e-5, points.shape)
     return (
         points,

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from replays import fixture_of, line, probing
+from triangle_scenes import nearest_on
 
 import vfplan
 from vfplan.errors import InputError, SessionError, SettingError
@@ -17,7 +18,6 @@ from vfplan.fixture import Fixture
 from vfplan.replaying import replay
 from vfplan.replaying.clearance import MeshClearance, PointClearance
 from vfplan.session import Session, read_result, write_result
-from vfplan.study.bench.mesh import nearest_on
 
 PAPER = {"rule": "paper", "engine": "reference"}
 

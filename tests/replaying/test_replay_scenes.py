@@ -11,10 +11,10 @@ from vfplan.samples.experiments import planned_curve, probing_hand, square
 import vfplan
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.replaying import replay
+from vfplan.scenes import SCENES
+from vfplan.scenes.god_object import follow
+from vfplan.scenes.primitives import Segments
 from vfplan.session import Session, read_session
-from vfplan.study.scenes import SCENES
-from vfplan.study.scenes.god_object import follow
-from vfplan.study.scenes.pieces import Segments
 
 K = 1000.0
 RC = 5e-3

@@ -19,7 +19,7 @@ from vfplan.findings import doubt
 from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering
 from vfplan.geometry.arcs import fit_arcs
 from vfplan.live.sources import decode
-from vfplan.study.scenes import Omega, Sheet
+from vfplan.scenes import Omega, Sheet
 
 FORMS = ("impedance", "admittance", "velocity")
 

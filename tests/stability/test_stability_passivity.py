@@ -10,7 +10,7 @@ from vfplan.figures.stability import passivity_plot
 from vfplan.palette import RULE
 from vfplan.stability.contacts import SCENES
 from vfplan.stability.passivity import measure, passivity, random_cycle
-from vfplan.study.stability import ALL_RULES
+from vfplan.stability.study import ALL_RULES
 
 
 def wall(hips, stiffness):

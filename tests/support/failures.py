@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import vfplan
-from vfplan.study.scenes import Channel, Corner, travel
-from vfplan.study.scenes.solid import grid
+from vfplan.scenes import Channel, Corner, travel
+from vfplan.scenes.solid import grid
 
 K = 1000.0
 RC = 5e-3

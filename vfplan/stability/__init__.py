@@ -3,7 +3,7 @@
 >>> from vfplan import stability
 >>> stability.gate(fixture, robot)                 # the verdict; raises CheckFailed
 
-`vfplan.study.stability` runs the whole study: closed loop, passivity, extreme cases.
+`vfplan.stability.study` runs all of it: closed loop, passivity, extreme cases.
 docs/stability.md has the derivations, the tables and the pictures.
 """
 

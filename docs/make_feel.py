@@ -1,0 +1,42 @@
+"""Print how often rules make a force step that a hand feels: `python docs/make_feel.py`.
+
+The table of docs/accuracy.md, section Feel. Two minutes.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+import feel
+from accuracy_tables import micrometres, table
+
+RULES = ("robust", "paper", "exact")
+
+
+def main() -> None:
+    """A row a cloud: the force steps of each rule, and what `robust` needed for it."""
+    rows = []
+    for trials in feel.scenes(False, 1e-5):
+        found = {trial.method: trial.score(trial.run()[0]) for trial in trials}
+        robust = found["robust"]
+        rows.append([
+            trials[0].scene,
+            str(robust["points"]),
+            *(steps(found[rule]) for rule in RULES),
+            f"{micrometres(robust['band_m'])} µm",
+            f"{robust['limit_share']:.1%}",
+        ])  # fmt: skip
+    columns = [f"`{rule}`: > 0.6 N, > 2 N, worst" for rule in RULES]
+    print(table(["cloud", "points", *columns, "band of `robust`", "its LIMIT"], rows))
+
+
+def steps(errors: dict) -> str:
+    """How many steps above 0.6 N and 2 N, and the largest."""
+    jumps = f"{errors['force_jumps']}, {errors['force_jumps_large']}"
+    return f"{jumps}, {errors['force_step_max_n']:.2f} N"
+
+
+if __name__ == "__main__":
+    main()

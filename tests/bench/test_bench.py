@@ -1,0 +1,498 @@
+"""The bench's own parts against known truth; the whole run is in test_cli_bench.py."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from triangle_scenes import Bone, nearest_on
+
+from vfplan.bench import Peer, bench, build_nanoflann, pictures, read_document, write_json
+from vfplan.bench.cases import Case, cases, chosen_points
+from vfplan.bench.extract import from_line
+from vfplan.bench.meshes import BallMesh, BoxMesh
+from vfplan.bench.peers import NearestPointPenalty
+from vfplan.bench.proxy import judge
+from vfplan.bench.record import (
+    Trial,
+    errors_of,
+    judge_chosen,
+    mark_pareto,
+    non_dominated,
+    run_trials,
+)
+from vfplan.bench.register import apply, markers_px, true_map
+from vfplan.bench.sample import METHODS, lines, planned_surface, surface_error
+from vfplan.engine.parameters import ProxyParameters
+from vfplan.errors import CurveError, InputError, SettingError
+from vfplan.planning.tolerance import choose
+from vfplan.reference import PaperProxy
+from vfplan.scenes import SCENES, travel
+from vfplan.scenes.base import way
+
+R = 5e-3
+
+
+def dominated(row, rows):
+    return any(
+        all(o <= r for o, r in zip(other, row, strict=True)) and tuple(other) != tuple(row)
+        for other in rows
+    )
+
+
+def test_front_is_what_nothing_dominates():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        rows = rng.integers(0, 6, (rng.integers(1, 30), 2)).astype(float)
+        expected = [not dominated(row, rows) for row in rows]
+        assert non_dominated(rows).tolist() == expected
+
+
+def test_fronts_do_not_mix_scenes():
+    records = [
+        {"stage": "s", "scene": scene, "error_rms": error, "time_us_median": time}
+        for scene, error, time in (("a", 1, 1), ("a", 2, 2), ("b", 3, 3), ("b", 3, 3), ("b", 2, 9))
+    ]
+    mark_pareto(records)
+    assert [r["pareto"] for r in records] == [True, False, True, True, True]
+
+
+def test_chosen_is_judged_by_what_else_keeps_the_tolerance():
+    def record(time, surface, followed, **more):
+        kept = {"surface_error_m": surface, "inside_m": 0.0, "followed_rms_m": followed}
+        return (
+            {"stage": "proxy", "scene": "a", "time_us_median": time, "error_max": 9.0} | kept | more
+        )
+
+    records = [record(1.0, 0.1, 2.0), record(2.0, 2.0, 0.1), record(3.0, 0.1, 0.1, inside_m=2.0),
+               record(4.0, 0.5, 0.5), record(6.0, 0.9, 0.9, chosen=True)]  # fmt: skip
+    judge_chosen(records, 1.0)
+    assert records[-1]["meets_tolerance"] is True
+    assert records[-1]["follows"] is True
+    assert records[-1]["time_over_cheapest"] == 1.5
+    assert "meets_tolerance" not in records[0]
+    judge_chosen(records, 0.01)
+    assert records[-1]["meets_tolerance"] is False
+    assert records[-1]["follows"] is False
+    assert records[-1]["time_over_cheapest"] is None
+    # One that is off along the surface is compared with what is no further off.
+    records[-1]["followed_rms_m"] = 3.0
+    judge_chosen(records, 1.0)
+    assert records[-1]["meets_tolerance"] is True
+    assert records[-1]["follows"] is False
+    assert records[-1]["time_over_cheapest"] == 6.0
+
+
+def test_a_sampled_surface_is_judged_by_its_worst_place():
+    records = [
+        {"stage": "sample", "scene": "a", "error_max": error, "time_us_median": 1.0, "chosen": True}
+        for error in (0.9, 1.1)
+    ]
+    judge_chosen(records, 1.0)
+    assert [r["meets_tolerance"] for r in records] == [True, False]
+    assert "follows" not in records[0]
+
+
+def trial(times, **more):
+    queue = iter(times)
+    return Trial("scene", "m", {}, lambda: (0.0, np.array(next(queue), float)),
+                 lambda a: errors_of([3.0, 4.0]), "m", **more)  # fmt: skip
+
+
+def test_result_reports_medians_tails_and_spread():
+    (record,), refused = run_trials("s", [trial([[99], [1, 2, 9], [2, 3, 4], [3, 4, 500]])], 3)
+    assert not refused
+    assert record["error_rms"] == pytest.approx(np.sqrt(12.5))
+    assert record["error_max"] == 4
+    assert record["time_us_median"] == 2, "each tick counts with its least time"
+    assert record["time_us_max"] == 4, "what the system interrupted is no tick's own"
+    assert (record["time_us_low"], record["time_us_high"]) == (2, 3.5)
+    assert record["repeats"] == 3
+    assert "chosen" not in record
+
+
+def test_a_refusal_is_noted_and_the_others_go_on():
+    def refuse():
+        raise CurveError("no line")
+
+    bad = Trial("s", "b", {"scale": 0.5}, refuse, lambda a: errors_of([0.0]), "px")
+    results, refused = run_trials("s", [bad, trial([[1]] * 3)], 2)
+    assert [r["method"] for r in results] == ["m"]
+    assert refused == [
+        {"stage": "s", "scene": "s", "method": "b", "settings": {"scale": 0.5},
+         "message": "no line"}
+    ]  # fmt: skip
+
+
+def test_slow_trials_sit_out_the_later_rounds():
+    seen = []
+    told = []
+
+    def taking(us):
+        return Trial("s", str(us), {}, lambda: (seen.append(us), np.full(1, us)),
+                     lambda a: errors_of([0.0]), "m")  # fmt: skip
+
+    results, _ = run_trials("s", [taking(1.0), taking(1e5), taking(1e6)], 7, told.append)
+    assert [r["repeats"] for r in results] == [7, 3, 3]
+    assert [seen.count(us) for us in (1.0, 1e5, 1e6)] == [8, 4, 4]
+    assert sum(told) == 3 * 8, "the bar ends where it should"
+
+
+def test_rounds_are_interleaved():
+    seen = []
+
+    def noting(name):
+        return Trial("s", name, {}, lambda: (seen.append(name), np.ones(1)),
+                     lambda a: errors_of([0.0]), "m")  # fmt: skip
+
+    run_trials("s", [noting(n) for n in "abc"], 4)
+    rounds = [sorted(seen[i : i + 3]) for i in range(0, 15, 3)]
+    assert rounds == [list("abc")] * 5
+
+
+@pytest.mark.parametrize("width", [1.5, 3.0, 4.7])
+def test_pen_covers_its_area(width):
+    line = np.column_stack([np.linspace(20.3, 80.1, 2000), np.linspace(30.2, 41.7, 2000)])
+    share = pictures.coverage((70, 100), line, width)
+    length = np.hypot(*(line[-1] - line[0]))
+    assert share.sum() == pytest.approx(length * width + np.pi * width**2 / 4, rel=5e-3)
+    assert 0 <= share.min() < share.max() <= 1
+
+
+def test_scaled_picture_has_its_line_where_the_truth_says():
+    picture = pictures.picture(4.0, scale=1.5).astype(float)
+    assert picture.shape == (720, 960, 3)
+    red = picture[..., 0] - picture[..., 1:].mean(axis=2)
+    v, u = np.nonzero(red > 90)
+    places = pictures.from_pixels(np.column_stack([u, v]).astype(float), 1.5)
+    away, _ = cKDTree(pictures.curve()).query(places)
+    assert away.max() < 4 / 2 + 0.7
+
+
+def test_pixels_scale_about_the_corner_of_the_image():
+    places = np.array([[-0.5, -0.5], [10.0, 3.25]])
+    scaled = pictures.to_pixels(places, 1.5)
+    assert scaled[0] == pytest.approx([-0.5, -0.5])
+    assert pictures.from_pixels(scaled, 1.5) == pytest.approx(places)
+
+
+def test_surface_error_of_a_line_is_the_dimple():
+    line = lines()[0]
+    assert line.name == "line"
+    h = 1e-3
+    points = np.column_stack([np.arange(101) * h, np.zeros(101), np.zeros(101)])
+    gap = surface_error(points, planned_surface(line))
+    assert gap.max() == pytest.approx(np.hypot(R, h / 2) - R, rel=1e-3)
+
+
+@pytest.mark.parametrize("line", lines(), ids=lambda line: line.name)
+def test_sampling_by_curvature_uses_the_tolerance_and_no_more(line):
+    """Even spacing by R alone is wrong by 1 + R/ρ outside of a bend of radius ρ."""
+    bend = {"line": 0, "circle, 30 mm": 1 / 30e-3, "S, 8 mm bends": 1 / 8e-3}.get(
+        line.name, 1 / 2e-3
+    )
+    surface = planned_surface(line)
+    for tolerance in (1e-5, 1e-6, 3e-7, 3e-8):
+        worst = surface_error(METHODS["by curvature"](line, tolerance), surface).max()
+        assert 0.95 * tolerance < worst <= tolerance
+        even = surface_error(METHODS["even, by R alone"](line, tolerance), surface).max()
+        assert even == pytest.approx((1 + R * bend) * tolerance, rel=0.02)
+
+
+def test_planned_surface_is_nowhere_nearer_than_R():
+    for line in lines():
+        away, _ = cKDTree(line.fine).query(planned_surface(line))
+        assert away.min() > R * (1 - 2e-5)
+        assert away.max() < R * (1 + 1e-5)
+
+
+def test_registration_truth_is_a_scaled_rotation_until_it_is_stretched():
+    T = true_map()
+    assert T[:, 0] @ T[:, 1] == pytest.approx(0, abs=1e-18)
+    assert np.linalg.norm(T[:, 0]) == pytest.approx(np.linalg.norm(T[:, 1]))
+    stretched = true_map(1.01)
+    assert np.linalg.norm(stretched[:, 0]) == pytest.approx(1.01 * np.linalg.norm(T[:, 0]))
+    assert apply(T, np.zeros((1, 2)))[0] == pytest.approx(T[:, 2])
+    assert markers_px(9).shape == (9, 2)
+
+
+def test_exact_proxy_has_no_error():
+    case = next(cases(True))
+    errors = judge(case, case.scene.points, case.truth, {})
+    assert errors["error_rms"] == errors["error_max"] == 0
+    assert errors["force_rms_n"] == 0
+    assert errors["surface_error_m"] < 1e-12
+    assert errors["lag_rms_m"] < 1e-12
+
+
+def test_force_error_is_the_stiffness_times_that_of_the_proxy():
+    scene = SCENES["segment"]()
+    hips = scene.path("above", 0.2)
+    case = Case("segment", scene, hips)
+    shifted = case.truth + np.array([0, 1e-5, 0])
+    errors = judge(case, scene.points, shifted, {})
+    assert errors["error_rms"] == pytest.approx(1e-5)
+    assert errors["force_rms_n"] == pytest.approx(1e-2)
+
+
+def test_ticks_that_nothing_can_follow_are_counted_apart():
+    """Towards the centre of a ball, around which the exact proxy turns ever faster."""
+    scene = SCENES["point"]()
+    hips = travel(way((-8, 0.05), (-0.5, 0.05)), 0.1)
+    case = Case("point", scene, hips)
+    depth = R - np.linalg.norm(hips, axis=1)
+    assert case.followable.tolist() == (depth <= R / 2 + 1e-9).tolist()
+    wrong = case.truth + np.where(case.followable, 1e-6, 1e-3)[:, None] * [0, 0, 1]
+    more = judge(case, scene.points, wrong, {})
+    assert more["followed_rms_m"] == pytest.approx(1e-6)
+    assert more["followed_ticks"] == case.followable.sum() < more["ticks"] == len(hips)
+    finer = case.at(1e-3)
+    assert finer.followable is case.followable
+    assert finer.truth is case.truth
+
+
+def test_penalty_pushes_out_of_the_nearest_ball_and_through_on_the_other_side():
+    points = SCENES["segment"]().points
+    field = NearestPointPenalty(points, contact_radius=R)
+    step = field.step(np.array([0.0, 2e-3, 0.0]))
+    assert step.proxy == pytest.approx([0, R, 0])
+    assert step.force == pytest.approx([0, 3, 0])
+    assert field.step(np.array([0.0, -2e-3, 0.0])).force == pytest.approx([0, -3, 0])
+    assert not field.step(np.array([0.0, 6e-3, 0.0])).force.any()
+
+
+@pytest.mark.parametrize("name", ["sheet", "circle", "sphere", "omega", "segment"])
+def test_chosen_cloud_has_dimples_within_their_share(name):
+    choice = choose(1e-5, R)
+    scene = SCENES[name]()
+    cloud = chosen_points(scene, choice)
+    spread = np.linalg.norm(cloud - cloud[:1], axis=1)
+    near, _ = cKDTree(cloud).query(cloud[np.argsort(spread)[:400]], k=2)
+    allowed = choice.spacing_m / np.sqrt(2 if name in ("sheet", "sphere") else 1)
+    assert near[:, 1].max() <= 1.1 * allowed
+    assert len(cloud) > 50
+
+
+PEER = """
+import sys, pathlib, csv
+folder = pathlib.Path(sys.argv[1])
+rows = [[float(x) for x in row] for row in list(csv.reader(open(folder / "path.csv")))[1:]]
+names = dict(list(csv.reader(open(folder / "settings.csv")))[1:])
+assert float(names["contact_radius"]) == 0.005
+{body}
+"""
+WRITES = """
+with open(folder / "proxies.csv", "w") as out:
+    out.write("x,y,z,us\\n")
+    for x, y, z in rows:
+        out.write(f"{x!r},{y!r},{z + %s!r},1.5\\n")
+"""
+
+
+def python_peer(folder, body):
+    program = folder / "peer.py"
+    program.write_text(PEER.replace("{body}", body))
+    return Peer(f"{sys.executable} {program}")
+
+
+def test_peer_gets_the_scene_and_answers(tmp_path):
+    hips = np.random.default_rng(1).normal(size=(20, 3))
+    points = np.zeros((1, 3))
+    par = ProxyParameters.make(points, rule="paper", ignore_axis="y")
+    proxy, us = python_peer(tmp_path, WRITES % "0.25").run(points, hips, par)
+    assert proxy == pytest.approx(hips + np.array([0, 0, 0.25])), (
+        "along the ignored axis: the HIP's own"
+    )
+    assert (us == 1.5).all()
+
+
+@pytest.mark.parametrize(
+    ("body", "says"),
+    [
+        ("sys.exit('out of paper')", "exit code 1: out of paper"),
+        ("pass", "proxies.csv"),
+        (WRITES % "float('nan')", "finite"),
+        (WRITES.replace("in rows", "in rows[1:]") % "0", "(19, 4)"),
+    ],
+)
+def test_peer_that_fails_is_named(tmp_path, body, says):
+    par = ProxyParameters.make(np.zeros((1, 3)), rule="paper")
+    with pytest.raises(SettingError) as error:
+        python_peer(tmp_path, body).run(np.zeros((1, 3)), np.zeros((20, 3)), par)
+    assert says in str(error.value)
+    assert str(error.value).startswith("peer ")
+
+
+def test_peer_that_is_no_program():
+    with pytest.raises(SettingError, match="no such program"):
+        bench(["proxy"], peers=[Peer("/nowhere/peer")])
+
+
+@pytest.mark.parametrize("name", ["segment", "circle"])
+def test_nanoflann_peer_moves_as_the_reference_does(nanoflann_peer, name):
+    scene = replace(SCENES[name](), spacing=1e-3)
+    hips = scene.path(next(iter(scene.routes)), 0.2)
+    reference = PaperProxy(scene.points, ignore_axis=scene.ignore_axis)
+    reference.reset(hips[0])
+    expected = reference.run(hips).proxy
+    proxy, us = nanoflann_peer.run(scene.points, hips, reference.parameters)
+    assert np.abs(proxy - expected).max() < 1e-9
+    assert (us > 0).all()
+
+
+def stored(**more):
+    """A document of one result."""
+    times = dict.fromkeys(("time_us_median", "time_us_low", "time_us_high"), 1.0)
+    result = {"stage": "sample", "scene": "a", "method": "m", "unit": "m", "settings": {},
+              "error_rms": np.float64(1e-9), "error_max": 1, "pareto": True, **times}  # fmt: skip
+    return {
+        "format": "vfplan-bench", "version": "1.0", "stages": ["sample"], "results": [result],
+        "tolerance_m": 1e-5, "budget_us": 1000.0, "machine": {"clock_us": float("nan")},
+        "peers": [], "elapsed_s": 1.0, **more,
+    }  # fmt: skip
+
+
+def test_document_survives_the_disk(tmp_path):
+    path = tmp_path / "bench.json"
+    write_json(stored(), path)
+    again = read_document(path)
+    assert again["results"] == [stored()["results"][0]]
+    assert again["machine"] == {"clock_us": None}
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("{", "is not JSON"),
+        ("[]", "format None"),
+        ('{"format": "vfplan-bench", "version": "2.0"}', "version '2.0'"),
+        ('{"format": "vfplan-bench", "version": "1.3"}', "lacks stages, results"),
+    ],
+)
+def test_a_document_that_is_none_is_refused(tmp_path, text, says):
+    path = tmp_path / "bench.json"
+    path.write_text(text)
+    with pytest.raises(InputError) as error:
+        read_document(path)
+    assert says in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("harm", "says"),
+    [
+        (lambda d: d.update(results=[]), "holds no results"),
+        (lambda d: d.update(results=5), "holds no results"),
+        (lambda d: d["results"].append(7), "results[1]: is no result"),
+        (lambda d: d["results"][0].pop("error_rms"), "results[0]: error_rms None"),
+        (lambda d: d["results"][0].update(time_us_low=float("inf")), "time_us_low None"),
+        (lambda d: d["results"][0].update(scene=3), "scene 3: a text"),
+        (lambda d: d["results"][0].update(unit="mile"), "unit or pareto"),
+    ],
+)
+def test_a_damaged_document_is_refused(tmp_path, harm, says):
+    path, document = tmp_path / "bench.json", stored()
+    harm(document)
+    write_json(document, path)
+    with pytest.raises(InputError) as error:
+        read_document(path)
+    assert says in str(error.value)
+
+
+def test_the_box_of_the_bench_has_its_closed_form():
+    """A free HIP is its own proxy; of a pressed one the proxy lies R beside the face."""
+    box = BoxMesh()
+    corners, triangles = box.mesh
+    side = corners[triangles[:, 1]] - corners[triangles[:, 0]]
+    other = corners[triangles[:, 2]] - corners[triangles[:, 0]]
+    area = np.linalg.norm(np.cross(side, other), axis=1).sum() / 2
+    assert area == pytest.approx(2 * (0.06 * 0.04 + 0.06 * 0.03 + 0.04 * 0.03))
+    hips = np.array([[0.0, 0.0, 0.03], [0.0, 0.0, 0.018], [0.004, 0.0, 0.018]])
+    top = 0.015 + R
+    expected = np.array([[0.0, 0.0, 0.03], [0.0, 0.0, top], [0.004, 0.0, top]])
+    assert box.truth(hips, R) == pytest.approx(expected, abs=1e-12)
+    away = np.linalg.norm(box.points - np.clip(box.points, -box.half, box.half), axis=1)
+    assert away.max() < 1e-12
+
+
+def test_the_ball_of_the_bench_is_closed_and_round():
+    ball = BallMesh()
+    corners, triangles = ball.mesh
+    assert len(triangles) == 8 * 25**2
+    assert np.linalg.norm(corners, axis=1) == pytest.approx(ball.radius)
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
+
+
+def test_a_peer_that_cannot_be_built_says_what_is_missing(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CXX", raising=False)
+    with pytest.raises(SettingError) as error:
+        build_nanoflann(tmp_path)
+    assert error.value.code == "no-compiler"
+
+
+def test_unknown_stage_is_refused():
+    with pytest.raises(SettingError, match="paint"):
+        bench(["extract", "paint"])
+
+
+def test_result_knows_its_trial():
+    ((record,), _) = run_trials("s", [trial([[1.0]] * 2, chosen=True, peer=True)], 1)
+    assert record["chosen"] is True
+    assert record["peer"] is True
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory):
+    """A sphere of 40 mm as an ASCII STL in millimetres, longer along x."""
+    from scipy.spatial import ConvexHull
+
+    points = SCENES["sphere"](spacing=3e-3, radius=40e-3).points * [1.3, 1, 1] * 1e3
+    path = tmp_path_factory.mktemp("mesh") / "ball.stl"
+    with path.open("w") as file:
+        file.write("solid ball\n")
+        for triangle in points[ConvexHull(points).simplices]:
+            file.write("facet normal 0 0 0\nouter loop\n")
+            file.writelines(f"vertex {x} {y} {z}\n" for x, y, z in triangle)
+            file.write("endloop\nendfacet\n")
+        file.write("endsolid\n")
+    return path
+
+
+def test_nearest_place_of_a_triangle_by_brute_force():
+    rng = np.random.default_rng(4)
+    corners = rng.normal(size=(30, 3, 3))
+    weights = rng.dirichlet([0.5, 0.5, 0.5], 60_000)
+    for x in rng.normal(size=(4, 3)) * 2:
+        nearest, flat = nearest_on(corners, x)
+        exact = np.linalg.norm(x - nearest, axis=1)
+        for triangle, found in zip(corners, exact, strict=True):
+            sampled = np.linalg.norm(x - weights @ triangle, axis=1).min()
+            assert found <= sampled + 1e-12
+            assert sampled - found < 0.05
+        across = np.einsum("mki,mi->mk", flat, x - nearest)
+        assert np.abs(across).max() < 1e-9, "flat directions are across the distance"
+
+
+def test_a_mesh_is_a_scene_with_an_exact_proxy(ball):
+    bone = Bone(source=ball, spacing=1e-3)
+    hips = bone.path("press and slide", 0.5)
+    proxy = bone.truth(hips)
+    assert bone.clearance(proxy[::5]).min() > R * (1 - 1e-9)
+    pressed = np.linalg.norm(proxy - hips, axis=1)
+    assert 1e-3 < pressed.max() < 4e-3
+    engine = PaperProxy(bone.points)
+    engine.reset(hips[0])
+    assert np.abs(engine.run(hips).proxy - proxy).max() < 2e-3
+
+
+def test_distance_from_a_drawn_line_knows_no_vertices():
+    """Between the vertices it is that of the line, beyond its ends that of the end."""
+    t = np.linspace(0, 1, 21)[:, None]
+    line = np.vstack([t * [3.0, 4.0], [3.0, 4.0] + t[1:] * [-4.0, 3.0]])
+    rng = np.random.default_rng(3)
+    along, off = rng.uniform(0, 1, 200), rng.uniform(0, 0.4, 200)
+    points = np.vstack([along[:, None] * [3.0, 4.0] + off[:, None] * [0.8, -0.6], [[-0.3, -0.4]]])
+    found = from_line(points, line, cKDTree(line).query(points)[1])
+    np.testing.assert_allclose(found, [*off, 0.5], atol=1e-12)

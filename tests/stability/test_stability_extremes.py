@@ -1,0 +1,64 @@
+"""The extreme motions of `vfplan stability` come out, and can tell right from wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from bundles import whole
+
+from vfplan.engine.ticks import Trace
+from vfplan.stability.contacts import patch
+from vfplan.stability.extremes import CASES, Extreme, begun, breach, try_cases, wander
+from vfplan.stability.largest import engine_for
+from vfplan.stability.study import DEFAULT_ROBOT, PARTS
+
+SLOW = {"hip/at rest for 1e7 ticks"}  # some seconds; the command runs it
+
+
+@pytest.mark.parametrize("on", [None, whole()], ids=["patch", "bundle"])
+@pytest.mark.parametrize(
+    "case", [c for c in CASES if not c.full and c.name not in SLOW], ids=lambda c: c.name
+)
+def test_case_comes_out_as_the_table_says(case, on):
+    [row] = try_cases([case], on)
+    assert row.outcome == "pass", row.detail
+
+
+@pytest.mark.full
+def test_long_cases():
+    for row in try_cases([c for c in CASES if c.full or c.name in SLOW]):
+        assert row.outcome == "pass", row.detail
+
+
+def test_a_figure_beyond_the_limit_and_none_fail():
+    wrong = [Extreme("x", "nothing", lambda place, make, v=v: v) for v in (1.0, float("nan"))]
+    assert [row.outcome for row in try_cases(wrong)] == ["fail", "fail"]
+
+
+def test_breach_sees_what_it_should():
+    place = patch()
+    engine = begun(place, partial(engine_for, rule="robust"))
+    proxy = np.array([[0.0, 4e-3, 0.0], [0.0, 6e-3, 0.0]])
+    state = np.zeros(2, np.int8)
+    trace = Trace(proxy, proxy, proxy, state, state.astype(np.uint8))
+    expected = 5e-3 - engine.parameters.band - 4e-3
+    assert breach(place, engine, trace) == pytest.approx(expected)
+    untouched = Trace(proxy, proxy, 0 * proxy, state, state.astype(np.uint8))
+    assert breach(place, engine, untouched) == np.inf
+
+
+def test_long_runs_are_left_out_unless_asked_for():
+    names = {f"extreme/{case.name}" for case in CASES if case.full}
+    assert names
+    for full in (False, True):
+        left_out = PARTS["extremes"](whole(), DEFAULT_ROBOT, 1000.0, full)[1]
+        assert names & left_out.keys() == (set() if full else names)
+
+
+def test_the_long_run_takes_the_bundles_own_points():
+    short = partial(wander, ticks=200_000, figure="breach")
+    [row] = try_cases([replace(CASES[-1], probe=short)], whole())
+    assert (row.outcome, row.measured) == ("pass", 0.0), row.detail

@@ -1,0 +1,35 @@
+"""Numbers as a person reads them: three digits, with the unit that suits their size."""
+
+from __future__ import annotations
+
+import math
+
+_LENGTHS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
+_DURATIONS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
+
+
+def length(metres: float) -> str:
+    """A length [m] as "4.02 µm"; below a nanometre it is rounding, and said to be that."""
+    if 0 < abs(metres) < 1e-9:
+        return "< 1 nm"
+    return _in_units(metres, _LENGTHS)
+
+
+def duration(seconds: float) -> str:
+    """A time [s] as "0.71 s" or "16 µs"."""
+    return _in_units(seconds, _DURATIONS)
+
+
+def three_digits(value: float) -> str:
+    """A number with three digits that count, never with an exponent: "0.0125", "12.5", "1250"."""
+    if value == 0 or not math.isfinite(value):
+        return f"{value:g}"
+    decimals = max(0, 2 - math.floor(math.log10(abs(value))))
+    return f"{value:.{decimals}f}"
+
+
+def _in_units(value: float, units: tuple[tuple[float, str], ...]) -> str:
+    for factor, name in units:
+        if abs(value) >= factor or (factor, name) == units[-1]:
+            return f"{three_digits(value / factor)} {name}"
+    raise AssertionError("the last unit takes every number")
