@@ -70,13 +70,13 @@ def _session_line(found: dict[str, Any], touched: bool) -> str:
 def _replayed(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bool]:
     """Where the two replays of a session differ, and whether the tool touched a fixture."""
     from vfplan.replaying import replay
-    from vfplan.replaying.apart import Apart
-    from vfplan.replaying.checks import has_touched
+    from vfplan.replaying.compare import Comparison
+    from vfplan.replaying.limits import has_touched
     from vfplan.session import read_session
 
     recorded = read_session(session)
     replays = [replay(path, recorded) for path in (a, b)]
-    apart = Apart()
+    apart = Comparison()
     apart.update(*(replayed.trace for replayed in replays))
     found = apart.report()
     tick = found.get("first_difference_tick")

@@ -6,8 +6,8 @@ from typing import Any
 
 from vfplan.cli.telling import told
 
-from vfplan.replaying.checks import LIMITS, has_touched
 from vfplan.replaying.episodes import episode_count
+from vfplan.replaying.limits import LIMITS, has_touched
 
 EPISODES = 20  # listed; --json has all
 NEVER_TOUCHED = "the tool never touched the fixture"

@@ -15,7 +15,7 @@ from vfplan.figures.replay import MM, plane_basis, shade_episodes
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying import Replay
-from vfplan.replaying.overview import contact_marks
+from vfplan.replaying.thinning import contact_marks
 
 MARK_HZ = 10.0
 SIMULATED_HZ = 3.0  # marks a second: the pointer is slow

@@ -16,7 +16,7 @@ from vfplan.fixture import Fixture
 from vfplan.io.files import write_whole
 from vfplan.io.opengl import ready_pyvista
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
-from vfplan.replaying.overview import contact_marks
+from vfplan.replaying.thinning import contact_marks
 from vfplan.session import TickBlock
 
 Array = NDArray[np.float64]

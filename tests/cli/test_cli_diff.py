@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan.replaying.apart import Apart
+from vfplan.replaying.compare import Comparison
 from vfplan.session import TickBlock
 
 
@@ -52,7 +52,7 @@ def test_first_tick_is_the_first_row_that_differs():
     proxy[3], force[2] = (0, 3, 4), (5e-324, 0, 0)
     for b, first, far in ((a, None, 0.0), (replace(a, proxy=proxy), 3, 5.0),
                           (replace(a, proxy=proxy, force=force), 2, 5.0)):  # fmt: skip
-        apart = Apart()
+        apart = Comparison()
         apart.update(a, b)
         found = apart.report()
         assert (found.get("first_difference_tick"), found["proxy_max_m"]) == (first, far)

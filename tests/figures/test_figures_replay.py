@@ -14,7 +14,7 @@ from vfplan.figures.style import save_png
 from vfplan.fixture import Fixture, Provenance, RegistrationRecord
 from vfplan.images.read import PlannedImage
 from vfplan.replaying import replay
-from vfplan.replaying.overview import Overview, contact_marks, thinned
+from vfplan.replaying.thinning import ThinnedTicks, contact_marks, thinned
 
 T_ROBOT_IMAGE = np.array([[5e-4, 1e-4, 0.3], [-1e-4, 5e-4, -0.1], [1e-5, 2e-5, 0.02]])
 
@@ -109,7 +109,7 @@ def test_depth_is_carried_back_to_the_slice(pressed):
 
 def test_overview_keeps_the_deepest_of_each_stretch(pressed):
     ticks = pressed.ticks
-    overview = Overview(500)
+    overview = ThinnedTicks(500)
     for start in range(0, 3000, 250):
         part = thinned(ticks, 1)
         block = type(part)(**{n: getattr(part, n)[start : start + 250] for n in vars(part)})
@@ -118,6 +118,6 @@ def test_overview_keeps_the_deepest_of_each_stretch(pressed):
     assert 250 < len(kept) <= 500
     assert kept.penetration.max() == ticks.penetration.max()
     assert (np.diff(kept.time) > 0).all()
-    none = Overview(0)
+    none = ThinnedTicks(0)
     none.update(ticks)
     assert len(none.ticks) == 0

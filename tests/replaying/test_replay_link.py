@@ -9,7 +9,7 @@ from replays import fixture_of, line, probing
 import vfplan
 from vfplan.errors import SettingError
 from vfplan.replaying import Link, replay
-from vfplan.replaying.faults import LossyLink
+from vfplan.replaying.link import LossyLink
 from vfplan.robot import Robot, read_robot
 from vfplan.session import Session
 

@@ -319,7 +319,9 @@ def test_gradients_and_hessians_are_those_of_the_distance(kind):
         "walls": primitives.Segments(a * FLAT, np.vstack([b[:6], a[6:]]) * FLAT, endless=True),
         "rectangles": primitives.Rectangles(a, b, c),
         "spheres": primitives.Spheres(a, rng.uniform(0.5, 3, 12)),
-        "arcs": primitives.Arcs(a[:, :2], rng.uniform(0.5, 3, 12), angle, rng.uniform(-0.7, 0.7, 12)),
+        "arcs": primitives.Arcs(
+            a[:, :2], rng.uniform(0.5, 3, 12), angle, rng.uniform(-0.7, 0.7, 12)
+        ),
     }[kind]
     for _ in range(30):
         x, e = rng.normal(size=3) * 2, 1e-5

@@ -18,8 +18,8 @@ from vfplan.engine.proxy import ProxyEngine
 from vfplan.engine.ticks import Status
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.replaying.checks import finding
-from vfplan.replaying.core import Replay, replay
+from vfplan.replaying.findings import finding
+from vfplan.replaying.replay import Replay, replay
 from vfplan.session import Session
 from vfplan.session.events import Event
 

@@ -28,7 +28,7 @@ from vfplan.errors import SceneError
 from vfplan.fixture import Fixture, RegistrationRecord
 from vfplan.registration.models import homogeneous
 from vfplan.registration.problem import Problem, make_problem
-from vfplan.replaying.quantities import HELD_M, dots, row_norms
+from vfplan.replaying.quantities import CONTACT_M, dots, row_norms
 from vfplan.session import Session
 
 Array = NDArray[np.float64]
@@ -230,7 +230,7 @@ class Trials:
         proxy, normal = engine.run(tool)[:2]
         away = proxy - tool
         depth = dots(away, normal) - self.fixture.contact_radius
-        return np.where(np.abs(away).max(axis=1) > HELD_M, depth, FREE), proxy
+        return np.where(np.abs(away).max(axis=1) > CONTACT_M, depth, FREE), proxy
 
     def _point(self, depth: float, proxy: Array) -> int:
         """The true curve's point nearest to where the tool came deepest; -1: nothing touched."""

@@ -13,7 +13,7 @@ from vfplan.images.read import PlannedImage
 from vfplan.palette import CLOUD, PROXY
 from vfplan.replaying import Replay
 from vfplan.replaying.episodes import CurveRuler
-from vfplan.replaying.quantities import HELD_M
+from vfplan.replaying.quantities import CONTACT_M
 
 Array = NDArray[np.float64]
 MM = 1e3
@@ -32,7 +32,7 @@ def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
     if ruler is None:
         raise InputError("a cloud that was not drawn as a curve has no depth along it")
     ticks = replayed.ticks
-    held = ticks.penetration > HELD_M
+    held = ticks.penetration > CONTACT_M
     deep, point = ticks.penetration[held], ruler.nearest(ticks.proxy[held])
     depth = np.zeros(len(ruler.points))
     np.maximum.at(depth, point, deep)

@@ -14,8 +14,8 @@ from vfplan.fixture import Fixture
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
 from vfplan.replaying import Replay
 from vfplan.replaying.episodes import episode_count
-from vfplan.replaying.overview import contact_marks
 from vfplan.replaying.quantities import row_norms
+from vfplan.replaying.thinning import contact_marks
 
 Array = NDArray[np.float64]
 

@@ -2,12 +2,24 @@
 
 The engine is the controller's own core, stepped sample by sample, never by a clock: the same
 session and fixture give the same bits on every run.
+
+replay      the whole way: load, run, report
+run         one engine's run over a session
+link, governing, guiding, changing
+            what stands between hand and engine, behind it, or in its place
+quantities, metrics, episodes, clearance, recording, timing
+            what is measured
+limits, findings
+            what the numbers are held against, and what a person should look at
+compare     two runs of the same ticks
+thinning    a bounded number of ticks for pictures
+approach    sessions that go along a drawn curve
 """
 
 from __future__ import annotations
 
-from vfplan.replaying.core import Replay, replay, result_record
 from vfplan.replaying.engines import ENGINES, RULES
-from vfplan.replaying.faults import Link
+from vfplan.replaying.link import Link
+from vfplan.replaying.replay import Replay, replay, result_record
 
 __all__ = ["ENGINES", "RULES", "Link", "Replay", "replay", "result_record"]

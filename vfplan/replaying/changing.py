@@ -16,7 +16,7 @@ from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import at
 from vfplan.replaying.engines import make_engine
-from vfplan.replaying.quantities import Carry, dots
+from vfplan.replaying.quantities import WithPrevious, dots
 from vfplan.session.events import Event, read_events
 from vfplan.session.poses import Poses, read_poses
 from vfplan.session.result import joined
@@ -24,10 +24,11 @@ from vfplan.session.result import joined
 NOWHERE_M = 1e3  # where a fixture without a pose is for the metrics: out of reach of any tool
 
 
-class Changing:
+class ChangingFixture:
     """An engine with what happened to its fixture, tick by tick.
 
-    It runs as an engine does, in the session's frame; `seen` gives what the metrics are made of.
+    It runs as an engine does, in the session's frame. The metrics are made of what
+    `in_fixture_frame` gives.
     """
 
     def __init__(
@@ -51,7 +52,7 @@ class Changing:
         self._frame = None if poses is None else MovingFrame(**moving)
         self._poses = read_poses(poses) if isinstance(poses, str | Path) else poses
         self._tick = self._posed = self._done = 0
-        self._carry = Carry()
+        self._carry = WithPrevious()
         self._counts = dict.fromkeys(("stale", "changing", "crossed", "exchange", "edit"), 0)
         self._energy = self._age = 0.0
         self._clearance = np.inf
@@ -71,7 +72,7 @@ class Changing:
         if self._frame is None:
             self._engine.reset(hip)
 
-    def due(self, times: Vector) -> None:
+    def apply_until(self, times: Vector) -> None:
         """The times of the ticks that are run next."""
         self._times = times
 
@@ -79,7 +80,7 @@ class Changing:
         """One tick a row, from the times told; as the engine's own."""
         parts, start = [], 0
         while start < len(hips):
-            self._take_up(float(self._times[start]))
+            self._begin_tick(float(self._times[start]))
             end = self._until(start, len(hips))
             parts.append(self._stretch(slice(start, end), hips[start:end]))
             self._tick += end - start
@@ -88,7 +89,7 @@ class Changing:
         self._frames = np.concatenate(frames)
         return joined(traces), np.concatenate(micros)
 
-    def _take_up(self, t: float) -> None:
+    def _begin_tick(self, t: float) -> None:
         """All that the tick at `t` begins with."""
         poses = self._poses
         while poses is not None and self._posed < len(poses.time):
@@ -170,7 +171,7 @@ class Changing:
         p = self._engine.parameters
         return p.contact_radius + p.point_radius
 
-    def seen(self, hips: Vector, trace: Trace) -> tuple[Vector, Trace]:
+    def in_fixture_frame(self, hips: Vector, trace: Trace) -> tuple[Vector, Trace]:
         """HIPs and ticks just run, with the forces commanded, as the fixture's frame has them."""
         frames = self._frames
         moved = trace.proxy - frames[:, :3], hips - frames[:, :3]

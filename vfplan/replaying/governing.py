@@ -10,11 +10,11 @@ import numpy as np
 from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.parameters import Vector
 from vfplan.engine.ticks import Trace
-from vfplan.replaying.quantities import Carry, dots, row_norms
+from vfplan.replaying.quantities import WithPrevious, dots, row_norms
 from vfplan.robot import Robot
 
 
-class Governing:
+class GovernedForces:
     """Pass an engine's forces through the governor of a robot's limits, block by block.
 
     Raises SettingError: limits that are missing, or not passive with this stiffness
@@ -23,7 +23,7 @@ class Governing:
     def __init__(self, robot: Robot, stiffness: Vector) -> None:
         self._robot = robot
         self._governor = Governor.of(robot, float(stiffness.max()))
-        self._carry = Carry()
+        self._carry = WithPrevious()
         self._engine_max = self._engine_step = self._held_max = self._work = 0.0
         self._held_tick, self._ticks, self._held, self._overdrawn = 0, 0, 0, 0
 

@@ -12,7 +12,7 @@ from vfplan.engine.guide import Guide, GuideTrace
 from vfplan.engine.parameters import ProxyParameters, Vector
 from vfplan.engine.ticks import Trace
 from vfplan.fixture import Fixture
-from vfplan.replaying.quantities import Carry, dots, row_norms
+from vfplan.replaying.quantities import WithPrevious, dots, row_norms
 from vfplan.replaying.timing import timed
 
 BINS = 512  # along the guide's strokes together, of the profile
@@ -42,7 +42,7 @@ class Guided:
         self._lateral_max, self._square, self._worst = 0.0, 0.0, 0
         self._arc: tuple[float, float] | None = None
         self._peak = self._step = self._region_peak = self._work = 0.0
-        self._carry = Carry()
+        self._carry = WithPrevious()
         self._strokes: set[int] = set()
 
     @property

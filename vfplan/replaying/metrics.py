@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.ticks import Status
 from vfplan.fixture import Fixture
-from vfplan.replaying.checks import RobotWatch
 from vfplan.replaying.clearance import clearance_of
 from vfplan.replaying.episodes import CurveRuler, Episodes
+from vfplan.replaying.limits import RobotWatch
 from vfplan.replaying.quantities import Steps, row_norms
 from vfplan.robot import Robot
 

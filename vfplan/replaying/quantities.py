@@ -20,7 +20,7 @@ from vfplan.session.result import joined
 Array = NDArray[np.float64]
 
 # The proxy counts as held away from the HIP beyond this [m]: p + (x - p) need not give x exactly.
-HELD_M = 1e-9
+CONTACT_M = 1e-9
 SUMS = (
     "dwell_s", "impulse_ns", "energy_j", "energy_hold_j", "slide_m", "press_path", "drag_work",
 )  # fmt: skip
@@ -42,7 +42,7 @@ def flattened(places: Array, axis: Array | None) -> Array:
     return places if axis is None else places - np.outer(places @ axis, axis)
 
 
-class Carry:
+class WithPrevious:
     """Arrays of a block after the last rows of the block before: for differences across blocks."""
 
     def __init__(self) -> None:
@@ -89,7 +89,7 @@ class Steps:
     @cached_property
     def held(self) -> NDArray[np.bool_]:
         """(n,) whether the fixture pushes: |p - x| above 1 nm. This is what *contact* means."""
-        return self.ticks.penetration > HELD_M
+        return self.ticks.penetration > CONTACT_M
 
     @cached_property
     def force_n(self) -> Array:
@@ -167,7 +167,7 @@ class Steps:
         return dict(zip(PEAKS, (*columns, np.abs(self.lag_m)), strict=True))
 
 
-class Stepper:
+class PairedTicks:
     """Turn blocks into `Steps`, one tick behind; `finish` gives the last tick."""
 
     def __init__(self) -> None:

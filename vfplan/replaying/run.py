@@ -1,4 +1,4 @@
-"""One engine's run over a session: per-tick results, metrics and timing."""
+"""One engine's run over a session: its ticks, their numbers, and the time that each took."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from vfplan.engine.ticks import Trace
 from vfplan.fixture import Fixture
-from vfplan.replaying.changing import Changing
+from vfplan.replaying.changing import ChangingFixture
 from vfplan.replaying.engines import make_engine
-from vfplan.replaying.faults import Link, LossyLink
-from vfplan.replaying.governing import Governing
+from vfplan.replaying.governing import GovernedForces
 from vfplan.replaying.guiding import Guided
+from vfplan.replaying.link import Link, LossyLink
 from vfplan.replaying.metrics import Metrics
-from vfplan.replaying.overview import Overview
-from vfplan.replaying.quantities import Stepper, overlap, penetration
+from vfplan.replaying.quantities import PairedTicks, overlap, penetration
+from vfplan.replaying.thinning import ThinnedTicks
 from vfplan.replaying.timing import StepTimes
 from vfplan.robot import Robot
 from vfplan.session import TickBlock
@@ -25,15 +25,15 @@ from vfplan.session.result import joined, picked
 Array = NDArray[np.float64]
 
 
-class RuleRun:
-    """Feed blocks of HIP positions through one engine, and measure.
+class EngineRun:
+    """Feed a session through one engine, block by block, and measure it.
 
     fixture, rule, engine: as for `make_engine`
     robot: whose limits to watch, or `None`
     link: the link between hand and controller; `None`: a perfect one
-    governor: the robot whose limits a governor holds the forces to, or `None`: there is no governor
-    keep: ticks kept for pictures; `None`: all
-    changing: what happens to the fixture meanwhile, in place of an engine
+    governor: the robot whose limits a governor holds the forces to; `None`: there is no governor
+    keep: how many ticks are kept for pictures; `None`: all
+    changing: what happens to the fixture meanwhile; it then takes the engine's place
     """
 
     def __init__(
@@ -46,71 +46,92 @@ class RuleRun:
         link: Link | None = None,
         governor: Robot | None = None,
         keep: int | None = None,
-        changing: Changing | None = None,
+        changing: ChangingFixture | None = None,
     ) -> None:
+        self.rule = rule
         self.changing = changing
         self.engine = changing or make_engine(fixture, rule, engine)
-        self.rule = rule
-        stiffness = getattr(self.engine, "stiffness", self.engine.parameters.stiffness)
-        self._governing = None if governor is None else Governing(governor, stiffness)
         self.link = None if link is None else LossyLink(link)
-        self.overview = Overview(keep)
-        # How far the HIP is beyond a cloud's own surface; a guide has none.
-        self._surface = fixture.contact_radius if len(fixture.forbidden) else np.inf
-        self._stepper = Stepper()
+        self.kept = ThinnedTicks(keep)
+        self._governor = None
+        if governor is not None:
+            stiffness = getattr(self.engine, "stiffness", self.engine.parameters.stiffness)
+            self._governor = GovernedForces(governor, stiffness)
+        # The HIP is beyond a cloud's own surface from this depth on; a guide has no surface.
+        self._surface_depth = fixture.contact_radius if len(fixture.forbidden) else np.inf
+        self._pairs = PairedTicks()
         self._metrics = Metrics(fixture, self.engine.parameters, robot)
         self._times = StepTimes()
-        self._last: tuple[Array, Trace] | None = None  # the last packet, and its tick
+        self._last_packet: tuple[Array, Trace] | None = None  # its HIP, and the engine's answer
 
-    def feed(self, stamps: Array, hand: Array) -> TickBlock:
-        """Run the engine over the next samples, and take them into the metrics."""
+    def feed(self, time: Array, hand: Array) -> TickBlock:
+        """Run the engine over the next samples, measure them, and give them back as ticks.
+
+        time: (n,) [s]
+        hand: (n, 3) where the tool truly was [m]
+        """
         if self.changing is not None:
-            self.changing.due(stamps)
-        hip, trace = self._rendered(stamps, hand)
-        block = inner = self._block(stamps, hip, trace)
-        if self.changing is not None and len(hand):  # measured in the fixture's frame
-            hand, seen = self.changing.seen(hip, trace)
-            inner = self._block(stamps, hand, seen)
+            self.changing.apply_until(time)
+
+        hip, trace = self._answers(time, hand)
+        ticks = self._ticks(time, hip, trace)
+
+        measured = ticks
+        if self.changing is not None and len(hand):
+            hand, in_frame = self.changing.in_fixture_frame(hip, trace)
+            measured = self._ticks(time, hand, in_frame)
+
         self._metrics.note_status(trace.status)
-        steps = self._stepper.push(inner, hand)
+        steps = self._pairs.push(measured, hand)
         if steps is not None:
             self._metrics.update(steps)
-        self.overview.update(block)
-        return block
+        self.kept.update(ticks)
+        return ticks
 
-    def _block(self, stamps: Array, hip: Array, trace: Trace) -> TickBlock:
-        proxy, normal = trace.proxy, trace.normal
-        depths = penetration(hip, proxy), overlap(hip, proxy, normal, self._surface)
-        return TickBlock(stamps, hip, proxy, normal, trace.force, trace.state, *depths)
+    def _answers(self, time: Array, hand: Array) -> tuple[Array, Trace]:
+        """(n, 3) the HIP that the controller had at each tick [m], and what it answered.
 
-    def _rendered(self, stamps: Array, hand: Array) -> tuple[Array, Trace]:
-        """What the controller had, and what it answered."""
+        Behind a lossy link the engine steps on the packets that arrive. A tick without one repeats
+        the answer to the last packet, which may be of an earlier block.
+        """
         if self.link is None:
-            return hand, self._ran(hand)
-        arrived = self.link.deliver(stamps, hand)
-        trace = self._ran(arrived.hip)
+            return hand, self._run(hand)
+        arrived = self.link.deliver(time, hand)
         hip = arrived.hip
-        if self._last is not None:  # row -1 is then the last packet of the blocks before
-            hip = np.concatenate((hip, self._last[0]))
-            trace = joined([trace, self._last[1]])
-        kept = len(arrived.hip) - 1 if len(arrived.hip) else -1
-        self._last = hip[[kept]], picked(trace, np.array([kept]))
+        trace = self._run(hip)
+        if self._last_packet is not None:
+            # A tick before this block's first packet has row -1: the last row, which is appended.
+            hip = np.concatenate((hip, self._last_packet[0]))
+            trace = joined([trace, self._last_packet[1]])
+        last = len(arrived.hip) - 1 if len(arrived.hip) else -1
+        self._last_packet = hip[[last]], picked(trace, np.array([last]))
         return hip[arrived.row], picked(trace, arrived.row)
 
-    def _ran(self, hip: Array) -> Trace:
-        if self._last is None and len(hip) and not self._times.ticks:
+    def _run(self, hip: Array) -> Trace:
+        """The engine's answers, with the forces that a governor lets through."""
+        is_first = self._last_packet is None and not self._times.ticks
+        if is_first and len(hip):
             self.engine.reset(hip[0])
         trace = self._times.run(self.engine, hip)
-        return trace if self._governing is None else self._governing.run(hip, trace)
+        if self._governor is None:
+            return trace
+        return self._governor.run(hip, trace)
+
+    def _ticks(self, time: Array, hip: Array, trace: Trace) -> TickBlock:
+        depth = penetration(hip, trace.proxy)
+        beyond = overlap(hip, trace.proxy, trace.normal, self._surface_depth)
+        return TickBlock(
+            time, hip, trace.proxy, trace.normal, trace.force, trace.state, depth, beyond
+        )
 
     def finish(self) -> dict[str, Any]:
-        """The metrics of the whole session."""
-        self._metrics.update(self._stepper.finish())
-        report = {**self._metrics.report(), "step_us": self._times.report()}
+        """The numbers of the whole session."""
+        self._metrics.update(self._pairs.finish())
+        report = self._metrics.report() | {"step_us": self._times.report()}
         if self.changing is not None:
             report |= self.changing.report()
         if isinstance(self.engine, Guided):
             report |= self.engine.report(report["duration_s"] / report["ticks"])
-        return (
-            report if self._governing is None else report | {"governor": self._governing.report()}
-        )
+        if self._governor is not None:
+            report["governor"] = self._governor.report()
+        return report

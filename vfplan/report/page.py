@@ -20,7 +20,7 @@ from vfplan.io.disk import made_folder
 from vfplan.io.files import now_utc, write_whole
 from vfplan.palette import DARK, LIGHT
 from vfplan.replaying import Replay
-from vfplan.replaying.checks import has_touched
+from vfplan.replaying.limits import has_touched
 from vfplan.report.scrubber import scrubber_data
 from vfplan.report.tables import checks, code, episodes, findings, settings, summary, table
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from vfplan.figures.replay import axis_names, plane_basis
 from vfplan.fixture import Fixture
 from vfplan.replaying import Replay
-from vfplan.replaying.overview import thinned
 from vfplan.replaying.quantities import row_norms
+from vfplan.replaying.thinning import thinned
 from vfplan.session import TickBlock
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.replaying.quantities import Carry
+from vfplan.replaying.quantities import WithPrevious
 
 Array = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ LISTED = 20  # gaps reported one by one
 JUMP_M_S = 20.0
 
 
-class SessionWatch:
+class SamplingReport:
     """Gather what a session's time stamps and positions say of its recording.
 
     The nominal interval is the median over the first block. Jitter is the RMS deviation from it
@@ -26,7 +26,7 @@ class SessionWatch:
     """
 
     def __init__(self) -> None:
-        self._carry = Carry()
+        self._carry = WithPrevious()
         self._nominal = self._jitter2 = self._dt_max = 0.0
         self._count = self._even = self._missing = self._gap_count = self._jump_count = 0
         self._repeats = self._run = self._longest = 0

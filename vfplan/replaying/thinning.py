@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.replaying.quantities import HELD_M
+from vfplan.replaying.quantities import CONTACT_M
 from vfplan.session import TickBlock
 from vfplan.session.result import TABLE, joined
 
 _NONE = TickBlock(*(np.empty((0, *columns), kind) for columns, kind, _ in TABLE.values()))
 
 
-class Overview:
+class ThinnedTicks:
     """Keep at most `capacity` ticks; every tick while the session is that short.
 
     capacity: ticks kept, 2 at least; 0: none; `None`: all of them
@@ -55,6 +55,6 @@ def thinned(block: TickBlock, stride: int) -> TickBlock:
 def contact_marks(ticks: TickBlock, rate_hz: float) -> NDArray[np.intp]:
     """Indices of ticks in contact, at most `rate_hz` of them a second: the first of each slot."""
     slot = np.floor((ticks.time - ticks.time[0]) * rate_hz).astype(np.int64)
-    held = np.flatnonzero(ticks.penetration > HELD_M)
+    held = np.flatnonzero(ticks.penetration > CONTACT_M)
     _, first = np.unique(slot[held], return_index=True)
     return held[first]

@@ -13,21 +13,21 @@ from vfplan.engine.renderable import best_rule
 from vfplan.errors import SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import at
-from vfplan.replaying.apart import Apart
-from vfplan.replaying.changing import Changing
-from vfplan.replaying.checks import check_limits, findings, robot_limits, verdict_of
+from vfplan.replaying.changing import ChangingFixture
+from vfplan.replaying.compare import Comparison
 from vfplan.replaying.engines import RULES
 from vfplan.replaying.episodes import episode_count
-from vfplan.replaying.faults import Link
-from vfplan.replaying.run import RuleRun
-from vfplan.replaying.watch import SessionWatch
+from vfplan.replaying.findings import replay_findings
+from vfplan.replaying.limits import Limits, check_limits, robot_limits, verdict_of
+from vfplan.replaying.link import Link
+from vfplan.replaying.recording import SamplingReport
+from vfplan.replaying.run import EngineRun
 from vfplan.robot import Robot
 from vfplan.session import Source, TickBlock, open_session
 from vfplan.session.events import Event, as_taken
 from vfplan.session.poses import Poses
 
 Sink = Callable[[str, TickBlock], None]
-Limits = tuple[tuple[str, str, float], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,104 +145,125 @@ def replay(
     InputError, SettingError, BundleError
         A fixture that cannot be replayed, an unknown rule or engine, a bad bundle.
     """
-    began = clock.perf_counter()
-    place = at(None if isinstance(fixture, Fixture) else fixture)
-    fixture, record = _loaded(fixture, trust)
+    started = clock.perf_counter()
+    naming_fixture = at(None if isinstance(fixture, Fixture) else fixture)
+    fixture, record = _load_fixture(fixture, trust)
     if isinstance(session, (str, Path)):
-        source, (poses, events) = open_session(session), as_taken(session, poses, events)
-    else:
-        source = session
-    _same_frame(fixture, source)
-    link = link if link is not None and link.faulty else None
+        poses, events = as_taken(session, poses, events)
+        session = open_session(session)
+    _require_same_frame(fixture, session)
+    if link is not None and not link.faulty:
+        link = None
     rules = _rules(rule, fixture)
-    with place:
+
+    # One run of each rule, and behind a lossy link one more over a perfect link.
+    with naming_fixture:
         settings: dict[str, Any] = {"robot": robot, "governor": governor}
         if poses is not None or events is not None:
-            _alone(rules, engine, link)
-            settings["changing"] = Changing(fixture, rules[0], poses, events, moving or {}, trust)
-        runs = [RuleRun(fixture, r, engine, link=link, keep=keep, **settings) for r in rules]
-        clean = RuleRun(fixture, rules[0], engine, keep=0, **settings) if link else None
-    watch, rules_apart, link_apart = SessionWatch(), Apart(), Apart()
-    for time, hand in source.blocks():
-        watch.update(time, hand)
-        blocks = [run.feed(time, hand) for run in runs]
-        for run, block in zip(runs, blocks, strict=True):
+            _refuse_beside_changes(rules, engine, link)
+            settings["changing"] = ChangingFixture(
+                fixture, rules[0], poses, events, moving or {}, trust
+            )
+        runs = []
+        for name in rules:
+            runs.append(EngineRun(fixture, name, engine, link=link, keep=keep, **settings))
+        perfect = None
+        if link is not None:
+            perfect = EngineRun(fixture, rules[0], engine, keep=0, **settings)
+
+    recording = SamplingReport()
+    between_rules = Comparison()
+    between_links = Comparison()
+    for time, hand in session.blocks():
+        recording.update(time, hand)
+        blocks = []
+        for run in runs:
+            ticks = run.feed(time, hand)
+            blocks.append(ticks)
             for sink in sinks:
-                sink(run.rule, block)
+                sink(run.rule, ticks)
         if len(blocks) == 2:
-            rules_apart.update(*blocks)
-        if clean is not None:
-            link_apart.update(blocks[0], clean.feed(time, hand))
-    record |= {"session": _seen(source, watch)}
-    if clean is not None:
-        record["link"] = _link_report(link, runs[0], clean, link_apart, robot)
-    record["elapsed_s"] = clock.perf_counter() - began
-    done = [_result(fixture, run, engine, record, robot, limits) for run in runs]
-    if len(done) == 1:
-        return done[0]
-    return _side_by_side(*done, rules_apart)
+            between_rules.update(*blocks)
+        if perfect is not None:
+            between_links.update(blocks[0], perfect.feed(time, hand))
+
+    record["session"] = _session_report(session, recording)
+    if perfect is not None:
+        record["link"] = _link_report(link, runs[0], perfect, between_links, robot)
+    record["elapsed_s"] = clock.perf_counter() - started
+    results = [_result(fixture, run, engine, record, robot, limits) for run in runs]
+    if len(results) == 1:
+        return results[0]
+    return _side_by_side(*results, between_rules)
 
 
-def _alone(rules: tuple[str, ...], engine: str, link: Link | None) -> None:
-    """A fixture that moves or changes is replayed by one rule of the native engine."""
-    if len(rules) > 1 or engine != "native" or link is not None:
-        raise SettingError(
-            "poses and events go with one rule of the native engine, without a lossy link"
-        )
-
-
-def _loaded(fixture: Fixture | str | Path, trust: Any) -> tuple[Fixture, dict[str, Any]]:
-    """The fixture, and what is known of its file."""
+def _load_fixture(fixture: Fixture | str | Path, trust: Any) -> tuple[Fixture, dict[str, Any]]:
+    """The fixture, and what the report holds of its file."""
     if isinstance(fixture, Fixture):
         return fixture, {}
     from vfplan.bundle import read_sealed
 
-    planned, seal = read_sealed(fixture, trust=trust)
+    loaded, seal = read_sealed(fixture, trust=trust)
     checked = trust is not None
     record = {"name": Path(fixture).name, **seal.describe(), "signature_checked": checked}
-    return planned, {"fixture": record}
+    return loaded, {"fixture": record}
 
 
-def _same_frame(fixture: Fixture, source: Source) -> None:
-    if source.frame != fixture.frame:
+def _require_same_frame(fixture: Fixture, session: Source) -> None:
+    if session.frame != fixture.frame:
         raise SessionError(
-            f"positions in frame {source.frame!r}, the fixture in {fixture.frame!r}; "
+            f"positions in frame {session.frame!r}, the fixture in {fixture.frame!r}; "
             "they must be the same",
-            where=source.name,
+            where=session.name,
+            code="frame-differs",
         )
 
 
 def _rules(rule: str | None, fixture: Fixture) -> tuple[str, ...]:
+    """The rules to run: the one asked for, the fixture's best, or robust and paper."""
     if rule is None:
         return (best_rule(fixture),)
     if rule not in RULES:
-        raise SettingError(f"rule {rule!r}; {', '.join(RULES)} wanted")
-    return ("robust", "paper") if rule == "both" else (rule,)
+        raise SettingError(f"rule {rule!r}; {', '.join(RULES)} wanted", code="unknown-rule")
+    if rule == "both":
+        return ("robust", "paper")
+    return (rule,)
 
 
-def _seen(source: Source, watch: SessionWatch) -> dict[str, Any]:
-    session = {"name": source.name, "frame": source.frame, **source.notes, **watch.report()}
-    if source.sha256 is not None:
-        session["sha256"] = source.sha256
-    return session
+def _refuse_beside_changes(rules: tuple[str, ...], engine: str, link: Link | None) -> None:
+    """A fixture that moves or changes is replayed by one rule of the native engine."""
+    if len(rules) > 1 or engine != "native" or link is not None:
+        raise SettingError(
+            "poses and events go with one rule of the native engine, without a lossy link",
+            code="changes-alone",
+        )
+
+
+def _session_report(session: Source, recording: SamplingReport) -> dict[str, Any]:
+    report = {"name": session.name, "frame": session.frame, **session.notes, **recording.report()}
+    if session.sha256 is not None:
+        report["sha256"] = session.sha256
+    return report
 
 
 def _link_report(
-    link: Link, run: RuleRun, clean: RuleRun, apart: Apart, robot: Robot | None
+    link: Link, run: EngineRun, perfect: EngineRun, comparison: Comparison, robot: Robot | None
 ) -> dict[str, Any]:
+    """What the link did, and what the same session gives over a perfect one."""
     assert run.link is not None
-    unaffected = clean.finish()
+    unaffected = perfect.finish()
     numbers = {k: v for k, v in unaffected.items() if isinstance(v, (int, float))}
-    limit = robot.lost_packets_limit if robot is not None else None
+    lost_limit = None if robot is None else robot.lost_packets_limit
     return {
         **link.report(),
-        **run.link.report(limit),
-        "apart": apart.report(),
+        **run.link.report(lost_limit),
+        "apart": comparison.report(),
         "perfect": {**numbers, "episodes": episode_count(unaffected)},
     }
 
 
-def _scene(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any]:
+def _scene_report(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any]:
+    """What was rendered."""
     scene = {
         "planar": fixture.ignore_axis is not None,
         "points": len(fixture.points),
@@ -259,40 +280,43 @@ def _scene(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any]:
         scene["triangles"] = len(fixture.mesh)
     if fixture.max_iterations is not None and parameters.rule == "robust":
         scene["max_iterations"] = fixture.max_iterations
-    axis = fixture.ignore_axis
-    return scene if axis is None else scene | {"ignore_axis": axis.tolist()}
+    if fixture.ignore_axis is not None:
+        scene["ignore_axis"] = fixture.ignore_axis.tolist()
+    return scene
 
 
 def _result(
     fixture: Fixture,
-    run: RuleRun,
+    run: EngineRun,
     engine: str,
     record: dict[str, Any],
     robot: Robot | None,
     limits: Limits,
 ) -> Replay:
-    found = run.finish()
+    """One run's numbers as a report, with its findings and checks."""
+    numbers = run.finish()
     metrics = {
         "rule": run.rule,
         "engine": engine,
-        **found,
-        "scene": _scene(fixture, run.engine.parameters),
+        **numbers,
+        "scene": _scene_report(fixture, run.engine.parameters),
         "left_out": dict(run.engine.left_out),
         **record,
-        "findings": findings(found, record, run.engine.parameters, robot),
+        "findings": replay_findings(numbers, record, run.engine.parameters, robot),
     }
-    metrics["real_time_factor"] = found["duration_s"] / record["elapsed_s"]
-    asked = (*limits, *(robot_limits(robot) if robot is not None else ()))
-    if asked:
-        metrics["checks"] = check_limits(metrics, asked)
+    metrics["real_time_factor"] = numbers["duration_s"] / record["elapsed_s"]
+    if robot is not None:
+        limits = (*limits, *robot_limits(robot))
+    if limits:
+        metrics["checks"] = check_limits(metrics, limits)
     metrics["verdict"] = verdict_of(metrics, metrics.get("checks", []))
-    return Replay(run.rule, engine, run.overview.ticks, metrics, fixture, run.overview.stride)
+    return Replay(run.rule, engine, run.kept.ticks, metrics, fixture, run.kept.stride)
 
 
-def _side_by_side(robust: Replay, paper: Replay, apart: Apart) -> Replay:
+def _side_by_side(robust: Replay, paper: Replay, comparison: Comparison) -> Replay:
     """The robust rule's report, with the paper's inside and where the two part."""
     numbers = {k: v for k, v in paper.metrics.items() if k not in ("session", "fixture", "link")}
-    metrics = {**robust.metrics, "rule": "both", "paper": numbers, "apart": apart.report()}
+    metrics = {**robust.metrics, "rule": "both", "paper": numbers, "apart": comparison.report()}
     return Replay(
         "both", robust.engine, robust.ticks, metrics, robust.fixture, robust.stride, paper
     )

@@ -1,0 +1,193 @@
+"""What a person should look at after a replay: code, severity and a sentence each.
+
+A replay's findings inform and decide nothing; limits do (`vfplan.replaying.limits`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vfplan.engine.parameters import ProxyParameters
+from vfplan.replaying.recording import JUMP_M_S
+from vfplan.robot import Robot, read_robot
+
+ROUNDING_M = 1e-9
+"""Rounding in the independent measurement of clearance [m]."""
+FAR_M = 0.5
+"""A session that stays farther away than this [m] is likely in other units or another frame."""
+SLOWEST_HZ = 5.0
+"""No tracked tool is recorded at a lower rate [Hz]: the time is then likely not in seconds."""
+FASTEST_HZ = 50_000.0
+"""No tracked tool is recorded at a higher rate [Hz]: the time is then likely not in seconds."""
+
+Finding = dict[str, str]
+
+
+def finding(code: str, severity: str, message: str) -> Finding:
+    """One finding; its severity is "info", "warning" or "error"."""
+    return {"code": code, "severity": severity, "message": message}
+
+
+def replay_findings(
+    report: dict[str, Any], record: dict[str, Any], parameters: ProxyParameters, robot: Robot | None
+) -> list[Finding]:
+    """Of the recording, of the link, of the run, and where no robot was named, of a common arm.
+
+    report: as `Metrics.report` gives it
+    record: `session`, as `SamplingReport.report` gives it, and `link` where there is one
+    """
+    findings = recording_findings(record["session"], robot)
+    if "link" in record:
+        findings += link_findings(record["link"])
+    findings += run_findings(report, parameters)
+    if robot is None:
+        findings += common_arm_findings(report, record["session"])
+    return findings
+
+
+def recording_findings(session: dict[str, Any], robot: Robot | None) -> list[Finding]:
+    """What the recording itself shows; `session` as `SamplingReport.report` gives it."""
+    findings = []
+    rate = session["rate_hz"]
+    robot_rate = rate if robot is None else robot.rate_hz
+    unused_columns = session.get("ignored_columns", ())
+
+    if session["gaps"]:
+        text = (
+            f"{session['gaps']} gaps, about {session['missing_samples']} samples missing; the "
+            f"longest interval is {session['dt_max_s']:.6g} s of {session['dt_nominal_s']:.6g} s"
+        )
+        findings.append(finding("session-gap", "warning", text))
+    if "jumps" in session:
+        text = (
+            f"{session['jumps']} jumps faster than {JUMP_M_S:g} m/s; the fastest is "
+            f"{session['speed_max_m_s']:.6g} m/s at tick {session['speed_max_tick']}"
+        )
+        findings.append(finding("session-jump", "error", text))
+    if unused_columns:
+        text = f"columns not used: {', '.join(unused_columns)}"
+        findings.append(finding("session-columns", "info", text))
+    if not SLOWEST_HZ <= rate <= FASTEST_HZ:
+        text = (
+            f"{rate:.6g} samples a second; {SLOWEST_HZ:g} to {FASTEST_HZ:g} are usual: is the time "
+            "in seconds?"
+        )
+        findings.append(finding("session-time", "warning", text))
+    if not 0.9 < rate / robot_rate < 1.1:
+        text = f"recorded at {rate:.6g} Hz, the robot runs at {robot_rate:g} Hz; --rate resamples"
+        findings.append(finding("session-rate", "warning", text))
+    return findings
+
+
+def link_findings(link: dict[str, Any]) -> list[Finding]:
+    """What a lossy link did that a robot does not forgive."""
+    if not link.get("robot_stops"):
+        return []
+    text = (
+        f"{link['lost_longest']} packets lost in a row from tick {link['lost_longest_tick']}; the "
+        f"robot stops after {link['lost_limit']}"
+    )
+    return [finding("robot-stops", "error", text)]
+
+
+def common_arm_findings(report: dict[str, Any], session: dict[str, Any]) -> list[Finding]:
+    """Where no robot was named: whether the forces would stop a common arm, the shipped Panda."""
+    panda = read_robot("franka")
+    step = report["force_step_max_n"]
+    limit = panda.force_step_limit_n
+    if step <= limit or session["rate_hz"] < 0.9 * panda.rate_hz:
+        return []
+    text = (
+        f"the force changes by {step:.3g} N in one tick (tick {report['force_step_max_tick']}); a "
+        f"Franka arm stops above about {limit:g} N: --robot counts such ticks, --governor holds "
+        "them back"
+    )
+    return [finding("force-step", "warning", text)]
+
+
+def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> list[Finding]:
+    """What the numbers of a run say; `report` as `Metrics.report` gives it."""
+    findings = []
+    clearance_m = report.get("clearance_min_m", 0.0)
+    inside_ticks = report["inside_ticks"]
+
+    if clearance_m < -parameters.band - ROUNDING_M:
+        # A session that starts inside is led out; only an entry from outside is the rule's fault.
+        severity = "warning" if inside_ticks else "error"
+        text = (
+            f"the proxy came {-clearance_m:.3g} m inside the fixture; the band is "
+            f"{parameters.band:.3g} m"
+        )
+        findings.append(finding("proxy-inside", severity, text))
+    if clearance_m > FAR_M:
+        text = (
+            f"the tool never came nearer to the cloud than {clearance_m:.3g} m: are units and "
+            "frame the fixture's?"
+        )
+        findings.append(finding("never-near", "warning", text))
+    if inside_ticks:
+        text = f"{inside_ticks} ticks in which the proxy was on its way out of the fixture"
+        findings.append(finding("started-inside", "warning", text))
+    findings += change_findings(report)
+    if report["too_fast_ticks"]:
+        findings.append(too_fast_finding(report["too_fast_ticks"], parameters))
+    if report["bad_hip_ticks"]:
+        text = f"{report['bad_hip_ticks']} ticks farther than 1e6 m: the engine held its answer"
+        findings.append(finding("hip-out-of-range", "error", text))
+    findings += active_findings(report)
+    return findings
+
+
+def change_findings(report: dict[str, Any]) -> list[Finding]:
+    """What happened to a fixture that moves, is exchanged or edited."""
+    findings = []
+    if report.get("crossed_ticks"):
+        text = (
+            f"in {report['crossed_ticks']} ticks after an exchange no way out was found on the "
+            "side where the proxy had been: it was led out another way"
+        )
+        findings.append(finding("crossed", "warning", text))
+    if report.get("stale_ticks"):
+        text = (
+            f"in {report['stale_ticks']} of {report['ticks']} ticks the pose was too old, or none "
+            "had come"
+        )
+        findings.append(finding("stale", "warning", text))
+    if report.get("poses_refused"):
+        text = (
+            f"{report['poses_refused']} poses were refused: too far away, of no rotation, or "
+            "earlier than one before"
+        )
+        findings.append(finding("poses-refused", "warning", text))
+    if report.get("events_left"):
+        text = f"{report['events_left']} events are of ticks after the session's last"
+        findings.append(finding("events-left", "warning", text))
+    return findings
+
+
+def too_fast_finding(ticks: int, parameters: ProxyParameters) -> Finding:
+    """That the hand was too fast for the rule in so many ticks."""
+    if parameters.rule == "paper":
+        reason = (
+            f"the HIP moved more than r1 = {1e3 * parameters.r1:.3g} mm, as far as the proxy may"
+        )
+        return finding("too-fast", "warning", f"in {ticks} ticks {reason}")
+    reason = "the engine used up its iterations; the proxy is safe and follows later"
+    return finding("too-fast", "info", f"in {ticks} ticks {reason}")
+
+
+def active_findings(report: dict[str, Any]) -> list[Finding]:
+    """That episodes gave the hand energy."""
+    listed = [e["index"] for e in report["episodes"] if not e["passive"]]
+    unlisted = report.get("episodes_left_out", {"active": 0})["active"]
+    if not listed and not unlisted:
+        return []
+    first = ""
+    if listed:
+        of_those = " of those listed" if unlisted else ""
+        first = f" (the first{of_those} is {listed[0]})"
+    text = (
+        f"in {len(listed) + unlisted} episodes{first} the fixture gave the hand more energy than "
+        "holding each force for a tick explains"
+    )
+    return [finding("active", "warning", text)]
