@@ -54,11 +54,12 @@ def numbered(image: Path, settings: Any, overlay: Path | None) -> Iterator[None]
     except CurveError as error:
         if overlay is not None and error.candidates:
             from vfplan.figures.slice import draw_candidates
-            from vfplan.images.read import read_image
+            from vfplan.images.read import MAX_MEGAPIXELS, read_image
 
             seen = read_image(
                 image, frame=settings.frame, pixel_spacing_mm=settings.pixel_spacing_mm,
                 imager_spacing=bool(settings.imager_spacing),
+                max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
             )  # fmt: skip
             draw_candidates(seen, error.candidates, overlay)
             error.message += f"; {overlay} shows them with their numbers"

@@ -137,6 +137,8 @@ CURVE = taking(
            help="Which frame of a multi-frame DICOM or page of a TIFF."),
     option("--imager-spacing", is_flag=True, default=None,
            help="Accept DICOM's ImagerPixelSpacing, which is not the patient's."),
+    option("--max-megapixels", type=Real(0, min_open=True), metavar="N",
+           help="Read pictures of up to so many million pixels.  [default: 64]"),
     option("--mask-out", type=PNG, metavar="PNG", help="Write the pen's mask."),
     option("--overlay-out", type=PNG, metavar="PNG",
            help="Write the slice with the curve found on it, or the candidates' numbers."),

@@ -154,5 +154,8 @@ def take_back() -> None:
     """Undo what the running command wrote and no `keep` has settled."""
     for placed, folders in reversed(click.get_current_context().meta.pop(PLACED, [])):
         with suppress(_TakenBack), folders:
-            placed.undo()
+            try:
+                placed.undo()
+            except OutputError as error:
+                click.echo(f"vfplan: error: {error.where}: {error.message}", err=True)
             raise _TakenBack

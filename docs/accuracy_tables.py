@@ -181,6 +181,8 @@ def left_out(document: dict[str, Any]) -> str:
     lines = []
     for scene in names(r["scene"] for r in of(document, stage="proxy")):
         found = _at_half_a_millimetre(document, scene)
+        if "robust" not in found:
+            continue  # a scene that is tried at another spacing alone
         cells = [_cell(found[m]) if m in found else "–" for m in ("robust", *others)]
         lines.append([scene, str(found["robust"]["points"]), *cells])
     return table(

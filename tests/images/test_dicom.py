@@ -154,3 +154,11 @@ def test_zoo_is_read_or_refused_with_a_reason(path, capfd):
 
 def test_much_of_the_zoo_is_read():
     assert sum(refusal(path) is None for path in ZOO) > 50
+
+
+@pytest.mark.parametrize("count", [-1, -5])
+def test_a_number_of_frames_that_is_none_is_named(tmp_path, count):
+    with pytest.raises(ImageError) as error:
+        vfplan.read_image(capture(tmp_path, NumberOfFrames=count))
+    assert error.value.code == "no-frames"
+    assert error.value.numbers == {"count": count}

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from vfplan.errors import ImageError
-from vfplan.images.read import MOST_PAGES, MOST_PIXELS, read_header, read_image
+from vfplan.errors import ImageError, SettingError
+from vfplan.images.read import LARGEST_MEGAPIXELS, MOST_PAGES, read_header, read_image
 
 GIB = 1 << 30
 
@@ -112,7 +112,7 @@ def test_what_is_written_is_what_the_header_says(suffix):
 LARGE = """
 import sys, numpy as np
 from vfplan.images.read import read_image
-image = read_image(sys.argv[1])
+image = read_image(sys.argv[1], max_megapixels=268.5)
 print(image.rgb.shape, int(image.rgb[5, 7, 0]))
 import resource, time
 print(f"{time.process_time():.1f} s, {resource.getrusage(0).ru_maxrss >> 10} MiB", file=sys.stderr)
@@ -122,7 +122,7 @@ print(f"{time.process_time():.1f} s, {resource.getrusage(0).ru_maxrss >> 10} MiB
 @pytest.mark.full
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".bmp", ".dcm"])
 def test_the_largest_slices_are_read(tmp_path, suffix):
-    side = int(MOST_PIXELS**0.5)
+    side = int((1e6 * LARGEST_MEGAPIXELS) ** 0.5)
     image, path = np.full((side, side, 3), 200, np.uint8), tmp_path / f"a{suffix}"
     if suffix == ".dcm":
         pytest.importorskip("pydicom")
@@ -253,3 +253,66 @@ def test_a_picture_is_read_where_there_is_no_stderr():
     code = "import os, vfplan; os.close(2); print(vfplan.read_image('samples/elbow.png').width_px)"
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, check=True)
     assert int(run.stdout) > 0
+
+
+BOMB = """
+import resource, sys, time
+from vfplan.errors import ImageError, SettingError
+from vfplan.images.read import read_image
+try:
+    read_image(sys.argv[1], max_megapixels=float(sys.argv[2]))
+except ImageError as error:
+    print(error.code)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10, time.process_time())
+"""
+
+
+def rgba16(path, side):
+    """A square of 16-bit RGBA as a PNG of a few kilobytes."""
+
+    def chunk(kind, data):
+        body = kind + data
+        return len(data).to_bytes(4, "big") + body + zlib.crc32(body).to_bytes(4, "big")
+
+    head = side.to_bytes(4, "big") * 2 + bytes([16, 6, 0, 0, 0])
+    packer = zlib.compressobj(9)
+    rows = b"".join(packer.compress(bytes(1 + 8 * side)) for _ in range(side)) + packer.flush()
+    data = chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + data)
+
+
+@pytest.mark.parametrize(("side", "megapixels", "code"), [(9000, 64, "image-too-large")])
+def test_a_large_picture_is_refused_before_it_is_decoded(tmp_path, side, megapixels, code):
+    path = tmp_path / "bomb.png"
+    rgba16(path, side)
+    words = [sys.executable, "-c", BOMB, path, str(megapixels)]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=True)
+    said, numbers = done.stdout.splitlines()
+    memory, seconds = numbers.split()
+    assert said == code
+    assert int(memory) < 300
+    assert float(seconds) < 5
+
+
+@pytest.mark.full
+def test_the_worst_picture_that_is_read_stays_within_memory(tmp_path):
+    path = tmp_path / "bomb.png"
+    rgba16(path, 7999)
+    words = [sys.executable, "-c", BOMB, path, "64"]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=True)
+    memory, seconds = done.stdout.split()
+    assert int(memory) < 1536
+    assert float(seconds) < 5
+
+
+def test_more_megapixels_are_read_where_the_caller_says_so(tmp_path):
+    path = tmp_path / "a.png"
+    assert cv2.imwrite(str(path), np.zeros((100, 100, 3), np.uint8))
+    with pytest.raises(ImageError) as error:
+        read_image(path, max_megapixels=0.009)
+    assert error.value.code == "image-too-large"
+    assert error.value.numbers == {"width_px": 100, "height_px": 100, "max_pixels": 9000}
+    assert read_image(path, max_megapixels=0.01).width_px == 100
+    with pytest.raises(SettingError) as error:
+        read_image(path, max_megapixels=1e6)
+    assert error.value.code == "out-of-range"

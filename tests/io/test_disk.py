@@ -180,3 +180,68 @@ def test_no_more_is_read_than_allowed(tmp_path):
     os.truncate(path, 2**40)  # refused by its size alone
     with pytest.raises(ImageError, match="longer than"):
         read_image(path)
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_a_rename_that_keeps_failing_leaves_the_old_files_under_their_names(
+    monkeypatch, tmp_path, links
+):
+    """The first rename works, the second and all later ones do not, nor links where there are none.
+
+    Both old files stand under their names, whole, and nothing else is left.
+    """
+    olds = [tmp_path / "a", tmp_path / "b"]
+    moves = []
+    for k, old in enumerate(olds):
+        old.write_bytes(b"old %d" % k)
+        (tmp_path / f"new{k}").write_bytes(b"new")
+        moves.append((tmp_path / f"new{k}", old))
+    real, count = os.replace, []
+
+    def failing(source, target):
+        count.append(target)
+        if len(count) > 1:
+            raise OSError(errno.EIO, "Input/output error")
+        real(source, target)
+
+    def no_link(*names, **given):
+        raise OSError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "replace", failing)
+    if not links:
+        monkeypatch.setattr(os, "link", no_link)
+    with pytest.raises(OutputError):
+        move_whole(moves, overwrite=True)
+    assert len(count) >= 3, "putting the first one back was tried by a rename, too"
+    assert [old.read_bytes() for old in olds] == [b"old 0", b"old 1"]
+    assert sorted(os.listdir(tmp_path)) == ["a", "b", "new1"]
+
+
+def test_an_old_file_that_no_way_leads_back_to_is_named(monkeypatch, tmp_path):
+    old, new = tmp_path / "a", tmp_path / "new"
+    old.write_bytes(b"old")
+    new.write_bytes(b"new")
+    placed = move_whole([(new, old)], overwrite=True)
+
+    def failing(*names, **given):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    for name in ("replace", "link"):
+        monkeypatch.setattr(os, name, failing)
+    monkeypatch.setattr("shutil.copy2", failing)
+    with pytest.raises(OutputError) as error:
+        placed.undo()
+    assert error.value.code == "not-put-back"
+    (kept,) = [path for path in tmp_path.iterdir() if path.suffix == ".old"]
+    assert kept.read_bytes() == b"old"
+    assert str(kept) in error.value.message
+
+
+def test_a_long_csv_of_points_is_refused_before_it_is_read(tmp_path):
+    from vfplan.bundle import import_cloud
+
+    path = tmp_path / "points.csv"
+    path.write_text("x,y,z\n")
+    os.truncate(path, 2**30)
+    with pytest.raises(InputError, match="longer than"):
+        import_cloud(path, units="m")

@@ -18,7 +18,7 @@ from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
 from vfplan.io.files import at, read_bytes, real
 from vfplan.io.npy import npy_header
-from vfplan.io.reading import require_short
+from vfplan.io.reading import MOST_TEXT, require_short
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")
@@ -129,7 +129,8 @@ def _read(path: Path, units: str) -> tuple[Mesh, str]:
     suffix, where = path.suffix.lower(), str(path)
     if suffix not in SUFFIXES:
         raise InputError(f"ends in none of {', '.join(SUFFIXES)}", where=where)
-    data, digest = read_bytes(path, MOST_BYTES)
+    most = MOST_TEXT if suffix == ".csv" else MOST_BYTES
+    data, digest = read_bytes(path, most)
     if suffix == ".npy":
         found = _npy(data, where)
     elif suffix == ".csv":

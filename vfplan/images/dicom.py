@@ -33,7 +33,7 @@ PART_BYTES = 1 << 26  # of pixels at a time on their way here
 
 
 def read_dicom(
-    data: bytes, where: str, frame: int | None, imager_spacing: bool
+    data: bytes, where: str, frame: int | None, imager_spacing: bool, max_pixels: int
 ) -> tuple[NDArray, tuple[float, float] | None, NDArray | None, str]:
     """Pixels, spacing and place of a DICOM file.
 
@@ -61,7 +61,9 @@ def read_dicom(
     """
     job = "vfplan.images.dicom:decoded"
     with in_memory(data) as file:
-        found = apart(job, where, frame, imager_spacing, file=file, where=where, kind=ImageError)
+        found = apart(
+            job, where, frame, imager_spacing, max_pixels, file=file, where=where, kind=ImageError
+        )
         head = next(found)
         rgb = np.empty(head["shape"], head["dtype"])
         row = 0
@@ -91,7 +93,7 @@ def prepare() -> None:
 
 
 def decoded(
-    file: BinaryIO, where: str, frame: int | None, imager_spacing: bool
+    file: BinaryIO, where: str, frame: int | None, imager_spacing: bool, max_pixels: int
 ) -> Iterator[dict[str, Any] | tuple[NDArray]]:
     """What `read_dicom` returns: shape, type, spacing and place, then rows of pixels."""
     allow(2 * file.seek(0, os.SEEK_END), 0)
@@ -99,7 +101,7 @@ def decoded(
     with quiet(where):
         dataset = _image_of(file, where)
         count = int(dataset.get("NumberOfFrames") or 1)
-        rgb = _pixels(dataset, where, index_of("frame", frame, count, where))
+        rgb = _pixels(dataset, where, index_of("frame", frame, count, where), max_pixels)
         spacing = _spacing(dataset, where, imager_spacing)
         place = _place(dataset, _spacing(dataset, where, imager=False))
     yield {
@@ -156,13 +158,13 @@ def _image_of(file: BinaryIO, where: str) -> Any:
     return dataset
 
 
-def _pixels(dataset: Any, where: str, index: int) -> NDArray:
+def _pixels(dataset: Any, where: str, index: int, max_pixels: int) -> NDArray:
     from pydicom.pixels import apply_color_lut, pixel_array
 
     kind = str(dataset.get("PhotometricInterpretation", ""))
     if not (kind in COLOUR | GREY or kind.startswith("YBR")):
         raise ImageError(f"PhotometricInterpretation {kind!r} is not supported", where=where)
-    check_size(int(dataset.Columns), int(dataset.Rows), where)
+    check_size(int(dataset.Columns), int(dataset.Rows), where, max_pixels)
     pixels = int(dataset.Columns) * int(dataset.Rows)
     allow(PIXEL_BYTES * pixels, pixels // PIXELS_A_SECOND)
     bits = int(dataset.BitsAllocated)

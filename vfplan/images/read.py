@@ -20,13 +20,20 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import ImageError
+from vfplan.errors import ImageError, SettingError
 from vfplan.images.tiff import HEIGHT, ORDER, ORIENTATION, WIDTH, directories
 from vfplan.io.files import read_whole
 
 PNG, JPEG, BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM"
 MOST_BYTES = 2**31 - 1  # more the decoders do not take
-MOST_PIXELS = 1 << 28  # 16384 x 16384, of one page
+MAX_MEGAPIXELS = 64.0
+"""Pixels that are read unless the caller says otherwise, in millions: 8000 x 8000, sixteen times a
+large CT slice. A file of a megabyte can decode to gigabytes; a slice that is planned on does not.
+"""
+LARGEST_MEGAPIXELS = 268.5
+"""The most that a caller may allow, in millions: 16384 x 16384 of one page."""
+ROWS_AT_ONCE = 256
+"""Rows of a page with alpha that are laid over black together; it bounds the memory in between."""
 MOST_PAGES = 4096
 MOST_SCANS = 200  # of a progressive JPEG, each a pass over the whole image; encoders make ten
 LIBJPEG_DAMAGE = ("Corrupt JPEG data", "Premature end of JPEG", "Invalid SOS", "Inconsistent prog")
@@ -91,6 +98,7 @@ def read_image(
     frame: int | None = None,
     pixel_spacing_mm: tuple[float, float] | None = None,
     imager_spacing: bool = False,
+    max_megapixels: float = MAX_MEGAPIXELS,
 ) -> PlannedImage:
     """Read a planned slice.
 
@@ -105,6 +113,8 @@ def read_image(
         (along u, along v) [mm/px], when the caller knows; it wins over the file's own.
     imager_spacing
         Accept DICOM's ImagerPixelSpacing, which is measured at the detector, not in the patient.
+    max_megapixels
+        A larger picture is refused before it is decoded, in millions of pixels.
 
     Raises
     ------
@@ -114,6 +124,7 @@ def read_image(
         A DICOM file, and pydicom is not installed.
     """
     where = str(path)
+    max_pixels = _max_pixels(max_megapixels)
     data = read_whole(Path(path), MOST_BYTES, ImageError)
     if not data:
         raise ImageError("is empty; an image is wanted", where=where)
@@ -121,9 +132,9 @@ def read_image(
     if is_dicom(data):
         from vfplan.images.dicom import read_dicom
 
-        rgb, spacing, place, own = read_dicom(data, where, frame, imager_spacing)
+        rgb, spacing, place, own = read_dicom(data, where, frame, imager_spacing, max_pixels)
         return PlannedImage(rgb, pixel_spacing_mm or spacing, sha256, place, own)
-    header = read_header(data, where)
+    header = read_header(data, where, max_pixels)
     return PlannedImage(_decode(data, header, where, frame), pixel_spacing_mm, sha256)
 
 
@@ -142,34 +153,53 @@ class Header:
     orientation: int = 1  # EXIF's, 1 to 8, of a PNG; 1 for the others, which OpenCV turns itself
 
 
-def read_header(data: bytes, where: str) -> Header:
-    """The header of an image, whose sizes can be borne.
+def read_header(data: bytes, where: str, max_pixels: int = int(1e6 * MAX_MEGAPIXELS)) -> Header:
+    """The header of an image of at most `max_pixels`.
 
-    Raises `ImageError` for another kind of file, one that is damaged, or more than `MOST_` allow.
+    Raises `ImageError` for another kind of file, one that is damaged, or a larger one.
     """
     kinds = {PNG: _png, JPEG: _jpeg, BMP: _bmp} | dict.fromkeys(ORDER, _tiff)
     for start, read in kinds.items():
         if data.startswith(start):
             try:
-                return read(data, where)
+                return read(data, where, max_pixels)
             except (struct.error, IndexError):
                 raise ImageError("its header is damaged or cut short", where=where) from None
     raise ImageError("is not an image that can be read (PNG, JPEG, TIFF, BMP, DICOM)", where=where)
 
 
-def check_size(width: int, height: int, where: str) -> None:
+def _max_pixels(megapixels: float) -> int:
+    if not 0 < megapixels <= LARGEST_MEGAPIXELS:
+        raise SettingError(
+            f"{megapixels:g} megapixels; allowed is more than 0 and at most {LARGEST_MEGAPIXELS:g}",
+            code="out-of-range",
+            numbers={"max_megapixels": megapixels},
+        )
+    return int(1e6 * megapixels)
+
+
+def check_size(width: int, height: int, where: str, max_pixels: int) -> None:
     """Raise `ImageError` for a page without pixels, or of more than are read."""
-    if not 0 < width * height <= MOST_PIXELS or width < 0:
+    if width <= 0 or height <= 0:
         raise ImageError(
-            f"{width} x {height} pixels; at least one and at most {MOST_PIXELS} are read",
+            f"has {width} x {height} pixels; at least one is wanted",
             where=where,
+            code="image-empty",
+        )
+    if width * height > max_pixels:
+        raise ImageError(
+            f"has {width} x {height} pixels, {1e-6 * width * height:.0f} million; at most "
+            f"{1e-6 * max_pixels:.0f} million are read. --max-megapixels allows more",
+            where=where,
+            code="image-too-large",
+            numbers={"width_px": width, "height_px": height, "max_pixels": max_pixels},
         )
 
 
-def _png(data: bytes, where: str) -> Header:
+def _png(data: bytes, where: str, max_pixels: int) -> Header:
     if b"IEND" not in data[-64:]:  # decoders fill what is missing with grey and say nothing
         raise ImageError("the PNG is cut short: it has no IEND chunk", where=where)
-    check_size(*struct.unpack_from(">II", data, 16), where)
+    check_size(*struct.unpack_from(">II", data, 16), where, max_pixels)
     at, orientation, frames, opaque = len(PNG), 1, 1, data[25] in (0, 2, 3)
     while at + 8 <= len(data):
         size, kind = struct.unpack_from(">I4s", data, at)
@@ -186,7 +216,7 @@ def _png(data: bytes, where: str) -> Header:
     return Header("PNG", opaque=opaque, orientation=orientation)
 
 
-def _jpeg(data: bytes, where: str) -> Header:
+def _jpeg(data: bytes, where: str, max_pixels: int) -> Header:
     if b"\xff\xd9" not in data[-4096:]:
         raise ImageError("the JPEG is cut short: it has no end-of-image marker", where=where)
     at = 2
@@ -198,7 +228,7 @@ def _jpeg(data: bytes, where: str) -> Header:
             at += 1
         elif 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             height, width = struct.unpack_from(">HH", data, at + 5)
-            check_size(width, height, where)
+            check_size(width, height, where, max_pixels)
             break
         else:
             at += 2 + struct.unpack_from(">H", data, at + 2)[0]
@@ -207,19 +237,19 @@ def _jpeg(data: bytes, where: str) -> Header:
     return Header("JPEG", opaque=True)
 
 
-def _bmp(data: bytes, where: str) -> Header:
+def _bmp(data: bytes, where: str, max_pixels: int) -> Header:
     old = struct.unpack_from("<I", data, 14)[0] == 12
     width, height = struct.unpack_from("<HH" if old else "<ii", data, 18)
-    check_size(width, abs(height), where)  # below 0: from top to bottom
+    check_size(width, abs(height), where, max_pixels)  # below 0: from top to bottom
     return Header("BMP")
 
 
-def _tiff(data: bytes, where: str) -> Header:
+def _tiff(data: bytes, where: str, max_pixels: int) -> Header:
     pages = 0
     for pages, page in enumerate(directories(data), start=1):
         if pages > MOST_PAGES:
             raise ImageError(f"has more than {MOST_PAGES} pages", where=where)
-        check_size(page.get(WIDTH, 0), page.get(HEIGHT, 0), where)
+        check_size(page.get(WIDTH, 0), page.get(HEIGHT, 0), where, max_pixels)
     return Header("TIFF", pages)
 
 
@@ -254,6 +284,11 @@ def index_of(what: str, frame: int | None, count: int, where: str) -> int:
     """Of the page or frame asked for, which count from 1; raises `ImageError` if there is none."""
     if frame is None and count > 1:
         raise ImageError(f"has {count} {what}s; choose one, 1 to {count} (--frame)", where=where)
+    if count < 1:
+        raise ImageError(
+            f"says that it has {count} {what}s; at least one is wanted", where=where,
+            code="no-frames", numbers={"count": count},
+        )  # fmt: skip
     at = 0 if frame is None else frame - 1
     if not 0 <= at < count:
         raise ImageError(f"has no {what} {frame}; it has {count}, from 1", where=where)
@@ -266,8 +301,13 @@ def _page(page: NDArray) -> NDArray:
 
     if page.ndim == 2 or page.shape[2] == 3:
         return cv2.cvtColor(page, cv2.COLOR_GRAY2RGB if page.ndim == 2 else cv2.COLOR_BGR2RGB)
-    full, alpha = np.iinfo(page.dtype).max, page[..., 3:].astype(np.uint32)
-    return ((page[..., 2::-1] * alpha + full // 2) // full).astype(page.dtype)
+    full = np.iinfo(page.dtype).max
+    rgb = np.empty((*page.shape[:2], 3), page.dtype)
+    for first in range(0, len(page), ROWS_AT_ONCE):
+        rows = page[first : first + ROWS_AT_ONCE]
+        alpha = rows[..., 3:].astype(np.uint32)
+        rgb[first : first + ROWS_AT_ONCE] = (rows[..., 2::-1] * alpha + full // 2) // full
+    return rgb
 
 
 def _upright(rgb: NDArray, orientation: int) -> NDArray:

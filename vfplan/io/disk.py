@@ -70,13 +70,23 @@ class Placed:
         self._done.append((target, old))
 
     def undo(self) -> None:
-        """Take the new files away and put the old ones back; a second call does nothing."""
+        """Take the new files away and put the old ones back; a second call does nothing.
+
+        Raises OutputError: an old file cannot be put back; the message says under which name it is
+        """
+        lost: list[tuple[Path, Path | None, OSError]] = []
         for target, old in reversed(self._done):
-            if old is None:
-                target.unlink(missing_ok=True)
-            else:
-                os.replace(old, target)
+            try:
+                _put_back(target, old)
+            except OSError as error:  # the others are put back all the same
+                lost.append((target, old, error))
         self._done.clear()
+        for target, old, error in lost:
+            if old is None:
+                text = f"cannot be taken away again: {error.strerror}"
+            else:
+                text = f"cannot be put back: {error.strerror}; what it held is in {old}"
+            raise OutputError(text, where=str(target), code="not-put-back")
 
     def keep(self) -> None:
         """Let the old files go; one that cannot be removed now is swept away by the next writer."""
@@ -85,6 +95,36 @@ class Placed:
                 with suppress(OSError):
                     old.unlink(missing_ok=True)
         self._done.clear()
+
+
+def _put_back(target: Path, old: Path | None) -> None:
+    """Give an old file its name again, also where the file system refuses to rename.
+
+    Raises OSError: neither a rename nor a second name nor a copy works; the target is as it was
+    """
+    if old is None:
+        target.unlink(missing_ok=True)
+        return
+    try:
+        os.replace(old, target)
+    except OSError:
+        spare = beside(target, "old")
+        _name_again(old, spare)  # whether it works is tried before the name is given up
+        target.unlink(missing_ok=True)
+        _name_again(old, target)
+        for left_over in (old, spare):
+            with suppress(OSError):
+                left_over.unlink()
+
+
+def _name_again(old: Path, name: Path) -> None:
+    """Give a file a second name, or copy it where the file system has no second names."""
+    try:
+        os.link(old, name, follow_symlinks=False)
+    except OSError as error:
+        if error.errno not in NO_LINKS:
+            raise
+        shutil.copy2(old, name, follow_symlinks=False)
 
 
 def move_whole(moves: Iterable[tuple[Path, Path]], *, overwrite: bool) -> Placed:
@@ -118,12 +158,7 @@ def _set_aside(target: Path) -> Path | None:
     if not os.path.lexists(target):
         return None
     old = beside(target, "old")
-    try:
-        os.link(target, old, follow_symlinks=False)
-    except OSError as error:
-        if error.errno not in NO_LINKS:
-            raise
-        shutil.copy2(target, old, follow_symlinks=False)
+    _name_again(target, old)
     return old
 
 

@@ -26,7 +26,7 @@ OF_A_PEN = (
     *("colour", "method", "roi", "max_gap_px"),
     *("exclude", "start", "end", "accept_width", "outline"),
 )
-OF_AN_IMAGE = ("pixel_spacing_mm", "frame", "imager_spacing")
+OF_AN_IMAGE = ("pixel_spacing_mm", "frame", "imager_spacing", "max_megapixels")
 # Size of a pixel [mm]: from a microscope's to one as large as the patient.
 SPACING_MM = (1e-5, 1e3)
 
@@ -74,7 +74,7 @@ def extract(
     now_utc()  # refuses a SOURCE_DATE_EPOCH that is no time before any work is done
     settings = settings or ExtractSettings()
     from vfplan.curve import load_libraries
-    from vfplan.images.read import read_image
+    from vfplan.images.read import MAX_MEGAPIXELS, read_image
     from vfplan.vectors.read import SUFFIXES
 
     alone = Path(path).suffix.lower() in SUFFIXES
@@ -90,6 +90,7 @@ def extract(
         frame=settings.frame,
         pixel_spacing_mm=settings.pixel_spacing_mm,
         imager_spacing=bool(settings.imager_spacing),
+        max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
     )
     _check_spacing(image, asked=settings.pixel_spacing_mm is not None, where=str(path))
     if curve is None:

@@ -53,6 +53,8 @@ class ExtractSettings:
         Which frame or page of the file, from 1; `None`: the only one there is.
     imager_spacing
         Accept DICOM's ImagerPixelSpacing, measured at the detector; `None`: do not.
+    max_megapixels
+        A larger picture is refused, in millions of pixels; `None`: 64.
 
     Raises
     ------
@@ -75,6 +77,7 @@ class ExtractSettings:
     density_per_mm: float | None = None
     frame: int | None = None
     imager_spacing: bool | None = None
+    max_megapixels: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse a density of no points, before any work is done; raises `SettingError`."""
