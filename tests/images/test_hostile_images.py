@@ -58,7 +58,7 @@ def bmp(width, height):
 
 
 BOMBS = {
-    "wide.png": (lambda: png(32000, 32000, rows=3_000_000), "at most 268435456 are read"),
+    "wide.png": (lambda: png(32000, 32000, rows=3_000_000), "at most 64 million are read"),
     "alpha.png": (lambda: png(32000, 32000, 6), "32000 x 32000 pixels"),
     "nothing.png": (lambda: png(0, 5), "0 x 5 pixels"),
     "film.png": (lambda: png(64, 64, 6, chunk(b"acTL", struct.pack(">II", 9999, 0))), "animated"),
@@ -290,7 +290,7 @@ def test_a_large_picture_is_refused_before_it_is_decoded(tmp_path, side, megapix
     said, numbers = done.stdout.splitlines()
     memory, seconds = numbers.split()
     assert said == code
-    assert int(memory) < 300
+    assert int(memory) < 1536  # a fork begins with the memory of its parent
     assert float(seconds) < 5
 
 

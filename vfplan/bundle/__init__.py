@@ -3,21 +3,48 @@
     read_fixture(path) -> Fixture        write_fixture(fixture, path)
 
 docs/format.md is the normative text, schemas/bundle-2.0.json its machine-readable twin.
+
+A module is imported when one of its names is first used: who reads a bundle needs neither the
+writer nor the rules of `validate`.
 """
 
-from vfplan.bundle.clouds import import_cloud, mesh_band
-from vfplan.bundle.describe import describe, diff
-from vfplan.bundle.exporting import export, left_out
-from vfplan.bundle.keys import keygen, read_keys
-from vfplan.bundle.migration import migrate
-from vfplan.bundle.read import read_bundle, read_fixture, read_sealed, require_signature
-from vfplan.bundle.signing import sign
-from vfplan.bundle.trust import Trust
-from vfplan.bundle.validation import Issue, mesh_doubts, validate
-from vfplan.bundle.write import write_fixture
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+# module -> the public names that it defines
+_DEFINED = {
+    "clouds": ("import_cloud", "mesh_band"),
+    "describe": ("describe", "diff"),
+    "exporting": ("export", "left_out"),
+    "keys": ("keygen", "read_keys"),
+    "migration": ("migrate",),
+    "read": ("read_bundle", "read_fixture", "read_sealed", "require_signature"),
+    "signing": ("sign",),
+    "trust": ("Trust",),
+    "validation": ("Issue", "mesh_doubts", "validate"),
+    "write": ("write_fixture",),
+}
+_HOME = {name: module for module, names in _DEFINED.items() for name in names}
 
 __all__ = [
     "Issue", "Trust", "describe", "diff", "export", "import_cloud", "keygen", "left_out",
     "mesh_band", "mesh_doubts", "migrate", "read_bundle", "read_fixture", "read_keys",
     "read_sealed", "require_signature", "sign", "validate", "write_fixture",
 ]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = importlib.import_module(f"{__name__}.{_HOME[name]}")
+    # All names of the module at once: importing it sets its own name here, which one of its
+    # functions may bear, as `describe` does.
+    for defined in _DEFINED[_HOME[name]]:
+        globals()[defined] = getattr(module, defined)
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -98,7 +98,9 @@ def check_pieces(pieces: Pieces) -> tuple[Vector, Vector, NDArray[np.int32], NDA
     most = float(np.abs(bulges).max())
     if not most <= 1:  # also where it is no number
         raise SceneError(f"bulge {most:g}: allowed is up to 1, a half circle")
-    if not np.array_equal(np.unique(stroke), np.arange(len(closed))) or np.any(np.diff(stroke) < 0):
+    steps = np.diff(stroke)
+    ends = stroke[:1].tolist(), stroke[-1:].tolist()
+    if ends != ([0], [len(closed) - 1]) or not np.all((steps == 0) | (steps == 1)):
         raise SceneError(f"strokes of vertices: allowed are 0 to {len(closed) - 1}, in order")
     return vertices, bulges, stroke.astype(np.int32), closed.astype(np.uint8)
 

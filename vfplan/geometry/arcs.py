@@ -44,9 +44,9 @@ class Arcs:
             part = x[first : first + TOGETHER]
             reach = np.hypot(*(part - part[0]).T).max()
             away = np.hypot(*(middle - part[0]).T)
-            near = np.flatnonzero(away - half - 2 * reach <= (away + half).min())
-            off = _distances(a[near], b[near], self.bulges[near], part)
-            least[first : first + TOGETHER] = off.min(axis=0)
+            for i in np.flatnonzero(away - half - 2 * reach <= (away + half).min()):
+                off = _distance(a[i], b[i], float(self.bulges[i]), part)
+                least[first : first + TOGETHER] = np.minimum(least[first : first + TOGETHER], off)
         return least
 
 
@@ -171,39 +171,6 @@ def _bulge(tangent: Vector, chord: Vector) -> float:
     half = np.arctan2(tangent[0] * chord[1] - tangent[1] * chord[0], tangent @ chord)
     bulge = float(np.tan(np.clip(half, -3.1, 3.1) / 2))
     return bulge if abs(bulge) > STRAIGHT else 0.0
-
-
-def _distances(a: Vector, b: Vector, bulges: Vector, x: Vector) -> Vector:
-    """(P, T) distances of x (T, 2) from P lines or arcs of a half circle at most.
-
-    With w = x - a: G = κ |w|²/2 - n·w and |grad G| = 1 + κ d, so d = 2 G / (1 + |grad G|).
-    """
-    chord = b - a
-    length = np.hypot(chord[:, 0], chord[:, 1])
-    has_length = length > 0
-    along = chord / np.where(has_length, length, 1.0)[:, None]
-    across = np.column_stack([-along[:, 1], along[:, 0]])
-    cos = ((1 - bulges**2) / (1 + bulges**2))[:, None]
-    sin = (2 * bulges / (1 + bulges**2))[:, None]
-    kappa = 2 * sin / np.where(has_length, length, 1.0)[:, None]
-    normal = cos * across + sin * along
-    begins = cos * along - sin * across
-    arrives = cos * along + sin * across
-
-    # Each coordinate in an array of its own: (P, T).
-    w_x = x[:, 0] - a[:, :1]
-    w_y = x[:, 1] - a[:, 1:]
-    from_b_x = x[:, 0] - b[:, :1]
-    from_b_y = x[:, 1] - b[:, 1:]
-    squares = w_x * w_x + w_y * w_y
-    ends = np.sqrt(np.minimum(squares, from_b_x * from_b_x + from_b_y * from_b_y))
-    level = kappa * squares / 2 - (w_x * normal[:, :1] + w_y * normal[:, 1:])
-    slope_x = kappa * w_x - normal[:, :1]
-    slope_y = kappa * w_y - normal[:, 1:]
-    off = 2 * np.abs(level) / (1 + np.sqrt(slope_x * slope_x + slope_y * slope_y))
-    past_begin = w_x * begins[:, :1] + w_y * begins[:, 1:] >= 0
-    before_end = from_b_x * arrives[:, :1] + from_b_y * arrives[:, 1:] <= 0
-    return np.where(past_begin & before_end & has_length[:, None], off, ends)
 
 
 def _distance(a: Vector, b: Vector, bulge: float, x: Vector) -> Vector:

@@ -11,7 +11,6 @@ from vfplan import _core
 from vfplan.engine.parameters import Rule
 from vfplan.engine.renderable import exact_of
 from vfplan.fixture import Fixture, Pieces
-from vfplan.registration.nearest import on_triangles
 from vfplan.replaying.quantities import flattened, row_norms
 
 Array = NDArray[np.float64]
@@ -102,6 +101,8 @@ class MeshClearance(Clearance):
         high = ((x - self._middle[k]) * self._normal[k]).sum(axis=1)
         wide = np.sqrt(np.maximum(pairs["v"] ** 2 - high**2, 0.0)) - self._size[k]
         near = np.hypot(high, np.maximum(wide, 0.0)) <= self._nearest
+        from vfplan.registration.nearest import on_triangles
+
         found = on_triangles(x[near], self._corners[k[near]]) - x[near]
         self._nearest = float(np.linalg.norm(found, axis=1).min(initial=self._nearest))
 
