@@ -24,7 +24,7 @@ KEY = (
 )
 
 
-@command("bench")
+@command("bench", first_screen="-o --quick --peer --tolerance --from --json")
 @click.argument("stage", type=click.Choice([*STAGES, "all"]), default="all")
 @taking(
     option("-o", "--output", type=FILE, metavar="DIR",

@@ -16,7 +16,12 @@ from vfplan.cli.values import FILE, Number
 from vfplan.errors import CurveError, SettingError
 
 
-@command("extract")
+@command(
+    "extract",
+    first_screen="-o --colour --stroke --roi --max-gap --start --end --curve --pixel-spacing "
+    "--overlay-out --json",
+    settings_file=True,
+)
 @click.argument("image", type=FILE)
 @taking(
     output("The curve to write: a bundle in the frame of the image."),

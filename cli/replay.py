@@ -79,7 +79,11 @@ OPTIONS = options.taking(
 )  # fmt: skip
 
 
-@command("replay")
+@command(
+    "replay",
+    first_screen="-o --csv --report --rule --robot --governor --poses --events --at-most "
+    "--at-least --rate --require-signature --json",
+)
 @FIXTURE
 @SESSION
 @options.output("Per-tick result, HDF5.", required=False)

@@ -26,14 +26,22 @@ from unicodedata import category
 
 import click
 from vfplan.cli.outputs import keep, refuse_outputs, take_back
+from vfplan.cli.paged_help import PagedCommand
 from vfplan.cli.plain import heed_no_settings
+from vfplan.cli.settings_file import with_settings_of
 from vfplan.cli.stopping import Stopped, stoppable
+from vfplan.cli.values import FILE
 
 from vfplan.errors import VfplanError
 from vfplan.findings import Finding
 from vfplan.io.disk import jsonable
 from vfplan.io.files import now_utc
 
+SETTINGS = click.option(
+    "--settings", "settings_file", type=FILE, metavar="FILE.json",
+    help="Options from a file: the fields of ExtractSettings and FixtureSettings, in their units. "
+    "What is typed wins.",
+)  # fmt: skip
 # Unicode's kinds of signs that are not to be seen: controls, directions, halves, unknown ones.
 STEERING = ("Cc", "Cf", "Cs", "Co", "Cn")
 
@@ -69,13 +77,19 @@ def command_line() -> str:
     return shlex.join(["vfplan", *sys.argv[1:]])
 
 
-def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.Command]:
+def command(
+    name: str, *, first_screen: str = "", settings_file: bool = False, **attrs: Any
+) -> Callable[[Callable[..., Report]], click.Command]:
     """A click command whose function returns a `Report`.
 
     Its parameters are the options and arguments above it, which say what each may be. Adds
     `--json`, `-q` and `-v`, times the call (`elapsed_s`), and turns every `VfplanError` into
     one line and its exit code. What the command is to write is checked before it is called, and
     `--overwrite` is heeded by `vfplan.cli.outputs`: the function does not get it.
+
+    first_screen: the options that `--help` lists, apart by blanks; `--help-all` lists all. Without
+        it `--help` lists all.
+    settings_file: whether options may come from a file, `--settings FILE.json`
     """
 
     def wrap(function: Callable[..., Report]) -> click.Command:
@@ -84,9 +98,14 @@ def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.
             _configure_log(verbose)
             heed_no_settings()
             kwargs.pop("overwrite", None)
+            settings = kwargs.pop("settings_file", None)
+
+            def work() -> Report:
+                return function(**with_settings_of(settings, kwargs))
+
             with stoppable() as heeded:
                 try:
-                    _run(lambda: heeded(function(**kwargs)), as_json, quiet, verbose)
+                    _run(lambda: heeded(work()), as_json, quiet, verbose)
                 except Stopped as stop:
                     _fail("Stopped", str(stop), None, stop.exit_code, as_json, verbose)
                 finally:
@@ -100,7 +119,11 @@ def command(name: str, **attrs: Any) -> Callable[[Callable[..., Report]], click.
             click.option("--json", "as_json", is_flag=True, help="One JSON document on stdout."),
         ):
             body = option(body)
-        return click.command(name, **attrs)(body)
+        if settings_file:
+            body = SETTINGS(body)
+        return click.command(name, cls=PagedCommand, first_screen=first_screen.split(), **attrs)(
+            body
+        )
 
     return wrap
 

@@ -22,7 +22,10 @@ REPORT, TABLE, PASSIVITY = FILES = "stability.json", "cases.csv", "passivity.png
 _above = values.Real(min=0, min_open=True)
 
 
-@command("stability")
+@command(
+    "stability",
+    first_screen="--robot --mass --damping --rate --delay-ticks --stiffness -o --part --json",
+)
 @click.argument("fixture", type=values.FILE, required=False)
 @taking(
     options.ROBOT,

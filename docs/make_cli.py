@@ -6,10 +6,11 @@ from pathlib import Path
 
 import click
 from vfplan.cli.main import COMMANDS, cli
+from vfplan.cli.paged_help import SHOW_ALL
 
 HEAD = """# Command reference
 
-Written from `--help` by `make docs`; do not edit by hand.
+Written from `--help-all` by `make docs`; do not edit by hand.
 
 Exit codes: 0 done; 1 a check failed; 2 usage; 3 bad input; 4 a bundle that cannot be trusted.
 With `--json`, stdout holds one JSON document and nothing else; after a failure it is
@@ -33,6 +34,7 @@ def reference() -> str:
     for name in COMMANDS:
         command = cli.get_command(group, name)
         ctx = click.Context(command, info_name=name, parent=group, **width)
+        ctx.meta[SHOW_ALL] = True
         parts.append(f"## vfplan {name}\n\n```text\n{command.get_help(ctx)}\n```\n")
     return "\n".join(parts)
 

@@ -35,7 +35,10 @@ REFLEX = (
 )
 
 
-@command("rehearse")
+@command(
+    "rehearse",
+    first_screen="-o --arm --robot --base --tool --no-governor --report --picture-out --json",
+)
 @taking(
     options.FIXTURE,
     options.SESSION,

@@ -15,7 +15,11 @@ from vfplan.cli.values import FILE, PNG, Numbers, Real, Whole
 from vfplan.errors import SettingError
 
 
-@command("campaign")
+@command(
+    "campaign",
+    first_screen="-o --trials --seed --fle-image --fle-robot --tremor --stiffness-range --workers "
+    "--scheduler --picture-out --json",
+)
 @FIXTURE
 @click.argument("sessions", type=FILE, nargs=-1, metavar="[SESSION...]")
 @taking(

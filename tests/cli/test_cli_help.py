@@ -1,0 +1,102 @@
+"""The help of a command: a first screen, and everything behind --help-all; options from a file."""
+
+from __future__ import annotations
+
+import json
+
+import click
+import pytest
+from vfplan.cli.main import COMMANDS, GROUPS, cli
+
+import vfplan
+
+PAGED = ("extract", "replay", "stability", "bench", "campaign", "rehearse")
+
+
+def options_in(text):
+    """The long options that a help lists."""
+    return {
+        word.rstrip(",")
+        for line in text.splitlines()
+        if line.startswith("  -")
+        for word in line.split()
+        if word.startswith("--")
+    }
+
+
+def options_of(name):
+    command = cli.get_command(click.Context(cli), name)
+    return {word for p in command.params for word in p.opts if word.startswith("--")} | {"--help"}
+
+
+def test_the_help_has_four_groups_with_every_command_in_one(vfplan_cli):
+    text = vfplan_cli("--help").stdout
+    headings = [line for line in text.splitlines() if line.endswith(":") and line[0] != " "]
+    assert headings == ["Options:", "Plan:", "Check:", "Robot:", "More:"]
+    assert sum(len(group) for group in GROUPS.values()) == len(COMMANDS)
+
+
+@pytest.mark.parametrize("name", PAGED)
+def test_the_first_screen_is_short_and_says_where_the_rest_is(vfplan_cli, name):
+    first = vfplan_cli(name, "--help").stdout
+    whole = vfplan_cli(name, "--help-all").stdout
+    assert len(options_in(first) - {"--help", "--help-all"}) <= 18
+    assert options_in(first) < options_in(whole) == options_of(name)
+    count = len(options_of(name)) - len(options_in(first))
+    assert f"{count} more options: vfplan {name} --help-all" in first
+    assert "more options" not in whole
+
+
+def test_help_is_a_word_too(vfplan_cli):
+    assert vfplan_cli("help", "info").stdout == vfplan_cli("info", "--help").stdout
+
+
+@pytest.fixture
+def elbow(root, tmp_path):
+    (tmp_path / "elbow.png").write_bytes((root / "samples" / "elbow.png").read_bytes())
+    return tmp_path
+
+
+def written(folder, **settings):
+    path = folder / "settings.json"
+    path.write_text(json.dumps(settings))
+    return path
+
+
+def test_settings_of_a_file_are_those_of_the_options(vfplan_cli, elbow):
+    path = written(elbow, pixel_spacing_mm=[0.5, 0.5], roi=[20, 20, 800, 740], method="skeleton")
+    image = elbow / "elbow.png"
+    done = vfplan_cli("extract", image, "--settings", path, "-o", elbow / "a.h5", "--json")
+    assert done.code == 0, done.stderr
+    typed = vfplan_cli("extract", image, "--pixel-spacing", "0.5", "--roi", "20,20,800,740",
+                       "--method", "skeleton", "-o", elbow / "b.h5", "--json")  # fmt: skip
+    assert done.json["strokes"] == typed.json["strokes"]
+    curves = [vfplan.read_fixture(elbow / name) for name in ("a.h5", "b.h5")]
+    assert curves[0].points.tolist() == curves[1].points.tolist()
+
+
+def test_what_is_typed_wins_over_the_file(vfplan_cli, elbow):
+    path = written(elbow, pixel_spacing_mm=[0.25, 0.25])
+    done = vfplan_cli("extract", elbow / "elbow.png", "--settings", path, "--pixel-spacing", "0.5",
+                      "-o", elbow / "a.h5", "--json")  # fmt: skip
+    assert done.json["image"]["pixel_spacing_mm"] == [0.5, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ('{"colour": "red", "no_such": 1}', "unknown-setting"),
+        ('{"output": "x.h5"}', "unknown-setting"),
+        ('{"method": "magic"}', "unknown-choice"),
+        ("[1]", "not-json"),
+        ("{", "not-json"),
+    ],
+)
+def test_a_file_that_does_not_fit_is_refused(vfplan_cli, elbow, text, code):
+    path = elbow / "settings.json"
+    path.write_text(text)
+    done = vfplan_cli("extract", elbow / "elbow.png", "--settings", path, "-o", elbow / "a.h5",
+                      "--json")  # fmt: skip
+    assert done.code in (2, 3)
+    assert done.json["error"]["code"] == code
+    assert not (elbow / "a.h5").exists()
