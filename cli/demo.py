@@ -15,6 +15,7 @@ from vfplan.cli.run import Report, command
 from vfplan.cli.telling import told
 from vfplan.cli.values import FILE
 
+from vfplan.display import length
 from vfplan.io.disk import jsonable
 from vfplan.io.files import write_whole
 
@@ -30,8 +31,8 @@ STORY = (
     "A hand probed it from both sides for {duration_s:.1f} s.\n"
     "  {contacts} contacts in {ticks} ticks; it went up to {penetration_max_m:mm} past the proxy "
     "and was pushed back with up to {force_max_n:.2f} N.\n"
-    "  The proxy never came nearer to them than R {clearance_um:+z.1f} µm; the force changed by at "
-    "most {force_step_max_n:.3f} N a tick."
+    "  The proxy kept its radius from them to {clearance}; the force changed by at most "
+    "{force_step_max_n:.3f} N a tick."
 )
 EXPERIMENT = (
     "{points} points, {ticks} ticks, {contacts} contacts, {force_max_n:.2f} N, "
@@ -81,7 +82,7 @@ def _pipeline(found: dict[str, Any]) -> tuple[dict[str, Any], str]:
     more = {
         "worst_m": max(r["residual_m"] for r in found["register"]["residuals"]),
         "contacts": len(replayed["episodes"]),
-        "clearance_um": 1e6 * replayed["clearance_min_m"],
+        "clearance": length(max(0.0, -replayed["clearance_min_m"])),
     }
     return found, told(found["extract"] | found["register"] | replayed | more, STORY)
 

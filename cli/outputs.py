@@ -11,7 +11,7 @@ from vfplan.cli.values import Written
 
 from vfplan.errors import OutputError, VfplanError
 from vfplan.io.disk import Placed, made_folder, move_whole
-from vfplan.io.files import beside, create, working_in
+from vfplan.io.files import beside, create, remove_quietly, working_in
 
 PLACED = "vfplan.cli.placed"  # under this key in click's context: what the command wrote
 
@@ -120,7 +120,7 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
             raise
         finally:
             for temporary in filter(None, temporaries):
-                temporary.unlink(missing_ok=True)
+                remove_quietly(temporary)
 
 
 def overwriting() -> bool:

@@ -6,6 +6,7 @@ from typing import Any
 
 from vfplan.cli.telling import told
 
+from vfplan.display import length
 from vfplan.replaying.episodes import episode_count
 from vfplan.replaying.limits import LIMITS, has_touched
 
@@ -16,7 +17,7 @@ NUMBERS = (
     "; overlap max {overlap_max_m:mm}",
     "\nforce        max {force_max_n:.3f} N, rms {force_rms_n:.3f} N, "
     "step max {force_step_max_n:.3f} N",
-    "\nclearance    min {clearance_min_m:um} ({of}); {entrenched_ticks} ticks entrenched",
+    "\nclearance    min {clearance} ({of}); {entrenched_ticks} ticks entrenched",
     "\nenergy       {energy_j:mJ} net given to the hand; holding each force for a tick alone gives "
     "{energy_hold_j:mJ}",
     "\nsliding      {slide_m:mm}, apparent friction {friction:z.5f}, lag rms {lag_rms_m:um}",
@@ -34,8 +35,9 @@ NUMBERS = (
     "to {governor[held_back_max_n]:.3f} N held back in {governor[held_ticks]} ticks, of an engine "
     "that steps by {governor[engine_force_step_max_n]:.3f} N; its work {governor[work_j]:mJ}; a "
     "free mass is given {governor[energy_given_j]:mJ} of {governor[energy_stored_j]:mJ} stored",
-    "\ntime a tick  {step_us[median]:.2f} µs median, {step_us[p999]:.2f} µs p99.9, "
-    "{step_us[max]:.2f} µs max; all of it {real_time_factor:.0f} times real time",
+    "\ntime a tick  {step_us[median]:.2f} µs median, {step_us[p999]:.2f} µs p99.9; all of it "
+    "{real_time_factor:.0f} times real time (the longest, {step_us[max]:.0f} µs, is this "
+    "computer's: it is no real-time system)",
 )
 OF = "band {band_m:um.1}", "{lines_and_arcs} lines and arcs", "{triangles} triangles"
 APART = (
@@ -87,6 +89,8 @@ def _head(found: dict[str, Any]) -> str:
 
 def _numbers(found: dict[str, Any]) -> str:
     more: dict[str, Any] = {"of": told(found["scene"], *OF)}
+    if "clearance_min_m" in found:
+        more["clearance"] = length(found["clearance_min_m"])
     if found.get("arc_m"):
         first, last = found["arc_m"]
         more |= found["guide"] | {"arc": f"{1e3 * first:.2f} to {1e3 * last:.2f} mm"}

@@ -68,7 +68,11 @@ def command(fixture, output, robot, **given) -> Report:
     judged = None if fixture is None else read_fixture(fixture)
     with at(fixture):
         found = study(judged, arm, progress=progress, **asked)
-    data, text = found.as_dict(), found.as_text()
+    every_case = click.get_current_context().params["verbose"] > 0
+    data = found.as_dict()
+    text = found.as_text(every_case)
+    if not every_case:
+        text += "\n-v lists every case"
     if output is not None:
         _write(output, found)
         text += f"\nwrote {output}"

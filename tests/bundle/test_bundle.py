@@ -169,7 +169,7 @@ def test_what_is_no_setting_is_told_with_its_value(value, says, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "module", ["vfplan.bundle", "vfplan.session.arrays", "vfplan.session.resultwriter"]
+    "module", ["vfplan.bundle.write", "vfplan.session.arrays", "vfplan.session.resultwriter"]
 )
 def test_no_plugin_can_be_loaded(module, tmp_path):
     """A fresh process: the variable is set before h5py, and h5py is not loaded without need."""
@@ -183,7 +183,7 @@ def test_no_plugin_can_be_loaded(module, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "module", ["vfplan.bundle", "vfplan.session.arrays", "vfplan.session.resultwriter"]
+    "module", ["vfplan.bundle.write", "vfplan.session.arrays", "vfplan.session.resultwriter"]
 )
 def test_plugins_are_off_even_if_h5py_was_there_first(module, tmp_path):
     code = f"import h5py; import {module}; assert h5py.h5pl.size() == 0"

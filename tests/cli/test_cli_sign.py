@@ -200,3 +200,9 @@ def test_a_file_of_keys_holds_keys_and_comments_only(name, tmp_path):
     else:
         with pytest.raises(InputError, match=reason):
             read_keys(path)
+
+
+def test_a_public_key_in_place_of_the_private_one_is_told_as_that(desk, vfplan_cli, tmp_path):
+    words = "--key", desk / "alice.pub", "-o", tmp_path / "s.h5", "--json"
+    run = vfplan_cli("sign", desk / "a.h5", *words)
+    assert run.json["error"]["code"] == "public-key"

@@ -245,3 +245,16 @@ def test_a_long_csv_of_points_is_refused_before_it_is_read(tmp_path):
     os.truncate(path, 2**30)
     with pytest.raises(InputError, match="longer than"):
         import_cloud(path, units="m")
+
+
+def test_a_folder_that_is_read_only_is_named_by_the_name_that_was_given(monkeypatch, tmp_path):
+    """Not by the hidden name, whose removal fails as well."""
+
+    def read_only(path, *rest, **more):
+        raise OSError(errno.EROFS, "Read-only file system", str(path))
+
+    monkeypatch.setattr("vfplan.cli.outputs.create", read_only)
+    monkeypatch.setattr("pathlib.Path.unlink", read_only)
+    with pytest.raises(OutputError) as error, outputs(tmp_path / "a.h5"):
+        pass
+    assert error.value.where == str(tmp_path / "a.h5")

@@ -113,6 +113,13 @@ def read_private(path: str | Path) -> Any:
     """
     ed25519, serialization = _ed25519()
     data, status = _read_pem(path)
+    if b"-----BEGIN PUBLIC KEY-----" in data:
+        raise InputError(
+            "is a public key, which signs nothing; the private one is wanted, whose file keygen "
+            "named without .pub",
+            where=str(path),
+            code="public-key",
+        )
     mode = stat.S_IMODE(status.st_mode)
     if status.st_uid != os.geteuid():
         raise InputError(

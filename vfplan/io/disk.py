@@ -11,7 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from vfplan.errors import OutputError
-from vfplan.io.files import NO_LINKS, beside, create, put_in_place, sync, working_in
+from vfplan.io.files import (
+    NO_LINKS,
+    beside,
+    create,
+    put_in_place,
+    remove_quietly,
+    sync,
+    working_in,
+)
 
 
 @contextmanager
@@ -38,7 +46,7 @@ def write_together(files: list[tuple[Path, bytes, int]], *, overwrite: bool) -> 
         for folder in {path.parent for path, _, _ in files}:
             held.enter_context(working_in(folder))
         for temporary, _ in moves:
-            held.callback(temporary.unlink, missing_ok=True)
+            held.callback(remove_quietly, temporary)
         for (temporary, at), (_, data, mode) in zip(moves, files, strict=True):
             try:
                 with create(temporary, mode) as file:

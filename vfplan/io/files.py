@@ -189,7 +189,7 @@ def whole_file(path: Path, *, overwrite: bool, mode: int = 0o666) -> Iterator[Bi
             raise OutputError(EXISTS, where=str(path))
         with working_in(path.parent), ExitStack() as left:
             with create(temporary, mode) as file:
-                left.callback(temporary.unlink, missing_ok=True)
+                left.callback(remove_quietly, temporary)
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
@@ -214,6 +214,12 @@ def sync(path: Path, flags: int = os.O_DIRECTORY) -> None:
 def beside(path: Path, suffix: str) -> Path:
     """A hidden name in the same folder, that no file has."""
     return path.with_name(f".vfplan-{secrets.token_hex(8)}.{suffix}")  # never too long a name
+
+
+def remove_quietly(path: Path) -> None:
+    """Take a file away, if it is there and can be; an error before this one says more."""
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
 
 
 def put_in_place(temporary: Path, target: Path, *, overwrite: bool) -> None:

@@ -75,17 +75,21 @@ class Study:
             table.writerow([row.case, row.outcome, *limits, row.unit, row.detail])
         return out.getvalue()
 
-    def as_text(self) -> str:
-        """The short report a person reads."""
+    def as_text(self, every_case: bool = False) -> str:
+        """The short report a person reads: the verdict and what failed, or every case."""
         counts = Counter(row.outcome for row in self.rows)
-        lines = [
-            refusal(self.verdict),
-            f"{'stable' if self.verdict.stable else 'NOT STABLE'}; "
-            f"{len(self.rows)} cases: "
-            + ", ".join(f"{n} {outcome}" for outcome, n in sorted(counts.items())),
-        ]
-        lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in self.rows]
-        lines += [f"left out {case}: {why}" for case, why in self.left_out.items()]
+        stable = "stable" if self.verdict.stable else "NOT STABLE"
+        told = f"{stable}; {len(self.rows)} cases: {counts['pass']} pass"
+        if counts["fail"]:
+            told += f", {counts['fail']} fail"
+        if counts["finding"]:
+            told += f"; {counts['finding']} show what the paper's rule does, which no robot renders"
+        lines = [refusal(self.verdict), told]
+        for row in self.rows:
+            if every_case or row.outcome == "fail":
+                lines.append(f"{row.outcome:8}{row.case}: {row.detail}")
+        if every_case:
+            lines += [f"left out {case}: {why}" for case, why in self.left_out.items()]
         return "\n".join(lines)
 
 
