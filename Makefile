@@ -1,6 +1,7 @@
-# Two commands on a fresh machine (python3 >= 3.11 with venv, make, g++):
+# On a fresh machine (python3 >= 3.11 with venv, make, g++):
 #   make demo    build, install into .venv, run the whole pipeline on the shipped sample
-#   make test    build, install into .venv, run the test suite against the installed wheel
+#   make test    build, install into .venv, run the quick tests against the installed wheel
+#   make test-all   all that CI runs
 PYTHON ?= python3
 VENV   ?= .venv
 PYTEST_ARGS ?= -n 2 --dist loadfile
@@ -9,7 +10,7 @@ STAMP  := $(VENV)/.vfplan-installed
 SOURCES := pyproject.toml README.md LICENSE \
            $(shell find vfplan cli schemas samples -type f -not -path '*/__pycache__/*' 2>/dev/null)
 
-.PHONY: franka franka-env demo test test-full docs pictures lint format install lock clean
+.PHONY: franka franka-env demo test test-all test-full docs pictures lint format install lock clean
 install: $(VENV)/.vfplan-test
 
 $(BIN)/python:
@@ -38,6 +39,10 @@ demo: $(STAMP)
 
 test: $(VENV)/.vfplan-test
 	$(BIN)/pytest $(PYTEST_ARGS)
+
+# Everything that CI runs: also what compiles C++, fuzzes, or sweeps many cases.
+test-all: $(VENV)/.vfplan-test
+	$(BIN)/pytest $(PYTEST_ARGS) --all
 
 test-full: $(VENV)/.vfplan-test
 	$(BIN)/pytest $(PYTEST_ARGS) --full

@@ -32,7 +32,7 @@ class PagedCommand(click.Command):
         left_out = 0
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
-            if record is None:
+            if record is None or isinstance(param, click.Argument):
                 continue
             if ctx.meta.get(SHOW_ALL) or self._is_on_first_screen(param):
                 listed.append(record)

@@ -13,6 +13,8 @@ from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.replaying.approach import approach_sessions
 from vfplan.session import Session
 
+pytestmark = pytest.mark.slow
+
 
 def wall(length=0.06, stiffness=1000.0):
     """A straight drawn line along x before the arm, endless along z."""

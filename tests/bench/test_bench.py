@@ -329,6 +329,7 @@ def test_peer_that_is_no_program():
         bench(["proxy"], peers=[Peer("/nowhere/peer")])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["segment", "circle"])
 def test_nanoflann_peer_moves_as_the_reference_does(nanoflann_peer, name):
     scene = replace(SCENES[name](), spacing=1e-3)

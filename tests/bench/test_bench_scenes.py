@@ -15,6 +15,8 @@ from vfplan.bench.record import timed_ticks
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.scenes import SCENES
 
+pytestmark = pytest.mark.slow
+
 TOLERANCE = 1e-5
 TICKS = 1500  # of the longer paths: enough to meet every feature from one side
 ROUNDING = 1e-9  # what no spacing betters: flat pieces, corners, a single point [m]

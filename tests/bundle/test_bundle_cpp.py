@@ -17,6 +17,8 @@ import vfplan
 from vfplan.bundle import read_bundle
 from vfplan.errors import BundleError
 
+pytestmark = pytest.mark.slow
+
 MAKE = ("minimal", "small", "whole", "sheet", "pixels", "patient", "doubtful", "reviewed")
 
 

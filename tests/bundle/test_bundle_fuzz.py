@@ -14,6 +14,8 @@ from conftest import ROOT, need_header, need_program
 
 import vfplan
 
+pytestmark = pytest.mark.slow
+
 RUNS = 200
 
 

@@ -21,6 +21,8 @@ import vfplan
 from vfplan.bundle import read_bundle, seal, validate
 from vfplan.errors import BundleError, CorruptError
 
+pytestmark = pytest.mark.slow
+
 MOST_SECONDS, MOST_MIB = 10, 512  # of processor time, so that a busy machine fails nothing
 ARCHIVE = ROOT / "tests" / "data" / "bundles"
 FRESH_MIB = 150  # what a process has taken before it reads its first file

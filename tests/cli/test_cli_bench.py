@@ -30,6 +30,7 @@ def scenes(document, stage):
     return list(dict.fromkeys(r["scene"] for r in of(document, stage=stage)))
 
 
+@pytest.mark.slow
 def test_results_hold_what_the_contract_names(quick):
     _, document = quick
     for r in document["results"]:
@@ -43,6 +44,7 @@ def test_results_hold_what_the_contract_names(quick):
     assert [p["name"] for p in document["peers"]] == ["nanoflann_peer"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", STAGES)
 def test_every_scene_compares_two_methods_or_more(quick, stage):
     _, document = quick
@@ -58,6 +60,7 @@ def error(result):
     return max(rounded, 1e-9) if result["unit"] == "m" else rounded
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", STAGES)
 def test_fronts_are_not_dominated(quick, stage):
     _, document = quick
@@ -77,6 +80,7 @@ def falling(rows, key, tightest_last):
     return [r["error_rms"] for r in ordered]
 
 
+@pytest.mark.slow
 def test_errors_fall_as_settings_tighten(quick):
     _, document = quick
     for scene in scenes(document, "extract"):
@@ -104,6 +108,7 @@ def test_errors_fall_as_settings_tighten(quick):
         assert fine < coarse or fine < 1e-9, "the floor on flat pieces is rounding"
 
 
+@pytest.mark.slow
 def test_only_the_affine_map_follows_a_stretched_print(quick):
     _, document = quick
     rows = {
@@ -115,6 +120,7 @@ def test_only_the_affine_map_follows_a_stretched_print(quick):
     assert rows["similarity"] > 3 * rows["affine"]
 
 
+@pytest.mark.slow
 def test_the_engines_of_one_rule_agree_and_the_peer_with_them(quick):
     _, document = quick
     for scene in ("segment, above", "circle, outside"):
@@ -130,6 +136,7 @@ def test_the_engines_of_one_rule_agree_and_the_peer_with_them(quick):
             assert errors == pytest.approx([errors[0]] * 3, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_no_baseline_is_as_near_as_the_robust_rule(quick):
     _, document = quick
     assert len(scenes(document, "proxy")) == 8
@@ -146,6 +153,7 @@ def test_no_baseline_is_as_near_as_the_robust_rule(quick):
             assert rows["robust"]["force_rms_n"] < rows[baseline]["force_rms_n"]
 
 
+@pytest.mark.slow
 def test_the_chosen_settings_keep_the_tolerance_and_lie_near_the_front(quick):
     _, document = quick
     tolerance = document["tolerance_m"]
@@ -163,6 +171,7 @@ def test_the_chosen_settings_keep_the_tolerance_and_lie_near_the_front(quick):
             assert chosen["time_over_cheapest"] < 6, scene
 
 
+@pytest.mark.slow
 def test_files_say_what_the_document_says(quick):
     folder, document = quick
     assert {p.name for p in folder.iterdir()} == {
@@ -175,6 +184,7 @@ def test_files_say_what_the_document_says(quick):
     assert [float(r["error_rms"]) for r in rows] == [r["error_rms"] for r in document["results"]]
 
 
+@pytest.mark.slow
 def test_the_page_has_a_place_for_every_table(quick, monkeypatch):
     _, document = quick
     monkeypatch.syspath_prepend(ROOT / "docs")
@@ -187,6 +197,7 @@ def test_the_page_has_a_place_for_every_table(quick, monkeypatch):
         assert f"<!-- {name} -->" in page
 
 
+@pytest.mark.slow
 def test_diagrams_are_drawn_again_from_the_json(quick, vfplan_cli, tmp_path):
     folder, _ = quick
     again = tmp_path / "again"
@@ -197,6 +208,7 @@ def test_diagrams_are_drawn_again_from_the_json(quick, vfplan_cli, tmp_path):
         assert (again / name).read_bytes() == (folder / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_diagrams_follow_the_json(quick, vfplan_cli, tmp_path):
     folder, document = quick
     altered = tmp_path / "altered.json"
@@ -209,6 +221,7 @@ def test_diagrams_follow_the_json(quick, vfplan_cli, tmp_path):
     assert (again / name).read_bytes() != (folder / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_document_without_the_stage_draws_nothing(quick, vfplan_cli, tmp_path):
     _, document = quick
     part = tmp_path / "part.json"
@@ -220,6 +233,7 @@ def test_a_document_without_the_stage_draws_nothing(quick, vfplan_cli, tmp_path)
     assert {p.name for p in (tmp_path / "out").glob("*.png")} == {"bench_sample.png"}
 
 
+@pytest.mark.slow
 def test_the_table_has_a_head_a_key_and_a_last_sentence(quick, vfplan_cli):
     folder, document = quick
     lines = vfplan_cli("bench", "proxy", "--from", folder / "bench.json").stdout.splitlines()
@@ -233,6 +247,7 @@ def test_the_table_has_a_head_a_key_and_a_last_sentence(quick, vfplan_cli):
     assert len(more) > len(lines)
 
 
+@pytest.mark.slow
 def test_meshes_and_noise_are_among_the_scenes(quick):
     _, document = quick
     told = scenes(document, "proxy")
@@ -243,6 +258,7 @@ def test_meshes_and_noise_are_among_the_scenes(quick):
         assert rows["exact"]["error_rms"] < rows["nanoflann_peer"]["error_rms"] / 2
 
 
+@pytest.mark.slow
 def test_refuses_to_overwrite(quick, vfplan_cli):
     folder, _ = quick
     run = vfplan_cli("bench", "extract", "--quick", "-o", folder)

@@ -14,14 +14,9 @@ PAGED = ("extract", "replay", "stability", "bench", "campaign", "rehearse")
 
 
 def options_in(text):
-    """The long options that a help lists."""
-    return {
-        word.rstrip(",")
-        for line in text.splitlines()
-        if line.startswith("  -")
-        for word in line.split()
-        if word.startswith("--")
-    }
+    """The long options that a help lists, in its first column."""
+    columns = [line.strip().split("  ")[0] for line in text.splitlines() if line[:3] == "  -"]
+    return {word for column in columns for word in column.split() if word.startswith("--")}
 
 
 def options_of(name):

@@ -231,6 +231,7 @@ def test_of_a_robot_file(name):
         vfplan.Governor.of(bare, 1000.0)
 
 
+@pytest.mark.slow
 def test_the_header_alone_holds_every_limit_and_allocates_nothing(tmp_path):
     """The program itself stops at the first tick beyond a limit and at any allocation."""
     compiler, program = need_program("g++", "g++"), tmp_path / "ticks"

@@ -69,15 +69,18 @@ def check_promises(tmp_path, ticks):
         assert found["allocations"] == 0, line
 
 
+@pytest.mark.slow
 def test_a_guide_keeps_its_promises(tmp_path):
     check_promises(tmp_path, 100_000)
 
 
+@pytest.mark.slow
 @pytest.mark.full
 def test_a_guide_keeps_its_promises_for_ten_million_ticks(tmp_path):
     check_promises(tmp_path, 10_000_000)
 
 
+@pytest.mark.slow
 @pytest.mark.full
 def test_sanitizers_find_nothing(tmp_path):
     flags = ["-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]

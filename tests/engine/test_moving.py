@@ -196,6 +196,7 @@ def play(program, *args):
     return done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.full
 def test_a_controllers_bits_are_pythons(program, tmp_path):
     draw = np.random.default_rng(5)
@@ -225,12 +226,14 @@ def test_a_controllers_bits_are_pythons(program, tmp_path):
     assert np.count_nonzero(found[:, 5]) > 500
 
 
+@pytest.mark.slow
 @pytest.mark.full
 def test_exchanges_and_edits_under_load_race_with_nothing(program):
     assert "exchanged 60 " in play(program, "exchange", 60)
     assert "edited 4000 " in play(program, "edit", 4000)
 
 
+@pytest.mark.slow
 @pytest.mark.full
 def test_ten_thousand_exchanges_and_a_million_edits_under_load(program):
     assert "exchanged 10000 " in play(program, "exchange", 10_000)

@@ -8,6 +8,8 @@ from functools import cache
 import pytest
 from conftest import ROOT, need_header, need_program, quick_compiler
 
+pytestmark = pytest.mark.slow
+
 INCLUDE = ROOT / "vfplan" / "native" / "include"
 NATIVE = ROOT / "tests" / "native"
 # As the exported CMake target compiles, and every warning an error.

@@ -149,6 +149,7 @@ def program(tmp_path_factory):
     return folder / "main"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "options", "code", "says"),
     [

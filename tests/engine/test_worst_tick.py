@@ -14,6 +14,8 @@ import vfplan
 from vfplan.errors import SceneError
 from vfplan.fixture import Curve, Pieces, Rendering
 
+pytestmark = pytest.mark.slow
+
 MOST_US = 300
 
 

@@ -20,6 +20,8 @@ import vfplan
 from vfplan.io.files import working_in, write_whole
 from vfplan.session import Session
 
+pytestmark = pytest.mark.slow
+
 TESTS = Path(__file__).parents[1]
 
 

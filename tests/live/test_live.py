@@ -56,6 +56,7 @@ def publisher(tmp_path_factory):
     return program
 
 
+@pytest.mark.slow
 def test_a_controllers_ticks_arrive_to_the_bit(publisher):
     port, count = free_port(), 2000
     source = of_port(f"udp://127.0.0.1:{port}")
@@ -72,6 +73,7 @@ def test_a_controllers_ticks_arrive_to_the_bit(publisher):
     assert np.concatenate(parts).tobytes() == made(count).tobytes()
 
 
+@pytest.mark.slow
 def test_a_full_ring_drops_and_counts_and_never_waits(publisher):
     """A burst a thousand times the ring: most is dropped, the rest is told apart by its index."""
     port = free_port()
@@ -329,6 +331,7 @@ def reference_client(tmp_path_factory):
     return program
 
 
+@pytest.mark.slow
 @pytest.mark.full
 def test_ten_minutes_at_100_hz(reference_client, publisher):
     """A controller's 1 kHz, shown 100 times a second: the reference client gets 99.9 % of them."""
@@ -360,6 +363,7 @@ def test_ten_minutes_at_100_hz(reference_client, publisher):
     assert len(lines) >= 0.999 * wanted
 
 
+@pytest.mark.slow
 def test_the_reference_library_reads_it(server, feed, reference_client):
     """Every kind of message, to the last bit."""
     client = subprocess.Popen(

@@ -27,6 +27,7 @@ def none(lines):
     assert not lines, "\n".join(lines)
 
 
+@pytest.mark.slow
 def test_the_engine_gives_the_same_bits():
     compiler = need_program("g++", "g++")
     before = frozen(engine, "engine.txt")

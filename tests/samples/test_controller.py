@@ -21,6 +21,8 @@ from vfplan.geometry.arcs import fit_arcs
 from vfplan.live.sources import decode
 from vfplan.scenes import Omega, Sheet
 
+pytestmark = pytest.mark.slow
+
 FORMS = ("impedance", "admittance", "velocity")
 
 

@@ -17,6 +17,8 @@ from vfplan.arm import Arm
 from vfplan.arm.loop import Hand, move
 from vfplan.arm.reflexes import reflexes
 
+pytestmark = pytest.mark.slow
+
 PYTHON = ROOT / ".venv-franka" / "bin" / "python"
 FOLDER = ROOT / "samples" / "franka"
 RUN = """

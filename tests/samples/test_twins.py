@@ -9,6 +9,8 @@ from conftest import ROOT, quick_compiler
 
 import vfplan
 
+pytestmark = pytest.mark.slow
+
 SAMPLES = ROOT / "samples"
 TWINS = sorted(path.stem for path in SAMPLES.glob("[0-9]*.cpp"))
 

@@ -26,6 +26,8 @@ from vfplan.io.files import real
 from vfplan.io.reading import stream_over
 from vfplan.session import ResultWriter, TickBlock, open_session, read_result, read_session
 
+pytestmark = pytest.mark.slow
+
 GIB = 1 << 30
 HEAD = "t,x,y,z\n0,1,2,3\n"
 

@@ -7,6 +7,8 @@ from bones import BENT, BRANCHES, TUNNEL
 
 from vfplan.surface import SurfaceSettings, surface
 
+pytestmark = pytest.mark.slow
+
 
 def off(bone, made, high=None):
     """Distances of the surface's points from the bone, but for the caps [mm]."""

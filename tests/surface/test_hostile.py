@@ -13,6 +13,8 @@ from bones import BENT
 from vfplan.errors import VfplanError
 from vfplan.surface import SurfaceSettings, surface
 
+pytestmark = pytest.mark.slow
+
 COARSE = SurfaceSettings(tolerance_m=2e-3)
 
 
