@@ -19,7 +19,13 @@ from vfplan.cli.values import FILE
 from vfplan.findings import Finding, doubt
 
 
-@command("plan")
+@command(
+    "plan",
+    first_screen="-o --colour --stroke --roi --curve --pixel-spacing --model --find-markers "
+    "--max-residual --max-tre --markers-as-given --common --seen-from --stiffness "
+    "--contact-radius --margin --guide --json",
+    settings_file=True,
+)
 @click.argument("image", type=FILE)
 @click.argument("markers", type=FILE)
 @click.argument("markers2", type=FILE, required=False)

@@ -42,7 +42,13 @@ GUIDE = (
 )
 
 
-@command("register")
+@command(
+    "register",
+    first_screen="-o --model --robust --find-markers --image --max-residual --max-tre "
+    "--markers-as-given --common --seen-from --tolerance --stiffness --contact-radius --margin "
+    "--guide --json",
+    settings_file=True,
+)
 @click.argument("curve", type=FILE, metavar="CURVE.h5")
 @click.argument("markers", type=FILE)
 @click.argument("markers2", type=FILE, required=False)

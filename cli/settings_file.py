@@ -23,8 +23,10 @@ OF_THE_CALL = ("as_json", "quiet", "verbose", "overwrite", "settings_file")
 """Options that say how a command is called, and nothing of what it makes."""
 
 
-def _arcs(metres: float | None) -> tuple[float, ...]:
+def _arcs(metres: float | None) -> tuple[float, ...] | None:
     """As `--arcs` is parsed: millimetres."""
+    if metres is None:
+        return None
     return (1e3 * metres,)
 
 
@@ -37,11 +39,22 @@ def _pull(values: tuple[float, ...]) -> tuple[float, ...]:
     return (*values[:1], *(1e3 * speed for speed in values[1:]))
 
 
+def _gate(metres: float | str | None) -> tuple[float, ...] | None:
+    """As `--max-residual` and `--max-tre` are parsed: millimetres, () for none, None: not given."""
+    if metres is None:
+        return ()
+    if isinstance(metres, str):  # "contact radius", which is the option's default
+        return None
+    return (1e3 * metres,)
+
+
 # A field whose option is parsed to another name or unit -> the option's, and how it gets there.
 OTHERWISE: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
     "arcs_m": ("arcs", _arcs),
     "points_only": ("arcs", _no_arcs),
     "guide_pull": ("guide_pull", _pull),
+    "max_residual_m": ("max_residual", _gate),
+    "max_tre_m": ("max_tre", _gate),
 }
 
 

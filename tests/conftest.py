@@ -143,7 +143,7 @@ def vfplan_cli():
             text=True,
             cwd=cwd,
             env={**os.environ, **(env or {})},
-            timeout=300,
+            timeout=900,
             check=False,
         )
         return Run(done.returncode, done.stdout, done.stderr)

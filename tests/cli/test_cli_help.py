@@ -10,7 +10,7 @@ from vfplan.cli.main import COMMANDS, GROUPS, cli
 
 import vfplan
 
-PAGED = ("extract", "replay", "stability", "bench", "campaign", "rehearse")
+PAGED = ("plan", "register", "extract", "replay", "stability", "bench", "campaign", "rehearse")
 
 
 def options_in(text):
@@ -42,6 +42,12 @@ def test_the_first_screen_is_short_and_says_where_the_rest_is(vfplan_cli, name):
     assert "more options" not in whole
 
 
+def test_the_gates_of_wrong_markers_are_on_the_first_screen(vfplan_cli):
+    for name in ("plan", "register"):
+        first = options_in(vfplan_cli(name, "--help").stdout)
+        assert {"--markers-as-given", "--common", "--seen-from", "--max-residual"} <= first
+
+
 def test_help_is_a_word_too(vfplan_cli):
     assert vfplan_cli("help", "info").stdout == vfplan_cli("info", "--help").stdout
 
@@ -68,6 +74,25 @@ def test_settings_of_a_file_are_those_of_the_options(vfplan_cli, elbow):
     assert done.json["strokes"] == typed.json["strokes"]
     curves = [vfplan.read_fixture(elbow / name) for name in ("a.h5", "b.h5")]
     assert curves[0].points.tolist() == curves[1].points.tolist()
+
+
+def test_a_plan_takes_the_fields_of_its_settings_in_their_units(vfplan_cli, root, elbow):
+    path = written(
+        elbow, pixel_spacing_mm=[0.5, 0.5], tolerance_m=2e-5, stiffness=[800], point_radius=0.001,
+        max_residual_m=0.002, max_tre_m=None, guide_m=0.002, guide_pull=[1.0, 0.01],
+    )  # fmt: skip
+    markers = [root / "samples" / f"elbow_markers_{side}.csv" for side in ("image", "robot")]
+    done = vfplan_cli("plan", elbow / "elbow.png", *markers, "--settings", path, "--no-sheet",
+                      "-o", elbow / "a.h5", "--json")  # fmt: skip
+    assert done.code == 0, done.stderr
+    typed = vfplan_cli(
+        "plan", elbow / "elbow.png", *markers, "--pixel-spacing", "0.5", "--tolerance", "0.02",
+        "--stiffness", "800", "--point-radius", "1", "--max-residual", "2", "--max-tre", "none",
+        "--guide", "2", "--guide-pull", "1,10", "--no-sheet", "-o", elbow / "b.h5",
+    )  # fmt: skip
+    assert typed.code == 0, typed.stderr
+    differing = vfplan_cli("diff", elbow / "a.h5", elbow / "b.h5", "--json").json["differences"]
+    assert not [row for row in differing if not row["path"].startswith("/provenance")]
 
 
 def test_what_is_typed_wins_over_the_file(vfplan_cli, elbow):
