@@ -88,9 +88,10 @@ def with_settings_of(path: Path | None, given: dict[str, Any]) -> dict[str, Any]
                 where=str(path),
                 code="unknown-setting",
             )
-        value = _value(params[name], raw, str(path))
         if convert is not None:
-            value = convert(value)
+            value = convert(_as_tuple(raw))
+        else:
+            value = _value(params[name], raw, str(path))
         if context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
             result[name] = value
     return result
