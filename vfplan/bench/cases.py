@@ -86,7 +86,7 @@ class Case:
 
     def with_scene(self, scene: Scene) -> Case:
         """The same path and truth on another cloud of the same geometry."""
-        return Case(self.name, scene, self.hips, self._origin or self)
+        return Case(self.name, scene, self.hips, self._origin or self, self.spacings)
 
     @property
     def solid(self) -> Case | None:

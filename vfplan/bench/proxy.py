@@ -55,6 +55,7 @@ class Method:
     most_work: float = np.inf  # points x ticks beyond which it is left out
     settings: tuple[tuple[str, Setting], ...] = ()  # beyond the spacing
     full_only: bool = False  # left out of a quick run
+    slow: bool = False  # left out of a quick run where there is one spacing alone
     shaped: bool = False  # for drawings and meshes alone, which hold more than points
     in_space: bool = False  # given the cloud of an extruded drawing, without an ignored axis
 
@@ -96,7 +97,7 @@ METHODS: dict[str, Method] = {
     "robust, not planar": Method(_engine(), settings=(("planar", False),), in_space=True),
     "paper": Method(_engine(rule="paper")),
     "paper, every point": Method(_engine(rule="paper", search="brute"), BRUTE_WORK, BRUTE, True),
-    "paper in NumPy": Method(_engine(PaperProxy), NUMPY_WORK),
+    "paper in NumPy": Method(_engine(PaperProxy), NUMPY_WORK, slow=True),
     "nearest-point penalty": Method(_engine(NearestPointPenalty)),
     "exact": Method(_exact, shaped=True),
 }
@@ -117,7 +118,9 @@ def _trials(case: Case, spacing: float, quick: bool, peers: Sequence[Peer]) -> I
     for name, method in METHODS.items():
         seen = solid if method.in_space else case
         has_shape = is_drawn(scene) or is_mesh(scene)
-        left_out = (method.full_only and quick) or (method.shaped and not has_shape)
+        left_out = method.shaped and not has_shape
+        if quick and (method.full_only or (method.slow and case.spacings)):
+            left_out = True
         if seen is None or left_out or len(seen.scene.points) * len(case.hips) > method.most_work:
             continue
         given: dict[str, Setting] = {"spacing_m": spacing, **dict(method.settings)}
