@@ -174,7 +174,8 @@ def test_margin_to_both_sides_and_to_one(vfplan_cli, curve, tmp_path):
     assert vfplan_cli(*common, plain).code == 0
     both = vfplan_cli(*common, thick, "--margin", "tre95").json
     assert both["margin"]["side"] == "both"
-    assert both["margin"]["largest_m"] == pytest.approx(both["tre"]["curve95_max_m"])
+    bound_m = both["tre"]["curve95_max_m"]
+    assert bound_m <= both["margin"]["largest_m"] <= bound_m + 1e-9
     assert vfplan.read_fixture(thick).point_radius == both["margin"]["added_point_radius_m"]
     one = vfplan_cli(*common, left, "--margin", "tre95", "--margin-side", "left").json
     assert one["margin"]["smallest_m"] <= one["margin"]["largest_m"]

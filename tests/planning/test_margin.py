@@ -31,7 +31,7 @@ def test_both_sides_is_a_larger_point_radius():
     settings = FixtureSettings(margin="tre95", point_radius=1e-3)
     curve, thicker, margin = add_margin(LINE, registration, settings)
     assert curve is LINE
-    largest = registration.tre95_curve_m(LINE.points).max()
+    largest = np.ceil(registration.tre95_curve_m(LINE.points).max() * 1e9) / 1e9
     assert thicker.point_radius == 1e-3 + largest
     assert margin.report == {
         "kind": "tre95",

@@ -70,7 +70,8 @@ def add_margin(
     else:
         kind, bound = "tre95", registration.tre95_curve_m(curve.points)
     if settings.margin_side == "both":
-        largest = float(bound.max())
+        # Up to the next nanometre: an id must not depend on a processor's last bit.
+        largest = float(np.ceil(bound.max() * 1e9) / 1e9)
         thicker = replace(settings, point_radius=settings.point_radius + largest)
         return curve, thicker, Margin(kind, "both", largest, largest)
     moved, dropped = _moved(curve, registration, bound, settings.margin_side)
