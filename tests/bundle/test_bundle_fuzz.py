@@ -84,13 +84,15 @@ def test_mutants_meet_no_fault_that_a_sanitizer_sees(first, count, tmp_path):
     words += ["-fno-sanitize-recover=all", f"-I{Path(vfplan.__file__).parent / 'include'}"]
     words += [ROOT / "tests" / "native" / "bundle_sweep.cpp", "-lcrypto", "-o", program]
     subprocess.run([*map(str, words)], check=True)
-    with open(tmp_path / "mutants", "wb") as file:
-        for data in fuzz_bundle.mutants(first, count):
-            file.write(len(data).to_bytes(4, "little") + data)
-    with open(tmp_path / "mutants", "rb") as file:
-        done = subprocess.run([program, "stream"], stdin=file, capture_output=True, check=False)
-    assert done.returncode == 0, done.stderr[-3000:]
-    assert len(done.stdout.strip()) == count
+    with open(tmp_path / "verdicts", "wb") as verdicts, open(tmp_path / "faults", "wb") as faults:
+        child = subprocess.Popen(
+            [program, "stream"], stdin=subprocess.PIPE, stdout=verdicts, stderr=faults
+        )
+        with child.stdin:
+            for data in fuzz_bundle.mutants(first, count):
+                child.stdin.write(len(data).to_bytes(4, "little") + data)
+    assert child.wait() == 0, (tmp_path / "faults").read_text()[-3000:]
+    assert len((tmp_path / "verdicts").read_bytes().strip()) == count
 
 
 @pytest.mark.full

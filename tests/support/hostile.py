@@ -967,6 +967,7 @@ def raw():
     yield "two_tables_in_one_place", _in_one_place(good)
     yield "rests_of_what_was_deleted", changed(_delete_sigma, swept=False)
     yield "gap_beside_an_empty_message", _with_gap(good)
+    yield "root_that_is_no_group", _without_link_info(good)
 
 
 def _delete_sigma(f):
@@ -987,6 +988,15 @@ def _with_gap(payload: bytes) -> bytes:
 
 def newer() -> bytes:
     return changed(newer_minor_with_unknown_optional_parts)
+
+
+def _without_link_info(payload: bytes) -> bytes:
+    """The root's link info has the number of a datatype: libhdf5 takes it for no group."""
+    data = bytearray(payload)
+    blocks = (messages for _, _, messages in hdf5_spans.headers(payload))  # the root's come first
+    first = next(first for messages in blocks for kind, first, _ in messages if kind == 0x02)
+    data[first - 4] = 0x03
+    return fuzz_bundle.repaired(bytes(data))
 
 
 def _normalized(payload: bytes) -> bytes:

@@ -81,7 +81,9 @@ class Reader {
     Content read() {
         const std::uint64_t address = root_address(file_, data_, file_length_);
         addresses_.insert(address);
-        groups_.emplace("/", read_object(file_, address, "/"));
+        Object root = read_object(file_, address, "/");
+        require_group(root, row_at("/"));
+        groups_.emplace("/", std::move(root));
         version_ = version_of(groups_.at("/"));
         check_version();
         for (const Kind kind : {Kind::group, Kind::attribute, Kind::dataset}) {
@@ -142,10 +144,14 @@ class Reader {
                (row.required == Required::rendering && groups_.count("/rendering") > 0);
     }
 
-    void open_group(const Row& row, std::uint64_t address) {
-        Object object = read_object(file_, address, std::string(row.path));
+    static void require_group(const Object& object, const Row& row) {
         require(object.group && !object.layout && !object.type && !object.space, "corrupt.kind",
                 row, "is not a group");
+    }
+
+    void open_group(const Row& row, std::uint64_t address) {
+        Object object = read_object(file_, address, std::string(row.path));
+        require_group(object, row);
         const Object& group = groups_.emplace(row.path, std::move(object)).first->second;
         check_names(group, row);
     }
