@@ -8,7 +8,7 @@ Positions are (N, 2) (u, v) px; the centre of the top-left pixel is (0, 0).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -125,15 +125,16 @@ def compare_with_marks(
     """
     places = np.asarray(positions_px, dtype=float)
     n = len(places)
-    kinds = drawn_marks(rgb)
-    met, marks = np.zeros(0, dtype=np.intp), np.zeros((0, 2))
-    for kind in kinds:
+    met, marks, drawn = np.zeros(0, dtype=np.intp), np.zeros((0, 2)), 0
+    for kind in drawn_marks(rgb):
         kind_met, kind_marks = kind.nearest_to(places)
         if len(kind_met) > len(met):
             met, marks = kind_met, kind_marks
-    # As many marks as there are markers, or nearly; a single letter that recurs is no marker.
-    stamped = [kind for kind in kinds if kind.are_stamped and 2 * len(kind.places_px) >= n]
-    drawn = max((len(kind.places_px) for kind in stamped), default=0)
+        # At least half as many as there are markers; a letter that recurs is no marker.
+        if kind.are_stamped and 2 * len(kind.places_px) >= n:
+            drawn = max(drawn, len(kind.places_px))
+        if len(met) == n:
+            break  # every position has its mark, so no other kind needs to be looked for
     if 2 * len(met) < n:
         text = (
             f"{len(met)} of the {n} given positions have a mark near them, but {drawn} marks of "
@@ -199,7 +200,7 @@ def _place(position: Array) -> tuple[float, float]:
     return float(position[0]), float(position[1])
 
 
-def drawn_marks(rgb: NDArray[Any]) -> list[DrawnMarks]:
+def drawn_marks(rgb: NDArray[Any]) -> Iterator[DrawnMarks]:
     """The small marks of a slice (H, W, 3), at least three of a kind: coloured or white."""
     import cv2
 
@@ -207,7 +208,6 @@ def drawn_marks(rgb: NDArray[Any]) -> list[DrawnMarks]:
     red, green, blue = cv2.split(image)
     least = cv2.min(cv2.min(red, green), blue)
     chroma = cv2.max(cv2.max(red, green), blue) - least
-    kinds = _kinds_in_mask((least >= WHITE).astype(np.uint8))
     rows, columns = np.nonzero(chroma > COLOURED[0])
     hue = _hue(image[rows, columns].astype(float))
     strength = chroma[rows, columns]
@@ -217,8 +217,8 @@ def drawn_marks(rgb: NDArray[Any]) -> list[DrawnMarks]:
             mask = np.zeros_like(chroma)
             chosen = own & (strength > level)
             mask[rows[chosen], columns[chosen]] = 1
-            kinds += _kinds_in_mask(mask)
-    return kinds
+            yield from _kinds_in_mask(mask)
+    yield from _kinds_in_mask((least >= WHITE).astype(np.uint8))
 
 
 def _hue(pixels: Array) -> Array:
