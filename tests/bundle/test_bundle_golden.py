@@ -118,7 +118,16 @@ def signed_and_cut(data):
     return seal.with_end_of_file(payload, len(payload))
 
 
+def moved_pieces():
+    """A bundle of version 1.1 whose lines and arcs lie 50 mm beside its points."""
+    stream = io.BytesIO((ARCHIVE / "1.1-pieces.h5").read_bytes()[512:])
+    with h5py.File(stream, "r+", libver=("v110", "v110")) as file:
+        file["pieces/vertices"][...] = file["pieces/vertices"][...] + np.array([0.05, 0, 0])
+    return in_old_seal(stream.getvalue())
+
+
 LAUNDERED = {
+    "lines and arcs of another curve": (moved_pieces, "unsafe.pieces"),
     "a seal removed": (lambda: SIGNED.read_bytes()[: -damage.SEAL], "corrupt.hdf5"),
     "a seal removed with care": (lambda: signed_and_cut(SIGNED.read_bytes()), "corrupt.seal"),
     "an old seal around it": (

@@ -12,7 +12,7 @@ from vfplan.bundle.read import read_bundle
 from vfplan.bundle.schema import VERSION, Content, rows_by_path
 from vfplan.bundle.seal import HDF5_MAGIC, MAGIC, TAIL_MAGIC
 from vfplan.bundle.write import completed, write_content
-from vfplan.errors import BundleError, CorruptError, InputError
+from vfplan.errors import BundleError, CorruptError, InputError, SettingError, UnsafeError
 from vfplan.io.apart import apart
 from vfplan.io.files import now_utc, opened_file
 from vfplan.io.reading import OneFile
@@ -34,7 +34,7 @@ def migrate(old: str | Path, new: str | Path, *, overwrite: bool = False) -> Con
     InputError
         There is no such file, or it has the present version already.
     BundleError
-        It is not sound, or its seal is missing.
+        It is not sound, its seal is missing, or its parts do not agree.
     SceneError
         The old fixture leaks between samples, which version 0.1 did not check.
     """
@@ -47,7 +47,10 @@ def migrate(old: str | Path, new: str | Path, *, overwrite: bool = False) -> Con
     if head["signed_by"] is not None:
         line += f", was signed by key {head['signed_by']}"
     content = completed(content | {HISTORY: (*content.get(HISTORY, ()), line)})
-    write_content(content, Path(new), overwrite=overwrite)
+    try:
+        write_content(content, Path(new), overwrite=overwrite)
+    except SettingError as error:  # it is the old file whose parts do not agree
+        raise UnsafeError(error.message, where=f"{old}:{error.where}", code=error.code) from None
     return content
 
 
