@@ -84,7 +84,7 @@ def write_pictures(extracted: Any, mask: Path | None, overlay: Path | None) -> N
             raise SettingError("a vector curve has no mask; leave --mask-out out")
         draw_mask(extracted.extraction, mask)
     if overlay is not None:
-        draw_overlay(extracted.image, extracted.extraction, overlay)
+        draw_overlay(extracted.image, extracted.extraction, overlay, findings=extracted.findings)
 
 
 def extracted_text(report: dict[str, Any]) -> str:

@@ -8,6 +8,7 @@ import pytest
 from vfplan.curve import vector_stroke
 from vfplan.figures import slice as picture
 from vfplan.figures import style
+from vfplan.findings import doubt
 from vfplan.images.read import PlannedImage
 
 WAY = np.column_stack([np.linspace(50, 350, 60), np.full(60, 200.0)])
@@ -61,3 +62,22 @@ def test_candidates_have_the_numbers_that_stroke_takes(drawn):
     numbers = {t.get_text(): t.xy for t in axes.texts if t.get_text().isdigit()}
     assert {k: tuple(v) for k, v in numbers.items()} == {
         str(k + 1): tuple(line[0]) for k, line in enumerate(lines)}  # fmt: skip
+
+
+def test_overlay_leaves_the_ink_as_it_is(tmp_path):
+    import cv2
+    from drawing import blend, coverage, to_uint8
+
+    from vfplan.curve import extract_curve
+
+    line = np.column_stack([np.linspace(60, 840, 400), 300 + 120 * np.sin(np.linspace(0, 6, 400))])
+    ground = np.full((600, 900, 3), 90.0)
+    image = to_uint8(blend(ground, coverage(ground.shape[:2], line, 4.0), (255, 0, 0)))
+    found = doubt("ink-left", "extract", "Ink is left.", place_px=(200.0, 100.0))
+    path = tmp_path / "overlay.png"
+    picture.draw_overlay(PlannedImage(image), extract_curve(image), path, findings=[found])
+    seen = cv2.imread(str(path))[:, :, ::-1]
+    rows, columns = np.rint(line[:, 1]).astype(int), np.rint(line[:, 0]).astype(int)
+    assert np.abs(seen[rows, columns].astype(int) - image[rows, columns]).max() <= 12
+    # Away from outline and captions the greys are the slice's own.
+    assert (seen[450:590, 300:800] == 90).mean() > 0.99

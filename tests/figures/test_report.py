@@ -57,6 +57,12 @@ def test_page_is_one_file_that_refers_to_nothing(written):
     assert "default-src 'none'" in text
 
 
+def test_review_sheet_is_a_page_of_the_report(written):
+    text = written.read_text()
+    assert text.count('class="sheet"') == 1
+    assert "What was planned" in text
+
+
 def test_numbers_and_verdict_are_the_replays(pressed, written):
     text = written.read_text()
     assert "FAIL: 1 of 4 limits" in text

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import cycle
 from pathlib import Path
@@ -12,12 +12,14 @@ import numpy as np
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
+from vfplan.figures.outline import outline_beside
 from vfplan.figures.style import DPI, nice_below, on_slice
 from vfplan.io.files import write_whole
-from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, HIP, PROXY
+from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
 
 if TYPE_CHECKING:
     from vfplan.curve import Extraction, Stroke
+    from vfplan.findings import Finding
     from vfplan.fixture import RegistrationRecord
     from vfplan.images.read import PlannedImage
 
@@ -26,9 +28,12 @@ WIDTH_PX = (900, 1600)  # of the picture on the page, smallest and largest
 LEGEND_IN = 0.45
 LEGEND = {"fontsize": 7.5, "columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5}
 ARROWS = 6  # a stroke
+OUTLINE_GAP_PX = 3.0  # of the picture, between the edge of the ink and the outline
+ARROW_GAP_PX = 9.0  # of the picture, between the outline and the arrow heads beside it
+USUAL_WIDTH_PX = 4.0  # of the slice, of a pen whose width nobody knows
+CAPTIONS = 12  # of ink that was set aside; more would write over each other
 OBLIQUE = 0.38  # of a direction, sin 22 degrees: from here on its side is named too
 HALO = (withStroke(linewidth=2.5, foreground="white"),)
-SEEN_APART = 4.0  # pixels of the picture between samples that can be told apart
 
 
 def draw_mask(extraction: Extraction, path: Path) -> None:
@@ -49,12 +54,14 @@ def draw_overlay(
     path: Path,
     *,
     markers: RegistrationRecord | None = None,
+    findings: Sequence[Finding] = (),
 ) -> None:
-    """Write the slice with what was found on it.
+    """Write the slice in its true greys with what was found on it; the ink stays visible.
 
-    Drawn: each curve with its start and direction, its samples, bridged parts, marks of the pen's
-    colour that were set aside (with what they were taken for), and the markers where given; a
-    length in mm and the patient's sides where the image tells them.
+    Drawn: an outline beside each curve with its start, direction and bridged parts; marks of the
+    pen's colour that were set aside, with what they were taken for; the findings that have a place,
+    by their numbers; and the markers where given. A length in mm and the patient's sides stand
+    where the image tells them.
     """
     with _drawing_on(image, path) as (axes, scale):
         for number, stroke in enumerate(extraction.strokes, 1):
@@ -62,6 +69,7 @@ def draw_overlay(
             _draw_stroke(axes, stroke, scale, extraction.method == "mask", label)
         _draw_set_aside(axes, extraction.set_aside)
         _draw_markers(axes, markers)
+        _draw_findings(axes, findings)
 
 
 def draw_candidates(image: PlannedImage, lines: tuple[NDArray, ...], path: Path) -> None:
@@ -82,7 +90,7 @@ def _drawing_on(image: PlannedImage, path: Path) -> Iterator[tuple[Any, float]]:
     middle = LEGEND_IN / 2 / (image.height_px * scale / DPI + LEGEND_IN)
     place = {"loc": "center", "bbox_to_anchor": (0.5, middle), "frameon": False}
     with on_slice(path, size, scale / DPI, LEGEND_IN, **place, **LEGEND) as (_, axes):
-        axes.imshow(_faded(image.rgb), interpolation="nearest")
+        axes.imshow(_shown(image.rgb), interpolation="nearest")
         yield axes, scale
         _draw_bar(axes, image)
         _draw_sides(axes, image)
@@ -95,7 +103,8 @@ def _draw_bar(axes: Any, image: PlannedImage) -> None:
     length = nice_below(0.2 * image.width_px * image.pixel_spacing_mm[0])
     left, low = 0.03 * image.width_px, 0.96 * image.height_px
     right = left + length / image.pixel_spacing_mm[0]
-    axes.plot([left, right], [low, low], color=FORCE, lw=2.5, path_effects=HALO, zorder=8)
+    edge = (withStroke(linewidth=5.0, foreground="white"),)
+    axes.plot([left, right], [low, low], color=FORCE, lw=2.5, path_effects=edge, zorder=8)
     where = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "fontsize": 8}
     middle = ((left + right) / 2, low)
     axes.annotate(f"{length:g} mm", middle, color=FORCE, path_effects=HALO, zorder=8, **where)
@@ -121,11 +130,11 @@ def side(way: NDArray) -> str:
     return "".join("LPH"[k] if way[k] > 0 else "RAF"[k] for k in order)
 
 
-def _faded(rgb: NDArray) -> NDArray:
-    """The picture with its grey paler and its colours kept: the pen shows beside what was found."""
-    picture = rgb.astype(np.float32) / np.iinfo(rgb.dtype).max
-    grey = picture.mean(2, keepdims=True)
-    return np.clip(0.25 + 0.7 * grey + 0.8 * (picture - grey), 0, 1)
+def _shown(rgb: NDArray) -> NDArray:
+    """The picture as it is, in the range that Matplotlib takes."""
+    if rgb.dtype == np.uint8:
+        return rgb
+    return rgb / np.iinfo(rgb.dtype).max
 
 
 def _draw_stroke(axes: Any, stroke: Stroke, scale: float, unordered: bool, label: str) -> None:
@@ -133,46 +142,58 @@ def _draw_stroke(axes: Any, stroke: Stroke, scale: float, unordered: bool, label
     if unordered:
         axes.plot(*points.T, ".", ms=1, color=CLOUD, label="pixels of the mask")
         return
-    ring = np.vstack([points, points[:1]]) if stroke.closed else points
-    bridged = np.append(stroke.bridged, stroke.bridged[:1]) if stroke.closed else stroke.bridged
-    axes.plot(*ring.T, color=CLOUD, lw=0.7, label="curve", zorder=3)
-    _draw_samples(axes, points, scale)
-    if bridged.any():
-        over = np.where(bridged[:, None], ring, np.nan)
-        axes.plot(*over.T, color=BRIDGED, lw=2.6, label="bridged", zorder=4)
-    _draw_direction(axes, ring)
-    axes.plot(*points[0], "o", ms=7, mfc="none", mec=HIP, mew=2, label="start", zorder=6)
-    if label:
-        where = {"xytext": (8, 8), "textcoords": "offset points", "color": HIP, "weight": "bold"}
-        axes.annotate(label, points[0], **where)
+    width = USUAL_WIDTH_PX if stroke.width_px is None else stroke.width_px
+    distance = width / 2 + OUTLINE_GAP_PX / scale
+    bridges = points[np.asarray(stroke.bridged, bool)]
+    for outline in outline_beside(points, distance, closed=stroke.closed):
+        axes.plot(*outline.T, color=CLOUD, lw=1.0, path_effects=HALO, label="curve", zorder=3)
+        if len(bridges):
+            away = np.hypot(*(outline[:, None] - bridges[None]).transpose(2, 0, 1)).min(axis=1)
+            over = np.where((away < distance + 1)[:, None], outline, np.nan)
+            axes.plot(*over.T, color=BRIDGED, lw=1.6, label="bridged", zorder=4)
+    _draw_direction(axes, points, distance + ARROW_GAP_PX / scale)
+    where = {"textcoords": "offset points", "fontsize": 8, "color": FORCE, "weight": "bold"}
+    where |= {"path_effects": HALO, "zorder": 6}
+    axes.annotate(f"start {label}".strip(), points[0], xytext=(9, 9), **where)
+    if not stroke.closed:
+        axes.annotate(f"end {label}".strip(), points[-1], xytext=(9, -14), **where)
 
 
-def _draw_samples(axes: Any, points: NDArray, scale: float) -> None:
-    apart = np.hypot(*np.diff(points, axis=0).T).mean() * scale if len(points) > 1 else np.inf
-    every = 1 if apart >= SEEN_APART else max(2, round(25 / apart))
-    label = "samples" if every == 1 else f"every {every}th sample"
-    dots = {"ms": 3, "mfc": "white", "mec": CLOUD, "mew": 0.8, "ls": "none"}
-    axes.plot(*points[::every].T, "o", label=label, zorder=4, **dots)
-
-
-def _draw_direction(axes: Any, ring: NDArray) -> None:
-    at = np.linspace(0, len(ring) - 1, ARROWS + 2)[1:-1].astype(int)
-    for i in at:
-        a, b = ring[max(i - 3, 0)], ring[min(i + 3, len(ring) - 1)]
-        look = {"arrowstyle": "-|>", "color": CLOUD, "mutation_scale": 14, "lw": 0}
-        axes.annotate("", xy=b, xytext=a, arrowprops=look, zorder=5)
+def _draw_direction(axes: Any, points: NDArray, distance: float) -> None:
+    """Arrow heads this far beside the line, to the right of who goes along it."""
+    for i in np.linspace(0, len(points) - 1, ARROWS + 2)[1:-1].astype(int):
+        a, b = points[max(i - 3, 0)], points[min(i + 3, len(points) - 1)]
+        length = np.hypot(*(b - a))
+        if length == 0:
+            continue
+        beside = distance * np.array([-(b - a)[1], (b - a)[0]]) / length
+        look = {"arrowstyle": "-|>", "color": CLOUD, "mutation_scale": 12, "lw": 0}
+        axes.annotate("", xy=b + beside, xytext=a + beside, arrowprops=look, zorder=5)
     axes.plot([], [], ls="none", marker=">", color=CLOUD, label="direction")
+
+
+def _draw_findings(axes: Any, findings: Sequence[Finding]) -> None:
+    for number, finding in enumerate(findings, 1):
+        if finding.place_px is None:
+            continue
+        box = {"fc": FORCE, "ec": "white", "pad": 1.5}
+        where = {"xytext": (14, 14), "textcoords": "offset points", "zorder": 9, "weight": "bold"}
+        leader = {"arrowstyle": "-", "color": FORCE, "lw": 1.2, "shrinkB": 4}
+        axes.annotate(f"F{number}", finding.place_px, color="white", fontsize=8, bbox=box,
+                      arrowprops=leader, **where)  # fmt: skip
 
 
 def _draw_set_aside(axes: Any, set_aside: tuple[dict, ...]) -> None:
     from matplotlib.patches import Rectangle
 
+    named = sorted(set_aside, key=lambda mark: -mark["length_px"])[:CAPTIONS]
     for mark in set_aside:
         u, v, width, height = mark["box"]
         box = {"fill": False, "ec": ASIDE, "lw": 1.2, "ls": "--", "label": "set aside"}
         axes.add_patch(Rectangle((u - 3, v - 3), width + 5, height + 5, **box))
         name = f"{mark['kind']} [{mark['stroke']}]" if "stroke" in mark else mark["kind"]
-        axes.text(u - 3, v - 6, name, color=ASIDE, fontsize=7, va="bottom", clip_on=True)
+        if any(mark is one for one in named):
+            axes.text(u - 3, v - 6, name, color=ASIDE, fontsize=7, va="bottom", clip_on=True)
         for place in mark.get("junctions", ()) if mark["kind"] == "junction" else ():
             axes.plot(*place, "x", ms=8, mew=2, color=CONTACT, label="fork or crossing", zorder=6)
 

@@ -66,6 +66,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
             section("Frame by frame", scrubber.replace("{envelope}", words)),
             *_places(replayed, image),
             section("Contact episodes", episodes(found)),
+            section("What was planned", _review_sheet(replayed, image)),
             section("What was replayed", settings(found, replayed.fixture)),
         ]
     )
@@ -148,6 +149,22 @@ def _places(replayed: Replay, image: Path | None) -> list[str]:
             pictures += picture(slice_depth(replayed, read_image(image)), "depth on the slice")
         shown.append(section("Along the planned curve", pictures))
     return shown
+
+
+def _review_sheet(replayed: Replay, image: Path | None) -> str:
+    """The review sheet of the fixture, or how to get it where its slice was not given."""
+    from vfplan.images.read import read_image
+    from vfplan.review.sheet import draw_sheet
+    from vfplan.review.sheet_input import of_fixture
+
+    fixture, slice_ = replayed.fixture, None
+    if fixture.provenance.inputs.get("image") is not None:
+        if image is None:
+            return "<p>Give the planned slice (--image) to see its review sheet here.</p>"
+        slice_ = read_image(image)
+    name = replayed.metrics.get("fixture", {}).get("name", "a fixture made in memory")
+    pages = draw_sheet(of_fixture(fixture, name, image=slice_)).page_pngs()
+    return "".join(_embedded(page, "review sheet of the fixture", "sheet") for page in pages)
 
 
 def _in_space(replayed: Replay) -> str:

@@ -97,8 +97,16 @@ class Sheet:
 
     def png(self) -> bytes:
         """The sheet as a PNG file that prints at its own size, 200 dots an inch."""
+        return self._encoded(self.pixels)
+
+    def page_pngs(self) -> list[bytes]:
+        """Each page as a PNG file of its own."""
+        count = len(self.pixels) // PAGE_HEIGHT
+        return [self._encoded(part) for part in np.split(self.pixels, count)]
+
+    def _encoded(self, pixels: NDArray[np.uint8]) -> bytes:
         is_encoded, data = cv2.imencode(
-            ".png", self.pixels[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1]
+            ".png", pixels[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1]
         )
         if not is_encoded:
             raise OutputError("The sheet cannot be encoded as PNG.", code="png-not-encoded")
