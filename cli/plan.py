@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -81,14 +80,13 @@ def command(
         findings += strong_pull(fixture, robot)
     if given["rehearse"] is not None:
         verdict |= {"rehearsal": rehearsed(fixture, robot, given)}
-    fixture = replace(fixture, findings=tuple(findings))
-    made = replace(made, fixture=fixture)
+    made = replace(made, fixture=replace(fixture, findings=tuple(findings)))
     with outputs(output, mask_out, overlay_out, picture_out, sheet_path) as (
         path, mask, overlay, picture, sheet,
     ):  # fmt: skip
-        write_fixture(fixture, path)
+        write_fixture(made.fixture, path)
         if sheet is not None:
-            digest = write_review_sheet(made, findings, output.name, sheet)
+            digest = write_review_sheet(made, output.name, sheet)
             verdict |= {"sheet": str(sheet_path), "digest": digest}
         write_pictures(made.extracted, mask, overlay)
         write_registration_picture(
@@ -109,12 +107,12 @@ def command(
     return Report(made.report | verdict, text, findings=findings)
 
 
-def write_review_sheet(made: Any, findings: Sequence[Finding], title: str, path: Path) -> str:
+def write_review_sheet(made: Any, title: str, path: Path) -> str:
     """Write the sheet that shows a plan to a person; returns its digest."""
     from vfplan.review.sheet import write_sheet
     from vfplan.review.sheet_input import of_plan
 
-    shown = of_plan(made, title, findings=tuple(findings))
+    shown = of_plan(made, title)
     write_sheet(shown, path)
     return shown.digest
 

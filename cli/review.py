@@ -217,6 +217,5 @@ def _shown_of_bundle(
         raise click.UsageError("MARKERS have no effect on a fixture, which is registered already")
     planned = register(fixture, markers, markers2, options.fixture_settings(given), image=image)
     return sheet_input.of_fixture(
-        planned.fixture, source.name, image=image, findings=planned.findings,
-        registration=planned.registration,
+        planned.fixture, source.name, image=image, registration=planned.registration
     )  # fmt: skip

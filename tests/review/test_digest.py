@@ -10,6 +10,7 @@ import pytest
 
 from vfplan.bundle import read_fixture, write_fixture
 from vfplan.findings import doubt
+from vfplan.fixture import Review
 from vfplan.review.digest import LEFT_OUT, digest_of
 
 FINDING = doubt("ink-left", "extract", "Ink is left.", place_px=(3.0, 4.0))
@@ -58,13 +59,17 @@ def test_any_change_of_content_changes_it(name):
 
 
 def test_findings_count_and_answers_do_not():
-    fixture = bundles.whole()
-    bare, asked = digest_of(fixture), digest_of(fixture, (FINDING,))
+    def digest(*findings):
+        return digest_of(replace(bundles.whole(), findings=findings))
+
+    bare, asked = digest(), digest(FINDING)
     assert bare != asked
-    assert asked != digest_of(fixture, (replace(FINDING, text="Other ink is left."),))
-    assert asked != digest_of(fixture, (replace(FINDING, place_px=(3.0, 5.0)),))
+    assert asked != digest(replace(FINDING, text="Other ink is left."))
+    assert asked != digest(replace(FINDING, place_px=(3.0, 5.0)))
     answered = replace(FINDING, answered_by="A", answered_utc="2026-01-02T03:04:05Z")
-    assert asked == digest_of(fixture, (answered,))
+    assert asked == digest(answered)
+    review = Review("A", "2026-01-02T03:04:05Z", "0" * 64)
+    assert bare == digest_of(replace(bundles.whole(), reviewed=review))
 
 
 def test_sheet_without_its_slice_has_another():

@@ -318,9 +318,8 @@ def test_text_from_files_can_do_no_harm():
 def test_bundle_without_a_slice_has_three_views(name):
     fixture = getattr(bundles, name)()
     place = tuple(fixture.points[0])
-    sheet = draw_sheet(
-        of_fixture(fixture, "f.h5", findings=(doubt("size-unusual", "plan", "So.", place_m=place),))
-    )
+    finding = doubt("size-unusual", "plan", "So.", place_m=place)
+    sheet = draw_sheet(of_fixture(replace(fixture, findings=(finding,)), "f.h5"))
     check_layout(sheet)
     views = [box for box in sheet.boxes if box.kind == "picture"]
     assert len(views) == 3

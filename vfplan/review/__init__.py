@@ -16,7 +16,7 @@ views        a bundle without a slice, from three sides
 labels       where the captions on the slice go
 paper        pages, letters, and what stands where
 digest       64 hexadecimal digits over what a sheet shows
-accept       answers and a name, stored in a bundle
+acceptance   answers, a name and the digest, stored in a bundle
 """
 
 from __future__ import annotations

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.findings import Finding
 from vfplan.fixture import Fixture
 
 # What changes although the plan does not.
@@ -23,33 +22,23 @@ LEFT_OUT = {"created_utc", "software", "history", "answered_by", "answered_utc",
 DOMAIN = "vfplan review sheet 1"
 
 
-def digest_of(
-    fixture: Fixture, findings: tuple[Finding, ...] = (), *, slice_shown: bool = True
-) -> str:
-    """The digest of a fixture and its findings.
+def digest_of(fixture: Fixture, *, slice_shown: bool = True) -> str:
+    """The digest of a fixture with its findings.
 
     Parameters
     ----------
     fixture
         The bundle's content.
-    findings
-        What a person should look at. The fixture's own findings count as well, each once.
     slice_shown
         Whether the sheet shows the slice that the curve was drawn on. A sheet without it has
         another digest: who saw that sheet has not seen the ends of the line.
     """
-    own = tuple(getattr(fixture, "findings", None) or ())
-    more = tuple(finding for finding in findings if finding not in own)
     seen = hashlib.sha256()
     _add(seen, DOMAIN)
-    _add(seen, {"fixture": _without_findings(fixture), "findings": (*own, *more)})
+    _add(seen, fixture)
     is_drawn = fixture.provenance.inputs.get("image") is not None
     _add(seen, "slice not shown" if is_drawn and not slice_shown else "all shown")
     return seen.hexdigest()
-
-
-def _without_findings(fixture: Fixture) -> dict[str, Any]:
-    return {f.name: getattr(fixture, f.name) for f in fields(fixture) if f.name != "findings"}
 
 
 def _add(seen: Any, value: Any) -> None:

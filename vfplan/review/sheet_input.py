@@ -149,17 +149,14 @@ class SheetInput:
         return "No open finding. Look at the ends, then approve"
 
 
-def of_plan(plan: Plan, title: str, *, findings: tuple[Finding, ...] | None = None) -> SheetInput:
-    """What the sheet of a new plan shows; `findings` are the plan's own where none are given."""
-    if findings is None:
-        findings = plan.findings
+def of_plan(plan: Plan, title: str) -> SheetInput:
+    """What the sheet of a new plan shows."""
     if plan.extracted.image is None:
-        return of_fixture(plan.fixture, title, findings=findings)
+        return of_fixture(plan.fixture, title)
     return of_fixture(
         plan.fixture,
         title,
         image=plan.extracted.image,
-        findings=findings,
         registration=plan.registered.registration,
         extracted=plan.extracted,
     )
@@ -171,7 +168,6 @@ def of_extraction(extracted: Extracted, title: str) -> SheetInput:
         extracted.fixture,
         title,
         image=extracted.image,
-        findings=extracted.findings,
         extracted=None if extracted.image is None else extracted,
     )
 
@@ -181,7 +177,6 @@ def of_fixture(
     title: str,
     *,
     image: PlannedImage | None = None,
-    findings: tuple[Finding, ...] = (),
     registration: Registration | None = None,
     extracted: Extracted | None = None,
 ) -> SheetInput:
@@ -195,8 +190,6 @@ def of_fixture(
         What it is called on the sheet.
     image
         The slice that the curve was drawn on, where it is known.
-    findings
-        More than the bundle holds.
     registration
         The registration the fixture was made with. Without it, it is made again from the markers
         that the bundle holds.
@@ -211,13 +204,11 @@ def of_fixture(
     """
     if image is not None:
         check_slice(fixture, image)
-    own = tuple(getattr(fixture, "findings", None) or ())
-    findings = (*own, *(finding for finding in findings if finding not in own))
     drawn = fixture.provenance.inputs.get("image") is not None
     record = SheetInput(
         title=title,
-        digest=digest_of(fixture, findings, slice_shown=image is not None),
-        findings=findings,
+        digest=digest_of(fixture, slice_shown=image is not None),
+        findings=fixture.findings,
         reviewed=_reviewed(fixture),
         margin_m=_margin_of(fixture, None),
         side=_side_of(fixture),
@@ -366,10 +357,9 @@ def _account_entry(entry: Any) -> AccountEntry:
 
 
 def _reviewed(fixture: Fixture) -> str:
-    review = getattr(fixture, "reviewed", None)
-    if review is None:
+    if fixture.reviewed is None:
         return ""
-    return f"{review.by}, {review.utc}"
+    return f"{fixture.reviewed.by}, {fixture.reviewed.utc}"
 
 
 def _margin_of(fixture: Fixture, tre95_m: Array | None) -> float | None:

@@ -1,0 +1,51 @@
+"""`vfplan accept`: a script's way to approve what somebody saw on the review sheet."""
+
+from __future__ import annotations
+
+import click
+from vfplan.cli.options import FIXTURE, option, output, taking
+from vfplan.cli.outputs import outputs
+from vfplan.cli.run import Report, command
+
+
+@command("accept")
+@FIXTURE
+@taking(
+    option("--digest", required=True, metavar="DIGEST",
+           help="The 64 hexadecimal digits on the sheet that was looked at."),
+    option("--by", required=True, metavar="NAME", help="Who looked at it."),
+    option("--answer", "answers", multiple=True, metavar="CODE",
+           help="Answer the findings of this code; may be given several times."),
+    option("--answer-all", is_flag=True, help="Answer every finding."),
+    output("The accepted bundle."),
+)  # fmt: skip
+def command(fixture, output, digest, by, answers, answer_all) -> Report:
+    """Accept FIXTURE.h5 by the digest on its review sheet, and write it with name and time.
+
+    A digest of another plan, or a finding without an answer, is exit 1, and nothing is written.
+    """
+    from vfplan.bundle import read_fixture, write_fixture
+    from vfplan.review.acceptance import accept
+    from vfplan.review.digest import digest_of
+
+    if answers and answer_all:
+        raise click.UsageError("--answer and --answer-all exclude each other; give one")
+    before = read_fixture(fixture)
+    accepted = accept(before, digest, by, answers=answers, answer_all=answer_all)
+    with outputs(output) as (path,):
+        write_fixture(accepted, path)
+    warnings = []
+    if accepted.reviewed.digest != digest_of(before):
+        warnings.append(
+            "this digest is of a sheet without the slice: nobody saw the ends of the line on it"
+        )
+    data = {
+        "output": str(output),
+        "digest": accepted.reviewed.digest,
+        "by": by,
+        "answered": [finding.code for finding in before.open_findings],
+    }
+    return Report(
+        data, f"wrote {output}", warnings=warnings, findings=accepted.findings,
+        verdict=f"accepted by {by}", next_step=f"vfplan sign {output} --key KEY -o SIGNED.h5",
+    )  # fmt: skip

@@ -1,0 +1,90 @@
+"""`vfplan accept`: a script approves by the digest on the sheet, and `sign` then has no doubts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bundles
+import pytest
+
+from vfplan.bundle import read_fixture, write_fixture
+from vfplan.findings import doubt, note
+
+FINDINGS = (
+    doubt("ink-left", "extract", "Ink is left.", place_px=(3.0, 4.0)),
+    note("extrapolated", "register", "A part lies beyond the markers."),
+)
+
+
+@pytest.fixture
+def sheet(vfplan_cli, tmp_path):
+    """A mesh with a finding, and its digest as `review` says it."""
+    path = tmp_path / "f.h5"
+    write_fixture(replace(bundles.sheet(), findings=FINDINGS), path)
+    run = vfplan_cli("review", path, "--sheet-out", tmp_path / "s.png", "--json")
+    assert run.code == 0, run.stderr
+    return path, run.json["digest"]
+
+
+def test_accepted_bundle_is_signed_without_despite_findings(vfplan_cli, sheet, tmp_path):
+    path, digest = sheet
+    key, accepted, signed = tmp_path / "k.pem", tmp_path / "a.h5", tmp_path / "s.h5"
+    assert vfplan_cli("keygen", "-o", key).code == 0
+    refused = vfplan_cli("sign", path, "--key", key, "-o", signed, "--json")
+    assert refused.code == 1
+    assert refused.json["error"]["code"] == "findings-unanswered"
+    call = ("accept", path, "--digest", digest, "--by", "A. Surgeon", "-o", accepted)
+    run = vfplan_cli(*call, "--answer", "ink-left", "--json")
+    assert run.code == 0, run.stderr
+    assert run.json["answered"] == ["ink-left"]
+    assert run.json["digest"] == digest
+    assert [f["answered_by"] for f in run.json["findings"]] == ["A. Surgeon", None]
+    done = vfplan_cli("sign", accepted, "--key", key, "-o", signed)
+    assert done.code == 0, done.stderr
+    # The sheet of the accepted bundle has the same digest, and names who approved it.
+    again = vfplan_cli("review", signed, "--sheet-out", tmp_path / "again.png", "--json")
+    assert again.json["digest"] == digest
+    assert "A. Surgeon" in again.json["verdict"]
+
+
+def test_wrong_digest_or_a_finding_without_an_answer_writes_nothing(vfplan_cli, sheet, tmp_path):
+    path, digest = sheet
+    out = tmp_path / "a.h5"
+    for given, more, code in (
+        ("0" * 64, ("--answer-all",), "digest-other"),
+        (digest, (), "findings-unanswered"),
+    ):
+        run = vfplan_cli("accept", path, "--digest", given, "--by", "A", *more, "-o", out, "--json")
+        assert run.code == 1
+        assert run.json["error"]["code"] == code
+        assert not out.exists()
+
+
+def test_unknown_code_or_name_is_a_mistake_in_the_call(vfplan_cli, sheet, tmp_path):
+    path, digest = sheet
+    call = ("accept", path, "--digest", digest, "-o", tmp_path / "a.h5")
+    assert vfplan_cli(*call, "--by", "A", "--answer", "ink-lost").code == 2
+    assert vfplan_cli(*call, "--by", " ", "--answer-all").code == 2
+    assert vfplan_cli(*call, "--by", "A", "--answer", "ink-left", "--answer-all").code == 2
+
+
+def test_digest_of_a_sheet_without_its_slice_is_told(vfplan_cli, tmp_path):
+    path = tmp_path / "f.h5"
+    write_fixture(bundles.whole(), path)
+    run = vfplan_cli("review", path, "--sheet-out", tmp_path / "s.png", "--json")
+    out = tmp_path / "a.h5"
+    done = vfplan_cli(
+        "accept", path, "--digest", run.json["digest"], "--by", "A", "-o", out, "--json"
+    )
+    assert done.code == 0, done.stderr
+    assert any("slice" in warning for warning in done.json["warnings"])
+    assert read_fixture(out).reviewed.by == "A"
+
+
+def test_migrated_bundle_is_not_reviewed(vfplan_cli, root, tmp_path):
+    old = root / "tests" / "data" / "bundles" / "1.1-everything.h5"
+    if not old.exists():
+        old = next((root / "tests" / "data" / "bundles").glob("1.*.h5"))
+    out = tmp_path / "new.h5"
+    assert vfplan_cli("migrate", old, "-o", out).code == 0
+    assert read_fixture(out).reviewed is None
