@@ -191,16 +191,17 @@ def _hatch(enlarged: NDArray[np.uint8], outside: NDArray[np.bool_]) -> None:
 def _spread(pixels: NDArray[np.uint8], is_outside: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """The same picture with its greys spread evenly from black to white; ink keeps its hue.
 
-    Each grey that is there becomes as bright as the share of pixels that are darker (histogram
-    equalisation). So greys that differ by one are told apart, and a box of one grey stands out of
-    the noise around it.
+    Each grey becomes as bright as the share of pixels that are darker, and half of those that are
+    as dark (histogram equalisation). So greys that differ by one are told apart, and a box of one
+    grey stands out of the noise around it.
     """
     grey = pixels.min(axis=2)
     inside = grey[~is_outside]
     if inside.size == 0:
         return pixels
-    share_darker = np.bincount(inside, minlength=256).cumsum() / inside.size
-    shift = np.rint(255 * share_darker[grey]).astype(np.int16) - grey
+    count = np.bincount(inside, minlength=256)
+    brightness = np.rint(255 * (count.cumsum() - count / 2) / inside.size)
+    shift = brightness[grey].astype(np.int16) - grey
     return np.clip(pixels + shift[:, :, None], 0, 255).astype(np.uint8)
 
 

@@ -193,18 +193,27 @@ class Paper:
 
     def image(self) -> NDArray[np.uint8]:
         """(pages * PAGE_HEIGHT, PAGE_WIDTH, 3) all pages, red first."""
-        return np.vstack([self._lettered(number) for number in range(len(self._pages))])
+        for canvas, texts in zip(self._pages, self._texts, strict=True):
+            for text in texts:
+                _write(canvas, *text)
+            texts.clear()
+        return np.vstack(self._pages)
 
-    def _lettered(self, number: int) -> NDArray[np.uint8]:
-        from PIL import Image, ImageDraw
 
-        image = Image.fromarray(self._pages[number])
-        pen = ImageDraw.Draw(image)
-        for left, top, words, style, colour in self._texts[number]:
-            baseline = top + 0.78 * style.line_height
-            font = _font(style.points, style.bold)
-            pen.text((left, baseline), words, fill=colour, font=font, anchor="ls")
-        return np.asarray(image)
+def _write(
+    canvas: NDArray[np.uint8], left: float, top: float, words: str, style: Style, colour: Colour
+) -> None:
+    from PIL import Image, ImageDraw
+
+    size = int(style.width_of(words)) + 2, style.line_height + 4
+    letters = Image.new("L", size)
+    font = _font(style.points, style.bold)
+    at = (0, 0.78 * style.line_height)
+    ImageDraw.Draw(letters).text(at, words, fill=255, font=font, anchor="ls")
+    cover = np.asarray(letters)
+    height, width = canvas.shape[:2]
+    x, y = round(left), round(top)
+    blend(canvas, cover[: max(0, height - y), : max(0, width - x)], colour, x, y)
 
 
 def wrapped(words: str, width: float, style: Style) -> list[str]:

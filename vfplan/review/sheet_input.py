@@ -351,9 +351,10 @@ def account_of(extracted: Extracted) -> tuple[AccountEntry, ...]:
 
 
 def _account_entry(entry: Any) -> AccountEntry:
-    values = entry if isinstance(entry, dict) else vars(entry)
-    names = ("number", "u", "v", "pixels", "share")
-    return AccountEntry(**{name: values[name] for name in names}, what=values.get("kind", ""))
+    words = {"ink": "", "bridge": "gap in the line", "hidden": "line hidden"}
+    return AccountEntry(
+        entry.number, entry.u, entry.v, entry.pixels, entry.share, words.get(entry.what, entry.what)
+    )
 
 
 def _reviewed(fixture: Fixture) -> str:
