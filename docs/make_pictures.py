@@ -33,6 +33,30 @@ def main() -> None:
     draw_extraction()
     draw_campaign()
     draw_guidance()
+    draw_review()
+
+
+def draw_review() -> None:
+    """The sample's review sheet, and both ends of its line with a box over one of them."""
+    samples = Path(__file__).parents[1] / "samples"
+    markers = [samples / f"elbow_markers_{side}.csv" for side in ("image", "robot")]
+    program = Path(sys.executable).with_name("vfplan")
+    with tempfile.TemporaryDirectory() as folder:
+        covered = cv2.imread(str(samples / "elbow.png"))
+        cv2.rectangle(covered, (730, 640), (800, 690), (96, 96, 96), -1)
+        cv2.imwrite(f"{folder}/covered.png", covered)
+        sheets = []
+        for slice_ in (samples / "elbow.png", Path(folder, "covered.png")):
+            words = ["--pixel-spacing", "0.5", "--margin", "tre95", "--sheet-out"]
+            sheet = f"{folder}/{slice_.stem}-sheet.png"
+            subprocess.run([program, "review", slice_, *markers, *words, sheet, "-q"], check=True)
+            sheets.append(cv2.imread(sheet))
+    jpeg = [cv2.IMWRITE_JPEG_QUALITY, 85]
+    page = cv2.resize(sheets[0], None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(PICTURES / "review_sheet.jpg"), page, jpeg)
+    row = sheets[1][1190:1650, 40:1620]
+    row = cv2.resize(row, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(PICTURES / "review_covered.jpg"), row, jpeg)
 
 
 def draw_guidance() -> None:

@@ -18,6 +18,7 @@ from vfplan.review.insets import INSET_PX, ZOOM
 from vfplan.review.paper import DPI, PAGE_HEIGHT, PAGE_WIDTH
 from vfplan.review.sheet import FREE_RADIUS, draw_sheet
 from vfplan.review.sheet_input import (
+    AccountEntry,
     SheetInput,
     SheetStroke,
     check_slice,
@@ -231,6 +232,17 @@ def test_open_line_has_both_ends_and_each_bridge_enlarged():
     for box in insets(sheet, "Bridge 2"):
         covered[box.shows[0] : box.shows[0] + box.shows[2]] = True
     assert covered[215:315].all()
+
+
+def test_stretch_that_something_hides_is_enlarged_too():
+    points = np.column_stack([np.linspace(20, 360, 341), np.full(341, 160.0)])
+    hidden = AccountEntry(1, 180.0, 160.0, 12, 0.02, "line hidden", is_ink=False)
+    ink = AccountEntry(2, 100.0, 90.0, 8, 0.01)
+    shown = shown_of(np.zeros((320, 380, 3), np.uint8), line_of(points))
+    sheet = draw_sheet(replace(shown, account=(hidden, ink)))
+    check_layout(sheet)
+    names = [box.words for box in sheet.boxes if box.kind == "inset"]
+    assert names[4:] == ["1: line hidden"]
 
 
 def test_closed_line_shows_its_start_and_a_bridge_across_it():

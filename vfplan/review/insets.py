@@ -84,6 +84,9 @@ def insets_of(shown: SheetInput) -> list[Inset]:
         insets += _ends(stroke, name)
     for number, stroke in enumerate(shown.strokes, 1):
         insets += _bridges(stroke, "" if len(shown.strokes) == 1 else f" of line {number}")
+    for entry in shown.account or ():
+        if not entry.is_ink and not _is_shown((entry.u, entry.v), insets):
+            insets.append(Inset(f"{entry.number}: {entry.what}", np.array([entry.u, entry.v])))
     for number, finding in enumerate(shown.findings, 1):
         if finding.place_px is not None and not _is_shown(finding.place_px, insets):
             insets.append(Inset(f"F{number}: {finding.code}", np.array(finding.place_px)))

@@ -44,7 +44,10 @@ class SheetStroke:
 
 @dataclass(frozen=True)
 class AccountEntry:
-    """Ink in the pen's colour that was not taken: where, how much [px], and its share of all."""
+    """Ink in the pen's colour that was not taken: where, how much [px], and its share of all.
+
+    Where `is_ink` is false it is a stretch of the line that shows no ink; `what` says why.
+    """
 
     number: int
     u: float
@@ -52,6 +55,7 @@ class AccountEntry:
     pixels: int
     share: float
     what: str = ""
+    is_ink: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,7 +357,13 @@ def account_of(extracted: Extracted) -> tuple[AccountEntry, ...]:
 def _account_entry(entry: Any) -> AccountEntry:
     words = {"ink": "", "bridge": "gap in the line", "hidden": "line hidden"}
     return AccountEntry(
-        entry.number, entry.u, entry.v, entry.pixels, entry.share, words.get(entry.what, entry.what)
+        number=entry.number,
+        u=entry.u,
+        v=entry.v,
+        pixels=entry.pixels,
+        share=entry.share,
+        what=words.get(entry.what, entry.what),
+        is_ink=entry.what == "ink",
     )
 
 
