@@ -102,9 +102,16 @@ def command(
             **verdict["stability"]
         )
     text += f"\nwrote {output}"
+    ending = "planned; no finding wants an answer"
+    if made.fixture.open_findings:
+        ending = f"planned; {len(made.fixture.open_findings)} findings want an answer"
+    next_step = f"vfplan review {output} --slice {image}"
     if sheet_path is not None:
         text += f" and {sheet_path}, its review sheet"
-    return Report(made.report | verdict, text, findings=findings)
+        next_step = f"look at {sheet_path}, then {next_step}"
+    return Report(
+        made.report | verdict, text, findings=findings, verdict=ending, next_step=next_step
+    )
 
 
 def write_review_sheet(made: Any, title: str, path: Path) -> str:

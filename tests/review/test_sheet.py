@@ -23,7 +23,6 @@ from vfplan.review.sheet_input import (
     SheetStroke,
     check_slice,
     of_fixture,
-    side_in_words,
 )
 
 RED = (255, 0, 0)
@@ -383,9 +382,13 @@ def test_another_slice_is_refused():
 
 
 def test_side_is_said_in_words():
-    assert side_in_words(np.array([0.1, -0.2, 0.9])) == "above (robot +z)"
-    assert side_in_words(np.array([0.1, -0.2, -0.9])) == "below (robot -z)"
-    assert side_in_words(np.array([0.1, -0.95, 0.2])) == "the side (robot -y)"
+    # The whole bundle's v axis points to -y, so its slice is seen from above.
+    assert of_fixture(bundles.whole(), "f.h5").side == "above (robot +z)"
+    record = bundles.whole().registration
+    turned = record.T_robot_image * [[1], [-1], [1]]
+    below = replace(bundles.whole(), registration=replace(record, T_robot_image=turned))
+    assert of_fixture(below, "f.h5").side == "below (robot -z)"
+    assert of_fixture(bundles.patient(), "f.h5").side is None
 
 
 def test_png_prints_at_its_own_size():

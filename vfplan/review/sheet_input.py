@@ -393,20 +393,13 @@ def _metres_per_px(fixture: Fixture, image: PlannedImage) -> float | None:
 
 def _side_of(fixture: Fixture) -> str | None:
     """From where the robot sees the slice; `None` for markers in space."""
+    from vfplan.registration.registration import describe_side
+
     record = fixture.registration
     if record is None or record.source_frame != "image":
         return None
     across, down = record.T_robot_image[:3, :2].T
-    return side_in_words(-np.cross(across, down))
-
-
-def side_in_words(faces: Array) -> str:
-    """The side of the robot that a direction points to, such as "above (robot +z)"."""
-    axis = int(np.abs(faces).argmax())
-    sign = "+" if faces[axis] > 0 else "-"
-    names = {"+z": "above", "-z": "below"}
-    direction = f"{sign}{'xyz'[axis]}"
-    return f"{names.get(direction, 'the side')} (robot {direction})"
+    return describe_side(-np.cross(across, down))
 
 
 def _markers_on_slice(fixture: Fixture) -> tuple[SheetMarker, ...]:
