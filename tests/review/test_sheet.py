@@ -233,6 +233,19 @@ def test_open_line_has_both_ends_and_each_bridge_enlarged():
     assert covered[215:315].all()
 
 
+def test_line_without_ink_is_drawn_in_the_wider_view_alone():
+    points = np.column_stack([np.linspace(60, 300, 241), np.full(241, 160.0)])
+    vector = replace(line_of(points), has_ink=False, width_px=None)
+    sheet = draw_sheet(shown_of(np.zeros((320, 380, 3), np.uint8), vector))
+    check_layout(sheet)
+    [close, wider] = insets(sheet, "End")
+    assert not drawn_part(sheet, close).any()
+    seen = drawn_part(sheet, wider).astype(int)
+    is_blue = seen[..., 2] - seen[..., 0] > 60
+    assert is_blue.any()
+    assert not is_blue[:, INSET_PX // 2 + 8 :].any()  # it ends in the middle
+
+
 def test_stretch_that_something_hides_is_enlarged_too():
     points = np.column_stack([np.linspace(20, 360, 341), np.full(341, 160.0)])
     hidden = AccountEntry(1, 180.0, 160.0, 12, 0.02, "line hidden", is_ink=False)

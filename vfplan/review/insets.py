@@ -40,13 +40,14 @@ SHOWN_PX = 15
 class Inset:
     """A place that is enlarged: its caption, its middle (u, v), and how it is shown.
 
-    `is_raised` spreads the greys, `has_band` draws the line and its bands.
+    `is_raised` spreads the greys, `has_line` draws the line, `has_band` the line and its bands.
     """
 
     caption: str
     place: Array
     zoom: int = ZOOM
     is_raised: bool = False
+    has_line: bool = False
     has_band: bool = False
 
     @property
@@ -100,7 +101,11 @@ def _ends(stroke: SheetStroke, name: str) -> list[Inset]:
     insets = []
     for caption, place in zip(captions, ends_of(stroke), strict=False):
         insets.append(Inset(caption, place))
-        insets.append(Inset(f"{caption}, wider", place, WIDER_ZOOM, is_raised=True))
+        # Where there is no ink, nothing is hidden, and the line itself has to be seen.
+        wider = Inset(
+            f"{caption}, wider", place, WIDER_ZOOM, is_raised=True, has_line=not stroke.has_ink
+        )
+        insets.append(wider)
     return insets
 
 
@@ -149,6 +154,9 @@ def draw_inset(
     enlarged = np.repeat(np.repeat(pixels, inset.zoom, axis=0), inset.zoom, axis=1)
     outside = np.repeat(np.repeat(is_outside, inset.zoom, axis=0), inset.zoom, axis=1)
     _hatch(enlarged, outside)
+    if inset.has_line:
+        for stroke in shown.strokes:
+            paper.draw_cased(enlarged, _within(inset, stroke), paper.LINE_COLOUR, 2, stroke.closed)
     if inset.has_band:
         _draw_band(enlarged, inset, shown)
     size = enlarged.shape[0]
@@ -166,6 +174,12 @@ def draw_inset(
         corners = paper.fixed_point(np.array([tip, tip + away + across, tip + away - across]))
         cv2.fillConvexPoly(sheet.canvas, corners, BLACK, cv2.LINE_AA, paper.SHIFT)
     return box
+
+
+def _within(inset: Inset, stroke: SheetStroke) -> Array:
+    """(M, 2) the points of a line in an inset [px of the page]."""
+    u, v, _, _ = inset.window
+    return (stroke.points_px - (u, v) + 0.5) * inset.zoom - 0.5
 
 
 def _cut_out(
@@ -211,11 +225,10 @@ def _spread(pixels: NDArray[np.uint8], is_outside: NDArray[np.bool_]) -> NDArray
 def _draw_band(enlarged: NDArray[np.uint8], inset: Inset, shown: SheetInput) -> None:
     """Draw the line, the 95 % band and the margin at true scale, over a paler slice."""
     enlarged[:] = 128 + enlarged // 2
-    u, v, _, _ = inset.window
     first = 0
     for stroke in shown.strokes:
         count = len(stroke.points_px)
-        at = (stroke.points_px - (u, v) + 0.5) * inset.zoom - 0.5
+        at = _within(inset, stroke)
         bound_px = shown.tre95_m[first : first + count] / shown.metres_per_px * inset.zoom
         first += count
         if shown.margin_m:

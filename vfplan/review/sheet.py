@@ -487,6 +487,8 @@ def _draw_insets(
 def _inset_in_words(inset: Inset, shown: SheetInput) -> str:
     u, v = inset.place
     place = f"({u:.0f}, {v:.0f}), {inset.zoom} times"
+    if inset.has_line:
+        return f"{place}, with the line"
     if inset.is_raised:
         return f"{place}, greys spread"
     if inset.has_band:

@@ -32,7 +32,7 @@ class SheetStroke:
 
     `points_px` is (M, 2) (u, v) in drawing order, or in no order where `is_ordered` is false;
     `bridged` is (M,) bool, points that were carried over a gap in the ink; `width_px` is the
-    pen's, or `None` where nobody knows.
+    pen's, or `None` where nobody knows. A curve that was drawn as vectors has no ink.
     """
 
     points_px: Array
@@ -40,6 +40,7 @@ class SheetStroke:
     bridged: NDArray[np.bool_]
     width_px: float | None = None
     is_ordered: bool = True
+    has_ink: bool = True
 
 
 @dataclass(frozen=True)
@@ -215,7 +216,7 @@ def of_fixture(
         findings=fixture.findings,
         reviewed=_reviewed(fixture),
         margin_m=_margin_of(fixture, None),
-        side=_side_of(fixture),
+        side=_side_of(fixture, image),
         frame=fixture.frame,
     )
     if image is None:
@@ -266,10 +267,17 @@ def check_slice(fixture: Fixture, image: PlannedImage) -> None:
 
 def strokes_of_extraction(extracted: Extracted) -> tuple[SheetStroke, ...]:
     """The lines as they were measured."""
-    is_ordered = extracted.extraction.method != "mask"
+    method = extracted.extraction.method
     return tuple(
-        SheetStroke(s.points_px, s.closed, np.asarray(s.bridged), s.width_px, is_ordered)
-        for s in extracted.extraction.strokes
+        SheetStroke(
+            points_px=stroke.points_px,
+            closed=stroke.closed,
+            bridged=np.asarray(stroke.bridged),
+            width_px=stroke.width_px,
+            is_ordered=method != "mask",
+            has_ink=method != "vector",
+        )
+        for stroke in extracted.extraction.strokes
     )
 
 
@@ -284,7 +292,10 @@ def strokes_of_fixture(fixture: Fixture, image: PlannedImage) -> tuple[SheetStro
         bridged = np.zeros(int(of_stroke.sum()), bool)
         if fixture.curve.bridged is not None:
             bridged = np.asarray(fixture.curve.bridged[of_stroke], bool)
-        strokes.append(SheetStroke(points[of_stroke], bool(closed), bridged))
+        stroke = SheetStroke(
+            points[of_stroke], bool(closed), bridged, has_ink=fixture.sigma is not None
+        )
+        strokes.append(stroke)
     return tuple(strokes)
 
 
@@ -391,15 +402,20 @@ def _metres_per_px(fixture: Fixture, image: PlannedImage) -> float | None:
     return None if spacing is None else float(np.sqrt(spacing[0] * spacing[1])) * 1e-3
 
 
-def _side_of(fixture: Fixture) -> str | None:
-    """From where the robot sees the slice; `None` for markers in space."""
+def _side_of(fixture: Fixture, image: PlannedImage | None) -> str | None:
+    """From where the robot sees the slice; `None` where nobody knows how it lies."""
     from vfplan.registration.registration import describe_side
 
     record = fixture.registration
-    if record is None or record.source_frame != "image":
+    if record is None:
         return None
-    across, down = record.T_robot_image[:3, :2].T
-    return describe_side(-np.cross(across, down))
+    if record.source_frame == "image":
+        axes = record.T_robot_image[:3, :2]
+    elif image is not None and image.T_patient_image is not None:
+        axes = record.T_robot_image[:3, :3] @ image.T_patient_image[:3, :2]
+    else:
+        return None
+    return describe_side(-np.cross(axes[:, 0], axes[:, 1]))
 
 
 def _markers_on_slice(fixture: Fixture) -> tuple[SheetMarker, ...]:
