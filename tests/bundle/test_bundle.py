@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import bundles
 import damage
+import fuzz_bundle
 import numpy as np
 import pytest
 
@@ -216,3 +217,23 @@ def test_every_path_has_a_field_of_the_fixture():
             assert (name in fields) != (name == "curve.pieces"), name
     inner = {f"pieces.{field.name}" for field in dataclasses.fields(Pieces)}
     assert inner - fields == {"pieces.closed"}  # as of the curve
+
+
+def compared_with_h5py(first: int, count: int) -> str:
+    """The verdicts on so many mutants, of two readers that share no code."""
+    text, _ = damage.in_child(
+        lambda: "".join(map(damage.verdict_of_two, fuzz_bundle.mutants(first, count))),
+        limit_s=3600,
+    )
+    return text
+
+
+@pytest.mark.parametrize(
+    ("first", "count"), [(0, 400), pytest.param(400, 100_000, marks=pytest.mark.full)]
+)
+def test_mutants_under_a_good_seal_are_refused_or_read_as_h5py_reads_them(first, count):
+    text = compared_with_h5py(first, count)
+    wrong = [first + i for i, verdict in enumerate(text) if verdict == "!"]
+    assert not wrong, f"mutants {wrong[:20]}"
+    assert len(text) == count
+    assert 0.001 < text.count("=") / count < 0.9
