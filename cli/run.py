@@ -10,13 +10,11 @@ from __future__ import annotations
 import errno
 import functools
 import json
-import logging
 import os
 import shlex
 import sys
 import threading
 import time
-import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -167,9 +165,15 @@ def _run(work: Callable[[], Report], as_json: bool, quiet: bool, verbose: int) -
 
 
 def _configure_log(verbose: int) -> None:
+    import logging
+
+    class Printable(logging.Formatter):
+        def format(self, record: logging.LogRecord) -> str:
+            return shown(super().format(record))
+
     level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
     logging.basicConfig(level=level, stream=sys.stderr, force=True)
-    logging.getLogger().handlers[0].setFormatter(_Shown("vfplan: %(message)s"))
+    logging.getLogger().handlers[0].setFormatter(Printable("vfplan: %(message)s"))
 
 
 def _emit(report: Report, elapsed: float, as_json: bool, quiet: bool) -> None:
@@ -223,11 +227,6 @@ def shown(text: str) -> str:
     )
 
 
-class _Shown(logging.Formatter):
-    def format(self, record: logging.LogRecord) -> str:
-        return shown(super().format(record))
-
-
 def _fail(
     kind: str,
     message: str,
@@ -240,6 +239,8 @@ def _fail(
     numbers: dict[str, Any] | None = None,
 ) -> None:
     if verbose >= 2:
+        import traceback
+
         traceback.print_exc()
     line = f"{where}: {message}" if where else message
     texts = [(shown("vfplan: error: " + " ".join(line.split())), sys.stderr)]

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import hashlib
 import math
 import os
 import re
-import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -83,6 +81,8 @@ def read_bytes(
     with suppress(OSError):  # what is not there, `read_whole` names
         most = min(most, path.stat().st_size + 1)  # a read takes room for all that it may get
     data = read_whole(path, most, kind)
+    import hashlib  # here and not above: `vfplan COMMAND --help` needs none of it
+
     return data, hashlib.sha256(data).hexdigest()
 
 
@@ -213,7 +213,7 @@ def sync(path: Path, flags: int = os.O_DIRECTORY) -> None:
 
 def beside(path: Path, suffix: str) -> Path:
     """A hidden name in the same folder, that no file has."""
-    return path.with_name(f".vfplan-{secrets.token_hex(8)}.{suffix}")  # never too long a name
+    return path.with_name(f".vfplan-{os.urandom(8).hex()}.{suffix}")  # never too long a name
 
 
 def remove_quietly(path: Path) -> None:
