@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -132,6 +131,8 @@ def _name_again(old: Path, name: Path) -> None:
     except OSError as error:
         if error.errno not in NO_LINKS:
             raise
+        import shutil  # here and not above: `vfplan COMMAND --help` needs none of it
+
         shutil.copy2(old, name, follow_symlinks=False)
 
 
