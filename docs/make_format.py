@@ -126,7 +126,7 @@ def header() -> str:
 #include <limits>
 #include <string_view>
 
-#include "vfplan/bundle/text.hpp"
+#include "vfplan/bundle/bytes.hpp"
 
 namespace vfplan::bundle {{
 

@@ -10,7 +10,7 @@
 
 #include "vfplan/bundle/fixture.hpp"
 #include "vfplan/engine.hpp"
-#include "vfplan/work.hpp"
+#include "vfplan/tick_time.hpp"
 
 namespace vfplan {
 
@@ -56,15 +56,16 @@ inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked) 
 
 /// Throws std::invalid_argument where a tick may take longer than a loop of 1 kHz can wait.
 inline void check_work(const Fixture& fixture, const Parameters& p) {
-    const double work = p.rule != Rule::exact  ? tick_work(fixture.points.data(), fixture.size(), p)
-                        : fixture.mesh.empty() ? tick_work(fixture.pieces_of(false), p)
-                                               : tick_work(surface(fixture), p);
-    if (work > most_tick_work)
+    const double work = p.rule != Rule::exact
+                            ? tick_time_bound(fixture.points.data(), fixture.size(), p)
+                        : fixture.mesh.empty() ? tick_time_bound(fixture.pieces_of(false), p)
+                                               : tick_time_bound(surface(fixture), p);
+    if (work > max_tick_time)
         reject("a tick may take " + rounded(1e6 * work) + " us, at most " +
-               rounded(1e6 * most_tick_work) +
+               rounded(1e6 * max_tick_time) +
                " us are given: too many points or pieces around one place, or "
                "max_iterations too "
-               "high; Use::offline takes it");
+               "high; Use::replay takes it");
 }
 
 /// By its lines and arcs, its triangles, or its points. One that guides is no

@@ -17,11 +17,9 @@
 
 #include "vfplan/bundle/bytes.hpp"
 #include "vfplan/bundle/content.hpp"
-#include "vfplan/bundle/finding.hpp"
-#include "vfplan/bundle/parse.hpp"
 #include "vfplan/bundle/rules.hpp"
 #include "vfplan/bundle/seal.hpp"
-#include "vfplan/curve/stroke.hpp"
+#include "vfplan/curve/pieces.hpp"
 
 namespace vfplan::bundle {
 

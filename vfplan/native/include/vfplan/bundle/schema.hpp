@@ -10,7 +10,7 @@
 #include <limits>
 #include <string_view>
 
-#include "vfplan/bundle/text.hpp"
+#include "vfplan/bundle/bytes.hpp"
 
 namespace vfplan::bundle {
 

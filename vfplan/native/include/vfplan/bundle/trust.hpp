@@ -21,7 +21,7 @@
 #include <utility>
 #include <vector>
 
-#include "vfplan/bundle/finding.hpp"
+#include "vfplan/bundle/bytes.hpp"
 #include "vfplan/bundle/fixture.hpp"
 #include "vfplan/bundle/seal.hpp"
 

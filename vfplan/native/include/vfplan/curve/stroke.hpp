@@ -1,4 +1,0 @@
-// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
-#pragma once
-
-#include "vfplan/curve/pieces.hpp"
