@@ -21,6 +21,13 @@ GRID_DECIMALS = 9
 SMALL = 0.05  # of a margin or gate: what lines and arcs may depart beside it
 
 Vector = NDArray[np.float64]
+VERTEX_DECIMALS = 10
+"""Decimals of a vertex [m]. Processors differ at 1e-16 m; rounding turns a joint by 1e-7 rad at
+most, which no rule takes for a corner."""
+BULGE_DECIMALS = 9
+"""Decimals of a bulge. Processors differ at 1e-13."""
+PIECE_ROUNDING_M = 1e-9
+"""What both roundings move a piece by at most [m], for chords up to 1 m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,15 +168,17 @@ def pieces_of(
         if settings.arcs_m is None:
             return None
         raise SettingError("lines and arcs: only of drawn strokes, across an ignored axis")
-    frame, tolerance = plane(axis), settings.arcs_m or DEFAULT_ARCS_M
+    frame = plane(axis)
+    tolerance = (settings.arcs_m or DEFAULT_ARCS_M) - PIECE_ROUNDING_M
     carried = registration.apply(curve.points)
     flat, height = carried @ frame.T, float((carried @ axis).mean())
     vertices, bulges, counts, error = [], [], [], 0.0
     for number, closed in enumerate(curve.curve.closed):
         arcs = fit_arcs(flat[curve.curve.stroke == number], bool(closed), tolerance)
-        error = max(error, arcs.error)
-        vertices.append(arcs.vertices @ frame + height * axis)
-        bulges.append(arcs.bulges)
+        error = max(error, arcs.error + PIECE_ROUNDING_M)
+        # An id must not depend on a processor's last bit.
+        vertices.append(np.round(arcs.vertices @ frame + height * axis, VERTEX_DECIMALS))
+        bulges.append(np.round(arcs.bulges, BULGE_DECIMALS))
         counts.append(len(arcs.bulges))
     numbers = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
     closed = curve.curve.closed
