@@ -1,0 +1,620 @@
+"""Thirty kinds of drawn slices on which extractions are measured and compared.
+
+Sixteen kinds are clear: one curve is meant, and an extraction should return it. Fourteen are
+ambiguous: a person has to say what is meant, so an extraction must not return another curve
+without a word about the place. Five rasterisers draw them, half of the slices are PNG and the rest
+JPEG of quality 60 to 90. Nothing here uses vfplan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+
+import cv2
+import numpy as np
+from canvas import Canvas, rectangle
+from drawing import anatomy, polyline
+from slices import arc_of, normal_of, part
+
+RASTERISERS = ("exact", "agg", "pil", "opencv", *(["skia"] if find_spec("skia") else []))
+ROUND_CAPS_ONLY = ("pil", "opencv")
+WITHOUT_OPACITY_STEPS = 4  # samples a pixel along either axis, of the rasteriser "pil"
+QUALITIES = (None, None, None, None, 90, 90, 75, 60)  # one of them for each slice in turn
+SHAPE = (340, 420)
+LARGE_SHAPE = (786, 871)
+RED = (255, 0, 0)
+REDS = (RED, RED, RED, (220, 20, 60), (200, 30, 40), (255, 40, 20))
+OTHERS = ((255, 255, 0), (255, 165, 0), (255, 0, 255), (0, 255, 255), (0, 200, 60), (40, 60, 220))
+
+
+@dataclass
+class Drawing:
+    """A drawn slice and the curve that is meant.
+
+    Parameters
+    ----------
+    truth
+        (M, 2) the centre line [px]; `None` where no curve is right.
+    places
+        (u, v) [px] where an answer other than a refusal needs a word.
+    """
+
+    kind: str
+    seed: int
+    rasteriser: str
+    quality: int | None
+    image: np.ndarray
+    truth: np.ndarray | None
+    closed: bool
+    clear: bool
+    places: list = field(default_factory=list)
+
+
+class Sheet(Canvas):
+    """A canvas with one pen: its colour, width, opacity and cap."""
+
+    def __init__(self, ground, rasteriser, rng):
+        super().__init__(ground, rasteriser)
+        self.rng = rng
+        self.width = float(rng.choice([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 9.0]))
+        if rasteriser == "opencv":
+            self.width = float(max(1, round(self.width)))
+        self.red = REDS[int(rng.integers(len(REDS)))]
+        self.opacity = 1.0
+        if rng.random() < 0.25:
+            self.opacity = float(rng.uniform(0.5, 0.9))
+        self.cap = "round"
+        if rng.random() < 0.25 and rasteriser not in ROUND_CAPS_ONLY:
+            self.cap = "butt"
+
+    def line_share(self, points, width, closed=False, cap="round"):
+        points = np.asarray(points, float)
+        if self.rasteriser == "pil":
+            return _pil(self.shape, polyline(points, closed, 0.2), np.array([width]))
+        if self.rasteriser == "opencv":
+            return _opencv(self.shape, points, width, closed)
+        return super().line_share(points, width, closed, cap)
+
+    def fill(self, points, colour):
+        if self.rasteriser not in ("pil", "opencv"):
+            super().fill(points, colour)
+            return
+        share = np.zeros(self.shape, np.uint8)
+        cv2.fillPoly(
+            share, [np.rint(np.asarray(points) * 16).astype(np.int32)], 255, cv2.LINE_AA, 4
+        )
+        self.paint(share / 255.0, colour)
+
+    def pressed(self, points, widths, colour):
+        if self.rasteriser not in ("pil", "opencv"):
+            super().pressed(points, widths, colour)
+            return
+        points = np.asarray(points, float)
+        dense = polyline(points, False, 0.2)
+        arc = arc_of(points)
+        at = np.linspace(0, arc[-1], len(dense))
+        self.paint(_pil(self.shape, dense, np.interp(at, arc, widths)), colour)
+
+    def draw(self, curves, closed=False):
+        """Draw the pen's own lines in one go, as a translucent layer is."""
+        share = np.zeros(self.shape)
+        for curve in curves:
+            share = np.maximum(share, self.line_share(curve, self.width, closed, self.cap))
+        self.paint(share * self.opacity, self.red)
+
+
+def draw(kind: str, seed: int) -> Drawing:
+    """The slice of a kind with this seed."""
+    rng = np.random.default_rng([seed, *kind.encode()])
+    rasteriser = RASTERISERS[int(rng.integers(len(RASTERISERS)))]
+    quality = QUALITIES[int(rng.integers(len(QUALITIES)))]
+    shape = SHAPE
+    if kind in LARGE:
+        shape = LARGE_SHAPE
+    sheet = Sheet(_ground(shape, rng), rasteriser, rng)
+    truth, closed, places = {**CLEAR, **AMBIGUOUS}[kind](sheet, rng)
+    image = sheet.image(quality)
+    return Drawing(
+        kind, seed, rasteriser, quality, image, truth, closed, kind in CLEAR, list(places)
+    )
+
+
+def _ground(shape, rng):
+    seed = int(rng.integers(10_000))
+    choice = rng.random()
+    if choice < 0.6:
+        return anatomy(shape, seed)
+    if choice < 0.8:  # soft noise, like a projection
+        noise = np.random.default_rng(seed).normal(0, 1, shape)
+        grey = 110 + 320 * cv2.GaussianBlur(noise, (0, 0), 8) + 3 * noise
+        return np.repeat(np.clip(grey, 0, 255)[..., None], 3, axis=2)
+    rows, cols = np.mgrid[: shape[0], : shape[1]]
+    body = np.hypot((cols / shape[1] - 0.5) / 0.46, (rows / shape[0] - 0.5) / 0.42)
+    grey = np.where(body < 1, 95.0, 8.0)  # a body in air, with a row of bright bones
+    for _ in range(6):
+        at = rng.uniform(0.2, 0.8, 2) * shape[::-1]
+        size = rng.uniform(0.02, 0.1) * shape[1]
+        away = np.hypot((cols - at[0]) * rng.uniform(0.6, 1.4), rows - at[1])
+        grey = np.where(away < size, 150.0, grey)
+        grey = np.where(np.abs(away - size) < rng.uniform(2, 5), 235.0, grey)
+    grey = cv2.GaussianBlur(grey, (0, 0), 1.0) + rng.normal(0, 4, shape)
+    return np.repeat(np.clip(grey, 0, 255)[..., None], 3, axis=2)
+
+
+def hand(sheet, rng, closed=False, length=None):
+    """A smooth curve of a hand, well inside the picture; (M, 2) every half pixel."""
+    height, width = sheet.shape
+    clear = 30 + 2 * sheet.width
+    while True:
+        if closed:
+            curve = _closed_hand(height, width, rng)
+        else:
+            curve = _open_hand(height, width, rng)
+        inside = (curve > clear).all() and (curve < np.array([width, height]) - clear).all()
+        if inside and not _near_itself(curve, 4 * sheet.width + 16, closed):
+            break
+    if length is None:
+        return curve
+    return part(curve, 0, min(length, arc_of(curve)[-1]))
+
+
+def _open_hand(height, width, rng):
+    """A walk whose curvature wanders, as a hand's does."""
+    count = int(rng.uniform(0.9, 2.2) * width)
+    knots = rng.normal(0, 1, count // 40 + 4)
+    bend = np.interp(np.linspace(0, len(knots) - 1, count), np.arange(len(knots)), knots)
+    bend = cv2.GaussianBlur(bend[:, None], (1, 41), 10).ravel() * rng.uniform(0.2, 1.0) / 45
+    heading = rng.uniform(0, 2 * np.pi) + np.cumsum(bend)
+    curve = np.cumsum(0.5 * np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
+    middle = (curve.max(0) + curve.min(0)) / 2
+    return curve - middle + np.array([width, height]) / 2 + rng.uniform(-20, 20, 2)
+
+
+def _closed_hand(height, width, rng):
+    turn = np.linspace(0, 2 * np.pi, 1600, endpoint=False)
+    radius = np.full(len(turn), rng.uniform(0.2, 0.32) * height)
+    for k in range(2, 7):
+        radius *= 1 + rng.normal(0, 0.22 / k) * np.cos(k * turn + rng.uniform(0, 2 * np.pi))
+    ring = radius[:, None] * np.column_stack([rng.uniform(0.9, 1.3) * np.cos(turn), np.sin(turn)])
+    return ring + np.array([width, height]) / 2 + rng.uniform(-15, 15, 2)
+
+
+def _near_itself(curve, distance, closed):
+    """Whether two parts of a curve that are far along it lie close to each other."""
+    step = max(1, round(4 / np.median(np.hypot(*np.diff(curve, axis=0).T))))
+    thin = curve[::step]
+    apart = np.hypot(*np.moveaxis(thin[:, None] - thin, 2, 0))
+    arc = 4.0 * np.arange(len(thin))
+    along = np.abs(arc[:, None] - arc)
+    if closed:
+        along = np.minimum(along, arc[-1] + 4 - along)
+    return bool((apart[along > 2.5 * distance] < distance).any())
+
+
+def direction(curve):
+    """Unit vector in which a curve leaves its last point."""
+    step = curve[-1] - curve[-12]
+    return step / np.hypot(*step)
+
+
+def turned(vector, angle):
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])
+
+
+def away_from(curve, sheet, rng, size, clear):
+    """The centre of a box that lies `clear` px off a curve, or as far as there is room."""
+    half = np.array(size) / 2
+    places = rng.uniform(half + 6, np.array(sheet.shape[::-1]) - half - 6, (300, 2))
+    off = np.maximum(np.abs(curve[::8] - places[:, None]) - half, 0.0)
+    distance = np.hypot(*np.moveaxis(off, 2, 0)).min(1)
+    return places[int(np.argmax(np.minimum(distance, clear)))]
+
+
+def cross(sheet, at, arm, width, colour):
+    """A marker's cross."""
+    for step in (np.array([arm, 0.0]), np.array([0.0, arm])):
+        sheet.line(np.array([at - step, at + step]), width, colour, cap="butt")
+
+
+def any_other(rng):
+    return OTHERS[int(rng.integers(len(OTHERS)))]
+
+
+# Clear kinds: (sheet, rng) -> the curve that is meant, whether it is closed, no places.
+
+
+def plain(sheet, rng):
+    curve = hand(sheet, rng)
+    sheet.draw([curve])
+    return curve, False, ()
+
+
+def closed(sheet, rng):
+    curve = hand(sheet, rng, True)
+    sheet.draw([curve], True)
+    return curve, True, ()
+
+
+def taper(sheet, rng):
+    """Drawn out to a point over 8 to 40 px at one end or both."""
+    curve = hand(sheet, rng)
+    arc = arc_of(curve)
+    widths = np.clip((arc[-1] - arc) / rng.uniform(8, 40), 0.04, 1)
+    if rng.integers(2):
+        widths *= np.clip(arc / rng.uniform(8, 40), 0.04, 1)
+    sheet.pressed(curve, max(sheet.width, 2.0) * widths, sheet.red)
+    return curve, False, ()
+
+
+def lifts(sheet, rng):
+    """One to three pen lifts that leave 3 to 14 px of paper."""
+    curve = hand(sheet, rng)
+    length = arc_of(curve)[-1]
+    count = int(rng.integers(1, 4))
+    start = 0.0
+    runs = []
+    for k in range(count):
+        stop = length * (k + rng.uniform(0.7, 1.0)) / (count + 1)
+        runs.append(part(curve, start, stop))
+        start = stop + rng.uniform(3, 14) + sheet.width
+    runs.append(part(curve, start, length))
+    sheet.draw(runs)
+    return curve, False, ()
+
+
+def crossed_by_colours(sheet, rng):
+    curve = hand(sheet, rng)
+    sheet.draw([curve])
+    for share in (0.25, 0.5, 0.75)[: int(rng.integers(1, 4))]:
+        k = int(share * len(curve))
+        lean = turned(normal_of(curve)[k], rng.uniform(-0.5, 0.5))
+        reach = rng.uniform(20, 60) * lean
+        sheet.line(
+            np.array([curve[k] - reach, curve[k] + reach]), rng.uniform(1.5, 4), any_other(rng)
+        )
+    return curve, False, ()
+
+
+def touched_along(sheet, rng):
+    """A line of another colour runs along one edge of the curve."""
+    sheet.width = max(sheet.width, 2.0)
+    curve = hand(sheet, rng)
+    size = float(rng.choice([1.0, 2.0, 3.0]))
+    aside = (sheet.width + size) / 2 * rng.uniform(0.85, 1.2)
+    beside = curve + rng.choice([-1, 1]) * aside * normal_of(curve)
+    length = arc_of(beside)[-1]
+    start = length * rng.uniform(0.25, 0.4)
+    run = part(beside, start, start + rng.uniform(40, 100))
+    colour = any_other(rng)
+    if rng.integers(2):
+        sheet.line(run, size, colour)
+        sheet.draw([curve])
+    else:
+        sheet.draw([curve])
+        sheet.line(run, size, colour)
+    return curve, False, ()
+
+
+def letters_near(sheet, rng):
+    curve = hand(sheet, rng)
+    sheet.draw([curve])
+    for word in ("L", "hip 3", "cut A")[: int(rng.integers(1, 4))]:
+        at = away_from(curve, sheet, rng, (50, 16), rng.uniform(8, 30))
+        sheet.text(word, np.subtract(at, [22, -6]), sheet.red, rng.uniform(0.4, 0.6))
+    return curve, False, ()
+
+
+def dots_and_crosses_near(sheet, rng):
+    curve = hand(sheet, rng)
+    sheet.draw([curve])
+    for _ in range(int(rng.integers(2, 6))):
+        at = away_from(curve, sheet, rng, (20, 20), rng.uniform(6, 40))
+        if rng.integers(2):
+            sheet.disc(at, rng.uniform(1.5, 5), sheet.red)
+        else:
+            cross(sheet, at, 6, 1.5, sheet.red)
+    return curve, False, ()
+
+
+def boxes_and_swatch_near(sheet, rng):
+    curve = hand(sheet, rng)
+    sheet.draw([curve])
+    size = rng.uniform(16, 40, 2)
+    sheet.box(away_from(curve, sheet, rng, size, rng.uniform(8, 40)), *size, any_other(rng))
+    size = rng.uniform(10, 24, 2)
+    sheet.box(away_from(curve, sheet, rng, size, rng.uniform(10, 40)), *size, sheet.red)
+    size = rng.uniform(20, 50, 2)
+    sheet.box(away_from(curve, sheet, rng, size, rng.uniform(8, 40)), *size, (120, 120, 120))
+    return curve, False, ()
+
+
+def marker_crosses(sheet, rng):
+    curve = hand(sheet, rng)
+    sheet.draw([curve])
+    for k in range(int(rng.integers(4, 9))):
+        at = away_from(curve, sheet, rng, (26, 26), rng.uniform(10, 50))
+        cross(sheet, at, 6, 1.5, (0, 255, 255))
+        sheet.text(f"x{k}", np.add(at, [6, -5]), (255, 255, 0), 0.4)
+    return curve, False, ()
+
+
+def leaves_the_picture(sheet, rng):
+    curve = hand(sheet, rng)
+    size = np.array(sheet.shape[::-1])
+    middle = curve[len(curve) // 2]
+    edge = [middle[0], size[0] - middle[0], middle[1], size[1] - middle[1]]
+    axis = int(rng.integers(4))
+    shift = (edge[axis] - rng.uniform(0, 12)) * np.array([[-1, 0], [1, 0], [0, -1], [0, 1]])[axis]
+    curve = curve + shift
+    sheet.draw([curve])
+    inside = np.flatnonzero(((curve > -0.5) & (curve < size - 0.5)).all(1))
+    runs = np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1)
+    longest = max(runs, key=len)
+    if len(longest) < 160 or sum(len(run) for run in runs) > len(longest) + 10:
+        return _drawn_anew(leaves_the_picture, sheet, rng)
+    return curve[longest], False, ()
+
+
+def _drawn_anew(kind, sheet, rng):
+    """Draw a kind again on a fresh ground, where the first curve did not come out as wanted."""
+    sheet.picture = _ground(sheet.shape, rng)
+    return kind(sheet, rng)
+
+
+def pressure(sheet, rng):
+    """The width follows the hand's pressure by 20 to 50 %."""
+    curve = hand(sheet, rng)
+    t = np.linspace(0, 1, len(curve))
+    swing = rng.uniform(0.2, 0.5) * np.sin(2 * np.pi * (rng.uniform(1, 3) * t + rng.uniform()))
+    sheet.pressed(curve, max(sheet.width, 2.5) * (1 + swing), sheet.red)
+    return curve, False, ()
+
+
+def polygon(sheet, rng):
+    curve = hand(sheet, rng, True)[:: 1600 // int(rng.integers(6, 14))]
+    sheet.draw([curve], True)
+    return curve, True, ()
+
+
+def planned(sheet, rng):
+    """A whole screen: an open curve, nine markers with labels, a grey scale bar."""
+    sheet.width = float(rng.choice([2.0, 2.2, 3.0, 4.5]))
+    curve = hand(sheet, rng)
+    sheet.draw([curve])
+    for k in range(9):
+        at = away_from(curve, sheet, rng, (30, 30), rng.uniform(20, 120))
+        cross(sheet, at, 7, 2.0, (0, 255, 255))
+        sheet.text(f"x{k + 1}", np.add(at, [8, -6]), (255, 255, 0), 0.5)
+    sheet.box((60, sheet.shape[0] - 20), 80, 4, (230, 230, 230))
+    return curve, False, ()
+
+
+def neighbour(sheet, rng):
+    """A closed curve, and another colour's closed curve close outside of it."""
+    curve = hand(sheet, rng, True)
+    other = float(rng.choice([1.5, 2.0, 3.0]))
+    aside = (sheet.width + other) / 2 + rng.uniform(-0.3, 3)
+    outside = curve - aside * normal_of(np.vstack([curve, curve[:1]]))[:-1]
+    order = bool(rng.integers(2))
+    if order:
+        sheet.line(outside, other, any_other(rng), True)
+    sheet.draw([curve], True)
+    if not order:
+        sheet.line(outside, other, any_other(rng), True)
+    return curve, True, ()
+
+
+def taper_on_a_planned_slice(sheet, rng):
+    curve, is_closed, places = taper(sheet, rng)
+    for k in range(5):
+        at = away_from(curve, sheet, rng, (30, 30), rng.uniform(20, 80))
+        cross(sheet, at, 7, 2.0, (0, 255, 255))
+        sheet.text(f"x{k + 1}", np.add(at, [8, -6]), (255, 255, 0), 0.5)
+    return curve, is_closed, places
+
+
+# Ambiguous kinds: what a person has to look at lies at the places.
+
+
+def long_gap(sheet, rng):
+    """A lift of 26 to 45 px, more than the longest that is bridged."""
+    curve = hand(sheet, rng)
+    length = arc_of(curve)[-1]
+    stop = length * rng.uniform(0.35, 0.6)
+    gap = rng.uniform(26, 45)
+    first = part(curve, 0, stop)
+    second = part(curve, stop + gap + sheet.width, length)
+    sheet.draw([first, second])
+    return curve, False, [first[-1], second[0]]
+
+
+def short_pieces(sheet, rng):
+    """The curve goes on in short pieces with long lifts between them."""
+    curve = hand(sheet, rng)
+    length = arc_of(curve)[-1]
+    at = length * rng.uniform(0.55, 0.7)
+    runs = [part(curve, 0, at)]
+    end = runs[0][-1]
+    while at < length - 30:
+        at += rng.uniform(22, 34) + sheet.width
+        runs.append(part(curve, at, min(at + rng.uniform(6, 14), length)))
+        at += 12
+    sheet.draw(runs)
+    return curve, False, [end]
+
+
+def level_tail(sheet, rng):
+    """Beyond a long lift the curve goes on straight along a row or a column."""
+    if sheet.width > 5:
+        sheet.width = 5.0
+    t = np.linspace(0, 1, 700)
+    start = np.array([rng.uniform(45, 60), rng.uniform(130, 200)])
+    bow = rng.uniform(25, 45) * np.sin(np.pi * t) ** 2 * np.cos(3 * t)
+    curve = start + np.column_stack([180 * t, bow])
+    gap = rng.uniform(26, 42) + sheet.width
+    tail = start + np.array([[180 + gap, 0.0], [180 + gap + rng.uniform(22, 40), 0.0]])
+    if rng.integers(2):
+        curve, tail = curve[:, ::-1], tail[:, ::-1]
+    sheet.draw([curve, tail])
+    return np.vstack([curve, tail]), False, [curve[-1]]
+
+
+def fork(sheet, rng):
+    curve = hand(sheet, rng)
+    k = int(rng.uniform(0.35, 0.65) * len(curve))
+    way = turned(np.gradient(curve, axis=0)[k] * 2, rng.choice([-1, 1]) * rng.uniform(0.5, 1.2))
+    branch = curve[k] + np.linspace(0, rng.uniform(30, 80), 120)[:, None] * way / np.hypot(*way)
+    sheet.draw([curve, branch])
+    return None, False, [curve[k]]
+
+
+def two_curves(sheet, rng):
+    """Two curves of like length, one above the other."""
+    height, width = sheet.shape
+    t = np.linspace(0, 1, 700)
+    curves = []
+    for row in (0.3, 0.7):
+        v = height * row + rng.uniform(8, 25) * np.sin(rng.uniform(3, 7) * t + rng.uniform(0, 6))
+        u = 50 + (width - 100) * rng.uniform(0.75, 1.0) * t
+        curves.append(np.column_stack([u, v]))
+    sheet.draw(curves)
+    return None, False, [curves[0][350], curves[1][350]]
+
+
+def double_run(sheet, rng):
+    """Two strokes side by side over half of the curve or more."""
+    curve = hand(sheet, rng)
+    aside = sheet.width * rng.uniform(0.6, 1.1) + rng.uniform(0, 1.5)
+    beside = curve + aside * normal_of(curve)
+    length = arc_of(beside)[-1]
+    start = length * rng.uniform(0.0, 0.4)
+    run = part(beside, start, start + length * rng.uniform(0.5, 0.6))
+    sheet.draw([curve, run])
+    return None, False, [run[len(run) // 2], run[len(run) // 4], run[3 * len(run) // 4]]
+
+
+def _over_an_end(sheet, rng, colour, size=None):
+    """A box over the last 12 to 40 px of a curve."""
+    curve = hand(sheet, rng)
+    sheet.draw([curve])
+    length = arc_of(curve)[-1]
+    hidden = part(curve, length - rng.uniform(12, 40), length)
+    low, high = hidden.min(0) - 6, hidden.max(0) + 6
+    sheet.box((low + high) / 2, *(high - low), colour)
+    return curve, False, [hidden[0], hidden[-1]]
+
+
+def grey_box_over_an_end(sheet, rng):
+    return _over_an_end(sheet, rng, (rng.uniform(0, 255),) * 3)
+
+
+def coloured_box_over_an_end(sheet, rng):
+    return _over_an_end(sheet, rng, any_other(rng))
+
+
+def veil_over_an_end(sheet, rng):
+    """A translucent grey box, through which the end shows faintly."""
+    curve = hand(sheet, rng)
+    sheet.draw([curve])
+    length = arc_of(curve)[-1]
+    hidden = part(curve, length - rng.uniform(15, 45), length)
+    low, high = hidden.min(0) - 6, hidden.max(0) + 6
+    share = np.zeros(sheet.shape)
+    (left, top), (right, bottom) = np.rint(low).astype(int), np.rint(high).astype(int)
+    share[top:bottom, left:right] = rng.uniform(0.55, 0.9)
+    sheet.paint(share, (rng.uniform(60, 220),) * 3)
+    return curve, False, [hidden[0], hidden[-1]]
+
+
+def letter_at_an_end(sheet, rng):
+    """A letter in the pen's colour begins where the curve ends."""
+    curve = hand(sheet, rng)
+    sheet.draw([curve])
+    way = direction(curve)
+    at = curve[-1] + (sheet.width / 2 + rng.uniform(-1, 3)) * way
+    letter = "AFLTX"[int(rng.integers(5))]
+    size = rng.uniform(0.35, 0.6)
+    box, _ = cv2.getTextSize(letter, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+    middle = at + way * np.array(box) / 2
+    sheet.text(letter, middle + np.array([-box[0], box[1]]) / 2, sheet.red, size)
+    return curve, False, [curve[-1]]
+
+
+def dot_beside(sheet, rng):
+    curve = hand(sheet, rng)
+    sheet.draw([curve])
+    k = int(rng.uniform(0.2, 0.8) * len(curve))
+    radius = rng.uniform(1.5, 3.5)
+    at = curve[k] + (sheet.width / 2 + radius + rng.uniform(-1.5, 2)) * normal_of(curve)[k]
+    sheet.disc(at, radius, sheet.red)
+    return curve, False, [at]
+
+
+def other_colour_over_the_end(sheet, rng):
+    """A line of another colour crosses the very end."""
+    curve = hand(sheet, rng)
+    sheet.draw([curve])
+    across = turned(direction(curve), np.pi / 2 + rng.uniform(-0.4, 0.4))
+    at = curve[-1] - rng.uniform(0, 3) * direction(curve)
+    sheet.line(np.array([at - 25 * across, at + 25 * across]), rng.uniform(3, 8), any_other(rng))
+    return curve, False, [curve[-1]]
+
+
+def ring_with_an_opening(sheet, rng):
+    ring = hand(sheet, rng, True)
+    curve = part(ring, 0, arc_of(ring, True)[-2] - rng.uniform(5, 30) - sheet.width)
+    sheet.draw([curve])
+    return curve, False, [curve[0], curve[-1]]
+
+
+def planned_level_tail(sheet, rng):
+    curve, is_closed, places = level_tail(sheet, rng)
+    for k in range(4):
+        at = away_from(curve, sheet, rng, (30, 30), rng.uniform(20, 80))
+        cross(sheet, at, 7, 2.0, (0, 255, 255))
+        sheet.text(f"x{k + 1}", np.add(at, [8, -6]), (255, 255, 0), 0.5)
+    return curve, is_closed, places
+
+
+def _by_name(*kinds: Callable) -> dict[str, Callable]:
+    return {kind.__name__.replace("_", " "): kind for kind in kinds}
+
+
+CLEAR = _by_name(
+    plain, closed, taper, lifts, crossed_by_colours, touched_along, letters_near,
+    dots_and_crosses_near, boxes_and_swatch_near, marker_crosses, leaves_the_picture, pressure,
+    polygon, planned, neighbour, taper_on_a_planned_slice,
+)  # fmt: skip
+AMBIGUOUS = _by_name(
+    long_gap, short_pieces, level_tail, planned_level_tail, fork, two_curves, double_run,
+    grey_box_over_an_end, coloured_box_over_an_end, veil_over_an_end, letter_at_an_end, dot_beside,
+    other_colour_over_the_end, ring_with_an_opening,
+)  # fmt: skip
+LARGE = ("planned", "taper on a planned slice")
+
+
+def _pil(shape, dense, widths):
+    """Pillow at four times the size, reduced by the mean: discs along a dense polyline."""
+    from PIL import Image, ImageDraw
+
+    n = WITHOUT_OPACITY_STEPS
+    picture = Image.new("L", (shape[1] * n, shape[0] * n))
+    pencil = ImageDraw.Draw(picture)
+    radii = np.broadcast_to(n * np.asarray(widths, float) / 2, len(dense))
+    for (u, v), radius in zip((dense + 0.5) * n - 0.5, radii, strict=True):
+        pencil.ellipse([u - radius, v - radius, u + radius, v + radius], fill=255)
+    fine = np.asarray(picture, np.float32)
+    return fine.reshape(shape[0], n, shape[1], n).mean((1, 3)) / 255.0
+
+
+def _opencv(shape, points, width, closed):
+    share = np.zeros(shape, np.uint8)
+    at = np.rint(points * 16).astype(np.int32)
+    cv2.polylines(share, [at], closed, 255, max(1, round(width)), cv2.LINE_AA, 4)
+    return share / 255.0
+
+
+__all__ = ["AMBIGUOUS", "CLEAR", "RASTERISERS", "Drawing", "draw", "rectangle"]

@@ -1,0 +1,205 @@
+"""All ink that is not the curve's, and the places that a person should look at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.extraction import tuned
+from vfplan.extraction.ambiguity import sudden_changes
+from vfplan.extraction.centreline import CentreLine, runs
+from vfplan.extraction.coverage import OTHER_UNIT, Ink
+from vfplan.findings import Finding, doubt
+
+
+@dataclass(frozen=True)
+class AccountEntry:
+    """One connected piece of ink that was not taken for the curve.
+
+    Parameters
+    ----------
+    number
+        From 1, the largest piece first.
+    u, v
+        Its middle [px].
+    pixels
+        How many pixels it has.
+    share
+        The same, over all pixels of the pen's ink.
+    size_px
+        Its longest side.
+    """
+
+    number: int
+    u: float
+    v: float
+    pixels: int
+    share: float
+    size_px: float
+
+
+@dataclass(frozen=True, eq=False)
+class Leftover:
+    """A connected piece of ink beyond the edge of every curve.
+
+    Parameters
+    ----------
+    middle
+        (2,) (u, v) [px].
+    pixels
+        How many.
+    size
+        Its longest side [px].
+    edge_distance
+        From the closest curve's edge to its closest pixel [px].
+    end_distance
+        From the closest end of an open curve to its closest pixel [px].
+    """
+
+    middle: NDArray[np.float64]
+    pixels: int
+    size: float
+    edge_distance: float
+    end_distance: float
+
+
+def find_leftover(ink: Ink, curves: list[CentreLine]) -> list[Leftover]:
+    """The ink beyond the curves' own edges, piece by piece, the largest first."""
+    import cv2
+    from scipy.spatial import cKDTree
+
+    pixels = cv2.findNonZero(ink.mask.view(np.uint8)).reshape(-1, 2).astype(np.int64)
+    edge_distance = np.full(len(pixels), np.inf)
+    end_distance = np.full(len(pixels), np.inf)
+    for curve in curves:
+        to_curve, _ = cKDTree(curve.points).query(pixels)
+        edge_distance = np.minimum(edge_distance, to_curve - curve.width / 2)
+        if not curve.closed:
+            to_end, _ = cKDTree(curve.points[[0, -1]]).query(pixels)
+            end_distance = np.minimum(end_distance, to_end)
+    left = edge_distance > tuned.BESIDE_PX
+    pixels, edge_distance, end_distance = pixels[left], edge_distance[left], end_distance[left]
+    if len(pixels) == 0:
+        return []
+    corner = pixels.min(0)
+    box = np.zeros(tuple(pixels.max(0)[::-1] - corner[::-1] + 1), np.uint8)
+    box[pixels[:, 1] - corner[1], pixels[:, 0] - corner[0]] = 1
+    _, labels = cv2.connectedComponents(box, connectivity=8)
+    label = labels[pixels[:, 1] - corner[1], pixels[:, 0] - corner[0]]
+    pieces = []
+    for own in np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label)[1:])[:-1]):
+        if len(own) >= tuned.SPECK_PX:
+            low, high = pixels[own].min(0), pixels[own].max(0)
+            piece = Leftover(
+                middle=(low + high) / 2,
+                pixels=len(own),
+                size=float((high - low).max() + 1),
+                edge_distance=float(edge_distance[own].min()),
+                end_distance=float(end_distance[own].min()),
+            )
+            pieces.append(piece)
+    return sorted(pieces, key=lambda piece: (-piece.pixels, *piece.middle))
+
+
+def list_account(leftover: list[Leftover], ink: Ink) -> tuple[AccountEntry, ...]:
+    """The leftover ink as it is reported."""
+    total = max(int(ink.mask.sum()), 1)
+    entries = []
+    for number, piece in enumerate(leftover, 1):
+        u, v = (float(x) for x in piece.middle)
+        entries.append(
+            AccountEntry(number, u, v, piece.pixels, piece.pixels / total, piece.size)
+        )
+    return tuple(entries)
+
+
+def find_findings(
+    ink: Ink, curves: list[CentreLine], leftover: list[Leftover], max_gap_px: float
+) -> list[Finding]:
+    """What a person should look at before the curve is used."""
+    findings = _leftover_findings(leftover, max_gap_px)
+    for curve in curves:
+        findings += _end_findings(ink, curve)
+        findings += _stretch_findings(curve)
+        if curve.profiles is not None:
+            findings += _width_findings(curve)
+    return findings
+
+
+def _finding(code: str, text: str, place: NDArray) -> Finding:
+    u, v = (round(float(x), 1) for x in place)
+    return doubt(code, "extract", f"At ({u:.0f}, {v:.0f}): {text}", place_px=(u, v))
+
+
+def _leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Finding]:
+    findings = []
+    for piece in leftover:
+        reach = max(tuned.END_REACH_GAPS * max_gap_px, piece.size)
+        if piece.end_distance <= reach:
+            text = (
+                f"ink of {piece.size:.0f} px lies {piece.end_distance:.0f} px from the end of the "
+                "curve. Does the curve go on there?"
+            )
+            findings.append(_finding("ink-at-end", text, piece.middle))
+        elif piece.edge_distance <= 2 * tuned.BESIDE_PX:
+            text = f"ink of {piece.size:.0f} px touches the curve. Is it a part of it?"
+            findings.append(_finding("ink-touches", text, piece.middle))
+    return findings
+
+
+def _end_findings(ink: Ink, curve: CentreLine) -> list[Finding]:
+    findings = []
+    for point, end in zip(curve.points[[0, -1]], curve.ends, strict=False):
+        reach = curve.width + tuned.FLANK_PX
+        left, top = np.maximum(np.floor(point - reach), 0).astype(int)
+        right, bottom = np.ceil(point + reach).astype(int) + 1
+        other = ink.other[top:bottom, left:right] > OTHER_UNIT * tuned.FOREIGN
+        if other.sum() >= tuned.SPECK_PX:
+            text = "another colour lies at the end of the curve. Does it hide more of the curve?"
+            findings.append(_finding("end-other-colour", text, point))
+        if end.sigma > tuned.UNSURE_PX:
+            text = f"the end of the curve is known to {end.sigma:.1f} px only. Is it right?"
+            findings.append(_finding("end-unsure", text, point))
+    return findings
+
+
+def _stretch_findings(curve: CentreLine) -> list[Finding]:
+    findings = []
+    for run in runs(curve.bridged | curve.hidden, curve.closed):
+        if len(run) <= tuned.LONG_STRETCH_PX:
+            continue
+        middle = curve.points[run[len(run) // 2]]
+        if curve.hidden[run].any():
+            text = f"another colour hides {len(run)} px of the curve. Does it run as drawn here?"
+            findings.append(_finding("stretch-hidden", text, middle))
+        else:
+            text = f"the curve is carried across a gap of {len(run)} px. Does it run as drawn here?"
+            findings.append(_finding("bridge-long", text, middle))
+    return findings
+
+
+def _width_findings(curve: CentreLine) -> list[Finding]:
+    """A finding where the width changes suddenly, away from ends, gaps and other colours."""
+    change = np.where(_is_expected(curve), 0.0, sudden_changes(curve))
+    largest = float(change.max())
+    if largest <= tuned.WIDE - 1 or largest * curve.width <= 1.0:
+        return []
+    text = (
+        f"the width of the line changes suddenly by {largest * curve.width:.1f} px. Is all of it "
+        "the curve?"
+    )
+    return [_finding("width-changes", text, curve.path[change.argmax()])]
+
+
+def _is_expected(curve: CentreLine) -> NDArray[np.bool_]:
+    """(M,) bool, close to a gap, another colour or an end, where the width changes anyway."""
+    from scipy.ndimage import maximum_filter1d
+
+    expected = ~curve.whole | curve.profiles.hidden
+    # A taper's ink falls from 0.8 to 0.2 over three fifths of its length.
+    at = np.arange(len(expected))
+    for end in curve.ends:
+        expected |= np.abs(at - end.place) < 2 * end.fall
+    return maximum_filter1d(expected, 2 * tuned.SUDDEN_PX + 1)

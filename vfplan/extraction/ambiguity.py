@@ -1,0 +1,135 @@
+"""What a measured line shows that only a person can settle: these lines are refused."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import CurveError
+from vfplan.extraction import tuned
+from vfplan.extraction.centreline import CentreLine, runs
+from vfplan.extraction.lines import Line
+
+
+def refuse_ambiguous(
+    curve: CentreLine, line: Line, max_gap_px: float, accept_width: bool
+) -> None:
+    """Raise `CurveError` for runs side by side, a long bridge, or a fit that left its ink."""
+    if not accept_width:
+        _refuse_wide_run(curve)
+    _refuse_double_line(curve)
+    _refuse_long_bridge(curve, max_gap_px)
+    _refuse_fit_off_ink(curve, line)
+
+
+def relative_width(curve: CentreLine) -> NDArray[np.float64]:
+    """(M,) the line's width at each profile over its usual width.
+
+    The lesser of two ratios: another opacity changes the ink across the line but not its width,
+    another blur its width but not the ink.
+    """
+    from scipy.ndimage import uniform_filter1d
+
+    profiles = curve.profiles
+    width = profiles.mass / np.maximum(profiles.peak, 1e-6)
+    plain = curve.whole & ~profiles.hidden & profiles.own[:, profiles.core].all(1)
+    plain = np.flatnonzero(plain)
+    if len(plain) < tuned.MIN_PROFILES:
+        return np.ones(len(width))
+    ratio = np.minimum(width / np.quantile(width[plain], 0.35), profiles.mass)
+    ratio = np.interp(np.arange(len(ratio)), plain, ratio[plain])
+    return uniform_filter1d(ratio, 5, mode=_beyond_ends(curve))
+
+
+def _beyond_ends(curve: CentreLine) -> str:
+    if curve.closed:
+        return "wrap"
+    return "nearest"
+
+
+def sudden_changes(curve: CentreLine) -> NDArray[np.float64]:
+    """(M,) change of the relative width over a short stretch, 0 where it is not sudden.
+
+    A pressed pen changes its width all along; a dot, a letter or a second run begins at once.
+    """
+    ratio = relative_width(curve)
+    half = tuned.SUDDEN_PX // 2
+    change = np.zeros(len(ratio))
+    change[half:-half] = np.abs(ratio[2 * half :] - ratio[: -2 * half])
+    change[change < tuned.AT_ONCE * np.median(change)] = 0.0
+    return change
+
+
+def _refuse_wide_run(curve: CentreLine) -> None:
+    from scipy.ndimage import median_filter
+
+    if not sudden_changes(curve).any():
+        return
+    ratio = np.where(curve.whole, relative_width(curve), 1.0)
+    run = max(tuned.SUDDEN_PX, round(tuned.WIDE_RUN_WIDTHS * curve.width))
+    mode = "constant"
+    if curve.closed:
+        mode = "wrap"
+    lasting = median_filter(ratio, size=min(run, len(ratio)), mode=mode, cval=1.0)
+    widest = float(lasting.max())
+    if widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
+        return
+    u, v = (float(x) for x in curve.path[lasting.argmax()])
+    raise CurveError(
+        f"The line is {widest:.2f} times as wide here as elsewhere, so two runs may lie side by "
+        "side. Look at it: vfplan review IMAGE. If one pen was pressed harder: --accept-width.",
+        where=f"pixel ({u:.0f}, {v:.0f})",
+        code="runs-side-by-side",
+        numbers={"width_ratio": widest, "u_px": u, "v_px": v},
+    )
+
+
+def _refuse_double_line(curve: CentreLine) -> None:
+    profiles = curve.profiles
+    mean = profiles.coverage[profiles.valid].mean(0)[profiles.core]
+    left = np.maximum.accumulate(mean)
+    right = np.maximum.accumulate(mean[::-1])[::-1]
+    dip = float((np.minimum(left, right) - mean).max() / mean.max())
+    if dip <= tuned.VALLEY:
+        return
+    u, v = (float(x) for x in curve.path[len(curve.path) // 2])
+    raise CurveError(
+        "Two lines run side by side, or only the outline of the pen's line is drawn. "
+        "Look at it: vfplan review IMAGE.",
+        where=f"pixel ({u:.0f}, {v:.0f})",
+        code="double-line",
+        numbers={"dip": dip, "u_px": u, "v_px": v},
+    )
+
+
+def _refuse_long_bridge(curve: CentreLine, max_gap_px: float) -> None:
+    for run in runs(curve.bridged, curve.closed):
+        gap = len(run) - curve.width
+        if gap > max_gap_px + tuned.FLANK_PX:
+            u, v = (float(x) for x in curve.points[run[len(run) // 2]])
+            raise CurveError(
+                f"{gap:.0f} px of the line do not show here; at most {max_gap_px:g} px are bridged. "
+                f"If the curve goes straight on: --max-gap {np.ceil(gap):.0f}.",
+                where=f"pixel ({u:.0f}, {v:.0f})",
+                code="bridge-too-long",
+                numbers={"gap_px": float(gap), "max_gap_px": max_gap_px, "u_px": u, "v_px": v},
+            )
+
+
+def _refuse_fit_off_ink(curve: CentreLine, line: Line) -> None:
+    from scipy.spatial import cKDTree
+
+    seen = curve.points[~curve.bridged]
+    distance, nearest = cKDTree(line.path).query(seen)
+    if not line.closed:  # Beyond the skeleton's ends the line runs on to the end of its ink.
+        distance[(nearest == 0) | (nearest == len(line.path) - 1)] = 0
+    if distance.max() <= line.width + tuned.FLANK_PX:
+        return
+    u, v = (float(x) for x in seen[distance.argmax()])
+    raise CurveError(
+        f"The fitted line lies {distance.max():.1f} px off its ink here. Look at it: "
+        "vfplan review IMAGE, or take the ink's skeleton: --method skeleton.",
+        where=f"pixel ({u:.0f}, {v:.0f})",
+        code="fit-left-ink",
+        numbers={"distance_px": float(distance.max()), "u_px": u, "v_px": v},
+    )

@@ -1,0 +1,127 @@
+"""The part of a measured curve between two places that the caller named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import CurveError
+from vfplan.extraction.centreline import CentreLine
+from vfplan.extraction.lines import Line
+from vfplan.findings import Finding
+
+REACH_WIDTHS = 3.0
+"""Pen widths from the line: a place that is farther away is not meant to be on it."""
+REACH_PX = 10.0
+"""The same in pixels, for thin lines. A person clicks this well."""
+
+Place = tuple[float, float] | None
+
+
+def lines_through(lines: list[Line], places: list[tuple[float, float]]) -> list[Line]:
+    """The lines that pass by all of the places."""
+    passing = []
+    for line in lines:
+        if all(_distance(line.path, place) <= _reach(line.width) for place in places):
+            passing.append(line)
+    return passing
+
+
+def cut_to(curve: CentreLine, start: Place, end: Place) -> CentreLine:
+    """The curve from `start` to `end` (u, v) [px], in that direction.
+
+    One of them alone gives the direction, and cuts off what lies beyond it. On a ring, `start` says
+    where it begins.
+
+    Raises `CurveError` where a place lies off the line, both are the same place, or an `end` is
+    given for a ring.
+    """
+    if start is None and end is None:
+        return curve
+    if curve.closed:
+        if end is not None:
+            raise CurveError(
+                "The curve is closed, so it has no end. Leave --end out.", code="end-of-a-ring"
+            )
+        return _rolled(curve, -_index(curve, start, "--start"))
+    last = len(curve.points) - 1
+    first = stop = None
+    if start is not None:
+        first = _index(curve, start, "--start")
+    if end is not None:
+        stop = _index(curve, end, "--end")
+    if first is None:
+        first = 0
+        if stop <= last / 2:
+            first = last
+    if stop is None:
+        stop = 0
+        if first < last / 2:
+            stop = last
+    if first == stop:
+        raise CurveError(
+            "--start and --end lie on the same point of the curve. Move one of them.",
+            code="start-is-end",
+        )
+    return _cut(curve, first, stop)
+
+
+def without_cut_off(
+    findings: list[Finding], curve: CentreLine, cut: CentreLine
+) -> list[Finding]:
+    """The findings that speak of the part of a curve that is left."""
+    kept = []
+    for finding in findings:
+        place = finding.place_px
+        if place is None or _distance(cut.points, place) <= _distance(curve.points, place) + 1.0:
+            kept.append(finding)
+    return kept
+
+
+def _cut(curve: CentreLine, first: int, stop: int) -> CentreLine:
+    keep = np.arange(min(first, stop), max(first, stop) + 1)
+    ends = curve.ends
+    if first > stop:
+        keep = keep[::-1]
+        ends = ends[::-1]
+    return replace(
+        curve,
+        points=curve.points[keep],
+        sigma=curve.sigma[keep],
+        bridged=curve.bridged[keep],
+        hidden=curve.hidden[keep],
+        ends=ends,
+    )
+
+
+def _rolled(curve: CentreLine, by: int) -> CentreLine:
+    return replace(
+        curve,
+        points=np.roll(curve.points, by, axis=0),
+        sigma=np.roll(curve.sigma, by),
+        bridged=np.roll(curve.bridged, by),
+        hidden=np.roll(curve.hidden, by),
+    )
+
+
+def _index(curve: CentreLine, place: tuple[float, float], option: str) -> int:
+    distance = _distance(curve.points, place)
+    reach = _reach(curve.width)
+    if distance > reach:
+        raise CurveError(
+            f"{option} {place[0]:g},{place[1]:g} lies {distance:.0f} px off the curve. Name a place "
+            f"within {reach:.0f} px of it.",
+            code="place-off-curve",
+            numbers={"distance_px": distance, "distance_max_px": reach},
+        )
+    return int(np.hypot(*(curve.points - place).T).argmin())
+
+
+def _distance(points: NDArray, place: tuple[float, float]) -> float:
+    return float(np.hypot(*(points - place).T).min())
+
+
+def _reach(width: float) -> float:
+    return max(REACH_WIDTHS * width, REACH_PX)

@@ -1,0 +1,321 @@
+"""A skeleton's path -> the line's centre to a few hundredths of a pixel, with its deviation.
+
+At each point of the path the coverage is read across the line; its centroid is the line's centre
+there. A smoothing spline through all of them follows the hand and not the noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import CurveError
+from vfplan.extraction import tuned
+from vfplan.extraction.coverage import Ink
+from vfplan.extraction.ends import End, find_ends
+from vfplan.extraction.lines import Line
+from vfplan.extraction.profiles import Profiles, add_brightness, read_profiles
+
+SKELETON_SIGMA_PX = 0.5
+"""Pixels: standard deviation of a skeleton's pixels across the line."""
+PATH_SMOOTH_PX = 2.0
+"""Pixels (sigma) by which a skeleton's stairs are smoothed before the first profiles are read."""
+
+
+@dataclass(frozen=True, eq=False)
+class CentreLine:
+    """A measured line.
+
+    Parameters
+    ----------
+    points
+        (P, 2) (u, v), about one a pixel.
+    sigma
+        (P,) standard deviation across the line [px].
+    bridged
+        (P,) bool, carried across a gap.
+    hidden
+        (P,) bool, where another colour lies over it.
+    closed
+        Whether the last point joins the first.
+    width
+        Of the pen [px].
+    ends
+        The first and the last end; none of a closed line.
+    profiles
+        What was read along a path of M points; `None` of a skeleton.
+    path
+        (M, 2) the centre line at the profiles' points.
+    whole
+        (M,) bool, where the profiles count.
+    """
+
+    points: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    bridged: NDArray[np.bool_]
+    hidden: NDArray[np.bool_]
+    closed: bool
+    width: float
+    ends: tuple[End, ...]
+    profiles: Profiles | None
+    path: NDArray[np.float64]
+    whole: NDArray[np.bool_]
+
+
+def measure(ink: Ink, line: Line) -> CentreLine:
+    """The centre line of a line of ink; raises `CurveError` where too little of it shows."""
+    from scipy.ndimage import gaussian_filter1d
+    from scipy.spatial import cKDTree
+
+    mode = "nearest"
+    if line.closed:
+        mode = "wrap"
+    path = gaussian_filter1d(line.path, PATH_SMOOTH_PX, axis=0, mode=mode)
+    skeleton = cKDTree(path)
+    noisy = is_noisy(ink, line)
+    smooth_px = tuned.SMOOTH_PX
+    if noisy:
+        smooth_px = tuned.SMOOTH_NOISY_PX
+    # Twice: the second time the profiles stand at right angles to the line itself.
+    for _ in range(2):
+        if not line.closed:
+            path = _carried_on(path)
+        path = _evenly(path, line.closed)
+        normal = normals(path, line.closed)
+        profiles = read_profiles(ink, path, normal, line.width)
+        in_gap = line.bridged[skeleton.query(path)[1]] & (profiles.mass < tuned.HALF)
+        valid = profiles.valid & ~in_gap
+        if not line.closed:
+            valid = _without_ink_ahead(valid)
+        _refuse_too_little(valid, line)
+        ends: tuple[End, ...] = ()
+        whole = valid
+        if not line.closed:
+            ends = find_ends(profiles.mass, profiles.peak, valid, line.width, noisy)
+            whole = _between(valid, ends)
+        offset = profiles.offset()
+        if noisy:
+            offset = add_brightness(ink, path, normal, profiles, offset, smooth_px)
+        spline = _fit_spline(path + offset[:, None] * normal, whole, smooth_px, line.closed)
+        smooth = spline(np.arange(len(path)))
+        residual = (offset - ((smooth - path) * normal).sum(1))[whole]
+        if line.closed:
+            path = smooth
+        else:
+            inner = np.flatnonzero(whole)
+            path = smooth[inner[0] : inner[-1] + 1]
+    noise = float(np.sqrt(np.mean(residual**2)))
+    return _centre_line(ink, line, spline, profiles, smooth, valid, whole, ends, noise, smooth_px)
+
+
+def skeleton_line(line: Line) -> CentreLine:
+    """A line's skeleton, pixel by pixel, as a centre line."""
+    count = len(line.path)
+    return CentreLine(
+        points=line.path,
+        sigma=np.full(count, SKELETON_SIGMA_PX),
+        bridged=line.bridged,
+        hidden=np.zeros(count, bool),
+        closed=line.closed,
+        width=line.width,
+        ends=(),
+        profiles=None,
+        path=line.path,
+        whole=~line.bridged,
+    )
+
+
+def arc_length(points: NDArray, closed: bool) -> float:
+    """Length along points, the closing step included [px]."""
+    length = float(np.hypot(*np.diff(points, axis=0).T).sum())
+    if closed:
+        length += float(np.hypot(*(points[0] - points[-1])))
+    return length
+
+
+def is_noisy(ink: Ink, line: Line) -> bool:
+    """Whether there is colour a few pixels beside the line, as the noise of JPEG is."""
+    from scipy.ndimage import gaussian_filter1d
+
+    normal = normals(gaussian_filter1d(line.path, PATH_SMOOTH_PX, axis=0), False)
+    away = (line.width + 5.0) * normal
+    beside = np.rint(np.vstack([line.path - away, line.path + away])).astype(int)
+    u, v = np.clip(beside, 0, ink.size - 1).T
+    return 1.5 * float(np.median(np.abs(ink.coverage[v, u]))) > tuned.NOISY
+
+
+def normals(points: NDArray, closed: bool) -> NDArray[np.float64]:
+    """(M, 2) unit normals of a path."""
+    if closed:
+        step = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    else:
+        step = np.gradient(points, axis=0)
+    step = step / np.maximum(np.hypot(*step.T), 1e-9)[:, None]
+    return np.column_stack([-step[:, 1], step[:, 0]])
+
+
+def runs(flags: NDArray[np.bool_], closed: bool) -> Iterator[NDArray[np.int64]]:
+    """Indices of each run of flags; on a ring a run may lead through the seam."""
+    if not flags.any():
+        return
+    shift = 0
+    if closed:
+        shift = int(np.argmin(flags))
+    rolled = np.roll(flags, -shift)
+    edges = np.flatnonzero(np.diff(np.r_[False, rolled, False].astype(int))).reshape(-1, 2)
+    for start, stop in edges:
+        yield (np.arange(start, stop) + shift) % len(flags)
+
+
+def _refuse_too_little(valid: NDArray[np.bool_], line: Line) -> None:
+    if valid.sum() >= tuned.MIN_PROFILES:
+        return
+    u, v = (float(x) for x in line.path[len(line.path) // 2])
+    raise CurveError(
+        f"Only {int(valid.sum())} px of the line can be measured. Draw it with a stronger pen, or "
+        "take its skeleton: --method skeleton.",
+        where=f"pixel ({u:.0f}, {v:.0f})",
+        code="too-little-ink",
+        numbers={"measured_px": int(valid.sum()), "u_px": u, "v_px": v},
+    )
+
+
+def _between(valid: NDArray[np.bool_], ends: tuple[End, End]) -> NDArray[np.bool_]:
+    """What was seen between both ends' whole profiles; beyond, profiles lack a side."""
+    at = np.arange(len(valid))
+    whole = valid & (at >= ends[0].whole) & (at <= ends[1].whole)
+    if whole.sum() < tuned.MIN_PROFILES:
+        return valid
+    return whole
+
+
+def _without_ink_ahead(valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Valid profiles less those ahead of an end, beyond paper: other ink lies there."""
+    kept = valid.copy()
+    for side in (slice(None), slice(None, None, -1)):
+        ahead = kept[side][: tuned.TAPER_REACH_PX][::-1]
+        ahead[np.argmin(ahead) :] &= bool(ahead.all())
+    return kept
+
+
+def _carried_on(path: NDArray) -> NDArray[np.float64]:
+    """The path carried on beyond both ends, far enough to see the ink end."""
+    return np.vstack([_onward(path[::-1])[::-1], path, _onward(path)])
+
+
+def _onward(path: NDArray) -> NDArray[np.float64]:
+    """Steps of a pixel beyond the last point, along the arc of the line's last stretch."""
+    reach = min(9, (len(path) - 1) // 2)
+    last = path[-1] - path[-1 - reach]
+    before = path[-1 - reach] - path[-1 - 2 * reach]
+    turn = np.arctan2(before[0] * last[1] - before[1] * last[0], before @ last)
+    turn = turn / max(np.hypot(*last), 1.0)
+    steps = np.arange(1, tuned.TAPER_REACH_PX + 1)
+    bend = reach / 2 + reach * (1 - np.exp((0.5 - steps) / reach))
+    heading = np.arctan2(last[1], last[0]) + turn * bend
+    return path[-1] + np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
+
+
+def _evenly(points: NDArray, closed: bool) -> NDArray[np.float64]:
+    """About one point a pixel, at equal steps of arc."""
+    if closed:
+        points = np.vstack([points, points[:1]])
+    arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T))]
+    at = np.linspace(0, arc[-1], max(4, round(arc[-1])) + 1)
+    even = np.column_stack([np.interp(at, arc, points[:, k]) for k in (0, 1)])
+    if closed:
+        return even[:-1]
+    return even
+
+
+def _fit_spline(
+    points: NDArray, valid: NDArray, smooth_px: float, closed: bool
+) -> Callable[[NDArray], NDArray]:
+    """The smoothing spline of (M, 2) points over their index, through the valid ones."""
+    from scipy.interpolate import make_smoothing_spline
+
+    at = np.flatnonzero(valid).astype(float)
+    y = points[valid]
+    if closed:  # Wrapped, so that the seam is as smooth as the rest.
+        count = len(points)
+        reach = min(count // 2, int(8 * smooth_px))
+        before = at > count - reach
+        after = at < reach
+        y = np.vstack([y[before], y, y[after]])
+        at = np.r_[at[before] - count, at, at[after] + count]
+    return make_smoothing_spline(at, y, lam=smooth_px**4)
+
+
+def _centre_line(
+    ink: Ink,
+    line: Line,
+    spline: Callable,
+    profiles: Profiles,
+    smooth: NDArray,
+    valid: NDArray,
+    whole: NDArray,
+    ends: tuple[End, ...],
+    noise: float,
+    smooth_px: float,
+) -> CentreLine:
+    """Points about a pixel apart between the ends, each with its deviation."""
+    first, last = 0.0, float(len(valid))
+    if not line.closed:
+        first, last = ends[0].place, ends[1].place
+    dense = np.linspace(first, last, 4 * max(2, round(last - first)) + 1)
+    curve = spline(dense)
+    inside = ((curve > -0.5) & (curve < ink.size - 0.5)).all(1)
+    dense, curve = dense[inside], curve[inside]
+    arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(curve, axis=0).T))]
+    count = max(4, round(arc[-1]))
+    even = np.linspace(0, arc[-1], count + 1)
+    if line.closed:
+        even = even[:-1]
+    at = np.interp(even, arc, dense)
+    nearest = np.clip(np.rint(at).astype(int), 0, len(valid) - 1)
+    bridged = ~valid[nearest]
+    if not line.closed:  # Beyond the last valid point the line runs out, which is no gap.
+        seen = np.flatnonzero(valid)
+        bridged &= (nearest > seen[0]) & (nearest < seen[-1])
+    sigma = _deviation(spline, profiles, at, nearest, bridged, line.closed, noise, smooth_px)
+    return CentreLine(
+        points=spline(at),
+        sigma=sigma,
+        bridged=bridged,
+        hidden=profiles.hidden[nearest],
+        closed=line.closed,
+        width=line.width,
+        ends=ends,
+        profiles=profiles,
+        path=smooth,
+        whole=whole,
+    )
+
+
+def _deviation(
+    spline: Callable,
+    profiles: Profiles,
+    at: NDArray,
+    nearest: NDArray,
+    bridged: NDArray,
+    closed: bool,
+    noise: float,
+    smooth_px: float,
+) -> NDArray[np.float64]:
+    """(P,) standard deviation across the line at places `at` of the spline [px]."""
+    # The equivalent kernel of a smoothing spline averages 2 sqrt(2) times its scale in points.
+    averaged = noise * tuned.CORRELATED / np.sqrt(2 * np.sqrt(2) * smooth_px)
+    sigma = np.full(len(at), np.hypot(averaged, tuned.GRID_PX))
+    if not closed:
+        inward = np.minimum(at - at[0], at[-1] - at)
+        sigma *= 1 + tuned.END_FACTOR * np.exp(-inward / smooth_px)
+    # In a gap of length L, an unknown curvature of deviation k leaves k x (L - x) / 2 at x.
+    curvature = tuned.SWAY * np.sqrt(np.mean((spline.derivative(2)(at) ** 2).sum(1)))
+    for run in runs(bridged, closed):
+        x = np.arange(len(run)) + 0.5
+        sigma[run] = np.hypot(sigma[run], curvature * x * (len(run) - x) / 2)
+    # Half of what was added for a side that another colour hides may be wrong.
+    return np.hypot(sigma, profiles.covered[nearest] / 4)

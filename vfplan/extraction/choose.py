@@ -1,0 +1,167 @@
+"""Which line is the curve, or the refusal that says what to choose from."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import CurveError
+from vfplan.extraction import tuned
+from vfplan.extraction.coverage import Ink, find_ink
+from vfplan.extraction.lines import BOTH_ENDS, Line, find_lines, gap_px
+from vfplan.extraction.pen import HUES, Pen
+from vfplan.extraction.region import Region
+from vfplan.extraction.skeleton import find_pieces
+
+DESCRIBED = 8
+"""Lines that an error message describes."""
+
+Choice = int | Literal["all", "longest"] | None
+
+
+def choose_lines(lines: list[Line], choice: Choice, ink: Ink, pen: Pen, region: Region) -> list[Line]:
+    """The lines that are meant; raises `CurveError` where that is left open.
+
+    Candidates are the longest line and those that are at least half as long. A frame along the
+    picture's border is none. A number counts the candidates first, then all other lines.
+    """
+    frames = [line for line in lines if is_frame(line, ink.size)]
+    others = [line for line in lines if not is_frame(line, ink.size)]
+    candidates = [line for line in others if line.length >= tuned.RIVAL_SHARE * others[0].length]
+    numbered = others + frames
+    if isinstance(choice, int):
+        if choice > len(numbered):
+            raise CurveError(
+                f"There is no line number {choice}. Choose from the {len(numbered)} that there are.",
+                code="stroke-number",
+                numbers={"number": choice, "lines": len(numbered)},
+            )
+        return [numbered[choice - 1]]
+    if not candidates:
+        raise _no_line_error(frames, ink, pen, region)
+    if choice == "all":
+        return [line for line in others if line.length >= tuned.ALL_SHARE * others[0].length]
+    if choice is None and len(candidates) > 1:
+        raise _several_error(candidates)
+    return candidates[:1]
+
+
+def is_frame(line: Line, size: NDArray) -> bool:
+    """Whether a line runs along the picture's border and spans the picture both ways."""
+    margin = tuned.FRAME_MARGIN * size.min()
+    low, high = line.path.min(0), line.path.max(0)
+    spans = (high - low >= tuned.FRAME_SHARE * size).all()
+    distance = np.minimum(line.path, size - 1 - line.path).min(1)
+    return bool(spans and (distance <= margin).mean() >= tuned.FRAME_SHARE)
+
+
+def refuse_junctions(line: Line) -> None:
+    """Raise `CurveError` for a line that forks or crosses itself."""
+    if len(line.junctions) == 0:
+        return
+    u, v = (float(x) for x in line.junctions[len(line.junctions) // 2])
+    raise CurveError(
+        "The line forks or crosses itself here, so it has several ways to go on. "
+        "Choose one: vfplan review IMAGE.",
+        where=f"pixel ({u:.0f}, {v:.0f})",
+        code="line-forks",
+        numbers={"u_px": u, "v_px": v},
+    )
+
+
+def describe(line: Line) -> str:
+    """One line in words: its shape, its length, and where it is."""
+    (u, v), (last_u, last_v) = line.path[[0, -1]]
+    if line.closed:
+        return f"closed, {line.length:.0f} px long, through ({u:.0f}, {v:.0f})"
+    ends = f"from ({u:.0f}, {v:.0f}) to ({last_u:.0f}, {last_v:.0f})"
+    return f"open, {line.length:.0f} px long, {ends}"
+
+
+def _several_error(candidates: list[Line]) -> CurveError:
+    listed = "; ".join(f"{k}: {describe(line)}" for k, line in enumerate(candidates[:DESCRIBED], 1))
+    message = (
+        f"{len(candidates)} lines may be the curve. Choose one with --stroke N, or look in a part "
+        f"of the picture with --roi: {listed}"
+    )
+    numbers: dict = {"candidates": len(candidates)}
+    nearest = _nearest_ends(candidates[:DESCRIBED])
+    if nearest is not None:
+        gap, place = nearest
+        message += (
+            f". Two of them end {gap:.0f} px apart at ({place[0]:.0f}, {place[1]:.0f}); "
+            f"--max-gap {np.ceil(gap):.0f} joins them where their directions agree"
+        )
+        numbers |= {"gap_px": gap, "u_px": place[0], "v_px": place[1]}
+    error = CurveError(f"{message}.", code="several-candidates", numbers=numbers)
+    error.candidates = tuple(line.path for line in candidates)
+    return error
+
+
+def _nearest_ends(lines: list[Line]) -> tuple[float, tuple[float, float]] | None:
+    """The shortest gap between ends of two lines, and its middle [px]."""
+    nearest = None
+    for i, one in enumerate(lines):
+        for other in lines[i + 1 :]:
+            for end in BOTH_ENDS:
+                for other_end in BOTH_ENDS:
+                    gap = gap_px(one, end, other, other_end)
+                    if one.may_go_on and other.may_go_on and (nearest is None or gap < nearest[0]):
+                        middle = (one.path[end] + other.path[other_end]) / 2
+                        nearest = (gap, (float(middle[0]), float(middle[1])))
+    return nearest
+
+
+def _no_line_error(frames: list[Line], ink: Ink, pen: Pen, region: Region) -> CurveError:
+    """The refusal where the pen drew no line; it names another pen's line if there is one."""
+    if (ink.rgb == ink.rgb[..., :1]).all():
+        return CurveError(
+            "The picture is grey, so no pen can be told from it. Give a curve that was drawn as "
+            "vectors: --curve FILE.",
+            code="image-grey",
+        )
+    if frames:
+        error = CurveError(
+            f"The only line in {pen.name} runs along the picture's border, as a frame does. Take it "
+            "all the same with --stroke 1.",
+            code="only-a-frame",
+        )
+        error.candidates = tuple(line.path for line in frames)
+        return error
+    numbers = {"mask_pixels": int(ink.mask.sum())}
+    name, line = _longest_of_another_pen(ink.rgb, pen, region)
+    if line is None:
+        return CurveError(
+            f"No line was drawn in {pen.name}. Name the pen's colour: --colour NAME or #rrggbb.",
+            code="no-line",
+            numbers=numbers,
+        )
+    error = CurveError(
+        f"No line was drawn in {pen.name}. Found a {name} line of {line.length:.0f} px: "
+        f"--colour {name}.",
+        code="no-line",
+        numbers=numbers | {"other_colour": name, "other_length_px": line.length},
+    )
+    error.candidates = (line.path,)
+    return error
+
+
+def _longest_of_another_pen(
+    rgb: NDArray, pen: Pen, region: Region
+) -> tuple[str, Line | None]:
+    """The longest line that a pen of another named colour drew, and the colour's name."""
+    best_name = ""
+    best = None
+    for name in HUES:
+        if name == pen.name:
+            continue
+        try:
+            lines = find_lines(find_pieces(find_ink(rgb, Pen.of_colour(name), region)), 0.0)
+        except CurveError:  # Too many pieces: that is no pen.
+            continue
+        if lines and (best is None or lines[0].length > best.length):
+            best_name = name
+            best = lines[0]
+    return best_name, best

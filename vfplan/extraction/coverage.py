@@ -1,0 +1,227 @@
+"""Un-mixing: how much of each pixel the pen covers, whatever the grey below it.
+
+Chroma is a plane, so one other pen of known hue can be taken out as well. The picture is worked on
+in strips of rows, and only where it has any colour, so that large pictures need little memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.extraction import tuned
+from vfplan.extraction.pen import Pen
+from vfplan.extraction.region import Region
+
+STRIP_ROWS = 128
+"""Rows worked on at a time."""
+HALO_PX = 20
+"""Pixels around a strip that its blurs and its local maximum reach."""
+OTHER_UNIT = 100.0
+"""Steps of `Ink.other` in the pen's strength."""
+LUMINANCE = np.array([0.299, 0.587, 0.114])
+"""Brightness of red, green and blue (ITU-R BT.601), which JPEG keeps at full resolution."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ink:
+    """What a picture shows of a pen.
+
+    Parameters
+    ----------
+    rgb
+        (H, W, 3) the picture.
+    coverage
+        (H, W) float16, of the pen, in its own strength: 1 in the middle of an opaque line.
+    other
+        (H, W) uint8, colour of other pens, in hundredths of the pen's strength.
+    mask
+        (H, W) bool, the pen's ink.
+    """
+
+    rgb: NDArray
+    coverage: NDArray[np.float16]
+    other: NDArray[np.uint8]
+    mask: NDArray[np.bool_]
+
+    @property
+    def size(self) -> NDArray[np.int64]:
+        """Columns and rows."""
+        return np.array(self.mask.shape[::-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """A part of the picture with what lies around it.
+
+    Parameters
+    ----------
+    outer
+        Rows and columns with the halo.
+    inner
+        Rows and columns of the picture that the window fills.
+    """
+
+    outer: tuple[slice, slice]
+    inner: tuple[slice, slice]
+
+    def cut(self, values: NDArray) -> NDArray:
+        """The inner part of an array over the outer one."""
+        (rows, columns), (inner_rows, inner_columns) = self.outer, self.inner
+        top = inner_rows.start - rows.start
+        left = inner_columns.start - columns.start
+        height = inner_rows.stop - inner_rows.start
+        width = inner_columns.stop - inner_columns.start
+        return values[top : top + height, left : left + width]
+
+
+def find_ink(rgb: NDArray, pen: Pen, region: Region) -> Ink:
+    """The pen's coverage, other pens and the mask of a (H, W, 3) picture."""
+    shape = rgb.shape[:2]
+    ink = Ink(rgb, np.zeros(shape, np.float16), np.zeros(shape, np.uint8), np.zeros(shape, bool))
+    windows = list(_coloured_windows(rgb))
+    drawn = _own_hue(rgb, pen, region, windows)
+    if drawn is None:
+        return ink
+    pen, strength = drawn
+    for window in windows:
+        along, across = _chroma(rgb, pen, region, window)
+        other = _is_other(along, across)
+        unmixed = _without_other(along, across, other)
+        foreign = np.where(other, np.maximum(np.abs(across), -along), 0) / strength
+        ink.mask[window.inner] = window.cut(_mask(unmixed, along, across))
+        ink.coverage[window.inner] = window.cut(unmixed) / strength
+        ink.other[window.inner] = window.cut(np.minimum(OTHER_UNIT * foreign, 255))
+    return ink
+
+
+def sample(plane: NDArray, u: NDArray, v: NDArray) -> NDArray[np.float32]:
+    """Values of a (H, W) or (H, W, 3) plane at sub-pixel places, bilinear.
+
+    Beyond the border the outermost pixels go on.
+    """
+    height, width = plane.shape[:2]
+    u = np.clip(u, 0, width - 1)
+    v = np.clip(v, 0, height - 1)
+    left = np.minimum(u.astype(np.intp), max(width - 2, 0))
+    top = np.minimum(v.astype(np.intp), max(height - 2, 0))
+    right = np.minimum(left + 1, width - 1)
+    bottom = np.minimum(top + 1, height - 1)
+    x = (u - left).astype(np.float32)
+    y = (v - top).astype(np.float32)
+    if plane.ndim == 3:
+        x, y = x[..., None], y[..., None]
+    upper = (1 - x) * plane[top, left].astype(np.float32) + x * plane[top, right]
+    lower = (1 - x) * plane[bottom, left].astype(np.float32) + x * plane[bottom, right]
+    return (1 - y) * upper + y * lower
+
+
+def brightness(rgb: NDArray, u: NDArray, v: NDArray) -> NDArray[np.float64]:
+    """Brightness on 0..255 at sub-pixel places."""
+    return sample(rgb, u, v) @ (LUMINANCE * _scale(rgb))
+
+
+def _scale(rgb: NDArray) -> float:
+    """Grey levels (0..255) a step of the picture's own numbers."""
+    return 255.0 / np.iinfo(rgb.dtype).max
+
+
+def _coloured_windows(rgb: NDArray) -> Iterator[Window]:
+    """Strips of the picture, cut to the columns that hold any colour."""
+    import cv2
+
+    height, width = rgb.shape[:2]
+    least = tuned.GREY_LEVELS / _scale(rgb)
+    for top in range(0, height, STRIP_ROWS):
+        bottom = min(top + STRIP_ROWS, height)
+        rows = slice(max(top - HALO_PX, 0), min(bottom + HALO_PX, height))
+        red, green, blue = cv2.split(rgb[rows])
+        difference = cv2.max(cv2.absdiff(red, green), cv2.absdiff(green, blue))
+        coloured = np.flatnonzero(cv2.reduce(difference, 0, cv2.REDUCE_MAX)[0] > least)
+        if not len(coloured):
+            continue
+        left = max(int(coloured[0]) - HALO_PX, 0)
+        right = min(int(coloured[-1]) + HALO_PX + 1, width)
+        columns = slice(left, right)
+        yield Window((rows, columns), (slice(top, bottom), columns))
+
+
+def _chroma(rgb: NDArray, pen: Pen, region: Region, window: Window) -> tuple[NDArray, NDArray]:
+    """The picture's chroma along and across the pen's hue [grey levels], 0 outside the region."""
+    import cv2
+
+    directions = (_scale(rgb) * np.array([pen.along, pen.across])).astype(np.float32)
+    planes = cv2.transform(rgb[window.outer].astype(np.float32), directions)
+    region.clear_outside(planes, window.outer)
+    return planes[..., 0], planes[..., 1]
+
+
+def _gate() -> float:
+    """Chroma across over chroma along at the edge of the pen's hues."""
+    return float(np.tan(np.radians(tuned.HUE_GATE_DEG)))
+
+
+def _own_hue(
+    rgb: NDArray, pen: Pen, region: Region, windows: list[Window]
+) -> tuple[Pen, float] | None:
+    """The pen as it is in this picture, and its strength [grey levels]; `None` without ink.
+
+    Both come from the stronger half of its pixels, through a histogram of the chroma along the
+    named colour in steps of a grey level.
+    """
+    counts = np.zeros(512)
+    sums = np.zeros(512)
+    for window in windows:
+        along, across = (window.cut(plane) for plane in _chroma(rgb, pen, region, window))
+        inked = (along > tuned.CHROMA_FLOOR) & (np.abs(across) < _gate() * along)
+        level = along[inked].astype(np.int64)
+        counts += np.bincount(level, minlength=512)
+        sums += np.bincount(level, weights=across[inked], minlength=512)
+    if not counts.any():
+        return None
+    levels = np.arange(512) + 0.5
+    strongest = _quantile(levels, counts, 0.95)
+    counts[levels < tuned.HALF * strongest] = 0
+    sums[levels < tuned.HALF * strongest] = 0
+    angle = float(np.arctan2(sums.sum(), counts @ levels))
+    return pen.turned(angle), _quantile(levels, counts, 0.75) / np.cos(angle)
+
+
+def _quantile(levels: NDArray, counts: NDArray, share: float) -> float:
+    total = np.cumsum(counts)
+    return float(levels[np.searchsorted(total, share * total[-1])])
+
+
+def _is_other(along: NDArray, across: NDArray) -> NDArray[np.bool_]:
+    """Where another pen's colour is plain to see."""
+    strong = np.hypot(along, across) > tuned.OTHER_CHROMA
+    return strong & (np.abs(across) > _gate() * along)
+
+
+def _without_other(along: NDArray, across: NDArray, other: NDArray) -> NDArray:
+    """The pen's part of the chroma beside another pen, whose hue the picture shows there."""
+    import cv2
+
+    if not other.any():
+        return along
+    weight = other.astype(np.float32)
+    reach = (0, 0), tuned.OTHER_REACH_PX
+    other_along = cv2.GaussianBlur(weight * along, *reach)
+    other_across = cv2.GaussianBlur(weight * across, *reach)
+    known = np.abs(other_across) > 1e-2
+    slope = np.where(known, other_along / np.where(known, other_across, 1), 0)
+    same_side = across * other_across > 0
+    return np.where(known & same_side, along - across * np.clip(slope, -2, 2), along)
+
+
+def _mask(unmixed: NDArray, along: NDArray, across: NDArray) -> NDArray[np.bool_]:
+    """Ink above half of the strongest nearby, so that each line keeps its own width."""
+    import cv2
+
+    own = np.where(np.abs(across) < 1.5 * _gate() * along, unmixed, 0)
+    smooth = cv2.GaussianBlur(own, (0, 0), tuned.MASK_BLUR_PX)
+    strongest = cv2.dilate(smooth, np.ones((tuned.LOCAL_PX, tuned.LOCAL_PX), np.uint8))
+    return smooth > np.maximum(tuned.CHROMA_FLOOR, tuned.HALF * strongest)

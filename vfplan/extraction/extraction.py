@@ -1,0 +1,265 @@
+"""A planned slice -> the surgeon's curve in sub-pixel points, or a refusal that says why."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import CurveError, SettingError
+from vfplan.extraction import tuned
+from vfplan.extraction.account import AccountEntry, find_findings, find_leftover, list_account
+from vfplan.extraction.ambiguity import refuse_ambiguous
+from vfplan.extraction.between import cut_to, lines_through, without_cut_off
+from vfplan.extraction.centreline import CentreLine, arc_length, measure, skeleton_line
+from vfplan.extraction.choose import choose_lines, refuse_junctions
+from vfplan.extraction.coverage import find_ink
+from vfplan.extraction.lines import Line, find_lines
+from vfplan.extraction.pen import Pen
+from vfplan.extraction.region import Box, Region
+from vfplan.extraction.skeleton import find_pieces
+from vfplan.findings import Finding, note
+from vfplan.images.read import PlannedImage, as_image
+
+Method = Literal["ridge", "skeleton", "mask"]
+METHODS: tuple[Method, ...] = ("ridge", "skeleton", "mask")
+
+
+@dataclass(frozen=True, eq=False)
+class Stroke:
+    """One extracted line.
+
+    Parameters
+    ----------
+    points_px
+        (M, 2) float64 (u, v), in drawing order (an unordered set for method "mask").
+    sigma_px
+        (M,) standard deviation of each point across the line; `None` for a vector curve.
+    closed
+        Whether the last point joins the first.
+    bridged
+        (M,) bool, points carried across a pen lift or under something drawn over the line.
+    length_px
+        Arc length, the closing step included.
+    width_px
+        Mean width of the pen; `None` for a vector curve.
+    """
+
+    points_px: NDArray[np.float64]
+    sigma_px: NDArray[np.float64] | None
+    closed: bool
+    bridged: NDArray[np.bool_]
+    length_px: float
+    width_px: float | None
+
+    @property
+    def ends_px(self) -> NDArray[np.float64]:
+        """(2, 2) first and last point; (0, 2) for a closed line."""
+        if self.closed:
+            return np.zeros((0, 2))
+        return self.points_px[[0, -1]]
+
+
+@dataclass(frozen=True, eq=False)
+class Extraction:
+    """What was found on a slice.
+
+    Parameters
+    ----------
+    mask
+        (H, W) bool, the pixels in the pen's colour within `roi` and beside `exclude`; none of a
+        vector curve.
+    strokes
+        The chosen lines, the longest first.
+    method
+        How they were measured.
+    account
+        All other ink of the pen, the largest piece first.
+    findings
+        What a person should look at before trusting the result.
+    """
+
+    mask: NDArray[np.bool_]
+    strokes: tuple[Stroke, ...]
+    method: Method | Literal["vector"]
+    account: tuple[AccountEntry, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings as sentences."""
+        return tuple(finding.text for finding in self.findings)
+
+
+def extract_curve(
+    image: PlannedImage | NDArray,
+    *,
+    colour: str = "red",
+    method: Method = "ridge",
+    roi: Box | None = None,
+    stroke: int | Literal["all", "longest"] | None = None,
+    max_gap_px: float = 20.0,
+    exclude: Sequence[Box] = (),
+    start: tuple[float, float] | None = None,
+    end: tuple[float, float] | None = None,
+    accept_width: bool = False,
+) -> Extraction:
+    """Extract the planned curve from a slice.
+
+    Parameters
+    ----------
+    image
+        A `PlannedImage`, or an (H, W, 3) array of uint8 or uint16, red first.
+    colour
+        The pen: a CSS colour name or `#rrggbb`.
+    method
+        "ridge" measures the line's centre in coverage, "skeleton" thins the mask to pixels,
+        "mask" takes every pixel of the chosen line's ink as the paper does.
+    roi
+        (u, v, width, height) px: look only there.
+    stroke
+        Which line: its number in the error message, counting from 1; "longest"; "all". `None`
+        wants exactly one candidate. Numbers beyond the candidates' name the other lines.
+    max_gap_px
+        Pen lifts up to this long are bridged where both tangents agree.
+    exclude
+        Rectangles as `roi`, in which nothing is looked at.
+    start, end
+        (u, v) px on the curve: where it begins and ends, and so its direction. Of several
+        candidates the one through them is taken.
+    accept_width
+        Take a run that is wider than the rest as one pen's, pressed harder.
+
+    Raises
+    ------
+    CurveError
+        No line, or too many pieces of ink to tell one; several candidates and none chosen; the
+        chosen line forks or crosses itself, is two lines side by side, has a gap that is too long,
+        or was measured away from its ink. `code` says which, `numbers` where.
+    SettingError
+        A parameter outside its range.
+    """
+    rgb = as_image(image).rgb
+    places = [place for place in (start, end) if place is not None]
+    _check_settings(method, stroke, max_gap_px, places)
+    region = Region.of(roi, exclude, rgb.shape)
+
+    # Ink: how much of each pixel the pen covers, and the pixels that hang together.
+    pen = Pen.of_colour(colour)
+    ink = find_ink(rgb, pen, region)
+    pieces = find_pieces(ink)
+
+    # Lines: skeletons joined over pen lifts; one of them is the curve.
+    lines = find_lines(pieces, max_gap_px)
+    if places and stroke is None:
+        lines = lines_through(lines, places) or lines
+    chosen = [line.in_order() for line in choose_lines(lines, stroke, ink, pen, region)]
+
+    # Centre lines: measured across the ink, or refused where that is ambiguous.
+    curves = []
+    for line in chosen:
+        if method != "mask":
+            refuse_junctions(line)
+        if method == "ridge":
+            curve = measure(ink, line)
+            refuse_ambiguous(curve, line, max_gap_px, accept_width)
+        else:
+            curve = skeleton_line(line)
+        curves.append(curve)
+
+    # All other ink is listed, and what a person should look at is said.
+    leftover = find_leftover(ink, curves)
+    findings = find_findings(ink, curves, leftover, max_gap_px)
+    strokes = []
+    for curve, line in zip(curves, chosen, strict=True):
+        cut = cut_to(curve, start, end)
+        findings = without_cut_off(findings, curve, cut)
+        findings += _region_findings(cut, region, ink.size)
+        strokes.append(_stroke(cut, line, method))
+    return Extraction(ink.mask, tuple(strokes), method, list_account(leftover, ink), tuple(findings))
+
+
+def load_libraries() -> None:
+    """Import what extraction needs, so that a measured time holds none of it."""
+    names = ("cv2", "scipy.interpolate", "scipy.ndimage", "scipy.spatial", "scipy.sparse.csgraph")
+    for name in (*names, "skimage.morphology"):
+        importlib.import_module(name)
+    importlib.import_module("skimage.morphology").skeletonize  # noqa: B018 - loaded when named
+
+
+def vector_stroke(points_px: NDArray, closed: bool, image: PlannedImage, where: str) -> Extraction:
+    """A curve that was drawn as vectors on an image, as an `Extraction` with an empty mask.
+
+    Raises `CurveError` when it does not lie in the image.
+    """
+    limit = np.array([image.width_px, image.height_px]) - 0.5
+    outside = ((points_px < -0.5) | (points_px > limit)).any(1)
+    if outside.any():
+        u, v = (float(x) for x in points_px[np.argmax(outside)])
+        raise CurveError(
+            f"leaves the image of {image.width_px}x{image.height_px} px at ({u:.1f}, {v:.1f})",
+            where=where,
+            code="vector-outside-image",
+            numbers={"u_px": u, "v_px": v},
+        )
+    bridged = np.zeros(len(points_px), bool)
+    stroke = Stroke(points_px, None, closed, bridged, arc_length(points_px, closed), None)
+    return Extraction(np.zeros(image.rgb.shape[:2], bool), (stroke,), "vector")
+
+
+def _check_settings(
+    method: str, stroke: int | str | None, max_gap_px: float, places: list
+) -> None:
+    if method not in METHODS:
+        raise SettingError(
+            f"The method {method!r} is unknown. Choose {', '.join(METHODS)}.", code="method-unknown"
+        )
+    is_number = isinstance(stroke, int) and stroke is not True and stroke >= 1
+    if stroke not in (None, "all", "longest") and not is_number:
+        raise SettingError(
+            f"The stroke {stroke!r} is not 'all', 'longest' or a number from 1.",
+            code="stroke-unknown",
+        )
+    if not 0 <= max_gap_px < float("inf"):
+        raise SettingError(
+            f"The longest gap {max_gap_px} px is not a finite number from 0.",
+            code="max-gap",
+            numbers={"max_gap_px": max_gap_px},
+        )
+    if places and (method == "mask" or stroke == "all"):
+        raise SettingError(
+            "A start or an end wants one curve in order. Method 'mask' and stroke 'all' have none.",
+            code="start-without-order",
+        )
+
+
+def _region_findings(curve: CentreLine, region: Region, size: NDArray) -> list[Finding]:
+    """A note for each open end on a border of the region, beyond which nothing was looked at."""
+    if curve.closed:
+        return []
+    ends = curve.points[[0, -1]]
+    findings = []
+    for (u, v), distance in zip(ends, region.border_distance(ends, size), strict=True):
+        if distance <= curve.width + tuned.FLANK_PX:
+            text = f"At ({u:.0f}, {v:.0f}): the curve ends on the border of the region."
+            place = (round(float(u), 1), round(float(v), 1))
+            findings.append(note("end-at-region", "extract", text, place_px=place))
+    return findings
+
+
+def _stroke(curve: CentreLine, line: Line, method: Method) -> Stroke:
+    """The measured curve as it is returned."""
+    length = arc_length(curve.points, curve.closed)
+    if method != "mask":
+        return Stroke(
+            curve.points, curve.sigma, curve.closed, curve.bridged, length, line.width
+        )
+    # Every pixel of the line's ink; its error across is that of an even distribution.
+    points = np.vstack([piece.pixels for piece in line.pieces]).astype(float)
+    points = points[np.lexsort((points[:, 0], points[:, 1]))]
+    sigma = np.full(len(points), line.width / np.sqrt(12))
+    return Stroke(points, sigma, curve.closed, np.zeros(len(points), bool), length, line.width)

@@ -1,0 +1,196 @@
+"""Pieces of ink joined over pen lifts into lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.extraction import tuned
+from vfplan.extraction.skeleton import Piece
+
+BOTH_ENDS = (0, -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """One or several pieces of ink, joined over gaps.
+
+    Parameters
+    ----------
+    path
+        (M, 2) (u, v) about a point a pixel, with straight runs over the gaps [px].
+    closed
+        Whether the last point joins the first.
+    bridged
+        (M,) bool, the points in gaps.
+    junctions
+        (J, 2) where the line forks or crosses itself [px].
+    length, width
+        Of the drawn line, and of the pen [px].
+    strength
+        Mean coverage along the path.
+    pieces
+        What it was joined from.
+    """
+
+    path: NDArray[np.float64]
+    closed: bool
+    bridged: NDArray[np.bool_]
+    junctions: NDArray[np.int64]
+    length: float
+    width: float
+    strength: float
+    pieces: tuple[Piece, ...]
+
+    @classmethod
+    def of(cls, piece: Piece) -> Line:
+        """The line of a single piece."""
+        closed = piece.closed and len(piece.junctions) == 0
+        return cls(
+            path=piece.path.astype(float),
+            closed=closed,
+            bridged=np.zeros(len(piece.path), bool),
+            junctions=piece.junctions,
+            length=piece.length,
+            width=piece.width,
+            strength=piece.strength,
+            pieces=(piece,),
+        )
+
+    @property
+    def may_go_on(self) -> bool:
+        """Whether it has two plain ends that a gap may join to others."""
+        return not self.closed and len(self.junctions) == 0 and len(self.path) > 4
+
+    def tangent(self, end: int) -> NDArray[np.float64]:
+        """(2,) unit direction in which the line would go on beyond its first (0) or last (-1) point."""
+        run = self.path
+        if end == -1:
+            run = run[::-1]
+        run = run[: tuned.TANGENT_PX + 1]
+        run = run[len(run) // 6 :]  # Thinning bends the last pixels.
+        degree = 1
+        if len(run) > tuned.TANGENT_PX // 2:
+            degree = 2
+        slope = np.polynomial.polynomial.polyfit(np.arange(len(run)), run, degree)[1]
+        return -slope / max(np.hypot(*slope), 1e-9)
+
+    def backwards(self) -> Line:
+        """The same line from its other end."""
+        return replace(self, path=self.path[::-1], bridged=self.bridged[::-1])
+
+    def in_order(self) -> Line:
+        """The line from the end closer to the top left corner; a ring from there, clockwise."""
+        if not self.closed:
+            if self.path[0].sum() <= self.path[-1].sum():
+                return self
+            return self.backwards()
+        line = self
+        u, v = line.path.T
+        if (u * np.roll(v, -1) - v * np.roll(u, -1)).sum() < 0:
+            line = line.backwards()
+        start = -int(np.argmin(line.path.sum(1)))
+        return replace(
+            line, path=np.roll(line.path, start, axis=0), bridged=np.roll(line.bridged, start)
+        )
+
+
+def find_lines(pieces: list[Piece], max_gap_px: float) -> list[Line]:
+    """Every piece that is a line, joined over gaps where both tangents agree; the longest first."""
+    lines = [Line.of(piece) for piece in pieces if piece.is_line]
+    while True:
+        pair = _best_gap(lines, max_gap_px)
+        if pair is None:
+            return sorted(lines, key=lambda line: (-line.length, *line.path[0]))
+        lines = _joined(lines, *pair)
+
+
+def _best_gap(lines: list[Line], max_gap_px: float) -> tuple[int, int, int, int] | None:
+    """The gap that is bridged at the least cost, as (line, end, line, end)."""
+    from scipy.spatial import cKDTree
+
+    ends = [(i, end) for i, line in enumerate(lines) if line.may_go_on for end in BOTH_ENDS]
+    if len(ends) < 2:
+        return None
+    places = np.array([lines[i].path[end] for i, end in ends])
+    widest = max(line.width for line in lines)
+    lowest_cost = np.inf
+    best = None
+    for a, b in cKDTree(places).query_pairs(max_gap_px + widest + tuned.FLANK_PX):
+        (i, end_i), (j, end_j) = ends[a], ends[b]
+        cost = _gap_cost(lines[i], end_i, lines[j], end_j, max_gap_px)
+        if cost < lowest_cost:
+            lowest_cost = cost
+            best = (i, end_i, j, end_j)
+    return best
+
+
+def gap_px(one: Line, end: int, other: Line, other_end: int) -> float:
+    """Pixels of paper between the ends of two lines, which their round tips stand out from."""
+    across = other.path[other_end] - one.path[end]
+    return float(np.hypot(*across) - (one.width + other.width) / 2)
+
+
+def _gap_cost(one: Line, end: int, other: Line, other_end: int, max_gap_px: float) -> float:
+    """The length of a gap, more where it bends; infinite where it is not bridged."""
+    across = other.path[other_end] - one.path[end]
+    gap = gap_px(one, end, other, other_end)
+    if gap > min(max_gap_px, one.length, other.length):
+        return np.inf
+    if not _alike(one.width, other.width) or not _alike(one.strength, other.strength):
+        return np.inf
+    # An end may lie two pixels off its line, which is a large angle over a short gap.
+    slack = np.degrees(np.arctan2(tuned.FLANK_PX, np.hypot(*across)))
+    turn = max(_angle_deg(one.tangent(end), across) - slack, 0.0)
+    other_turn = max(_angle_deg(other.tangent(other_end), -across) - slack, 0.0)
+    if max(turn, other_turn) > tuned.MAX_TURN_DEG:
+        return np.inf
+    return max(gap, 0.0) + np.hypot(*across) * (turn + other_turn) / tuned.MAX_TURN_DEG
+
+
+def _alike(x: float, y: float) -> bool:
+    return 1 / tuned.ALIKE < x / max(y, 1e-9) < tuned.ALIKE
+
+
+def _angle_deg(a: NDArray, b: NDArray) -> float:
+    cosine = a @ b / max(np.hypot(*a) * np.hypot(*b), 1e-9)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def _joined(lines: list[Line], i: int, end_i: int, j: int, end_j: int) -> list[Line]:
+    """The lines with two of them joined at these ends, or one closed to a ring."""
+    one, other = lines[i], lines[j]
+    rest = [line for k, line in enumerate(lines) if k not in (i, j)]
+    if end_i == 0:
+        one = one.backwards()
+    if end_j == -1:
+        other = other.backwards()
+    if i == j:
+        other = one
+    start, stop = one.path[-1], other.path[0]
+    steps = max(1, round(np.hypot(*(stop - start))))
+    gap = start + np.arange(1, steps)[:, None] / steps * (stop - start)
+    in_gap = np.ones(len(gap), bool)
+    if i == j:
+        ring = replace(
+            one,
+            path=np.vstack([one.path, gap]),
+            bridged=np.concatenate([one.bridged, in_gap]),
+            closed=True,
+            length=one.length + steps,
+        )
+        return [*rest, ring]
+    share = one.length / (one.length + other.length)
+    both = Line(
+        path=np.vstack([one.path, gap, other.path]),
+        closed=False,
+        bridged=np.concatenate([one.bridged, in_gap, other.bridged]),
+        junctions=one.junctions,
+        length=one.length + steps + other.length,
+        width=share * one.width + (1 - share) * other.width,
+        strength=share * one.strength + (1 - share) * other.strength,
+        pieces=one.pieces + other.pieces,
+    )
+    return [*rest, both]

@@ -1,0 +1,74 @@
+"""A pen's colour, and how a pixel is split into the pen's part and the rest.
+
+Over grey g, a pen of colour c and coverage a shows p = (1 - a) g (1, 1, 1) + a c. The part of p
+across the grey axis is a c' where c' is the pen's chroma, whatever g is: bones and air drop out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import SettingError
+from vfplan.extraction import tuned
+
+HUES = ("red", "orange", "yellow", "lime", "cyan", "blue", "magenta")
+"""Names of pens that a refusal looks for when the named pen drew nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pen:
+    """Two directions in the plane of chroma, the plane across grey.
+
+    Parameters
+    ----------
+    along
+        (3,) unit vector of the pen's own chroma.
+    across
+        (3,) unit vector at right angles to it, positive towards yellow for a red pen.
+    name
+        What the caller named it.
+    """
+
+    along: NDArray[np.float64]
+    across: NDArray[np.float64]
+    name: str
+
+    @classmethod
+    def of_colour(cls, colour: str) -> Pen:
+        """The pen of a CSS colour name or `#rrggbb`; raises `SettingError` for grey or nonsense."""
+        rgb = parse_colour(colour)
+        chroma = rgb - rgb.mean()
+        strength = float(np.linalg.norm(chroma))
+        if strength < tuned.MIN_PEN_CHROMA:
+            raise SettingError(
+                f"The colour {colour!r} is grey, so it cannot be told from the slice. Its chroma is "
+                f"{strength:.0f} of 255; at least {tuned.MIN_PEN_CHROMA:.0f} is wanted.",
+                code="colour-grey",
+                numbers={"chroma": strength, "chroma_min": tuned.MIN_PEN_CHROMA},
+            )
+        along = chroma / strength
+        return cls(along, np.cross(np.ones(3), along) / np.sqrt(3.0), colour)
+
+    def turned(self, angle_rad: float) -> Pen:
+        """The pen whose hue lies at an angle from this one."""
+        cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+        along = cos * self.along + sin * self.across
+        return Pen(along, cos * self.across - sin * self.along, self.name)
+
+
+def parse_colour(colour: str) -> NDArray[np.float64]:
+    """(3,) RGB on 0..255 of `#rrggbb` or a CSS colour name; raises `SettingError`."""
+    if colour == "red":  # The default needs no import of matplotlib.
+        return np.array([255.0, 0.0, 0.0])
+    from matplotlib.colors import to_rgb
+
+    try:
+        return 255.0 * np.array(to_rgb(colour))
+    except ValueError:
+        raise SettingError(
+            f"The colour {colour!r} is unknown. Give the name of a colour or #rrggbb.",
+            code="colour-unknown",
+        ) from None

@@ -1,0 +1,136 @@
+"""What the picture shows across a line, at each point of its path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.extraction import tuned
+from vfplan.extraction.coverage import OTHER_UNIT, Ink, brightness, sample
+
+
+@dataclass(frozen=True, eq=False)
+class Profiles:
+    """Samples across a path of M points, at K places.
+
+    Parameters
+    ----------
+    x
+        (K,) the places across the path [px].
+    coverage
+        (M, K) of the pen.
+    own
+        (M, K) bool: in the picture, and no ink of a neighbour.
+    mass
+        (M,) coverage summed across the line, 1 where it is as usual.
+    valid
+        (M,) bool: the line was seen.
+    hidden
+        (M,) bool: another colour lies over it.
+    covered
+        (M,) how much of the line's width another colour hides, with the sign of its side [px].
+    width
+        The line's width [px].
+    """
+
+    x: NDArray[np.float64]
+    coverage: NDArray[np.float64]
+    own: NDArray[np.bool_]
+    mass: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+    hidden: NDArray[np.bool_]
+    covered: NDArray[np.float64]
+    width: float
+
+    @property
+    def core(self) -> NDArray[np.bool_]:
+        """(K,) the places within the line."""
+        return np.abs(self.x) <= self.width / 2
+
+    @property
+    def peak(self) -> NDArray[np.float64]:
+        """(M,) the largest coverage across the line."""
+        return np.where(self.own, self.coverage, 0).max(1)
+
+    def offset(self) -> NDArray[np.float64]:
+        """(M,) how far off the path the line lies [px]: the centroid of its own ink."""
+        ink = np.where(self.own, np.clip(self.coverage, 0, None), 0)
+        centroid = (ink @ self.x) / np.maximum(ink.sum(1), 1e-6)
+        # Where another colour hides one side, what shows lies half of the hidden width to the other.
+        return np.where(self.valid, centroid + self.covered / 2, 0.0)
+
+
+def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Profiles:
+    """Read the coverage across a (M, 2) path with (M, 2) unit normals."""
+    half = np.ceil((width / 2 + tuned.FLANK_PX) / tuned.STEP_PX)
+    x = np.arange(-half, half + 1) * tuned.STEP_PX
+    u, v = places_across(path, normal, x)
+    coverage = sample(ink.coverage, u, v).astype(float)
+    other = sample(ink.other, u, v) / OTHER_UNIT
+    columns, rows = ink.size
+    inside = (u > -0.5) & (u < columns - 0.5) & (v > -0.5) & (v < rows - 0.5)
+    own = ~_beyond_valley(coverage, x, width)
+    mass = np.where(own, np.clip(coverage, 0, None), 0).sum(1) * tuned.STEP_PX
+    usual = max(float(np.median(mass[inside[:, len(x) // 2]])), 1e-6)
+    mass = mass / usual
+    core = np.abs(x) <= width / 2 + tuned.STEP_PX
+    hidden = (other[:, core] > tuned.FOREIGN).any(1) & (mass < tuned.HIDDEN)
+    side = np.sign((other * x)[:, core].sum(1))
+    covered = np.where(hidden, side * (1 - mass) * usual, 0.0)
+    least = np.where(hidden, tuned.HALF, tuned.SEEN)
+    valid = (mass > least) & inside[:, core].all(1)
+    return Profiles(x, coverage, own & inside, mass, valid, hidden, covered, width)
+
+
+def places_across(path: NDArray, normal: NDArray, x: NDArray) -> tuple[NDArray, NDArray]:
+    """(M, K) columns u and rows v of the places `x` across a path [px]."""
+    return path[:, :1] + normal[:, :1] * x, path[:, 1:] + normal[:, 1:] * x
+
+
+def _beyond_valley(coverage: NDArray, x: NDArray, width: float) -> NDArray[np.bool_]:
+    """Where coverage rises again, outward from the line's edge: the ink of a neighbour."""
+    beyond = np.zeros(coverage.shape, bool)
+    for side in (1, -1):
+        outward = np.flatnonzero(side * x >= width / 2)[::side]
+        run = coverage[:, outward]
+        rises = run - np.minimum.accumulate(run, axis=1) > tuned.RISE
+        for row in np.flatnonzero(rises.any(1)):
+            bottom = run[row, : rises[row].argmax()].argmin()
+            beyond[row, outward[bottom + 1 :]] = True
+    return beyond
+
+
+def add_brightness(
+    ink: Ink, path: NDArray, normal: NDArray, profiles: Profiles, offset: NDArray, smooth_px: float
+) -> NDArray[np.float64]:
+    """(M,) offsets with what the brightness adds, which JPEG keeps at full resolution.
+
+    The ground is a straight run from flank to flank. Coverage and brightness count by their own
+    noise, so that coverage alone counts where it is clean, and where the ground is rough or as
+    bright as the pen.
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    x = profiles.x
+    light = brightness(ink.rgb, *places_across(path, normal, x))
+    flank = np.abs(x) > profiles.width / 2 + tuned.FLANK_PX / 2
+    ramp = np.column_stack([np.ones(len(x)), x])
+    ground = light[:, flank] @ np.linalg.pinv(ramp[flank]).T @ ramp.T
+    line = light - ground
+    rough = np.sqrt((line[:, flank] ** 2).mean(1)) + 1.0  # Grey levels are whole numbers.
+    line[:, flank] = 0.0
+    inner = int((~flank).sum())
+    depth = line.sum(1) / inner
+    clear = profiles.valid & ~profiles.hidden & profiles.own.all(1) & (np.abs(depth) > rough)
+    if clear.sum() < tuned.MIN_CLEAR_PROFILES:
+        return offset
+    depth = np.where(clear, depth, 1.0)
+    by_light = np.clip(line @ x / (depth * inner), x[0], x[-1])
+    trend = gaussian_filter1d(offset, 3 * smooth_px)
+    colour_variance = np.median((offset - trend)[profiles.valid] ** 2)
+    light_variance = (rough / depth) ** 2
+    light_variance *= np.median(((by_light - trend) ** 2 / light_variance)[clear])
+    share = np.where(clear, colour_variance / (colour_variance + light_variance), 0.0)
+    return offset + share * (by_light - offset)

@@ -1,0 +1,187 @@
+"""Every number of the extraction that was chosen, each with its unit, its reason and its source.
+
+`docs/make_tuned_extraction.py` halves and doubles each of them and prints what moves.
+"""
+
+# The pen and its ink.
+
+HUE_GATE_DEG = 22.0
+"""Degrees of hue between the named pen and its ink. Crimson lies 15 degrees from red, orange 28."""
+
+CHROMA_FLOOR = 18.0
+"""Grey levels (0 to 255) of chroma below which nothing is ink. The noise of JPEG reaches 12."""
+
+MIN_PEN_CHROMA = 30.0
+"""Grey levels of chroma that a named colour needs, so that it can be told from a grey slice."""
+
+OTHER_CHROMA = 40.0
+"""Grey levels of chroma at which a pixel of another hue is another pen, and no fringe of JPEG."""
+
+OTHER_REACH_PX = 2.5
+"""Pixels (sigma) around another pen over which its hue is known. A colour block of JPEG is 2 wide."""
+
+GREY_LEVELS = 6.0
+"""Grey levels between the channels of a pixel from which it has a colour and is looked at."""
+
+MASK_BLUR_PX = 0.8
+"""Pixels (sigma) by which the mask is smoothed, so that the noise of scans does not fray it."""
+
+LOCAL_PX = 15
+"""Pixels: the square in which the strongest ink sets the mask's threshold. A pen's edge is narrower."""
+
+HALF = 0.5
+"""Of the strongest ink: the half-height edge of a line, which blur does not move."""
+
+MAX_PIECES = 3000
+"""Connected pieces of ink in one picture. More is noise or a coloured picture."""
+
+# Lines and candidates.
+
+MIN_LINE_PX = 6
+"""Pixels: a piece of ink whose box is smaller is no line and no part of one."""
+
+MIN_ASPECT = 4.0
+"""Length over width of a line. A dot or a panel has less."""
+
+MAX_WIDTH_PX = 30.0
+"""Pixels: no pen is wider, a filled region is."""
+
+RIVAL_SHARE = 0.5
+"""Of the longest line's length: a line this long is a second candidate."""
+
+ALL_SHARE = 0.25
+"""Of the longest line's length: what `--stroke all` takes. Shorter lines are annotations."""
+
+FRAME_MARGIN = 0.05
+"""Of the picture's shorter side: a frame lies this close to the picture's border."""
+
+FRAME_SHARE = 0.9
+"""Of a frame's length that lies so close, and of the picture's sides that it spans."""
+
+TANGENT_PX = 14
+"""Pixels of line from which the direction of an end is taken: a skeleton's is then good to 5 degrees."""
+
+MAX_TURN_DEG = 45.0
+"""Degrees between the direction of an end and the gap that it bridges. A hand goes on as it went."""
+
+ALIKE = 2.0
+"""Factor within which the width and the strength of both sides of a gap are one pen's."""
+
+# Profiles and the centre line.
+
+STEP_PX = 0.5
+"""Pixels between samples across the line: two a pixel lose nothing of what the picture holds."""
+
+FLANK_PX = 2.0
+"""Pixels beyond the line's edge that a profile reaches: a blur of 1.5 px ends there."""
+
+SEEN = 0.25
+"""Of the line's usual ink: less is a gap."""
+
+HIDDEN = 0.85
+"""Of the line's usual ink where another colour is: less, and that colour lies on top."""
+
+FOREIGN = 0.35
+"""Of the pen's strength, across its hue: another pen and no noise."""
+
+RISE = 0.2
+"""Of full coverage: ink that rises again beyond the line's edge belongs to a neighbour."""
+
+MIN_PROFILES = 8
+"""Profiles in which a line must show, so that it can be measured at all."""
+
+MIN_CLEAR_PROFILES = 30
+"""Profiles in which the line must stand out in brightness, so that its noise can be judged."""
+
+SMOOTH_PX = 2.0
+"""Pixels: length of the smoothing spline. Hands bend over 10 px and more; corners are kept."""
+
+SMOOTH_NOISY_PX = 3.0
+"""The same where colour is noisy. The noise of JPEG hangs together over blocks of 8 px."""
+
+NOISY = 0.004
+"""Of full coverage: spread of the ground beside the line from which a picture counts as noisy."""
+
+GRID_PX = 0.02
+"""Pixels that the pixel grid adds to the error, which no residual shows."""
+
+CORRELATED = 2.5
+"""Factor on the noise: residuals of a line hang together, so that smoothing averages fewer."""
+
+END_FACTOR = 4.0
+"""Times by which an open end is less sure, as the line is held from one side only."""
+
+SWAY = 1.5
+"""Times its usual curvature that a line may bend where a gap hides it."""
+
+# What is refused.
+
+WIDE = 1.3
+"""Times its usual width: two runs side by side, if it lasts."""
+
+WIDE_RUN_WIDTHS = 8.0
+"""Pen widths of line, half of which must be wide. A dot or a control point is 3 widths long."""
+
+VALLEY = 0.12
+"""Of the profile's height: a dip in the middle of the mean profile, two lines side by side."""
+
+# The ends.
+
+TAPER_REACH_PX = 30
+"""Pixels beyond the skeleton's end in which the end of the ink is sought."""
+
+ROUND_SHARE = 0.40
+"""Of the width, from the place where half of the ink is left back to the centre of a round tip."""
+
+FLAT_PEAK = 0.62
+"""Of the full coverage, largest where half of the ink is left. A flat tip has 0.58, a round one 0.7."""
+
+FLAT_WIDTH_PX = 4.5
+"""Pixels of width from which a flat tip can be told from a round one."""
+
+FLAT_WIDTH_NOISY_PX = 8.0
+"""The same where colour is noisy."""
+
+CAP_SIGMA = 0.15
+"""Of the width: standard deviation of an end whose tip may be flat or round."""
+
+TAPER_SIGMA = 0.12
+"""Of a taper's fall from 0.8 to 0.2 of its ink: standard deviation of its point."""
+
+TAPER_SIGMA_NOISY = 0.3
+"""The same where colour is noisy, which swallows thin points."""
+
+POINT_SHARE = 0.22
+"""Of a taper's fall from 0.8 to 0.2 of its ink, on to its point."""
+
+BLUNT_FALL = 0.3
+"""Of the width, beyond the blur: a longer fall of the ink is a taper. That of a round end is 0.2."""
+
+END_BLUR_PX = 2.0
+"""Pixels over which blur alone makes the ink of a blunt end fall."""
+
+END_BLUR_NOISY_PX = 5.0
+"""The same in JPEG, which keeps colour in blocks of 2 px."""
+
+# The account and the findings.
+
+BESIDE_PX = 1.5
+"""Pixels beyond the line's edge: ink that is closer is the blur of the edge."""
+
+SPECK_PX = 4
+"""Pixels of area: less ink is noise."""
+
+END_REACH_GAPS = 2.0
+"""Times the longest gap that is bridged: ink this close to an end may carry the curve on."""
+
+UNSURE_PX = 1.5
+"""Pixels of standard deviation along the line from which an end is unsure."""
+
+LONG_STRETCH_PX = 20.0
+"""Pixels of line hidden or bridged from which a person is asked. Shorter ones agree at both sides."""
+
+AT_ONCE = 8.0
+"""Times the median change of width over 12 px: pressed pens reached 6, second runs 16 and more."""
+
+SUDDEN_PX = 12
+"""Pixels of line over which a sudden change of width is looked for."""
