@@ -346,17 +346,23 @@ def print_summary(name, results, answers):
     print(f"\n{name}: {len(results)} slices\n| figure | value |\n|---|---|")
     if clear:
         right = [r for r in clear if r.outcome == "right"]
-        print(f"| clear slices right | {len(right)} of {len(clear)} = {len(right) / len(clear):.1%} |")
+        print(
+            f"| clear slices right | {len(right)} of {len(clear)} = {len(right) / len(clear):.1%} |"
+        )
         for label, test in (("PNG", True), ("JPEG", False)):
             rows = [r for r in right if r.how.endswith("PNG") == test]
             each = [np.sqrt(np.mean(r.errors**2)) for r in rows]
             pooled = root_mean_square([r.errors for r in rows])
-            print(f"| RMS across, {label}: mean of slices, pooled | {np.mean(each):.3f}, {pooled:.3f} px |")
+            print(
+                f"| RMS across, {label}: mean of slices, pooled | {np.mean(each):.3f}, {pooled:.3f} px |"
+            )
         ends = [e for r in right for e in r.ends]
         print(f"| ends: median, 95 % | {np.median(ends):.2f}, {np.quantile(ends, 0.95):.2f} px |")
         z = [np.sqrt(np.mean(r.z**2)) for r in right]
         pooled = root_mean_square([r.z for r in right])
-        print(f"| true error over stated: median of slices, pooled | {np.median(z):.2f}, {pooled:.2f} |")
+        print(
+            f"| true error over stated: median of slices, pooled | {np.median(z):.2f}, {pooled:.2f} |"
+        )
         told = [r for r in right if r.findings]
         print(f"| right clear slices with a finding | {len(told)} = {len(told) / len(right):.1%} |")
         silent = sum(r.outcome == "silent" for r in clear)
@@ -367,14 +373,18 @@ def print_summary(name, results, answers):
         silent = sum(r.outcome == "silent" for r in unsure)
         print(f"| ambiguous, silent | {silent} of {len(unsure)} = {silent / len(unsure):.1%} |")
         boxes = [r for r in results if r.kind == "grey box over an end"]
-        print(f"| grey box over an end, silent | {sum(r.outcome == 'silent' for r in boxes)} of {len(boxes)} |")
+        print(
+            f"| grey box over an end, silent | {sum(r.outcome == 'silent' for r in boxes)} of {len(boxes)} |"
+        )
     for kind in QUIET:
         rows = [r for r in results if r.kind == f"quiet: {kind}" and r.errors is not None]
         if rows:
             rms = root_mean_square([r.errors for r in rows])
             each = np.mean([np.sqrt(np.mean(r.errors**2)) for r in rows])
             print(f"| quiet, {kind}: pooled, mean | {rms:.3f}, {each:.3f} px |")
-    print(f"| processor time a slice, median | {1e3 * np.median([r.seconds for r in results]):.0f} ms |")
+    print(
+        f"| processor time a slice, median | {1e3 * np.median([r.seconds for r in results]):.0f} ms |"
+    )
     for picture, milliseconds, memory in answers.get("speed", ()):
         print(f"| {picture} | {milliseconds:.0f} ms, {memory:.1f} bytes a pixel |")
 

@@ -109,9 +109,7 @@ def list_account(leftover: list[Leftover], ink: Ink) -> tuple[AccountEntry, ...]
     entries = []
     for number, piece in enumerate(leftover, 1):
         u, v = (float(x) for x in piece.middle)
-        entries.append(
-            AccountEntry(number, u, v, piece.pixels, piece.pixels / total, piece.size)
-        )
+        entries.append(AccountEntry(number, u, v, piece.pixels, piece.pixels / total, piece.size))
     return tuple(entries)
 
 
@@ -197,9 +195,12 @@ def _is_expected(curve: CentreLine) -> NDArray[np.bool_]:
     """(M,) bool, close to a gap, another colour or an end, where the width changes anyway."""
     from scipy.ndimage import maximum_filter1d
 
-    expected = ~curve.whole | curve.profiles.hidden
-    # A taper's ink falls from 0.8 to 0.2 over three fifths of its length.
+    profiles = curve.profiles
+    expected = ~curve.whole | profiles.hidden | ~profiles.own[:, profiles.core].all(1)
     at = np.arange(len(expected))
     for end in curve.ends:
-        expected |= np.abs(at - end.place) < 2 * end.fall
-    return maximum_filter1d(expected, 2 * tuned.SUDDEN_PX + 1)
+        reach = end.fall
+        if end.tapered:
+            reach = tuned.TAPER_FALLS * end.fall
+        expected |= np.abs(at - end.place) < reach
+    return maximum_filter1d(expected, tuned.SUDDEN_PX + 1)

@@ -11,9 +11,7 @@ from vfplan.extraction.centreline import CentreLine, runs
 from vfplan.extraction.lines import Line
 
 
-def refuse_ambiguous(
-    curve: CentreLine, line: Line, max_gap_px: float, accept_width: bool
-) -> None:
+def refuse_ambiguous(curve: CentreLine, line: Line, max_gap_px: float, accept_width: bool) -> None:
     """Raise `CurveError` for runs side by side, a long bridge, or a fit that left its ink."""
     if not accept_width:
         _refuse_wide_run(curve)

@@ -68,9 +68,7 @@ def cut_to(curve: CentreLine, start: Place, end: Place) -> CentreLine:
     return _cut(curve, first, stop)
 
 
-def without_cut_off(
-    findings: list[Finding], curve: CentreLine, cut: CentreLine
-) -> list[Finding]:
+def without_cut_off(findings: list[Finding], curve: CentreLine, cut: CentreLine) -> list[Finding]:
     """The findings that speak of the part of a curve that is left."""
     kept = []
     for finding in findings:

@@ -96,10 +96,11 @@ def measure(ink: Ink, line: Line) -> CentreLine:
         if not line.closed:
             ends = find_ends(profiles.mass, profiles.peak, valid, line.width, noisy)
             whole = _between(valid, ends)
-        offset = profiles.offset()
+        offset = profiles.offset(noisy)
         if noisy:
-            offset = add_brightness(ink, path, normal, profiles, offset, smooth_px)
-        spline = _fit_spline(path + offset[:, None] * normal, whole, smooth_px, line.closed)
+            offset = add_brightness(ink, path, normal, profiles, offset)
+        measured = path + offset[:, None] * normal
+        spline = _fit_spline(measured, whole, smooth_px, line.closed)
         smooth = spline(np.arange(len(path)))
         residual = (offset - ((smooth - path) * normal).sum(1))[whole]
         if line.closed:
@@ -234,19 +235,32 @@ def _evenly(points: NDArray, closed: bool) -> NDArray[np.float64]:
 def _fit_spline(
     points: NDArray, valid: NDArray, smooth_px: float, closed: bool
 ) -> Callable[[NDArray], NDArray]:
-    """The smoothing spline of (M, 2) points over their index, through the valid ones."""
+    """The smoothing spline of (M, 2) points over their index, through the valid ones.
+
+    It is fitted twice: the second time it is smoothed less where the line bends.
+    """
     from scipy.interpolate import make_smoothing_spline
 
-    at = np.flatnonzero(valid).astype(float)
-    y = points[valid]
+    at = np.arange(len(points))
     if closed:  # Wrapped, so that the seam is as smooth as the rest.
-        count = len(points)
-        reach = min(count // 2, int(8 * smooth_px))
-        before = at > count - reach
-        after = at < reach
-        y = np.vstack([y[before], y, y[after]])
-        at = np.r_[at[before] - count, at, at[after] + count]
-    return make_smoothing_spline(at, y, lam=smooth_px**4)
+        reach = min(len(points) // 2, int(8 * smooth_px))
+        at = np.arange(-reach, len(points) + reach)
+    at = at[valid[at % len(points)]]
+    y = points[at % len(points)]
+    first = make_smoothing_spline(at, y, lam=smooth_px**4)
+    scale = _smoothing_scale(first, at, smooth_px)
+    return make_smoothing_spline(at, y, w=(smooth_px / scale) ** 4, lam=smooth_px**4)
+
+
+def _smoothing_scale(spline: Callable, at: NDArray, smooth_px: float) -> NDArray[np.float64]:
+    """(N,) the length over which a line is smoothed [px], shorter where it bends."""
+    from scipy.ndimage import maximum_filter1d
+
+    first, second = spline.derivative(1)(at), spline.derivative(2)(at)
+    cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    curvature = np.abs(cross) / np.maximum(np.hypot(*first.T), 1e-9) ** 3
+    curvature = maximum_filter1d(curvature, tuned.BEND_REACH_PX)
+    return np.clip(tuned.BEND_SHARE / np.maximum(curvature, 1e-6), tuned.SMOOTH_MIN_PX, smooth_px)
 
 
 def _centre_line(

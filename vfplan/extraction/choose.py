@@ -21,7 +21,9 @@ DESCRIBED = 8
 Choice = int | Literal["all", "longest"] | None
 
 
-def choose_lines(lines: list[Line], choice: Choice, ink: Ink, pen: Pen, region: Region) -> list[Line]:
+def choose_lines(
+    lines: list[Line], choice: Choice, ink: Ink, pen: Pen, region: Region
+) -> list[Line]:
     """The lines that are meant; raises `CurveError` where that is left open.
 
     Candidates are the longest line and those that are at least half as long. A frame along the
@@ -148,9 +150,7 @@ def _no_line_error(frames: list[Line], ink: Ink, pen: Pen, region: Region) -> Cu
     return error
 
 
-def _longest_of_another_pen(
-    rgb: NDArray, pen: Pen, region: Region
-) -> tuple[str, Line | None]:
+def _longest_of_another_pen(rgb: NDArray, pen: Pen, region: Region) -> tuple[str, Line | None]:
     """The longest line that a pen of another named colour drew, and the colour's name."""
     best_name = ""
     best = None

@@ -17,6 +17,25 @@ from vfplan.extraction import tuned
 
 
 @dataclass(frozen=True)
+class Limits:
+    """What a picture's noise leaves to see at an end; the numbers are explained in `tuned`."""
+
+    blur_px: float
+    flat_width_px: float
+    flat_peak: float
+    taper_sigma: float
+
+
+CLEAN = Limits(tuned.END_BLUR_PX, tuned.FLAT_WIDTH_PX, tuned.FLAT_PEAK, tuned.TAPER_SIGMA)
+NOISY = Limits(
+    tuned.END_BLUR_NOISY_PX,
+    tuned.FLAT_WIDTH_NOISY_PX,
+    tuned.FLAT_PEAK_NOISY,
+    tuned.TAPER_SIGMA_NOISY,
+)
+
+
+@dataclass(frozen=True)
 class End:
     """One end of an open line, in points of its path.
 
@@ -75,21 +94,19 @@ def _find_end(mass: NDArray, peak: NDArray, seen: int, width: float, noisy: bool
     half = _crossing(ink, high, 0.5)
     low = _crossing(ink, half, 0.2)
     fall = low - high
-    blur, narrowest = tuned.END_BLUR_PX, tuned.FLAT_WIDTH_PX
+    limits = CLEAN
     if noisy:
-        blur, narrowest = tuned.END_BLUR_NOISY_PX, tuned.FLAT_WIDTH_NOISY_PX
-    if fall > tuned.BLUNT_FALL * width + blur:
-        sigma = tuned.TAPER_SIGMA * fall
-        if noisy:
-            sigma = tuned.TAPER_SIGMA_NOISY * fall
+        limits = NOISY
+    if half - high > tuned.BLUNT_FALL * width + limits.blur_px:
+        sigma = limits.taper_sigma * fall
         return End(low + tuned.POINT_SHARE * fall, low, sigma, fall, width, True)
     # Half of the ink is left at the end of a flat tip, whose whole width is half covered there.
     # At a round tip it is left before the end, where half of the width is fully covered.
     left = np.interp(half, np.arange(len(peak)), peak) / max(np.median(peak[before]), 1e-6)
     place = half - tuned.ROUND_SHARE * width
-    if width > narrowest and left < tuned.FLAT_PEAK:
+    if width > limits.flat_width_px and left < limits.flat_peak:
         place = half
-    sigma = tuned.CAP_SIGMA * min(width, narrowest) + 0.2
+    sigma = tuned.CAP_SIGMA * min(width, limits.flat_width_px) + 0.2
     return End(place, min(high, place), sigma, fall, width, False)
 
 

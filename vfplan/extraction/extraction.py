@@ -180,7 +180,9 @@ def extract_curve(
         findings = without_cut_off(findings, curve, cut)
         findings += _region_findings(cut, region, ink.size)
         strokes.append(_stroke(cut, line, method))
-    return Extraction(ink.mask, tuple(strokes), method, list_account(leftover, ink), tuple(findings))
+    return Extraction(
+        ink.mask, tuple(strokes), method, list_account(leftover, ink), tuple(findings)
+    )
 
 
 def load_libraries() -> None:
@@ -211,9 +213,7 @@ def vector_stroke(points_px: NDArray, closed: bool, image: PlannedImage, where: 
     return Extraction(np.zeros(image.rgb.shape[:2], bool), (stroke,), "vector")
 
 
-def _check_settings(
-    method: str, stroke: int | str | None, max_gap_px: float, places: list
-) -> None:
+def _check_settings(method: str, stroke: int | str | None, max_gap_px: float, places: list) -> None:
     if method not in METHODS:
         raise SettingError(
             f"The method {method!r} is unknown. Choose {', '.join(METHODS)}.", code="method-unknown"
@@ -255,9 +255,7 @@ def _stroke(curve: CentreLine, line: Line, method: Method) -> Stroke:
     """The measured curve as it is returned."""
     length = arc_length(curve.points, curve.closed)
     if method != "mask":
-        return Stroke(
-            curve.points, curve.sigma, curve.closed, curve.bridged, length, line.width
-        )
+        return Stroke(curve.points, curve.sigma, curve.closed, curve.bridged, length, line.width)
     # Every pixel of the line's ink; its error across is that of an even distribution.
     points = np.vstack([piece.pixels for piece in line.pieces]).astype(float)
     points = points[np.lexsort((points[:, 0], points[:, 1]))]

@@ -98,13 +98,14 @@ class Line:
 
 
 def find_lines(pieces: list[Piece], max_gap_px: float) -> list[Line]:
-    """Every piece that is a line, joined over gaps where both tangents agree; the longest first."""
-    lines = [Line.of(piece) for piece in pieces if piece.is_line]
-    while True:
-        pair = _best_gap(lines, max_gap_px)
-        if pair is None:
-            return sorted(lines, key=lambda line: (-line.length, *line.path[0]))
+    """The lines that the pieces are, joined over gaps where tangents agree; the longest first."""
+    lines = [Line.of(piece) for piece in pieces if piece.is_part]
+    pair = _best_gap(lines, max_gap_px)
+    while pair is not None:
         lines = _joined(lines, *pair)
+        pair = _best_gap(lines, max_gap_px)
+    long = [line for line in lines if line.length >= tuned.MIN_ASPECT * line.width]
+    return sorted(long, key=lambda line: (-line.length, *line.path[0]))
 
 
 def _best_gap(lines: list[Line], max_gap_px: float) -> tuple[int, int, int, int] | None:

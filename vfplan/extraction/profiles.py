@@ -54,12 +54,34 @@ class Profiles:
         """(M,) the largest coverage across the line."""
         return np.where(self.own, self.coverage, 0).max(1)
 
-    def offset(self) -> NDArray[np.float64]:
-        """(M,) how far off the path the line lies [px]: the centroid of its own ink."""
+    def offset(self, noisy: bool) -> NDArray[np.float64]:
+        """(M,) how far off the path the line lies [px].
+
+        Two measures: the centroid of the line's own ink, and the shift of its mean profile that
+        fits best. The centroid follows a pen whose width changes; the shift is less disturbed by
+        noise in the flanks. Where colour is noisy the shift counts, else what scatters less.
+        """
         ink = np.where(self.own, np.clip(self.coverage, 0, None), 0)
         centroid = (ink @ self.x) / np.maximum(ink.sum(1), 1e-6)
         # Where another colour hides one side, what shows lies half of the hidden width to the other.
-        return np.where(self.valid, centroid + self.covered / 2, 0.0)
+        centroid = np.where(self.valid, centroid + self.covered / 2, 0.0)
+        whole = self.own.all(1) & self.valid
+        if whole.sum() < tuned.MIN_PROFILES:
+            return centroid
+        mean = symmetric(self.coverage[whole].mean(0))
+        shift = fit_shift(self.x, self.coverage, self.own, mean)
+        usable = self.valid & ~self.hidden & (np.abs(shift) <= self.width / 2 + 1)
+        shift = np.where(usable, shift, centroid)
+        if noisy or self._scatter(shift) < self._scatter(centroid):
+            return shift
+        return centroid
+
+    def _scatter(self, offset: NDArray) -> float:
+        """Variance of an offset around its slow changes [px^2], whatever a few outliers do."""
+        from scipy.ndimage import gaussian_filter1d
+
+        trend = gaussian_filter1d(offset, tuned.TREND_PX)
+        return float(np.median((offset - trend)[self.valid] ** 2))
 
 
 def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Profiles:
@@ -84,6 +106,27 @@ def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Pro
     return Profiles(x, coverage, own & inside, mass, valid, hidden, covered, width)
 
 
+def symmetric(profile: NDArray) -> NDArray[np.float64]:
+    """A (K,) profile and its mirror image, averaged."""
+    return (profile + profile[::-1]) / 2
+
+
+def fit_shift(x: NDArray, values: NDArray, own: NDArray, mean: NDArray) -> NDArray[np.float64]:
+    """(M,) how far a (K,) mean profile is shifted in each row of (M, K) values [px].
+
+    A least-squares fit of the profile, its derivative and a level, through the samples that are
+    the line's own; 0 where the profile does not show.
+    """
+    basis = np.column_stack([mean, np.gradient(mean, x), np.ones(len(x))])
+    fit = values @ np.linalg.pinv(basis).T
+    for row in np.flatnonzero(~own.all(1)):
+        seen = own[row]
+        if seen.sum() > basis.shape[1]:
+            fit[row] = np.linalg.lstsq(basis[seen], values[row, seen], rcond=None)[0]
+    height = np.where(fit[:, 0] > tuned.RISE, fit[:, 0], np.inf)
+    return -fit[:, 1] / height
+
+
 def places_across(path: NDArray, normal: NDArray, x: NDArray) -> tuple[NDArray, NDArray]:
     """(M, K) columns u and rows v of the places `x` across a path [px]."""
     return path[:, :1] + normal[:, :1] * x, path[:, 1:] + normal[:, 1:] * x
@@ -103,7 +146,7 @@ def _beyond_valley(coverage: NDArray, x: NDArray, width: float) -> NDArray[np.bo
 
 
 def add_brightness(
-    ink: Ink, path: NDArray, normal: NDArray, profiles: Profiles, offset: NDArray, smooth_px: float
+    ink: Ink, path: NDArray, normal: NDArray, profiles: Profiles, offset: NDArray
 ) -> NDArray[np.float64]:
     """(M,) offsets with what the brightness adds, which JPEG keeps at full resolution.
 
@@ -117,18 +160,18 @@ def add_brightness(
     light = brightness(ink.rgb, *places_across(path, normal, x))
     flank = np.abs(x) > profiles.width / 2 + tuned.FLANK_PX / 2
     ramp = np.column_stack([np.ones(len(x)), x])
-    ground = light[:, flank] @ np.linalg.pinv(ramp[flank]).T @ ramp.T
-    line = light - ground
+    line = light - light[:, flank] @ np.linalg.pinv(ramp[flank]).T @ ramp.T
     rough = np.sqrt((line[:, flank] ** 2).mean(1)) + 1.0  # Grey levels are whole numbers.
-    line[:, flank] = 0.0
-    inner = int((~flank).sum())
-    depth = line.sum(1) / inner
+    depth = line[:, ~flank].mean(1)
     clear = profiles.valid & ~profiles.hidden & profiles.own.all(1) & (np.abs(depth) > rough)
     if clear.sum() < tuned.MIN_CLEAR_PROFILES:
         return offset
     depth = np.where(clear, depth, 1.0)
-    by_light = np.clip(line @ x / (depth * inner), x[0], x[-1])
-    trend = gaussian_filter1d(offset, 3 * smooth_px)
+    weight = np.where(clear, depth / rough**2, 0.0)
+    mean = symmetric(weight @ line / (weight @ depth))
+    by_light = fit_shift(x, line / depth[:, None], profiles.own | ~clear[:, None], mean)
+    by_light = np.clip(by_light, x[0], x[-1])
+    trend = gaussian_filter1d(offset, tuned.TREND_PX)
     colour_variance = np.median((offset - trend)[profiles.valid] ** 2)
     light_variance = (rough / depth) ** 2
     light_variance *= np.median(((by_light - trend) ** 2 / light_variance)[clear])

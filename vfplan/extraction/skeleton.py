@@ -45,9 +45,10 @@ class Piece:
     strength: float
 
     @property
-    def is_line(self) -> bool:
-        """Whether it is long and thin, as no dot and no panel is."""
-        return self.width <= tuned.MAX_WIDTH_PX and self.length >= tuned.MIN_ASPECT * self.width
+    def is_part(self) -> bool:
+        """Whether it may be a part of a line: no dot and no panel."""
+        aspect = self.length / self.width
+        return self.width <= tuned.MAX_WIDTH_PX and aspect >= tuned.MIN_PART_ASPECT
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,6 +43,9 @@ MIN_LINE_PX = 6
 MIN_ASPECT = 4.0
 """Length over width of a line. A dot or a panel has less."""
 
+MIN_PART_ASPECT = 2.0
+"""Length over width of a piece that may be a part of a line between two lifts of a broad pen."""
+
 MAX_WIDTH_PX = 30.0
 """Pixels: no pen is wider, a filled region is."""
 
@@ -96,8 +99,20 @@ MIN_CLEAR_PROFILES = 30
 SMOOTH_PX = 2.0
 """Pixels: length of the smoothing spline. Hands bend over 10 px and more; corners are kept."""
 
-SMOOTH_NOISY_PX = 3.0
+SMOOTH_NOISY_PX = 3.5
 """The same where colour is noisy. The noise of JPEG hangs together over blocks of 8 px."""
+
+SMOOTH_MIN_PX = 1.25
+"""Pixels: the shortest length over which a line is smoothed, at a corner."""
+
+BEND_SHARE = 0.14
+"""Of the radius of a bend, over which the line is smoothed there; more would cut the bend."""
+
+BEND_REACH_PX = 9
+"""Pixels of line around a bend that are smoothed as the bend is."""
+
+TREND_PX = 8.0
+"""Pixels (sigma): slower changes of the offset are the path's and no noise."""
 
 NOISY = 0.004
 """Of full coverage: spread of the ground beside the line from which a picture counts as noisy."""
@@ -130,11 +145,14 @@ VALLEY = 0.12
 TAPER_REACH_PX = 30
 """Pixels beyond the skeleton's end in which the end of the ink is sought."""
 
-ROUND_SHARE = 0.40
-"""Of the width, from the place where half of the ink is left back to the centre of a round tip."""
+ROUND_SHARE = 0.36
+"""Of the width, from the place where half of the ink is left back to the centre of a tip."""
 
-FLAT_PEAK = 0.62
+FLAT_PEAK = 0.65
 """Of the full coverage, largest where half of the ink is left. A flat tip has 0.58, a round one 0.7."""
+
+FLAT_PEAK_NOISY = 0.60
+"""The same where colour is noisy and therefore blurred."""
 
 FLAT_WIDTH_PX = 4.5
 """Pixels of width from which a flat tip can be told from a round one."""
@@ -154,13 +172,13 @@ TAPER_SIGMA_NOISY = 0.3
 POINT_SHARE = 0.22
 """Of a taper's fall from 0.8 to 0.2 of its ink, on to its point."""
 
-BLUNT_FALL = 0.3
-"""Of the width, beyond the blur: a longer fall of the ink is a taper. That of a round end is 0.2."""
+BLUNT_FALL = 0.06
+"""Of the width, beyond the blur: the ink of a taper falls from 0.8 to 0.5 over more."""
 
-END_BLUR_PX = 2.0
-"""Pixels over which blur alone makes the ink of a blunt end fall."""
+END_BLUR_PX = 1.5
+"""Pixels over which blur alone makes the ink of a blunt end fall from 0.8 to 0.5."""
 
-END_BLUR_NOISY_PX = 5.0
+END_BLUR_NOISY_PX = 2.4
 """The same in JPEG, which keeps colour in blocks of 2 px."""
 
 # The account and the findings.
@@ -185,3 +203,6 @@ AT_ONCE = 8.0
 
 SUDDEN_PX = 12
 """Pixels of line over which a sudden change of width is looked for."""
+
+TAPER_FALLS = 4.0
+"""Times the fall of a taper's ink before its end, over which its width changes anyway."""
