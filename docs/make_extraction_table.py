@@ -342,51 +342,68 @@ def print_not_right(name, results):
 
 def print_summary(name, results, answers):
     """The figures of the whole set."""
-    clear = [r for r in results if r.clear and not r.kind.startswith("quiet")]
-    print(f"\n{name}: {len(results)} slices\n| figure | value |\n|---|---|")
-    if clear:
-        right = [r for r in clear if r.outcome == "right"]
-        print(
-            f"| clear slices right | {len(right)} of {len(clear)} = {len(right) / len(clear):.1%} |"
-        )
-        for label, test in (("PNG", True), ("JPEG", False)):
-            rows = [r for r in right if r.how.endswith("PNG") == test]
-            each = [np.sqrt(np.mean(r.errors**2)) for r in rows]
-            pooled = root_mean_square([r.errors for r in rows])
-            print(
-                f"| RMS across, {label}: mean of slices, pooled | {np.mean(each):.3f}, {pooled:.3f} px |"
-            )
-        ends = [e for r in right for e in r.ends]
-        print(f"| ends: median, 95 % | {np.median(ends):.2f}, {np.quantile(ends, 0.95):.2f} px |")
-        z = [np.sqrt(np.mean(r.z**2)) for r in right]
-        pooled = root_mean_square([r.z for r in right])
-        print(
-            f"| true error over stated: median of slices, pooled | {np.median(z):.2f}, {pooled:.2f} |"
-        )
-        told = [r for r in right if r.findings]
-        print(f"| right clear slices with a finding | {len(told)} = {len(told) / len(right):.1%} |")
-        silent = sum(r.outcome == "silent" for r in clear)
-        print(f"| clear: refused, told, silent | {sum(r.outcome == 'refused' for r in clear)}, "
-              f"{sum(r.outcome == 'told' for r in clear)}, {silent} |")  # fmt: skip
-    unsure = [r for r in results if not r.clear and r.kind != "grey box over an end"]
-    if unsure:
-        silent = sum(r.outcome == "silent" for r in unsure)
-        print(f"| ambiguous, silent | {silent} of {len(unsure)} = {silent / len(unsure):.1%} |")
-        boxes = [r for r in results if r.kind == "grey box over an end"]
-        print(
-            f"| grey box over an end, silent | {sum(r.outcome == 'silent' for r in boxes)} of {len(boxes)} |"
-        )
-    for kind in QUIET:
-        rows = [r for r in results if r.kind == f"quiet: {kind}" and r.errors is not None]
-        if rows:
-            rms = root_mean_square([r.errors for r in rows])
-            each = np.mean([np.sqrt(np.mean(r.errors**2)) for r in rows])
-            print(f"| quiet, {kind}: pooled, mean | {rms:.3f}, {each:.3f} px |")
-    print(
-        f"| processor time a slice, median | {1e3 * np.median([r.seconds for r in results]):.0f} ms |"
-    )
+    rows = clear_figures(results) + ambiguous_figures(results) + quiet_figures(results)
+    seconds = np.median([r.seconds for r in results])
+    rows.append(("processor time a slice, median", f"{1e3 * seconds:.0f} ms"))
     for picture, milliseconds, memory in answers.get("speed", ()):
-        print(f"| {picture} | {milliseconds:.0f} ms, {memory:.1f} bytes a pixel |")
+        rows.append((picture, f"{milliseconds:.0f} ms, {memory:.1f} bytes a pixel"))
+    print(f"\n{name}: {len(results)} slices\n| figure | value |\n|---|---|")
+    for figure, value in rows:
+        print(f"| {figure} | {value} |")
+
+
+def share(part, whole):
+    """ "3 of 8 = 37.5%"."""
+    return f"{len(part)} of {len(whole)} = {len(part) / max(len(whole), 1):.1%}"
+
+
+def clear_figures(results):
+    """Rows on the slices with one right answer."""
+    clear = [r for r in results if r.clear and not r.kind.startswith("quiet")]
+    right = [r for r in clear if r.outcome == "right"]
+    if not right:
+        return []
+    rows = [("clear slices right", share(right, clear))]
+    for outcome in ("refused", "told", "silent"):
+        part = [r for r in clear if r.outcome == outcome]
+        rows.append((f"clear slices {outcome}", share(part, clear)))
+    for label, is_png in (("PNG", True), ("JPEG", False)):
+        part = [r for r in right if r.how.endswith("PNG") == is_png]
+        mean = np.mean([np.sqrt(np.mean(r.errors**2)) for r in part])
+        pooled = root_mean_square([r.errors for r in part])
+        name = f"RMS across, {label}: mean of slices, pooled"
+        rows.append((name, f"{mean:.3f}, {pooled:.3f} px"))
+    ends = [e for r in right for e in r.ends]
+    rows.append(("ends: median, 95 %", f"{np.median(ends):.2f}, {np.quantile(ends, 0.95):.2f} px"))
+    ratio = np.median([np.sqrt(np.mean(r.z**2)) for r in right])
+    pooled = root_mean_square([r.z for r in right])
+    rows.append(("true error over stated: median of slices, pooled", f"{ratio:.2f}, {pooled:.2f}"))
+    told = [r for r in right if r.findings]
+    rows.append(("right clear slices with a finding", share(told, right)))
+    return rows
+
+
+def ambiguous_figures(results):
+    """Rows on the slices that a person has to look at."""
+    rows = []
+    grey_boxes = [r for r in results if r.kind == "grey box over an end"]
+    others = [r for r in results if not r.clear and r not in grey_boxes]
+    for name, part in (("ambiguous slices", others), ("grey boxes over an end", grey_boxes)):
+        if part:
+            silent = [r for r in part if r.outcome == "silent"]
+            rows.append((f"{name} silent", share(silent, part)))
+    return rows
+
+
+def quiet_figures(results):
+    """Rows on pictures where nothing disturbs the line."""
+    rows = []
+    for kind in QUIET:
+        part = [r for r in results if r.kind == f"quiet: {kind}" and r.errors is not None]
+        if part:
+            pooled = root_mean_square([r.errors for r in part])
+            rows.append((f"RMS across, quiet, {kind}", f"{pooled:.3f} px"))
+    return rows
 
 
 def print_kinds(results, clear):

@@ -12,6 +12,7 @@ import vfplan
 from vfplan.errors import CurveError
 
 RMS_PX, WORST_PX, SHARE = 1.0, 3.0, 0.05
+ACCOUNT_PX = 40.0  # from a wrong place: an entry of the account speaks of it
 END_PX = 6.0  # of line at an open end, of which the deviation is not judged
 
 
@@ -27,7 +28,10 @@ class Verdict:
 
 
 def judge(drawn, **options):
-    """The verdict on a `slices.Slice`."""
+    """The verdict on a `slices.Slice`.
+
+    A wrong curve is told by a finding, or by an entry of the account close to where it is wrong.
+    """
     try:
         found = vfplan.extract_curve(drawn.image, **options)
     except CurveError as error:
@@ -35,10 +39,28 @@ def judge(drawn, **options):
     told = "; ".join(found.warnings)
     wrong, rms, ends = _wrong(found, drawn)
     if wrong:
-        return Verdict("warned" if told else "silent", f"{wrong}; {told}", rms, ends)
+        listed = _listed(found, drawn)
+        outcome = "warned" if told or listed else "silent"
+        return Verdict(outcome, f"{wrong}; {told or listed}", rms, ends)
     if told and drawn.clear:
         return Verdict("falsely warned", told, rms, ends, _z(found, drawn))
     return Verdict("warned" if told else "right", told, rms, ends, _z(found, drawn))
+
+
+def _listed(found, drawn):
+    """The entry of the account that lies closest to where the curve is wrong, in words."""
+    points = np.vstack([s.points_px for s in found.strokes])
+    places = points
+    if drawn.truth is not None:
+        off = np.abs(normal_errors(points, drawn.truth, drawn.closed)) > RMS_PX
+        dense = polyline(drawn.truth, drawn.closed, 0.5)
+        missing = cKDTree(points).query(dense)[0] > WORST_PX
+        places = np.vstack([points[off], dense[missing], points[[0, -1]]])
+    tree = cKDTree(places)
+    for entry in found.account:
+        if tree.query((entry.u, entry.v))[0] <= ACCOUNT_PX + entry.size_px / 2:
+            return f"listed: {entry.what} at ({entry.u:.0f}, {entry.v:.0f})"
+    return ""
 
 
 def _wrong(found, drawn):

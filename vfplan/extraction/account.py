@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +18,22 @@ from vfplan.findings import Finding, doubt
 
 @dataclass(frozen=True)
 class AccountEntry:
-    """One connected piece of ink that was not taken for the curve.
+    """A piece of ink that was not taken for the curve, or a stretch of curve that does not show.
 
     Parameters
     ----------
     number
-        From 1, the largest piece first.
+        From 1, the largest first.
     u, v
         Its middle [px].
     pixels
-        How many pixels it has.
+        How many pixels it has; of a stretch, how many points of the curve.
     share
         The same, over all pixels of the pen's ink.
     size_px
-        Its longest side.
+        Its longest side; of a stretch, its length.
+    what
+        "ink", or of a stretch "bridge" (a gap) or "hidden" (under another colour).
     """
 
     number: int
@@ -38,6 +42,7 @@ class AccountEntry:
     pixels: int
     share: float
     size_px: float
+    what: Literal["ink", "bridge", "hidden"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,14 +108,29 @@ def find_leftover(ink: Ink, curves: list[CentreLine]) -> list[Leftover]:
     return sorted(pieces, key=lambda piece: (-piece.pixels, *piece.middle))
 
 
-def list_account(leftover: list[Leftover], ink: Ink) -> tuple[AccountEntry, ...]:
-    """The leftover ink as it is reported."""
-    total = max(int(ink.mask.sum()), 1)
+def list_account(
+    leftover: list[Leftover], curves: list[CentreLine], ink: Ink
+) -> tuple[AccountEntry, ...]:
+    """All other ink, and every stretch of curve that does not show, the largest first."""
+    rows: list[tuple] = [(piece.pixels, piece.middle, piece.size, "ink") for piece in leftover]
+    for curve in curves:
+        for what, run in _stretches(curve):
+            rows.append((len(run), curve.points[run[len(run) // 2]], float(len(run)), what))
+    rows.sort(key=lambda row: (-row[0], *row[1]))
+    total = max(int(np.count_nonzero(ink.mask)), 1)
     entries = []
-    for number, piece in enumerate(leftover, 1):
-        u, v = (float(x) for x in piece.middle)
-        entries.append(AccountEntry(number, u, v, piece.pixels, piece.pixels / total, piece.size))
+    for number, (pixels, (u, v), size, what) in enumerate(rows, 1):
+        entries.append(AccountEntry(number, float(u), float(v), pixels, pixels / total, size, what))
     return tuple(entries)
+
+
+def _stretches(curve: CentreLine) -> Iterator[tuple[str, NDArray[np.int64]]]:
+    """Each stretch of a curve that does not show, with the reason."""
+    for run in runs(curve.bridged | curve.hidden, curve.closed):
+        if curve.hidden[run].any():
+            yield "hidden", run
+        else:
+            yield "bridge", run
 
 
 def find_findings(
@@ -165,11 +185,11 @@ def _end_findings(ink: Ink, curve: CentreLine) -> list[Finding]:
 
 def _stretch_findings(curve: CentreLine) -> list[Finding]:
     findings = []
-    for run in runs(curve.bridged | curve.hidden, curve.closed):
+    for what, run in _stretches(curve):
         if len(run) <= tuned.LONG_STRETCH_PX:
             continue
         middle = curve.points[run[len(run) // 2]]
-        if curve.hidden[run].any():
+        if what == "hidden":
             text = f"another colour hides {len(run)} px of the curve. Does it run as drawn here?"
             findings.append(_finding("stretch-hidden", text, middle))
         else:

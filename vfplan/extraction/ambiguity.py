@@ -106,8 +106,8 @@ def _refuse_long_bridge(curve: CentreLine, max_gap_px: float) -> None:
         if gap > max_gap_px + tuned.FLANK_PX:
             u, v = (float(x) for x in curve.points[run[len(run) // 2]])
             raise CurveError(
-                f"{gap:.0f} px of the line do not show here; at most {max_gap_px:g} px are bridged. "
-                f"If the curve goes straight on: --max-gap {np.ceil(gap):.0f}.",
+                f"{gap:.0f} px of the line do not show here; at most {max_gap_px:g} px are bridged."
+                f" If the curve goes straight on: --max-gap {np.ceil(gap):.0f}.",
                 where=f"pixel ({u:.0f}, {v:.0f})",
                 code="bridge-too-long",
                 numbers={"gap_px": float(gap), "max_gap_px": max_gap_px, "u_px": u, "v_px": v},

@@ -109,8 +109,8 @@ def _index(curve: CentreLine, place: tuple[float, float], option: str) -> int:
     reach = _reach(curve.width)
     if distance > reach:
         raise CurveError(
-            f"{option} {place[0]:g},{place[1]:g} lies {distance:.0f} px off the curve. Name a place "
-            f"within {reach:.0f} px of it.",
+            f"{option} {place[0]:g},{place[1]:g} lies {distance:.0f} px off the curve. Name a "
+            f"place within {reach:.0f} px of it.",
             code="place-off-curve",
             numbers={"distance_px": distance, "distance_max_px": reach},
         )

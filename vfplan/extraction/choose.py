@@ -13,7 +13,7 @@ from vfplan.extraction.coverage import Ink, find_ink
 from vfplan.extraction.lines import BOTH_ENDS, Line, find_lines, gap_px
 from vfplan.extraction.pen import HUES, Pen
 from vfplan.extraction.region import Region
-from vfplan.extraction.skeleton import find_pieces
+from vfplan.extraction.skeleton import find_groups, find_pieces
 
 DESCRIBED = 8
 """Lines that an error message describes."""
@@ -36,7 +36,7 @@ def choose_lines(
     if isinstance(choice, int):
         if choice > len(numbered):
             raise CurveError(
-                f"There is no line number {choice}. Choose from the {len(numbered)} that there are.",
+                f"There is no line number {choice}. Choose one of the {len(numbered)} lines.",
                 code="stroke-number",
                 numbers={"number": choice, "lines": len(numbered)},
             )
@@ -126,8 +126,8 @@ def _no_line_error(frames: list[Line], ink: Ink, pen: Pen, region: Region) -> Cu
         )
     if frames:
         error = CurveError(
-            f"The only line in {pen.name} runs along the picture's border, as a frame does. Take it "
-            "all the same with --stroke 1.",
+            f"The only line in {pen.name} runs along the picture's border, as a frame does. Take "
+            "it all the same with --stroke 1.",
             code="only-a-frame",
         )
         error.candidates = tuple(line.path for line in frames)
@@ -158,7 +158,8 @@ def _longest_of_another_pen(rgb: NDArray, pen: Pen, region: Region) -> tuple[str
         if name == pen.name:
             continue
         try:
-            lines = find_lines(find_pieces(find_ink(rgb, Pen.of_colour(name), region)), 0.0)
+            ink = find_ink(rgb, Pen.of_colour(name), region)
+            lines = find_lines(find_pieces(ink, find_groups(ink)), 0.0)
         except CurveError:  # Too many pieces: that is no pen.
             continue
         if lines and (best is None or lines[0].length > best.length):

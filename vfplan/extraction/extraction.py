@@ -17,11 +17,11 @@ from vfplan.extraction.ambiguity import refuse_ambiguous
 from vfplan.extraction.between import cut_to, lines_through, without_cut_off
 from vfplan.extraction.centreline import CentreLine, arc_length, measure, skeleton_line
 from vfplan.extraction.choose import choose_lines, refuse_junctions
-from vfplan.extraction.coverage import find_ink
+from vfplan.extraction.coverage import Ink, find_ink
 from vfplan.extraction.lines import Line, find_lines
 from vfplan.extraction.pen import Pen
 from vfplan.extraction.region import Box, Region
-from vfplan.extraction.skeleton import find_pieces
+from vfplan.extraction.skeleton import find_groups, find_pieces, half_covered, pen_mask
 from vfplan.findings import Finding, note
 from vfplan.images.read import PlannedImage, as_image
 
@@ -151,7 +151,8 @@ def extract_curve(
     # Ink: how much of each pixel the pen covers, and the pixels that hang together.
     pen = Pen.of_colour(colour)
     ink = find_ink(rgb, pen, region)
-    pieces = find_pieces(ink)
+    groups = find_groups(ink)
+    pieces = find_pieces(ink, groups)
 
     # Lines: skeletons joined over pen lifts; one of them is the curve.
     lines = find_lines(pieces, max_gap_px)
@@ -179,10 +180,10 @@ def extract_curve(
         cut = cut_to(curve, start, end)
         findings = without_cut_off(findings, curve, cut)
         findings += _region_findings(cut, region, ink.size)
-        strokes.append(_stroke(cut, line, method))
-    return Extraction(
-        ink.mask, tuple(strokes), method, list_account(leftover, ink), tuple(findings)
-    )
+        strokes.append(_stroke(ink, cut, line, method))
+    account = list_account(leftover, curves, ink)
+    mask = pen_mask(ink, groups)
+    return Extraction(mask, tuple(strokes), method, account, tuple(findings))
 
 
 def load_libraries() -> None:
@@ -251,13 +252,13 @@ def _region_findings(curve: CentreLine, region: Region, size: NDArray) -> list[F
     return findings
 
 
-def _stroke(curve: CentreLine, line: Line, method: Method) -> Stroke:
+def _stroke(ink: Ink, curve: CentreLine, line: Line, method: Method) -> Stroke:
     """The measured curve as it is returned."""
     length = arc_length(curve.points, curve.closed)
     if method != "mask":
         return Stroke(curve.points, curve.sigma, curve.closed, curve.bridged, length, line.width)
     # Every pixel of the line's ink; its error across is that of an even distribution.
-    points = np.vstack([piece.pixels for piece in line.pieces]).astype(float)
+    points = np.vstack([half_covered(ink, piece.pixels) for piece in line.pieces]).astype(float)
     points = points[np.lexsort((points[:, 0], points[:, 1]))]
     sigma = np.full(len(points), line.width / np.sqrt(12))
     return Stroke(points, sigma, curve.closed, np.zeros(len(points), bool), length, line.width)

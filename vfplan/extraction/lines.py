@@ -65,7 +65,7 @@ class Line:
         return not self.closed and len(self.junctions) == 0 and len(self.path) > 4
 
     def tangent(self, end: int) -> NDArray[np.float64]:
-        """(2,) unit direction in which the line would go on beyond its first (0) or last (-1) point."""
+        """(2,) unit direction in which the line would go on at its first (0) or last (-1) point."""
         run = self.path
         if end == -1:
             run = run[::-1]

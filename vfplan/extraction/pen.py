@@ -44,8 +44,8 @@ class Pen:
         strength = float(np.linalg.norm(chroma))
         if strength < tuned.MIN_PEN_CHROMA:
             raise SettingError(
-                f"The colour {colour!r} is grey, so it cannot be told from the slice. Its chroma is "
-                f"{strength:.0f} of 255; at least {tuned.MIN_PEN_CHROMA:.0f} is wanted.",
+                f"The colour {colour!r} is grey, so it cannot be told from the slice. Its chroma "
+                f"is {strength:.0f} of 255; at least {tuned.MIN_PEN_CHROMA:.0f} is wanted.",
                 code="colour-grey",
                 numbers={"chroma": strength, "chroma_min": tuned.MIN_PEN_CHROMA},
             )

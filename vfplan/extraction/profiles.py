@@ -63,7 +63,7 @@ class Profiles:
         """
         ink = np.where(self.own, np.clip(self.coverage, 0, None), 0)
         centroid = (ink @ self.x) / np.maximum(ink.sum(1), 1e-6)
-        # Where another colour hides one side, what shows lies half of the hidden width to the other.
+        # Another colour hides one side: what shows lies half of its width to the other side.
         centroid = np.where(self.valid, centroid + self.covered / 2, 0.0)
         whole = self.own.all(1) & self.valid
         if whole.sum() < tuned.MIN_PROFILES:

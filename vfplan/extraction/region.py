@@ -62,7 +62,7 @@ class Region:
             boxes.append(self.inside)
         for u, v, width, height in boxes:
             low = np.array([u, v]) - 0.5
-            high = low + [width, height]
+            high = np.add(low, (width, height))
             # The picture's own border is no border of the region.
             low = np.where(low > 0, low, -np.inf)
             high = np.where(high < size - 1, high, np.inf)

@@ -119,8 +119,8 @@ class Graph:
         return self.pixels[own[order]], closed
 
 
-def find_pieces(ink: Ink) -> list[Piece]:
-    """Every connected piece of ink that may be a line or a part of one, the longest first.
+def find_groups(ink: Ink) -> list[NDArray[np.int64]]:
+    """The pixels (N, 2) of each connected piece of ink that is no speck.
 
     Raises `CurveError` where there are more than anybody draws.
     """
@@ -131,7 +131,7 @@ def find_pieces(ink: Ink) -> list[Piece]:
         return []
     pixels = pixels.reshape(-1, 2).astype(np.int64)
     kind = cv2.CV_16U
-    if len(pixels) >= 2**16:  # So many labels at most.
+    if len(pixels) >= 2**16:  # There may be as many pieces.
         kind = cv2.CV_32S
     _, labels = cv2.connectedComponents(ink.mask.view(np.uint8), connectivity=8, ltype=kind)
     label = labels[pixels[:, 1], pixels[:, 0]].astype(np.int64)
@@ -145,6 +145,29 @@ def find_pieces(ink: Ink) -> list[Piece]:
             code="too-many-pieces",
             numbers={"pieces": len(groups), "pieces_max": tuned.MAX_PIECES},
         )
+    return groups
+
+
+def pen_mask(ink: Ink, groups: list[NDArray[np.int64]]) -> NDArray[np.bool_]:
+    """(H, W) bool, the pixels that the pen covers by half of its own strength.
+
+    Unlike `Ink.mask` it is not smoothed, so a crisp line is as wide in it as it was drawn.
+    """
+    mask = np.zeros(ink.mask.shape, bool)
+    for group in groups:
+        own = half_covered(ink, group)
+        mask[own[:, 1], own[:, 0]] = True
+    return mask
+
+
+def half_covered(ink: Ink, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Those of a piece's pixels that have half of its own strength."""
+    coverage = ink.coverage[pixels[:, 1], pixels[:, 0]]
+    return pixels[coverage > tuned.HALF * np.quantile(coverage, 0.9)]
+
+
+def find_pieces(ink: Ink, groups: list[NDArray[np.int64]]) -> list[Piece]:
+    """Every piece of ink that may be a line or a part of one, the longest first."""
     pieces = []
     for group in groups:
         if np.ptp(group, axis=0).max() + 1 >= tuned.MIN_LINE_PX:

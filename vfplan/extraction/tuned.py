@@ -18,7 +18,7 @@ OTHER_CHROMA = 40.0
 """Grey levels of chroma at which a pixel of another hue is another pen, and no fringe of JPEG."""
 
 OTHER_REACH_PX = 2.5
-"""Pixels (sigma) around another pen over which its hue is known. A colour block of JPEG is 2 wide."""
+"""Pixels (sigma) around another pen over which its hue is known. A block of JPEG is 2 wide."""
 
 GREY_LEVELS = 6.0
 """Grey levels between the channels of a pixel from which it has a colour and is looked at."""
@@ -27,7 +27,7 @@ MASK_BLUR_PX = 0.8
 """Pixels (sigma) by which the mask is smoothed, so that the noise of scans does not fray it."""
 
 LOCAL_PX = 15
-"""Pixels: the square in which the strongest ink sets the mask's threshold. A pen's edge is narrower."""
+"""Pixels: the square in which the strongest ink sets the threshold. A pen's edge is narrower."""
 
 HALF = 0.5
 """Of the strongest ink: the half-height edge of a line, which blur does not move."""
@@ -62,10 +62,10 @@ FRAME_SHARE = 0.9
 """Of a frame's length that lies so close, and of the picture's sides that it spans."""
 
 TANGENT_PX = 14
-"""Pixels of line from which the direction of an end is taken: a skeleton's is then good to 5 degrees."""
+"""Pixels of line from which an end's direction is taken. A skeleton's is then good to 5 degrees."""
 
 MAX_TURN_DEG = 45.0
-"""Degrees between the direction of an end and the gap that it bridges. A hand goes on as it went."""
+"""Degrees between an end's direction and the gap that it bridges. A hand goes on as it went."""
 
 ALIKE = 2.0
 """Factor within which the width and the strength of both sides of a gap are one pen's."""
@@ -148,13 +148,13 @@ TAPER_REACH_PX = 30
 ROUND_SHARE = 0.36
 """Of the width, from the place where half of the ink is left back to the centre of a tip."""
 
-FLAT_PEAK = 0.65
-"""Of the full coverage, largest where half of the ink is left. A flat tip has 0.58, a round one 0.7."""
+FLAT_PEAK = 0.62
+"""Of full coverage, where half of the ink is left. A flat tip has 0.58, a round one 0.7."""
 
 FLAT_PEAK_NOISY = 0.60
 """The same where colour is noisy and therefore blurred."""
 
-FLAT_WIDTH_PX = 4.5
+FLAT_WIDTH_PX = 5.5
 """Pixels of width from which a flat tip can be told from a round one."""
 
 FLAT_WIDTH_NOISY_PX = 8.0
@@ -196,7 +196,7 @@ UNSURE_PX = 1.5
 """Pixels of standard deviation along the line from which an end is unsure."""
 
 LONG_STRETCH_PX = 20.0
-"""Pixels of line hidden or bridged from which a person is asked. Shorter ones agree at both sides."""
+"""Pixels of line hidden or bridged from which a person is asked. Shorter ones are listed."""
 
 AT_ONCE = 8.0
 """Times the median change of width over 12 px: pressed pens reached 6, second runs 16 and more."""
