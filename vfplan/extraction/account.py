@@ -16,6 +16,10 @@ from vfplan.extraction.coverage import OTHER_UNIT, Ink
 from vfplan.findings import Finding, doubt
 
 
+NAMED = 3
+"""Pieces of ink of one sort that have a finding of their own; the account lists all."""
+
+
 @dataclass(frozen=True)
 class AccountEntry:
     """A piece of ink that was not taken for the curve, or a stretch of curve that does not show.
@@ -152,19 +156,34 @@ def _finding(code: str, text: str, place: NDArray) -> Finding:
 
 
 def _leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Finding]:
-    findings = []
+    """Ink close to an end, and ink that touches the curve; many pieces of one sort in one line."""
+    at_end = []
+    touching = []
     for piece in leftover:
-        reach = max(tuned.END_REACH_GAPS * max_gap_px, piece.size)
-        if piece.end_distance <= reach:
-            text = (
-                f"ink of {piece.size:.0f} px lies {piece.end_distance:.0f} px from the end of the "
-                "curve. Does the curve go on there?"
-            )
-            findings.append(_finding("ink-at-end", text, piece.middle))
+        if piece.end_distance <= tuned.END_REACH_GAPS * max_gap_px:
+            at_end.append(piece)
         elif piece.edge_distance <= 2 * tuned.BESIDE_PX:
-            text = f"ink of {piece.size:.0f} px touches the curve. Is it a part of it?"
-            findings.append(_finding("ink-touches", text, piece.middle))
+            touching.append(piece)
+    findings = []
+    for piece in at_end[:NAMED]:
+        text = (
+            f"ink of {piece.size:.0f} px lies {piece.end_distance:.0f} px from the end of the curve"
+            f"{_and_more(at_end)}. Does the curve go on there?"
+        )
+        findings.append(_finding("ink-at-end", text, piece.middle))
+    for piece in touching[:NAMED]:
+        text = (
+            f"ink of {piece.size:.0f} px touches the curve{_and_more(touching)}. "
+            "Is it a part of the curve?"
+        )
+        findings.append(_finding("ink-touches", text, piece.middle))
     return findings
+
+
+def _and_more(pieces: list[Leftover]) -> str:
+    if len(pieces) <= NAMED:
+        return ""
+    return f", and {len(pieces) - NAMED} smaller pieces as well"
 
 
 def _end_findings(ink: Ink, curve: CentreLine) -> list[Finding]:
@@ -202,7 +221,7 @@ def _width_findings(curve: CentreLine) -> list[Finding]:
     """A finding where the width changes suddenly, away from ends, gaps and other colours."""
     change = np.where(_is_expected(curve), 0.0, sudden_changes(curve))
     largest = float(change.max())
-    if largest <= tuned.WIDE - 1 or largest * curve.width <= 1.0:
+    if largest <= tuned.SUDDEN or largest * curve.width <= 1.0:
         return []
     text = (
         f"the width of the line changes suddenly by {largest * curve.width:.1f} px. Is all of it "

@@ -249,6 +249,9 @@ def _fit_spline(
     y = points[at % len(points)]
     first = make_smoothing_spline(at, y, lam=smooth_px**4)
     scale = _smoothing_scale(first, at, smooth_px)
+    if not closed:  # A smoothing spline runs out straight, which a bent line does not.
+        inward = np.minimum(at - at[0], at[-1] - at)
+        scale *= 1 - (1 - tuned.END_SMOOTH) * np.exp(-inward / smooth_px)
     return make_smoothing_spline(at, y, w=(smooth_px / scale) ** 4, lam=smooth_px**4)
 
 

@@ -51,12 +51,19 @@ def choose_lines(
 
 
 def is_frame(line: Line, size: NDArray) -> bool:
-    """Whether a line runs along the picture's border and spans the picture both ways."""
-    margin = tuned.FRAME_MARGIN * size.min()
+    """Whether a line is a frame: no hand's curve, but a box around a picture or a part of it.
+
+    It is one if it runs along the picture's border and spans the picture both ways, or if it is a
+    closed rectangle whose sides lie along rows and columns.
+    """
     low, high = line.path.min(0), line.path.max(0)
     spans = (high - low >= tuned.FRAME_SHARE * size).all()
-    distance = np.minimum(line.path, size - 1 - line.path).min(1)
-    return bool(spans and (distance <= margin).mean() >= tuned.FRAME_SHARE)
+    to_border = np.minimum(line.path, size - 1 - line.path).min(1)
+    along_border = to_border <= tuned.FRAME_MARGIN * size.min()
+    if spans and along_border.mean() >= tuned.FRAME_SHARE:
+        return True
+    to_side = np.minimum(line.path - low, high - line.path).min(1)
+    return line.closed and bool((to_side <= tuned.FLANK_PX).mean() >= tuned.FRAME_SHARE)
 
 
 def refuse_junctions(line: Line) -> None:

@@ -85,9 +85,12 @@ def _find_end(mass: NDArray, peak: NDArray, seen: int, width: float, noisy: bool
     from scipy.ndimage import gaussian_filter1d
 
     ink = gaussian_filter1d(mass, 0.7)
-    # A pressed pen has another width here than elsewhere.
+    # A pressed pen has another width here than elsewhere, and may have rested at the end.
     before = slice(max(seen - tuned.TANGENT_PX, 0), seen + 1)
+    last = slice(max(seen - tuned.TANGENT_PX // 2, 0), seen + 1)
     level = max(np.median(ink[before]), 1e-6)
+    if ink[last].max() > tuned.WIDE * level:
+        level = ink[last].max()
     ink = ink / level
     width = width * level
     high = _crossing(ink, _last_above(ink, 0.8, seen), 0.8)
@@ -107,7 +110,7 @@ def _find_end(mass: NDArray, peak: NDArray, seen: int, width: float, noisy: bool
     if width > limits.flat_width_px and left < limits.flat_peak:
         place = half
     sigma = tuned.CAP_SIGMA * min(width, limits.flat_width_px) + 0.2
-    return End(place, min(high, place), sigma, fall, width, False)
+    return End(place, half, sigma, fall, width, False)
 
 
 def _last_above(ink: NDArray, level: float, seen: int) -> int:

@@ -111,6 +111,9 @@ BEND_SHARE = 0.14
 BEND_REACH_PX = 9
 """Pixels of line around a bend that are smoothed as the bend is."""
 
+END_SMOOTH = 0.5
+"""Of the length over which the line is smoothed, at an open end."""
+
 TREND_PX = 8.0
 """Pixels (sigma): slower changes of the offset are the path's and no noise."""
 
@@ -178,7 +181,7 @@ BLUNT_FALL = 0.06
 END_BLUR_PX = 1.5
 """Pixels over which blur alone makes the ink of a blunt end fall from 0.8 to 0.5."""
 
-END_BLUR_NOISY_PX = 2.4
+END_BLUR_NOISY_PX = 2.6
 """The same in JPEG, which keeps colour in blocks of 2 px."""
 
 # The account and the findings.
@@ -189,7 +192,7 @@ BESIDE_PX = 1.5
 SPECK_PX = 4
 """Pixels of area: less ink is noise."""
 
-END_REACH_GAPS = 2.0
+END_REACH_GAPS = 1.5
 """Times the longest gap that is bridged: ink this close to an end may carry the curve on."""
 
 UNSURE_PX = 1.5
@@ -197,6 +200,9 @@ UNSURE_PX = 1.5
 
 LONG_STRETCH_PX = 20.0
 """Pixels of line hidden or bridged from which a person is asked. Shorter ones are listed."""
+
+SUDDEN = 0.4
+"""Of the usual width: a smaller sudden change is the ground's doing."""
 
 AT_ONCE = 8.0
 """Times the median change of width over 12 px: pressed pens reached 6, second runs 16 and more."""
