@@ -35,14 +35,14 @@ def command(image, output, mask_out, overlay_out, **given) -> Report:
     IMAGE is a PNG, JPEG, TIFF, BMP or DICOM file; or, alone, a vector curve: a Slicer .mrk.json
     Curve or ClosedCurve or .fcsv, an ImageJ .roi, or a CSV u_px,v_px or X,Y.
 
-    With several candidates and none chosen by --stroke, --roi or --colour, each is described,
-    --overlay-out shows them with their numbers, and nothing else is written (exit 3).
+    Where the curve would have to be guessed, the command says why and what to do, and writes
+    nothing but the picture of --overlay-out, which shows the place (exit 3).
     """
     from vfplan.bundle import write_fixture
     from vfplan.planning import ExtractSettings, extract
 
     how = settings(ExtractSettings, given)
-    with patience(f"extracting the curve of {image.name}"), numbered(image, how, overlay_out):
+    with patience(f"extracting the curve of {image.name}"), pictured(image, how, overlay_out):
         extracted = extract(image, how, curve=given["curve"])
     with outputs(output, mask_out, overlay_out) as (path, mask, overlay):
         write_fixture(extracted.fixture, path)
@@ -52,22 +52,22 @@ def command(image, output, mask_out, overlay_out, **given) -> Report:
 
 
 @contextmanager
-def numbered(image: Path, settings: Any, overlay: Path | None) -> Iterator[None]:
-    """Draw the candidates with their numbers when there are several and none was chosen."""
+def pictured(image: Path, settings: Any, overlay: Path | None) -> Iterator[None]:
+    """Write the overlay also where the curve is refused: its place, the lines to choose from."""
     try:
         yield
     except CurveError as error:
-        if overlay is not None and error.candidates:
-            from vfplan.figures.slice import draw_candidates
+        if overlay is not None:
+            from vfplan.figures.slice import draw_refusal
             from vfplan.images.read import MAX_MEGAPIXELS, read_image
 
-            seen = read_image(
+            planned = read_image(
                 image, frame=settings.frame, pixel_spacing_mm=settings.pixel_spacing_mm,
                 imager_spacing=bool(settings.imager_spacing),
                 max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
             )  # fmt: skip
-            draw_candidates(seen, error.candidates, overlay)
-            error.message += f"; {overlay} shows them with their numbers"
+            draw_refusal(planned, error, overlay)
+            error.message += f" {overlay} shows it."
         raise
 
 
@@ -102,12 +102,25 @@ def extracted_text(report: dict[str, Any]) -> str:
         if stroke.get("bridged_points"):
             line += f", {stroke['bridged_points']} of them bridged"
         lines.append(line)
-    if rest := report.get("ink", {}).get("taken_for"):
-        ink = report["ink"]
-        others = ", ".join(f"{kind} {n / ink['pixels']:.1%}" for kind, n in rest.items())
-        lines.append(f"  {ink['explained']:.1%} of the pen's pixels are the curve's; {others}")
-    for mark in report.get("set_aside", ()):
-        u, v, width, height = mark["box"]
-        way = f" (--stroke {mark['stroke']} takes it)" if "stroke" in mark else ""
-        lines.append(f"  set aside: {mark['kind']}, {width} x {height} px at ({u}, {v}){way}")
+    if report.get("account"):
+        lines.append(f"  {account_text(report['account'])}")
     return "\n".join(lines)
+
+
+def account_text(account: list[dict[str, Any]]) -> str:
+    """All other ink and the stretches that do not show, in one line."""
+    parts = []
+    ink = [entry for entry in account if entry["what"] == "ink"]
+    if ink:
+        share = sum(entry["share"] for entry in ink)
+        largest = ink[0]
+        pieces = "1 piece" if len(ink) == 1 else f"{len(ink)} pieces"
+        parts.append(
+            f"other ink: {pieces}, {share:.1%} of the pen's pixels, the largest at "
+            f"({largest['u']:.0f}, {largest['v']:.0f})"
+        )
+    hidden = [entry for entry in account if entry["what"] != "ink"]
+    if hidden:
+        places = ", ".join(f"({entry['u']:.0f}, {entry['v']:.0f})" for entry in hidden[:4])
+        parts.append(f"gaps or covers over the curve: {len(hidden)}, at {places}")
+    return "; ".join(parts)

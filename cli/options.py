@@ -125,8 +125,6 @@ CURVE = taking(
     option("--end", type=PLACE, help="Where on the line the curve ends."),
     option("--accept-width", is_flag=True, default=None,
            help="Take a run wider than the rest as one pen's, pressed harder."),
-    option("--outline", is_flag=True, default=None,
-           help="Take the outline of the one filled region."),
     option("--curve", type=FILE, metavar="FILE",
            help="A curve drawn on the image as vectors: Slicer .mrk.json or .fcsv, ImageJ .roi, "
            "CSV u_px,v_px or X,Y, or a DICOM presentation state."),

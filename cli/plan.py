@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 from vfplan.cli import options
-from vfplan.cli.extract import extracted_text, numbered, write_pictures
+from vfplan.cli.extract import extracted_text, pictured, write_pictures
 from vfplan.cli.options import option
 from vfplan.cli.outputs import outputs, refuse_beside
 from vfplan.cli.register import registered_text, write_registration_picture
@@ -66,7 +66,7 @@ def command(
         refuse_beside(sheet_path)
     reading, making = options.settings(ExtractSettings, given), options.fixture_settings(given)
     robot = read_robot(given["robot"])
-    with patience(f"planning on {image.name}"), numbered(image, reading, overlay_out):
+    with patience(f"planning on {image.name}"), pictured(image, reading, overlay_out):
         made = plan(
             image, markers, markers2, extraction=reading, settings=making, curve=given["curve"]
         )

@@ -68,15 +68,16 @@ def test_what_a_person_says_of_the_line_and_the_account_of_the_ink(vfplan_cli, t
     assert done.code == 0, done.stderr
     (begin, _) = done.json["strokes"][0]["ends_px"]
     assert np.hypot(*(np.array(begin) - CURVE[-1])) < 2
-    ink = done.json["ink"]
-    assert ink["pixels"] == done.json["mask_pixels"]
-    assert ink["explained"] > 0.98
+    assert done.json["account"] == []
+    whole = vfplan_cli("extract", image, "-o", tmp_path / "e.h5", "--json").json
+    (entry,) = whole["account"]
+    assert (entry["number"], entry["what"]) == (1, "ink")
+    assert (entry["u"], entry["v"]) == pytest.approx((65, 23), abs=2)
+    assert entry["pixels"] == pytest.approx(160, abs=30)
+    assert 0 < entry["share"] < 0.5
     off = vfplan_cli("extract", image, "-o", tmp_path / "d.h5", "--start", "5,5", "--stroke", "1")
     assert off.code == 3
     assert "--start 5,5 lies" in off.stderr
-    several = vfplan_cli("extract", image, "-o", tmp_path / "d.h5", "--outline")
-    assert several.code == 3
-    assert "--outline wants one filled region, found 0" in several.stderr
     assert not (tmp_path / "d.h5").exists()
 
 
@@ -106,11 +107,11 @@ def test_several_candidates_exit_3_and_leave_nothing(vfplan_cli, tmp_path):
     numbers = tmp_path / "o.png"
     done = vfplan_cli("extract", image, "-o", out, "--overlay-out", numbers)
     assert done.code == 3
-    assert f"{numbers} shows them with their numbers" in done.error_line
+    assert f"{numbers} shows it." in done.error_line
     assert sorted(p.name for p in tmp_path.iterdir()) == ["o.png", "two.png"]
     chosen = vfplan_cli("extract", image, "-o", out, "--stroke", "longest", "--json")
     assert chosen.code == 0
-    assert [mark["kind"] for mark in chosen.json["set_aside"]] == ["curve"]
+    assert [entry["what"] for entry in chosen.json["account"]] == ["ink"]
     everything = vfplan_cli("extract", image, "-o", out, "--stroke", "all", "--overwrite", "--json")
     assert len(everything.json["strokes"]) == 2
 

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 from drawing import blend, coverage, flat, to_uint8
-
 from vfplan.extraction import extract_curve
 
 RED, GREEN = (255, 0, 0), (0, 200, 60)

@@ -15,7 +15,6 @@ from drawing import (
     to_uint8,
     wavy,
 )
-
 from vfplan.extraction import extract_curve
 
 RED = (255, 0, 0)

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 from drawing import blend, coverage, flat, to_uint8, wavy
+from vfplan.extraction import extract_curve
 
 from vfplan.errors import CurveError, SettingError
-from vfplan.extraction import extract_curve
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)
 SHAPE = (300, 340)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from vfplan.curve import vector_stroke
+from vfplan.errors import CurveError
 from vfplan.figures import slice as picture
 from vfplan.figures import style
 from vfplan.findings import doubt
@@ -21,7 +22,10 @@ def drawn(monkeypatch, tmp_path):
 
     def draw(image, **given):
         if "lines" in given:
-            picture.draw_candidates(image, given["lines"], tmp_path / "p.png")
+            error = CurveError("several", code="several-candidates")
+            error.candidates = given["lines"]
+            error.numbers.update(given.get("place", {}))
+            picture.draw_refusal(image, error, tmp_path / "p.png")
         else:
             picture.draw_overlay(image, vector_stroke(WAY, False, image, "w"), tmp_path / "p.png")
         return kept[-1].axes[0]
@@ -81,3 +85,9 @@ def test_overlay_leaves_the_ink_as_it_is(tmp_path):
     assert np.abs(seen[rows, columns].astype(int) - image[rows, columns]).max() <= 12
     # Away from outline and captions the greys are the slice's own.
     assert (seen[450:590, 300:800] == 90).mean() > 0.99
+
+
+def test_a_refusal_shows_its_place_and_its_code(drawn):
+    axes = drawn(sagittal(), lines=(), place={"u_px": 120.0, "v_px": 80.0})
+    (text,) = (t for t in axes.texts if t.get_text() == "several-candidates")
+    assert text.xy == (120.0, 80.0)

@@ -18,9 +18,17 @@ SEEDS = range(20)
 # The seeds of tests/curve/test_slices.py, one a kind, which `make test` compares.
 QUICK = [(KINDS, 1), (TRAPS, 2), (HIDDEN, 4)]
 
-# Kinds that may be silently wrong although 2dd7600 warned of them: none, until the review sheet
-# shows both ends enlarged. Then covers over an end may be added.
-MAY_BE_SILENT = frozenset()
+# Kinds that may be silently wrong although 2dd7600 warned of them: those that docs/extraction.md
+# lists as seen by eye only. The review sheet shows both ends enlarged.
+MAY_BE_SILENT = frozenset(
+    {
+        *(kind for kind in HIDDEN if kind.endswith("over the end")),
+        "lone bar",
+        "orange bar",
+        "letter at the end",
+        "taper",
+    }
+)
 # Of the clear slices, the share by which fewer may be right.
 FEWER_RIGHT = 0.01
 # Of the clear slices, the share that may be warned of.

@@ -1,37 +1,28 @@
-"""The planned slice -> the surgeon's curve, in sub-pixel points, or a refusal that says why."""
+"""A planned slice -> the surgeon's curve in sub-pixel points, or a refusal that says why."""
 
 from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.curve.asked import (
-    between,
-    check_places,
-    claim_inside,
-    cut_off,
-    outline_of,
-    part_of,
-    region_of,
-    through,
-)
-from vfplan.curve.beside import intruders, pieces_beside, set_aside
-from vfplan.curve.candidates import Candidate, candidates_of, refuse_crowd
-from vfplan.curve.choice import against_advice, choose, refuse_grey, refuse_junctions
-from vfplan.curve.covers import covered_ends
-from vfplan.curve.doubts import a_bar, nearly_closed, several, side_by_side
-from vfplan.curve.evidence import doubted_bridges, refuse_strayed, unexplained
-from vfplan.curve.kinds import tell_apart
-from vfplan.curve.marks import find_marks
-from vfplan.curve.path import arc_length, drawn_length
+from vfplan.curve import tuned
+from vfplan.curve.account import AccountEntry, find_findings, find_leftover, list_account
+from vfplan.curve.ambiguity import refuse_ambiguous
+from vfplan.curve.between import cut_to, lines_through, without_cut_off
+from vfplan.curve.centreline import CentreLine, arc_length, drawn_length, measure, skeleton_line
+from vfplan.curve.choose import choose_lines, refuse_junctions
+from vfplan.curve.coverage import Ink, find_ink
+from vfplan.curve.lines import Line, find_lines
 from vfplan.curve.pen import Pen
-from vfplan.curve.ridge import Centreline, trace
+from vfplan.curve.region import Box, Region
+from vfplan.curve.skeleton import find_groups, find_pieces, half_covered, pen_mask
 from vfplan.errors import CurveError, SettingError
+from vfplan.findings import Finding, note
 from vfplan.images.read import PlannedImage, as_image
 
 Method = Literal["ridge", "skeleton", "mask"]
@@ -68,7 +59,9 @@ class Stroke:
     @property
     def ends_px(self) -> NDArray[np.float64]:
         """(2, 2) first and last point; (0, 2) for a closed line."""
-        return np.zeros((0, 2)) if self.closed else self.points_px[[0, -1]]
+        if self.closed:
+            return np.zeros((0, 2))
+        return self.points_px[[0, -1]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,22 +77,22 @@ class Extraction:
         The chosen lines, the longest first.
     method
         How they were measured.
-    set_aside
-        Marks in the pen's colour that were not taken for curves, and candidates not chosen: each a
-        dict with `kind`, `box`, `length_px` and the number that chooses it, `stroke`. Specks are
-        named just beyond a curve's end only.
-    warnings
-        What a person should know before trusting the result.
-    ink
-        The pixels of the mask by what they were taken for: "curve", or a kind as in `set_aside`.
+    account
+        All other ink of the pen, the largest piece first.
+    findings
+        What a person should look at before trusting the result.
     """
 
     mask: NDArray[np.bool_]
     strokes: tuple[Stroke, ...]
     method: Method | Literal["vector"]
-    set_aside: tuple[dict, ...] = ()
-    warnings: tuple[str, ...] = field(default=())
-    ink: dict[str, int] = field(default_factory=dict)
+    account: tuple[AccountEntry, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings as sentences."""
+        return tuple(finding.text for finding in self.findings)
 
 
 def extract_curve(
@@ -107,14 +100,13 @@ def extract_curve(
     *,
     colour: str = "red",
     method: Method = "ridge",
-    roi: tuple[int, int, int, int] | None = None,
+    roi: Box | None = None,
     stroke: int | Literal["all", "longest"] | None = None,
     max_gap_px: float = 20.0,
-    exclude: Sequence[tuple[int, int, int, int]] = (),
+    exclude: Sequence[Box] = (),
     start: tuple[float, float] | None = None,
     end: tuple[float, float] | None = None,
     accept_width: bool = False,
-    outline: bool = False,
 ) -> Extraction:
     """Extract the planned curve from a slice.
 
@@ -126,13 +118,12 @@ def extract_curve(
         The pen: a CSS colour name or `#rrggbb`.
     method
         "ridge" measures the line's centre in coverage, "skeleton" thins the mask to pixels,
-        "mask" takes every pixel of the chosen mark as the paper does.
+        "mask" takes every pixel of the chosen line's ink as the paper does.
     roi
         (u, v, width, height) px: look only there.
     stroke
-        Which candidate: its number in the error message, counting from 1; "longest"; "all".
-        `None` wants exactly one candidate. Numbers beyond the candidates' name lines that were
-        set aside, as `stroke` in their entries says; one of them is taken with a warning.
+        Which line: its number in the error message, counting from 1; "longest"; "all". `None`
+        wants exactly one candidate. Numbers beyond the candidates' name the other lines.
     max_gap_px
         Pen lifts up to this long are bridged where both tangents agree.
     exclude
@@ -142,76 +133,63 @@ def extract_curve(
         candidates the one through them is taken.
     accept_width
         Take a run that is wider than the rest as one pen's, pressed harder.
-    outline
-        Take the outline of the one filled region.
 
     Raises
     ------
     CurveError
-        No candidate, or too many marks to tell one; several and none chosen; the chosen one forks,
-        crosses or touches itself, is two lines side by side, or is bridged or measured away from
-        the ink that is seen.
+        No line, or too many pieces of ink to tell one; several candidates and none chosen; the
+        chosen line forks or crosses itself, is two lines side by side, has a gap that is too long,
+        or was measured away from its ink. `code` says which, `numbers` where.
     SettingError
         A parameter outside its range.
     """
-    planned = as_image(image)
-    _check(method, stroke, max_gap_px)
-    given, rgb = [p for p in (start, end) if p is not None], planned.rgb
-    if given or outline:
-        check_places(method, stroke, given, outline)
-    if roi is not None or len(exclude):
-        rgb = part_of(rgb, roi, exclude)
+    rgb = as_image(image).rgb
+    places = [place for place in (start, end) if place is not None]
+    _check_settings(method, stroke, max_gap_px, places)
+    region = Region.of(roi, exclude, rgb.shape)
+
+    # Ink: how much of each pixel the pen covers, and the pixels that hang together.
     pen = Pen.of_colour(colour)
-    marks, mask = find_marks(rgb, pen, colour)
-    if not marks:
-        refuse_grey(planned.rgb)
-    candidates, others = tell_apart(candidates_of(marks, mask, max_gap_px, rgb), mask)
-    told = [*candidates, *others]
-    if outline:
-        line, measured, notes = outline_of(rgb, region_of(marks), mask)
-        both = [(line, measured)]
-    else:
-        refuse_crowd(candidates, others, marks, colour, max_gap_px)
-        if given and stroke is None:
-            candidates = through(candidates, np.array(given)) or candidates
-        chosen = candidates
-        if len(candidates) != 1 or stroke is not None:
-            aside = set_aside(marks, told, candidates)
-            chosen = choose(candidates, others, mask, stroke, colour, aside)
-        for line in chosen:
-            if line.junctions:
-                refuse_junctions(line)
-        both = [(c, _measure(rgb, c, method, mask)) for c in chosen]
-        notes = against_advice(chosen, others, mask.shape) if others else []
-    pieces, ink = pieces_beside(mask, both, told, marks)
-    if outline:
-        pieces = claim_inside(measured.points, pieces, ink)
-    lines, asked = [line for line, _ in both], []
-    for k, (line, whole) in enumerate(both):  # of ends that were cut off nothing more is said
-        line, part = between(line, whole, start, end) if given else (line, whole)
-        line, cut = cut_off(line, part, outline, roi, exclude, rgb.shape)
-        both[k] = (line, whole)
-        asked.append(_stroke(part, line))
-        notes += cut
-    specks, found = unexplained(both, pieces, mask, max_gap_px)
-    notes += found
-    for line, measured in both:
+    ink = find_ink(rgb, pen, region)
+    groups = find_groups(ink)
+    pieces = find_pieces(ink, groups)
+
+    # Lines: skeletons joined over pen lifts; one of them is the curve.
+    lines = find_lines(pieces, max_gap_px)
+    if places and stroke is None:
+        lines = lines_through(lines, places) or lines
+    chosen = [line.in_order() for line in choose_lines(lines, stroke, ink, pen, region)]
+
+    # Centre lines: measured across the ink, or refused where that is ambiguous.
+    curves = []
+    for line in chosen:
+        if method != "mask":
+            refuse_junctions(line)
         if method == "ridge":
-            notes += doubted_bridges(line, measured, mask, max_gap_px)
-            refuse_strayed(line, measured)
-            notes += intruders(line, measured, mask)
-            notes += covered_ends(rgb, line, measured)
-        notes += several(line, measured.single)
-        notes += a_bar(line, pen)
-        notes += side_by_side(line, measured.widening, accept_width)
-        notes += nearly_closed(line, mask, max_gap_px)
-    aside = set_aside(marks, told, lines, [*specks, *(p for p in pieces if p.kind == "offshoot")])
-    return Extraction(mask, tuple(asked), method, aside, tuple(notes), ink)
+            curve = measure(ink, line)
+            refuse_ambiguous(curve, line, max_gap_px, accept_width)
+        else:
+            curve = skeleton_line(line)
+        curves.append(curve)
+
+    # All other ink is listed, and what a person should look at is said.
+    leftover = find_leftover(ink, curves)
+    findings = find_findings(ink, curves, leftover, max_gap_px)
+    strokes = []
+    for curve, line in zip(curves, chosen, strict=True):
+        cut = cut_to(curve, start, end)
+        findings = without_cut_off(findings, curve, cut)
+        findings += _region_findings(cut, region, ink.size)
+        strokes.append(_stroke(ink, cut, line, method))
+    account = list_account(leftover, curves, ink)
+    mask = pen_mask(ink, groups)
+    return Extraction(mask, tuple(strokes), method, account, tuple(findings))
 
 
 def load_libraries() -> None:
     """Import what extraction needs, so that a measured time holds none of it."""
-    for name in ("cv2", "scipy.interpolate", "scipy.ndimage", "scipy.spatial"):
+    names = ("cv2", "scipy.interpolate", "scipy.ndimage", "scipy.spatial", "scipy.sparse.csgraph")
+    for name in (*names, "skimage.morphology"):
         importlib.import_module(name)
     importlib.import_module("skimage.morphology").skeletonize  # noqa: B018 - loaded when named
 
@@ -224,60 +202,65 @@ def vector_stroke(points_px: NDArray, closed: bool, image: PlannedImage, where: 
     limit = np.array([image.width_px, image.height_px]) - 0.5
     outside = ((points_px < -0.5) | (points_px > limit)).any(1)
     if outside.any():
-        u, v = points_px[np.argmax(outside)]
+        u, v = (float(x) for x in points_px[np.argmax(outside)])
         raise CurveError(
             f"leaves the image of {image.width_px}x{image.height_px} px at ({u:.1f}, {v:.1f})",
             where=where,
+            code="vector-outside-image",
+            numbers={"u_px": u, "v_px": v},
         )
-    length = float(arc_length(points_px, closed)[-1])
-    none = np.zeros(len(points_px), bool)
-    stroke = Stroke(points_px, None, closed, none, length, None)
-    mask = np.zeros(image.rgb.shape[:2], bool)
-    return Extraction(mask, (stroke,), "vector")
+    bridged = np.zeros(len(points_px), bool)
+    stroke = Stroke(points_px, None, closed, bridged, arc_length(points_px, closed), None)
+    return Extraction(np.zeros(image.rgb.shape[:2], bool), (stroke,), "vector")
 
 
-def _check(method: str, stroke: int | str | None, max_gap_px: float) -> None:
+def _check_settings(method: str, stroke: int | str | None, max_gap_px: float, places: list) -> None:
     if method not in METHODS:
-        raise SettingError(f"method {method!r} is unknown; allowed: {', '.join(METHODS)}")
-    if stroke not in (None, "all", "longest") and not (
-        isinstance(stroke, int) and stroke is not True and stroke >= 1
-    ):
-        raise SettingError(f"stroke {stroke!r} is not 'all', 'longest' or a number from 1")
-    if not 0 <= max_gap_px < float("inf"):
-        raise SettingError(f"max gap {max_gap_px} px is not a finite number from 0")
-
-
-def _measure(rgb: NDArray, candidate: Candidate, method: Method, mask: NDArray) -> Centreline:
-    if method == "ridge":
-        return trace(
-            rgb,
-            candidate.path,
-            candidate.closed,
-            candidate.bridged,
-            candidate.mark.pen,
-            candidate.width_px,
+        raise SettingError(
+            f"The method {method!r} is unknown. Choose {', '.join(METHODS)}.", code="method-unknown"
         )
-    if method == "skeleton":
-        sigma = np.full(len(candidate.path), 0.5)
-        length = drawn_length(candidate.path, candidate.closed)
-        return Centreline(candidate.path, sigma, candidate.bridged, candidate.closed, length)
-    return _every_pixel(mask, candidate)
+    is_number = isinstance(stroke, int) and stroke is not True and stroke >= 1
+    if stroke not in (None, "all", "longest") and not is_number:
+        raise SettingError(
+            f"The stroke {stroke!r} is not 'all', 'longest' or a number from 1.",
+            code="stroke-unknown",
+        )
+    if not 0 <= max_gap_px < float("inf"):
+        raise SettingError(
+            f"The longest gap {max_gap_px} px is not a finite number from 0.",
+            code="max-gap",
+            numbers={"max_gap_px": max_gap_px},
+        )
+    if places and (method == "mask" or stroke == "all"):
+        raise SettingError(
+            "A start or an end wants one curve in order. Method 'mask' and stroke 'all' have none.",
+            code="start-without-order",
+        )
 
 
-def _stroke(line: Centreline, candidate: Candidate) -> Stroke:
-    return Stroke(
-        line.points, line.sigma, line.closed, line.bridged, line.length, candidate.width_px
-    )
+def _region_findings(curve: CentreLine, region: Region, size: NDArray) -> list[Finding]:
+    """A note for each open end on a border of the region, beyond which nothing was looked at."""
+    if curve.closed:
+        return []
+    ends = curve.points[[0, -1]]
+    findings = []
+    for (u, v), distance in zip(ends, region.border_distance(ends, size), strict=True):
+        if distance <= curve.width + tuned.FLANK_PX:
+            text = f"At ({u:.0f}, {v:.0f}): the curve ends on the border of the region."
+            place = (round(float(u), 1), round(float(v), 1))
+            findings.append(note("end-at-region", "extract", text, place_px=place))
+    return findings
 
 
-def _every_pixel(mask: NDArray, candidate: Candidate) -> Centreline:
-    import cv2
-
-    _, labels = cv2.connectedComponents(mask.view(np.uint8), connectivity=8)
-    own = {int(labels[m.branches[0].path[0][1], m.branches[0].path[0][0]]) for m in candidate.marks}
-    rows, cols = np.nonzero(np.isin(labels, list(own)))
-    points = np.column_stack([cols, rows]).astype(float)
-    sigma = np.full(len(points), candidate.width_px / np.sqrt(12))
-    none = np.zeros(len(points), bool)
-    length = drawn_length(candidate.path, candidate.closed)
-    return Centreline(points, sigma, none, candidate.closed, length)
+def _stroke(ink: Ink, curve: CentreLine, line: Line, method: Method) -> Stroke:
+    """The measured curve as it is returned."""
+    length = arc_length(curve.points, curve.closed)
+    if method != "ridge":
+        length = drawn_length(curve.points, curve.closed)
+    if method != "mask":
+        return Stroke(curve.points, curve.sigma, curve.closed, curve.bridged, length, line.width)
+    # Every pixel of the line's ink; its error across is that of an even distribution.
+    points = np.vstack([half_covered(ink, piece.pixels) for piece in line.pieces]).astype(float)
+    points = points[np.lexsort((points[:, 0], points[:, 1]))]
+    sigma = np.full(len(points), line.width / np.sqrt(12))
+    return Stroke(points, sigma, curve.closed, np.zeros(len(points), bool), length, line.width)

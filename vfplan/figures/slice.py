@@ -18,12 +18,13 @@ from vfplan.io.files import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
 
 if TYPE_CHECKING:
-    from vfplan.curve import Extraction, Stroke
+    from vfplan.curve import AccountEntry, Extraction, Stroke
+    from vfplan.errors import CurveError
     from vfplan.findings import Finding
     from vfplan.fixture import RegistrationRecord
     from vfplan.images.read import PlannedImage
 
-ASIDE = PROXY
+OTHER_INK = PROXY
 WIDTH_PX = (900, 1600)  # of the picture on the page, smallest and largest
 LEGEND_IN = 0.45
 LEGEND = {"fontsize": 7.5, "columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5}
@@ -31,7 +32,7 @@ ARROWS = 6  # a stroke
 OUTLINE_GAP_PX = 3.0  # of the picture, between the edge of the ink and the outline
 ARROW_GAP_PX = 9.0  # of the picture, between the outline and the arrow heads beside it
 USUAL_WIDTH_PX = 4.0  # of the slice, of a pen whose width nobody knows
-CAPTIONS = 12  # of ink that was set aside; more would write over each other
+CAPTIONS = 12  # of other ink; more would write over each other
 OBLIQUE = 0.38  # of a direction, sin 22 degrees: from here on its side is named too
 HALO = (withStroke(linewidth=2.5, foreground="white"),)
 
@@ -58,28 +59,35 @@ def draw_overlay(
 ) -> None:
     """Write the slice in its true greys with what was found on it; the ink stays visible.
 
-    Drawn: an outline beside each curve with its start, direction and bridged parts; marks of the
-    pen's colour that were set aside, with what they were taken for; the findings that have a place,
-    by their numbers; and the markers where given. A length in mm and the patient's sides stand
+    Drawn: an outline beside each curve with its start, direction and bridged parts; all other
+    ink with its number in the account; the findings that have a place, by their numbers; and the markers where given. A length in mm and the patient's sides stand
     where the image tells them.
     """
     with _drawing_on(image, path) as (axes, scale):
         for number, stroke in enumerate(extraction.strokes, 1):
             label = str(number) if len(extraction.strokes) > 1 else ""
             _draw_stroke(axes, stroke, scale, extraction.method == "mask", label)
-        _draw_set_aside(axes, extraction.set_aside)
+        _draw_account(axes, extraction.account)
         _draw_markers(axes, markers)
         _draw_findings(axes, findings)
 
 
-def draw_candidates(image: PlannedImage, lines: tuple[NDArray, ...], path: Path) -> None:
-    """Write the slice with the lines there are to choose from, each with its number."""
+def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
+    """Write the slice with what a refusal speaks of: its place, and the lines to choose from."""
     with _drawing_on(image, path) as (axes, _):
-        for number, (line, colour) in enumerate(zip(lines, cycle(CYCLE), strict=False), 1):
+        for number, (line, colour) in enumerate(
+            zip(error.candidates, cycle(CYCLE), strict=False), 1
+        ):
             axes.plot(*line.T, color=colour, lw=2.2, label=f"--stroke {number}")
             where = {"xytext": (8, 8), "textcoords": "offset points", "weight": "bold"}
             box = {"fc": "white", "ec": colour, "pad": 1.5}
             axes.annotate(str(number), line[0], color=colour, bbox=box, zorder=7, **where)
+        if "u_px" in error.numbers:
+            place = error.numbers["u_px"], error.numbers["v_px"]
+            axes.plot(*place, "o", ms=26, mfc="none", mec=CONTACT, mew=2, zorder=8)
+            where = {"xytext": (16, 16), "textcoords": "offset points", "weight": "bold"}
+            box = {"fc": "white", "ec": CONTACT, "pad": 1.5}
+            axes.annotate(error.code, place, color=CONTACT, bbox=box, zorder=9, **where)
 
 
 @contextmanager
@@ -183,19 +191,20 @@ def _draw_findings(axes: Any, findings: Sequence[Finding]) -> None:
                       arrowprops=leader, **where)  # fmt: skip
 
 
-def _draw_set_aside(axes: Any, set_aside: tuple[dict, ...]) -> None:
+def _draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:
+    """A box around each piece of other ink, with its number; the smallest of many are left out."""
     from matplotlib.patches import Rectangle
 
-    named = sorted(set_aside, key=lambda mark: -mark["length_px"])[:CAPTIONS]
-    for mark in set_aside:
-        u, v, width, height = mark["box"]
-        box = {"fill": False, "ec": ASIDE, "lw": 1.2, "ls": "--", "label": "set aside"}
-        axes.add_patch(Rectangle((u - 3, v - 3), width + 5, height + 5, **box))
-        name = f"{mark['kind']} [{mark['stroke']}]" if "stroke" in mark else mark["kind"]
-        if any(mark is one for one in named):
-            axes.text(u - 3, v - 6, name, color=ASIDE, fontsize=7, va="bottom", clip_on=True)
-        for place in mark.get("junctions", ()) if mark["kind"] == "junction" else ():
-            axes.plot(*place, "x", ms=8, mew=2, color=CONTACT, label="fork or crossing", zorder=6)
+    for entry in account[:CAPTIONS]:
+        if entry.what != "ink":
+            continue
+        half = entry.size_px / 2 + 3
+        corner = entry.u - half, entry.v - half
+        look = {"fill": False, "ec": OTHER_INK, "lw": 1.2, "ls": "--", "label": "other ink"}
+        axes.add_patch(Rectangle(corner, 2 * half, 2 * half, **look))
+        axes.text(
+            *corner, str(entry.number), color=OTHER_INK, fontsize=7, va="bottom", clip_on=True
+        )
 
 
 def _draw_markers(axes: Any, markers: RegistrationRecord | None) -> None:

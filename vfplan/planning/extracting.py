@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 # Settings that only a pen's drawing, and only an image, can follow.
 OF_A_PEN = (
     *("colour", "method", "roi", "max_gap_px"),
-    *("exclude", "start", "end", "accept_width", "outline"),
+    *("exclude", "start", "end", "accept_width"),
 )
 OF_AN_IMAGE = ("pixel_spacing_mm", "frame", "imager_spacing", "max_megapixels")
 # Size of a pixel [mm]: from a microscope's to one as large as the patient.
@@ -106,7 +106,7 @@ def extract(
     elapsed = time.perf_counter() - started
     fixture = planned_curve(extraction, image, settings, inputs=inputs)
     report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
-    findings = tuple(doubt("extract-doubt", "extract", text) for text in extraction.warnings)
+    findings = tuple(extraction.findings)
     return Extracted(replace(fixture, findings=findings), image, extraction, report, findings)
 
 
@@ -143,8 +143,10 @@ def _drawn_as_vectors(
     curve = read_vector_curve(path, settings.curve_origin, settings.stroke)
     placed = onto_slice(curve, image.T_patient_image, str(path))
     extraction = vector_stroke(placed.fine(1.0), curve.closed, image, str(path))
-    told = check_drawn_on(curve.drawn_on, image, settings.frame, str(path))
-    return replace(extraction, warnings=(*curve.warnings, *told)), curve.sha256
+    findings = [note("vector-curve", "extract", text) for text in curve.warnings]
+    for text in check_drawn_on(curve.drawn_on, image, settings.frame, str(path)):
+        findings.append(doubt("vector-image-unknown", "extract", text))
+    return replace(extraction, findings=tuple(findings)), curve.sha256
 
 
 def _vector_alone(path: str | Path, settings: ExtractSettings) -> Extracted:
@@ -250,16 +252,8 @@ def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str
         "spacing_mm": None,
         "density_per_mm": None,
     }
-    if extraction.ink:
-        total = sum(extraction.ink.values())
-        rest = {k: n for k, n in sorted(extraction.ink.items()) if k != "curve" and n}
-        report["ink"] = {
-            "pixels": total,
-            "explained": extraction.ink["curve"] / max(total, 1),
-            "taken_for": {("beside the curve" if k == "own" else k): n for k, n in rest.items()},
-        }
-    if extraction.set_aside:
-        report["set_aside"] = list(extraction.set_aside)
+    if extraction.method != "vector":
+        report["account"] = [asdict(entry) for entry in extraction.account]
     if spacing is not None:
         length_mm = sum(s["length_mm"] for s in report["strokes"])
         gaps = sum(len(s.points_px) - (ordered and not s.closed) for s in extraction.strokes)

@@ -40,8 +40,6 @@ class ExtractSettings:
         (u, v) [px] on the curve where it begins and ends; `None`: its own ends.
     accept_width
         Take a run that is wider than the rest as one pen's; `None`: do not.
-    outline
-        Take the outline of the one filled region; `None`: do not.
     curve_origin
         "centre" or "corner": where on a pixel the whole numbers of an ImageJ vector curve lie, if
         its file leaves it open; `None`: as the file says.
@@ -71,7 +69,6 @@ class ExtractSettings:
     start: tuple[float, float] | None = None
     end: tuple[float, float] | None = None
     accept_width: bool | None = None
-    outline: bool | None = None
     curve_origin: Literal["centre", "corner"] | None = None
     pixel_spacing_mm: tuple[float, float] | None = None
     density_per_mm: float | None = None

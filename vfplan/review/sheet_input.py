@@ -349,20 +349,7 @@ def _bound_along(
 def account_of(extracted: Extracted) -> tuple[AccountEntry, ...]:
     """The ink that was not taken, the largest first."""
     extraction = extracted.extraction
-    entries = getattr(extraction, "account", None)
-    if entries is not None:
-        return tuple(_account_entry(entry) for entry in entries)
-    total = max(1, int(extraction.mask.sum())) if extraction.mask.size else 1
-    listed = []
-    for mark in extraction.set_aside:
-        u, v, width, height = mark["box"]
-        pixels = int(extraction.mask[v : v + height, u : u + width].sum())
-        listed.append((pixels, u + (width - 1) / 2, v + (height - 1) / 2, mark["kind"]))
-    listed.sort(reverse=True)
-    return tuple(
-        AccountEntry(number, u, v, pixels, pixels / total, kind)
-        for number, (pixels, u, v, kind) in enumerate(listed, 1)
-    )
+    return tuple(_account_entry(entry) for entry in extraction.account)
 
 
 def _account_entry(entry: Any) -> AccountEntry:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.extraction import tuned
-from vfplan.extraction.skeleton import Piece
+from vfplan.curve import tuned
+from vfplan.curve.skeleton import Piece
 
 BOTH_ENDS = (0, -1)
 

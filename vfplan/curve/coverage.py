@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.extraction import tuned
-from vfplan.extraction.pen import Pen
-from vfplan.extraction.region import Region
+from vfplan.curve import tuned
+from vfplan.curve.pen import Pen
+from vfplan.curve.region import Region
 
 STRIP_ROWS = 128
 """Rows worked on at a time."""

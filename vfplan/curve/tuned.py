@@ -151,7 +151,7 @@ TAPER_REACH_PX = 30
 ROUND_SHARE = 0.36
 """Of the width, from the place where half of the ink is left back to the centre of a tip."""
 
-FLAT_PEAK = 0.62
+FLAT_PEAK = 0.66
 """Of full coverage, where half of the ink is left. A flat tip has 0.58, a round one 0.7."""
 
 FLAT_PEAK_NOISY = 0.60

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve import tuned
+from vfplan.curve.coverage import Ink
+from vfplan.curve.ends import End, find_ends
+from vfplan.curve.lines import Line
+from vfplan.curve.profiles import Profiles, add_brightness, read_profiles
 from vfplan.errors import CurveError
-from vfplan.extraction import tuned
-from vfplan.extraction.coverage import Ink
-from vfplan.extraction.ends import End, find_ends
-from vfplan.extraction.lines import Line
-from vfplan.extraction.profiles import Profiles, add_brightness, read_profiles
 
 SKELETON_SIGMA_PX = 0.5
 """Pixels: standard deviation of a skeleton's pixels across the line."""
@@ -90,7 +90,8 @@ def measure(ink: Ink, line: Line) -> CentreLine:
         valid = profiles.valid & ~in_gap
         if not line.closed:
             valid = _without_ink_ahead(valid)
-        _refuse_too_little(valid, line)
+        if valid.sum() < tuned.MIN_PROFILES:
+            raise _too_little_error(line, int(valid.sum()))
         ends: tuple[End, ...] = ()
         whole = valid
         if not line.closed:
@@ -127,6 +128,16 @@ def skeleton_line(line: Line) -> CentreLine:
         path=line.path,
         whole=~line.bridged,
     )
+
+
+def drawn_length(path: NDArray, closed: bool) -> float:
+    """Length of the line along a path of pixels, without its stairs [px]."""
+    from scipy.ndimage import gaussian_filter1d
+
+    mode = "nearest"
+    if closed:
+        mode = "wrap"
+    return arc_length(gaussian_filter1d(path, PATH_SMOOTH_PX, axis=0, mode=mode), closed)
 
 
 def arc_length(points: NDArray, closed: bool) -> float:
@@ -171,16 +182,14 @@ def runs(flags: NDArray[np.bool_], closed: bool) -> Iterator[NDArray[np.int64]]:
         yield (np.arange(start, stop) + shift) % len(flags)
 
 
-def _refuse_too_little(valid: NDArray[np.bool_], line: Line) -> None:
-    if valid.sum() >= tuned.MIN_PROFILES:
-        return
+def _too_little_error(line: Line, measured_px: int) -> CurveError:
     u, v = (float(x) for x in line.path[len(line.path) // 2])
-    raise CurveError(
-        f"Only {int(valid.sum())} px of the line can be measured. Draw it with a stronger pen, or "
-        "take its skeleton: --method skeleton.",
+    return CurveError(
+        f"Only {measured_px} px of the line can be measured. Draw it with a stronger pen, or take "
+        "its skeleton: --method skeleton.",
         where=f"pixel ({u:.0f}, {v:.0f})",
         code="too-little-ink",
-        numbers={"measured_px": int(valid.sum()), "u_px": u, "v_px": v},
+        numbers={"measured_px": measured_px, "u_px": u, "v_px": v},
     )
 
 
@@ -282,10 +291,14 @@ def _centre_line(
     first, last = 0.0, float(len(valid))
     if not line.closed:
         first, last = ends[0].place, ends[1].place
-    dense = np.linspace(first, last, 4 * max(2, round(last - first)) + 1)
+    if last - first < 2:
+        raise _too_little_error(line, 0)
+    dense = np.linspace(first, last, 4 * round(last - first) + 1)
     curve = spline(dense)
     inside = ((curve > -0.5) & (curve < ink.size - 0.5)).all(1)
     dense, curve = dense[inside], curve[inside]
+    if len(dense) < tuned.MIN_PROFILES:
+        raise _too_little_error(line, len(dense) // 4)
     arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(curve, axis=0).T))]
     count = max(4, round(arc[-1]))
     even = np.linspace(0, arc[-1], count + 1)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.centreline import CentreLine
+from vfplan.curve.lines import Line
 from vfplan.errors import CurveError
-from vfplan.extraction.centreline import CentreLine
-from vfplan.extraction.lines import Line
 from vfplan.findings import Finding
 
 REACH_WIDTHS = 3.0

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve import tuned
+from vfplan.curve.centreline import CentreLine, runs
+from vfplan.curve.lines import Line
 from vfplan.errors import CurveError
-from vfplan.extraction import tuned
-from vfplan.extraction.centreline import CentreLine, runs
-from vfplan.extraction.lines import Line
 
 
 def refuse_ambiguous(curve: CentreLine, line: Line, max_gap_px: float, accept_width: bool) -> None:

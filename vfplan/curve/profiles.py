@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.extraction import tuned
-from vfplan.extraction.coverage import OTHER_UNIT, Ink, brightness, sample
+from vfplan.curve import tuned
+from vfplan.curve.coverage import OTHER_UNIT, Ink, brightness, sample
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve import tuned
+from vfplan.curve.coverage import Ink, find_ink
+from vfplan.curve.lines import BOTH_ENDS, Line, find_lines, gap_px
+from vfplan.curve.pen import HUES, Pen
+from vfplan.curve.region import Region
+from vfplan.curve.skeleton import find_groups, find_pieces
 from vfplan.errors import CurveError
-from vfplan.extraction import tuned
-from vfplan.extraction.coverage import Ink, find_ink
-from vfplan.extraction.lines import BOTH_ENDS, Line, find_lines, gap_px
-from vfplan.extraction.pen import HUES, Pen
-from vfplan.extraction.region import Region
-from vfplan.extraction.skeleton import find_groups, find_pieces
 
 DESCRIBED = 8
 """Lines that an error message describes."""

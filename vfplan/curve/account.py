@@ -9,12 +9,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.extraction import tuned
-from vfplan.extraction.ambiguity import sudden_changes
-from vfplan.extraction.centreline import CentreLine, runs
-from vfplan.extraction.coverage import OTHER_UNIT, Ink
+from vfplan.curve import tuned
+from vfplan.curve.ambiguity import sudden_changes
+from vfplan.curve.centreline import CentreLine, runs
+from vfplan.curve.coverage import OTHER_UNIT, Ink
 from vfplan.findings import Finding, doubt
-
 
 NAMED = 3
 """Pieces of ink of one sort that have a finding of their own; the account lists all."""

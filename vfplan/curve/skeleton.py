@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve import tuned
+from vfplan.curve.coverage import Ink
 from vfplan.errors import CurveError
-from vfplan.extraction import tuned
-from vfplan.extraction.coverage import Ink
 
 STAIR = 1.05
 """Times by which a staircase of pixels is longer than its line."""

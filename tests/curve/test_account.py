@@ -1,0 +1,125 @@
+"""What is listed, and what a person is asked to look at."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from drawing import blend, coverage, flat, to_uint8
+
+from vfplan.curve import extract_curve
+
+RED, GREEN = (255, 0, 0), (0, 200, 60)
+SHAPE = (300, 340)
+T = np.linspace(0, 1, 600)
+CURVE = np.column_stack([60 + 220 * T, 150 + 30 * np.sin(np.pi * T)])
+
+
+def picture(*more, width=3.0):
+    share = coverage(SHAPE, CURVE, width)
+    for curve, size in more:
+        share = np.maximum(share, coverage(SHAPE, np.asarray(curve, float), size))
+    return to_uint8(blend(flat(SHAPE), share, RED))
+
+
+def codes(extraction):
+    return [finding.code for finding in extraction.findings]
+
+
+def test_a_plain_curve_has_an_empty_account_and_no_findings():
+    extraction = extract_curve(picture())
+    assert (extraction.account, extraction.findings) == ((), ())
+
+
+def test_all_other_ink_is_listed_the_largest_first():
+    image = picture(([(40, 40), (90, 40)], 3.0), ([(300, 30), (306, 30)], 6.0))
+    extraction = extract_curve(image)
+    assert codes(extraction) == []
+    first, second = extraction.account
+    assert (first.number, second.number) == (1, 2)
+    assert (first.u, first.v) == pytest.approx((65, 40), abs=1.5)
+    assert first.pixels == pytest.approx(150, abs=25)
+    assert first.pixels > second.pixels
+    assert first.share == pytest.approx(first.pixels / np.count_nonzero(extraction.mask), rel=0.1)
+
+
+@pytest.mark.parametrize(("gap", "asked"), [(25.0, True), (70.0, False)])
+def test_ink_ahead_of_an_end_is_asked_about(gap, asked):
+    start = np.add(CURVE[-1], (gap, 0.0))
+    stop = np.add(start, (10, 0))
+    image = np.full((*SHAPE[:1], 460, 3), 220, np.uint8)
+    image[:, :340] = picture()
+    cv2.line(image, np.rint(start).astype(int), np.rint(stop).astype(int), RED, 3)
+    extraction = extract_curve(image)
+    assert (codes(extraction) == ["ink-at-end"]) == asked
+    assert len(extraction.account) == 1
+
+
+def test_ink_that_touches_the_line_is_asked_about():
+    dot = CURVE[300] + [0.0, 5.2]
+    extraction = extract_curve(picture(([dot, np.add(dot, (0.1, 0.0))], 5.0)))
+    assert "ink-touches" in codes(extraction)
+    place = extraction.findings[0].place_px
+    assert np.hypot(*np.subtract(place, dot)) < 4
+
+
+def test_another_colour_at_an_end_is_asked_about():
+    image = picture()
+    u, v = np.rint(CURVE[-1]).astype(int)
+    cv2.line(image, (int(u), int(v) - 20), (int(u), int(v) + 20), GREEN, 4)
+    extraction = extract_curve(image)
+    assert codes(extraction) == ["end-other-colour"]
+    finding = extraction.findings[0]
+    assert (finding.severity, finding.stage) == ("doubt", "extract")
+    assert np.hypot(*np.subtract(finding.place_px, CURVE[-1])) < 6
+
+
+@pytest.mark.parametrize(("width", "code"), [(8, []), (30, ["stretch-hidden"])])
+def test_a_long_hidden_stretch_is_asked_about_and_a_short_one_is_listed(width, code):
+    image = picture()
+    u, v = CURVE[300]
+    left, right = round(u - width / 2), round(u + width / 2)
+    cv2.rectangle(image, (left, round(v) - 20), (right, round(v) + 20), GREEN, -1)
+    extraction = extract_curve(image, max_gap_px=40)
+    assert codes(extraction) == code
+    (entry,) = extraction.account
+    assert entry.what == "hidden"
+    assert (entry.u, entry.v) == pytest.approx((u, v), abs=4)
+    assert extraction.strokes[0].points_px[0, 0] < 65
+
+
+@pytest.mark.parametrize(("gap", "code"), [(10, []), (32, ["bridge-long"])])
+def test_a_long_bridge_is_asked_about_and_a_short_one_is_listed(gap, code):
+    half = round(300 * gap / 110 / 2)
+    share = np.maximum(
+        coverage(SHAPE, CURVE[: 300 - half], 3.0), coverage(SHAPE, CURVE[300 + half :], 3.0)
+    )
+    extraction = extract_curve(to_uint8(blend(flat(SHAPE), share, RED)), max_gap_px=40)
+    assert codes(extraction) == code
+    (entry,) = extraction.account
+    assert entry.what == "bridge"
+    assert np.count_nonzero(extraction.strokes[0].bridged) == entry.pixels
+
+
+def test_a_sudden_change_of_width_is_asked_about():
+    extraction = extract_curve(picture((CURVE[200:212], 6.0)))
+    assert codes(extraction) == ["width-changes"]
+    place = extraction.findings[0].place_px
+    assert min(np.hypot(*(CURVE[k] - place)) for k in (200, 212)) < 8
+
+
+def test_markers_and_words_of_other_colours_are_no_account():
+    image = picture()
+    for k in range(9):
+        place = 20 + 35 * k, 40
+        cv2.drawMarker(image, place, (0, 255, 255), cv2.MARKER_CROSS, 14, 2)
+        cv2.putText(image, f"x{k}", place, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255, 255, 0), 1)
+    extraction = extract_curve(image)
+    assert (extraction.account, codes(extraction)) == ((), [])
+
+
+def test_what_was_cut_off_is_not_asked_about():
+    start = CURVE[-1] + [12.0, 0.0]
+    image = picture(([start, np.add(start, (20, 0))], 8.0))
+    assert codes(extract_curve(image, max_gap_px=10)) == ["ink-at-end"]
+    assert codes(extract_curve(image, max_gap_px=10, end=(220, 173))) == []

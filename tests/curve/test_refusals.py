@@ -1,0 +1,210 @@
+"""What is refused: each by its code, with the place and the numbers."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from drawing import blend, coverage, flat, to_uint8, wavy
+
+from vfplan.curve import extract_curve
+from vfplan.errors import CurveError, SettingError
+
+RED, BLUE = (255, 0, 0), (0, 0, 255)
+SHAPE = (300, 340)
+T = np.linspace(0, 1, 600)
+
+
+def line(u0, v0, u1, v1, bow=0.0):
+    """(600, 2) a line, bowed sideways."""
+    u, v = u0 + (u1 - u0) * T, v0 + (v1 - v0) * T
+    return np.column_stack([u, v + bow * np.sin(np.pi * T)])
+
+
+def paint(*curves, width=3.0, colour=RED, picture=None):
+    share = np.zeros(SHAPE)
+    for curve in curves:
+        share = np.maximum(share, coverage(SHAPE, curve, width))
+    return to_uint8(blend(flat(SHAPE) if picture is None else picture, share, colour))
+
+
+def refusal(image, **options):
+    with pytest.raises(CurveError) as refused:
+        extract_curve(image, **options)
+    return refused.value
+
+
+def test_a_grey_picture():
+    assert refusal(to_uint8(flat(SHAPE))).code == "image-grey"
+
+
+def test_no_ink_but_another_pens_line():
+    curve = line(40, 100, 290, 140, 40)
+    error = refusal(paint(curve, colour=BLUE))
+    assert error.code == "no-line"
+    assert error.numbers["other_colour"] == "blue"
+    length = np.hypot(*np.diff(curve, axis=0).T).sum()
+    assert error.numbers["other_length_px"] == pytest.approx(length, rel=0.05)
+    assert "--colour blue" in error.message
+    extract_curve(paint(curve, colour=BLUE), colour="blue")
+
+
+def test_no_line_among_dots():
+    image = paint(line(40, 100, 44, 100), width=8.0)
+    error = refusal(image)
+    assert error.code == "no-line"
+    assert "other_colour" not in error.numbers
+
+
+def test_several_candidates_with_the_gap_between_them():
+    first, second = line(40, 100, 150, 100, 20), line(190, 100, 300, 100, -20)
+    image = paint(first, second)
+    error = refusal(image)
+    assert (error.code, error.numbers["candidates"]) == ("several-candidates", 2)
+    assert error.numbers["gap_px"] == pytest.approx(37, abs=3)
+    assert error.numbers["u_px"] == pytest.approx(170, abs=3)
+    assert len(error.candidates) == 2
+    (one,) = extract_curve(image, stroke=2).strokes
+    assert one.points_px[:, 0].min() > 180 or one.points_px[:, 0].max() < 160
+    assert len(extract_curve(image, stroke="all").strokes) == 2
+    assert len(extract_curve(image, stroke="longest").strokes) == 1
+    assert refusal(image, stroke=3).code == "stroke-number"
+
+
+def test_a_fork_names_its_place():
+    error = refusal(paint(line(40, 150, 300, 150), line(170, 150, 250, 60)))
+    assert error.code == "line-forks"
+    place = error.numbers["u_px"], error.numbers["v_px"]
+    assert np.hypot(*np.subtract(place, (170, 150))) < 6
+    assert error.where == f"pixel ({place[0]:.0f}, {place[1]:.0f})"
+    assert "vfplan review IMAGE" in error.message
+
+
+def test_a_line_that_crosses_itself():
+    turn = np.linspace(0, 2 * np.pi, 1200)
+    eight = np.column_stack([170 + 100 * np.sin(turn), 150 + 70 * np.sin(2 * turn)])
+    error = refusal(paint(eight))
+    assert error.code == "line-forks"
+    assert np.hypot(error.numbers["u_px"] - 170, error.numbers["v_px"] - 150) < 6
+
+
+def test_runs_side_by_side():
+    curve = line(40, 150, 300, 150, 30)
+    beside = np.add(curve[200:420], (0.0, 3.0))
+    error = refusal(paint(curve, beside))
+    assert error.code == "runs-side-by-side"
+    assert error.numbers["width_ratio"] > 1.5
+    assert 100 < error.numbers["u_px"] < 250
+    assert len(extract_curve(paint(curve, beside), accept_width=True).strokes) == 1
+
+
+def test_a_pressed_pen_is_no_second_run():
+    from canvas import Canvas
+
+    canvas = Canvas(flat(SHAPE), "exact")
+    curve = line(40, 150, 300, 150, 30)
+    canvas.pressed(curve, 4.0 * (1 + 0.4 * np.sin(6 * np.pi * T)), RED)
+    extraction = extract_curve(canvas.image())
+    assert extraction.findings == ()
+
+
+def test_two_lines_all_along():
+    curve = line(40, 150, 300, 150, 30)
+    error = refusal(paint(curve, np.add(curve, (0.0, 3.4)), width=2.2))
+    assert error.code in ("double-line", "runs-side-by-side", "line-forks", "several-candidates")
+
+
+def test_a_gap_that_is_longer_than_the_longest_bridged():
+    curve = wavy(SHAPE, 3, count=1500)
+    image = paint(curve[:700], curve[760:])
+    assert len(extract_curve(image).strokes) == 1
+    error = refusal(image, max_gap_px=4)
+    assert error.code == "several-candidates"
+    assert 4 < error.numbers["gap_px"] < 20
+
+
+def test_a_cover_that_is_longer_than_the_longest_bridged():
+    image = paint(line(40, 150, 300, 150, 30))
+    cv2.rectangle(image, (150, 120), (190, 220), (0, 200, 60), -1)
+    error = refusal(image)
+    assert error.code in ("bridge-too-long", "several-candidates")
+    assert error.numbers["gap_px"] == pytest.approx(40, abs=8)
+    extraction = extract_curve(image, max_gap_px=50)
+    assert [finding.code for finding in extraction.findings] == ["stretch-hidden"]
+
+
+def test_a_frame_along_the_border_is_no_curve():
+    image = paint(line(60, 150, 280, 150, 30))
+    cv2.rectangle(image, (6, 6), (333, 293), RED, 2)
+    (stroke,) = extract_curve(image).strokes
+    assert not stroke.closed
+    only = to_uint8(flat(SHAPE))
+    cv2.rectangle(only, (6, 6), (333, 293), RED, 2)
+    assert refusal(only).code == "only-a-frame"
+    assert extract_curve(only, stroke=1).strokes[0].closed
+
+
+def test_noise_is_refused():
+    noise = np.random.default_rng(3).integers(0, 256, (600, 700, 3), dtype=np.uint8)
+    error = refusal(noise)
+    assert error.code in ("too-many-pieces", "no-line", "several-candidates", "line-forks")
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        ({"method": "magic"}, "method-unknown"),
+        ({"stroke": 0}, "stroke-unknown"),
+        ({"stroke": True}, "stroke-unknown"),
+        ({"max_gap_px": -1.0}, "max-gap"),
+        ({"max_gap_px": float("inf")}, "max-gap"),
+        ({"colour": "grey"}, "colour-grey"),
+        ({"colour": "no colour"}, "colour-unknown"),
+        ({"roi": (0, 0, 400, 10)}, "region-outside"),
+        ({"roi": (0, 0, 0, 10)}, "region-outside"),
+        ({"exclude": [(0.5, 0, 10, 10)]}, "region-not-a-box"),
+        ({"start": (1, 1), "method": "mask"}, "start-without-order"),
+        ({"start": (1, 1), "stroke": "all"}, "start-without-order"),
+    ],
+)
+def test_settings_out_of_range(options, code):
+    with pytest.raises(SettingError) as refused:
+        extract_curve(paint(line(40, 150, 300, 150)), **options)
+    assert refused.value.code == code
+
+
+def test_start_and_end_cut_and_turn_the_curve():
+    image = paint(line(40, 150, 300, 150))
+    whole = extract_curve(image).strokes[0]
+    part = extract_curve(image, start=(250, 150), end=(100, 150)).strokes[0]
+    assert part.points_px[0] == pytest.approx([250, 150], abs=1)
+    assert part.points_px[-1] == pytest.approx([100, 150], abs=1)
+    assert part.length_px == pytest.approx(150, abs=2)
+    turned = extract_curve(image, start=(300, 150)).strokes[0]
+    assert np.allclose(turned.points_px, whole.points_px[::-1])
+    assert refusal(image, start=(100, 60)).code == "place-off-curve"
+    assert refusal(image, start=(100, 150), end=(100, 150)).code == "start-is-end"
+
+
+def test_a_start_chooses_among_candidates_and_where_a_ring_begins():
+    image = paint(line(40, 80, 300, 80), line(40, 220, 300, 220))
+    stroke = extract_curve(image, start=(298, 221)).strokes[0]
+    assert stroke.points_px[:, 1] == pytest.approx(220, abs=1)
+    turn = np.linspace(0, 2 * np.pi, 900, endpoint=False)
+    ring = np.column_stack([170 + 80 * np.cos(turn), 150 + 80 * np.sin(turn)])
+    share = coverage(SHAPE, ring, 3.0, True)
+    image = to_uint8(blend(flat(SHAPE), share, RED))
+    stroke = extract_curve(image, start=(250, 150)).strokes[0]
+    assert stroke.points_px[0] == pytest.approx([250, 150], abs=1)
+    assert refusal(image, end=(250, 150)).code == "end-of-a-ring"
+
+
+def test_a_region_and_what_is_excluded():
+    image = paint(line(40, 80, 300, 80), line(40, 220, 300, 220))
+    stroke = extract_curve(image, roi=(0, 150, 340, 150)).strokes[0]
+    assert stroke.points_px[:, 1].min() > 200
+    stroke = extract_curve(image, exclude=[(0, 150, 340, 150)]).strokes[0]
+    assert stroke.points_px[:, 1].max() < 100
+    extraction = extract_curve(image, roi=(100, 150, 240, 150))
+    assert [finding.code for finding in extraction.findings] == ["end-at-region"]
+    assert extraction.findings[0].severity == "note"
