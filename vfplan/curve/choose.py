@@ -147,14 +147,14 @@ def _no_line_error(frames: list[Line], ink: Ink, pen: Pen, region: Region) -> Cu
             code="no-line",
             numbers=numbers,
         )
-    error = CurveError(
+    u, v = (float(x) for x in line.path[len(line.path) // 2])
+    return CurveError(
         f"No line was drawn in {pen.name}. Found a {name} line of {line.length:.0f} px: "
         f"--colour {name}.",
         code="no-line",
-        numbers=numbers | {"other_colour": name, "other_length_px": line.length},
+        numbers=numbers
+        | {"other_colour": name, "other_length_px": line.length, "u_px": u, "v_px": v},
     )
-    error.candidates = (line.path,)
-    return error
 
 
 def _longest_of_another_pen(rgb: NDArray, pen: Pen, region: Region) -> tuple[str, Line | None]:
