@@ -36,7 +36,7 @@ def test_a_plan_guides_along_the_drawn_curve(tmp_path):
     made = plan(*ELBOW, settings=FixtureSettings(guide_m=1e-3, guide_ends="open"))
     assert made.fixture.guidance == Guidance(1e-3, 1000.0, "open", None)
     assert made.registered.report["guide"]["radius_m"] == 1e-3
-    assert made.registered.report["guide"]["lengths_m"] == pytest.approx([0.415], rel=1e-3)
+    assert made.registered.report["guide"]["lengths_m"] == pytest.approx([0.4158], rel=1e-3)
     path = tmp_path / "guide.h5"
     vfplan.write_fixture(made.fixture, path)
     read = vfplan.read_fixture(path)

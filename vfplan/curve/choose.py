@@ -92,7 +92,7 @@ def describe(line: Line) -> str:
 def _several_error(candidates: list[Line]) -> CurveError:
     listed = "; ".join(f"{k}: {describe(line)}" for k, line in enumerate(candidates[:DESCRIBED], 1))
     message = (
-        f"{len(candidates)} lines may be the curve. Choose one with --stroke N, or look in a part "
+        f"There are {len(candidates)} candidates. Choose one with --stroke N, or look in a part "
         f"of the picture with --roi: {listed}"
     )
     numbers: dict = {"candidates": len(candidates)}
