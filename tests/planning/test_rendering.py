@@ -162,3 +162,16 @@ def test_points_that_are_there_twice_are_one_place(made):
     assert once["spacing_m"] > 1e-3
     alone = register(replace(cloud, points=cloud.points[:1]), *markers).report
     assert (alone["points"], alone["spacing_m"]) == (1, None)
+
+
+def test_a_coarse_vector_curve_is_one_curve_as_points_and_as_arcs(tmp_path):
+    u = np.linspace(260, 600, 60)
+    v = 400 + 40 * np.sin(u / 55)
+    drawn = tmp_path / "drawn.csv"
+    np.savetxt(drawn, np.c_[u, v], delimiter=",", header="u_px,v_px", comments="")
+    names = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
+    made = plan(*(ROOT / "samples" / name for name in names), curve=drawn)
+    assert made.fixture.curve.pieces.error > 1e-6  # arcs leave the chords between the vertices
+    path = tmp_path / "fixture.h5"
+    write_fixture(made.fixture, path)  # refuses points that the pieces do not lead to
+    assert np.array_equal(read_fixture(path).points, made.fixture.points)

@@ -142,7 +142,11 @@ def in_strokes(
 
 
 def pieces_of(
-    curve: Fixture, registration: Registration, axis: Vector | None, settings: FixtureSettings
+    curve: Fixture,
+    registration: Registration,
+    axis: Vector | None,
+    settings: FixtureSettings,
+    carried: Carried,
 ) -> Pieces | None:
     """The carried strokes as lines and arcs, where they can be rendered as such.
 
@@ -154,6 +158,9 @@ def pieces_of(
         (3,) that the fixture ignores; `None`: a curve in space.
     settings
         How far the measured curve may lie from its pieces.
+    carried
+        The points sampled from the same strokes. They lie on the straight lines between the
+        measured points, so that the pieces may leave them by more; the pieces' error says so.
 
     Raises
     ------
@@ -170,12 +177,14 @@ def pieces_of(
         raise SettingError("lines and arcs: only of drawn strokes, across an ignored axis")
     frame = plane(axis)
     tolerance = (settings.arcs_m or DEFAULT_ARCS_M) - PIECE_ROUNDING_M
-    carried = registration.apply(curve.points)
-    flat, height = carried @ frame.T, float((carried @ axis).mean())
+    measured = registration.apply(curve.points)
+    flat, height = measured @ frame.T, float((measured @ axis).mean())
     vertices, bulges, counts, error = [], [], [], 0.0
     for number, closed in enumerate(curve.curve.closed):
         arcs = fit_arcs(flat[curve.curve.stroke == number], bool(closed), tolerance)
-        error = max(error, arcs.error + PIECE_ROUNDING_M)
+        samples = carried.points[carried.curve.stroke == number] @ frame.T
+        departure = max(arcs.error, float(arcs.distance(samples).max()))
+        error = max(error, departure + PIECE_ROUNDING_M)
         # An id must not depend on a processor's last bit.
         vertices.append(np.round(arcs.vertices @ frame + height * axis, VERTEX_DECIMALS))
         bulges.append(np.round(arcs.bulges, BULGE_DECIMALS))

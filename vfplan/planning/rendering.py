@@ -99,7 +99,7 @@ def render(
     rendering = _rendering_of(
         carried.points, settings, registration, choice, curve.mesh, slice_axes
     )
-    pieces = pieces_of(curve, registration, rendering.ignore_axis, settings)
+    pieces = pieces_of(curve, registration, rendering.ignore_axis, settings, carried)
     if pieces:
         require_small(pieces, margin_m, settings)
         # The choice is that of the points alone.
