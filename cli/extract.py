@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +14,14 @@ from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command, patience
 from vfplan.cli.values import FILE, Number
 
-from vfplan.errors import CurveError, SettingError
+from vfplan.errors import CheckFailed, CurveError, MarkerError, SettingError
+
+# Codes of refusals that a person can mend on the review page.
+MENDED_ON_PAGE = {
+    *("several-candidates", "line-forks", "double-line", "runs-side-by-side", "bridge-too-long"),
+    *("fit-left-ink", "too-little-ink", "no-line", "only-a-frame", "too-many-pieces"),
+    *("labels-mistaken", "residual-large", "tre-large", "markers-meet-no-marks", "no-mark-near"),
+}
 
 
 @command(
@@ -42,7 +50,12 @@ def command(image, output, mask_out, overlay_out, **given) -> Report:
     from vfplan.planning import ExtractSettings, extract
 
     how = settings(ExtractSettings, given)
-    with patience(f"extracting the curve of {image.name}"), pictured(image, how, overlay_out):
+    page = review_command(image, output=output)
+    with (
+        patience(f"extracting the curve of {image.name}"),
+        naming_page(page),
+        pictured(image, how, overlay_out),
+    ):
         extracted = extract(image, how, curve=given["curve"])
     with outputs(output, mask_out, overlay_out) as (path, mask, overlay):
         write_fixture(extracted.fixture, path)
@@ -69,6 +82,28 @@ def pictured(image: Path, settings: Any, overlay: Path | None) -> Iterator[None]
             draw_refusal(planned, error, overlay)
             error.message += f" {overlay} shows it."
         raise
+
+
+@contextmanager
+def naming_page(page: str) -> Iterator[None]:
+    """Name the command that opens the review page where a person can mend what is refused."""
+    try:
+        yield
+    except (CurveError, MarkerError, CheckFailed) as error:
+        if "vfplan review IMAGE" in error.message:
+            message = error.message.removesuffix("vfplan review IMAGE.")
+            if message != error.message:  # no full stop that would be copied with the command
+                message += page
+            error.message = message.replace("vfplan review IMAGE", page)
+        elif error.code in MENDED_ON_PAGE:
+            error.message += f" To mend it on a page: {page}"
+        raise
+
+
+def review_command(*files: Path | None, output: Path) -> str:
+    """The command that opens the review page of a slice and its markers."""
+    given = [str(file) for file in files if file is not None]
+    return shlex.join(["vfplan", "review", *given, "-o", str(output)])
 
 
 def write_pictures(extracted: Any, mask: Path | None, overlay: Path | None) -> None:

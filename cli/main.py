@@ -16,7 +16,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "plan": "A planned slice and its markers in, a fixture out.",
         "extract": "A planned slice in, its drawn curve out.",
         "register": "Markers and a curve in, a fixture out.",
-        "review": "A plan on one sheet, for a person to look at.",
+        "review": "A plan on a page or a sheet: look, mend, approve.",
         "accept": "Approve a plan by the digest on its sheet, for scripts.",
         "surface": "Outlined slices in, a surface out.",
         "import": "A bundle from any point cloud or mesh.",

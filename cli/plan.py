@@ -8,7 +8,13 @@ from typing import Any
 
 import click
 from vfplan.cli import options
-from vfplan.cli.extract import extracted_text, pictured, write_pictures
+from vfplan.cli.extract import (
+    extracted_text,
+    naming_page,
+    pictured,
+    review_command,
+    write_pictures,
+)
 from vfplan.cli.options import option
 from vfplan.cli.outputs import outputs, refuse_beside
 from vfplan.cli.register import registered_text, write_registration_picture
@@ -66,7 +72,12 @@ def command(
         refuse_beside(sheet_path)
     reading, making = options.settings(ExtractSettings, given), options.fixture_settings(given)
     robot = read_robot(given["robot"])
-    with patience(f"planning on {image.name}"), pictured(image, reading, overlay_out):
+    page = review_command(image, markers, markers2, output=output)
+    with (
+        patience(f"planning on {image.name}"),
+        naming_page(page),
+        pictured(image, reading, overlay_out),
+    ):
         made = plan(
             image, markers, markers2, extraction=reading, settings=making, curve=given["curve"]
         )
@@ -105,7 +116,8 @@ def command(
     ending = "planned; no finding wants an answer"
     if made.fixture.open_findings:
         ending = f"planned; {len(made.fixture.open_findings)} findings want an answer"
-    next_step = f"vfplan review {output} --slice {image}"
+    approved_path = output.with_name(f"{output.stem}-approved.h5")
+    next_step = f"vfplan review {output} --slice {image} -o {approved_path}"
     if sheet_path is not None:
         text += f" and {sheet_path}, its review sheet"
         next_step = f"look at {sheet_path}, then {next_step}"

@@ -6,6 +6,7 @@ person made of it since.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -213,12 +214,12 @@ def geometry_of_slice(path: Path, settings: ExtractSettings, ink: Ink) -> Geomet
     try:
         extracted = extract(path, settings)
     except CurveError as error:
-        refusal = Refusal(error.code, error.message, _place_of(error))
-        return Geometry(ink=ink, refusal=refusal, candidates=_candidates(error, ink, settings))
+        return Geometry(
+            ink=ink, refusal=_refusal_of(error), candidates=_candidates(error, ink, settings)
+        )
     strokes = []
     for line in extracted.extraction.strokes:
-        bridged = getattr(line, "bridged", None)
-        strokes.append(Stroke.measured(line.points_px, line.sigma_px, line.closed, bridged))
+        strokes.append(Stroke.measured(line.points_px, line.sigma_px, line.closed, line.bridged))
     return Geometry(tuple(strokes), ink, extracted.findings)
 
 
@@ -236,8 +237,7 @@ def chosen(path: Path, settings: ExtractSettings, geometry: Geometry, number: in
         extracted = None
         branches = _branches(geometry, way)
         if branches:
-            refusal = Refusal(error.code, error.message, _place_of(error))
-            return replace(geometry, refusal=refusal, candidates=branches)
+            return replace(geometry, refusal=_refusal_of(error), candidates=branches)
     if extracted is not None:
         lines = extracted.extraction.strokes
         off = [nearest_point(line.points_px, place)[1] for line in lines for place in way.path[::8]]
@@ -284,14 +284,14 @@ def way_over(piece: OtherInk) -> Way:
     return Way(ways[0].path + np.array(piece.box[:2], float), ways[0].closed)
 
 
-def _place_of(error: CurveError) -> tuple[float, float] | None:
-    """Where on the slice the refusal is about."""
-    place = error.numbers.get("place_px")
-    if place is None and {"u", "v"} <= set(error.numbers):
-        place = (error.numbers["u"], error.numbers["v"])
-    if place is None and error.where and error.where.startswith("pixel ("):
-        place = [float(x) for x in error.where[7:-1].split(",")]
-    return None if place is None else (float(place[0]), float(place[1]))
+def _refusal_of(error: CurveError) -> Refusal:
+    """The refusal without its advice to open the page, on which it is shown."""
+    sentences = re.split(r"(?<=\.) ", error.message)
+    text = " ".join(s for s in sentences if "vfplan review" not in s) or error.message
+    place = None
+    if {"u_px", "v_px"} <= set(error.numbers):
+        place = (float(error.numbers["u_px"]), float(error.numbers["v_px"]))
+    return Refusal(error.code, text, place)
 
 
 def _candidates(error: CurveError, ink: Ink, settings: ExtractSettings) -> tuple[Way, ...]:

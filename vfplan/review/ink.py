@@ -259,12 +259,12 @@ class Ink:
             return line
         # Straight on from both ends: where the ink ends there, the line was meant to end.
         pen = self.width_along(line.points, False)
-        reach = reach_px + pen
-        before, after = reach * free[0], reach * free[1]
+        reach = round(reach_px + pen)
+        before, after = reach * int(free[0]), reach * int(free[1])
         carried = _carried_on(line.points, before, after)
         _, inked, _ = self.along_path(carried, False, 2.0)
         arc = arc_length(carried, False)
-        start, stop = arc[int(before)], arc[-1 - int(after)]
+        start, stop = arc[before], arc[-1 - after]
         at = arc[inked]
         if len(at) and free[0] and 1.0 < at[0] < 2.0 * reach:
             start = at[0] + ROUND_END * pen

@@ -12,7 +12,7 @@ from PIL import ImageColor
 from vfplan.errors import ImageError, InputError, SettingError
 from vfplan.findings import Finding
 from vfplan.fixture import Fixture
-from vfplan.images.read import PlannedImage, read_image
+from vfplan.images.read import MAX_MEGAPIXELS, PlannedImage, read_image
 from vfplan.markers import read_markers
 from vfplan.planning import ExtractSettings, FixtureSettings
 from vfplan.review.geometry import Geometry, geometry_of_slice
@@ -210,6 +210,7 @@ def _slice(path: Path, settings: ExtractSettings) -> PlannedImage:
         frame=settings.frame,
         pixel_spacing_mm=settings.pixel_spacing_mm,
         imager_spacing=bool(settings.imager_spacing),
+        max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
     )
 
 
