@@ -187,7 +187,7 @@ def answer(module, image):
         extraction = module.extract_curve(image)
     except CurveError as error:
         seconds = time.process_time() - start
-        return Answer(refusal=f"{error.code}: {error}", seconds=seconds)
+        return Answer(refusal=f"{getattr(error, 'code', '')}: {error}", seconds=seconds)
     seconds = time.process_time() - start
     stroke = extraction.strokes[0]
     said = Answer(stroke.points_px, stroke.sigma_px, stroke.closed, seconds=seconds)
