@@ -43,6 +43,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "burr": "Burr a fixture away: points go under the tool.",
         "export": "A bundle's points as PLY, CSV or .mrk.json.",
         "migrate": "Bring an old bundle up to date, in a new file.",
+        "conformance": "Files to test another reader of bundles with.",
     },
 }
 COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}

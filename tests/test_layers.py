@@ -19,7 +19,7 @@ LAYERS = [
     ["images", "session"],
     ["markers"],
     ["registration", "bundle", "reference", "scenes"],
-    ["curve", "vectors"],
+    ["curve", "vectors", "conformance"],
     ["planning", "replaying"],
     ["stability"],
     ["figures", "view3d"],

@@ -1,0 +1,96 @@
+"""The conformance kit: it is whole, it is the same each time, and the readers agree with it."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+from vfplan.bundle import read_bundle, read_fixture
+from vfplan.conformance import runner, vectors
+from vfplan.conformance.kit import RENDERED, write_kit
+from vfplan.engine.proxy import ProxyEngine
+from vfplan.errors import BundleError, InputError
+from vfplan.io.disk import jsonable
+
+RULE = re.compile(r"^- \*\*([LCVSKM]\d+)\*\*", re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def kit(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("kit")
+    write_kit(folder)
+    return folder
+
+
+def files(folder):
+    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_the_kit_is_the_same_each_time_and_below_2_mb(kit, tmp_path):
+    write_kit(tmp_path)
+    assert files(tmp_path) == files(kit)
+    assert sum(map(len, files(kit).values())) < 2_000_000
+
+
+def test_every_rule_that_a_file_can_break_has_a_vector():
+    rules = set(RULE.findall((ROOT / "docs" / "format.md").read_text(encoding="utf-8")))
+    assert len(rules) > 40
+    broken = {vector.rule for vector in vectors.VECTORS}
+    assert broken | vectors.NOT_BY_A_FILE.keys() == rules
+    assert not broken & vectors.NOT_BY_A_FILE.keys()
+
+
+def test_every_vector_has_a_reason_and_a_file_of_its_own(kit):
+    names = [vector.name for vector in vectors.VECTORS]
+    assert len(set(names)) == len(names)
+    for name in names:
+        assert json.loads((kit / "invalid" / f"{name}.json").read_text())["why"]
+    contents = [vector.make() for vector in vectors.VECTORS]
+    assert len(set(contents)) == len(contents)
+
+
+def by_the_package(path):
+    try:
+        return jsonable(read_bundle(path)[0])
+    except (BundleError, InputError):
+        return None
+
+
+def test_the_package_agrees_with_the_kit(kit):
+    results = runner.judge(kit, by_the_package)
+    assert not [result for result in results if result.problem]
+    assert {result.kind for result in results} == {"valid", "invalid"}
+
+
+def test_a_rendered_path_is_what_the_engine_gives(kit):
+    paths = sorted((kit / "render").glob("*.json"))
+    assert len(paths) == sum(map(len, RENDERED.values()))
+    for path in paths:
+        expected = json.loads(path.read_text())
+        engine = ProxyEngine.of(read_fixture(kit / expected["bundle"]), expected["rule"])
+        engine.reset(np.array(expected["hip"][0]))
+        trace = engine.run(np.array(expected["hip"]))
+        assert np.abs(trace.proxy - expected["proxy"]).max() <= expected["tolerance"]
+        assert trace.state.tolist() == expected["state"]
+        assert np.abs(np.array(expected["force"])).max() > 0, "the path never touches"
+
+
+def test_the_runner_says_where_a_reader_is_wrong(kit, tmp_path, capsys):
+    """A reader that reads everything as an empty object, and one that dies."""
+    program = tmp_path / "reader.py"
+    program.write_text("print('{}')\n")
+    assert runner.main(["--kit", str(kit), sys.executable, str(program)]) == 1
+    printed = capsys.readouterr().out
+    assert "reads what it must refuse" in printed
+    assert "/@format is missing" in printed
+
+
+def test_the_command_writes_the_kit(vfplan_cli, kit, tmp_path):
+    run = vfplan_cli("conformance", "--write", tmp_path / "kit", "--json")
+    assert run.code == 0
+    assert files(tmp_path / "kit") == files(kit)

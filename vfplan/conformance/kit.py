@@ -1,0 +1,102 @@
+"""Write the conformance kit: sound files with their values, broken files, and rendered paths."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from vfplan.bundle import read_bundle, read_fixture, seal
+from vfplan.bundle.write import to_payload
+from vfplan.conformance import vectors
+from vfplan.engine.proxy import ProxyEngine
+from vfplan.io.disk import jsonable
+
+SCENES = (
+    "minimal",
+    "cloud",
+    "curve",
+    "registered",
+    "navigated",
+    "pixels",
+    "patient",
+    "mesh",
+    "pieces",
+    "guided",
+    "findings",
+    "reviewed",
+)
+RENDERED = {
+    "cloud": ("paper", "robust"),
+    "curve": ("paper", "robust"),
+    "pieces": ("paper", "robust", "exact"),
+    "mesh": ("paper", "robust", "exact"),
+}
+"""Scene -> rules by which a path is rendered."""
+TICKS = 60
+
+
+def write_kit(folder: Path) -> int:
+    """Write the kit into a folder; returns the number of files."""
+    count = 0
+    for kind in ("valid", "invalid", "render"):
+        (folder / kind).mkdir(parents=True, exist_ok=True)
+    for name, data in valid_files():
+        path = folder / "valid" / f"{name}.h5"
+        path.write_bytes(data)
+        _write_json(path.with_suffix(".json"), {"values": jsonable(read_bundle(path)[0])})
+        count += 2
+    for vector in vectors.VECTORS:
+        path = folder / "invalid" / f"{vector.name}.h5"
+        path.write_bytes(vector.make())
+        _write_json(path.with_suffix(".json"), {"rule": vector.rule, "why": vector.why})
+        count += 2
+    for scene, rules in RENDERED.items():
+        for rule in rules:
+            rendered = render(folder / "valid" / f"{scene}.h5", rule)
+            _write_json(folder / "render" / f"{scene}-{rule}.json", rendered)
+            count += 1
+    return count
+
+
+def valid_files() -> Iterator[tuple[str, bytes]]:
+    """(name, bytes) of the sound files: each scene as libhdf5 and as plain bytes lay it out."""
+    for name in SCENES:
+        content = vectors.content_of(name)
+        yield name, b"".join(seal.unsigned(to_payload(content)))
+        yield f"{name}_plain", vectors.of_content(content)
+    yield "newer_minor", vectors.newer_minor()
+    yield "signed", vectors.signed("reviewed", despite_findings=False)
+    yield "signed_despite_findings", vectors.signed("findings")
+
+
+def render(bundle: Path, rule: str) -> dict[str, object]:
+    """What an engine must make of a path: proxy [m], force on the hand [N] and state by tick."""
+    fixture = read_fixture(bundle)
+    hip = path_through(fixture.points)
+    engine = ProxyEngine.of(fixture, rule)
+    engine.reset(hip[0])
+    trace = engine.run(hip)
+    return {
+        "bundle": f"valid/{bundle.name}",
+        "rule": rule,
+        "tolerance": 1e-12,
+        "hip": hip.tolist(),
+        "proxy": trace.proxy.tolist(),
+        "force": trace.force.tolist(),
+        "state": [int(state) for state in trace.state],
+    }
+
+
+def path_through(points: np.ndarray) -> np.ndarray:
+    """(TICKS, 3) a hand that comes from 12 mm above the middle point, presses and slides [m]."""
+    middle = points[len(points) // 2]
+    steps = np.linspace(0.0, 1.0, TICKS)[:, None]
+    start = middle + np.array([0.0005, 0.012, 0.003])
+    return start + steps * np.array([0.004, -0.011, -0.001])
+
+
+def _write_json(path: Path, value: object) -> None:
+    path.write_text(json.dumps(value, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -1,0 +1,158 @@
+"""Run a reader on every file of the conformance kit, with Python's standard library only.
+
+    python -m vfplan.conformance --kit DIR CMD...
+
+`CMD FILE` prints a bundle as JSON and exits 0, or exits 1 because it refuses the file. The JSON is
+an object; its keys that begin with `/` are the paths of the format, each with its value: a text, a
+number, or nested lists. An object with the key `values` stands for what is under that key, as
+`vfplan info --json` prints it. Other keys are ignored.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+Reader = Callable[[Path], "dict[str, object] | None"]
+"""Takes a file, gives its values by path, or `None` when it refuses the file."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a reader made of one file of the kit."""
+
+    kind: str
+    """`valid` or `invalid`."""
+    name: str
+    rule: str
+    problem: str
+    """Empty when the reader did as it must."""
+
+
+def judge(kit: Path, reader: Reader) -> list[Result]:
+    """The results of a reader on all files of a kit, in order of their names."""
+    results = []
+    for kind in ("valid", "invalid"):
+        for path in sorted((kit / kind).glob("*.h5")):
+            expected = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+            try:
+                values = reader(path)
+            except ReaderError as error:
+                problem = str(error)
+            else:
+                problem = _problem(kind, values, expected.get("values"))
+            results.append(Result(kind, path.stem, expected.get("rule", ""), problem))
+    return results
+
+
+class ReaderError(Exception):
+    """A reader that neither printed JSON nor refused the file."""
+
+
+def command_reader(command: Sequence[str], refused: Sequence[int] = (1,)) -> Reader:
+    """A reader that is a program: `CMD FILE`; `refused` are the exit codes that mean a refusal."""
+
+    def read(path: Path) -> dict[str, object] | None:
+        done = subprocess.run([*command, str(path)], capture_output=True, check=False, timeout=60)
+        if done.returncode in refused:
+            return None
+        if done.returncode != 0:
+            raise ReaderError(f"exit code {done.returncode}")
+        try:
+            printed = json.loads(done.stdout)
+        except ValueError as error:
+            raise ReaderError(f"prints no JSON: {error}") from None
+        return values_of(printed)
+
+    return read
+
+
+def values_of(printed: dict[str, object]) -> dict[str, object]:
+    """The values of the format's paths in what a reader printed."""
+    values = {}
+    for path, value in printed.items():
+        if path.startswith("/"):
+            values[path] = value["values"] if isinstance(value, dict) else value
+    return values
+
+
+def _problem(kind: str, values: dict[str, object] | None, expected: object) -> str:
+    if kind == "invalid":
+        return "" if values is None else "reads what it must refuse"
+    if values is None:
+        return "refuses what it must read"
+    if not isinstance(expected, dict):
+        return "the kit states no values"
+    for path in sorted(expected.keys() | values.keys()):
+        if path not in values:
+            return f"{path} is missing"
+        if path not in expected:
+            return f"{path} is not in the file"
+        if values[path] != expected[path]:
+            return f"{path} has another value"
+    return ""
+
+
+def matrix(results: dict[str, list[Result]]) -> str:
+    """A table in Markdown: a line for each rule, a column for each reader."""
+    readers = list(results)
+    lines = ["| rule | files | " + " | ".join(readers) + " |", "|---" * (2 + len(readers)) + "|"]
+    rules = {result.rule or "valid files" for result in results[readers[0]]}
+    for rule in sorted(rules, key=_rule_order):
+        cells = []
+        count = 0
+        for reader in readers:
+            mine = [r for r in results[reader] if (r.rule or "valid files") == rule]
+            count = len(mine)
+            bad = sum(bool(r.problem) for r in mine)
+            cells.append(f"**No** ({bad})" if bad else "Yes")
+        lines.append(f"| {rule} | {count} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _rule_order(rule: str) -> tuple[int, int]:
+    if not rule[1:].isdigit():
+        return 0, 0
+    return 1 + "LCVSKM".find(rule[0]), int(rule[1:])
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run one reader and print its line of the matrix, and each file where it is wrong."""
+    parser = argparse.ArgumentParser(prog="python -m vfplan.conformance", description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("--kit", type=Path, help="the kit; without it one is written for this run")
+    parser.add_argument(
+        "--refused", default="1", help="exit codes that refuse a file, with commas between; 1"
+    )
+    parser.add_argument("command", nargs=argparse.REMAINDER, metavar="CMD", help="the reader")
+    options = parser.parse_args(words)
+    if not options.command:
+        parser.error("names no reader: CMD is missing")
+    refused = [int(code) for code in options.refused.split(",")]
+    reader = command_reader(options.command, refused)
+    if options.kit is not None:
+        results = judge(options.kit, reader)
+    else:
+        from vfplan.conformance.kit import write_kit
+
+        with tempfile.TemporaryDirectory() as folder:
+            write_kit(Path(folder))
+            results = judge(Path(folder), reader)
+    if not results:
+        parser.error(f"{options.kit} holds no kit")
+    wrong = [result for result in results if result.problem]
+    print(matrix({Path(options.command[0]).name: results}))
+    for result in wrong:
+        print(f"{result.kind}/{result.name}.h5: {result.problem}")
+    print(f"{len(results) - len(wrong)} of {len(results)} files as they must be")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
