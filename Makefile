@@ -50,6 +50,7 @@ test-full: $(VENV)/.vfplan-test
 docs: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_cli.py
 	$(BIN)/python docs/make_format.py
+	$(BIN)/python docs/make_conformance.py
 	$(BIN)/python docs/make_transcripts.py
 
 # The reference of Python (pdoc) and C++ (apt package doxygen), as pages under build/api.

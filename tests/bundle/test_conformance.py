@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import re
 import sys
 
+import damage
+import h5py
+import hostile
 import numpy as np
 import pytest
 from conftest import ROOT
@@ -94,3 +98,79 @@ def test_the_command_writes_the_kit(vfplan_cli, kit, tmp_path):
     run = vfplan_cli("conformance", "--write", tmp_path / "kit", "--json")
     assert run.code == 0
     assert files(tmp_path / "kit") == files(kit)
+
+
+# --- The second reader, and foreign ones --------------------------------------------------------
+
+READER = ROOT / "samples" / "reader" / "vfplan_reader.py"
+GOLDEN = sorted((ROOT / "tests" / "data" / "bundles").glob("2.*.h5"))
+
+
+@pytest.fixture(scope="module")
+def second():
+    """The module samples/reader/vfplan_reader.py."""
+    spec = importlib.util.spec_from_file_location("vfplan_reader", READER)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_second_reader_agrees_with_the_kit(kit, second):
+    def read(path):
+        try:
+            return second.read(path.read_bytes())
+        except second.FormatError:
+            return None
+
+    assert not [result for result in runner.judge(kit, read) if result.problem]
+
+
+def test_the_second_reader_is_a_program_of_the_standard_library(kit):
+    command = [sys.executable, "-I", "-S", str(READER)]
+    read = runner.command_reader(command)
+    path = kit / "valid" / "curve.h5"
+    assert read(path) == by_the_package(path)
+    assert read(kit / "invalid" / "no_seal.h5") is None
+
+
+@pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)
+def test_the_second_reader_reads_every_golden_bundle(path, second):
+    assert second.read(path.read_bytes()) == by_the_package(path)
+
+
+def test_the_second_reader_gives_the_same_verdict_of_hostile_files(second):
+    for name, data, is_read in hostile.files():
+        try:
+            second.read(data)
+        except second.FormatError:
+            assert not is_read, name
+        else:
+            assert is_read, name
+
+
+@pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)
+def test_h5py_reads_the_same_values(path):
+    values = read_bundle(path)[0]
+    with h5py.File(path):
+        assert damage.equal(values, damage.by_h5py(path.read_bytes(), values))
+
+
+@pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)
+def test_pyfive_reads_the_same_values(path):
+    pyfive = pytest.importorskip("pyfive", reason="pyfive is not installed")
+    with pyfive.File(path) as file:
+        for where, value in read_bundle(path)[0].items():
+            group, _, name = where.partition("@")
+            found = file[group].attrs[name] if name else file[group][...]
+            assert plain(found) == plain(value), where
+
+
+def plain(value):
+    """Numbers and texts as Python has them."""
+    if isinstance(value, bytes):
+        return value.rstrip(b"\0").decode()
+    if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim):
+        return [plain(item) for item in value]
+    if isinstance(value, (np.generic, np.ndarray)):
+        return plain(value.item())
+    return value

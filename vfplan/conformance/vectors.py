@@ -838,10 +838,11 @@ def another_limit() -> bytes:
 def leak() -> bytes:
     """The fixture leaks: two neighbours are 12 mm apart."""
 
-    def change(content: Content) -> None:
-        content["/points"][5, 0] = content["/points"][4, 0] + 0.012
-
-    return remade("curve", change)
+    content = content_of("curve")
+    content["/points"][5, 0] = content["/points"][4, 0] + 0.012
+    content = completed(content)
+    content["/leak@certified"] = 1
+    return of_content(content)
 
 
 @vector("K4")

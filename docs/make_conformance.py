@@ -1,0 +1,54 @@
+"""Run the readers on the conformance kit, and put the matrix into howto/reader.md:
+
+python docs/make_conformance.py
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+from vfplan.bundle import read_bundle
+from vfplan.conformance import runner
+from vfplan.conformance.kit import write_kit
+from vfplan.errors import BundleError, InputError
+from vfplan.io.disk import jsonable
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "howto" / "reader.md"
+BEGIN = "<!-- matrix: made by docs/make_conformance.py -->\n"
+END = "<!-- end -->"
+
+
+def main() -> None:
+    """Write the matrix."""
+    text = PAGE.read_text(encoding="utf-8")
+    before, _, rest = text.partition(BEGIN)
+    after = rest.partition(END)[2]
+    PAGE.write_text(before + BEGIN + matrix() + "\n" + END + after, encoding="utf-8")
+
+
+def matrix() -> str:
+    """A line for each rule, a column for each reader."""
+    second = [sys.executable, str(ROOT / "samples" / "reader" / "vfplan_reader.py")]
+    with tempfile.TemporaryDirectory() as folder:
+        kit = Path(folder)
+        write_kit(kit)
+        results = {
+            "package": runner.judge(kit, by_the_package),
+            "vfplan_reader.py": runner.judge(kit, runner.command_reader(second)),
+        }
+    return runner.matrix(results)
+
+
+def by_the_package(path: Path) -> dict[str, object] | None:
+    """The values that the installed package reads; `None` when it refuses the file."""
+    try:
+        return jsonable(read_bundle(path)[0])
+    except (BundleError, InputError):
+        return None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1061 @@
+"""Read a vfplan fixture bundle of version 2.x with Python's standard library alone.
+
+    python vfplan_reader.py FILE
+
+prints the values of a sound bundle as JSON, path by path, and exits 0. Of a file that breaks a rule
+of the format it prints the rule and what is wrong to stderr, and exits 1. Signatures are not
+verified: Python's standard library has no Ed25519.
+
+Written from docs/format.md; the numbers of rules are those of that page.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+import struct
+import sys
+from itertools import pairwise
+
+# The table of section 2: path; type and shape; unit; frame; range; whether it must be there.
+ROWS = """
+/ ; group ;  ;  ;  ; always
+/@format ; text ;  ;  ; vfplan-fixture ; always
+/@version ; text ;  ;  ;  ; always
+/@frame ; text ;  ;  ; image | robot_base | patient_lps ; always
+/@id ; text ;  ;  ;  ; always
+/@must_understand ; text ;  ;  ;  ; optional
+/points ; f8 (N, 3) ; @frame ; @frame ; abs ≤ 100 m, abs ≤ 1e+06 px ; always
+/sigma ; f8 (N,) ; @frame ;  ; ≥ 0 ; optional
+/curve ; group ;  ;  ;  ; optional
+/curve/stroke ; i4 (N,) ; 1 ;  ; ≥ 0 ; group
+/curve/closed ; u1 (S,) ; 1 ;  ; ≤ 1 ; group
+/curve/bridged ; u1 (N,) ; 1 ;  ; ≤ 1 ; optional
+/curve/edited ; u1 (N,) ; 1 ;  ; ≤ 1 ; optional
+/pieces ; group ;  ;  ;  ; optional
+/pieces/vertices ; f8 (V, 3) ; @frame ; @frame ; abs ≤ 100 m, abs ≤ 1e+06 px ; group
+/pieces/bulges ; f8 (V,) ; 1 ;  ; ≥ -1, ≤ 1 ; group
+/pieces/stroke ; i4 (V,) ; 1 ;  ; ≥ 0 ; group
+/pieces@error_m ; f8 ; m ;  ; ≥ 0, ≤ 1 ; group
+/mesh ; group ;  ;  ;  ; optional
+/mesh/triangles ; i4 (K, 3) ; 1 ;  ; ≥ 0 ; group
+/image ; group ;  ;  ;  ; optional
+/image@width_px ; i4 ; px ;  ; ≥ 1, ≤ 1e+06 ; group
+/image@height_px ; i4 ; px ;  ; ≥ 1, ≤ 1e+06 ; group
+/image/pixel_spacing ; f8 (2,) ; mm/px ; image ; > 0, ≤ 1000 ; optional
+/rendering ; group ;  ;  ;  ; optional
+/rendering/stiffness ; f8 (3,) ; N/m ; @frame ; ≥ 0, ≤ 1e+06 ; group
+/rendering/ignore_axis ; f8 (3,) ; 1 ; @frame ; ≥ -1, ≤ 1 ; optional
+/rendering@contact_radius_m ; f8 ; m ;  ; > 0, ≤ 1 ; group
+/rendering@band_m ; f8 ; m ;  ; > 0, ≤ 1 ; group
+/rendering@point_radius_m ; f8 ; m ;  ; ≥ 0, ≤ 1 ; group
+/rendering@max_iterations ; i4 ; 1 ;  ; ≥ 1, ≤ 10000 ; optional
+/rendering@robot ; text ;  ;  ;  ; optional
+/rendering/stability ; f8 (7,) ; kg, N s/m, Hz, 1, N/m, N/m, 1 ;  ; ≥ 0 ; optional
+/guidance ; group ;  ;  ;  ; optional
+/guidance@radius_m ; f8 ; m ;  ; > 0, ≤ 1 ; group
+/guidance@stiffness_n_per_m ; f8 ; N/m ;  ; > 0, ≤ 1e+06 ; group
+/guidance@ends ; text ;  ;  ; stop | open ; group
+/guidance@lead_force_n ; f8 ; N ;  ; ≥ -1000, ≤ 1000 ; optional
+/guidance@lead_speed_m_s ; f8 ; m/s ;  ; > 0, ≤ 10 ; optional
+/guidance@stroke ; i4 ; 1 ;  ; ≥ 0, ≤ 99999 ; optional
+/registration ; group ;  ;  ;  ; optional
+/registration@model ; text ;  ;  ; affine | similarity | rigid ; group
+/registration@source_frame ; text ;  ;  ; image | patient_lps ; group
+/registration@fre_rms_m ; f8 ; m ;  ; ≥ 0 ; group
+/registration@loo_rms_m ; f8 ; m ;  ; ≥ 0 ; optional
+/registration@tre_rms_m ; f8 ; m ;  ; ≥ 0 ; optional
+/registration/T_robot_image ; f8 (Q, Q) ; m/@source_frame ; robot_base ;  ; group
+/registration/labels ; text (M,) ;  ;  ;  ; group
+/registration/source ; f8 (M, D) ; @source_frame ; @source_frame ; abs ≤ 100 m, abs ≤ 1e+06 px ; group
+/registration/target ; f8 (M, 3) ; m ; robot_base ; abs ≤ 100 m ; group
+/registration/residuals ; f8 (M,) ; m ;  ; ≥ 0 ; group
+/registration/covariance ; f8 (P, P) ; T_robot_image^2 ;  ;  ; optional
+/registration/tre ; f8 (N,) ; m ;  ; ≥ 0 ; optional
+/leak ; group ;  ;  ;  ; optional
+/leak@kind ; text ;  ;  ; curve | mesh | cloud ; group
+/leak@certified ; u1 ; 1 ;  ; ≤ 1 ; group
+/leak@largest_m ; f8 ; m ;  ; ≥ 0 ; group
+/leak@limit_m ; f8 ; m ;  ; > 0 ; optional
+/leak/place ; f8 (3,) ; @frame ; @frame ; abs ≤ 100 m ; group
+/leak/open_ends ; f8 (E, 3) ; @frame ; @frame ; abs ≤ 100 m ; optional
+/leak@between_m ; f8 ; m ;  ; ≥ 0 ; optional
+/leak/between_place ; f8 (3,) ; @frame ; @frame ; abs ≤ 100 m ; optional
+/leak@open_edges ; i4 ; 1 ;  ; ≥ 1 ; optional
+/findings ; group ;  ;  ;  ; optional
+/findings/code ; text (F,) ;  ;  ;  ; group
+/findings/severity ; text (F,) ;  ;  ; note | doubt ; group
+/findings/text ; text (F,) ;  ;  ;  ; group
+/findings/stage ; text (F,) ;  ;  ;  ; group
+/findings/has_place_px ; u1 (F,) ; 1 ;  ; ≤ 1 ; optional
+/findings/place_px ; f8 (F, 2) ; px ; image ; abs ≤ 1e+06 px ; optional
+/findings/has_place_m ; u1 (F,) ; 1 ;  ; ≤ 1 ; optional
+/findings/place_m ; f8 (F, 3) ; m ; @frame ; abs ≤ 100 m ; optional
+/findings/answered_by ; text (F,) ;  ;  ;  ; optional
+/findings/answered_utc ; text (F,) ;  ;  ;  ; optional
+/review ; group ;  ;  ;  ; optional
+/review@by ; text ;  ;  ;  ; group
+/review@utc ; text ;  ;  ;  ; group
+/review@digest ; text ;  ;  ;  ; group
+/provenance ; group ;  ;  ;  ; always
+/provenance@created_utc ; text ;  ;  ;  ; always
+/provenance@software ; text ;  ;  ;  ; always
+/provenance/input_roles ; text (I,) ;  ;  ;  ; optional
+/provenance/input_sha256 ; text (I,) ;  ;  ;  ; optional
+/provenance/setting_names ; text (C,) ;  ;  ;  ; optional
+/provenance/setting_values ; text (C,) ;  ;  ;  ; optional
+/provenance/history ; text (H,) ;  ;  ;  ; optional
+"""  # noqa: E501
+# The second table of section 2: letters of shapes, and at most how much they stand for.
+SIZES = (
+    "N 4000000, S 100000, M 10000, D 3, Q 4, P 16, K 4000000, I 64, C 256, H 64, "
+    "E 200000, V 1000000, F 1000"
+)
+LETTERS = {words.split()[0]: int(words.split()[1]) for words in SIZES.split(", ")}
+MAX_PAYLOAD = 268_435_456  # bytes
+MAX_TEXT = 4096  # bytes
+MAX_ATTRIBUTES = 16
+MAX_LINKS = 32
+UNDEFINED = 2**64 - 1
+SEAL_LENGTHS = (512, 1024, 2048, 4096)
+END_OF_9999 = 253_402_300_799  # seconds since 1970 UTC
+F8 = bytes.fromhex("11203f000800000000004000340b0034ff030000")
+I4 = bytes.fromhex("100800000400000000002000")
+U1 = bytes.fromhex("100000000100000000000800")
+NUMBERS = {F8: ("f8", "d", 8), I4: ("i4", "i", 4), U1: ("u1", "B", 1)}
+TIME = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}Z")
+NAME = re.compile(r"[A-Za-z0-9_.-]+")
+JSON_NUMBER = re.compile(r"-?(0|[1-9][0-9]*)(\.[0-9]+)?([eE][+-]?[0-9]+)?")
+
+
+class FormatError(Exception):
+    """The file breaks a rule of the format."""
+
+    def __init__(self, rule, message):
+        super().__init__(f"{rule}: {message}")
+
+
+def require(condition, rule, message):
+    """Refuse the file unless the condition is true."""
+    if not condition:
+        raise FormatError(rule, message)
+
+
+class Row:
+    """One line of the table."""
+
+    def __init__(self, line):
+        cells = [cell.strip() for cell in line.split(" ; ")]
+        self.path, kind, self.unit, self.frame, self.range, self.required = cells
+        self.is_group = kind == "group"
+        self.type, _, shape = kind.partition(" ")
+        self.shape = [part.strip() for part in shape.strip("()").split(",") if part.strip()]
+        self.is_attribute = "@" in self.path
+        if self.is_attribute:
+            before, _, self.name = self.path.partition("@")
+            self.parent = before
+        else:
+            before, _, self.name = self.path.rpartition("/")
+            self.parent = before or "/"
+
+
+TABLE = {}
+for _line in ROWS.strip().splitlines():
+    _row = Row(_line)
+    TABLE[_row.path] = _row
+
+
+# --- The seal (section 4) ---------------------------------------------------------------------
+
+
+def read_seal(data):
+    """Check S1 to S6; returns the length of the payload and the seal's flags."""
+    length = len(data)
+    require(data[:8] == b"\x89HDF\r\n\x1a\n", "S1", "the file does not begin as HDF5 does")
+    require(length >= 560 and data[-8:] == b"VFPLTAIL", "S1", "its seal is missing")
+    size, zero = struct.unpack_from("<II", data, length - 16)
+    require(size in SEAL_LENGTHS and size <= length - 48, "S2", f"a seal of {size} bytes")
+    end = length - size
+    magic, version, flags, same_size, same_end, digest = struct.unpack_from("<8sHHIQ32s", data, end)
+    require(magic == b"VFPLSEAL", "S2", "the seal does not begin as a seal does")
+    require(version == 2, "S2", f"seal version {version}")
+    require(same_size == size and same_end == end and zero == 0, "S2", "its lengths differ")
+    signed_at, case, serial = struct.unpack_from("<QHH", data, end + 136)
+    texts_end = 148 + case + serial
+    require(texts_end + 48 <= size, "S3", "the texts do not fit")
+    least = min(candidate for candidate in SEAL_LENGTHS if texts_end + 48 <= candidate)
+    require(size == least, "S3", "the seal is longer than its texts need")
+    require(not any(data[end + texts_end : length - 48]), "S3", "bytes behind the texts")
+    require(flags <= 3, "S3", "an unknown flag")
+    for text in (data[end + 148 : end + 148 + case], data[end + 148 + case : end + texts_end]):
+        decoded(text, "S3")
+    sealed = hashlib.sha256(data[end : length - 48]).digest()
+    require(sealed == data[length - 48 : length - 16], "S4", "the seal is damaged")
+    if not flags & 1:
+        blank = not any(data[end + 56 : length - 48]) and not flags & 2
+        require(blank, "S5", "an unsigned seal holds what only a signature covers")
+    require(signed_at <= END_OF_9999, "S5", "signed after the year 9999")
+    require(hashlib.sha256(data[:end]).digest() == digest, "S6", "the bytes are not those sealed")
+    return end, flags
+
+
+def decoded(raw, rule="L6"):
+    """A text without control characters."""
+    try:
+        text = raw.decode("utf-8")
+    except UnicodeDecodeError:
+        raise FormatError(rule, "a text is not UTF-8") from None
+    for character in text:
+        code = ord(character)
+        require(code >= 0x20 and not 0x7F <= code <= 0x9F, rule, "a control character")
+    return text
+
+
+# --- The payload (section 1) ------------------------------------------------------------------
+
+
+def lookup3(data):
+    """Bob Jenkins' hash `hashlittle` with the initial value 0."""
+    mask = 0xFFFFFFFF
+
+    def rotate(x, k):
+        return ((x << k) | (x >> (32 - k))) & mask
+
+    length = len(data)
+    a = b = c = (0xDEADBEEF + length) & mask
+    at = 0
+    while length - at > 12:
+        x, y, z = struct.unpack_from("<III", data, at)
+        a, b, c = (a + x) & mask, (b + y) & mask, (c + z) & mask
+        a = ((a - c) & mask) ^ rotate(c, 4)
+        c = (c + b) & mask
+        b = ((b - a) & mask) ^ rotate(a, 6)
+        a = (a + c) & mask
+        c = ((c - b) & mask) ^ rotate(b, 8)
+        b = (b + a) & mask
+        a = ((a - c) & mask) ^ rotate(c, 16)
+        c = (c + b) & mask
+        b = ((b - a) & mask) ^ rotate(a, 19)
+        a = (a + c) & mask
+        c = ((c - b) & mask) ^ rotate(b, 4)
+        b = (b + a) & mask
+        at += 12
+    if at == length:
+        return c
+    x, y, z = struct.unpack("<III", bytes(data[at:]).ljust(12, b"\0"))
+    a, b, c = (a + x) & mask, (b + y) & mask, (c + z) & mask
+    c = ((c ^ b) - rotate(b, 14)) & mask
+    a = ((a ^ c) - rotate(c, 11)) & mask
+    b = ((b ^ a) - rotate(a, 25)) & mask
+    c = ((c ^ b) - rotate(b, 16)) & mask
+    a = ((a ^ c) - rotate(c, 4)) & mask
+    b = ((b ^ a) - rotate(a, 14)) & mask
+    return ((c ^ b) - rotate(b, 24)) & mask
+
+
+class Object:
+    """A group or dataset: its attributes, links, and the bodies of its other messages."""
+
+    def __init__(self):
+        self.attributes = {}
+        self.links = {}
+        self.messages = {}
+
+    @property
+    def is_group(self):
+        """Whether it is a group; else it is a dataset."""
+        return 0x02 in self.messages
+
+
+class Value:
+    """What an attribute or dataset holds."""
+
+    def __init__(self, type_, shape, items):
+        self.type, self.shape, self.items = type_, shape, items
+
+    def nested(self):
+        """A scalar, or nested lists."""
+        if not self.shape:
+            return self.items[0]
+        if len(self.shape) == 1:
+            return list(self.items)
+        width = self.shape[1]
+        return [list(self.items[i : i + width]) for i in range(0, len(self.items), width)]
+
+    def rows(self):
+        """The rows of a table of two dimensions."""
+        return self.nested()
+
+
+class Payload:
+    """The HDF5 file in front of the seal."""
+
+    def __init__(self, data, end):
+        self.data, self.end = data, end
+        self.spans = [(0, 48)]
+        self.addresses = set()
+        require(end <= MAX_PAYLOAD, "C4", f"{end} bytes")
+        require(end % 8 == 0, "L9", "the payload's length is no multiple of 8")
+        head = struct.unpack_from("<8sBBBBQQQQI", data, 0)
+        _, version, offsets, lengths, _, base, extension, stated, root, checksum = head
+        plain = (version, offsets, lengths, base, extension) == (2, 8, 8, 0, UNDEFINED)
+        require(plain, "L1", "a superblock of another kind")
+        require(stated == len(data), "L2", f"its end of file is {stated}")
+        require(checksum == lookup3(data[:44]), "L2", "the superblock's checksum differs")
+        self.root = root
+
+    def take(self, first, length):
+        """Bytes that belong to one thing."""
+        inside = first >= 48 and length <= self.end and first + length <= self.end
+        require(inside, "L8", "an address or length outside of the payload")
+        self.spans.append((first, first + length))
+        return self.data[first : first + length]
+
+    def object_at(self, address):
+        """The object whose header is at an address."""
+        require(address not in self.addresses, "L5", "two links lead to one object")
+        self.addresses.add(address)
+        require(48 <= address <= self.end - 16, "L8", "an object outside of the payload")
+        require(self.data[address : address + 5] == b"OHDR\x02", "L3", "no header of version 2")
+        flags = self.data[address + 5]
+        require(not flags & 0xCC, "L5", "a creation order")
+        width = 1 << (flags & 3)
+        front = 6 + 16 * bool(flags & 0x20) + 4 * bool(flags & 0x10)
+        size = int.from_bytes(self.data[address + front : address + front + width], "little")
+        front += width
+        block = self.take(address, front + size + 4)
+        found = Object()
+        blocks = [block_body(block, front)]
+        while blocks:
+            for kind, body in messages_of(blocks.pop(0)):
+                if kind == 0x10:
+                    require(len(body) == 16, "L3", "a continuation of another size")
+                    there, length = struct.unpack("<QQ", body)
+                    more = self.take(there, length)
+                    require(length >= 8 and more[:4] == b"OCHK", "L3", "no continuation there")
+                    blocks.append(block_body(more, 4))
+                else:
+                    self.enter(found, kind, body)
+        require(len(found.links) <= MAX_LINKS, "L5", "too many links")
+        require(len(found.attributes) <= MAX_ATTRIBUTES, "L5", "too many attributes")
+        kinds = found.messages.keys()
+        group = {0x02} <= kinds and not kinds & {0x01, 0x03, 0x05, 0x08}
+        dataset = {0x01, 0x03, 0x08} <= kinds and not kinds & {0x02, 0x0A} and not found.links
+        require(group or dataset, "L3", "neither a group nor a dataset")
+        return found
+
+    def enter(self, found, kind, body):
+        """Put a message where it belongs."""
+        if kind == 0x00:
+            require(not any(body), "L9", "an empty message is not zero")
+        elif kind == 0x06:
+            name, address = hard_link(body)
+            require(name not in found.links, "L5", f"two links {name!r}")
+            found.links[name] = address
+        elif kind == 0x0C:
+            name, value = attribute(body)
+            require(name not in found.attributes, "C1", f"two attributes {name!r}")
+            found.attributes[name] = value
+        elif kind in (0x02, 0x15):
+            plain = body == b"\0\0" + b"\xff" * 16
+            require(plain, "L5", "links or attributes in a heap, or with a creation order")
+            require(kind not in found.messages, "L3", "a message twice")
+            found.messages[kind] = body
+        elif kind in (0x01, 0x03, 0x05, 0x08, 0x0A):
+            require(kind not in found.messages, "L3", "a message twice")
+            found.messages[kind] = body
+        else:
+            raise FormatError("L3", f"a header message of kind {kind}")
+
+    def dataset(self, found):
+        """The value of a dataset."""
+        layout = found.messages[0x08]
+        require(layout[:2] == b"\x03\x01" and len(layout) >= 18, "L4", "not in one piece")
+        require(not any(layout[18:]), "L4", "a layout of another size")
+        address, size = struct.unpack_from("<QQ", layout, 2)
+        require(address != UNDEFINED, "L4", "no data")
+        check_fill(found.messages.get(0x05, b""))
+        type_, item, shape = type_and_shape(found.messages[0x03], found.messages[0x01])
+        require(shape != (), "C1", "a scalar dataset")
+        require(math.prod(shape) * item == size, "L4", "its size is not that of its shape")
+        return value_of(type_, item, shape, self.take(address, size))
+
+    def check_rest(self, whole):
+        """L8 and L9: no byte belongs to two things, those that belong to none are zero."""
+        at = 0
+        for first, end in sorted(self.spans):
+            require(first >= at, "L8", f"byte {first} belongs to two things")
+            if whole:
+                require(not any(self.data[at:first]), "L9", f"bytes from {at} belong to nothing")
+            at = end
+        if whole:
+            require(not any(self.data[at : self.end]), "L9", f"bytes from {at} belong to nothing")
+
+
+def block_body(block, front):
+    """The messages' bytes of a header's block whose checksum holds."""
+    require(struct.unpack("<I", block[-4:])[0] == lookup3(block[:-4]), "L3", "a checksum differs")
+    return block[front:-4]
+
+
+def messages_of(body):
+    """(kind, body) of the messages of a block."""
+    at = 0
+    has_empty = False
+    while len(body) - at >= 4:
+        kind, size, flags = struct.unpack_from("<BHB", body, at)
+        at += 4
+        require(not flags & ~5, "L3", f"a message with flags {flags}")
+        require(at + size <= len(body), "L3", "a message that leaves its header")
+        has_empty = has_empty or kind == 0
+        yield kind, body[at : at + size]
+        at += size
+    gap = body[at:]
+    require(not any(gap), "L9", "a gap is not zero")
+    require(not (gap and has_empty), "L3", "a gap beside an empty message")
+
+
+def hard_link(body):
+    """Name and address of a link's message."""
+    try:
+        version, flags = body[0], body[1]
+        require(version == 1, "L5", "a link of another version")
+        require(not flags & 0xE4, "L5", "a link with a creation order")
+        at = 2
+        if flags & 0x08:
+            require(body[at] == 0, "L5", "a link that is not hard")
+            at += 1
+        if flags & 0x10:
+            require(body[at] <= 1, "L6", "a name in an unknown encoding")
+            at += 1
+        width = 1 << (flags & 3)
+        size = int.from_bytes(body[at : at + width], "little")
+        at += width
+        require(len(body) == at + size + 8, "L5", "a link of another size")
+        name = decoded(body[at : at + size])
+        require(name != "", "L6", "an empty name")
+        return name, struct.unpack_from("<Q", body, at + size)[0]
+    except (IndexError, struct.error):
+        raise FormatError("L5", "a link of another size") from None
+
+
+def attribute(body):
+    """Name and parts (datatype, dataspace, bytes) of an attribute's message."""
+    require(len(body) >= 9 and body[0] == 3 and body[1] == 0, "L3", "an attribute of another kind")
+    name_size, type_size, space_size = struct.unpack_from("<HHH", body, 2)
+    require(body[8] <= 1, "L6", "a name in an unknown encoding")
+    at = 9
+    name = body[at : at + name_size]
+    require(name.endswith(b"\0"), "L6", "a name without an end")
+    at += name_size
+    datatype = body[at : at + type_size]
+    at += type_size
+    dataspace = body[at : at + space_size]
+    at += space_size
+    return decoded(name[:-1]), (datatype, dataspace, body[at:])
+
+
+def attribute_value(parts):
+    """The value of an attribute, a scalar."""
+    datatype, dataspace, raw = parts
+    type_, item, shape = type_and_shape(datatype, dataspace)
+    require(shape == (), "L7", "an attribute is not a scalar")
+    require(len(raw) == item, "L3", "an attribute of another size")
+    return value_of(type_, item, shape, raw)
+
+
+def type_and_shape(datatype, dataspace):
+    """(type, bytes of an item, shape)."""
+    plain = bytes(datatype)
+    if plain[:1] == b"\x13" and len(plain) >= 8:
+        bits, item = plain[1], struct.unpack_from("<I", plain, 4)[0]
+        utf8 = bits in (0x00, 0x01, 0x10, 0x11) and plain[2:4] == b"\0\0" and not any(plain[8:])
+        require(utf8, "L6", "a text padded with blanks, or in an unknown encoding")
+        require(1 <= item <= MAX_TEXT, "L6", f"a text of {item} bytes")
+        type_ = "text"
+    else:
+        known = [key for key in NUMBERS if plain[: len(key)] == key and not any(plain[len(key) :])]
+        require(known, "L7", "a type that is none of f8, i4, u1 and text")
+        type_, _, item = NUMBERS[known[0]]
+    require(len(dataspace) >= 4 and dataspace[0] == 2, "L3", "a dataspace of another kind")
+    rank, flags, kind = dataspace[1:4]
+    require(rank <= 2 and flags <= 1 and kind == (1 if rank else 0), "C1", "another rank")
+    count = rank * (2 if flags else 1)
+    require(len(dataspace) >= 4 + 8 * count, "L3", "a dataspace of another size")
+    sizes = struct.unpack_from(f"<{count}Q", dataspace, 4)
+    require(sizes[:rank] == sizes[count - rank :], "L4", "it can grow")
+    require(all(size >= 1 for size in sizes), "L10", "a table without rows")
+    require(all(size <= MAX_PAYLOAD for size in sizes), "C4", "a table too large")
+    return type_, item, sizes[:rank]
+
+
+def value_of(type_, item, shape, raw):
+    """The value that bytes hold."""
+    if type_ == "text":
+        texts = [raw[i : i + item].rstrip(b"\0") for i in range(0, len(raw), item)]
+        return Value(type_, shape, [decoded(text) for text in texts])
+    code = next(code for name, code, _ in NUMBERS.values() if name == type_)
+    return Value(type_, shape, struct.unpack(f"<{len(raw) // item}{code}", raw))
+
+
+def check_fill(body):
+    """A fill value is zero."""
+    require(body[:1] == b"\x03" and len(body) >= 2, "L3", "a fill value of another kind")
+    value = body[6:] if body[1] & 0x20 else b""
+    require(not any(value), "L4", "a fill value is not zero")
+
+
+# --- The content (section 2) ------------------------------------------------------------------
+
+
+def read_content(payload):
+    """The values of all known paths, and whether the file held unknown names."""
+    objects = {"/": payload.object_at(payload.root)}
+    root = objects["/"]
+    require(root.is_group, "L3", "the root is no group")
+    head = {}
+    for name in ("format", "version"):
+        require(name in root.attributes, "M1", f"/@{name} is missing")
+        head[name] = attribute_value(root.attributes[name])
+        require(head[name].type == "text", "M1", f"/@{name} is no text")
+    require(head["format"].items[0] == "vfplan-fixture", "M1", "another format")
+    version = re.fullmatch(r"(0|[1-9][0-9]*)\.(0|[1-9][0-9]*)", head["version"].items[0], re.ASCII)
+    require(version, "M1", "a version of another form")
+    require(version[1] == "2", "M2", f"version {version[0]}; this program reads 2.x")
+    newer = int(version[2]) > 0
+    content, has_unknown = {}, False
+    waiting = ["/"]
+    while waiting:
+        path = waiting.pop(0)
+        here = objects[path]
+        if here.is_group:
+            require(path == "/" or here.links or here.attributes, "L10", f"{path} is empty")
+        for name, address in here.links.items():
+            inner = path.rstrip("/") + "/" + name
+            if inner not in TABLE or TABLE[inner].is_attribute:
+                require(newer, "M4", f"{inner} is unknown")
+                has_unknown = True
+                continue
+            objects[inner] = payload.object_at(address)
+            require(objects[inner].is_group == TABLE[inner].is_group, "C1", f"{inner}: its kind")
+            waiting.append(inner)
+        if here.is_group:
+            for name, parts in here.attributes.items():
+                inner = path + "@" + name
+                if inner not in TABLE:
+                    require(newer, "M4", f"{inner} is unknown")
+                    continue
+                content[inner] = attribute_value(parts)
+        else:
+            content[path] = payload.dataset(here)
+    payload.check_rest(whole=not has_unknown)
+    check_table(content, objects, newer)
+    return content
+
+
+def check_table(content, objects, newer):
+    """C1 to C4."""
+    for row in TABLE.values():
+        there = row.path in objects if row.is_group else row.path in content
+        needed = row.required == "always" or (row.required == "group" and row.parent in objects)
+        require(there or not needed, "C1", f"{row.path} is missing")
+    frame = text_of(content, "/@frame")
+    source = text_of(content, "/registration@source_frame")
+    units = {"image": "px", "robot_base": "m", "patient_lps": "m"}
+    sizes = {}
+    if source is not None:
+        sizes["D"] = 2 if source == "image" else 3
+        sizes["Q"] = 3 if source == "image" else 4
+    for path, value in content.items():
+        row = TABLE[path]
+        require(value.type == row.type, "C1", f"{path} is of another type")
+        require(len(value.shape) == len(row.shape), "C1", f"{path} has another rank")
+        for size, wanted in zip(value.shape, row.shape, strict=True):
+            if wanted.isdigit():
+                require(size == int(wanted), "C1", f"{path} has {size} for {wanted}")
+                continue
+            require(size <= LETTERS[wanted], "C4", f"{path}: {wanted} is {size}")
+            known = sizes.setdefault(wanted, size)
+            require(known == size, "C4", f"{path}: {wanted} is {size} here and {known} elsewhere")
+        unit = row.unit
+        for word, name in (("@source_frame", source), ("@frame", frame)):
+            unit = unit.replace(word, units.get(name, ""))
+        if not row.is_attribute:
+            wanted_frame = {"@frame": frame, "@source_frame": source}.get(row.frame, row.frame)
+            check_unit_and_frame(path, objects[path], unit, wanted_frame, newer)
+        check_range(path, row, value, unit)
+    require(sizes.get("P", 9) in (9, 12), "C4", "P is neither 9 nor 12")
+
+
+def check_unit_and_frame(path, found, unit, frame, newer):
+    """C2."""
+    wanted = {}
+    if unit:
+        wanted["unit"] = unit
+    if frame:
+        wanted["frame"] = frame
+    for name, text in wanted.items():
+        require(name in found.attributes, "C2", f"{path} has no {name}")
+        value = attribute_value(found.attributes[name])
+        same = value.type == "text" and value.items[0] == text
+        require(same, "C2", f"{path}: its {name} is not {text!r}")
+    for name in found.attributes:
+        require(name in wanted or newer, "C2", f"{path} has an attribute {name!r}")
+
+
+def check_range(path, row, value, unit):
+    """C3."""
+    if value.type == "text":
+        if row.range:
+            allowed = [word.strip() for word in row.range.split("|")]
+            require(all(t in allowed for t in value.items), "C3", f"{path} is none of {allowed}")
+        return
+    require(all(map(math.isfinite, value.items)), "C3", f"{path} is not finite")
+    low, high = min(value.items), max(value.items)
+    for part in filter(None, row.range.split(", ")):
+        words = part.split()
+        if words[0] == "abs":
+            if words[3] == unit:
+                limit = float(words[2])
+                require(-limit <= low and high <= limit, "C3", f"{path} is beyond {limit} {unit}")
+            continue
+        limit = float(words[1])
+        kept = {"≥": low >= limit, "≤": high <= limit, ">": low > limit}[words[0]]
+        require(kept, "C3", f"{path} is not {part}")
+
+
+def text_of(content, path):
+    """A text attribute, or `None`."""
+    return content[path].items[0] if path in content else None
+
+
+# --- Values that fit together (section 3) -----------------------------------------------------
+
+
+def check_agreement(content, raw_bytes, flags):
+    """V1 to V18, K1 to K4 and S8."""
+    groups = {TABLE[path].parent for path in content if TABLE[path].parent != "/"}
+
+    def number(path):
+        return content[path].items[0]
+
+    def has(path):
+        return path in content or path in groups
+
+    for path in (text_of(content, "/@must_understand") or "").split(" "):
+        require(path == "" or path in TABLE, "V1", f"{path} must be understood")
+    frame = text_of(content, "/@frame")
+    excluded = {
+        "image": ("/rendering", "/guidance", "/registration", "/mesh", "/findings/place_m"),
+        "patient_lps": ("/image", "/registration"),
+        "robot_base": (),
+    }
+    for path in excluded[frame]:
+        require(not has(path), "V2", f"{path} in the frame {frame}")
+    require(not (has("/mesh") and has("/curve")), "V2", "a mesh beside a curve")
+    points = content["/points"].rows()
+    if frame == "image":
+        require(all(point[2] == 0 for point in points), "V3", "a point with a depth")
+    check_id(content, frame, raw_bytes)
+    if has("/curve"):
+        check_strokes("V5", content["/curve/stroke"].items, len(content["/curve/closed"].items))
+    if has("/pieces"):
+        together = has("/curve") and "/rendering/ignore_axis" in content
+        require(together, "V6", "/pieces without /curve or an axis")
+        check_strokes("V6", content["/pieces/stroke"].items, len(content["/curve/closed"].items))
+    if has("/mesh"):
+        named = set(content["/mesh/triangles"].items)
+        require(named == set(range(len(points))), "V8", "triangles of other points")
+    axis = None
+    if has("/rendering"):
+        if "/rendering/ignore_axis" in content:
+            axis = content["/rendering/ignore_axis"].items
+            require(abs(math.hypot(*axis) - 1) <= 1e-9, "V9", "the axis has another length than 1")
+        radius = number("/rendering@contact_radius_m") + number("/rendering@point_radius_m")
+        require(number("/rendering@band_m") < radius, "V9", "the band is as wide as R")
+        check_stability(content, axis)
+    if has("/guidance"):
+        check_guidance(content, has)
+    if has("/registration"):
+        check_registration(content, points)
+    if has("/findings"):
+        check_findings(content)
+    if has("/review"):
+        require(text_of(content, "/review@by") != "", "V15", "a review by nobody")
+        digest = text_of(content, "/review@digest")
+        require(re.fullmatch("[0-9a-f]{64}", digest), "V15", "a digest of another form")
+        check_time(text_of(content, "/review@utc"))
+    check_time(text_of(content, "/provenance@created_utc"))
+    check_provenance(content)
+    require(has("/leak") == has("/rendering"), "V18", "/leak and /rendering without each other")
+    if has("/leak"):
+        check_leak(content, points, axis, has)
+    if has("/pieces"):
+        check_pieces(content, points, axis)
+    if flags & 1:
+        is_open = not has("/review") or has_open_doubt(content)
+        require(bool(flags & 2) == is_open, "S8", "the seal does not say what is open")
+
+
+def check_id(content, frame, raw_bytes):
+    """V4."""
+    digest = hashlib.sha256(frame.encode() + b"\0")
+    for path in ("/points", "/mesh/triangles", "/pieces/vertices", "/pieces/bulges",
+                 "/pieces/stroke"):  # fmt: skip
+        if path in content:
+            digest.update(raw_bytes(content[path]))
+    require(text_of(content, "/@id") == digest.hexdigest()[:32], "V4", "the id of another geometry")
+
+
+def check_strokes(rule, stroke, count):
+    """The numbers start at 0, grow by 0 or 1, and end at the last stroke."""
+    steps = [b - a for a, b in pairwise(stroke)]
+    counts = stroke[0] == 0 and all(step in (0, 1) for step in steps) and stroke[-1] == count - 1
+    require(counts, rule, "strokes do not count 0, 1, ...")
+
+
+def check_stability(content, axis):
+    """V10."""
+    names = ("/rendering@robot", "/rendering/stability")
+    require((names[0] in content) == (names[1] in content), "V10", "a robot without a verdict")
+    if names[1] not in content:
+        return
+    stiffness = largest_eigenvalue(content["/rendering/stiffness"].items, axis)
+    rendered = stiffness
+    if "/guidance@radius_m" in content:
+        rendered = content["/guidance@stiffness_n_per_m"].items[0]
+        if "/guidance@stroke" in content:
+            rendered += stiffness
+    judged, stable, margin = content[names[1]].items[4:]
+    require(abs(judged - rendered) <= 1e-6 * rendered, "V10", "about another stiffness")
+    require(judged * margin <= stable * (1 + 1e-12), "V10", "it is not stable with its margin")
+
+
+def largest_eigenvalue(diagonal, axis):
+    """Of P K P, with P the projection across the axis."""
+    if axis is None:
+        return max(diagonal)
+    P = [[(i == j) - axis[i] * axis[j] for j in range(3)] for i in range(3)]
+    A = [
+        [sum(P[i][k] * diagonal[k] * P[k][j] for k in range(3)) for j in range(3)] for i in range(3)
+    ]
+    # One eigenvalue is 0; the other two have this sum and this product.
+    trace = A[0][0] + A[1][1] + A[2][2]
+    minors = 0.0
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        minors += A[i][i] * A[j][j] - A[i][j] * A[j][i]
+    return trace / 2 + math.sqrt(max(trace * trace / 4 - minors, 0.0))
+
+
+def check_guidance(content, has):
+    """V11."""
+    require(has("/curve") and has("/rendering"), "V11", "a guide without curve or rendering")
+    names = (text_of(content, "/@must_understand") or "").split(" ")
+    require("/guidance" in names, "V11", "/guidance is not named in must_understand")
+    if "/guidance@stroke" in content:
+        count = len(content["/curve/closed"].items)
+        stroke = content["/guidance@stroke"].items[0]
+        require(count >= 2 and stroke < count, "V11", "a stroke guides that is not there")
+
+
+def check_registration(content, points):
+    """V12 and V13."""
+    T = content["/registration/T_robot_image"].rows()
+    source, target = (content["/registration/" + name].rows() for name in ("source", "target"))
+    labels = content["/registration/labels"].items
+    require(len(set(labels)) == len(labels) and "" not in labels, "V12", "labels twice or empty")
+    if len(T) == 4:
+        require(T[3] == [0, 0, 0, 1], "V12", "the last row is not 0 0 0 1")
+    if "/registration/covariance" in content:
+        covariance = content["/registration/covariance"].rows()
+        variances = [covariance[i][i] for i in range(len(covariance))]
+        require(min(variances) >= 0, "V12", "a negative variance")
+    residuals = content["/registration/residuals"].items
+    for place, wanted, stated in zip(source, target, residuals, strict=True):
+        vector = [*place, 1.0]
+        mapped = [sum(a * b for a, b in zip(T[i], vector, strict=True)) for i in range(3)]
+        require(abs(math.dist(mapped, wanted) - stated) <= 1e-6, "V13", "other residuals")
+    if len(T) == 3:
+        u, v, origin = ([T[i][j] for i in range(3)] for j in range(3))
+        normal = cross(u, v)
+        length = math.hypot(*normal)
+        require(length > 0, "V13", "the transform flattens the slice")
+        for point in points:
+            height = (
+                sum(n * (p - o) for n, p, o in zip(normal, point, origin, strict=True)) / length
+            )
+            require(abs(height) <= 1e-6, "V13", "a point off the slice's plane")
+
+
+def check_findings(content):
+    """V14."""
+    for unit in ("px", "m"):
+        flag, place = f"/findings/has_place_{unit}", f"/findings/place_{unit}"
+        require((flag in content) == (place in content), "V14", f"{flag} without its places")
+        if flag in content:
+            for is_there, row in zip(content[flag].items, content[place].rows(), strict=True):
+                require(is_there or not any(row), "V14", "a place of a finding without one")
+    by, utc = "/findings/answered_by", "/findings/answered_utc"
+    require((by in content) == (utc in content), "V14", "an answer without a time")
+    if by in content:
+        for who, when in zip(content[by].items, content[utc].items, strict=True):
+            require((who == "") == (when == ""), "V14", "answered by somebody at no time")
+            if when:
+                check_time(when)
+    for name in ("code", "stage"):
+        for text in content["/findings/" + name].items:
+            require(NAME.fullmatch(text), "V14", f"a {name} of another form")
+
+
+def has_open_doubt(content):
+    """Whether a doubt is not answered."""
+    if "/findings/severity" not in content:
+        return False
+    severities = content["/findings/severity"].items
+    answered = [""] * len(severities)
+    if "/findings/answered_by" in content:
+        answered = content["/findings/answered_by"].items
+    return any(s == "doubt" and not who for s, who in zip(severities, answered, strict=True))
+
+
+def check_time(text):
+    """V16."""
+    require(TIME.fullmatch(text), "V16", f"{text!r} is no time")
+
+
+def check_provenance(content):
+    """V17."""
+    inside = "/provenance/"
+    for a, b in (("input_roles", "input_sha256"), ("setting_names", "setting_values")):
+        together = (inside + a in content) == (inside + b in content)
+        require(together, "V17", f"{a} and {b} without each other")
+        if inside + a in content:
+            names = content[inside + a].items
+            require(len(set(names)) == len(names), "V17", "a name twice")
+            require(all(map(NAME.fullmatch, names)), "V17", "a name of another form")
+    if inside + "input_sha256" in content:
+        for digest in content[inside + "input_sha256"].items:
+            require(re.fullmatch("[0-9a-f]{64}", digest), "V17", "a digest of another form")
+    if inside + "setting_values" in content:
+        for value in content[inside + "setting_values"].items:
+            quoted = len(value) >= 2 and value[0] == value[-1] == '"'
+            number = JSON_NUMBER.fullmatch(value) and math.isfinite(float(value))
+            known = value in ("true", "false") or number or quoted
+            require(known, "V17", f"a setting's value {value!r}")
+
+
+# --- The leak certificate (section 5), and the pieces (V7) ------------------------------------
+
+
+def check_leak(content, points, axis, has):
+    """K1 to K4."""
+    kind = "mesh" if has("/mesh") else "curve" if has("/curve") else "cloud"
+    require(text_of(content, "/leak@kind") == kind, "K1", f"it is a {kind}")
+    certified = content["/leak@certified"].items[0]
+    require(certified == (kind != "cloud"), "K4", f"certified is {certified}")
+    if kind == "cloud":
+        require("/leak@limit_m" not in content, "K2", "the limit of a cloud")
+        return
+    radius = content["/rendering@contact_radius_m"].items[0]
+    radius += content["/rendering@point_radius_m"].items[0]
+    limit = radius - content["/rendering@band_m"].items[0]
+    flat = [across(point, axis) for point in points]
+    if kind == "mesh":
+        triangles = content["/mesh/triangles"].rows()
+        openings = [covering_radius(*(flat[i] for i in row)) for row in triangles]
+    else:
+        limit *= 2
+        openings = [0.0]
+        for stroke, closed in zip(
+            strokes(content, "/curve/stroke"), closed_of(content), strict=True
+        ):
+            places = [flat[i] for i in stroke]
+            openings += [math.dist(a, b) for a, b in pairwise(places)]
+            if closed:
+                openings.append(math.dist(places[-1], places[0]))
+    require("/leak@limit_m" in content, "K2", "no limit")
+    for name, computed in (("limit_m", limit), ("largest_m", max(openings))):
+        stated = content["/leak@" + name].items[0]
+        close = abs(stated - computed) <= max(1e-9 * computed, 1e-12)
+        require(close, "K2", f"{name} is {stated}; the fixture gives {computed}")
+    require(content["/leak@largest_m"].items[0] <= content["/leak@limit_m"].items[0], "K3", "leaks")
+
+
+def strokes(content, path):
+    """The row numbers of each stroke."""
+    rows = {}
+    for row, stroke in enumerate(content[path].items):
+        rows.setdefault(stroke, []).append(row)
+    return list(rows.values())
+
+
+def closed_of(content):
+    """Which strokes are closed."""
+    return content["/curve/closed"].items
+
+
+def across(point, axis):
+    """A point without its part along the axis."""
+    if axis is None:
+        return tuple(point)
+    along = sum(a * p for a, p in zip(axis, point, strict=True))
+    return tuple(p - along * a for a, p in zip(axis, point, strict=True))
+
+
+def covering_radius(p, q, r):
+    """The largest distance of a triangle's point from its nearest corner."""
+    a, b, c = sorted((math.dist(p, q), math.dist(q, r), math.dist(r, p)))
+    if c == 0:
+        return 0.0
+    if a * a + b * b <= c * c:
+        return b * b * c / (b * b + c * c - a * a)
+    s = math.sqrt((a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c)))  # 4 area
+    return a * b * c / s if s > 0 else c / 2
+
+
+def cross(a, b):
+    """The vector product."""
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def check_pieces(content, points, axis):
+    """V7."""
+    t = content["/pieces@error_m"].items[0] + 1e-6
+    w = 2 * (content["/leak@largest_m"].items[0] + t)
+    smallest = min(range(3), key=lambda i: abs(axis[i]))
+    first = cross(axis, [float(i == smallest) for i in range(3)])
+    first = [x / math.hypot(*first) for x in first]
+    second = cross(axis, first)
+
+    def flat(point):
+        return tuple(sum(a * b for a, b in zip(e, point, strict=True)) for e in (first, second))
+
+    vertices = [flat(vertex) for vertex in content["/pieces/vertices"].rows()]
+    bulges = content["/pieces/bulges"].items
+    of_points = strokes(content, "/curve/stroke")
+    of_vertices = strokes(content, "/pieces/stroke")
+    for rows, corners, closed in zip(of_points, of_vertices, closed_of(content), strict=True):
+        pairs = list(pairwise(corners))
+        if closed:
+            pairs.append((corners[-1], corners[0]))
+        pieces, begin = [], 0.0
+        for a, b in pairs:
+            piece = Piece(vertices[a], vertices[b], bulges[a], begin)
+            pieces.append(piece)
+            begin += piece.length
+        places = []
+        for row in rows:
+            feet = [piece.foot(flat(points[row])) for piece in pieces]
+            places.append([s for distance, s in feet if distance <= t])
+            require(places[-1], "V7", f"point {row} does not lie on the pieces")
+        if closed:
+            leads = any(leads_around(places, start, begin, w, t) for start in places[0])
+        else:
+            ends = [[0.0], *places, [begin]]
+            leads = bool(reached(ends, w, t))
+        require(leads, "V7", "the pieces are not the curve of the points")
+
+
+def reached(places, w, t):
+    """The last of the places to which steps forward of at most w lead."""
+    current = places[0]
+    for candidates in places[1:]:
+        current = [s for s in candidates if any(-2 * t <= s - r <= w + 2 * t for r in current)]
+    return current
+
+
+def leads_around(places, start, length, w, t):
+    """Whether steps of at most w lead once around a closed stroke, from a start to itself."""
+    turned = [[0.0]]
+    for candidates in places[1:]:
+        # The joint is at 0 and at the whole length.
+        turned.append([s for c in candidates for s in ((c - start) % length,
+                                                       (c - start) % length - length,
+                                                       (c - start) % length + length)
+                       if -2 * t <= s <= length + 2 * t])  # fmt: skip
+    turned.append([length])
+    return bool(reached(turned, w, t))
+
+
+class Piece:
+    """A line or an arc in the plane, and the way along the stroke where it begins."""
+
+    def __init__(self, start, end, bulge, begin):
+        self.start, self.end, self.begin = start, end, begin
+        chord = math.dist(start, end)
+        self.sweep = 4 * math.atan(bulge)
+        self.length = chord
+        self.radius = 0.0
+        if bulge != 0 and chord > 0:
+            self.radius = chord * (1 + bulge * bulge) / (4 * abs(bulge))
+            self.length = self.radius * abs(self.sweep)
+            offset = (1 - bulge * bulge) / (4 * bulge)  # in chords, to the left
+            dx, dy = end[0] - start[0], end[1] - start[1]
+            middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
+            self.centre = (middle[0] - dy * offset, middle[1] + dx * offset)
+
+    def foot(self, point):
+        """(distance, way along the stroke) of the nearest place on the piece."""
+        if self.radius > 0:
+            return self._foot_on_arc(point)
+        dx, dy = self.end[0] - self.start[0], self.end[1] - self.start[1]
+        share = 0.0
+        if self.length > 0:
+            share = (point[0] - self.start[0]) * dx + (point[1] - self.start[1]) * dy
+            share = min(max(share / self.length**2, 0.0), 1.0)
+        place = (self.start[0] + share * dx, self.start[1] + share * dy)
+        return math.dist(point, place), self.begin + share * self.length
+
+    def _foot_on_arc(self, point):
+        angles = []
+        for place in (self.start, point):
+            angles.append(math.atan2(place[1] - self.centre[1], place[0] - self.centre[0]))
+        turned = angles[1] - angles[0]
+        if self.sweep < 0:
+            turned = -turned
+        turned %= 2 * math.pi
+        if turned <= abs(self.sweep):
+            distance = abs(math.dist(point, self.centre) - self.radius)
+            return distance, self.begin + turned * self.radius
+        to_start, to_end = math.dist(point, self.start), math.dist(point, self.end)
+        if to_start <= to_end:
+            return to_start, self.begin
+        return to_end, self.begin + self.length
+
+
+# --- The whole --------------------------------------------------------------------------------
+
+
+def read(data):
+    """The values of a bundle's bytes, by path; raises `FormatError`."""
+    end, flags = read_seal(data)
+    content = read_content(Payload(data, end))
+
+    def raw_bytes(value):
+        code = {"f8": "d", "i4": "i", "u1": "B"}[value.type]
+        return struct.pack(f"<{len(value.items)}{code}", *value.items)
+
+    check_agreement(content, raw_bytes, flags)
+    return {path: content[path].nested() for path in TABLE if path in content}
+
+
+def main(words):
+    """Print the bundle that is named; returns the exit code."""
+    if len(words) != 1:
+        print("usage: vfplan_reader.py FILE", file=sys.stderr)
+        return 2
+    try:
+        with open(words[0], "rb") as file:
+            data = file.read(MAX_PAYLOAD + 4097)
+        values = read(data)
+    except (OSError, FormatError) as error:
+        print(f"{words[0]}: {error}", file=sys.stderr)
+        return 1
+    print(json.dumps(values, ensure_ascii=False))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
