@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import time
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 from chromium import CTRL, SHIFT, Page
 from conftest import need_program
+from hand import READY, Hand
 from review_slices import fork, hidden_end, miss, two_candidates
 
 import vfplan
@@ -23,81 +23,6 @@ from vfplan.review.server import ReviewServer
 ROOT = Path(__file__).parents[2]
 SLICE = ROOT / "samples" / "elbow.png"
 MARKERS = (ROOT / "samples/elbow_markers_image.csv", ROOT / "samples/elbow_markers_robot.csv")
-READY = "Boolean(window.review && review.state && review.state.warnings)"
-PLANNED = f"{READY} && review.state.why_not[0] !== 'The plan is being made.'"
-
-
-class Hand:
-    """A person at the page: places are pixels of the slice."""
-
-    def __init__(self, browser, address):
-        self.browser = browser
-        browser.size(1300, 860)
-        browser.open(address)
-        browser.until(READY)
-
-    def state(self, path="review.state"):
-        return self.browser.run(path)
-
-    def at(self, place):
-        """Where a place of the slice is in the window."""
-        box = self.browser.run(
-            "(() => { const b = document.getElementById('stage').getBoundingClientRect();"
-            " return [b.left, b.top, review.view.zoom, review.view.x, review.view.y]; })()"
-        )
-        left, top, zoom, x, y = box
-        return left + place[0] * zoom + x, top + place[1] * zoom + y
-
-    def click(self, place):
-        self.browser.click(*self.at(place))
-
-    def drag(self, start, stop):
-        self.browser.drag(self.at(start), self.at(stop))
-
-    def press(self, button):
-        """Click on a button by its id or its words."""
-        place = self.browser.run(
-            f"(() => {{ const wanted = {json.dumps(button)};"
-            " const node = document.getElementById(wanted) || [...document.querySelectorAll("
-            "'button')].find((b) => b.offsetParent && b.textContent.startsWith(wanted));"
-            " node.scrollIntoView({block: 'center'}); const b = node.getBoundingClientRect();"
-            " return [b.left + b.width / 2, b.top + b.height / 2]; })()"
-        )
-        self.browser.click(*place)
-
-    def until_steps(self, count):
-        self.browser.until(f"review.state.steps.length === {count} && {READY}")
-
-    def name(self, text="A. Planner"):
-        self.press("name")
-        self.browser.type(text)
-
-    def look_along(self):
-        """Look along the line until all of it was in view."""
-        for _ in range(60):
-            if not any(self.state("review.state.unseen.map((runs) => runs.length)")):
-                return
-            self.press("look")
-            time.sleep(0.4)
-        raise AssertionError(self.state("review.state.unseen"))
-
-    def accept_all(self):
-        """Accept each doubt in turn by its button."""
-        open_doubts = (
-            "review.state.findings.filter((f) => f.severity === 'doubt'"
-            " && f.answered_by === null).length"
-        )
-        for _ in range(20):
-            left = self.browser.until(f"{READY} ? [{open_doubts}] : null")[0]
-            if not left:
-                return
-            self.press("Accept")
-            self.browser.until(f"{READY} && {open_doubts} === {left - 1}")
-
-    def approve(self):
-        self.browser.until("review.state.approvable", seconds=30)
-        self.press("approve")
-        self.browser.until("document.getElementById('done').open")
 
 
 @pytest.fixture

@@ -63,7 +63,7 @@ export class Approval {
           const seen = k <= last && this.view.isIn(points[k]);
           if (seen && start < 0) start = k;
           if (!seen && start >= 0) {
-            this.app.send({ step: { do: "viewed", stroke, from: this.share(arc[start] / total, -1), to: this.share(arc[k - 1] / total, 1) }, version: this.app.version });
+            this.app.send({ step: { do: "viewed", stroke, from: this.share(arc[start] - 0.4, total), to: this.share(arc[k - 1] + 0.4, total) }, version: this.app.version });
             return; // one at a time: the answer brings the next
           }
         }
@@ -71,8 +71,8 @@ export class Approval {
     });
   }
 
-  // Rounded outward by a thousandth of a pixel's share, so that the point itself is inside.
-  share(value, side) { return Math.min(1, Math.max(0, Math.round(value * 1e9 + side * 10) / 1e9)); }
+  // With less than half of a point's distance added, so that rounding loses no point.
+  share(arc, total) { return Math.min(1, Math.max(0, arc / total)); }
 
   // To the middle of the first part that was not in view, at a size that counts.
   lookAlong() {

@@ -157,7 +157,28 @@ export class Curve {
       shown.dataset.way = way.number;
       nodes.push(shown, reach);
     }
+    if (open) nodes.push(...state.candidates.map((way) => this.number(way, state.candidates)));
+    if (open && state.refusal?.place_px) nodes.push(this.refusedPlace(state.refusal.place_px));
     byId("ways").replaceChildren(...nodes);
+  }
+
+  // A candidate's number stands where it lies farthest from the others.
+  number(way, ways) {
+    let best = [-1, way.points_px[0]];
+    for (const p of way.points_px) {
+      let off = Infinity;
+      for (const other of ways) {
+        if (other !== way) for (const q of other.points_px) off = Math.min(off, Math.hypot(p[0] - q[0], p[1] - q[1]));
+      }
+      if (off > best[0]) best = [off, p];
+    }
+    const body = make("g", { class: "fixed" }, make("circle", { r: 11 }), make("text", {}, String(way.number)));
+    return make("g", { class: "thing way-number", transform: `translate(${best[1][0]} ${best[1][1]})` }, body);
+  }
+
+  refusedPlace(place) {
+    const body = make("g", { class: "fixed" }, make("circle", { class: "refused", r: 20 }));
+    return make("g", { transform: `translate(${place[0]} ${place[1]})` }, body);
   }
 
   heat(number, on) {

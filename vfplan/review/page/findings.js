@@ -1,8 +1,9 @@
 // Findings as pins on the slice and as a list; both ends enlarged.
 import { byId, make } from "./dom.js";
 
-const INSET_PX = 21; // pixels of the slice that an inset shows
-const ENLARGED = 8;
+const INSET_PX = 168; // side of an inset on the screen
+const END_PX = 21; // pixels of the slice around an end: eight times enlarged
+const FINDING_PX = 42; // and around a finding: four times
 
 export class Findings {
   constructor(app, view) {
@@ -37,7 +38,7 @@ export class Findings {
       more.append(make("button", { type: "button", class: "accept", onclick: () => this.accept(k) }, "Accept"));
       more.append(make("span", { class: "muted" }, "or mend it, and it goes."));
     } else more.append(make("span", { class: "muted" }, "For your information."));
-    if (k === this.chosen() && finding.place_px) more.prepend(this.inset(finding.place_px, `Finding ${k + 1} enlarged`));
+    if (k === this.chosen() && finding.place_px) more.prepend(this.inset(finding.place_px, FINDING_PX, `Finding ${k + 1} enlarged`));
     row.append(more);
     return row;
   }
@@ -79,7 +80,7 @@ export class Findings {
     state.findings.forEach((finding, k) => {
       if (!finding.place_px) return;
       const kind = finding.answered_by !== null ? "answered" : finding.severity;
-      const body = make("g", { class: "fixed" }, make("path", { d: "M0 0L-9 -15A11 11 0 1 1 9 -15Z" }), make("text", { y: -20 }, String(k + 1)));
+      const body = make("g", { class: "fixed" }, make("path", { d: "M0 -2L-9 -20A11 11 0 1 1 9 -20Z" }), make("text", { y: -25 }, String(k + 1)));
       nodes.push(make("g", { class: `thing pin ${kind}${k === this.chosen() ? " chosen" : ""}`, "data-finding": k,
         transform: `translate(${finding.place_px[0]} ${finding.place_px[1]})` }, body));
     });
@@ -93,7 +94,7 @@ export class Findings {
       const name = state.curve_px.length > 1 ? ` of stroke ${k + 1}` : "";
       for (const [place, word] of [[points[0], "Start"], [points[points.length - 1], "End"]]) {
         const label = `${word}${name} at (${place[0].toFixed(0)}, ${place[1].toFixed(0)})`;
-        const button = make("button", { type: "button", "aria-label": label, onclick: () => this.view.goTo(place, 8) }, this.inset(place, label));
+        const button = make("button", { type: "button", "aria-label": label, onclick: () => this.view.goTo(place, 8) }, this.inset(place, END_PX, label));
         figures.push(make("figure", {}, button, make("figcaption", {}, label)));
       }
     });
@@ -101,22 +102,23 @@ export class Findings {
     byId("ends").replaceChildren(...figures);
   }
 
-  // A part of the slice enlarged, with the line beside the ink: two thin strokes at the pen's edges.
-  inset([u, v], label) {
-    const side = INSET_PX * ENLARGED;
+  // A part of the slice enlarged, with the measured line as a thin stroke in the ink, and a ring.
+  inset([u, v], span, label) {
+    const side = INSET_PX;
+    const enlarged = side / span;
     const canvas = make("canvas", { class: "inset", width: side, height: side, role: "img", "aria-label": label });
     const pen = canvas.getContext("2d");
     pen.imageSmoothingEnabled = false;
-    const left = Math.round(u) - (INSET_PX - 1) / 2;
-    const top = Math.round(v) - (INSET_PX - 1) / 2;
+    const left = Math.round(u - (span - 1) / 2);
+    const top = Math.round(v - (span - 1) / 2);
     pen.fillStyle = "#888";
     pen.fillRect(0, 0, side, side);
-    if (byId("slice").complete && byId("slice").naturalWidth) pen.drawImage(byId("slice"), left, top, INSET_PX, INSET_PX, 0, 0, side, side);
-    pen.setTransform(ENLARGED, 0, 0, ENLARGED, (0.5 - left) * ENLARGED, (0.5 - top) * ENLARGED);
-    const near = (p) => Math.abs(p[0] - u) < INSET_PX && Math.abs(p[1] - v) < INSET_PX;
-    for (const [colour, width] of [["#fff", 0.42], ["#2f52e9", 0.2]]) {
+    if (byId("slice").complete && byId("slice").naturalWidth) pen.drawImage(byId("slice"), left, top, span, span, 0, 0, side, side);
+    pen.setTransform(enlarged, 0, 0, enlarged, (0.5 - left) * enlarged, (0.5 - top) * enlarged);
+    const near = (p) => Math.abs(p[0] - u) < span && Math.abs(p[1] - v) < span;
+    for (const [colour, width] of [["#fff", 3.4], ["#2f52e9", 1.6]]) {
       pen.strokeStyle = colour;
-      pen.lineWidth = width;
+      pen.lineWidth = width / enlarged;
       pen.beginPath();
       for (const points of this.app.state.curve_px) {
         let last = null;
@@ -127,7 +129,7 @@ export class Findings {
       }
       pen.stroke();
       pen.beginPath();
-      pen.arc(u, v, 2.2, 0, 7);
+      pen.arc(u, v, 18 / enlarged, 0, 2 * Math.PI);
       pen.stroke();
     }
     return canvas;

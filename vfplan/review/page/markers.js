@@ -65,7 +65,7 @@ export class Markers {
 
   bound(state) {
     const words = [];
-    if (state.tre95_m !== null) words.push(`The curve lies within ${mm(state.tre95_m)} mm of its place (95 %). FRE ${mm(state.fre_rms_m)} mm.`);
+    if (state.tre95_m !== null) words.push(`The curve lies within ${mm(state.tre95_m)} mm of its place (95\u00a0%). FRE ${mm(state.fre_rms_m)} mm.`);
     else if (state.markers.length) words.push(state.markers_why_not || "No bound can be told.");
     else words.push("No markers: the output is the curve alone, in pixels.");
     const scale = this.arrowScale(state);

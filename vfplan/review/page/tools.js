@@ -14,6 +14,20 @@ const HINTS = {
   box: "Drag a box over ink that shall not count.", marker: "Click where the marker is.",
 };
 
+// Catmull and Rom's spline through points, eight pieces between two of them.
+function smooth(points) {
+  if (points.length < 3) return points;
+  const shown = [points[0]];
+  for (let k = 0; k + 1 < points.length; k += 1) {
+    const [a, b, c, d] = [points[Math.max(k - 1, 0)], points[k], points[k + 1], points[Math.min(k + 2, points.length - 1)]];
+    for (let step = 1; step <= 8; step += 1) {
+      const t = step / 8;
+      shown.push([0, 1].map((i) => b[i] + 0.5 * t * (c[i] - a[i] + t * (2 * a[i] - 5 * b[i] + 4 * c[i] - d[i] + t * (3 * (b[i] - c[i]) + d[i] - a[i])))));
+    }
+  }
+  return shown;
+}
+
 export class Tools {
   constructor(app, view, curve, markers, findings, approval) {
     Object.assign(this, { app, view, curve, markers, findings, approval });
@@ -215,14 +229,18 @@ export class Tools {
     }
   }
 
+  // A smooth line through the clicks, near to the spline that the session will draw.
   showDrawing(place) {
     const points = place ? [...this.clicks, place] : this.clicks;
-    byId("preview").setAttribute("points", points.map((p) => p.join(",")).join(" "));
+    byId("preview").setAttribute("points", smooth(points).map((p) => p.join(",")).join(" "));
+    byId("clicks").replaceChildren(...this.clicks.map((p) => make("g", { transform: `translate(${p[0]} ${p[1]})` },
+      make("g", { class: "fixed" }, make("circle", { r: 3.5 })))));
   }
 
   clearDrawing() {
     this.clicks = [];
     this.corner = null;
+    byId("clicks").replaceChildren();
     byId("preview").setAttribute("points", "");
     byId("box").setAttribute("hidden", "");
   }
