@@ -15,6 +15,8 @@ from conftest import ROOT, need_header, need_program
 
 import vfplan
 from vfplan.bundle import read_bundle
+from vfplan.conformance import runner
+from vfplan.conformance.kit import write_kit
 from vfplan.errors import BundleError
 
 pytestmark = pytest.mark.slow
@@ -74,6 +76,12 @@ def write(tmp_path):
         return tmp_path / f"{name}.h5"
 
     return to_file
+
+
+def test_the_program_agrees_with_the_conformance_kit(bundle_info, tmp_path):
+    write_kit(tmp_path)
+    reader = runner.command_reader([str(bundle_info), "--values"], refused=(3, 4))
+    assert not [result for result in runner.judge(tmp_path, reader) if result.problem]
 
 
 @pytest.mark.parametrize("name", MAKE)
