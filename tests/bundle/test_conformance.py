@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import re
+import subprocess
 import sys
 
 import damage
@@ -12,7 +13,7 @@ import h5py
 import hostile
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, need_program
 
 from vfplan.bundle import read_bundle, read_fixture
 from vfplan.conformance import runner, vectors
@@ -163,6 +164,33 @@ def test_pyfive_reads_the_same_values(path):
             group, _, name = where.partition("@")
             found = file[group].attrs[name] if name else file[group][...]
             assert plain(found) == plain(value), where
+
+
+@pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)
+@pytest.mark.parametrize("library", ["h5wasm", "jsfive"])
+def test_javascript_reads_the_same_values(library, path):
+    """Where `npm install --prefix build/js h5wasm jsfive` was run."""
+    folder = ROOT / "build" / "js"
+    if not (folder / "node_modules" / library).is_dir():
+        pytest.skip(f"{library} is not in build/js: npm install --prefix build/js {library}")
+    node = need_program("node", "nodejs")
+    values = read_bundle(path)[0]
+    script = ROOT / "tests" / "support" / "foreign.mjs"
+    command = [node, script, library, folder, path, *values]
+    done = subprocess.run(
+        [*map(str, command)], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    printed = json.loads(done.stdout)
+    for where, value in values.items():
+        assert flat(printed[where]) == flat(plain(value)), where
+
+
+def flat(value):
+    """The numbers or texts of nested lists, in order."""
+    if not isinstance(value, list):
+        return [value]
+    return [item for part in value for item in flat(part)]
 
 
 def plain(value):
