@@ -363,7 +363,12 @@ class Payload:
             require(plain, "L5", "links or attributes in a heap, or with a creation order")
             require(kind not in found.messages, "L3", "a message twice")
             found.messages[kind] = body
-        elif kind in (0x01, 0x03, 0x05, 0x08, 0x0A):
+        elif kind == 0x0A:
+            known = body[:1] == b"\0" and len(body) >= 2 and body[1] <= 3
+            require(known, "L3", "a group info of another kind")
+            require(kind not in found.messages, "L3", "a message twice")
+            found.messages[kind] = body
+        elif kind in (0x01, 0x03, 0x05, 0x08):
             require(kind not in found.messages, "L3", "a message twice")
             found.messages[kind] = body
         else:
@@ -482,6 +487,7 @@ def type_and_shape(datatype, dataspace):
     require(len(dataspace) >= 4 and dataspace[0] == 2, "L3", "a dataspace of another kind")
     rank, flags, kind = dataspace[1:4]
     require(rank <= 2 and flags <= 1 and kind == (1 if rank else 0), "C1", "another rank")
+    require(rank or not flags, "C1", "a scalar with a maximal shape")
     count = rank * (2 if flags else 1)
     require(len(dataspace) >= 4 + 8 * count, "L3", "a dataspace of another size")
     sizes = struct.unpack_from(f"<{count}Q", dataspace, 4)
@@ -503,7 +509,13 @@ def value_of(type_, item, shape, raw):
 def check_fill(body):
     """A fill value is zero."""
     require(body[:1] == b"\x03" and len(body) >= 2, "L3", "a fill value of another kind")
-    value = body[6:] if body[1] & 0x20 else b""
+    require(not body[1] & 0xC0, "L3", "a fill value with unknown flags")
+    value = b""
+    if body[1] & 0x20:
+        require(len(body) >= 6, "L3", "a fill value of another size")
+        size = struct.unpack_from("<I", body, 2)[0]
+        require(len(body) >= 6 + size, "L3", "a fill value of another size")
+        value = body[6 : 6 + size]
     require(not any(value), "L4", "a fill value is not zero")
 
 

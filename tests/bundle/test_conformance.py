@@ -18,6 +18,7 @@ from conftest import ROOT, need_program
 from vfplan.bundle import read_bundle, read_fixture
 from vfplan.conformance import runner, vectors
 from vfplan.conformance.kit import RENDERED, write_kit
+from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import BundleError, InputError
 from vfplan.io.disk import jsonable
@@ -74,14 +75,19 @@ def test_the_package_agrees_with_the_kit(kit):
 
 def test_a_rendered_path_is_what_the_engine_gives(kit):
     paths = sorted((kit / "render").glob("*.json"))
-    assert len(paths) == sum(map(len, RENDERED.values()))
+    assert len(paths) == sum(map(len, RENDERED.values())) + 1
     for path in paths:
         expected = json.loads(path.read_text())
-        engine = ProxyEngine.of(read_fixture(kit / expected["bundle"]), expected["rule"])
+        fixture = read_fixture(kit / expected["bundle"])
+        if expected["rule"] == "guide":
+            engine = Guide.of(fixture)
+        else:
+            engine = ProxyEngine.of(fixture, expected["rule"])
         engine.reset(np.array(expected["hip"][0]))
         trace = engine.run(np.array(expected["hip"]))
         assert np.abs(trace.proxy - expected["proxy"]).max() <= expected["tolerance"]
-        assert trace.state.tolist() == expected["state"]
+        state = trace.held if expected["rule"] == "guide" else trace.state
+        assert state.astype(int).tolist() == expected["state"]
         assert np.abs(np.array(expected["force"])).max() > 0, "the path never touches"
 
 

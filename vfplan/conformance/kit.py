@@ -11,6 +11,7 @@ import numpy as np
 from vfplan.bundle import read_bundle, read_fixture, seal
 from vfplan.bundle.write import to_payload
 from vfplan.conformance import vectors
+from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.io.disk import jsonable
 
@@ -58,7 +59,9 @@ def write_kit(folder: Path) -> int:
             rendered = render(folder / "valid" / f"{scene}.h5", rule)
             _write_json(folder / "render" / f"{scene}-{rule}.json", rendered)
             count += 1
-    return count
+    guided = render_guide(folder / "valid" / "guided.h5")
+    _write_json(folder / "render" / "guided-guide.json", guided)
+    return count + 1
 
 
 def valid_files() -> Iterator[tuple[str, bytes]]:
@@ -87,6 +90,26 @@ def render(bundle: Path, rule: str) -> dict[str, object]:
         "proxy": trace.proxy.tolist(),
         "force": trace.force.tolist(),
         "state": [int(state) for state in trace.state],
+    }
+
+
+def render_guide(bundle: Path) -> dict[str, object]:
+    """What the guide of a bundle must make of a path; state 1 where it has hold of the tip."""
+    fixture = read_fixture(bundle)
+    # The tip starts on the closed stroke, goes along it and leaves the tube by 3 mm.
+    steps = np.linspace(0.0, 1.0, TICKS)[:, None]
+    hip = fixture.points[-1] + steps * np.array([0.003, 0.004, 0.0])
+    guide = Guide.of(fixture)
+    guide.reset(hip[0])
+    trace = guide.run(hip)
+    return {
+        "bundle": f"valid/{bundle.name}",
+        "rule": "guide",
+        "tolerance": 1e-12,
+        "hip": hip.tolist(),
+        "proxy": trace.proxy.tolist(),
+        "force": trace.force.tolist(),
+        "state": [int(is_held) for is_held in trace.held],
     }
 
 
