@@ -60,6 +60,7 @@ api: $(VENV)/.vfplan-test
 
 pictures: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_pictures.py
+	$(BIN)/python docs/make_review.py
 	$(BIN)/python docs/draw_algorithm.py
 	$(BIN)/python docs/draw_house.py
 

@@ -298,6 +298,7 @@ def test_every_control_has_a_name_and_the_page_fits_its_window(browser, run, tmp
     assert browser.run(f"document.activeElement !== document.body && {outline}") == "solid"
 
 
+@pytest.mark.slow
 def test_a_large_slice_with_many_findings_and_markers_stays_fluent(browser, tmp_path):
     """4096 x 4096 pixels, 100 findings, 40 markers: drags above 30 frames a second."""
     rng = np.random.default_rng(1)

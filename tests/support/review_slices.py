@@ -53,12 +53,12 @@ def fork(path):
     return _write(path, canvas.image(None)), truth
 
 
-def double(path):
-    """Two lines side by side; the upper is meant."""
+def double(path, gap=8.0):
+    """Two lines side by side, `gap` px apart; the upper is meant."""
     truth = wave()
     canvas = _canvas()
     canvas.line(truth, 3.0, RED)
-    canvas.line(truth + np.array([0.0, 8.0]), 3.0, RED)
+    canvas.line(truth + np.array([0.0, gap]), 3.0, RED)
     return _write(path, canvas.image(None)), truth
 
 

@@ -45,6 +45,15 @@ FAINTEST = 0.25
 BORDER_POINTS = 3
 """Points beside a stretch without ink whose profiles that stretch may cut: a pen's width."""
 
+VALLEY = 0.2
+"""Of the strongest ink of a profile: a dip so deep parts two lines; a pen's own dips are half."""
+
+NEARBY_POINTS = 41
+"""Points along a line whose median width is the usual one there; longer than a branch's mouth."""
+
+CORRELATED = 5.0
+"""Factor: JPEG's noise hangs together along a line, so that smoothing takes less of it away."""
+
 WIDER = 1.25
 """Of the pen's width: where the ink is wider, other ink joins the line."""
 
@@ -183,7 +192,7 @@ class Ink:
         ).astype(float)
         # Half of the strongest ink of each profile, as blur does not move a half-height edge.
         threshold = np.maximum(0.5 * score.max(axis=1), max(CHROMA_FLOOR, FAINTEST * self.strength))
-        inked = score > threshold[:, None]
+        inked = (score > threshold[:, None]) & ~_is_valley(score)
         nearest = np.where(inked, np.abs(x), np.inf).argmin(axis=1)
         row = np.arange(len(path))
         has_ink = inked[row, nearest] & (np.abs(x[nearest]) <= reach_px)
@@ -195,11 +204,17 @@ class Ink:
         width = (gap_after - gap_before - 1) * STEP_PX
         has_ink &= (gap_before >= 0) & (gap_after < len(x))
         has_ink &= _is_strong(np.where(inked, score, 0.0).max(axis=1), has_ink)
-        # The centroid reads the line's blurred edges as well, up to the middle of a gap.
-        edge = round(2.0 / STEP_PX)
-        first = gap_before[:, None] - edge
-        last = gap_after[:, None] + edge
-        own = (column >= first) & (column <= last) & _not_beyond_neighbour(inked, nearest)
+        # The centroid reads the line's blurred edges as well, alike on both sides, and at most to
+        # the middle of the gap to other ink.
+        before = np.maximum.accumulate(np.where(inked, column, -len(x)), axis=1)
+        before = gap_before - before[row, np.maximum(gap_before, 0)]
+        after = np.where(inked, column, 2 * len(x))[:, ::-1]
+        after = np.minimum.accumulate(after, axis=1)[:, ::-1]
+        after = after[row, np.minimum(gap_after, len(x) - 1)] - gap_after
+        edge = np.minimum(round(2.0 / STEP_PX), np.minimum(before, after) // 2)
+        first = (gap_before - edge)[:, None]
+        last = (gap_after + edge)[:, None]
+        own = (column >= first) & (column <= last)
         weight = np.where(own, score, 0.0)
         offset = (weight @ x) / np.maximum(weight.sum(axis=1), 1e-9)
         return np.where(has_ink, offset, 0.0), has_ink, width
@@ -229,7 +244,7 @@ class Ink:
             if not has_ink.any():
                 return _without_ink(path, closed)
             usual = np.median(width[has_ink]) if pen_px is None else pen_px
-            joined = has_ink & (width > WIDER * usual + 0.5)
+            joined = has_ink & (width > WIDER * _usual_nearby(width, has_ink, usual) + 0.5)
             # The edges of a branch pull the centre before the width shows it.
             joined = has_ink & binary_dilation(joined, iterations=max(1, round(usual)))
             alone = has_ink & ~joined
@@ -242,7 +257,7 @@ class Ink:
             has_ink = alone | passed
         scatter = offset[alone] - smooth[alone]
         noise = 1.4826 * float(np.median(np.abs(scatter)))
-        averaged = noise / np.sqrt(2.0 * np.sqrt(np.pi) * SMOOTH_PX)
+        averaged = CORRELATED * noise / np.sqrt(2.0 * np.sqrt(np.pi) * SMOOTH_PX)
         sigma = np.full(len(points), np.hypot(averaged, INK_SIGMA_PX))
         sigma[passed] = BRANCH_SIGMA_PX
         return Measured(points, sigma, has_ink)
@@ -301,21 +316,21 @@ class Ink:
         return float(np.median(width[has_ink])) if has_ink.any() else 3.0
 
 
-def _not_beyond_neighbour(inked: NDArray[np.bool_], nearest: NDArray) -> NDArray[np.bool_]:
-    """(M, K) bool: not beyond the middle of the gap to another line's ink."""
-    count = inked.shape[1]
-    column = np.arange(count)
-    at = nearest[:, None]
-    is_right = column > at
-    own = np.ones(inked.shape, bool)
-    for side, order in ((is_right, column), (column < at, column[::-1])):
-        # Going outward: count the changes from gap to ink.
-        run = np.where(side, inked, True)[:, order]
-        begins = np.zeros(run.shape, bool)
-        begins[:, 1:] = run[:, 1:] & ~run[:, :-1]
-        beyond = np.cumsum(begins, axis=1) > 0
-        own &= ~(beyond[:, np.argsort(order)] & side)
-    return own
+def _is_valley(score: NDArray) -> NDArray[np.bool_]:
+    """(M, K) bool: samples with stronger ink on both sides, as between two lines that touch."""
+    left = np.maximum.accumulate(score, axis=1)
+    right = np.maximum.accumulate(score[:, ::-1], axis=1)[:, ::-1]
+    return np.minimum(left, right) - score > VALLEY * score.max(axis=1, keepdims=True)
+
+
+def _usual_nearby(width: NDArray, has_ink: NDArray[np.bool_], usual: float) -> NDArray[np.float64]:
+    """(M,) the line's usual width nearby: a pressed pen grows wide slowly, a branch at once."""
+    from scipy.ndimage import median_filter
+
+    nearby = np.full(len(width), usual)
+    at = np.flatnonzero(has_ink)
+    nearby[at] = median_filter(width[at], size=NEARBY_POINTS, mode="nearest")
+    return np.maximum(nearby, usual)
 
 
 def _is_strong(peak: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -1,0 +1,83 @@
+"""Ink near a path that a hand drew: measured like a curve that is found, or left as drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import slices
+from drawing import normal_errors
+from review_slices import RED, double, miss, wave
+
+import vfplan
+from vfplan.review.ink import Ink, ways_through
+from vfplan.review.paths import spline_through
+
+
+def drawn(truth, closed, seed, off_px=1.0):
+    """A smooth path through fourteen clicks, each about a pixel off the line."""
+    places = np.linspace(0, len(truth) - 1, 14 + closed).astype(int)[:14]
+    clicks = truth[places] + np.random.default_rng(seed).normal(0, off_px, (len(places), 2))
+    return spline_through(clicks, closed)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("kind", ["plain", "thin", "pressure", "scanned", "upscaled", "words"])
+def test_a_drawn_path_moves_onto_its_ink_and_says_how_well(kind, seed):
+    """Seeds 2 and 3 are JPEG."""
+    slice_ = slices.draw(kind, seed)
+    truth, closed = slice_.truth, slice_.closed
+    ink = Ink(slice_.image, RED)
+    line = ink.draw(drawn(truth, closed, seed), closed, 8.0, (True, True))
+    shown = line.is_confirmed
+    assert shown.mean() > 0.9
+    points, sigma = line.points[shown], line.sigma[shown]
+    inner = np.ones(len(points), bool)
+    if not closed:
+        inner = np.minimum(*(np.hypot(*(points - end).T) for end in truth[[0, -1]])) > 6.0
+    errors = normal_errors(points, truth, closed)[inner]
+    assert np.sqrt(np.mean(errors**2)) < (0.1 if slice_.quality is None else 0.3)
+    assert np.sqrt(np.mean((errors / sigma[inner]) ** 2)) < 2.0
+
+
+def test_a_path_without_ink_stays_as_it_is():
+    picture = np.full((320, 380, 3), 90, np.uint8)
+    path = spline_through(wave()[::40], False)
+    line = Ink(picture, RED).measure(path, False, 8.0)
+    assert not line.has_ink.any()
+    assert (
+        np.abs(normal_errors(line.points, path, False)).max() < 1e-3
+    )  # as far as points a pixel apart follow a bend
+
+
+@pytest.mark.parametrize("gap", [4.0, 6.0, 8.0])
+def test_of_two_lines_side_by_side_the_nearer_is_measured(gap, tmp_path):
+    path, truth = double(tmp_path / "slice.png", gap)
+    rgb = vfplan.read_image(path).rgb
+    line = Ink(rgb, RED).draw(drawn(truth, False, 1, 0.5), False, 8.0, (True, True))
+    assert miss(line.points, truth) < 0.3
+
+
+def test_every_way_through_a_fork_and_around_a_ring():
+    mask = np.zeros((60, 80), bool)
+    mask[30, 5:70] = True
+    mask[30:55, 40] = True
+    ways, forks = ways_through(mask)
+    assert len(ways) == 3
+    assert forks
+    assert ways[0].length_px == pytest.approx(64 / 1.05, abs=1.0)
+    ring = np.zeros((60, 80), bool)
+    ring[10:40, 10:60] = True
+    ring[12:38, 12:58] = False
+    (way,), forks = ways_through(ring)
+    assert way.closed
+    assert not forks
+    assert ways_through(np.zeros((9, 9), bool)) == ([], [])
+
+
+def test_ink_in_an_excluded_box_does_not_count():
+    picture = np.full((100, 100, 3), 90, np.uint8)
+    picture[50:53] = RED
+    assert Ink(picture, RED).mask[51].all()
+    mask = Ink(picture, RED).without(((20, 40, 30, 30),)).mask
+    assert not mask[51, 22:48].any()
+    assert mask[51, 60:].all()
