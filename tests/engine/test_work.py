@@ -33,10 +33,9 @@ def serrated():
     base = bundles.small()
     teeth = np.column_stack([np.arange(3000) * 7e-6, np.arange(3000) % 2 * 2e-3, np.zeros(3000)])
     strokes = np.zeros(len(teeth), np.int32), np.array([False])
-    own = np.zeros(len(base.points), np.int32)
-    curve = Curve(own, strokes[1], pieces=Pieces(teeth, np.zeros(len(teeth)), *strokes))
+    curve = Curve(*strokes, pieces=Pieces(teeth, np.zeros(len(teeth)), *strokes))
     rendering = replace(base.rendering, ignore_axis=np.array([0.0, 0, 1]))
-    return replace(base, curve=curve, rendering=rendering)
+    return replace(base, points=teeth, curve=curve, rendering=rendering)
 
 
 def patient():
