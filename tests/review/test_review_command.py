@@ -1,0 +1,167 @@
+"""`vfplan review`: its address, its exit codes, and what it writes, without a browser."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+from review_slices import fork, two_candidates
+from websockets.sync.client import connect
+
+import vfplan
+
+SLICE = ROOT / "samples" / "elbow.png"
+MARKERS = (ROOT / "samples/elbow_markers_image.csv", ROOT / "samples/elbow_markers_robot.csv")
+ADDRESS = re.compile(r"http://127\.0\.0\.1:(\d+)/#([\w-]{43})\n")
+
+
+class Review:
+    """The command, and a page's connection to it."""
+
+    def __init__(self, *words):
+        command = [sys.executable, "-m", "vfplan", "review", *map(str, words), "--no-browser"]
+        pipe = subprocess.PIPE
+        self.process = subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True)
+        line = self.process.stdout.readline()
+        found = ADDRESS.fullmatch(line)
+        assert found, (line, self.process.stderr.read())
+        port, token = found.groups()
+        where = f"ws://127.0.0.1:{port}/steps?token={token}"
+        self._connection = connect(where, origin=f"http://127.0.0.1:{port}")
+        self.page = self._connection.__enter__()
+        self.version = self.heard("quick")["version"]
+
+    def heard(self, name):
+        while True:
+            message = json.loads(self.page.recv(timeout=60))
+            assert "error" not in message, message
+            if name in message:
+                return message
+
+    def step(self, **step):
+        self.page.send(json.dumps({"step": step, "version": self.version}))
+        message = self.heard("quick")
+        self.version = message["version"]
+        return message["quick"]
+
+    def answer_all(self):
+        for number, finding in enumerate(self.heard("state")["state"]["findings"]):
+            if finding["severity"] == "doubt" and finding["answered_by"] is None:
+                self.step(do="answer", finding=number, by="A. Planner")
+
+    def end(self):
+        self._connection.__exit__(None, None, None)
+        out, err = self.process.communicate(timeout=60)
+        return self.process.returncode, out, err
+
+
+@pytest.fixture(scope="module")
+def fixture(tmp_path_factory):
+    path = tmp_path_factory.mktemp("planned") / "f.h5"
+    vfplan.write_fixture(vfplan.plan(SLICE, *MARKERS).fixture, path)
+    return path
+
+
+@pytest.mark.parametrize("words", [(SLICE,), (SLICE, *MARKERS, "--pixel-spacing", 0.5)])
+def test_a_slice_is_approved_and_written(words, tmp_path):
+    output = tmp_path / "o.h5"
+    review = Review(*words, "-o", output, "--by", "A. Planner")
+    assert not (tmp_path / "o.h5.draft.json").exists()
+    review.step(do="viewed")
+    assert (tmp_path / "o.h5.draft.json").exists()
+    review.answer_all()
+    review.page.send(json.dumps({"approve": "A. Planner"}))
+    assert review.heard("approved")["approved"]["text"] == "o.h5 is written."
+    code, out, err = review.end()
+    assert code == 0, err
+    assert "approved by A. Planner" in out
+    assert vfplan.read_fixture(output).reviewed.by == "A. Planner"
+    assert [path.name for path in tmp_path.iterdir()] == ["o.h5"]
+
+
+@pytest.mark.parametrize("with_slice", [False, True])
+def test_a_fixture_is_approved_and_then_signed(fixture, with_slice, tmp_path, vfplan_cli):
+    output, signed = tmp_path / "o.h5", tmp_path / "s.h5"
+    vfplan_cli("keygen", "-o", tmp_path / "k.key")
+    assert vfplan_cli("sign", fixture, "--key", tmp_path / "k.key", "-o", signed).code == 1
+    words = ("--slice", SLICE) if with_slice else ()
+    review = Review(fixture, *words, "-o", output)
+    review.step(do="viewed")
+    review.answer_all()
+    review.page.send(json.dumps({"approve": "A. Planner"}))
+    review.heard("approved")
+    assert review.end()[0] == 0
+    run = vfplan_cli("sign", output, "--key", tmp_path / "k.key", "-o", signed)
+    assert run.code == 0, run.stderr
+    sheet = ("review", output, "--sheet-out", tmp_path / "s.png", "--json")
+    run = vfplan_cli(*sheet, *words)
+    assert run.json["digest"] == vfplan.read_fixture(output).reviewed.digest
+
+
+def test_leaving_and_a_signal_write_no_bundle_and_keep_the_draft(tmp_path):
+    output = tmp_path / "o.h5"
+    for end in ("leave", signal.SIGINT, signal.SIGTERM):
+        review = Review(SLICE, "-o", output)
+        review.step(do="reverse", stroke=0)
+        if end == "leave":
+            review.page.send(json.dumps({"leave": True}))
+        else:
+            review.process.send_signal(end)
+        code, _, err = review.end()
+        assert code == 1, err
+        assert "left without approval" in err
+    steps = json.loads((tmp_path / "o.h5.draft.json").read_text())["steps"]
+    assert [step["do"] for step in steps] == ["reverse"] * 3
+    assert not output.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        ((SLICE,), 2),
+        ((SLICE, "-o", "o.h5", "--sheet-out", "s.png"), 2),
+        ((SLICE, "-o", "o.h5", "--case", "c"), 2),
+        ((SLICE, "-o", "o.h5", "--curve", MARKERS[0]), 2),
+        ((SLICE, "-o", "o.h5", "--slice", SLICE), 2),
+        ((MARKERS[0], "-o", "o.h5"), 3),
+        ((SLICE, MARKERS[0], "-o", "o.h5"), 3),
+    ],
+)
+def test_wrong_calls_end_before_any_page(words, code, vfplan_cli, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = vfplan_cli("review", *words, "--no-browser")
+    assert run.code == code, run.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_output_that_exists_is_not_replaced(vfplan_cli, tmp_path):
+    (tmp_path / "o.h5").write_bytes(b"mine")
+    run = vfplan_cli("review", SLICE, "-o", tmp_path / "o.h5", "--no-browser")
+    assert run.code == 2
+    assert (tmp_path / "o.h5").read_bytes() == b"mine"
+
+
+@pytest.mark.parametrize("kind", [fork, two_candidates])
+def test_refusals_name_the_command_that_mends_them(kind, vfplan_cli, tmp_path):
+    path, _ = kind(tmp_path / "slice.png")
+    for words in (("extract", path), ("plan", path, *MARKERS)):
+        run = vfplan_cli(*words, "-o", tmp_path / "o.h5")
+        assert run.code == 3
+        files = " ".join(str(word) for word in words[1:])
+        assert f"vfplan review {files} -o {tmp_path / 'o.h5'}" in run.stderr
+
+
+def test_a_gate_names_the_command_that_mends_its_markers(vfplan_cli, tmp_path):
+    lines = MARKERS[0].read_text().splitlines()
+    label, u, v = lines[4].split(",")
+    lines[4] = f"{label},{float(u) + 15:.2f},{v}"
+    wrong = tmp_path / "wrong.csv"
+    wrong.write_text("\n".join(lines) + "\n")
+    run = vfplan_cli("plan", SLICE, wrong, MARKERS[1], "-o", tmp_path / "o.h5")
+    assert run.code == 1
+    assert f"vfplan review {SLICE} {wrong} {MARKERS[1]} -o {tmp_path / 'o.h5'}" in run.stderr
