@@ -107,7 +107,7 @@ def worse(frozen, new):
             lines.append(f"{row.kind} {row.seed}: silently wrong, {row.why}; {_was(frozen[key])}")
     clear = [key for key in new if key[0] in KINDS]
     before, now = ([key for key in clear if _is_right(rows[key])] for rows in (frozen, new))
-    # Of few slices the share is less than one slice; one may differ, which is then told, not silent.
+    # A share of a few slices is less than one slice, so one may differ, if it is not silent.
     fewer = max(1, int(FEWER_RIGHT * len(clear)))
     if len(now) < len(before) - fewer:
         lines.append(f"{len(now)} of {len(clear)} clear slices right, {len(before)} before")
