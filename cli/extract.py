@@ -96,7 +96,8 @@ def naming_page(page: str) -> Iterator[None]:
                 message += page
             error.message = message.replace("vfplan review IMAGE", page)
         elif error.code in MENDED_ON_PAGE:
-            error.message += f" To mend it on a page: {page}"
+            sentence = error.message.rstrip(".")
+            error.message = f"{sentence}. To mend it on a page: {page}"
         raise
 
 
