@@ -103,6 +103,7 @@ def test_a_fixture_is_approved_and_then_signed(fixture, with_slice, tmp_path, vf
     assert run.json["digest"] == vfplan.read_fixture(output).reviewed.digest
 
 
+@pytest.mark.slow
 def test_leaving_and_a_signal_write_no_bundle_and_keep_the_draft(tmp_path):
     output = tmp_path / "o.h5"
     for end in ("leave", signal.SIGINT, signal.SIGTERM):

@@ -94,6 +94,7 @@ def test_the_sample_from_slice_to_signed_fixture(browser, run, tmp_path, vfplan_
     assert not output.with_name("elbow.h5.draft.json").exists()
 
 
+@pytest.mark.slow
 def test_two_candidates_by_a_click(browser, run, tmp_path):
     path, truth = two_candidates(tmp_path / "slice.png")
     program = run(path, "-o", tmp_path / "o.h5")
@@ -121,6 +122,7 @@ def finish(hand, program, output, truth):
     return fixture
 
 
+@pytest.mark.slow
 def test_a_fork_by_drawing_along_the_branch_that_is_meant(browser, run, tmp_path):
     path, truth = fork(tmp_path / "slice.png")
     program = run(path, "-o", tmp_path / "o.h5")
@@ -135,6 +137,7 @@ def test_a_fork_by_drawing_along_the_branch_that_is_meant(browser, run, tmp_path
     finish(hand, program, tmp_path / "o.h5", truth)
 
 
+@pytest.mark.slow
 def test_a_hidden_end_by_the_keyboard_alone(browser, run, tmp_path):
     path, truth, box = hidden_end(tmp_path / "slice.png")
     program = run(path, "-o", tmp_path / "o.h5")
@@ -161,6 +164,7 @@ def test_a_hidden_end_by_the_keyboard_alone(browser, run, tmp_path):
     assert np.hypot(*(fixture.points[-1, :2] - truth[-1])) < 1.5
 
 
+@pytest.mark.slow
 def test_a_knot_is_dragged_nudged_and_deleted(browser, run, tmp_path):
     program = run(SLICE, "-o", tmp_path / "o.h5")
     hand = Hand(browser, program.address)
@@ -183,6 +187,7 @@ def test_a_knot_is_dragged_nudged_and_deleted(browser, run, tmp_path):
     hand.until_steps(1)
 
 
+@pytest.mark.slow
 def test_ink_is_excluded_by_a_box_and_left_out_by_its_button(browser, run, tmp_path):
     path, truth = two_candidates(tmp_path / "slice.png")
     program = run(path, "-o", tmp_path / "o.h5")
