@@ -91,7 +91,8 @@ def row(name: str, value: str, results: list, moved: int) -> str:
     for is_png in (True, False):
         part = [rms(r.errors) for r in right if r.how.endswith("PNG") == is_png]
         errors.append(f"{np.mean(part):.3f}" if part else "-")
-    ends = np.quantile([e for r in right for e in r.ends], 0.95)
+    distances = [e for r in right for e in r.ends]
+    ends = np.quantile(distances, 0.95) if distances else np.nan
     found = sum(bool(r.findings) for r in right)
     return (
         f"| {name} | {value} | {len(right)} of {len(clear)} | {found} | {silent} | {errors[0]} | "
