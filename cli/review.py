@@ -93,20 +93,21 @@ def _page(
     server = ReviewServer(
         session, draft, port=given["port"], by=given["by"], signs=given["key"] is not None
     )
-    # With --json, standard output holds one document and nothing else.
-    as_json = click.get_current_context().params["as_json"]
-    click.echo(server.address, err=as_json)
-    for stream in (sys.stdout, sys.stderr):
-        stream.flush()
-    if not given["no_browser"]:
-        click.launch(server.address)
 
     def write(fixture: Fixture) -> str:
         _write(fixture, output, given)
         return f"{output.name} is written."
 
+    # With --json, standard output holds one document and nothing else.
+    as_json = click.get_current_context().params["as_json"]
     try:
+        # Whoever reads the address may stop the review at once, so signals are noted before it.
         with noted_signals() as stopped:
+            click.echo(server.address, err=as_json)
+            for stream in (sys.stdout, sys.stderr):
+                stream.flush()
+            if not given["no_browser"]:
+                click.launch(server.address)
             by = server.run(write, stopped)
             time.sleep(FAREWELL_S)
     finally:
