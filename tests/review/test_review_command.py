@@ -20,13 +20,20 @@ MARKERS = (ROOT / "samples/elbow_markers_image.csv", ROOT / "samples/elbow_marke
 ADDRESS = re.compile(r"http://127\.0\.0\.1:(\d+)/#([\w-]{43})\n")
 
 
+def heed_interrupts():
+    """Let the command be interrupted, also where the tests run in a shell's background."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 class Review:
     """The command, and a page's connection to it."""
 
     def __init__(self, *words):
         command = [sys.executable, "-m", "vfplan", "review", *map(str, words), "--no-browser"]
         pipe = subprocess.PIPE
-        self.process = subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True)
+        self.process = subprocess.Popen(
+            command, stdout=pipe, stderr=pipe, text=True, preexec_fn=heed_interrupts
+        )
         line = self.process.stdout.readline()
         found = ADDRESS.fullmatch(line)
         assert found, (line, self.process.stderr.read())
