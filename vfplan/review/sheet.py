@@ -63,6 +63,11 @@ PICTURE_HEIGHT = 980
 COLUMN_LEFT = MARGIN + PICTURE_WIDTH + 32
 COLUMN_WIDTH = PAGE_WIDTH - MARGIN - COLUMN_LEFT
 
+WHAT_TO_LOOK_FOR = (
+    "Does the line stop there, or does a box or a label hide the rest of it? If it goes on, "
+    "draw the rest with vfplan review."
+)
+
 # Where the foot of a page begins; nothing else stands below.
 FOOT = PAGE_HEIGHT - MARGIN - BODY.line_height
 
@@ -444,6 +449,9 @@ def _draw_legend(
 def _draw_facts(sheet: Paper, shown: SheetInput, left: float, top: float, width: float) -> float:
     """From where the slice is seen, and the numbers of the plan."""
     facts = shown.facts
+    has_ends = any(ends_of(stroke) and not stroke.closed for stroke in shown.strokes)
+    if has_ends and shown.rgb is not None:
+        facts = (("Look at each end", WHAT_TO_LOOK_FOR), *facts)
     if shown.side is not None:
         facts = (("The slice is seen from", shown.side), *facts)
     for heading, words in facts:
@@ -490,7 +498,7 @@ def _inset_in_words(inset: Inset, shown: SheetInput) -> str:
     if inset.has_line:
         return f"{place}, with the line"
     if inset.is_raised:
-        return f"{place}, greys spread"
+        return f"{place}, contrast raised"
     if inset.has_band:
         return f"{inset.zoom} times; 95 %: ±{float(shown.tre95_m.max()) * 1e3:.2f} mm"
     if shown.metres_per_px is None:
