@@ -3,4 +3,4 @@
 // The version of vfplan: the only place where it is written.
 #pragma once
 
-#define VFPLAN_VERSION "0.1.0"
+#define VFPLAN_VERSION "1.0.0"
