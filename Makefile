@@ -49,6 +49,7 @@ test-full: $(VENV)/.vfplan-test
 
 docs: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_cli.py
+	$(BIN)/python docs/make_findings.py
 	$(BIN)/python docs/make_format.py
 	$(BIN)/python docs/make_conformance.py
 	$(BIN)/python docs/make_transcripts.py
@@ -60,6 +61,7 @@ api: $(VENV)/.vfplan-test
 
 pictures: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_pictures.py
+	$(BIN)/python docs/make_finding_pictures.py
 	$(BIN)/python docs/make_review.py
 	$(BIN)/python docs/draw_algorithm.py
 	$(BIN)/python docs/draw_house.py

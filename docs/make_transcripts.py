@@ -1,6 +1,6 @@
 """Put what the commands on the pages print now in the place of what stood there.
 
-    python docs/make_transcripts.py                  README.md and docs/*.md; about a minute
+    python docs/make_transcripts.py                  README.md and docs/; about two minutes
     python docs/make_transcripts.py docs/replay.md   only these pages
     python docs/make_transcripts.py --check          change nothing, print what differs, exit 1
 
@@ -39,6 +39,7 @@ BEFORE = {  # what a page takes for granted in its folder
     "replay.md": r"printf 't,x,y,z\n0,0,0,0\n0.002,0,0,0\n0.001,0,0,0\n' > bad.csv",
     "rehearse.md": "vfplan demo -o demo -q",
     "stability.md": PLAN,
+    "refused.md": f"python {ROOT}/docs/make_finding_pictures.py --slices slices",
 }
 FENCED = r"^```\w*\n(?P<fenced>\$ (?:.*\n)*?)```$"
 INDENTED = r"(?<=\n\n)(?P<indented> {4}\$ .*\n(?:(?: {4}.*)?\n)*?)(?=\n*(?! {4}|\n)|\Z)"
@@ -59,7 +60,7 @@ def main(arguments: list[str]) -> int:
     check = "--check" in arguments
     named = [Path(a).resolve() for a in arguments if a != "--check"]
     differ = False
-    for page in named or [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+    for page in named or [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
         old = page.read_text()
         new = renewed(page.name, old)
         if check:

@@ -8,7 +8,7 @@ import pytest
 from conftest import ROOT
 from docs_modules import load
 
-PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")])
+PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")])
 
 
 def test_command_reference_is_what_help_says():

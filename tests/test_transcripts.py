@@ -96,7 +96,7 @@ def test_lines_are_left_out_where_they_were():
 
 
 def test_no_page_has_a_transcript_that_the_reader_overlooks():
-    for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
+    for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
         text = page.read_text()
         read = "".join(match[match.lastgroup] for match in transcripts.BLOCK.finditer(text))
         for row in text.splitlines():

@@ -1,0 +1,278 @@
+"""Write docs/findings.md: every code of errors and findings that the sources of vfplan hold.
+
+    python docs/make_findings.py            write the page
+    python docs/make_findings.py --check    change nothing, exit 1 when the page is not current
+
+The codes and their sentences are read from the syntax trees of vfplan and cli, so that the page
+cannot fall behind. What to do about each finding and each refused slice stands in
+docs/findings.toml. A value that a sentence fills in at run time is shown as `…`.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from vfplan import errors
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "findings.md"
+ADVICE = ROOT / "docs" / "findings.toml"
+VALUE = "…"
+COMPOSED = {
+    "markers-…": ("markers-collinear", "markers-coplanar"),
+    "leak.…": ("leak.open_ends", "leak.between", "leak.open_edges"),
+}
+"""Codes that the source puts together at run time."""
+MAKERS = {"doubt": "doubt", "note": "note", "_finding": "doubt", "finding": "replay"}
+"""Functions that make a finding, with the severity that they give it."""
+STAGE_OF_PACKAGE = {"curve": "extract", "registration": "register", "markers": "register"}
+"""Packages all of whose findings belong to one stage."""
+
+HEAD = """# Findings and errors
+
+<!-- Made by docs/make_findings.py from the sources and docs/findings.toml. Do not edit. -->
+
+Reference. vfplan names everything that it doubts or refuses by a code. A code never changes its
+meaning; a sentence may. `--json` reports code, sentence and numbers. The sign `…` stands for a
+value of your data.
+
+- A **doubt** wants an answer before `vfplan sign`. Answer it on the page of `vfplan review`, or by
+  `vfplan accept`.
+- A **note** informs.
+- An **error** ends the command, and nothing is written. Its exit code says what is at fault: 1 a
+  check, 2 the command line, 3 the input, 4 a bundle that cannot be trusted.
+
+![Small slices, each with what vfplan says about it](pictures/findings.png)
+
+Each picture is a drawn slice that was given to `vfplan extract`. The ring is the place that the
+command named.
+"""
+
+FOOT = """
+The codes by which a reader refuses a bundle (`corrupt.…`, `unsafe.…`, `version.…`, `signature.…`)
+stand in the [specification of the format](format.md), each with the rule that it belongs to.
+"""
+
+
+class Entry(NamedTuple):
+    """One place of the source that gives a code: `kind` is a severity or an error's class."""
+
+    code: str
+    kind: str
+    sentence: str
+    package: str
+    stage: str = ""
+
+
+def main(arguments: list[str]) -> int:
+    """Write the page, or only say whether it is current."""
+    text = page()
+    if "--check" in arguments:
+        return int(PAGE.read_text() != text)
+    PAGE.write_text(text)
+    return 0
+
+
+def collect() -> list[Entry]:
+    """Every code in the sources, in the order of the files."""
+    entries = []
+    for folder in ("vfplan", "cli"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            package = path.relative_to(ROOT).parts[1]
+            if path.relative_to(ROOT).parts[0] == "cli":
+                package = "cli"
+            if package != "conformance":  # the kit holds findings that are made up
+                entries += _entries_of(ast.parse(path.read_text()), package)
+    return entries
+
+
+def _entries_of(tree: ast.Module, package: str) -> Iterator[Entry]:
+    for function in ast.walk(tree):
+        if not isinstance(function, ast.FunctionDef):
+            continue
+        for call in ast.walk(function):
+            if isinstance(call, ast.Call):
+                yield from _entries_of_call(call, function, package)
+
+
+def _entries_of_call(call: ast.Call, function: ast.FunctionDef, package: str) -> Iterator[Entry]:
+    name = getattr(call.func, "id", getattr(call.func, "attr", ""))
+    if name == "kind":  # a reader of tables raises the class of error that it was given
+        name = "InputError"
+    keywords = {keyword.arg: keyword.value for keyword in call.keywords}
+    if name in MAKERS and call.args:
+        kind = MAKERS[name]
+        code = call.args[0]
+        if name in ("doubt", "note"):
+            stage = STAGE_OF_PACKAGE.get(package) or sentence_of(call.args[1], function)
+            message = call.args[2]
+        elif name == "_finding":
+            stage = STAGE_OF_PACKAGE[package]
+            message = call.args[1]
+        else:
+            stage = ""
+            message = call.args[2]
+    elif name == "Issue" and len(call.args) == 4:
+        kind = "validate"
+        code = call.args[1]
+        message = call.args[3]
+        stage = ""
+    elif "code" in keywords and call.args and hasattr(errors, name):
+        kind = name
+        code = keywords["code"]
+        message = call.args[0]
+        stage = ""
+    else:
+        return
+    for text in codes_of(code, function):
+        yield Entry(text, kind, sentence_of(message, function), package, stage)
+
+
+def codes_of(node: ast.expr, function: ast.FunctionDef) -> tuple[str, ...]:
+    """The codes that an expression may be; none where it hands on what another place gave."""
+    if isinstance(node, ast.IfExp):
+        return (*codes_of(node.body, function), *codes_of(node.orelse, function))
+    if isinstance(node, ast.Name):
+        assigned = _assigned(node.id, function, node.lineno)
+        return tuple(code for value in assigned for code in codes_of(value, function))
+    if not isinstance(node, ast.Constant | ast.JoinedStr):
+        return ()
+    text = sentence_of(node, function)
+    return COMPOSED.get(text, (text,))
+
+
+def sentence_of(node: ast.expr, function: ast.FunctionDef) -> str:
+    """The text of an expression, with `…` for each value that is only known at run time."""
+    if isinstance(node, ast.Constant):
+        return str(node.value)
+    if isinstance(node, ast.JoinedStr):
+        return "".join(sentence_of(part, function) for part in node.values)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return sentence_of(node.left, function) + sentence_of(node.right, function)
+    if isinstance(node, ast.IfExp):
+        return sentence_of(node.body, function)
+    if isinstance(node, ast.Name):
+        assigned = _assigned(node.id, function, node.lineno)
+        if assigned and not _names_itself(node.id, assigned[-1]):
+            return sentence_of(assigned[-1], function)
+    return VALUE
+
+
+def _names_itself(name: str, value: ast.expr) -> bool:
+    return any(isinstance(part, ast.Name) and part.id == name for part in ast.walk(value))
+
+
+def _assigned(name: str, function: ast.FunctionDef, before: int) -> list[ast.expr]:
+    """What a function assigns to a name above a line."""
+    values = []
+    for node in ast.walk(function):
+        if isinstance(node, ast.Assign) and node.lineno < before:
+            for target in node.targets:
+                if isinstance(target, ast.Name) and target.id == name:
+                    values.append((node.lineno, node.value))
+    return [value for _, value in sorted(values, key=lambda pair: pair[0])]
+
+
+def page() -> str:
+    """The page as it should stand."""
+    advice = tomllib.loads(ADVICE.read_text())
+    entries = collect()
+    text = HEAD
+    for heading, stage in (
+        ("What extraction asks", "extract"),
+        ("What registration asks", "register"),
+        ("What planning asks", "plan"),
+        ("What a surface asks", "surface"),
+        ("What an imported cloud or mesh asks", "import"),
+    ):
+        rows = [e for e in entries if e.kind in ("doubt", "note") and e.stage == stage]
+        text += f"\n## {heading}\n\n" + _advised(rows, advice, with_kind=True)
+    refused = [e for e in entries if e.kind in ("CurveError", "ImageError")]
+    text += "\n## Why a slice is refused\n\n"
+    text += "Exit code 3. [A slice was refused](howto/refused.md) goes through the usual ones.\n\n"
+    text += _advised(refused, advice, with_kind=False)
+    replayed = [e for e in entries if e.kind == "replay"]
+    text += "\n## What a replay remarks\n\nThese decide nothing; limits do.\n\n" + _plain(replayed)
+    validated = [e for e in entries if e.kind == "validate"]
+    text += "\n## What `validate` remarks\n\nBesides the findings of the plan.\n\n" + _plain(
+        validated
+    )
+    text += "\n## Other errors\n"
+    for error in _error_classes():
+        rows = [e for e in entries if e.kind == error.__name__]
+        if rows and error not in (errors.CurveError, errors.ImageError):
+            text += f"\n### {error.__name__}\n\n{_summary(error)} Exit code {error.exit_code}.\n\n"
+            text += _plain(rows)
+    text += "\n## Errors without a code of their own\n\n"
+    text += "These carry the code of their class. The sentence says what to do.\n\n"
+    text += "| code | class | exit code | meaning |\n|---|---|---|---|\n"
+    for error in _error_classes():
+        text += f"| `{error.code}` | {error.__name__} | {error.exit_code} | {_summary(error)} |\n"
+    text += FOOT
+    return text
+
+
+def _error_classes() -> list[type[errors.VfplanError]]:
+    found = []
+    for value in vars(errors).values():
+        if isinstance(value, type) and issubclass(value, errors.VfplanError):
+            found.append(value)
+    return found
+
+
+def _summary(error: type) -> str:
+    return (error.__doc__ or "").strip().splitlines()[0]
+
+
+def _first_of_each(entries: list[Entry]) -> list[Entry]:
+    """One entry for each code: the one whose sentence says most without a value."""
+    best: dict[str, Entry] = {}
+    for entry in entries:
+        known = best.get(entry.code)
+        if known is None or _letters(entry.sentence) > _letters(known.sentence):
+            best[entry.code] = entry
+    return sorted(best.values(), key=lambda entry: entry.code)
+
+
+def _letters(sentence: str) -> int:
+    return len(re.sub(r"[^A-Za-z]", "", sentence))
+
+
+def _advised(entries: list[Entry], advice: dict, with_kind: bool) -> str:
+    if with_kind:
+        text = "| code | severity | what you see | what to do |\n|---|---|---|---|\n"
+    else:
+        text = "| code | what you see | what to do |\n|---|---|---|\n"
+    for entry in _first_of_each(entries):
+        kind = ""
+        if with_kind:
+            kinds = sorted({e.kind for e in entries if e.code == entry.code})
+            kind = f"| {' or '.join(kinds)} "
+        words = advice[entry.code]
+        sentence = _cell(words.get("sees", entry.sentence))
+        text += f"| `{entry.code}` {kind}| {sentence} | {words['do']} |\n"
+    return text
+
+
+def _plain(entries: list[Entry]) -> str:
+    text = "| code | what you see |\n|---|---|\n"
+    for entry in _first_of_each(entries):
+        text += f"| `{entry.code}` | {_cell(entry.sentence)} |\n"
+    return text
+
+
+def _cell(sentence: str) -> str:
+    text = " ".join(sentence.split()).replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
+    if not text.endswith((".", "?", VALUE)):
+        text += "."
+    return text[0].upper() + text[1:]
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
