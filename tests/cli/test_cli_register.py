@@ -135,22 +135,25 @@ def test_mirrored_markers(vfplan_cli, curve, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("edit", "message"),
+    ("code", "edit"),
     [
-        (lambda lines: lines[:2], "no marker"),
-        (lambda lines: [[*line[:2], "nan", line[3]] for line in lines], "finite number"),
-        (lambda lines: [[line[0], "0.1", "0.2", "0.3"] for line in lines], "coincide"),
-        (lambda lines: [[x[0], f"0.{i}", f"0.{i}", "0"] for i, x in enumerate(lines)], "collinear"),
-        (lambda lines: [*lines, lines[0]], "occurs 2 times"),
-        (lambda lines: [], "holds no marker"),
+        ("labels-differ", lambda lines: lines[:2]),
+        ("no-number", lambda lines: [[*line[:2], "nan", line[3]] for line in lines]),
+        ("markers-coincide", lambda lines: [[line[0], "0.1", "0.2", "0.3"] for line in lines]),
+        (
+            "markers-collinear",
+            lambda lines: [[x[0], f"0.{i}", f"0.{i}", "0"] for i, x in enumerate(lines)],
+        ),
+        ("label-doubled", lambda lines: [*lines, lines[0]]),
+        ("no-markers", lambda lines: []),
     ],
 )
-def test_bad_markers_are_code_3_and_leave_nothing(vfplan_cli, curve, tmp_path, edit, message):
+def test_bad_markers_are_code_3_and_leave_nothing(vfplan_cli, curve, tmp_path, code, edit):
     head, lines = rows(ROBOT)
     bad = write(tmp_path / "bad.csv", head, edit(lines))
-    run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "f.h5")
+    run = vfplan_cli("register", curve, PIXELS, bad, "-o", tmp_path / "f.h5", "--json")
     assert run.code == 3
-    assert message in run.error_line
+    assert run.json["error"]["code"] == code
     assert list(tmp_path.iterdir()) == [bad]
 
 

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import ROOT
+from docs_modules import load
 from layouts import MODELS, PX, grid, planar, solid
 
 from vfplan.registration import fit_registration
 from vfplan.registration.checks import (
     describe_checks,
     error_findings,
-    label_mistakes,
-    perspective_test,
     registration_findings,
-    scale_departures,
     side_finding,
 )
 from vfplan.registration.error import target_error
+from vfplan.registration.labels import label_mistakes
+from vfplan.registration.perspective import perspective_test
+from vfplan.registration.scale import scale_departures
 
 NAMES = [f"x{i}" for i in range(1, 10)]
+table = load(ROOT / "docs" / "make_registration_table.py")
 
 
 def fit(source, target, model="affine", **settings):
@@ -32,9 +35,14 @@ def codes(registration):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_good_markers_have_no_findings(model):
-    bad = [seed for seed in range(60) if codes(fit(grid(), planar(grid(), seed=seed), model))]
-    assert len(bad) <= 3
+def test_good_markers_have_few_findings(model):
+    doubted, noted = 0, 0
+    for seed in range(60):
+        severities = [kind for _, kind in codes(fit(grid(), planar(grid(), seed=seed), model))]
+        doubted += "doubt" in severities
+        noted += "note" in severities
+    assert doubted <= 3
+    assert noted <= 10  # one in ten for a perspective that is only possible
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -92,10 +100,10 @@ def test_a_symmetric_layout_is_one_short_note(model):
     assert label_mistakes(fit(grid(), planar(grid()), model)) == []
 
 
-def test_three_markers_are_a_doubt():
+def test_three_markers_are_a_note():
     source = np.array([[100.0, 100], [700, 130], [300, 619.6]])
     for model in ("similarity", "rigid"):
-        assert ("markers-unchecked", "doubt") in codes(fit(source, planar(source), model))
+        assert codes(fit(source, planar(source), model)) == [("markers-unchecked", "note")]
 
 
 def test_long_layouts_unchecked_and_coincident_markers():
@@ -197,7 +205,7 @@ def test_the_homography_is_that_of_opencv():
     assert test.p_value < 1e-6
     # OpenCV does not fit the height, which is 0 for it: compare to within that freedom.
     expected = np.sqrt(3 * (left**2).sum() / (3 * 9 - 11))
-    assert test.left_m == pytest.approx(expected, rel=0.2)
+    assert test.fle_rms_m == pytest.approx(expected, rel=0.2)
 
 
 def test_a_bad_marker_is_not_called_perspective():
@@ -212,8 +220,50 @@ def test_a_bad_marker_is_not_called_perspective():
 def test_good_markers_show_perspective_seldom():
     tests = [perspective_test(fit_registration(grid(), planar(grid(), seed=k))) for k in range(600)]
     assert sum(test.is_significant for test in tests) <= 9
+    assert sum(test.is_possible for test in tests) / 600 == pytest.approx(0.1, abs=0.03)
     # The p value of good markers is uniform.
     assert np.mean([test.p_value for test in tests]) == pytest.approx(0.5, abs=0.04)
+
+
+@pytest.mark.parametrize("sets", [100, pytest.param(600, marks=pytest.mark.full)])
+@pytest.mark.parametrize(("tilt_deg", "expected"), [(2, 0.95), (5, 0.98)])
+def test_a_photograph_has_a_finding_or_its_bound_holds(tilt_deg, expected, sets):
+    """6 to 12 markers with an FLE of 0.1 to 0.5 mm."""
+    safe = 0
+    for r, is_bound in table.photographed_sets(tilt_deg, sets):
+        possible = [
+            f for f in registration_findings(r) if f.code in ("perspective", "marker-suspect")
+        ]
+        safe += is_bound or bool(possible)
+    assert safe / sets >= expected - 0.02
+
+
+@pytest.mark.parametrize("n", [6, 12])
+def test_the_tilt_that_is_seen_is_seen(n):
+    """The table's figures, by counting."""
+    tilt_deg = table.visible_tilt_deg(n, 3e-4, 0.1)
+    rng, count = np.random.default_rng(7), 0
+    for _ in range(200):
+        plate = rng.uniform(-0.13, 0.13, (n, 2))
+        noise = rng.normal(0, 3e-4 / np.sqrt(3), (n, 3))
+        target = np.column_stack([plate, np.zeros(n)]) + noise
+        r = fit_registration(table.photographed(plate, tilt_deg), target)
+        count += perspective_test(r).p_value < 0.1
+    assert count / 200 == pytest.approx(0.9, abs=0.06)
+
+
+@pytest.mark.parametrize(("view", "expected_mm"), [(0, 0.1), (3, 0.15)])
+def test_a_rectified_photograph_registers_as_well_as_a_homography(shared_data, view, expected_mm):
+    """Four corners straighten the picture; the other markers register it by an affine map."""
+    folder = shared_data / "photo_px_to_mm"
+    pixels = np.loadtxt(folder / f"calib.image_points.{view}.txt")
+    board_mm = np.loadtxt(folder / f"calib.object_points.{view}.txt")[:, :2]
+    corners = [int(np.argmax(board_mm @ side)) for side in ([-1, -1], [1, -1], [1, 1], [-1, 1])]
+    rectified = table.rectified_px(pixels, pixels[corners], board_mm[corners])
+    others = np.setdiff1d(np.arange(len(pixels)), corners)
+    target = np.column_stack([board_mm[others], np.zeros(len(others))]) / 1e3
+    r = fit_registration(rectified[others], target)
+    assert 1e3 * r.fre_rms_m < expected_mm
 
 
 @pytest.mark.parametrize("view", [0, 3])
@@ -224,4 +274,4 @@ def test_real_photographs_show_perspective(shared_data, view):
     test = perspective_test(fit_registration(pixels, board))
     assert test.is_significant
     # The data's own figures for a homography: 0.066 and 0.093 mm.
-    assert 1e3 * test.left_m == pytest.approx({0: 0.066, 3: 0.093}[view], rel=0.03)
+    assert 1e3 * test.fle_rms_m == pytest.approx({0: 0.066, 3: 0.093}[view], rel=0.03)

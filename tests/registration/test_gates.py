@@ -48,13 +48,13 @@ def test_good_markers_are_not_refused(model, sets):
     assert judged(sets, model).count("refused") <= 0.01 * sets
 
 
+@pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("sets", [200, pytest.param(600, marks=pytest.mark.full)])
-def test_few_good_markers_have_a_doubt_to_answer(sets):
-    verdicts = [
-        table.judge(markers, markers.target, "affine")[0]
-        for markers in marker_sets(sets)
-        if not markers.is_symmetric
-    ]
+def test_few_good_markers_have_a_doubt_to_answer(model, sets):
+    verdicts = []
+    for markers in marker_sets(sets, model=model):
+        if not markers.is_symmetric:
+            verdicts.append(table.judge(markers, markers.target, model)[0])
     assert verdicts.count("doubt") <= 0.05 * len(verdicts)
 
 

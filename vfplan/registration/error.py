@@ -42,9 +42,6 @@ DIRECTIONS = 8192
 # The error changes slowly along a curve: κ over more points than these is the same.
 CURVE_POINTS = 64
 
-# Square roots of primes, one a parameter: they make Richtmyer's sequence.
-PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
-
 
 @dataclass(frozen=True, eq=False)
 class TargetError:
@@ -140,8 +137,10 @@ def _directions(p: int) -> Array:
     """(p, DIRECTIONS) unit vectors, evenly over the sphere."""
     from scipy.special import ndtri
 
+    # Multiples of the square roots of primes, one a parameter, are Richtmyer's sequence.
+    primes = np.array([2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37])
     steps = np.arange(1, DIRECTIONS + 1)[:, None]
-    uniform = np.mod(steps * np.sqrt(PRIMES[:p]) + 0.5, 1.0)
+    uniform = np.mod(steps * np.sqrt(primes[:p]) + 0.5, 1.0)
     normal = ndtri(uniform)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return np.ascontiguousarray(normal.T)

@@ -13,6 +13,9 @@ from vfplan.registration.problem import Problem
 # Of an F test on any of the markers: a set of good markers has an outlier once in a hundred.
 OUTLIER_PROBABILITY = 0.01
 
+# Markers whose width beside their best line is less, relative to the layout, lie on a line.
+MIN_WIDTH = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -80,8 +83,11 @@ def leave_one_out(fit: Fit) -> Array:
     for i in np.flatnonzero(used):
         others = used & (np.arange(len(used)) != i)
         errors[i] = np.nan
-        if others.sum() >= problem.model.minimal and _second_extent(problem.s[others]) > 1e-6:
-            m = problem.model.solve(problem.s[others], problem.y[others], problem.weights[others])
+        s = problem.s[others]
+        # How far the others spread beside the line that fits them best.
+        width = np.linalg.svd(s - s.mean(axis=0), compute_uv=False)[1]
+        if others.sum() >= problem.model.minimal and width > MIN_WIDTH:
+            m = problem.model.solve(s, problem.y[others], problem.weights[others])
             errors[i] = np.linalg.norm(problem.y[i] - m @ problem.x[i])
     return errors
 
@@ -100,11 +106,12 @@ def studentised_f(fit: Fit) -> Array:
     lost = (problem.weights * vectors * deleted).sum(axis=1)
     floor = problem.rounding_floor_m**2
     total = float((problem.weights * vectors**2)[used].sum())
-    rest = np.maximum(total - lost * used, floor)
-    rest_dof = fit.dof - 3 * used
-    f = (lost / 3) / (rest / np.maximum(rest_dof, 1))
-    f[lost <= floor] = 0.0  # an exact fit, but for rounding
-    f[~(rest_dof > 0) | ~np.isfinite(lost)] = np.nan
+    others = np.maximum(total - lost * used, floor)
+    others_dof = fit.dof - 3 * used
+    f = (lost / 3) / (others / np.maximum(others_dof, 1))
+    # The fit is exact, but for rounding.
+    f[lost <= floor] = 0.0
+    f[~(others_dof > 0) | ~np.isfinite(lost)] = np.nan
     return f
 
 
@@ -124,8 +131,3 @@ def _solve_blocks(blocks: Array, vectors: Array) -> Array:
     solutions = np.full_like(vectors, np.nan)
     solutions[regular] = np.linalg.solve(blocks[regular], vectors[regular][:, :, None])[:, :, 0]
     return solutions
-
-
-def _second_extent(s: Array) -> float:
-    """How far points (N, k) spread beside the line that fits them best."""
-    return float(np.linalg.svd(s - s.mean(axis=0), compute_uv=False)[1])

@@ -71,7 +71,9 @@ class Orthogonal:
     @property
     def parameters(self) -> int:
         """Number of free parameters p."""
-        return 7 if self.scale is None else 6
+        if self.scale is None:
+            return 7
+        return 6
 
     @property
     def minimal(self) -> int:

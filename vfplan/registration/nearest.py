@@ -6,8 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-CORNERS = 4  # nearest ones, whose triangles are looked at
-BLOCK = 1 << 16
+
+# The triangles around this many nearest corners are looked at.
+CORNERS = 4
+
+# Points that are looked at together: some megabytes.
+BLOCK = 65536
 
 
 class NearestOnMesh:
@@ -28,15 +32,15 @@ class NearestOnMesh:
         used = np.bincount(triangles.ravel(), minlength=len(points)) > 0
         self._tree = cKDTree(points[used])
         corner = (np.cumsum(used) - 1)[triangles.ravel()]
-        held = csr_array((np.ones(len(corner)), (corner, np.arange(len(corner)) // 3)))
+        incidence = csr_array((np.ones(len(corner)), (corner, np.arange(len(corner)) // 3)))
         # Triangles around each corner, one corner after the other.
-        self._around, self._first = held.indices, held.indptr
+        self._around, self._first = incidence.indices, incidence.indptr
 
     def __call__(self, places: Array) -> tuple[Array, NDArray[np.intp]]:
         """Nearest place (M, 3) on the mesh to each of (M, 3), and the triangle it lies in (M,)."""
         blocks = [self._nearest(places[k : k + BLOCK]) for k in range(0, len(places), BLOCK)]
-        found, rows = zip(*blocks, strict=True)
-        return np.concatenate(found), np.concatenate(rows)
+        nearest, rows = zip(*blocks, strict=True)
+        return np.concatenate(nearest), np.concatenate(rows)
 
     def normals(self, rows: NDArray[np.intp]) -> Array:
         """(M, 3) unit normals of triangles, to the side from which they turn anticlockwise."""
@@ -46,40 +50,45 @@ class NearestOnMesh:
 
     def _nearest(self, places: Array) -> tuple[Array, NDArray[np.intp]]:
         corners = min(CORNERS, self._tree.n)
-        near = self._tree.query(places, k=[*range(1, corners + 1)])[1].ravel()
-        count = self._first[near + 1] - self._first[near]
+        corner = self._tree.query(places, k=[*range(1, corners + 1)])[1].ravel()
+        # All triangles around the nearest corners of each place, one row each.
+        count = self._first[corner + 1] - self._first[corner]
         owner = np.repeat(np.repeat(np.arange(len(places)), corners), count)
-        start = np.repeat(self._first[near] - (np.cumsum(count) - count), count)
+        start = np.repeat(self._first[corner] - (np.cumsum(count) - count), count)
         rows = self._around[start + np.arange(len(owner))]
-        found = on_triangles(places[owner], self.points[self.triangles[rows]])
-        away = ((places[owner] - found) ** 2).sum(axis=1)
-        order = np.lexsort((away, owner))
+        nearest = on_triangles(places[owner], self.points[self.triangles[rows]])
+        square = ((places[owner] - nearest) ** 2).sum(axis=1)
+        # The nearest of each place's triangles.
+        order = np.lexsort((square, owner))
         best = order[np.searchsorted(owner[order], np.arange(len(places)))]
-        return found[best], rows[best]
+        return nearest[best], rows[best]
 
 
 def on_triangles(places: Array, corners: Array) -> Array:
     """(M, 3) nearest place of each triangle (M, 3, 3) to its point (M, 3)."""
     best = np.empty_like(places)
-    nearest = np.full(len(places), np.inf)
+    smallest = np.full(len(places), np.inf)
 
-    def offer(found: Array, allowed: NDArray[np.bool_] | None = None) -> None:
-        away = ((places - found) ** 2).sum(axis=1)
-        better = away < nearest if allowed is None else allowed & (away < nearest)
-        best[better], nearest[better] = found[better], away[better]
+    def take_nearer(candidate: Array, is_allowed: NDArray[np.bool_]) -> None:
+        square = ((places - candidate) ** 2).sum(axis=1)
+        is_nearer = is_allowed & (square < smallest)
+        best[is_nearer], smallest[is_nearer] = candidate[is_nearer], square[is_nearer]
 
+    # The nearest place of each edge.
     for k in range(3):
         start, along = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
         length = np.maximum((along**2).sum(axis=1), np.finfo(float).tiny)
         t = np.clip(((places - start) * along).sum(axis=1) / length, 0.0, 1.0)
-        offer(start + t[:, None] * along)
+        take_nearer(start + t[:, None] * along, np.full(len(places), True))
+
+    # The foot on the triangle's plane, where it lies inside.
     a, b, c = np.moveaxis(corners, 1, 0)
     normal = np.cross(b - a, c - a)
     square = (normal**2).sum(axis=1)
-    flat = square > 0
-    square = np.where(flat, square, 1.0)
-    inside = places - (((places - a) * normal).sum(axis=1) / square)[:, None] * normal
-    for one, other in ((a, b), (b, c), (c, a)):
-        flat &= (np.cross(other - one, inside - one) * normal).sum(axis=1) >= 0
-    offer(inside, flat)
+    is_inside = square > 0
+    square = np.where(is_inside, square, 1.0)
+    foot = places - (((places - a) * normal).sum(axis=1) / square)[:, None] * normal
+    for first, second in ((a, b), (b, c), (c, a)):
+        is_inside &= (np.cross(second - first, foot - first) * normal).sum(axis=1) >= 0
+    take_nearer(foot, is_inside)
     return best

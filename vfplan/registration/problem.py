@@ -91,16 +91,32 @@ def make_problem(
         )
     raw = _positions(source, "source", (2, 3))
     target_m = _positions(target, "target", (3,))
-    names = tuple(range(len(raw))) if labels is None else tuple(labels)
+    if labels is None:
+        labels = range(len(raw))
+    names = tuple(labels)
     _check_both_sides(raw, target_m, names)
     spacing = _spacing(pixel_spacing, raw.shape[1], model)
-    _check_count(len(raw), make_model(model, raw.shape[1], 1.0))
+    # Where the minimum leaves no residual, one marker more is needed to know an error at all.
+    smallest = make_model(model, raw.shape[1], 1.0)
+    needed, reason = smallest.minimal, "fewer leave it undetermined"
+    if 3 * smallest.minimal == smallest.parameters:
+        reason = f"{needed} leave no residual, hence no error estimate"
+        needed += 1
+    if len(raw) < needed:
+        raise MarkerError(
+            f"{len(raw)} markers are too few: the {model} model from {raw.shape[1]}-D needs at "
+            f"least {needed} ({reason}). Add markers",
+            code="too-few-markers",
+            numbers={"markers": len(raw), "needed": needed},
+        )
 
     metric = raw * spacing
     centre = metric.mean(axis=0)
     radius = float(np.sqrt(((metric - centre) ** 2).sum(axis=1).mean()))
     # An affine map of a solid needs depth; every other transform needs markers off a line.
-    rank = 3 if model == "affine" and raw.shape[1] == 3 else 2
+    rank = 2
+    if model == "affine" and raw.shape[1] == 3:
+        rank = 3
     condition = _condition(metric - centre, metric, "source", rank)
     target_centre = target_m.mean(axis=0)
     y = target_m - target_centre
@@ -128,7 +144,8 @@ def _numbers(values: ArrayLike, what: str) -> Array:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise MarkerError(
-            f"{what} not numbers in rows of equal length", code="markers-not-numbers"
+            f"{what} not numbers in rows of equal length. Give an array of numbers",
+            code="markers-not-numbers",
         ) from None
 
 
@@ -137,7 +154,8 @@ def _positions(values: ArrayLike, what: str, dimensions: tuple[int, ...]) -> Arr
     if array.ndim != 2 or array.shape[1] not in dimensions:
         allowed = " or ".join(f"(N, {d})" for d in dimensions)
         raise MarkerError(
-            f"{what} has shape {array.shape}; {allowed} is wanted", code="markers-shape"
+            f"{what} has shape {array.shape}. Give an array of shape {allowed}",
+            code="markers-shape",
         )
     return array
 
@@ -145,17 +163,17 @@ def _positions(values: ArrayLike, what: str, dimensions: tuple[int, ...]) -> Arr
 def _check_both_sides(raw: Array, target: Array, names: Sequence[str | int]) -> None:
     if len(raw) != len(target):
         raise MarkerError(
-            f"{len(raw)} source and {len(target)} target positions; as many of both are wanted",
+            f"{len(raw)} source and {len(target)} target positions. Give as many of both",
             code="markers-shape",
         )
     if len(names) != len(raw):
         raise MarkerError(
-            f"{len(names)} labels for {len(raw)} markers; one each is wanted", code="markers-shape"
+            f"{len(names)} labels for {len(raw)} markers. Give one each", code="markers-shape"
         )
     for name in names:
         if names.count(name) > 1:
             raise MarkerError(
-                f"label {name!r} occurs more than once; each marker may occur once",
+                f"label {name!r} occurs more than once. Give each marker a label of its own",
                 code="label-doubled",
                 numbers={"label": name},
             )
@@ -163,15 +181,15 @@ def _check_both_sides(raw: Array, target: Array, names: Sequence[str | int]) -> 
         for name, position in zip(names, array, strict=True):
             if not np.isfinite(position).all():
                 raise MarkerError(
-                    f"{what} position of marker {name!r} is {position.tolist()}; finite numbers "
-                    "are wanted",
+                    f"{what} position of marker {name!r} is {position.tolist()}. Give finite "
+                    "numbers",
                     code="markers-not-finite",
                     numbers={"label": name},
                 )
         largest = float(np.abs(array).max(initial=0.0))
         if largest > MAX_COORDINATE:
             raise MarkerError(
-                f"{what} holds {largest:g}; at most {MAX_COORDINATE:g} is allowed",
+                f"{what} holds {largest:g}. Give numbers of at most {MAX_COORDINATE:g}",
                 code="markers-too-large",
                 numbers={"largest": largest},
             )
@@ -183,14 +201,14 @@ def _spacing(
     if pixel_spacing is None:
         if dimension == 2 and model == "rigid":
             raise SettingError(
-                "a rigid registration of pixels needs the pixel spacing, which is not known; give "
-                "it, or use the model similarity or affine",
+                "a rigid registration of pixels needs the pixel spacing, which is not known. Give "
+                "--pixel-spacing, or --model similarity or affine",
                 code="pixel-spacing-missing",
             )
         return np.ones(dimension)
     if dimension == 3:
         raise SettingError(
-            "a pixel spacing was given, but the source is 3-D [m], not pixels",
+            "a pixel spacing was given, but the source is 3-D [m], not pixels. Leave it out",
             code="pixel-spacing-useless",
         )
     try:
@@ -199,27 +217,10 @@ def _spacing(
         spacing = np.array([np.nan])
     if not (np.isfinite(spacing) & (spacing > 0)).all():
         raise SettingError(
-            f"pixel spacing is {pixel_spacing!r}; one or two finite numbers above 0 [m] are wanted",
+            f"pixel spacing is {pixel_spacing!r}. Give one or two finite numbers above 0 [m]",
             code="pixel-spacing-range",
         )
     return spacing
-
-
-def _check_count(n: int, model: Model) -> None:
-    # Where the minimum leaves no residual, one marker more is needed to know an error at all.
-    exact = 3 * model.minimal == model.parameters
-    needed = model.minimal + 1 if exact else model.minimal
-    if n >= needed:
-        return
-    reason = "fewer leave it undetermined"
-    if exact:
-        reason = f"{model.minimal} leave no residual, hence no error estimate"
-    raise MarkerError(
-        f"{n} markers; the {model.name} model from {model.dimension}-D needs at least {needed} "
-        f"({reason})",
-        code="too-few-markers",
-        numbers={"markers": n, "needed": needed},
-    )
 
 
 def _condition(centred: Array, positions: Array, what: str, rank: int) -> float:
@@ -228,19 +229,24 @@ def _condition(centred: Array, positions: Array, what: str, rank: int) -> float:
     rounding = 16 * np.finfo(float).eps * np.abs(positions).max() * np.sqrt(len(positions))
     if not extent[0] > rounding:
         raise MarkerError(
-            f"all markers coincide in the {what}; they determine no transform",
+            f"all markers stand at one place in the {what}, which determines no transform. Check "
+            "the file's columns",
             code="markers-coincide",
         )
     shape = ("coincident", "collinear", "coplanar")
     for r in range(1, rank):
         if not extent[r] > max(extent[0] / MAX_CONDITION, rounding):
-            condition = float(extent[0] / extent[r]) if extent[r] > 0 else np.inf
-            advice = "; use similarity or rigid" if r == 2 else ""
+            advice = "Add a marker beside their line"
+            if r == 2:
+                advice = "Give --model similarity or rigid"
+            ratio = np.inf
+            if extent[r] > 0:
+                ratio = float(extent[0] / extent[r])
             raise MarkerError(
-                f"the markers are {shape[r]} in the {what} (condition {condition:.3g}, at most "
-                f"{MAX_CONDITION:g} is allowed): they determine no transform{advice}",
+                f"the markers are {shape[r]} in the {what}, {ratio:.3g} times as long as wide; at "
+                f"most {MAX_CONDITION:g} times is allowed. {advice}",
                 code=f"markers-{shape[r]}",
-                numbers={"condition": condition},
+                numbers={"condition": ratio},
             )
     return float(extent[0] / extent[rank - 1])
 
@@ -254,13 +260,13 @@ def _weights(
     array = _numbers(sigma, "sigma is")
     if array.shape not in ((n,), (n, 3)):
         raise MarkerError(
-            f"sigma has shape {array.shape}; ({n},) or ({n}, 3) is wanted", code="sigma-shape"
+            f"sigma has shape {array.shape}. Give ({n},) or ({n}, 3)", code="sigma-shape"
         )
     table = np.broadcast_to(array.reshape(n, -1), (n, 3))
     for name, row in zip(names, table, strict=True):
         if not (np.isfinite(row) & (row > 0)).all():
             raise MarkerError(
-                f"sigma of marker {name!r} is {row.tolist()}; finite numbers above 0 are wanted",
+                f"sigma of marker {name!r} is {row.tolist()}. Give finite numbers above 0",
                 code="sigma-range",
                 numbers={"label": name},
             )

@@ -146,7 +146,9 @@ class Registration:
     def loo_rms_m(self) -> float | None:
         """RMS of `loo_m` over the markers used; `None` where one is undetermined."""
         value = float(np.sqrt((self.loo_m[self.used] ** 2).mean()))
-        return value if np.isfinite(value) else None
+        if not np.isfinite(value):
+            return None
+        return value
 
     @cached_property
     def studentised_f(self) -> Array:
@@ -212,7 +214,9 @@ class Registration:
         With u to the right and v down. `None` for a source in space.
         """
         normal = self.geometry.normal
-        return None if normal is None else -normal
+        if normal is None:
+            return None
+        return -normal
 
     def normalised(self, points: ArrayLike) -> Array:
         """(M, k) source points in the fit's own coordinates: centred, of unit RMS radius."""
@@ -248,10 +252,14 @@ class Registration:
         source_frame
             "image" or "patient_lps"; by default what the source's dimension says.
         """
-        frame: Frame = "image" if self.source.shape[1] == 2 else "patient_lps"
+        if source_frame is None:
+            source_frame = "image" if self.source.shape[1] == 2 else "patient_lps"
+        tre_m = tre_rms_m = None
+        if points is not None:
+            tre_m, tre_rms_m = self.tre_m(points), self.tre_rms_m(points)
         return RegistrationRecord(
             model=self.model,
-            source_frame=source_frame or frame,
+            source_frame=source_frame,
             T_robot_image=self.T_target_source,
             labels=tuple(map(str, self.labels)),
             source=self.source,
@@ -259,9 +267,9 @@ class Registration:
             residuals_m=self.residuals_m,
             fre_rms_m=self.fre_rms_m,
             loo_rms_m=self.loo_rms_m,
-            tre_rms_m=None if points is None else self.tre_rms_m(points),
+            tre_rms_m=tre_rms_m,
             covariance=self.covariance,
-            tre_m=None if points is None else self.tre_m(points),
+            tre_m=tre_m,
         )
 
 
@@ -311,60 +319,58 @@ def fit_registration(
         An unknown model, a direction without length, a pixel spacing that is missing or out of
         range, or more markers than a robust search allows.
     """
-    direction = None if seen_from is None else _direction(seen_from)
+    if seen_from is not None:
+        direction = np.array(seen_from, dtype=np.float64)
+        is_direction = direction.shape == (3,) and np.isfinite(direction).all()
+        if not is_direction or not direction.any():
+            raise SettingError(
+                f"seen_from is {seen_from!r}; give three finite numbers, not all 0",
+                code="seen-from-range",
+            )
     problem = make_problem(source, target, model, pixel_spacing, sigma, labels)
-    fit = fit_model(problem, consistent_markers(problem) if robust else None)
-    _refuse_mirrored(fit, direction)
+    used = None
+    if robust:
+        used = consistent_markers(problem)
+    fit = fit_model(problem, used)
+
+    # A source in space shows by itself that it fits only a mirror image. A planar one fits its
+    # mirror image as well (turned over), so it is held against the side it is looked at from.
+    if problem.model.dimension == 3 and is_mirrored(fit):
+        raise MarkerError(
+            "the markers are mirrored: they fit a mirror image far better than any rotation. "
+            "Look for an axis with the wrong sign, or for two axes or labels exchanged",
+            code="mirrored",
+        )
+    if problem.model.dimension == 2 and seen_from is not None:
+        faces = -np.cross(fit.m[:, 0], fit.m[:, 1])
+        faces /= np.linalg.norm(faces)
+        if not faces @ direction > 0:
+            raise MarkerError(
+                "the markers are mirrored: by them the slice is seen from "
+                f"{faces.round(3).tolist()}, but --seen-from says {direction.tolist()}. Look for "
+                "two axes exchanged, or one with the wrong sign",
+                code="mirrored",
+                numbers={"faces": faces.tolist(), "seen_from": direction.tolist()},
+            )
+
+    if labels is None:
+        labels = range(len(problem.s))
+    known_spacing = None
+    if pixel_spacing is not None:
+        known_spacing = problem.normaliser.spacing
     return Registration(
         model=model,
-        labels=tuple(range(len(problem.s))) if labels is None else tuple(labels),
+        labels=tuple(labels),
         source=np.array(source, dtype=np.float64),
         target=np.array(target, dtype=np.float64),
         fit=fit,
         robust=robust,
-        pixel_spacing=None if pixel_spacing is None else problem.normaliser.spacing,
+        pixel_spacing=known_spacing,
     )
 
 
-def _direction(value: ArrayLike) -> Array:
-    array = np.array(value, dtype=np.float64)
-    if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
-        raise SettingError(
-            f"seen_from is {value!r}; three finite numbers, not all 0, are wanted",
-            code="seen-from-range",
-        )
-    return array
-
-
-def _refuse_mirrored(fit: Fit, seen_from: Array | None) -> None:
-    """Refuse markers that fit only a mirror image.
-
-    A source in space shows it by itself. A planar one fits its mirror image as well (turned over),
-    so it is held against the direction from which the slice is looked at, where that is given.
-    """
-    if fit.problem.model.dimension == 3:
-        if _is_mirrored(fit):
-            raise MarkerError(
-                "the markers are mirrored: they fit a mirror image far better than any rotation. "
-                "Look for an axis with the wrong sign, or for two axes or labels exchanged",
-                code="mirrored",
-            )
-        return
-    if seen_from is None:
-        return
-    faces = -np.cross(fit.m[:, 0], fit.m[:, 1])
-    faces /= np.linalg.norm(faces)
-    if not faces @ seen_from > 0:
-        raise MarkerError(
-            f"the markers are mirrored: by them the slice is seen from {faces.round(3).tolist()}, "
-            f"but --seen-from says {seen_from.tolist()}. Look for two axes exchanged, or one with "
-            "the wrong sign",
-            code="mirrored",
-            numbers={"faces": faces.tolist(), "seen_from": seen_from.tolist()},
-        )
-
-
-def _is_mirrored(fit: Fit) -> bool:
+def is_mirrored(fit: Fit) -> bool:
+    """Whether markers in space fit a mirror image clearly better than the model, by an F test."""
     from scipy.special import fdtri
 
     problem: Problem = fit.problem
@@ -391,7 +397,22 @@ def describe(
     be known is `None`.
     """
     shape = registration.geometry
-    unit = "_m_per_px" if registration.source.shape[1] == 2 else ""
+    unit = ""
+    if registration.source.shape[1] == 2:
+        unit = "_m_per_px"
+    markers = []
+    for i, label in enumerate(registration.labels):
+        markers.append(
+            {
+                "label": label,
+                "residual_m": float(registration.residuals_m[i]),
+                "vector_m": registration.residual_vectors_m[i],
+                "leverage": float(registration.leverage[i]),
+                "loo_m": float(registration.loo_m[i]),
+                "f": float(registration.studentised_f[i]),
+                "used": bool(registration.used[i]),
+            }
+        )
     report: dict[str, Any] = {
         "model": registration.model,
         "markers": len(registration.labels),
@@ -401,7 +422,7 @@ def describe(
         "loo_rms_m": registration.loo_rms_m,
         "degrees_of_freedom": registration.dof,
         "condition": registration.condition,
-        "residuals": _describe_markers(registration),
+        "residuals": markers,
         "outliers": list(registration.outliers),
         f"scale{unit}": shape.scale,
         f"axis_scales{unit}": shape.axis_scales,
@@ -436,28 +457,10 @@ def describe(
     return report
 
 
-def _describe_markers(registration: Registration) -> list[dict[str, Any]]:
-    """One entry a marker: residual, leverage, leave-one-out error, F."""
-    markers = []
-    for i, label in enumerate(registration.labels):
-        markers.append(
-            {
-                "label": label,
-                "residual_m": float(registration.residuals_m[i]),
-                "vector_m": registration.residual_vectors_m[i],
-                "leverage": float(registration.leverage[i]),
-                "loo_m": float(registration.loo_m[i]),
-                "f": float(registration.studentised_f[i]),
-                "used": bool(registration.used[i]),
-            }
-        )
-    return markers
-
-
 def describe_side(faces: Array) -> str:
     """The side of the robot that a slice is seen from, in words: "above (robot +z)"."""
     axis = int(np.abs(faces).argmax())
-    sign = "+" if faces[axis] > 0 else "-"
-    if axis == 2:
-        return "above (robot +z)" if sign == "+" else "below (robot -z)"
-    return f"the side (robot {sign}{'xy'[axis]})"
+    name = "+" if faces[axis] > 0 else "-"
+    name += "xyz"[axis]
+    words = {"+z": "above", "-z": "below"}
+    return f"{words.get(name, 'the side')} (robot {name})"

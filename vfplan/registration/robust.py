@@ -28,6 +28,9 @@ SUBSETS_AT_ONCE = 10_000
 # Probability that the forward search stops before a good marker.
 STOP_PROBABILITY = 0.05
 
+# A subset whose points spread less than this, squared and relative to the layout, is on a line.
+MIN_SPREAD = 1e-6
+
 
 def consistent_markers(problem: Problem) -> NDArray[np.bool_]:
     """(N,) the markers that a robust fit rests on.
@@ -35,53 +38,56 @@ def consistent_markers(problem: Problem) -> NDArray[np.bool_]:
     Raises SettingError: more minimal subsets than can be searched
     """
     n, minimal = len(problem.s), problem.model.minimal
-    subsets = comb(n, minimal)
-    if subsets > MAX_SUBSETS:
+    subset_count = comb(n, minimal)
+    if subset_count > MAX_SUBSETS:
         raise SettingError(
-            f"a robust fit searches all {subsets} subsets of {minimal} of {n} markers; at most "
-            f"{MAX_SUBSETS} are allowed",
+            f"a robust fit searches all {subset_count} subsets of {minimal} of {n} markers, and "
+            f"at most {MAX_SUBSETS} are allowed. Give fewer markers, or leave --robust out",
             code="robust-too-many",
-            numbers={"subsets": subsets},
+            numbers={"subsets": subset_count},
         )
     # As few markers as still leave a residual, and at least half of them.
     half = max((n + minimal + 1) // 2, problem.model.parameters // 3 + 1)
     half = min(n, half)
-    subset = _best_subset(problem, half)
-    squares = _squares(problem, _through(problem, np.array([subset])))[0]
-    used = np.zeros(n, dtype=bool)
-    used[subset] = True
-    used[np.argsort(squares, kind="stable")[:half]] = True
-    return _forward_search(problem, used)
 
-
-def _best_subset(problem: Problem, half: int) -> list[int]:
-    """The minimal subset whose transform leaves the least sum over the `half` that fits it best."""
-    subsets = combinations(range(len(problem.s)), problem.model.minimal)
-    best_sum, best_subset = np.inf, []
+    # The minimal subset whose transform leaves the least sum over the half that fits it best.
+    subsets = combinations(range(n), minimal)
+    smallest_sum, best_subset = np.inf, []
     while block := list(islice(subsets, SUBSETS_AT_ONCE)):
         index = np.array(block)
-        index = index[_is_spread_out(problem, index)]
+        index = index[is_spread_out(problem, index)]
         if not len(index):
             continue
         squares = _squares(problem, _through(problem, index))
         sums = np.partition(squares, half - 1, axis=1)[:, :half].sum(axis=1)
-        least = int(sums.argmin())
-        if sums[least] < best_sum:
-            best_sum, best_subset = float(sums[least]), index[least].tolist()
-    return best_subset
+        candidate = int(sums.argmin())
+        if sums[candidate] < smallest_sum:
+            smallest_sum, best_subset = float(sums[candidate]), index[candidate].tolist()
+    squares = _squares(problem, _through(problem, np.array([best_subset])))[0]
+    used = np.zeros(n, dtype=bool)
+    used[best_subset] = True
+    used[np.argsort(squares, kind="stable")[:half]] = True
 
-
-def _forward_search(problem: Problem, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Take in the marker that fits best, until the best one left does not fit."""
-    used = used.copy()
+    # Take in the marker that fits best, until the best of the others does not fit.
     while not used.all():
         fit = fit_model(problem, used)
         f = np.where(used, np.inf, studentised_f(fit))
         next_marker = int(np.argmin(f))
-        if f[next_marker] > f_limit(len(used), fit.dof, STOP_PROBABILITY):
+        if f[next_marker] > f_limit(n, fit.dof, STOP_PROBABILITY):
             break
         used[next_marker] = True
     return used
+
+
+def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """(P,) whether a subset determines the transform: not on a line, for a 3-D affine not flat."""
+    s = problem.s[index]
+    centred = s - s.mean(axis=1, keepdims=True)
+    squares = np.linalg.eigvalsh(np.swapaxes(centred, 1, 2) @ centred)[:, ::-1]
+    rank = 2
+    if problem.model.name == "affine":
+        rank = problem.model.dimension
+    return squares[:, rank - 1] > MIN_SPREAD
 
 
 def _through(problem: Problem, index: NDArray[np.intp]) -> Array:
@@ -94,12 +100,3 @@ def _squares(problem: Problem, m: Array) -> Array:
     """(P, N) weighted squared residual of every marker under each M (P, 3, k+1)."""
     error = problem.y - problem.x @ np.swapaxes(m, -1, -2)
     return (problem.weights * error**2).sum(axis=-1)
-
-
-def _is_spread_out(problem: Problem, index: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """(P,) whether a subset determines the transform: not on a line, for a 3-D affine not flat."""
-    s = problem.s[index]
-    centred = s - s.mean(axis=1, keepdims=True)
-    squares = np.linalg.eigvalsh(np.swapaxes(centred, 1, 2) @ centred)[:, ::-1]
-    rank = problem.model.dimension if problem.model.name == "affine" else 2
-    return squares[:, rank - 1] > 1e-6

@@ -42,7 +42,7 @@ ROUNDING_M = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Touched:
+class TouchRefinement:
     """A registration refined by touched points."""
 
     # The refined one; its covariance is that of the touched points' fit.
@@ -64,18 +64,18 @@ class Touched:
 
 def refine_by_touch(
     registration: Registration,
-    touched: Array,
+    tip_positions: Array,
     points: Array,
     triangles: NDArray[np.int32],
     tip_radius: float = 0.0,
-) -> Touched:
+) -> TouchRefinement:
     """Bring points touched on a surface onto it.
 
     Parameters
     ----------
     registration
         Rigid, from the surface's frame to the robot's, good to some millimetres.
-    touched
+    tip_positions
         (T, 3) places of the tip's centre in the robot's frame [m].
     points, triangles
         The surface in the source frame [m], its triangles anticlockwise from outside.
@@ -94,17 +94,17 @@ def refine_by_touch(
     model = registration.fit.problem.model
     if not isinstance(model, Orthogonal) or model.name != "rigid" or model.dimension != 3:
         raise SettingError(
-            f"touching refines a rigid registration in space, not {registration.model}; give "
-            "--model rigid",
+            f"touching refines a rigid registration in space, and this one is "
+            f"{registration.model}. Give --model rigid",
             code="touch-not-rigid",
         )
-    if not MIN_POINTS <= len(touched) <= MAX_POINTS:
+    if not MIN_POINTS <= len(tip_positions) <= MAX_POINTS:
         raise MarkerError(
-            f"{len(touched)} touched points; {MIN_POINTS} to {MAX_POINTS} are wanted",
+            f"{len(tip_positions)} points were touched. Give {MIN_POINTS} to {MAX_POINTS}",
             code="touch-count",
-            numbers={"points": len(touched)},
+            numbers={"points": len(tip_positions)},
         )
-    patch = _Patch(registration, touched, NearestOnMesh(points, triangles), tip_radius)
+    patch = _Patch(registration, tip_positions, NearestOnMesh(points, triangles), tip_radius)
     m = registration.fit.m
     before_m = patch.distances(m)
     start_m = float(np.median(np.abs(before_m)))
@@ -121,7 +121,7 @@ def refine_by_touch(
     for _ in range(ROUNDS):
         m = patch.fit(m, model, "cauchy")
     distances_m = patch.distances(m)
-    dof = len(touched) - 6
+    dof = len(tip_positions) - 6
     sigma_m = _robust_spread(distances_m)
 
     # Least squares of those points give the smallest error.
@@ -130,20 +130,33 @@ def refine_by_touch(
         used = np.abs(distances_m) <= limit
         if used.sum() < MIN_POINTS:
             raise MarkerError(
-                f"only {used.sum()} touched points lie on one surface; {MIN_POINTS} are wanted",
+                f"only {used.sum()} touched points lie on one surface, and {MIN_POINTS} are "
+                "needed. Touch more points on the bone",
                 code="touch-no-surface",
                 numbers={"points": int(used.sum())},
             )
-        on_surface = replace(patch, touched=touched[used])
+        on_surface = replace(patch, tip_positions=tip_positions[used])
         m = on_surface.fit(m, model, "linear")
         distances_m = patch.distances(m)
         dof = int(used.sum()) - 6
         sigma_m = float(np.sqrt((distances_m[used] ** 2).sum() / dof))
 
     _, normals, places = on_surface.nearest(m)
-    constraint = _refuse_free_motion(normals, places)
-    refined = _with_error(registration, m, distances_m[used], normals, places)
-    return Touched(refined, distances_m, before_m, used, constraint)
+    constraint = refuse_free_motion(normals, places)
+
+    # The covariance is that of the distances' fit.
+    jacobian = _jacobian(normals, places - m[:, 3])
+    fit = registration.fit
+    refined_fit = replace(
+        fit,
+        m=m,
+        vectors=fit.problem.y - fit.problem.x @ m.T,
+        variance=float((distances_m[used] ** 2).sum()) / dof,
+        dof=dof,
+        root=model.tangent(m) @ root_of_inverse(jacobian),
+    )
+    refined = replace(registration, fit=refined_fit)
+    return TouchRefinement(refined, distances_m, before_m, used, constraint)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +164,7 @@ class _Patch:
     """Touched points and the surface, compared under one transform after another."""
 
     registration: Registration
-    touched: Array
+    tip_positions: Array
     mesh: NearestOnMesh
     tip_radius: float
 
@@ -162,7 +175,7 @@ class _Patch:
     def nearest(self, m: Array) -> tuple[Array, Array, Array]:
         """Distances (T,), and normals and nearest places (T, 3) on the surface in the target."""
         normaliser = self.registration.fit.problem.normaliser
-        y = self.touched - normaliser.target_centre
+        y = self.tip_positions - normaliser.target_centre
         s = np.linalg.solve(m[:, :3], (y - m[:, 3]).T).T
         source = (s * normaliser.radius + normaliser.centre) / normaliser.spacing
         nearest, rows = self.mesh(source)
@@ -218,7 +231,7 @@ def _jacobian(normals: Array, arms: Array) -> Array:
     return -np.hstack([np.cross(arms, normals), normals])
 
 
-def _refuse_free_motion(normals: Array, places: Array) -> float:
+def refuse_free_motion(normals: Array, places: Array) -> float:
     """How well the worst motion is constrained; refuses a patch that leaves one free."""
     arms = places - places.mean(axis=0)
     radius = np.sqrt((arms**2).sum(axis=1).mean())
@@ -231,30 +244,12 @@ def _refuse_free_motion(normals: Array, places: Array) -> float:
             motion, axis = "turning about", turn
         else:
             motion, axis = "sliding along", shift
-        shown = ", ".join(f"{x:+.2f}" for x in axis / np.linalg.norm(axis))
+        x, y, z = axis / np.linalg.norm(axis)
         raise MarkerError(
-            f"the touched patch does not hold the bone: {motion} ({shown}) changes the distances "
-            f"by {constraint:.3f} of the motion, {MIN_CONSTRAINT} at least is wanted. Touch places "
-            "that face another way",
+            f"the touched patch does not hold the bone: {motion} ({x:+.2f}, {y:+.2f}, {z:+.2f}) "
+            f"changes the distances by {constraint:.3f} of the motion, and at least "
+            f"{MIN_CONSTRAINT} is needed. Touch places that face another way",
             code="touch-free-motion",
             numbers={"constraint": constraint},
         )
     return constraint
-
-
-def _with_error(
-    registration: Registration, m: Array, distances_m: Array, normals: Array, places: Array
-) -> Registration:
-    """The registration with another transform, and the covariance of these distances' fit."""
-    fit = registration.fit
-    jacobian = _jacobian(normals, places - m[:, 3])
-    dof = len(distances_m) - 6
-    refined = replace(
-        fit,
-        m=m,
-        vectors=fit.problem.y - fit.problem.x @ m.T,
-        variance=float((distances_m**2).sum()) / dof,
-        dof=dof,
-        root=fit.problem.model.tangent(m) @ root_of_inverse(jacobian),
-    )
-    return replace(registration, fit=refined)
