@@ -16,8 +16,8 @@ from vfplan.cli.telling import told
 from vfplan.cli.values import FILE
 
 from vfplan.display import length
-from vfplan.io.disk import jsonable
-from vfplan.io.files import write_whole
+from vfplan.io.json_types import to_json_types
+from vfplan.io.staging import write_whole
 
 STORY = (
     "A red curve stands on an elbow slice of {image[width_px]} x {image[height_px]} px.\n"
@@ -88,7 +88,7 @@ def _pipeline(found: dict[str, Any]) -> tuple[dict[str, Any], str]:
 
 
 def _paper(found: dict[str, Any]) -> tuple[dict[str, Any], str]:
-    lines = [f"{figure}: {json.dumps(jsonable(numbers))}" for figure, numbers in found.items()]
+    lines = [f"{figure}: {json.dumps(to_json_types(numbers))}" for figure, numbers in found.items()]
     return {"figures": found}, "\n".join(lines)
 
 

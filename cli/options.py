@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import click
 from vfplan.cli.values import FILE, HDF5, MM, PNG, Number, Numbers, Parsed, Real, Whole
 
-from vfplan.io.files import real
+from vfplan.io.files import parse_decimal
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -66,7 +66,7 @@ def _margin(text: str) -> str | float:
     if text == "tre95":
         return text
     try:
-        p = real(text.removeprefix("p="))
+        p = parse_decimal(text.removeprefix("p="))
     except ValueError:
         p = 0.0
     if not text.startswith("p=") or not 0 < p < 1:

@@ -10,8 +10,15 @@ import click
 from vfplan.cli.values import Written
 
 from vfplan.errors import OutputError, VfplanError
-from vfplan.io.disk import Placed, made_folder, move_whole
-from vfplan.io.files import beside, create, remove_quietly, working_in
+from vfplan.io.staging import (
+    PlacedFiles,
+    create,
+    hidden_name,
+    made_folder,
+    move_into_place,
+    remove_quietly,
+    working_in,
+)
 
 PLACED = "vfplan.cli.placed"  # under this key in click's context: what the command wrote
 
@@ -96,8 +103,8 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
 
     Raises `OutputError` where the system lets a file not be made or written, or it exists.
     """
-    # Writers make them anew (`vfplan.io.files.create`): nothing is written through another's link.
-    temporaries = tuple(p and beside(p, "".join(p.suffixes[-2:])[1:] or "tmp") for p in paths)
+    # Writers make them with `vfplan.io.staging.create`: no link of others is written through.
+    temporaries = tuple(p and hidden_name(p, "".join(p.suffixes[-2:])[1:] or "tmp") for p in paths)
     with ExitStack() as folders:
         try:
             for folder in {path.parent for path in paths if path is not None}:
@@ -108,7 +115,7 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
                 temporary.unlink()
             yield temporaries
             moves = [(t, p) for p, t in zip(paths, temporaries, strict=True) if p and t]
-            _remember(move_whole(moves, overwrite=overwriting()), folders.pop_all())
+            _remember(move_into_place(moves, overwrite=overwriting()), folders.pop_all())
         except OSError as error:
             reason = error.strerror or str(error)
             where = next((str(p) for p in paths if p is not None), None)
@@ -129,11 +136,11 @@ def overwriting() -> bool:
     return context is not None and bool(context.params.get("overwrite"))
 
 
-def _remember(placed: Placed, folders: ExitStack) -> None:
+def _remember(placed: PlacedFiles, folders: ExitStack) -> None:
     """Keep what the running command wrote in mind until its report is out, its folders locked."""
     context = click.get_current_context(silent=True)
     if context is None:
-        placed.keep()
+        placed.commit()
         folders.close()
     else:
         context.meta.setdefault(PLACED, []).append((placed, folders))
@@ -146,7 +153,7 @@ class _TakenBack(Exception):  # noqa: N818 - tells a folder that was made to go 
 def keep() -> None:
     """Leave what the running command wrote: its report is out."""
     for placed, folders in click.get_current_context().meta.pop(PLACED, []):
-        placed.keep()
+        placed.commit()
         folders.close()
 
 
@@ -155,7 +162,7 @@ def take_back() -> None:
     for placed, folders in reversed(click.get_current_context().meta.pop(PLACED, [])):
         with suppress(_TakenBack), folders:
             try:
-                placed.undo()
+                placed.rollback()
             except OutputError as error:
                 click.echo(f"vfplan: error: {error.where}: {error.message}", err=True)
             raise _TakenBack

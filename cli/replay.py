@@ -15,14 +15,15 @@ from vfplan.cli.replay_text import failed_line, next_step, replay_text
 from vfplan.cli.run import Report, command, command_line, progress, rough_ticks
 from vfplan.cli.values import FILE, Number, Numbers, Parsed, Real, Whole
 
-from vfplan.io.files import real, write_whole
+from vfplan.io.files import parse_decimal
+from vfplan.io.staging import write_whole
 
 
 def _bound(text: str) -> tuple[str, float]:
     """A number of the report and its limit."""
     name, _, number = text.partition("=")
     try:
-        return name, real(number)
+        return name, parse_decimal(number)
     except ValueError:
         raise ValueError(f"{text!r}; NAME=NUMBER wanted, e.g. force_max_n=20") from None
 
@@ -122,12 +123,12 @@ def _replayed(fixture: Path, session: Path, result: Path | None, table: Path | N
               given: dict[str, Any]) -> Any:  # fmt: skip
     from vfplan.replaying import Link, replay
     from vfplan.robot import read_robot
-    from vfplan.session.events import as_taken
+    from vfplan.session.events import as_the_loop_saw
 
     source = _source(session, given)
     poses, events = given["poses"], given["events"]
     if not given["rate_hz"]:
-        poses, events = as_taken(session, poses, events)
+        poses, events = as_the_loop_saw(session, poses, events)
     limits = [(name, sense, limit) for sense in SENSES for name, limit in given[sense]]
     implied = "paper" if given["engine"] == "reference" else None
     rule, robot = given["rule"] or implied, read_robot(given["robot"])

@@ -32,8 +32,8 @@ from vfplan.cli.values import FILE
 
 from vfplan.errors import VfplanError
 from vfplan.findings import Finding
-from vfplan.io.disk import jsonable
 from vfplan.io.files import now_utc
+from vfplan.io.json_types import to_json_types
 
 SETTINGS = click.option(
     "--settings", "settings_file", type=FILE, metavar="FILE.json",
@@ -198,7 +198,7 @@ def _emit(report: Report, elapsed: float, as_json: bool, quiet: bool) -> None:
             data.setdefault("verdict", report.verdict)
             data.setdefault("next", report.next_step)
         data.setdefault("elapsed_s", round(elapsed, 6))
-        text = json.dumps(jsonable(data), indent=2, allow_nan=False)
+        text = json.dumps(to_json_types(data), indent=2, allow_nan=False)
         if sys.stdout is None:
             raise OSError(errno.EBADF, os.strerror(errno.EBADF))
         click.echo(text)
@@ -247,7 +247,7 @@ def _fail(
     if as_json:
         error: dict[str, Any] = {"kind": kind, "message": message, "where": where}
         if code is not None:
-            error |= {"code": code, "numbers": jsonable(numbers or {})}
+            error |= {"code": code, "numbers": to_json_types(numbers or {})}
         texts.insert(0, (json.dumps({"error": error}, indent=2), sys.stdout))
     for text, stream in texts:
         try:

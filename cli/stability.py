@@ -13,8 +13,9 @@ from vfplan.cli.options import OVERWRITE, option, taking
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import Report, command, progress
 
-from vfplan.io.disk import jsonable
-from vfplan.io.files import at, write_whole
+from vfplan.io.files import naming_place
+from vfplan.io.json_types import to_json_types
+from vfplan.io.staging import write_whole
 
 PARTS = ("closed-loop", "passivity", "extremes")
 REPORT, TABLE, PASSIVITY = FILES = "stability.json", "cases.csv", "passivity.png"
@@ -66,7 +67,7 @@ def command(fixture, output, robot, **given) -> Report:
     asked = {name: given.pop(name) for name in ("stiffness", "margin", "parts", "full", "jobs")}
     arm = chosen_robot(robot, given)
     judged = None if fixture is None else read_fixture(fixture)
-    with at(fixture):
+    with naming_place(fixture):
         found = study(judged, arm, progress=progress, **asked)
     every_case = click.get_current_context().params["verbose"] > 0
     data = found.as_dict()
@@ -122,7 +123,7 @@ def _write(folder: Path, found: Any) -> None:
     drawn = any(row.case.startswith("passivity/") for row in found.rows)
     paths = (folder / REPORT, folder / TABLE, folder / PASSIVITY if drawn else None)
     with outputs(*paths) as (report, table, picture):
-        text = json.dumps(jsonable(found.as_dict()), indent=2) + "\n"
+        text = json.dumps(to_json_types(found.as_dict()), indent=2) + "\n"
         write_whole(report, [text.encode()], overwrite=True)
         write_whole(table, [found.as_csv().encode()], overwrite=True)
         if picture is not None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from vfplan.io.files import real
+from vfplan.io.files import parse_decimal
 
 # Existence is checked by the library, which answers 3 (bad input) and not 2 (usage).
 FILE = click.Path(path_type=Path)
@@ -81,7 +81,7 @@ class Numbers(Parsed):
         if text == self.word:
             return ()
         try:
-            numbers = tuple(real(part) for part in text.split(","))
+            numbers = tuple(parse_decimal(part) for part in text.split(","))
         except ValueError as error:
             what = f"{text!r} is not a number or a comma-separated list of numbers: {error}"
             raise ValueError(what) from None
@@ -111,7 +111,7 @@ class _Strict(click.ParamType):
         """Parse; a usage error (exit 2) names the value found."""
         try:
             if isinstance(value, str):
-                real(value)
+                parse_decimal(value)
         except ValueError as error:
             self.fail(str(error), param, ctx)
         return super().convert(value, param, ctx)

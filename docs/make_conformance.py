@@ -13,7 +13,7 @@ from vfplan.bundle import read_bundle
 from vfplan.conformance import runner
 from vfplan.conformance.kit import write_kit
 from vfplan.errors import BundleError, InputError
-from vfplan.io.disk import jsonable
+from vfplan.io.json_types import to_json_types
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "howto" / "reader.md"
@@ -45,7 +45,7 @@ def matrix() -> str:
 def by_the_package(path: Path) -> dict[str, object] | None:
     """The values that the installed package reads; `None` when it refuses the file."""
     try:
-        return jsonable(read_bundle(path)[0])
+        return to_json_types(read_bundle(path)[0])
     except (BundleError, InputError):
         return None
 

@@ -174,8 +174,8 @@ class MissingExtra(VfplanError):  # noqa: N818 - names the missing thing
 
 
 @contextmanager
-def needing(what: str, extra: str, where: str | None = None) -> Iterator[None]:
-    """An import inside that fails is a `MissingExtra`: `what` needs a package of the extra."""
+def requires_extra(what: str, extra: str, where: str | None = None) -> Iterator[None]:
+    """Turn a failed import inside into a `MissingExtra`: `what` needs a package of the extra."""
     try:
         yield
     except ImportError:

@@ -13,8 +13,8 @@ from PIL import Image
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
-from vfplan.io.files import write_whole
 from vfplan.io.opengl import ready_pyvista
+from vfplan.io.staging import write_whole
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.thinning import contact_marks
 from vfplan.session import TickBlock

@@ -13,7 +13,7 @@ from vfplan.bundle import describe, keygen, read_bundle, seal, sign, validate
 from vfplan.errors import BundleError, CheckFailed, InputError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Review
-from vfplan.io.disk import jsonable
+from vfplan.io.json_types import to_json_types
 
 MAKE = {
     "findings": bundles.doubtful,
@@ -94,7 +94,7 @@ def test_a_place_in_metres_has_no_meaning_on_a_slice(tmp_path):
 def test_info_validate_and_verify_show_findings_and_review(vfplan_cli, key, tmp_path):
     vfplan.write_fixture(bundles.doubtful(), tmp_path / "a.h5")
     info = vfplan_cli("info", tmp_path / "a.h5", "--json").json
-    assert info["findings"] == jsonable([finding.as_dict() for finding in bundles.FINDINGS])
+    assert info["findings"] == to_json_types([finding.as_dict() for finding in bundles.FINDINGS])
     assert info["reviewed"] is None
     issues = {i.code: i.severity for i in validate(tmp_path / "a.h5")}
     assert issues["end-other-colour"] == issues["tick-too-long"] == "warning"

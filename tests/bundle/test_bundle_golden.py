@@ -18,7 +18,7 @@ from conftest import ROOT, need_program
 import vfplan
 from vfplan.bundle import describe, migrate, migration, require_signature, seal, validate
 from vfplan.errors import BundleError, InputError, SignatureError
-from vfplan.io.disk import jsonable
+from vfplan.io.json_types import to_json_types
 
 ARCHIVE = ROOT / "tests" / "data" / "bundles"
 CURRENT = sorted(ARCHIVE.glob("2.*.h5"))
@@ -35,7 +35,7 @@ def test_the_archive_is_there():
 
 @pytest.mark.parametrize("path", CURRENT, ids=lambda p: p.stem)
 def test_every_value_is_what_it_was_when_it_was_written(path):
-    assert jsonable(describe(path, values=True)) == json.loads(
+    assert to_json_types(describe(path, values=True)) == json.loads(
         path.with_suffix(".json").read_text()
     )
     assert not [issue for issue in validate(path) if issue.severity == "error"]
@@ -58,7 +58,7 @@ def test_an_older_bundle_is_refused_and_migrated(path, tmp_path):
     assert golden.engine_sums(fixture) == SUMS[path.stem]
     if path.with_suffix(".json").exists():
         wanted = json.loads(path.with_suffix(".json").read_text())
-        found = jsonable(describe(new, values=True))
+        found = to_json_types(describe(new, values=True))
         renewed = {"version", "/@version", "seal", "/provenance/history"}
         if {"/mesh/triangles", "/pieces/vertices"} & wanted.keys():
             renewed.add("/@id")  # which covers them now

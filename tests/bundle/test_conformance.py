@@ -21,7 +21,7 @@ from vfplan.conformance.kit import RENDERED, write_kit
 from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import BundleError, InputError
-from vfplan.io.disk import jsonable
+from vfplan.io.json_types import to_json_types
 
 RULE = re.compile(r"^- \*\*([LCVSKM]\d+)\*\*", re.MULTILINE)
 
@@ -62,7 +62,7 @@ def test_every_vector_has_a_reason_and_a_file_of_its_own(kit):
 
 def by_the_package(path):
     try:
-        return jsonable(read_bundle(path)[0])
+        return to_json_types(read_bundle(path)[0])
     except (BundleError, InputError):
         return None
 

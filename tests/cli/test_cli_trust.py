@@ -278,12 +278,12 @@ BUSY = (
     + """
 import sys, time
 from vfplan.cli.run import Report, command
-from vfplan.io.workers import workers
+from vfplan.io.processes import worker_processes
 
 def main():
     @command("long")
     def long():
-        with workers(2) as pool:
+        with worker_processes(2) as pool:
             for done in [pool.submit(time.sleep, 3600) for _ in range(4)]:
                 print("busy", flush=True)
                 while not done.running():

@@ -240,7 +240,7 @@ def test_a_small_capture_is_read(tmp_path):
 def test_a_capture_made_to_fill_memory_or_time_is_refused(tmp_path, name, monkeypatch):
     """Its reader has limits of its own: here 2 s of 8, to save time."""
     pytest.importorskip("pydicom")
-    monkeypatch.setattr("vfplan.io.apart.STEP_S", 2)
+    monkeypatch.setattr("vfplan.io.sandbox.STEP_S", 2)
     (tmp_path / "a.dcm").write_bytes(CAPTURES[name]())
     before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     with pytest.raises(ImageError):

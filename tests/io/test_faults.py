@@ -17,7 +17,7 @@ import pytest
 from conftest import need_program
 
 import vfplan
-from vfplan.io.files import working_in, write_whole
+from vfplan.io.staging import working_in, write_whole
 from vfplan.session import Session
 
 pytestmark = pytest.mark.slow
@@ -172,8 +172,8 @@ def test_a_killed_keygen_leaves_no_old_key_for_long(tmp_path, vfplan_cli):
     script = (
         "import os, signal, sys\n"
         "from vfplan.cli.main import cli\n"
-        "from vfplan.io import disk\n"
-        "disk.Placed.keep = lambda self: os.kill(os.getpid(), signal.SIGKILL)\n"
+        "from vfplan.io import staging\n"
+        "staging.PlacedFiles.commit = lambda self: os.kill(os.getpid(), signal.SIGKILL)\n"
         "cli.main(sys.argv[1:])\n"
     )
     assert vfplan_cli("keygen", "-o", tmp_path / "k").code == 0
@@ -190,7 +190,7 @@ def test_nothing_is_written_through_a_link_put_there_meanwhile(tmp_path, monkeyp
 
     victim = tmp_path / "victim"
     victim.write_bytes(b"theirs")
-    monkeypatch.setattr("vfplan.io.files.beside", lambda *_: tmp_path / "guessed")
+    monkeypatch.setattr("vfplan.io.staging.hidden_name", lambda *_: tmp_path / "guessed")
     (tmp_path / "guessed").symlink_to(victim)
     for write in (lambda path: write_whole(path, [b"ours"], overwrite=True), CsvWriter):
         with pytest.raises(vfplan.VfplanError, match="File exists"):

@@ -262,8 +262,8 @@ def test_mcap_holds_every_tick_to_the_bit(tmp_path):
 @pytest.fixture
 def short_of_room(monkeypatch):
     """Files may not grow beyond 80 kB, of which the writer keeps 40 for its end."""
-    monkeypatch.setattr(mcapfile, "CHUNK", 2**13)
-    monkeypatch.setattr(mcapfile, "AHEAD", 40_000)
+    monkeypatch.setattr(mcapfile, "CHUNK_BYTES", 2**13)
+    monkeypatch.setattr(mcapfile, "RESERVE_BYTES", 40_000)
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (80_000, before[1]))
     yield

@@ -290,7 +290,7 @@ def test_a_rotation_is_that_of_scipy():
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("robust", [False, True])
 def test_the_report_is_json(model, robust):
-    from vfplan.io.disk import jsonable
+    from vfplan.io.json_types import to_json_types
 
     names = [f"x{i}" for i in range(9)]
     for source, target in ((grid(), planar(grid())), solid(6)):
@@ -303,9 +303,9 @@ def test_the_report_is_json(model, robust):
             pixel_spacing=spacing,
             labels=names[: len(source)],
         )
-        report = json.loads(json.dumps(jsonable(describe(r, source)), allow_nan=False))
+        report = json.loads(json.dumps(to_json_types(describe(r, source)), allow_nan=False))
         assert report["tre"]["curve95_max_m"] >= report["tre"]["bound95_max_m"]
         assert [m["label"] for m in report["residuals"]] == names[: len(source)]
     small = fit_registration(grid(4), planar(grid(4)))
-    report = json.loads(json.dumps(jsonable(describe(small)), allow_nan=False))
+    report = json.loads(json.dumps(to_json_types(describe(small)), allow_nan=False))
     assert report["residuals"][0]["f"] is None  # no degree of freedom is left to test with

@@ -7,6 +7,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
+from refusals import refuses
 
 from vfplan.errors import InputError, OutputError, SessionError, SettingError, VersionError
 from vfplan.session import (
@@ -78,40 +79,57 @@ def test_csv_with_blanks_crlf_and_no_last_newline(tmp_path):
 
 ROW = "0,1,2,3\n"
 BAD_CSV = {
-    "empty": ("", "empty"),
-    "header only": ("t,x,y,z\n", "0 samples; 2"),
-    "one row": ("t,x,y,z\n" + ROW, "1 sample; 2"),
-    "no header": (ROW + "1,2,3,4\n", "column 't' occurs 0 times"),
-    "missing column": ("t,x,y\n0,1,2\n1,2,3\n", "column 'z' occurs 0 times"),
-    "column twice": ("t,x,y,z,x\n0,1,2,3,4\n", "column 'x' occurs 2 times"),
-    "NaN": ("t,x,y,z\n" + ROW + "1,nan,2,3\n", "sample 1 is not finite"),
-    "infinite": ("t,x,y,z\n" + ROW + "1,inf,2,3\n", "sample 1 is not finite"),
-    "overflow": ("t,x,y,z\n" + ROW + "1,1e999,2,3\n", "sample 1 is not finite"),
-    "too far": ("t,x,y,z\n" + ROW + "1,1,-1.1e6,3\n", "sample 1 is out of range"),
-    "no clock": ("t,x,y,z\n" + ROW + "1e300,1,2,3\n", "sample 1 is out of range"),
-    "time creeps": ("t,x,y,z\n" + ROW + "1e-300,1,2,3\n", "time does not increase"),
-    "time back": ("t,x,y,z\n1,1,2,3\n0.5,1,2,3\n", "time does not increase: 0.5 s at sample 1"),
-    "time stands": ("t,x,y,z\n1,1,2,3\n1,1,2,3\n", "time does not increase"),
-    "short line": ("t,x,y,z\n" + ROW + "1,2,3\n", "3 fields; 4"),
-    "long line": ("t,x,y,z\n" + ROW + "1,2,3,4,5\n", "5 fields; 4"),
-    "words": ("t,x,y,z\n" + ROW + "1,two,3,4\n", "is not 4 numbers"),
-    "underscore": ("t,x,y,z\n" + ROW + "1,1_0,3,4\n", "is not 4 numbers"),
-    "lone return": ("t,x,y,z\n" + ROW + "1.0\r5,2,3,4\n", "is not 4 numbers"),
-    "empty field": ("t,x,y,z\n" + ROW + "1,,3,4\n", "is not 4 numbers"),
-    "comma for newline": ("t,x,y,z\n" + "0,1,2,3,1,2,3,4\n", "8 fields; 4"),
-    "semicolons": ("t;x;y;z\n0;1;2;3\n", "column 't' occurs 0 times"),
-    "binary": ("\x00\x01\x02\n", "column 't' occurs 0 times"),
+    "empty": ("", "table-empty"),
+    "header only": ("t,x,y,z\n", "too-few-samples"),
+    "one row": ("t,x,y,z\n" + ROW, "too-few-samples"),
+    "no header": (ROW + "1,2,3,4\n", "column-missing"),
+    "missing column": ("t,x,y\n0,1,2\n1,2,3\n", "column-missing"),
+    "column twice": ("t,x,y,z,x\n0,1,2,3,4\n", "column-doubled"),
+    "NaN": ("t,x,y,z\n" + ROW + "1,nan,2,3\n", "sample-not-finite"),
+    "infinite": ("t,x,y,z\n" + ROW + "1,inf,2,3\n", "sample-not-finite"),
+    "overflow": ("t,x,y,z\n" + ROW + "1,1e999,2,3\n", "sample-not-finite"),
+    "too far": ("t,x,y,z\n" + ROW + "1,1,-1.1e6,3\n", "sample-out-of-range"),
+    "no clock": ("t,x,y,z\n" + ROW + "1e300,1,2,3\n", "sample-out-of-range"),
+    "time creeps": ("t,x,y,z\n" + ROW + "1e-300,1,2,3\n", "time-not-increasing"),
+    "time back": ("t,x,y,z\n1,1,2,3\n0.5,1,2,3\n", "time-not-increasing"),
+    "time stands": ("t,x,y,z\n1,1,2,3\n1,1,2,3\n", "time-not-increasing"),
+    "short line": ("t,x,y,z\n" + ROW + "1,2,3\n", "row-length"),
+    "long line": ("t,x,y,z\n" + ROW + "1,2,3,4,5\n", "row-length"),
+    "words": ("t,x,y,z\n" + ROW + "1,two,3,4\n", "no-number"),
+    "underscore": ("t,x,y,z\n" + ROW + "1,1_0,3,4\n", "no-number"),
+    "lone return": ("t,x,y,z\n" + ROW + "1.0\r5,2,3,4\n", "no-number"),
+    "empty field": ("t,x,y,z\n" + ROW + "1,,3,4\n", "no-number"),
+    "comma for newline": ("t,x,y,z\n" + "0,1,2,3,1,2,3,4\n", "row-length"),
+    "two separators": ("t;x;y,z\n0;1;2;3\n", "separator-ambiguous"),
+    "both decimal marks": ("t;x;y;z\n0;1,5;2;3\n1;1.5;2;3\n", "decimal-ambiguous"),
+    "thousands": ("t;x;y;z\n0;1,000,000;2;3\n1;1;2;3\n", "no-number"),
+    "binary": ("\x00\x01\x02\n", "column-missing"),
 }
 
 
 @pytest.mark.parametrize("name", BAD_CSV)
 def test_bad_csv_is_refused(tmp_path, name):
-    text, message = BAD_CSV[name]
+    text, code = BAD_CSV[name]
     path = tmp_path / "s.csv"
     path.write_text(text)
-    with pytest.raises(SessionError, match=message) as caught:
+    with refuses(SessionError, code) as caught:
         read_session(path)
     assert caught.value.where.startswith("s.csv")
+
+
+def test_semicolons_tabs_and_decimal_commas(tmp_path):
+    """Spreadsheets in most of Europe write them so."""
+    path = tmp_path / "s.csv"
+    for separator in (";", "\t"):
+        rows = (
+            ("T", "x", "y", "z", "note"),
+            ("0", "1,5", "2", "3", "7"),
+            ("1", "4", "-5,25", "6e-1", "7"),
+        )
+        path.write_text("\n".join(separator.join(row) for row in rows))
+        session = read_session(path)
+        np.testing.assert_array_equal(session.hip, [[1.5, 2, 3], [4, -5.25, 0.6]])
+        assert session.notes["ignored_columns"] == ["note"]
 
 
 def test_bad_line_is_named(tmp_path):
@@ -119,7 +137,7 @@ def test_bad_line_is_named(tmp_path):
     lines = path.read_text().split("\n")
     lines[40_000] = "1,2,x,4"
     path.write_text("\n".join(lines))
-    with pytest.raises(SessionError, match="'1,2,x,4'") as caught:
+    with refuses(SessionError, "no-number") as caught:
         read_session(path)
     assert caught.value.where == "s.csv, line 40001"
 
@@ -128,39 +146,39 @@ def test_time_going_back_between_blocks_is_seen(tmp_path):
     time, hip = recording(BLOCK + 3)
     time[BLOCK] = time[BLOCK - 1]
     for path in write_all(tmp_path, time, hip):
-        with pytest.raises(SessionError, match=f"at sample {BLOCK} "):
+        with refuses(SessionError, "time-not-increasing", sample=BLOCK):
             read_session(path)
 
 
 @pytest.mark.parametrize(
-    ("arrays", "message"),
+    ("arrays", "code"),
     [
-        ({"time": np.arange(3.0)}, "no (dataset|array) 'hip'"),
-        ({"time": np.arange(3.0), "hip": np.zeros((3, 2))}, r"hip \(3, 2\)"),
-        ({"time": np.arange(4.0), "hip": np.zeros((3, 3))}, r"time has shape \(4,\)"),
-        ({"time": np.arange(3.0), "hip": np.zeros((3, 3), complex)}, "real numbers wanted"),
-        ({"time": np.zeros(0), "hip": np.zeros((0, 3))}, "0 samples; 2"),
-        ({"time": np.arange(3.0), "hip": np.full((3, 3), np.nan)}, "sample 0 is not finite"),
+        ({"time": np.arange(3.0)}, "dataset-missing"),
+        ({"time": np.arange(3.0), "hip": np.zeros((3, 2))}, "shape-wrong"),
+        ({"time": np.arange(4.0), "hip": np.zeros((3, 3))}, "shape-wrong"),
+        ({"time": np.arange(3.0), "hip": np.zeros((3, 3), complex)}, "type-wrong"),
+        ({"time": np.zeros(0), "hip": np.zeros((0, 3))}, "too-few-samples"),
+        ({"time": np.arange(3.0), "hip": np.full((3, 3), np.nan)}, "sample-not-finite"),
     ],
 )
-def test_bad_arrays_are_refused(tmp_path, arrays, message):
+def test_bad_arrays_are_refused(tmp_path, arrays, code):
     np.savez(tmp_path / "s.npz", **arrays)
     with h5py.File(tmp_path / "s.h5", "w") as file:
         for name, values in arrays.items():
             file[name] = values
     for name in ("s.npz", "s.h5"):
-        with pytest.raises(SessionError, match=message):
+        with refuses(SessionError, code):
             read_session(tmp_path / name)
 
 
 def test_pickled_and_cut_archives_are_refused(tmp_path):
     np.savez(tmp_path / "p.npz", time=np.array([object()]), hip=np.zeros((1, 3)))
-    with pytest.raises(SessionError, match="real numbers"):
+    with refuses(SessionError, "type-wrong"):
         read_session(tmp_path / "p.npz")
     path = tmp_path / "s.npz"
     np.savez(path, time=np.arange(100.0), hip=np.zeros((100, 3)))
     path.write_bytes(path.read_bytes()[:900])
-    with pytest.raises(SessionError, match="cannot be read as"):
+    with refuses(SessionError, "npz-broken"):
         read_session(path)
 
 
@@ -186,7 +204,7 @@ def test_damaged_archives_are_refused(tmp_path):
 def test_empty_dataspace_is_refused(tmp_path):
     with h5py.File(tmp_path / "s.h5", "w") as file:
         file["time"] = file["hip"] = h5py.Empty("f8")
-    with pytest.raises(SessionError, match="'time' is not a plain dataset"):
+    with refuses(SessionError, "dataset-odd"):
         read_session(tmp_path / "s.h5")
 
 
@@ -214,7 +232,7 @@ def test_hdf5_that_points_elsewhere_is_refused(tmp_path):
     with h5py.File(tmp_path / "s.h5", "w") as file:
         file["time"] = np.arange(3.0)
         file["hip"] = h5py.ExternalLink("other.h5", "/hip")
-    with pytest.raises(SessionError, match="no dataset 'hip'"):
+    with refuses(SessionError, "dataset-missing"):
         read_session(tmp_path / "s.h5")
 
 
@@ -222,24 +240,24 @@ def test_a_file_may_state_its_frame_and_units(tmp_path):
     with h5py.File(tmp_path / "s.h5", "w") as file:
         file["time"], file["hip"] = np.arange(3.0), np.ones((3, 3))
         file.attrs["units"], file.attrs["frame"] = "mm", "robot_base"
-    with pytest.raises(SessionError, match=r"the file says units = 'mm' .*, the call 'm'"):
+    with refuses(SessionError, "units-or-frame-differ"):
         read_session(tmp_path / "s.h5")
     assert read_session(tmp_path / "s.h5", units="mm").hip[0, 0] == 1e-3
 
 
 def test_missing_file_directory_and_unknown_unit(tmp_path):
-    with pytest.raises(SessionError, match="no such file"):
+    with refuses(SessionError, "file-missing"):
         read_session(tmp_path / "none.csv")
-    with pytest.raises(SessionError, match="is a directory"):
+    with refuses(SessionError, "not-a-file"):
         read_session(tmp_path)
-    with pytest.raises(SettingError, match="unit 'inch'"):
+    with refuses(SettingError, "unit-unknown"):
         read_session(tmp_path / "none.csv", units="inch")
 
 
 def test_session_checks_its_arrays():
-    with pytest.raises(SessionError, match=r"hip \(3, 2\)"):
+    with refuses(SessionError, "shape-wrong"):
         Session(np.arange(3.0), np.zeros((3, 2)))
-    with pytest.raises(SessionError, match="does not increase"):
+    with refuses(SessionError, "time-not-increasing"):
         Session(np.zeros(3), np.zeros((3, 3)))
 
 
@@ -251,9 +269,9 @@ def test_resampling_is_linear_and_does_not_depend_on_blocks(rate):
     np.testing.assert_allclose(session.time, time[0] + np.arange(ticks) / rate, rtol=1e-12)
     for i in range(3):
         np.testing.assert_allclose(session.hip[:, i], np.interp(session.time, time, hip[:, i]))
-    with pytest.raises(SettingError, match=r"rate 1e\+12 Hz; above 0 and at most 1e\+06"):
+    with refuses(SettingError, "rate-out-of-range"):
         resampled(Session(time, hip), 1e12)
-    with pytest.raises(SettingError, match="rate 0"):
+    with refuses(SettingError, "rate-out-of-range"):
         resampled(session, 0.0)
 
 
@@ -326,9 +344,9 @@ def test_a_result_that_no_replay_gives_is_refused(tmp_path, fault):
 
 
 def test_what_is_no_result_is_said(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
+    with refuses(InputError, "file-missing"):
         read_result(tmp_path / "none.h5")
-    with pytest.raises(InputError, match="is a directory"):
+    with refuses(InputError, "not-a-file"):
         read_result(tmp_path)
 
 

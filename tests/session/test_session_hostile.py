@@ -17,13 +17,12 @@ import numpy as np
 import pytest
 
 import vfplan
-import vfplan.io.apart
+import vfplan.io.sandbox
 import vfplan.session.read
 import vfplan.session.result
 from vfplan.errors import InputError, SessionError
-from vfplan.io.apart import apart
-from vfplan.io.files import real
-from vfplan.io.reading import stream_over
+from vfplan.io.files import parse_decimal, stream_over
+from vfplan.io.sandbox import run_in_sandbox
 from vfplan.session import ResultWriter, TickBlock, open_session, read_result, read_session
 
 pytestmark = pytest.mark.slow
@@ -81,7 +80,7 @@ KINDS = {"session": (hdf5_session, read_session), "result": (result, read_result
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_flipped_bit_ends_or_stops_the_program(tmp_path, kind, monkeypatch):
     """libhdf5 crashes or loops on some of them: its process does, and the reading is refused."""
-    monkeypatch.setattr(vfplan.io.apart, "STEP_S", 1)  # of 8, to save time
+    monkeypatch.setattr(vfplan.io.sandbox, "STEP_S", 1)  # of 8, to save time
     (make, read), path, rng = KINDS[kind], tmp_path / "a.h5", random.Random(300)
     make(path)
     data, found = path.read_bytes(), 0
@@ -114,15 +113,17 @@ def here(job, *args, file, **_):
 def test_none_of_many_flipped_bits_ends_or_stops_the_program(tmp_path, kind, monkeypatch):
     """Hundreds to a process; what ended or stopped one is read again as the program does."""
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    monkeypatch.setattr(vfplan.io.apart, "_helper", None)  # one that knows this folder
-    monkeypatch.setattr(vfplan.io.apart, "STEP_S", 1)  # of 8, to save time
+    monkeypatch.setattr(vfplan.io.sandbox, "_helper", None)  # one that knows this folder
+    monkeypatch.setattr(vfplan.io.sandbox, "STEP_S", 1)  # of 8, to save time
     (make, read), path, total = KINDS[kind], tmp_path / "a.h5", 50_000
     make(path)
     data, job, k, found, ended = path.read_bytes(), f"{Path(__file__).stem}:many", 0, 0, 0
     while k < total:
         try:
             some = min(500, total - k)
-            for last, bad in apart(job, str(tmp_path), kind, k, some, where="", kind=SessionError):
+            for last, bad in run_in_sandbox(
+                job, str(tmp_path), kind, k, some, where="", kind=SessionError
+            ):
                 k, found = last + 1, found + bad
         except SessionError:
             (tmp_path / "c.h5").write_bytes(spoiled(data, random.Random(k)))
@@ -150,10 +151,10 @@ def swell(*_):
 def test_a_reader_that_fails_is_an_error_like_any_other(fault, tmp_path, monkeypatch):
     """`python -I` finds no tests: the fault is laid into a module of its own."""
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    monkeypatch.setattr(vfplan.io.apart, "_helper", None)  # one that knows this folder
-    monkeypatch.setattr(vfplan.io.apart, "STEP_S", 1)
+    monkeypatch.setattr(vfplan.io.sandbox, "_helper", None)  # one that knows this folder
+    monkeypatch.setattr(vfplan.io.sandbox, "STEP_S", 1)
     with pytest.raises(SessionError, match="its reader crashed, took more than 768 MiB, or was"):
-        list(apart(f"{Path(__file__).stem}:{fault}", where="a", kind=SessionError))
+        list(run_in_sandbox(f"{Path(__file__).stem}:{fault}", where="a", kind=SessionError))
     hdf5_session(tmp_path / "good.h5")
     assert len(read_session(tmp_path / "good.h5").time) == 40  # and the next one is read
 
@@ -167,10 +168,10 @@ NO_NUMBERS = ["", " ", "1_000", "0x10", "1e309", "nan", "inf", "1.2.3", "1d3",
 
 
 def test_what_a_number_is():
-    assert {text: real(text) for text in NUMBERS} == NUMBERS
+    assert {text: parse_decimal(text) for text in NUMBERS} == NUMBERS
     for text in NO_NUMBERS:
         with pytest.raises(ValueError, match=r"no number|is missing|larger than"):
-            real(text)
+            parse_decimal(text)
 
 
 @pytest.mark.parametrize("field", [x for x in NO_NUMBERS if x not in ("1\n", "1,5", "nan", "inf")])
@@ -252,8 +253,8 @@ BOMBS = {"line.csv": long_line, "header.csv": long_header, "columns.csv": many_c
          "bag": ros_yaml}  # fmt: skip
 MEASURED = """
 import json, resource, sys, time
-import vfplan, vfplan.io.apart
-vfplan.io.apart.STEP_S = 2  # of 8, to save time
+import vfplan, vfplan.io.sandbox
+vfplan.io.sandbox.STEP_S = 2  # of 8, to save time
 begun = time.process_time()
 try:
     vfplan.session.read_session(sys.argv[1])

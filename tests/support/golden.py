@@ -73,7 +73,7 @@ def write_archive() -> None:
     import vfplan
     from vfplan.bundle import describe, keygen, sign
     from vfplan.bundle.schema import VERSION
-    from vfplan.io.disk import jsonable
+    from vfplan.io.json_types import to_json_types
 
     for name, make in MADE.items():
         path = ARCHIVE / f"{VERSION}-{name}.h5"
@@ -93,7 +93,7 @@ def write_archive() -> None:
         )
         (ARCHIVE / "signed.pub").write_bytes(public.read_bytes())
     for path in ARCHIVE.glob(f"{VERSION}-*.h5"):
-        text = json.dumps(jsonable(describe(path, values=True)), indent=1)
+        text = json.dumps(to_json_types(describe(path, values=True)), indent=1)
         path.with_suffix(".json").write_text(text + "\n")
 
 

@@ -1,4 +1,4 @@
-"""A job for `vfplan.io.apart`, which refuses what it is to read."""
+"""A job for `vfplan.io.sandbox`, which refuses what it is to read."""
 
 import numpy as np
 

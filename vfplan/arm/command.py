@@ -11,7 +11,7 @@ from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import Report, command, command_line, progress, rough_ticks
 from vfplan.cli.telling import told
 from vfplan.cli.values import FILE, PNG, Number
-from vfplan.io.files import write_whole
+from vfplan.io.staging import write_whole
 
 TEXT = (
     "arm {arm}: {ticks} ticks, {duration_s:.3f} s, {reached} reached; {real_time_factor:.0f} times "

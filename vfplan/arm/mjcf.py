@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
-from vfplan.errors import InputError, needing
+from vfplan.errors import InputError, requires_extra
 from vfplan.io.files import read_whole
 
 _LOG = logging.getLogger("vfplan")
@@ -31,7 +31,7 @@ FORBIDDEN = {"file", "meshdir", "texturedir", "assetdir", "plugin", "mesh", "hfi
 
 def mujoco() -> Any:
     """The module; `MissingExtra` without it."""
-    with needing("a simulated arm needs MuJoCo", "arm"):
+    with requires_extra("a simulated arm needs MuJoCo", "arm"):
         import mujoco
     if mujoco.get_mju_user_warning() is None:
         # By itself it would write them into a file of the current folder.

@@ -20,8 +20,9 @@ from vfplan.bench.peers import Peer
 from vfplan.bench.record import Advance, Record, judge_chosen, mark_pareto, run_trials
 from vfplan.bench.summary import summaries
 from vfplan.errors import InputError, SettingError
-from vfplan.io.disk import jsonable
-from vfplan.io.files import read_whole, write_whole
+from vfplan.io.files import read_whole
+from vfplan.io.json_types import to_json_types
+from vfplan.io.staging import write_whole
 from vfplan.planning.tolerance import choose
 
 Stage = Literal["extract", "sample", "register", "proxy", "plan"]
@@ -111,7 +112,7 @@ _NUMBERS = ("error_rms", "error_max", "time_us_median", "time_us_low", "time_us_
 
 def write_json(document: dict[str, Any], path: Path) -> None:
     """Write the document; numbers that are not finite become null."""
-    text = json.dumps(jsonable(document), indent=1, allow_nan=False) + "\n"
+    text = json.dumps(to_json_types(document), indent=1, allow_nan=False) + "\n"
     write_whole(path, [text.encode()], overwrite=True)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +15,9 @@ from vfplan.bundle.schema import max_size
 from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
-from vfplan.io.files import at, read_bytes, real
+from vfplan.io.files import MAX_TEXT_BYTES, naming_place, read_bytes
 from vfplan.io.npy import npy_header
-from vfplan.io.reading import MOST_TEXT, require_short
+from vfplan.io.table import NumberTable, open_number_table
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 SUFFIXES = (".ply", ".stl", ".csv", ".npy")
@@ -71,7 +70,7 @@ def import_cloud(
     radius = contact_radius + point_radius
     if not 0 < radius < np.inf:
         raise SettingError(f"R = contact radius + point radius = {radius} m; more than 0 wanted")
-    with at(path):
+    with naming_place(path):
         if not 1 <= len(points) <= max_size("N"):
             raise InputError(f"{len(points)} points; 1 to {max_size('N')} are allowed")
         if not (finite := np.isfinite(points).all(axis=1)).all():
@@ -129,7 +128,7 @@ def _read(path: Path, units: str) -> tuple[Mesh, str]:
     suffix, where = path.suffix.lower(), str(path)
     if suffix not in SUFFIXES:
         raise InputError(f"ends in none of {', '.join(SUFFIXES)}", where=where)
-    most = MOST_TEXT if suffix == ".csv" else MOST_BYTES
+    most = MAX_TEXT_BYTES if suffix == ".csv" else MOST_BYTES
     data, digest = read_bytes(path, most)
     if suffix == ".npy":
         found = _npy(data, where)
@@ -158,47 +157,39 @@ def _npy(data: bytes, where: str) -> Mesh:
 
 
 def _csv(data: bytes, units: str, where: str) -> Mesh:
-    try:
-        require_short(data)
-        text = data.decode("utf-8-sig")
-        first = text.partition("\n")[0].split(",")
-        named = not _is_number(first[0])
-        names = [name.strip().lower() for name in first] if named else []
-        columns = _columns(names, units) if named else (0, 1, 2)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # an empty table is refused below
-            points = np.loadtxt(
-                io.StringIO(text),
-                delimiter=",",
-                comments=None,
-                skiprows=int(named),
-                usecols=columns,
-                ndmin=2,
+    table = open_number_table(lambda: io.BytesIO(data), where, InputError, header_optional=True)
+    columns = table.columns[:3]
+    if table.header_lines:
+        columns = _named_columns(table, units)
+    elif len(columns) < 3:
+        raise InputError(
+            f"has {len(columns)} columns; x, y and z are wanted", where=where, code="column-missing"
+        )
+    points = np.concatenate([np.empty((0, 3)), *table.blocks(columns)])
+    left_out = [name for name in table.columns if name not in columns]
+    return Mesh(points, left_out=tuple(left_out))
+
+
+def _named_columns(table: NumberTable, units: str) -> tuple[str, ...]:
+    """The columns x, y and z, whose names may end in their unit (x_mm)."""
+    columns = []
+    for axis in "xyz":
+        named = [name for name in table.columns if name.partition("_")[0] == axis]
+        if not named:
+            raise InputError(
+                f"the header names {', '.join(table.columns)[:80]}; x, y and z are wanted",
+                where=table.where,
+                code="column-missing",
             )
-    except (ValueError, IndexError) as error:
-        raise InputError(f"cannot be read as x,y,z: {error}", where=where) from error
-    left_out = [name for i, name in enumerate(names) if i not in columns]
-    if not named and len(first) > 3:
-        left_out = [f"column {i + 1}" for i in range(3, len(first))]
-    return Mesh(points.reshape(-1, 3), left_out=tuple(left_out))
-
-
-def _is_number(text: str) -> bool:
-    try:
-        real(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _columns(names: list[str], units: str) -> tuple[int, ...]:
-    bare = [name.rpartition("_")[0] or name for name in names]
-    if not {"x", "y", "z"} <= set(bare):
-        raise ValueError(f"the header names {', '.join(names)}; x, y and z wanted")
-    said = {name[2:] for name in names if name[:2] in ("x_", "y_", "z_")}
-    if said & (METRES.keys() | {"px"}) - {units}:
-        raise ValueError(f"the header names {', '.join(names)}; {units} was given as their unit")
-    return tuple(bare.index(axis) for axis in "xyz")
+        columns.append(named[0])
+        unit = named[0].partition("_")[2]
+        if unit in (METRES.keys() | {"px"}) - {units}:
+            raise InputError(
+                f"the header names {named[0]}; {units} was given as the unit of its numbers",
+                where=table.where,
+                code="units-differ",
+            )
+    return tuple(columns)
 
 
 def refined(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import InputError
 from vfplan.fixture import Fixture, Pieces
-from vfplan.io.files import write_whole
+from vfplan.io.staging import write_whole
 
 MRK_SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/"

@@ -12,16 +12,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from vfplan.errors import InputError, SettingError, needing
-from vfplan.io.disk import write_together
+from vfplan.errors import InputError, SettingError, requires_extra
 from vfplan.io.files import opened_file
+from vfplan.io.staging import write_together
 
 KEY_FILE_BYTES = 1 << 20
 BEGIN, END = b"-----BEGIN PUBLIC KEY-----", b"-----END PUBLIC KEY-----"
 
 
 def _ed25519() -> tuple[Any, Any]:
-    with needing("signatures need the package cryptography", "sign"):
+    with requires_extra("signatures need the package cryptography", "sign"):
         from cryptography.hazmat.primitives import serialization
         from cryptography.hazmat.primitives.asymmetric import ed25519
     return ed25519, serialization

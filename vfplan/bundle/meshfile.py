@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError
-from vfplan.io.reading import require_short
+from vfplan.io.files import check_text_size
 
 HEADER_BYTES = 1 << 16
 TYPES = {
@@ -160,7 +160,7 @@ def _binary_elements(
 def _text_elements(
     data: bytes, at: int, elements: list[_Element], order: str
 ) -> dict[str, Columns]:
-    require_short(data)
+    check_text_size(data)
     wanted = sum(element.count for element in elements)
     found = sum(1 for line in io.BytesIO(data[at:]) if line.strip())
     if found != wanted:
@@ -223,7 +223,7 @@ def _stl(data: bytes) -> Mesh:
 
 def _text_corners(data: bytes) -> NDArray[np.float64]:
     """(K, 3, 3) corners of the facets of all solids."""
-    require_short(data)
+    check_text_size(data)
     numbers, at = array("d"), 0
     while solid := TEXT_SOLID.match(data, at):
         at = solid.end()

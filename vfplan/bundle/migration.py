@@ -13,9 +13,8 @@ from vfplan.bundle.schema import VERSION, Content, rows_by_path
 from vfplan.bundle.seal import HDF5_MAGIC, MAGIC, TAIL_MAGIC
 from vfplan.bundle.write import completed, write_content
 from vfplan.errors import BundleError, CorruptError, InputError, SettingError, UnsafeError
-from vfplan.io.apart import apart
-from vfplan.io.files import now_utc, opened_file
-from vfplan.io.reading import OneFile
+from vfplan.io.files import OpenedFile, now_utc, opened_file
+from vfplan.io.sandbox import run_in_sandbox
 
 HISTORY = "/provenance/history"
 JOB = "vfplan.bundle.oldformats:old_content"
@@ -72,9 +71,9 @@ def _refuse_current(path: Path) -> None:
 
 def _read_old(path: Path) -> tuple[dict[str, Any], Content]:
     """The head that `old_content` yields, and the content of an old bundle."""
-    file = OneFile(path)
+    file = OpenedFile(path)
     try:
-        answers = apart(JOB, file=file, where=str(path), kind=CorruptError)
+        answers = run_in_sandbox(JOB, file=file, where=str(path), kind=CorruptError)
         head = next(answers)
         content: Content = {}
         for name, value in head["values"].items():

@@ -2,7 +2,7 @@
 
 Version 0.1 had no seal; 1.0 and 1.1 had it in front of the HDF5 file. Their datasets are stored in
 chunks, which the reader of 2.0 does not know, so libhdf5 reads them. What somebody else wrote can
-crash it: `old_content` therefore runs in a process apart (`vfplan.io.apart`). Whatever it lets
+crash it: `old_content` therefore runs in a process apart (`vfplan.io.sandbox`). Whatever it lets
 through is judged once more by the reader of 2.0, when the new bundle is written.
 """
 

@@ -24,7 +24,8 @@ from vfplan.bundle.seal import (
 )
 from vfplan.errors import CheckFailed, SettingError
 from vfplan.fixture import Fixture
-from vfplan.io.files import now_utc, write_whole
+from vfplan.io.files import now_utc
+from vfplan.io.staging import write_whole
 
 
 def sign(

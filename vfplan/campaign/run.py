@@ -11,9 +11,9 @@ from typing import Any
 from vfplan.campaign.settings import BLOCK, CampaignSettings
 from vfplan.campaign.store import Store, parquet, question
 from vfplan.campaign.trial import Trials
-from vfplan.errors import InputError, SettingError, needing
+from vfplan.errors import InputError, SettingError, requires_extra
 from vfplan.fixture import Fixture
-from vfplan.io.workers import workers as processes
+from vfplan.io.processes import worker_processes as processes
 from vfplan.session import Session
 
 Rows = list[dict[str, Any]]
@@ -102,7 +102,7 @@ def _cluster(
     trials: Trials, missing: list[int], scheduler: str
 ) -> Iterator[Iterator[tuple[int, Rows]]]:
     """On a Dask cluster; a worker that dies has its blocks made by another."""
-    with needing("--scheduler needs dask", "campaign"):
+    with requires_extra("--scheduler needs dask", "campaign"):
         from distributed import Client, as_completed
     try:
         client = Client(scheduler, timeout="20s", set_as_default=False)

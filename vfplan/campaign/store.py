@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.campaign.settings import BLOCK, CampaignSettings
-from vfplan.errors import InputError, OutputError, needing
+from vfplan.errors import InputError, OutputError, requires_extra
 from vfplan.fixture import Fixture
-from vfplan.io.files import read_whole, write_whole
+from vfplan.io.files import read_whole
+from vfplan.io.staging import write_whole
 from vfplan.session import Session
 
 FORMAT, VERSION, QUESTION = "vfplan-campaign", "1.0", "campaign.json"
@@ -29,7 +30,7 @@ NUMBERS = ("depth_m", "point", "force_n", "force_step_n")
 
 def parquet() -> Any:
     """pyarrow.parquet, or the error that names the extra."""
-    with needing("campaigns need pyarrow", "campaign"):
+    with requires_extra("campaigns need pyarrow", "campaign"):
         import pyarrow.parquet
     return pyarrow.parquet
 

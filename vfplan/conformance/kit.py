@@ -13,7 +13,7 @@ from vfplan.bundle.write import to_payload
 from vfplan.conformance import vectors
 from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine
-from vfplan.io.disk import jsonable
+from vfplan.io.json_types import to_json_types
 
 SCENES = (
     "minimal",
@@ -47,7 +47,7 @@ def write_kit(folder: Path) -> int:
     for name, data in valid_files():
         path = folder / "valid" / f"{name}.h5"
         path.write_bytes(data)
-        _write_json(path.with_suffix(".json"), {"values": jsonable(read_bundle(path)[0])})
+        _write_json(path.with_suffix(".json"), {"values": to_json_types(read_bundle(path)[0])})
         count += 2
     for vector in vectors.VECTORS:
         path = folder / "invalid" / f"{vector.name}.h5"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vfplan.figures.outline import outline_beside
 from vfplan.figures.style import DPI, nice_below, on_slice
-from vfplan.io.files import write_whole
+from vfplan.io.staging import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
 
 if TYPE_CHECKING:

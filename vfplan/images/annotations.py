@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError
 from vfplan.images.dicom import dataset_of, in_memory, quiet
-from vfplan.io.apart import allow, apart
+from vfplan.io.sandbox import raise_limits, run_in_sandbox
 
 CORNER_PX = 0.5  # from a pixel's corner to its centre
 LINES = {"POLYLINE": False, "INTERPOLATED": True}  # and whether it is curved between its points
@@ -47,7 +47,7 @@ def read_annotations(data: bytes, where: str) -> list[Annotation]:
     """
     job, drawn = "vfplan.images.annotations:found_in", []
     with in_memory(data) as file:
-        found = apart(job, where, file=file, where=where, kind=CurveError)
+        found = run_in_sandbox(job, where, file=file, where=where, kind=CurveError)
         for head, values in zip(found, found, strict=True):
             kind = head.pop("kind")
             points = values[0] - CORNER_PX if kind == "line" else None
@@ -57,7 +57,7 @@ def read_annotations(data: bytes, where: str) -> list[Annotation]:
 
 def found_in(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple[NDArray]]:
     """What `read_annotations` returns, each as a head and its array; runs in a process apart."""
-    allow(2 * file.seek(0, os.SEEK_END), 0)
+    raise_limits(2 * file.seek(0, os.SEEK_END), 0)
     file.seek(0)
     with quiet(where):
         dataset = dataset_of(file, where)

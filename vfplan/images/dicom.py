@@ -20,9 +20,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import ImageError, MissingExtra, needing
+from vfplan.errors import ImageError, MissingExtra, requires_extra
 from vfplan.images.read import check_size, index_of
-from vfplan.io.apart import allow, apart
+from vfplan.io.sandbox import raise_limits, run_in_sandbox
 
 COLOUR = {"RGB", "PALETTE COLOR"}
 DECIMALS = 1e-3  # of a direction: what writing it in decimals may cost
@@ -61,7 +61,7 @@ def read_dicom(
     """
     job = "vfplan.images.dicom:decoded"
     with in_memory(data) as file:
-        found = apart(
+        found = run_in_sandbox(
             job, where, frame, imager_spacing, max_pixels, file=file, where=where, kind=ImageError
         )
         head = next(found)
@@ -83,7 +83,7 @@ def in_memory(data: bytes) -> BinaryIO:
     return file
 
 
-# What follows runs in a process apart (`vfplan.io.apart`).
+# What follows runs in a process apart (`vfplan.io.sandbox`).
 
 
 def prepare() -> None:
@@ -96,7 +96,7 @@ def decoded(
     file: BinaryIO, where: str, frame: int | None, imager_spacing: bool, max_pixels: int
 ) -> Iterator[dict[str, Any] | tuple[NDArray]]:
     """What `read_dicom` returns: shape, type, spacing and place, then rows of pixels."""
-    allow(2 * file.seek(0, os.SEEK_END), 0)
+    raise_limits(2 * file.seek(0, os.SEEK_END), 0)
     file.seek(0)
     with quiet(where):
         dataset = _image_of(file, where)
@@ -145,7 +145,7 @@ def silent() -> Iterator[None]:
 
 def dataset_of(file: BinaryIO, where: str) -> Any:
     """A DICOM file's data set, whatever it holds; raises `MissingExtra`."""
-    with needing("reading DICOM needs pydicom", "dicom", where):
+    with requires_extra("reading DICOM needs pydicom", "dicom", where):
         import pydicom
     return pydicom.dcmread(file)
 
@@ -166,7 +166,7 @@ def _pixels(dataset: Any, where: str, index: int, max_pixels: int) -> NDArray:
         raise ImageError(f"PhotometricInterpretation {kind!r} is not supported", where=where)
     check_size(int(dataset.Columns), int(dataset.Rows), where, max_pixels)
     pixels = int(dataset.Columns) * int(dataset.Rows)
-    allow(PIXEL_BYTES * pixels, pixels // PIXELS_A_SECOND)
+    raise_limits(PIXEL_BYTES * pixels, pixels // PIXELS_A_SECOND)
     bits = int(dataset.BitsAllocated)
     if bits not in (8, 16) and kind not in GREY:
         raise ImageError(f"has {bits} bits a sample; 8 or 16 are wanted", where=where)

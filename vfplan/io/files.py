@@ -1,44 +1,49 @@
-"""Files, read or written whole; numbers as text holds them, and the time.
+"""Read files from outside: regular files of a bounded size, whole or through one open descriptor.
 
-What comes from outside is a regular file of a bounded size; what is written is there whole, or not
-at all.
+Also strict decimal numbers as text holds them, and the time that outputs are stamped with.
 """
 
 from __future__ import annotations
 
-import errno
-import fcntl
+import io
 import math
 import os
 import re
 import stat
+import zlib
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
-from vfplan.errors import InputError, OutputError
+from vfplan.errors import InputError
 
-MOST_FILE = 1 << 30  # bytes
-EXISTS = "exists already; give --overwrite to replace it"
-# What a file system answers that has no hard links.
-NO_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL)
-HIDDEN = re.compile(r"\.vfplan-[0-9a-f]{16}\..+")  # the names that `beside` gives
+MAX_FILE_BYTES = 1 << 30
+"""Bytes of a file that is read whole, where the caller names no other limit."""
 
-# Digits, a point, an exponent: not the 1_000, 0x10, 1d3, nan or digits of other scripts that one
-# reader or another takes.
-_REAL = re.compile(r"[ \t]*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)[ \t]*")
+MAX_DECOMPRESSED_BYTES = 1 << 30
+"""Bytes that packed data may unpack to."""
+
+MAX_TEXT_BYTES = 1 << 28
+"""Bytes of a file of text. Parsing text takes several times its size in memory."""
+
+MAX_LINE_BYTES = 1 << 16
+"""Bytes of a line of text. No program that exports tables writes a longer one."""
+
+# Digits, a point, an exponent. Python and NumPy would also take 1_000, nan and digits of other
+# scripts, and other readers take 0x10 and 1d3.
+_DECIMAL = re.compile(r"[ \t]*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)[ \t]*")
 
 
 @contextmanager
-def at(where: object | None) -> Iterator[None]:
-    """Errors of input raised inside, if they name no place, name this one, if there is any."""
+def naming_place(where: object | None) -> Iterator[None]:
+    """Add a place to input errors that are raised inside and name none; `None` adds nothing."""
     try:
         yield
     except InputError as error:
-        if where is not None:
-            error.where = error.where or str(where)
+        if where is not None and not error.where:
+            error.where = str(where)
         raise
 
 
@@ -49,51 +54,196 @@ def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
     or it cannot be read.
     """
     try:
-        # Not to hang on a named pipe, which opens only when somebody writes to it.
+        # O_NONBLOCK: opening a named pipe would otherwise wait until somebody writes to it.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except FileNotFoundError:
-        raise kind("cannot be read: there is no such file", where=str(path)) from None
+        raise kind(
+            "cannot be read: there is no such file", where=str(path), code="file-missing"
+        ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise kind(f"cannot be read: {reason}", where=str(path)) from error
+        raise kind(f"cannot be read: {reason}", where=str(path), code="file-unreadable") from error
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
         os.close(descriptor)
         what = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
-        raise kind(f"cannot be read: it is {what}, not a file", where=str(path))
+        raise kind(f"cannot be read: it is {what}, not a file", where=str(path), code="not-a-file")
     return open(descriptor, "rb")
 
 
-def read_whole(path: Path, most: int, kind: type[InputError] = InputError) -> bytes:
-    """The bytes of a regular file of at most `most` bytes; raises as `opened_file` does."""
+def read_whole(path: Path, max_bytes: int, kind: type[InputError] = InputError) -> bytes:
+    """The bytes of a regular file of at most `max_bytes` bytes.
+
+    A file that is longer is refused before it is read. Raises as `opened_file` does.
+    """
     with opened_file(path, kind) as file:
         size = os.fstat(file.fileno()).st_size
-        data = b"" if size > most else file.read(most + 1)
-    if max(size, len(data)) > most:
-        raise kind(f"is longer than {most} bytes, the most read", where=str(path))
+        data = b""
+        if size <= max_bytes:
+            # One byte more, because the file may grow while it is read.
+            data = file.read(min(size, max_bytes) + 1)
+    if max(size, len(data)) > max_bytes:
+        raise kind(
+            f"is longer than {max_bytes} bytes, the most that is read",
+            where=str(path),
+            code="file-too-long",
+            numbers={"bytes": max(size, len(data)), "max_bytes": max_bytes},
+        )
     return data
 
 
 def read_bytes(
-    path: Path, most: int = MOST_FILE, kind: type[InputError] = InputError
+    path: Path, max_bytes: int = MAX_FILE_BYTES, kind: type[InputError] = InputError
 ) -> tuple[bytes, str]:
     """A file's bytes and their SHA-256; raises as `read_whole` does."""
-    with suppress(OSError):  # what is not there, `read_whole` names
-        most = min(most, path.stat().st_size + 1)  # a read takes room for all that it may get
-    data = read_whole(path, most, kind)
-    import hashlib  # here and not above: `vfplan COMMAND --help` needs none of it
+    data = read_whole(path, max_bytes, kind)
+    import hashlib  # Here and not above, because `vfplan COMMAND --help` needs none of it.
 
     return data, hashlib.sha256(data).hexdigest()
 
 
-def real(text: str) -> float:
+class OpenedFile:
+    """A regular file, opened once: if another file takes its name meanwhile, this one is read.
+
+    path, kind: as for `opened_file`, which raises
+    """
+
+    def __init__(self, path: Path, kind: type[InputError] = InputError) -> None:
+        with opened_file(path, kind) as file:
+            self.descriptor = os.dup(file.fileno())
+        self._kind = kind
+        self._where = str(path)
+        self._stamp = self._size_and_time()
+
+    def __del__(self) -> None:
+        if hasattr(self, "descriptor"):
+            os.close(self.descriptor)
+
+    def fileno(self) -> int:
+        """The descriptor, under the name that every Python file has for it."""
+        return self.descriptor
+
+    def view(self) -> BinaryIO:
+        """A stream over the whole file, with a position of its own."""
+        return stream_over(self.descriptor, self)
+
+    def sha256(self) -> str:
+        """SHA-256 of the file's bytes, hexadecimal."""
+        import hashlib  # Here and not above, because `vfplan COMMAND --help` needs none of it.
+
+        return hashlib.file_digest(self.view(), "sha256").hexdigest()
+
+    def require_unchanged(self) -> None:
+        """Refuse a file that was written to since it was opened: its digest would be wrong."""
+        if self._size_and_time() != self._stamp:
+            raise self._kind(
+                "was changed while it was read", where=self._where, code="file-changed"
+            )
+
+    def _size_and_time(self) -> tuple[int, int]:
+        status = os.fstat(self.descriptor)
+        return status.st_size, status.st_mtime_ns
+
+
+def stream_over(descriptor: int, owner: object = None) -> BinaryIO:
+    """A stream with a position of its own in an open file.
+
+    owner: the object that closes the descriptor; the stream keeps it alive
+    """
+    return cast("BinaryIO", io.BufferedReader(_View(descriptor, owner), 1 << 16))
+
+
+class _View(io.RawIOBase):
+    name = ""  # Libraries ask an open file for its name.
+
+    def __init__(self, descriptor: int, owner: object) -> None:
+        self._descriptor = descriptor
+        self._owner = owner
+        self._position = 0
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: memoryview) -> int:
+        count = os.preadv(self._descriptor, [buffer], self._position)
+        self._position += count
+        return count
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        size = os.fstat(self._descriptor).st_size
+        origins = {os.SEEK_SET: 0, os.SEEK_CUR: self._position, os.SEEK_END: size}
+        self._position = offset + origins[whence]
+        return self._position
+
+    def tell(self) -> int:
+        return self._position
+
+
+def decompress(
+    data: bytes, kind: str, where: str, max_bytes: int = MAX_DECOMPRESSED_BYTES
+) -> bytes:
+    """What "gzip" or "bzip2" bytes hold, never more than `max_bytes`.
+
+    Raises InputError: the data are damaged, cut short, or hold more
+    """
+    try:
+        if kind == "gzip":
+            decompressor = zlib.decompressobj(wbits=zlib.MAX_WBITS | 32)
+        else:
+            import bz2
+
+            decompressor = bz2.BZ2Decompressor()
+        content = decompressor.decompress(data, max_bytes + 1)
+    except (zlib.error, OSError, ValueError):
+        raise InputError(
+            f"its {kind} data are damaged", where=where, code="compressed-data-damaged"
+        ) from None
+    if len(content) > max_bytes:
+        raise InputError(
+            f"unpacks to more than {max_bytes} bytes",
+            where=where,
+            code="unpacks-too-large",
+            numbers={"max_bytes": max_bytes},
+        )
+    if not decompressor.eof:
+        raise InputError(f"its {kind} data are cut short", where=where, code="compressed-data-cut")
+    return content
+
+
+def first_decompressed(data: bytes, count: int = 540) -> bytes:
+    """The first bytes that gzip data hold; fewer where the data are damaged."""
+    try:
+        return zlib.decompressobj(wbits=zlib.MAX_WBITS | 32).decompress(data, count)
+    except zlib.error:
+        return b""
+
+
+def check_text_size(data: bytes) -> None:
+    """Raise `ValueError` for text that is too long or has too long a line."""
+    if len(data) > MAX_TEXT_BYTES:
+        raise ValueError(f"{len(data)} bytes of text; at most {MAX_TEXT_BYTES} are read")
+    start = 0
+    while len(data) - start > MAX_LINE_BYTES:
+        # The last line break within the next longest line; the search goes on behind it.
+        end = data.rfind(b"\n", start, start + MAX_LINE_BYTES)
+        if end < 0:
+            raise ValueError(f"the line at byte {start} is longer than {MAX_LINE_BYTES} bytes")
+        start = end + 1
+
+
+def parse_decimal(text: str) -> float:
     """A decimal number, blanks around it allowed; raises `ValueError` for anything else.
 
-    What is beyond the largest float64, 1.8e308, is no number either.
+    A number beyond the largest float64, 1.8e308, is refused as well.
     """
-    match = _REAL.fullmatch(text)
+    match = _DECIMAL.fullmatch(text)
     if match is None:
-        raise ValueError(f"{text[:40]!r} is no number" if text.strip() else "a number is missing")
+        if not text.strip():
+            raise ValueError("a number is missing")
+        raise ValueError(f"{text[:40]!r} is no number")
     value = float(match[1])
     if math.isinf(value):
         raise ValueError(f"{text[:40]!r} is larger than a float64 holds, 1.8e308")
@@ -101,9 +251,11 @@ def real(text: str) -> float:
 
 
 def now_utc() -> str:
-    """Now, or what SOURCE_DATE_EPOCH says (reproducible-builds.org), as ISO 8601 in whole seconds.
+    """The time as ISO 8601 in whole seconds.
 
-    Raises `InputError` where SOURCE_DATE_EPOCH is no time.
+    The environment's SOURCE_DATE_EPOCH (reproducible-builds.org) takes the place of the clock.
+
+    Raises InputError: SOURCE_DATE_EPOCH is no time
     """
     epoch = os.environ.get("SOURCE_DATE_EPOCH")
     if epoch is None:
@@ -112,134 +264,7 @@ def now_utc() -> str:
         moment = datetime.fromtimestamp(int(epoch), UTC)
     else:
         raise InputError(
-            f"the environment's SOURCE_DATE_EPOCH is {epoch!r}; whole seconds since 1970 are wanted"
+            f"the environment's SOURCE_DATE_EPOCH is {epoch!r}; give whole seconds since 1970",
+            code="epoch-invalid",
         )
     return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
-
-
-@contextmanager
-def working_in(folder: Path) -> Iterator[None]:
-    """Mark a folder as one that is being written to, and first take away what a kill left there.
-
-    Every writer holds a shared lock on the folder while it has hidden files there. Whoever gets
-    the lock alone knows that the hidden files of its user have lost their writer. Where a file
-    system has no locks, or somebody else keeps the folder locked, nothing is taken away.
-    """
-    try:
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError:  # the writer that follows says what is wrong
-        yield
-        return
-    try:
-        with suppress(OSError):
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            _sweep(folder)
-        with suppress(OSError):
-            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        yield
-    finally:
-        os.close(descriptor)
-
-
-def _sweep(folder: Path) -> None:
-    for entry in os.scandir(folder):
-        if not HIDDEN.fullmatch(entry.name):
-            continue
-        found = entry.stat(follow_symlinks=False)
-        if found.st_uid == os.geteuid() and stat.S_ISREG(found.st_mode):
-            os.unlink(entry.path)
-
-
-def create(path: Path, mode: int = 0o666) -> BinaryIO:
-    """A new file, open for writing and reading; raises `OSError`, also where a link has its name.
-
-    O_EXCL: in a folder that others may write to, nothing is written through a link of theirs.
-    """
-    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
-    return open(os.open(path, flags, mode), "w+b")
-
-
-def write_whole(path: Path, parts: list[bytes], *, overwrite: bool, mode: int = 0o666) -> None:
-    """Write a file so that, whatever happens, the old one or the new one is there, whole.
-
-    A temporary file in the same folder, fsync, rename, fsync of the folder. Without `overwrite` no
-    file is ever replaced, not even one that appears meanwhile.
-
-    Raises OutputError: the path exists and `overwrite` is false, is a directory, or cannot be
-        written
-    """
-    with whole_file(Path(path), overwrite=overwrite, mode=mode) as file:
-        file.writelines(parts)
-        file.seek(0)
-        if any(file.read(len(part)) != part for part in parts):
-            raise OSError(errno.EIO, "it reads back otherwise than it was written")
-
-
-@contextmanager
-def whole_file(path: Path, *, overwrite: bool, mode: int = 0o666) -> Iterator[BinaryIO]:
-    """A file to fill that gets its name when the block ends well, and else is taken away.
-
-    What `write_whole` says of files holds; raises as it does.
-    """
-    temporary = beside(path, "tmp")
-    try:
-        if path.is_dir():
-            raise OutputError("is a directory; a file is wanted", where=str(path))
-        if path.exists() and not overwrite:
-            raise OutputError(EXISTS, where=str(path))
-        with working_in(path.parent), ExitStack() as left:
-            with create(temporary, mode) as file:
-                left.callback(remove_quietly, temporary)
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
-            put_in_place(temporary, path, overwrite=overwrite)
-            if not overwrite:
-                left.callback(path.unlink, missing_ok=True)
-            sync(path.parent)
-            left.pop_all()
-    except OSError as error:
-        raise OutputError(f"cannot be written: {error.strerror}", where=str(path)) from error
-
-
-def sync(path: Path, flags: int = os.O_DIRECTORY) -> None:
-    """Wait until a folder's names, or a file's bytes, are on the disk; raises `OSError`."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | flags)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def beside(path: Path, suffix: str) -> Path:
-    """A hidden name in the same folder, that no file has."""
-    return path.with_name(f".vfplan-{os.urandom(8).hex()}.{suffix}")  # never too long a name
-
-
-def remove_quietly(path: Path) -> None:
-    """Take a file away, if it is there and can be; an error before this one says more."""
-    with suppress(OSError):
-        path.unlink(missing_ok=True)
-
-
-def put_in_place(temporary: Path, target: Path, *, overwrite: bool) -> None:
-    """Rename; without `overwrite` in one step with the question whether the name is free."""
-    if overwrite:
-        os.replace(temporary, target)
-        return
-    try:
-        try:
-            os.link(temporary, target)  # unlike a rename, never replaces
-        except OSError as error:
-            if error.errno not in NO_LINKS:
-                raise
-            os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC))
-            try:
-                os.replace(temporary, target)
-            except OSError:
-                os.unlink(target)
-                raise
-            return
-    except FileExistsError:
-        raise OutputError(EXISTS, where=str(target)) from None
-    os.unlink(temporary)

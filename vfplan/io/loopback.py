@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from vfplan.errors import OutputError, needing
+from vfplan.errors import OutputError, requires_extra
 
 OPEN_TIMEOUT_S = 2.0
 """Seconds after which a connection that asks for nothing is closed; browsers open such ones."""
@@ -51,7 +51,7 @@ class Loopback:
         talk: Callable[[Any], None],
         max_message_bytes: int = 2**20,
     ) -> None:
-        with needing("the page needs the package websockets", "live"):
+        with requires_extra("the page needs the package websockets", "live"):
             from websockets.sync.server import serve
         try:
             listening = socket.create_server(("127.0.0.1", port))

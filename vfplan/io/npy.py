@@ -1,4 +1,4 @@
-"""The headers of `.npy` files, whose makers are not known."""
+"""Headers of `.npy` files, read with a limit on their length."""
 
 from __future__ import annotations
 
@@ -7,24 +7,32 @@ from typing import IO
 
 import numpy as np
 
-MOST_HEADER = 10_000  # bytes, as NumPy has it
+MAX_HEADER_BYTES = 10_000
+"""NumPy's own limit (`numpy.lib.format`, `max_header_size`)."""
 
 
 def npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
-    """Shape, whether by columns, and type of the array in a .npy file, left where its data begin.
+    """Shape, whether stored by columns, and type of the array in a `.npy` file.
 
-    Raises `ValueError`, in one line: it has no such header, or a long one.
+    The stream is left where the array's data begin. Raises `ValueError`, in one line, for a header
+    that is none or too long.
     """
     version = np.lib.format.read_magic(stream)
-    if version not in ((1, 0), (2, 0)):
-        raise ValueError(f".npy version {version}; 1.0 or 2.0 wanted")
-    size = stream.read(2 * version[0])
+    if version == (1, 0):
+        size_bytes = 2
+        read_header = np.lib.format.read_array_header_1_0
+    elif version == (2, 0):
+        size_bytes = 4
+        read_header = np.lib.format.read_array_header_2_0
+    else:
+        raise ValueError(f".npy version {version}; 1.0 and 2.0 are read")
+    size = stream.read(size_bytes)
     length = int.from_bytes(size, "little")
-    if length > MOST_HEADER:
-        raise ValueError(f"the header is longer than {MOST_HEADER} bytes")
-    reads = (np.lib.format.read_array_header_1_0, np.lib.format.read_array_header_2_0)
+    if length > MAX_HEADER_BYTES:
+        raise ValueError(f"the header is longer than {MAX_HEADER_BYTES} bytes")
     header = io.BytesIO(size + stream.read(length))
     try:
-        return reads[version[0] - 1](header)
-    except Exception as error:  # NumPy parses it as Python
-        raise ValueError(f"the header is none: {str(error)[:80].partition(chr(10))[0]}") from None
+        return read_header(header)
+    except Exception as error:  # NumPy parses the header as Python source.
+        first_line = str(error)[:80].partition("\n")[0]
+        raise ValueError(f"the header is none: {first_line}") from None

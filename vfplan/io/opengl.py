@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from vfplan.errors import MissingExtra
-from vfplan.io.apart import isolated
+from vfplan.io.sandbox import isolated_python
 
 # What VTK may render into without a screen, and the Debian package each one needs.
 WINDOWS = {"vtkOSOpenGLRenderWindow": "libosmesa6", "vtkEGLRenderWindow": "libegl1"}
@@ -43,7 +43,7 @@ def _fault(window: str | None) -> str:
     """
     try:
         done = subprocess.run(
-            isolated(_PROBE.format(off=window is not None)),
+            isolated_python(_PROBE.format(off=window is not None)),
             capture_output=True,
             text=True,
             errors="replace",

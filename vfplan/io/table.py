@@ -1,4 +1,7 @@
-"""The one strict reader of small tables as text: header, cells and numbers, each error by its line.
+"""The one strict reader of CSV tables: header, cells and numbers; each error names its line.
+
+`read_table` reads a small table whole, as text. `open_number_table` reads a table of numbers of any
+length block by block.
 
 Columns are separated by commas, semicolons or tabs, whichever the header line holds. Between
 semicolons or tabs, numbers may have a decimal comma, as spreadsheets in most of Europe write them.
@@ -9,16 +12,32 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
 
 from vfplan.errors import InputError
-from vfplan.io.files import read_bytes, real
+from vfplan.io.files import MAX_LINE_BYTES, parse_decimal, read_bytes
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
-# Pixels or metres: nothing real is larger, and squares of more overflow in the end.
 MAX_NUMBER = 1e9
+"""Largest number in a small table [px or m]. Nothing real is larger, and its square is finite."""
+
+MAX_COLUMNS = 1000
+"""Columns of a table of numbers. Loggers write some tens."""
+
+BLOCK_BYTES = 1 << 21
+"""Bytes that are parsed at a time, about 40,000 lines of a session."""
+
+# Bytes of a block that NumPy's parser and `parse_decimal` read alike. Both also take nan and inf,
+# which the callers refuse.
+_PLAIN_BYTES = b"0123456789+-.eE \t\nnaifNAIF"
 
 
 @dataclass(frozen=True)
@@ -110,15 +129,10 @@ def parse_table(text: str, where: str, kind: type[InputError]) -> Table:
     """
     lines = text.splitlines()
     header_line = next((line for line in lines if line.strip()), "")
-    present = [separator for separator in SEPARATORS if separator in header_line]
-    if len(present) > 1:
-        names = " and ".join(SEPARATORS[separator] for separator in present)
-        raise kind(
-            f"the header holds {names}, {header_line[:80]!r}; separate the columns by one of them",
-            where=f"{where}, line {lines.index(header_line) + 1}",
-            code="separator-ambiguous",
-        )
-    separator = present[0] if present else ","
+    separator = ","
+    if header_line:
+        place = f"{where}, line {lines.index(header_line) + 1}"
+        separator = _separator_of(header_line, place, kind)
     rows = split_rows(text, where, kind, separator)
     if not rows:
         raise kind("is empty; a table with a header is wanted", where=where, code="table-empty")
@@ -149,6 +163,20 @@ def parse_table(text: str, where: str, kind: type[InputError]) -> Table:
     return Table(header, first_line, tuple(table_rows), separator, where, kind)
 
 
+def _separator_of(header_line: str, place: str, kind: type[InputError]) -> str:
+    present = [separator for separator in SEPARATORS if separator in header_line]
+    if len(present) > 1:
+        names = " and ".join(SEPARATORS[separator] for separator in present)
+        raise kind(
+            f"the header holds {names}, {header_line[:80]!r}; separate the columns by one of them",
+            where=place,
+            code="separator-ambiguous",
+        )
+    if present:
+        return present[0]
+    return ","
+
+
 def split_rows(
     text: str, where: str, kind: type[InputError], separator: str = ","
 ) -> list[tuple[int, list[str]]]:
@@ -176,17 +204,21 @@ def parse_number(value: object, what: str, where: str, kind: type[InputError]) -
     Raises the kind of error given, which says what stands there instead
     """
     try:
-        if isinstance(value, bool):  # which Python takes for 0 or 1
+        if isinstance(value, bool):  # Python takes True for 1.
             raise ValueError
-        number = real(value) if isinstance(value, str) else float(value)  # type: ignore[arg-type]
+        if isinstance(value, str):
+            number = parse_decimal(value)
+        else:
+            number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
-        shown, plain = f"{value!r}"[:60], str(value).strip().lower().lstrip("+-")
-        wanted = "a finite number" if plain in ("nan", "inf", "infinity") else "a number"
+        number = None
+    if number is None or not math.isfinite(number):
+        wanted = "a number"
+        if str(value).strip().lower().lstrip("+-") in ("nan", "inf", "infinity"):
+            wanted = "a finite number"
         raise kind(
-            f"{what} is {shown}; {wanted} is wanted", where=where, code="no-number"
-        ) from None
-    if not math.isfinite(number):
-        raise kind(f"{what} is {value!r}; a finite number is wanted", where=where, code="no-number")
+            f"{what} is {repr(value)[:60]}; {wanted} is wanted", where=where, code="no-number"
+        )
     if abs(number) > MAX_NUMBER:
         raise kind(
             f"{what} is {value!r}; at most {MAX_NUMBER:g} is allowed",
@@ -194,3 +226,208 @@ def parse_number(value: object, what: str, where: str, kind: type[InputError]) -
             code="number-too-large",
         )
     return number
+
+
+@dataclass(frozen=True)
+class NumberTable:
+    """A table of numbers that is read block by block, each time `blocks` is called."""
+
+    # Opens the file at its first byte.
+    open_stream: Callable[[], BinaryIO]
+    # The file, for messages, and the class of its errors.
+    where: str
+    kind: type[InputError]
+    # Column names in lower case, without surrounding blanks.
+    columns: tuple[str, ...]
+    separator: str
+    # Lines above the first row of numbers.
+    header_lines: int
+
+    def blocks(self, columns: tuple[str, ...]) -> Iterator[NDArray[np.float64]]:
+        """Yield some rows at a time, (n, len(columns)).
+
+        Raises the table's kind of error: a line too long, another number of cells than columns, a
+            cell that is no number, a decimal comma in one place and a decimal point in another
+        """
+        indices = [self.columns.index(column) for column in columns]
+        parser = _BlockParser(self)
+        with self.open_stream() as stream:
+            for _ in range(self.header_lines):
+                stream.readline(MAX_LINE_BYTES + 1)
+            line = self.header_lines + 1
+            rest = b""
+            while True:
+                piece = stream.read(BLOCK_BYTES)
+                if not piece:
+                    break
+                complete, newline, rest = (rest + piece).rpartition(b"\n")
+                if newline:
+                    yield parser.parse(complete, line)[:, indices]
+                    line += complete.count(b"\n") + 1
+                if len(rest) > MAX_LINE_BYTES:
+                    raise self.kind(
+                        f"the line is longer than {MAX_LINE_BYTES} bytes",
+                        where=f"{self.where}, line {line}",
+                        code="line-too-long",
+                    )
+            if rest.strip():
+                yield parser.parse(rest, line)[:, indices]
+
+
+def open_number_table(
+    open_stream: Callable[[], BinaryIO],
+    where: str,
+    kind: type[InputError],
+    wanted: tuple[str, ...] = (),
+    *,
+    header_optional: bool = False,
+) -> NumberTable:
+    """A table of numbers, of which the header has been read and checked.
+
+    Parameters
+    ----------
+    open_stream
+        Opens the file, UTF-8 text, at its first byte; called once here and once a reading.
+    where, kind
+        The file for messages, and the class of its errors.
+    wanted
+        Names of columns, in lower case, that the header must hold once each.
+    header_optional
+        A first line that begins with a number is taken for a row. The columns are then named
+        "column 1", "column 2" and so on.
+
+    Raises
+    ------
+    InputError
+        One of the `kind` given: an empty file, a first line that is too long, no text, or holds two
+        kinds of separators, too many columns, a wanted column that is missing or there twice.
+    """
+    listed = ", ".join(wanted)
+    with open_stream() as stream:
+        first = stream.readline(MAX_LINE_BYTES + 1)
+        line = 1
+        while first and not first.strip():
+            first = stream.readline(MAX_LINE_BYTES + 1)
+            line += 1
+    place = f"{where}, line {line}"
+    if not first:
+        raise kind(
+            f"is empty; a table with a header {listed} is wanted".replace("  ", " "),
+            where=where,
+            code="table-empty",
+        )
+    if len(first) > MAX_LINE_BYTES:
+        raise kind(
+            f"the line is longer than {MAX_LINE_BYTES} bytes", where=place, code="line-too-long"
+        )
+    try:
+        header = first.decode("utf-8-sig").strip("\r\n")
+    except UnicodeDecodeError:
+        raise kind(
+            "is not UTF-8 text; save it as CSV UTF-8", where=where, code="not-text"
+        ) from None
+    separator = _separator_of(header, place, kind)
+    columns = [name.strip().lower() for name in header.split(separator)]
+    if len(columns) > MAX_COLUMNS:
+        raise kind(
+            f"has {len(columns)} columns; at most {MAX_COLUMNS} are read",
+            where=where,
+            code="too-many-columns",
+            numbers={"columns": len(columns)},
+        )
+    header_lines = line
+    if header_optional and _is_number(columns[0]):
+        columns = [f"column {i + 1}" for i in range(len(columns))]
+        header_lines = line - 1
+    for column in wanted:
+        count = columns.count(column)
+        if count == 0:
+            raise kind(
+                f"column {column!r} is missing from the header {header[:70]!r}; wanted: {listed}",
+                where=place,
+                code="column-missing",
+            )
+        if count > 1:
+            raise kind(
+                f"column {column!r} occurs {count} times; it is wanted once",
+                where=place,
+                code="column-doubled",
+            )
+    return NumberTable(open_stream, where, kind, tuple(columns), separator, header_lines)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        parse_decimal(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+class _BlockParser:
+    """Parses the blocks of one table, and remembers which decimal mark they have used so far."""
+
+    def __init__(self, table: NumberTable) -> None:
+        self._table = table
+        self._plain = _PLAIN_BYTES + b"," + table.separator.encode()
+        self._marks: set[bytes] = set()
+
+    def parse(self, text: bytes, line: int) -> NDArray[np.float64]:
+        """(n, columns) numbers of lines, the first of which has the number `line`."""
+        import numpy as np  # Here and not above, because other tables need none of it.
+
+        # A carriage return that stands elsewhere than before a newline makes its line a bad one.
+        body = (text + b"\n").replace(b"\r\n", b"\n").rstrip(b"\n")
+        if self._table.separator != ",":
+            body = self._with_decimal_points(body, line)
+        if body and not body.translate(None, self._plain):
+            try:
+                values = np.loadtxt(
+                    io.BytesIO(body), delimiter=self._table.separator, comments=None, ndmin=2
+                )
+            except ValueError:
+                pass
+            else:
+                if values.shape[1] == len(self._table.columns):
+                    return values
+        # Parse line by line: slower, passes over blank lines, and names the first bad line.
+        rows = []
+        for number, raw in enumerate(body.split(b"\n"), start=line):
+            row = raw.decode("utf-8", "replace")
+            if row.strip():
+                rows.append(self._parse_line(row, number))
+        return np.array(rows, dtype=np.float64).reshape(-1, len(self._table.columns))
+
+    def _with_decimal_points(self, body: bytes, line: int) -> bytes:
+        for mark in (b",", b"."):
+            if mark in body:
+                self._marks.add(mark)
+        if len(self._marks) == 2:
+            raise self._table.kind(
+                "decimal commas and decimal points in one table: 1,234 may be 1.234 or 1234. Write "
+                "all numbers alike",
+                where=f"{self._table.where}, from line {line} on",
+                code="decimal-ambiguous",
+            )
+        return body.replace(b",", b".")
+
+    def _parse_line(self, text: str, line: int) -> list[float]:
+        table = self._table
+        place = f"{table.where}, line {line}"
+        cells = text.split(table.separator)
+        if len(cells) != len(table.columns):
+            raise table.kind(
+                f"{len(cells)} cells; the header names {len(table.columns)} columns",
+                where=place,
+                code="row-length",
+                numbers={"cells": len(cells), "columns": len(table.columns)},
+            )
+        row = []
+        for column, cell in zip(table.columns, cells, strict=True):
+            try:
+                row.append(parse_decimal(cell))
+            except ValueError as error:
+                raise table.kind(
+                    f"column {column!r}: {error}", where=place, code="no-number"
+                ) from None
+        return row

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vfplan.errors import CheckFailed, CurveError, MarkerError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture
-from vfplan.io.files import at
+from vfplan.io.files import naming_place
 from vfplan.planning.settings import FixtureSettings
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def match(
 @contextmanager
 def _naming(where: object) -> Iterator[None]:
     """Refusals raised inside name the marker files, where they name no place."""
-    with at(where):
+    with naming_place(where):
         try:
             yield
         except CheckFailed as error:

@@ -11,7 +11,7 @@ import numpy as np
 from vfplan.errors import MarkerError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture
-from vfplan.io.files import at
+from vfplan.io.files import naming_place
 from vfplan.io.table import read_table
 from vfplan.registration import Registration
 
@@ -45,7 +45,7 @@ def touch(
     if not 0 <= tip_radius < 0.05:
         raise SettingError(f"tip radius {1e3 * tip_radius:g} mm; 0 to 50 mm are allowed")
     points, sha256 = read_touched(path)
-    with at(path):
+    with naming_place(path):
         found = refine_by_touch(registration, points, curve.points, curve.mesh, tip_radius)
     moved = np.linalg.norm(
         found.registration.apply(curve.points) - registration.apply(curve.points), axis=1

@@ -14,12 +14,12 @@ from vfplan.engine.renderable import best_rule, check_renderable
 from vfplan.engine.ticks import Status, Trace
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.io.files import at
+from vfplan.io.files import naming_place
 from vfplan.replaying.engines import make_engine
 from vfplan.replaying.quantities import WithPrevious, dots
 from vfplan.session.events import Event, read_events
 from vfplan.session.poses import Poses, read_poses
-from vfplan.session.result import joined
+from vfplan.session.result import concatenate_ticks
 
 NOWHERE_M = 1e3  # where a fixture without a pose is for the metrics: out of reach of any tool
 
@@ -87,7 +87,7 @@ class ChangingFixture:
             start = end
         traces, micros, frames = zip(*parts, strict=True)
         self._frames = np.concatenate(frames)
-        return joined(traces), np.concatenate(micros)
+        return concatenate_ticks(traces), np.concatenate(micros)
 
     def _begin_tick(self, t: float) -> None:
         """All that the tick at `t` begins with."""
@@ -101,7 +101,7 @@ class ChangingFixture:
             if self._posed % 32 == 0:  # of many before the first tick; the frame holds 64
                 self._frame.native.at(t)
         while self._done < len(self._events) and self._events[self._done].tick <= self._tick:
-            with at(self._where(self._done)):
+            with naming_place(self._where(self._done)):
                 self._apply(self._events[self._done], self._others[self._done])
             self._done += 1
 
@@ -130,7 +130,7 @@ class ChangingFixture:
         given = self._events[i].fixture
         if given is None:
             return None
-        with at(self._where(i)):
+        with naming_place(self._where(i)):
             if not isinstance(given, Fixture):
                 from vfplan.bundle import read_fixture
 

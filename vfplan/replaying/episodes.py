@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.fixture import Fixture
-from vfplan.io.disk import jsonable
+from vfplan.io.json_types import to_json_types
 from vfplan.replaying.quantities import PEAKS, SUMS, Steps, flattened
 
 Array = NDArray[np.float64]
@@ -98,7 +98,7 @@ class Episodes:
                 "end": run["leave"],
             }
             data |= {f"{name}_along": ruler.locate(place) for name, place in places.items()}
-        return jsonable(data)
+        return to_json_types(data)
 
     def _close(self) -> None:
         """Put the last episode to the others; it is not joined any more."""

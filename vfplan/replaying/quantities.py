@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.session import TickBlock
-from vfplan.session.result import joined
+from vfplan.session.result import concatenate_ticks
 
 Array = NDArray[np.float64]
 
@@ -178,7 +178,7 @@ class PairedTicks:
         """The ticks whose successor is now known; `None` while there are none."""
         hand = block.hip if hand is None else hand
         if self._carry is not None:
-            block = joined([self._carry[0], block])
+            block = concatenate_ticks([self._carry[0], block])
             hand = np.concatenate((self._carry[1], hand))
         self._carry = block[-1:], hand[-1:]
         if len(block) < 2:
@@ -189,7 +189,7 @@ class PairedTicks:
         """The last tick: its differences are zero."""
         assert self._carry is not None, "finish() before any block"
         block, hand = self._carry
-        return self._steps(joined([block, block]), np.concatenate((hand, hand)))
+        return self._steps(concatenate_ticks([block, block]), np.concatenate((hand, hand)))
 
     def _steps(self, block: TickBlock, hand: Array) -> Steps:
         changes = (np.diff(rows, axis=0) for rows in (block.time, hand, block.hip, block.force))

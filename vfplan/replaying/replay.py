@@ -12,7 +12,7 @@ from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.renderable import best_rule
 from vfplan.errors import SessionError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.io.files import at
+from vfplan.io.files import naming_place
 from vfplan.replaying.changing import ChangingFixture
 from vfplan.replaying.compare import Comparison
 from vfplan.replaying.engines import RULES
@@ -23,8 +23,8 @@ from vfplan.replaying.link import Link
 from vfplan.replaying.recording import SamplingReport
 from vfplan.replaying.run import EngineRun
 from vfplan.robot import Robot
-from vfplan.session import Source, TickBlock, open_session
-from vfplan.session.events import Event, as_taken
+from vfplan.session import SessionSource, TickBlock, open_session
+from vfplan.session.events import Event, as_the_loop_saw
 from vfplan.session.poses import Poses
 
 Sink = Callable[[str, TickBlock], None]
@@ -87,7 +87,7 @@ def result_record(metrics: dict[str, Any]) -> dict[str, Any]:
 
 def replay(
     fixture: Fixture | str | Path,
-    session: Source | str | Path,
+    session: SessionSource | str | Path,
     *,
     rule: str | None = None,
     engine: str = "native",
@@ -146,10 +146,10 @@ def replay(
         A fixture that cannot be replayed, an unknown rule or engine, a bad bundle.
     """
     started = clock.perf_counter()
-    naming_fixture = at(None if isinstance(fixture, Fixture) else fixture)
+    naming_fixture = naming_place(None if isinstance(fixture, Fixture) else fixture)
     fixture, record = _load_fixture(fixture, trust)
     if isinstance(session, (str, Path)):
-        poses, events = as_taken(session, poses, events)
+        poses, events = as_the_loop_saw(session, poses, events)
         session = open_session(session)
     _require_same_frame(fixture, session)
     if link is not None and not link.faulty:
@@ -209,7 +209,7 @@ def _load_fixture(fixture: Fixture | str | Path, trust: Any) -> tuple[Fixture, d
     return loaded, {"fixture": record}
 
 
-def _require_same_frame(fixture: Fixture, session: Source) -> None:
+def _require_same_frame(fixture: Fixture, session: SessionSource) -> None:
     if session.frame != fixture.frame:
         raise SessionError(
             f"positions in frame {session.frame!r}, the fixture in {fixture.frame!r}; "
@@ -239,7 +239,7 @@ def _refuse_beside_changes(rules: tuple[str, ...], engine: str, link: Link | Non
         )
 
 
-def _session_report(session: Source, recording: SamplingReport) -> dict[str, Any]:
+def _session_report(session: SessionSource, recording: SamplingReport) -> dict[str, Any]:
     report = {"name": session.name, "frame": session.frame, **session.notes, **recording.report()}
     if session.sha256 is not None:
         report["sha256"] = session.sha256

@@ -20,7 +20,7 @@ from vfplan.replaying.thinning import ThinnedTicks
 from vfplan.replaying.timing import StepTimes
 from vfplan.robot import Robot
 from vfplan.session import TickBlock
-from vfplan.session.result import joined, picked
+from vfplan.session.result import concatenate_ticks, select_ticks
 
 Array = NDArray[np.float64]
 
@@ -102,10 +102,10 @@ class EngineRun:
         if self._last_packet is not None:
             # A tick before this block's first packet has row -1: the last row, which is appended.
             hip = np.concatenate((hip, self._last_packet[0]))
-            trace = joined([trace, self._last_packet[1]])
+            trace = concatenate_ticks([trace, self._last_packet[1]])
         last = len(arrived.hip) - 1 if len(arrived.hip) else -1
-        self._last_packet = hip[[last]], picked(trace, np.array([last]))
-        return hip[arrived.row], picked(trace, arrived.row)
+        self._last_packet = hip[[last]], select_ticks(trace, np.array([last]))
+        return hip[arrived.row], select_ticks(trace, arrived.row)
 
     def _run(self, hip: Array) -> Trace:
         """The engine's answers, with the forces that a governor lets through."""

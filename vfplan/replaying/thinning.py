@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from vfplan.replaying.quantities import CONTACT_M
 from vfplan.session import TickBlock
-from vfplan.session.result import TABLE, joined
+from vfplan.session.result import TABLE, concatenate_ticks
 
 _NONE = TickBlock(*(np.empty((0, *columns), kind) for columns, kind, _ in TABLE.values()))
 
@@ -36,7 +36,7 @@ class ThinnedTicks:
     def ticks(self) -> TickBlock:
         """What was kept, in order."""
         if len(self._blocks) > 1:
-            self._blocks = [joined(self._blocks)]
+            self._blocks = [concatenate_ticks(self._blocks)]
         return self._blocks[0]
 
 

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from vfplan.figures.depth import depth_plot, slice_depth
 from vfplan.figures.replay import MARK_HZ, scene, timeline
 from vfplan.figures.style import png_bytes
-from vfplan.io.disk import made_folder
-from vfplan.io.files import now_utc, write_whole
+from vfplan.io.files import now_utc
+from vfplan.io.staging import made_folder, write_whole
 from vfplan.palette import DARK, LIGHT
 from vfplan.replaying import Replay
 from vfplan.replaying.limits import has_touched

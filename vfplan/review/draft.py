@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from vfplan.errors import InputError, SettingError
-from vfplan.io.files import read_whole, write_whole
+from vfplan.io.files import read_whole
+from vfplan.io.staging import write_whole
 from vfplan.review.session import Session
 
 FORMAT = "vfplan-draft"

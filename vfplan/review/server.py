@@ -25,7 +25,7 @@ import numpy as np
 
 from vfplan.errors import SettingError, VfplanError
 from vfplan.fixture import Fixture
-from vfplan.io.disk import jsonable
+from vfplan.io.json_types import to_json_types
 from vfplan.io.loopback import Loopback, reply
 from vfplan.palette import DARK, LIGHT
 from vfplan.review.draft import Draft
@@ -246,12 +246,12 @@ class ReviewServer:
         session = self._session
         state = move_marker(session, {**asked, "do": "move_marker"})
         shown = session.marker_state(state.fit)
-        return {"preview": jsonable(shown)}
+        return {"preview": to_json_types(shown)}
 
     def _quick(self) -> dict[str, Any]:
         with self._lock:
             session, version = self._session, self._version
-        return {"quick": jsonable(session.quick_state()), "version": version}
+        return {"quick": to_json_types(session.quick_state()), "version": version}
 
     def _plan(self) -> None:
         """Make the whole plan of the latest state, again and again, and show it."""
@@ -262,7 +262,7 @@ class ReviewServer:
                 return
             with self._lock:
                 session, version = self._session, self._version
-            state = jsonable(session.state())
+            state = to_json_types(session.state())
             if version == self._version:
                 self._send_all({"state": state, "version": version})
 

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.io.files import write_whole
+from vfplan.io.staging import write_whole
 from vfplan.review import paper
 from vfplan.review.insets import (
     INSET_PX,

@@ -16,10 +16,10 @@ from vfplan.session.result import (
 )
 from vfplan.session.resultwriter import CsvWriter, ResultWriter, write_result
 from vfplan.session.ros import RosOptions
-from vfplan.session.types import BLOCK, Session, SessionStream, Source, resampled
+from vfplan.session.session import BLOCK, Session, SessionSource, SessionStream, resampled
 
 __all__ = [
     "BLOCK", "RESULT_FORMAT", "RESULT_VERSION", "CsvWriter", "ResultWriter", "RosOptions",
-    "Session", "SessionStream", "Source", "TickBlock", "open_session", "read_result",
+    "Session", "SessionSource", "SessionStream", "TickBlock", "open_session", "read_result",
     "read_session", "require_fixture", "resampled", "write_result",
 ]  # fmt: skip

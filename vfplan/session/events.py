@@ -1,6 +1,6 @@
-"""What happened to a fixture while it was rendered: exchanges and edits, each with its tick.
+"""Changes of a fixture while it was rendered: exchanges and edits, each with its tick.
 
-A CSV, one thing a line:
+A CSV, one change or one point a line:
 
     tick,what,x,y,z
     900,edit
@@ -10,13 +10,13 @@ A CSV, one thing a line:
     1101,remake
 
 The lines `remove` (the number of a point) and `add` (its place [m]) belong to the `edit` above
-them. A bundle's path is taken from the folder of the events.
+them. A bundle's path is relative to the folder of the events.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,23 +25,32 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import SessionError
-from vfplan.io.files import read_whole, real, write_whole
-from vfplan.io.reading import MOST_TEXT, OneFile
-from vfplan.session.csvfile import csv_columns, read_csv
+from vfplan.io.files import MAX_TEXT_BYTES, OpenedFile, parse_decimal
+from vfplan.io.staging import write_whole
+from vfplan.io.table import open_number_table, read_text, split_rows
 from vfplan.session.poses import Poses, read_poses
 
-HEADER = "tick,what,x,y,z"
-MOST_WHOLE = {"tick": 2**53, "number": 2**32}
+HEADER = ["tick", "what", "x", "y", "z"]
+
+MAX_TICK = 2**53
+"""Ticks are counted exactly up to here, also by programs that have float64 alone."""
+
+MAX_POINT_NUMBER = 2**32
+"""The engine numbers a cloud's points with 32 bits."""
+
+LOOP_COLUMNS = ("t", "poses", "events")
+"""Columns of a session's CSV that say what the control loop knew at each tick: how many poses it
+had taken so far, and how many events."""
 
 
 @dataclass(frozen=True, eq=False)
 class Event:
-    """What the loop takes up at the beginning of a tick.
+    """A change that the loop makes at the beginning of a tick.
 
     tick: counted from the session's first
     fixture: for an exchange: a bundle's path, or a `Fixture`
     remove, add: for an edit: numbers (n,) and points (m, 3) [m], as for `ProxyEngine.edit`
-    remake: the engine was made anew of the points that are left, as a controller does now and then
+    remake: the engine was made anew of the points that remain, as a controller does now and then
     where: the place in a file that it was read from
     """
 
@@ -57,7 +66,9 @@ class Event:
         """ "exchange", "edit" or "remake"."""
         if self.remake:
             return "remake"
-        return "edit" if self.fixture is None else "exchange"
+        if self.fixture is None:
+            return "edit"
+        return "exchange"
 
 
 def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool = False) -> None:
@@ -67,115 +78,149 @@ def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool =
     that a line cannot hold.
     """
     folder = Path(path).resolve().parent
-    lines = [HEADER, *(line for event in events for line in _lines(event, folder)), ""]
-    write_whole(Path(path), ["\n".join(lines).encode()], overwrite=overwrite)
+    lines = [",".join(HEADER)]
+    for event in events:
+        line = f"{event.tick},{event.kind}"
+        if event.fixture is not None:
+            line += "," + _relative_path(folder, event.fixture)
+        lines.append(line)
+        for number in np.asarray(event.remove, np.uint32).tolist():
+            lines.append(f"{event.tick},remove,{number}")
+        for x, y, z in np.asarray(event.add, np.float64).reshape(-1, 3).tolist():
+            lines.append(f"{event.tick},add,{x!r},{y!r},{z!r}")
+    text = "\n".join(lines) + "\n"
+    write_whole(Path(path), [text.encode()], overwrite=overwrite)
 
 
-def _lines(event: Event, folder: Path) -> Iterator[str]:
-    head = f"{event.tick},{event.kind}"
-    yield head if event.fixture is None else f"{head},{_from(folder, event.fixture)}"
-    yield from (f"{event.tick},remove,{i}" for i in np.asarray(event.remove, np.uint32).tolist())
-    for point in np.asarray(event.add, np.float64).reshape(-1, 3).tolist():
-        yield f"{event.tick},add,{','.join(map(repr, point))}"
-
-
-def _from(folder: Path, bundle: Any) -> str:
+def _relative_path(folder: Path, bundle: Any) -> str:
     if not isinstance(bundle, str | Path):
-        raise SessionError("an exchange's fixture is written by its bundle's path; got a Fixture")
-    found = os.path.relpath(Path(bundle).resolve(), folder)
-    if any(c in found for c in ",\r\n") or found != found.strip():
-        raise SessionError(f"{found!r}: a path with commas, line breaks or blanks at its ends")
-    return found
+        raise SessionError(
+            "an exchange's fixture is written by its bundle's path; got a Fixture",
+            code="event-without-path",
+        )
+    path = os.path.relpath(Path(bundle).resolve(), folder)
+    if any(sign in path for sign in ',"\r\n') or path != path.strip():
+        raise SessionError(
+            f"{path!r} is a path with commas, quotes, line breaks or blanks at its ends",
+            code="event-path-unwritable",
+        )
+    return path
 
 
 def read_events(path: str | Path) -> list[Event]:
-    """Read what `write_events` wrote; raises `SessionError` for a file that is none."""
+    """Read what `write_events` wrote.
+
+    Raises SessionError: the file is none of events, or its ticks are not in order
+    """
+    text, _ = read_text(path, MAX_TEXT_BYTES, SessionError)
+    rows = split_rows(text, str(path), SessionError)
+    if not rows or rows[0][1] != HEADER:
+        raise SessionError(
+            f"a first line {','.join(HEADER)} is wanted", where=f"{path}, line 1", code="no-events"
+        )
     events: list[Event] = []
-    data = read_whole(Path(path), MOST_TEXT, SessionError)
-    for number, line in enumerate(data.split(b"\n"), start=1):
-        where = f"{path}, line {number}"
+    for line, row in rows[1:]:
+        cells = [cell.strip() for cell in row]
+        while len(cells) > 2 and not cells[-1]:  # Spreadsheets fill short rows with empty cells.
+            cells.pop()
+        where = f"{path}, line {line}"
         try:
-            _take(line.decode("utf-8").strip(), number, events, Path(path).parent, where)
-        except ValueError as error:  # of text that is not UTF-8 too
-            raise SessionError(f"{line[:60]!r}: {error}", where=where) from None
+            _add_row(cells, events, Path(path).parent, where)
+        except ValueError as error:
+            raise SessionError(
+                f"{','.join(row)[:60]!r}: {error}", where=where, code="event-invalid"
+            ) from None
     return events
 
 
-def _take(line: str, number: int, events: list[Event], folder: Path, where: str) -> None:
-    """Add a line's event, or what it adds to the one before."""
-    if number == 1 or not line:
-        if number == 1 and line != HEADER:
-            raise ValueError(f"a first line {HEADER} wanted")
-        return
-    tick, what, *values = line.split(",") if "," in line else (line, "")
-    at = _whole(tick, "tick")
-    if events and at < events[-1].tick:
-        raise ValueError(f"tick {at} after tick {events[-1].tick}; in order wanted")
-    if what in ("remove", "add"):
-        if not events or events[-1].kind != "edit" or events[-1].tick != at:
-            raise ValueError(f"{what} without an edit of its tick above it")
-        if what == "remove" and len(values) == 1 and not len(events[-1].add):
-            events[-1].remove.append(_whole(values[0], "number"))
-        elif what == "add" and len(values) == 3:
-            events[-1].add.append([real(value) for value in values])
-        else:
-            raise ValueError("remove,NUMBER, and after all of these add,X,Y,Z wanted")
-    elif what == "exchange" and len(values) == 1 and values[0]:
-        events.append(Event(at, fixture=folder / values[0], where=where))
+def _add_row(cells: list[str], events: list[Event], folder: Path, where: str) -> None:
+    """Add a row's event, or what the row adds to the edit above it."""
+    if len(cells) < 2:
+        cells = [*cells, ""]
+    tick_text, what, *values = cells
+    tick = _whole_number(tick_text, "tick", MAX_TICK)
+    if events and tick < events[-1].tick:
+        raise ValueError(f"tick {tick} after tick {events[-1].tick}; they must be in order")
+    if what == "exchange" and len(values) == 1:
+        events.append(Event(tick, fixture=folder / values[0], where=where))
     elif what in ("edit", "remake") and not values:
-        events.append(Event(at, remove=[], add=[], remake=what == "remake", where=where))
+        events.append(Event(tick, remove=[], add=[], remake=what == "remake", where=where))
+    elif what in ("remove", "add"):
+        if not events or events[-1].kind != "edit" or events[-1].tick != tick:
+            raise ValueError(f"{what} without an edit of its tick above it")
+        edit = events[-1]
+        if what == "remove" and len(values) == 1 and not len(edit.add):
+            edit.remove.append(_whole_number(values[0], "number", MAX_POINT_NUMBER))
+        elif what == "add" and len(values) == 3:
+            edit.add.append([parse_decimal(value) for value in values])
+        else:
+            raise ValueError("remove,NUMBER, and after all of these add,X,Y,Z are wanted")
     else:
-        raise ValueError("exchange,BUNDLE.h5, edit, remake, remove,NUMBER or add,X,Y,Z wanted")
+        raise ValueError("exchange,BUNDLE.h5, edit, remake, remove,NUMBER or add,X,Y,Z is wanted")
 
 
-def _whole(text: str, what: str) -> int:
-    if not (text.isascii() and text.isdigit() and int(text) < MOST_WHOLE[what]):
-        raise ValueError(f"{what} {text!r}; a whole number below {MOST_WHOLE[what]} wanted")
+def _whole_number(text: str, what: str, limit: int) -> int:
+    if not (text.isascii() and text.isdigit() and int(text) < limit):
+        raise ValueError(f"{what} {text!r}; a whole number below {limit} is wanted")
     return int(text)
 
 
-COLUMNS = ("t", "poses", "events")
-
-
-def as_taken(
+def as_the_loop_saw(
     session: str | Path,
     poses: Poses | str | Path | None,
     events: Sequence[Event] | str | Path | None,
 ) -> tuple[Poses | None, list[Event] | None]:
-    """Poses and events as the log says that the loop knew of them; else as they are.
+    """Poses and events with the times at which a controller's log says that the loop had them.
 
-    Raises `SessionError` for a log that knows of more than there are, or of fewer and fewer.
+    A session without the columns `poses` and `events` leaves both as they are.
+
+    Raises SessionError: the log counts more of them than there are, or its counts fall
     """
-    poses = read_poses(poses) if isinstance(poses, str | Path) else poses
-    events = read_events(events) if isinstance(events, str | Path) else events
-    happened = None if events is None else list(events)
+    if isinstance(poses, str | Path):
+        poses = read_poses(poses)
+    if isinstance(events, str | Path):
+        events = read_events(events)
+    if events is not None:
+        events = list(events)
     if Path(session).suffix.lower() != ".csv" or (poses is None and events is None):
-        return poses, happened
-    file, name = OneFile(Path(session), SessionError), str(session)
-    with file.view() as stream:
-        if not set(COLUMNS) <= set(csv_columns(stream, name)):
-            return poses, happened
-    pieces = list(read_csv(file, name, 1.0, COLUMNS))
-    time, known = (np.concatenate(part) for part in zip(*pieces, strict=True))
-    accepted = 0 if poses is None else _younger(poses.time)
-    ends = np.max(accepted), 0 if happened is None else len(happened)
-    for column, seen, most in zip(COLUMNS[1:], known.T, ends, strict=True):
-        if (np.diff(seen, prepend=0) < 0).any() or seen[-1] > most:
-            text = f"column {column!r} ends with {seen[-1]:g} and has to rise, to at most {most}"
-            raise SessionError(text, where=name)
+        return poses, events
+    file = OpenedFile(Path(session), SessionError)
+    table = open_number_table(file.view, str(session), SessionError)
+    if not set(LOOP_COLUMNS) <= set(table.columns):
+        return poses, events
+    rows = np.concatenate([np.empty((0, 3)), *table.blocks(LOOP_COLUMNS)])
+    time, pose_count, event_count = rows.T
+
+    if poses is None:
+        accepted = np.zeros(1)
+    else:
+        # The loop refuses a pose that is not younger than all before it.
+        youngest = np.maximum.accumulate(poses.time)
+        accepted = np.cumsum(np.diff(youngest, prepend=-np.inf) > 0)
+    _check_counts("poses", pose_count, int(accepted.max()), str(session))
+    _check_counts("events", event_count, len(events or ()), str(session))
+
     if poses is not None:
-        tick = np.searchsorted(known[:, 0], accepted)  # the first that knew of as many
-        kept = tick < len(time)
-        arrived = np.maximum.accumulate(time[tick[kept]])
-        poses = Poses(poses.time[kept], poses.pose[kept], arrived)
-    if happened is not None:
-        ticks = np.searchsorted(known[:, 1], np.arange(len(happened)), side="right").tolist()
-        pairs = zip(happened, ticks, strict=True)
-        happened = [replace(event, tick=k) for event, k in pairs if k < len(time)]
-    return poses, happened
+        # A pose arrived at the first tick whose count includes it.
+        tick = np.searchsorted(pose_count, accepted)
+        taken = tick < len(time)
+        arrived = np.maximum.accumulate(time[tick[taken]])
+        poses = Poses(poses.time[taken], poses.pose[taken], arrived)
+    if events is not None:
+        ticks = np.searchsorted(event_count, np.arange(len(events)), side="right").tolist()
+        moved = []
+        for event, tick in zip(events, ticks, strict=True):
+            if tick < len(time):
+                moved.append(replace(event, tick=tick))
+        events = moved
+    return poses, events
 
 
-def _younger(time: NDArray[np.float64]) -> NDArray[np.intp]:
-    """How many of the poses so far were younger than all before: the others are refused."""
-    youngest = np.maximum.accumulate(time)
-    return np.cumsum(np.diff(youngest, prepend=-np.inf) > 0)
+def _check_counts(column: str, counts: NDArray[np.float64], largest: int, where: str) -> None:
+    rises = (np.diff(counts, prepend=0) >= 0).all()
+    if not rises or (len(counts) and counts[-1] > largest):
+        raise SessionError(
+            f"column {column!r} ends with {counts[-1]:g} and has to rise, to at most {largest}",
+            where=where,
+            code="loop-counts-invalid",
+        )

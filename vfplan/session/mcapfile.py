@@ -18,9 +18,9 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import MissingExtra, SessionError, needing
+from vfplan.errors import MissingExtra, SessionError, requires_extra
 from vfplan.io.files import opened_file
-from vfplan.session.types import Pair
+from vfplan.session.session import Samples
 
 TICK = np.dtype([
     ("index", "<u8"), ("t", "<f8"), ("hip", "<f8", 3), ("proxy", "<f8", 3), ("normal", "<f8", 3),
@@ -28,7 +28,9 @@ TICK = np.dtype([
 ])  # fmt: skip
 """A tick as a controller sends it: count, time [s], places [m], force [N]; 120 bytes."""
 
-TOPIC, SCHEMA, ENCODING = "/vfplan/tick", "vfplan_msgs/msg/Tick", "cdr"
+TOPIC = "/vfplan/tick"
+SCHEMA = "vfplan_msgs/msg/Tick"
+ENCODING = "cdr"
 DEFINITION = b"""# One tick of a haptic loop. Lengths in m, time in s, force in N on the hand.
 uint64 index
 float64 t
@@ -43,29 +45,39 @@ CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 PADDING = bytes(6)
 MESSAGE_BYTES = TICK.itemsize - len(PADDING)
 BLOCK = 2**16
-CHUNK, AHEAD = 2**20, 2**22  # bytes: one chunk, and what the last chunk and the index need at most
+"""Ticks that are read at a time."""
+
+CHUNK_BYTES = 2**20
+"""Bytes of a chunk. MCAP's own default; readers seek by whole chunks."""
+
+RESERVE_BYTES = 2**22
+"""Bytes that are reserved ahead: more than the last chunk and the index of an hour need."""
 
 
-class _Roomy(io.FileIO):
-    """A file that takes room ahead, so that what is held can still be written on a full disk."""
+class ReservingFile(io.FileIO):
+    """A file that reserves room ahead, so that its end can still be written on a full disk."""
 
-    taken = 0.0  # bytes of room
+    # Bytes of the file that are reserved.
+    reserved = 0.0
+    # Why no more could be reserved.
     full: OSError | None = None
 
     def write(self, data: Any) -> int:
-        need = self.tell() + len(data) + AHEAD
-        if need > self.taken and self.full is None:
+        """Write, after room has been reserved beyond the data."""
+        needed = self.tell() + len(data) + RESERVE_BYTES
+        if needed > self.reserved and self.full is None:
             try:
-                os.posix_fallocate(self.fileno(), 0, need)
-                self.taken = need
+                os.posix_fallocate(self.fileno(), 0, needed)
+                self.reserved = needed
             except OSError as error:
                 if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
                     self.full = error
                 else:
-                    self.taken = math.inf  # a file system that takes no room ahead
+                    self.reserved = math.inf  # This file system cannot reserve room.
         return super().write(data)
 
     def close(self) -> None:
+        """Give back the room that was not needed."""
         if not self.closed:
             self.truncate(self.tell())
         super().close()
@@ -79,11 +91,13 @@ class McapWriter:
     """
 
     def __init__(self, path: Path) -> None:
-        writing = _mcap("writer")
-        self.kept, self.full = 0, None  # ticks; why the later ones were left out
-        self._room = _Roomy(path, "wb")
-        self._file = io.BufferedWriter(self._room)
-        self._writer = writing.Writer(self._file, chunk_size=CHUNK)
+        # Ticks that are in the file, and why later ones are not.
+        self.kept = 0
+        self.full: OSError | None = None
+        writer_module = _mcap_module("writer")
+        self._raw_file = ReservingFile(path, "wb")
+        self._file = io.BufferedWriter(self._raw_file)
+        self._writer = writer_module.Writer(self._file, chunk_size=CHUNK_BYTES)
         self._writer.start(profile="", library="vfplan")
         schema = self._writer.register_schema(SCHEMA, "ros2msg", DEFINITION)
         self._channel = self._writer.register_channel(TOPIC, ENCODING, schema)
@@ -92,13 +106,15 @@ class McapWriter:
         """Add (n,) of `TICK`; `received_s` since 1970. Nothing is added once it is `full`."""
         now = int(received_s * 1e9)
         for tick in ticks:
-            if self._room.full:
-                self.full = self._room.full
+            if self._raw_file.full:
+                self.full = self._raw_file.full
                 return
             self.kept += 1
             body = CDR_LITTLE_ENDIAN + tick.tobytes()[:MESSAGE_BYTES]
-            at = min(max(0, round(float(tick["t"]) * 1e9)), 2**63 - 1)
-            self._writer.add_message(self._channel, now, body, at, int(tick["index"]) % 2**32)
+            # MCAP's times are unsigned whole nanoseconds, its sequence numbers have 32 bits.
+            publish_ns = min(max(0, round(float(tick["t"]) * 1e9)), 2**63 - 1)
+            sequence = int(tick["index"]) % 2**32
+            self._writer.add_message(self._channel, now, body, publish_ns, sequence)
 
     def close(self) -> None:
         """Write the index; nothing may be added afterwards."""
@@ -115,17 +131,17 @@ class McapWriter:
         self.close()
 
 
-def is_ours(stream: BinaryIO, name: str) -> Iterator[bool]:
-    """Yield whether MCAP has our channel; a file of others is a ROS bag."""
+def has_our_topic(stream: BinaryIO, name: str) -> Iterator[bool]:
+    """Yield whether an MCAP file has our channel; a file of others is a ROS bag."""
     try:
-        summary = _mcap("reader").make_reader(stream).get_summary()
+        summary = _mcap_module("reader").make_reader(stream).get_summary()
         yield any(channel.topic == TOPIC for channel in summary.channels.values())
-    except Exception:  # whoever reads bags says what is wrong with it
+    except Exception:  # The reader of ROS bags then says what is wrong with the file.
         yield False
 
 
-def read_hips(stream: BinaryIO, name: str, factor: float) -> Iterator[Pair]:
-    """Yield (time [s], hip [m]) piece by piece, as sessions are read; raises `SessionError`."""
+def read_hips(stream: BinaryIO, name: str, factor: float) -> Iterator[Samples]:
+    """Yield (time [s], hip [m]) a block at a time, as sessions are read; raises `SessionError`."""
     for ticks in blocks(stream, name):
         yield np.ascontiguousarray(ticks["t"]), ticks["hip"] * factor
 
@@ -133,8 +149,7 @@ def read_hips(stream: BinaryIO, name: str, factor: float) -> Iterator[Pair]:
 def read_ticks(path: Path) -> NDArray[np.void]:
     """(T,) of `TICK`, in the order of the loop; raises `SessionError` as `blocks` does."""
     with opened_file(path, SessionError) as stream:
-        found = list(blocks(stream, path.name))
-    return np.concatenate(found) if found else np.zeros(0, TICK)
+        return np.concatenate([np.zeros(0, TICK), *blocks(stream, path.name)])
 
 
 def blocks(stream: BinaryIO, name: str) -> Iterator[NDArray[np.void]]:
@@ -142,26 +157,28 @@ def blocks(stream: BinaryIO, name: str) -> Iterator[NDArray[np.void]]:
 
     Raises SessionError: damaged, or of another layout
     """
-    held: list[bytes] = []
+    messages: list[bytes] = []
     try:
-        reader = _mcap("reader").make_reader(stream, validate_crcs=True)
+        reader = _mcap_module("reader").make_reader(stream, validate_crcs=True)
         for _, channel, message in reader.iter_messages(topics=[TOPIC], log_time_order=False):
             if channel.message_encoding != ENCODING or len(message.data) != MESSAGE_BYTES + 4:
-                raise SessionError(f"{TOPIC} of another layout", where=name)
-            held.append(message.data[4:] + PADDING)
-            if len(held) == BLOCK:
-                yield np.frombuffer(b"".join(held), TICK)
-                held = []
+                raise SessionError(f"{TOPIC} of another layout", where=name, code="layout-unknown")
+            messages.append(message.data[4:] + PADDING)
+            if len(messages) == BLOCK:
+                yield np.frombuffer(b"".join(messages), TICK)
+                messages = []
     except (MissingExtra, SessionError):
         raise
-    except Exception as error:  # the package lets through what struct, lz4 and zstd raise
-        raise SessionError(f"cannot be read as MCAP: {error}", where=name) from None
-    if held:
-        yield np.frombuffer(b"".join(held), TICK)
+    except Exception as error:  # The package passes on the errors of struct, lz4 and zstd.
+        raise SessionError(
+            f"cannot be read as MCAP: {error}", where=name, code="mcap-broken"
+        ) from None
+    if messages:
+        yield np.frombuffer(b"".join(messages), TICK)
 
 
-def _mcap(module: str) -> ModuleType | Any:
+def _mcap_module(name: str) -> ModuleType | Any:
     import importlib
 
-    with needing("MCAP needs the package mcap", "live"):
-        return importlib.import_module(f"mcap.{module}")
+    with requires_extra("MCAP needs the package mcap", "live"):
+        return importlib.import_module(f"mcap.{name}")

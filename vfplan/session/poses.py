@@ -8,49 +8,64 @@ from pathlib import Path
 import numpy as np
 
 from vfplan.errors import SessionError
-from vfplan.io.reading import OneFile
-from vfplan.session.csvfile import csv_columns, read_csv
-from vfplan.session.types import Array
+from vfplan.io.files import OpenedFile
+from vfplan.io.table import open_number_table
+from vfplan.session.session import Array
 
-WANTED = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
-LARGEST_M = 1e6  # of a place; what the engine takes
+POSE_COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
+
+MAX_COORDINATE_M = 1e6
+"""Largest coordinate of a place [m]; the engine takes no larger one."""
+
+MAX_QUATERNION_ERROR = 1e-3
+"""How far a quaternion's length may be from 1. Trackers that write three decimals stay within."""
 
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Poses of a fixture's frame in the session's."""
+    """Poses of a fixture's frame in the session's frame."""
 
-    time: Array  # (n,) when the tracker looked [s], on the session's clock
-    pose: Array  # (n, 7) place [m] and unit quaternion w x y z
-    arrived: Array  # (n,) when the loop had it [s], never decreasing
+    # (n,) when the tracker looked [s], on the session's clock
+    time: Array
+    # (n, 7) place [m] and unit quaternion w x y z
+    pose: Array
+    # (n,) when the control loop had it [s], never decreasing
+    arrived: Array
 
 
 def read_poses(path: str | Path) -> Poses:
-    """Read a CSV of poses; raises `SessionError` for one that is none."""
-    name = str(path)
-    file = OneFile(Path(path), SessionError)
-    with file.view() as stream:
-        late = "arrived" in csv_columns(stream, name, WANTED)
-    wanted = (*WANTED, "arrived") if late else WANTED
-    pieces = list(read_csv(file, name, 1.0, wanted))
-    time = np.concatenate([piece[0] for piece in pieces] or [np.empty(0)])
-    rows = np.concatenate([piece[1] for piece in pieces] or [np.empty((0, len(wanted) - 1))])
-    arrived = rows[:, 7] if late else time
-    _check(time, rows[:, :7], arrived, name)
-    return Poses(time, rows[:, :7].copy(), arrived)
+    """Read a CSV of poses.
 
+    Raises SessionError: the file is no such table, or a pose in it is not one
+    """
+    file = OpenedFile(Path(path), SessionError)
+    table = open_number_table(file.view, str(path), SessionError, POSE_COLUMNS)
+    columns = POSE_COLUMNS
+    if "arrived" in table.columns:
+        columns = (*POSE_COLUMNS, "arrived")
+    blocks = list(table.blocks(columns))
+    if not blocks:
+        raise SessionError("holds no pose", where=str(path), code="poses-empty")
+    rows = np.concatenate(blocks)
+    time = rows[:, 0].copy()
+    pose = rows[:, 1:8].copy()
+    arrived = time
+    if "arrived" in table.columns:
+        arrived = rows[:, 8].copy()
 
-def _check(time: Array, pose: Array, arrived: Array, name: str) -> None:
-    if not len(time):
-        raise SessionError("holds no pose", where=name)
-    rigid = np.abs(np.linalg.norm(pose[:, 3:], axis=1) - 1) < 1e-3
-    good = np.isfinite(np.column_stack((time, pose, arrived))).all(axis=1) & rigid
-    good &= np.abs(pose[:, :3]).max(axis=1) <= LARGEST_M
+    length = np.linalg.norm(pose[:, 3:], axis=1)
+    good = np.isfinite(rows).all(axis=1)
+    good &= np.abs(length - 1) < MAX_QUATERNION_ERROR
+    good &= np.abs(pose[:, :3]).max(axis=1) <= MAX_COORDINATE_M
     good[1:] &= np.diff(arrived) >= 0
     if not good.all():
         i = int(np.argmin(good))
         raise SessionError(
-            f"pose {i + 1}, {pose[i].tolist()} at {time[i]} s, arrived {arrived[i]} s: finite "
-            "numbers, a place within 1e6 m, a unit quaternion and times of arrival in order wanted",
-            where=name,
+            f"pose {i + 1} is {pose[i].tolist()} at {time[i]} s and arrived at {arrived[i]} s. A "
+            "pose has finite numbers, a place within 1e6 m, a unit quaternion, and arrives after "
+            "the pose before it",
+            where=str(path),
+            code="pose-invalid",
+            numbers={"pose": i + 1},
         )
+    return Poses(time, pose, arrived)

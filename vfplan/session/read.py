@@ -8,15 +8,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from vfplan.errors import SessionError, SettingError
-from vfplan.io.apart import apart, one
-from vfplan.io.reading import OneFile
-from vfplan.session.csvfile import WANTED, csv_columns, read_csv
+from vfplan.io.files import OpenedFile
+from vfplan.io.sandbox import run_in_sandbox, run_once
+from vfplan.io.table import NumberTable, open_number_table
 from vfplan.session.ros import RosOptions, bag_sha256, bag_stamp, is_bag
-from vfplan.session.types import Pair, Session, SessionStream, unit_factor
+from vfplan.session.session import Samples, Session, SessionStream, unit_factor
 
-_MAGIC = {b"\x89HDF\r\n\x1a\n": "hdf5", b"PK\x03\x04": "npz"}
-# Read in a process apart.
-_ARRAYS, _BAG, _MCAP = (f"vfplan.session.{name}:" for name in ("arrays", "ros", "mcapfile"))
+HIP_COLUMNS = ("t", "x", "y", "z")
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+ZIP_SIGNATURE = b"PK\x03\x04"
 
 
 def read_session(
@@ -62,74 +62,112 @@ def open_session(
     path = Path(path)
     factor = unit_factor(units)
     if path.is_dir() and is_bag(path):
-        return _bag(path, factor, units, frame, ros)
-    file, name, length = _opened(path), path.name, None
-    given = {"file": file, "where": name, "kind": SessionError}
-    ours = path.suffix == ".mcap" and one(_MCAP + "is_ours", name, **given)
-    if is_bag(path) and not ours:
-        return _bag(path, factor, units, frame, ros)
+        return _open_bag(path, factor, units, frame, ros)
+    try:
+        file = OpenedFile(path, SessionError)
+    except SessionError as error:
+        error.message += "; a session file or a ROS bag is wanted"
+        raise
+    name = path.name
+    source = {"file": file, "where": name, "kind": SessionError}
+
+    # An MCAP file may be ours or a ROS bag; the other bags are told by their suffix.
+    is_our_mcap = path.suffix == ".mcap" and run_once(
+        "vfplan.session.mcapfile:has_our_topic", name, **source
+    )
+    if is_bag(path) and not is_our_mcap:
+        return _open_bag(path, factor, units, frame, ros)
     if ros is not None:
-        raise SettingError("topic, field and tool tip are for ROS bags", where=name)
-    first = file.view().read(8)
-    kind = "mcap" if ours else next((k for m, k in _MAGIC.items() if first.startswith(m)), "csv")
-    notes: dict[str, object] = {"format": kind, "units": units}
-    read = functools.partial(apart, f"{_ARRAYS}read_{kind}", name, factor, **given)
-    if kind == "mcap":
-        read = functools.partial(apart, _MCAP + "read_hips", name, factor, **given)
-    elif kind == "csv":
-        with file.view() as stream:
-            aside = [column for column in csv_columns(stream, name) if column not in WANTED]
-        notes |= {"ignored_columns": aside} if aside else {}
-        read = functools.partial(read_csv, file, name, factor)
+        raise SettingError(
+            "topic, field and tool tip are for ROS bags", where=name, code="ros-options-unused"
+        )
+
+    notes: dict[str, object] = {"units": units}
+    length = None
+    signature = file.view().read(8)
+    if is_our_mcap:
+        notes["format"] = "mcap"
+        read = functools.partial(
+            run_in_sandbox, "vfplan.session.mcapfile:read_hips", name, factor, **source
+        )
+    elif signature == HDF5_SIGNATURE or signature.startswith(ZIP_SIGNATURE):
+        kind = "npz"
+        if signature == HDF5_SIGNATURE:
+            kind = "hdf5"
+        notes["format"] = kind
+        length, statements = run_once(f"vfplan.session.arrays:{kind}_header", name, **source)
+        _check_statements(statements, {"units": units, "frame": frame, "time unit": "s"}, name)
+        read = functools.partial(
+            run_in_sandbox, f"vfplan.session.arrays:read_{kind}", name, factor, **source
+        )
     else:
-        length, stated = one(f"{_ARRAYS}{kind}_header", name, **given)
-        _agree(stated, {"units": units, "frame": frame, "time unit": "s"}, name)
-    checked = functools.partial(_steady, read, file.require_unchanged)
-    return SessionStream(checked, name, frame, file.sha256(), notes, length)
+        notes["format"] = "csv"
+        table = open_number_table(file.view, name, SessionError, HIP_COLUMNS)
+        ignored = [column for column in table.columns if column not in HIP_COLUMNS]
+        if ignored:
+            notes["ignored_columns"] = ignored
+        read = functools.partial(_read_csv, table, factor)
+    read = functools.partial(_read_unchanged, read, file.require_unchanged)
+    return SessionStream(read, name, frame, file.sha256(), notes, length)
 
 
-def _bag(
+def _open_bag(
     path: Path, factor: float, units: str, frame: str, ros: RosOptions | None
 ) -> SessionStream:
-    """A bag is several files, or opens its own: it is held to what it was when first seen."""
-    place, name, before, sha256 = str(path.resolve()), path.name, bag_stamp(path), bag_sha256(path)
-    asked = dataclasses.astuple(ros or RosOptions())
-    chosen, notes = one(_BAG + "bag_header", place, *asked, where=name, kind=SessionError)
+    # A bag may be several files, which its library opens by itself. None of them may change
+    # between the digest and the end of the reading.
+    name = path.name
+    stamp = bag_stamp(path)
+    sha256 = bag_sha256(path)
+    if ros is None:
+        ros = RosOptions()
+    chosen, notes = run_once(
+        "vfplan.session.ros:bag_header",
+        str(path.resolve()),
+        *dataclasses.astuple(ros),
+        where=name,
+        kind=SessionError,
+    )
 
     def require_unchanged() -> None:
-        if bag_stamp(path) != before:
-            raise SessionError("was changed while it was read", where=name)
+        if bag_stamp(path) != stamp:
+            raise SessionError("was changed while it was read", where=name, code="file-changed")
 
     read = functools.partial(
-        apart, _BAG + "read_bag", place, factor, *chosen, where=name, kind=SessionError
+        run_in_sandbox,
+        "vfplan.session.ros:read_bag",
+        str(path.resolve()),
+        factor,
+        *chosen,
+        where=name,
+        kind=SessionError,
     )
-    checked = functools.partial(_steady, read, require_unchanged)
-    notes = {"format": "ros", "units": units, **notes}
-    return SessionStream(checked, name, frame, sha256, notes)
+    read = functools.partial(_read_unchanged, read, require_unchanged)
+    return SessionStream(read, name, frame, sha256, {"format": "ros", "units": units, **notes})
 
 
-def _steady(
-    read: Callable[[], Iterator[Pair]], require_unchanged: Callable[[], None]
-) -> Iterator[Pair]:
-    """What is read, of a file whose digest is still the one that was taken."""
+def _read_unchanged(
+    read: Callable[[], Iterator[Samples]], require_unchanged: Callable[[], None]
+) -> Iterator[Samples]:
+    """Read to the end, and then refuse a file that no longer has the digest that was taken."""
     yield from read()
     require_unchanged()
 
 
-def _opened(path: Path) -> OneFile:
-    try:
-        return OneFile(path, SessionError)
-    except SessionError as error:
-        wanted = "a session file or a ROS bag wanted"
-        raise SessionError(f"{error.message}; {wanted}", where=str(path)) from None
+def _read_csv(table: NumberTable, factor: float) -> Iterator[Samples]:
+    for rows in table.blocks(HIP_COLUMNS):
+        yield rows[:, 0].copy(), rows[:, 1:] * factor
 
 
-def _agree(stated: list[tuple[str, str, str]], asked: dict[str, str], where: str) -> None:
-    """What a file says of itself is never overruled in silence."""
-    for name, value, place in stated:
-        if value != asked[name]:
+def _check_statements(
+    statements: list[tuple[str, str, str]], expected: dict[str, str], where: str
+) -> None:
+    """Refuse a file whose own attributes contradict the call; neither overrules the other."""
+    for name, value, place in statements:
+        if value != expected[name]:
             raise SessionError(
-                f"the file says {name} = {value!r} ({place}), the call {asked[name]!r}; "
-                "they must agree",
+                f"the file says {name} = {value!r} ({place}), the call {expected[name]!r}; they "
+                "must agree",
                 where=where,
+                code="units-or-frame-differ",
             )

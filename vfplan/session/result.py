@@ -12,17 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError, VersionError
-from vfplan.io.apart import apart
+from vfplan.io.files import OpenedFile
 from vfplan.io.hdf5 import h5py
-from vfplan.io.reading import OneFile
-from vfplan.session.arrays import opened_hdf5, plain_dataset
-from vfplan.session.types import BLOCK, LATEST_S, Array
+from vfplan.io.sandbox import run_in_sandbox
+from vfplan.session.arrays import opened_hdf5, plain_attribute, plain_dataset
+from vfplan.session.session import BLOCK, MAX_TIME_S, Array
 
-Rows = TypeVar("Rows")  # a dataclass of arrays, a row a tick
+# A dataclass of arrays, a row a tick.
+Ticks = TypeVar("Ticks")
+
 RESULT_FORMAT = "vfplan-result"
 RESULT_VERSION = "1.0"
 
-# name -> (columns, type, unit)
+# Dataset -> (shape of a row, type, unit)
 TABLE: dict[str, tuple[tuple[int, ...], str, str]] = {
     "time": ((), "<f8", "s"),
     "hip": ((3,), "<f8", "m"),
@@ -33,6 +35,7 @@ TABLE: dict[str, tuple[tuple[int, ...], str, str]] = {
     "penetration": ((), "<f8", "m"),
     "overlap": ((), "<f8", "m"),
 }
+STATES = (-1, 0, 1, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,16 +49,19 @@ class TickBlock:
     proxy: Array
     normal: Array
     force: Array
-    state: NDArray[np.int8]  # (n,) int8, -1, 0, 1 or 2
-    penetration: Array  # (n,) |proxy - hip| [m]
-    overlap: Array  # (n,) how far the HIP is beyond the cloud's own surface [m], never below 0
+    # (n,) int8, one of STATES
+    state: NDArray[np.int8]
+    # (n,) |proxy - hip| [m]
+    penetration: Array
+    # (n,) how far the HIP is beyond the cloud's own surface [m], never below 0
+    overlap: Array
 
     def __len__(self) -> int:
         return len(self.time)
 
     def __getitem__(self, rows: slice | NDArray[np.intp]) -> TickBlock:
         """These ticks alone."""
-        return picked(self, rows)
+        return select_ticks(self, rows)
 
 
 class Result(Protocol):
@@ -70,22 +76,20 @@ class Result(Protocol):
         """The root attributes."""
 
 
-def joined(blocks: Sequence[Rows]) -> Rows:
-    """Blocks, or traces, one after the other, as one."""
-    return type(blocks[0])(*map(np.concatenate, zip(*map(_columns, blocks), strict=True)))
+def concatenate_ticks(blocks: Sequence[Ticks]) -> Ticks:
+    """Blocks, or traces of an engine, one after the other, as one."""
+    columns = []
+    for field in fields(blocks[0]):  # type: ignore[arg-type]
+        columns.append(np.concatenate([getattr(block, field.name) for block in blocks]))
+    return type(blocks[0])(*columns)
 
 
-def picked(block: Rows, rows: slice | NDArray[np.intp]) -> Rows:
-    """These ticks of a block, or of a trace."""
-    return type(block)(*(column[rows] for column in _columns(block)))
-
-
-def _columns(block: Any) -> list[Array]:
-    return [getattr(block, field.name) for field in fields(block)]
-
-
-STATES = (-1, 0, 1, 2)
-LARGEST = LATEST_S  # of any number in a result, so that no square of it overflows
+def select_ticks(block: Ticks, rows: slice | NDArray[np.intp]) -> Ticks:
+    """These ticks of a block, or of an engine's trace."""
+    columns = []
+    for field in fields(block):  # type: ignore[arg-type]
+        columns.append(getattr(block, field.name)[rows])
+    return type(block)(*columns)
 
 
 def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[str, Any]]:
@@ -103,59 +107,111 @@ def read_result(path: str | Path, *, group: str = "") -> tuple[TickBlock, dict[s
     VersionError
         A major version that this program does not read.
     """
-    file, where = _found(path), Path(path).name
-    read = apart("vfplan.session.result:stored", where, group, file=file, where=where)
-    attrs, blocks, start, last = next(read), [], 0, -np.inf
-    for arrays in read:
-        blocks.append(block := TickBlock(*arrays))
-        _check_values(block, start, last, where)
-        start, last = start + len(block), block.time[-1]
+    where = Path(path).name
+    try:
+        file = OpenedFile(Path(path))
+    except InputError as error:
+        error.message += "; a result of `vfplan replay -o` is wanted"
+        error.where = where
+        raise
+    answers = run_in_sandbox(
+        "vfplan.session.result:stored_ticks", where, group, file=file, where=where
+    )
+    attrs = next(answers)
+    blocks: list[TickBlock] = []
+    count = 0
+    last_time = -np.inf
+    for arrays in answers:
+        block = TickBlock(*arrays)
+        _check_values(block, count, last_time, where)
+        blocks.append(block)
+        count += len(block)
+        last_time = block.time[-1]
     file.require_unchanged()
     if not blocks:
-        raise InputError("a result without ticks", where=where)
-    return joined(blocks), attrs
+        raise InputError("a result without ticks", where=where, code="result-empty")
+    return concatenate_ticks(blocks), attrs
 
 
-def _found(path: str | Path) -> OneFile:
-    try:
-        return OneFile(Path(path))
-    except InputError as error:
-        message = f"{error.message}; a result of `vfplan replay -o` wanted"
-        raise InputError(message, where=Path(path).name) from None
-
-
-def stored(stream: BinaryIO, where: str, group: str) -> Iterator[Any]:
+def stored_ticks(stream: BinaryIO, where: str, group: str) -> Iterator[Any]:
     """A result's root attributes, then blocks of its datasets, in the order of `TickBlock`.
 
-    In a process apart (`vfplan.io.apart`): a file can be made for libhdf5 to crash on.
+    Runs in the sandbox (`vfplan.io.sandbox`): a crafted file can crash libhdf5.
     """
     with opened_hdf5(stream, where, InputError) as file:
-        attrs = {name: _plain(value) for name, value in file.attrs.items()}
-        _check_head(attrs, where)
+        attrs = {name: plain_attribute(value) for name, value in file.attrs.items()}
+        if attrs.get("format") != RESULT_FORMAT:
+            raise InputError(
+                f"format is {attrs.get('format')!r}; {RESULT_FORMAT!r} is wanted",
+                where=where,
+                code="not-a-result",
+            )
+        version = str(attrs.get("version"))
+        if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
+            raise VersionError(
+                f"result version {version}; this program reads {RESULT_VERSION}", where=where
+            )
         yield attrs
-        if group and not isinstance(file.get(group, getlink=True), h5py.HardLink):
-            raise InputError(f"has no group {group!r}", where=where)
-        place = file[group] if group else file
-        datasets = _checked(place, where)
+
+        place: h5py.Group = file
+        if group:
+            if not isinstance(file.get(group, getlink=True), h5py.HardLink):
+                raise InputError(f"has no group {group!r}", where=where, code="group-missing")
+            place = file[group]
+        datasets = []
+        for name, (columns, _, _) in TABLE.items():
+            dataset = plain_dataset(place, name, where, TABLE, InputError)
+            datasets.append(dataset)
+            if dataset.shape != (*datasets[0].shape[:1], *columns):
+                wanted = ", ".join(map(str, ("T", *columns)))
+                raise InputError(
+                    f"{name} has shape {dataset.shape}; ({wanted}) is wanted",
+                    where=where,
+                    code="shape-wrong",
+                )
+            if dataset.dtype.kind not in "fiu":
+                raise InputError(
+                    f"{name} has type {dataset.dtype}; real numbers are wanted",
+                    where=where,
+                    code="type-wrong",
+                )
         for start in range(0, len(datasets[0]), BLOCK):
             yield tuple(dataset[start : start + BLOCK] for dataset in datasets)
 
 
-def _check_values(block: TickBlock, start: int, last: float, where: str) -> None:
-    """Refuse values that no replay gives: drawn, they would be a picture of something else."""
+def _check_values(block: TickBlock, first: int, last_time: float, where: str) -> None:
+    """Refuse values that no replay gives, because a picture of them would show something else.
+
+    first: number of the block's first tick
+    last_time: time of the tick before it [s]
+    """
     for name in TABLE:
         rows = getattr(block, name).reshape(len(block), -1)
-        good = np.isin(rows, STATES) if name == "state" else np.abs(rows) <= LARGEST
-        bad = np.flatnonzero(~good.all(axis=1))  # NaN fails too
-        if len(bad):
-            found = rows[bad[0]].tolist()
-            allowed = "-1, 0, 1 or 2" if name == "state" else f"finite numbers up to {LARGEST:g}"
+        if name == "state":
+            good = np.isin(rows, STATES)
+            allowed = "-1, 0, 1 or 2 is"
+        else:
+            # NaN is not <= anything, so it is not good either. Squares of the limit are finite.
+            good = np.abs(rows) <= MAX_TIME_S
+            allowed = f"finite numbers up to {MAX_TIME_S:g} are"
+        good = good.all(axis=1)
+        if not good.all():
+            bad = int(np.argmin(good))
             raise InputError(
-                f"{name} of tick {start + bad[0]} is {found}; {allowed} wanted", where=where
+                f"{name} of tick {first + bad} is {rows[bad].tolist()}; {allowed} wanted",
+                where=where,
+                code="value-invalid",
+                numbers={"tick": first + bad},
             )
-    stuck = np.flatnonzero(~(np.diff(block.time, prepend=last) > 0))
-    if len(stuck):
-        raise InputError(f"time does not increase at tick {start + stuck[0]}", where=where)
+    increases = np.diff(block.time, prepend=last_time) > 0
+    if not increases.all():
+        tick = first + int(np.argmin(increases))
+        raise InputError(
+            f"time does not increase at tick {tick}",
+            where=where,
+            code="time-not-increasing",
+            numbers={"tick": tick},
+        )
 
 
 def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
@@ -178,37 +234,13 @@ def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
     try:
         made_with = str(json.loads(attrs.get("fixture", "{}")).get("sha256", sha256))
     except (ValueError, TypeError, AttributeError):
-        raise InputError("attribute fixture is no record of a fixture", where=where) from None
+        raise InputError(
+            "attribute fixture is no record of a fixture", where=where, code="record-broken"
+        ) from None
     if made_with != sha256:
         raise InputError(
             f"was replayed against the fixture with SHA-256 {made_with[:12]}..., this one has "
-            f"{sha256[:12]}...; the same fixture wanted",
+            f"{sha256[:12]}...; the same fixture is wanted",
             where=where,
+            code="fixture-differs",
         )
-
-
-def _plain(value: Any) -> Any:
-    value = value.tolist() if hasattr(value, "tolist") else value
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-
-
-def _check_head(attrs: dict[str, Any], where: str) -> None:
-    found, version = attrs.get("format"), str(attrs.get("version"))
-    if found != RESULT_FORMAT:
-        raise InputError(f"format is {found!r}; {RESULT_FORMAT!r} wanted", where=where)
-    if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
-        raise VersionError(
-            f"result version {version}; this program reads {RESULT_VERSION}", where=where
-        )
-
-
-def _checked(place: h5py.Group, where: str) -> list[h5py.Dataset]:
-    """The datasets of `TABLE`, in its order."""
-    datasets = [plain_dataset(place, name, where, TABLE, InputError) for name in TABLE]
-    for dataset, (name, (columns, _, _)) in zip(datasets, TABLE.items(), strict=True):
-        if dataset.shape != (*datasets[0].shape[:1], *columns):
-            wanted = ", ".join(map(str, ("T", *columns)))
-            raise InputError(f"{name} has shape {dataset.shape}; ({wanted}) wanted", where=where)
-        if dataset.dtype.kind not in "fiu":
-            raise InputError(f"{name} has type {dataset.dtype}; real numbers wanted", where=where)
-    return datasets

@@ -16,7 +16,7 @@ from typing import Any
 from vfplan.engine.parameters import RULES, Rule, number
 from vfplan.engine.renderable import best_rule
 from vfplan.fixture import Fixture, StabilityVerdict
-from vfplan.io.workers import workers
+from vfplan.io.processes import worker_processes
 from vfplan.robot import Robot
 from vfplan.stability import contacts
 from vfplan.stability.closedloop import closed_loop, scenes_for
@@ -163,7 +163,7 @@ def _smallest(rows: list[Row]) -> dict[str, float]:
 
 def run_tasks(tasks: list[Task], jobs: int, done: Done) -> list[list[Row]]:
     """Every task's rows, in the order of the tasks, run in `jobs` processes."""
-    with workers(jobs) if jobs > 1 else nullcontext() as pool:
+    with worker_processes(jobs) if jobs > 1 else nullcontext() as pool:
         results = []
         for rows in (pool.map if pool else map)(call, tasks):
             results.append(rows)

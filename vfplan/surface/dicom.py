@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import InputError, VfplanError, needing
+from vfplan.errors import InputError, VfplanError, requires_extra
 from vfplan.images.dicom import silent
 from vfplan.images.read import is_dicom
 from vfplan.io.files import read_bytes
@@ -93,7 +93,7 @@ def _quiet(where: str) -> Iterator[None]:
 
 
 def _dataset(data: bytes, where: str) -> Any:
-    with needing("reading DICOM needs pydicom", "surface", where):
+    with requires_extra("reading DICOM needs pydicom", "surface", where):
         import pydicom
     if DEFLATED in data[:4096]:
         raise InputError("is deflated as a whole, which is not supported", where=where)

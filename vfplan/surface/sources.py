@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from vfplan.errors import InputError
-from vfplan.io.files import at, opened_file
+from vfplan.io.files import naming_place, opened_file
 from vfplan.surface.contours import Contours
 from vfplan.surface.labels import contours_of_volume
 
@@ -37,7 +37,7 @@ def read_contours(
     name = first.name.lower()
     with opened_file(first) as file:
         head = file.read(HEAD_BYTES)
-    with at(first):
+    with naming_place(first):
         if head.startswith(b"NRRD"):
             return contours_of_volume(volumes.read_nrrd(first), structure)
         if name.endswith((".nii", ".nii.gz")):

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import InputError, needing
-from vfplan.io.files import read_bytes
-from vfplan.io.reading import MOST_UNPACKED, first_unpacked, unpacked
+from vfplan.errors import InputError, requires_extra
+from vfplan.io.files import MAX_DECOMPRESSED_BYTES, decompress, first_decompressed, read_bytes
 from vfplan.surface.contours import Structure
 from vfplan.surface.labels import LabelVolume, checked_place
 
@@ -57,7 +56,7 @@ def read_nrrd(path: Path) -> LabelVolume:
 
 
 def _nrrd_header(head: bytes, where: str) -> dict[str, Any]:
-    with needing("reading NRRD needs pynrrd", "surface", where):
+    with requires_extra("reading NRRD needs pynrrd", "surface", where):
         import nrrd
     try:
         with warnings.catch_warnings():
@@ -89,12 +88,14 @@ def _nrrd_layers(header: dict[str, Any], data: bytes, where: str) -> NDArray:
     if dtype.kind not in "iu" or len(sizes) not in (3, 4) or min(sizes) < 1:
         raise InputError(f"holds {dtype} of {sizes}; a label map is wanted", where=where)
     wanted = int(np.prod(sizes, dtype=object)) * dtype.itemsize
-    if wanted > MOST_UNPACKED:
-        raise InputError(f"says that it holds {wanted} bytes; {MOST_UNPACKED} allowed", where=where)
+    if wanted > MAX_DECOMPRESSED_BYTES:
+        raise InputError(
+            f"says that it holds {wanted} bytes; {MAX_DECOMPRESSED_BYTES} allowed", where=where
+        )
     if header.get("line skip") or header.get("byte skip"):
         raise InputError("skips lines or bytes, which is not supported", where=where)
     kind = kinds[encoding]
-    voxels = data if kind is None else unpacked(data, kind, where, wanted)
+    voxels = data if kind is None else decompress(data, kind, where, wanted)
     if len(voxels) != wanted:
         raise InputError(f"holds {len(voxels)} bytes of voxels; {wanted} are wanted", where=where)
     array = np.frombuffer(voxels, dtype).reshape(sizes, order="F")
@@ -143,10 +144,10 @@ def read_nifti(path: Path) -> LabelVolume:
     """
     where = str(path)
     data, digest = read_bytes(path)
-    with needing("reading NIfTI needs nibabel", "surface", where):
+    with requires_extra("reading NIfTI needs nibabel", "surface", where):
         import nibabel
     if data[:2] == b"\x1f\x8b":
-        data = unpacked(data, "gzip", where, _nifti_bytes(first_unpacked(data), where))
+        data = decompress(data, "gzip", where, _nifti_bytes(first_decompressed(data), where))
     log = logging.getLogger("nibabel.global")
     level = log.level
     log.setLevel(logging.CRITICAL)
@@ -181,9 +182,9 @@ def _nifti_bytes(head: bytes, where: str) -> int:
     sizes = [int.from_bytes(head[at + width * k :][:width], order) for k in range(1, 8)]
     count = min(max(int.from_bytes(head[at : at + width], order), 1), 7)
     voxels = 8 * int(np.prod(sizes[:count], dtype=object))
-    if voxels > 8 * MOST_UNPACKED:
+    if voxels > 8 * MAX_DECOMPRESSED_BYTES:
         raise InputError(f"says that it has voxels {sizes[:count]}, too many", where=where)
-    return min(voxels + NIFTI_HEADER, MOST_UNPACKED)
+    return min(voxels + NIFTI_HEADER, MAX_DECOMPRESSED_BYTES)
 
 
 def _sizeof(size: int) -> tuple[bytes, bytes]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, MissingExtra, SettingError
-from vfplan.io.files import real
+from vfplan.io.files import parse_decimal
 
 if TYPE_CHECKING:
     from roifile import ImagejRoi
@@ -132,6 +132,8 @@ def read_xy_table(
 def pixels_of(rows: list[list[str]], where: str) -> NDArray[np.float64]:
     """The (M, 2) numbers of a table's rows; raises `CurveError` where one has other than two."""
     try:
-        return np.array([[real(x), real(y)] for x, y in rows], np.float64).reshape(-1, 2)
+        return np.array(
+            [[parse_decimal(x), parse_decimal(y)] for x, y in rows], np.float64
+        ).reshape(-1, 2)
     except ValueError as error:
         raise CurveError(f"holds a row without two numbers: {error}", where=where) from None

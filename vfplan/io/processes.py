@@ -1,4 +1,4 @@
-"""Processes for long work, isolated from the current folder, that end with the program's work."""
+"""Worker processes for long work, isolated from the current folder, that end with the program."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ SAFE_PATH = "PYTHONSAFEPATH"
 
 
 @contextmanager
-def workers(
+def worker_processes(
     count: int, initializer: Callable[..., None] | None = None, *args: Any
 ) -> Iterator[ProcessPoolExecutor]:
     """A pool of `count` processes, each of which first calls `initializer(*args)`.
 
     They import nothing from the current folder. An exception in the block, and thus a signal, ends
-    them at once, whatever they are at.
+    them at once, whatever they do.
     """
-    others, before = set(active_children()), os.environ.get(SAFE_PATH)
-    # multiprocessing starts Python by -c, which would look for modules where the program stands.
+    others = set(active_children())
+    safe_path_before = os.environ.get(SAFE_PATH)
+    # multiprocessing starts Python by -c, which would look for modules in the current folder.
     os.environ[SAFE_PATH] = "1"
-    # spawn: a forked copy of a process with threads may hang.
+    # spawn, because a forked copy of a process with threads may hang.
     pool = ProcessPoolExecutor(count, get_context("spawn"), _begin, (initializer, *args))
     try:
         yield pool
@@ -37,23 +38,18 @@ def workers(
         raise
     finally:
         pool.shutdown(cancel_futures=True)
-        if before is None:
+        if safe_path_before is None:
             del os.environ[SAFE_PATH]
         else:
-            os.environ[SAFE_PATH] = before
+            os.environ[SAFE_PATH] = safe_path_before
 
 
 def _begin(initializer: Callable[..., None] | None, *args: Any) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches them too; the program decides
-    _end_with_parent()
-    if initializer is not None:
-        initializer(*args)
-
-
-def _end_with_parent() -> None:
-    """Let the system end this process with the program's, were it by a signal that none can take.
-
-    Linux only (prctl's PR_SET_PDEATHSIG); elsewhere a killed program leaves its workers waiting.
-    """
+    # Ctrl-C reaches the workers too, but the program alone decides what ends.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # On Linux the system ends this process when the program ends, also by SIGKILL (prctl's
+    # PR_SET_PDEATHSIG). Elsewhere a killed program leaves its workers waiting.
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+    if initializer is not None:
+        initializer(*args)

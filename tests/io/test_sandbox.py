@@ -3,14 +3,14 @@
 import pytest
 
 from vfplan.errors import SessionError
-from vfplan.io.apart import apart
+from vfplan.io.sandbox import run_in_sandbox
 
 
 def test_a_refusal_keeps_its_kind_place_code_and_numbers(tmp_path):
     path = tmp_path / "session.csv"
     path.write_bytes(b"t,x,y,z\n")
     with path.open("rb") as file:
-        answers = apart("refusing_job:refuse", file=file, where="another name")
+        answers = run_in_sandbox("refusing_job:refuse", file=file, where="another name")
         assert next(answers) == 1
         with pytest.raises(SessionError) as refusal:
             next(answers)

@@ -10,8 +10,8 @@ from vfplan.cli.outputs import outputs
 
 from vfplan.errors import ImageError, InputError, MarkerError, OutputError, SessionError
 from vfplan.images.read import read_image
-from vfplan.io.disk import move_whole
-from vfplan.io.files import read_whole, write_whole
+from vfplan.io.files import read_whole
+from vfplan.io.staging import move_into_place, write_whole
 from vfplan.markers import read_markers
 from vfplan.robot import read_robot
 from vfplan.session import read_session
@@ -88,9 +88,9 @@ def test_without_hard_links_files_are_written_all_the_same(monkeypatch, tmp_path
 
     monkeypatch.setattr(os, "link", refused)
     write_whole(tmp_path / "a", [b"1"], overwrite=False)
-    move_whole([(tmp_path / "a", tmp_path / "b")], overwrite=False).keep()
+    move_into_place([(tmp_path / "a", tmp_path / "b")], overwrite=False).commit()
     (tmp_path / "a").write_bytes(b"2")
-    move_whole([(tmp_path / "a", tmp_path / "b")], overwrite=True).undo()
+    move_into_place([(tmp_path / "a", tmp_path / "b")], overwrite=True).rollback()
     assert (tmp_path / "b").read_bytes() == b"1"
     assert os.listdir(tmp_path) == ["b"]
 
@@ -106,7 +106,7 @@ def test_all_of_several_files_or_none(overwrite, tmp_path):
         (tmp_path / name).write_bytes(b"new")
     moves = [(tmp_path / "1", old), (tmp_path / "2", new), (tmp_path / "3", folder)]
     with pytest.raises(OutputError):
-        move_whole(moves, overwrite=overwrite)
+        move_into_place(moves, overwrite=overwrite)
     assert sorted(set(os.listdir(tmp_path)) - {*"123"}) == ["folder"] + ["old"] * overwrite
     assert not overwrite or old.read_bytes() == b"old"
 
@@ -211,7 +211,7 @@ def test_a_rename_that_keeps_failing_leaves_the_old_files_under_their_names(
     if not links:
         monkeypatch.setattr(os, "link", no_link)
     with pytest.raises(OutputError):
-        move_whole(moves, overwrite=True)
+        move_into_place(moves, overwrite=True)
     assert len(count) >= 3, "putting the first one back was tried by a rename, too"
     assert [old.read_bytes() for old in olds] == [b"old 0", b"old 1"]
     assert sorted(os.listdir(tmp_path)) == ["a", "b", "new1"]
@@ -221,7 +221,7 @@ def test_an_old_file_that_no_way_leads_back_to_is_named(monkeypatch, tmp_path):
     old, new = tmp_path / "a", tmp_path / "new"
     old.write_bytes(b"old")
     new.write_bytes(b"new")
-    placed = move_whole([(new, old)], overwrite=True)
+    placed = move_into_place([(new, old)], overwrite=True)
 
     def failing(*names, **given):
         raise OSError(errno.EROFS, "Read-only file system")
@@ -230,7 +230,7 @@ def test_an_old_file_that_no_way_leads_back_to_is_named(monkeypatch, tmp_path):
         monkeypatch.setattr(os, name, failing)
     monkeypatch.setattr("shutil.copy2", failing)
     with pytest.raises(OutputError) as error:
-        placed.undo()
+        placed.rollback()
     assert error.value.code == "not-put-back"
     (kept,) = [path for path in tmp_path.iterdir() if path.suffix == ".old"]
     assert kept.read_bytes() == b"old"

@@ -9,9 +9,9 @@ import pytest
 
 CODE = """
 import os, time
-from vfplan.io.workers import workers
+from vfplan.io.processes import worker_processes
 if __name__ == "__main__":
-    with workers(2) as pool:
+    with worker_processes(2) as pool:
         print(*{pool.submit(os.getpid).result() for _ in range(1)}, flush=True)
         time.sleep(300)
 """

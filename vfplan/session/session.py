@@ -1,0 +1,265 @@
+"""A recording of HIP positions: in memory, or as a stream of blocks; also at another rate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.errors import SessionError, SettingError
+
+Array = NDArray[np.float64]
+# Time (n,) [s] and HIP (n, 3) [m] of consecutive samples.
+Samples = tuple[Array, Array]
+
+UNITS = {"m": 1.0, "mm": 1e-3}
+
+BLOCK = 16384
+"""Ticks of a block. All that sums over ticks sees blocks of this length, however the file was cut:
+sums then run in the same order on every run, and memory does not grow with the session."""
+
+MAX_COORDINATE_M = 1e6
+"""Largest coordinate [m]. Beyond it float64 loses the nanometre (`largest_coordinate` of the native
+core), and no engine answers."""
+
+MAX_TIME_S = 1e20
+"""Largest time stamp [s]. No clock gives more, and the square of a difference stays finite."""
+
+MIN_STEP_S = 1e-9
+"""Smallest difference between two time stamps [s]. A smaller one would make speeds overflow."""
+
+MAX_RATE_HZ = 1e6
+"""Highest rate of resampling. No arm's loop is as fast, and a rate mistyped by some zeros would
+fill the memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A recording of HIP positions in memory.
+
+    Parameters
+    ----------
+    time
+        (T,) [s], strictly increasing, T >= 2.
+    hip
+        (T, 3) HIP positions in `frame` [m], finite and within 1e6 m.
+    frame
+        The frame of `hip`.
+    name
+        What to call it in messages and reports; never a path.
+    sha256
+        Of the file it came from; `None` for arrays.
+    notes
+        What the reader did that the caller should know of, e.g. columns that it ignored.
+
+    Raises
+    ------
+    SessionError
+        Wrong shapes, fewer than two samples, a value that is not finite, a position beyond 1e6 m,
+        time that does not increase.
+    """
+
+    time: Array
+    hip: Array
+    frame: str = "robot_base"
+    name: str = "session"
+    sha256: str | None = None
+    notes: dict[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        time = np.ascontiguousarray(self.time, dtype=np.float64)
+        hip = np.ascontiguousarray(self.hip, dtype=np.float64)
+        if time.ndim != 1 or hip.shape != (*time.shape, 3):
+            raise SessionError(
+                f"time has shape {time.shape} and hip {hip.shape}; (T,) and (T, 3) are wanted",
+                where=self.name,
+                code="shape-wrong",
+            )
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "hip", hip)
+        for _ in check_samples([(time, hip)], self.name):
+            pass
+
+    @property
+    def ticks(self) -> int:
+        """T."""
+        return len(self.time)
+
+    def blocks(self, size: int = BLOCK) -> Iterator[Samples]:
+        """Blocks of `size` ticks, the last one shorter."""
+        for start in range(0, len(self.time), size):
+            yield self.time[start : start + size], self.hip[start : start + size]
+
+
+@dataclass(frozen=True, eq=False)
+class SessionStream:
+    """A recording that is read block by block, each time `blocks` is called."""
+
+    # Opens the file and yields samples in portions of any length.
+    read: Callable[[], Iterator[Samples]]
+    # The same as in `Session`.
+    name: str
+    frame: str = "robot_base"
+    sha256: str | None = None
+    notes: dict[str, object] = field(default_factory=dict)
+    # The number of samples; `None` when only reading to the end would show it.
+    ticks: int | None = None
+
+    def blocks(self, size: int = BLOCK) -> Iterator[Samples]:
+        """Blocks of `size` ticks (the last one shorter), checked.
+
+        Raises
+        ------
+        SessionError
+            As for `Session`, naming the sample.
+        """
+        return check_samples(regrouped(self.read(), size), self.name)
+
+    def load(self) -> Session:
+        """Everything in memory."""
+        times = []
+        hips = []
+        for time, hip in self.blocks():
+            times.append(time)
+            hips.append(hip)
+        return Session(
+            np.concatenate(times),
+            np.concatenate(hips),
+            self.frame,
+            self.name,
+            self.sha256,
+            self.notes,
+        )
+
+
+# What can be replayed.
+SessionSource = Session | SessionStream
+
+
+def unit_factor(units: str) -> float:
+    """Metres in one of `units` ("m" or "mm"); raises `SettingError` for anything else."""
+    if units not in UNITS:
+        raise SettingError(
+            f"unit {units!r} of positions; {' or '.join(UNITS)} is wanted", code="unit-unknown"
+        )
+    return UNITS[units]
+
+
+def regrouped(portions: Iterable[Samples], size: int) -> Iterator[Samples]:
+    """The same samples in blocks of exactly `size`, the last one shorter."""
+    time = np.empty(0)
+    hip = np.empty((0, 3))
+    for more_time, more_hip in portions:
+        time = np.concatenate((time, more_time))
+        hip = np.concatenate((hip, more_hip))
+        while len(time) >= size:
+            yield time[:size], hip[:size]
+            time = time[size:]
+            hip = hip[size:]
+    if len(time):
+        yield time, hip
+
+
+def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
+    """Pass blocks on, and refuse the first sample that no robot can have.
+
+    Raises SessionError: a value out of range, time that does not increase, fewer than two samples
+    """
+    count = 0
+    last_time = -np.inf
+    for time, hip in blocks:
+        # NaN is not <= anything, so it is not good either.
+        good = (np.abs(time) <= MAX_TIME_S) & (np.abs(hip) <= MAX_COORDINATE_M).all(axis=1)
+        if not good.all():
+            k = int(np.argmin(good))
+            x, y, z = hip[k]
+            fault = "is out of range"
+            code = "sample-out-of-range"
+            if not (np.isfinite(time[k]) and np.isfinite(hip[k]).all()):
+                fault = "is not finite"
+                code = "sample-not-finite"
+            raise SessionError(
+                f"sample {count + k} {fault}: t = {time[k]} s, hip = ({x}, {y}, {z}) m. Positions "
+                f"are finite and within {MAX_COORDINATE_M:g} m",
+                where=where,
+                code=code,
+                numbers={"sample": count + k},
+            )
+        with_last = np.concatenate(([last_time], time))
+        increases = np.diff(with_last) >= MIN_STEP_S
+        if not increases.all():
+            k = int(np.argmin(increases))
+            raise SessionError(
+                f"time does not increase: {with_last[k + 1]:.9g} s at sample {count + k} follows "
+                f"{with_last[k]:.9g} s; every time stamp must be above the one before",
+                where=where,
+                code="time-not-increasing",
+                numbers={"sample": count + k},
+            )
+        count += len(time)
+        last_time = time[-1]
+        yield time, hip
+    if count < 2:
+        raise SessionError(
+            f"its number of samples is {count}; at least 2 are wanted",
+            where=where,
+            code="too-few-samples",
+            numbers={"samples": count},
+        )
+
+
+def resampled(session: SessionSource, rate_hz: float) -> SessionStream:
+    """The session at t0, t0 + 1/rate, ... up to its last sample, by linear interpolation.
+
+    Parameters
+    ----------
+    session
+        Any source of blocks.
+    rate_hz
+        Samples a second.
+
+    Raises
+    ------
+    SettingError
+        A rate that is not above 0 and at most 1 MHz.
+    """
+    if not 0 < rate_hz <= MAX_RATE_HZ:
+        raise SettingError(
+            f"rate {rate_hz:g} Hz; above 0 and at most {MAX_RATE_HZ:g} is wanted",
+            code="rate-out-of-range",
+            numbers={"rate_hz": rate_hz},
+        )
+    return SessionStream(
+        lambda: _interpolated(session, rate_hz),
+        session.name,
+        session.frame,
+        session.sha256,
+        {**session.notes, "resampled_hz": rate_hz},
+    )
+
+
+def _interpolated(session: SessionSource, rate_hz: float) -> Iterator[Samples]:
+    start = None
+    # Samples given so far; sample k stands at start + k / rate.
+    done = 0
+    # The last sample of the block before, from which the first interval of a block begins.
+    last_time = np.empty(0)
+    last_hip = np.empty((0, 3))
+    for block_time, block_hip in session.blocks(BLOCK):
+        if start is None:
+            start = block_time[0]
+        time = np.concatenate((last_time, block_time))
+        hip = np.concatenate((last_hip, block_hip))
+        # 1e-9 of a sample keeps the last one when T * rate is a whole number but for rounding.
+        last = int(np.floor((time[-1] - start) * rate_hz + 1e-9))
+        for first in range(done, last + 1, BLOCK):
+            new_time = start + np.arange(first, min(first + BLOCK, last + 1)) / rate_hz
+            new_hip = np.empty((len(new_time), 3))
+            for axis in range(3):
+                new_hip[:, axis] = np.interp(new_time, time, hip[:, axis])
+            yield new_time, new_hip
+        done = max(done, last + 1)
+        last_time = time[-1:]
+        last_hip = hip[-1:]
