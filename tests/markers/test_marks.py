@@ -110,7 +110,7 @@ def test_what_a_hand_clicks_is_no_misreading(noise_px):
     for seed in range(4):
         image = drawn(seed, ("cyan", "green")[seed % 2], ("cross", "dot")[seed // 2])
         found = compare(image, PLACES + 0.25 + rng.normal(0, noise_px, PLACES.shape))
-        assert (found.near, codes(found)) == (len(PLACES), [])
+        assert (found.matched, codes(found)) == (len(PLACES), [])
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -159,7 +159,7 @@ def test_planned_slices(shared_data, name):
         markers = read_markers(*files)
         if other == stem:
             found = compare(rgb, markers.source)
-            assert (found.near, found.drawn, codes(found)) == (9, 9, [])
+            assert (found.matched, found.drawn, codes(found)) == (9, 9, [])
             assert found.rms_px < 0.6
             continue
         with pytest.raises(CheckFailed) as caught:

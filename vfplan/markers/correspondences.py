@@ -24,15 +24,18 @@ MAX_BYTES = 16 * 2**20
 
 ALLOWED = "label,u_px,v_px and/or label,x_m,y_m,z_m (or x_mm,y_mm,z_mm), with sigma_m"
 
-LABEL_NAMES = ("label", "name")
-METRES = {"m": 1.0, "cm": 100.0, "mm": 1000.0}  # how many of the unit a metre is
+UNITS = ("m", "cm", "mm")
 
 # A column of one of these names that is not understood would be a unit or a frame ignored.
 COORDINATE_NAMES = ("u", "v", "x", "y", "z", "sigma")
 
-# RMS distance of a layout's markers from their centre [m]: from a small jig to the width of a
-# scanner. The same numbers read as metres and as millimetres cannot both be within it.
-LAYOUT_RADIUS_M = (0.01, 1.0)
+# RMS distance [m] of a layout's markers from their centre: that of a small jig, and the width of a
+# scanner. The same numbers read as metres and as millimetres cannot both lie between them.
+MIN_RADIUS_M = 0.01
+MAX_RADIUS_M = 1.0
+
+# What a header without column names holds.
+NUMBER = re.compile(r"\s*[-+]?[0-9.,]+(e[-+]?[0-9]+)?\s*", re.IGNORECASE)
 
 MarkerFrame = Literal["image", "patient_lps", "robot_base"]
 
@@ -60,12 +63,12 @@ class MarkerPoints:
         """Every label once, and at least one of them."""
         if not self.labels:
             raise MarkerError(
-                "holds no marker; at least three are wanted", where=self.where, code="no-markers"
+                "holds no marker. Give at least three", where=self.where, code="no-markers"
             )
         for label, count in Counter(self.labels).items():
             if count > 1:
                 raise MarkerError(
-                    f"label {label!r} occurs {count} times; each marker may occur once",
+                    f"label {label!r} occurs {count} times. Give each marker a label of its own",
                     where=self.where,
                     code="label-doubled",
                     numbers={"label": label, "count": count},
@@ -118,29 +121,47 @@ def read_markers(
         side has; two files for the same side.
     """
     if path2 is None:
-        sides = _read(Path(path))
+        sides = read_sides(Path(path))
         if len(sides) != 2:
             raise MarkerError(
-                f"holds only {sides[0].frame} positions; give a second file with the other side, "
+                f"holds only {sides[0].frame} positions. Give a second file with the other side, "
                 "or one table with label,u_px,v_px,x_m,y_m,z_m",
                 where=str(path),
                 code="one-side-only",
             )
-        return _join(sides[0], sides[1], {"markers": sides[0].sha256}, common)
-    first, second = _read_one_side(Path(path)), _read_one_side(Path(path2))
-    source, target = _source_and_target(first, second)
+        return join(sides[0], sides[1], {"markers": sides[0].sha256}, common)
+    both = []
+    for file in (path, path2):
+        sides = read_sides(Path(file))
+        if len(sides) == 2:
+            raise MarkerError(
+                "holds both sides already. Give it alone, or two files with one side each",
+                where=str(file),
+                code="both-sides",
+            )
+        both += sides
+    first, second = both
+    if first.frame == second.frame != "patient_lps":
+        raise MarkerError(
+            f"both files hold {first.frame} positions ({first.where}). Give one of each side",
+            where=second.where,
+            code="same-side-twice",
+        )
     inputs = {"markers": first.sha256, "markers2": second.sha256}
-    return _join(source, target, inputs, common)
+    if second.frame == "image" or first.frame == "robot_base":
+        return join(second, first, inputs, common)
+    return join(first, second, inputs, common)
 
 
-def _read(path: Path) -> list[MarkerPoints]:
+def read_sides(path: Path) -> list[MarkerPoints]:
+    """The image side, the other side, or both, of one file."""
     from vfplan.markers.slicer import parse_fcsv, parse_mrk_json
 
     suffix = path.suffix.lower()
     where = str(path)
     if suffix not in (".csv", ".txt", ".tsv", ".json", ".fcsv"):
         raise MarkerError(
-            f"has suffix {path.suffix!r}; .csv, .mrk.json or .fcsv is wanted",
+            f"has suffix {path.suffix!r}. Give a .csv, .mrk.json or .fcsv file",
             where=where,
             code="suffix-unknown",
         )
@@ -154,59 +175,54 @@ def _read(path: Path) -> list[MarkerPoints]:
     return [replace(side, sha256=sha256) for side in sides]
 
 
-def _read_one_side(path: Path) -> MarkerPoints:
-    sides = _read(path)
-    if len(sides) == 2:
-        raise MarkerError(
-            "holds both sides already; give it alone, or two files with one side each",
-            where=str(path),
-            code="both-sides",
-        )
-    return sides[0]
-
-
-def _source_and_target(
-    first: MarkerPoints, second: MarkerPoints
-) -> tuple[MarkerPoints, MarkerPoints]:
-    if first.frame == second.frame != "patient_lps":
-        raise MarkerError(
-            f"both files hold {first.frame} positions ({first.where}); one of each side is wanted",
-            where=second.where,
-            code="same-side-twice",
-        )
-    if second.frame == "image" or first.frame == "robot_base":
-        return second, first
-    return first, second
-
-
-def _join(
+def join(
     source: MarkerPoints, target: MarkerPoints, inputs: dict[str, str], common: bool
 ) -> Correspondences:
+    """The markers of two sides, joined by label.
+
+    inputs: SHA-256 of the files, by role
+    common: leave out what only one side has, with a note each
+    Raises MarkerError: a label that only one side has, without `common`
+    """
+    labels, rows, target_rows = [], [], []
+    for row, label in enumerate(source.labels):
+        if label in target.labels:
+            labels.append(label)
+            rows.append(row)
+            target_rows.append(target.labels.index(label))
+    if not labels:
+        raise MarkerError(
+            f"has no label that {source.where} has. Give the files of one case, with the same "
+            "labels in both",
+            where=target.where,
+            code="labels-differ",
+            numbers={"labels": list(source.labels)},
+        )
     findings = source.findings + target.findings
     for side, other in ((source, target), (target, source)):
-        lone = [label for label in side.labels if label not in other.labels]
+        lone = sorted(set(side.labels) - set(other.labels), key=side.labels.index)
         if not lone:
             continue
         names = ", ".join(lone)
         if not common:
             raise MarkerError(
-                f"has no marker {names}, which {side.where} has; delete {names} there, or use "
-                "--common",
+                f"has no marker {names}, which {side.where} has. Add it here, delete {names} "
+                "there, or use --common",
                 where=other.where,
                 code="labels-differ",
                 numbers={"labels": lone},
             )
         text = f"Only {Path(side.where or 'one side').name} has {names}: left out."
         findings += (note("markers-not-common", "register", text),)
-    labels = tuple(label for label in source.labels if label in target.labels)
-    from_source = [source.labels.index(label) for label in labels]
-    from_target = [target.labels.index(label) for label in labels]
+    sigma = target.sigma
+    if sigma is not None:
+        sigma = sigma[target_rows]
     return Correspondences(
-        labels=labels,
-        source=source.positions[from_source],
+        labels=tuple(labels),
+        source=source.positions[rows],
         source_frame=source.frame,
-        target=target.positions[from_target],
-        sigma=None if target.sigma is None else target.sigma[from_target],
+        target=target.positions[target_rows],
+        sigma=sigma,
         target_frame=target.frame,
         inputs=inputs,
         findings=findings,
@@ -215,17 +231,20 @@ def _join(
 
 def label_of(text: object, what: str, where: str) -> str:
     """A label without surrounding blanks, or a `MarkerError` where no bundle can hold it."""
-    label = str(text).strip() if text is not None else ""
+    label = ""
+    if text is not None:
+        label = str(text).strip()
     if not label:
         raise MarkerError(
-            f"{what} has no label; every marker needs one", where=where, code="label-missing"
+            f"{what} has no label. Give every marker one", where=where, code="label-missing"
         )
-    if any(category(sign) == "Cc" for sign in label):
-        raise MarkerError(
-            f"{what} has the label {label!r}: a control character",
-            where=where,
-            code="label-control-character",
-        )
+    for sign in label:
+        if category(sign) == "Cc":
+            raise MarkerError(
+                f"{what} has a control character in its label {label!r}. Delete it",
+                where=where,
+                code="label-control-character",
+            )
     return label
 
 
@@ -235,99 +254,123 @@ def parse_marker_table(text: str, where: str) -> list[MarkerPoints]:
     Columns: `label` (or `name`), `u_px,v_px` [px], `x_m,y_m,z_m` [m] (or `_mm`, `_cm`), and on the
     robot side `sigma_m` (or `sigma`, one standard deviation an axis) or `sigma_x_m,sigma_y_m,
     sigma_z_m`. Plain `x,y,z` are metres or millimetres, by the size of the layout. Other columns
-    are notes and are left alone, unless they look like a coordinate in another unit.
+    are notes and are ignored, unless they look like a coordinate in another unit.
 
     Raises MarkerError: a missing or doubled column, a missing cell, a value that is not a finite
         number, a table that may mean two things
     """
     table = parse_table(text, where, MarkerError)
     place = f"{where}, line {table.header_line}"
-    if all(_looks_like_number(name) for name in table.header[1:]) and len(table.header) > 1:
+    header = ",".join(table.header)
+    if len(table.header) > 1 and all(map(NUMBER.fullmatch, table.header[1:])):
         raise MarkerError(
-            "the first line holds numbers and no column names; write label,u_px,v_px or "
+            "the first line holds numbers and no column names. Write label,u_px,v_px or "
             "label,x_m,y_m,z_m above it",
             where=place,
             code="header-missing",
         )
-    columns = {_plain(name): name for name in table.header}
-    label_column = next((columns[name] for name in LABEL_NAMES if name in columns), None)
+
+    # The columns by their plain names: "X [mm]" is "x_mm".
+    columns: dict[str, str] = {}
+    for name in table.header:
+        columns[re.sub(r"[\s_\[\]()]+", "_", name.casefold()).strip("_")] = name
+    label_column = columns.get("label", columns.get("name"))
     if label_column is None:
         raise MarkerError(
-            f"no column 'label' in {','.join(table.header)!r}; allowed: {ALLOWED}",
+            f"no column 'label' in {header!r}. The columns may be {ALLOWED}",
             where=place,
             code="column-missing",
         )
-    image = _choose(columns, [("u_px", "v_px"), ("u", "v")], place)
-    robot = _choose(columns, [("x", "y", "z"), *_in_units("x_{}", "y_{}", "z_{}")], place)
-    sigma_choices = [("sigma",), *_in_units("sigma_{}")]
-    sigma_choices += _in_units("sigma_x_{}", "sigma_y_{}", "sigma_z_{}")
-    sigma = _choose(columns, sigma_choices, place)
-    _refuse_unknown(columns, image + robot + sigma, place)
+    image = choose_columns(columns, [("u_px", "v_px"), ("u", "v")], place)
+    in_metres, sigma_choices = [("x", "y", "z")], [("sigma",)]
+    for unit in UNITS:
+        in_metres.append((f"x_{unit}", f"y_{unit}", f"z_{unit}"))
+        sigma_choices.append((f"sigma_{unit}",))
+        sigma_choices.append((f"sigma_x_{unit}", f"sigma_y_{unit}", f"sigma_z_{unit}"))
+    robot = choose_columns(columns, in_metres, place)
+    sigma = choose_columns(columns, sigma_choices, place)
+    for plain_name, name in columns.items():
+        is_known = plain_name in image + robot + sigma
+        if not is_known and plain_name.split("_")[0] in COORDINATE_NAMES:
+            raise MarkerError(
+                f"column {name!r} is not understood. The columns may be {ALLOWED}",
+                where=place,
+                code="column-unknown",
+                numbers={"column": name},
+            )
     if not image and not robot:
         raise MarkerError(
-            f"no coordinates in columns {','.join(table.header)!r}; allowed: {ALLOWED}",
+            f"no coordinates in the columns {header!r}. The columns may be {ALLOWED}",
             where=place,
             code="column-missing",
         )
     if sigma and not robot:
         raise MarkerError(
-            "a sigma [m] belongs to the robot's positions (x_m,y_m,z_m), which are not here",
+            "a sigma [m] belongs to the robot's positions, which are not here. Move it to their "
+            "table",
             where=place,
             code="sigma-without-positions",
         )
-    table.check_decimals(tuple(columns[name] for name in image + robot + sigma))
 
-    labels = tuple(
-        label_of(row.cells[label_column], f"line {row.line}", where) for row in table.rows
-    )
+    table.check_decimals(tuple(columns[name] for name in image + robot + sigma))
+    labels = []
+    for row in table.rows:
+        labels.append(label_of(row.cells[label_column], f"line {row.line}", where))
     sides = []
     if image:
-        positions = _positions(table, labels, [columns[name] for name in image])
-        sides.append(MarkerPoints("image", labels, positions, where=where))
+        positions = _numbers(table, labels, [columns[name] for name in image])
+        sides.append(MarkerPoints("image", tuple(labels), positions, where=where))
     if robot:
-        raw = _positions(table, labels, [columns[name] for name in robot])
-        per_metre, findings = _units_per_metre(robot, raw, place)
+        raw = _numbers(table, labels, [columns[name] for name in robot])
+        unit, findings = unit_of(robot, raw, place)
+        per_metre = number_per_metre(unit)
+        positions = raw / per_metre
         spread = None
         if sigma:
-            spread = _sigma(table, labels, [columns[name] for name in sigma])
-            unit = sigma[0].rsplit("_", 1)[-1]
-            spread = spread / METRES.get(unit, per_metre)
+            spread = _numbers(table, labels, [columns[name] for name in sigma])
+            for row, label, values in zip(table.rows, labels, spread, strict=True):
+                if not (values > 0).all():
+                    raise MarkerError(
+                        f"sigma of marker {label!r} is {values.min():g}. Give a number above 0",
+                        where=f"{where}, line {row.line}",
+                        code="sigma-range",
+                        numbers={"label": label},
+                    )
+            if sigma != ("sigma",):
+                per_metre = number_per_metre(sigma[0].rsplit("_", 1)[-1])
+            spread = spread / per_metre
+            if len(sigma) == 1:
+                spread = spread[:, 0]
         sides.append(
             MarkerPoints(
-                "robot_base", labels, raw / per_metre, spread, where=where, findings=findings
+                "robot_base",
+                tuple(labels),
+                positions,
+                spread,
+                where=where,
+                findings=findings,
             )
         )
     return sides
 
 
-def _plain(name: str) -> str:
-    """A column's name in lower case, with its unit behind an underscore: "X [mm]" is "x_mm"."""
-    return re.sub(r"[\s_\[\]()]+", "_", name.casefold()).strip("_")
-
-
-def _looks_like_number(text: str) -> bool:
-    return bool(re.fullmatch(r"[-+]?[0-9.,]+(e[-+]?[0-9]+)?", text.strip(), re.IGNORECASE))
-
-
-def _in_units(*patterns: str) -> list[tuple[str, ...]]:
-    return [tuple(pattern.format(unit) for pattern in patterns) for unit in METRES]
-
-
-def _choose(columns: dict[str, str], choices: list[tuple[str, ...]], place: str) -> tuple[str, ...]:
+def choose_columns(
+    columns: dict[str, str], choices: list[tuple[str, ...]], place: str
+) -> tuple[str, ...]:
     """The one choice of column names that the table has; () where it has none of any."""
-    present = [names for names in choices if any(name in columns for name in names)]
+    present = [names for names in choices if not columns.keys().isdisjoint(names)]
     if not present:
         return ()
-    if len(present) > 1:
-        shown = " and ".join(",".join(names) for names in present)
-        raise MarkerError(
-            f"{shown} in one table; give one of them", where=place, code="columns-ambiguous"
-        )
     names = present[0]
+    if len(present) > 1:
+        both = f"{','.join(names)} and {','.join(present[1])}"
+        raise MarkerError(
+            f"{both} are in one table. Give one of them", where=place, code="columns-ambiguous"
+        )
     for name in names:
         if name not in columns:
             raise MarkerError(
-                f"missing column {name!r} beside {','.join(columns)!r}",
+                f"column {name!r} is missing beside {','.join(columns)!r}. Add it",
                 where=place,
                 code="column-missing",
                 numbers={"column": name},
@@ -335,54 +378,39 @@ def _choose(columns: dict[str, str], choices: list[tuple[str, ...]], place: str)
     return names
 
 
-def _refuse_unknown(columns: dict[str, str], known: tuple[str, ...], place: str) -> None:
-    for plain, name in columns.items():
-        if plain not in known and plain.split("_")[0] in COORDINATE_NAMES:
-            raise MarkerError(
-                f"column {name!r} is not understood; allowed: {ALLOWED}",
-                where=place,
-                code="column-unknown",
-                numbers={"column": name},
-            )
+def number_per_metre(unit: str) -> float:
+    """How many of the unit a metre is."""
+    return {"m": 1.0, "cm": 100.0, "mm": 1000.0}[unit]
 
 
-def _positions(table: Table, labels: tuple[str, ...], columns: list[str]) -> NDArray[np.float64]:
-    positions = np.empty((len(labels), len(columns)))
-    for i, (row, label) in enumerate(zip(table.rows, labels, strict=True)):
-        for k, column in enumerate(columns):
-            positions[i, k] = table.number(row, column, f"marker {label!r}")
-    return positions
-
-
-def _sigma(table: Table, labels: tuple[str, ...], columns: list[str]) -> NDArray[np.float64]:
-    """(N,) or (N, 3) standard deviations in the table's unit."""
-    sigma = _positions(table, labels, columns)
-    for row, label, values in zip(table.rows, labels, sigma, strict=True):
-        if not (values > 0).all():
-            raise MarkerError(
-                f"sigma of marker {label!r} is {values.min():g}; above 0 is wanted",
-                where=f"{table.where}, line {row.line}",
-                code="sigma-range",
-                numbers={"label": label},
-            )
-    return sigma[:, 0] if len(columns) == 1 else sigma
-
-
-def _units_per_metre(
+def unit_of(
     names: tuple[str, ...], raw: NDArray[np.float64], place: str
-) -> tuple[float, tuple[Finding, ...]]:
-    """How many of the table's unit a metre is: as its header says, or by the layout's size."""
+) -> tuple[str, tuple[Finding, ...]]:
+    """The unit of a table's positions: as its header says, or by the layout's size.
+
+    Raises MarkerError: a header without a unit, and a layout that fits metres as little as
+        millimetres
+    """
     if "_" in names[0]:
-        return METRES[names[0].rsplit("_", 1)[-1]], ()
+        return names[0].rsplit("_", 1)[-1], ()
     radius = float(np.sqrt(((raw - raw.mean(axis=0)) ** 2).sum(axis=1).mean()))
     for unit in ("m", "mm"):
-        if LAYOUT_RADIUS_M[0] <= radius / METRES[unit] <= LAYOUT_RADIUS_M[1]:
+        if MIN_RADIUS_M <= radius / number_per_metre(unit) <= MAX_RADIUS_M:
             text = f"Columns X, Y, Z name no unit: taken as {unit}, by the size of the layout."
-            return METRES[unit], (note("unit-concluded", "register", text),)
+            return unit, (note("unit-concluded", "register", text),)
     raise MarkerError(
         f"columns x,y,z name no unit, and a layout of {radius:.3g} (rms from its centre) fits "
-        "neither metres nor millimetres; write x_m,y_m,z_m or x_mm,y_mm,z_mm",
+        "neither metres nor millimetres. Write x_m,y_m,z_m or x_mm,y_mm,z_mm",
         where=place,
         code="unit-unclear",
         numbers={"radius": radius},
     )
+
+
+def _numbers(table: Table, labels: list[str], columns: list[str]) -> NDArray[np.float64]:
+    """(N, K) the numbers in some columns."""
+    numbers = np.empty((len(labels), len(columns)))
+    for i, (row, label) in enumerate(zip(table.rows, labels, strict=True)):
+        for k, column in enumerate(columns):
+            numbers[i, k] = table.number(row, column, f"marker {label!r}")
+    return numbers

@@ -26,6 +26,9 @@ SEARCH_PX = 8.0
 # Largest half size of a mark [px].
 MAX_HALF_SIZE_PX = 24
 
+# Pixels around a mark, where its blurred edge ends.
+EDGE_PX = 4
+
 # Chroma, or difference in brightness, below which nothing was drawn; of full scale.
 MIN_CONTRAST = 0.15
 
@@ -43,7 +46,7 @@ MAX_BRIGHTNESS_MISFIT = 0.7
 
 
 @dataclass(frozen=True)
-class FoundMarker:
+class DrawnMarker:
     """A marker as drawn in the image."""
 
     label: str
@@ -91,7 +94,7 @@ def find_markers(
     positions_px: ArrayLike,
     *,
     search_px: float = SEARCH_PX,
-) -> tuple[FoundMarker, ...]:
+) -> tuple[DrawnMarker, ...]:
     """Find the drawn marker nearest to each given position.
 
     Parameters
@@ -114,69 +117,70 @@ def find_markers(
     """
     if not 0 < search_px < float("inf"):
         raise SettingError(
-            f"search radius is {search_px} px; a finite number above 0 is wanted",
+            f"search radius is {search_px} px. Give a finite number above 0",
             code="search-radius-range",
         )
-    found: list[FoundMarker] = []
+    height, width = rgb.shape[:2]
+    markers: list[DrawnMarker] = []
     for label, (u, v) in zip(labels, np.asarray(positions_px, dtype=float), strict=True):
+        if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
+            raise MarkerError(
+                f"marker {label!r} at ({u:.1f}, {v:.1f}) px lies outside the image of "
+                f"{width} x {height} px. Correct its position",
+                code="marker-outside-slice",
+                numbers={"label": label, "u_px": float(u), "v_px": float(v)},
+            )
         marker = _find_marker(rgb, label, (float(u), float(v)), search_px)
-        for other in found:
+        if marker is None:
+            raise MarkerError(
+                f"no cross or dot within {search_px:g} px of marker {label!r} at ({u:.1f}, "
+                f"{v:.1f}) px. Correct its position, or leave --find-markers out",
+                code="no-mark-near",
+                numbers={"label": label, "u_px": float(u), "v_px": float(v)},
+            )
+        for other in markers:
             if np.hypot(*np.subtract(marker.position_px, other.position_px)) < 1:
                 raise MarkerError(
                     f"{other.label!r} and {label!r} were both found at "
-                    f"({marker.position_px[0]:.1f}, {marker.position_px[1]:.1f}) px; each needs a "
-                    "mark of its own",
+                    f"({marker.position_px[0]:.1f}, {marker.position_px[1]:.1f}) px. Give each the "
+                    "position of a mark of its own",
                     code="one-mark-two-markers",
                     numbers={"labels": [other.label, label]},
                 )
-        found.append(marker)
-    return tuple(found)
+        markers.append(marker)
+    return tuple(markers)
 
 
 def _find_marker(
     rgb: NDArray[Any], label: str, place: tuple[float, float], search_px: float
-) -> FoundMarker:
-    height, width = rgb.shape[:2]
+) -> DrawnMarker | None:
+    """The cross or dot nearest to a place, or `None`."""
     u, v = place
-    if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
-        raise MarkerError(
-            f"marker {label!r} at ({u:.1f}, {v:.1f}) px lies outside the image of {width}x{height} "
-            "px",
-            code="marker-outside-slice",
-            numbers={"label": label, "u_px": u, "v_px": v},
-        )
     half = int(np.ceil(search_px)) + MAX_HALF_SIZE_PX
-    left, top = max(0, round(u) - half), max(0, round(v) - half)
-    window = rgb[top : round(v) + half + 1, left : round(u) + half + 1]
+    column, row = max(0, round(u) - half), max(0, round(v) - half)
+    window = rgb[row : round(v) + half + 1, column : round(u) + half + 1]
     picture = window / float(np.iinfo(rgb.dtype).max)
-    local = (u - left, v - top)
+    local = (u - column, v - row)
 
-    best: FoundMarker | None = None
+    best: DrawnMarker | None = None
     for coverage in coverages_near(picture, local, search_px):
         for mark in marks_near(coverage, local, search_px):
             fit = fit_mark(mark, picture)
             moved = float(np.hypot(fit.u - local[0], fit.v - local[1]))
             if fit.misfit > MAX_MISFIT or moved > search_px:
                 continue
-            marker = FoundMarker(label, (fit.u + left, fit.v + top), moved, fit.shape, fit.misfit)
-            if best is None or _is_better(marker, best):
-                best = marker
+            position = (fit.u + column, fit.v + row)
+            is_better = True
+            if best is not None:
+                # The better fit of one mark; of two marks the nearer.
+                is_better = moved < best.moved_px
+                if np.hypot(*np.subtract(position, best.position_px)) < 2:
+                    is_better = fit.misfit < best.misfit
+            if is_better:
+                best = DrawnMarker(label, position, moved, fit.shape, fit.misfit)
         if best is not None and best.misfit < CLEAR_MISFIT:
             break
-    if best is None:
-        raise MarkerError(
-            f"no cross or dot within {search_px:g} px of marker {label!r} at ({u:.1f}, {v:.1f}) px",
-            code="no-mark-near",
-            numbers={"label": label, "u_px": u, "v_px": v},
-        )
     return best
-
-
-def _is_better(marker: FoundMarker, other: FoundMarker) -> bool:
-    """The better fit of one mark; of two marks the nearer."""
-    if np.hypot(*np.subtract(marker.position_px, other.position_px)) < 2:
-        return marker.misfit < other.misfit
-    return marker.moved_px < other.moved_px
 
 
 def coverages_near(picture: Array, place: tuple[float, float], search_px: float) -> list[Array]:
@@ -216,44 +220,39 @@ def marks_near(coverage: Array, place: tuple[float, float], search_px: float) ->
     numbers, _ = ndimage.label(coverage > 0.35, structure=np.ones((3, 3)))
     marks = []
     for number, box in enumerate(ndimage.find_objects(numbers), start=1):
-        own = numbers[box] == number
-        v, u = np.nonzero(own)
-        distance = np.hypot(u + box[1].start - place[0], v + box[0].start - place[1]).min()
-        is_cut = any(
-            side.start == 0 or side.stop == size
-            for side, size in zip(box, coverage.shape, strict=True)
+        rows, columns = box
+        is_inside = numbers[box] == number
+        v, u = np.nonzero(is_inside)
+        distance = np.hypot(u + columns.start - place[0], v + rows.start - place[1]).min()
+        is_cut = min(rows.start, columns.start) == 0
+        is_cut |= rows.stop == coverage.shape[0] or columns.stop == coverage.shape[1]
+        is_large = max(is_inside.shape) > 2 * MAX_HALF_SIZE_PX
+        if distance > search_px or is_cut or is_large or len(u) < 4:
+            continue
+
+        # A window with the mark's blurred edge.
+        window = (
+            slice(max(0, rows.start - EDGE_PX), rows.stop + EDGE_PX),
+            slice(max(0, columns.start - EDGE_PX), columns.stop + EDGE_PX),
         )
-        is_large = max(own.shape) > 2 * MAX_HALF_SIZE_PX
-        if distance <= search_px and not is_cut and not is_large and len(u) >= 4:
-            marks.append(_mark(coverage, numbers, number, box))
+        alpha = coverage[window]
+        is_other = (numbers[window] != number) & (numbers[window] > 0)
+        v, u = np.indices(alpha.shape).astype(float)
+        u, v = u + window[1].start, v + window[0].start
+        weight = np.where(numbers[window] == number, alpha, 0.0)
+        centre_u = float((u * weight).sum() / weight.sum())
+        centre_v = float((v * weight).sum() / weight.sum())
+        marks.append(
+            Mark(
+                coverage=alpha,
+                valid=~ndimage.binary_dilation(is_other, iterations=2),
+                u=u,
+                v=v,
+                centre=(centre_u, centre_v),
+                radius=max(is_inside.shape) / 2,
+            )
+        )
     return marks
-
-
-def _mark(
-    coverage: Array, numbers: NDArray[np.int32], number: int, box: tuple[slice, slice]
-) -> Mark:
-    from scipy import ndimage
-
-    pad = 4  # pixels around the mark, where its blurred edge ends
-    window = tuple(
-        slice(max(0, side.start - pad), min(size, side.stop + pad))
-        for side, size in zip(box, coverage.shape, strict=True)
-    )
-    own, alpha = numbers[window] == number, coverage[window]
-    is_other = ~own & (numbers[window] > 0)
-    v, u = np.indices(alpha.shape).astype(float)
-    u, v = u + window[1].start, v + window[0].start
-    weight = np.where(own, alpha, 0.0)
-    centre_u = float((u * weight).sum() / weight.sum())
-    centre_v = float((v * weight).sum() / weight.sum())
-    return Mark(
-        coverage=alpha,
-        valid=~ndimage.binary_dilation(is_other, iterations=2),
-        u=u,
-        v=v,
-        centre=(centre_u, centre_v),
-        radius=max(side.stop - side.start for side in box) / 2,
-    )
 
 
 def fit_mark(mark: Mark, picture: Array) -> ShapeFit:
@@ -261,7 +260,7 @@ def fit_mark(mark: Mark, picture: Array) -> ShapeFit:
     by_colour = fit_shape(mark)
     if by_colour.blur < SHARP_PX:
         return by_colour
-    by_brightness = fit_shape(_by_brightness(mark, picture, by_colour))
+    by_brightness = fit_shape(brightness_mark(mark, picture, by_colour))
     distance = np.hypot(by_brightness.u - by_colour.u, by_brightness.v - by_colour.v)
     is_sharper = by_brightness.blur < by_colour.blur
     if is_sharper and distance < 1 and by_brightness.misfit < MAX_BRIGHTNESS_MISFIT:
@@ -269,7 +268,7 @@ def fit_mark(mark: Mark, picture: Array) -> ShapeFit:
     return by_colour
 
 
-def _by_brightness(mark: Mark, picture: Array, by_colour: ShapeFit) -> Mark:
+def brightness_mark(mark: Mark, picture: Array, by_colour: ShapeFit) -> Mark:
     """The same mark by its brightness, over a background estimated from what lies beside it.
 
     Where the mark is about as bright as its background nothing is known, and nothing counts.
@@ -278,26 +277,26 @@ def _by_brightness(mark: Mark, picture: Array, by_colour: ShapeFit) -> Mark:
     # Brightness as JPEG stores it, by ITU-R BT.601.
     grey = picture[np.ix_(rows, columns)] @ [0.299, 0.587, 0.114]
     if by_colour.shape == "cross":
-        background = _under_cross(mark, grey, by_colour.parameters)
+        background = background_under_cross(mark, grey, by_colour.parameters)
     else:
-        background = _under_dot(mark, grey)
+        background = background_under_dot(mark, grey)
     darkest_ink = np.unravel_index(np.argmax(mark.coverage * mark.valid), grey.shape)
     contrast = float(grey[darkest_ink]) - background
     is_known = np.abs(contrast) > MIN_CONTRAST / 2
     coverage = np.zeros_like(grey)
     coverage[is_known] = (grey - background)[is_known] / contrast[is_known]
-    largest = float(np.abs(contrast).max())
-    weight = np.abs(contrast) / (largest if largest > 0 else 1.0)
+    weight = np.abs(contrast) / max(float(np.abs(contrast).max()), np.finfo(float).tiny)
     return replace(mark, coverage=coverage, valid=mark.valid & is_known, weight=weight)
 
 
-def _under_dot(mark: Mark, grey: Array) -> Array:
+def background_under_dot(mark: Mark, grey: Array) -> Array:
     """The background under a dot: the smoothest filling, by Laplace's equation."""
     from scipy import ndimage
 
     covered = ndimage.binary_dilation((mark.coverage > 0.15) & mark.valid, iterations=2)
-    start = float(np.median(grey[~covered])) if (~covered).any() else 0.0
-    background = np.where(covered, start, grey)
+    background = grey.copy()
+    if not covered.all():
+        background[covered] = np.median(grey[~covered])
     neighbours = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]]) / 4
     for _ in range(300):
         smooth = ndimage.convolve(background, neighbours, mode="nearest")
@@ -305,7 +304,7 @@ def _under_dot(mark: Mark, grey: Array) -> Array:
     return background
 
 
-def _under_cross(mark: Mark, grey: Array, parameters: Array) -> Array:
+def background_under_cross(mark: Mark, grey: Array, parameters: Array) -> Array:
     """The background under a cross: across each bar, from what lies on its two sides."""
     from scipy import ndimage
 
@@ -349,21 +348,29 @@ def fit_shape(mark: Mark) -> ShapeFit:
         ("dot", [u, v, disc_radius, 0.3, 1.0]),
         ("cross", [u, v, r * np.sqrt(2), thin, np.pi / 4, 0.0, 0.0, 0.3, 1.0]),
     ]
-    if area > 0.5 * np.pi * r**2:  # most of its circle is covered: it is probably a dot
+    # A mark that covers more than half of its circle is probably a dot.
+    if area > 0.5 * np.pi * r**2:
         starts = [starts[1], starts[0], starts[2]]
+    models = {"cross": _cross, "dot": _disc}
     best: ShapeFit | None = None
     for shape, start in starts:
-        parameters, misfit = _least_squares(mark, _cross if shape == "cross" else _disc, start)
+        parameters, misfit = minimise_misfit(mark, models[shape], start)
         if best is None or misfit < best.misfit:
-            u_fit, v_fit, blur = (float(parameters[k]) for k in (0, 1, -2))
-            best = ShapeFit(u_fit, v_fit, shape, misfit, blur, parameters)
+            best = ShapeFit(
+                u=float(parameters[0]),
+                v=float(parameters[1]),
+                shape=shape,
+                misfit=misfit,
+                blur=float(parameters[-2]),
+                parameters=parameters,
+            )
         if best.misfit < CLEAR_MISFIT / 2:
             break
     assert best is not None
     return best
 
 
-def _least_squares(
+def minimise_misfit(
     mark: Mark, model: Callable[..., Array], start: list[float]
 ) -> tuple[Array, float]:
     """The model's parameters, and the RMS misfit relative to the ink.
@@ -376,11 +383,14 @@ def _least_squares(
         return ((model(mark.u, mark.v, *parameters) - mark.coverage) * mark.weight)[mark.valid]
 
     low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
-    low[2] = 0.3  # size [px]
-    low[-2:], high[-2:] = (0.02, 0.3), (3.0, 1.5)  # blur [px], strength
+    # The size [px], the blur [px] and the strength.
+    low[2] = 0.3
+    low[-2], high[-2] = 0.02, 3.0
+    low[-1], high[-1] = 0.3, 1.5
     if model is _cross:
-        low[3] = 0.2  # half width [px]
-        low[5:7], high[5:7] = -1.0, 1.0  # slides [px]
+        # The half width and the slides [px].
+        low[3] = 0.2
+        low[5:7], high[5:7] = -1.0, 1.0
     result = least_squares(misfit, np.clip(start, low, high), bounds=(low, high), max_nfev=30)
     ink = float((((mark.coverage * mark.weight)[mark.valid]) ** 2).sum())
     if ink == 0:
@@ -424,9 +434,9 @@ def _disc(
 
 def _bar(x: Array, half: float, blur: float) -> Array:
     """Mean over each pixel of a bar of half width `half`, blurred by a normal of sigma `blur`."""
-    left = _ramp(x + half + 0.5, blur) - _ramp(x + half - 0.5, blur)
-    right = _ramp(x - half + 0.5, blur) - _ramp(x - half - 0.5, blur)
-    return left - right
+    from_start = _ramp(x + half + 0.5, blur) - _ramp(x + half - 0.5, blur)
+    from_end = _ramp(x - half + 0.5, blur) - _ramp(x - half - 0.5, blur)
+    return from_start - from_end
 
 
 def _ramp(x: Array, blur: float) -> Array:

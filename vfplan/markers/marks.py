@@ -21,17 +21,20 @@ from vfplan.findings import Finding, doubt, note
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
-STAGE = "register"
+# A mark belongs to a position within this distance [px]: a careless click, not another mark.
+MATCH_RADIUS_PX = 8.0
 
-# A mark belongs to a position if it is this near [px]: a careless click, not another mark.
-NEAR_PX = 8.0
+# Shorter side of the smallest mark [px]; less is a speck.
+MIN_SIDE_PX = 3
 
-# Sides of a mark [px]: smaller is a speck, larger is a drawing.
-SIDE_PX = (3, 48)
+# Longer side of the largest mark [px]; more is a drawing.
+MAX_SIDE_PX = 48
 
-# Chroma above which a pixel is coloured ink, of 255. Both levels are tried: the low one holds what
-# compression has blurred, the high one separates a mark from a label that touches it.
-COLOURED = (38, 100)
+# Chroma above which a pixel is coloured ink, of 255. It holds what compression has blurred.
+COLOURED_CHROMA = 38
+
+# The same, of ink alone: it separates a mark from a label that touches it.
+PURE_CHROMA = 100
 
 # Brightness of white ink, of 255, in every channel.
 WHITE = 247
@@ -46,13 +49,13 @@ ALIKE_SIZE = 0.35
 ALIKE_SHAPE = 0.9
 
 # A single position this far from its mark [px], beyond what the others scatter, is named.
-OFF_MARK_PX = 1.5
+SINGLE_OFFSET_PX = 1.5
 
 # A common shift of the positions up to this [px] is a convention of where pixels begin.
-SHIFT_PX = 0.6
+COMMON_SHIFT_PX = 0.6
 
 # RMS distance [px] of clicked positions from their marks. Wrong readings lie further.
-CLICKED_PX = 3.0
+CLICKED_RMS_PX = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +76,8 @@ class DrawnMarks:
         nearest = distance.argmin(axis=1)
         rows = np.arange(len(places_px))
         is_mutual = distance.argmin(axis=0)[nearest] == rows
-        met = np.flatnonzero((distance[rows, nearest] <= NEAR_PX) & is_mutual)
-        return met, self.places_px[nearest[met]]
+        matched = np.flatnonzero((distance[rows, nearest] <= MATCH_RADIUS_PX) & is_mutual)
+        return matched, self.places_px[nearest[matched]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +85,7 @@ class MarkComparison:
     """How the given positions lie to the marks drawn."""
 
     # How many positions have a mark near them.
-    near: int
+    matched: int
     # How many marks of one kind are drawn; 0 where the slice shows none that are surely marks.
     drawn: int
     # RMS distance of the positions from their marks, and its mean (given minus drawn) [px].
@@ -92,7 +95,7 @@ class MarkComparison:
 
     def as_dict(self) -> dict[str, Any]:
         """As `register --json` reports it."""
-        report: dict[str, Any] = {"near": self.near, "drawn": self.drawn}
+        report: dict[str, Any] = {"near": self.matched, "drawn": self.drawn}
         if self.rms_px is not None:
             report |= {"rms_px": self.rms_px, "shift_px": self.shift_px}
         return report
@@ -125,166 +128,180 @@ def compare_with_marks(
     """
     places = np.asarray(positions_px, dtype=float)
     n = len(places)
-    met, marks, drawn = np.zeros(0, dtype=np.intp), np.zeros((0, 2)), 0
+    matched, marks, drawn = np.zeros(0, dtype=np.intp), np.zeros((0, 2)), 0
     for kind in drawn_marks(rgb):
-        kind_met, kind_marks = kind.nearest_to(places)
-        if len(kind_met) > len(met):
-            met, marks = kind_met, kind_marks
+        kind_matched, kind_marks = kind.nearest_to(places)
+        if len(kind_matched) > len(matched):
+            matched, marks = kind_matched, kind_marks
         # At least half as many as there are markers; a letter that recurs is no marker.
         if kind.are_stamped and 2 * len(kind.places_px) >= n:
             drawn = max(drawn, len(kind.places_px))
-        if len(met) == n:
-            break  # every position has its mark, so no other kind needs to be looked for
-    if 2 * len(met) < n:
+        if len(matched) == n:
+            break  # Every position has its mark, so no other kind needs to be looked for.
+
+    if 2 * len(matched) < n:
         text = (
-            f"{len(met)} of the {n} given positions have a mark near them, but {drawn} marks of "
-            "one kind are drawn"
+            f"{len(matched)} of the {n} given positions have a mark near them, but {drawn} marks "
+            "of one kind are drawn"
         )
         if drawn and not markers_as_given:
             raise CheckFailed(
                 f"{text}. Use this slice's own markers and check u_px (to the right) and v_px "
                 "(down from the top), or give --markers-as-given",
                 code="markers-meet-no-marks",
-                numbers={"near": len(met), "markers": n, "drawn": drawn},
+                numbers={"near": len(matched), "markers": n, "drawn": drawn},
             )
-        finding = note("no-marks-drawn", STAGE, "No marks are drawn at the given positions.")
         if drawn:
-            finding = doubt("markers-meet-no-marks", STAGE, f"{text}.")
-        return MarkComparison(len(met), drawn, None, None, (finding,))
-    offset = places[met] - marks
+            finding = doubt("markers-meet-no-marks", "register", f"{text}.")
+        else:
+            text = "No marks are drawn at the given positions."
+            finding = note("no-marks-drawn", "register", text)
+        return MarkComparison(len(matched), drawn, None, None, (finding,))
+
+    offset = places[matched] - marks
     shift = offset.mean(axis=0)
     return MarkComparison(
-        near=len(met),
-        drawn=max(drawn, len(met)),
+        matched=len(matched),
+        drawn=max(drawn, len(matched)),
         rms_px=float(np.sqrt((offset**2).sum(axis=1).mean())),
         shift_px=(float(shift[0]), float(shift[1])),
-        findings=tuple(_offset_findings(labels, places, met, offset)),
+        findings=tuple(offset_findings(labels, places, matched, offset)),
     )
 
 
-def _offset_findings(
-    labels: Sequence[str], places: Array, met: NDArray[np.intp], offset: Array
+def offset_findings(
+    labels: Sequence[str], places: Array, matched: NDArray[np.intp], offset: Array
 ) -> list[Finding]:
-    """Positions that are further from their marks than a click, alone or all together."""
+    """Positions that are further from their marks than a click, alone or all together.
+
+    places: (N, 2) the given positions
+    matched: (K,) those that have a mark
+    offset: (K, 2) given minus drawn [px]
+    """
     findings = []
-    for i in np.setdiff1d(np.arange(len(places)), met):
+    for i in np.setdiff1d(np.arange(len(places)), matched):
         text = (
-            f"No mark is drawn within {NEAR_PX:.0f} px of marker {labels[i]}; the others have one."
+            f"No mark is drawn within {MATCH_RADIUS_PX:.0f} px of marker {labels[i]}; the others "
+            "have one."
         )
-        findings.append(doubt("marker-not-drawn", STAGE, text, place_px=_place(places[i])))
-    if len(met) < 3:
+        place = tuple(places[i].tolist())
+        findings.append(doubt("marker-not-drawn", "register", text, place_px=place))
+    if len(matched) < 3:
         return findings
+
     # The median and the median distance from it are not moved by a single wrong position.
     from_median = np.linalg.norm(offset - np.median(offset, axis=0), axis=1)
-    is_off = from_median > OFF_MARK_PX + 5 * 1.4826 * np.median(from_median)
-    for i, vector in zip(met[is_off], offset[is_off], strict=True):
+    is_single = from_median > SINGLE_OFFSET_PX + 5 * 1.4826 * np.median(from_median)
+    for i, vector in zip(matched[is_single], offset[is_single], strict=True):
         text = (
             f"Marker {labels[i]} is given {np.hypot(*vector):.1f} px from the mark drawn near it."
         )
-        findings.append(doubt("marker-off-mark", STAGE, text, place_px=_place(places[i])))
-    rest = offset[~is_off]
-    shift = rest.mean(axis=0)
-    standard_error = rest.std(axis=0, ddof=1) / np.sqrt(len(rest))
-    rms_px = float(np.sqrt((rest**2).sum(axis=1).mean()))
-    if (np.abs(shift) - 3 * standard_error > SHIFT_PX).any() or rms_px > CLICKED_PX:
+        place = tuple(places[i].tolist())
+        findings.append(doubt("marker-off-mark", "register", text, place_px=place))
+
+    # What the other positions have in common.
+    common = offset[~is_single]
+    shift = common.mean(axis=0)
+    standard_error = common.std(axis=0, ddof=1) / np.sqrt(len(common))
+    rms_px = float(np.sqrt((common**2).sum(axis=1).mean()))
+    is_shifted = (np.abs(shift) - 3 * standard_error > COMMON_SHIFT_PX).any()
+    if is_shifted or rms_px > CLICKED_RMS_PX:
         text = (
             f"The given positions lie {rms_px:.1f} px (rms) from the marks drawn, on average "
             f"({shift[0]:+.1f}, {shift[1]:+.1f}) px. Count from 0 at the centre of the top-left "
             "pixel, or take the marks' own with --find-markers."
         )
-        findings.append(doubt("markers-off-marks", STAGE, text))
+        findings.append(doubt("markers-off-marks", "register", text))
     return findings
-
-
-def _place(position: Array) -> tuple[float, float]:
-    return float(position[0]), float(position[1])
 
 
 def drawn_marks(rgb: NDArray[Any]) -> Iterator[DrawnMarks]:
     """The small marks of a slice (H, W, 3), at least three of a kind: coloured or white."""
     import cv2
 
-    image: Pixels = rgb if rgb.dtype == np.uint8 else (rgb >> 8).astype(np.uint8)
+    image: Pixels = rgb
+    if rgb.dtype != np.uint8:
+        image = (rgb >> 8).astype(np.uint8)
     red, green, blue = cv2.split(image)
-    least = cv2.min(cv2.min(red, green), blue)
-    chroma = cv2.max(cv2.max(red, green), blue) - least
-    rows, columns = np.nonzero(chroma > COLOURED[0])
-    hue = _hue(image[rows, columns].astype(float))
+    darkest = cv2.min(cv2.min(red, green), blue)
+    chroma = cv2.max(cv2.max(red, green), blue) - darkest
+    rows, columns = np.nonzero(chroma > COLOURED_CHROMA)
+    # The angle of each coloured pixel on the circle of hues.
+    r, g, b = image[rows, columns].astype(float).T
+    hue = np.arctan2(np.sqrt(3) * (g - b), 2 * r - g - b)
     strength = chroma[rows, columns]
-    for centre in _common_hues(hue, strength):
-        own = np.abs(np.angle(np.exp(1j * (hue - centre)))) < np.pi / 8
-        for level in COLOURED:
+    for centre in common_hues(hue, strength):
+        is_of_hue = np.abs(np.angle(np.exp(1j * (hue - centre)))) < np.pi / 8
+        for level in (COLOURED_CHROMA, PURE_CHROMA):
             mask = np.zeros_like(chroma)
-            chosen = own & (strength > level)
+            chosen = is_of_hue & (strength > level)
             mask[rows[chosen], columns[chosen]] = 1
-            yield from _kinds_in_mask(mask)
-    yield from _kinds_in_mask((least >= WHITE).astype(np.uint8))
+            yield from _marks_in_mask(mask)
+    yield from _marks_in_mask((darkest >= WHITE).astype(np.uint8))
 
 
-def _hue(pixels: Array) -> Array:
-    """(K,) angle of the colour (K, 3) on the circle of hues [rad]."""
-    red, green, blue = pixels.T
-    return np.arctan2(np.sqrt(3) * (green - blue), 2 * red - green - blue)
-
-
-def _common_hues(hue: Array, strength: Pixels) -> list[float]:
-    """The hues at which many coloured pixels lie: peaks of a histogram around the circle."""
+def common_hues(hue: Array, strength: Pixels) -> list[float]:
+    """The hues [rad] at which many coloured pixels lie: peaks of a histogram around the circle."""
     sectors = 24
     sector = ((hue + np.pi) / (2 * np.pi) * sectors).astype(int) % sectors
     mass = np.bincount(sector, strength, sectors)
     is_peak = (mass > 0) & (mass >= np.roll(mass, 1)) & (mass >= np.roll(mass, -1))
     peaks = []
     for k in np.flatnonzero(is_peak):
-        own = sector == k
-        peaks.append(float(np.angle((strength[own] * np.exp(1j * hue[own])).sum())))
+        is_inside = sector == k
+        mean = (strength[is_inside] * np.exp(1j * hue[is_inside])).sum()
+        peaks.append(float(np.angle(mean)))
     return peaks
 
 
-def _kinds_in_mask(mask: Pixels) -> list[DrawnMarks]:
+def _marks_in_mask(mask: Pixels) -> list[DrawnMarks]:
     """Connected spots of a mask, sorted into kinds by their size."""
     import cv2
 
-    count, numbers, boxes, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    count, numbers, statistics, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
     if count > MAX_SPOTS:
         return []
-    boxes, centres = boxes[1:], centres[1:]
-    size = boxes[:, 2:4].astype(float)
-    remaining = (size.min(axis=1) >= SIDE_PX[0]) & (size.max(axis=1) <= SIDE_PX[1])
-    remaining &= ~_is_letter_of_a_word(boxes)
+    statistics, centres = statistics[1:], centres[1:]
+    size = statistics[:, 2:4].astype(float)
+    is_mark = (size.min(axis=1) >= MIN_SIDE_PX) & (size.max(axis=1) <= MAX_SIDE_PX)
+
+    # A letter of a word has another spot on the same line, nearer than the spot is high.
+    start, top, width, height = statistics[:, :4].T
+    foot, end = top + height, start + width
+    gap = np.maximum(start[None] - end[:, None], start[:, None] - end[None])
+    is_on_line = np.abs(foot[:, None] - foot[None]) <= 1
+    is_mark &= ~(is_on_line & (gap >= 0) & (gap < height[:, None])).any(axis=1)
+
     kinds = []
-    while remaining.sum() >= 3:
+    while is_mark.sum() >= 3:
         # The spot with the most spots of about its own size around it.
         best = np.zeros(0, dtype=np.intp)
-        for k in np.flatnonzero(remaining):
+        for k in np.flatnonzero(is_mark):
             allowed = np.maximum(2, ALIKE_SIZE * size[k])
-            alike = np.flatnonzero(remaining & (np.abs(size - size[k]) <= allowed).all(axis=1))
+            alike = np.flatnonzero(is_mark & (np.abs(size - size[k]) <= allowed).all(axis=1))
             if len(alike) > len(best):
                 best = alike
         if len(best) < 3:
             break
-        kinds.append(DrawnMarks(centres[best], _are_stamped(numbers, boxes[best], best + 1)))
-        remaining[best] = False
+        kinds.append(DrawnMarks(centres[best], are_stamped(numbers, statistics[best], best + 1)))
+        is_mark[best] = False
     return kinds
 
 
-def _is_letter_of_a_word(boxes: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """(K,) whether another spot stands on the same line, nearer than the spot is high."""
-    left, top, width, height = boxes[:, :4].T
-    foot = top + height
-    gap = np.maximum(left[None] - (left + width)[:, None], left[:, None] - (left + width)[None])
-    is_beside = (np.abs(foot[:, None] - foot[None]) <= 1) & (gap >= 0) & (gap < height[:, None])
-    return is_beside.any(axis=1)
-
-
-def _are_stamped(
-    numbers: NDArray[np.int32], boxes: NDArray[np.int32], own: NDArray[np.intp]
+def are_stamped(
+    numbers: NDArray[np.int32], statistics: NDArray[np.int32], spots: NDArray[np.intp]
 ) -> bool:
-    """Whether most of these spots have one shape, which looks the same upside down."""
+    """Whether most of these spots have one shape, which looks the same upside down.
+
+    numbers: (H, W) the number of each pixel's spot
+    statistics: (K, 5) as OpenCV gives them of the K spots
+    spots: (K,) their numbers
+    """
     import cv2
 
     pictures = []
-    for (left, top, width, height), number in zip(boxes[:, :4], own, strict=True):
-        window = numbers[top : top + height, left : left + width] == number
+    for (start, top, width, height), number in zip(statistics[:, :4], spots, strict=True):
+        window = numbers[top : top + height, start : start + width] == number
         picture = cv2.resize(window.astype(np.float32), (16, 16), interpolation=cv2.INTER_AREA)
         pictures.append(cv2.GaussianBlur(picture, (0, 0), 1.0).ravel())
     each = np.array(pictures)

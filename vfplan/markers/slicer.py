@@ -13,14 +13,13 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError
 from vfplan.io.table import parse_number, split_rows
 from vfplan.markers.correspondences import MarkerPoints, label_of
 
 SCHEMA = re.compile(r".*markups-schema-v1\.[0-9]+\.[0-9]+\.json#*$", re.IGNORECASE)
-# Metres in one unit, by the code that a file may hold (plain, or as a UCUM code).
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9}
 RAS_TO_LPS = np.array([-1.0, -1.0, 1.0])
 FCSV_COLUMNS = [
     *("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock"),
@@ -38,105 +37,118 @@ def parse_mrk_json(text: str, where: str) -> MarkerPoints:
     Raises MarkerError: not JSON, another schema, an unknown unit or coordinate system, a position
         that is not three finite numbers
     """
-    found = [
-        (label_of(point.get("label"), f"control point {point.get('id')!r}", where), position)
-        for markup in _fiducials(markups_of(text, where), where)
-        for point, position in _defined(markup, where)
-    ]
-    return _points(found, where)
-
-
-def _points(found: list[tuple[str, np.ndarray]], where: str) -> MarkerPoints:
-    positions = np.array([position for _, position in found]).reshape(-1, 3)
-    return MarkerPoints("patient_lps", tuple(label for label, _ in found), positions, where=where)
+    labels, positions, kinds = [], [], []
+    for markup in markups_of(text, where):
+        kinds.append(repr(markup.get("type")))
+        if markup.get("type") != "Fiducial":
+            continue
+        for point, position in defined_points(markup, where):
+            name = f"control point {point.get('id')!r}"
+            labels.append(label_of(point.get("label"), name, where))
+            positions.append(position)
+    if "'Fiducial'" not in kinds:
+        raise MarkerError(
+            f"holds {', '.join(kinds) or 'nothing'}. Give a markup of type Fiducial",
+            where=where,
+            code="no-fiducials",
+        )
+    array = np.array(positions).reshape(-1, 3)
+    return MarkerPoints("patient_lps", tuple(labels), array, where=where)
 
 
 def markups_of(text: str, where: str) -> list[dict[str, Any]]:
     """The markups of a Slicer `.mrk.json`, of whatever type; raises `MarkerError` if it is none."""
-    document = _json(text, where)
-    schema = document.get("@schema")
-    if not isinstance(schema, str) or not SCHEMA.match(schema):
-        raise MarkerError(
-            f"@schema is {schema!r}; Slicer's markups schema v1 is wanted", where=where
-        )
-    return _list(document, "markups", where)
-
-
-def lps_points(markup: dict[str, Any], where: str) -> np.ndarray:
-    """(P, 3) defined control points of one markup, in LPS [m]; labels do not matter."""
-    return np.array([position for _, position in _defined(markup, where)]).reshape(-1, 3)
-
-
-def _defined(markup: dict[str, Any], where: str) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
-    """The defined control points, and their positions in LPS [m]."""
-    scale = _metres(markup.get("coordinateUnits", "mm"), where) * _lps(markup, where)
-    for point in _list(markup, "controlPoints", where):
-        if point.get("positionStatus", "defined") == "defined":
-            name = str(point.get("label") or point.get("id"))
-            yield point, _position(point.get("position"), name, where) * scale
-
-
-def _fiducials(markups: list[dict[str, Any]], where: str) -> list[dict[str, Any]]:
-    fiducials = [markup for markup in markups if markup.get("type") == "Fiducial"]
-    if not fiducials:
-        types = ", ".join(repr(markup.get("type")) for markup in markups) or "nothing"
-        raise MarkerError(f"holds {types}; markers are a markup of type Fiducial", where=where)
-    return fiducials
-
-
-def _json(text: str, where: str) -> dict[str, Any]:
     try:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise MarkerError(f"is not JSON: {error}", where=where) from None
-    if not isinstance(document, dict):
-        raise MarkerError(f"holds a {type(document).__name__}; an object is wanted", where=where)
-    return document
-
-
-def _list(holder: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
-    entries = holder.get(key)
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise MarkerError(f"{key!r} is not a list of objects", where=where)
-    return entries
-
-
-def _metres(units: Any, where: str) -> float:
-    code = units[0] if isinstance(units, list) and units else units
-    coded = isinstance(units, str) or (
-        isinstance(units, list) and len(units) == 3 and units[1] == "UCUM"
-    )
-    if not coded or not isinstance(code, str) or code not in METRES:
-        allowed = ", ".join(METRES)
-        raise MarkerError(f"coordinateUnits is {units!r}; allowed: {allowed}", where=where)
-    return METRES[code]
-
-
-def _lps(markup: dict[str, Any], where: str) -> np.ndarray:
-    system = markup.get("coordinateSystem", "LPS")
-    if system == "LPS":
-        return np.ones(3)
-    if system == "RAS":
-        return RAS_TO_LPS
-    raise MarkerError(f"coordinateSystem is {system!r}; LPS or RAS is wanted", where=where)
-
-
-def _position(value: Any, label: str, where: str) -> np.ndarray:
-    if not isinstance(value, list) or len(value) != 3:
         raise MarkerError(
-            f"position of marker {label!r} is {value!r}; three numbers are wanted", where=where
+            f"is not JSON ({error}). Save it again in Slicer", where=where, code="not-json"
+        ) from None
+    if not isinstance(document, dict):
+        raise MarkerError(
+            f"holds a {type(document).__name__} and no markups. Save it again in Slicer",
+            where=where,
+            code="no-markups",
         )
-    what = f"position of marker {label!r}"
-    return np.array([parse_number(x, what, where, MarkerError) for x in value])
+    schema = document.get("@schema")
+    if not isinstance(schema, str) or not SCHEMA.match(schema):
+        raise MarkerError(
+            f"@schema is {schema!r}. Give a file of Slicer's markups schema v1",
+            where=where,
+            code="schema-unknown",
+        )
+    return _objects(document, "markups", where)
+
+
+def lps_points(markup: dict[str, Any], where: str) -> NDArray[np.float64]:
+    """(P, 3) defined control points of one markup, in LPS [m]; labels do not matter."""
+    positions = [position for _, position in defined_points(markup, where)]
+    return np.array(positions).reshape(-1, 3)
+
+
+def defined_points(
+    markup: dict[str, Any], where: str
+) -> Iterator[tuple[dict[str, Any], NDArray[np.float64]]]:
+    """The defined control points, and their positions in LPS [m]."""
+    # A unit stands as its code, or as a list of the code, "UCUM" and its name.
+    metres = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9}
+    unit = markup.get("coordinateUnits", "mm")
+    if isinstance(unit, list) and len(unit) == 3 and unit[1] == "UCUM":
+        unit = unit[0]
+    if not isinstance(unit, str) or unit not in metres:
+        raise MarkerError(
+            f"coordinateUnits is {unit!r}. It may be {', '.join(metres)}",
+            where=where,
+            code="unit-unknown",
+        )
+    system = markup.get("coordinateSystem", "LPS")
+    if system not in ("LPS", "RAS"):
+        raise MarkerError(
+            f"coordinateSystem is {system!r}. It may be LPS or RAS",
+            where=where,
+            code="coordinate-system-unknown",
+        )
+    scale = np.full(3, metres[unit])
+    if system == "RAS":
+        scale = scale * RAS_TO_LPS
+    for point in _objects(markup, "controlPoints", where):
+        if point.get("positionStatus", "defined") != "defined":
+            continue
+        what = f"position of marker {str(point.get('label') or point.get('id'))!r}"
+        position = point.get("position")
+        if not isinstance(position, list) or len(position) != 3:
+            raise MarkerError(
+                f"{what} is {position!r}; three numbers are wanted",
+                where=where,
+                code="no-position",
+            )
+        xyz = [parse_number(value, what, where, MarkerError) for value in position]
+        yield point, np.array(xyz) * scale
+
+
+def _objects(parent: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
+    """The list of objects under a key."""
+    entries = parent.get(key)
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise MarkerError(
+            f"{key!r} is not a list of objects. Save the file again in Slicer",
+            where=where,
+            code="no-markups",
+        )
+    return entries
 
 
 def parse_fcsv(text: str, where: str) -> MarkerPoints:
     """The points of a Slicer `.fcsv` as markers, each with its label; raises as `fcsv_points`."""
-    points = enumerate(fcsv_points(text, where), start=1)
-    return _points([(label_of(k, "it", f"{where}, point {i}"), p) for i, (k, p) in points], where)
+    labels, positions = [], []
+    for number, (label, position) in enumerate(fcsv_points(text, where), start=1):
+        labels.append(label_of(label, "it", f"{where}, point {number}"))
+        positions.append(position)
+    array = np.array(positions).reshape(-1, 3)
+    return MarkerPoints("patient_lps", tuple(labels), array, where=where)
 
 
-def fcsv_points(text: str, where: str) -> list[tuple[str | None, np.ndarray]]:
+def fcsv_points(text: str, where: str) -> list[tuple[str | None, NDArray[np.float64]]]:
     """Label and (3,) position in LPS [m] of each point of a Slicer `.fcsv`, in the file's order.
 
     Positions are in mm, in the coordinate system that the header names. With a `# Markups fiducial
@@ -146,47 +158,50 @@ def fcsv_points(text: str, where: str) -> list[tuple[str | None, np.ndarray]]:
     Raises MarkerError: an unknown coordinate system, other columns, a position that is not three
         finite numbers
     """
-    lines = [line.strip() for line in text.splitlines()]
-    header = {
-        key.strip().lower(): value.strip()
-        for key, _, value in (line[1:].partition("=") for line in lines if line.startswith("#"))
-    }
-    slicer4 = "markups fiducial file version" in header
-    columns = FCSV_COLUMNS if slicer4 else SLICER3_COLUMNS
-    _check_columns(header.get("columns"), columns, where)
-    sign = _fcsv_sign(header, slicer4, where)
-    text = "\n".join(line for line in lines if not line.startswith("#"))
-    rows = [row for _, row in split_rows(text, where, MarkerError)]
+    header: dict[str, str] = {}
+    lines = []
+    for line in text.splitlines():
+        stripped = line.strip()
+        if stripped.startswith("#"):
+            key, _, value = stripped[1:].partition("=")
+            header[key.strip().lower()] = value.strip()
+        else:
+            lines.append(stripped)
+
+    columns, system = SLICER3_COLUMNS, header.get("coordinatesystem", "RAS")
+    if "markups fiducial file version" in header:
+        columns, system = FCSV_COLUMNS, header.get("coordinatesystem")
+    stated = header.get("columns")
+    if stated is not None:
+        names = [name.strip() for name in stated.split(",")]
+        if names[: len(columns)] != columns:
+            raise MarkerError(
+                f"columns are {stated!r}. They may be {','.join(columns)!r}",
+                where=where,
+                code="column-unknown",
+            )
+    if system in ("LPS", "1"):
+        sign = np.ones(3)
+    elif system in ("RAS", "0"):
+        sign = RAS_TO_LPS
+    else:
+        raise MarkerError(
+            f"CoordinateSystem is {system!r}. It may be RAS, LPS, 0 (RAS) or 1 (LPS)",
+            where=where,
+            code="coordinate-system-unknown",
+        )
+
     points = []
-    for i, row in enumerate(rows, start=1):
-        place = f"{where}, point {i}"
+    rows = split_rows("\n".join(lines), where, MarkerError)
+    for number, (_, row) in enumerate(rows, start=1):
         cells = dict(zip(columns, row, strict=False))
         label = cells.get("label")
-        what = f"of marker {label.strip()!r}" if label else "of it"
-        xyz = [
-            parse_number(cells.get(axis), f"{axis} {what}", place, MarkerError) for axis in "xyz"
-        ]
-        points.append((label, np.array(xyz) * sign * 1e-3))
+        what = "of it"
+        if label:
+            what = f"of marker {label.strip()!r}"
+        position = np.empty(3)
+        for k, axis in enumerate("xyz"):
+            place = f"{where}, point {number}"
+            position[k] = parse_number(cells.get(axis), f"{axis} {what}", place, MarkerError)
+        points.append((label, position * sign * 1e-3))
     return points
-
-
-def _check_columns(stated: str | None, columns: list[str], where: str) -> None:
-    if stated is None:
-        return
-    found = [name.strip() for name in stated.split(",")]
-    if found[: len(columns)] != columns:
-        allowed = ",".join(columns)
-        raise MarkerError(f"columns are {stated!r}; {allowed!r} is wanted", where=where)
-
-
-def _fcsv_sign(header: dict[str, str], slicer4: bool, where: str) -> np.ndarray:
-    system = header.get("coordinatesystem")
-    if system is None and not slicer4:
-        return RAS_TO_LPS
-    if system in ("LPS", "1"):
-        return np.ones(3)
-    if system in ("RAS", "0"):
-        return RAS_TO_LPS
-    raise MarkerError(
-        f"CoordinateSystem is {system!r}; RAS, LPS, 0 (RAS) or 1 (LPS) is wanted", where=where
-    )

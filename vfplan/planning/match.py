@@ -20,7 +20,7 @@ from vfplan.planning.settings import FixtureSettings
 if TYPE_CHECKING:
     from vfplan.images.read import PlannedImage
     from vfplan.markers import Correspondences
-    from vfplan.markers.drawn import FoundMarker
+    from vfplan.markers.drawn import DrawnMarker
     from vfplan.markers.marks import MarkComparison
     from vfplan.registration import Registration
 
@@ -44,7 +44,7 @@ class MatchResult:
     correspondences: Correspondences
     registration: Registration
     # Markers whose pixels were taken from the slice.
-    found: tuple[FoundMarker, ...]
+    found: tuple[DrawnMarker, ...]
     # The given positions against the marks drawn; `None` where no slice was given.
     marks: MarkComparison | None
     findings: tuple[Finding, ...]
@@ -164,7 +164,7 @@ def _is_drawn_on(curve: Fixture, image: PlannedImage | None) -> bool:
 
 def _find_drawn(
     correspondences: Correspondences, image: PlannedImage | None, slice_image: PlannedImage | None
-) -> tuple[FoundMarker, ...]:
+) -> tuple[DrawnMarker, ...]:
     from vfplan.markers.drawn import find_markers
 
     if correspondences.source_frame != "image":
