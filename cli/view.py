@@ -31,7 +31,7 @@ def command(fixture, result, screenshot, at_s) -> Report:
         raise click.UsageError("--at needs --screenshot and RESULT.h5")
     cloud, ticks = _read(fixture, result)
     from vfplan import view3d
-    from vfplan.io import opengl
+    from vfplan.view3d import opengl
 
     with patience("trying how pictures can be drawn here"):
         opengl.ready_pyvista(screen=screenshot is None)

@@ -100,7 +100,7 @@ def draw(folder: Path) -> dict[str, dict[str, float]]:
     from vfplan.figures.replay import scene, timeline
     from vfplan.figures.style import save_png
     from vfplan.images.read import read_image
-    from vfplan.io import opengl
+    from vfplan.view3d import opengl
 
     numbers = {}
     hand = Path(str(files("vfplan.samples") / "elbow_session.csv"))

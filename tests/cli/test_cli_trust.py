@@ -16,7 +16,7 @@ from vfplan.cli.run import Report, command, progress, shown
 
 import vfplan
 from vfplan import view3d
-from vfplan.io import opengl
+from vfplan.view3d import opengl
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 AWAKE = (
@@ -170,13 +170,14 @@ def test_each_failed_check_is_one_line(name, vfplan_cli, hostile, tmp_path):
 
 def test_what_a_probe_says_is_told(monkeypatch):
     """Not a guess at a missing library."""
-    monkeypatch.setattr(opengl, "_PROBE", "raise RuntimeError('no light here {off}')")
-    opengl._fault.cache_clear()
+    monkeypatch.setattr(opengl, "PROBE", "raise RuntimeError('no light here {off}')")
+    opengl.rendering_fault.cache_clear()
+    opengl.offscreen_window.cache_clear()
     try:
         with pytest.raises(vfplan.errors.MissingExtra, match="RuntimeError: no light here True"):
             opengl.ready_pyvista(screen=False)
     finally:
-        opengl._fault.cache_clear()
+        opengl.rendering_fault.cache_clear()
         opengl.offscreen_window.cache_clear()
 
 
@@ -199,7 +200,7 @@ class Window:
 
 @command("look")
 def look():
-    view3d._attend(Window())
+    view3d.handle_events(Window())
     return Report({})
 
 look([])
@@ -235,7 +236,7 @@ def test_a_window_that_is_closed_ends_the_view():
 
     window = Window()
     window.iren = window
-    view3d._attend(window)
+    view3d.handle_events(window)
     assert window.closed
 
 

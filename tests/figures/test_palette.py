@@ -55,8 +55,8 @@ def test_every_colour_stands_out_from_the_ground(theme, ground):
 def test_pictures_have_their_colours_from_the_palette():
     """Greys, the ground of a stretch in contact and the colour maps are no roles."""
     package = ROOT / "vfplan"
-    drawing = [(package / folder).rglob("*.[pj]*") for folder in ("figures", "report")]
-    for path in [*drawing[0], *drawing[1], package / "view3d.py", package / "live" / "live.js",
+    drawing = [(package / folder).rglob("*.[pj]*") for folder in ("figures", "report", "view3d")]
+    for path in [*drawing[0], *drawing[1], *drawing[2], package / "live" / "live.js",
                  *package.glob("*/figures.py")]:  # fmt: skip
         for r, g, b in re.findall(r"[\"']#([0-9a-f]{2})(..)(..)\b", path.read_text()):
             assert r == g == b or f"#{r}{g}{b}" in ("#a9dcb4", "#21918c"), path

@@ -196,7 +196,7 @@ def test_a_step_that_cannot_be_kept_is_not_taken(served, draft):
     with tab(served) as client:
         version = heard(client, "quick")["version"]
         client.send(json.dumps({"step": {"do": "reverse", "stroke": 0}, "version": version}))
-        assert heard(client, "error")["error"]["code"] == "output"
+        assert heard(client, "error")["error"]["code"] == "output-is-folder"
     assert served.session.steps == ()
 
 

@@ -61,12 +61,16 @@ def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
             "cannot be read: there is no such file", where=str(path), code="file-missing"
         ) from None
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
+        reason = str(error)
+        if isinstance(error, OSError):
+            reason = error.strerror
         raise kind(f"cannot be read: {reason}", where=str(path), code="file-unreadable") from error
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
         os.close(descriptor)
-        what = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
+        what = "a device or a pipe"
+        if stat.S_ISDIR(mode):
+            what = "a directory"
         raise kind(f"cannot be read: it is {what}, not a file", where=str(path), code="not-a-file")
     return open(descriptor, "rb")
 

@@ -63,12 +63,19 @@ class Loopback:
             ) from None
         self.port = listening.getsockname()[1]
         self.hosts = [f"{name}:{self.port}" for name in ("127.0.0.1", "localhost")]
-        self._answer = answer
+
+        def answer_own_host(connection: Any, request: Any) -> Any:
+            if request.headers.get("Host") not in self.hosts:
+                return connection.respond(
+                    403, "this page is served to 127.0.0.1 and localhost only"
+                )
+            return answer(connection, request)
+
         self._server = serve(
             talk,
             sock=listening,
             origins=[f"http://{host}" for host in self.hosts],
-            process_request=self._answer_own_name,
+            process_request=answer_own_host,
             open_timeout=OPEN_TIMEOUT_S,
             max_size=max_message_bytes,
             logger=_SILENT,
@@ -90,17 +97,12 @@ class Loopback:
         self._server.shutdown()
         self._thread.join()
 
-    def _answer_own_name(self, connection: Any, request: Any) -> Any:
-        if request.headers.get("Host") not in self.hosts:
-            return connection.respond(403, "this page is served to 127.0.0.1 and localhost only")
-        return self._answer(connection, request)
-
 
 def reply(connection: Any, body: bytes, kind: str, headers: dict[str, str] | None = None) -> Any:
     """An answer with a body of a media type, and further headers."""
     response = connection.respond(200, "")
-    own = {"Content-Type": kind, "Content-Length": str(len(body)), **(headers or {})}
-    for name, value in own.items():
+    all_headers = {"Content-Type": kind, "Content-Length": str(len(body)), **(headers or {})}
+    for name, value in all_headers.items():
         if name in response.headers:
             del response.headers[name]
         response.headers[name] = value

@@ -26,9 +26,9 @@ def worker_processes(
     """
     others = set(active_children())
     safe_path_before = os.environ.get(SAFE_PATH)
-    # multiprocessing starts Python by -c, which would look for modules in the current folder.
+    # Python is started by -c, which would look for modules in the current folder.
     os.environ[SAFE_PATH] = "1"
-    # spawn, because a forked copy of a process with threads may hang.
+    # "spawn", because a forked copy of a process with threads may hang.
     pool = ProcessPoolExecutor(count, get_context("spawn"), _begin, (initializer, *args))
     try:
         yield pool

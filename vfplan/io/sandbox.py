@@ -89,7 +89,16 @@ def run_in_sandbox(
                     arrays.append(np.frombuffer(data, known).reshape(shape))
                 yield tuple(arrays)
             elif "error" in answer:
-                raise _as_error(answer["error"])
+                record = answer["error"]
+                error_class = getattr(errors, str(record["kind"]), None)
+                if not (isinstance(error_class, type) and issubclass(error_class, VfplanError)):
+                    error_class = InputError
+                raise error_class(
+                    str(record["message"]),
+                    where=record["where"],
+                    code=record.get("code"),
+                    numbers=record.get("numbers"),
+                )
             else:
                 return
     raise kind(
@@ -105,19 +114,6 @@ def run_once(job: str, *args: Any, **options: Any) -> Any:
     """The only value that `job` yields; otherwise as `run_in_sandbox`."""
     (value,) = run_in_sandbox(job, *args, **options)
     return value
-
-
-def _as_error(record: dict[str, Any]) -> VfplanError:
-    """The error that a job raised; `InputError` where its class is not one of vfplan's."""
-    kind = getattr(errors, str(record["kind"]), None)
-    if not (isinstance(kind, type) and issubclass(kind, VfplanError)):
-        kind = InputError
-    return kind(
-        str(record["message"]),
-        where=record["where"],
-        code=record.get("code"),
-        numbers=record.get("numbers"),
-    )
 
 
 def _next_answer(pipe: BinaryIO) -> dict[str, Any] | None:
@@ -200,7 +196,8 @@ def _start_helper() -> socket.socket:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             pass_fds=[theirs.fileno()],
-            start_new_session=True,  # so that Ctrl-C in a terminal reaches the program alone
+            # Ctrl-C in a terminal then reaches the program alone.
+            start_new_session=True,
             env={**os.environ, **threads},
             cwd="/",
         )
@@ -241,12 +238,15 @@ def _run_job(function: Any, request: dict[str, Any], descriptors: list[int]) -> 
                 if request["file"]:
                     arguments.insert(0, stream_over(descriptors[1]))
                 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-                # rosbags unpacks compressed bags into temporary files.
+                # The library rosbags unpacks compressed bags into temporary files.
                 resource.setrlimit(resource.RLIMIT_FSIZE, (MEMORY_BYTES, MEMORY_BYTES))
                 _set_soft_limit(resource.RLIMIT_DATA, MEMORY_BYTES)
                 _extend_time(request["step_s"])
                 for result in function(*arguments):
-                    _send_result(pipe, result)
+                    if isinstance(result, tuple):
+                        _send_arrays(pipe, result)
+                    else:
+                        _send(pipe, {"value": result})
                     _extend_time(request["step_s"])
                 _send(pipe, {"end": True})
             except VfplanError as error:
@@ -282,13 +282,10 @@ def _set_soft_limit(limit: int, value: int) -> None:
     resource.setrlimit(limit, (value, resource.getrlimit(limit)[1]))
 
 
-def _send_result(pipe: BinaryIO, result: Any) -> None:
-    if not isinstance(result, tuple):
-        _send(pipe, {"value": result})
-        return
+def _send_arrays(pipe: BinaryIO, arrays: tuple[np.ndarray, ...]) -> None:
     shapes = []
     data = []
-    for array in result:
+    for array in arrays:
         dtype = array.dtype.str
         if dtype not in _ARRAY_TYPES:
             dtype = "<f8"

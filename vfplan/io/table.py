@@ -37,7 +37,7 @@ BLOCK_BYTES = 1 << 21
 
 # Bytes of a block that NumPy's parser and `parse_decimal` read alike. Both also take nan and inf,
 # which the callers refuse.
-_PLAIN_BYTES = b"0123456789+-.eE \t\nnaifNAIF"
+_NUMERIC_BYTES = b"0123456789+-.eE \t\nnaifNAIF"
 
 
 @dataclass(frozen=True)
@@ -255,23 +255,23 @@ class NumberTable:
             for _ in range(self.header_lines):
                 stream.readline(MAX_LINE_BYTES + 1)
             line = self.header_lines + 1
-            rest = b""
+            unfinished = b""
             while True:
                 piece = stream.read(BLOCK_BYTES)
                 if not piece:
                     break
-                complete, newline, rest = (rest + piece).rpartition(b"\n")
+                complete, newline, unfinished = (unfinished + piece).rpartition(b"\n")
                 if newline:
                     yield parser.parse(complete, line)[:, indices]
                     line += complete.count(b"\n") + 1
-                if len(rest) > MAX_LINE_BYTES:
+                if len(unfinished) > MAX_LINE_BYTES:
                     raise self.kind(
                         f"the line is longer than {MAX_LINE_BYTES} bytes",
                         where=f"{self.where}, line {line}",
                         code="line-too-long",
                     )
-            if rest.strip():
-                yield parser.parse(rest, line)[:, indices]
+            if unfinished.strip():
+                yield parser.parse(unfinished, line)[:, indices]
 
 
 def open_number_table(
@@ -336,9 +336,14 @@ def open_number_table(
             numbers={"columns": len(columns)},
         )
     header_lines = line
-    if header_optional and _is_number(columns[0]):
-        columns = [f"column {i + 1}" for i in range(len(columns))]
-        header_lines = line - 1
+    if header_optional:
+        try:
+            parse_decimal(columns[0].replace(",", "."))
+        except ValueError:
+            pass
+        else:
+            columns = [f"column {i + 1}" for i in range(len(columns))]
+            header_lines = line - 1
     for column in wanted:
         count = columns.count(column)
         if count == 0:
@@ -356,20 +361,12 @@ def open_number_table(
     return NumberTable(open_stream, where, kind, tuple(columns), separator, header_lines)
 
 
-def _is_number(text: str) -> bool:
-    try:
-        parse_decimal(text.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
 class _BlockParser:
     """Parses the blocks of one table, and remembers which decimal mark they have used so far."""
 
     def __init__(self, table: NumberTable) -> None:
         self._table = table
-        self._plain = _PLAIN_BYTES + b"," + table.separator.encode()
+        self._numeric = _NUMERIC_BYTES + b"," + table.separator.encode()
         self._marks: set[bytes] = set()
 
     def parse(self, text: bytes, line: int) -> NDArray[np.float64]:
@@ -379,8 +376,18 @@ class _BlockParser:
         # A carriage return that stands elsewhere than before a newline makes its line a bad one.
         body = (text + b"\n").replace(b"\r\n", b"\n").rstrip(b"\n")
         if self._table.separator != ",":
-            body = self._with_decimal_points(body, line)
-        if body and not body.translate(None, self._plain):
+            for mark in (b",", b"."):
+                if mark in body:
+                    self._marks.add(mark)
+            if len(self._marks) == 2:
+                raise self._table.kind(
+                    "decimal commas and decimal points in one table: 1,234 may be 1.234 or 1234. "
+                    "Write all numbers alike",
+                    where=f"{self._table.where}, from line {line} on",
+                    code="decimal-ambiguous",
+                )
+            body = body.replace(b",", b".")
+        if body and not body.translate(None, self._numeric):
             try:
                 values = np.loadtxt(
                     io.BytesIO(body), delimiter=self._table.separator, comments=None, ndmin=2
@@ -397,19 +404,6 @@ class _BlockParser:
             if row.strip():
                 rows.append(self._parse_line(row, number))
         return np.array(rows, dtype=np.float64).reshape(-1, len(self._table.columns))
-
-    def _with_decimal_points(self, body: bytes, line: int) -> bytes:
-        for mark in (b",", b"."):
-            if mark in body:
-                self._marks.add(mark)
-        if len(self._marks) == 2:
-            raise self._table.kind(
-                "decimal commas and decimal points in one table: 1,234 may be 1.234 or 1234. Write "
-                "all numbers alike",
-                where=f"{self._table.where}, from line {line} on",
-                code="decimal-ambiguous",
-            )
-        return body.replace(b",", b".")
 
     def _parse_line(self, text: str, line: int) -> list[float]:
         table = self._table

@@ -172,7 +172,7 @@ def _in_space(replayed: Replay) -> str:
     words = "fixture, HIP and proxy path, contact circles and normals at 10 Hz"
     if replayed.fixture.ignore_axis is None:
         from vfplan import view3d
-        from vfplan.io import opengl
+        from vfplan.view3d import opengl
 
         if opengl.offscreen_window() is not None:
             with tempfile.TemporaryDirectory() as folder:

@@ -13,15 +13,16 @@ from PIL import Image
 
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
-from vfplan.io.opengl import ready_pyvista
 from vfplan.io.staging import write_whole
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.thinning import contact_marks
 from vfplan.session import TickBlock
+from vfplan.view3d.opengl import ready_pyvista
 
 Array = NDArray[np.float64]
 
-_CLOUD = 5000  # points drawn: of more, every n-th
+MAX_POINTS = 5000
+"""Points of a cloud that are drawn; of a larger one every n-th. More only slow the view down."""
 
 
 def draw_view(
@@ -49,15 +50,11 @@ def draw_view(
         stage.show_marks(contact_marks(ticks, mark_hz))
     else:
         stage.show_tick(stage.tick_at(at_s))
-    image = stage.image()
+    image = Image.fromarray(stage.plotter.screenshot(return_img=True))
     stage.plotter.close()
-    _save(path, image, "PNG")
-
-
-def _save(path: Path, image: Any, kind: str, **how: Any) -> None:
-    held = io.BytesIO()
-    image.save(held, format=kind, **how)
-    write_whole(path, [held.getvalue()], overwrite=True)
+    data = io.BytesIO()
+    image.save(data, format="PNG")
+    write_whole(path, [data.getvalue()], overwrite=True)
 
 
 def show(fixture: Fixture, ticks: TickBlock | None = None) -> None:
@@ -75,13 +72,13 @@ def show(fixture: Fixture, ticks: TickBlock | None = None) -> None:
             title="time [s]",
         )
     stage.plotter.show(interactive_update=True)
-    _attend(stage.plotter)
+    handle_events(stage.plotter)
 
 
-def _attend(plotter: Any) -> None:
-    """Let the window answer until it is closed, in Python's hands: signals are heeded.
+def handle_events(plotter: Any) -> None:
+    """Let the window react until it is closed, from Python, so that signals end it.
 
-    VTK's own loop returns only when the window closes, and Python hears of signals between calls.
+    VTK's own loop returns only when the window closes, and Python handles signals between calls.
     """
     closed: list[bool] = []
     plotter.iren.add_observer("ExitEvent", lambda *_: closed.append(True))
@@ -97,41 +94,51 @@ class Stage:
     """The cloud and paths, and the parts that move with time.
 
     fixture, ticks, size: as for `draw_view`
-    screen: whether it is to be seen there; else `image` gives what is to be seen
+    screen: whether to open a window; without one the plotter's screenshot shows the view
     Raises MissingExtra: nothing here can render
     """
 
     def __init__(
         self, fixture: Fixture, ticks: TickBlock | None, size: tuple[int, int], screen: bool = False
     ) -> None:
-        self._pv = pyvista = ready_pyvista(screen=screen)
-        self._fixture, self._ticks = fixture, ticks
+        pyvista = ready_pyvista(screen=screen)
+        self._pv = pyvista
+        self._fixture = fixture
+        self._ticks = ticks
         self.plotter = pyvista.Plotter(off_screen=not screen, window_size=size)
         self.plotter.set_background("white")
         self._add_cloud()
         if ticks is not None:
-            for path, colour, width in ((ticks.hip, HIP, 3), (ticks.proxy, PROXY, 3)):
+            for path, colour in ((ticks.hip, HIP), (ticks.proxy, PROXY)):
                 if len(path) > 1:
                     line = pyvista.lines_from_points(path)
-                    self.plotter.add_mesh(line, color=colour, line_width=width, opacity=0.8)
+                    self.plotter.add_mesh(line, color=colour, line_width=3, opacity=0.8)
         self.plotter.add_axes()
-        self._look()
-
-    def image(self) -> Image.Image:
-        """What is to be seen now."""
-        return Image.fromarray(self.plotter.screenshot(return_img=True))
+        self._place_camera()
 
     def _add_cloud(self) -> None:
         fixture = self._fixture
-        thin = -(-len(fixture.points) // _CLOUD)
+        stride = -(-len(fixture.points) // MAX_POINTS)
+        point_size = 5.0
+        if stride > 1:
+            point_size = 3.0
         self.plotter.add_mesh(
-            self._pv.PolyData(fixture.points[::thin]),
+            self._pv.PolyData(fixture.points[::stride]),
             color=CLOUD,
-            point_size=5.0 if thin == 1 else 3.0,
+            point_size=point_size,
             render_points_as_spheres=True,
         )
         if fixture.guidance is not None:
-            self._add_tube()
+            # The tube around the strokes that guide.
+            for stroke, closed in enumerate(fixture.curve.closed):
+                line = fixture.points[fixture.curve.stroke == stroke]
+                if len(line) < 2 or fixture.guidance.stroke not in (None, stroke):
+                    continue
+                if closed:
+                    line = np.vstack([line, line[:1]])
+                centre = self._pv.lines_from_points(line)
+                tube = centre.tube(radius=fixture.guidance.radius, n_sides=24)
+                self.plotter.add_mesh(tube, color=PROXY, opacity=0.2)
         if fixture.rendering is None or fixture.ignore_axis is None or fixture.curve is None:
             return
         # A planar fixture goes on along its ignored axis: show a strip of it.
@@ -140,35 +147,25 @@ class Stage:
             line = fixture.points[fixture.curve.stroke == stroke]
             if len(line) > 1:
                 grid = np.stack([line - up, line + up], axis=1)
-                strip = self._pv.StructuredGrid(*(grid[..., i][None] for i in range(3)))
+                x, y, z = np.moveaxis(grid, -1, 0)[:, None]
+                strip = self._pv.StructuredGrid(x, y, z)
                 self.plotter.add_mesh(strip, color=CLOUD, opacity=0.15)
 
-    def _add_tube(self) -> None:
-        """The tube around the strokes that guide."""
-        fixture = self._fixture
-        for stroke, closed in enumerate(fixture.curve.closed):
-            line = fixture.points[fixture.curve.stroke == stroke]
-            if len(line) < 2 or fixture.guidance.stroke not in (None, stroke):
-                continue
-            around = self._pv.lines_from_points(np.vstack([line, line[:1]]) if closed else line)
-            tube = around.tube(radius=fixture.guidance.radius, n_sides=24)
-            self.plotter.add_mesh(tube, color=PROXY, opacity=0.2)
+    def _place_camera(self) -> None:
+        """Look obliquely along the direction in which the cloud is thinnest, from the tool's side.
 
-    def _look(self) -> None:
-        fixture = self._fixture
-        middle = fixture.points.mean(axis=0)
-        spread = max(float(np.ptp(fixture.points, axis=0).max()), 1e-3)
-        thin = np.linalg.eigh(np.cov((fixture.points - middle).T + 1e-12))[1][:, 0]
-        if self._ticks is not None:
-            thin = thin * (1 if (self._ticks.hip - middle).mean(axis=0) @ thin >= 0 else -1)
-        side = np.cross(thin, np.eye(3)[np.argmin(np.abs(thin))])
-        self.plotter.camera_position = [
-            tuple(
-                middle + 2.0 * spread * (0.75 * thin + 0.55 * side + 0.35 * np.cross(thin, side))
-            ),
-            tuple(middle),
-            tuple(thin),
-        ]
+        That direction is the eigenvector of the smallest eigenvalue of the points' covariance.
+        """
+        points = self._fixture.points
+        middle = points.mean(axis=0)
+        spread = max(float(np.ptp(points, axis=0).max()), 1e-3)
+        normal = np.linalg.eigh(np.cov((points - middle).T + 1e-12))[1][:, 0]
+        if self._ticks is not None and (self._ticks.hip - middle).mean(axis=0) @ normal < 0:
+            normal = -normal
+        side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+        direction = 0.75 * normal + 0.55 * side + 0.35 * np.cross(normal, side)
+        camera = middle + 2.0 * spread * direction
+        self.plotter.camera_position = [tuple(camera), tuple(middle), tuple(normal)]
         self.plotter.reset_camera()
         self.plotter.camera.zoom(1.1)
 
@@ -176,13 +173,17 @@ class Stage:
         """The tick at a time, or the deepest one."""
         if self._ticks is None:
             if time is not None:
-                raise SettingError("a time needs a result to show")
+                raise SettingError("a time needs a result to show", code="time-without-result")
             return 0
         if time is None:
             return int(np.argmax(self._ticks.penetration))
         first, last = self._ticks.time[0], self._ticks.time[-1]
         if not first <= time <= last:
-            raise SettingError(f"time {time:g} s; {first:g} to {last:g} s wanted")
+            raise SettingError(
+                f"time {time:g} s; {first:g} to {last:g} s is wanted",
+                code="time-outside-result",
+                numbers={"time_s": time},
+            )
         return int(np.searchsorted(self._ticks.time, time, "right")) - 1
 
     def show_tick(self, tick: int) -> None:
@@ -210,9 +211,11 @@ class Stage:
             normal, proxy = ticks.normal[k], ticks.proxy[k]
             if not normal.any():
                 continue
-            ahead = ticks.proxy[min(k + 50, len(ticks) - 1)] - proxy
-            across = np.cross(normal, ahead if np.abs(ahead).max() > 1e-6 else np.eye(3)[0])
-            ring = self._pv.Polygon(center=proxy, radius=radius, normal=across, n_sides=48)
+            motion = ticks.proxy[min(k + 50, len(ticks) - 1)] - proxy
+            if np.abs(motion).max() <= 1e-6:
+                motion = np.eye(3)[0]
+            axis = np.cross(normal, motion)
+            ring = self._pv.Polygon(center=proxy, radius=radius, normal=axis, n_sides=48)
             self.plotter.add_mesh(ring.extract_feature_edges(), color=CONTACT, line_width=2.5)
             self._arrow(f"normal {k}", proxy, 1.4 * radius * normal, PROXY)
 
