@@ -177,14 +177,10 @@ MAKING = taking(
     option("--common", is_flag=True,
            help="Use the markers that both files have.  [default: both must have the same]"),
     option("--margin", type=MARGIN,
-           help="Add a safety margin: that bound, or what makes entering less probable than P by "
-           "--campaign.  [default: none]"),
+           help="Add a safety margin to the point radius: that bound, or what makes entering less "
+           "probable than P by --campaign.  [default: none]"),
     option("--campaign", type=FILE, metavar="DIR",
            help="Folder of `vfplan campaign`, for --margin p=P."),
-    option("--margin-side", type=click.Choice(["both", "left", "right", "inside", "outside"]),
-           default="both",
-           help="Add it to the point radius, or move the curve to one side (left and right of the "
-           "drawing's direction)."),
     option("--find-markers", is_flag=True,
            help="Take the markers' pixels from the crosses or dots drawn near the given ones; says "
            "how far each moved."),
@@ -218,10 +214,6 @@ def fixture_settings(given: dict[str, Any]) -> Any:
 
     if given["tolerance_m"] and given["density_per_m"]:
         raise click.UsageError("--tolerance and --density exclude each other; give one")
-    if given["margin"] is None and given["margin_side"] != "both":
-        raise click.UsageError(
-            "--margin-side adds nothing by itself; give --margin tre95 or p=P too"
-        )
     margin = given["margin"]
     if isinstance(margin, float) != (given["campaign"] is not None):
         raise click.UsageError("--margin p=P and --campaign DIR: both or neither")

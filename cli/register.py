@@ -26,7 +26,7 @@ TEXT = (
     "\n  {scale_m_per_px:mm.5}/px, anisotropy {anisotropy:.2%}, shear {shear:+.2%}",
     "; against the known pixel spacing {departure} along u, v",
     "\n  The slice is seen from {seen_from}.",
-    "\n{held}{moved}",
+    "\n{held}{margin}",
 )
 # What is rendered, and what it costs.
 HELD = (
@@ -116,13 +116,16 @@ def registered_text(report: dict[str, Any]) -> str:
     place = ", ".join(f"{x:.1f}" for x in tre)
     if len(tre) == 3:
         place = ", ".join(f"{1e3 * x:.1f}" for x in tre) + " mm"
+    margin = ""
+    if "margin" in report:
+        margin = told(report["margin"], "\nmargin: {largest_m:mm} added to the point radius")
     more = {
         "table": _marker_table(report),
         "marks": _marks_line(report),
         "place": place,
         "used": touched["points"] - len(touched["left_out"]),
         "held": told(report, *HELD[:1]) or told(report, *HELD[1:]),
-        "moved": _margin_line(report.get("margin")),
+        "margin": margin,
     }
     if "spacing_departure" in report and "scale_m_per_px" in report:
         more["departure"] = ", ".join(f"{share:+.2%}" for share in report["spacing_departure"])
@@ -173,16 +176,4 @@ def _marks_line(report: dict[str, Any]) -> str:
         report,
         "\n  {marks_drawn[near]} of {markers} given positions have a mark near them on the slice, "
         "{marks_drawn[rms_px]:.2f} px rms away",
-    )
-
-
-def _margin_line(margin: dict[str, Any] | None) -> str:
-    if margin is None:
-        return ""
-    if margin["side"] == "both":
-        return told(margin, "\nmargin: {largest_m:mm} added to the point radius")
-    return told(
-        margin,
-        "\nmargin: the curve moved {smallest_m:mm} to {largest_m:mm} to the {side}, "
-        "{samples_dropped} samples dropped in tight bends",
     )

@@ -15,8 +15,8 @@ import vfplan
 from vfplan.errors import CheckFailed, SettingError
 from vfplan.fixture import Curve, Guidance
 from vfplan.planning import FixtureSettings, plan
-from vfplan.planning.carrying import require_small
-from vfplan.planning.guiding import add_guidance
+from vfplan.planning.carry import check_arcs_error
+from vfplan.planning.guidance import add_guidance
 from vfplan.robot import Robot
 
 SAMPLES = files("vfplan.samples")
@@ -92,10 +92,11 @@ def test_a_pull_without_a_speed_has_the_usual_one():
     assert vfplan.Guide.of(add_guidance(two_lines(0.02), settings)[0]) is not None
 
 
-@pytest.mark.parametrize("more", [{}, {"guide_stroke": 1, "margin_side": "left"}])
-def test_a_margin_that_would_do_nothing_for_a_guide_is_refused(more):
-    with pytest.raises(SettingError, match="a margin has no effect on a guide"):
-        FixtureSettings(guide_m=1e-3, margin=1e-3, **more)
+def test_a_margin_that_would_do_nothing_for_a_guide_is_refused():
+    with pytest.raises(SettingError) as caught:
+        FixtureSettings(guide_m=1e-3, margin=1e-3)
+    assert caught.value.code == "guide-margin"
+    FixtureSettings(guide_m=1e-3, margin=1e-3, guide_stroke=1)
 
 
 def test_a_closed_guide_has_no_ends():
@@ -168,13 +169,13 @@ def test_lines_and_arcs_guide_and_ticks_too_long_are_warned_of(monkeypatch):
 @pytest.mark.parametrize("beside", [0.317e-3, 0.5e-3, 1e-3, 2.1e-6, 1.5e-6])
 def test_the_advice_for_lines_and_arcs_is_taken(beside):
     with pytest.raises(SettingError, match="--arcs") as told:
-        require_small(SimpleNamespace(error=1e-3), beside, FixtureSettings())
+        check_arcs_error(SimpleNamespace(error=1e-3), beside, FixtureSettings())
     advice = re.search(r"--arcs ([^,]*)", str(told.value))[1]
     if beside < 2e-6:
         assert advice == "none"
         return
     settings = FixtureSettings(arcs_m=1e-3 * float(advice))
-    require_small(SimpleNamespace(error=settings.arcs_m), beside, settings)
+    check_arcs_error(SimpleNamespace(error=settings.arcs_m), beside, settings)
 
 
 def test_what_is_said_of_no_guide_is_refused_by_its_options():

@@ -43,27 +43,14 @@ def test_report_budgets_the_tolerance(made):
     assert made.fixture.max_iterations == chosen["max_iterations"]
 
 
-def test_what_was_left_out_is_counted_with_its_price(made):
+def test_what_the_scene_does_without_is_counted(made):
     report = made.report["register"]
-    counts = report["left_out"]
     extracted = made.report["extract"]["points"]
-    assert counts["points"] == max(0, extracted - report["points"])
-    assert counts["coordinates"] == counts["groups"] == 1
-    rows = {row["left_out"]: row for row in report["left_out_costs"]}
-    assert {"points", "coordinates", "groups"} <= set(rows)
-    for name, row in rows.items():
-        assert row["count"] == counts[name]
-        assert 0 <= row["error_m"] <= 1e-5
-    assert rows["coordinates"]["operations_per_tick"] > 0
+    points = max(0, extracted - report["points"])
+    assert report["left_out"] == {"points": points, "coordinates": 1}
     coarse = elbow(tolerance_m=1e-4).report["register"]["left_out"]
-    assert coarse["points"] > counts["points"]
-    assert coarse["operations_per_tick"] > counts["operations_per_tick"]
-
-
-def test_a_fixture_in_space_leaves_no_coordinate_out(tmp_path):
-    counts = elbow(ignore_axis="none").report["register"]["left_out"]
-    assert "coordinates" not in counts
-    assert "groups" not in counts
+    assert coarse["points"] > points
+    assert "coordinates" not in elbow(ignore_axis="none").report["register"]["left_out"]
 
 
 def test_bundle_holds_the_choice(made, tmp_path):
@@ -76,7 +63,6 @@ def test_bundle_holds_the_choice(made, tmp_path):
     settings = again.provenance.settings
     assert settings["chosen_spacing_m"] == chosen["spacing_m"]
     assert settings["left_out_points"] == made.report["register"]["left_out"]["points"]
-    assert settings["left_out_operations_per_tick"] > 0
 
 
 def test_a_tolerance_beyond_what_the_radius_allows_is_said_to_be_cut(made):
@@ -111,7 +97,7 @@ def test_a_curve_of_lines_and_arcs_needs_no_choice():
     given = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
     made = plan(*(ROOT / "samples" / n for n in names), extraction=given)
     report, settings = made.report["register"], made.fixture.provenance.settings
-    assert not {"chosen", "left_out_costs"} & set(report)
+    assert "chosen" not in report
     assert not [name for name in settings if name.startswith("chosen_")]
     points = report["points"]
     assert report["left_out"] == {"points": points, "coordinates": 1, "settings": 3}

@@ -27,9 +27,11 @@ if TYPE_CHECKING:
 # Relative difference of two pixel spacings that are decimals of the same number.
 SAME_SPACING = 1e-6
 
-# RMS distance of a layout's markers from their centre [m]. Millimetres read as metres are above,
-# metres read as millimetres are below.
-LAYOUT_RADIUS_M = (5e-4, 10.0)
+# RMS distance of a layout's markers from their centre [m]: metres read as millimetres are below.
+MIN_LAYOUT_RADIUS_M = 5e-4
+
+# The same: millimetres read as metres are above.
+MAX_LAYOUT_RADIUS_M = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,7 @@ class MatchResult:
     correspondences: Correspondences
     registration: Registration
     # Markers whose pixels were taken from the slice.
-    found: tuple[DrawnMarker, ...]
+    drawn_markers: tuple[DrawnMarker, ...]
     # The given positions against the marks drawn; `None` where no slice was given.
     marks: MarkComparison | None
     findings: tuple[Finding, ...]
@@ -55,8 +57,8 @@ class MatchResult:
         report: dict[str, Any] = {}
         if self.marks is not None:
             report["marks_drawn"] = self.marks.as_dict()
-        if self.found:
-            report["markers_found"] = [asdict(marker) for marker in self.found]
+        if self.drawn_markers:
+            report["markers_found"] = [asdict(marker) for marker in self.drawn_markers]
         return report
 
 
@@ -89,138 +91,131 @@ def match(
 
     if curve.frame == "robot_base":
         raise CurveError(
-            "the curve is in frame 'robot_base' already; one of an image is wanted",
+            "the curve is in frame 'robot_base' already. Give one of an image",
             code="curve-in-robot-frame",
         )
-    slice_image = image if _is_drawn_on(curve, image) else None
+    # An image with another SHA-256 is not the slice that the curve was drawn on.
+    slice_image = image
+    known = curve.provenance.inputs.get("image")
+    if image is not None and known and image.sha256 and known != image.sha256:
+        slice_image = None
+
+    # The markers, and the curve in the frame that they carry it from.
     correspondences = read_markers(markers, markers2, common=settings.common)
-    curve, slice_axes = _in_frame_of_markers(curve, correspondences, slice_image)
-    marks, found = None, ()
-    with _naming(markers if markers2 is None else f"{markers}, {markers2}"):
+    slice_axes = None
+    if (correspondences.source_frame, curve.frame) == ("patient_lps", "image"):
+        curve, slice_axes = in_patient(curve, slice_image)
+    if correspondences.source_frame != curve.frame:
+        raise MarkerError(
+            f"markers are given in frame {correspondences.source_frame!r}, the curve in "
+            f"{curve.frame!r}. Give both in one frame",
+            code="frame-differs",
+        )
+    is_in_image = correspondences.source_frame == "image"
+    where = str(markers)
+    if markers2 is not None:
+        where = f"{markers}, {markers2}"
+    with naming(where):
         refuse_implausible(correspondences, curve, slice_image)
-        given = correspondences
+
+        # The positions as given, or where the marks are drawn.
+        drawn_markers = ()
+        source = correspondences.source
         if settings.find_markers:
-            found = _find_drawn(correspondences, image, slice_image)
-            positions = np.array([marker.position_px for marker in found])
-            correspondences = replace(correspondences, source=positions)
+            drawn_markers = find_drawn(correspondences, image, slice_image)
+            source = np.array([marker.position_px for marker in drawn_markers])
+
+        # The transform, and the gates on it.
+        pixel_spacing_m = None
+        if is_in_image and curve.image is not None and curve.image.pixel_spacing_mm is not None:
+            along_u, along_v = curve.image.pixel_spacing_mm
+            pixel_spacing_m = (along_u * 1e-3, along_v * 1e-3)
         registration = fit_registration(
-            correspondences.source,
+            source,
             correspondences.target,
             model=settings.model,
             robust=settings.robust,
             labels=correspondences.labels,
-            pixel_spacing=_known_spacing(curve, correspondences),
+            pixel_spacing=pixel_spacing_m,
             sigma=correspondences.sigma,
             seen_from=settings.seen_from,
         )
-        if slice_image is not None and given.source_frame == "image":
+        marks = None
+        if slice_image is not None and is_in_image:
             marks = compare_with_marks(
                 slice_image.rgb,
-                given.labels,
-                given.source,
+                correspondences.labels,
+                correspondences.source,
                 markers_as_given=settings.markers_as_given,
             )
         refuse_wrong_markers(
             registration, settings.max_residual_m, markers_as_given=settings.markers_as_given
         )
+
+    # What is not refused and a person should look at.
     findings = [*correspondences.findings, *registration_findings(registration)]
     if settings.seen_from is None and correspondences.target_frame == "robot_base":
         side = side_finding(registration)
-        findings += [] if side is None else [side]
-    if marks is not None and not found:
+        if side is not None:
+            findings.append(side)
+    if marks is not None and not drawn_markers:
         findings += marks.findings
-    findings += _frame_findings(correspondences, is_other_image=image is not slice_image)
+    if correspondences.target_frame != "robot_base":
+        text = (
+            f"The target markers, and so the fixture, are in {correspondences.target_frame}. No "
+            "robot renders it before it is registered to its own frame."
+        )
+        findings.append(doubt("target-not-robot", "register", text))
+    if image is not slice_image:
+        text = (
+            "The image given is not the file that the curve was drawn on (SHA-256 differs). "
+            "Nothing was compared with it."
+        )
+        findings.append(doubt("image-other", "register", text))
     return MatchResult(
-        curve, slice_axes, correspondences, registration, found, marks, tuple(findings)
+        curve=curve,
+        slice_axes=slice_axes,
+        correspondences=replace(correspondences, source=source),
+        registration=registration,
+        drawn_markers=drawn_markers,
+        marks=marks,
+        findings=tuple(findings),
     )
 
 
 @contextmanager
-def _naming(where: object) -> Iterator[None]:
+def naming(where: str) -> Iterator[None]:
     """Refusals raised inside name the marker files, where they name no place."""
     with naming_place(where):
         try:
             yield
         except CheckFailed as error:
-            error.where = error.where or str(where)
+            error.where = error.where or where
             raise
 
 
-def _known_spacing(curve: Fixture, correspondences: Correspondences) -> tuple[float, float] | None:
-    """Metres a pixel along u and v, where the markers are pixels and the curve's image says it."""
-    if correspondences.source_frame != "image" or curve.image is None:
-        return None
-    spacing_mm = curve.image.pixel_spacing_mm
-    if spacing_mm is None:
-        return None
-    return spacing_mm[0] * 1e-3, spacing_mm[1] * 1e-3
-
-
-def _is_drawn_on(curve: Fixture, image: PlannedImage | None) -> bool:
-    """Whether the image may be the curve's own: nothing says that it is another."""
-    known = curve.provenance.inputs.get("image")
-    return image is not None and (not known or not image.sha256 or known == image.sha256)
-
-
-def _find_drawn(
+def find_drawn(
     correspondences: Correspondences, image: PlannedImage | None, slice_image: PlannedImage | None
 ) -> tuple[DrawnMarker, ...]:
+    """The markers as they are drawn on the slice, for `--find-markers`."""
     from vfplan.markers.drawn import find_markers
 
     if correspondences.source_frame != "image":
         raise SettingError(
-            "markers can be found in an image only; these are given in 3-D",
+            "these markers are given in 3-D, where none are drawn. Leave --find-markers out",
             code="find-markers-in-space",
         )
     if image is None:
         raise SettingError(
-            "to find the markers the image is needed, which was not given",
+            "to find the markers the slice is needed. Give --image, or leave --find-markers out",
             code="find-markers-no-image",
         )
     if slice_image is None:
         raise SettingError(
-            "the image given is not the one the curve was drawn on (SHA-256 differs)",
+            "the image given is not the one the curve was drawn on (SHA-256 differs). Give that",
             code="find-markers-other-image",
         )
     return find_markers(slice_image.rgb, correspondences.labels, correspondences.source)
-
-
-def _frame_findings(correspondences: Correspondences, *, is_other_image: bool) -> list[Finding]:
-    findings = []
-    if correspondences.target_frame != "robot_base":
-        findings.append(
-            doubt(
-                "target-not-robot",
-                "register",
-                f"The target markers, and so the fixture, are in {correspondences.target_frame}. "
-                "No robot renders it before it is registered to its own frame.",
-            )
-        )
-    if is_other_image:
-        findings.append(
-            doubt(
-                "image-other",
-                "register",
-                "The image given is not the file that the curve was drawn on (SHA-256 differs). "
-                "Nothing was compared with it.",
-            )
-        )
-    return findings
-
-
-def _in_frame_of_markers(
-    curve: Fixture, correspondences: Correspondences, image: PlannedImage | None
-) -> tuple[Fixture, NDArray[np.float64] | None]:
-    """The curve in the markers' source frame, and the slice's axes there where it was moved."""
-    if (correspondences.source_frame, curve.frame) == ("patient_lps", "image"):
-        return in_patient(curve, image)
-    if correspondences.source_frame != curve.frame:
-        raise MarkerError(
-            f"markers are given in frame {correspondences.source_frame!r}, the curve in "
-            f"{curve.frame!r}",
-            code="frame-differs",
-        )
-    return curve, None
 
 
 def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDArray[np.float64]]:
@@ -231,7 +226,9 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDA
     Raises MarkerError: no slice, or one that does not say where it lies
     Raises SettingError: a pixel spacing that is not the slice's own
     """
-    place = None if image is None else image.T_patient_image
+    place = None
+    if image is not None:
+        place = image.T_patient_image
     if place is None:
         reason = "the slice does not say soundly where it lies in the patient"
         if image is None:
@@ -241,16 +238,20 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDA
             code="slice-without-place",
         )
     axes = place[:3, :2]
-    own = 1e3 * np.linalg.norm(axes, axis=0)
-    given = None if curve.image is None else curve.image.pixel_spacing_mm
-    if given is not None and not np.allclose(given, own, rtol=SAME_SPACING, atol=0):
-        raise SettingError(
-            f"the curve's pixel spacing is {given[0]:g}, {given[1]:g} mm, that of the slice in the "
-            f"patient {own[0]:g}, {own[1]:g} mm; leave --pixel-spacing out",
-            code="pixel-spacing-differs",
-        )
-    pixels = np.c_[curve.points[:, :2], np.ones(len(curve.points))]
-    sigma = None if curve.sigma is None else curve.sigma * float(np.sqrt(own.prod())) * 1e-3
+    spacing_mm = 1e3 * np.linalg.norm(axes, axis=0)
+    if curve.image is not None and curve.image.pixel_spacing_mm is not None:
+        given_mm = curve.image.pixel_spacing_mm
+        if not np.allclose(given_mm, spacing_mm, rtol=SAME_SPACING, atol=0):
+            raise SettingError(
+                f"the curve's pixel spacing is {given_mm[0]:g}, {given_mm[1]:g} mm, that of the "
+                f"slice in the patient {spacing_mm[0]:g}, {spacing_mm[1]:g} mm; leave "
+                "--pixel-spacing out",
+                code="pixel-spacing-differs",
+            )
+    pixels = np.column_stack([curve.points[:, :2], np.ones(len(curve.points))])
+    sigma = curve.sigma
+    if sigma is not None:
+        sigma = sigma * float(np.sqrt(spacing_mm.prod())) * 1e-3
     carried = replace(curve, frame="patient_lps", points=(pixels @ place.T)[:, :3], sigma=sigma)
     return carried, axes
 
@@ -262,15 +263,26 @@ def refuse_implausible(
 
     A planar fit is exact under any unit, so a wrong one leaves no residual.
 
-    Raises MarkerError: a layout larger or smaller than `LAYOUT_RADIUS_M`, or a marker outside the
-        image
+    Raises MarkerError: a layout that is far too large or too small, or a marker outside the image
     """
-    _refuse_size(correspondences.target, "target")
+    layouts = {"target": correspondences.target}
     if correspondences.source_frame != "image":
-        _refuse_size(correspondences.source, "source")
-        return
+        layouts["source"] = correspondences.source
+    for name, positions in layouts.items():
+        radius = float(np.sqrt(((positions - positions.mean(axis=0)) ** 2).sum(axis=1).mean()))
+        # Markers in one place, but for rounding, are left to the fit, which names them.
+        is_spread = radius > 1e-9 * np.abs(positions).max()
+        if is_spread and not MIN_LAYOUT_RADIUS_M <= radius <= MAX_LAYOUT_RADIUS_M:
+            raise MarkerError(
+                f"the {name} markers lie {radius:.3g} m (rms) from their centre; "
+                f"{MIN_LAYOUT_RADIUS_M:g} to {MAX_LAYOUT_RADIUS_M:g} m are allowed. Look for "
+                "millimetres given as metres, or the reverse",
+                code="layout-size",
+                numbers={"radius_m": radius},
+            )
+
     size = image or curve.image
-    if size is None:
+    if correspondences.source_frame != "image" or size is None:
         return
     corner = np.array([size.width_px, size.height_px]) - 0.5
     for label, place in zip(correspondences.labels, correspondences.source, strict=True):
@@ -278,21 +290,8 @@ def refuse_implausible(
             u, v = place
             raise MarkerError(
                 f"marker {label} at u = {u:.6g}, v = {v:.6g} px lies outside the slice of "
-                f"{size.width_px} x {size.height_px} px (u is the column, v the row)",
+                f"{size.width_px} x {size.height_px} px. Use this slice's own markers, with u_px "
+                "to the right and v_px down",
                 code="marker-outside-slice",
                 numbers={"label": label, "u_px": float(u), "v_px": float(v)},
             )
-
-
-def _refuse_size(positions: NDArray[np.float64], what: str) -> None:
-    radius = float(np.sqrt(((positions - positions.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    smallest, largest = LAYOUT_RADIUS_M
-    # Markers in one place, but for rounding, are left to the fit, which names them.
-    is_spread = radius > 1e-9 * np.abs(positions).max()
-    if is_spread and not smallest <= radius <= largest:
-        raise MarkerError(
-            f"the {what} markers lie {radius:.3g} m (rms) from their centre; {smallest:g} to "
-            f"{largest:g} m are allowed. Look for millimetres given as metres, or the reverse",
-            code="layout-size",
-            numbers={"radius_m": radius},
-        )

@@ -7,15 +7,34 @@ from typing import Literal
 
 from vfplan.errors import SettingError
 
-# What a bundle can hold and an engine can render; a contact radius below its band of 10 µm cannot.
-CONTACT_RADIUS_M = (1e-5, 1.0)
-POINT_RADIUS_M = (0.0, 1.0)
-ARCS_M = (1e-7, 1e-3)  # finer than any measurement, coarser than any pen
+# A contact radius, or a tube, below the band of 10 µm cannot be rendered [m].
+MIN_RADIUS_M = 1e-5
+
+# The largest radius that a bundle holds [m].
+MAX_RADIUS_M = 1.0
+
+# The largest stiffness that a bundle holds [N/m].
+MAX_STIFFNESS_N_PER_M = 1e6
+
+# How far lines and arcs may lie from the measured curve [m]: no measurement is as fine.
+MIN_ARCS_M = 1e-7
+
+# No pen is as coarse.
+MAX_ARCS_M = 1e-3
+
+# A tenth of the tolerance that points are sampled with [m].
 DEFAULT_ARCS_M = 1e-6
-GUIDE_M = (1e-5, 1.0)
-LEAD_SPEED_M_S = 0.02  # at which a pull has fallen to 0, unless it is given
+
+# Speed [m/s] at which a guide's pull has fallen to 0, unless it is given.
+LEAD_SPEED_M_S = 0.02
+
+# The strongest pull that a bundle holds [N].
+MAX_PULL_N = 1000.0
+
+# The largest speed at which a pull has fallen to 0 [m/s].
+MAX_PULL_SPEED_M_S = 10.0
+
 AXES = (None, "normal", "x", "y", "z", "none")
-STIFFNESS_N_PER_M = (0.0, 1e6)
 
 
 @dataclass(frozen=True)
@@ -81,7 +100,8 @@ class ExtractSettings:
         if self.density_per_mm is not None and not 0 < self.density_per_mm < float("inf"):
             raise SettingError(
                 f"density is {self.density_per_mm:g} points a millimetre; a finite number above 0 "
-                "is wanted"
+                "is wanted",
+                code="density-range",
             )
 
 
@@ -123,10 +143,8 @@ class FixtureSettings:
     common
         Use the markers that both sides have; without it both sides must have the same.
     margin
-        "tre95" adds that bound as a safety margin, a number so many metres; `None`: no margin.
-    margin_side
-        "both": it is added to the point radius; "left", "right", "inside" or "outside": the curve
-        moves there.
+        "tre95" adds that bound to the point radius as a safety margin, a number so many metres;
+        `None`: no margin.
     find_markers
         Take the markers' pixels from the crosses or dots drawn near the given ones.
     guide_m
@@ -153,7 +171,8 @@ class FixtureSettings:
     density_per_m: float | None = None
     arcs_m: float | None = None
     points_only: bool = False
-    stiffness: float | tuple[float, ...] = (1000.0,)  # one number is held as a tuple of one
+    # One number is held as a tuple of one.
+    stiffness: float | tuple[float, ...] = (1000.0,)
     contact_radius: float = 5e-3
     point_radius: float = 0.0
     ignore_axis: str | None = None
@@ -163,7 +182,6 @@ class FixtureSettings:
     markers_as_given: bool = False
     common: bool = False
     margin: str | float | None = None
-    margin_side: str = "both"
     find_markers: bool = False
     guide_m: float | None = None
     guide_ends: Literal["stop", "open"] | None = None
@@ -175,18 +193,24 @@ class FixtureSettings:
         """Refuse what no bundle can hold, before any work is done; raises `SettingError`."""
         if isinstance(self.stiffness, (int, float)):
             object.__setattr__(self, "stiffness", (self.stiffness,))
-        for name, values, (least, largest), unit in (
-            ("contact radius", (self.contact_radius,), CONTACT_RADIUS_M, "m"),
-            ("point radius", (self.point_radius,), POINT_RADIUS_M, "m"),
-            ("stiffness", self.stiffness, STIFFNESS_N_PER_M, "N/m"),
-            ("arcs", _mm(self.arcs_m), _mm(*ARCS_M), "mm"),
-            ("guide", _mm(self.guide_m), _mm(*GUIDE_M), "mm"),
-        ):
-            for value in values:
-                if not least <= value <= largest:
-                    raise SettingError(
-                        f"{name} is {value:g} {unit}; {least:g} to {largest:g} {unit} are allowed"
-                    )
+        _check_range("contact radius", self.contact_radius, MIN_RADIUS_M, MAX_RADIUS_M, "m")
+        _check_range("point radius", self.point_radius, 0.0, MAX_RADIUS_M, "m")
+        for stiffness in self.stiffness:
+            _check_range("stiffness", stiffness, 0.0, MAX_STIFFNESS_N_PER_M, "N/m")
+        if len(self.stiffness) not in (1, 3):
+            raise SettingError(
+                f"stiffness is {len(self.stiffness)} numbers; 1 or 3 are allowed",
+                code="stiffness-count",
+            )
+        if self.arcs_m is not None:
+            _check_range("arcs", 1e3 * self.arcs_m, 1e3 * MIN_ARCS_M, 1e3 * MAX_ARCS_M, "mm")
+        if self.ignore_axis not in AXES:
+            raise SettingError(
+                f"ignored axis is {self.ignore_axis!r}; normal, x, y, z or none is allowed",
+                code="axis-unknown",
+            )
+
+        # The gates.
         for name, limit in (("max_residual_m", self.max_residual_m), ("max_tre_m", self.max_tre_m)):
             if isinstance(limit, (int, float)) and not 0 < limit < float("inf"):
                 raise SettingError(
@@ -199,37 +223,39 @@ class FixtureSettings:
                 "wanted",
                 code="gate-range",
             )
-        if self.ignore_axis not in AXES:
+
+        # The guide.
+        if self.guide_m is None:
+            more = self.guide_ends, self.guide_pull, self.guide_cut_bends
+            if any(more) or self.guide_stroke is not None:
+                raise SettingError(
+                    "--ends, --guide-stroke, --guide-pull and --guide-cut-bends have no effect "
+                    "without --guide MM",
+                    code="no-guide",
+                )
+            return
+        _check_range("guide", 1e3 * self.guide_m, 1e3 * MIN_RADIUS_M, 1e3 * MAX_RADIUS_M, "mm")
+        if min(self.stiffness) <= 0:
+            raise SettingError("a guide needs a stiffness above 0", code="guide-stiffness")
+        if self.margin is not None and self.guide_stroke is None:
             raise SettingError(
-                f"ignored axis is {self.ignore_axis!r}; normal, x, y, z or none is allowed"
+                "a margin has no effect on a guide; it thickens what is forbidden beside a guide "
+                "stroke",
+                code="guide-margin",
             )
-        for name, given, counts in (
-            ("stiffness", self.stiffness, (1, 3)),
-            ("guide pull", self.guide_pull, (0, 1, 2)),
-        ):
-            if len(given) not in counts:
-                allowed = " or ".join(map(str, counts))
-                raise SettingError(f"{name} is {len(given)} numbers; {allowed} are allowed")
-        more = self.guide_ends, self.guide_pull, self.guide_cut_bends
-        if self.guide_m is None and (any(more) or self.guide_stroke is not None):
+        if len(self.guide_pull) > 2:
             raise SettingError(
-                "--ends, --guide-stroke, --guide-pull and --guide-cut-bends have no effect without "
-                "--guide MM"
+                f"guide pull is {len(self.guide_pull)} numbers; a force and a speed are allowed",
+                code="guide-pull",
             )
-        force, speed = (*self.guide_pull, LEAD_SPEED_M_S)[:2] if self.guide_pull else (0.0, 1.0)
-        if not (abs(force) <= 1000 and 0 < speed <= 10):
-            raise SettingError(
-                f"guide pull {force:g} N, {1e3 * speed:g} mm/s; -1000 to 1000 N and up to 10000 "
-                "mm/s are allowed"
-            )
-        thickens = self.guide_stroke is not None and self.margin_side == "both"
-        if self.guide_m is not None and self.margin is not None and not thickens:
-            raise SettingError(
-                "a margin has no effect on a guide; it thickens what is forbidden beside a "
-                "guide stroke, on side 'both'"
-            )
-        if self.guide_m is not None and min(self.stiffness) <= 0:
-            raise SettingError("a guide needs a stiffness above 0")
+        if self.guide_pull:
+            force, speed = (*self.guide_pull, LEAD_SPEED_M_S)[:2]
+            if not (abs(force) <= MAX_PULL_N and 0 < speed <= MAX_PULL_SPEED_M_S):
+                raise SettingError(
+                    f"guide pull {force:g} N, {1e3 * speed:g} mm/s; {-MAX_PULL_N:g} to "
+                    f"{MAX_PULL_N:g} N and up to {1e3 * MAX_PULL_SPEED_M_S:g} mm/s are allowed",
+                    code="guide-pull",
+                )
 
     @property
     def largest_tre_m(self) -> float | None:
@@ -239,5 +265,10 @@ class FixtureSettings:
         return self.max_tre_m
 
 
-def _mm(*lengths_m: float | None) -> tuple[float, ...]:
-    return tuple(1e3 * x for x in lengths_m if x is not None)
+def _check_range(name: str, value: float, smallest: float, largest: float, unit: str) -> None:
+    if not smallest <= value <= largest:
+        raise SettingError(
+            f"{name} is {value:g} {unit}; {smallest:g} to {largest:g} {unit} are allowed",
+            code="setting-range",
+            numbers={"value": value, "smallest": smallest, "largest": largest},
+        )

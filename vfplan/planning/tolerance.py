@@ -47,27 +47,47 @@ from numpy.typing import NDArray
 from vfplan.engine.parameters import MOST_POINTS, number
 from vfplan.errors import SettingError
 
-DIMPLE_SHARE, BAND_SHARE, LAG_SHARE = 0.4, 0.5, 0.1
-COARSEST = 0.5  # of R: points further apart than this no band makes smooth
-SPEED_M_S = 0.1  # of a careful hand
+Array = NDArray[np.float64]
+
+# Shares of the tolerance; see above.
+DIMPLE_SHARE = 0.4
+BAND_SHARE = 0.5
+LAG_SHARE = 0.1
+
+# Spacing over R: points further apart than this no band makes smooth.
+MAX_SPACING_SHARE = 0.5
+
+# The speed of a careful hand [m/s].
+SPEED_M_S = 0.1
 RATE_HZ = 1000.0
-DEPTH = 0.5  # of R: how far behind the surface the tolerance is to hold
-FACES = 3  # in space; two in the plane
-DENSE = 4  # steps in each interval of the fine curve
+
+# Depth over R: how far behind the surface the tolerance is to hold.
+DEPTH = 0.5
+
+# Faces that can hold the proxy in space; in the plane it is one less.
+FACES = 3
+
+# Steps in each interval of the fine curve.
+STEPS = 4
 
 
 @dataclass(frozen=True)
 class Choice:
     """The cheapest settings that keep a tolerance."""
 
-    tolerance_m: float  # how far the proxy may be from where the planned surface puts it [m]
+    # How far the proxy may be from where the planned surface puts it [m].
+    tolerance_m: float
     # The tolerance that the settings below keep [m]: `tolerance_m`, or `largest_tolerance` where
-    # that is less
-    kept_m: float
-    sampling_tolerance_m: float  # what of it the spacing may use, the dimples' depth [m]
-    spacing_m: float  # distance of the points on a straight stretch [m]; less where the curve bends
-    band_m: float  # r2 - r_c [m]
-    max_iterations: int  # a tick
+    # that is less.
+    used_tolerance_m: float
+    # What of it the spacing may use, the dimples' depth [m].
+    sampling_tolerance_m: float
+    # Distance of the points on a straight stretch [m]; less where the curve bends.
+    spacing_m: float
+    # r2 - r_c [m].
+    band_m: float
+    # In a tick.
+    max_iterations: int
 
     @property
     def lag_m(self) -> float:
@@ -86,8 +106,8 @@ def choose(
 ) -> Choice:
     """The settings that a tolerance allows.
 
-    tolerance_m: τ [m] > 0. Of more than `largest_tolerance(radius_m)` only that is used; `kept_m`
-        tells.
+    tolerance_m: τ [m] > 0. Of more than `largest_tolerance(radius_m)` only that is used;
+        `used_tolerance_m` says so.
     radius_m: R = r_c + r_v [m]
     planar: whether the fixture ignores an axis
     speed_m_s, rate_hz: the fastest hand and the servo rate that the tolerance is to hold for
@@ -98,19 +118,26 @@ def choose(
     radius_m = number("radius", radius_m, "m", above=0.0)
     speed_m_s = number("speed", speed_m_s, "m/s", above=0.0)
     rate_hz = number("rate", rate_hz, "Hz", above=0.0)
-    depth = DEPTH * radius_m if depth_m is None else number("depth", depth_m, "m", above=0.0)
-    if depth >= radius_m:
-        raise SettingError(f"depth {depth:g} m: below R = {radius_m:g} m is wanted")
-    kept = min(tolerance_m, largest_tolerance(radius_m))
-    dimple = DIMPLE_SHARE * kept
+    if depth_m is None:
+        depth_m = DEPTH * radius_m
+    depth_m = number("depth", depth_m, "m", above=0.0)
+    if depth_m >= radius_m:
+        raise SettingError(
+            f"depth {depth_m:g} m: below R = {radius_m:g} m is wanted", code="depth-range"
+        )
+    used_m = min(tolerance_m, largest_tolerance(radius_m))
+    dimple_m = DIMPLE_SHARE * used_m
+    faces = FACES
+    if planar:
+        faces -= 1
     return Choice(
         tolerance_m=tolerance_m,
-        kept_m=kept,
-        sampling_tolerance_m=dimple,
-        spacing_m=math.sqrt(8 * radius_m * dimple),
-        band_m=BAND_SHARE * kept,
-        max_iterations=iterations(LAG_SHARE * kept, radius_m, depth, speed_m_s / rate_hz)
-        + (FACES - 1 if planar else FACES),
+        used_tolerance_m=used_m,
+        sampling_tolerance_m=dimple_m,
+        spacing_m=math.sqrt(8 * radius_m * dimple_m),
+        band_m=BAND_SHARE * used_m,
+        max_iterations=iterations(LAG_SHARE * used_m, radius_m, depth_m, speed_m_s / rate_hz)
+        + faces,
     )
 
 
@@ -123,28 +150,37 @@ def iterations(lag_m: float, radius_m: float, depth_m: float, step_m: float) -> 
 
 def largest_tolerance(radius_m: float) -> float:
     """The tolerance at which points stand half of R apart [m]; beyond it they are bumps."""
-    return (COARSEST * radius_m) ** 2 / (8 * radius_m) / DIMPLE_SHARE
+    return (MAX_SPACING_SHARE * radius_m) ** 2 / (8 * radius_m) / DIMPLE_SHARE
 
 
 @dataclass(frozen=True)
 class TightBend:
     """A stretch where the curve bends tighter than the proxy's radius, so it cannot be followed."""
 
-    arclength_m: float  # where the curvature is largest, along the curve [m]
-    position_m: tuple[float, float, float]  # (x, y, z) of that place [m]
-    radius_m: float  # radius of curvature there [m]
+    # Where the curvature is largest, along the curve [m].
+    arclength_m: float
+    # (x, y, z) of that place [m].
+    position_m: tuple[float, float, float]
+    # Radius of curvature there [m].
+    radius_m: float
 
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
     """Points along a curve."""
 
-    points: NDArray[np.float64]  # (N, 3) [m]
-    arclength: NDArray[np.float64]  # (N,) of each point along the curve [m]
-    parameter: NDArray[np.float64]  # (N,) float index into the fine curve
-    spacing_m: float  # largest distance between neighbours along the curve [m]
-    sampling_error_m: float  # bound on how far the union of spheres lies from the swept curve [m]
-    tight_bends: tuple[TightBend, ...]  # where the radius of curvature is below `radius_m`
+    # (N, 3) [m].
+    points: Array
+    # (N,) of each point along the curve [m].
+    arclength: Array
+    # (N,) float index into the fine curve.
+    parameter: Array
+    # Largest distance between neighbours along the curve [m].
+    spacing_m: float
+    # Bound on how far the union of spheres lies from the swept curve [m].
+    sampling_error_m: float
+    # Where the radius of curvature is below `radius_m`.
+    tight_bends: tuple[TightBend, ...]
 
 
 def sample_curve(
@@ -176,57 +212,6 @@ def sample_curve(
         A radius, tolerance or density that is not positive and finite, or takes more points than a
         bundle holds; fewer than two points, or points that are not finite.
     """
-    points = _checked(points_m, radius_m, tolerance_m, density_per_m)
-    curve = _Fine.of(points, closed)
-    if density_per_m is None:
-        kept = min(tolerance_m, radius_m)
-        wanted = _least_nearby(
-            np.sqrt(8 * kept / (1 / (radius_m - kept / 2) + curve.kappa)), curve.arc, closed
-        )
-    else:
-        wanted = np.full(len(curve.arc), 1 / density_per_m)
-    at = _places(curve.arc, wanted, closed)
-    parameter = np.interp(at, curve.arc, curve.parameter)
-    gaps = np.diff(np.r_[at, curve.arc[-1]] if closed else at)
-    return Sampled(
-        points=curve.spline(parameter),
-        arclength=at,
-        parameter=parameter,
-        spacing_m=float(gaps.max()),
-        sampling_error_m=_bound(at, gaps, curve, radius_m),
-        tight_bends=_tight_bends(curve, radius_m),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Fine:
-    """The cubic spline through a fine curve's points, over their index, and dense values of it."""
-
-    spline: Callable[[NDArray], NDArray]
-    parameter: NDArray  # (D,) dense float indices
-    arc: NDArray  # (D,) [m]
-    kappa: NDArray  # (D,) |κ| [1/m], the largest within a dense step on either side
-
-    @classmethod
-    def of(cls, points: NDArray, closed: bool) -> _Fine:
-        from scipy.interpolate import CubicSpline
-
-        ring = np.vstack([points, points[:1]]) if closed else points
-        ends = "periodic" if closed and len(ring) > 3 else "not-a-knot"
-        spline = CubicSpline(np.arange(len(ring)), ring, bc_type=ends)
-        t = np.linspace(0, len(ring) - 1, DENSE * (len(ring) - 1) + 1)
-        first, second = spline(t, 1), spline(t, 2)
-        speed = np.linalg.norm(first, axis=1)
-        kappa = np.linalg.norm(np.cross(first, second), axis=1) / np.maximum(speed, 1e-12) ** 3
-        wide = np.r_[kappa[:1], kappa, kappa[-1:]]
-        kappa = np.maximum.reduce([wide[:-2], kappa, wide[2:]])
-        arc = np.r_[0.0, np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(t))]
-        return cls(spline, t, arc, kappa)
-
-
-def _checked(
-    points_m: NDArray, radius_m: float, tolerance_m: float | None, density_per_m: float | None
-) -> NDArray:
     number("radius", radius_m, "m", above=0.0)
     if density_per_m is None:
         number("tolerance", tolerance_m, "m", above=0.0)
@@ -234,63 +219,131 @@ def _checked(
         number("density", density_per_m, "a metre", above=0.0)
     points = np.asarray(points_m, float)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
-        raise SettingError(f"a curve is (M, 3) with M of 2 or more; got {points.shape}")
+        raise SettingError(
+            f"a curve is (M, 3) with M of 2 or more; got {points.shape}", code="points-shape"
+        )
     if not np.isfinite(points).all():
-        raise SettingError("the curve holds points that are not finite")
-    return points
+        raise SettingError(
+            "the curve holds points that are not finite. Leave them out", code="points-not-finite"
+        )
+    curve = FineCurve.through(points, closed)
+
+    # The spacing that each place allows, and with it the points.
+    if density_per_m is None:
+        dimple_m = min(tolerance_m, radius_m)
+        allowed = np.sqrt(8 * dimple_m / (1 / (radius_m - dimple_m / 2) + curve.kappa))
+        spacing = smallest_nearby(allowed, curve.arc, closed)
+    else:
+        spacing = np.full(len(curve.arc), 1 / density_per_m)
+    arclength = place_points(curve.arc, spacing, closed)
+    parameter = np.interp(arclength, curve.arc, curve.parameter)
+    ends = arclength
+    if closed:
+        ends = np.append(arclength, curve.arc[-1])
+    gaps = np.diff(ends)
+
+    # R − √(R² − h²/4) + |κ| h²/8, the largest over all gaps [m].
+    gap = np.minimum(np.searchsorted(arclength, curve.arc, side="right") - 1, len(gaps) - 1)
+    dimple = radius_m - np.sqrt(np.maximum(radius_m**2 - gaps**2 / 4, 0.0))
+    sampling_error_m = float((dimple[gap] + gaps[gap] ** 2 / 8 * curve.kappa).max())
+    return Sampled(
+        points=curve.spline(parameter),
+        arclength=arclength,
+        parameter=parameter,
+        spacing_m=float(gaps.max()),
+        sampling_error_m=sampling_error_m,
+        tight_bends=tight_bends(curve, radius_m),
+    )
 
 
-def _least_nearby(wanted: NDArray, arc: NDArray, closed: bool) -> NDArray:
-    """The smallest spacing wanted within one spacing and the steps that it ends in.
+@dataclass(frozen=True, eq=False)
+class FineCurve:
+    """The cubic spline through a fine curve's points, over their index, and dense values of it."""
+
+    spline: Callable[[Array], Array]
+    # (D,) dense float indices.
+    parameter: Array
+    # (D,) [m].
+    arc: Array
+    # (D,) |κ| [1/m], the largest within a dense step on either side.
+    kappa: Array
+
+    @classmethod
+    def through(cls, points: Array, closed: bool) -> FineCurve:
+        """The curve through points (M, 3)."""
+        from scipy.interpolate import CubicSpline
+
+        ends = "not-a-knot"
+        if closed:
+            points = np.vstack([points, points[:1]])
+            if len(points) > 3:
+                ends = "periodic"
+        spline = CubicSpline(np.arange(len(points)), points, bc_type=ends)
+        t = np.linspace(0, len(points) - 1, STEPS * (len(points) - 1) + 1)
+        first, second = spline(t, 1), spline(t, 2)
+        speed = np.linalg.norm(first, axis=1)
+        kappa = np.linalg.norm(np.cross(first, second), axis=1) / np.maximum(speed, 1e-12) ** 3
+        wide = np.concatenate([kappa[:1], kappa, kappa[-1:]])
+        kappa = np.maximum.reduce([wide[:-2], kappa, wide[2:]])
+        steps = (speed[1:] + speed[:-1]) / 2 * np.diff(t)
+        return cls(spline, t, np.concatenate([[0.0], np.cumsum(steps)]), kappa)
+
+
+def smallest_nearby(spacing: Array, arc: Array, closed: bool) -> Array:
+    """(D,) the smallest spacing allowed within one spacing and the steps that it ends in.
 
     A gap must suit all that it spans. Minima of two runs of 1, 2, 4 ... cover the window of each.
     """
-    at, reach = arc, wanted.max()
+    centre, reach = arc, spacing.max()
     if closed:
-        arc = np.r_[arc[:-1] - arc[-1], arc, arc[1:] + arc[-1]]
-        wanted = np.r_[wanted[:-1], wanted, wanted[1:]]
-    first = np.maximum(np.searchsorted(arc, at - reach) - 1, 0)
-    last = np.minimum(np.searchsorted(arc, at + reach, "right") + 1, len(arc))
-    least, run = np.empty(len(at)), 1
+        arc = np.concatenate([arc[:-1] - arc[-1], arc, arc[1:] + arc[-1]])
+        spacing = np.concatenate([spacing[:-1], spacing, spacing[1:]])
+    first = np.maximum(np.searchsorted(arc, centre - reach) - 1, 0)
+    last = np.minimum(np.searchsorted(arc, centre + reach, "right") + 1, len(arc))
+    smallest, run = np.empty(len(centre)), 1
     while run <= (last - first).max():
         rows = np.flatnonzero((last - first >= run) & (last - first < 2 * run))
-        least[rows] = np.minimum(wanted[first[rows]], wanted[last[rows] - run])
-        wanted, run = np.minimum(wanted[:-run], wanted[run:]), 2 * run
-    return least
+        smallest[rows] = np.minimum(spacing[first[rows]], spacing[last[rows] - run])
+        spacing, run = np.minimum(spacing[:-run], spacing[run:]), 2 * run
+    return smallest
 
 
-def _places(arc: NDArray, wanted: NDArray, closed: bool) -> NDArray:
-    """Arc lengths such that each gap fits the spacing wanted there; whole gaps, evenly shared."""
-    density = 1 / wanted
+def place_points(arc: Array, spacing: Array, closed: bool) -> Array:
+    """(N,) arc lengths such that each gap fits the spacing there; whole gaps, evenly shared."""
+    density = 1 / spacing
     steps = np.diff(arc)
-    count = np.r_[0.0, np.cumsum(steps * np.maximum(density[1:], density[:-1]))]
+    gaps = np.cumsum(steps * np.maximum(density[1:], density[:-1]))
+    count = np.concatenate([[0.0], gaps])
     if not count[-1] < MOST_POINTS:
         raise SettingError(
             f"the spacing asked for takes {count[-1]:.3g} points over {arc[-1]:.3g} m; at most "
-            f"{MOST_POINTS} fit into a bundle"
+            f"{MOST_POINTS} fit into a bundle. Give a larger tolerance",
+            code="too-many-points",
+            numbers={"points": float(count[-1])},
         )
     whole = max(1, int(np.ceil(count[-1] - 1e-9)))
     if closed:
         whole = max(3, whole)
-    at = np.interp(np.linspace(0, count[-1], whole + 1), count, arc)
-    return at[:-1] if closed else at
+    places = np.interp(np.linspace(0, count[-1], whole + 1), count, arc)
+    if closed:
+        return places[:-1]
+    return places
 
 
-def _bound(at: NDArray, gaps: NDArray, curve: _Fine, radius: float) -> float:
-    """R − √(R² − h²/4) + |κ| h²/8, the largest over all gaps [m]."""
-    gap = np.minimum(np.searchsorted(at, curve.arc, side="right") - 1, len(gaps) - 1)
-    dimple = radius - np.sqrt(np.maximum(radius**2 - gaps**2 / 4, 0.0))
-    return float((dimple[gap] + gaps[gap] ** 2 / 8 * curve.kappa).max())
-
-
-def _tight_bends(curve: _Fine, radius: float) -> tuple[TightBend, ...]:
-    tight = np.flatnonzero(curve.kappa * radius > 1)
-    if not len(tight):
+def tight_bends(curve: FineCurve, radius_m: float) -> tuple[TightBend, ...]:
+    """The tightest place of each stretch that bends tighter than the radius."""
+    is_tight = np.flatnonzero(curve.kappa * radius_m > 1)
+    if not len(is_tight):
         return ()
-    runs = np.split(tight, np.flatnonzero(np.diff(tight) > 1) + 1)
-    worst = [int(run[np.argmax(curve.kappa[run])]) for run in runs]
-    places = curve.spline(curve.parameter[worst])
-    return tuple(
-        TightBend(float(curve.arc[i]), tuple(map(float, place)), float(1 / curve.kappa[i]))
-        for i, place in zip(worst, places, strict=True)
-    )
+    bends = []
+    for stretch in np.split(is_tight, np.flatnonzero(np.diff(is_tight) > 1) + 1):
+        worst = int(stretch[np.argmax(curve.kappa[stretch])])
+        place = curve.spline(curve.parameter[worst])
+        bends.append(
+            TightBend(
+                arclength_m=float(curve.arc[worst]),
+                position_m=tuple(place.tolist()),
+                radius_m=float(1 / curve.kappa[worst]),
+            )
+        )
+    return tuple(bends)

@@ -20,7 +20,7 @@ from vfplan.review.digest import digest_of
 
 if TYPE_CHECKING:
     from vfplan.images.read import PlannedImage
-    from vfplan.planning import Extracted, Plan
+    from vfplan.planning import ExtractResult, PlanResult
     from vfplan.registration import Registration
 
 Array = NDArray[np.float64]
@@ -154,7 +154,7 @@ class SheetInput:
         return "No open finding. Look at the ends, then approve"
 
 
-def of_plan(plan: Plan, title: str) -> SheetInput:
+def of_plan(plan: PlanResult, title: str) -> SheetInput:
     """What the sheet of a new plan shows."""
     if plan.extracted.image is None:
         return of_fixture(plan.fixture, title)
@@ -167,7 +167,7 @@ def of_plan(plan: Plan, title: str) -> SheetInput:
     )
 
 
-def of_extraction(extracted: Extracted, title: str) -> SheetInput:
+def of_extraction(extracted: ExtractResult, title: str) -> SheetInput:
     """What the sheet of a curve shows that is not registered yet."""
     return of_fixture(
         extracted.fixture,
@@ -183,7 +183,7 @@ def of_fixture(
     *,
     image: PlannedImage | None = None,
     registration: Registration | None = None,
-    extracted: Extracted | None = None,
+    extracted: ExtractResult | None = None,
 ) -> SheetInput:
     """What the sheet of a bundle shows.
 
@@ -265,7 +265,7 @@ def check_slice(fixture: Fixture, image: PlannedImage) -> None:
         )
 
 
-def strokes_of_extraction(extracted: Extracted) -> tuple[SheetStroke, ...]:
+def strokes_of_extraction(extracted: ExtractResult) -> tuple[SheetStroke, ...]:
     """The lines as they were measured."""
     method = extracted.extraction.method
     return tuple(
@@ -346,7 +346,7 @@ def _bound_along(
     return registration.tre95_curve_m(points)
 
 
-def account_of(extracted: Extracted) -> tuple[AccountEntry, ...]:
+def account_of(extracted: ExtractResult) -> tuple[AccountEntry, ...]:
     """The ink that was not taken, the largest first."""
     extraction = extracted.extraction
     return tuple(_account_entry(entry) for entry in extraction.account)

@@ -26,28 +26,40 @@ def add_guidance(
     """
     from vfplan.engine.guide import Guide
 
-    strokes = 0 if fixture.curve is None else len(fixture.curve.closed)
     stroke = settings.guide_stroke
-    if not strokes:
-        raise SettingError("a guide needs a drawn curve; this fixture is a surface or a cloud")
-    if stroke is not None and strokes == 1:
+    if fixture.curve is None or not len(fixture.curve.closed):
         raise SettingError(
-            f"guide stroke {stroke}: the curve is one stroke, which guides without it"
+            "a guide needs a drawn curve; this fixture is a surface or a cloud. Leave --guide out",
+            code="guide-without-curve",
         )
-    if stroke is not None and not 0 <= stroke < strokes:
+    stroke_count = len(fixture.curve.closed)
+    if stroke is not None and stroke_count == 1:
         raise SettingError(
-            f"guide stroke {stroke}: of {strokes} strokes one from 0 to {strokes - 1} may guide "
-            "while others are forbidden; without it all guide"
+            f"guide stroke {stroke}: the curve is one stroke, which guides without it. Leave "
+            "--guide-stroke out",
+            code="guide-stroke",
         )
-    guiding = fixture.curve.closed if stroke is None else fixture.curve.closed[[stroke]]
+    if stroke is not None and not 0 <= stroke < stroke_count:
+        raise SettingError(
+            f"guide stroke {stroke}: of {stroke_count} strokes one from 0 to {stroke_count - 1} "
+            "may guide while others are forbidden; without it all guide",
+            code="guide-stroke",
+        )
+    guiding = fixture.curve.closed
+    if stroke is not None:
+        guiding = guiding[[stroke]]
     if settings.guide_ends is not None and guiding.all():
-        raise SettingError("a closed curve has no ends that could stop or let go; leave them out")
+        raise SettingError(
+            "a closed curve has no ends that could stop or let go. Leave --ends out",
+            code="guide-ends",
+        )
     guidance = Guidance(
         settings.guide_m, min(settings.stiffness), settings.guide_ends or "stop", stroke,
         *settings.guide_pull,
     )  # fmt: skip
     fixture = replace(fixture, guidance=guidance)
-    with warnings.catch_warnings():  # The finding below says the same.
+    # The finding below says what the guide warns of.
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         guide = Guide.of(fixture, cut_bends=settings.guide_cut_bends)
     report = {
@@ -62,13 +74,16 @@ def add_guidance(
         findings.append(doubt("guide-tight-bend", "plan", guide.tight_bend))
     if stroke is not None:
         report["stroke"] = stroke
-        report["clearance_min_m"], overlap = _clearance(fixture, guide)
+        report["clearance_min_m"], overlap = clearance(fixture, guide)
         findings += overlap
     return fixture, {"guide": report}, tuple(findings)
 
 
-def _clearance(fixture: Fixture, guide: Any) -> tuple[float, list[Finding]]:
-    """Least room between the guide's curve and the proxy's forbidden positions [m]."""
+def clearance(fixture: Fixture, guide: Any) -> tuple[float, list[Finding]]:
+    """The smallest distance [m] between the guide's curve and the proxy's forbidden positions.
+
+    Raises CheckFailed: the curve itself is forbidden somewhere
+    """
     from vfplan.engine.proxy import ProxyEngine
 
     radius = fixture.contact_radius + fixture.point_radius
@@ -76,20 +91,23 @@ def _clearance(fixture: Fixture, guide: Any) -> tuple[float, list[Finding]]:
     step = min(guide.radius, 0.1 * radius)
     arcs = np.linspace(0, guide.lengths_m[0], 2 + int(guide.lengths_m[0] / step))
     places = guide.at(arcs)
-    room = region.distance(places) - radius
-    worst = int(room.argmin())
-    where = ", ".join(f"{1e3 * v:.4g}" for v in places[worst])
-    at = f"at arc {1e3 * arcs[worst]:.4g} mm, [{where}] mm"
-    if room[worst] < 0:
+    clearances = region.distance(places) - radius
+    worst = int(clearances.argmin())
+    smallest = float(clearances[worst])
+    x, y, z = 1e3 * places[worst]
+    where = f"at arc {1e3 * arcs[worst]:.4g} mm, [{x:.4g}, {y:.4g}, {z:.4g}] mm"
+    if smallest < 0:
         raise CheckFailed(
-            f"the guide leads into the forbidden region: {at}, it comes "
-            f"{1e3 * (room[worst] + radius):.4g} mm near; R = {1e3 * radius:g} mm is allowed"
+            f"the guide leads into the forbidden region: {where}, it comes "
+            f"{1e3 * (smallest + radius):.4g} mm near; R = {1e3 * radius:g} mm is allowed",
+            code="guide-forbidden",
+            numbers={"distance_m": smallest + radius, "allowed_m": radius},
         )
-    if room[worst] >= guide.radius:
-        return float(room[worst]), []
+    if smallest >= guide.radius:
+        return smallest, []
     text = (
-        f"the guide's tube reaches into the forbidden region {at}: {1e3 * room[worst]:.4g} mm are "
+        f"the guide's tube reaches into the forbidden region {where}: {1e3 * smallest:.4g} mm are "
         f"left beside the curve, the tube has {1e3 * guide.radius:g} mm; both forces act there"
     )
-    place = tuple(float(v) for v in places[worst])
-    return float(room[worst]), [doubt("guide-in-forbidden", "plan", text, place_m=place)]
+    place = tuple(places[worst].tolist())
+    return smallest, [doubt("guide-in-forbidden", "plan", text, place_m=place)]

@@ -1,0 +1,329 @@
+"""A planned slice -> its pen's coverage -> the centre line -> a curve in the image's pixels."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vfplan.errors import ImageError, SettingError
+from vfplan.findings import Finding, doubt, note
+from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
+from vfplan.io.files import now_utc
+from vfplan.planning.carry import interpolate_at, length_of, strokes_of
+from vfplan.planning.settings import ExtractSettings
+from vfplan.planning.tolerance import sample_curve
+
+if TYPE_CHECKING:
+    from vfplan.curve import Extraction, Stroke
+    from vfplan.images.read import PlannedImage
+
+# Settings that only a pen's drawing can follow.
+PEN_SETTINGS = (
+    *("colour", "method", "roi", "max_gap_px"),
+    *("exclude", "start", "end", "accept_width"),
+)
+
+# Settings that only an image can follow.
+IMAGE_SETTINGS = ("pixel_spacing_mm", "frame", "imager_spacing", "max_megapixels")
+
+# Size of a microscope's pixel [mm].
+MIN_SPACING_MM = 1e-5
+
+# A pixel as large as the patient [mm].
+MAX_SPACING_MM = 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class ExtractResult:
+    """A curve, what it was taken from, and the report for `--json`.
+
+    A vector curve given alone comes from no image: `image` and `extraction` are `None`.
+    """
+
+    fixture: Fixture
+    image: PlannedImage | None
+    extraction: Extraction | None
+    report: dict[str, Any]
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The texts of the findings."""
+        return tuple(finding.text for finding in self.findings)
+
+
+def extract(
+    path: str | Path,
+    settings: ExtractSettings | None = None,
+    *,
+    curve: str | Path | None = None,
+) -> ExtractResult:
+    """Read a planned slice and extract its curve.
+
+    Parameters
+    ----------
+    path
+        The slice; or, alone, a vector curve.
+    settings
+        How the curve is read.
+    curve
+        A vector curve drawn on the slice, instead of a pen's: Slicer's `.mrk.json` or `.fcsv` (a
+        DICOM slice says where it lies), ImageJ's `.roi`, a CSV `u_px,v_px` or `X,Y`, or a DICOM
+        presentation state.
+
+    Raises `ImageError`, `CurveError`, `SettingError` or `MissingExtra`.
+    """
+    from vfplan.curve import extract_curve, load_libraries
+    from vfplan.images.read import MAX_MEGAPIXELS, read_image
+    from vfplan.vectors.read import SUFFIXES
+
+    # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
+    now_utc()
+    settings = settings or ExtractSettings()
+    is_vector_alone = Path(path).suffix.lower() in SUFFIXES
+    if curve is not None or is_vector_alone:
+        _refuse_settings(settings, PEN_SETTINGS)
+    elif settings.curve_origin is not None:
+        raise SettingError(
+            "curve_origin has no effect without a vector curve; leave it out",
+            code="setting-without-effect",
+        )
+    if is_vector_alone:
+        _refuse_settings(settings, IMAGE_SETTINGS)
+        return vector_alone(path, settings)
+
+    # The slice, and how large its pixels are.
+    image = read_image(
+        path,
+        frame=settings.frame,
+        pixel_spacing_mm=settings.pixel_spacing_mm,
+        imager_spacing=bool(settings.imager_spacing),
+        max_megapixels=settings.max_megapixels or MAX_MEGAPIXELS,
+    )
+    for spacing in image.pixel_spacing_mm or ():
+        if not MIN_SPACING_MM <= spacing <= MAX_SPACING_MM:
+            message = (
+                f"pixel spacing is {spacing:g} mm; {MIN_SPACING_MM:g} to {MAX_SPACING_MM:g} mm "
+                "are allowed"
+            )
+            if settings.pixel_spacing_mm is not None:
+                raise SettingError(message, code="pixel-spacing-range")
+            raise ImageError(message, where=str(path), code="pixel-spacing-range")
+
+    # The curve, as it was drawn.
+    if curve is None:
+        load_libraries()
+    started = time.perf_counter()
+    inputs = {"image": image.sha256}
+    if curve is None:
+        given = {name: getattr(settings, name) for name in (*PEN_SETTINGS, "stroke")}
+        extraction = extract_curve(image, **{k: v for k, v in given.items() if v is not None})
+    else:
+        extraction, inputs["curve"] = read_vectors(image, curve, settings)
+    if settings.density_per_mm is not None:
+        extraction = resample(extraction, image.pixel_spacing_mm, settings.density_per_mm)
+    elapsed = time.perf_counter() - started
+
+    findings = tuple(extraction.findings)
+    fixture = planned_curve(extraction, image, settings, inputs=inputs)
+    fixture = replace(fixture, findings=findings)
+    report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
+    return ExtractResult(fixture, image, extraction, report, findings)
+
+
+def _refuse_settings(settings: ExtractSettings, names: tuple[str, ...]) -> None:
+    """A setting that a vector curve leaves without effect would be taken for one that had it."""
+    for name in names:
+        value = getattr(settings, name)
+        if (value or None) != getattr(ExtractSettings(), name):
+            raise SettingError(
+                f"{name} {value!r} has no effect on a vector curve; leave it out",
+                code="setting-without-effect",
+            )
+
+
+def read_vectors(
+    image: PlannedImage, path: str | Path, settings: ExtractSettings
+) -> tuple[Extraction, str]:
+    """A vector curve on its slice, and the SHA-256 of its file."""
+    from vfplan.curve import vector_stroke
+    from vfplan.vectors.presentation import check_drawn_on
+    from vfplan.vectors.read import onto_slice, read_vector_curve
+
+    curve = read_vector_curve(path, settings.curve_origin, settings.stroke)
+    placed = onto_slice(curve, image.T_patient_image, str(path))
+    extraction = vector_stroke(placed.fine(1.0), curve.closed, image, str(path))
+    findings = [note("vector-curve", "extract", text) for text in curve.warnings]
+    for text in check_drawn_on(curve.drawn_on, image, settings.frame, str(path)):
+        findings.append(doubt("vector-image-unknown", "extract", text))
+    return replace(extraction, findings=tuple(findings)), curve.sha256
+
+
+def vector_alone(path: str | Path, settings: ExtractSettings) -> ExtractResult:
+    """A curve in the patient's frame [m], or in the pixels of an image that is not given."""
+    from vfplan.vectors.read import FINE_M, read_vector_curve
+
+    started = time.perf_counter()
+    curve = read_vector_curve(path, settings.curve_origin, settings.stroke)
+    is_in_image = curve.points.shape[1] == 2
+    if is_in_image and settings.density_per_mm is not None:
+        raise SettingError(
+            "a density per millimetre needs a pixel spacing, and so an image. Leave it out",
+            code="density-without-spacing",
+        )
+    if is_in_image:
+        frame, step = "image", 1.0
+    elif settings.density_per_mm is not None:
+        frame, step = "patient_lps", 1e-3 / settings.density_per_mm
+    else:
+        frame, step = "patient_lps", FINE_M
+    points = curve.fine(step)
+    length = length_of(points, curve.closed)
+    if is_in_image:
+        points = np.column_stack([points, np.zeros(len(points))])
+        stroke = {"length_px": length}
+    else:
+        stroke = {"length_mm": length * 1e3}
+    findings = tuple(note("vector-curve", "extract", text) for text in curve.warnings)
+    fixture = Fixture(
+        frame=frame,
+        points=points,
+        provenance=Provenance.now({"curve": curve.sha256}, settings),
+        curve=Curve(np.zeros(len(points), np.int32), np.array([curve.closed])),
+        findings=findings,
+    )
+    report: dict[str, Any] = {
+        "frame": frame,
+        "strokes": [stroke | {"closed": curve.closed, "points": len(points)}],
+        "points": len(points),
+        "elapsed_s": time.perf_counter() - started,
+    }
+    return ExtractResult(fixture, None, None, report, findings)
+
+
+def planned_curve(
+    extraction: Extraction,
+    image: PlannedImage,
+    settings: ExtractSettings | None = None,
+    *,
+    inputs: dict[str, str] | None = None,
+) -> Fixture:
+    """The extracted strokes as a `Fixture` in frame "image": (u, v, 0) in pixels."""
+    strokes = extraction.strokes
+    points = np.concatenate([stroke.points_px for stroke in strokes])
+    sigma = curve = None
+    if extraction.method != "vector":
+        sigma = np.concatenate([stroke.sigma_px for stroke in strokes])
+    if extraction.method != "mask":
+        counts = [len(stroke.points_px) for stroke in strokes]
+        bridged = np.concatenate([stroke.bridged for stroke in strokes])
+        curve = strokes_of(counts, np.array([stroke.closed for stroke in strokes]))
+        if bridged.any():
+            curve = replace(curve, bridged=bridged)
+    return Fixture(
+        frame="image",
+        points=np.column_stack([points, np.zeros(len(points))]),
+        provenance=Provenance.now(inputs or {"image": image.sha256}, settings or ExtractSettings()),
+        sigma=sigma,
+        curve=curve,
+        image=SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm),
+    )
+
+
+def resample(
+    extraction: Extraction, spacing_mm: tuple[float, float] | None, density_per_mm: float
+) -> Extraction:
+    """The same strokes at a number of points a millimetre instead of one a pixel.
+
+    Raises `SettingError` without a pixel spacing, or for "mask", whose points have no order.
+    """
+    if extraction.method == "mask":
+        raise SettingError(
+            "a density needs an ordered curve, and method 'mask' gives every pixel. Leave one out",
+            code="density-of-mask",
+        )
+    if spacing_mm is None:
+        raise SettingError(
+            "a density per millimetre needs a pixel spacing; the image has none. Give "
+            "--pixel-spacing",
+            code="density-without-spacing",
+        )
+    unit = np.array([*spacing_mm, 0.0]) * 1e-3
+    strokes = []
+    for stroke in extraction.strokes:
+        fine_m = np.column_stack([stroke.points_px, np.zeros(len(stroke.points_px))]) * unit
+        sampled = sample_curve(
+            fine_m, stroke.closed, radius_m=1.0, density_per_m=density_per_mm * 1e3
+        )
+        sigma_px = stroke.sigma_px
+        if sigma_px is not None:
+            sigma_px = interpolate_at(sigma_px, sampled.parameter)
+        thinner = replace(
+            stroke,
+            points_px=interpolate_at(stroke.points_px, sampled.parameter),
+            sigma_px=sigma_px,
+            bridged=interpolate_at(stroke.bridged.astype(float), sampled.parameter) > 0,
+        )
+        strokes.append(thinner)
+    return replace(extraction, strokes=tuple(strokes))
+
+
+def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str, Any]:
+    """What `extract --json` reports of a curve, but for the time it took."""
+    spacing = image.pixel_spacing_mm
+    is_ordered = extraction.method != "mask"
+    report: dict[str, Any] = {
+        "image": {
+            "width_px": image.width_px,
+            "height_px": image.height_px,
+            "pixel_spacing_mm": spacing,
+        }
+    }
+    if extraction.method != "vector":
+        report["mask_pixels"] = int(extraction.mask.sum())
+    report["strokes"] = []
+    point_count, gap_count = 0, 0
+    for stroke in extraction.strokes:
+        report["strokes"].append(describe_stroke(stroke, spacing, is_ordered))
+        point_count += len(stroke.points_px)
+        gap_count += len(stroke.points_px)
+        if is_ordered and not stroke.closed:
+            gap_count -= 1
+    report |= {"points": point_count, "spacing_mm": None, "density_per_mm": None}
+    if extraction.method != "vector":
+        report["account"] = [asdict(entry) for entry in extraction.account]
+    if spacing is not None:
+        length_mm = 0.0
+        for stroke in report["strokes"]:
+            length_mm += stroke["length_mm"]
+        report["spacing_mm"] = length_mm / gap_count
+        if length_mm:
+            report["density_per_mm"] = gap_count / length_mm
+    return report
+
+
+def describe_stroke(
+    stroke: Stroke, spacing_mm: tuple[float, float] | None, is_ordered: bool
+) -> dict[str, Any]:
+    """One stroke as `extract --json` reports it."""
+    length_mm, ends_px = None, []
+    if is_ordered:
+        ends_px = stroke.ends_px
+    if spacing_mm is not None and is_ordered:
+        length_mm = length_of(stroke.points_px * spacing_mm, stroke.closed)
+    elif spacing_mm is not None:
+        length_mm = float(stroke.length_px * np.sqrt(spacing_mm[0] * spacing_mm[1]))
+    report: dict[str, Any] = {"length_px": float(stroke.length_px), "length_mm": length_mm}
+    if stroke.width_px is not None:
+        report["width_px"] = float(stroke.width_px)
+    report |= {
+        "closed": bool(stroke.closed),
+        "points": len(stroke.points_px),
+        "ends_px": ends_px,
+        "bridged_points": int(np.count_nonzero(stroke.bridged)),
+    }
+    return report
