@@ -258,3 +258,58 @@ def test_a_folder_that_is_read_only_is_named_by_the_name_that_was_given(monkeypa
     with pytest.raises(OutputError) as error, outputs(tmp_path / "a.h5"):
         pass
     assert error.value.where == str(tmp_path / "a.h5")
+
+
+class FailingDisk:
+    """From the nth call on, renames, links and fsyncs fail, as on a disk that went read-only."""
+
+    def __init__(self, monkeypatch, nth):
+        self.calls = 0
+        for name in ("replace", "link", "fsync"):
+            monkeypatch.setattr(os, name, self.failing(getattr(os, name), nth))
+
+    def failing(self, call, nth):
+        def replacement(*args, **named):
+            self.calls += 1
+            if self.calls > nth:
+                raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+            return call(*args, **named)
+
+        return replacement
+
+
+@pytest.mark.parametrize("nth", range(9))
+def test_no_old_file_is_lost_where_everything_fails_from_some_call_on(nth, tmp_path):
+    """It is under its name, or under the one that the message says, also for the next writer."""
+    for name in ("a", "b"):
+        (tmp_path / name).write_text(f"old {name}")
+        (tmp_path / f"new {name}").write_text(f"new {name}")
+    moves = [(tmp_path / f"new {name}", tmp_path / name) for name in ("a", "b")]
+    with pytest.MonkeyPatch.context() as patch:
+        disk = FailingDisk(patch, nth)
+        try:
+            move_into_place(moves, overwrite=True).commit()
+        except OutputError:
+            assert nth < disk.calls
+        else:
+            assert nth >= disk.calls
+            return
+    write_whole(tmp_path / "next", [b""], overwrite=False)
+    left = [path.read_text() for path in tmp_path.iterdir()]
+    assert "old a" in left
+    assert "old b" in left
+
+
+def test_an_old_file_comes_back_where_renames_alone_keep_failing(monkeypatch, tmp_path):
+    (tmp_path / "a").write_text("old")
+    (tmp_path / "new").write_text("new")
+    placed = move_into_place([(tmp_path / "new", tmp_path / "a")], overwrite=True)
+    assert (tmp_path / "a").read_text() == "new"
+
+    def refused(*args):
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "replace", refused)
+    placed.rollback()
+    assert (tmp_path / "a").read_text() == "old"
+    assert os.listdir(tmp_path) == ["a"]

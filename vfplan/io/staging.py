@@ -26,6 +26,10 @@ NO_HARD_LINKS = (errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errn
 HIDDEN = re.compile(r"\.vfplan-[0-9a-f]{16}\..+")
 """The names that `hidden_name` gives."""
 
+LAST_COPY = stat.S_ISVTX
+"""Mode bit of a hidden file that is all that remains of an old file. Linux gives the bit no other
+meaning on a file, and setting it needs neither room nor a new name."""
+
 
 def hidden_name(path: Path, suffix: str) -> Path:
     """A hidden name in the folder of `path` that no file has."""
@@ -64,7 +68,8 @@ def working_in(folder: Path) -> Iterator[None]:
 
     Every writer holds a shared lock on the folder while it has hidden files there. A process that
     gets the lock alone knows that the writers of its user's hidden files have ended. Where a file
-    system has no locks, or somebody else keeps the folder locked, nothing is removed.
+    system has no locks, or somebody else keeps the folder locked, nothing is removed. The last copy
+    of a file that could not be put back (`PlacedFiles.rollback`) is never removed.
     """
     try:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
@@ -78,7 +83,8 @@ def working_in(folder: Path) -> Iterator[None]:
                 if not HIDDEN.fullmatch(entry.name):
                     continue
                 status = entry.stat(follow_symlinks=False)
-                if status.st_uid == os.geteuid() and stat.S_ISREG(status.st_mode):
+                is_own = status.st_uid == os.geteuid() and stat.S_ISREG(status.st_mode)
+                if is_own and not status.st_mode & LAST_COPY:
                     os.unlink(entry.path)
         with suppress(OSError):
             fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -249,6 +255,8 @@ class PlacedFiles:
                 text = f"cannot be removed again: {error.strerror}"
                 if old is not None:
                     text = f"cannot be put back: {error.strerror}; what it held is in {old}"
+                    with suppress(OSError):
+                        old.chmod(stat.S_IMODE(old.stat().st_mode) | LAST_COPY)
                 failures.append(OutputError(text, where=str(target), code="not-put-back"))
         self._done.clear()
         if failures:
