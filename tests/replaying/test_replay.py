@@ -197,7 +197,7 @@ def test_the_clearance_of_a_dense_curve_looks_at_few_of_its_points(radius):
     clearance.update(path)
     gaps = np.linalg.norm(path[:, None] - points, axis=2)
     assert clearance.minimum_m == pytest.approx(gaps.min() - radius, abs=1e-12)
-    assert radius == 1 or np.diff(clearance._spans).max() < len(points) / 500
+    assert radius == 1 or np.diff(clearance._starts).max() < len(points) / 500
 
 
 def test_a_meshs_clearance_is_to_its_triangles():
@@ -318,7 +318,7 @@ def test_of_very_many_episodes_the_deepest_are_reported():
     """Memory does not grow with them; what is left out is counted, with its depth."""
     from vfplan.replaying import episodes as module
 
-    count = 2 * module.MOST + 7
+    count = 2 * module.MAX_EPISODES + 7
     time = np.arange(40 * count) * 1e-3
     depth = np.zeros(len(time))
     touch = np.arange(20, len(time), 40)  # 40 ms apart: each is an episode of its own
@@ -330,7 +330,7 @@ def test_of_very_many_episodes_the_deepest_are_reported():
     hip[:, 1] = np.where(depth > 0, 5e-3 - depth, 5.5e-3)
     m = replay(sheet, Session(time, hip)).metrics
     kept, left = m["episodes"], m["episodes_left_out"]
-    assert (len(kept), left["count"]) == (module.MOST, module.MOST + 7)
+    assert (len(kept), left["count"]) == (module.MAX_EPISODES, module.MAX_EPISODES + 7)
     assert module.episode_count(m) == count
     starts = [e["start_tick"] for e in kept]
     assert starts == sorted(starts)

@@ -1,4 +1,4 @@
-"""A replay of a fixture that moves, is exchanged, is edited: a controller's ticks again."""
+"""A replay of a fixture that moves, is exchanged or is edited: a controller's ticks again."""
 
 from __future__ import annotations
 
@@ -21,13 +21,17 @@ from vfplan.session.events import Event, read_events
 from vfplan.session.poses import Poses, read_poses
 from vfplan.session.result import concatenate_ticks
 
-NOWHERE_M = 1e3  # where a fixture without a pose is for the metrics: out of reach of any tool
+NO_POSE_M = 1e3
+"""Where the metrics have a fixture without a pose [m]: out of reach of any tool."""
+
+POSES_AT_ONCE = 32
+"""Poses that are passed on before the frame takes them up; it holds 64 (`moving.hpp`)."""
 
 
 class ChangingFixture:
-    """An engine with what happened to its fixture, tick by tick.
+    """An engine whose fixture changes, tick by tick.
 
-    It runs as an engine does, in the session's frame. The metrics are made of what
+    It runs as an engine does, in the session's frame. The metrics are computed from what
     `in_fixture_frame` gives.
     """
 
@@ -41,30 +45,51 @@ class ChangingFixture:
         trust: Any,
     ) -> None:
         if fixture.guidance is not None:
-            raise SettingError("poses and events are for forbidden regions, not for a guide")
-        self._events = list(read_events(events) if isinstance(events, str | Path) else events or [])
-        self._edits = any(event.kind != "exchange" for event in self._events)
-        self._rule, self._trust = rule, trust
-        self._others = [self._other(i) for i in range(len(self._events))]
-        self._engine = self._made(fixture, rule)
-        others = [self._engine.parameters, *(check_renderable(o[0]) for o in self._others if o)]
-        self.stiffness = np.max([parameters.stiffness for parameters in others], axis=0)
-        self._frame = None if poses is None else MovingFrame(**moving)
-        self._poses = read_poses(poses) if isinstance(poses, str | Path) else poses
-        self._tick = self._posed = self._done = 0
-        self._carry = WithPrevious()
+            raise SettingError(
+                "poses and events are for forbidden regions, not for a guide", code="changes-guide"
+            )
+        if isinstance(events, str | Path):
+            events = read_events(events)
+        if isinstance(poses, str | Path):
+            poses = read_poses(poses)
+        self._events = list(events or ())
+        self._poses = poses
+        self._has_edits = any(event.kind != "exchange" for event in self._events)
+
+        # The fixture of each exchange, with its rule; all are read before the first tick.
+        self._exchanges: list[tuple[Fixture, str] | None] = []
+        for i, event in enumerate(self._events):
+            with naming_place(self._place_of_event(i)):
+                self._exchanges.append(_load_exchange(event, rule, trust))
+
+        self._engine = self._make_engine(fixture, rule)
+        stiffness = [self._engine.parameters.stiffness]
+        for exchange in self._exchanges:
+            if exchange is not None:
+                stiffness.append(check_renderable(exchange[0]).stiffness)
+        self.stiffness = np.max(stiffness, axis=0)
+        self._frame = None
+        if poses is not None:
+            self._frame = MovingFrame(**moving)
+
+        # The tick that runs next, and how many poses and events have been applied.
+        self._tick = 0
+        self._poses_applied = 0
+        self._events_applied = 0
+        self._with_previous = WithPrevious()
         self._counts = dict.fromkeys(("stale", "changing", "crossed", "exchange", "edit"), 0)
-        self._energy = self._age = 0.0
+        self._energy = 0.0
+        self._oldest_pose_s = 0.0
         self._clearance = np.inf
 
     @property
     def parameters(self) -> Any:
-        """The engine's, as they are now."""
+        """The engine's parameters, as they are now."""
         return self._engine.parameters
 
     @property
     def left_out(self) -> dict[str, int]:
-        """The engine's."""
+        """What the engine did not need."""
         return self._engine.left_out
 
     def reset(self, hip: Vector) -> None:
@@ -73,122 +98,121 @@ class ChangingFixture:
             self._engine.reset(hip)
 
     def apply_until(self, times: Vector) -> None:
-        """The times of the ticks that are run next."""
+        """Announce the times of the ticks that are run next."""
         self._times = times
 
     def run_timed(self, hips: Vector) -> tuple[Trace, Vector]:
-        """One tick a row, from the times told; as the engine's own."""
-        parts, start = [], 0
+        """One tick a row, at the times announced; as the engine's own."""
+        traces = []
+        micros = []
+        frames = []
+        start = 0
         while start < len(hips):
-            self._begin_tick(float(self._times[start]))
-            end = self._until(start, len(hips))
-            parts.append(self._stretch(slice(start, end), hips[start:end]))
+            self._apply_changes(float(self._times[start]))
+            end = self._next_change(start, len(hips))
+            trace, tick_micros, tick_frames = self._run_unchanged(slice(start, end), hips)
+            traces.append(trace)
+            micros.append(tick_micros)
+            frames.append(tick_frames)
             self._tick += end - start
             start = end
-        traces, micros, frames = zip(*parts, strict=True)
         self._frames = np.concatenate(frames)
         return concatenate_ticks(traces), np.concatenate(micros)
 
-    def _begin_tick(self, t: float) -> None:
-        """All that the tick at `t` begins with."""
+    def _apply_changes(self, time: float) -> None:
+        """Apply the poses that have arrived by the tick at `time` [s], and its events."""
         poses = self._poses
-        while poses is not None and self._posed < len(poses.time):
-            if poses.arrived[self._posed] > t:
+        while poses is not None and self._poses_applied < len(poses.time):
+            i = self._poses_applied
+            if poses.arrived[i] > time:
                 break
-            row = poses.pose[self._posed]
-            self._frame.native.pose(poses.time[self._posed], row[:3].copy(), row[3:].copy())
-            self._posed += 1
-            if self._posed % 32 == 0:  # of many before the first tick; the frame holds 64
-                self._frame.native.at(t)
-        while self._done < len(self._events) and self._events[self._done].tick <= self._tick:
-            with naming_place(self._where(self._done)):
-                self._apply(self._events[self._done], self._others[self._done])
-            self._done += 1
+            position = poses.pose[i, :3].copy()
+            quaternion = poses.pose[i, 3:].copy()
+            self._frame.native.pose(poses.time[i], position, quaternion)
+            self._poses_applied += 1
+            if self._poses_applied % POSES_AT_ONCE == 0:
+                self._frame.native.at(time)
+        while self._events_applied < len(self._events):
+            i = self._events_applied
+            event = self._events[i]
+            if event.tick > self._tick:
+                break
+            with naming_place(self._place_of_event(i)):
+                exchange = self._exchanges[i]
+                if exchange is not None:
+                    self._counts["exchange"] += 1
+                    self._engine.exchange(self._make_engine(*exchange))
+                elif event.remake:
+                    self._engine.make_editable()
+                    self._engine.native.remake()
+                else:
+                    self._engine.edit(event.remove, event.add)
+                    self._counts["edit"] += len(event.remove) + len(event.add)
+            self._events_applied += 1
 
-    def _where(self, i: int) -> str:
+    def _place_of_event(self, i: int) -> str:
         return self._events[i].where or f"event {i + 1}, tick {self._events[i].tick}"
 
-    def _apply(self, event: Event, other: tuple[Fixture, str] | None) -> None:
-        if other is not None:
-            self._counts["exchange"] += 1
-            self._engine.exchange(self._made(*other))
-        elif event.remake:
-            self._engine.make_editable()
-            self._engine.native.remake()
-        else:
-            self._engine.edit(event.remove, event.add)
-            self._counts["edit"] += len(event.remove) + len(event.add)
-
-    def _made(self, fixture: Fixture, rule: str) -> Any:
+    def _make_engine(self, fixture: Fixture, rule: str) -> Any:
         engine = make_engine(fixture, rule)
-        if self._edits and rule != "exact":
+        if self._has_edits and rule != "exact":
             engine.make_editable()
         return engine
 
-    def _other(self, i: int) -> tuple[Fixture, str] | None:
-        """For an exchange: the fixture and its rule."""
-        given = self._events[i].fixture
-        if given is None:
-            return None
-        with naming_place(self._where(i)):
-            if not isinstance(given, Fixture):
-                from vfplan.bundle import read_fixture
-
-                given = read_fixture(given, trust=self._trust)
-            if given.guidance is not None:
-                raise SceneError("an exchange for a fixture that guides; a forbidden region wanted")
-            check_renderable(given)
-            # A curve's own rule only where it was rendered by it before.
-            return given, best_rule(given) if self._rule == "exact" else self._rule
-
-    def _until(self, start: int, end: int) -> int:
-        """The tick before which the next thing happens."""
-        if self._done < len(self._events):
-            end = min(end, start + self._events[self._done].tick - self._tick)
-        if self._poses is not None and self._posed < len(self._poses.time):
-            late = self._poses.arrived[self._posed]
-            end = min(end, start + int(np.searchsorted(self._times[start:], late)))
+    def _next_change(self, start: int, end: int) -> int:
+        """The row, after `start`, before which the next change is due; at most `end`."""
+        if self._events_applied < len(self._events):
+            next_tick = self._events[self._events_applied].tick
+            end = min(end, start + next_tick - self._tick)
+        if self._poses is not None and self._poses_applied < len(self._poses.time):
+            arrival = self._poses.arrived[self._poses_applied]
+            end = min(end, start + int(np.searchsorted(self._times[start:], arrival)))
         return max(end, start + 1)
 
-    def _stretch(self, rows: slice, hips: Vector) -> tuple[Trace, Vector, Vector]:
+    def _run_unchanged(self, rows: slice, all_hips: Vector) -> tuple[Trace, Vector, Vector]:
+        """The engine's answers in rows without a change, their times, and the frames (n, 7)."""
+        hips = all_hips[rows]
         if self._frame is None:
             trace, micros = self._engine.run_timed(hips)
             frames = np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(hips), 1))
         else:
-            times = self._times[rows]
-            trace, frames, ages, micros = self._frame.traced(self._engine, times, hips)
-            known = np.isfinite(ages)
-            self._age = max(self._age, float(ages[known].max(initial=0.0)))
-            frames[~known, 0] = NOWHERE_M
+            trace, frames, ages, micros = self._frame.traced(self._engine, self._times[rows], hips)
+            has_pose = np.isfinite(ages)
+            oldest = float(ages[has_pose].max(initial=0.0))
+            self._oldest_pose_s = max(self._oldest_pose_s, oldest)
+            frames[~has_pose, 0] = NO_POSE_M
         if self._events:
-            out = trace.status & Status.INSIDE == 0
-            proxies = _inner(frames[out], trace.proxy[out] - frames[out, :3])
-            clear = self._engine.distance(proxies) - self._radius()
-            self._clearance = min(self._clearance, float(clear.min(initial=np.inf)))
+            # The fixture of these ticks is gone later, so their clearance is measured now.
+            outside = trace.status & Status.INSIDE == 0
+            proxies = to_frame(frames[outside], trace.proxy[outside] - frames[outside, :3])
+            parameters = self._engine.parameters
+            radius = parameters.contact_radius + parameters.point_radius
+            clearances = self._engine.distance(proxies) - radius
+            self._clearance = min(self._clearance, float(clearances.min(initial=np.inf)))
         return trace, micros, frames
 
-    def _radius(self) -> float:
-        p = self._engine.parameters
-        return p.contact_radius + p.point_radius
-
     def in_fixture_frame(self, hips: Vector, trace: Trace) -> tuple[Vector, Trace]:
-        """HIPs and ticks just run, with the forces commanded, as the fixture's frame has them."""
+        """The HIPs and ticks just run, with the forces commanded, in the fixture's frame."""
         frames = self._frames
-        moved = trace.proxy - frames[:, :3], hips - frames[:, :3]
-        proxy, hip = (_inner(frames, rows) for rows in moved)
-        normal, force = _inner(frames, trace.normal), _inner(frames, trace.force)
-        inner = hip, Trace(proxy, normal, force, trace.state, trace.status)
-        forces, before, hip, hips = self._carry(trace.force, frames, hip, hips)
-        # What the hand gets because the frame goes on while the hip in it is where it was.
-        carried = hips[1:] - _outer(before[:-1], hip[1:]) - before[:-1, :3]
+        proxy = to_frame(frames, trace.proxy - frames[:, :3])
+        hip = to_frame(frames, hips - frames[:, :3])
+        normal = to_frame(frames, trace.normal)
+        force = to_frame(frames, trace.force)
+        moved = hip, Trace(proxy, normal, force, trace.state, trace.status)
+
+        # The hand gets energy because the frame moves on while the HIP in it stays where it was.
+        forces, before, hip, hips = self._with_previous(trace.force, frames, hip, hips)
+        rotations = matrices(before[:-1])[:, :3, :3]
+        rotated = np.einsum("tij,tj->ti", rotations, hip[1:])
+        carried = hips[1:] - rotated - before[:-1, :3]
         self._energy += float(dots(forces[:-1], carried).sum())
         for name in ("stale", "changing", "crossed"):
             flag = Status[name.upper()]
             self._counts[name] += int(np.count_nonzero(trace.status & flag))
-        return inner
+        return moved
 
     def report(self) -> dict[str, Any]:
-        """What a replay's report has of it."""
+        """What a replay's report says of the changes."""
         report: dict[str, Any] = {
             "exchanges": self._counts["exchange"],
             "edits": self._counts["edit"],
@@ -196,23 +220,41 @@ class ChangingFixture:
             "crossed_ticks": self._counts["crossed"],
         }
         if self._frame is not None:
-            report |= {
-                "fixture_energy_j": self._energy,
-                "pose_age_max_s": self._age,
-                "stale_ticks": self._counts["stale"],
-                "poses_refused": self._frame.refused,
-            }
-        if self._done < len(self._events):
-            report["events_left"] = len(self._events) - self._done
+            report["fixture_energy_j"] = self._energy
+            report["pose_age_max_s"] = self._oldest_pose_s
+            report["stale_ticks"] = self._counts["stale"]
+            report["poses_refused"] = self._frame.refused
+        if self._events_applied < len(self._events):
+            report["events_left"] = len(self._events) - self._events_applied
         if self._events and np.isfinite(self._clearance):
             report["clearance_min_m"] = self._clearance
         return report
 
 
-def _inner(frames: Vector, rows: Vector) -> Vector:
-    """Directions (T, 3) as seen from the frames (T, 7)."""
-    return np.einsum("tji,tj->ti", matrices(frames)[:, :3, :3], rows)
+def _load_exchange(event: Event, rule: str, trust: Any) -> tuple[Fixture, str] | None:
+    """For an exchange: the new fixture and its rule.
+
+    Raises SceneError: the new fixture guides
+    """
+    if event.fixture is None:
+        return None
+    fixture = event.fixture
+    if not isinstance(fixture, Fixture):
+        from vfplan.bundle import read_fixture
+
+        fixture = read_fixture(fixture, trust=trust)
+    if fixture.guidance is not None:
+        raise SceneError(
+            "an exchange for a fixture that guides; a forbidden region is wanted",
+            code="exchange-guides",
+        )
+    check_renderable(fixture)
+    # A curve is rendered by its own rule only where the fixture before was.
+    if rule == "exact":
+        rule = best_rule(fixture)
+    return fixture, rule
 
 
-def _outer(frames: Vector, rows: Vector) -> Vector:
-    return np.einsum("tij,tj->ti", matrices(frames)[:, :3, :3], rows)
+def to_frame(frames: Vector, vectors: Vector) -> Vector:
+    """(T, 3) vectors in the axes of the frames (T, 7)."""
+    return np.einsum("tji,tj->ti", matrices(frames)[:, :3, :3], vectors)

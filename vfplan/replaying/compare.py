@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.replaying.quantities import row_norms
 from vfplan.session import TickBlock
@@ -22,7 +21,7 @@ class Comparison:
     def __init__(self) -> None:
         self._ticks = 0
         self._first_difference: int | None = None
-        self._ticks_apart = 0
+        self._parted_ticks = 0
         self._proxy_max_m = 0.0
         self._proxy_max_tick = 0
         self._force_max_n = 0.0
@@ -52,20 +51,17 @@ class Comparison:
             self._force_max_tick = first + tick
         self._force_squares += float((force_gap**2).sum())
 
-        self._add_spans(first, a.time, proxy_gap)
-
-    def _add_spans(self, first: int, time: NDArray, gap: NDArray) -> None:
-        """Note the stretches in which the proxies are apart; one may go on from the last block."""
-        apart = gap > PART_M
-        self._ticks_apart += int(np.count_nonzero(apart))
-        edges = np.flatnonzero(np.diff(apart.astype(np.int8), prepend=0, append=0))
+        # Stretches in which the proxies are apart; one may go on from the last block.
+        has_parted = proxy_gap > PART_M
+        self._parted_ticks += int(np.count_nonzero(has_parted))
+        edges = np.flatnonzero(np.diff(has_parted.astype(np.int8), prepend=0, append=0))
         for start, end in edges.reshape(-1, 2).tolist():
             span = {
                 "start_tick": first + start,
                 "end_tick": first + end - 1,
-                "start_s": float(time[start]),
-                "end_s": float(time[end - 1]),
-                "proxy_max_m": float(gap[start:end].max()),
+                "start_s": float(a.time[start]),
+                "end_s": float(a.time[end - 1]),
+                "proxy_max_m": float(proxy_gap[start:end].max()),
             }
             if self._spans and self._spans[-1]["end_tick"] + 1 == first + start:
                 before = self._spans.pop()
@@ -78,7 +74,7 @@ class Comparison:
         """Where they part; the spans listed are the first 50."""
         data: dict[str, Any] = {
             "threshold_m": PART_M,
-            "ticks": self._ticks_apart,
+            "ticks": self._parted_ticks,
             "proxy_max_m": self._proxy_max_m,
             "force_max_n": self._force_max_n,
             "force_rms_n": float(np.sqrt(self._force_squares / max(1, self._ticks))),

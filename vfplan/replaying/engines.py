@@ -20,33 +20,42 @@ def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
         have
     """
     if engine not in ENGINES:
-        raise SettingError(f"engine {engine!r}; {' or '.join(ENGINES)} wanted")
+        raise SettingError(
+            f"engine {engine!r}; {' or '.join(ENGINES)} is wanted", code="unknown-engine"
+        )
     if fixture.guidance is None:
-        return _region(fixture, rule, engine)
-    return _guided(fixture, rule, engine)
+        return _region_engine(fixture, rule, engine)
 
-
-def _guided(fixture: Fixture, rule: str, engine: str) -> Any:
-    """The guide, with the region of the forbidden strokes where there are any."""
+    # A guide, with the region of the forbidden strokes where there are any.
     from vfplan.replaying.guiding import Guided
 
     if fixture.region is not None:
-        region = _region(fixture.region, rule, engine)
+        region = _region_engine(fixture.region, rule, engine)
         return Guided(fixture, region.parameters, region)
     if (rule, engine) != ("robust", "native"):
-        raise SettingError(f"every stroke guides: there is no region for rule {rule!r} ({engine})")
+        raise SettingError(
+            f"every stroke guides: there is no region for rule {rule!r} ({engine})",
+            code="rule-without-region",
+        )
     return Guided(fixture, check_renderable(fixture), None)
 
 
-def _region(fixture: Fixture, rule: str, engine: str) -> Any:
+def _region_engine(fixture: Fixture, rule: str, engine: str) -> Any:
     if engine == "native":
         from vfplan.engine.proxy import ProxyEngine
 
         return ProxyEngine.of(fixture, rule, offline=True)
     check_renderable(fixture)
     if rule != "paper":
-        raise SettingError(f"the reference engine has rule 'paper' only, not {rule!r}")
+        raise SettingError(
+            f"the reference engine has rule 'paper' only, not {rule!r}", code="rule-not-paper"
+        )
     from vfplan.reference import PaperProxy
 
-    names = ("contact_radius", "point_radius", "stiffness", "ignore_axis")
-    return PaperProxy(fixture.points, **{name: getattr(fixture, name) for name in names})
+    return PaperProxy(
+        fixture.points,
+        contact_radius=fixture.contact_radius,
+        point_radius=fixture.point_radius,
+        stiffness=fixture.stiffness,
+        ignore_axis=fixture.ignore_axis,
+    )

@@ -14,138 +14,165 @@ from vfplan.replaying.quantities import PEAKS, SUMS, Steps, flattened
 
 Array = NDArray[np.float64]
 
-# Runs of contact closer than this [s] are one episode: a touch that flickers is one touch.
 JOIN_S = 0.01
-# The deepest so many are reported one by one; of the rest, how many there were and what they were.
-MOST = 1000
-# What an episode holds besides what is reported of it.
-HELD = ("press_path", "drag_work", "touch", "leave")
+"""Runs of contact closer than this [s] are one episode. A touch that flickers is one touch, and no
+hand lets go and touches again as fast."""
 
+MAX_EPISODES = 1000
+"""The deepest episodes that are reported one by one. Of the others the report has their number and
+their largest values, so that a report stays readable and bounded."""
 
-def _joined(run: dict[str, Any], later: dict[str, Any]) -> dict[str, Any]:
-    """Two runs of the same contact as one."""
-    deeper = later["penetration_max_m"] > run["penetration_max_m"]
-    peak = max(run["energy_peak_j"], run["energy_j"] + later["energy_peak_j"])
-    return {
-        **run,
-        **{name: later[name] for name in ("end_s", "end_tick", "leave")},
-        **{name: run[name] + later[name] for name in ("ticks", *SUMS)},
-        **{name: max(run[name], later[name]) for name in PEAKS},
-        "energy_peak_j": peak,
-        "deepest": (later if deeper else run)["deepest"],
-    }
+PAIRS_AT_ONCE = 4_000_000
+"""Distances that the search for a nearest planned point holds in memory at a time, 100 MB."""
+
+# What is known of an episode and not reported as it is.
+UNREPORTED = ("press_path", "drag_work", "touch", "leave")
 
 
 class Episodes:
-    """Collect episodes from `Steps`, block after block: the `MOST` deepest of them.
+    """Collect episodes from `Steps`, block after block.
 
-    An episode, or the part of it seen so far, is held as it is reported, with the proxy's places
-    where it began and ended; sums run over its ticks.
+    An episode, or as much of it as has been read, is a dict as it is reported, and holds also the
+    proxy's places where it began and ended. Sums run over its ticks.
 
     slack_m: how far the proxy may move out under the peak force of a passive episode
     """
 
     def __init__(self, slack_m: float) -> None:
         self._slack_m = slack_m
-        self._speed: float | None = None  # of the step that led to the next tick
-        self._entry = 0.0  # energy by holding, of that step; 0 within a contact
-        self._last: dict[str, Any] | None = None
-        # A heap: the least deep, latest, first
-        self._kept: list[tuple[float, int, dict[str, Any]]] = []
-        self._left_out: dict[str, Any] = {"count": 0, "penetration_max_m": 0.0, "active": 0}
+        # Of the step that led to the next tick: the speed, and the energy by holding (0 within a
+        # contact).
+        self._speed: float | None = None
+        self._hold_j = 0.0
+        # The latest episode, which the next ticks may continue.
+        self._latest: dict[str, Any] | None = None
+        # A heap of (depth, minus the number, episode): the least deep, latest, first.
+        self._deepest: list[tuple[float, int, dict[str, Any]]] = []
+        self._unlisted: dict[str, Any] = {"count": 0, "penetration_max_m": 0.0, "active": 0}
         self.count = 0
 
     def update(self, steps: Steps) -> None:
-        """Take in the next ticks."""
-        held = steps.held.astype(np.int8)
-        edges = np.diff(held, prepend=0, append=0)
-        starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-        for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-            run = self._run(steps, start, end)
-            if self._last is not None and run["start_s"] - self._last["end_s"] <= JOIN_S:
-                self._last = _joined(self._last, run)
+        """Add the next ticks."""
+        in_contact = steps.held.astype(np.int8)
+        edges = np.diff(in_contact, prepend=0, append=0)
+        starts = np.flatnonzero(edges == 1).tolist()
+        ends = np.flatnonzero(edges == -1).tolist()
+        for start, end in zip(starts, ends, strict=True):
+            run = self._measure(steps, start, end)
+            if self._latest is not None and run["start_s"] - self._latest["end_s"] <= JOIN_S:
+                self._extend_latest(run)
             else:
-                self._close()
-                self._last = run
+                self._finish_latest()
+                self._latest = run
         self._speed = float(steps.speed[-1])
-        self._entry = 0.0 if steps.held[-1] else float(steps.hold_j[-1])
+        self._hold_j = 0.0
+        if not steps.held[-1]:
+            self._hold_j = float(steps.hold_j[-1])
 
     def report(self, ruler: CurveRuler | None) -> dict[str, Any]:
         """`episodes`, in the order of time, and `episodes_left_out` where there were more."""
-        self._close()
-        kept = sorted(((-late, e) for _, late, e in self._kept), key=lambda pair: pair[0])
-        found: dict[str, Any] = {
-            "episodes": [{"index": i, **self._reported(e, ruler)} for i, e in kept]
-        }
-        if self._left_out["count"]:
-            found["episodes_left_out"] = dict(self._left_out)
-        return found
+        self._finish_latest()
+        listed = []
+        for _, minus_number, episode in sorted(self._deepest, key=lambda entry: -entry[1]):
+            listed.append({"index": -minus_number, **self._describe(episode, ruler)})
+        report: dict[str, Any] = {"episodes": listed}
+        if self._unlisted["count"]:
+            report["episodes_left_out"] = dict(self._unlisted)
+        return report
 
-    def _passive(self, run: dict[str, Any]) -> bool:
+    def _is_passive(self, episode: dict[str, Any]) -> bool:
         """Whether its energy is what holding each force for a tick explains."""
-        slack = self._slack_m * run["force_max_n"]
-        return bool(run["energy_j"] <= run["energy_hold_j"] + slack)
+        slack = self._slack_m * episode["force_max_n"]
+        return bool(episode["energy_j"] <= episode["energy_hold_j"] + slack)
 
-    def _reported(self, run: dict[str, Any], ruler: CurveRuler | None) -> dict[str, Any]:
-        data = {k: v for k, v in run.items() if k not in HELD and v is not None}
-        data["passive"] = self._passive(run)
-        if run["press_path"] > 0:
-            data["friction"] = run["drag_work"] / run["press_path"]
+    def _describe(self, episode: dict[str, Any], ruler: CurveRuler | None) -> dict[str, Any]:
+        """The episode as it is reported."""
+        data = {}
+        for name, value in episode.items():
+            if name not in UNREPORTED and value is not None:
+                data[name] = value
+        data["passive"] = self._is_passive(episode)
+        if episode["press_path"] > 0:
+            data["friction"] = episode["drag_work"] / episode["press_path"]
         if ruler is not None:
-            places = {
-                "start": run["touch"],
-                "deepest": run["deepest"]["proxy_m"],
-                "end": run["leave"],
-            }
-            data |= {f"{name}_along": ruler.locate(place) for name, place in places.items()}
+            data["start_along"] = ruler.locate(episode["touch"])
+            data["deepest_along"] = ruler.locate(episode["deepest"]["proxy_m"])
+            data["end_along"] = ruler.locate(episode["leave"])
         return to_json_types(data)
 
-    def _close(self) -> None:
-        """Put the last episode to the others; it is not joined any more."""
-        if self._last is None:
-            return
-        entry = self._last["penetration_max_m"], -self.count, self._last
-        self._last = None
-        self.count += 1
-        if len(self._kept) < MOST:
-            heapq.heappush(self._kept, entry)
-            return
-        depth, _, left = heapq.heappushpop(self._kept, entry)
-        self._left_out["count"] += 1
-        self._left_out["penetration_max_m"] = max(self._left_out["penetration_max_m"], depth)
-        self._left_out["active"] += not self._passive(left)
+    def _extend_latest(self, run: dict[str, Any]) -> None:
+        """Join a run of contact to the latest episode."""
+        assert self._latest is not None
+        episode = dict(self._latest)
+        peak = max(episode["energy_peak_j"], episode["energy_j"] + run["energy_peak_j"])
+        if run["penetration_max_m"] > episode["penetration_max_m"]:
+            episode["deepest"] = run["deepest"]
+        for name in ("end_s", "end_tick", "leave"):
+            episode[name] = run[name]
+        for name in ("ticks", *SUMS):
+            episode[name] = episode[name] + run[name]
+        for name in PEAKS:
+            episode[name] = max(episode[name], run[name])
+        episode["energy_peak_j"] = peak
+        self._latest = episode
 
-    def _run(self, steps: Steps, start: int, end: int) -> dict[str, Any]:
-        part, ticks = slice(start, end), steps.ticks
-        deep = start + int(np.argmax(ticks.penetration[part]))
-        sums = {name: values[part].sum(axis=0) for name, values in steps.sums.items()}
+    def _finish_latest(self) -> None:
+        """Put the latest episode to the others; nothing is joined to it any more."""
+        if self._latest is None:
+            return
+        entry = self._latest["penetration_max_m"], -self.count, self._latest
+        self._latest = None
+        self.count += 1
+        if len(self._deepest) < MAX_EPISODES:
+            heapq.heappush(self._deepest, entry)
+            return
+        depth, _, unlisted = heapq.heappushpop(self._deepest, entry)
+        self._unlisted["count"] += 1
+        self._unlisted["penetration_max_m"] = max(self._unlisted["penetration_max_m"], depth)
+        if not self._is_passive(unlisted):
+            self._unlisted["active"] += 1
+
+    def _measure(self, steps: Steps, start: int, end: int) -> dict[str, Any]:
+        """A run of contact from row `start` to before row `end`."""
+        rows = slice(start, end)
+        ticks = steps.ticks
+        deepest = start + int(np.argmax(ticks.penetration[rows]))
         # The step into contact loads the spring, though its force was still 0.
-        sums["energy_hold_j"] += steps.hold_j[start - 1] if start else self._entry
-        # Copies: a view would keep its whole block in memory.
-        return {
+        speed_at_touch = self._speed
+        hold_before = self._hold_j
+        if start:
+            speed_at_touch = steps.speed[start - 1]
+            hold_before = steps.hold_j[start - 1]
+        run: dict[str, Any] = {
             "start_s": float(ticks.time[start]),
             "end_s": float(ticks.time[end - 1] + steps.dt[end - 1]),
             "start_tick": steps.first + start,
             "end_tick": steps.first + end - 1,
             "ticks": end - start,
-            **{name: float(values[part].max()) for name, values in steps.peaks.items()},
-            **sums,
-            # The sum of all is one of the sums on the way, but for its rounding.
-            "energy_peak_j": max(0.0, float(np.cumsum(steps.work_j[part]).max()), sums["energy_j"]),
-            "speed_at_touch_m_s": steps.speed[start - 1] if start else self._speed,
-            "deepest": {
-                "t_s": ticks.time[deep],
-                "tick": steps.first + deep,
-                "hip_m": ticks.hip[deep].copy(),
-                "proxy_m": ticks.proxy[deep].copy(),
-            },
-            "touch": ticks.proxy[start].copy(),
-            "leave": ticks.proxy[end - 1].copy(),
         }
+        for name, values in steps.peaks.items():
+            run[name] = float(values[rows].max())
+        for name, values in steps.sums.items():
+            run[name] = values[rows].sum(axis=0)
+        run["energy_hold_j"] += hold_before
+        # The sum over all ticks is one of the partial sums, but for its rounding.
+        highest = float(np.cumsum(steps.work_j[rows]).max())
+        run["energy_peak_j"] = max(0.0, highest, run["energy_j"])
+        run["speed_at_touch_m_s"] = speed_at_touch
+        # Copies, because a view would keep its whole block in memory.
+        run["deepest"] = {
+            "t_s": ticks.time[deepest],
+            "tick": steps.first + deepest,
+            "hip_m": ticks.hip[deepest].copy(),
+            "proxy_m": ticks.proxy[deepest].copy(),
+        }
+        run["touch"] = ticks.proxy[start].copy()
+        run["leave"] = ticks.proxy[end - 1].copy()
+        return run
 
 
 def episode_count(report: dict[str, Any]) -> int:
-    """How many episodes a replay's report speaks of, those it leaves out too."""
+    """How many episodes a replay had, also those that its report does not list."""
     return len(report["episodes"]) + report.get("episodes_left_out", {"count": 0})["count"]
 
 
@@ -162,14 +189,16 @@ class CurveRuler:
         self.stroke = fixture.curve.stroke
         step = np.linalg.norm(np.diff(fixture.points, axis=0), axis=1)
         step[np.diff(self.stroke) != 0] = 0.0
-        run = np.concatenate(([0.0], np.cumsum(step)))
-        first = np.searchsorted(self.stroke, self.stroke)  # each point's stroke's first point
-        self.arclength = run - run[first]
+        along_all = np.concatenate(([0.0], np.cumsum(step)))
+        first_of_stroke = np.searchsorted(self.stroke, self.stroke)
+        self.arclength = along_all - along_all[first_of_stroke]
 
     @staticmethod
     def of(fixture: Fixture) -> CurveRuler | None:
         """The ruler of a fixture, or `None` when it was not drawn as a curve."""
-        return None if fixture.curve is None else CurveRuler(fixture)
+        if fixture.curve is None:
+            return None
+        return CurveRuler(fixture)
 
     def locate(self, place: Array) -> dict[str, Any]:
         """The stroke, the arc length [m] and the index of the planned point nearest to a place."""
@@ -179,9 +208,10 @@ class CurveRuler:
     def nearest(self, places: Array) -> NDArray[np.intp]:
         """(n,) index of the planned point nearest to each of (n, 3) places, by brute force."""
         flat = flattened(places, self._axis)
-        found = np.empty(len(flat), dtype=np.intp)
-        rows = max(1, 4_000_000 // len(self.points))
-        for start in range(0, len(flat), rows):
-            part = flat[start : start + rows]
-            found[start : start + rows] = ((part[:, None] - self.points) ** 2).sum(2).argmin(1)
-        return found
+        indices = np.empty(len(flat), dtype=np.intp)
+        count = max(1, PAIRS_AT_ONCE // len(self.points))
+        for start in range(0, len(flat), count):
+            rows = slice(start, start + count)
+            squares = ((flat[rows, None] - self.points) ** 2).sum(2)
+            indices[rows] = squares.argmin(1)
+        return indices

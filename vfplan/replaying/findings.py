@@ -13,7 +13,7 @@ from vfplan.robot import Robot, read_robot
 
 ROUNDING_M = 1e-9
 """Rounding in the independent measurement of clearance [m]."""
-FAR_M = 0.5
+NEVER_NEAR_M = 0.5
 """A session that stays farther away than this [m] is likely in other units or another frame."""
 SLOWEST_HZ = 5.0
 """No tracked tool is recorded at a lower rate [Hz]: the time is then likely not in seconds."""
@@ -49,7 +49,9 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> list[Fin
     """What the recording itself shows; `session` as `SamplingReport.report` gives it."""
     findings = []
     rate = session["rate_hz"]
-    robot_rate = rate if robot is None else robot.rate_hz
+    robot_rate = rate
+    if robot is not None:
+        robot_rate = robot.rate_hz
     unused_columns = session.get("ignored_columns", ())
 
     if session["gaps"]:
@@ -113,13 +115,15 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> list[Fi
 
     if clearance_m < -parameters.band - ROUNDING_M:
         # A session that starts inside is led out; only an entry from outside is the rule's fault.
-        severity = "warning" if inside_ticks else "error"
+        severity = "error"
+        if inside_ticks:
+            severity = "warning"
         text = (
             f"the proxy came {-clearance_m:.3g} m inside the fixture; the band is "
             f"{parameters.band:.3g} m"
         )
         findings.append(finding("proxy-inside", severity, text))
-    if clearance_m > FAR_M:
+    if clearance_m > NEVER_NEAR_M:
         text = (
             f"the tool never came nearer to the cloud than {clearance_m:.3g} m: are units and "
             "frame the fixture's?"
@@ -184,8 +188,9 @@ def active_findings(report: dict[str, Any]) -> list[Finding]:
         return []
     first = ""
     if listed:
-        of_those = " of those listed" if unlisted else ""
-        first = f" (the first{of_those} is {listed[0]})"
+        first = f" (the first is {listed[0]})"
+        if unlisted:
+            first = f" (the first of those listed is {listed[0]})"
     text = (
         f"in {len(listed) + unlisted} episodes{first} the fixture gave the hand more energy than "
         "holding each force for a tick explains"

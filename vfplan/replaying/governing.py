@@ -23,48 +23,60 @@ class GovernedForces:
     def __init__(self, robot: Robot, stiffness: Vector) -> None:
         self._robot = robot
         self._governor = Governor.of(robot, float(stiffness.max()))
-        self._carry = WithPrevious()
-        self._engine_max = self._engine_step = self._held_max = self._work = 0.0
-        self._held_tick, self._ticks, self._held, self._overdrawn = 0, 0, 0, 0
+        self._with_previous = WithPrevious()
+        self._ticks = 0
+        # Largest force, and change of force in a tick, that the engine wanted [N].
+        self._engine_force_max = 0.0
+        self._engine_step_max = 0.0
+        # Ticks whose force was held back, the most that was held back [N], and its tick.
+        self._held_ticks = 0
+        self._held_back_max = 0.0
+        self._held_back_max_tick = 0
+        self._overdrawn_ticks = 0
+        # Energy that the hand got through what was held back [J].
+        self._work = 0.0
 
     def run(self, hip: Vector, trace: Trace) -> Trace:
         """The trace with the forces that are commanded; `hip` (T, 3) [m]."""
         if not len(hip):
             return trace
-        asked = trace.force
-        done = self._governor.trace(asked)
-        self._engine_max = max(self._engine_max, float(row_norms(asked).max()))
-        k = int(done.held_back.argmax())
-        if done.held_back[k] > self._held_max:
-            self._held_max, self._held_tick = float(done.held_back[k]), self._ticks + k
+        governed = self._governor.trace(trace.force)
+        force_max = float(row_norms(trace.force).max())
+        self._engine_force_max = max(self._engine_force_max, force_max)
+        k = int(governed.held_back.argmax())
+        if governed.held_back[k] > self._held_back_max:
+            self._held_back_max = float(governed.held_back[k])
+            self._held_back_max_tick = self._ticks + k
         self._ticks += len(hip)
-        self._held += int(np.count_nonzero(done.held_back))
-        self._overdrawn += int(np.count_nonzero(done.status & GovernorStatus.OVERDRAWN))
-        hips, engine, commanded = self._carry(hip, asked, done.force)
+        self._held_ticks += int(np.count_nonzero(governed.held_back))
+        overdrawn = governed.status & GovernorStatus.OVERDRAWN
+        self._overdrawn_ticks += int(np.count_nonzero(overdrawn))
+
+        hips, wanted, commanded = self._with_previous(hip, trace.force, governed.force)
         if len(hips) > 1:
-            self._engine_step = max(
-                self._engine_step, float(row_norms(np.diff(engine, axis=0)).max())
-            )
-            self._work += float(dots((commanded - engine)[:-1], np.diff(hips, axis=0)).sum())
-        return replace(trace, force=done.force)
+            step_max = float(row_norms(np.diff(wanted, axis=0)).max())
+            self._engine_step_max = max(self._engine_step_max, step_max)
+            self._work += float(dots((commanded - wanted)[:-1], np.diff(hips, axis=0)).sum())
+        return replace(trace, force=governed.force)
 
     def report(self) -> dict[str, Any]:
         """The `governor` part of a replay's report."""
-        governor, robot = self._governor, self._robot
+        governor = self._governor
+        robot = self._robot
         report = {
             "force_step_n": robot.force_step_limit_n,
             "force_max_n": robot.force_limit_n,
             "mass_kg": robot.mass_kg,
             "least_passive_step_n": governor.least_passive_step_n,
-            "engine_force_max_n": self._engine_max,
-            "engine_force_step_max_n": self._engine_step,
-            "held_ticks": self._held,
-            "held_back_max_n": self._held_max,
+            "engine_force_max_n": self._engine_force_max,
+            "engine_force_step_max_n": self._engine_step_max,
+            "held_ticks": self._held_ticks,
+            "held_back_max_n": self._held_back_max,
             "energy_given_j": governor.energy_given_j,
             "energy_stored_j": governor.energy_stored_j,
-            "overdrawn_ticks": self._overdrawn,
+            "overdrawn_ticks": self._overdrawn_ticks,
             "work_j": self._work,
         }
-        if self._held:
-            report["held_back_max_tick"] = self._held_tick
+        if self._held_ticks:
+            report["held_back_max_tick"] = self._held_back_max_tick
         return report

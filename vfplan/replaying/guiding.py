@@ -15,7 +15,8 @@ from vfplan.fixture import Fixture
 from vfplan.replaying.quantities import WithPrevious, dots, row_norms
 from vfplan.replaying.timing import timed
 
-BINS = 512  # along the guide's strokes together, of the profile
+BINS = 512
+"""Bins of the profile along all strokes together. A picture of it is about as wide in pixels."""
 
 
 class Guided:
@@ -33,28 +34,42 @@ class Guided:
         self.region = region
         self.parameters = parameters
         self._guide = Guide.of(fixture)
-        self._first = 0 if fixture.guidance.stroke is None else fixture.guidance.stroke
-        self._axis = fixture.ignore_axis
+        # The guide numbers its own strokes from 0; the fixture may have others before it.
+        self._first_stroke = fixture.guidance.stroke or 0
         self._starts = np.concatenate(([0.0], np.cumsum(self._guide.lengths_m)))
-        self._lateral = np.full(BINS, np.nan)  # largest, over the way along all strokes
+        # Largest distance from the curve and largest force, over the arc length along all strokes.
+        self._lateral = np.full(BINS, np.nan)
         self._force = np.zeros(BINS)
-        self._ticks = self._held = self._outside = self._moving = 0
-        self._lateral_max, self._square, self._worst = 0.0, 0.0, 0
-        self._arc: tuple[float, float] | None = None
-        self._peak = self._step = self._region_peak = self._work = 0.0
-        self._carry = WithPrevious()
+        self._ticks = 0
+        self._held_ticks = 0
+        self._outside_ticks = 0
+        self._moving_ticks = 0
+        self._lateral_max = 0.0
+        self._lateral_max_tick = 0
+        self._lateral_squares = 0.0
+        self._arc_min = np.inf
+        self._arc_max = -np.inf
+        self._force_max = 0.0
+        self._force_step_max = 0.0
+        self._region_force_max = 0.0
+        self._work = 0.0
+        self._with_previous = WithPrevious()
         self._strokes: set[int] = set()
 
     @property
     def stiffness(self) -> Vector:
         """(3,) of all springs together [N/m]."""
-        region = 0.0 if self.region is None else self.parameters.stiffness
-        return region + np.full(3, self._guide.stiffness)
+        stiffness = np.full(3, self._guide.stiffness)
+        if self.region is None:
+            return stiffness
+        return self.parameters.stiffness + stiffness
 
     @property
     def left_out(self) -> dict[str, int]:
         """What this scene did not need."""
-        return {"region": 1} if self.region is None else self.region.left_out
+        if self.region is None:
+            return {"region": 1}
+        return self.region.left_out
 
     def reset(self, hip: Vector) -> None:
         """Both begin with the tip at `hip` (3,) [m]."""
@@ -72,44 +87,46 @@ class Guided:
         guide = self._guide.run(hips)
         micros = np.full(len(hips), 1e6 * (time.perf_counter() - began) / max(1, len(hips)))
         if self.region is None:
-            trace = _alone(guide)
+            trace = _guide_alone(guide)
         else:
-            trace, own = timed(self.region, hips)
-            micros += own
+            trace, region_micros = timed(self.region, hips)
+            micros += region_micros
         if len(hips):
-            self._note(hips, guide, trace)
+            self._measure(hips, guide, trace)
         if self.region is not None:
             trace = replace(trace, force=trace.force + guide.force)
         return trace, micros
 
-    def _note(self, hips: Vector, guide: GuideTrace, region: Trace) -> None:
+    def _measure(self, hips: Vector, guide: GuideTrace, region: Trace) -> None:
         held = guide.held
         outside = held & (guide.lateral_m > self._guide.radius)
         lateral = np.where(held, guide.lateral_m, 0.0)
         if lateral.max() > self._lateral_max:
             self._lateral_max = float(lateral.max())
-            self._worst = self._ticks + int(lateral.argmax())
-        self._square += float((lateral**2).sum())
+            self._lateral_max_tick = self._ticks + int(lateral.argmax())
+        self._lateral_squares += float((lateral**2).sum())
         self._ticks += len(hips)
-        self._held += int(held.sum())
-        self._outside += int(outside.sum())
-        self._moving += int((held & (guide.status != 0)).sum())
+        self._held_ticks += int(held.sum())
+        self._outside_ticks += int(outside.sum())
+        self._moving_ticks += int((held & (guide.status != 0)).sum())
         force = row_norms(guide.force)
-        self._peak = max(self._peak, float(force.max()))
+        self._force_max = max(self._force_max, float(force.max()))
         if self.region is not None:
-            self._region_peak = max(self._region_peak, float(row_norms(region.force).max()))
+            region_force = float(row_norms(region.force).max())
+            self._region_force_max = max(self._region_force_max, region_force)
         if held.any():
             arc = guide.arc_m[held]
-            seen = [*(self._arc or ()), float(arc.min()), float(arc.max())]
-            self._arc = min(seen), max(seen)
-            self._strokes |= set(np.unique(guide.stroke[held]).tolist())
-            along = self._starts[guide.stroke[held]] + arc
-            bins = np.minimum((along / self._starts[-1] * BINS).astype(int), BINS - 1)
+            self._arc_min = min(self._arc_min, float(arc.min()))
+            self._arc_max = max(self._arc_max, float(arc.max()))
+            self._strokes.update(np.unique(guide.stroke[held]).tolist())
+            along_all = self._starts[guide.stroke[held]] + arc
+            bins = np.minimum((along_all / self._starts[-1] * BINS).astype(int), BINS - 1)
             np.fmax.at(self._lateral, bins, guide.lateral_m[held])
             np.maximum.at(self._force, bins, force[held])
-        hips, forces = self._carry(hips, guide.force)
+        hips, forces = self._with_previous(hips, guide.force)
         if len(hips) > 1:
-            self._step = max(self._step, float(row_norms(np.diff(forces, axis=0)).max()))
+            step_max = float(row_norms(np.diff(forces, axis=0)).max())
+            self._force_step_max = max(self._force_step_max, step_max)
             self._work += float(dots(forces[:-1], np.diff(hips, axis=0)).sum())
 
     def report(self, tick_s: float) -> dict[str, Any]:
@@ -117,37 +134,40 @@ class Guided:
 
         `tick_s`: the session's mean interval [s].
         """
+        lateral: list[float | None] = self._lateral.tolist()
+        for k in np.flatnonzero(np.isnan(self._lateral)):
+            lateral[k] = None
         guide = {
             "radius_m": self._guide.radius,
             "stiffness_n_per_m": self._guide.stiffness,
             "ends": self._guide.ends,
             "lengths_m": self._guide.lengths_m,
-            "strokes": sorted(self._first + stroke for stroke in self._strokes),
-            "held_ticks": self._held,
-            "outside_ticks": self._outside,
-            "outside_s": self._outside * tick_s,
-            "moving_ticks": self._moving,
-            "lateral_rms_m": float(np.sqrt(self._square / max(1, self._held))),
-            "lateral_max_tick": self._worst,
-            "force_max_n": self._peak,
-            "force_step_max_n": self._step,
+            "strokes": sorted(self._first_stroke + stroke for stroke in self._strokes),
+            "held_ticks": self._held_ticks,
+            "outside_ticks": self._outside_ticks,
+            "outside_s": self._outside_ticks * tick_s,
+            "moving_ticks": self._moving_ticks,
+            "lateral_rms_m": float(np.sqrt(self._lateral_squares / max(1, self._held_ticks))),
+            "lateral_max_tick": self._lateral_max_tick,
+            "force_max_n": self._force_max,
+            "force_step_max_n": self._force_step_max,
             "work_j": self._work,
             "profile": {
                 "arc_m": ((np.arange(BINS) + 0.5) / BINS * self._starts[-1]).tolist(),
-                "lateral_m": [None if np.isnan(v) else v for v in self._lateral.tolist()],
+                "lateral_m": lateral,
                 "force_n": self._force.tolist(),
             },
         }
         if self.region is not None:
-            guide["region_force_max_n"] = self._region_peak
-        return {
-            "arc_m": None if self._arc is None else list(self._arc),
-            "lateral_max_m": self._lateral_max,
-            "guide": guide,
-        }
+            guide["region_force_max_n"] = self._region_force_max
+        arc = None
+        if self._held_ticks:
+            arc = [self._arc_min, self._arc_max]
+        return {"arc_m": arc, "lateral_max_m": self._lateral_max, "guide": guide}
 
 
-def _alone(guide: GuideTrace) -> Trace:
+def _guide_alone(guide: GuideTrace) -> Trace:
+    """The guide's answers as an engine gives them."""
     size = row_norms(guide.force)
     normal = np.divide(
         guide.force, size[:, None], out=np.zeros_like(guide.force), where=size[:, None] > 0

@@ -10,7 +10,7 @@ from vfplan.errors import SettingError
 from vfplan.replaying.quantities import Steps
 from vfplan.robot import Robot
 
-# name -> (the robot's limit, the number of the report that it bounds)
+# Name -> (the robot's limit, the number of the report that it bounds)
 LIMITS = {
     "force": ("force_limit_n", "force_max_n"),
     "force_step": ("force_step_limit_n", "force_step_max_n"),
@@ -20,7 +20,7 @@ Limits = tuple[tuple[str, str, float], ...]
 """Of each limit the number's name in the report, "at_most" or "at_least", and the bound."""
 
 
-class RobotWatch:
+class RobotLimitCounts:
     """Count the ticks in which a robot would have objected.
 
     A Franka arm refuses a change of torque above 1 N·m from one tick to the next (about 1.2 N at
@@ -83,7 +83,10 @@ def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]
     for name, sense, limit in limits:
         value: Any = report
         for part in name.split("."):
-            value = value.get(part) if isinstance(value, dict) else None
+            if not isinstance(value, dict):
+                value = None
+                break
+            value = value.get(part)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             numbers = [k for k, v in report.items() if isinstance(v, (int, float))]
             raise SettingError(

@@ -13,11 +13,10 @@ from vfplan.engine.ticks import Status
 from vfplan.fixture import Fixture
 from vfplan.replaying.clearance import clearance_of
 from vfplan.replaying.episodes import CurveRuler, Episodes
-from vfplan.replaying.limits import RobotWatch
+from vfplan.replaying.limits import RobotLimitCounts
 from vfplan.replaying.quantities import Steps, row_norms
 from vfplan.robot import Robot
-
-STATES = (-1, 0, 1, 2)
+from vfplan.session.result import STATES
 
 
 class Metrics:
@@ -31,19 +30,25 @@ class Metrics:
     def __init__(
         self, fixture: Fixture, parameters: ProxyParameters, robot: Robot | None = None
     ) -> None:
-        self._robot = None if robot is None else RobotWatch(robot)
+        self._robot = None
+        if robot is not None:
+            self._robot = RobotLimitCounts(robot)
         self._parameters = parameters
         self._ruler = CurveRuler.of(fixture)
         self._clearance = clearance_of(fixture, parameters.rule)
-        drawn = parameters.rule == "exact" and fixture.pieces
-        known = drawn.error if drawn else parameters.band
-        self._episodes = Episodes(known)
+        # A passive episode moves the proxy by no more than what the rule leaves open: the band, or
+        # how far lines and arcs are from the curve.
+        slack_m = parameters.band
+        if parameters.rule == "exact" and fixture.pieces:
+            slack_m = fixture.pieces.error
+        self._episodes = Episodes(slack_m)
         self._states = np.zeros(len(STATES), dtype=np.int64)
         self._state_s = np.zeros(len(STATES))
         self._sums: defaultdict[str, float] = defaultdict(float)
         self._peaks: defaultdict[str, float] = defaultdict(float)
-        self._span: tuple[float, float] | None = None
-        self._worst_step = 0
+        self._start_s: float | None = None
+        self._end_s = 0.0
+        self._force_step_max_tick = 0
         self._status = dict.fromkeys(("inside", "limit", "bad_hip"), 0)
 
     def note_status(self, status: NDArray[np.uint8]) -> None:
@@ -54,8 +59,9 @@ class Metrics:
     def update(self, steps: Steps) -> None:
         """Take in the next ticks."""
         ticks = steps.ticks
-        start = self._span[0] if self._span else float(ticks.time[0])
-        self._span = (start, float(ticks.time[-1] + steps.dt[-1]))
+        if self._start_s is None:
+            self._start_s = float(ticks.time[0])
+        self._end_s = float(ticks.time[-1] + steps.dt[-1])
         if self._clearance is not None:
             self._clearance.update(ticks.proxy)
         if self._robot is not None:
@@ -66,42 +72,47 @@ class Metrics:
         k = int(np.argmax(steps.force_step_n))
         if steps.force_step_n[k] > self._peaks["force_step_max_n"]:
             # The step from tick k to k + 1 belongs to the tick that shows it.
-            self._worst_step = steps.first + k + 1
+            self._force_step_max_tick = steps.first + k + 1
         for name, values in steps.peaks.items():
             self._peaks[name] = max(self._peaks[name], float(values.max()))
-        for name, values in {
-            **steps.sums,
-            "contact_ticks": steps.held,
-            "contact_s": steps.dt[steps.held],
-            "fast": row_norms(steps.dhip) > self._parameters.r1,
-            "penetration2": steps.ticks.penetration**2,
-            "force2": steps.force_n**2,
-            "lag2_path": steps.lag_m**2 * steps.sums["slide_m"],
-        }.items():
+        summands = dict(steps.sums)
+        summands["contact_ticks"] = steps.held
+        summands["contact_s"] = steps.dt[steps.held]
+        summands["fast"] = row_norms(steps.dhip) > self._parameters.r1
+        summands["penetration2"] = steps.ticks.penetration**2
+        summands["force2"] = steps.force_n**2
+        summands["lag2_path"] = steps.lag_m**2 * steps.sums["slide_m"]
+        for name, values in summands.items():
             self._sums[name] += float(values.sum())
 
     def report(self) -> dict[str, Any]:
         """The contract's keys, and this project's own."""
-        sums, peaks = self._sums, self._peaks
-        ticks, held = int(self._states.sum()), max(1.0, sums["contact_ticks"])
-        start, end = self._span or (0.0, 0.0)
+        sums = self._sums
+        peaks = self._peaks
+        ticks = int(self._states.sum())
+        contact_ticks = max(1.0, sums["contact_ticks"])
+        # The paper's proxy moves at most r1 a tick (eq. 5); the robust rule says when its
+        # iterations ran out.
+        too_fast_ticks = self._status["limit"]
+        if self._parameters.rule == "paper":
+            too_fast_ticks = int(sums["fast"])
         data: dict[str, Any] = {
             "ticks": ticks,
-            "duration_s": end - start,
+            "duration_s": self._end_s - (self._start_s or 0.0),
             "contact_ticks": int(sums["contact_ticks"]),
             "contact_s": sums["contact_s"],
             **self._episodes.report(self._ruler),
             "penetration_max_m": peaks["penetration_max_m"],
             "penetration_rms_m": float(np.sqrt(sums["penetration2"] / ticks)),
-            "penetration_contact_rms_m": float(np.sqrt(sums["penetration2"] / held)),
+            "penetration_contact_rms_m": float(np.sqrt(sums["penetration2"] / contact_ticks)),
             "force_max_n": peaks["force_max_n"],
             "force_rms_n": float(np.sqrt(sums["force2"] / ticks)),
-            "force_contact_rms_n": float(np.sqrt(sums["force2"] / held)),
+            "force_contact_rms_n": float(np.sqrt(sums["force2"] / contact_ticks)),
             "force_step_max_n": peaks["force_step_max_n"],
-            "force_step_max_tick": self._worst_step,
+            "force_step_max_tick": self._force_step_max_tick,
             "bad_hip_ticks": self._status["bad_hip"],
             "inside_ticks": self._status["inside"],
-            "too_fast_ticks": self._too_fast(),
+            "too_fast_ticks": too_fast_ticks,
             "energy_j": sums["energy_j"],
             "energy_hold_j": sums["energy_hold_j"],
             "states": {str(s): int(n) for s, n in zip(STATES, self._states, strict=True)},
@@ -120,9 +131,3 @@ class Metrics:
         if self._robot is not None:
             data["robot"] = self._robot.report()
         return data
-
-    def _too_fast(self) -> int:
-        # The paper's proxy moves r1 a tick at most (eq. 5); the robust one says when it ran out.
-        if self._parameters.rule == "paper":
-            return int(self._sums["fast"])
-        return self._status["limit"]

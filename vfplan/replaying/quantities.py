@@ -39,7 +39,9 @@ def dots(a: Array, b: Array) -> Array:
 
 def flattened(places: Array, axis: Array | None) -> Array:
     """(n, 3) places without their part along an ignored axis (a unit vector, or `None`)."""
-    return places if axis is None else places - np.outer(places @ axis, axis)
+    if axis is None:
+        return places
+    return places - np.outer(places @ axis, axis)
 
 
 class WithPrevious:
@@ -50,10 +52,12 @@ class WithPrevious:
 
     def __call__(self, *rows: Array) -> tuple[Array, ...]:
         """The arrays, a row longer from the second block on."""
+        extended = list(rows)
         if self._last is not None:
-            rows = tuple(np.concatenate(two) for two in zip(self._last, rows, strict=True))
-        self._last = tuple(row[-1:] for row in rows)
-        return rows
+            for i, last in enumerate(self._last):
+                extended[i] = np.concatenate((last, rows[i]))
+        self._last = tuple(array[-1:] for array in extended)
+        return tuple(extended)
 
 
 def penetration(hip: Array, proxy: Array) -> Array:
@@ -74,9 +78,12 @@ def overlap(hip: Array, proxy: Array, normal: Array, contact_radius: float) -> A
 class Steps:
     """Consecutive ticks, each with what changes until the next one."""
 
-    first: int  # index of the first tick in the session
-    ticks: TickBlock  # n ticks
-    hand: Array  # (n, 3) where the hand really was [m]; `ticks.hip` unless a lossy link lay between
+    # Number of the first tick, counted from the session's first
+    first: int
+    # The ticks, n of them
+    ticks: TickBlock
+    # (n, 3) where the hand truly was [m]; differs from `ticks.hip` only behind a lossy link
+    hand: Array
     # Forward differences of time, hand, HIP and force: (n,) [s], (n, 3) [m] and [N]
     dt: Array
     dhand: Array
@@ -136,7 +143,8 @@ class Steps:
         force opposes the HIP's tangential motion Δx_t = Δx - (n·Δx) n; path |Δx_t| [m]. Zero where
         the fixture does not push.
         """
-        (along, path), force = self._along, self.ticks.force
+        along, path = self._along
+        force = self.ticks.force
         press = np.where(self.held, dots(self.ticks.normal, force), 0.0)
         drag = np.divide(-dots(force, along), path, out=np.zeros_like(path), where=path > 0)
         return press, drag, path
@@ -171,28 +179,37 @@ class PairedTicks:
     """Turn blocks into `Steps`, one tick behind; `finish` gives the last tick."""
 
     def __init__(self) -> None:
-        self._carry: tuple[TickBlock, Array] | None = None
+        # The last tick and its hand, whose successor is still to come.
+        self._last: tuple[TickBlock, Array] | None = None
         self._done = 0
 
     def push(self, block: TickBlock, hand: Array | None = None) -> Steps | None:
         """The ticks whose successor is now known; `None` while there are none."""
-        hand = block.hip if hand is None else hand
-        if self._carry is not None:
-            block = concatenate_ticks([self._carry[0], block])
-            hand = np.concatenate((self._carry[1], hand))
-        self._carry = block[-1:], hand[-1:]
+        if hand is None:
+            hand = block.hip
+        if self._last is not None:
+            block = concatenate_ticks([self._last[0], block])
+            hand = np.concatenate((self._last[1], hand))
+        self._last = block[-1:], hand[-1:]
         if len(block) < 2:
             return None
         return self._steps(block, hand)
 
     def finish(self) -> Steps:
         """The last tick: its differences are zero."""
-        assert self._carry is not None, "finish() before any block"
-        block, hand = self._carry
+        assert self._last is not None, "finish() before any block"
+        block, hand = self._last
         return self._steps(concatenate_ticks([block, block]), np.concatenate((hand, hand)))
 
     def _steps(self, block: TickBlock, hand: Array) -> Steps:
-        changes = (np.diff(rows, axis=0) for rows in (block.time, hand, block.hip, block.force))
-        steps = Steps(self._done, block[:-1], hand[:-1], *changes)
+        steps = Steps(
+            self._done,
+            block[:-1],
+            hand[:-1],
+            np.diff(block.time),
+            np.diff(hand, axis=0),
+            np.diff(block.hip, axis=0),
+            np.diff(block.force, axis=0),
+        )
         self._done += len(steps)
         return steps

@@ -146,21 +146,47 @@ def replay(
         A fixture that cannot be replayed, an unknown rule or engine, a bad bundle.
     """
     started = clock.perf_counter()
-    naming_fixture = naming_place(None if isinstance(fixture, Fixture) else fixture)
-    fixture, record = _load_fixture(fixture, trust)
+    path = None
+    record: dict[str, Any] = {}
+    if not isinstance(fixture, Fixture):
+        from vfplan.bundle import read_sealed
+
+        path = Path(fixture)
+        fixture, seal = read_sealed(path, trust=trust)
+        is_checked = trust is not None
+        record["fixture"] = {
+            "name": path.name, **seal.describe(), "signature_checked": is_checked,
+        }  # fmt: skip
     if isinstance(session, (str, Path)):
         poses, events = as_the_loop_saw(session, poses, events)
         session = open_session(session)
-    _require_same_frame(fixture, session)
+    if session.frame != fixture.frame:
+        raise SessionError(
+            f"positions in frame {session.frame!r}, the fixture in {fixture.frame!r}; they must be "
+            "the same",
+            where=session.name,
+            code="frame-differs",
+        )
     if link is not None and not link.faulty:
         link = None
-    rules = _rules(rule, fixture)
+    if rule is None:
+        rules = [best_rule(fixture)]
+    elif rule == "both":
+        rules = ["robust", "paper"]
+    elif rule in RULES:
+        rules = [rule]
+    else:
+        raise SettingError(f"rule {rule!r}; {', '.join(RULES)} is wanted", code="unknown-rule")
 
     # One run of each rule, and behind a lossy link one more over a perfect link.
-    with naming_fixture:
+    with naming_place(path):
         settings: dict[str, Any] = {"robot": robot, "governor": governor}
         if poses is not None or events is not None:
-            _refuse_beside_changes(rules, engine, link)
+            if len(rules) > 1 or engine != "native" or link is not None:
+                raise SettingError(
+                    "poses and events go with one rule of the native engine, without a lossy link",
+                    code="changes-alone",
+                )
             settings["changing"] = ChangingFixture(
                 fixture, rules[0], poses, events, moving or {}, trust
             )
@@ -187,63 +213,27 @@ def replay(
         if perfect is not None:
             between_links.update(blocks[0], perfect.feed(time, hand))
 
-    record["session"] = _session_report(session, recording)
+    record["session"] = {
+        "name": session.name, "frame": session.frame, **session.notes, **recording.report(),
+    }  # fmt: skip
+    if session.sha256 is not None:
+        record["session"]["sha256"] = session.sha256
     if perfect is not None:
         record["link"] = _link_report(link, runs[0], perfect, between_links, robot)
     record["elapsed_s"] = clock.perf_counter() - started
     results = [_result(fixture, run, engine, record, robot, limits) for run in runs]
     if len(results) == 1:
         return results[0]
-    return _side_by_side(*results, between_rules)
 
-
-def _load_fixture(fixture: Fixture | str | Path, trust: Any) -> tuple[Fixture, dict[str, Any]]:
-    """The fixture, and what the report holds of its file."""
-    if isinstance(fixture, Fixture):
-        return fixture, {}
-    from vfplan.bundle import read_sealed
-
-    loaded, seal = read_sealed(fixture, trust=trust)
-    checked = trust is not None
-    record = {"name": Path(fixture).name, **seal.describe(), "signature_checked": checked}
-    return loaded, {"fixture": record}
-
-
-def _require_same_frame(fixture: Fixture, session: SessionSource) -> None:
-    if session.frame != fixture.frame:
-        raise SessionError(
-            f"positions in frame {session.frame!r}, the fixture in {fixture.frame!r}; "
-            "they must be the same",
-            where=session.name,
-            code="frame-differs",
-        )
-
-
-def _rules(rule: str | None, fixture: Fixture) -> tuple[str, ...]:
-    """The rules to run: the one asked for, the fixture's best, or robust and paper."""
-    if rule is None:
-        return (best_rule(fixture),)
-    if rule not in RULES:
-        raise SettingError(f"rule {rule!r}; {', '.join(RULES)} wanted", code="unknown-rule")
-    if rule == "both":
-        return ("robust", "paper")
-    return (rule,)
-
-
-def _refuse_beside_changes(rules: tuple[str, ...], engine: str, link: Link | None) -> None:
-    """A fixture that moves or changes is replayed by one rule of the native engine."""
-    if len(rules) > 1 or engine != "native" or link is not None:
-        raise SettingError(
-            "poses and events go with one rule of the native engine, without a lossy link",
-            code="changes-alone",
-        )
-
-
-def _session_report(session: SessionSource, recording: SamplingReport) -> dict[str, Any]:
-    report = {"name": session.name, "frame": session.frame, **session.notes, **recording.report()}
-    if session.sha256 is not None:
-        report["sha256"] = session.sha256
-    return report
+    # The robust rule's report, with the paper's inside and how far the two differ.
+    robust, paper = results
+    paper_numbers = dict(paper.metrics)
+    for name in ("session", "fixture", "link"):
+        paper_numbers.pop(name, None)
+    metrics = {
+        **robust.metrics, "rule": "both", "paper": paper_numbers, "apart": between_rules.report(),
+    }  # fmt: skip
+    return Replay("both", engine, robust.ticks, metrics, fixture, robust.stride, paper)
 
 
 def _link_report(
@@ -253,7 +243,9 @@ def _link_report(
     assert run.link is not None
     unaffected = perfect.finish()
     numbers = {k: v for k, v in unaffected.items() if isinstance(v, (int, float))}
-    lost_limit = None if robot is None else robot.lost_packets_limit
+    lost_limit = None
+    if robot is not None:
+        lost_limit = robot.lost_packets_limit
     return {
         **link.report(),
         **run.link.report(lost_limit),
@@ -311,12 +303,3 @@ def _result(
         metrics["checks"] = check_limits(metrics, limits)
     metrics["verdict"] = verdict_of(metrics, metrics.get("checks", []))
     return Replay(run.rule, engine, run.kept.ticks, metrics, fixture, run.kept.stride)
-
-
-def _side_by_side(robust: Replay, paper: Replay, comparison: Comparison) -> Replay:
-    """The robust rule's report, with the paper's inside and where the two part."""
-    numbers = {k: v for k, v in paper.metrics.items() if k not in ("session", "fixture", "link")}
-    metrics = {**robust.metrics, "rule": "both", "paper": numbers, "apart": comparison.report()}
-    return Replay(
-        "both", robust.engine, robust.ticks, metrics, robust.fixture, robust.stride, paper
-    )

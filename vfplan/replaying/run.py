@@ -50,19 +50,26 @@ class EngineRun:
     ) -> None:
         self.rule = rule
         self.changing = changing
-        self.engine = changing or make_engine(fixture, rule, engine)
-        self.link = None if link is None else LossyLink(link)
+        self.engine: Any = changing
+        if changing is None:
+            self.engine = make_engine(fixture, rule, engine)
+        self.link = None
+        if link is not None:
+            self.link = LossyLink(link)
         self.kept = ThinnedTicks(keep)
         self._governor = None
         if governor is not None:
             stiffness = getattr(self.engine, "stiffness", self.engine.parameters.stiffness)
             self._governor = GovernedForces(governor, stiffness)
         # The HIP is beyond a cloud's own surface from this depth on; a guide has no surface.
-        self._surface_depth = fixture.contact_radius if len(fixture.forbidden) else np.inf
+        self._surface_depth = np.inf
+        if len(fixture.forbidden):
+            self._surface_depth = fixture.contact_radius
         self._pairs = PairedTicks()
         self._metrics = Metrics(fixture, self.engine.parameters, robot)
         self._times = StepTimes()
-        self._last_packet: tuple[Array, Trace] | None = None  # its HIP, and the engine's answer
+        # HIP of the last packet that arrived, and the engine's answer to it.
+        self._last_packet: tuple[Array, Trace] | None = None
 
     def feed(self, time: Array, hand: Array) -> TickBlock:
         """Run the engine over the next samples, measure them, and give them back as ticks.
@@ -103,7 +110,8 @@ class EngineRun:
             # A tick before this block's first packet has row -1: the last row, which is appended.
             hip = np.concatenate((hip, self._last_packet[0]))
             trace = concatenate_ticks([trace, self._last_packet[1]])
-        last = len(arrived.hip) - 1 if len(arrived.hip) else -1
+        # The last packet of this block, or again the one of a block before: the last row.
+        last = len(arrived.hip) - 1
         self._last_packet = hip[[last]], select_ticks(trace, np.array([last]))
         return hip[arrived.row], select_ticks(trace, arrived.row)
 

@@ -9,7 +9,10 @@ from vfplan.replaying.quantities import CONTACT_M
 from vfplan.session import TickBlock
 from vfplan.session.result import TABLE, concatenate_ticks
 
-_NONE = TickBlock(*(np.empty((0, *columns), kind) for columns, kind, _ in TABLE.values()))
+
+def no_ticks() -> TickBlock:
+    """A block without ticks."""
+    return TickBlock(*(np.empty((0, *columns), dtype) for columns, dtype, _ in TABLE.values()))
 
 
 class ThinnedTicks:
@@ -20,7 +23,7 @@ class ThinnedTicks:
 
     def __init__(self, capacity: int | None = 65536) -> None:
         self._capacity = capacity
-        self._blocks = [_NONE]
+        self._blocks = [no_ticks()]
         self.stride = 1
 
     def update(self, block: TickBlock) -> None:
@@ -55,6 +58,6 @@ def thinned(block: TickBlock, stride: int) -> TickBlock:
 def contact_marks(ticks: TickBlock, rate_hz: float) -> NDArray[np.intp]:
     """Indices of ticks in contact, at most `rate_hz` of them a second: the first of each slot."""
     slot = np.floor((ticks.time - ticks.time[0]) * rate_hz).astype(np.int64)
-    held = np.flatnonzero(ticks.penetration > CONTACT_M)
-    _, first = np.unique(slot[held], return_index=True)
-    return held[first]
+    in_contact = np.flatnonzero(ticks.penetration > CONTACT_M)
+    _, first = np.unique(slot[in_contact], return_index=True)
+    return in_contact[first]

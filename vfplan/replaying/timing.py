@@ -10,9 +10,14 @@ from numpy.typing import NDArray
 
 from vfplan.engine.ticks import Trace
 
-_PER_OCTAVE = 64  # bins of 1.1 %
-_LOWEST_S = 1e-9
-_BINS = 40 * _PER_OCTAVE  # to 1000 s
+BINS_PER_OCTAVE = 64
+"""Each bin of the histogram is 1.1 % wide; a clock is no more exact."""
+
+SHORTEST_S = 1e-9
+"""Beginning of the first bin [s]."""
+
+BINS = 40 * BINS_PER_OCTAVE
+"""The histogram ends at 1000 s."""
 
 
 class StepTimes:
@@ -22,7 +27,7 @@ class StepTimes:
     """
 
     def __init__(self) -> None:
-        self._bins = np.zeros(_BINS, dtype=np.int64)
+        self._bins = np.zeros(BINS, dtype=np.int64)
         self._max_s = 0.0
         self.ticks = 0
 
@@ -31,9 +36,9 @@ class StepTimes:
         self.ticks += len(hip)
         trace, micros = timed(engine, hip)
         seconds = 1e-6 * micros
-        bins = np.log2(np.maximum(seconds, _LOWEST_S) / _LOWEST_S) * _PER_OCTAVE
-        bins = np.minimum(bins.astype(np.int64), _BINS - 1)
-        self._bins += np.bincount(bins, minlength=_BINS)
+        bins = np.log2(np.maximum(seconds, SHORTEST_S) / SHORTEST_S) * BINS_PER_OCTAVE
+        bins = np.minimum(bins.astype(np.int64), BINS - 1)
+        self._bins += np.bincount(bins, minlength=BINS)
         self._max_s = max(self._max_s, float(seconds.max(initial=0.0)))
         return trace
 
@@ -44,7 +49,7 @@ class StepTimes:
         report = {}
         for name, q in {"median": 0.5, "p99": 0.99, "p999": 0.999}.items():
             k = int(np.searchsorted(total, q * total[-1]))
-            report[name] = min(top, float(_LOWEST_S * 2 ** ((k + 0.5) / _PER_OCTAVE) * 1e6))
+            report[name] = min(top, float(SHORTEST_S * 2 ** ((k + 0.5) / BINS_PER_OCTAVE) * 1e6))
         return {**report, "max": top}
 
 
@@ -55,7 +60,8 @@ def timed(engine: Any, hip: NDArray[np.float64]) -> tuple[Trace, NDArray[np.floa
     """
     if hasattr(engine, "run_timed"):
         return engine.run_timed(hip)
-    steps, times = [], np.empty(len(hip))
+    steps = []
+    times = np.empty(len(hip))
     for i, place in enumerate(hip):
         began = time.perf_counter_ns()
         steps.append(engine.step(place))

@@ -35,7 +35,8 @@ TABLE: dict[str, tuple[tuple[int, ...], str, str]] = {
     "penetration": ((), "<f8", "m"),
     "overlap": ((), "<f8", "m"),
 }
-STATES = (-1, 0, 1, 2)
+# -1 no neighbour, 0 free motion, 1 in contact, 2 entrenched (the paper's Algorithm 1)
+STATES = range(-1, 3)
 
 
 @dataclass(frozen=True, eq=False)

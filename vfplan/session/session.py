@@ -14,8 +14,6 @@ Array = NDArray[np.float64]
 # Time (n,) [s] and HIP (n, 3) [m] of consecutive samples.
 Samples = tuple[Array, Array]
 
-UNITS = {"m": 1.0, "mm": 1e-3}
-
 BLOCK = 16384
 """Ticks of a block. All that sums over ticks sees blocks of this length, however the file was cut:
 sums then run in the same order on every run, and memory does not grow with the session."""
@@ -140,11 +138,11 @@ SessionSource = Session | SessionStream
 
 def unit_factor(units: str) -> float:
     """Metres in one of `units` ("m" or "mm"); raises `SettingError` for anything else."""
-    if units not in UNITS:
-        raise SettingError(
-            f"unit {units!r} of positions; {' or '.join(UNITS)} is wanted", code="unit-unknown"
-        )
-    return UNITS[units]
+    if units == "m":
+        return 1.0
+    if units == "mm":
+        return 1e-3
+    raise SettingError(f"unit {units!r} of positions; m or mm is wanted", code="unit-unknown")
 
 
 def regrouped(portions: Iterable[Samples], size: int) -> Iterator[Samples]:
