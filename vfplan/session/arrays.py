@@ -184,7 +184,7 @@ def _npz_members(stream: BinaryIO, where: str) -> Iterator[tuple[_NpzMember, _Np
     except (SessionError, MemoryError, GeneratorExit):
         raise
     except Exception as error:
-        # The module zipfile passes on the errors of its decompressors, and NumPy those of its tokenizer.
+        # The modules zipfile and numpy pass on what decompressors and the tokenizer raise.
         raise SessionError(
             f"cannot be read as .npz: {error}", where=where, code="npz-broken"
         ) from None
