@@ -7,7 +7,10 @@ from pathlib import Path
 from typing import Any
 
 # In the order of the story.
-FILES = ("mask.png", "overlay.png", "fixture.h5", "result.h5", "force.png", "scene.png")
+FILES = (
+    "mask.png", "overlay.png", "fixture.h5", "fixture-sheet.png", "result.h5", "force.png",
+    "scene.png",
+)  # fmt: skip
 
 
 def draw(folder: Path) -> dict[str, Any]:
@@ -18,6 +21,8 @@ def draw(folder: Path) -> dict[str, Any]:
     from vfplan.figures.style import save_png
     from vfplan.planning import ExtractSettings, plan
     from vfplan.replaying import replay
+    from vfplan.review.sheet import write_sheet
+    from vfplan.review.sheet_input import of_plan
     from vfplan.session import read_session, write_result
 
     sample = files("vfplan.samples")
@@ -28,11 +33,13 @@ def draw(folder: Path) -> dict[str, Any]:
         extraction=ExtractSettings(pixel_spacing_mm=(0.5, 0.5)),
     )
     write_fixture(made.fixture, folder / "fixture.h5")
+    write_sheet(of_plan(made, "fixture.h5"), folder / "fixture-sheet.png")
     replayed = replay(made.fixture, read_session(str(sample / "elbow_session.csv")))
     write_result(replayed, folder / "result.h5")
-    seen, markers = made.extracted, made.fixture.registration
-    draw_mask(seen.extraction, folder / "mask.png")
-    draw_overlay(seen.image, seen.extraction, folder / "overlay.png", markers=markers)
+    image, extraction = made.extracted.image, made.extracted.extraction
+    draw_mask(extraction, folder / "mask.png")
+    markers, findings = made.fixture.registration, made.fixture.findings
+    draw_overlay(image, extraction, folder / "overlay.png", markers=markers, findings=findings)
     save_png(figures.timeline(replayed), folder / "force.png")
     save_png(figures.scene(replayed), folder / "scene.png")
     return {**made.report, "replay": replayed.metrics}

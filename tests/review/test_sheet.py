@@ -16,7 +16,8 @@ from vfplan.findings import doubt, note
 from vfplan.images.read import PlannedImage
 from vfplan.review.insets import INSET_PX, ZOOM
 from vfplan.review.paper import DPI, PAGE_HEIGHT, PAGE_WIDTH
-from vfplan.review.sheet import FREE_RADIUS, draw_sheet
+from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
+from vfplan.review.sheet import draw_sheet
 from vfplan.review.sheet_input import (
     AccountEntry,
     SheetInput,
@@ -30,8 +31,8 @@ RED = (255, 0, 0)
 
 def drawn_part(sheet, box):
     """The pixels of a box on the sheet."""
-    top = round(box.top) + box.page * PAGE_HEIGHT
-    left = round(box.left)
+    top = round(box.y) + box.page * PAGE_HEIGHT
+    left = round(box.x)
     return sheet.pixels[top : top + round(box.height), left : left + round(box.width)]
 
 
@@ -55,8 +56,8 @@ def check_layout(sheet):
     assert sheet.pixels.shape[0] % PAGE_HEIGHT == 0
     assert collisions(sheet) == []
     for box in sheet.boxes:
-        assert box.left >= 0
-        assert box.top >= 0
+        assert box.x >= 0
+        assert box.y >= 0
         assert box.right <= PAGE_WIDTH, box
         assert box.bottom <= PAGE_HEIGHT, box
 
@@ -88,7 +89,7 @@ def test_covered_end_is_plain_to_see_in_its_inset(seed, covered):
     assert INSET_PX / DPI * 25.4 >= 40  # millimetres in print
 
     # Each pixel of the slice is a square of 8 x 8 equal pixels: nothing is drawn over it.
-    u, v, width, height = inset.shows
+    u, v, width, height = inset.window
     seen = drawn_part(sheet, inset)
     squares = seen.reshape(height, ZOOM, width, ZOOM, 3)
     rows, columns = np.mgrid[v : v + height, u : u + width]
@@ -129,7 +130,7 @@ def test_box_of_nearly_the_same_grey_shows_in_the_wider_view():
     image[end[1] - 14 : end[1] + 15, end[0] - 14 : end[0] + 15] = 94  # 4 of 256 greys
     sheet = draw_sheet(shown_of(image, line_of(drawn.line)))
     [_, wider] = insets(sheet, "End")
-    u, v, _, _ = wider.shows
+    u, v, _, _ = wider.window
     seen = drawn_part(sheet, wider)[:: wider.zoom, :: wider.zoom].astype(float)
     inside = seen[end[1] - v - 10 : end[1] - v + 10, end[0] - u + 12].mean()
     beside = seen[end[1] - v - 10 : end[1] - v + 10, end[0] - u + 17].mean()
@@ -144,7 +145,7 @@ def test_box_of_the_grey_around_it_shows_as_even_among_noise():
     sheet = draw_sheet(drawn_ends.sheet_input(drawn))
     [_, wider] = insets(sheet, "End")
     seen = drawn_part(sheet, wider)[:: wider.zoom, :: wider.zoom, 1].astype(float)
-    left, top = u - wider.shows[0], v - wider.shows[1]
+    left, top = u - wider.window[0], v - wider.window[1]
     inside = seen[max(top, 0) : top + height, max(left, 0) : left + width]
     beside = seen[max(top, 0) : top + height, left - 12 : left - 2]
     assert inside.std() < 1
@@ -168,6 +169,64 @@ def test_nothing_covers_the_ends_on_the_picture_itself():
         # A thin line leads from the caption to the end; it stops 8 px before it.
         assert changed.mean() * changed.size <= 0.15 * close.sum()
         assert not (changed & (np.hypot(columns - u, rows - v) < 6)).any()
+
+
+def white_ground(*, patch):
+    """A line that ends on white bone; under `patch` (a grey) it goes on, or it ends there."""
+    line = np.column_stack([np.linspace(40, 150, 221), np.full(221, 120.0)])
+    picture = flat((240, 300), 90.0)
+    cv2.rectangle(picture, (100, 60), (260, 180), (255.0,) * 3, -1)
+    picture = to_uint8(blend(picture, coverage(picture.shape[:2], line, 3.0), RED)).copy()
+    if patch is not None:
+        picture[100:140, 140:220] = patch
+        line = line[line[:, 0] < 139.5]
+    return picture, line
+
+
+def test_cover_of_the_grey_around_it_is_told_in_words():
+    for patch in (None, 255):
+        image, line = white_ground(patch=patch)
+        sheet = draw_sheet(shown_of(image, line_of(line)))
+        words = [box.words for box in sheet.boxes if box.kind == "text"]
+        assert "One grey ahead of the end" in words
+        assert "One grey ahead of the start" in words  # the ground there is even too
+        assert words.count("one grey ahead: look twice") == 2
+        check_layout(sheet)
+
+
+def test_white_cover_on_bone_that_is_not_quite_white_shows_in_the_wider_view():
+    image, line = white_ground(patch=252)
+    sheet = draw_sheet(shown_of(image, line_of(line)))
+    [_, wider] = insets(sheet, "End")
+    u, v, _, _ = wider.window
+    seen = drawn_part(sheet, wider)[:: wider.zoom, :: wider.zoom].astype(float)
+    inside = seen[105 - v : 135 - v, 141 - u : 145 - u].mean()
+    beside = seen[80 - v : 98 - v, 141 - u : 145 - u].mean()
+    assert abs(inside - beside) >= 25  # of 256 greys, where the file has 3
+
+
+def test_noise_ahead_of_an_end_is_not_called_one_grey():
+    drawn = drawn_ends.draw(1, covered="")
+    sheet = draw_sheet(drawn_ends.sheet_input(drawn))
+    assert not [box for box in sheet.boxes if box.words.startswith("One grey")]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_no_caption_lies_on_a_cover_at_an_end(seed):
+    covered = ("start", "end")[seed % 2]
+    drawn = drawn_ends.draw(seed, covered=covered)
+    sheet = draw_sheet(drawn_ends.sheet_input(drawn))
+    picture = next(box for box in sheet.boxes if box.kind == "picture")
+    zoom = picture.width / drawn.image.shape[1]
+    for first, last in ((drawn.line[0], drawn.line[8]), (drawn.line[-1], drawn.line[-9])):
+        ahead = (first - last) / np.hypot(*(first - last))
+        centre = (first + 0.5) * zoom - 0.5 + AHEAD_RADIUS * ahead
+        for box in sheet.boxes:
+            if box.kind == "text" and box.overlaps(picture):
+                corner = np.array([box.x - picture.x, box.y - picture.y])
+                far_corner = corner + np.array([box.width, box.height])
+                closest = np.clip(centre, corner, far_corner)
+                assert np.hypot(*(closest - centre)) >= AHEAD_RADIUS - 1, box.words
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -203,7 +262,7 @@ def test_ink_stays_visible_and_no_captions_overlap_on_random_slices(seed):
     assert is_seen[is_ink].mean() > 0.85
     captions = [b for b in sheet.boxes if b.kind == "text" and b.overlaps(picture)]
     for box in captions:
-        left, top = box.left - picture.left, box.top - picture.top
+        left, top = box.x - picture.x, box.y - picture.y
         inside = (at[:, 0] >= left) & (at[:, 0] < left + box.width)
         inside &= (at[:, 1] >= top) & (at[:, 1] < top + box.height)
         assert not inside.any(), box.words
@@ -229,7 +288,7 @@ def test_open_line_has_both_ends_and_each_bridge_enlarged():
     assert names[5:] == [f"Bridge 2, 89 px, part {k} of 3" for k in (1, 2, 3)]
     covered = np.zeros(380, bool)
     for box in insets(sheet, "Bridge 2"):
-        covered[box.shows[0] : box.shows[0] + box.shows[2]] = True
+        covered[box.window[0] : box.window[0] + box.window[2]] = True
     assert covered[215:315].all()
 
 

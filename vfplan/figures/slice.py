@@ -208,11 +208,8 @@ def _draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:
 
 
 def _draw_markers(axes: Any, markers: RegistrationRecord | None) -> None:
+    """Crosses without labels: most slices have the labels on them already."""
     if markers is None:
         return
     places = markers.source[:, :2]
     axes.plot(*places.T, "+", ms=10, mew=1.5, color=CONTACT, label="marker", zorder=6)
-    for label, place in zip(markers.labels, places, strict=True):
-        # Below on the left: a slice's own labels mostly stand above on the right.
-        where = {"xytext": (-5, -5), "textcoords": "offset points", "ha": "right", "va": "top"}
-        axes.annotate(label, place, fontsize=7, color=CONTACT, **where)

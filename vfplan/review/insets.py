@@ -14,33 +14,58 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.review import paper
-from vfplan.review.paper import BLACK, Box, Paper
+from vfplan.review.paper import BLACK, CONTENT_WIDTH, GREY, MARGIN, SMALL, SMALL_BOLD, Box, Paper
 from vfplan.review.sheet_input import SheetInput, SheetStroke
 
 Array = NDArray[np.float64]
 
-# An inset is a square of this many pixels of the page, and enlarges this many times.
 INSET_PX = 360
+"""Side [px of the page] of an inset: 46 mm in print."""
+
 ZOOM = 8
+"""Pixels of the page to one of the slice in an inset."""
 
-# Pixels of the slice across an inset: odd, so that the end lies in the middle of a pixel.
-WINDOW_PX = INSET_PX // ZOOM
-
-# The wider view beside each end enlarges this many times.
 WIDER_ZOOM = 4
+"""Pixels of the page to one of the slice in the wider view of an end."""
 
-# A bridge up to this long is shown in one inset, with ink on both sides [px of the slice].
 BRIDGE_PX = 33
+"""Length [px of the slice] of a bridge that fits into one inset, with ink on both sides."""
 
-# A finding this close to the middle of an inset is shown there already [px of the slice].
-SHOWN_PX = 15
+COVERED_BY_INSET_PX = 15
+"""Distance [px of the slice] from an inset's middle within which a finding needs no other inset."""
+
+AHEAD_PX = 10.0
+"""Radius [px of the slice] of the disc ahead of an end whose greys are compared: a box that covers
+an end is larger than that."""
+
+ONE_GREY = 2
+"""Range of greys, of 256, within which a ground counts as even; noise of a CT spans more."""
+
+INSETS_IN_A_ROW = 4
+INSET_STEP = (CONTENT_WIDTH - INSET_PX) / (INSETS_IN_A_ROW - 1)
+CAPTION_HEIGHT = 2 * SMALL.line_height + 12
+ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + 30
+
+
+@dataclass(frozen=True, eq=False)
+class LineEnd:
+    """An end of a line, or the start of a closed one.
+
+    `name` is "start" or "end", `place` is (u, v) [px of the slice], and `direction` the unit
+    vector in which the line would go on; `None` for a closed line.
+    """
+
+    name: str
+    place: Array
+    direction: Array | None
 
 
 @dataclass(frozen=True, eq=False)
 class Inset:
-    """A place that is enlarged: its caption, its middle (u, v), and how it is shown.
+    """A place that is enlarged: its caption, its middle (u, v), and how it is drawn.
 
     `is_raised` spreads the greys, `has_line` draws the line, `has_band` the line and its bands.
+    `note` stands in the caption in place of the size.
     """
 
     caption: str
@@ -49,63 +74,111 @@ class Inset:
     is_raised: bool = False
     has_line: bool = False
     has_band: bool = False
+    note: str = ""
 
     @property
     def window(self) -> tuple[int, int, int, int]:
-        """(u, v, width, height): the part of the slice that is shown."""
+        """(u, v, width, height): the part of the slice that is enlarged."""
         size = INSET_PX // self.zoom
-        u, v = (int(np.floor(x + 0.5)) for x in self.place)
+        u, v = np.floor(self.place + 0.5).astype(int).tolist()
         return u - size // 2, v - size // 2, size, size
 
 
-def ends_of(stroke: SheetStroke) -> list[Array]:
+def ends_of(stroke: SheetStroke) -> list[LineEnd]:
     """Both ends of a line, or the start of a closed one."""
+    points = stroke.points_px
     if not stroke.is_ordered:
         return []
     if stroke.closed:
-        return [stroke.points_px[0]]
-    return [stroke.points_px[0], stroke.points_px[-1]]
+        return [LineEnd("start", points[0], None)]
+    ends = []
+    for name, line in (("start", points[::-1]), ("end", points)):
+        step = line[-1] - line[max(0, len(line) - 9)]
+        length = max(float(np.hypot(*step)), 1e-9)
+        ends.append(LineEnd(name, line[-1], step / length))
+    return ends
+
+
+def grey_ahead(content: SheetInput, stroke: SheetStroke, end: LineEnd) -> int | None:
+    """The one grey, 0 to 255, of all pixels ahead of an end; `None` if there are several.
+
+    A cover of the grey that surrounds it leaves no border. A person who knows that the ground is
+    even can compare the slice with the one that was not drawn on.
+    """
+    if end.direction is None or not stroke.has_ink:
+        return None
+    rgb = as_uint8(content.rgb)
+    half_width = (stroke.width_px or 0.0) / 2
+    # The blur of the pen's own end reaches two pixels.
+    centre = end.place + end.direction * (half_width + 2.0 + AHEAD_PX)
+    low = np.maximum(np.floor(centre - AHEAD_PX).astype(int), 0)
+    high = np.ceil(centre + AHEAD_PX).astype(int) + 1
+    part = rgb[low[1] : high[1], low[0] : high[0]]
+    rows, columns = np.mgrid[low[1] : low[1] + part.shape[0], low[0] : low[0] + part.shape[1]]
+    inside = np.hypot(columns - centre[0], rows - centre[1]) <= AHEAD_PX
+    colours = part[inside].astype(int)
+    if len(colours) == 0 or np.ptp(colours) > ONE_GREY:
+        return None
+    return int(np.median(colours))
 
 
 def runs_of(flags: NDArray[np.bool_], closed: bool) -> list[NDArray[np.intp]]:
     """The indices of each run of flagged points; on a closed line a run may pass its start."""
     steps = np.flatnonzero(np.diff(flags.astype(np.int8)))
-    parts = np.split(np.arange(len(flags)), steps + 1)
-    runs = [part for part in parts if flags[part[0]]]
+    runs = []
+    for part in np.split(np.arange(len(flags)), steps + 1):
+        if flags[part[0]]:
+            runs.append(part)
     if closed and len(runs) > 1 and flags[0] and flags[-1]:
         runs = [np.concatenate([runs[-1], runs[0]]), *runs[1:-1]]
     return runs
 
 
-def insets_of(shown: SheetInput) -> list[Inset]:
-    """What the sheet enlarges, in the order in which it is shown."""
+def insets_of(content: SheetInput) -> list[Inset]:
+    """What the sheet enlarges, in the order in which it stands there."""
     insets = []
-    for number, stroke in enumerate(shown.strokes, 1):
-        name = "the line" if len(shown.strokes) == 1 else f"line {number}"
-        insets += _ends(stroke, name)
-    for number, stroke in enumerate(shown.strokes, 1):
-        insets += _bridges(stroke, "" if len(shown.strokes) == 1 else f" of line {number}")
-    for entry in shown.account or ():
-        if not entry.is_ink and not _is_shown((entry.u, entry.v), insets):
-            insets.append(Inset(f"{entry.number}: {entry.what}", np.array([entry.u, entry.v])))
-    for number, finding in enumerate(shown.findings, 1):
-        if finding.place_px is not None and not _is_shown(finding.place_px, insets):
+    is_single = len(content.strokes) == 1
+    for number, stroke in enumerate(content.strokes, 1):
+        name = f"line {number}"
+        if is_single:
+            name = "the line"
+        for end in ends_of(stroke):
+            caption = f"{end.name.capitalize()} of {name}"
+            note = ""
+            if grey_ahead(content, stroke, end) is not None:
+                note = "one grey ahead: look twice"
+            insets.append(Inset(caption, end.place, note=note))
+            # A line without ink hides nothing, and the line itself has to be visible.
+            insets.append(
+                Inset(
+                    f"{caption}, wider",
+                    end.place,
+                    WIDER_ZOOM,
+                    is_raised=True,
+                    has_line=not stroke.has_ink,
+                )
+            )
+    for number, stroke in enumerate(content.strokes, 1):
+        of_line = f" of line {number}"
+        if is_single:
+            of_line = ""
+        insets += _bridges(stroke, of_line)
+    for entry in content.account or ():
+        place = np.array([entry.u, entry.v])
+        if not entry.is_ink and not _is_enlarged(place, insets):
+            insets.append(Inset(f"{entry.number}: {entry.what}", place))
+    for number, finding in enumerate(content.findings, 1):
+        if finding.place_px is not None and not _is_enlarged(finding.place_px, insets):
             insets.append(Inset(f"F{number}: {finding.code}", np.array(finding.place_px)))
-    if shown.tre95_m is not None and shown.metres_per_px is not None:
-        insets.append(_widest_band(shown))
-    return insets
-
-
-def _ends(stroke: SheetStroke, name: str) -> list[Inset]:
-    captions = (f"Start of {name}", f"End of {name}")
-    insets = []
-    for caption, place in zip(captions, ends_of(stroke), strict=False):
-        insets.append(Inset(caption, place))
-        # Where there is no ink, nothing is hidden, and the line itself has to be seen.
-        wider = Inset(
-            f"{caption}, wider", place, WIDER_ZOOM, is_raised=True, has_line=not stroke.has_ink
-        )
-        insets.append(wider)
+    if content.tre95_m is not None and content.metres_per_px is not None:
+        # Where the registration's error may be largest, enlarged so that the band fits in.
+        points = np.concatenate([stroke.points_px for stroke in content.strokes])
+        worst = int(np.argmax(content.tre95_m))
+        half_m = max(content.tre95_m[worst], content.margin_m or 0.0)
+        zoom = ZOOM
+        while zoom > 1 and half_m / content.metres_per_px * zoom > 0.4 * INSET_PX:
+            zoom //= 2
+        insets.append(Inset("Error and margin, true scale", points[worst], zoom, has_band=True))
     return insets
 
 
@@ -118,33 +191,65 @@ def _bridges(stroke: SheetStroke, of_line: str) -> list[Inset]:
         count = max(1, int(np.ceil(along[-1] / BRIDGE_PX)))
         for k in range(count):
             place = points[np.searchsorted(along, along[-1] * (k + 0.5) / count)]
-            part = "" if count == 1 else f", part {k + 1} of {count}"
-            caption = f"Bridge {number}{of_line}, {along[-1]:.0f} px{part}"
+            caption = f"Bridge {number}{of_line}, {along[-1]:.0f} px"
+            if count > 1:
+                caption += f", part {k + 1} of {count}"
             insets.append(Inset(caption, place))
     return insets
 
 
-def _is_shown(place: tuple[float, float], insets: list[Inset]) -> bool:
+def _is_enlarged(place: Array | tuple[float, float], insets: list[Inset]) -> bool:
     for inset in insets:
         distance = np.abs(inset.place - place).max()
-        if inset.zoom == ZOOM and distance <= SHOWN_PX:
+        if inset.zoom == ZOOM and distance <= COVERED_BY_INSET_PX:
             return True
     return False
 
 
-def _widest_band(shown: SheetInput) -> Inset:
-    """Where the registration's error may be largest, enlarged so that the band fits in."""
-    points = np.concatenate([stroke.points_px for stroke in shown.strokes])
-    worst = int(np.argmax(shown.tre95_m))
-    half_px = max(shown.tre95_m[worst], shown.margin_m or 0.0) / shown.metres_per_px
-    zoom = ZOOM
-    while zoom > 1 and half_px * zoom > 0.4 * INSET_PX:
-        zoom //= 2
-    return Inset("Error and margin, true scale", points[worst], zoom, has_band=True)
+def draw_insets(
+    sheet: Paper, insets: list[Inset], rgb: NDArray[np.uint8], content: SheetInput, y: float
+) -> tuple[float, float]:
+    """Draw rows of insets; a row that does not fit begins a new page.
+
+    Returns the top of the last row, and where the next thing below begins.
+    """
+    last_row = y
+    for first in range(0, len(insets), INSETS_IN_A_ROW):
+        y = sheet.space_for(y, ROW_HEIGHT)
+        last_row = y
+        for k, inset in enumerate(insets[first : first + INSETS_IN_A_ROW]):
+            x = round(MARGIN + k * INSET_STEP)
+            caption = paper.shortened(inset.caption, INSET_PX, SMALL_BOLD)
+            sheet.text(x, y, caption, SMALL_BOLD)
+            words = paper.shortened(_described(inset, content), INSET_PX, SMALL)
+            colour = GREY
+            if inset.note:
+                colour = BLACK
+            sheet.text(x, y + SMALL.line_height, words, SMALL, colour)
+            draw_inset(sheet, inset, rgb, content, x, round(y + CAPTION_HEIGHT))
+        y += ROW_HEIGHT
+    return last_row, y
+
+
+def _described(inset: Inset, content: SheetInput) -> str:
+    """An inset's place and size, or what is to be known of it."""
+    u, v = inset.place
+    place = f"({u:.0f}, {v:.0f}), {inset.zoom} times"
+    if inset.note:
+        return inset.note
+    if inset.has_line:
+        return f"{place}, with the line"
+    if inset.is_raised:
+        return f"{place}, contrast raised"
+    if inset.has_band:
+        return f"{inset.zoom} times; 95 %: ±{float(content.tre95_m.max()) * 1e3:.2f} mm"
+    if content.metres_per_px is None:
+        return place
+    return f"{place}, {INSET_PX // inset.zoom * content.metres_per_px * 1e3:.1f} mm across"
 
 
 def draw_inset(
-    sheet: Paper, inset: Inset, rgb: NDArray[np.uint8], shown: SheetInput, left: int, top: int
+    sheet: Paper, inset: Inset, rgb: NDArray[np.uint8], content: SheetInput, x: int, y: int
 ) -> Box:
     """Draw an inset with its frame at a place of the page."""
     window = inset.window
@@ -152,28 +257,36 @@ def draw_inset(
     if inset.is_raised:
         pixels = _spread(pixels, is_outside)
     enlarged = np.repeat(np.repeat(pixels, inset.zoom, axis=0), inset.zoom, axis=1)
+    # What lies outside of the slice is striped, so that nobody takes it for black or white there.
     outside = np.repeat(np.repeat(is_outside, inset.zoom, axis=0), inset.zoom, axis=1)
-    _hatch(enlarged, outside)
+    rows, columns = np.nonzero(outside)
+    is_stripe = (rows + columns) % 16 < 2
+    enlarged[rows[is_stripe], columns[is_stripe]] = paper.GREY
     if inset.has_line:
-        for stroke in shown.strokes:
+        for stroke in content.strokes:
             paper.draw_cased(enlarged, _within(inset, stroke), paper.LINE_COLOUR, 2, stroke.closed)
     if inset.has_band:
-        _draw_band(enlarged, inset, shown)
+        _draw_band(enlarged, inset, content)
     size = enlarged.shape[0]
-    box = sheet.picture(left, top, enlarged, kind="inset", words=inset.caption, shows=window,
-                        zoom=inset.zoom)  # fmt: skip
+    box = sheet.picture(
+        x, y, enlarged, kind="inset", words=inset.caption, window=window, zoom=inset.zoom
+    )
     sheet.frame(box)
-    for x, y, dx, dy in (
-        (left + size / 2, top - 3, 0, -1),
-        (left + size / 2, top + size + 3, 0, 1),
-        (left - 3, top + size / 2, -1, 0),
-        (left + size + 3, top + size / 2, 1, 0),
-    ):
-        tip = np.array([x, y])
-        away, across = 9 * np.array([dx, dy]), 6 * np.array([dy, dx])
-        corners = paper.fixed_point(np.array([tip, tip + away + across, tip + away - across]))
+    middle = np.array([x + size / 2, y + size / 2])
+    for direction in ((0, -1), (0, 1), (-1, 0), (1, 0)):
+        tip = middle + (size / 2 + 3) * np.array(direction)
+        base = tip + 9 * np.array(direction)
+        across = 6 * np.array(direction[::-1])
+        corners = paper.fixed_point(np.array([tip, base + across, base - across]))
         cv2.fillConvexPoly(sheet.canvas, corners, BLACK, cv2.LINE_AA, paper.SHIFT)
     return box
+
+
+def as_uint8(rgb: NDArray) -> NDArray[np.uint8]:
+    """The slice in 8 bits: as it is, or of 16 bits so that its brightest value is white."""
+    if rgb.dtype == np.uint8:
+        return rgb
+    return np.rint(rgb * (255.0 / max(1, int(rgb.max())))).astype(np.uint8)
 
 
 def _within(inset: Inset, stroke: SheetStroke) -> Array:
@@ -198,13 +311,6 @@ def _cut_out(
     return pixels, is_outside
 
 
-def _hatch(enlarged: NDArray[np.uint8], outside: NDArray[np.bool_]) -> None:
-    """Stripe what lies outside of the slice, so that nobody takes it for black or white there."""
-    rows, columns = np.nonzero(outside)
-    is_stripe = (rows + columns) % 16 < 2
-    enlarged[rows[is_stripe], columns[is_stripe]] = paper.GREY
-
-
 def _spread(pixels: NDArray[np.uint8], is_outside: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """The same picture with its greys spread evenly from black to white; ink keeps its hue.
 
@@ -222,21 +328,24 @@ def _spread(pixels: NDArray[np.uint8], is_outside: NDArray[np.bool_]) -> NDArray
     return np.clip(pixels + shift[:, :, None], 0, 255).astype(np.uint8)
 
 
-def _draw_band(enlarged: NDArray[np.uint8], inset: Inset, shown: SheetInput) -> None:
+def _draw_band(enlarged: NDArray[np.uint8], inset: Inset, content: SheetInput) -> None:
     """Draw the line, the 95 % band and the margin at true scale, over a paler slice."""
     enlarged[:] = 128 + enlarged // 2
     first = 0
-    for stroke in shown.strokes:
+    for stroke in content.strokes:
         count = len(stroke.points_px)
-        at = _within(inset, stroke)
-        bound_px = shown.tre95_m[first : first + count] / shown.metres_per_px * inset.zoom
+        points = _within(inset, stroke)
+        to_page = inset.zoom / content.metres_per_px
+        bound_px = content.tre95_m[first : first + count] * to_page
         first += count
-        if shown.margin_m:
-            margin = np.full(count, shown.margin_m / shown.metres_per_px * inset.zoom)
-            draw_distance(enlarged, at, margin, stroke.closed, paper.MARGIN_COLOUR, dashed=False)
-        draw_distance(enlarged, at, bound_px, stroke.closed, paper.BAND_COLOUR, dashed=True)
+        if content.margin_m:
+            margin_px = np.full(count, content.margin_m * to_page)
+            draw_distance(
+                enlarged, points, margin_px, stroke.closed, paper.MARGIN_COLOUR, dashed=False
+            )
+        draw_distance(enlarged, points, bound_px, stroke.closed, paper.BAND_COLOUR, dashed=True)
         if stroke.is_ordered:
-            paper.draw_line(enlarged, at, paper.LINE_COLOUR, 2, stroke.closed)
+            paper.draw_line(enlarged, points, paper.LINE_COLOUR, 2, stroke.closed)
 
 
 def draw_distance(
@@ -269,7 +378,9 @@ def draw_distance(
         outline = contour[:, 0]
         x, y = outline.T
         inner = (x > 0) & (y > 0) & (x < width - 1) & (y < height - 1)
-        length = 14 if dashed else len(outline)
+        length = len(outline)
+        if dashed:
+            length = 14
         for start in range(0, len(outline), length + 8):
             dash = outline[start : start + length]
             dash = dash[inner[start : start + length]]

@@ -31,15 +31,22 @@ def colour_of(hexadecimal: str) -> Colour:
 
 
 DPI = 200
-PAGE_WIDTH = 1654  # A4 is 210 mm wide ...
-PAGE_HEIGHT = 2339  # ... and 297 mm high
+"""Dots an inch in print."""
+
+PAGE_WIDTH = 1654
+"""Width of A4, 210 mm, in pixels."""
+
+PAGE_HEIGHT = 2339
+"""Height of A4, 297 mm, in pixels."""
+
 MARGIN = 60
+"""Width of the empty border of a page: 7.6 mm, which printers can print."""
+
 CONTENT_WIDTH = PAGE_WIDTH - 2 * MARGIN
 
-WHITE: Colour = (255, 255, 255)
-BLACK: Colour = (20, 20, 20)
-GREY: Colour = (110, 110, 110)
-PALE: Colour = (225, 225, 225)
+WHITE: Colour = colour_of("#ffffff")
+BLACK: Colour = colour_of("#141414")
+GREY: Colour = colour_of("#6e6e6e")
 
 # What each colour means on every sheet.
 LINE_COLOUR: Colour = colour_of(CLOUD)
@@ -47,46 +54,46 @@ BRIDGE_COLOUR: Colour = colour_of(BRIDGED)
 MARGIN_COLOUR: Colour = colour_of(HIP)
 BAND_COLOUR: Colour = colour_of(PROXY)
 
-# OpenCV takes coordinates as whole numbers of 1/16 pixel.
 SHIFT = 4
+"""Bits of a fraction in OpenCV's coordinates: they are whole numbers of 1/16 pixel."""
 
 
 @dataclass(frozen=True)
 class Box:
-    """A rectangle on a page, and what stands in it.
+    """A rectangle on a page with its corner (x, y), and what stands in it.
 
-    `kind` is "text", "picture" (a slice or a view) or "inset". For an inset `shows` is
+    `kind` is "text", "picture" (a slice or a view) or "inset". For an inset `window` is
     (u, v, width, height) [px of the slice] and `zoom` the pixels of the page to one of the slice.
     """
 
     page: int
-    left: float
-    top: float
+    x: float
+    y: float
     width: float
     height: float
     kind: str
     words: str = ""
-    shows: tuple[int, int, int, int] | None = None
+    window: tuple[int, int, int, int] | None = None
     zoom: int = 1
 
     @property
     def right(self) -> float:
         """The first column beyond it."""
-        return self.left + self.width
+        return self.x + self.width
 
     @property
     def bottom(self) -> float:
         """The first row beyond it."""
-        return self.top + self.height
+        return self.y + self.height
 
     def overlaps(self, other: Box) -> bool:
         """Whether the two have a pixel in common."""
         return (
             self.page == other.page
-            and self.left < other.right
-            and other.left < self.right
-            and self.top < other.bottom
-            and other.top < self.bottom
+            and self.x < other.right
+            and other.x < self.right
+            and self.y < other.bottom
+            and other.y < self.bottom
         )
 
 
@@ -115,6 +122,9 @@ SMALL = Style(7)
 SMALL_BOLD = Style(7, bold=True)
 TAG = Style(7.5, bold=True)
 
+FOOT = PAGE_HEIGHT - MARGIN - BODY.line_height
+"""Row at which the foot of a page begins; nothing else stands below it."""
+
 
 class Paper:
     """Pages that are filled one after the other; `image()` is all of them."""
@@ -130,6 +140,13 @@ class Paper:
         self._pages.append(np.full((PAGE_HEIGHT, PAGE_WIDTH, 3), 255, np.uint8))
         self._texts.append([])
 
+    def space_for(self, y: float, height: float) -> float:
+        """The row `y` if something of this height fits there, else the top of a new page."""
+        if y + height <= FOOT - 12:
+            return y
+        self.add_page()
+        return float(MARGIN)
+
     @property
     def page(self) -> int:
         """The number of the last page, from 0."""
@@ -142,26 +159,27 @@ class Paper:
 
     def text(
         self,
-        left: float,
-        top: float,
+        x: float,
+        y: float,
         words: str,
         style: Style = BODY,
         colour: Colour = BLACK,
         *,
         page: int | None = None,
     ) -> Box:
-        """Write one line of text."""
-        shown = printable(words)
-        number = self.page if page is None else page
-        self._texts[number].append((left, top, shown, style, colour))
-        box = Box(number, left, top, style.width_of(shown), style.line_height, "text", shown)
+        """Write one line of text; on the last page unless another is named."""
+        words = printable(words)
+        if page is None:
+            page = self.page
+        self._texts[page].append((x, y, words, style, colour))
+        box = Box(page, x, y, style.width_of(words), style.line_height, "text", words)
         self.boxes.append(box)
         return box
 
     def paragraph(
         self,
-        left: float,
-        top: float,
+        x: float,
+        y: float,
         words: str,
         width: float,
         style: Style = BODY,
@@ -169,51 +187,51 @@ class Paper:
     ) -> float:
         """Write text in lines of at most this width; returns where the next line begins."""
         for line in wrapped(words, width, style):
-            self.text(left, top, line, style, colour)
-            top += style.line_height
-        return top
+            self.text(x, y, line, style, colour)
+            y += style.line_height
+        return y
 
-    def picture(self, left: int, top: int, rgb: NDArray[np.uint8], **box: Any) -> Box:
+    def picture(self, x: int, y: int, rgb: NDArray[np.uint8], **box: Any) -> Box:
         """Lay a picture on the page, pixel by pixel."""
         height, width = rgb.shape[:2]
-        self.canvas[top : top + height, left : left + width] = rgb
-        placed = Box(self.page, left, top, width, height, **{"kind": "picture", **box})
+        self.canvas[y : y + height, x : x + width] = rgb
+        placed = Box(self.page, x, y, width, height, **{"kind": "picture", **box})
         self.boxes.append(placed)
         return placed
 
     def frame(self, box: Box, colour: Colour = BLACK, thickness: int = 2) -> None:
-        """Draw a frame round a box, wholly outside of it."""
-        left, top = round(box.left) - thickness, round(box.top) - thickness
+        """Draw a frame around a box, wholly outside of it."""
+        x, y = round(box.x) - thickness, round(box.y) - thickness
         right, bottom = round(box.right) + thickness, round(box.bottom) + thickness
         canvas = self._pages[box.page]
-        canvas[top : top + thickness, left:right] = colour
-        canvas[bottom - thickness : bottom, left:right] = colour
-        canvas[top:bottom, left : left + thickness] = colour
-        canvas[top:bottom, right - thickness : right] = colour
+        canvas[y : y + thickness, x:right] = colour
+        canvas[bottom - thickness : bottom, x:right] = colour
+        canvas[y:bottom, x : x + thickness] = colour
+        canvas[y:bottom, right - thickness : right] = colour
 
     def image(self) -> NDArray[np.uint8]:
         """(pages * PAGE_HEIGHT, PAGE_WIDTH, 3) all pages, red first."""
+        from PIL import Image, ImageDraw
+
         for canvas, texts in zip(self._pages, self._texts, strict=True):
-            for text in texts:
-                _write(canvas, *text)
+            for x, y, words, style, colour in texts:
+                size = (int(style.width_of(words)) + 2, style.line_height + 4)
+                letters = Image.new("L", size)
+                ImageDraw.Draw(letters).text(
+                    (0, 0.78 * style.line_height),
+                    words,
+                    fill=255,
+                    font=_font(style.points, style.bold),
+                    anchor="ls",
+                )
+                column, row = round(x), round(y)
+                height, width = canvas.shape[:2]
+                cover = np.asarray(letters)[: max(0, height - row), : max(0, width - column)]
+                blend(canvas, cover, colour, column, row)
             texts.clear()
+        if len(self._pages) == 1:
+            return self._pages[0]
         return np.vstack(self._pages)
-
-
-def _write(
-    canvas: NDArray[np.uint8], left: float, top: float, words: str, style: Style, colour: Colour
-) -> None:
-    from PIL import Image, ImageDraw
-
-    size = int(style.width_of(words)) + 2, style.line_height + 4
-    letters = Image.new("L", size)
-    font = _font(style.points, style.bold)
-    at = (0, 0.78 * style.line_height)
-    ImageDraw.Draw(letters).text(at, words, fill=255, font=font, anchor="ls")
-    cover = np.asarray(letters)
-    height, width = canvas.shape[:2]
-    x, y = round(left), round(top)
-    blend(canvas, cover[: max(0, height - y), : max(0, width - x)], colour, x, y)
 
 
 def wrapped(words: str, width: float, style: Style) -> list[str]:
@@ -238,18 +256,23 @@ def wrapped(words: str, width: float, style: Style) -> list[str]:
 
 
 def shortened(words: str, width: float, style: Style) -> str:
-    """The text, cut off with an ellipsis where it is longer than this width."""
-    shown = printable(words)
-    if style.width_of(shown) <= width:
-        return shown
-    while shown and style.width_of(shown + "…") > width:
-        shown = shown[:-1]
-    return shown + "…"
+    """The text, cut with an ellipsis if it is longer than this width."""
+    words = printable(words)
+    if style.width_of(words) <= width:
+        return words
+    while words and style.width_of(words + "…") > width:
+        words = words[:-1]
+    return words + "…"
 
 
 def printable(words: str) -> str:
-    """The text in one line, without signs that are not to be seen: labels come from files."""
-    return "".join(" " if unicodedata.category(sign)[0] in "CZ" else sign for sign in words)
+    """The text in one line, without characters that cannot be seen: labels come from files."""
+    characters = []
+    for character in words:
+        if unicodedata.category(character)[0] in "CZ":
+            character = " "
+        characters.append(character)
+    return "".join(characters)
 
 
 @cache
@@ -258,7 +281,9 @@ def _font(points: float, bold: bool) -> Any:
     from PIL import ImageFont
 
     place = Path(find_spec("matplotlib").submodule_search_locations[0])
-    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
+    name = "DejaVuSans.ttf"
+    if bold:
+        name = "DejaVuSans-Bold.ttf"
     return ImageFont.truetype(place / "mpl-data/fonts/ttf" / name, points * DPI / 72)
 
 
@@ -293,18 +318,31 @@ def draw_cased(
 def draw_disc(
     canvas: NDArray[np.uint8], centre: Any, radius: float, colour: Any, thickness: int = -1
 ) -> None:
-    """Draw a disc, or a ring where a thickness is given."""
-    at = tuple(int(x) for x in fixed_point(np.asarray(centre, dtype=float)).ravel())
-    cv2.circle(canvas, at, round(radius * (1 << SHIFT)), colour, thickness, cv2.LINE_AA, SHIFT)
+    """Draw a disc, or a ring if a thickness is given."""
+    x, y = fixed_point(np.asarray(centre, dtype=float)).ravel().tolist()
+    cv2.circle(canvas, (x, y), round(radius * (1 << SHIFT)), colour, thickness, cv2.LINE_AA, SHIFT)
 
 
 def blend(
-    canvas: NDArray[np.uint8], cover: NDArray[np.uint8], colour: Colour, left: int, top: int
+    canvas: NDArray[np.uint8], cover: NDArray[np.uint8], colour: Colour, x: int, y: int
 ) -> None:
     """Lay a colour over part of a canvas as far as (H, W) `cover` says, 0 none to 255 wholly."""
-    height, width = cover.shape
-    part = canvas[top : top + height, left : left + width]
+    # Most covers are empty but for a small part.
+    first_x, first_y, width, height = cv2.boundingRect(cover)
+    cover = cover[first_y : first_y + height, first_x : first_x + width]
+    x, y = x + first_x, y + first_y
+    part = canvas[y : y + height, x : x + width]
     rows, columns = np.nonzero(cover)
     share = cover[rows, columns, None].astype(np.float32) / 255
     under = part[rows, columns]
     part[rows, columns] = np.rint(under + share * (np.array(colour) - under)).astype(np.uint8)
+
+
+def nice_length(longest: float) -> float:
+    """1, 2 or 5 times a power of ten, at most `longest`: the length of a scale bar."""
+    power = 10.0 ** np.floor(np.log10(longest))
+    length = power
+    for factor in (2, 5):
+        if factor * power <= longest:
+            length = factor * power
+    return float(length)

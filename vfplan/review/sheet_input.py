@@ -134,7 +134,7 @@ class SheetInput:
     missing_slice: bool = False
 
     @property
-    def open_doubts(self) -> int:
+    def unanswered(self) -> int:
         """How many findings want an answer."""
         return sum(finding.is_open for finding in self.findings)
 
@@ -143,10 +143,10 @@ class SheetInput:
         """The title of the sheet: what is to be done with this plan."""
         if self.missing_slice:
             return "The slice is missing: this sheet shows no end of the line"
-        if self.open_doubts == 1:
+        if self.unanswered == 1:
             return "1 finding wants an answer before this is signed"
-        if self.open_doubts:
-            return f"{self.open_doubts} findings want an answer before this is signed"
+        if self.unanswered:
+            return f"{self.unanswered} findings want an answer before this is signed"
         if self.reviewed:
             return f"Approved by {self.reviewed}"
         if self.rgb is None:

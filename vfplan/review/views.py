@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -21,138 +23,159 @@ from vfplan.review.paper import (
     WHITE,
     Box,
     Paper,
+    nice_length,
 )
 from vfplan.review.sheet_input import SheetInput
 
 Array = NDArray[np.float64]
 
-# A view is a square of this many pixels of the page: two stand side by side.
 VIEW_PX = 740
-ROOM_PX = 60  # between the geometry and the frame of its view
+"""Side [px of the page] of a view: two stand side by side."""
 
-# More points or triangles than these are thinned: a view has no pixels to show them all.
+BORDER_PX = 60
+"""Distance [px of the page] of the geometry from the frame of its view."""
+
 MAX_POINTS = 60_000
+"""Points of a view: it has no pixels for more."""
+
 MAX_TRIANGLES = 40_000
+"""Triangles of a view; of more, the corners are drawn as points."""
 
-# The edges of more triangles than these would fill the view.
 MAX_OUTLINED = 2_000
+"""Triangles whose edges are drawn; the edges of more would fill the view."""
 
 
-def draw_views(sheet: Paper, shown: SheetInput, top: float) -> tuple[float, float, float]:
-    """Draw the three views.
+@dataclass(frozen=True)
+class Side:
+    """A direction of view.
 
-    Returns the left and the upper edge of the quarter that they leave free, and where the next
-    thing below begins.
+    `across` and `upward` are the axes that point to the right and upwards, `toward` is the axis
+    that points to the viewer, and `sign` tells on which side of it the viewer stands.
     """
-    names = "xyz"
-    points = shown.points_m
-    everything = [points, *(marker.place[None] for marker in shown.markers)]
-    low = np.min([part.min(axis=0) for part in everything], axis=0)
-    high = np.max([part.max(axis=0) for part in everything], axis=0)
-    middle = (low + high) / 2
-    scale = (VIEW_PX - 2 * ROOM_PX) / max(float((high - low).max()), 1e-9)
-    # Name, axis to the right, axis upwards, axis of the viewer, and on which side of it he is.
-    sides = (
-        ("Seen from above (+z)", 0, 1, 2, 1.0),
-        ("Seen from the side (-y)", 0, 2, 1, -1.0),
-        ("Seen from the side (+x)", 1, 2, 0, 1.0),
-    )
-    for number, (words, across, upward, toward, sign) in enumerate(sides):
-        column, row = number % 2, number // 2
-        left = MARGIN + column * (CONTENT_WIDTH - VIEW_PX)
-        view_top = round(top) + row * (VIEW_PX + 60)
-        sheet.text(left, view_top, words, STRONG)
-        axes = f"{names[across]} to the right, {names[upward]} upwards"
-        sheet.text(left + 330, view_top, axes, BODY, GREY)
-        view = _View(across, upward, toward, sign, middle, scale)
-        box = sheet.picture(left, view_top + 34, _geometry(view, shown))
-        sheet.frame(box)
-        _draw_marks(sheet, box, view, shown)
-        _draw_scale(sheet, box, scale, shown.frame)
-    free_left, free_top = MARGIN + CONTENT_WIDTH - VIEW_PX, float(top + VIEW_PX + 60)
-    return free_left, free_top, float(top + 2 * (VIEW_PX + 60))
+
+    words: str
+    across: int
+    upward: int
+    toward: int
+    sign: float
 
 
-class _View:
-    """A direction of view: which axes go right, up and to the viewer, and the scale."""
+SIDES = (
+    Side("Seen from above (+z)", 0, 1, 2, 1.0),
+    Side("Seen from the side (-y)", 0, 2, 1, -1.0),
+    Side("Seen from the side (+x)", 1, 2, 0, 1.0),
+)
 
-    def __init__(
-        self, across: int, upward: int, toward: int, sign: float, middle: Array, scale: float
-    ) -> None:
-        self.axes = [across, upward]
-        self.toward, self.sign = toward, sign
-        self.middle, self.scale = middle, scale
 
-    def onto(self, points: Array) -> Array:
+@dataclass(frozen=True, eq=False)
+class View:
+    """A side, the place (3,) [m] in its middle, and the pixels of the page a metre."""
+
+    side: Side
+    middle: Array
+    scale: float
+
+    def project(self, points: Array) -> Array:
         """(M, 2) places in the view [px of the page] of points (M, 3) [m]."""
-        flat = (points - self.middle)[:, self.axes] * self.scale * (1, -1)
+        axes = [self.side.across, self.side.upward]
+        flat = (points - self.middle)[:, axes] * self.scale * (1, -1)
         return flat + VIEW_PX / 2 - 0.5
 
     def depth(self, points: Array) -> Array:
         """(M,) how far points lie towards the viewer."""
-        return points[:, self.toward] * self.sign
+        return points[:, self.side.toward] * self.side.sign
 
 
-def _geometry(view: _View, shown: SheetInput) -> NDArray[np.uint8]:
+def draw_views(sheet: Paper, content: SheetInput, y: float) -> tuple[float, float, float]:
+    """Draw the three views.
+
+    Returns the corner of the quarter that they leave free, and where the next thing below begins.
+    """
+    everything = [content.points_m, *(marker.place[None] for marker in content.markers)]
+    low = np.vstack(everything).min(axis=0)
+    high = np.vstack(everything).max(axis=0)
+    scale = (VIEW_PX - 2 * BORDER_PX) / max(float((high - low).max()), 1e-9)
+    for number, side in enumerate(SIDES):
+        row, column = divmod(number, 2)
+        x = MARGIN
+        if column == 1:
+            x = MARGIN + CONTENT_WIDTH - VIEW_PX
+        view_y = round(y) + row * (VIEW_PX + 60)
+        sheet.text(x, view_y, side.words, STRONG)
+        axes = f"{'xyz'[side.across]} to the right, {'xyz'[side.upward]} upwards"
+        sheet.text(x + 330, view_y, axes, BODY, GREY)
+        view = View(side, (low + high) / 2, scale)
+        box = sheet.picture(x, view_y + 34, _geometry(view, content))
+        sheet.frame(box)
+        _draw_marks(sheet, box, view, content)
+        _draw_scale(sheet, box, scale, content.frame)
+    free_x, free_y = MARGIN + CONTENT_WIDTH - VIEW_PX, float(y + VIEW_PX + 60)
+    return free_x, free_y, float(y + 2 * (VIEW_PX + 60))
+
+
+def _geometry(view: View, content: SheetInput) -> NDArray[np.uint8]:
+    """The points or the triangles, those in front over those behind."""
     canvas = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
-    points = shown.points_m
-    if shown.triangles is not None and len(shown.triangles) <= MAX_TRIANGLES:
-        _draw_triangles(canvas, view, points, shown.triangles)
+    points = content.points_m
+    if content.triangles is not None and len(content.triangles) <= MAX_TRIANGLES:
+        _draw_triangles(canvas, view, points, content.triangles)
         return canvas
-    chosen = points[:: max(1, len(points) // MAX_POINTS)]
-    depth = view.depth(chosen)
+    drawn = points[:: max(1, len(points) // MAX_POINTS)]
+    depth = view.depth(drawn)
     order = np.argsort(depth)
     share = (depth - depth.min()) / max(float(np.ptp(depth)), 1e-12)
-    radius = float(np.clip(400 / np.sqrt(len(chosen)), 1.5, 4))
-    for at, near in zip(view.onto(chosen[order]), share[order], strict=True):
-        paper.draw_disc(canvas, at, radius, _shaded(near))
+    radius = float(np.clip(400 / np.sqrt(len(drawn)), 1.5, 4))
+    # What lies behind is pale, and what lies in front has the full colour.
+    strength = 0.35 + 0.65 * share[order, None]
+    colours = np.rint(255 + strength * (np.array(LINE_COLOUR) - 255)).astype(int)
+    for place, colour in zip(view.project(drawn[order]), colours.tolist(), strict=True):
+        paper.draw_disc(canvas, place, radius, colour)
     return canvas
 
 
-def _shaded(share: float) -> tuple[int, int, int]:
-    """Pale for 0, what lies behind, to the full colour for 1, what lies in front."""
-    strength = 0.35 + 0.65 * float(share)
-    red, green, blue = (round(255 + strength * (c - 255)) for c in LINE_COLOUR)
-    return red, green, blue
-
-
 def _draw_triangles(
-    canvas: NDArray[np.uint8], view: _View, points: Array, triangles: NDArray[np.int32]
+    canvas: NDArray[np.uint8], view: View, points: Array, triangles: NDArray[np.int32]
 ) -> None:
     """Draw from the back to the front, darker the more a triangle is turned away."""
     corners = points[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
-    facing = np.abs(normals[:, view.toward]) / np.maximum(lengths, 1e-30)
-    order = np.argsort(view.depth(corners.mean(axis=1)))
-    flat = view.onto(points)
-    for k in order:
-        light = 0.35 + 0.6 * float(facing[k])
-        colour = tuple(round(light * (255 + c) / 2) for c in LINE_COLOUR)
+    facing = np.abs(normals[:, view.side.toward]) / np.maximum(lengths, 1e-30)
+    light = 0.35 + 0.6 * facing[:, None]
+    colours = np.rint(light * (255 + np.array(LINE_COLOUR)) / 2).astype(int).tolist()
+    flat = view.project(points)
+    for k in np.argsort(view.depth(corners.mean(axis=1))):
         outline = paper.fixed_point(flat[triangles[k]])
-        cv2.fillConvexPoly(canvas, outline, colour, cv2.LINE_AA, paper.SHIFT)
+        cv2.fillConvexPoly(canvas, outline, colours[k], cv2.LINE_AA, paper.SHIFT)
         if len(triangles) <= MAX_OUTLINED:
             cv2.polylines(canvas, [outline], True, LINE_COLOUR, 1, cv2.LINE_AA, paper.SHIFT)
 
 
-def _draw_marks(sheet: Paper, box: Box, view: _View, shown: SheetInput) -> None:
-    """The markers and the findings that have a place, with captions."""
-    left, top = round(box.left), round(box.top)
-    part = sheet.canvas[top : top + VIEW_PX, left : left + VIEW_PX]
-    places = [(marker.label, marker.place) for marker in shown.markers]
-    for number, finding in enumerate(shown.findings, 1):
+def _draw_marks(sheet: Paper, box: Box, view: View, content: SheetInput) -> None:
+    """Draw the markers and the findings that have a place, with captions."""
+    x, y = round(box.x), round(box.y)
+    part = sheet.canvas[y : y + VIEW_PX, x : x + VIEW_PX]
+    captions = []
+    places = []
+    for marker in content.markers:
+        captions.append(marker.label)
+        places.append(marker.place)
+    for number, finding in enumerate(content.findings, 1):
         if finding.place_m is not None:
-            places.append((f"F{number}", np.array(finding.place_m)))
+            captions.append(f"F{number}")
+            places.append(np.array(finding.place_m))
+    if not places:
+        return
     keep = np.zeros((VIEW_PX, VIEW_PX), np.uint8)
-    keep[VIEW_PX - 70 :, : VIEW_PX // 2] = 1  # the scale stands here
-    drawn = [view.onto(place[None])[0] for _, place in places]
-    for at in drawn:
-        paper.draw_disc(part, at, 11, WHITE, 5)
-        paper.draw_disc(part, at, 11, BLACK, 2)
-        paper.draw_disc(keep, at, 14, 1)
+    keep[VIEW_PX - 70 :, : VIEW_PX // 2] = 1  # The scale stands here.
+    drawn = view.project(np.array(places))
+    for place in drawn:
+        paper.draw_disc(part, place, 11, WHITE, 5)
+        paper.draw_disc(part, place, 11, BLACK, 2)
+        paper.draw_disc(keep, place, 14, 1)
     labeller = Labeller(keep > 0)
-    for (words, _), at in zip(places, drawn, strict=True):
-        draw_tag(sheet, part, box, labeller, at, words)
+    for words, place in zip(captions, drawn, strict=True):
+        draw_tag(sheet, part, box, labeller, place, words)
 
 
 def draw_tag(
@@ -160,35 +183,33 @@ def draw_tag(
     part: NDArray[np.uint8],
     box: Box,
     labeller: Labeller,
-    at: Array,
+    point: Array,
     words: str,
     *,
     is_dark: bool = False,
 ) -> None:
-    """Write a caption in a small plate beside its point, where there is room for one."""
-    shown = paper.shortened(words, 220, TAG)
-    width, height = round(TAG.width_of(shown)) + 12, TAG.line_height + 2
-    place = labeller.place(at, width, height)
+    """Write a caption in a small plate close to its point, if there is a place for one."""
+    words = paper.shortened(words, 220, TAG)
+    width, height = round(TAG.width_of(words)) + 12, TAG.line_height + 2
+    place = labeller.place(point, width, height)
     if place is None:
         return
     paper.draw_cased(part, place.leader, BLACK, 1)
-    ground, letters = (BLACK, WHITE) if is_dark else (WHITE, BLACK)
-    plate = part[place.top : place.top + height, place.left : place.left + width]
+    ground, letters = WHITE, BLACK
+    if is_dark:
+        ground, letters = BLACK, WHITE
+    plate = part[place.y : place.y + height, place.x : place.x + width]
     plate[:] = BLACK
     plate[2:-2, 2:-2] = ground
-    sheet.text(box.left + place.left + 6, box.top + place.top + 1, shown, TAG, letters)
+    sheet.text(box.x + place.x + 6, box.y + place.y + 1, words, TAG, letters)
 
 
 def _draw_scale(sheet: Paper, box: Box, scale: float, frame: str) -> None:
-    unit, per_metre = ("px", 1.0) if frame == "image" else ("mm", 1e3)
+    unit, per_metre = "mm", 1e3
+    if frame == "image":
+        unit, per_metre = "px", 1.0
     length = nice_length(160 / scale * per_metre)
     across = length / per_metre * scale
-    left, low = box.left + 16, box.bottom - 18
-    paper.draw_line(sheet.canvas, np.array([[left, low], [left + across, low]]), BLACK, 4)
-    sheet.text(left, low - 8 - SMALL.line_height, f"{length:g} {unit}", SMALL)
-
-
-def nice_length(longest: float) -> float:
-    """1, 2 or 5 times a power of ten, at most `longest`: the length of a scale bar."""
-    power = 10.0 ** np.floor(np.log10(longest))
-    return float(max(power * n for n in (1, 2, 5) if power * n <= longest))
+    x, y = box.x + 16, box.bottom - 18
+    paper.draw_line(sheet.canvas, np.array([[x, y], [x + across, y]]), BLACK, 4)
+    sheet.text(x, y - 8 - SMALL.line_height, f"{length:g} {unit}", SMALL)
