@@ -79,16 +79,19 @@ def _page(
     from vfplan.review.session import Session
     from vfplan.review.source import settings_of
 
-    if given["curve"] is not None:
-        raise click.UsageError("--curve has no effect on the page; review the bundle made with it")
     if given["case"] and given["key"] is None:
         raise click.UsageError("--case belongs to a signature; give --key too")
     reading = options.settings(ExtractSettings, given)
     settings = settings_of(reading, options.fixture_settings(given))
-    files = {"source": source, "markers": markers, "markers2": markers2, "slice": slice_}
+    files = {
+        "source": source, "markers": markers, "markers2": markers2, "slice": slice_,
+        "curve": given["curve"],
+    }  # fmt: skip
     draft = Draft(draft_path(output), files, settings)
     with patience(f"opening {source.name}"):
-        session = Session.open(source, markers, markers2, slice=slice_, **settings)
+        session = Session.open(
+            source, markers, markers2, slice=slice_, curve=given["curve"], **settings
+        )
         session = draft.take_up(session)
     server = ReviewServer(
         session, draft, port=given["port"], by=given["by"], signs=given["key"] is not None

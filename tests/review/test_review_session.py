@@ -371,7 +371,7 @@ class Review(RuleBasedStateMachine):
             count = len(stroke.points)
             assert np.isfinite(stroke.points).all()
             assert np.isfinite(stroke.sigma).all()
-            for flags in (stroke.sigma, stroke.bridged, stroke.edited, stroke.seen):
+            for flags in (stroke.sigma, stroke.bridged, stroke.edited, stroke.viewed):
                 assert len(flags) == count
             assert len(stroke.knots) >= 2
             assert (np.diff(stroke.knots) > 0).all()

@@ -5,7 +5,6 @@ Whatever ends the program, the next call with the same files takes the review up
 
 from __future__ import annotations
 
-import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from vfplan.errors import InputError, SettingError
 from vfplan.io.files import read_whole
 from vfplan.io.staging import write_whole
 from vfplan.review.session import Session
+from vfplan.review.source import sha256_of
 
 FORMAT = "vfplan-draft"
 VERSION = "1.0"
@@ -29,22 +29,29 @@ class Draft:
     path
         Where it is kept.
     files
-        Role ("source", "markers", "markers2", "slice") -> the file of the review.
+        Role ("source", "markers", "markers2", "slice", "curve") -> the file of the review.
     settings
         The settings of the review, by name.
     """
 
     def __init__(self, path: Path, files: dict[str, Path | None], settings: dict[str, Any]) -> None:
         self.path = path
-        self._about = {
+        sha256 = {}
+        for role, file in files.items():
+            if file is not None:
+                sha256[role] = sha256_of(file)
+        texts = {}
+        for name, value in sorted(settings.items()):
+            texts[name] = repr(value)
+        self._header = {
             "format": FORMAT,
             "version": VERSION,
-            "sha256": {role: _sha256(file) for role, file in files.items() if file is not None},
-            "settings": {name: repr(value) for name, value in sorted(settings.items())},
+            "sha256": sha256,
+            "settings": texts,
         }
 
     def take_up(self, session: Session) -> Session:
-        """The session with the draft's steps applied; as it is where there is no draft.
+        """The session with the draft's steps applied; as it is if there is no draft.
 
         Raises
         ------
@@ -55,22 +62,26 @@ class Draft:
         if not self.path.exists():
             return session
         where = str(self.path)
-        away = f"Move {self.path.name} away to begin anew."
+        advice = f"Move {self.path.name} away to begin anew."
         text = read_whole(self.path, MAX_BYTES, InputError)
         try:
             draft = json.loads(text)
             steps, undone = draft["steps"], draft["undone"]
-            known = {name: draft[name] for name in self._about}
+            header = {name: draft[name] for name in self._header}
             if not isinstance(steps, list) or not isinstance(undone, list):
                 raise TypeError
         except (ValueError, KeyError, TypeError, RecursionError):
             raise InputError(
-                f"is no draft of a review. {away}", where=where, code="no-draft"
+                f"This is no draft of a review. {advice}", where=where, code="no-draft"
             ) from None
-        if known != self._about:
-            what = "other files" if known["sha256"] != self._about["sha256"] else "other settings"
+        if header != self._header:
+            what = "other settings"
+            if header["sha256"] != self._header["sha256"]:
+                what = "other files"
             raise InputError(
-                f"is the draft of a review with {what}. {away}", where=where, code="another-draft"
+                f"This is the draft of a review with {what}. {advice}",
+                where=where,
+                code="another-draft",
             )
         try:
             for step in steps:
@@ -80,16 +91,16 @@ class Draft:
                 after = after.apply(step)
         except SettingError as error:
             raise InputError(
-                f"holds a step that does not fit: {error.message}. {away}",
+                f"The draft holds a step that does not fit. {error.message} {advice}",
                 where=where,
                 code="draft-does-not-fit",
             ) from None
         return session.with_undone(undone)
 
     def keep(self, session: Session) -> None:
-        """Write the session's steps; raises `OutputError` where that fails."""
+        """Write the session's steps; raises `OutputError` if that fails."""
         steps = {"steps": list(session.steps), "undone": list(session.undone)}
-        text = json.dumps(self._about | steps, indent=0)
+        text = json.dumps(self._header | steps, indent=0)
         write_whole(self.path, [text.encode()], overwrite=True, mode=0o600)
 
     def discard(self) -> None:
@@ -100,7 +111,3 @@ class Draft:
 def draft_path(output: Path) -> Path:
     """Where the draft of an output is kept."""
     return output.with_name(f"{output.name}.draft.json")
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(read_whole(path, 2**31 - 1, InputError)).hexdigest()

@@ -13,6 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.curve.coverage import find_ink
+from vfplan.curve.pen import Pen
+from vfplan.curve.region import Box, Region
 from vfplan.review.paths import arc_length, evenly, normals
 
 HUE_GATE_DEG = 32.0
@@ -20,12 +23,6 @@ HUE_GATE_DEG = 32.0
 
 CHROMA_FLOOR = 18.0
 """Grey levels (0 to 255) of colour below which nothing is ink: JPEG's noise reaches 12."""
-
-LOCAL_PX = 15
-"""Side [px] of the square whose strongest ink sets the threshold; wider than a pen's edge."""
-
-MIN_INK_PX = 12
-"""Area [px] below which ink is a speck and no part of a line."""
 
 MIN_LINE_PX = 20.0
 """Length [px] from which ink counts as a line, as in `vfplan extract`."""
@@ -51,8 +48,16 @@ VALLEY = 0.2
 NEARBY_POINTS = 41
 """Points along a line whose median width is the usual one there; longer than a branch's mouth."""
 
-CORRELATED = 5.0
-"""Factor: JPEG's noise hangs together along a line, so that smoothing takes less of it away."""
+CORRELATED = 20.0
+"""Factor by which independent noise understates the deviation in JPEG, at most: JPEG's errors hang
+together over a block of 8 or, in colour, 16 pixels. It keeps a clean line's deviation small where
+the hand's own bends would count as errors.
+"""
+
+TREND_POINTS = 41
+"""Points (odd) over which a cubic follows the line, to see errors that hang together: two and a
+half blocks of JPEG's colour. A hand's bends are longer.
+"""
 
 WIDER = 1.25
 """Of the pen's width: where the ink is wider, other ink joins the line."""
@@ -65,12 +70,6 @@ BRANCH_SIGMA_PX = 0.3
 
 ROUND_END = 0.4
 """Of the pen's width, from half of the ink's fall back to the pen's centre, at a round end."""
-
-MAX_WAYS = 9
-"""How many ways through a forked line are offered at most: one digit chooses among them."""
-
-MAX_FREE_ENDS = 12
-"""Free ends of a forked line beyond which it is writing, through which no way is offered."""
 
 
 @dataclass(frozen=True)
@@ -106,53 +105,50 @@ class Ink:
     ----------
     rgb
         (H, W, 3) uint8 or uint16, red first.
-    colour_rgb
-        (3,) the pen's nominal colour, 0 to 255.
-    boxes
+    colour
+        The pen: a CSS colour name or `#rrggbb`.
+    exclude
         (u, v, width, height) [px] each: ink in them does not count.
+    roi
+        (u, v, width, height) [px]: only ink in it counts; `None` for the whole slice.
     """
 
     def __init__(
         self,
         rgb: NDArray,
-        colour_rgb: NDArray,
-        boxes: tuple[tuple[int, int, int, int], ...] = (),
+        colour: str,
+        exclude: tuple[Box, ...] = (),
+        roi: Box | None = None,
     ) -> None:
         self.rgb = rgb
-        self.boxes = boxes
-        self._colour = colour_rgb
-        self._scale = 255.0 / np.iinfo(rgb.dtype).max
-        chroma = np.asarray(colour_rgb, float) - np.mean(colour_rgb)
-        self._along = chroma / np.linalg.norm(chroma)
-        self._across = np.cross(np.ones(3), self._along) / np.sqrt(3.0)
+        self.colour = colour
+        self.roi = roi
+        self._pen = Pen.of_colour(colour)
+        self._region = Region.of(roi, exclude, rgb.shape)
 
-    def without(self, boxes: tuple[tuple[int, int, int, int], ...]) -> Ink:
+    def without(self, exclude: tuple[Box, ...]) -> Ink:
         """The same ink but for what lies in the boxes."""
-        return Ink(self.rgb, self._colour, boxes)
+        return Ink(self.rgb, self.colour, exclude, self.roi)
+
+    @cached_property
+    def mask(self) -> NDArray[np.bool_]:
+        """(H, W) bool, the pixels that are ink, as `vfplan extract` has them."""
+        return find_ink(self.rgb, self._pen, self._region).mask
 
     @cached_property
     def score(self) -> NDArray[np.uint8]:
         """(H, W) how strongly each pixel shows the pen's colour, 0 to 255; grey shows none."""
+        picture = self.rgb
+        if picture.dtype != np.uint8:
+            picture = cv2.convertScaleAbs(picture, alpha=255.0 / np.iinfo(picture.dtype).max)
+        # Of a pixel within the hue gate both parts are positive; below 0 the bytes stay at 0.
         slope = 1.0 / np.tan(np.radians(HUE_GATE_DEG))
-        rows = np.array([self._along - slope * self._across, self._along + slope * self._across])
-        parts = cv2.transform(self._bytes, rows)  # saturates: what is below 0 becomes 0
+        along, across = self._pen.along, self._pen.across
+        rows = np.array([along - slope * across, along + slope * across])
+        parts = cv2.transform(picture, rows)
         score = np.minimum(parts[..., 0], parts[..., 1])
-        for u, v, width, height in self.boxes:
-            score[max(v, 0) : max(v + height, 0), max(u, 0) : max(u + width, 0)] = 0
+        self._region.clear_outside(score, (slice(0, score.shape[0]), slice(0, score.shape[1])))
         return score
-
-    @cached_property
-    def _bytes(self) -> NDArray[np.uint8]:
-        if self.rgb.dtype == np.uint8:
-            return self.rgb
-        return cv2.convertScaleAbs(self.rgb, alpha=self._scale)
-
-    @cached_property
-    def mask(self) -> NDArray[np.bool_]:
-        """(H, W) bool, the pixels that are ink: above half of the strongest ink nearby."""
-        smooth = cv2.GaussianBlur(self.score, (0, 0), 0.8)
-        strongest = cv2.dilate(smooth, np.ones((LOCAL_PX, LOCAL_PX), np.uint8))
-        return (smooth > CHROMA_FLOOR) & (smooth > strongest // 2)
 
     @cached_property
     def strength(self) -> float:
@@ -255,10 +251,12 @@ class Ink:
             points = points + smooth[:, None] * normals(points, closed)
             points, passed = _past_branches(points, joined, alone)
             has_ink = alone | passed
+        # Independent noise of this scatter would leave a deviation of `averaged` after smoothing.
         scatter = offset[alone] - smooth[alone]
         noise = 1.4826 * float(np.median(np.abs(scatter)))
-        averaged = CORRELATED * noise / np.sqrt(2.0 * np.sqrt(np.pi) * SMOOTH_PX)
-        sigma = np.full(len(points), np.hypot(averaged, INK_SIGMA_PX))
+        averaged = noise / np.sqrt(2.0 * np.sqrt(np.pi) * SMOOTH_PX)
+        deviation = min(_trend_scatter(points, alone, closed), CORRELATED * averaged)
+        sigma = np.full(len(points), np.hypot(deviation, INK_SIGMA_PX))
         sigma[passed] = BRANCH_SIGMA_PX
         return Measured(points, sigma, has_ink)
 
@@ -404,6 +402,29 @@ def _part(line: Measured, start: float, stop: float) -> Measured:
     return Measured(points, line.sigma[nearest], line.has_ink[nearest])
 
 
+def _trend_scatter(points: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> float:
+    """Deviation [px] of a line from a cubic that follows it; errors of a few pixels' length show.
+
+    What a hand bends within `TREND_POINTS` counts too, so that this is too large for a clean line.
+    """
+    from scipy.ndimage import convolve1d
+
+    half = TREND_POINTS // 2
+    # The value in the middle of the cubic that fits the points best (Savitzky and Golay, 1964).
+    kernel = np.linalg.pinv(np.vander(np.linspace(-1.0, 1.0, TREND_POINTS), 4))[-1]
+    known = has_ink.copy()
+    mode = "wrap"
+    if not closed:
+        mode = "nearest"
+        known[:half] = False
+        known[-half:] = False
+    if np.count_nonzero(known) < half:
+        return np.inf
+    trend = convolve1d(points, kernel, axis=0, mode=mode)
+    across = ((points - trend) * normals(points, closed)).sum(axis=1)
+    return float(np.sqrt(np.mean(across[known] ** 2)))
+
+
 def _past_branches(
     points: NDArray, joined: NDArray[np.bool_], alone: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -442,93 +463,3 @@ def _carried_on(path: NDArray, before_px: float, after_px: float) -> NDArray[np.
     head = np.arange(1.0, before_px + 1.0)[::-1, None] * back + path[0]
     tail = np.arange(1.0, after_px + 1.0)[:, None] * heading + path[-1]
     return np.vstack([head, path, tail])
-
-
-@dataclass(frozen=True, eq=False)
-class Way:
-    """A way that a curve may take over the ink.
-
-    Parameters
-    ----------
-    path
-        (M, 2) skeleton pixels (u, v) in order.
-    closed
-        Whether the last pixel joins the first.
-    """
-
-    path: NDArray[np.float64]
-    closed: bool
-
-    @property
-    def length_px(self) -> float:
-        """Length along the path, less the 5 % by which a staircase is longer than its line."""
-        return float(arc_length(self.path, self.closed)[-1]) / 1.05
-
-
-def ways_through(mask: NDArray[np.bool_]) -> tuple[list[Way], list[tuple[float, float]]]:
-    """The ways through one connected piece of ink, the longest first, and where it forks.
-
-    A line has one way, from end to end, or around. A forked line has one for each pair of its free
-    ends.
-    """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import dijkstra
-    from skimage.morphology import skeletonize
-
-    bone = skeletonize(np.pad(mask, 1), method="lee") > 0
-    rows, columns = np.nonzero(bone)
-    if len(rows) < 2:
-        return [], []
-    number = np.full(bone.shape, -1)
-    number[rows, columns] = np.arange(len(rows))
-    pairs = []
-    lengths = []
-    for dv, du in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        there = number[rows + dv, columns + du]
-        keep = there >= 0
-        if dv and du:  # the corner of a staircase is no fork
-            keep &= (number[rows + dv, columns] < 0) & (number[rows, columns + du] < 0)
-        pairs.append(np.column_stack([np.flatnonzero(keep), there[keep]]))
-        lengths.append(np.full(keep.sum(), np.hypot(dv, du)))
-    edges = np.concatenate(pairs)
-    count = len(rows)
-    degree = np.bincount(edges.ravel(), minlength=count)
-    graph = coo_matrix((np.concatenate(lengths), edges.T), shape=(count, count)).tocsr()
-    pixels = np.column_stack([columns, rows]) - 1.0
-    forks = [tuple(place) for place in pixels[degree > 2].tolist()]
-    ends = np.flatnonzero(degree == 1)
-    if not len(ends):
-        return _around(graph, pixels, edges), forks
-    if len(ends) > MAX_FREE_ENDS:
-        return [], forks
-    distance, before = dijkstra(graph, directed=False, indices=ends, return_predecessors=True)
-    ways = []
-    for i, start in enumerate(ends):
-        for stop in ends[i + 1 :]:
-            if not np.isfinite(distance[i, stop]):
-                continue
-            path = [stop]
-            while path[-1] != start:
-                path.append(before[i, path[-1]])
-            ways.append(Way(pixels[path[::-1]], False))
-    ways.sort(key=lambda way: -way.length_px)
-    return ways[:MAX_WAYS], forks
-
-
-def _around(graph, pixels: NDArray, edges: NDArray) -> list[Way]:
-    """The one way around a ring: cut beside a pixel, and walked the other way round."""
-    from scipy.sparse.csgraph import dijkstra
-
-    cut = graph.tolil()
-    start, stop = edges[0]
-    cut[start, stop] = 0
-    cut[stop, start] = 0
-    cut = cut.tocsr()
-    cut.eliminate_zeros()
-    distance, before = dijkstra(cut, directed=False, indices=start, return_predecessors=True)
-    if not np.isfinite(distance[stop]):
-        return []
-    path = [stop]
-    while path[-1] != start:
-        path.append(before[path[-1]])
-    return [Way(pixels[path], True)]

@@ -1,9 +1,14 @@
-"""The markers of a review, and what the registration says of them."""
+"""The markers of a review, and what the registration says of them.
+
+A marker is shown on the slice. Markers that were given in the patient's frame are shown where they
+project onto a DICOM slice; each keeps its distance from it when it is moved.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SettingError, VfplanError
+from vfplan.images.read import PlannedImage
 from vfplan.markers import Correspondences, read_markers
 from vfplan.planning import FixtureSettings
 from vfplan.registration import Registration, fit_registration
@@ -23,16 +29,42 @@ from vfplan.registration import Registration, fit_registration
 MIN_MARKERS = 3
 """Markers that determine a transform from a plane into space."""
 
+BOUND_PLACES = 50
+"""Places along a curve at which its bound is computed: a bound bends slowly."""
+
+SLICER_SCHEMA = (
+    "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/"
+    "Schema/markups-schema-v1.0.3.json#"
+)
+"""Name of the format of Slicer's files; nothing is fetched from there."""
+
 
 @dataclass(frozen=True)
 class Marker:
-    """One marker: where it is on the slice [px] and in front of the robot [m], as far as known."""
+    """One marker, as far as it is known.
+
+    Parameters
+    ----------
+    label
+        Its name.
+    place_px
+        (u, v) on the slice.
+    target_m
+        (x, y, z) in front of the robot.
+    sigma_m
+        Standard deviations of the target: none, one, or one an axis.
+    is_used
+        Whether the registration rests on it.
+    depth_m
+        Distance from the slice's plane, for markers of the patient's frame.
+    """
 
     label: str
     place_px: tuple[float, float] | None = None
     target_m: tuple[float, float, float] | None = None
     sigma_m: tuple[float, ...] = ()
     is_used: bool = True
+    depth_m: float = 0.0
 
     @property
     def is_whole(self) -> bool:
@@ -51,125 +83,179 @@ class Fit:
     settings
         The model, the weights and the gates.
     pixel_spacing_mm
-        Of the slice (along u, along v); `None` when nobody knows.
+        Of the slice (along u, along v); `None` if nobody knows.
+    T_patient_image
+        (3, 3) from [u v 1] to the patient's frame [m], if the markers are given there; else `None`.
     """
 
     markers: tuple[Marker, ...]
     settings: FixtureSettings
     pixel_spacing_mm: tuple[float, float] | None = None
+    T_patient_image: NDArray[np.float64] | None = None
 
     @property
     def used(self) -> tuple[Marker, ...]:
         """Those that the registration rests on."""
         return tuple(marker for marker in self.markers if marker.is_used and marker.is_whole)
 
-    @cached_property
-    def _fitted(self) -> tuple[Registration | None, str]:
-        used = self.used
-        if len(used) < MIN_MARKERS:
-            return (
-                None,
-                f"{len(used)} markers are whole and in use; at least {MIN_MARKERS} are needed",
-            )
-        sigmas = [marker.sigma_m for marker in used]
-        same = len({len(sigma) for sigma in sigmas}) == 1
-        sigma = np.squeeze(np.array(sigmas), -1 if len(sigmas[0]) == 1 else ()) if same else None
-        spacing = self.pixel_spacing_mm
-        try:
-            fitted = fit_registration(
-                np.array([marker.place_px for marker in used]),
-                np.array([marker.target_m for marker in used]),
-                model=self.settings.model,
-                robust=self.settings.robust,
-                labels=[marker.label for marker in used],
-                pixel_spacing=spacing and (1e-3 * spacing[0], 1e-3 * spacing[1]),
-                sigma=sigma if same and sigmas[0] else None,
-                seen_from=self.settings.seen_from,
-            )
-        except VfplanError as error:
-            return None, error.message
-        return fitted, ""
-
     @property
     def registration(self) -> Registration | None:
-        """The transform from the slice to the robot; `None` where the markers give none."""
+        """The transform to the robot's frame; `None` if the markers give none."""
         return self._fitted[0]
 
     @property
     def why_not(self) -> str:
-        """Why there is no registration; empty where there is one."""
+        """Why there is no registration; empty if there is one."""
         return self._fitted[1]
+
+    @cached_property
+    def _fitted(self) -> tuple[Registration | None, str]:
+        used = self.used
+        if len(used) < MIN_MARKERS:
+            text = f"{len(used)} markers are whole and in use. At least {MIN_MARKERS} are needed."
+            return None, text
+        spacing_m = None
+        if self.pixel_spacing_mm is not None and self.T_patient_image is None:
+            spacing_m = (1e-3 * self.pixel_spacing_mm[0], 1e-3 * self.pixel_spacing_mm[1])
+        places = np.array([marker.place_px for marker in used])
+        depths = np.array([marker.depth_m for marker in used])
+        try:
+            registration = fit_registration(
+                self.to_source(places, depths),
+                np.array([marker.target_m for marker in used]),
+                model=self.settings.model,
+                robust=self.settings.robust,
+                labels=[marker.label for marker in used],
+                pixel_spacing=spacing_m,
+                sigma=_common_sigma(used),
+                seen_from=self.settings.seen_from,
+            )
+        except VfplanError as error:
+            return None, error.message
+        return registration, ""
+
+    def to_source(self, places: NDArray, depth_m: NDArray | float = 0.0) -> NDArray[np.float64]:
+        """Places on the slice (M, 2) [px] in the markers' frame: (M, 2) [px] or (M, 3) [m]."""
+        places = np.asarray(places, float).reshape(-1, 2)
+        if self.T_patient_image is None:
+            return places
+        normal = np.cross(self.T_patient_image[:, 0], self.T_patient_image[:, 1])
+        normal /= np.linalg.norm(normal)
+        on_slice = np.column_stack([places, np.ones(len(places))]) @ self.T_patient_image.T
+        depths = np.broadcast_to(depth_m, len(places))
+        return on_slice + depths[:, None] * normal
+
+    @property
+    def metres_per_step(self) -> NDArray[np.float64] | None:
+        """(3, 2) where a step of a pixel along u and along v leads in front of the robot [m]."""
+        if self.registration is None:
+            return None
+        linear = self.registration.T_target_source[:3, :-1]
+        if self.T_patient_image is None:
+            return linear
+        return linear[:, :3] @ self.T_patient_image[:, :2]
 
     @cached_property
     def mm_per_px(self) -> float | None:
         """How long a pixel is in front of the robot, or by the file's pixel spacing."""
-        if self.registration is not None:
-            axes = self.registration.T_target_source[:, :2]
-            return 1e3 * float(np.sqrt(np.prod(np.linalg.norm(axes, axis=0))))
+        steps = self.metres_per_step
+        if steps is not None:
+            return 1e3 * float(np.sqrt(np.prod(np.linalg.norm(steps, axis=0))))
         if self.pixel_spacing_mm is None:
             return None
         return float(np.sqrt(self.pixel_spacing_mm[0] * self.pixel_spacing_mm[1]))
 
     def tre95_m(self, points: NDArray) -> float | None:
         """The 95 % bound of the registration error over a whole curve (M, 2) [px]."""
-        if self.registration is None or not len(points):
+        if self.registration is None or len(points) == 0:
             return None
-        # A bound bends slowly: fifty places show its largest value.
-        sample = points[:: max(1, len(points) // 50)]
+        sample = self.to_source(points[:: max(1, len(points) // BOUND_PLACES)])
         bound = float(np.max(self.registration.tre95_curve_m(sample)))
-        return bound if np.isfinite(bound) else None
+        if not np.isfinite(bound):
+            return None
+        return bound
 
     def describe(self) -> list[dict[str, Any]]:
         """Each marker with its residual, as the page shows it."""
-        fitted = self.registration
-        loo = {}
-        if fitted is not None:
-            for label, value in zip(fitted.labels, fitted.loo_m, strict=True):
-                loo[label] = float(value) if np.isfinite(value) else None
-        return [self._describe(marker, fitted, loo) for marker in self.markers]
-
-    def _describe(
-        self, marker: Marker, fitted: Registration | None, loo: dict[str, float | None]
-    ) -> dict[str, Any]:
-        shown: dict[str, Any] = {
-            "label": marker.label,
-            "place_px": None if marker.place_px is None else list(marker.place_px),
-            "target_m": None if marker.target_m is None else list(marker.target_m),
-            "used": marker.is_used,
-            "residual_m": None,
-            "residual_px": None,
-            "loo_m": loo.get(marker.label) if marker.is_used else None,
-        }
-        if fitted is None or not marker.is_whole:
-            return shown
-        matrix = fitted.T_target_source
-        reached = matrix @ [*marker.place_px, 1.0]
-        miss = np.array(marker.target_m) - reached
-        shown["residual_m"] = float(np.linalg.norm(miss))
-        shown["residual_px"] = (np.linalg.pinv(matrix[:, :2]) @ miss).tolist()
-        return shown
-
-    def table(self) -> str:
-        """The markers in use as a CSV that every command reads."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        used = self.used
-        width = min((len(marker.sigma_m) for marker in used), default=0)
-        names = {0: [], 1: ["sigma_m"], 3: ["sigma_x_m", "sigma_y_m", "sigma_z_m"]}[width]
-        writer.writerow(["label", "u_px", "v_px", "x_m", "y_m", "z_m", *names])
-        for marker in used:
-            sigma = marker.sigma_m[:width]
-            numbers = [*marker.place_px, *marker.target_m, *sigma]
-            writer.writerow([marker.label, *(repr(float(x)) for x in numbers)])
-        return text.getvalue()
+        registration, steps = self.registration, self.metres_per_step
+        left_out = {}
+        if registration is not None:
+            left_out = dict(zip(registration.labels, registration.loo_m.tolist(), strict=True))
+        rows = []
+        for marker in self.markers:
+            row: dict[str, Any] = {
+                "label": marker.label,
+                "place_px": None,
+                "target_m": None,
+                "used": marker.is_used,
+                "depth_m": marker.depth_m,
+                "residual_m": None,
+                "residual_px": None,
+                "loo_m": None,
+            }
+            rows.append(row)
+            if marker.place_px is not None:
+                row["place_px"] = list(marker.place_px)
+            if marker.target_m is not None:
+                row["target_m"] = list(marker.target_m)
+            if marker.is_used and np.isfinite(left_out.get(marker.label, np.nan)):
+                row["loo_m"] = left_out[marker.label]
+            if registration is not None and marker.is_whole:
+                reached = registration.apply(self.to_source(marker.place_px, marker.depth_m))[0]
+                residual = np.array(marker.target_m) - reached
+                row["residual_m"] = float(np.linalg.norm(residual))
+                row["residual_px"] = (np.linalg.pinv(steps) @ residual).tolist()
+        return rows
 
     @contextmanager
-    def as_file(self) -> Iterator[Path]:
-        """A file with the markers in use, for as long as the block runs."""
+    def as_files(self) -> Iterator[tuple[Path, Path | None]]:
+        """One or two files with the markers in use, for as long as the block runs."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "markers.csv"
             path.write_text(self.table(), encoding="utf-8")
-            yield path
+            if self.T_patient_image is None:
+                yield path, None
+                return
+            source = Path(folder) / "markers.mrk.json"
+            source.write_text(self._slicer_file(), encoding="utf-8")
+            yield source, path
+
+    def table(self) -> str:
+        """The markers in use as a CSV that every command reads."""
+        used = self.used
+        on_slice = self.T_patient_image is None
+        width = min((len(marker.sigma_m) for marker in used), default=0)
+        names = ["label"]
+        if on_slice:
+            names += ["u_px", "v_px"]
+        names += ["x_m", "y_m", "z_m"]
+        if width == 1:
+            names += ["sigma_m"]
+        elif width == 3:
+            names += ["sigma_x_m", "sigma_y_m", "sigma_z_m"]
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(names)
+        for marker in used:
+            numbers = [*marker.target_m, *marker.sigma_m[:width]]
+            if on_slice:
+                numbers = [*marker.place_px, *numbers]
+            writer.writerow([marker.label, *map(repr, map(float, numbers))])
+        return text.getvalue()
+
+    def _slicer_file(self) -> str:
+        """The positions in the patient's frame as 3D Slicer stores them."""
+        points = []
+        for marker in self.used:
+            position = self.to_source(marker.place_px, marker.depth_m)[0].tolist()
+            points.append({"label": marker.label, "position": position})
+        markup = {
+            "type": "Fiducial",
+            "coordinateSystem": "LPS",
+            "coordinateUnits": "m",
+            "controlPoints": points,
+        }
+        return json.dumps({"@schema": SLICER_SCHEMA, "markups": [markup]})
 
     def index(self, name: Any) -> int:
         """A marker's place in the list by its label, or by its number from 0."""
@@ -178,8 +264,9 @@ class Fit:
         for number, marker in enumerate(self.markers):
             if marker.label == name:
                 return number
+        labels = ", ".join(marker.label for marker in self.markers)
         raise SettingError(
-            f"there is no marker {name!r}; there are {', '.join(m.label for m in self.markers)}",
+            f"There is no marker {name!r}. The markers are: {labels or 'none'}.",
             code="no-such-marker",
             numbers={"markers": len(self.markers)},
         )
@@ -195,34 +282,69 @@ class Fit:
         for number, marker in enumerate(self.markers):
             if marker.label == label and number != besides:
                 raise SettingError(
-                    f"there is a marker {label!r} already; each label may occur once",
+                    f"There is a marker {label!r} already. Give each its own label.",
                     code="label-exists",
                     numbers={"markers": len(self.markers)},
                 )
 
 
-def markers_of(pairs: Correspondences) -> tuple[Marker, ...]:
-    """The markers of a file, whose source is the slice.
+def _common_sigma(markers: tuple[Marker, ...]) -> NDArray[np.float64] | None:
+    """(N,) or (N, 3) standard deviations of the targets; `None` unless all markers have them."""
+    widths = {len(marker.sigma_m) for marker in markers}
+    if len(widths) != 1 or widths == {0}:
+        return None
+    sigma = np.array([marker.sigma_m for marker in markers])
+    if widths == {1}:
+        return sigma[:, 0]
+    return sigma
 
-    Raises `SettingError` where they are given in the patient's frame.
+
+def fit_of(pairs: Correspondences, image: PlannedImage, settings: FixtureSettings) -> Fit:
+    """The markers of a file on their slice.
+
+    Raises
+    ------
+    SettingError
+        Markers of the patient's frame, and a slice that does not say where it lies; or markers
+        whose other side is not the robot's.
     """
-    if pairs.source_frame != "image":
+    if pairs.target_frame != "robot_base":
         raise SettingError(
-            f"The markers are given in frame {pairs.source_frame!r}, and the page shows them on "
-            "the slice. Give them in pixels, or review the fixture that `vfplan plan` writes.",
-            code="markers-not-on-slice",
+            f"The second side of the markers is in {pairs.target_frame}, and the page reviews "
+            "plans for a robot. Give the positions in front of the robot as a table.",
+            code="markers-not-for-robot",
         )
+    place = None
+    depths = np.zeros(len(pairs.labels))
+    places = pairs.source
+    if pairs.source_frame != "image":
+        if image.T_patient_image is None:
+            raise SettingError(
+                "The markers are given in the patient's frame, and the slice does not say where "
+                "it lies there. Give the DICOM slice.",
+                code="slice-without-place",
+            )
+        place = image.T_patient_image[:3]
+        normal = np.cross(place[:, 0], place[:, 1])
+        normal /= np.linalg.norm(normal)
+        depths = (pairs.source - place[:, 2]) @ normal
+        places = (pairs.source - place[:, 2]) @ np.linalg.pinv(place[:, :2]).T
     markers = []
     for k, label in enumerate(pairs.labels):
-        sigma = () if pairs.sigma is None else tuple(np.atleast_1d(pairs.sigma[k]).tolist())
-        place = tuple(pairs.source[k].tolist())
-        markers.append(Marker(str(label), place, tuple(pairs.target[k].tolist()), sigma))
-    return tuple(markers)
+        sigma = ()
+        if pairs.sigma is not None:
+            sigma = tuple(np.atleast_1d(pairs.sigma[k]).tolist())
+        target = tuple(pairs.target[k].tolist())
+        marker = Marker(
+            str(label), tuple(places[k].tolist()), target, sigma, depth_m=float(depths[k])
+        )
+        markers.append(marker)
+    return Fit(tuple(markers), settings, image.pixel_spacing_mm, place)
 
 
-def markers_of_table(text: str) -> tuple[Marker, ...]:
+def pairs_of_table(text: str) -> Correspondences:
     """The markers of a pasted table; raises `MarkerError` as the reading of a file does."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "pasted.csv"
         path.write_text(text, encoding="utf-8")
-        return markers_of(read_markers(path))
+        return read_markers(path)

@@ -54,7 +54,7 @@ HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
 }
-KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
+MEDIA_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 
 
 class ReviewServer:
@@ -89,7 +89,6 @@ class ReviewServer:
         self._stale = threading.Event()
         self._stale.set()
         self._closing = False
-        self._picture = _png(session.source.image.rgb)
         self._server = Loopback(port, self._answer, self._talk, MAX_MESSAGE_BYTES)
         self._planner = threading.Thread(target=self._plan, daemon=True)
         self._planner.start()
@@ -150,25 +149,30 @@ class ReviewServer:
         self._server.close()
         self._planner.join()
 
-    # What is asked for by HTTP.
+    # Requests by HTTP.
 
     def _answer(self, connection: Any, request: Any) -> Any:
-        asked = urlsplit(request.path)
-        name = asked.path
+        address = urlsplit(request.path)
+        name = address.path
         if name in ("/steps", "/slice.png"):
-            token = parse_qs(asked.query).get("token", [""])[0]
+            query = parse_qs(address.query)
+            token = query.get("token", [""])[0]
             if not hmac.compare_digest(token.encode(), self.token.encode()):
                 return connection.respond(403, "the address lacks this review's token")
             if name == "/steps":
                 return None
-            return reply(connection, self._picture, "image/png", HEADERS)
+            rgb = self._session.source.image.rgb
+            window = _window_of(query, int(np.iinfo(rgb.dtype).max))
+            if window is None:
+                return connection.respond(400, "low and high are no greys of the slice")
+            return reply(connection, _png(rgb, *window), "image/png", HEADERS)
         page = _pages().get(name)
         if page is None:
             return connection.respond(404, "there is no such page")
         body, kind = page
         return reply(connection, body, kind, HEADERS)
 
-    # What is said by WebSocket.
+    # Messages by WebSocket.
 
     def _talk(self, connection: Any) -> None:
         from websockets.exceptions import ConnectionClosed
@@ -217,7 +221,7 @@ class ReviewServer:
         with self._lock:
             if message.get("version") != self._version:
                 raise SettingError(
-                    "the page showed an earlier state; look again, and repeat the step",
+                    "The page showed an earlier state. Look again, and repeat the step.",
                     code="stale-step",
                     numbers={"version": self._version},
                 )
@@ -237,16 +241,15 @@ class ReviewServer:
         self._send_all(self._quick())
         self._stale.set()
 
-    def _preview(self, asked: Any) -> dict[str, Any]:
+    def _preview(self, wish: Any) -> dict[str, Any]:
         """The registration as it would be with a marker elsewhere; nothing is changed."""
         from vfplan.review.steps import move_marker
 
-        if not isinstance(asked, dict):
-            raise SettingError("a preview names a marker and a place", code="step-malformed")
+        if not isinstance(wish, dict):
+            raise SettingError("A preview names a marker and a place.", code="step-malformed")
         session = self._session
-        state = move_marker(session, {**asked, "do": "move_marker"})
-        shown = session.marker_state(state.fit)
-        return {"preview": to_json_types(shown)}
+        state = move_marker(session, {**wish, "do": "move_marker"})
+        return {"preview": to_json_types(session.marker_state(state.fit))}
 
     def _quick(self) -> dict[str, Any]:
         with self._lock:
@@ -297,13 +300,26 @@ def _described(error: VfplanError) -> dict[str, Any]:
     return {"error": {"code": error.code, "message": str(error)}}
 
 
-def _png(rgb: np.ndarray) -> bytes:
-    """The slice as a PNG of 8 bits, as browsers show it."""
-    if rgb.dtype == np.uint16:
-        rgb = (rgb >> 8).astype(np.uint8)
+def _window_of(query: dict[str, list[str]], grey_max: int) -> tuple[int, int] | None:
+    """The greys that are asked for as black and as white; `None` for what is no window."""
+    low = query.get("low", ["0"])[0]
+    high = query.get("high", [str(grey_max)])[0]
+    if not (low.isascii() and low.isdigit() and high.isascii() and high.isdigit()):
+        return None
+    if len(low) > 6 or len(high) > 6 or not int(low) < int(high) <= grey_max:
+        return None
+    return int(low), int(high)
+
+
+def _png(rgb: np.ndarray, low: int, high: int) -> bytes:
+    """The slice as a PNG of 8 bits, as browsers show it, with its full depth between two greys."""
+    if (low, high) != (0, 255) or rgb.dtype != np.uint8:
+        greys = np.arange(np.iinfo(rgb.dtype).max + 1)
+        brightness = np.clip((greys - low) * (255.0 / (high - low)), 0, 255)
+        rgb = np.rint(brightness).astype(np.uint8)[rgb]
     # A low compression: the bytes do not leave this computer.
-    done, data = cv2.imencode(".png", rgb[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    assert done
+    encoded, data = cv2.imencode(".png", rgb[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    assert encoded
     return data.tobytes()
 
 
@@ -312,8 +328,8 @@ def _pages() -> dict[str, tuple[bytes, str]]:
     pages = {}
     for file in files("vfplan.review").joinpath("page").iterdir():
         suffix = file.name[file.name.rfind(".") :]
-        if suffix in KINDS:
-            pages[f"/{file.name}"] = (file.read_bytes(), f"{KINDS[suffix]}; charset=utf-8")
+        if suffix in MEDIA_TYPES:
+            pages[f"/{file.name}"] = (file.read_bytes(), f"{MEDIA_TYPES[suffix]}; charset=utf-8")
     pages["/"] = pages.pop("/index.html")
     pages["/palette.css"] = (_palette().encode(), "text/css; charset=utf-8")
     style = files("vfplan.report").joinpath("style.css").read_bytes()

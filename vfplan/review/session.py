@@ -21,7 +21,7 @@ from vfplan.errors import CheckFailed, SettingError, VfplanError
 from vfplan.findings import Finding
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
 from vfplan.planning import register
-from vfplan.review.geometry import Geometry, describe_way
+from vfplan.review.geometry import Geometry, describe_candidate
 from vfplan.review.markers import Fit
 from vfplan.review.source import Source, open_source
 
@@ -45,15 +45,15 @@ class State:
 
     geometry: Geometry
     fit: Fit
-    boxes: tuple[tuple[int, int, int, int], ...] = ()
+    exclude: tuple[tuple[int, int, int, int], ...] = ()
     # A finding's key -> who accepted it, and when.
     answers: dict[str, tuple[str | None, str]] = field(default_factory=dict)
-    # The plan of this state, once it is made; steps that do not touch the plan hand it on.
-    made: dict[str, Outcome] = field(default_factory=dict)
+    # Holds the plan of this state once there is one; steps that do not change it hand it on.
+    plan: dict[str, Outcome] = field(default_factory=dict)
 
     def changed(self, **changes: Any) -> State:
-        """The state with another curve, or other markers; its plan is to be made anew."""
-        return replace(self, made={}, **changes)
+        """The state with another curve, or other markers; it has no plan yet."""
+        return replace(self, plan={}, **changes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +73,7 @@ class Session:
         markers2: str | Path | None = None,
         *,
         slice: str | Path | None = None,  # noqa: A002 - the option's name
+        curve: str | Path | None = None,
         **settings: Any,
     ) -> Session:
         """Begin a review.
@@ -85,6 +86,8 @@ class Session:
             One file with both positions of each marker, or two joined by label.
         slice
             The slice that a bundle's curve was drawn on; its SHA-256 must be the bundle's.
+        curve
+            A curve that was drawn on the slice as vectors; the pen is then not looked for.
         **settings
             Fields of `ExtractSettings` and `FixtureSettings`, such as `pixel_spacing_mm`.
 
@@ -96,8 +99,8 @@ class Session:
         SettingError
             An unknown setting, or one outside its range.
         """
-        source = open_source(image, markers, markers2, slice, settings)
-        return cls(source, _states=(State(source.geometry, source.fit, source.boxes),))
+        source = open_source(image, markers, markers2, slice, curve, settings)
+        return cls(source, _states=(State(source.geometry, source.fit, source.exclude),))
 
     # Steps, and the way back.
 
@@ -111,7 +114,7 @@ class Session:
         """
         if len(self.steps) >= MAX_STEPS:
             raise SettingError(
-                f"the review has {MAX_STEPS} steps, the most allowed; approve it or start anew",
+                f"The review has {MAX_STEPS} steps and takes no more. Approve it or start anew.",
                 code="too-many-steps",
                 numbers={"steps": MAX_STEPS},
             )
@@ -123,18 +126,18 @@ class Session:
         if name == "answer":
             # The time belongs to the step: the draft shall give the same answer again.
             kept.setdefault("utc", next(reversed(state.answers.values()))[1])
+        undone: tuple[dict[str, Any], ...] = ()
+        if name == "viewed":
+            # A look takes nothing back, so what was undone can still be done again.
+            undone = self.undone
         return replace(
-            self,
-            steps=(*self.steps, kept),
-            # To look at the line takes nothing back, so what was undone can still be done again.
-            undone=self.undone if name == "viewed" else (),
-            _states=(*self._states, state),
+            self, steps=(*self.steps, kept), undone=undone, _states=(*self._states, state)
         )
 
     def undo(self) -> Session:
         """The session before the last step; what was merely looked at since is undone with it."""
         if not self.steps:
-            raise SettingError("there is no step to undo", code="nothing-to-undo")
+            raise SettingError("There is no step to undo.", code="nothing-to-undo")
         count = len(self.steps) - 1
         while count > 0 and self.steps[count]["do"] == "viewed":
             count -= 1
@@ -148,7 +151,7 @@ class Session:
     def redo(self) -> Session:
         """The session with the step that was undone last."""
         if not self.undone:
-            raise SettingError("there is no step to do again", code="nothing-to-redo")
+            raise SettingError("There is no step to do again.", code="nothing-to-redo")
         count = 1
         while count < len(self.undone) and self.undone[count]["do"] == "viewed":
             count += 1
@@ -183,17 +186,17 @@ class Session:
         elif self.outcome.why_not:
             reasons.append(self.outcome.why_not)
         for number, stroke in enumerate(state.geometry.strokes):
-            if not stroke.seen.all():
-                share = 1.0 - stroke.seen.mean()
+            if not stroke.viewed.all():
+                share = 1.0 - stroke.viewed.mean()
                 reasons.append(
                     f"{max(share, 0.01):.0%} of stroke {number + 1} was not in view yet at one "
                     "screen pixel a pixel or more."
                 )
-        open_doubts = sum(finding.is_open for finding in self.findings)
-        if open_doubts == 1:
+        unanswered = sum(finding.is_open for finding in self.findings)
+        if unanswered == 1:
             reasons.append("One finding wants an answer.")
-        elif open_doubts:
-            reasons.append(f"{open_doubts} findings want an answer.")
+        elif unanswered:
+            reasons.append(f"{unanswered} findings want an answer.")
         return reasons
 
     @property
@@ -204,81 +207,98 @@ class Session:
     @property
     def outcome(self) -> Outcome:
         """The plan as it stands, made once a state."""
-        made = self.current.made
-        if "plan" not in made:
-            made["plan"] = self._plan()
-        return made["plan"]
+        plan = self.current.plan
+        if "outcome" not in plan:
+            plan["outcome"] = self._plan()
+        return plan["outcome"]
 
     def state(self) -> dict[str, Any]:
         """All that the page shows, as JSON holds it."""
+        state = self.quick_state()
+        state["findings"] = [finding.as_dict() for finding in self.findings]
+        state["warnings"] = [finding.text for finding in self.findings]
         refusal = self.current.geometry.refusal
-        shown = self.quick_state()
-        shown["findings"] = [finding.as_dict() for finding in self.findings]
-        shown["warnings"] = [finding.text for finding in self.findings]
         if self.outcome.why_not and self.current.geometry.strokes:
-            shown["refusal"] = {
+            state["refusal"] = {
                 "code": self.outcome.code,
                 "text": self.outcome.why_not,
                 "place_px": None,
                 "stage": "register",
             }
         elif refusal is not None:
-            shown["refusal"] = {
+            state["refusal"] = {
                 "code": refusal.code,
                 "text": refusal.text,
-                "place_px": refusal.place_px and list(refusal.place_px),
+                "place_px": refusal.place_px,
                 "stage": "extract",
             }
-        shown["why_not"] = self.why_not
-        shown["approvable"] = not shown["why_not"]
-        return shown
+        state["why_not"] = self.why_not
+        state["approvable"] = not state["why_not"]
+        return state
 
     def quick_state(self) -> dict[str, Any]:
         """`state` without what takes the whole plan: findings, and whether it is approvable."""
-        geometry, fit = self.current.geometry, self.current.fit
-        account = []
-        for ink in geometry.account:
-            u, v = ink.place
-            account.append(
-                {
-                    "number": ink.number,
-                    "u": u,
-                    "v": v,
-                    "pixels": ink.pixels,
-                    "share": ink.share,
-                    "box": list(ink.box),
-                    "outline": ink.outline,
-                    "left_out": ink.place in geometry.left,
-                }
-            )
-        numbered = enumerate(geometry.candidates, 1)
-        return {
+        geometry = self.current.geometry
+        state: dict[str, Any] = {
             "image": self.source.describe(),
-            "curve_px": [stroke.points.round(4).tolist() for stroke in geometry.strokes],
-            "knots_px": [stroke.knots_px.round(4).tolist() for stroke in geometry.strokes],
-            "closed": [stroke.closed for stroke in geometry.strokes],
-            "sigma_px": [float(np.max(stroke.sigma)) for stroke in geometry.strokes],
-            "edited": [_runs(stroke.edited) for stroke in geometry.strokes],
-            "bridged": [_runs(stroke.bridged) for stroke in geometry.strokes],
-            "unseen": [_runs(~stroke.seen) for stroke in geometry.strokes],
-            "candidates": [describe_way(number, way) for number, way in numbered],
-            "account": account,
-            "boxes": [list(box) for box in self.current.boxes],
+            "curve_px": [],
+            "knots_px": [],
+            "closed": [],
+            "sigma_px": [],
+            "edited": [],
+            "bridged": [],
+            "unseen": [],
+            "candidates": [],
+            "account": [],
+            "boxes": [list(box) for box in self.current.exclude],
             "refusal": None,
             "steps": [_title(step) for step in self.steps if step["do"] != "viewed"],
-            "can_undo": any(step["do"] != "viewed" for step in self.steps),
             "can_redo": bool(self.undone),
-            "approved": None if self.steps else self.source.approved,
-            **self.marker_state(fit),
+            "approved": None,
         }
+        for stroke in geometry.strokes:
+            state["curve_px"].append(stroke.points.round(4).tolist())
+            state["knots_px"].append(stroke.knots_px.round(4).tolist())
+            state["closed"].append(stroke.closed)
+            state["sigma_px"].append(float(np.max(stroke.sigma)))
+            state["edited"].append(_runs(stroke.edited))
+            state["bridged"].append(_runs(stroke.bridged))
+            state["unseen"].append(_runs(~stroke.viewed))
+        for number, route in enumerate(geometry.candidates, 1):
+            state["candidates"].append(describe_candidate(number, route))
+        for entry in geometry.account:
+            row = {
+                "number": entry.number,
+                "u": entry.middle[0],
+                "v": entry.middle[1],
+                "pixels": entry.pixels,
+                "share": entry.share,
+                "is_ink": entry.is_ink,
+                "box": list(entry.box),
+                "outline": entry.outline,
+                "left_out": entry.middle in geometry.excluded_ink,
+            }
+            state["account"].append(row)
+        state["can_undo"] = bool(state["steps"])
+        if not self.steps:
+            state["approved"] = self.source.approved
+        return state | self.marker_state()
 
     def marker_state(self, fit: Fit | None = None) -> dict[str, Any]:
         """The markers, their residuals and the bound; also of markers that are being dragged."""
-        fit = self.current.fit if fit is None else fit
-        strokes = self.current.geometry.strokes
-        points = np.vstack([stroke.points for stroke in strokes]) if strokes else np.zeros((0, 2))
-        fitted = fit.registration
+        if fit is None:
+            fit = self.current.fit
+        points = np.zeros((0, 2))
+        if self.current.geometry.strokes:
+            points = np.vstack([stroke.points for stroke in self.current.geometry.strokes])
         bound_m = fit.tre95_m(points)
+        fre_rms_m = loo_rms_m = None
+        if fit.registration is not None:
+            fre_rms_m = _finite(fit.registration.fre_rms_m)
+            loo_rms_m = _finite(fit.registration.loo_rms_m)
+        why_not = ""
+        if fit.markers:
+            why_not = fit.why_not
         margin_m = None
         if isinstance(fit.settings.margin, float):
             margin_m = fit.settings.margin
@@ -288,12 +308,12 @@ class Session:
         return {
             "markers": fit.describe(),
             "mm_per_px": fit.mm_per_px,
-            "fre_rms_m": None if fitted is None else _finite(fitted.fre_rms_m),
-            "loo_rms_m": None if fitted is None else _finite(fitted.loo_rms_m),
+            "fre_rms_m": fre_rms_m,
+            "loo_rms_m": loo_rms_m,
             "tre95_m": bound_m,
             "margin_m": margin_m,
             "contact_m": contact_m,
-            "markers_why_not": fit.why_not if fit.markers else "",
+            "markers_why_not": why_not,
         }
 
     def approve(self, by: str) -> Fixture:
@@ -315,7 +335,7 @@ class Session:
 
         if not str(by).strip():
             raise SettingError(
-                "no name was given; an approval names the person who gives it", code="no-name"
+                "No name was given. An approval names the person who gives it.", code="no-name"
             )
         reasons = self.why_not
         if reasons:
@@ -324,14 +344,16 @@ class Session:
                 code="not-approvable",
                 numbers={"reasons": len(reasons)},
             )
-        findings = tuple(
-            replace(finding, answered_by=by) if finding.answered_by == "" else finding
-            for finding in self.findings
-        )
+        by = str(by).strip()
+        findings = []
+        for finding in self.findings:
+            if finding.answered_by == "":
+                finding = replace(finding, answered_by=by)
+            findings.append(finding)
         return approved(
             self.outcome.fixture,
-            findings,
-            str(by).strip(),
+            tuple(findings),
+            by,
             self.steps_sha256,
             slice_shown=self.source.slice_path is not None,
         )
@@ -352,59 +374,64 @@ class Session:
 
     def _plan(self) -> Outcome:
         state = self.current
-        drawn = state.geometry.all_findings
+        of_curve = state.geometry.all_findings
         if not state.geometry.strokes:
-            return Outcome(None, drawn)
+            return Outcome(None, of_curve)
         if self.source.fixture is not None and not self._is_changed():
-            return Outcome(self.source.fixture, self.source.fixture_findings)
+            return Outcome(self.source.fixture, self.source.fixture.findings)
         curve = self.curve()
         if not state.fit.markers:
-            return Outcome(curve, drawn)
+            return Outcome(curve, of_curve)
         if state.fit.why_not:
-            text = f"{state.fit.why_not[:1].upper()}{state.fit.why_not[1:]}."
-            return Outcome(None, drawn, text, "markers")
-        files = self.source.marker_files
-        with state.fit.as_file() as table:
-            if state.fit is not self.source.fit or not files:
-                files = (table, None)
+            return Outcome(None, of_curve, _sentence(state.fit.why_not), "markers")
+        with state.fit.as_files() as files:
+            # The files themselves, as long as nobody changed a marker.
+            if state.fit is self.source.fit and self.source.marker_files:
+                files = self.source.marker_files
             try:
                 planned = register(
                     curve, *files, state.fit.settings, image=self.source.image_of_markers
                 )
             except VfplanError as error:
-                return Outcome(None, drawn, _sentence(error.message), error.code)
-        return Outcome(planned.fixture, (*drawn, *planned.findings))
+                return Outcome(None, of_curve, _sentence(error.message), error.code)
+        return Outcome(planned.fixture, (*of_curve, *planned.findings))
 
     def _is_changed(self) -> bool:
         """Whether any step changed the curve or the markers of the source."""
         state, first = self.current, self._states[0]
-        moved = state.fit is not first.fit
+        if state.fit is not first.fit:
+            return True
         before, after = first.geometry.strokes, state.geometry.strokes
         if len(before) != len(after):
             return True
         pairs = zip(before, after, strict=True)
-        return moved or any(one.points is not other.points for one, other in pairs)
+        return any(stroke.points is not other.points for stroke, other in pairs)
 
     def curve(self) -> Fixture:
         """The curve in the image's pixels, as `vfplan extract` would write it."""
         strokes = self.current.geometry.strokes
         points = np.vstack([stroke.points for stroke in strokes])
+        sigma = np.concatenate([stroke.sigma for stroke in strokes])
+        if not sigma.any():
+            # A curve that was drawn as vectors has no deviation.
+            sigma = None
         counts = [len(stroke.points) for stroke in strokes]
-        bridged = np.concatenate([stroke.bridged for stroke in strokes])
-        edited = np.concatenate([stroke.edited for stroke in strokes])
+        settings = self.source.settings_in_force
+        if self.current.exclude:
+            settings["exclude"] = self.current.exclude
         curve = Curve(
             stroke=np.repeat(np.arange(len(strokes), dtype=np.int32), counts),
             closed=np.array([stroke.closed for stroke in strokes]),
-            bridged=bridged if bridged.any() else None,
-            edited=edited if edited.any() else None,
+            bridged=_flags_or_none([stroke.bridged for stroke in strokes]),
+            edited=_flags_or_none([stroke.edited for stroke in strokes]),
         )
         image = self.source.image
         size = SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm)
         return Fixture(
             frame="image",
             points=np.c_[points, np.zeros(len(points))],
-            provenance=Provenance.now(self.source.inputs, self.source.settings_in_force),
-            sigma=np.concatenate([stroke.sigma for stroke in strokes]),
+            provenance=Provenance.now(self.source.inputs, settings),
+            sigma=sigma,
             curve=curve,
             image=size,
         )
@@ -416,6 +443,14 @@ def key_of(finding: Finding) -> str:
     return json.dumps([finding.code, finding.stage, finding.text, [round(x, 3) for x in place]])
 
 
+def _flags_or_none(parts: list[np.ndarray]) -> np.ndarray | None:
+    """Flags of all strokes one behind the other; `None` if none is set."""
+    flags = np.concatenate(parts)
+    if not flags.any():
+        return None
+    return flags
+
+
 def _runs(flags: np.ndarray) -> list[list[int]]:
     """[first, last] of each run of flags."""
     edges = np.flatnonzero(np.diff(np.r_[False, flags, False].astype(int)))
@@ -423,21 +458,28 @@ def _runs(flags: np.ndarray) -> list[list[int]]:
 
 
 def _finite(value: float | None) -> float | None:
-    return float(value) if value is not None and math.isfinite(value) else None
+    if value is None or not math.isfinite(value):
+        return None
+    return float(value)
 
 
 def _sentence(text: str) -> str:
-    """A message as a sentence of its own."""
+    """A message as a sentence."""
     text = text[:1].upper() + text[1:]
-    return text if text.endswith(".") else f"{text}."
+    if not text.endswith("."):
+        text += "."
+    return text
 
 
 def _title(step: dict[str, Any]) -> str:
     """A step in the list of steps."""
     words = step["do"].replace("_", " ")
     for name in ("stroke", "knot", "candidate", "ink", "marker", "finding", "label"):
-        if name in step:
-            number = step[name]
-            counted = name in ("stroke", "knot", "finding") and isinstance(number, int)
-            words += f", {name} {number + 1 if counted else number}"
+        if name not in step:
+            continue
+        number = step[name]
+        # The page counts these from 1.
+        if name in ("stroke", "knot", "finding") and isinstance(number, int):
+            number += 1
+        words += f", {name} {number}"
     return words

@@ -169,12 +169,9 @@ def of_plan(plan: PlanResult, title: str) -> SheetInput:
 
 def of_extraction(extracted: ExtractResult, title: str) -> SheetInput:
     """What the sheet of a curve shows that is not registered yet."""
-    return of_fixture(
-        extracted.fixture,
-        title,
-        image=extracted.image,
-        extracted=None if extracted.image is None else extracted,
-    )
+    if extracted.image is None:
+        return of_fixture(extracted.fixture, title)
+    return of_fixture(extracted.fixture, title, image=extracted.image, extracted=extracted)
 
 
 def of_fixture(
@@ -229,10 +226,12 @@ def of_fixture(
             facts=_facts(record, fixture, ()),
         )
     if extracted is None:
-        strokes, account = strokes_of_fixture(fixture, image), None
+        strokes = strokes_of_fixture(fixture, image)
+        account = account_again(fixture, image, strokes)
     else:
         strokes, account = strokes_of_extraction(extracted), account_of(extracted)
-    registration = registration or _registration_again(fixture)
+    if registration is None:
+        registration = _registration_again(fixture)
     tre95_m = None
     if registration is not None:
         tre95_m = _bound_along(registration, strokes, image)
@@ -242,7 +241,7 @@ def of_fixture(
         strokes=strokes,
         account=account,
         metres_per_px=_metres_per_px(fixture, image),
-        markers=_markers_on_slice(fixture),
+        markers=_markers_on_slice(fixture, image),
         tre95_m=tre95_m,
         margin_m=_margin_of(fixture, tre95_m),
     )
@@ -283,7 +282,7 @@ def strokes_of_extraction(extracted: ExtractResult) -> tuple[SheetStroke, ...]:
 
 def strokes_of_fixture(fixture: Fixture, image: PlannedImage) -> tuple[SheetStroke, ...]:
     """The lines of a bundle, carried back onto its slice."""
-    points = _to_pixels(fixture, image)(fixture.points)
+    points = to_pixels(fixture, image)(fixture.points)
     if fixture.curve is None:
         return (SheetStroke(points, False, np.zeros(len(points), bool), is_ordered=False),)
     strokes = []
@@ -299,7 +298,7 @@ def strokes_of_fixture(fixture: Fixture, image: PlannedImage) -> tuple[SheetStro
     return tuple(strokes)
 
 
-def _to_pixels(fixture: Fixture, image: PlannedImage) -> Callable[[Array], Array]:
+def to_pixels(fixture: Fixture, image: PlannedImage) -> Callable[[Array], Array]:
     """From the frame of the fixture back to the pixels of its slice."""
     if fixture.frame == "image":
         return lambda points: points[:, :2]
@@ -348,21 +347,44 @@ def _bound_along(
 
 def account_of(extracted: ExtractResult) -> tuple[AccountEntry, ...]:
     """The ink that was not taken, the largest first."""
-    extraction = extracted.extraction
-    return tuple(_account_entry(entry) for entry in extraction.account)
-
-
-def _account_entry(entry: Any) -> AccountEntry:
     words = {"ink": "", "bridge": "gap in the line", "hidden": "line hidden"}
-    return AccountEntry(
-        number=entry.number,
-        u=entry.u,
-        v=entry.v,
-        pixels=entry.pixels,
-        share=entry.share,
-        what=words.get(entry.what, entry.what),
-        is_ink=entry.what == "ink",
-    )
+    entries = []
+    for entry in extracted.extraction.account:
+        what, is_ink = words.get(entry.what, entry.what), entry.what == "ink"
+        entries.append(
+            AccountEntry(entry.number, entry.u, entry.v, entry.pixels, entry.share, what, is_ink)
+        )
+    return tuple(entries)
+
+
+def account_again(
+    fixture: Fixture, image: PlannedImage, strokes: tuple[SheetStroke, ...]
+) -> tuple[AccountEntry, ...]:
+    """The account of a bundle, made again on its slice; none for a curve of vectors."""
+    from vfplan.planning import ExtractSettings
+    from vfplan.review.account import AccountLine, extraction_of, list_account
+    from vfplan.review.ink import Ink
+
+    if "curve" in fixture.provenance.inputs:
+        return ()
+    settings = extraction_of(fixture, ExtractSettings())
+    ink = Ink(image.rgb, settings.colour, settings.exclude or (), settings.roi)
+    lines = []
+    for stroke in strokes:
+        width = 0.0
+        if stroke.is_ordered:
+            width = ink.width_along(stroke.points_px, stroke.closed)
+        lines.append(AccountLine(stroke.points_px, stroke.closed, width, stroke.bridged))
+    entries = []
+    for entry in list_account(ink.mask, lines):
+        what = ""
+        if not entry.is_ink:
+            what = "gap in the line, or line hidden"
+        u, v = entry.middle
+        entries.append(
+            AccountEntry(entry.number, u, v, entry.pixels, entry.share, what, entry.is_ink)
+        )
+    return tuple(entries)
 
 
 def _reviewed(fixture: Fixture) -> str:
@@ -374,9 +396,11 @@ def _reviewed(fixture: Fixture) -> str:
 def _margin_of(fixture: Fixture, tre95_m: Array | None) -> float | None:
     """What the plan added to the radius around each point; `None` where it added nothing."""
     margin = fixture.provenance.settings.get("margin")
+    if margin is None or (margin == "tre95" and tre95_m is None):
+        return None
     if margin == "tre95":
-        return None if tre95_m is None else float(tre95_m.max())
-    return None if margin is None else float(margin)
+        return float(tre95_m.max())
+    return float(margin)
 
 
 def _metres_per_px(fixture: Fixture, image: PlannedImage) -> float | None:
@@ -385,8 +409,12 @@ def _metres_per_px(fixture: Fixture, image: PlannedImage) -> float | None:
         return float(np.sqrt(np.prod(np.linalg.svd(record.T_robot_image[:3, :2])[1])))
     if image.T_patient_image is not None:
         return float(np.sqrt(np.prod(np.linalg.norm(image.T_patient_image[:3, :2], axis=0))))
-    spacing = image.pixel_spacing_mm or (fixture.image and fixture.image.pixel_spacing_mm)
-    return None if spacing is None else float(np.sqrt(spacing[0] * spacing[1])) * 1e-3
+    spacing = image.pixel_spacing_mm
+    if spacing is None and fixture.image is not None:
+        spacing = fixture.image.pixel_spacing_mm
+    if spacing is None:
+        return None
+    return float(np.sqrt(spacing[0] * spacing[1])) * 1e-3
 
 
 def _side_of(fixture: Fixture, image: PlannedImage | None) -> str | None:
@@ -405,14 +433,23 @@ def _side_of(fixture: Fixture, image: PlannedImage | None) -> str | None:
     return describe_side(-np.cross(axes[:, 0], axes[:, 1]))
 
 
-def _markers_on_slice(fixture: Fixture) -> tuple[SheetMarker, ...]:
+def _markers_on_slice(fixture: Fixture, image: PlannedImage) -> tuple[SheetMarker, ...]:
+    """The markers where they lie on the slice, or where they project onto it."""
     record = fixture.registration
-    if record is None or record.source_frame != "image":
+    if record is None:
         return ()
-    linear, origin = record.T_robot_image[:3, :2], record.T_robot_image[:3, 2]
-    residuals = record.target - (record.source @ linear.T + origin)
-    in_plane = residuals @ np.linalg.pinv(linear).T
-    return _markers_of(fixture, record.source, in_plane)
+    if record.source_frame == "image":
+        places, steps = record.source, record.T_robot_image[:3, :2]
+        reached = record.source @ steps.T + record.T_robot_image[:3, 2]
+    elif image.T_patient_image is not None:
+        rotation, origin = record.T_robot_image[:3, :3], record.T_robot_image[:3, 3]
+        places = _onto_plane(image.T_patient_image[:3])(record.source)
+        steps = rotation @ image.T_patient_image[:3, :2]
+        reached = record.source @ rotation.T + origin
+    else:
+        return ()
+    in_plane = (record.target - reached) @ np.linalg.pinv(steps).T
+    return _markers_of(fixture, places, in_plane)
 
 
 def _markers_in_space(fixture: Fixture) -> tuple[SheetMarker, ...]:
@@ -428,7 +465,9 @@ def _markers_of(
     left_out = str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
     markers = []
     for i, label in enumerate(record.labels):
-        residual_px = None if residuals_px is None else residuals_px[i]
+        residual_px = None
+        if residuals_px is not None:
+            residual_px = residuals_px[i]
         residual_m = float(record.residuals_m[i])
         markers.append(
             SheetMarker(label, places[i], residual_px, residual_m, label not in left_out)
@@ -449,19 +488,20 @@ def _registration_again(fixture: Fixture) -> Registration | None:
         return None
     left_out = str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
     used = np.array([label not in left_out for label in record.labels])
-    spacing = fixture.image and fixture.image.pixel_spacing_mm
-    if record.source_frame != "image" or spacing is None:
-        spacing_m = None
-    else:
-        spacing_m = (spacing[0] * 1e-3, spacing[1] * 1e-3)
+    spacing_m = None
+    if record.source_frame == "image" and fixture.image is not None:
+        spacing = fixture.image.pixel_spacing_mm
+        if spacing is not None:
+            spacing_m = (spacing[0] * 1e-3, spacing[1] * 1e-3)
     try:
         again = fit_registration(
             record.source[used], record.target[used], model=record.model, pixel_spacing=spacing_m
         )
     except VfplanError:
         return None
-    same = np.allclose(again.T_target_source, record.T_robot_image, rtol=1e-6, atol=1e-9)
-    return again if same else None
+    if not np.allclose(again.T_target_source, record.T_robot_image, rtol=1e-6, atol=1e-9):
+        return None
+    return again
 
 
 def _facts(
@@ -470,7 +510,10 @@ def _facts(
     strokes: tuple[SheetStroke, ...],
 ) -> tuple[tuple[str, str], ...]:
     """What stands beside the picture, in words."""
-    facts = [("Line" if strokes else "Geometry", _geometry_in_words(record, fixture, strokes))]
+    heading = "Line"
+    if not strokes:
+        heading = "Geometry"
+    facts = [(heading, _geometry_in_words(record, fixture, strokes))]
     if record.metres_per_px is not None:
         facts.append(("Pixel", f"{record.metres_per_px * 1e3:.4g} mm"))
     if fixture.registration is not None:
@@ -487,9 +530,11 @@ def _facts(
         facts.append(("Margin", "none"))
     if fixture.rendering is not None:
         radius = fixture.rendering.contact_radius + fixture.rendering.point_radius
-        what = "points" if fixture.curve is None else "line"
+        what = "line"
         if fixture.mesh is not None:
             what = "surface"
+        elif fixture.curve is None:
+            what = "points"
         facts.append(("The tool's centre keeps", f"{radius * 1e3:.2f} mm from the {what}"))
     return tuple(facts)
 
@@ -497,19 +542,20 @@ def _facts(
 def _geometry_in_words(
     record: SheetInput, fixture: Fixture, strokes: tuple[SheetStroke, ...]
 ) -> str:
+    if not strokes and fixture.mesh is not None:
+        return f"{len(fixture.points)} points, {len(fixture.mesh)} triangles"
     if not strokes:
-        triangles = "" if fixture.mesh is None else f", {len(fixture.mesh)} triangles"
-        return f"{len(fixture.points)} points{triangles}"
+        return f"{len(fixture.points)} points"
     parts = []
     for stroke in strokes:
         if not stroke.is_ordered:
             parts.append(f"{len(stroke.points_px)} pixels in no order")
             continue
-        points = stroke.points_px
+        points, shape = stroke.points_px, "open"
         if stroke.closed:
-            points = np.vstack([points, points[:1]])
+            points, shape = np.vstack([points, points[:1]]), "closed"
         length = float(np.hypot(*np.diff(points, axis=0).T).sum())
-        words = f"{'closed' if stroke.closed else 'open'}, {length:.0f} px"
+        words = f"{shape}, {length:.0f} px"
         if record.metres_per_px is not None:
             words += f" = {length * record.metres_per_px * 1e3:.1f} mm"
         if stroke.width_px is not None:

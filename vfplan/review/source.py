@@ -2,27 +2,38 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import ImageColor
 
 from vfplan.errors import ImageError, InputError, SettingError
-from vfplan.findings import Finding
 from vfplan.fixture import Fixture
 from vfplan.images.read import MAX_MEGAPIXELS, PlannedImage, read_image
+from vfplan.io.files import read_whole
 from vfplan.markers import read_markers
 from vfplan.planning import ExtractSettings, FixtureSettings
+from vfplan.review.account import extraction_of
 from vfplan.review.geometry import Geometry, geometry_of_slice
 from vfplan.review.ink import Ink
-from vfplan.review.markers import Fit, Marker, markers_of
+from vfplan.review.markers import Fit, fit_of
+from vfplan.review.sheet_input import to_pixels
 from vfplan.review.strokes import Stroke
 
-HDF5 = b"\x89HDF\r\n\x1a\n"
+Box = tuple[int, int, int, int]
+
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+SIGNATURE_PLACES = (0, 512, 1024, 2048)
+"""Where an HDF5 file may have its signature (HDF5 File Format Specification, III.A)."""
+
+MAX_FILE_BYTES = 2**31 - 1
+"""Size of a file of a review at most, as for a slice."""
+
 BLANK_GREY = 235
-"""Grey level of the ground on which a curve is shown whose slice is not at hand."""
+"""Grey level of the ground on which a curve lies whose slice is not at hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,21 +45,21 @@ class Source:
     path
         The slice or the bundle.
     slice_path
-        The slice; `None` where a bundle was given without it.
+        The slice; `None` if a bundle was given without it.
     image
         The slice, or a blank ground of its size.
     extraction, planning
         The settings in force.
     geometry, fit
         The curve and the markers before the first step.
-    boxes
+    exclude
         Boxes that the settings exclude, (u, v, width, height) [px].
     inputs
         Role -> SHA-256 of the files.
     marker_files
-        The marker files as they were given; empty where the markers come from a bundle.
+        The marker files as they were given; empty if the markers come from a bundle.
     fixture
-        The bundle's content, where one was given.
+        The bundle's content, if one was given.
     """
 
     path: Path
@@ -58,7 +69,7 @@ class Source:
     planning: FixtureSettings
     geometry: Geometry
     fit: Fit
-    boxes: tuple[tuple[int, int, int, int], ...]
+    exclude: tuple[Box, ...]
     inputs: dict[str, str]
     marker_files: tuple[Path, Path | None] | tuple[()] = ()
     fixture: Fixture | None = None
@@ -68,51 +79,50 @@ class Source:
         """The extraction's settings, for the provenance; a bundle has its own."""
         if self.fixture is not None:
             return dict(self.fixture.provenance.settings)
-        return {k: v for k, v in asdict(self.extraction).items() if v is not None}
+        settings = {}
+        for name, value in asdict(self.extraction).items():
+            if value is not None:
+                settings[name] = value
+        return settings
 
     @property
     def image_of_markers(self) -> PlannedImage | None:
         """The slice against whose drawn marks the markers are held."""
-        return None if self.slice_path is None else self.image
-
-    @property
-    def fixture_findings(self) -> tuple[Finding, ...]:
-        """The findings of the bundle."""
-        return () if self.fixture is None else self.fixture.findings
+        if self.slice_path is None:
+            return None
+        return self.image
 
     @property
     def approved(self) -> dict[str, Any] | None:
-        """Who approved the bundle, and when; `None` where nobody has."""
+        """Who approved the bundle, and when; `None` if nobody has."""
         if self.fixture is None or self.fixture.reviewed is None:
             return None
         return asdict(self.fixture.reviewed)
 
-    @property
-    def sha256(self) -> str:
-        """What a draft belongs to: the slice or, without it, the bundle's points."""
-        return self.inputs.get("image") or next(iter(self.inputs.values()), "")
-
     def describe(self) -> dict[str, Any]:
         """The slice as the page needs it."""
         spacing = self.image.pixel_spacing_mm
+        if spacing is not None:
+            spacing = list(spacing)
         return {
             "name": self.path.name,
             "width_px": self.image.width_px,
             "height_px": self.image.height_px,
-            "pixel_spacing_mm": None if spacing is None else list(spacing),
+            "pixel_spacing_mm": spacing,
             "has_slice": self.slice_path is not None,
+            "has_ink": self.geometry.ink is not None,
+            "grey_max": int(np.iinfo(self.image.rgb.dtype).max),
             "sides": _sides(self.image),
         }
 
-    def geometry_with(self, boxes: tuple[tuple[int, int, int, int], ...]) -> Geometry:
+    def geometry_with(self, exclude: tuple[Box, ...]) -> Geometry:
         """The slice extracted anew, with ink in the boxes left out."""
-        settings = self.extraction_with(boxes)
-        ink = self.geometry.ink.without(boxes)
-        return geometry_of_slice(self.slice_path, settings, ink)
+        ink = self.geometry.ink.without(exclude)
+        return geometry_of_slice(self.slice_path, self.extraction_with(exclude), ink)
 
-    def extraction_with(self, boxes: tuple[tuple[int, int, int, int], ...]) -> ExtractSettings:
+    def extraction_with(self, exclude: tuple[Box, ...]) -> ExtractSettings:
         """The extraction's settings with these boxes excluded."""
-        return replace(self.extraction, exclude=boxes or None)
+        return replace(self.extraction, exclude=exclude or None)
 
 
 def open_source(
@@ -120,91 +130,114 @@ def open_source(
     markers: str | Path | None,
     markers2: str | Path | None,
     slice_path: str | Path | None,
+    curve_path: str | Path | None,
     settings: dict[str, Any],
 ) -> Source:
     """Read the files of a review; see `vfplan.review.Session.open`."""
     path = Path(path)
     extraction, planning = split_settings(settings)
-    pairs = None if markers is None else read_markers(markers, markers2, common=planning.common)
-    files: tuple[Path, Path | None] | tuple[()] = ()
-    if markers is not None:
-        files = (Path(markers), None if markers2 is None else Path(markers2))
     if is_bundle(path):
+        if curve_path is not None:
+            raise SettingError(
+                "A bundle has its curve. Leave --curve out.", code="curve-given-twice"
+            )
         source = _of_bundle(path, slice_path, extraction, planning)
-        if pairs is None:
-            return source
-        fit = replace(source.fit, markers=markers_of(pairs))
-        return replace(source, fit=fit, marker_files=files, fixture=None)
-    if slice_path is not None:
-        raise SettingError(
-            f"{path} is a slice itself; a further slice is for bundles only",
-            code="slice-given-twice",
-        )
-    image = _slice(path, extraction)
-    boxes = tuple(tuple(box) for box in extraction.exclude or ())
-    ink = Ink(image.rgb, colour_of(extraction.colour), boxes)
+    else:
+        if slice_path is not None:
+            raise SettingError(
+                f"{path} is a slice itself. Leave --slice out; it belongs to a bundle.",
+                code="slice-given-twice",
+            )
+        source = _of_slice(path, curve_path, extraction, planning)
+    if markers is None:
+        return source
+    pairs = read_markers(markers, markers2, common=planning.common)
+    second = None
+    if markers2 is not None:
+        second = Path(markers2)
+    return replace(
+        source,
+        fit=fit_of(pairs, source.image, planning),
+        marker_files=(Path(markers), second),
+        fixture=None,
+    )
+
+
+def settings_of(extraction: ExtractSettings, planning: FixtureSettings) -> dict[str, Any]:
+    """Both settings by name, as `Session.open` takes them."""
+    by_name = {}
+    for settings in (extraction, planning):
+        for field in fields(settings):
+            by_name[field.name] = getattr(settings, field.name)
+    return by_name
+
+
+def split_settings(settings: dict[str, Any]) -> tuple[ExtractSettings, FixtureSettings]:
+    """Settings by name, sorted into those of extraction and those of planning."""
+    of_extraction: dict[str, Any] = {}
+    of_planning: dict[str, Any] = {}
+    for name, value in settings.items():
+        if name == "pixel_spacing_mm" and isinstance(value, (int, float)):
+            value = (float(value), float(value))
+        if name in ExtractSettings.__dataclass_fields__:
+            of_extraction[name] = value
+        elif name in FixtureSettings.__dataclass_fields__:
+            of_planning[name] = value
+        else:
+            raise SettingError(
+                f"There is no setting {name!r}. The fields of ExtractSettings and FixtureSettings "
+                "are allowed.",
+                code="no-such-setting",
+            )
+    return ExtractSettings(**of_extraction), FixtureSettings(**of_planning)
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file's bytes, lower-case hex; raises `InputError`."""
+    return hashlib.sha256(read_whole(path, MAX_FILE_BYTES, InputError)).hexdigest()
+
+
+def is_bundle(path: Path) -> bool:
+    """Whether a file is a bundle, by its first bytes or, if it cannot be read, its suffix."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(SIGNATURE_PLACES[-1] + len(HDF5_SIGNATURE))
+    except OSError:
+        return path.suffix == ".h5"
+    return any(head[place:].startswith(HDF5_SIGNATURE) for place in SIGNATURE_PLACES)
+
+
+def _of_slice(
+    path: Path,
+    curve_path: str | Path | None,
+    extraction: ExtractSettings,
+    planning: FixtureSettings,
+) -> Source:
+    image = _read_slice(path, extraction)
+    exclude = tuple(tuple(box) for box in extraction.exclude or ())
+    inputs = {"image": image.sha256}
+    ink = None
+    if curve_path is None:
+        ink = Ink(image.rgb, extraction.colour, exclude, extraction.roi)
+        geometry = geometry_of_slice(path, extraction, ink)
+    else:
+        curve_path = Path(curve_path)
+        geometry = geometry_of_slice(path, extraction, None, curve_path)
+        inputs["curve"] = sha256_of(curve_path)
     return Source(
         path=path,
         slice_path=path,
         image=image,
         extraction=extraction,
         planning=planning,
-        geometry=geometry_of_slice(path, extraction, ink),
-        fit=Fit(() if pairs is None else markers_of(pairs), planning, image.pixel_spacing_mm),
-        boxes=boxes,
-        inputs={"image": image.sha256},
-        marker_files=files,
+        geometry=geometry,
+        fit=Fit((), planning, image.pixel_spacing_mm),
+        exclude=exclude,
+        inputs=inputs,
     )
 
 
-def settings_of(extraction: ExtractSettings, planning: FixtureSettings) -> dict[str, Any]:
-    """Both settings by name, as `Session.open` takes them."""
-    named = {field.name: getattr(extraction, field.name) for field in fields(extraction)}
-    return named | {field.name: getattr(planning, field.name) for field in fields(planning)}
-
-
-def split_settings(settings: dict[str, Any]) -> tuple[ExtractSettings, FixtureSettings]:
-    """Settings by name, sorted into those of extraction and those of planning."""
-    reading = {field.name for field in fields(ExtractSettings)}
-    making = {field.name for field in fields(FixtureSettings)}
-    for name in settings:
-        if name not in reading | making:
-            raise SettingError(
-                f"there is no setting {name!r}; the fields of ExtractSettings and FixtureSettings "
-                "are allowed",
-                code="no-such-setting",
-            )
-    given = dict(settings)
-    spacing = given.get("pixel_spacing_mm")
-    if isinstance(spacing, (int, float)):
-        given["pixel_spacing_mm"] = (float(spacing), float(spacing))
-    return (
-        ExtractSettings(**{k: v for k, v in given.items() if k in reading}),
-        FixtureSettings(**{k: v for k, v in given.items() if k in making}),
-    )
-
-
-def is_bundle(path: Path) -> bool:
-    """Whether a file is a bundle, by its first bytes or, where it cannot be read, its suffix."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(4096)
-    except OSError:
-        return path.suffix == ".h5"
-    return head.startswith(HDF5) or HDF5 in (head[512:520], head[1024:1032], head[2048:2056])
-
-
-def colour_of(name: str) -> np.ndarray:
-    """(3,) RGB, 0 to 255, of a pen's name or #rrggbb."""
-    try:
-        return np.array(ImageColor.getrgb(name)[:3], float)
-    except ValueError:
-        raise SettingError(
-            f"colour {name!r} is neither a colour's name nor #rrggbb", code="no-such-colour"
-        ) from None
-
-
-def _slice(path: Path, settings: ExtractSettings) -> PlannedImage:
+def _read_slice(path: Path, settings: ExtractSettings) -> PlannedImage:
     return read_image(
         path,
         frame=settings.frame,
@@ -223,120 +256,156 @@ def _of_bundle(
     from vfplan.bundle import read_fixture
 
     fixture = read_fixture(path)
-    points, sigma = _on_slice(fixture, path)
-    image = _ground(fixture, points)
-    if slice_path is not None:
-        given = _slice(Path(slice_path), extraction)
-        known = fixture.provenance.inputs.get("image")
-        if known != given.sha256:
-            raise ImageError(
-                f"is not the slice that the curve of {path} was drawn on. Their SHA-256 differ: "
-                f"{given.sha256[:12]}... here, {str(known)[:12]}... in the bundle",
-                where=str(slice_path),
-                code="another-slice",
-            )
-        image = replace(given, pixel_spacing_mm=image.pixel_spacing_mm or given.pixel_spacing_mm)
-    ink = None
-    if slice_path is not None:
-        colour = fixture.provenance.settings.get("colour", extraction.colour)
-        ink = Ink(image.rgb, colour_of(str(colour)))
-    strokes = []
-    curve = fixture.curve
-    for number, closed in enumerate(curve.closed):
-        own = curve.stroke == number
-        bridged = None if curve.bridged is None else curve.bridged[own]
-        edited = None if curve.edited is None else curve.edited[own]
-        deviation = None if sigma is None else sigma[own]
-        strokes.append(Stroke.measured(points[own], deviation, bool(closed), bridged, edited))
-    drawn = tuple(finding for finding in fixture.findings if finding.stage == "extract")
-    markers: tuple[Marker, ...] = ()
-    record = fixture.registration
-    if record is not None:
-        planning = _settings_of(fixture, planning)
-        markers = tuple(
-            Marker(label, tuple(place), tuple(target))
-            for label, place, target in zip(
-                record.labels, record.source.tolist(), record.target.tolist(), strict=True
-            )
+    if fixture.curve is None or fixture.mesh is not None:
+        raise InputError(
+            "This bundle has no drawn curve that the page could show. Print its sheet: vfplan "
+            f"review {path} --sheet-out sheet.png",
+            where=str(path),
+            code="no-drawn-curve",
         )
+    slice_image = None
+    if slice_path is not None:
+        slice_path = Path(slice_path)
+        slice_image = _slice_of(fixture, slice_path, path, extraction)
+    points, sigma = _on_slice(fixture, slice_image, path)
+    image = slice_image
+    if image is None:
+        image = _blank_ground(fixture, points)
+
+    # The curve on the slice, and the pen's ink if it was drawn by a pen.
+    ink = None
+    extraction = extraction_of(fixture, extraction)
+    exclude = extraction.exclude or ()
+    if slice_image is not None and "curve" not in fixture.provenance.inputs:
+        ink = Ink(image.rgb, extraction.colour, exclude, extraction.roi)
+    strokes = []
+    for number, closed in enumerate(fixture.curve.closed):
+        members = fixture.curve.stroke == number
+        values = {"sigma": sigma, "bridged": fixture.curve.bridged, "edited": fixture.curve.edited}
+        for name, value in values.items():
+            if value is not None:
+                values[name] = value[members]
+        strokes.append(Stroke.measured(points[members], closed=bool(closed), **values))
+    of_extraction = [finding for finding in fixture.findings if finding.stage == "extract"]
+
+    # The markers of its registration, and how it was rendered.
+    fit = Fit((), planning, image.pixel_spacing_mm)
+    if fixture.registration is not None:
+        planning = _settings_of(fixture, planning)
+        fit = _fit_of_bundle(fixture, image, planning)
     return Source(
         path=path,
-        slice_path=None if slice_path is None else Path(slice_path),
+        slice_path=slice_path,
         image=image,
         extraction=extraction,
         planning=planning,
-        geometry=Geometry(tuple(strokes), ink, drawn),
-        fit=Fit(markers, planning, image.pixel_spacing_mm),
-        boxes=(),
+        geometry=Geometry(tuple(strokes), ink, tuple(of_extraction)),
+        fit=fit,
+        exclude=exclude,
         inputs=dict(fixture.provenance.inputs),
         fixture=fixture,
     )
 
 
-def _on_slice(fixture: Fixture, path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+def _slice_of(
+    fixture: Fixture, slice_path: Path, path: Path, extraction: ExtractSettings
+) -> PlannedImage:
+    """The slice that a bundle's curve was drawn on; raises `ImageError` for another."""
+    image = _read_slice(slice_path, extraction)
+    known = fixture.provenance.inputs.get("image")
+    if known != image.sha256:
+        raise ImageError(
+            f"This is not the slice that the curve of {path} was drawn on. Their SHA-256 differ: "
+            f"{image.sha256[:12]}... here, {str(known)[:12]}... in the bundle. Give the original.",
+            where=str(slice_path),
+            code="another-slice",
+        )
+    if fixture.image is not None and fixture.image.pixel_spacing_mm is not None:
+        return replace(image, pixel_spacing_mm=fixture.image.pixel_spacing_mm)
+    return image
+
+
+def _on_slice(
+    fixture: Fixture, image: PlannedImage | None, path: Path
+) -> tuple[np.ndarray, np.ndarray | None]:
     """A bundle's points and their deviations on the slice [px]."""
     record = fixture.registration
-    if fixture.curve is None or fixture.mesh is not None:
-        raise InputError(
-            "has no drawn curve that the page could show. Print its sheet: vfplan review "
-            f"{path} --sheet-out sheet.png",
-            where=str(path),
-            code="no-drawn-curve",
-        )
     if fixture.frame == "image":
         return fixture.points[:, :2], fixture.sigma
-    if record is None or record.T_robot_image.shape != (3, 3):
+    is_planar = record is not None and record.source_frame == "image"
+    is_placed = image is not None and image.T_patient_image is not None
+    if not is_planar and (record is None or not is_placed):
         raise InputError(
-            "was not registered from a slice. Print its sheet: vfplan review "
-            f"{path} --sheet-out sheet.png",
+            "This bundle does not say where its curve lies on a slice. Give the DICOM slice with "
+            f"--slice, or print its sheet: vfplan review {path} --sheet-out sheet.png",
             where=str(path),
             code="no-slice-registration",
         )
-    axes = record.T_robot_image[:, :2]
-    origin = record.T_robot_image[:, 2]
-    scale = float(np.sqrt(np.prod(np.linalg.norm(axes, axis=0))))
-    sigma = None if fixture.sigma is None else fixture.sigma / scale
-    return (fixture.points - origin) @ np.linalg.pinv(axes).T, sigma
-
-
-def _ground(fixture: Fixture, points: np.ndarray) -> PlannedImage:
-    """A blank picture of the slice's size."""
-    size = fixture.image
-    if size is None:
-        width, height = (int(x) + 50 for x in points.max(axis=0))
-        spacing = None
+    # `to_pixels` needs no image where the registration begins in pixels.
+    convert = to_pixels(fixture, image)
+    points = convert(fixture.points)
+    if fixture.sigma is None:
+        return points, None
+    if is_planar:
+        axes = record.T_robot_image[:, :2]
     else:
-        width, height = size.width_px, size.height_px
-        spacing = size.pixel_spacing_mm
+        axes = record.T_robot_image[:3, :3] @ image.T_patient_image[:3, :2]
+    metres_per_px = float(np.sqrt(np.prod(np.linalg.norm(axes, axis=0))))
+    return points, fixture.sigma / metres_per_px
+
+
+def _blank_ground(fixture: Fixture, points: np.ndarray) -> PlannedImage:
+    """A blank picture of the slice's size."""
+    spacing = None
+    if fixture.image is None:
+        width, height = (points.max(axis=0) + 50).astype(int).tolist()
+    else:
+        width, height = fixture.image.width_px, fixture.image.height_px
+        spacing = fixture.image.pixel_spacing_mm
     rgb = np.full((height, width, 3), BLANK_GREY, np.uint8)
     return PlannedImage(rgb, spacing, fixture.provenance.inputs.get("image", ""))
 
 
-def _settings_of(fixture: Fixture, given: FixtureSettings) -> FixtureSettings:
+def _fit_of_bundle(fixture: Fixture, image: PlannedImage, settings: FixtureSettings) -> Fit:
+    """The markers of a bundle's registration on the slice."""
+    from vfplan.markers import Correspondences
+
+    record = fixture.registration
+    pairs = Correspondences(record.labels, record.source, record.source_frame, record.target)
+    fit = fit_of(pairs, image, settings)
+    left_out = str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
+    markers = []
+    for marker in fit.markers:
+        markers.append(replace(marker, is_used=marker.label not in left_out))
+    return replace(fit, markers=tuple(markers))
+
+
+def _settings_of(fixture: Fixture, settings: FixtureSettings) -> FixtureSettings:
     """How the bundle was rendered and registered, unless the caller says otherwise."""
-    rendering = fixture.rendering
     usual = FixtureSettings()
-    known = {"model": fixture.registration.model}
-    if rendering is not None:
-        known |= {
-            "stiffness": tuple(float(k) for k in rendering.stiffness),
-            "contact_radius": float(rendering.contact_radius),
-            "point_radius": float(rendering.point_radius),
-        }
-    kept = {k: v for k, v in known.items() if getattr(given, k) == getattr(usual, k)}
-    return replace(given, **kept)
+    of_bundle = {"model": fixture.registration.model}
+    if fixture.rendering is not None:
+        of_bundle["stiffness"] = tuple(float(k) for k in fixture.rendering.stiffness)
+        of_bundle["contact_radius"] = float(fixture.rendering.contact_radius)
+        of_bundle["point_radius"] = float(fixture.rendering.point_radius)
+    for name, value in of_bundle.items():
+        if getattr(settings, name) == getattr(usual, name):
+            settings = replace(settings, **{name: value})
+    return settings
 
 
 def _sides(image: PlannedImage) -> dict[str, str] | None:
     """The patient's sides at the borders of a DICOM slice: left, right, top and bottom."""
-    place = image.T_patient_image
-    if place is None:
+    if image.T_patient_image is None:
         return None
-    letters = (("R", "L"), ("A", "P"), ("I", "S"))  # towards -x and +x of LPS, and so on
+    right, down = image.T_patient_image[:3, 0], image.T_patient_image[:3, 1]
+    return {
+        "left": _side(-right), "right": _side(right), "top": _side(-down), "bottom": _side(down),
+    }  # fmt: skip
 
-    def side(direction: np.ndarray) -> str:
-        axis = int(np.abs(direction).argmax())
-        return letters[axis][int(direction[axis] > 0)]
 
-    right, down = place[:3, 0], place[:3, 1]
-    return {"left": side(-right), "right": side(right), "top": side(-down), "bottom": side(down)}
+def _side(direction: np.ndarray) -> str:
+    """The letter of the patient's side to which a direction of LPS leads most."""
+    letters = (("R", "L"), ("A", "P"), ("F", "H"))  # towards -x and +x, and so on
+    axis = int(np.abs(direction).argmax())
+    return letters[axis][int(direction[axis] > 0)]

@@ -16,9 +16,9 @@ import numpy as np
 from vfplan.errors import MarkerError, SettingError, VfplanError
 from vfplan.io.files import now_utc
 from vfplan.planning import register
-from vfplan.review.geometry import Geometry, chosen, way_over
+from vfplan.review.geometry import Geometry, route_over, with_chosen
 from vfplan.review.ink import Ink
-from vfplan.review.markers import Marker, markers_of_table
+from vfplan.review.markers import Marker, fit_of, pairs_of_table
 from vfplan.review.paths import nearest_point, spline_through
 from vfplan.review.session import Session, State, key_of
 from vfplan.review.strokes import HAND_SIGMA_PX, JOIN_PX, REACH_PX, Stroke
@@ -27,7 +27,7 @@ Step = dict[str, Any]
 MAX_CLICKS = 500
 """Points of a drawn line at most; a hand clicks some tens."""
 
-MAX_BOXES = 100
+MAX_EXCLUDED = 100
 """Excluded boxes at most."""
 
 MAX_MARKERS = 200
@@ -44,20 +44,22 @@ def named(step: Any) -> str:
     """What a step does; raises `SettingError` for none that is known."""
     if not isinstance(step, dict) or not isinstance(step.get("do"), str):
         raise SettingError(
-            'a step is an object with the key "do", such as {"do": "undo"}', code="step-malformed"
+            'A step is an object with the key "do", such as {"do": "leave", "ink": 1}.',
+            code="step-malformed",
         )
     name = step["do"]
     if name not in STEPS:
         raise SettingError(
-            f"there is no step {name[:40]!r}; {', '.join(STEPS)} are known", code="no-such-step"
+            f"There is no step {name[:40]!r}. The steps are: {', '.join(STEPS)}.",
+            code="no-such-step",
         )
     return name
 
 
 def _malformed(step: Step, name: str, wanted: str) -> SettingError:
-    shown = repr(step.get(name))[:60]
+    value = repr(step.get(name))[:60]
     return SettingError(
-        f"{step['do']}: {name} is {shown}; {wanted} is wanted", code="step-malformed"
+        f"In step {step['do']}, {name} is {value}. Give {wanted}.", code="step-malformed"
     )
 
 
@@ -88,16 +90,16 @@ def _numbers(step: Step, name: str, count: int) -> tuple[float, ...]:
 
 def _place(session: Session, step: Step, name: str) -> np.ndarray:
     """A place on the slice; a hand may point half a pixel beyond its border."""
-    return _on_slice(session, step, np.array(_numbers(step, name, 2)))
+    return _on_slice(session, np.array(_numbers(step, name, 2)))
 
 
-def _on_slice(session: Session, step: Step, place: np.ndarray) -> np.ndarray:
+def _on_slice(session: Session, place: np.ndarray) -> np.ndarray:
     image = session.source.image
     limit = np.array([image.width_px, image.height_px]) - 0.5
     if (place < -0.5).any() or (place > limit).any():
         raise SettingError(
-            f"{step['do']}: ({place[0]:.1f}, {place[1]:.1f}) lies outside the slice of "
-            f"{image.width_px} x {image.height_px} px",
+            f"({place[0]:.1f}, {place[1]:.1f}) lies outside the slice. Choose a place on its "
+            f"{image.width_px} x {image.height_px} px.",
             code="outside-slice",
             numbers={"u": float(place[0]), "v": float(place[1])},
         )
@@ -123,19 +125,25 @@ def _knot_of(stroke: Stroke, step: Step) -> int:
     knot = _whole(step, "knot")
     if not 0 <= knot < len(stroke.knots):
         raise SettingError(
-            f"there is no knot {knot}; the stroke has {len(stroke.knots)}",
+            f"There is no knot {knot}. The stroke has {len(stroke.knots)}, from 0.",
             code="no-such-knot",
             numbers={"knot": knot, "knots": len(stroke.knots)},
         )
     return knot
 
 
-def _needs_ink(session: Session, step: Step) -> Ink:
+def _needs_ink(session: Session) -> Ink:
     ink = session.current.geometry.ink
     if ink is None:
+        if session.source.slice_path is None:
+            raise SettingError(
+                "This step needs the slice. Open the bundle with it: --slice IMAGE.",
+                code="no-slice",
+            )
         raise SettingError(
-            f"{step['do']} needs the slice. Open the bundle with it: --slice IMAGE",
-            code="no-slice",
+            "This step needs a pen's ink, and the curve was drawn as vectors. Draw the stretch by "
+            "clicks, or open the slice without --curve.",
+            code="no-ink",
         )
     return ink
 
@@ -173,48 +181,58 @@ def draw(session: Session, step: Step) -> State:
     in place of what was there; with `"add": true` it becomes a further stroke.
     """
     state = session.current
-    given = step.get("points")
-    if not isinstance(given, (list, tuple)) or not 2 <= len(given) <= MAX_CLICKS:
-        raise _malformed(step, "points", f"a list of 2 to {MAX_CLICKS} places")
-    clicks = []
-    for place in given:
-        place = np.array(_numbers({"do": "draw", "points": place}, "points", 2))
-        place = _on_slice(session, step, place)
-        if not clicks or np.hypot(*(place - clicks[-1])) >= 1.0:
-            clicks.append(place)
     closed = step.get("closed", False)
     adds = step.get("add", False)
     if not isinstance(closed, bool) or not isinstance(adds, bool):
         raise _malformed(step, "closed", "true or false")
-    if closed and len(clicks) > 1 and np.hypot(*(clicks[0] - clicks[-1])) < 1.0:
-        clicks.pop()
-    if len(clicks) < (3 if closed else 2):
-        raise SettingError(
-            f"{len(clicks)} places a pixel or more apart draw no line; click farther apart",
-            code="too-few-clicks",
-            numbers={"places": len(clicks)},
-        )
+    clicks = _clicks(session, step, closed)
     path = spline_through(np.array(clicks), closed)
     image = session.source.image
     limit = np.array([image.width_px, image.height_px]) - 0.5
     path = np.clip(path, -0.5, limit)
     geometry = state.geometry
     if not closed and not adds:
-        number = _touched_stroke(geometry, step, path)
+        number = _stroke_at(geometry, step, path)
         if number is not None:
-            new = geometry.strokes[number].redraw(path, geometry.ink)
-            return state.changed(geometry=geometry.with_stroke(number, new))
+            stroke = geometry.strokes[number].redraw(path, geometry.ink)
+            return state.changed(geometry=geometry.with_stroke(number, stroke))
     if geometry.ink is None:
-        none = np.zeros(len(path), bool)
         sigma = np.full(len(path), HAND_SIGMA_PX)
-        stroke = Stroke.measured(path, sigma, closed, edited=~none)
+        stroke = Stroke.measured(path, sigma, closed, edited=np.ones(len(path), bool))
     else:
         stroke = Stroke.from_ink(geometry.ink.draw(path, closed, REACH_PX, (True, True)), closed)
-    strokes = (*geometry.strokes, stroke) if adds else (stroke,)
+    strokes: tuple[Stroke, ...] = (stroke,)
+    if adds:
+        strokes = (*geometry.strokes, stroke)
     return state.changed(geometry=geometry.with_strokes(strokes))
 
 
-def _touched_stroke(geometry: Geometry, step: Step, path: np.ndarray) -> int | None:
+def _clicks(session: Session, step: Step, closed: bool) -> list[np.ndarray]:
+    """The places of a drawn line, without doubled ones; enough of them to draw it."""
+    points = step.get("points")
+    if not isinstance(points, (list, tuple)) or not 2 <= len(points) <= MAX_CLICKS:
+        raise _malformed(step, "points", f"a list of 2 to {MAX_CLICKS} places")
+    clicks: list[np.ndarray] = []
+    for point in points:
+        place = _numbers({"do": "draw", "points": point}, "points", 2)
+        place = _on_slice(session, np.array(place))
+        if not clicks or np.hypot(*(place - clicks[-1])) >= 1.0:
+            clicks.append(place)
+    needed = 2
+    if closed:
+        needed = 3
+        if len(clicks) > 1 and np.hypot(*(clicks[0] - clicks[-1])) < 1.0:
+            clicks.pop()
+    if len(clicks) < needed:
+        raise SettingError(
+            f"{len(clicks)} places a pixel or more apart draw no line. Click {needed} places.",
+            code="too-few-clicks",
+            numbers={"places": len(clicks), "needed": needed},
+        )
+    return clicks
+
+
+def _stroke_at(geometry: Geometry, step: Step, path: np.ndarray) -> int | None:
     """The stroke on which a drawn line begins or ends; `None` for none."""
     if "stroke" in step:
         number = _whole(step, "stroke")
@@ -222,8 +240,9 @@ def _touched_stroke(geometry: Geometry, step: Step, path: np.ndarray) -> int | N
         return number
     distances = []
     for number, stroke in enumerate(geometry.strokes):
-        off = min(nearest_point(stroke.points, path[end])[1] for end in (0, -1))
-        distances.append((off, number))
+        for end in (path[0], path[-1]):
+            _, distance = nearest_point(stroke.points, end)
+            distances.append((distance, number))
     if not distances or min(distances)[0] > JOIN_PX:
         return None
     return min(distances)[1]
@@ -233,7 +252,7 @@ def cut(session: Session, step: Step) -> State:
     """Cut off what lies before `start` or behind `end`, places near the curve."""
     state, number, stroke = _stroke_of(session, step)
     if "start" not in step and "end" not in step:
-        raise _malformed(step, "start", "a place, as start or as end,")
+        raise _malformed(step, "start", "a place, as start or as end")
     start = _place(session, step, "start") if "start" in step else None
     end = _place(session, step, "end") if "end" in step else None
     return state.changed(geometry=state.geometry.with_stroke(number, stroke.cut(start, end)))
@@ -246,12 +265,14 @@ def join(session: Session, step: Step) -> State:
     second = state.geometry.stroke(other)
     if other == number or stroke.closed or second.closed:
         raise SettingError(
-            "two different open strokes can be joined", code="cannot-join",
+            "Two different open strokes can be joined. Choose another one.",
+            code="cannot-join",
             numbers={"stroke": number, "other": other},
-        )  # fmt: skip
+        )
     joined = stroke.join(second, state.geometry.ink)
-    strokes = [s for k, s in enumerate(state.geometry.strokes) if k not in (number, other)]
-    strokes.insert(min(number, other), joined)
+    strokes = list(state.geometry.strokes)
+    strokes[min(number, other)] = joined
+    del strokes[max(number, other)]
     return state.changed(geometry=state.geometry.with_strokes(tuple(strokes)))
 
 
@@ -259,8 +280,8 @@ def delete_stroke(session: Session, step: Step) -> State:
     """Take a stroke out of the curve."""
     state, number, _ = _stroke_of(session, step)
     strokes = state.geometry.strokes
-    rest = strokes[:number] + strokes[number + 1 :]
-    return state.changed(geometry=state.geometry.with_strokes(rest))
+    strokes = strokes[:number] + strokes[number + 1 :]
+    return state.changed(geometry=state.geometry.with_strokes(strokes))
 
 
 def reverse(session: Session, step: Step) -> State:
@@ -272,54 +293,73 @@ def reverse(session: Session, step: Step) -> State:
 def choose(session: Session, step: Step) -> State:
     """Take a candidate, by its number, as the curve."""
     state = session.current
-    _needs_ink(session, step)
-    settings = session.source.extraction_with(state.boxes)
+    _needs_ink(session)
+    settings = session.source.extraction_with(state.exclude)
     number = _whole(step, "candidate")
-    geometry = chosen(session.source.slice_path, settings, state.geometry, number)
+    geometry = with_chosen(session.source.slice_path, settings, state.geometry, number)
     return state.changed(geometry=geometry)
 
 
 def exclude(session: Session, step: Step) -> State:
-    """Let ink in a box not count. A curve that no hand has touched is extracted anew."""
+    """Let ink in a box not count.
+
+    The slice is extracted anew. A curve that a hand has shaped stays, and only its part in the box
+    is measured again.
+    """
     state = session.current
-    ink = _needs_ink(session, step)
+    ink = _needs_ink(session)
+    exclude = (*state.exclude, _box(session, step))
+    if len(exclude) > MAX_EXCLUDED:
+        raise SettingError(
+            f"{MAX_EXCLUDED} boxes are excluded, and no more can be. Undo one of them.",
+            code="too-many-boxes",
+        )
+    geometry = state.geometry
+    is_shaped = any(stroke.edited.any() for stroke in geometry.strokes)
+    for earlier in session.steps:
+        if earlier["do"] in BY_HAND:
+            is_shaped = True
+    if not is_shaped:
+        extracted = session.source.geometry_with(exclude)
+        # A line that was chosen among several stays, if extraction alone still finds no curve.
+        if extracted.strokes or not geometry.strokes:
+            geometry = replace(extracted, excluded_ink=geometry.excluded_ink)
+            return state.changed(geometry=geometry, exclude=exclude)
+    ink = ink.without(exclude)
+    strokes = []
+    for stroke in geometry.strokes:
+        strokes.append(stroke.measured_in(exclude[-1], ink))
+    geometry = replace(geometry, strokes=tuple(strokes), ink=ink)
+    return state.changed(geometry=geometry, exclude=exclude)
+
+
+def _box(session: Session, step: Step) -> tuple[int, int, int, int]:
+    """The whole pixels of a box that lie on the slice."""
     u, v, width, height = _numbers(step, "box", 4)
     image = session.source.image
-    left, top = max(0, math.floor(u)), max(0, math.floor(v))
-    right = min(image.width_px, math.ceil(u + width))
-    bottom = min(image.height_px, math.ceil(v + height))
-    if right <= left or bottom <= top:
+    first_u, first_v = max(0, math.floor(u)), max(0, math.floor(v))
+    last_u = min(image.width_px, math.ceil(u + width))
+    last_v = min(image.height_px, math.ceil(v + height))
+    if last_u <= first_u or last_v <= first_v:
         raise SettingError(
-            f"the box at ({u:.0f}, {v:.0f}), {width:.0f} x {height:.0f} px, holds no pixel of the "
-            "slice",
+            f"The box at ({u:.0f}, {v:.0f}), {width:.0f} x {height:.0f} px, holds no pixel of the "
+            "slice. Draw it over the slice.",
             code="box-empty",
             numbers={"width_px": width, "height_px": height},
         )
-    if len(state.boxes) >= MAX_BOXES:
-        raise SettingError(
-            f"{MAX_BOXES} boxes are excluded, the most allowed", code="too-many-boxes"
-        )
-    boxes = (*state.boxes, (left, top, right - left, bottom - top))
-    geometry = state.geometry
-    touched = any(stroke.edited.any() for stroke in geometry.strokes)
-    drawn = any(old["do"] in BY_HAND for old in session.steps)
-    if touched or drawn:
-        kept = replace(geometry, ink=ink.without(boxes))
-        return state.changed(geometry=kept, boxes=boxes)
-    geometry = session.source.geometry_with(boxes)
-    return state.changed(geometry=replace(geometry, left=state.geometry.left), boxes=boxes)
+    return first_u, first_v, last_u - first_u, last_v - first_v
 
 
 def take(session: Session, step: Step) -> State:
     """Take ink of the account as the curve, or as a part of it."""
     state = session.current
-    ink = _needs_ink(session, step)
-    way = way_over(state.geometry.other_ink(_whole(step, "ink")))
+    ink = _needs_ink(session)
+    route = route_over(state.geometry.entry(_whole(step, "ink")))
     meaning = step.get("as", "curve")
     if meaning not in ("curve", "part"):
         raise _malformed(step, "as", '"curve" or "part"')
-    stroke = Stroke.from_ink(ink.trace(way.path, way.closed), way.closed)
-    strokes = (stroke,)
+    stroke = Stroke.from_ink(ink.trace(route.path, route.closed), route.closed)
+    strokes: tuple[Stroke, ...] = (stroke,)
     if meaning == "part":
         strokes = (*state.geometry.strokes, stroke)
     return state.changed(geometry=state.geometry.with_strokes(strokes))
@@ -328,8 +368,8 @@ def take(session: Session, step: Step) -> State:
 def leave(session: Session, step: Step) -> State:
     """Leave ink of the account out of the curve; it is shown as settled."""
     state = session.current
-    ink = state.geometry.other_ink(_whole(step, "ink"))
-    return replace(state, geometry=state.geometry.leaving(ink.place))
+    entry = state.geometry.entry(_whole(step, "ink"))
+    return replace(state, geometry=state.geometry.with_excluded(entry.middle))
 
 
 # The markers.
@@ -345,7 +385,7 @@ def move_marker(session: Session, step: Step) -> State:
     if "target_m" in step:
         changes["target_m"] = _numbers(step, "target_m", 3)
     if not changes:
-        raise _malformed(step, "to", "a place, or target_m,")
+        raise _malformed(step, "to", "a place, or target_m")
     return session.current.changed(fit=fit.with_marker(number, **changes))
 
 
@@ -356,7 +396,8 @@ def add_marker(session: Session, step: Step) -> State:
     fit.refuse_label(label)
     if len(fit.markers) >= MAX_MARKERS:
         raise SettingError(
-            f"there are {MAX_MARKERS} markers, the most allowed", code="too-many-markers"
+            f"There are {MAX_MARKERS} markers, and no more can be added. Delete one.",
+            code="too-many-markers",
         )
     place = None
     if step.get("at") is not None:
@@ -400,43 +441,46 @@ def set_markers(session: Session, step: Step) -> State:
     table = step.get("table")
     if not isinstance(table, str):
         raise _malformed(step, "table", "a table as text")
+    fit = session.current.fit
     try:
-        markers = markers_of_table(table)
+        pairs = pairs_of_table(table)
     except MarkerError as error:
         raise SettingError(
-            f"the table of markers cannot be read: {error.message}", code=error.code
+            f"The table of markers cannot be read: {error.message}", code=error.code
         ) from None
-    if len(markers) > MAX_MARKERS:
+    fit = fit_of(pairs, session.source.image, fit.settings)
+    if len(fit.markers) > MAX_MARKERS:
         raise SettingError(
-            f"the table holds {len(markers)} markers; at most {MAX_MARKERS} are allowed",
+            f"The table holds {len(fit.markers)} markers. At most {MAX_MARKERS} are allowed.",
             code="too-many-markers",
         )
-    fit = session.current.fit
-    return session.current.changed(fit=replace(fit, markers=markers))
+    return session.current.changed(fit=fit)
 
 
 def find_markers(session: Session, step: Step) -> State:
     """Move every marker in use to the cross or dot that is drawn next to it."""
     state = session.current
-    _needs_ink(session, step)
-    if not state.geometry.strokes or state.fit.registration is None:
+    fit = state.fit
+    if session.source.slice_path is None:
         raise SettingError(
-            "marks are found once there is a curve and a registration", code="no-registration"
+            "This step needs the slice. Open the bundle with it: --slice IMAGE.", code="no-slice"
         )
-    settings = replace(state.fit.settings, find_markers=True)
-    curve = session.curve()
-    with state.fit.as_file() as path:
+    if not state.geometry.strokes or fit.registration is None:
+        raise SettingError(
+            "There is no curve or no registration yet. Marks are looked for once there are both.",
+            code="no-registration",
+        )
+    settings = replace(fit.settings, find_markers=True)
+    with fit.as_files() as files:
         try:
-            planned = register(curve, path, None, settings, image=session.source.image)
+            planned = register(session.curve(), *files, settings, image=session.source.image)
         except VfplanError as error:
             raise SettingError(
-                f"the marks were not found: {error.message}", code=error.code
+                f"The marks were not found: {error.message}", code=error.code
             ) from None
-    fit = state.fit
-    places = zip(fit.used, planned.registration.source, strict=True)
-    for marker, place in places:
-        found = tuple(float(x) for x in place)
-        fit = fit.with_marker(fit.index(marker.label), place_px=found)
+    labels = [marker.label for marker in fit.used]
+    for label, place in zip(labels, planned.registration.source.tolist(), strict=True):
+        fit = fit.with_marker(fit.index(label), place_px=tuple(place))
     return state.changed(fit=fit)
 
 
@@ -455,7 +499,7 @@ def answer(session: Session, step: Step) -> State:
         accepted = []
     if not accepted:
         raise SettingError(
-            f"there is no finding {which!r}; there are {len(findings)}, from 0",
+            f"There is no finding {which!r}. There are {len(findings)}, from 0.",
             code="no-such-finding",
             numbers={"findings": len(findings)},
         )
@@ -469,7 +513,8 @@ def answer(session: Session, step: Step) -> State:
         raise _malformed(step, "utc", "a time such as 2026-01-31T12:00:00Z")
     answers = dict(session.current.answers)
     for finding in accepted:
-        answers.pop(key_of(finding), None)  # so that the latest answer stands last
+        # The latest answer stands last.
+        answers.pop(key_of(finding), None)
         answers[key_of(finding)] = (by, utc)
     return replace(session.current, answers=answers)
 
@@ -479,7 +524,7 @@ def viewed(session: Session, step: Step) -> State:
     state = session.current
     number = _whole(step, "stroke", 0)
     start, stop = _share(step, "from", 0.0), _share(step, "to", 1.0)
-    return replace(state, geometry=state.geometry.looked_at(number, start, stop))
+    return replace(state, geometry=state.geometry.with_viewed(number, start, stop))
 
 
 STEPS: dict[str, Callable[[Session, Step], State]] = {

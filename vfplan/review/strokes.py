@@ -30,6 +30,9 @@ REACH_PX = 8.0
 JOIN_PX = 12.0
 """Distance [px] from the curve within which a drawn stretch begins or ends on it."""
 
+PER_POINT = ("points", "sigma", "bridged", "edited", "viewed")
+"""The fields of a stroke that have a value a point."""
+
 
 @dataclass(frozen=True, eq=False)
 class Stroke:
@@ -47,10 +50,12 @@ class Stroke:
         (M,) bool, points that lie on a bridged gap.
     edited
         (M,) bool, points that a hand placed and no ink confirms.
-    seen
+    viewed
         (M,) bool, points that the person had in view at full size.
     knots
         (K,) indices of the points that can be moved, rising.
+    width_px
+        Mean width of the pen; `None` if it was not measured.
     """
 
     points: NDArray[np.float64]
@@ -58,8 +63,9 @@ class Stroke:
     closed: bool
     bridged: NDArray[np.bool_]
     edited: NDArray[np.bool_]
-    seen: NDArray[np.bool_]
+    viewed: NDArray[np.bool_]
     knots: NDArray[np.int64]
+    width_px: float | None = None
 
     @classmethod
     def measured(
@@ -69,26 +75,33 @@ class Stroke:
         closed: bool,
         bridged: NDArray | None = None,
         edited: NDArray | None = None,
+        width_px: float | None = None,
     ) -> Stroke:
         """A stroke that nobody has looked at yet, with its knots at equal steps of arc."""
-        count = len(points)
-        none = np.zeros(count, bool)
+        none = np.zeros(len(points), bool)
+        if sigma is None:
+            sigma = np.zeros(len(points))
+        if bridged is None:
+            bridged = none
+        if edited is None:
+            edited = none
         return cls(
             points=np.array(points, float),
-            sigma=np.zeros(count) if sigma is None else np.array(sigma, float),
+            sigma=np.array(sigma, float),
             closed=bool(closed),
-            bridged=none if bridged is None else np.array(bridged, bool),
-            edited=none if edited is None else np.array(edited, bool),
-            seen=none,
+            bridged=np.array(bridged, bool),
+            edited=np.array(edited, bool),
+            viewed=none,
             knots=spread_knots(points, bool(closed)),
+            width_px=width_px,
         )
 
     @classmethod
     def from_ink(cls, line: Measured, closed: bool) -> Stroke:
         """A stroke of a path that was moved onto the ink; edited where there was none."""
-        shown = line.is_confirmed
-        sigma = np.where(shown, line.sigma, HAND_SIGMA_PX)
-        return cls.measured(line.points, sigma, closed, edited=~shown)
+        confirmed = line.is_confirmed
+        sigma = np.where(confirmed, line.sigma, HAND_SIGMA_PX)
+        return cls.measured(line.points, sigma, closed, edited=~confirmed)
 
     @property
     def length_px(self) -> float:
@@ -101,36 +114,38 @@ class Stroke:
         return self.points[self.knots]
 
     def look_at(self, start: float, stop: float) -> Stroke:
-        """The stroke with the part between two shares of its length seen."""
+        """The stroke with the part between two shares of its length viewed."""
         arc = arc_length(self.points, False)
         share = arc / arc[-1]
         inside = (share >= start - 1e-9) & (share <= stop + 1e-9)
-        return replace(self, seen=self.seen | inside)
+        return replace(self, viewed=self.viewed | inside)
 
     def move_knot(self, knot: int, to: NDArray, ink: Ink | None) -> Stroke:
         """Move a knot; the points between its neighbours follow, and are measured again."""
-        before, own, after = self._around(knot)
+        before, moved, after = self._around(knot)
         # One run of indices, which on a closed stroke may lead through its seam.
-        stretch = self._stretch(before, after)
-        points = self.points[stretch]
-        middle = (own - before) % len(self.points) if self.closed else own - before
+        run = self._run(before, after)
+        points = self.points[run]
+        middle = moved - before
+        if self.closed:
+            middle %= len(self.points)
         arc = arc_length(points, False)
         share = np.ones(len(points))
         if middle > 0:
             share[: middle + 1] = _eased(arc[: middle + 1] / arc[middle])
         if middle < len(points) - 1:
-            rest = arc[middle:] - arc[middle]
-            share[middle:] = _eased(1.0 - rest / rest[-1])
-        moved = points + share[:, None] * (to - self.points[own])
-        return self._with_stretch(before, after, moved, ink, at=moved[middle])
+            behind = arc[middle:] - arc[middle]
+            share[middle:] = _eased(1.0 - behind / behind[-1])
+        drawn = points + share[:, None] * (to - self.points[moved])
+        return self._with_stretch(before, after, drawn, ink, knot_at=drawn[middle])
 
     def insert_knot(self, at: NDArray) -> Stroke:
         """A further knot at the point nearest to a place."""
         nearest, _ = nearest_point(self.points, at)
         if nearest in self.knots:
             raise SettingError(
-                f"there is a knot at ({at[0]:.1f}, {at[1]:.1f}) already; choose a place between "
-                "two knots",
+                f"There is a knot at ({at[0]:.1f}, {at[1]:.1f}) already. Choose a place between "
+                "two knots.",
                 code="knot-exists",
                 numbers={"u": float(at[0]), "v": float(at[1])},
             )
@@ -138,46 +153,54 @@ class Stroke:
 
     def delete_knot(self, knot: int, ink: Ink | None) -> Stroke:
         """Draw the stretch between a knot's neighbours anew, without it; an end is cut back."""
-        if len(self.knots) <= (3 if self.closed else 2):
+        count = len(self.knots)
+        needed = 2
+        if self.closed:
+            needed = 3
+        if count <= needed:
             raise SettingError(
-                f"the stroke has {len(self.knots)} knots and needs them; cut it, or draw it anew",
+                f"The stroke has {count} knots and needs them. Cut it, or draw it anew.",
                 code="too-few-knots",
-                numbers={"knots": len(self.knots)},
+                numbers={"knots": count},
             )
-        if not self.closed and knot in (0, len(self.knots) - 1):
-            if knot == 0:
-                return self.part(int(self.knots[1]), len(self.points))
+        if not self.closed and knot == 0:
+            return self.part(int(self.knots[1]), len(self.points))
+        if not self.closed and knot == count - 1:
             return self.part(0, int(self.knots[-2]) + 1)
         before, _, after = self._around(knot)
         # The spline through the knots around shows how the line would run without this one.
-        count = len(self.knots)
-        around = [knot + k for k in (-2, -1, 1, 2)]
-        if self.closed:
-            around = list(dict.fromkeys(k % count for k in around))
-        else:
-            around = [k for k in around if 0 <= k < count]
+        around = []
+        for k in (knot - 2, knot - 1, knot + 1, knot + 2):
+            if self.closed:
+                k %= count
+            if 0 <= k < count and k not in around:
+                around.append(k)
         spline = spline_through(self.knots_px[around], False)
         first, _ = nearest_point(spline, self.points[before])
         last, _ = nearest_point(spline, self.points[after])
-        drawn = spline[first : last + 1]
-        drawn = np.vstack([self.points[before], drawn[1:-1], self.points[after]])
-        return self._with_stretch(before, after, drawn, ink, at=None)
+        inner = spline[first + 1 : last]
+        drawn = np.vstack([self.points[before], inner, self.points[after]])
+        return self._with_stretch(before, after, drawn, ink)
 
     def cut(self, start: NDArray | None, end: NDArray | None) -> Stroke:
         """Without what lies before the place `start` and behind the place `end`."""
         stroke = self
-        if stroke.closed:
-            seam = start if start is not None else end
-            first, _ = nearest_point(stroke.points, seam)
-            stroke = stroke._opened(first)
+        if self.closed:
+            # A ring is opened at the first cut, so that a single cut leaves all of it.
+            seam = start
+            if seam is None:
+                seam = end
+            nearest, _ = nearest_point(self.points, seam)
+            stroke = self._opened(nearest)
         first, last = 0, len(stroke.points) - 1
         if start is not None and not self.closed:
             first, _ = nearest_point(stroke.points, start)
-        if end is not None and not (self.closed and start is None):
+        if end is not None and (start is not None or not self.closed):
             last, _ = nearest_point(stroke.points, end)
         if last - first < 3:
             raise SettingError(
-                "nothing of the stroke is left between the cuts; the start lies before the end",
+                "Nothing of the stroke is left between the cuts. The start has to lie before the "
+                "end.",
                 code="nothing-left",
                 numbers={"points": max(last - first + 1, 0)},
             )
@@ -185,144 +208,134 @@ class Stroke:
 
     def reversed(self) -> Stroke:
         """The same line, drawn the other way round."""
-        return Stroke(
-            self.points[::-1],
-            self.sigma[::-1],
-            self.closed,
-            self.bridged[::-1],
-            self.edited[::-1],
-            self.seen[::-1],
-            len(self.points) - 1 - self.knots[::-1],
-        )
+        order = np.arange(len(self.points))[::-1]
+        knots = len(self.points) - 1 - self.knots[::-1]
+        return self._selected(order, knots)
 
     def redraw(self, drawn: NDArray, ink: Ink | None) -> Stroke:
         """Put a drawn stretch in place of the part between its ends, or carry an end on.
 
         `drawn` is a (M, 2) path of which at least one end lies within `JOIN_PX` of the stroke.
         """
-        first, first_off = nearest_point(self.points, drawn[0])
-        last, last_off = nearest_point(self.points, drawn[-1])
-        if first_off <= JOIN_PX and last_off <= JOIN_PX:
+        first, first_distance = nearest_point(self.points, drawn[0])
+        last, last_distance = nearest_point(self.points, drawn[-1])
+        if first_distance <= JOIN_PX and last_distance <= JOIN_PX:
             if self.closed:
                 return self._redraw_closed(first, last, drawn, ink)
             if first > last:
                 first, last, drawn = last, first, drawn[::-1]
             stretch = np.vstack([self.points[first], drawn[1:-1], self.points[last]])
-            return self._with_stretch(first, last, stretch, ink, at=None)
+            return self._with_stretch(first, last, stretch, ink)
         if self.closed:
             raise SettingError(
-                "the drawn stretch leaves a closed curve at one end; let both ends lie on it",
+                "The drawn stretch leaves a closed curve at one end. Let both ends lie on it.",
                 code="stretch-off-curve",
-                numbers={"off_px": max(first_off, last_off)},
+                numbers={"distance_px": max(first_distance, last_distance)},
             )
-        if last_off <= JOIN_PX:
+        if last_distance <= JOIN_PX:
             first, drawn = last, drawn[::-1]
         # The stretch carries on the nearer end of the stroke.
         count = len(self.points)
         if first >= count / 2:
             stretch = np.vstack([self.points[first], drawn[1:]])
-            return self._with_stretch(first, count - 1, stretch, ink, at=None, free_end=True)
+            return self._with_stretch(first, count - 1, stretch, ink, free_end=True)
         stretch = np.vstack([drawn[:0:-1], self.points[first]])
-        return self._with_stretch(0, first, stretch, ink, at=None, free_start=True)
+        return self._with_stretch(0, first, stretch, ink, free_start=True)
 
     def join(self, other: Stroke, ink: Ink | None) -> Stroke:
         """Both strokes as one, joined where two of their ends lie nearest."""
         pairs = []
-        for own_end in (0, -1):
+        for end in (0, -1):
             for other_end in (0, -1):
-                gap = self.points[own_end] - other.points[other_end]
-                pairs.append((float(np.hypot(*gap)), own_end, other_end))
-        _, own_end, other_end = min(pairs)
-        first = self.reversed() if own_end == 0 else self
-        second = other.reversed() if other_end == -1 else other
+                gap = self.points[end] - other.points[other_end]
+                pairs.append((float(np.hypot(*gap)), end, other_end))
+        _, end, other_end = min(pairs)
+        first, second = self, other
+        if end == 0:
+            first = self.reversed()
+        if other_end == -1:
+            second = other.reversed()
         reach = min(10, len(first.points) - 1, len(second.points) - 1)
-        around = np.vstack(
-            [
-                first.points[[-1 - reach, -1]],
-                second.points[[0, reach]],
-            ]
-        )
+        around = np.vstack([first.points[[-1 - reach, -1]], second.points[[0, reach]]])
         spline = spline_through(around, False)
         start, _ = nearest_point(spline, first.points[-1])
         stop, _ = nearest_point(spline, second.points[0])
         gap = spline[start + 1 : stop]
         count = len(gap)
+        none = np.zeros(count, bool)
+        between = Stroke(gap, np.full(count, HAND_SIGMA_PX), False, none, ~none, none, none[:0])
         knots = np.r_[first.knots, len(first.points) + count + second.knots]
-        whole = Stroke(
-            np.vstack([first.points, gap, second.points]),
-            np.r_[first.sigma, np.full(count, HAND_SIGMA_PX), second.sigma],
-            False,
-            np.r_[first.bridged, np.zeros(count, bool), second.bridged],
-            np.r_[first.edited, np.ones(count, bool), second.edited],
-            np.r_[first.seen, np.zeros(count, bool), second.seen],
-            knots,
-        )
+        whole = _concatenated([first, between, second], False, knots)
         if count < 2:
             return whole
         last = len(first.points) - 1
-        return whole._with_stretch(last, last + count + 1, whole.points[last : last + count + 2],
-                                   ink, at=None)  # fmt: skip
+        drawn = whole.points[last : last + count + 2]
+        return whole._with_stretch(last, last + count + 1, drawn, ink)
+
+    def measured_in(self, box: tuple[int, int, int, int], ink: Ink) -> Stroke:
+        """The stroke with its parts in a box, (u, v, width, height) [px], measured again."""
+        low = np.array(box[:2]) - 0.5
+        high = low + box[2:]
+        inside = ((self.points >= low) & (self.points <= high)).all(axis=1)
+        edges = np.flatnonzero(np.diff(np.r_[False, inside, False].astype(int))).reshape(-1, 2)
+        stroke = self
+        # From behind, so that the indices of the parts before stay right.
+        for start, stop in edges[::-1]:
+            first, last = max(start - 1, 0), min(stop, len(self.points) - 1)
+            if last - first >= 2:
+                path = self.points[first : last + 1]
+                stroke = stroke._with_stretch(first, last, path, ink)
+        return stroke
 
     def part(self, start: int, stop: int) -> Stroke:
         """The open stroke from one point to before another, with a knot at either end."""
-        own = slice(start, stop)
-        count = stop - start
         inner = self.knots[(self.knots > start) & (self.knots < stop - 1)] - start
-        return Stroke(
-            self.points[own],
-            self.sigma[own],
-            False,
-            self.bridged[own],
-            self.edited[own],
-            self.seen[own],
-            np.r_[0, inner, count - 1].astype(np.int64),
-        )
+        knots = np.r_[0, inner, stop - start - 1].astype(np.int64)
+        return replace(self._selected(np.arange(start, stop), knots), closed=False)
+
+    def _selected(self, order: NDArray[np.int64], knots: NDArray[np.int64]) -> Stroke:
+        """The stroke with these of its points, in this order."""
+        values = {}
+        for name in PER_POINT:
+            values[name] = getattr(self, name)[order]
+        return replace(self, **values, knots=knots)
 
     def _opened(self, first: int) -> Stroke:
         """A closed stroke, opened at a point, which becomes its first and its last."""
         order = np.r_[first : len(self.points), 0 : first + 1]
         place = (self.knots - first) % len(self.points)
-        inner = place[place > 0]
-        return Stroke(
-            self.points[order],
-            self.sigma[order],
-            False,
-            self.bridged[order],
-            self.edited[order],
-            self.seen[order],
-            np.r_[0, np.sort(inner), len(order) - 1].astype(np.int64),
-        )
+        knots = np.r_[0, np.sort(place[place > 0]), len(order) - 1].astype(np.int64)
+        return replace(self._selected(order, knots), closed=False)
 
     def _redraw_closed(self, first: int, last: int, drawn: NDArray, ink: Ink | None) -> Stroke:
         """Of the two parts between the drawn stretch's ends the one nearer to it is replaced."""
-        count = len(self.points)
         middle = drawn[len(drawn) // 2]
-        forward = self._stretch(first, last)
-        backward = self._stretch(last, first)
-        _, forward_off = nearest_point(self.points[forward], middle)
-        _, backward_off = nearest_point(self.points[backward], middle)
-        if backward_off < forward_off:
+        _, forward = nearest_point(self.points[self._run(first, last)], middle)
+        _, backward = nearest_point(self.points[self._run(last, first)], middle)
+        if backward < forward:
             first, last, drawn = last, first, drawn[::-1]
-        if (last - first) % count < 1:
+        if (last - first) % len(self.points) < 1:
             raise SettingError(
-                "the drawn stretch begins and ends at one point of the curve; let it span a part",
+                "The drawn stretch begins and ends at one point of the curve. Let it span a part.",
                 code="stretch-too-short",
                 numbers={"points": len(drawn)},
             )
         stretch = np.vstack([self.points[first], drawn[1:-1], self.points[last]])
-        return self._with_stretch(first, last, stretch, ink, at=None)
+        return self._with_stretch(first, last, stretch, ink)
 
     def _around(self, knot: int) -> tuple[int, int, int]:
         """The points of the knot before, the knot itself and the knot behind it."""
         count = len(self.knots)
-        own = int(self.knots[knot])
+        before, after = knot - 1, knot + 1
         if self.closed:
-            return int(self.knots[knot - 1]), own, int(self.knots[(knot + 1) % count])
-        return int(self.knots[max(knot - 1, 0)]), own, int(self.knots[min(knot + 1, count - 1)])
+            before, after = before % count, after % count
+        else:
+            before, after = max(before, 0), min(after, count - 1)
+        return int(self.knots[before]), int(self.knots[knot]), int(self.knots[after])
 
-    def _stretch(self, first: int, last: int) -> NDArray[np.int64]:
-        """Indices from one point to another, through the seam where need be."""
-        if first <= last and not (self.closed and first == last):
+    def _run(self, first: int, last: int) -> NDArray[np.int64]:
+        """Indices from one point to another, on a closed stroke through its seam if need be."""
+        if first < last or (first == last and not self.closed):
             return np.arange(first, last + 1)
         return np.r_[first : len(self.points), 0 : last + 1]
 
@@ -332,108 +345,94 @@ class Stroke:
         last: int,
         drawn: NDArray,
         ink: Ink | None,
-        at: NDArray | None,
+        *,
+        knot_at: NDArray | None = None,
         free_start: bool = False,
         free_end: bool = False,
     ) -> Stroke:
         """The stroke with a drawn path, moved onto its ink, between two of its points.
 
-        at: where a knot shall lie on the new stretch; `None`: knots as far apart as elsewhere
-        free_start, free_end: whether that end of the path may move to the end of its ink
+        `knot_at` is where a knot shall lie on the new stretch; without it knots lie as far apart
+        as elsewhere. `free_start` and `free_end` say whether that end of the path may move to the
+        end of its ink.
         """
         if arc_length(drawn, False)[-1] < 1.0:
             raise SettingError(
-                "the stretch would be shorter than a pixel; move the knot elsewhere, or delete it",
+                "The stretch would be shorter than a pixel. Move the knot elsewhere, or delete it.",
                 code="stretch-too-short",
                 numbers={"points": len(drawn)},
             )
-        ends = drawn[[0, -1]]
+        # Measured: moved onto the ink, and joined to the points on either side.
         if ink is None:
             points = evenly(drawn, False)
-            sigma = np.full(len(points), HAND_SIGMA_PX)
             edited = np.ones(len(points), bool)
+            sigma = np.full(len(points), HAND_SIGMA_PX)
         else:
-            free = (free_start, free_end)
-            line = ink.draw(drawn, False, REACH_PX, free)
+            line = ink.draw(drawn, False, REACH_PX, (free_start, free_end))
             points = line.points
             edited = ~line.is_confirmed
             sigma = np.where(edited, HAND_SIGMA_PX, line.sigma)
         count = len(self.points)
-        whole = not self.closed and first == 0 and last == count - 1
         keeps_start = self.closed or first > 0
         keeps_end = self.closed or last < count - 1
-        points = _meeting(points, ends, keeps_start, keeps_end)
+        points = _meeting(points, drawn[[0, -1]], keeps_start, keeps_end)
         none = np.zeros(len(points), bool)
-        new = Stroke(points, sigma, False, none, edited, none, np.zeros(0, np.int64))
-        if at is None:
-            inner = spread_knots(points, False, self._knot_spacing())[1:-1]
+        # Knots on the new stretch, but for its ends.
+        if knot_at is None:
+            spacing = self.length_px / max(len(self.knots), 1)
+            inner = spread_knots(points, False, spacing)[1:-1]
         else:
-            inner = np.array([nearest_point(points, at)[0]])
+            inner = np.array([nearest_point(points, knot_at)[0]])
             inner = inner[(inner > 0) & (inner < len(points) - 1)]
-        if whole:
-            knots = np.unique(np.r_[0, inner, len(points) - 1])
-            return replace(new, knots=knots)
-        if self.closed and last <= first:  # the stretch leads through the seam: the ring is turned
-            turn = last
-            order = np.r_[turn:count, 0:turn]
-            turned = self._ordered(order, np.sort((self.knots - turn) % count))
-            return turned._spliced((first - turn) % count, count, new, inner)
-        return self._spliced(first, last, new, inner)
+        stretch = Stroke(points, sigma, False, none, edited, none, inner, self.width_px)
+        if not keeps_start and not keeps_end:
+            return replace(stretch, knots=np.unique(np.r_[0, inner, len(points) - 1]))
+        if self.closed and last <= first:
+            # The stretch leads through the seam: the ring is turned, so that it ends at the seam.
+            order = np.r_[last:count, 0:last]
+            turned = self._selected(order, np.sort((self.knots - last) % count))
+            return turned._spliced((first - last) % count, count, stretch)
+        return self._spliced(first, last, stretch)
 
-    def _ordered(self, order: NDArray, knots: NDArray) -> Stroke:
-        return Stroke(
-            self.points[order],
-            self.sigma[order],
-            self.closed,
-            self.bridged[order],
-            self.edited[order],
-            self.seen[order],
-            knots,
-        )
-
-    def _spliced(self, first: int, last: int, new: Stroke, inner: NDArray) -> Stroke:
-        """The points before `first`, the new stretch, the points behind `last`.
+    def _spliced(self, first: int, last: int, stretch: Stroke) -> Stroke:
+        """The points before `first`, the stretch, the points behind `last`.
 
         On a closed stroke `last` may be the number of points: the stretch ends at the first one.
         """
         count = len(self.points)
+        inner = stretch.knots
         if last == count:
-            new = new.part(0, len(new.points) - 1)
-            inner = inner[inner < len(new.points)]
-        head = slice(0, first)
-        tail = slice(last + 1, count)
-
-        def joined(name: str) -> NDArray:
-            own = getattr(self, name)
-            return np.concatenate([own[head], getattr(new, name), own[tail]])
-
-        shift = first + len(new.points) - (last + 1)
-        kept_before = self.knots[self.knots < first]
-        kept_after = self.knots[self.knots > last] + shift
+            inner = inner[inner < len(stretch.points) - 1]
+            stretch = stretch._selected(np.arange(len(stretch.points) - 1), inner)
         border = [first]
         if last < count:
-            border.append(first + len(new.points) - 1)
-        knots = np.unique(np.r_[kept_before, border, first + inner, kept_after])
-        return Stroke(
-            joined("points"),
-            joined("sigma"),
-            self.closed,
-            joined("bridged"),
-            joined("edited"),
-            joined("seen"),
-            knots.astype(np.int64),
-        )
+            border.append(first + len(stretch.points) - 1)
+        shift = first + len(stretch.points) - (last + 1)
+        before = self.knots[self.knots < first]
+        behind = self.knots[self.knots > last] + shift
+        knots = np.unique(np.r_[before, border, first + inner, behind]).astype(np.int64)
+        head = self._selected(np.arange(first), before)
+        tail = self._selected(np.arange(last + 1, count), behind)
+        return _concatenated([head, stretch, tail], self.closed, knots)
 
-    def _knot_spacing(self) -> float:
-        return self.length_px / max(len(self.knots), 1)
+
+def _concatenated(parts: list[Stroke], closed: bool, knots: NDArray[np.int64]) -> Stroke:
+    """Strokes as one, one behind the other, with these knots."""
+    values = {}
+    for name in PER_POINT:
+        values[name] = np.concatenate([getattr(part, name) for part in parts])
+    return replace(parts[0], **values, closed=closed, knots=knots)
 
 
 def spread_knots(points: NDArray, closed: bool, spacing_px: float | None = None) -> NDArray:
     """(K,) indices of points at equal steps of arc; of an open stroke the first and the last."""
     arc = arc_length(points, closed)
     if spacing_px is None:
-        spacing_px = max(arc[-1] / KNOTS, MIN_KNOT_SPACING_PX)
-    steps = max(4 if closed else 1, round(arc[-1] / max(spacing_px, MIN_KNOT_SPACING_PX)))
+        spacing_px = arc[-1] / KNOTS
+    min_steps = 1
+    if closed:
+        min_steps = 4
+    steps = max(min_steps, round(arc[-1] / max(spacing_px, MIN_KNOT_SPACING_PX)))
     at = np.linspace(0.0, arc[-1], steps + 1)
     if closed:
         at = at[:-1]
@@ -449,7 +448,7 @@ def _eased(share: NDArray) -> NDArray[np.float64]:
 def _meeting(
     points: NDArray, ends: NDArray, keeps_start: bool, keeps_end: bool
 ) -> NDArray[np.float64]:
-    """The points shifted so that they meet the curve's own at either end, over eight pixels."""
+    """The points shifted so that they meet the curve's at either end, over eight pixels."""
     points = points.copy()
     step = np.arange(len(points))
     if keeps_start:

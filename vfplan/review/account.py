@@ -1,0 +1,175 @@
+"""The account of a slice: ink in the pen's colour that is not the curve's, and where it is bridged.
+
+`vfplan extract` lists the same when it has measured a curve. A curve that a person mended has
+another account, so the review makes it anew, by the same rule and with the same numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.curve import tuned
+from vfplan.fixture import Fixture
+from vfplan.planning import ExtractSettings
+
+Array = NDArray[np.float64]
+
+Box = tuple[int, int, int, int]
+
+MAX_ENTRIES = 200
+"""Entries that are listed at most; more is a photograph, not a drawing."""
+
+
+@dataclass(frozen=True, eq=False)
+class AccountLine:
+    """A line of the curve: (M, 2) points, the pen's width [px], and (M,) where it is bridged."""
+
+    points: Array
+    closed: bool
+    width_px: float
+    bridged: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A piece of ink that is not the curve, or a stretch of the curve that shows no ink.
+
+    Parameters
+    ----------
+    number
+        From 1, the largest first.
+    middle
+        (u, v) [px]: the middle of the ink's box, or of the stretch.
+    pixels
+        How many pixels of ink, or points of the stretch.
+    share
+        The same, over all pixels of ink.
+    box
+        (u, v, width, height) [px] of the ink.
+    mask
+        (height, width) bool, the ink in its box; `None` for a stretch.
+    """
+
+    number: int
+    middle: tuple[float, float]
+    pixels: int
+    share: float
+    box: Box
+    mask: NDArray[np.bool_] | None
+
+    @property
+    def is_ink(self) -> bool:
+        """Whether it is ink, and no stretch of the curve."""
+        return self.mask is not None
+
+    @property
+    def outline(self) -> list[list[list[float]]]:
+        """The ink's outlines, half a pixel outside of it: a list of (K, 2) places."""
+        if self.mask is None:
+            return []
+        padded = cv2.copyMakeBorder(self.mask.view(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+        contours, _ = cv2.findContours(padded, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        corner = np.array(self.box[:2]) - 1.0
+        outlines = []
+        for contour in contours:
+            outlines.append((contour[:, 0] + corner).round(1).tolist())
+        return outlines
+
+
+def list_account(mask: NDArray[np.bool_], lines: Sequence[AccountLine]) -> tuple[Entry, ...]:
+    """All ink of a (H, W) mask beyond the lines' edges, and each bridged stretch, by size."""
+    nonzero = cv2.findNonZero(mask.view(np.uint8))
+    if nonzero is None:
+        return ()
+    pixels = nonzero.reshape(-1, 2).astype(np.int64)
+    entries = []
+    for piece in _pieces(pixels[_edge_distance(pixels, lines) > tuned.BESIDE_PX]):
+        low, high = piece.min(axis=0), piece.max(axis=0)
+        box = (*low.tolist(), *(high - low + 1).tolist())
+        piece_mask = np.zeros((box[3], box[2]), bool)
+        piece_mask[piece[:, 1] - low[1], piece[:, 0] - low[0]] = True
+        middle = tuple(((low + high) / 2).tolist())
+        entries.append((len(piece), middle, box, piece_mask))
+    for line in lines:
+        for run in _runs(line.bridged, line.closed):
+            u, v = line.points[run[len(run) // 2]].tolist()
+            entries.append((len(run), (u, v), (round(u), round(v), 1, 1), None))
+    entries.sort(key=lambda entry: (-entry[0], *entry[1]))
+    account = []
+    for number, (count, middle, box, piece_mask) in enumerate(entries[:MAX_ENTRIES], 1):
+        account.append(Entry(number, middle, count, count / len(pixels), box, piece_mask))
+    return tuple(account)
+
+
+def _edge_distance(pixels: NDArray[np.int64], lines: Sequence[AccountLine]) -> Array:
+    """(N,) distance of pixels from the edge of the closest line [px]."""
+    from scipy.spatial import cKDTree
+
+    distance = np.full(len(pixels), np.inf)
+    for line in lines:
+        to_line, _ = cKDTree(line.points).query(pixels)
+        distance = np.minimum(distance, to_line - line.width_px / 2)
+    return distance
+
+
+def _pieces(pixels: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """The connected pieces of (N, 2) pixels, but for specks."""
+    if len(pixels) == 0:
+        return []
+    corner = pixels.min(axis=0)
+    width, height = (pixels.max(axis=0) - corner + 1).tolist()
+    picture = np.zeros((height, width), np.uint8)
+    picture[pixels[:, 1] - corner[1], pixels[:, 0] - corner[0]] = 1
+    _, labels = cv2.connectedComponents(picture, connectivity=8)
+    label = labels[pixels[:, 1] - corner[1], pixels[:, 0] - corner[0]]
+    order = np.argsort(label, kind="stable")
+    ends = np.cumsum(np.bincount(label)[1:])
+    pieces = []
+    for piece in np.split(order, ends[:-1]):
+        if len(piece) >= tuned.SPECK_PX:
+            pieces.append(pixels[piece])
+    return pieces
+
+
+def _runs(flags: NDArray[np.bool_], closed: bool) -> list[NDArray[np.int64]]:
+    """The indices of each run of flags; on a closed line a run may lead through its seam."""
+    count = len(flags)
+    if flags.all():
+        return [np.arange(count)]
+    turn = 0
+    if closed:
+        turn = int(np.flatnonzero(~flags)[0])
+    turned = np.roll(flags, -turn)
+    edges = np.flatnonzero(np.diff(np.r_[False, turned, False].astype(int))).reshape(-1, 2)
+    runs = []
+    for start, stop in edges:
+        runs.append((np.arange(start, stop) + turn) % count)
+    return runs
+
+
+def extraction_of(fixture: Fixture, settings: ExtractSettings) -> ExtractSettings:
+    """The pen and the places where a bundle's curve was looked for."""
+    known = fixture.provenance.settings
+    roi = None
+    for box in boxes_of(known.get("roi")):
+        roi = box
+    colour = str(known.get("colour", settings.colour))
+    exclude = boxes_of(known.get("exclude")) or None
+    return replace(settings, colour=colour, roi=roi, exclude=exclude)
+
+
+def boxes_of(text: Any) -> tuple[Box, ...]:
+    """The boxes of a bundle's setting, such as "1,2,30,40;5,6,7,8"."""
+    boxes = []
+    for part in str(text or "").split(";"):
+        numbers = part.split(",")
+        if len(numbers) == 4 and all(number.strip().isdigit() for number in numbers):
+            u, v, width, height = (int(number) for number in numbers)
+            boxes.append((u, v, width, height))
+    return tuple(boxes)
