@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
-from vfplan.planning import Extracted, ExtractSettings, extract
+from vfplan.planning import ExtractResult, ExtractSettings, extract
 from vfplan.review.account import AccountLine, Entry, list_account
 from vfplan.review.ink import MIN_LINE_PX, Ink
 from vfplan.review.paths import nearest_point
@@ -170,7 +170,7 @@ class Geometry:
         return replace(self, strokes=strokes, findings=findings, refusal=None)
 
 
-def strokes_of(extracted: Extracted) -> tuple[Stroke, ...]:
+def strokes_of(extracted: ExtractResult) -> tuple[Stroke, ...]:
     """The lines that extraction measured."""
     strokes = []
     for line in extracted.extraction.strokes:
