@@ -10,7 +10,7 @@ STAMP  := $(VENV)/.vfplan-installed
 SOURCES := pyproject.toml README.md LICENSE \
            $(shell find vfplan cli schemas samples -type f -not -path '*/__pycache__/*' 2>/dev/null)
 
-.PHONY: franka franka-env demo test test-all test-full docs pictures lint format install lock clean
+.PHONY: franka franka-env demo test test-all test-full docs site api pictures lint format install lock sbom wheel clean
 install: $(VENV)/.vfplan-test
 
 $(BIN)/python:
@@ -54,6 +54,13 @@ docs: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_conformance.py
 	$(BIN)/python docs/make_transcripts.py
 
+# These pages as a site with search that needs no network: build/site/index.html.
+site: | $(BIN)/python
+	$(BIN)/python -m pip install -q --group site
+	rm -rf build/site
+	$(BIN)/sphinx-build -q -W --keep-going -n -d build/doctrees -b html docs build/site
+	cp build/site/README.html build/site/index.html
+
 # The reference of Python (pdoc) and C++ (apt package doxygen), as pages under build/api.
 api: $(VENV)/.vfplan-test
 	$(BIN)/python -m pip install -q "pdoc>=15"
@@ -83,7 +90,7 @@ LOCKED = $(BIN)/uv pip compile -q --universal --upgrade --generate-hashes --pyth
   --custom-compile-command "make lock"
 lock: | $(BIN)/python
 	$(BIN)/python -m pip install -q uv
-	$(LOCKED) pyproject.toml --all-extras --group build --group lint -o requirements-ci.txt
+	$(LOCKED) pyproject.toml --all-extras --group build --group lint --group site -o requirements-ci.txt
 	$(LOCKED) --group franka -o requirements-franka.txt
 
 # A Franka's own protocol against its simulator, in an environment of its own (numpy 1, mujoco < 3.3).

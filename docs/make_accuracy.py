@@ -1,10 +1,11 @@
-"""Put a bench's tables and pictures into docs/accuracy.md.
+"""Put the tables and pictures of a bench into docs/accuracy.md.
 
-    python docs/make_accuracy.py              # runs the whole bench: about 10 minutes, idle
-    python docs/make_accuracy.py DIR          # of a run that there is
+    python docs/make_accuracy.py --quick      # runs the quick bench: about a minute
+    python docs/make_accuracy.py              # runs the whole bench: about ten minutes, idle
+    python docs/make_accuracy.py DIR...       # of runs that there are, such as one for each stage
 
-Every number between `<!-- NAME -->` and `<!-- end -->` comes from DIR/bench.json, those of
-the paper's scenes from `vfplan demo paper`, which this runs.
+Every number between `<!-- NAME -->` and `<!-- end -->` comes from the bench.json of the folders.
+Those of the paper's scenes come from `vfplan demo paper`, which this runs.
 """
 
 from __future__ import annotations
@@ -22,31 +23,45 @@ from PIL import Image
 
 DOCS = Path(__file__).parent
 PROGRAM = Path(sys.executable).with_name("vfplan")
-PAGE, PICTURES = DOCS / "accuracy.md", DOCS / "pictures"
+PAGE = DOCS / "accuracy.md"
+PICTURES = DOCS / "pictures"
 
 
 def main(arguments: list[str]) -> None:
-    """Fill the page and copy the diagrams, of a run's folder or of a run of now."""
-    if arguments:
-        fill(Path(arguments[0]))
+    """Fill the page and copy the diagrams, of the runs in these folders or of a run of now."""
+    folders = [Path(argument) for argument in arguments if argument != "--quick"]
+    if folders:
+        fill(folders)
         return
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made) / "bench"
-        subprocess.run([PROGRAM, "bench", "all", "-o", folder], check=True)
-        fill(folder)
+        subprocess.run([PROGRAM, "bench", "all", "-o", folder, *arguments], check=True)
+        fill([folder])
 
 
-def fill(folder: Path) -> None:
-    """The page, from a run's folder."""
-    document = json.loads((folder / "bench.json").read_text())
+def fill(folders: list[Path]) -> None:
+    """Write the page from the runs in these folders; of a stage in two of them the last counts."""
+    document = joined([json.loads((folder / "bench.json").read_text()) for folder in folders])
     page = PAGE.read_text()
     for name, make in TABLES.items():
         page = filled(page, name, make(document))
-    for stage in document["stages"]:
-        keep(folder / f"bench_{stage}.png", PICTURES / f"bench_{stage}.png")
+    for folder in folders:
+        for diagram in folder.glob("bench_*.png"):
+            keep(diagram, PICTURES / diagram.name)
     page = filled(page, "scenes", scenes(papers_scenes()))
-    page = filled(page, "since", "")  # what an older run's numbers lack
     PAGE.write_text(page)
+
+
+def joined(documents: list[dict[str, Any]]) -> dict[str, Any]:
+    """One document of several runs."""
+    whole = dict(documents[0])
+    for document in documents[1:]:
+        for key in ("results", "refused"):
+            others = [r for r in whole.get(key, []) if r["stage"] not in document["stages"]]
+            whole[key] = others + document.get(key, [])
+        whole["elapsed_s"] += document["elapsed_s"]
+        whole["chosen"] = document.get("chosen") or whole.get("chosen")
+    return whole
 
 
 def filled(page: str, name: str, text: str) -> str:
@@ -58,16 +73,19 @@ def filled(page: str, name: str, text: str) -> str:
 
 
 def papers_scenes() -> dict[str, dict[str, Any]]:
-    """Draw the paper's figures; the numbers of each scene."""
+    """Draw the figures of the paper; the numbers of each scene."""
+    numbers = {}
     with tempfile.TemporaryDirectory() as made:
         subprocess.run([PROGRAM, "demo", "paper", "-o", made, "-q"], check=True)
         for figure in ("fig2", "fig4", "fig5", "fig6"):
             keep(Path(made) / f"{figure}.png", PICTURES / f"paper_{figure}.png")
-        told = {
-            name: json.loads((Path(made) / f"{name}.json").read_text())
-            for name in ("fig2", "fig4", "fig6")
-        }
-    return {**told["fig2"], "Experiment 1": told["fig4"], "Experiment 2": told["fig6"]}
+        for figure in ("fig2", "fig4", "fig6"):
+            numbers[figure] = json.loads((Path(made) / f"{figure}.json").read_text())
+    return {
+        **numbers["fig2"],
+        "Experiment 1": numbers["fig4"],
+        "Experiment 2": numbers["fig6"],
+    }
 
 
 def keep(picture: Path, target: Path) -> None:

@@ -40,3 +40,28 @@ def test_commands_named_in_the_docs_exist(page):
 
     for name in re.findall(r"^\s*\$ vfplan ([a-z]+)", page.read_text(), re.MULTILINE):
         assert name in COMMANDS, f"{page.name} calls vfplan {name}"
+
+
+def test_files_named_in_the_architecture_exist():
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    paths = re.findall(r"`((?:vfplan|cli|schemas|docs|tests)/[\w./-]*)`", text)
+    assert len(paths) > 20
+    for path in paths:
+        assert (ROOT / path).exists(), path
+
+
+def test_names_in_the_controllers_table_stand_in_their_headers():
+    text = (ROOT / "docs" / "controller.md").read_text()
+    rows = re.findall(r"^\| (`vfplan/[^|]*) \| (.*) \|$", text, re.MULTILINE)
+    assert len(rows) >= 11
+    include = ROOT / "vfplan" / "native" / "include"
+    for headers, names in rows:
+        # A header may include the one that defines the name, so its folder is searched as well.
+        code = ""
+        for header in re.findall(r"`(vfplan/[\w./]+)`", headers):
+            code += (include / header).read_text()
+            for path in (include / header).parent.glob("*.hpp"):
+                code += path.read_text()
+        for name in re.findall(r"`(?:bundle::)?([A-Za-z_]\w*)", names):
+            if not name.startswith("vfplan"):
+                assert re.search(rf"\b{name}\b", code), f"{headers}: {name}"
