@@ -93,6 +93,18 @@ lock: | $(BIN)/python
 	$(LOCKED) pyproject.toml --all-extras --group build --group lint --group site -o requirements-ci.txt
 	$(LOCKED) --group franka -o requirements-franka.txt
 
+# The wheel, with the time of the commit in it: the same commit and toolchain give the same bytes.
+wheel: $(VENV)/.vfplan-tools
+	SOURCE_DATE_EPOCH=$${SOURCE_DATE_EPOCH:-$$(git log -1 --format=%ct)} \
+	  $(BIN)/python -m pip wheel -q --no-build-isolation --no-deps -w dist .
+	sha256sum dist/*.whl
+
+# The parts that an install brings along, as CycloneDX JSON.
+sbom: $(VENV)/.vfplan-test
+	mkdir -p dist
+	SOURCE_DATE_EPOCH=$${SOURCE_DATE_EPOCH:-$$(git log -1 --format=%ct)} \
+	  $(BIN)/python release/make_sbom.py dist/vfplan.cdx.json --all
+
 # A Franka's own protocol against its simulator, in an environment of its own (numpy 1, mujoco < 3.3).
 FRANKA := .venv-franka
 $(FRANKA)/.simulator: requirements-franka.txt
