@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 import click
-from vfplan.cli.options import FIXTURE, option, output, taking
+from vfplan.cli.options import FIXTURE, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, command
+from vfplan.cli.run import CommandResult, command
 
 
 @command("accept")
 @FIXTURE
-@taking(
+@options_in_order(
     option("--digest", required=True, metavar="DIGEST",
-           help="The 64 hexadecimal digits on the sheet that was looked at."),
-    option("--by", required=True, metavar="NAME", help="Who looked at it."),
+           help="The 64 hexadecimal digits on the sheet that somebody looked at."),
+    option("--by", required=True, metavar="NAME", help="Name of the person who looked at it."),
     option("--answer", "answers", multiple=True, metavar="CODE",
-           help="Answer the findings of this code; may be given several times."),
+           help="Answer the findings of this code; repeatable."),
     option("--answer-all", is_flag=True, help="Answer every finding."),
-    output("The accepted bundle."),
+    output_option("Write the accepted bundle to this file."),
 )  # fmt: skip
-def command(fixture, output, digest, by, answers, answer_all) -> Report:
+def command(fixture, output, digest, by, answers, answer_all) -> CommandResult:
     """Accept FIXTURE.h5 by the digest on its review sheet, and write it with name and time.
 
-    A digest of another plan, or a finding without an answer, is exit 1, and nothing is written.
+    The digest of another plan, or a finding without an answer, is exit 1, and nothing is written.
     """
     from vfplan.bundle import read_fixture, write_fixture
     from vfplan.review.acceptance import accept
@@ -45,7 +45,7 @@ def command(fixture, output, digest, by, answers, answer_all) -> Report:
         "by": by,
         "answered": [finding.code for finding in before.open_findings],
     }
-    return Report(
+    return CommandResult(
         data, f"wrote {output}", warnings=warnings, findings=accepted.findings,
         verdict=f"accepted by {by}", next_step=f"vfplan sign {output} --key KEY -o SIGNED.h5",
     )  # fmt: skip

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import click
-from vfplan.cli.run import Report, command
+from vfplan.cli.run import CommandResult, command
 
 
 @command("conformance")
@@ -15,9 +16,9 @@ from vfplan.cli.run import Report, command
     required=True,
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="The folder for the kit; files of the kit that are there are written anew.",
+    help="Write the kit into this folder, over the files of an older kit.",
 )
-def command(folder) -> Report:
+def command(folder) -> CommandResult:
     """Write the conformance kit: sound and broken bundles, and paths that were rendered.
 
     `python -m vfplan.conformance --kit DIR CMD` runs a reader on each of its files.
@@ -25,4 +26,10 @@ def command(folder) -> Report:
     from vfplan.conformance.kit import write_kit
 
     count = write_kit(folder)
-    return Report({"folder": str(folder), "files": count}, f"wrote {count} files into {folder}")
+    return CommandResult(
+        {"folder": str(folder), "files": count},
+        f"wrote {count} files into {folder}",
+        verdict="the kit is complete",
+        next_step=f"python -m vfplan.conformance --kit {shlex.quote(str(folder))} CMD, which runs "
+        "your reader CMD on each file",
+    )

@@ -9,47 +9,27 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import OVERWRITE, option, taking
+from vfplan.cli.options import OVERWRITE, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
-from vfplan.cli.run import Report, command
-from vfplan.cli.telling import told
+from vfplan.cli.run import CommandResult, announce_if_slow, command
+from vfplan.cli.units import micrometres, millimetres
 from vfplan.cli.values import FILE
 
 from vfplan.display import length
 from vfplan.io.json_types import to_json_types
 from vfplan.io.staging import write_whole
 
-STORY = (
-    "A red curve stands on an elbow slice of {image[width_px]} x {image[height_px]} px.\n"
-    "  The pen covers {mask_pixels} pixels; its centre line is {strokes[0][length_px]:.1f} px "
-    "({strokes[0][length_mm]:.1f} mm) long.\n"
-    "{markers} markers tie the slice to the robot ({model}).\n"
-    "  FRE {fre_rms_m:mm} rms, worst marker {worst_m:mm}; predicted TRE of the curve "
-    "{tre_rms_m:mm} rms.\n"
-    "The fixture has {pieces[lines_and_arcs]} lines and arcs.\n"
-    "  The curve lies at most {pieces[error_m]:um.1} beside them.\n"
-    "A hand probed it from both sides for {duration_s:.1f} s.\n"
-    "  {contacts} contacts in {ticks} ticks; it went up to {penetration_max_m:mm} past the proxy "
-    "and was pushed back with up to {force_max_n:.2f} N.\n"
-    "  The proxy kept its radius from them to {clearance}; the force changed by at most "
-    "{force_step_max_n:.3f} N a tick."
-)
-EXPERIMENT = (
-    "{points} points, {ticks} ticks, {contacts} contacts, {force_max_n:.2f} N, "
-    "{penetration_max_mm:.2f} mm, clearance {clearance_min_um:.2f} um"
-)
-
 
 @command("demo")
 @click.argument(
     "what", type=click.Choice(["pipeline", "paper", "experiments", "panda"]), default="pipeline"
 )
-@taking(
+@options_in_order(
     option("-o", "--output", type=FILE, default="vfplan-demo", metavar="DIR",
-           help="The folder to fill; made when it is not there."),
+           help="Write the files into this folder, which is made where there is none."),
     OVERWRITE,
 )  # fmt: skip
-def command(what, output) -> Report:
+def command(what, output) -> CommandResult:
     """Plan a fixture on a drawn elbow slice, replay a probing session against it, draw both.
 
     \b
@@ -64,53 +44,90 @@ def command(what, output) -> Report:
     if output.exists():
         refuse_folder(output, *sample.FILES)
     targets = [output / name for name in sample.FILES]
-    with outputs(*targets) as places, tempfile.TemporaryDirectory(prefix="vfplan-") as folder:
-        data, text = STORIES[what](sample.draw(Path(folder)))
+    with (
+        outputs(*targets) as places,
+        tempfile.TemporaryDirectory(prefix="vfplan-") as folder,
+        announce_if_slow(f"drawing the {what}"),
+    ):
+        report = sample.draw(Path(folder))
         for name, place in zip(sample.FILES, places, strict=True):
             write_whole(place, [Path(folder, name).read_bytes()], overwrite=True)
-    left = f"Left in {output}: {', '.join(sample.FILES)}"
-    return Report(
-        {**data, "files": list(sample.FILES)},
-        f"{text}\n{left}",
+    if what == "pipeline":
+        data = dict(report)
+        text = pipeline_text(report)
+    elif what == "paper":
+        data = {"figures": report}
+        text = paper_text(report)
+    elif what == "experiments":
+        data = {"experiments": report}
+        text = experiments_text(report)
+    else:
+        data = {"experiments": report}
+        text = panda_text(report)
+    data["files"] = list(sample.FILES)
+    return CommandResult(
+        data,
+        f"{text}\nwrote into {output}: {', '.join(sample.FILES)}",
         verdict=f"done: {len(sample.FILES)} files written",
         next_step=f"look at the pictures in {output}; docs/tutorial.md tells the steps one by one",
     )
 
 
-def _pipeline(found: dict[str, Any]) -> tuple[dict[str, Any], str]:
-    replayed = found["replay"]
-    more = {
-        "worst_m": max(r["residual_m"] for r in found["register"]["residuals"]),
-        "contacts": len(replayed["episodes"]),
-        "clearance": length(max(0.0, -replayed["clearance_min_m"])),
-    }
-    return found, told(found["extract"] | found["register"] | replayed | more, STORY)
+def pipeline_text(report: dict[str, Any]) -> str:
+    """The story of the pipeline on the sample."""
+    extract = report["extract"]
+    register = report["register"]
+    replayed = report["replay"]
+    image = extract["image"]
+    stroke = extract["strokes"][0]
+    pieces = register["pieces"]
+    worst_m = max(marker["residual_m"] for marker in register["residuals"])
+    clearance = length(max(0.0, -replayed["clearance_min_m"]))
+    return (
+        f"A red curve stands on an elbow slice of {image['width_px']} x {image['height_px']} px.\n"
+        f"  The pen covers {extract['mask_pixels']} pixels; its centre line is "
+        f"{stroke['length_px']:.1f} px ({stroke['length_mm']:.1f} mm) long.\n"
+        f"{register['markers']} markers tie the slice to the robot ({register['model']}).\n"
+        f"  FRE {millimetres(register['fre_rms_m'])} rms, worst marker {millimetres(worst_m)}; "
+        f"predicted TRE of the curve {millimetres(register['tre_rms_m'])} rms.\n"
+        f"The fixture has {pieces['lines_and_arcs']} lines and arcs.\n"
+        f"  The curve lies at most {micrometres(pieces['error_m'], 1)} beside them.\n"
+        f"A hand probed it from both sides for {replayed['duration_s']:.1f} s.\n"
+        f"  {len(replayed['episodes'])} contacts in {replayed['ticks']} ticks; it went up to "
+        f"{millimetres(replayed['penetration_max_m'])} past the proxy and was pushed back with up "
+        f"to {replayed['force_max_n']:.2f} N.\n"
+        f"  The proxy kept its radius from them to {clearance}; the force changed by at most "
+        f"{replayed['force_step_max_n']:.3f} N a tick."
+    )
 
 
-def _paper(found: dict[str, Any]) -> tuple[dict[str, Any], str]:
-    lines = [f"{figure}: {json.dumps(to_json_types(numbers))}" for figure, numbers in found.items()]
-    return {"figures": found}, "\n".join(lines)
+def paper_text(report: dict[str, Any]) -> str:
+    """The numbers of each of the paper's figures."""
+    lines = []
+    for figure, numbers in report.items():
+        lines.append(f"{figure}: {json.dumps(to_json_types(numbers))}")
+    return "\n".join(lines)
 
 
-def _experiments(found: dict[str, Any]) -> tuple[dict[str, Any], str]:
-    lines = [f"{name}: {told(numbers, EXPERIMENT)}" for name, numbers in found.items()]
-    return {"experiments": found}, "\n".join(lines)
+def experiments_text(report: dict[str, Any]) -> str:
+    """A line for each of the paper's experiments."""
+    lines = []
+    for name, numbers in report.items():
+        lines.append(
+            "{name}: {points} points, {ticks} ticks, {contacts} contacts, {force_max_n:.2f} N, "
+            "{penetration_max_mm:.2f} mm, clearance {clearance_min_um:.2f} µm".format(
+                name=name, **numbers
+            )
+        )
+    return "\n".join(lines)
 
 
-def _panda(found: dict[str, Any]) -> tuple[dict[str, Any], str]:
+def panda_text(report: dict[str, Any]) -> str:
+    """The rehearsal of each of the paper's experiments."""
     from vfplan.arm.command import rehearsed_text
 
-    lines = [
-        f"{name}: {m['points']} points, {m['slope_n_per_m']:.1f} N/m felt\n{rehearsed_text(m)}"
-        for name, m in found.items()
-    ]
-    return {"experiments": found}, "\n".join(lines)
-
-
-# What a sample has found -> the report, and its story
-STORIES = {
-    "pipeline": _pipeline,
-    "paper": _paper,
-    "experiments": _experiments,
-    "panda": _panda,
-}
+    lines = []
+    for name, metrics in report.items():
+        lines.append(f"{name}: {metrics['points']} points, {metrics['slope_n_per_m']:.1f} N/m felt")
+        lines.append(rehearsed_text(metrics))
+    return "\n".join(lines)

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.run import Report, command
+from vfplan.cli.run import CommandResult, command
+from vfplan.cli.units import count, millimetres
 from vfplan.cli.values import FILE
 
 
@@ -14,7 +15,7 @@ from vfplan.cli.values import FILE
 @click.argument("a", type=FILE, metavar="A.h5")
 @click.argument("b", type=FILE, metavar="B.h5")
 @click.argument("session", type=FILE, required=False)
-def command(a, b, session) -> Report:
+def command(a, b, session) -> CommandResult:
     """List what differs between A.h5 and B.h5; exit 1 if anything does.
 
     With a SESSION both are replayed, and the first tick at which proxy or force differ is named.
@@ -22,52 +23,68 @@ def command(a, b, session) -> Report:
     """
     from vfplan.bundle import diff
 
+    # What the files hold.
     differences = diff(a, b)
     data: dict[str, Any] = {"differences": differences}
-    lines = [_line(difference) for difference in differences] or ["the contents are the same"]
+    lines = []
+    for difference in differences:
+        lines.append(difference_line(difference))
     failed = []
     if differences:
-        plural = "s" * (len(differences) > 1)
-        failed.append(f"{len(differences)} difference{plural} between {a} and {b}")
+        failed.append(f"{count(len(differences), 'difference')} between {a} and {b}")
+    else:
+        lines.append("the contents are the same")
+
+    # What they render.
     touched = True
     if session is not None:
-        found, touched = _replayed(a, b, session)
-        data |= found
-        lines.append(_session_line(found, touched))
-        if found["first_tick"] is not None:
-            failed.append(f"the first tick that differs is {found['first_tick']}")
+        comparison, touched = compare_replays(a, b, session)
+        data |= comparison
+        tick = comparison["first_tick"]
+        if tick is not None:
+            failed.append(f"the first tick that differs is {tick}")
+            lines.append(
+                f"first tick that differs: {tick}, t = {comparison['first_tick_time_s']:.6g} s; "
+                f"at most {comparison['proxy_max_m']:.3g} m and "
+                f"{comparison['force_max_n']:.3g} N apart"
+            )
+        elif touched:
+            lines.append("both render the session alike")
         if not touched:
-            lines.insert(0, "NOT TESTED: the session touches neither fixture")
             failed.append("not tested: the session touches neither fixture")
+            lines.insert(0, "NOT TESTED: the session touches neither fixture")
+            clearance = comparison.get("clearance_min_m")
+            if clearance is not None:
+                lines.append(f"nearest: {millimetres(clearance, 1)}")
+
+    verdict = "pass"
+    next_step = "nothing: either bundle may stand for the other"
     if not touched:
-        verdict, next_step = "not-tested", "give a session that touches the fixtures"
+        verdict = "not-tested"
+        next_step = "give a session that touches the fixtures"
     elif failed:
-        verdict, next_step = "fail", "vfplan replay FIXTURE.h5 SESSION shows what each renders"
-    else:
-        verdict, next_step = "pass", "nothing: either bundle may stand for the other"
-    return Report(
+        verdict = "fail"
+        next_step = f"vfplan info --all {a}, and {b}, show all their values"
+        if session is not None:
+            next_step = f"vfplan replay {a} {session}, and {b}, show what each renders"
+    return CommandResult(
         data, "\n".join(lines), failed=", ".join(failed), verdict=verdict, next_step=next_step
     )
 
 
-def _line(difference: dict[str, Any]) -> str:
-    rest = ", ".join(f"{k} {v}" for k, v in difference.items() if k not in ("path", "what"))
-    return f"{difference['path']}: {difference['what']}" + (f" ({rest})" if rest else "")
+def difference_line(difference: dict[str, Any]) -> str:
+    """A difference: the place in the file, what differs there, and the values."""
+    values = []
+    for name, value in difference.items():
+        if name not in ("path", "what"):
+            values.append(f"{name} {value}")
+    line = f"{difference['path']}: {difference['what']}"
+    if values:
+        line += f" ({', '.join(values)})"
+    return line
 
 
-def _session_line(found: dict[str, Any], touched: bool) -> str:
-    tick = found["first_tick"]
-    if tick is not None:
-        return (
-            f"first tick that differs: {tick}, t = {found['first_tick_time_s']:.6g} s; at most "
-            f"{found['proxy_max_m']:.3g} m and {found['force_max_n']:.3g} N apart"
-        )
-    if touched:
-        return "both render the session alike"
-    return f"nearest: {1e3 * found['clearance_min_m']:.1f} mm"
-
-
-def _replayed(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bool]:
+def compare_replays(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bool]:
     """Where the two replays of a session differ, and whether the tool touched a fixture."""
     from vfplan.replaying import replay
     from vfplan.replaying.compare import Comparison
@@ -75,17 +92,25 @@ def _replayed(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bool]:
     from vfplan.session import read_session
 
     recorded = read_session(session)
-    replays = [replay(path, recorded) for path in (a, b)]
-    apart = Comparison()
-    apart.update(*(replayed.trace for replayed in replays))
-    found = apart.report()
-    tick = found.get("first_difference_tick")
-    data = {"first_tick": tick, **{name: found[name] for name in ("proxy_max_m", "force_max_n")}}
-    data["ticks"] = len(recorded.time)
+    first = replay(a, recorded)
+    second = replay(b, recorded)
+    comparison = Comparison()
+    comparison.update(first.trace, second.trace)
+    report = comparison.report()
+    tick = report.get("first_difference_tick")
+    data = {
+        "first_tick": tick,
+        "proxy_max_m": report["proxy_max_m"],
+        "force_max_n": report["force_max_n"],
+        "ticks": len(recorded.time),
+    }
     if tick is not None:
         data["first_tick_time_s"] = float(recorded.time[tick])
-    clearances = [r.metrics["clearance_min_m"] for r in replays if "clearance_min_m" in r.metrics]
+    clearances = []
+    for replayed in (first, second):
+        if "clearance_min_m" in replayed.metrics:
+            clearances.append(replayed.metrics["clearance_min_m"])
     if clearances:
         data["clearance_min_m"] = min(clearances)
-    touched = any(has_touched(replayed.metrics) for replayed in replays)
+    touched = has_touched(first.metrics) or has_touched(second.metrics)
     return data, touched

@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
-from vfplan.cli.options import FIXTURE, output
+from vfplan.cli.options import FIXTURE, output_option
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, command
-from vfplan.cli.values import Written
-
-SUFFIXES = ".ply", ".csv", ".mrk.json", ".dxf"
+from vfplan.cli.run import CommandResult, command
+from vfplan.cli.units import count
+from vfplan.cli.values import OutputFile
 
 
 @command("export")
 @FIXTURE
-@output("Where to; its ending says the form.", kind=Written(*SUFFIXES))
-def command(fixture, output) -> Report:
+@output_option(
+    "Write this file; its suffix is the format: .ply, .csv, .mrk.json or .dxf.",
+    kind=OutputFile(".ply", ".csv", ".mrk.json", ".dxf"),
+)
+def command(fixture, output) -> CommandResult:
     """Write the points of FIXTURE.h5 as .ply or .csv [m], its strokes as .mrk.json [mm], or its
     lines and arcs as .dxf [mm].
     """
     from vfplan.bundle import export, left_out, read_fixture
 
-    data = read_fixture(fixture)
+    exported = read_fixture(fixture)
     with outputs(output) as (path,):
-        export(data, path)
-    report = {"output": str(output), "points": len(data.points), "frame": data.frame}
-    what = f"{len(data.points)} points"
+        export(exported, path)
+    data = {"output": str(output), "points": len(exported.points), "frame": exported.frame}
+    what = count(len(exported.points), "point")
     if output.name.lower().endswith(".dxf"):
-        what = f"{data.pieces.count} lines and arcs"
-    text = f"wrote {what} of frame {data.frame} to {output}"
-    if missing := left_out(data, output):
-        report["left_out"] = missing
-        text += f"; left out: {', '.join(missing)}"
-    return Report(report, text)
+        what = f"{exported.pieces.count} lines and arcs"
+    text = f"wrote {what} of frame {exported.frame} to {output}"
+    verdict = f"exported {what}"
+    missing = left_out(exported, output)
+    if missing:
+        data["left_out"] = missing
+        verdict += f", without {', '.join(missing)}, which this format does not hold"
+    return CommandResult(
+        data, text, verdict=verdict,
+        next_step=f"open {output} in your tool; vfplan import reads .ply and .csv back",
+    )  # fmt: skip

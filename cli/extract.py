@@ -9,19 +9,29 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import CURVE, option, output, settings, taking
+from vfplan.cli.options import (
+    EXTRACT_OPTIONS,
+    option,
+    options_in_order,
+    output_option,
+    settings_from_options,
+)  # fmt: skip
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, command, patience
+from vfplan.cli.run import Report, announce_if_slow, command
+from vfplan.cli.units import count
 from vfplan.cli.values import FILE, Number
 
 from vfplan.errors import CheckFailed, CurveError, MarkerError, SettingError
 
-# Codes of refusals that a person can mend on the review page.
+LISTED_GAPS = 4
+"""Number of hidden stretches whose places are printed; `--json` has all."""
+
 MENDED_ON_PAGE = {
     *("several-candidates", "line-forks", "double-line", "runs-side-by-side", "bridge-too-long"),
     *("fit-left-ink", "too-little-ink", "no-line", "only-a-frame", "too-many-pieces"),
     *("labels-mistaken", "residual-large", "tre-large", "markers-meet-no-marks", "no-mark-near"),
 }
+"""Codes of refusals that a person can mend on the review page."""
 
 
 @command(
@@ -31,32 +41,33 @@ MENDED_ON_PAGE = {
     settings_file=True,
 )
 @click.argument("image", type=FILE)
-@taking(
-    output("The curve to write: a bundle in the frame of the image."),
-    CURVE,
+@options_in_order(
+    output_option("Write the curve to this bundle, in the frame of the image."),
+    EXTRACT_OPTIONS,
     option("--density", "density_per_mm", type=Number("PTS_PER_MM"),
-           help="Points a millimetre; needs a pixel spacing.  [default: one a pixel]"),
+           help="Put this many points on a millimetre; needs a pixel spacing.  [default: one a "
+           "pixel]"),
 )  # fmt: skip
-def command(image, output, mask_out, overlay_out, **given) -> Report:
+def command(image, output, mask_out, overlay_out, **arguments) -> Report:
     """Extract the curve drawn on IMAGE to sub-pixel points.
 
-    IMAGE is a PNG, JPEG, TIFF, BMP or DICOM file; or, alone, a vector curve: a Slicer .mrk.json
-    Curve or ClosedCurve or .fcsv, an ImageJ .roi, or a CSV u_px,v_px or X,Y.
+    IMAGE is a PNG, JPEG, TIFF, BMP or DICOM file. It may also be a vector curve alone: a Slicer
+    .mrk.json Curve or ClosedCurve or .fcsv, an ImageJ .roi, or a CSV u_px,v_px or X,Y.
 
-    Where the curve would have to be guessed, the command says why and what to do, and writes
-    nothing but the picture of --overlay-out, which shows the place (exit 3).
+    Where the curve would have to be guessed, the command says why and what to do (exit 3). It then
+    writes nothing but the picture of --overlay-out, which shows the place.
     """
     from vfplan.bundle import write_fixture
     from vfplan.planning import ExtractSettings, extract
 
-    how = settings(ExtractSettings, given)
+    settings = settings_from_options(ExtractSettings, arguments)
     page = review_command(image, output=output)
     with (
-        patience(f"extracting the curve of {image.name}"),
-        naming_page(page),
-        pictured(image, how, overlay_out),
+        announce_if_slow(f"extracting the curve of {image.name}"),
+        pointing_to_page(page),
+        drawing_refusal(image, settings, overlay_out),
     ):
-        extracted = extract(image, how, curve=given["curve"])
+        extracted = extract(image, settings, curve=arguments["curve"])
     with outputs(output, mask_out, overlay_out) as (path, mask, overlay):
         write_fixture(extracted.fixture, path)
         write_pictures(extracted, mask, overlay)
@@ -65,8 +76,8 @@ def command(image, output, mask_out, overlay_out, **given) -> Report:
 
 
 @contextmanager
-def pictured(image: Path, settings: Any, overlay: Path | None) -> Iterator[None]:
-    """Write the overlay also where the curve is refused: its place, the lines to choose from."""
+def drawing_refusal(image: Path, settings: Any, overlay: Path | None) -> Iterator[None]:
+    """Write the overlay also where the curve is refused: the place, or the numbered candidates."""
     try:
         yield
     except CurveError as error:
@@ -85,16 +96,17 @@ def pictured(image: Path, settings: Any, overlay: Path | None) -> Iterator[None]
 
 
 @contextmanager
-def naming_page(page: str) -> Iterator[None]:
-    """Name the command that opens the review page where a person can mend what is refused."""
+def pointing_to_page(page: str) -> Iterator[None]:
+    """Name the command that opens the review page where a person can mend a refusal there."""
     try:
         yield
     except (CurveError, MarkerError, CheckFailed) as error:
-        if "vfplan review IMAGE" in error.message:
-            message = error.message.removesuffix("vfplan review IMAGE.")
-            if message != error.message:  # no full stop that would be copied with the command
-                message += page
-            error.message = message.replace("vfplan review IMAGE", page)
+        general = "vfplan review IMAGE"
+        if error.message.endswith(f"{general}."):
+            # A full stop behind the command would be copied with it.
+            error.message = error.message.removesuffix(f"{general}.") + page
+        elif general in error.message:
+            error.message = error.message.replace(general, page)
         elif error.code in MENDED_ON_PAGE:
             sentence = error.message.rstrip(".")
             error.message = f"{sentence}. To mend it on a page: {page}"
@@ -103,21 +115,29 @@ def naming_page(page: str) -> Iterator[None]:
 
 def review_command(*files: Path | None, output: Path) -> str:
     """The command that opens the review page of a slice and its markers."""
-    given = [str(file) for file in files if file is not None]
-    return shlex.join(["vfplan", "review", *given, "-o", str(output)])
+    words = ["vfplan", "review"]
+    for file in files:
+        if file is not None:
+            words.append(str(file))
+    return shlex.join([*words, "-o", str(output)])
 
 
 def write_pictures(extracted: Any, mask: Path | None, overlay: Path | None) -> None:
-    """Write the pictures that were asked for."""
+    """Write the mask and the overlay, where they are wanted."""
     if mask is None and overlay is None:
         return
     from vfplan.figures.slice import draw_mask, draw_overlay
 
     if extracted.image is None or extracted.extraction is None:
-        raise SettingError("a vector curve given alone has no image to draw it on")
+        raise SettingError(
+            "a vector curve alone has no image to draw it on; leave --mask-out and --overlay-out "
+            "out", code="picture-without-image",
+        )  # fmt: skip
     if mask is not None:
         if extracted.extraction.method == "vector":
-            raise SettingError("a vector curve has no mask; leave --mask-out out")
+            raise SettingError(
+                "a vector curve has no mask; leave --mask-out out", code="no-mask-of-a-vector"
+            )
         draw_mask(extracted.extraction, mask)
     if overlay is not None:
         draw_overlay(extracted.image, extracted.extraction, overlay, findings=extracted.findings)
@@ -127,14 +147,20 @@ def extracted_text(report: dict[str, Any]) -> str:
     """The extraction on a few lines."""
     lines = []
     if "image" in report:
-        size = "{width_px} x {height_px} px".format(**report["image"])
-        pen = f", {report['mask_pixels']} in the pen" if "mask_pixels" in report else ""
-        lines.append(size + pen)
+        line = "{width_px} x {height_px} px".format(**report["image"])
+        if "mask_pixels" in report:
+            line += f", {report['mask_pixels']} in the pen"
+        lines.append(line)
     for stroke in report["strokes"]:
-        shape = "closed" if stroke["closed"] else "open"
-        px, mm = stroke.get("length_px"), stroke.get("length_mm")
-        lengths = [f"{px:.1f} px" if px is not None else "", f"{mm:.1f} mm" if mm else ""]
-        line = f"  {shape} curve, {' = '.join(filter(None, lengths))}, {stroke['points']} points"
+        shape = "open"
+        if stroke["closed"]:
+            shape = "closed"
+        lengths = []
+        if stroke.get("length_px") is not None:
+            lengths.append(f"{stroke['length_px']:.1f} px")
+        if stroke.get("length_mm"):
+            lengths.append(f"{stroke['length_mm']:.1f} mm")
+        line = f"  {shape} curve, {' = '.join(lengths)}, {stroke['points']} points"
         if stroke.get("bridged_points"):
             line += f", {stroke['bridged_points']} of them bridged"
         lines.append(line)
@@ -145,18 +171,23 @@ def extracted_text(report: dict[str, Any]) -> str:
 
 def account_text(account: list[dict[str, Any]]) -> str:
     """All other ink and the stretches that do not show, in one line."""
+    ink = []
+    hidden = []
+    for entry in account:
+        if entry["what"] == "ink":
+            ink.append(entry)
+        else:
+            hidden.append(entry)
     parts = []
-    ink = [entry for entry in account if entry["what"] == "ink"]
     if ink:
         share = sum(entry["share"] for entry in ink)
-        largest = ink[0]
-        pieces = "1 piece" if len(ink) == 1 else f"{len(ink)} pieces"
         parts.append(
-            f"other ink: {pieces}, {share:.1%} of the pen's pixels, the largest at "
-            f"({largest['u']:.0f}, {largest['v']:.0f})"
+            f"other ink: {count(len(ink), 'piece')}, {share:.1%} of the pen's pixels, the largest "
+            f"at ({ink[0]['u']:.0f}, {ink[0]['v']:.0f})"
         )
-    hidden = [entry for entry in account if entry["what"] != "ink"]
     if hidden:
-        places = ", ".join(f"({entry['u']:.0f}, {entry['v']:.0f})" for entry in hidden[:4])
-        parts.append(f"gaps or covers over the curve: {len(hidden)}, at {places}")
+        places = []
+        for entry in hidden[:LISTED_GAPS]:
+            places.append(f"({entry['u']:.0f}, {entry['v']:.0f})")
+        parts.append(f"gaps or covers over the curve: {len(hidden)}, at {', '.join(places)}")
     return "; ".join(parts)

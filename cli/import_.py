@@ -6,98 +6,122 @@ from dataclasses import replace
 from typing import Any
 
 import click
-from vfplan.cli.options import option, output, taking
+from vfplan.cli.options import option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, command
+from vfplan.cli.run import CommandResult, command
+from vfplan.cli.units import millimetres
 from vfplan.cli.values import FILE, MM, Number, Numbers
-
-from vfplan.findings import Finding
 
 AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
 
 @command("import")
 @click.argument("cloud", type=FILE, metavar="CLOUD.ply|stl|csv|npy")
-@taking(
+@options_in_order(
     option("--units", type=click.Choice(["m", "cm", "mm", "um", "in"]), required=True,
-           help="Unit of the file's numbers; files do not say."),
+           help="Unit of the file's numbers, which the file does not name."),
     option("--frame", type=click.Choice(["robot_base", "patient_lps"]), default="robot_base",
            help="Frame of the file's numbers."),
     option("--curve", type=click.Choice(["open", "closed"]),
-           help="The points, not a mesh's, are one curve, in order; otherwise a bare cloud, which "
-           "nothing certifies."),
-    option("--spacing", type=MM, help="Longest edge of a mesh.  [default: R/10]"),
+           help="Take the points as one curve, in their order.  [default: a bare cloud, which "
+           "nothing certifies]"),
+    option("--spacing", type=MM, help="Longest edge of a mesh [mm].  [default: R/10]"),
     option("--stiffness", type=Numbers(1, 3, metavar="N_PER_M[,Y,Z]", positive=False),
-           default="1000", help="K along the axes of the frame."),
-    option("--contact-radius", type=MM, default="5", help="The proxy's radius r_c."),
+           default="1000", help="Stiffness K, one for all axes or one each [N/m]."),
+    option("--contact-radius", type=MM, default="5",
+           help="Distance that the tool keeps from the points [mm]."),
     option("--point-radius", type=Number("MM", 1e-3, positive=False), default="0",
-           help="Radius r_v of each point."),
+           help="Radius of each point, added to the contact radius [mm]."),
     option("--ignore-axis", type=click.Choice(list(AXES)), default="none",
-           help="The fixture is infinite along it."),
-    output("The fixture bundle."),
+           help="Extend the fixture without end along this axis."),
+    output_option("Write the fixture to this bundle."),
 )  # fmt: skip
-def command(cloud, output, **given) -> Report:
+def command(cloud, output, ignore_axis, **arguments) -> CommandResult:
     """Make a fixture bundle of the points in CLOUD; a mesh is sampled and certified."""
     from vfplan.bundle import import_cloud, read_bundle, write_fixture
-    from vfplan.engine.renderable import best_rule
+    from vfplan.engine.renderable import best_rule, mesh_findings
+    from vfplan.errors import SceneError
 
-    fixture = import_cloud(cloud, **given | {"ignore_axis": AXES[given["ignore_axis"]]})
-    findings = _findings(fixture)
+    fixture = import_cloud(cloud, ignore_axis=AXES[ignore_axis], **arguments)
+    try:
+        findings = mesh_findings(fixture)
+    except SceneError:
+        # The warnings below say that no engine renders it.
+        findings = []
     fixture = replace(fixture, findings=(*fixture.findings, *findings))
     with outputs(output) as (path,):
         write_fixture(fixture, path)
         content, _ = read_bundle(path)
+
+    leak = {}
+    for name in content:
+        if name.startswith("/leak@"):
+            leak[name] = content[name]
+    low = fixture.points.min(axis=0)
+    high = fixture.points.max(axis=0)
+    triangles = 0
+    if fixture.mesh is not None:
+        triangles = len(fixture.mesh)
+    rule = None
+    if fixture.rendering:
+        rule = best_rule(fixture)
     data = {
         "output": str(output),
         "points": len(fixture.points),
-        "triangles": 0 if fixture.mesh is None else len(fixture.mesh),
-        "rule": best_rule(fixture) if fixture.rendering else None,
+        "triangles": triangles,
+        "rule": rule,
         "band_m": fixture.band,
-        "leak": {p: content[p] for p in content if p.startswith("/leak@")},
-        "extent_m": [fixture.points.min(axis=0), fixture.points.max(axis=0)],
+        "leak": leak,
+        "extent_m": [low, high],
     }
-    size = ", ".join(f"{1e3 * (b - a):.4g}" for a, b in zip(*data["extent_m"], strict=True))
-    certified = "certified" if content["/leak@certified"] else "not certified"
-    opening = f"largest opening {1e3 * content['/leak@largest_m']:.3f} mm"
-    if content["/leak@kind"] == "cloud":  # what its points leave open nothing says
-        opening = f"no point further than {1e3 * content['/leak@largest_m']:.3f} mm from the next"
-        opening = opening if data["points"] > 1 else "a single point"
+
+    # What was read, and whether anything can slip through it.
+    size = ", ".join(f"{1e3 * side:.4g}" for side in high - low)
+    opening_m = content["/leak@largest_m"]
+    opening = f"largest opening {millimetres(opening_m)}"
+    if content["/leak@kind"] == "cloud":
+        # Nothing says what lies between the points of a bare cloud.
+        opening = f"no point further than {millimetres(opening_m)} from the next"
+        if data["points"] == 1:
+            opening = "a single point"
+    certified = "not certified"
+    if content["/leak@certified"]:
+        certified = "certified"
     text = (
-        f"{data['points']} points, {data['triangles']} triangles, {size} mm across;"
-        f" {content['/leak@kind']}, {certified}: {opening}"
+        f"{data['points']} points, {triangles} triangles, {size} mm across; "
+        f"{content['/leak@kind']}, {certified}: {opening}"
     )
-    text += f"; rule {data['rule']}" if data["rule"] else ""
+    if rule is not None:
+        text += f"; rule {rule}"
     text += f"\nwrote {output}"
-    warnings = _warnings(fixture, content["/leak@largest_m"])
-    return Report(data, text, warnings=warnings, findings=findings)
+    return CommandResult(
+        data, text, warnings=import_warnings(fixture, opening_m), findings=findings,
+        verdict=f"imported, {certified}",
+        next_step=f"vfplan review {output} -o APPROVED.h5, to look at it",
+    )  # fmt: skip
 
 
-def _findings(fixture: Any) -> list[Finding]:
-    """What the mesh or the band is too coarse for; what no engine renders is warned of already."""
-    from vfplan.engine.renderable import mesh_findings
-    from vfplan.errors import SceneError
-
-    try:
-        return mesh_findings(fixture)
-    except SceneError:
-        return []
-
-
-def _warnings(fixture: Any, opening: float) -> list[str]:
+def import_warnings(fixture: Any, opening_m: float) -> list[str]:
+    """Doubts about an imported fixture: its size, its engine, what was ignored, its openings."""
     from vfplan.bundle.validation import engine_doubt, mesh_doubts
     from vfplan.fixture import size_doubt
 
-    left_out = fixture.provenance.settings.get("left_out")
-    doubts = size_doubt(fixture.points), (engine_doubt(fixture) or ("", None))[1]
-    found = [doubt for doubt in doubts if doubt]
-    if left_out:
-        found.append(f"the file says more than the fixture holds, which is left out: {left_out}")
+    warnings = []
+    size_warning = size_doubt(fixture.points)
+    if size_warning:
+        warnings.append(size_warning)
+    engine_warning = engine_doubt(fixture)
+    if engine_warning and engine_warning[1]:
+        warnings.append(engine_warning[1])
+    ignored = fixture.provenance.settings.get("left_out")
+    if ignored:
+        warnings.append(f"the file says more than the fixture holds, which is left out: {ignored}")
     if fixture.mesh is not None:
-        return found + mesh_doubts(fixture)
-    wide = 2 * (fixture.contact_radius + fixture.point_radius)
-    if fixture.curve is None and opening > wide:
-        found.append(
-            f"a bare cloud, and a point is {1e3 * opening:.3g} mm from the next: the proxy, "
-            f"{1e3 * wide:g} mm wide, goes between"
+        return warnings + mesh_doubts(fixture)
+    width_m = 2 * (fixture.contact_radius + fixture.point_radius)
+    if fixture.curve is None and opening_m > width_m:
+        warnings.append(
+            f"a bare cloud, and a point is {1e3 * opening_m:.3g} mm from the next: the proxy, "
+            f"{1e3 * width_m:g} mm wide, goes between"
         )
-    return found
+    return warnings

@@ -5,36 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 from vfplan.cli.options import FIXTURE, option
-from vfplan.cli.run import Report, command
-from vfplan.cli.telling import told
+from vfplan.cli.run import CommandResult, command
+from vfplan.cli.units import millimetres
 from vfplan.cli.verify import finding_lines, seal_lines
-
-LINES = (
-    "{format} {version}, frame {frame}, {points} points",
-    "\n  made        {/provenance@created_utc} by {/provenance@software}",
-    "\n  seal        {sound}, {signed}",
-    "\n  curve       strokes {strokes}, of them closed {closed}",
-    "\n  mesh        {/mesh/triangles[shape][0]} triangles",
-    "\n  rendering   K {k} N/m, R {radius_m:mm.6g}",
-    ", rule {work[rule]}, a tick at most {work[us]:.0f} us (given {work[at_most_us]:.0f})",
-    "\n  rendered as {pieces} lines and arcs within {/pieces@error_m:um.3g} of the curve",
-    "\n  guide       along {which}, tube {/guidance@radius_m:mm.6g}, K "
-    "{/guidance@stiffness_n_per_m:g} N/m, ends {/guidance@ends}{led}",
-    "\n  registered  {/registration@model}, {markers} markers, FRE {/registration@fre_rms_m:mm}",
-    ", predicted TRE {/registration@tre_rms_m:mm} rms",
-)
-CERTIFIED = (
-    "\n  leak        none: largest opening {/leak@largest_m:mm}, allowed {/leak@limit_m:mm}",
-    "\n              but an open sheet: {/leak@open_edges} rim edges",
-)
-BARE = ("\n  leak        not certified: a bare cloud, points up to {/leak@largest_m:mm} apart",)
 
 
 @command("info")
 @FIXTURE
-@option("--all", "everything", is_flag=True, help="Every attribute and table of the file.")
-@option("--values", is_flag=True, help="In --json, the per-point tables in full too.")
-def command(fixture, everything, values) -> Report:
+@option("--all", "everything", is_flag=True, help="Print every attribute and table of the file.")
+@option("--values", is_flag=True, help="Put the tables of all points into --json in full.")
+def command(fixture, everything, values) -> CommandResult:
     """Show what FIXTURE.h5 holds, in about ten lines; with --all, all of it.
 
     `--json` always holds all of it.
@@ -42,54 +22,116 @@ def command(fixture, everything, values) -> Report:
     from vfplan.bundle import describe
 
     data = describe(fixture, values=values, work=True)
-    return Report(data, _page(data) if everything else _summary(data))
+    if everything:
+        text = full_text(data)
+    else:
+        text = summary_text(data)
+    verdict = "broken seal"
+    next_step = "make the bundle anew; a robot refuses this one"
+    if data["seal"]["ok"]:
+        verdict = "sound, not signed"
+        next_step = f"vfplan review {fixture} -o APPROVED.h5, then sign it"
+        if data["seal"]["signed"]:
+            verdict = "sound, signed"
+            next_step = f"vfplan verify {fixture} --keys KEYS.pub"
+    return CommandResult(data, text, verdict=verdict, next_step=next_step, verdict_in_json=False)
 
 
-def _summary(data: dict[str, Any]) -> str:
-    """Frame, size, curve, rendering, registration, leak and seal: a line each that is there."""
-    seal, work, closed = data["seal"], data.get("tick_work"), data.get("/curve/closed", ())
-    more: dict[str, Any] = {
-        "sound": "sound" if seal["ok"] else "broken",
-        "signed": f"signed by {seal['key_id']}" if seal["signed"] else "not signed",
-        "led": _led(data.get("/guidance@lead_force_n"), data.get("/guidance@lead_speed_m_s")),
-        "which": "the curve",
-    }
+def summary_text(data: dict[str, Any]) -> str:
+    """Frame, size, curve, rendering, registration, leak and seal, where they are there."""
+    lines = [f"{data['format']} {data['version']}, frame {data['frame']}, {data['points']} points"]
+    lines.append(
+        f"  made        {data['/provenance@created_utc']} by {data['/provenance@software']}"
+    )
+    seal = data["seal"]
+    line = "  seal        sound"
+    if not seal["ok"]:
+        line = "  seal        broken"
+    if seal["signed"]:
+        line += f", signed by {seal['key_id']}"
+    else:
+        line += ", not signed"
+    lines.append(line)
+
+    # The geometry.
+    closed = data.get("/curve/closed", ())
+    closed_count = sum(map(bool, closed))
     if len(closed):
-        more |= {"strokes": len(closed), "closed": sum(map(bool, closed))}
-    if "/guidance@stroke" in data:
-        more["which"] = f"stroke {data['/guidance@stroke']}"
+        lines.append(f"  curve       strokes {len(closed)}, of them closed {closed_count}")
+    if "/mesh/triangles" in data:
+        lines.append(f"  mesh        {data['/mesh/triangles']['shape'][0]} triangles")
+
+    # How it is rendered.
     if "/rendering/stiffness" in data:
-        more["k"] = ", ".join(f"{k:g}" for k in data["/rendering/stiffness"])
-        more["radius_m"] = data["/rendering@contact_radius_m"] + data["/rendering@point_radius_m"]
-        more |= {"work": work} if work["us"] is not None else {}
+        stiffness = ", ".join(f"{k:g}" for k in data["/rendering/stiffness"])
+        radius_m = data["/rendering@contact_radius_m"] + data["/rendering@point_radius_m"]
+        line = f"  rendering   K {stiffness} N/m, R {1e3 * radius_m:.6g} mm"
+        work = data.get("tick_work")
+        if work is not None and work["us"] is not None:
+            line += (
+                f", rule {work['rule']}, a tick at most {work['us']:.0f} us "
+                f"(given {work['at_most_us']:.0f})"
+            )
+        lines.append(line)
     if "/pieces/vertices" in data:
-        more["pieces"] = len(data["/pieces/bulges"]) - sum(not c for c in closed)
+        pieces = len(data["/pieces/bulges"]) - (len(closed) - closed_count)
+        error_um = 1e6 * data["/pieces@error_m"]
+        lines.append(f"  rendered as {pieces} lines and arcs within {error_um:.3g} µm of the curve")
+    if "/guidance@radius_m" in data:
+        which = "the curve"
+        if "/guidance@stroke" in data:
+            which = f"stroke {data['/guidance@stroke']}"
+        line = (
+            f"  guide       along {which}, tube {1e3 * data['/guidance@radius_m']:.6g} mm, K "
+            f"{data['/guidance@stiffness_n_per_m']:g} N/m, ends {data['/guidance@ends']}"
+        )
+        force_n = data.get("/guidance@lead_force_n")
+        if force_n is not None:
+            from vfplan.planning.settings import LEAD_SPEED_M_S
+
+            speed_m_s = data.get("/guidance@lead_speed_m_s", LEAD_SPEED_M_S)
+            line += f", led by {force_n:g} N up to {1e3 * speed_m_s:g} mm/s"
+        lines.append(line)
+
+    # Where it lies, and what may slip through.
     if "/registration/source" in data:
-        more["markers"] = len(data["/registration/source"])
-    leak = CERTIFIED if "/leak@limit_m" in data else BARE
-    lines = [told(data | more, *LINES, *leak), *seal_lines(seal)]
+        line = (
+            f"  registered  {data['/registration@model']}, {len(data['/registration/source'])} "
+            f"markers, FRE {millimetres(data['/registration@fre_rms_m'])}"
+        )
+        if "/registration@tre_rms_m" in data:
+            line += f", predicted TRE {millimetres(data['/registration@tre_rms_m'])} rms"
+        lines.append(line)
+    if "/leak@limit_m" in data:
+        lines.append(
+            f"  leak        none: largest opening {millimetres(data['/leak@largest_m'])}, allowed "
+            f"{millimetres(data['/leak@limit_m'])}"
+        )
+        if "/leak@open_edges" in data:
+            lines.append(f"              but an open sheet: {data['/leak@open_edges']} rim edges")
+    elif "/leak@largest_m" in data:
+        lines.append(
+            "  leak        not certified: a bare cloud, points up to "
+            f"{millimetres(data['/leak@largest_m'])} apart"
+        )
+
+    # Who answers for it.
+    lines += seal_lines(seal)
     if "/rendering/stiffness" in data or data["findings"]:
         lines += finding_lines(data["findings"], data["reviewed"])
     return "\n".join(lines)
 
 
-def _page(data: dict[str, Any]) -> str:
+def full_text(data: dict[str, Any]) -> str:
+    """Every attribute and table, a line each; a long table as its shape and range."""
     lines = [f"{data['format']} {data['version']}, frame {data['frame']}, {data['points']} points"]
-    lines += [f"  {path} = {_short(value)}" for path, value in data.items() if path[0] == "/"]
+    for path, value in data.items():
+        if path[0] != "/":
+            continue
+        if isinstance(value, dict):
+            shape = " x ".join(map(str, value["shape"]))
+            value = f"{shape}, from {value['min']:.6g} to {value['max']:.6g}"
+        elif hasattr(value, "tolist"):
+            value = value.tolist()
+        lines.append(f"  {path} = {value}")
     return "\n".join(lines)
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, dict):
-        shape = " x ".join(map(str, value["shape"]))
-        return f"{shape}, from {value['min']:.6g} to {value['max']:.6g}"
-    return str(value.tolist() if hasattr(value, "tolist") else value)
-
-
-def _led(force: float | None, speed: float | None) -> str:
-    if force is None:
-        return ""
-    from vfplan.planning.settings import LEAD_SPEED_M_S
-
-    most = LEAD_SPEED_M_S if speed is None else speed
-    return f", led by {force:g} N up to {1e3 * most:g} mm/s"

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from vfplan.cli.options import output
-from vfplan.cli.outputs import overwriting
-from vfplan.cli.run import Report, command
-from vfplan.cli.values import Written
+from vfplan.cli.options import output_option
+from vfplan.cli.outputs import is_overwriting
+from vfplan.cli.run import CommandResult, command
+from vfplan.cli.values import OutputFile
 
 
 @command("keygen")
-@output("The private key, for its owner only; the public key gets the suffix .pub.", kind=Written())
-def command(output) -> Report:
+@output_option(
+    "Write the private key to this file, and the public key beside it with the suffix .pub.",
+    kind=OutputFile(),
+)
+def command(output) -> CommandResult:
     """Make an Ed25519 key pair: a private key to sign with, a public key for robots to trust."""
     from vfplan.bundle import keygen
 
-    public, key_id = keygen(output, overwrite=overwriting())
+    public, key_id = keygen(output, overwrite=is_overwriting())
     data = {"private_key": str(output), "public_key": str(public), "key_id": key_id}
-    return Report(data, f"key {key_id}: {output} (keep it secret) and {public} (hand it out)")
+    return CommandResult(
+        data,
+        f"wrote {output} and {public}",
+        verdict=f"made key {key_id}",
+        next_step=f"keep {output} secret, give {public} to the robots, and sign: vfplan sign "
+        f"FIXTURE.h5 --key {output} -o SIGNED.h5",
+    )

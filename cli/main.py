@@ -46,12 +46,18 @@ GROUPS: dict[str, dict[str, str]] = {
         "conformance": "Files to test another reader of bundles with.",
     },
 }
-COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
+COMMANDS: dict[str, str] = {}
+for _group in GROUPS.values():
+    COMMANDS.update(_group)
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as a shell reports an interrupt."""
 
 # Each module holds a click command called `command`. It is imported when the command is called,
-# which keeps `--help` fast. A module that is not named here is vfplan.cli.<name>.
+# which keeps `--help` fast. A module that is not named here is vfplan.cli.<name>; `import` is a
+# keyword of Python, so that module has an underscore.
 MODULES = {
-    "import": "vfplan.cli.import_",  # `import` is a word of Python's own
+    "import": "vfplan.cli.import_",
     "surface": "vfplan.surface.command",
     "campaign": "vfplan.campaign.command",
     "rehearse": "vfplan.arm.command",
@@ -61,37 +67,52 @@ MODULES = {
 
 
 class LazyGroup(click.Group):
-    """A click group that imports a command's module only when that command runs."""
+    """A click group that imports the module of a command only when that command runs."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of all commands, in the order of the help."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        """Import and return one command; `None` for an unknown name."""
+        """Import and return one command.
+
+        Raises
+        ------
+        click.UsageError
+            There is no such command; the message proposes one.
+        """
         if name not in COMMANDS:
             import difflib
 
-            near = difflib.get_close_matches(name, COMMANDS, 1)
-            hint = f"did you mean {near[0]!r}?" if near else "they are " + ", ".join(COMMANDS)
+            hint = "they are " + ", ".join(COMMANDS)
+            similar = difflib.get_close_matches(name, COMMANDS, 1)
+            if similar:
+                hint = f"did you mean {similar[0]!r}?"
             raise click.UsageError(f"no command {name!r}; {hint}", ctx)
         module = MODULES.get(name, f"vfplan.cli.{name}")
         return importlib.import_module(module).command
 
-    def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> NoReturn:
+    def main(self, args: Sequence[str] | None = None, *more: Any, **extra: Any) -> NoReturn:
         """Run; a usage error is one line on stderr (and JSON on stdout with `--json`), exit 2."""
-        words = list(sys.argv[1:] if args is None else args) or ["--help"]
-        if words[0] == "help":
+        if args is None:
+            args = sys.argv[1:]
+        words = list(args)
+        if not words:
+            words = ["--help"]
+        elif words[0] == "help":
             words = [*words[1:], "--help"]
         extra["standalone_mode"] = False
+        exit_code: object = 0
         try:
-            code = super().main(words, *rest, **extra)
+            exit_code = super().main(words, *more, **extra)
         except click.ClickException as error:
-            _usage_error(error, "--json" in words)
-            code = error.exit_code
+            print_usage_error(error, "--json" in words)
+            exit_code = error.exit_code
         except click.Abort:
-            code = 130  # as a shell reports an interrupt
-        sys.exit(code if isinstance(code, int) else 0)
+            exit_code = INTERRUPTED
+        if not isinstance(exit_code, int):
+            exit_code = 0
+        sys.exit(exit_code)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands by groups, without importing them."""
@@ -100,8 +121,26 @@ class LazyGroup(click.Group):
                 formatter.write_dl(list(commands.items()))
 
 
-def _print_cmake_dir(ctx: click.Context, option: click.Parameter, wanted: bool) -> None:
-    if wanted:
+def print_usage_error(error: click.ClickException, as_json: bool) -> None:
+    """Print a usage error: a line on stderr, and with `--json` a document on stdout."""
+    from vfplan.cli.run import printable
+
+    context = getattr(error, "ctx", None)
+    message = " ".join(error.format_message().split())
+    where = None
+    hint = ""
+    if context is not None:
+        where = context.command_path
+        hint = f" (see '{where} --help')"
+    if as_json:
+        body = {"kind": "UsageError", "message": message, "where": where}
+        click.echo(json.dumps({"error": body}, indent=2))
+    click.echo(printable(f"vfplan: error: {message}{hint}"), err=True)
+
+
+def print_cmake_dir(ctx: click.Context, option: click.Parameter, is_wanted: bool) -> None:
+    """Print the folder for CMake, and end the command."""
+    if is_wanted:
         from vfplan import cmake_dir
 
         click.echo(cmake_dir())
@@ -115,23 +154,13 @@ def _print_cmake_dir(ctx: click.Context, option: click.Parameter, wanted: bool) 
     is_flag=True,
     is_eager=True,
     expose_value=False,
-    callback=_print_cmake_dir,
+    callback=print_cmake_dir,
     help="Print the folder for CMake's find_package(vfplan) and exit.",
 )
 def cli() -> None:
     """Turn a surgeon's drawn curve into a virtual fixture a robot can trust.
 
-    The way is: plan, look at it, sign; then replay and stability; then the robot.
+    The order is: plan, look at it, sign; then replay and stability; then the robot.
 
     Research software; not a medical device.
     """
-
-
-def _usage_error(error: click.ClickException, as_json: bool) -> None:
-    ctx = getattr(error, "ctx", None)
-    message = " ".join(error.format_message().split())
-    if as_json:
-        body = {"kind": "UsageError", "message": message, "where": ctx and ctx.command_path}
-        click.echo(json.dumps({"error": body}, indent=2))
-    hint = f" (see '{ctx.command_path} --help')" if ctx else ""
-    click.echo(f"vfplan: error: {message}{hint}", err=True)

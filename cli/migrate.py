@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import click
-from vfplan.cli.options import output
+from vfplan.cli.options import output_option
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, command
+from vfplan.cli.run import CommandResult, command
 from vfplan.cli.values import FILE
 
 
 @command("migrate")
 @click.argument("old", type=FILE, metavar="OLD.h5")
-@output("The new bundle.")
-def command(old, output) -> Report:
+@output_option("Write the new bundle to this file.")
+def command(old, output) -> CommandResult:
     """Write the content of OLD.h5, a bundle of version 0.1, 1.0 or 1.1, as one of version 2.0.
 
-    OLD.h5 stays as it is. The new bundle's provenance tells of the migration; it is unsigned.
+    OLD.h5 stays as it is. The provenance of the new bundle names the migration; the new bundle is
+    neither signed nor reviewed.
     """
     from vfplan.bundle import migrate
 
     with outputs(output) as (path,):
         content = migrate(old, path)
     line = content["/provenance/history"][-1]
-    data = {"output": str(output), "version": content["/@version"], "history": line}
-    return Report(data, f"{line}\nwrote {output}")
+    version = content["/@version"]
+    return CommandResult(
+        {"output": str(output), "version": version, "history": line},
+        f"{line}\nwrote {output}",
+        verdict=f"migrated to version {version}; not reviewed and not signed",
+        next_step=f"vfplan review {output} -o APPROVED.h5",
+    )

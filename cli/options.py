@@ -4,31 +4,143 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
+from datetime import timedelta
 from typing import Any, TypeVar
 
 import click
-from vfplan.cli.values import FILE, HDF5, MM, PNG, Number, Numbers, Parsed, Real, Whole
+from vfplan.cli.values import (
+    FILE,
+    HDF5,
+    MM,
+    MM_OR_ZERO,
+    PNG,
+    DecimalNumber,
+    Number,
+    Numbers,
+    Parsed,
+    WholeNumber,
+)  # fmt: skip
 
 from vfplan.io.files import parse_decimal
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+UNITS_OF_TIME = {"s": "seconds", "min": "minutes", "h": "hours", "d": "days"}
+"""The units of time that `--max-age` takes, with their names in `timedelta`."""
 
-def option(*names: str, **more: Any) -> Callable[[F], F]:
-    """`click.option`, whose default is shown where it has one."""
-    return click.option(*names, **({"show_default": more.get("default") not in (None, "")} | more))
+LARGEST_PIXEL = 2**31
+"""A pixel's number in a rectangle stays below this, as in every image format."""
 
 
-def taking(*options: Callable[[F], F]) -> Callable[[F], F]:
-    """These options, in this order."""
+def option(*names: str, **attributes: Any) -> Callable[[F], F]:
+    """`click.option`, whose help shows the default where there is one."""
+    if "show_default" not in attributes:
+        attributes["show_default"] = attributes.get("default") not in (None, "")
+    return click.option(*names, **attributes)
+
+
+def options_in_order(*decorators: Callable[[F], F]) -> Callable[[F], F]:
+    """These options, which the help lists in this order."""
 
     def wrap(function: F) -> F:
-        for one in reversed(options):
-            function = one(function)
+        for decorator in reversed(decorators):
+            function = decorator(function)
         return function
 
     return wrap
+
+
+def output_option(
+    text: str, required: bool = True, kind: click.ParamType = HDF5
+) -> Callable[[F], F]:
+    """`-o/--output FILE`, which the command gets as `output`, and `--overwrite`."""
+    return options_in_order(
+        option("-o", "--output", type=kind, required=required, help=text), OVERWRITE
+    )
+
+
+def robot_option(purpose: str = "") -> Callable[[F], F]:
+    """`--robot`: a shipped robot or a file, read by `vfplan.robot.read_robot`; none by default."""
+    names = "NAME is franka, fr3 or none; FILE is a robot file (schemas/robot-1.1.json)."
+    return option("--robot", metavar="NAME|FILE", help=f"{purpose} {names}".strip())
+
+
+def signature_options(
+    keys_option: str = "--require-signature", required: bool = False
+) -> Callable[[F], F]:
+    """What the signature of a bundle must satisfy; `trust` makes it of the command's arguments."""
+    return options_in_order(
+        option(keys_option, "keys", type=FILE, required=required, metavar="KEYS",
+               help="Refuse a bundle that none of the public keys (PEM) in this file signed."),
+        option("--case", metavar="CASE",
+               help="Refuse a bundle that is signed for another case."),
+        option("--robot-serial", metavar="SERIAL",
+               help="Refuse a bundle that is signed for another robot."),
+        option("--max-age", type=Parsed("TIME", parse_seconds),
+               help="Refuse a bundle that was registered longer ago than this: 90s, 30min, 12h "
+               "or 2d."),
+    )  # fmt: skip
+
+
+def parse_stroke(text: str) -> str | int:
+    """`all`, `longest` or the number of a stroke."""
+    if text in ("all", "longest"):
+        return text
+    if not text.isdecimal():
+        raise ValueError(f"{text!r} is no stroke; type all, longest or a number")
+    return int(text)
+
+
+def parse_rectangle(text: str) -> tuple[int, ...]:
+    """U,V,W,H in whole pixels."""
+    values = Numbers(4, metavar="U,V,W,H", positive=False).numbers(text)
+    for value in values:
+        if not value.is_integer():
+            raise ValueError(f"{text!r} holds a part of a pixel; type whole numbers")
+        if abs(value) >= LARGEST_PIXEL:
+            raise ValueError(f"{text!r} holds a number that no image's pixels reach")
+    return tuple(map(int, values))
+
+
+def parse_margin(text: str) -> str | float:
+    """`tre95`, or the probability P of `p=P`, which is above 0 and below 1."""
+    if text == "tre95":
+        return text
+    probability = 0.0
+    if text.startswith("p="):
+        try:
+            probability = parse_decimal(text.removeprefix("p="))
+        except ValueError:
+            probability = 0.0
+    if not 0 < probability < 1:
+        raise ValueError(f"{text!r} is no margin; type tre95, or p=P with P between 0 and 1")
+    return probability
+
+
+def parse_seconds(text: str) -> float:
+    """A length of time, e.g. `90s`, `30min`, `12h` or `2d`, as seconds."""
+    match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(s|min|h|d)", text)
+    if match is None:
+        raise ValueError(f"{text!r} is not a time; type one like 90s, 30min, 12h or 2d")
+    try:
+        return timedelta(**{UNITS_OF_TIME[match[2]]: float(match[1])}).total_seconds()
+    except OverflowError:
+        raise ValueError(f"{text!r} is longer than any bundle is old; type less") from None
+
+
+def both_spacings(
+    ctx: click.Context, param: click.Parameter, value: tuple[float, ...] | None
+) -> tuple[float, ...] | None:
+    """One pixel spacing counts along u and v."""
+    if value is None or len(value) == 2:
+        return value
+    return value * 2
+
+
+def none_if_empty(ctx: click.Context, param: click.Parameter, value: Any) -> Any:
+    """An option that was not given is `None`, as the settings want it."""
+    return value or None
 
 
 OVERWRITE = option("--overwrite", is_flag=True, help="Replace output files that exist.")
@@ -36,235 +148,175 @@ FIXTURE = click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
 SESSION = click.argument("session", type=FILE, metavar="SESSION")
 UNITS = option("--units", type=click.Choice(["m", "mm"]), default="m",
                help="Unit of the session's positions.")  # fmt: skip
+ROBOT = robot_option("Require a stiffness that is stable with this robot, or write nothing.")
 
-
-def output(text: str, required: bool = True, kind: click.ParamType = HDF5) -> Callable[[F], F]:
-    """`-o/--output FILE`, given to the command as `output`, and `--overwrite`."""
-    return taking(option("-o", "--output", type=kind, required=required, help=text), OVERWRITE)
-
-
-def _stroke(text: str) -> str | int:
-    """`all`, `longest` or a stroke's number."""
-    if text not in ("all", "longest") and not text.isdecimal():
-        raise ValueError(f"{text!r} is neither 'all', 'longest' nor a stroke's number")
-    return int(text) if text.isdecimal() else text
-
-
-def _rectangle(text: str) -> tuple[int, ...]:
-    """U,V,W,H in whole pixels."""
-    value = Numbers(4, metavar="U,V,W,H", positive=False).parse(text)
-    if not all(x.is_integer() and abs(x) < 2**31 for x in value):
-        shown = ",".join(f"{x:g}" for x in value)
-        if all(x.is_integer() for x in value):
-            raise ValueError(f"'{shown}' holds a number that no image's pixels reach")
-        raise ValueError(f"'{shown}' holds a part of a pixel; whole ones are wanted")
-    return tuple(map(int, value))
-
-
-def _margin(text: str) -> str | float:
-    """`tre95`, or `p=P` with a probability P above 0 and below 1: the word, or the number."""
-    if text == "tre95":
-        return text
-    try:
-        p = parse_decimal(text.removeprefix("p="))
-    except ValueError:
-        p = 0.0
-    if not text.startswith("p=") or not 0 < p < 1:
-        raise ValueError(f"{text!r}: allowed are tre95 and p=P with 0 < P < 1")
-    return p
-
-
-def _seconds(text: str) -> float:
-    """A length of time, e.g. `90s`, `30min`, `12h` or `2d`, as seconds."""
-    match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(s|min|h|d)", text)
-    if match is None:
-        raise ValueError(f"{text!r} is not a time; 90s, 30min, 12h and 2d are")
-    return float(match[1]) * SECONDS[match[2]]
-
-
-SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
-
-
-RECTANGLE = Parsed("U,V,W,H", _rectangle)
-MARGIN, TIME = Parsed("tre95|p=P", _margin), Parsed("TIME", _seconds)
+RECTANGLE = Parsed("U,V,W,H", parse_rectangle)
 PLACE = Numbers(2, metavar="U,V", positive=False)
 VECTOR = Numbers(3, metavar="X,Y,Z", positive=False)
 STIFFNESS = Numbers(1, 3, metavar="N_PER_M[,Y,Z]")
 MM_OR_NONE = Numbers(1, metavar="MM|none", word="none")
-MILLI = {"callback": lambda ctx, param, value: value and 1e-3 * value}  # given in millimetres
 COLOUR = {"default": "red", "metavar": "NAME|#RRGGBB"}
 
+ARM_BASE = {"type": Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)}
+"""Where a simulated arm stands: `rehearse` and `plan --rehearse`."""
 
-def robot(purpose: str = "") -> Callable[[F], F]:
-    """`--robot`: a shipped robot or a file, read by `vfplan.robot.read_robot`; none by default."""
-    known = "A shipped robot (franka, fr3), a robot file (schemas/robot-1.1.json), or none."
-    return option("--robot", metavar="NAME|FILE", help=f"{purpose} {known}".strip())
+ARM_TOOL = {"type": VECTOR, "default": "0,0,0.1"}
+"""The tip of a simulated arm in the frame of its flange: `rehearse` and `plan --rehearse`."""
 
-
-ROBOT = robot()
-# Where a simulated arm stands, and its tip: `rehearse` and `plan --rehearse`.
-BASE = {"type": Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)}
-TOOL = {"type": VECTOR, "default": "0,0,0.1"}
-# How the curve is read from the image: `extract` and `plan`. Named as in `ExtractSettings`.
-CURVE = taking(
-    option("--colour", **COLOUR, help="The planning pen's colour."),
+EXTRACT_OPTIONS = options_in_order(
+    option("--colour", **COLOUR, help="Colour of the planning pen."),
     option("--pixel-spacing", "pixel_spacing_mm", type=Numbers(1, 2, metavar="MM[,MM]"),
-           callback=lambda c, p, v: v if v is None or len(v) == 2 else v * 2,
-           help="Size of a pixel along u (between columns) and v (between rows); wins over the "
-           "file's."),
+           callback=both_spacings,
+           help="Size of a pixel along u and v, instead of the file's [mm]."),
     option("--method", type=click.Choice(["ridge", "skeleton", "mask"]), default="ridge",
-           help="Sub-pixel ridge, bare skeleton, or every mask pixel."),
-    option("--roi", type=RECTANGLE, help="Look only in this rectangle of pixels."),
-    option("--stroke", type=Parsed("all|longest|N", _stroke),
-           help="Which of several candidates is the curve."),
-    option("--max-gap", "max_gap_px", type=Real(min=0), default=20.0, metavar="PX",
-           help="Bridge pen lifts shorter than this."),
-    option("--exclude", type=RECTANGLE, multiple=True, callback=lambda c, p, v: v or None,
-           help="Do not look in this rectangle of pixels; may be given several times."),
-    option("--start", type=PLACE, help="Where on the line the curve begins; gives its direction."),
-    option("--end", type=PLACE, help="Where on the line the curve ends."),
+           help="Measure a sub-pixel ridge, a bare skeleton, or every mask pixel."),
+    option("--roi", type=RECTANGLE, help="Look in this rectangle alone [px]."),
+    option("--stroke", type=Parsed("all|longest|N", parse_stroke),
+           help="Take this one of several candidates."),
+    option("--max-gap", "max_gap_px", type=DecimalNumber(min=0), default=20.0, metavar="PX",
+           help="Bridge gaps in the pen's line up to this length [px]."),
+    option("--exclude", type=RECTANGLE, multiple=True, callback=none_if_empty,
+           help="Ignore this rectangle, also several times [px]."),
+    option("--start", type=PLACE, help="Begin the curve at this place on the line [px]."),
+    option("--end", type=PLACE, help="End the curve at this place on the line [px]."),
     option("--accept-width", is_flag=True, default=None,
-           help="Take a run wider than the rest as one pen's, pressed harder."),
+           help="Take a wider stretch as the same pen, pressed harder."),
     option("--curve", type=FILE, metavar="FILE",
-           help="A curve drawn on the image as vectors: Slicer .mrk.json or .fcsv, ImageJ .roi, "
-           "CSV u_px,v_px or X,Y, or a DICOM presentation state."),
+           help="Take the curve from this vector file (Slicer, ImageJ, CSV or DICOM)."),
     option("--curve-origin", type=click.Choice(["centre", "corner"]),
-           help="Where on a pixel ImageJ counts from: a line's X,Y from the centre, an area's from "
-           "the corner; asked for where the file leaves it open."),
-    option("--frame", type=Whole(min=1), metavar="N",
-           help="Which frame of a multi-frame DICOM or page of a TIFF."),
+           help="Count ImageJ's X,Y from the centre or from the corner of a pixel; needed where "
+           "the file leaves it open."),
+    option("--page", "--frame", "frame", type=WholeNumber(min=1), metavar="N",
+           help="Read this frame of a multi-frame DICOM, or this page of a TIFF."),
     option("--imager-spacing", is_flag=True, default=None,
            help="Accept DICOM's ImagerPixelSpacing, which is not the patient's."),
-    option("--max-megapixels", type=Real(0, min_open=True), metavar="N",
-           help="Read pictures of up to so many million pixels.  [default: 64]"),
-    option("--mask-out", type=PNG, metavar="PNG", help="Write the pen's mask."),
+    option("--max-megapixels", type=DecimalNumber(0, min_open=True), metavar="N",
+           help="Read pictures of up to this many million pixels.  [default: 64]"),
+    option("--mask-out", type=PNG, metavar="PNG", help="Write a picture of the pen's mask."),
     option("--overlay-out", type=PNG, metavar="PNG",
-           help="Write the slice with the curve found on it, or the candidates' numbers."),
+           help="Write the slice with the curve on it, or with the numbered candidates."),
 )  # fmt: skip
+"""How the curve is read from the image: `extract`, `plan` and `review`; fields of
+`ExtractSettings`."""
 
-# How a curve becomes a fixture: `register` and `plan`. Named as in `FixtureSettings`.
-MAKING = taking(
+FIXTURE_OPTIONS = options_in_order(
     option("--model", type=click.Choice(["affine", "similarity", "rigid"]), default="affine",
-           help="The transform from image to robot."),
-    option("--robust", is_flag=True, help="Find and leave out outlying markers; names them."),
+           help="Transform from image to robot."),
+    option("--robust", is_flag=True, help="Leave out markers that do not fit, and name them."),
     option("--tolerance", "tolerance_m", type=MM,
-           help="How far a surface rendered from points may lie from the drawn one's; spacing, "
-           "band and iteration limit follow from it.  [default: 0.01]"),
+           help="Let a surface rendered from points lie this far from the drawn one [mm].  "
+           "[default: 0.01]"),
     option("--density", "density_per_m", type=Number("PTS_PER_MM", 1e3),
-           help="Points a millimetre, instead of a tolerance."),
+           help="Put this many points on a millimetre, instead of a tolerance."),
     option("--arcs", type=Numbers(1, metavar="MM|none", word="none"),
-           help="The curve is held as lines and arcs this near to it, which rule `exact` renders "
-           "as they are; `none`: as points alone.  [default: 0.001, where it can]"),
+           help="Fit lines and arcs this closely to the curve [mm]; none keeps points alone.  "
+           "[default: 0.001, where it can]"),
     option("--stiffness", type=STIFFNESS, default="1000",
-           help="K, one for all axes of the robot's base or one each."),
-    option("--contact-radius", type=MM, default="5", help="The proxy's radius r_c."),
-    option("--point-radius", type=Real(min=0), default=0, metavar="MM", **MILLI,
-           help="Radius r_v of each point of the cloud."),
+           help="Stiffness K, one for all axes or one each [N/m]."),
+    option("--contact-radius", type=MM, default="5",
+           help="Distance that the tool keeps from the curve [mm]."),
+    option("--point-radius", type=MM_OR_ZERO, default="0",
+           help="Radius of each point, added to the contact radius [mm]."),
     option("--ignore-axis", type=click.Choice(["normal", "x", "y", "z", "none"]),
-           help="The fixture is infinite along it.  [default: normal, the drawn slice's]"),
+           help="Extend the fixture without end along this axis.  [default: normal, of the "
+           "drawn slice]"),
     option("--seen-from", type=VECTOR,
-           help="Direction in the robot's frame from which you look at the slice (0,0,1: from "
-           "above); refuses mirrored markers."),
+           help="Direction in the robot's frame from which you look at the slice; 0,0,1 is from "
+           "above."),
     option("--max-residual", type=MM_OR_NONE,
-           help="Gate: write nothing (exit 1) if the markers miss their places by more (rms).  "
-           "[default: 1]"),
+           help="Refuse markers that miss their places by more (rms) [mm].  [default: 1]"),
     option("--max-tre", type=MM_OR_NONE,
-           help="Gate: write nothing (exit 1) if the registration error may be larger anywhere on "
-           "the curve (95 % bound).  [default: the contact radius]"),
+           help="Refuse a curve that may lie further off (95 %) [mm].  [default: the contact "
+           "radius]"),
     option("--markers-as-given", is_flag=True,
-           help="Take the markers even if they meet no marks drawn on the slice, or if another "
-           "order of their labels fits clearly better."),
+           help="Skip the checks of the labels and of the marks on the slice."),
     option("--common", is_flag=True,
-           help="Use the markers that both files have.  [default: both must have the same]"),
-    option("--margin", type=MARGIN,
-           help="Add a safety margin to the point radius: that bound, or what makes entering less "
-           "probable than P by --campaign.  [default: none]"),
+           help="Use the markers that both files have, and drop the others."),
+    option("--margin", type=Parsed("tre95|p=P", parse_margin),
+           help="Add the 95 % bound, or --campaign's for P, to the point radius.  [default: none]"),
     option("--campaign", type=FILE, metavar="DIR",
-           help="Folder of `vfplan campaign`, for --margin p=P."),
+           help="Folder of `vfplan campaign` that --margin p=P reads."),
     option("--find-markers", is_flag=True,
-           help="Take the markers' pixels from the crosses or dots drawn near the given ones; says "
-           "how far each moved."),
+           help="Measure the marks on the slice near the given pixels."),
     option("--guide", "guide_m", type=MM,
-           help="Keep the tip within a tube of this radius around the curve, instead of forbidding "
-           "what lies near it."),
+           help="Keep the tip in a tube of this radius around the curve [mm]."),
     option("--ends", "guide_ends", type=click.Choice(["stop", "open"]),
-           help="What the ends of an open curve that guides do: a cap, or let the tip go free.  "
-           "[default: stop]"),
+           help="Close the ends of a guide's tube, or let the tip leave there.  [default: stop]"),
     option("--guide-stroke", type=click.IntRange(0), metavar="N",
-           help="Only this stroke guides, the others are forbidden.  [default: all guide]"),
+           help="Guide along this stroke, and forbid the others.  [default: all guide]"),
     option("--guide-pull", type=Numbers(1, 2, metavar="N[,MM_PER_S]", positive=False),
-           help="Lead the tip along the curve with this force, which has fallen to 0 at this "
-           "speed, 20 mm/s unless given.  [default: no pull]"),
+           help="Pull the tip along the curve with this force [N], which falls to 0 at this speed "
+           "[mm/s].  [default: no pull; 20 mm/s]"),
     option("--guide-cut-bends", is_flag=True,
-           help="Take bends tighter than the tube is wide: the tip may cut them."),
+           help="Accept bends tighter than the tube, which the tip may cut."),
     option("--picture-out", type=PNG, metavar="PNG",
            help="Write the slice with the residuals and the error along the curve."),
 )  # fmt: skip
+"""How a curve becomes a fixture: `register`, `plan` and `review`; fields of `FixtureSettings`."""
 
 
-def settings(kind: type, given: dict[str, Any], **more: Any) -> Any:
-    """A dataclass of settings from a command's arguments of the same names."""
-    names = {field.name for field in fields(kind)}
-    return kind(**{n: v for n, v in given.items() if n in names and v is not None} | more)
+def settings_from_options(kind: type, arguments: dict[str, Any]) -> Any:
+    """A dataclass of settings from the arguments of a command that have its fields' names."""
+    chosen = {}
+    for setting in fields(kind):
+        if arguments.get(setting.name) is not None:
+            chosen[setting.name] = arguments[setting.name]
+    return kind(**chosen)
 
 
-def fixture_settings(given: dict[str, Any]) -> Any:
-    """`vfplan.planning.FixtureSettings` from a command's arguments."""
+def fixture_settings(arguments: dict[str, Any]) -> Any:
+    """`vfplan.planning.FixtureSettings` from the arguments of a command."""
     from vfplan.planning import FixtureSettings
 
-    if given["tolerance_m"] and given["density_per_m"]:
+    # Combinations of options that would leave one of them without effect.
+    margin = arguments["margin"]
+    is_probability = isinstance(margin, float)
+    if arguments["tolerance_m"] and arguments["density_per_m"]:
         raise click.UsageError("--tolerance and --density exclude each other; give one")
-    margin = given["margin"]
-    if isinstance(margin, float) != (given["campaign"] is not None):
-        raise click.UsageError("--margin p=P and --campaign DIR: both or neither")
-    if isinstance(margin, float):
+    if is_probability != (arguments["campaign"] is not None):
+        raise click.UsageError("--margin p=P and --campaign DIR belong together; give both")
+
+    # Options that are written in another unit than the field, or in another form.
+    chosen = dict(arguments)
+    if is_probability:
         from vfplan.campaign import margin_for
 
-        margin = margin_for(given["campaign"], margin)
-    pull = given["guide_pull"] or ()
-    gates = {}
-    if given["max_residual"] is not None:
-        gates["max_residual_m"] = _millimetres_or_none(given["max_residual"])
-    if given["max_tre"] is not None:
-        gates["max_tre_m"] = _millimetres_or_none(given["max_tre"])
-    return settings(
-        FixtureSettings, given, margin=margin, points_only=given["arcs"] == (),
-        arcs_m=given["arcs"][0] * 1e-3 if given["arcs"] else None,
-        guide_pull=(*pull[:1], *(1e-3 * speed for speed in pull[1:])), **gates,
-    )  # fmt: skip
+        chosen["margin"] = margin_for(arguments["campaign"], margin)
+    if arguments["arcs"] == ():
+        chosen["points_only"] = True
+    elif arguments["arcs"] is not None:
+        chosen["arcs_m"] = 1e-3 * arguments["arcs"][0]
+    if arguments["guide_pull"]:
+        force, *speeds = arguments["guide_pull"]
+        chosen["guide_pull"] = (force, *(1e-3 * speed for speed in speeds))
+    settings = settings_from_options(FixtureSettings, chosen)
+
+    # A gate that is typed is a length, or none.
+    for name, setting in (("max_residual", "max_residual_m"), ("max_tre", "max_tre_m")):
+        if arguments[name] == ():
+            settings = replace(settings, **{setting: None})
+        elif arguments[name] is not None:
+            settings = replace(settings, **{setting: 1e-3 * arguments[name][0]})
+    return settings
 
 
-def _millimetres_or_none(value: tuple[float, ...]) -> float | None:
-    """A gate's length [m]; `None` for the word "none"."""
-    return 1e-3 * value[0] if value else None
-
-
-def hold_campaign(given: dict[str, Any], fixture: Any) -> None:
+def check_campaign_matches(arguments: dict[str, Any], fixture: Any) -> None:
     """Refuse the margin of a campaign on another plan."""
-    if given["campaign"] is not None:
+    if arguments["campaign"] is not None:
         from vfplan.campaign import require_same_plan
 
-        require_same_plan(given["campaign"], fixture)
+        require_same_plan(arguments["campaign"], fixture)
 
 
-def signature(keys_option: str = "--require-signature", required: bool = False) -> Callable[[F], F]:
-    """What a bundle's signature must satisfy; `trust` makes it of the command's arguments."""
-    return taking(
-        option(keys_option, "keys", type=FILE, required=required, metavar="KEYS",
-               help="File of trusted public keys (PEM); refuse what none of them signed."),
-        option("--case", help="The case token it must be signed for."),
-        option("--robot-serial", help="The robot it must be signed for."),
-        option("--max-age", type=TIME, help="How long ago it was registered."),
-    )  # fmt: skip
-
-
-def trust(given: dict[str, Any]) -> Any:
-    """The `vfplan.bundle.Trust` that the options of `signature` ask for, or `None`."""
-    wanted = given["case"], given["robot_serial"], given["max_age"]
-    if given["keys"] is not None:
+def trust(arguments: dict[str, Any]) -> Any:
+    """The `vfplan.bundle.Trust` that `signature_options` ask for, or `None`."""
+    demands = (arguments["case"], arguments["robot_serial"], arguments["max_age"])
+    if arguments["keys"] is not None:
         from vfplan.bundle import Trust, read_keys
 
-        return Trust(read_keys(given["keys"]), *wanted)
-    if wanted != (None, None, None):
-        raise click.UsageError("--case, --robot-serial and --max-age need --require-signature KEYS")
+        return Trust(read_keys(arguments["keys"]), *demands)
+    if demands != (None, None, None):
+        raise click.UsageError(
+            "--case, --robot-serial and --max-age read a signature; give --require-signature KEYS"
+        )
     return None

@@ -1,4 +1,4 @@
-"""The files a command writes: all of them or none, and taken back where its report fails."""
+"""The files a command writes: all of them or none, and none where its report cannot be printed."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import click
-from vfplan.cli.values import Written
+from vfplan.cli.values import OutputFile
 
 from vfplan.errors import OutputError, VfplanError
 from vfplan.io.staging import (
-    PlacedFiles,
     create,
     hidden_name,
     made_folder,
@@ -20,149 +19,199 @@ from vfplan.io.staging import (
     working_in,
 )
 
-PLACED = "vfplan.cli.placed"  # under this key in click's context: what the command wrote
+PLACED = "vfplan.cli.placed"
+"""Under this key in click's context: the files that the running command wrote."""
 
 
 def refuse_outputs() -> None:
     """Check every file that the running command is to write, before any work is done.
 
-    Raises `OutputError` when a path exists and there is no `--overwrite`, its folder is missing, it
-    is no plain file, two outputs share it, of which only the last would remain, or it is also an
-    input of this call: no `--overwrite` allows that.
+    Raises
+    ------
+    OutputError
+        A path exists and there is no `--overwrite`, its folder is missing, it is no plain file, or
+        two outputs share it. A path that is also an input of this call is refused even with
+        `--overwrite`.
     """
-    context = click.get_current_context()
-    written = [p.name for p in context.command.params if isinstance(p.type, Written)]
-    _refuse(*filter(None, map(context.params.get, written)))
+    _refuse(_output_options())
 
 
-def _refuse(*paths: Path) -> None:
-    inputs = _inputs(paths)
-    seen: set[Path] = set()
+def refuse_named_files(*paths: Path | None) -> None:
+    """As `refuse_outputs`, with files that the command names by itself besides its options."""
+    outputs = _output_options()
     for path in paths:
-        if path.resolve() in seen:
-            raise OutputError("is given for two outputs; each needs its own", where=str(path))
-        seen.add(path.resolve())
-        if path.resolve() in inputs:
-            raise OutputError("is an input of this call; another name wanted", where=str(path))
-        try:
-            _refuse_place(path)
-        except OSError as error:  # a name too long, a folder that may not be looked into
-            raise OutputError(error.strerror or str(error), where=str(path)) from None
-
-
-def refuse_beside(path: Path | None) -> None:
-    """As `refuse_outputs`, of a file that the command names by itself beside the others."""
-    if path is None:
-        return
-    context = click.get_current_context()
-    others = [p.name for p in context.command.params if isinstance(p.type, Written)]
-    _refuse(*filter(None, map(context.params.get, others)), path)
+        if path is not None and path not in outputs:
+            outputs.append(path)
+    _refuse(outputs)
 
 
 def refuse_folder(folder: Path | None, *names: str) -> None:
-    """As `refuse_outputs`, of files in a folder that is made; without names it must be empty."""
+    """As `refuse_outputs`, for files in a folder that is made; without names it must be empty."""
     if folder is None:
         return
     if folder.is_dir():
-        _refuse(*(folder / name for name in names))
-        if not names and any(folder.iterdir()) and not overwriting():
-            raise OutputError("is not empty; give --overwrite to replace it", where=str(folder))
+        _refuse([folder / name for name in names])
+        if not names and any(folder.iterdir()) and not is_overwriting():
+            raise OutputError(
+                "is not empty; give --overwrite to replace what is in it, or name a new folder",
+                where=str(folder), code="folder-not-empty",
+            )  # fmt: skip
     elif folder.exists():
-        raise OutputError("is a file; a folder is wanted", where=str(folder))
+        raise OutputError("is a file; name a folder", where=str(folder), code="folder-is-a-file")
     else:
-        _refuse(folder)
+        _refuse([folder])
 
 
-def _refuse_place(path: Path) -> None:
-    if path.exists() and not overwriting():
-        raise OutputError("exists already; give --overwrite to replace it", where=str(path))
-    if path.is_dir():
-        raise OutputError("is a directory; a file is wanted", where=str(path))
-    if path.exists() and not path.is_file():  # moving a file there would unmake a device
-        raise OutputError("is a device or a pipe; a file is wanted", where=str(path))
-    if not path.parent.is_dir():
-        raise OutputError("its folder does not exist", where=str(path))
+def _output_options() -> list[Path]:
+    """The files that the options of the running command name as its outputs."""
+    context = click.get_current_context()
+    paths = []
+    for param in context.command.params:
+        path = context.params.get(param.name)
+        if isinstance(param.type, OutputFile) and path:
+            paths.append(path)
+    return paths
 
 
-def _inputs(outputs: tuple[Path, ...]) -> set[Path]:
-    """The other paths that the running command was called with."""
+def _refuse(paths: list[Path]) -> None:
+    """Raise `OutputError` for the first path that cannot become an output of this call."""
+    inputs = set()
     context = click.get_current_context(silent=True)
-    given = [] if context is None else context.params.values()
-    paths = [value for value in given if isinstance(value, Path)]
-    return {path.resolve() for path in paths if not any(path is out for out in outputs)}
+    if context is not None:
+        for value in context.params.values():
+            if isinstance(value, Path) and not any(value is path for path in paths):
+                inputs.add(value.resolve())
+    resolved: set[Path] = set()
+    for path in paths:
+        if path.resolve() in resolved:
+            raise OutputError(
+                "is given for two outputs; give each its own name",
+                where=str(path), code="output-twice",
+            )  # fmt: skip
+        resolved.add(path.resolve())
+        if path.resolve() in inputs:
+            raise OutputError(
+                "is an input of this call; give the output another name",
+                where=str(path), code="output-is-input",
+            )  # fmt: skip
+        try:
+            refuse_place(path)
+        except OSError as error:
+            # The name is too long, or the folder may not be looked into.
+            reason = error.strerror or str(error)
+            raise OutputError(reason, where=str(path), code="output-place") from None
+
+
+def refuse_place(path: Path) -> None:
+    """Raise `OutputError` where no file may be written at a path."""
+    if path.exists() and not is_overwriting():
+        raise OutputError(
+            "exists already; give --overwrite to replace it", where=str(path), code="output-exists"
+        )
+    if path.is_dir():
+        raise OutputError(
+            "is a directory; name a file", where=str(path), code="output-is-a-directory"
+        )
+    if path.exists() and not path.is_file():
+        # To move a file there would unmake the device.
+        raise OutputError(
+            "is a device or a pipe; name a file", where=str(path), code="output-is-a-device"
+        )
+    if not path.parent.is_dir():
+        raise OutputError(
+            "its folder does not exist; make it first", where=str(path), code="no-output-folder"
+        )
 
 
 @contextmanager
 def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
     """Write several files together: all of them appear, or none; a missing folder is made.
 
-    Yields one temporary path a given path (same folder, same suffix; `None` stays `None`); moves
-    them into place when the block ends well and deletes them when it does not. A power cut leaves
-    the old file or the new one, whole. What exists is replaced only if the running command's
-    `--overwrite` says so; the old files come back when the command's report cannot be written.
+    Yields a temporary path for each path, in the same folder and with the same suffix; `None` stays
+    `None`. Moves them into place when the block ends well and deletes them when it does not. A
+    power cut leaves the old file or the new one, whole. A file that exists is replaced only where
+    the running command has `--overwrite`, and it comes back when the report cannot be printed.
 
-    Raises `OutputError` where the system lets a file not be made or written, or it exists.
+    Raises
+    ------
+    OutputError
+        A file cannot be made or written, or it exists.
     """
-    # Writers make them with `vfplan.io.staging.create`: no link of others is written through.
-    temporaries = tuple(p and hidden_name(p, "".join(p.suffixes[-2:])[1:] or "tmp") for p in paths)
+    temporaries: list[Path | None] = []
+    for path in paths:
+        temporary = None
+        if path is not None:
+            suffix = "".join(path.suffixes[-2:])[1:]
+            temporary = hidden_name(path, suffix or "tmp")
+        temporaries.append(temporary)
+    pairs = [
+        (temporary, path)
+        for temporary, path in zip(temporaries, paths, strict=True)
+        if temporary is not None
+    ]
     with ExitStack() as folders:
         try:
-            for folder in {path.parent for path in paths if path is not None}:
+            for folder in {path.parent for _, path in pairs}:
                 folders.enter_context(made_folder(folder))
                 folders.enter_context(working_in(folder))
-            for temporary in filter(None, temporaries):  # no long work for a folder that takes none
+            # A folder that takes no file is refused before the long work. The writers make the
+            # temporary files anew, so that nothing is written through another program's link.
+            for temporary, _ in pairs:
                 create(temporary).close()
                 temporary.unlink()
-            yield temporaries
-            moves = [(t, p) for p, t in zip(paths, temporaries, strict=True) if p and t]
-            _remember(move_into_place(moves, overwrite=overwriting()), folders.pop_all())
+            yield tuple(temporaries)
+            placed = move_into_place(pairs, overwrite=is_overwriting())
+            # The command's report is printed next, and only then do the files stay. Their folders
+            # are locked until then. Without a running command there is nothing to wait for.
+            locks = folders.pop_all()
+            context = click.get_current_context(silent=True)
+            if context is None:
+                placed.commit()
+                locks.close()
+            else:
+                context.meta.setdefault(PLACED, []).append((placed, locks))
         except OSError as error:
             reason = error.strerror or str(error)
-            where = next((str(p) for p in paths if p is not None), None)
-            raise OutputError(f"cannot be written: {reason}", where=where) from error
+            where = None
+            if pairs:
+                where = str(pairs[0][1])
+            raise OutputError(
+                f"cannot be written: {reason}", where=where, code="output-not-written"
+            ) from error
         except VfplanError as error:
-            for path, temporary in zip(paths, temporaries, strict=True):
-                if temporary is not None and error.where == str(temporary):
-                    error.where = str(path)  # the name that the caller knows
+            # The error names the file as the caller knows it.
+            for temporary, path in pairs:
+                if error.where == str(temporary):
+                    error.where = str(path)
             raise
         finally:
-            for temporary in filter(None, temporaries):
+            for temporary, _ in pairs:
                 remove_quietly(temporary)
 
 
-def overwriting() -> bool:
+def is_overwriting() -> bool:
     """Whether the running command was given `--overwrite`."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.params.get("overwrite"))
 
 
-def _remember(placed: PlacedFiles, folders: ExitStack) -> None:
-    """Keep what the running command wrote in mind until its report is out, its folders locked."""
-    context = click.get_current_context(silent=True)
-    if context is None:
-        placed.commit()
-        folders.close()
-    else:
-        context.meta.setdefault(PLACED, []).append((placed, folders))
+class _RolledBack(Exception):  # noqa: N818
+    """Makes a folder that was made for an output go again."""
 
 
-class _TakenBack(Exception):  # noqa: N818 - tells a folder that was made to go again
-    pass
-
-
-def keep() -> None:
-    """Leave what the running command wrote: its report is out."""
+def commit() -> None:
+    """Leave the files that the running command wrote: its report is printed."""
     for placed, folders in click.get_current_context().meta.pop(PLACED, []):
         placed.commit()
         folders.close()
 
 
-def take_back() -> None:
-    """Undo what the running command wrote and no `keep` has settled."""
+def rollback() -> None:
+    """Undo the files that the running command wrote and that no `commit` has settled."""
     for placed, folders in reversed(click.get_current_context().meta.pop(PLACED, [])):
-        with suppress(_TakenBack), folders:
+        with suppress(_RolledBack), folders:
             try:
                 placed.rollback()
             except OutputError as error:
                 click.echo(f"vfplan: error: {error.where}: {error.message}", err=True)
-            raise _TakenBack
+            raise _RolledBack

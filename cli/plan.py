@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,16 +10,17 @@ from typing import Any
 import click
 from vfplan.cli import options
 from vfplan.cli.extract import (
+    drawing_refusal,
     extracted_text,
-    naming_page,
-    pictured,
+    pointing_to_page,
     review_command,
     write_pictures,
-)
-from vfplan.cli.options import option
-from vfplan.cli.outputs import outputs, refuse_beside
+)  # fmt: skip
+from vfplan.cli.options import option, options_in_order, output_option, settings_from_options
+from vfplan.cli.outputs import outputs, refuse_named_files
 from vfplan.cli.register import registered_text, write_registration_picture
-from vfplan.cli.run import Report, command, patience
+from vfplan.cli.run import CommandResult, announce_if_slow, command
+from vfplan.cli.units import count
 from vfplan.cli.values import FILE
 
 from vfplan.findings import Finding, doubt
@@ -34,113 +36,130 @@ from vfplan.findings import Finding, doubt
 @click.argument("image", type=FILE)
 @click.argument("markers", type=FILE)
 @click.argument("markers2", type=FILE, required=False)
-@options.taking(
-    options.output("The fixture bundle to write."),
-    options.CURVE,
-    options.MAKING,
+@options_in_order(
+    output_option("Write the fixture to this bundle.  [default: IMAGE's name with .h5, in the "
+                  "working folder]", required=False),
+    options.EXTRACT_OPTIONS,
+    options.FIXTURE_OPTIONS,
     options.ROBOT,
     option("--rehearse", metavar="panda|fr3|FILE.xml",
-           help="Let a simulated arm go along the curve first, on each side; write nothing (exit "
-           "1) where it would not reach or would stop. Its limits: --robot's, or its own."),
-    option("--base", **options.BASE,
-           help="That arm's base in the fixture's frame [m].  [default: 0,0,0]"),
-    option("--tool", **options.TOOL, help="That arm's tip in its flange's frame [m]."),
+           help="Let a simulated arm go along each side of the curve first, and write nothing "
+           "where it would not reach or would stop (exit 1)."),
+    option("--base", **options.ARM_BASE,
+           help="Base of that arm in the fixture's frame [m].  [default: 0,0,0]"),
+    option("--tool", **options.ARM_TOOL, help="Tip of that arm in its flange's frame [m]."),
     option("--no-sheet", is_flag=True,
-           help="Leave out the review sheet, which is written beside the bundle as "
-           "STEM-sheet.png."),
+           help="Leave out the review sheet, STEM-sheet.png beside the bundle."),
 )  # fmt: skip
 def command(
-    image, markers, markers2, output, mask_out, overlay_out, picture_out, no_sheet, **given
-) -> Report:
-    """Extract the curve drawn on IMAGE, register it by MARKERS and write a fixture bundle.
+    image, markers, markers2, output, mask_out, overlay_out, picture_out, no_sheet, **arguments
+) -> CommandResult:
+    """Turn the curve drawn on IMAGE into a fixture for the robot, by MARKERS.
 
     MARKERS is one CSV (label,u_px,v_px,x_m,y_m,z_m), or two files joined by label: CSV, Slicer
-    .mrk.json or .fcsv. With --robot the fixture's stiffness must be stable in closed loop with
-    that robot (exit 1 if it is not), and the verdict is stored in the bundle. With --rehearse a
-    simulated arm must be able to render it.
-
-    Look at the review sheet that is written beside the bundle: it shows both ends of the line
-    enlarged, and everything that was doubtful.
+    .mrk.json or .fcsv. Look at the review sheet beside the bundle afterwards: it shows both ends
+    of the line enlarged, and all findings.
     """
     from vfplan.bundle import write_fixture
     from vfplan.planning import ExtractSettings, plan
     from vfplan.robot import read_robot
 
+    # The files that have no option of their own are checked before any work, as the others were.
+    if output is None:
+        output = Path(f"{image.stem}.h5")
     sheet_path = None
     if not no_sheet:
         sheet_path = output.with_name(f"{output.stem}-sheet.png")
-        refuse_beside(sheet_path)
-    reading, making = options.settings(ExtractSettings, given), options.fixture_settings(given)
-    robot = read_robot(given["robot"])
+    refuse_named_files(output, sheet_path)
+
+    # From the slice to a fixture.
+    extraction = settings_from_options(ExtractSettings, arguments)
+    settings = options.fixture_settings(arguments)
+    robot = read_robot(arguments["robot"])
     page = review_command(image, markers, markers2, output=output)
     with (
-        patience(f"planning on {image.name}"),
-        naming_page(page),
-        pictured(image, reading, overlay_out),
+        announce_if_slow(f"planning on {image.name}"),
+        pointing_to_page(page),
+        drawing_refusal(image, extraction, overlay_out),
     ):
-        made = plan(
-            image, markers, markers2, extraction=reading, settings=making, curve=given["curve"]
-        )
-    fixture, verdict, findings = made.fixture, {}, list(made.findings)
-    options.hold_campaign(given, fixture)
+        planned = plan(
+            image, markers, markers2, extraction=extraction, settings=settings,
+            curve=arguments["curve"],
+        )  # fmt: skip
+    fixture = planned.fixture
+    findings = list(planned.findings)
+    data = dict(planned.report)
+    lines = [extracted_text(planned.extracted.report), registered_text(planned.registered.report)]
+    options.check_campaign_matches(arguments, fixture)
+
+    # Robot and arm have a say before anything is written.
     if robot is not None:
         from vfplan.stability import approved
 
-        fixture = approved(made.fixture, robot)
-        verdict = {"stability": fixture.stability.as_dict()}
+        fixture = approved(fixture, robot)
         findings += strong_pull(fixture, robot)
-    if given["rehearse"] is not None:
-        verdict |= {"rehearsal": rehearsed(fixture, robot, given)}
-    made = replace(made, fixture=replace(fixture, findings=tuple(findings)))
-    with outputs(output, mask_out, overlay_out, picture_out, sheet_path) as (
-        path, mask, overlay, picture, sheet,
-    ):  # fmt: skip
-        write_fixture(made.fixture, path)
-        if sheet is not None:
-            digest = write_review_sheet(made, output.name, sheet)
-            verdict |= {"sheet": str(sheet_path), "digest": digest}
-        write_pictures(made.extracted, mask, overlay)
-        write_registration_picture(
-            made.registered, made.extracted.fixture, made.extracted.image, picture
+        stability = fixture.stability.as_dict()
+        data["stability"] = stability
+        lines.append(
+            f"stable up to {stability['k_max_n_per_m']:.0f} N/m with robot {stability['robot']}"
         )
-    text = f"{extracted_text(made.extracted.report)}\n{registered_text(made.registered.report)}"
-    if "rehearsal" in verdict:
+    if arguments["rehearse"] is not None:
         from vfplan.arm.command import rehearsed_text
 
-        text += "".join(f"\n{rehearsed_text(found)}" for found in verdict["rehearsal"])
-    if "stability" in verdict:
-        text += "\nstable up to {k_max_n_per_m:.0f} N/m with robot {robot}".format(
-            **verdict["stability"]
+        data["rehearsal"] = rehearse_approaches(fixture, robot, arguments)
+        for metrics in data["rehearsal"]:
+            lines.append(rehearsed_text(metrics))
+
+    # The bundle and its sheet.
+    planned = replace(planned, fixture=replace(fixture, findings=tuple(findings)))
+    paths = (output, mask_out, overlay_out, picture_out, sheet_path)
+    with outputs(*paths) as (path, mask, overlay, picture, sheet):
+        write_fixture(planned.fixture, path)
+        if sheet is not None:
+            data["sheet"] = str(sheet_path)
+            data["digest"] = write_review_sheet(planned, output.name, sheet)
+        write_pictures(planned.extracted, mask, overlay)
+        write_registration_picture(
+            planned.registered, planned.extracted.fixture, planned.extracted.image, picture
         )
-    text += f"\nwrote {output}"
-    ending = "planned; no finding wants an answer"
-    if made.fixture.open_findings:
-        ending = f"planned; {len(made.fixture.open_findings)} findings want an answer"
-    approved_path = output.with_name(f"{output.stem}-approved.h5")
-    next_step = f"vfplan review {output} --slice {image} -o {approved_path}"
+    data["output"] = str(output)
+
+    # The last lines: how it ended, and what to do.
+    open_count = len(planned.fixture.open_findings)
+    verdict = "planned; no finding wants an answer"
+    if open_count == 1:
+        verdict = "planned; 1 finding wants an answer"
+    elif open_count:
+        verdict = f"planned; {count(open_count, 'finding')} want an answer"
+    words = ["vfplan", "review", str(output), "--slice", str(image)]
+    next_step = shlex.join([*words, "-o", str(output.with_name(f"{output.stem}-approved.h5"))])
+    wrote = f"wrote {output}"
     if sheet_path is not None:
-        text += f" and {sheet_path}, its review sheet"
+        wrote += f" and {sheet_path}, its review sheet"
         next_step = f"look at {sheet_path}, then {next_step}"
-    return Report(
-        made.report | verdict, text, findings=findings, verdict=ending, next_step=next_step
+    lines.append(wrote)
+    return CommandResult(
+        data, "\n".join(lines), findings=findings, verdict=verdict, next_step=next_step
     )
 
 
-def write_review_sheet(made: Any, title: str, path: Path) -> str:
+def write_review_sheet(planned: Any, title: str, path: Path) -> str:
     """Write the sheet that shows a plan to a person; returns its digest."""
     from vfplan.review.sheet import write_sheet
     from vfplan.review.sheet_input import of_plan
 
-    shown = of_plan(made, title)
-    write_sheet(shown, path)
-    return shown.digest
+    content = of_plan(planned, title)
+    write_sheet(content, path)
+    return content.digest
 
 
 def strong_pull(fixture: Any, robot: Any) -> list[Finding]:
-    """That the robot cannot pull along the guide as it is asked to."""
-    pull = fixture.guidance and fixture.guidance.lead_force
+    """A doubt where the robot cannot pull along the guide as strongly as the guide wants."""
     limit = robot.force_limit_n
-    if not pull or limit is None or abs(pull) <= limit:
+    if fixture.guidance is None or limit is None:
+        return []
+    pull = fixture.guidance.lead_force
+    if not pull or abs(pull) <= limit:
         return []
     text = (
         f"The guide pulls with {abs(pull):g} N, but robot {robot.name!r} is limited to "
@@ -149,19 +168,32 @@ def strong_pull(fixture: Any, robot: Any) -> list[Finding]:
     return [doubt("guide-pull-strong", "plan", text)]
 
 
-def rehearsed(fixture: Any, robot: Any, given: dict[str, Any]) -> list[dict[str, Any]]:
-    """What a simulated arm says along each side of the curve; `CheckFailed` where it says no."""
+def rehearse_approaches(
+    fixture: Any, robot: Any, arguments: dict[str, Any]
+) -> list[dict[str, Any]]:
+    """The rehearsal of a simulated arm along each side of the curve.
+
+    Raises
+    ------
+    CheckFailed
+        The arm does not reach a place, or would stop.
+    """
     from vfplan.arm import Arm, rehearse
     from vfplan.arm.command import objections
     from vfplan.errors import CheckFailed
     from vfplan.replaying.approach import approach_sessions
 
-    arm, said = Arm(given["rehearse"], robot, base=given["base"], tool=given["tool"]), []
-    for way in approach_sessions(fixture, arm.robot.rate_hz):
-        with patience(f"rehearsing {way.name}"):
-            found = rehearse(fixture, way, arm)
-        if not found.passed:
-            why = objections(found.metrics)[0]
-            raise CheckFailed(f"arm {arm.name}, {way.name}: {why}; nothing is written")
-        said.append({"way": way.name, **found.metrics})
-    return said
+    arm = Arm(arguments["rehearse"], robot, base=arguments["base"], tool=arguments["tool"])
+    rehearsals = []
+    for session in approach_sessions(fixture, arm.robot.rate_hz):
+        with announce_if_slow(f"rehearsing {session.name}"):
+            rehearsal = rehearse(fixture, session, arm)
+        if not rehearsal.passed:
+            reason = objections(rehearsal.metrics)[0]
+            raise CheckFailed(
+                f"arm {arm.name}, {session.name}: {reason}; nothing is written. Move the base with "
+                "--base, or look at it with vfplan rehearse",
+                code="rehearsal-failed",
+            )
+        rehearsals.append({"way": session.name, **rehearsal.metrics})
+    return rehearsals

@@ -2,44 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import click
 from vfplan.cli import options
-from vfplan.cli.options import option
+from vfplan.cli.options import option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, command
-from vfplan.cli.telling import told
-from vfplan.cli.values import FILE, Real
-
-TEXT = (
-    "{model} registration from {markers} markers: FRE {fre_rms_m:mm} rms, leave-one-out "
-    "{loo_rms_m:mm} rms",
-    "\n  localisation error (FLE) about {fle_rms_m:mm} a marker\n{table}{marks}",
-    "\n  predicted TRE over the curve {tre[rms_m]:mm} rms, at most {tre[max_rms_m]:mm}",
-    "\n  95 % bound: {tre[bound95_max_m]:mm} at its worst point ({place}), {tre[curve95_max_m]:mm} "
-    "for the whole curve at once",
-    "\n  refined by {used} touched points: {touched[before_rms_m]:mm} rms off the surface before, "
-    "{touched[rms_m]:mm} after; the surface moved by {touched[moved_max_m]:mm} at most",
-    "\n  scale {scale:.6f}",
-    "\n  {scale_m_per_px:mm.5}/px, anisotropy {anisotropy:.2%}, shear {shear:+.2%}",
-    "; against the known pixel spacing {departure} along u, v",
-    "\n  The slice is seen from {seen_from}.",
-    "\n{held}{margin}",
-)
-# What is rendered, and what it costs.
-HELD = (
-    "{pieces[lines_and_arcs]} lines and arcs within {pieces[error_m]:um.2g} of the curve; {points} "
-    "points, {spacing_m:mm} apart, for engines that know points alone",
-    "{points} points, {spacing_m:mm} apart",
-    "; between points the surface departs from the curve's by at most {sampling_error_m:um.1}",
-)
-GUIDE = (
-    "\nguide: a tube of {radius_m:mm.6g} around {which}, {length_m:mm} long; ends {ends}",
-    "{led}",
-    "; at least {clearance_min_m:mm} before the forbidden region",
-)
+from vfplan.cli.run import Report, command, is_verbose
+from vfplan.cli.units import micrometres, millimetres
+from vfplan.cli.values import FILE, MM_OR_ZERO
 
 
 @command(
@@ -52,21 +25,19 @@ GUIDE = (
 @click.argument("curve", type=FILE, metavar="CURVE.h5")
 @click.argument("markers", type=FILE)
 @click.argument("markers2", type=FILE, required=False)
-@options.taking(
-    options.output("The fixture bundle to write."),
+@options_in_order(
+    output_option("Write the fixture to this bundle."),
     option("--image", type=FILE, metavar="IMAGE",
-           help="The slice the curve was drawn on: the markers are held against the marks on it; "
-           "for --find-markers, under --picture-out, and for markers in the patient's frame, to "
-           "which a DICOM slice carries the curve."),
+           help="Hold the markers against the marks on this slice, on which the curve was drawn."),
     option("--touched", type=FILE, metavar="POINTS.csv",
-           help="Points that the robot touched on the surface (x_m,y_m,z_m) refine its rigid "
-           "registration."),
-    option("--tip-radius", type=Real(min=0), metavar="MM", **options.MILLI,
-           help="Radius of the ball that touched them.  [default: 0]"),
-    options.MAKING,
+           help="Refine a surface's registration by points that the robot touched on it "
+           "(x_m,y_m,z_m) [m]."),
+    option("--tip-radius", type=MM_OR_ZERO,
+           help="Radius of the ball that touched them [mm].  [default: 0]"),
+    options.FIXTURE_OPTIONS,
 )  # fmt: skip
 def command(
-    curve, markers, markers2, output, image, touched, tip_radius, picture_out, **given
+    curve, markers, markers2, output, image, touched, tip_radius, picture_out, **arguments
 ) -> Report:
     """Register CURVE.h5 to the robot by MARKERS and write a fixture bundle.
 
@@ -77,21 +48,23 @@ def command(
     from vfplan.images.read import read_image
     from vfplan.planning import register
 
-    settings = options.fixture_settings(given)
+    settings = options.fixture_settings(arguments)
     if settings.find_markers and image is None:
-        raise click.UsageError("--find-markers needs --image, the slice the markers are drawn on")
+        raise click.UsageError("--find-markers measures marks on a slice; give --image IMAGE too")
     if tip_radius is not None and touched is None:
-        raise click.UsageError("--tip-radius has no effect without --touched")
+        raise click.UsageError("--tip-radius has no effect alone; give --touched POINTS.csv too")
     drawn = read_fixture(curve)
-    slice_ = None if image is None else read_image(image)
+    slice_image = None
+    if image is not None:
+        slice_image = read_image(image)
     planned = register(
-        drawn, markers, markers2, settings, image=slice_, touched=touched,
+        drawn, markers, markers2, settings, image=slice_image, touched=touched,
         tip_radius=tip_radius or 0.0,
     )  # fmt: skip
-    options.hold_campaign(given, planned.fixture)
+    options.check_campaign_matches(arguments, planned.fixture)
     with outputs(output, picture_out) as (path, picture):
         write_fixture(planned.fixture, path)
-        write_registration_picture(planned, drawn, slice_, picture)
+        write_registration_picture(planned, drawn, slice_image, picture)
     text = f"{registered_text(planned.report)}\nwrote {output}"
     return Report(planned.report, text, findings=planned.findings)
 
@@ -99,7 +72,7 @@ def command(
 def write_registration_picture(
     planned: Any, curve: Any, image: Any | None, picture: Path | None
 ) -> None:
-    """Write the registration's picture where one was asked for."""
+    """Write the picture of the registration, where it is wanted."""
     if picture is None:
         return
     from vfplan.figures.registration import draw_registration
@@ -108,72 +81,182 @@ def write_registration_picture(
 
 
 def registered_text(report: dict[str, Any]) -> str:
-    """The registration on a screen."""
-    tre, touched = (
-        report["tre"]["worst_source"],
-        report.get("touched", {"points": 0, "left_out": ()}),
-    )
-    place = ", ".join(f"{x:.1f}" for x in tre)
-    if len(tre) == 3:
-        place = ", ".join(f"{1e3 * x:.1f}" for x in tre) + " mm"
-    margin = ""
+    """The registration on a screen: how well the markers fit, and how far off the curve may be.
+
+    With `-v` also the statistics of each marker, of the error and of the map.
+    """
+    error = report["tre"]
+    lines = []
+    if is_verbose():
+        lines += statistics_lines(report)
+    else:
+        used = [marker for marker in report["residuals"] if marker["used"]]
+        worst = max(used, key=lambda marker: marker["residual_m"])
+        lines.append(
+            f"{report['markers']} markers ({report['model']}) fit to "
+            f"{millimetres(report['fre_rms_m'])} rms; the largest residual is that of "
+            f"{worst['label']}, {millimetres(worst['residual_m'])}"
+        )
+        lines.append(
+            f"  95 % bound of the error on the whole curve: {millimetres(error['curve95_max_m'])}"
+        )
+        lines += unused_markers_lines(report)
+        if "markers_found" in report:
+            moved_px = max(marker["moved_px"] for marker in report["markers_found"])
+            lines.append(f"  the marks on the slice are up to {moved_px:.2f} px away")
+    if "touched" in report:
+        touched = report["touched"]
+        used = touched["points"] - len(touched["left_out"])
+        lines.append(
+            f"  refined by {used} touched points: {millimetres(touched['before_rms_m'])} rms off "
+            f"the surface before, {millimetres(touched['rms_m'])} after; the surface moved by "
+            f"{millimetres(touched['moved_max_m'])} at most"
+        )
+    if report.get("seen_from"):
+        lines.append(f"  The slice is seen from {report['seen_from']}.")
+    lines.append(rendering_line(report))
     if "margin" in report:
-        margin = told(report["margin"], "\nmargin: {largest_m:mm} added to the point radius")
-    more = {
-        "table": _marker_table(report),
-        "marks": _marks_line(report),
-        "place": place,
-        "used": touched["points"] - len(touched["left_out"]),
-        "held": told(report, *HELD[:1]) or told(report, *HELD[1:]),
-        "margin": margin,
-    }
-    if "spacing_departure" in report and "scale_m_per_px" in report:
-        more["departure"] = ", ".join(f"{share:+.2%}" for share in report["spacing_departure"])
-    text = told(report | more, *TEXT)
+        margin = millimetres(report["margin"]["largest_m"])
+        lines.append(f"margin: {margin} added to the point radius")
     if "guide" in report:
-        guide = report["guide"]
-        more = {"length_m": sum(guide["lengths_m"])}
-        more["which"] = f"stroke {guide['stroke']}" if "stroke" in guide else "the curve"
-        more["led"] = f"; led by {guide['lead_force_n']:g} N" if guide["lead_force_n"] else ""
-        text += told(guide | more, *GUIDE)
-    return text
+        lines.append(guide_line(report["guide"]))
+    return "\n".join(lines)
 
 
-def _marker_table(report: dict[str, Any]) -> str:
+def statistics_lines(report: dict[str, Any]) -> list[str]:
+    """What `-v` prints of a registration."""
+    error = report["tre"]
+    lines = [
+        f"{report['model']} registration from {report['markers']} markers: FRE "
+        f"{millimetres(report['fre_rms_m'])} rms, leave-one-out "
+        f"{millimetres(report['loo_rms_m'])} rms",
+        f"  localisation error (FLE) about {millimetres(report['fle_rms_m'])} a marker",
+        *marker_table(report),
+    ]
+
+    # Marks on the slice beside the given positions; where marks were measured, the table has them.
+    marks = report.get("marks_drawn")
+    if marks is not None and "markers_found" not in report:
+        if "rms_px" in marks:
+            lines.append(
+                f"  {marks['near']} of {report['markers']} given positions have a mark near them "
+                f"on the slice, {marks['rms_px']:.2f} px rms away"
+            )
+        else:
+            lines.append("  no marks are drawn at the given positions: they are taken as given")
+
+    # The predicted error, with its worst place in pixels, or in millimetres for 3-D markers.
+    worst = error["worst_source"]
+    scale = 1.0
+    unit = ""
+    if len(worst) == 3:
+        scale = 1e3
+        unit = " mm"
+    place = ", ".join(f"{x * scale:.1f}" for x in worst) + unit
+    lines.append(
+        f"  predicted TRE over the curve {millimetres(error['rms_m'])} rms, at most "
+        f"{millimetres(error['max_rms_m'])}"
+    )
+    lines.append(
+        f"  95 % bound: {millimetres(error['bound95_max_m'])} at its worst point ({place}), "
+        f"{millimetres(error['curve95_max_m'])} for the whole curve at once"
+    )
+
+    # The map itself.
+    if "scale_m_per_px" in report:
+        line = (
+            f"  {millimetres(report['scale_m_per_px'], 5)}/px, anisotropy "
+            f"{report['anisotropy']:.2%}, shear {report['shear']:+.2%}"
+        )
+        if "spacing_departure" in report:
+            departure = ", ".join(f"{share:+.2%}" for share in report["spacing_departure"])
+            line += f"; against the known pixel spacing {departure} along u, v"
+        lines.append(line)
+    else:
+        lines.append(f"  scale {report['scale']:.6f}")
+    return lines
+
+
+def marker_table(report: dict[str, Any]) -> list[str]:
+    """A line a marker: its residual, its error when left out, its leverage and its F [mm]."""
+    moved_px = {}
+    for marker in report.get("markers_found", ()):
+        moved_px[marker["label"]] = marker["moved_px"]
     width = max(6, *(len(str(marker["label"])) for marker in report["residuals"]))
     lines = [f"  {'marker':<{width}}  residual  leave-one-out  leverage       F  [mm]"]
-    moved = {marker["label"]: marker["moved_px"] for marker in report.get("markers_found", ())}
     for marker in report["residuals"]:
         label = marker["label"]
-        line = (
-            f"  {label!s:<{width}}  {_number(marker['residual_m'], 8, 1e3)}  "
-            f"{_number(marker['loo_m'], 13, 1e3)}  {_number(marker['leverage'], 8)}  "
-            f"{_number(marker['f'], 6, digits=1)}"
-        )
-        if label in moved:
-            line += f"  found {moved[label]:.2f} px away"
+        line = f"  {label!s:<{width}}"
+        line += f"  {number_or_dash(1e3 * marker['residual_m'], 8, 3)}"
+        line += f"  {number_or_dash(1e3 * marker['loo_m'], 13, 3)}"
+        line += f"  {number_or_dash(marker['leverage'], 8, 3)}"
+        line += f"  {number_or_dash(marker['f'], 6, 1)}"
+        if label in moved_px:
+            line += f"  found {moved_px[label]:.2f} px away"
         if not marker["used"]:
             line += "  left out"
         elif label in report["outliers"]:
             line += "  suspect"
         lines.append(line)
-    return "\n".join(lines)
+    return lines
 
 
-def _number(value: float, width: int, scale: float = 1.0, digits: int = 3) -> str:
-    known = value == value and abs(value) != float("inf")
-    return f"{value * scale:{width}.{digits}f}" if known else f"{'-':>{width}}"
+def unused_markers_lines(report: dict[str, Any]) -> list[str]:
+    """The markers that the fit leaves out, and those that look wrong."""
+    unused = []
+    suspect = []
+    for marker in report["residuals"]:
+        if not marker["used"]:
+            unused.append(str(marker["label"]))
+        elif marker["label"] in report["outliers"]:
+            suspect.append(str(marker["label"]))
+    lines = []
+    if unused:
+        lines.append(f"  left out: {', '.join(unused)}")
+    if suspect:
+        lines.append(f"  suspect: {', '.join(suspect)}")
+    return lines
 
 
-def _marks_line(report: dict[str, Any]) -> str:
-    """How the given positions lie to the marks drawn; nothing where these were taken instead."""
-    marks = report.get("marks_drawn")
-    if marks is None or "markers_found" in report:
-        return ""
-    if "rms_px" not in marks:
-        return "\n  no marks are drawn at the given positions: they are taken as given"
-    return told(
-        report,
-        "\n  {marks_drawn[near]} of {markers} given positions have a mark near them on the slice, "
-        "{marks_drawn[rms_px]:.2f} px rms away",
+def number_or_dash(value: float, width: int, decimals: int) -> str:
+    """A number of a table; a dash where it is not known."""
+    if not math.isfinite(value):
+        return f"{'-':>{width}}"
+    return f"{value:{width}.{decimals}f}"
+
+
+def rendering_line(report: dict[str, Any]) -> str:
+    """What the robot renders, and how far that is from the curve."""
+    if "pieces" in report:
+        pieces = report["pieces"]
+        error = micrometres(pieces["error_m"], 1)
+        line = f"{pieces['lines_and_arcs']} lines and arcs within {error} of the curve"
+        if is_verbose():
+            line += (
+                f"; {report['points']} points, {millimetres(report['spacing_m'])} apart, for "
+                "engines that know points alone"
+            )
+    else:
+        line = f"{report['points']} points, {millimetres(report['spacing_m'])} apart"
+    if "sampling_error_m" in report:
+        line += (
+            "; between points the surface departs from the curve's by at most "
+            f"{micrometres(report['sampling_error_m'], 1)}"
+        )
+    return line
+
+
+def guide_line(guide: dict[str, Any]) -> str:
+    """The tube of a guide."""
+    which = "the curve"
+    if "stroke" in guide:
+        which = f"stroke {guide['stroke']}"
+    line = (
+        f"guide: a tube of {1e3 * guide['radius_m']:.6g} mm around {which}, "
+        f"{millimetres(sum(guide['lengths_m']))} long; ends {guide['ends']}"
     )
+    if guide["lead_force_n"]:
+        line += f"; led by {guide['lead_force_n']:g} N"
+    if "clearance_min_m" in guide:
+        line += f"; at least {millimetres(guide['clearance_min_m'])} before the forbidden region"
+    return line

@@ -1,165 +1,247 @@
-"""What `vfplan replay` tells a person."""
+"""A replay as text: the figures that decide, and with `-v` the statistics."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from vfplan.cli.telling import told
+from vfplan.cli.run import is_verbose
+from vfplan.cli.units import count, micrometres, millijoules, millimetres, milliseconds
 
 from vfplan.display import length
 from vfplan.replaying.episodes import episode_count
 from vfplan.replaying.limits import LIMITS, has_touched
 
-EPISODES = 20  # listed; --json has all
-NEVER_TOUCHED = "the tool never touched the fixture"
-NUMBERS = (
-    "penetration  max {penetration_max_m:mm}, rms {penetration_rms_m:mm}",
-    "; overlap max {overlap_max_m:mm}",
-    "\nforce        max {force_max_n:.3f} N, rms {force_rms_n:.3f} N, "
-    "step max {force_step_max_n:.3f} N",
-    "\nclearance    min {clearance} ({of}); {entrenched_ticks} ticks entrenched",
-    "\nenergy       {energy_j:mJ} net given to the hand; holding each force for a tick alone gives "
-    "{energy_hold_j:mJ}",
-    "\nsliding      {slide_m:mm}, apparent friction {friction:z.5f}, lag rms {lag_rms_m:um}",
-    "\nguide        tube of {guide[radius_m]:mm}: lateral max {lateral_max_m:mm} "
-    "(tick {guide[lateral_max_tick]}), rms {guide[lateral_rms_m]:mm}; "
-    "arc {arc}; outside for {guide[outside_s]:.3f} s, "
-    "force max {guide[force_max_n]:.3f} N, work {guide[work_j]:mJ}",
-    "{no_guide}",
-    "; the region's force max {region_force_max_n:.3f} N",
-    "\nchanges      {exchanges} exchanges, {edits} points edited; {changing_ticks} ticks until the "
-    "force was there",
-    "\nmotion       gave the hand {fixture_energy_j:mJ} besides; poses up to {pose_age_max_s:ms} "
-    "old, {stale_ticks} ticks stale, {poses_refused} poses refused",
-    "\ngovernor     {governor[force_step_n]:g} N a tick, {governor[force_max_n]:g} N at most: up "
-    "to {governor[held_back_max_n]:.3f} N held back in {governor[held_ticks]} ticks, of an engine "
-    "that steps by {governor[engine_force_step_max_n]:.3f} N; its work {governor[work_j]:mJ}; a "
-    "free mass is given {governor[energy_given_j]:mJ} of {governor[energy_stored_j]:mJ} stored",
-    "\ntime a tick  {step_us[median]:.2f} µs median, {step_us[p999]:.2f} µs p99.9; all of it "
-    "{real_time_factor:.0f} times real time (the longest, {step_us[max]:.0f} µs, is this "
-    "computer's: it is no real-time system)",
-)
-OF = "band {band_m:um.1}", "{lines_and_arcs} lines and arcs", "{triangles} triangles"
-APART = (
-    " part {span_count} times, first at tick {first_tick} ({first_s:.3f} s); at most "
-    "{proxy_max_m:mm} and {force_max_n:.3f} N apart"
-)
-LINK = (
-    "lossy link   {faults}",
-    "; {lost} packets lost, {lost_longest} in a row",
-    "; over a perfect link: force max {perfect[force_max_n]:.3f} N, energy {perfect[energy_j]:mJ}; "
-    "forces differ by up to {apart[force_max_n]:.3f} N",
-)
-EPISODE = (
-    "  episode {index}: {start_s:.3f}-{end_s:.3f} s, up to {penetration_max_m:mm} deep",
-    ", {deepest_along[s_m]:mm.1} along stroke {deepest_along[stroke]}",
-    "{near}, up to {force_max_n:.3f} N",
-)
+LISTED_EPISODES = 20
+"""Number of episodes that `-v` prints; `--json` has all."""
+
+NO_TOUCH = "the tool never touched the fixture"
+
+UNITS_OF_LIMITS = {"force": "N", "force_step": "N a tick", "speed": "m/s"}
+"""The unit of each limit of a robot."""
 
 
-def replay_text(found: dict[str, Any]) -> str:
-    """The short report."""
-    lines = [_head(found), _numbers(found)]
-    if not has_touched(found):
-        lines.insert(0, f"NOT TESTED: {NEVER_TOUCHED}")
-    if "paper" in found:
-        paper = _numbers(found["paper"]).replace("\n", "\n  ")
-        lines += ["rule paper, side by side:", f"  {paper}", f"the rules{_apart(found['apart'])}"]
-    if "link" in found:
-        lines.append(_link(found["link"]))
-    if "robot" in found:
-        lines.append(_robot(found["robot"]))
-    lines += [_episode(episode) for episode in found["episodes"][:EPISODES]]
-    if len(found["episodes"]) > EPISODES:
-        has = "the deepest" if "episodes_left_out" in found else "all"
-        lines.append(f"  and {episode_count(found) - EPISODES} more (--json has {has})")
-    lines += [f"{f['severity']}: {f['code']}: {f['message']}" for f in found["findings"]]
-    lines += [check_line(check) for check in found.get("checks", [])]
+def replay_text(report: dict[str, Any]) -> str:
+    """The report of a replay on a screen."""
+    lines = []
+    if not has_touched(report):
+        lines.append(f"NOT TESTED: {NO_TOUCH}")
+    engine = ""
+    if report["engine"] != "native":
+        engine = f" ({report['engine']} engine)"
+    lines.append(
+        f"rule {report['rule']}{engine}: {report['ticks']} ticks at "
+        f"{report['session']['rate_hz']:.6g} Hz, {report['duration_s']:.3f} s, "
+        f"{report['contact_ticks']} in contact, {count(episode_count(report), 'episode')}"
+    )
+    lines += figure_lines(report)
+    if "paper" in report:
+        lines.append("rule paper, side by side:")
+        for line in figure_lines(report["paper"]):
+            lines.append(f"  {line}")
+        lines.append(comparison_line(report["apart"]))
+    if "link" in report:
+        lines.append(link_line(report["link"]))
+    if "robot" in report:
+        lines.append(robot_line(report["robot"]))
+    if is_verbose():
+        lines += episode_lines(report)
+    for finding in report["findings"]:
+        lines.append(f"{finding['severity']}: {finding['code']}: {finding['message']}")
+    for check in report.get("checks", []):
+        word = "FAIL"
+        if check["pass"]:
+            word = "pass"
+        lines.append(f"{word}: {check_text(check)}")
     return "\n".join(lines)
 
 
-def _head(found: dict[str, Any]) -> str:
-    engine = "" if found["engine"] == "native" else f" ({found['engine']} engine)"
-    return told(
-        found | {"by": engine, "count": episode_count(found)},
-        "rule {rule}{by}: {ticks} ticks at {session[rate_hz]:.6g} Hz, {duration_s:.3f} s, "
-        "{contact_ticks} in contact, {count} episodes",
+def figure_lines(report: dict[str, Any]) -> list[str]:
+    """The figures of one rule: penetration, force, clearance, and what only some replays have."""
+    penetration = f"penetration  max {millimetres(report['penetration_max_m'])}"
+    force = f"force        max {report['force_max_n']:.3f} N"
+    if is_verbose():
+        penetration += f", rms {millimetres(report['penetration_rms_m'])}"
+        if "overlap_max_m" in report:
+            penetration += f"; overlap max {millimetres(report['overlap_max_m'])}"
+        force += f", rms {report['force_rms_n']:.3f} N"
+    force += f", step max {report['force_step_max_n']:.3f} N"
+    lines = [penetration, force]
+    if "clearance_min_m" in report:
+        line = f"clearance    min {length(report['clearance_min_m'])}"
+        if is_verbose():
+            line += f" ({geometry_text(report['scene'])})"
+        lines.append(f"{line}; {report['entrenched_ticks']} ticks entrenched")
+    if is_verbose():
+        lines.append(
+            f"energy       {millijoules(report['energy_j'])} net given to the hand; holding each "
+            f"force for a tick alone gives {millijoules(report['energy_hold_j'])}"
+        )
+        if "slide_m" in report and "friction" in report:
+            lines.append(
+                f"sliding      {millimetres(report['slide_m'])}, apparent friction "
+                f"{report['friction']:z.5f}, lag rms {micrometres(report['lag_rms_m'])}"
+            )
+    if "guide" in report:
+        lines.append(guide_line(report))
+    if "exchanges" in report:
+        lines.append(
+            f"changes      {report['exchanges']} exchanges, {report['edits']} points edited; "
+            f"{report['changing_ticks']} ticks until the force was there"
+        )
+    if "fixture_energy_j" in report:
+        lines.append(
+            f"motion       gave the hand {millijoules(report['fixture_energy_j'])} besides; poses "
+            f"up to {milliseconds(report['pose_age_max_s'])} old, {report['stale_ticks']} ticks "
+            f"stale, {report['poses_refused']} poses refused"
+        )
+    if "governor" in report:
+        lines.append(governor_line(report["governor"]))
+    if is_verbose():
+        times = report["step_us"]
+        lines.append(
+            f"time a tick  {times['median']:.2f} µs median, {times['p999']:.2f} µs p99.9; all of "
+            f"it {report['real_time_factor']:.0f} times real time (the longest, "
+            f"{times['max']:.0f} µs, is this computer's: it is no real-time system)"
+        )
+    return lines
+
+
+def geometry_text(scene: dict[str, Any]) -> str:
+    """The geometry that the clearance is measured to."""
+    if "band_m" in scene:
+        return f"band {micrometres(scene['band_m'], 1)}"
+    if "lines_and_arcs" in scene:
+        return f"{scene['lines_and_arcs']} lines and arcs"
+    return f"{scene.get('triangles', 0)} triangles"
+
+
+def guide_line(report: dict[str, Any]) -> str:
+    """What a guide did."""
+    guide = report["guide"]
+    if not report.get("arc_m"):
+        return "guide        never had hold of the tip"
+    first, last = report["arc_m"]
+    line = (
+        f"guide        tube of {millimetres(guide['radius_m'])}: lateral max "
+        f"{millimetres(guide['lateral_max_m'])} (tick {guide['lateral_max_tick']}), rms "
+        f"{millimetres(guide['lateral_rms_m'])}; arc {1e3 * first:.2f} to {1e3 * last:.2f} mm; "
+        f"outside for {guide['outside_s']:.3f} s, force max {guide['force_max_n']:.3f} N, work "
+        f"{millijoules(guide['work_j'])}"
+    )
+    if "region_force_max_n" in guide:
+        line += f"; the region's force max {guide['region_force_max_n']:.3f} N"
+    return line
+
+
+def governor_line(governor: dict[str, Any]) -> str:
+    """What a governor held back."""
+    line = (
+        f"governor     {governor['force_step_n']:g} N a tick, {governor['force_max_n']:g} N at "
+        f"most: up to {governor['held_back_max_n']:.3f} N held back in {governor['held_ticks']} "
+        f"ticks, of an engine that steps by {governor['engine_force_step_max_n']:.3f} N"
+    )
+    if is_verbose():
+        line += (
+            f"; its work {millijoules(governor['work_j'])}; a free mass is given "
+            f"{millijoules(governor['energy_given_j'])} of "
+            f"{millijoules(governor['energy_stored_j'])} stored"
+        )
+    return line
+
+
+def comparison_line(comparison: dict[str, Any]) -> str:
+    """Where two rules part."""
+    if not comparison["span_count"]:
+        return f"the rules never part by more than {micrometres(comparison['threshold_m'], 0)}"
+    return (
+        f"the rules part {count(comparison['span_count'], 'time')}, first at tick "
+        f"{comparison['first_tick']} ({comparison['first_s']:.3f} s); at most "
+        f"{millimetres(comparison['proxy_max_m'])} and {comparison['force_max_n']:.3f} N apart"
     )
 
 
-def _numbers(found: dict[str, Any]) -> str:
-    more: dict[str, Any] = {"of": told(found["scene"], *OF)}
-    if "clearance_min_m" in found:
-        more["clearance"] = length(found["clearance_min_m"])
-    if found.get("arc_m"):
-        first, last = found["arc_m"]
-        more |= found["guide"] | {"arc": f"{1e3 * first:.2f} to {1e3 * last:.2f} mm"}
-    elif "guide" in found:
-        more["no_guide"] = "\nguide        never had hold of the tip"
-    return told(more | found, *NUMBERS)
+def link_line(link: dict[str, Any]) -> str:
+    """What a lossy link lost, and what that changed."""
+    faults = []
+    for name in ("drop", "jitter_s", "delay_ticks", "quantum_m", "seed"):
+        if name in link:
+            faults.append(f"{name} {link[name]:g}")
+    line = f"lossy link   {', '.join(faults)}"
+    if "lost" in link:
+        line += f"; {link['lost']} packets lost, {link['lost_longest']} in a row"
+    if "perfect" in link:
+        perfect = link["perfect"]
+        line += (
+            f"; over a perfect link: force max {perfect['force_max_n']:.3f} N, energy "
+            f"{millijoules(perfect['energy_j'])}; forces differ by up to "
+            f"{link['apart']['force_max_n']:.3f} N"
+        )
+    return line
 
 
-def _apart(apart: dict[str, Any]) -> str:
-    if not apart["span_count"]:
-        return told(apart, " never part by more than {threshold_m:um.0}")
-    return told(apart, APART)
-
-
-def _link(link: dict[str, Any]) -> str:
-    names = ("drop", "jitter_s", "delay_ticks", "quantum_m", "seed")
-    faults = ", ".join(f"{name} {link[name]:g}" for name in names if name in link)
-    return told(link | {"faults": faults}, *LINK)
-
-
-def _robot(robot: dict[str, Any]) -> str:
-    units = {"force": "N", "force_step": "N a tick", "speed": "m/s"}
-    parts = [
-        f"{name.replace('_', ' ')} over {robot[LIMITS[name][0]]:g} {unit} in "
-        f"{robot[f'{name}_over_ticks']} ticks"
-        for name, unit in units.items()
-        if LIMITS[name][0] in robot
-    ]
+def robot_line(robot: dict[str, Any]) -> str:
+    """In how many ticks a robot would have objected."""
+    parts = []
+    for name, unit in UNITS_OF_LIMITS.items():
+        key = LIMITS[name][0]
+        if key in robot:
+            ticks = robot[f"{name}_over_ticks"]
+            parts.append(f"{name.replace('_', ' ')} over {robot[key]:g} {unit} in {ticks} ticks")
     return f"robot {robot['name']}: " + ", ".join(parts)
 
 
-def _episode(episode: dict[str, Any]) -> str:
-    place = ", ".join(f"{1e3 * x:.1f}" for x in episode["deepest"]["proxy_m"])
-    near = "" if "deepest_along" in episode else f" near ({place}) mm"
-    return told(episode | {"near": near}, *EPISODE)
+def episode_lines(report: dict[str, Any]) -> list[str]:
+    """The contacts one by one."""
+    lines = []
+    for episode in report["episodes"][:LISTED_EPISODES]:
+        line = (
+            f"  episode {episode['index']}: {episode['start_s']:.3f}-{episode['end_s']:.3f} s, up "
+            f"to {millimetres(episode['penetration_max_m'])} deep"
+        )
+        if "deepest_along" in episode:
+            place = episode["deepest_along"]
+            line += f", {millimetres(place['s_m'], 1)} along stroke {place['stroke']}"
+        else:
+            place = ", ".join(f"{1e3 * x:.1f}" for x in episode["deepest"]["proxy_m"])
+            line += f" near ({place}) mm"
+        lines.append(f"{line}, up to {episode['force_max_n']:.3f} N")
+    if len(report["episodes"]) > LISTED_EPISODES:
+        kept = "all"
+        if "episodes_left_out" in report:
+            kept = "the deepest"
+        lines.append(f"  and {episode_count(report) - LISTED_EPISODES} more (--json has {kept})")
+    return lines
 
 
-def failed_line(found: dict[str, Any]) -> str:
+def failed_line(report: dict[str, Any]) -> str:
     """Why the exit code is 1; empty where it is 0."""
-    checks = found.get("checks", [])
-    broken = [check_text(check) for check in checks if not check["pass"]]
+    checks = report.get("checks", [])
+    broken = []
+    for check in checks:
+        if not check["pass"]:
+            broken.append(check_text(check))
     if broken:
         return "; ".join(broken)
-    if checks and found["verdict"] == "not-tested":
-        return f"not tested: {NEVER_TOUCHED}"
+    if checks and report["verdict"] == "not-tested":
+        return f"not tested: {NO_TOUCH}"
     return ""
 
 
-def next_step(found: dict[str, Any]) -> str:
-    """What to do after a replay."""
-    if not has_touched(found):
-        return (
-            "replay a session that touches the fixture, and check --units and the session's frame"
-        )
-    if "checks" not in found:
-        return "give limits to hold it against: --robot NAME, --at-most force_max_n=NUMBER"
-    if found["verdict"] == "fail":
+def next_step(report: dict[str, Any], fixture: str) -> str:
+    """What to do after the replay of a fixture, which is named as it was typed."""
+    if not has_touched(report):
+        return "replay a session that touches the fixture; check --units and the session's frame"
+    if "checks" not in report:
+        return "give limits to hold it against: --robot NAME, or --at-most force_max_n=NUMBER"
+    if report["verdict"] == "fail":
         return "look at the failed limits: --report DIR draws the session tick by tick"
-    return "vfplan stability FIXTURE.h5 --robot NAME says whether the stiffness is safe"
-
-
-def check_line(check: dict[str, Any]) -> str:
-    """One limit, whether it holds, and the value found."""
-    word = "pass" if check["pass"] else "FAIL"
-    return f"{word}: {check_text(check)}"
+    return f"vfplan stability {fixture} --robot NAME, which judges the stiffness"
 
 
 def check_text(check: dict[str, Any]) -> str:
-    """One limit and the value found."""
-    sense = "at_most" if "at_most" in check else "at_least"
+    """A limit and the value that was measured."""
+    sense = "at_least"
+    if "at_most" in check:
+        sense = "at_most"
     words = sense.replace("_", " ")
     return f"{check['name']} is {check['value']:.6g}, {words} {check[sense]:g} is allowed"

@@ -6,15 +6,15 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 from vfplan.cli import options
-from vfplan.cli.options import option
+from vfplan.cli.options import option, options_in_order, settings_from_options
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, command, patience
+from vfplan.cli.run import CommandResult, announce_if_slow, command
 from vfplan.cli.stopping import noted_signals
-from vfplan.cli.values import FILE, HDF5, PNG, Whole
+from vfplan.cli.values import FILE, HDF5, PNG, WholeNumber
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
@@ -23,55 +23,58 @@ FAREWELL_S = 0.5
 """Seconds that the page has to show its last message before the server goes."""
 
 
+class ReviewFiles(NamedTuple):
+    """The files that a review shows: a slice or bundle, its markers, and the slice of a bundle."""
+
+    source: Path
+    markers: Path | None
+    markers2: Path | None
+    slice_path: Path | None
+
+
 @command("review")
 @click.argument("source", type=FILE, metavar="SLICE|CURVE.h5|FIXTURE.h5")
 @click.argument("markers", type=FILE, required=False)
 @click.argument("markers2", type=FILE, required=False)
-@options.taking(
+@options_in_order(
     option("-o", "--output", type=HDF5, metavar="OUT.h5",
-           help="Open the review page; what is approved there is written to this bundle."),
+           help="Open the review page, and write what is approved there to this bundle."),
     option("--sheet-out", type=PNG, metavar="PNG",
            help="Write the review sheet alone: the slice, both ends and every bridge enlarged, the "
            "markers and the findings."),
-    option("--slice", "slice_", type=FILE, metavar="IMAGE",
-           help="The slice that a bundle was drawn on, checked by its SHA-256."),
-    option("--by", default="", metavar="NAME", help="The name that the page proposes."),
+    option("--slice", "slice_path", type=FILE, metavar="IMAGE",
+           help="Show a bundle on the slice it was drawn on, checked by its SHA-256."),
+    option("--by", default="", metavar="NAME", help="Propose this name on the page."),
     option("--key", type=FILE, metavar="KEY",
-           help="The private key, from `vfplan keygen`, that signs what is approved."),
-    option("--case", default="", metavar="CASE", help="Case token that the signature covers."),
-    option("--no-browser", is_flag=True, help="Print the address only; open no browser."),
-    option("--port", type=Whole(0, 65535), default=0, metavar="N",
-           help="The page's port on 127.0.0.1; 0: any free one."),
+           help="Sign what is approved with this private key, from `vfplan keygen`."),
+    option("--case", default="", metavar="CASE", help="Sign it for this case alone."),
+    option("--no-browser", is_flag=True, help="Print the address only, and open no browser."),
+    option("--port", type=WholeNumber(0, 65535), default=0, metavar="N",
+           help="Port of the page on 127.0.0.1; 0 is any free one."),
     options.OVERWRITE,
-    options.CURVE,
-    options.MAKING,
+    options.EXTRACT_OPTIONS,
+    options.FIXTURE_OPTIONS,
 )  # fmt: skip
-def command(source, markers, markers2, output, sheet_out, slice_, **given) -> Report:
+def command(source, markers, markers2, output, sheet_out, slice_path, **arguments) -> CommandResult:
     """Show a plan to a person, who mends it and approves it.
 
     SOURCE is a planned slice, a curve bundle or a fixture bundle, MARKERS as for `vfplan plan`.
     With -o a page opens in the browser. There a curve that `vfplan extract` refuses is chosen or
     drawn, knots and markers are moved, findings are answered. The first line printed is the page's
-    address. Exit code 0: approved and written; 1: left. Every step is kept in OUT.h5.draft.json,
-    and the next call takes it up.
+    address. Exit code 0: approved and written; 1: left without approval. Every step is kept in
+    OUT.h5.draft.json, and the next call continues from there.
 
     With --sheet-out only the review sheet is drawn.
     """
     if (output is None) == (sheet_out is None):
         raise click.UsageError("give -o OUT.h5 for the page, or --sheet-out PNG for the sheet")
+    files = ReviewFiles(source, markers, markers2, slice_path)
     if sheet_out is not None:
-        return _sheet(source, markers, markers2, sheet_out, slice_, given)
-    return _page(source, markers, markers2, output, slice_, given)
+        return draw_sheet(files, sheet_out, arguments)
+    return serve_page(files, output, arguments)
 
 
-def _page(
-    source: Path,
-    markers: Path | None,
-    markers2: Path | None,
-    output: Path,
-    slice_: Path | None,
-    given: dict[str, Any],
-) -> Report:
+def serve_page(files: ReviewFiles, output: Path, arguments: dict[str, Any]) -> CommandResult:
     """Serve the review page until the person approves or leaves."""
     from vfplan.planning import ExtractSettings
     from vfplan.review.draft import Draft, draft_path
@@ -79,147 +82,146 @@ def _page(
     from vfplan.review.session import Session
     from vfplan.review.source import settings_of
 
-    if given["case"] and given["key"] is None:
-        raise click.UsageError("--case belongs to a signature; give --key too")
-    reading = options.settings(ExtractSettings, given)
-    settings = settings_of(reading, options.fixture_settings(given))
-    files = {
-        "source": source, "markers": markers, "markers2": markers2, "slice": slice_,
-        "curve": given["curve"],
-    }  # fmt: skip
-    draft = Draft(draft_path(output), files, settings)
-    with patience(f"opening {source.name}"):
+    if arguments["case"] and arguments["key"] is None:
+        raise click.UsageError("--case belongs to a signature; give --key KEY too")
+    settings = settings_of(
+        settings_from_options(ExtractSettings, arguments), options.fixture_settings(arguments)
+    )
+    draft = Draft(
+        draft_path(output),
+        {
+            "source": files.source,
+            "markers": files.markers,
+            "markers2": files.markers2,
+            "slice": files.slice_path,
+            "curve": arguments["curve"],
+        },
+        settings,
+    )
+    with announce_if_slow(f"opening {files.source.name}"):
         session = Session.open(
-            source, markers, markers2, slice=slice_, curve=given["curve"], **settings
+            files.source,
+            files.markers,
+            files.markers2,
+            slice=files.slice_path,
+            curve=arguments["curve"],
+            **settings,
         )
         session = draft.take_up(session)
     server = ReviewServer(
-        session, draft, port=given["port"], by=given["by"], signs=given["key"] is not None
-    )
+        session, draft, port=arguments["port"], by=arguments["by"],
+        signs=arguments["key"] is not None,
+    )  # fmt: skip
 
     def write(fixture: Fixture) -> str:
-        _write(fixture, output, given)
+        write_approved(fixture, output, arguments)
         return f"{output.name} is written."
 
     # With --json, standard output holds one document and nothing else.
     as_json = click.get_current_context().params["as_json"]
     try:
         # Whoever reads the address may stop the review at once, so signals are noted before it.
-        with noted_signals() as stopped:
+        with noted_signals() as is_stopped:
             click.echo(server.address, err=as_json)
             for stream in (sys.stdout, sys.stderr):
                 stream.flush()
-            if not given["no_browser"]:
+            if not arguments["no_browser"]:
                 click.launch(server.address)
-            by = server.run(write, stopped)
+            approver = server.run(write, is_stopped)
             time.sleep(FAREWELL_S)
     finally:
         server.close()
     session = server.session
-    data = {"approved_by": by, "steps": len(session.steps), "draft": None}
-    if by is None:
-        data["draft"] = str(draft.path) if draft.path.exists() else None
-        return Report(
-            data, "", failed="left without approval; nothing is written", verdict="not approved",
-            next_step="The same command takes the review up where it was left.",
+    data = {"approved_by": approver, "steps": len(session.steps), "draft": None}
+    if approver is None:
+        if draft.path.exists():
+            data["draft"] = str(draft.path)
+        return CommandResult(
+            data, failed="left without approval; nothing is written", verdict="not approved",
+            next_step="The same command continues the review where it was left.",
             findings=session.findings,
         )  # fmt: skip
     data["output"] = str(output)
-    return Report(
-        data, f"wrote {output}", findings=session.findings, verdict=f"approved by {by}",
+    return CommandResult(
+        data, f"wrote {output}", findings=session.findings, verdict=f"approved by {approver}",
         next_step=f"vfplan replay {output} SESSION --report DIR",
     )  # fmt: skip
 
 
-def _write(fixture: Fixture, output: Path, given: dict[str, Any]) -> None:
-    """Write an approved bundle; signed where there is a key."""
+def write_approved(fixture: Fixture, output: Path, arguments: dict[str, Any]) -> None:
+    """Write an approved bundle, signed where there is a key."""
     from vfplan.bundle import sign, write_fixture
 
     with outputs(output) as (path,):
-        if given["key"] is None:
+        if arguments["key"] is None:
             write_fixture(fixture, path)
             return
         with tempfile.TemporaryDirectory() as folder:
             unsigned = Path(folder) / "approved.h5"
             write_fixture(fixture, unsigned)
-            sign(unsigned, path, given["key"], case=given["case"])
+            sign(unsigned, path, arguments["key"], case=arguments["case"])
 
 
-def _sheet(
-    source: Path,
-    markers: Path | None,
-    markers2: Path | None,
-    sheet_out: Path,
-    slice_: Path | None,
-    given: dict[str, Any],
-) -> Report:
+def draw_sheet(files: ReviewFiles, sheet_out: Path, arguments: dict[str, Any]) -> CommandResult:
     """Draw the review sheet."""
     from vfplan.review.sheet import write_sheet
 
-    with patience(f"drawing the review sheet of {source.name}"):
-        shown = _shown(source, markers, markers2, slice_, given)
+    with announce_if_slow(f"drawing the review sheet of {files.source.name}"):
+        if files.source.name.lower().endswith(HDF5.suffixes):
+            content = sheet_of_bundle(files, arguments)
+        else:
+            content = sheet_of_slice(files, arguments)
         with outputs(sheet_out) as (path,):
-            write_sheet(shown, path)
-    data = {"digest": shown.digest, "sheet": str(sheet_out)}
-    text = f"digest {shown.digest}\nwrote {sheet_out}"
-    return Report(
-        data, text, findings=shown.findings, verdict=shown.verdict,
+            write_sheet(content, path)
+    data = {"digest": content.digest, "sheet": str(sheet_out)}
+    return CommandResult(
+        data, f"digest {content.digest}\nwrote {sheet_out}", findings=content.findings,
+        verdict=content.verdict,
         next_step=f"Look at {sheet_out}. Then approve: vfplan review, or vfplan accept.",
     )  # fmt: skip
 
 
-def _shown(
-    source: Path,
-    markers: Path | None,
-    markers2: Path | None,
-    slice_: Path | None,
-    given: dict[str, Any],
-) -> Any:
-    """What the sheet shows of a source."""
+def sheet_of_slice(files: ReviewFiles, arguments: dict[str, Any]) -> Any:
+    """The content of the sheet of a planned slice, with or without markers."""
     from vfplan.planning import ExtractSettings, extract, plan
     from vfplan.review import sheet_input
 
-    if source.name.lower().endswith(HDF5.suffixes):
-        return _shown_of_bundle(source, markers, markers2, slice_, given)
-    if slice_ is not None:
+    if files.slice_path is not None:
         raise click.UsageError("--slice belongs to a bundle; SOURCE is a slice itself")
-    reading = options.settings(ExtractSettings, given)
-    if markers is None:
-        return sheet_input.of_extraction(
-            extract(source, reading, curve=given["curve"]), source.name
-        )
-    made = plan(
-        source, markers, markers2, extraction=reading, curve=given["curve"],
-        settings=options.fixture_settings(given),
+    settings = settings_from_options(ExtractSettings, arguments)
+    if files.markers is None:
+        extracted = extract(files.source, settings, curve=arguments["curve"])
+        return sheet_input.of_extraction(extracted, files.source.name)
+    planned = plan(
+        files.source, files.markers, files.markers2, extraction=settings,
+        curve=arguments["curve"], settings=options.fixture_settings(arguments),
     )  # fmt: skip
-    return sheet_input.of_plan(made, source.name)
+    return sheet_input.of_plan(planned, files.source.name)
 
 
-def _shown_of_bundle(
-    source: Path,
-    markers: Path | None,
-    markers2: Path | None,
-    slice_: Path | None,
-    given: dict[str, Any],
-) -> Any:
+def sheet_of_bundle(files: ReviewFiles, arguments: dict[str, Any]) -> Any:
+    """The content of the sheet of a curve or a fixture, with or without its slice and markers."""
     from vfplan.bundle import read_fixture
     from vfplan.images.read import read_image
     from vfplan.planning import register
     from vfplan.review import sheet_input
 
-    fixture = read_fixture(source)
+    fixture = read_fixture(files.source)
     image = None
-    if slice_ is not None:
+    if files.slice_path is not None:
         image = read_image(
-            slice_, frame=given["frame"], pixel_spacing_mm=given["pixel_spacing_mm"],
-            imager_spacing=bool(given["imager_spacing"]),
+            files.slice_path, frame=arguments["frame"],
+            pixel_spacing_mm=arguments["pixel_spacing_mm"],
+            imager_spacing=bool(arguments["imager_spacing"]),
         )  # fmt: skip
         sheet_input.check_slice(fixture, image)
-    if markers is None:
-        return sheet_input.of_fixture(fixture, source.name, image=image)
+    if files.markers is None:
+        return sheet_input.of_fixture(fixture, files.source.name, image=image)
     if fixture.frame == "robot_base":
         raise click.UsageError("MARKERS have no effect on a fixture, which is registered already")
-    planned = register(fixture, markers, markers2, options.fixture_settings(given), image=image)
+    planned = register(
+        fixture, files.markers, files.markers2, options.fixture_settings(arguments), image=image
+    )
     return sheet_input.of_fixture(
-        planned.fixture, source.name, image=image, registration=planned.registration
-    )  # fmt: skip
+        planned.fixture, files.source.name, image=image, registration=planned.registration
+    )

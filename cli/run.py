@@ -1,8 +1,8 @@
 """What every command shares at run time: output, errors, exit codes, progress.
 
-A command's body computes and returns a `Report`; this module prints it. The rules (one JSON
-document on stdout and nothing else, one line on stderr for an error, no file left behind) hold for
-every command because they are written once, here.
+A command's function computes and returns a `CommandResult`, and this module prints it. The rules
+hold for every command because they are written once, here: one JSON document on stdout and nothing
+else, one line on stderr for an error, and no file left behind.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import functools
 import json
+import logging
 import os
 import shlex
 import sys
@@ -19,14 +20,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NamedTuple, NoReturn, TextIO
 from unicodedata import category
 
 import click
-from vfplan.cli.outputs import keep, refuse_outputs, take_back
+from vfplan.cli.outputs import commit, refuse_outputs, rollback
 from vfplan.cli.paged_help import PagedCommand
-from vfplan.cli.plain import heed_no_settings
-from vfplan.cli.settings_file import with_settings_of
+from vfplan.cli.plain import ignore_matplotlib_settings
+from vfplan.cli.settings_file import merge_settings_file
 from vfplan.cli.stopping import Stopped, stoppable
 from vfplan.cli.values import FILE
 
@@ -35,24 +36,30 @@ from vfplan.findings import Finding
 from vfplan.io.files import now_utc
 from vfplan.io.json_types import to_json_types
 
-SETTINGS = click.option(
-    "--settings", "settings_file", type=FILE, metavar="FILE.json",
-    help="Options from a file: the fields of ExtractSettings and FixtureSettings, in their units. "
-    "What is typed wins.",
-)  # fmt: skip
-# Unicode's kinds of signs that are not to be seen: controls, directions, halves, unknown ones.
-STEERING = ("Cc", "Cf", "Cs", "Co", "Cn")
+INVISIBLE_CATEGORIES = ("Cc", "Cf", "Cs", "Co", "Cn")
+"""Unicode's categories of characters without a shape: controls, directions, surrogates, unknown."""
+
+LOG_LEVELS = (logging.WARNING, logging.INFO, logging.DEBUG)
+"""The level of the log for no `-v`, one and two."""
 
 
 @dataclass(frozen=True)
-class Report:
-    """What a command found: `data` for `--json`, `text` for a person, `exit_code` for a script.
+class CommandResult:
+    """The result of a command: `data` for `--json`, `text` for a person, `exit_code` for a script.
 
-    `failed` says in a line what check did not hold; the exit code is then 1, if no other is given.
-    `verdict` says in a line how it ended, `next_step` what to do now: the text ends with both, and
-    JSON holds them as `verdict` and `next` unless `data` has a `verdict` of its own.
-    `findings` are what a person should look at before the result is used; `warnings` are sentences
-    about the call itself that need no answer.
+    Parameters
+    ----------
+    failed
+        The check that did not hold, in one line. The exit code is then 1 unless another is set.
+    verdict, next_step
+        How the command ended and what to do now, one line each. The text ends with both, and JSON
+        holds them as `verdict` and `next` unless `data` has a `verdict` of its own.
+    verdict_in_json
+        Whether JSON holds verdict and next step. `info` prints a file's own names and no others.
+    findings
+        What a person should look at before the result is used. `None`: the command looks for none.
+    warnings
+        Sentences about the call itself, which need no answer.
     """
 
     data: dict[str, Any]
@@ -60,14 +67,109 @@ class Report:
     exit_code: int = 0
     warnings: list[str] = field(default_factory=list)
     failed: str = ""
-    findings: Sequence[Finding] | None = None  # None where the command looks for none
+    findings: Sequence[Finding] | None = None
     verdict: str = ""
     next_step: str = ""
+    verdict_in_json: bool = True
 
     def __post_init__(self) -> None:
-        """A check that failed is exit code 1."""
+        """Set exit code 1 where a check failed."""
         if self.failed and not self.exit_code:
             object.__setattr__(self, "exit_code", 1)
+
+
+Report = CommandResult
+
+
+class Failure(NamedTuple):
+    """An error as it is printed."""
+
+    kind: str
+    message: str
+    where: str | None
+    exit_code: int
+    code: str | None = None
+    numbers: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class Printer:
+    """Prints the result of a command, or the failure that ended it."""
+
+    as_json: bool
+    quiet: bool
+    verbose: int
+
+    def print_result(self, result: CommandResult, elapsed_s: float) -> None:
+        """Print findings and warnings to stderr, then the result to stdout.
+
+        Raises
+        ------
+        OSError
+            Stdout takes no more, as on a full disk.
+        """
+        # A person reads the findings first, in the log.
+        warnings = []
+        for finding in result.findings or ():
+            word = "note"
+            if finding.severity == "doubt":
+                word = "warning"
+            warnings.append(finding.text)
+            click.echo(printable(f"vfplan: {word}: {finding.text}"), err=True)
+        for warning in result.warnings:
+            warnings.append(warning)
+            click.echo(printable(f"vfplan: warning: {warning}"), err=True)
+        if result.exit_code:
+            reason = " ".join((result.failed or "a check did not hold").split())
+            click.echo(printable(f"vfplan: failed: {reason}"), err=True)
+
+        # The result itself is the only thing on stdout.
+        if self.as_json:
+            name = click.get_current_context().info_name
+            data = {"format": f"vfplan-{name}", "version": "1.0", **result.data}
+            if warnings:
+                data.setdefault("warnings", warnings)
+            if result.findings is not None:
+                data.setdefault("findings", [finding.as_dict() for finding in result.findings])
+            if result.verdict and result.verdict_in_json:
+                data.setdefault("verdict", result.verdict)
+                data.setdefault("next", result.next_step)
+            data.setdefault("elapsed_s", round(elapsed_s, 6))
+            text = json.dumps(to_json_types(data), indent=2, allow_nan=False)
+            if sys.stdout is None:
+                raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+            click.echo(text)
+        elif not self.quiet:
+            lines = []
+            if result.text:
+                lines.append(result.text)
+            if result.verdict:
+                lines.append(f"verdict: {result.verdict}")
+            if result.next_step:
+                lines.append(f"next: {result.next_step}")
+            click.echo(printable("\n".join(lines)))
+
+    def exit_with(self, failure: Failure) -> NoReturn:
+        """Print a failure: one line on stderr, and with `--json` a document on stdout."""
+        if self.verbose >= 2:
+            import traceback
+
+            traceback.print_exc()
+        if self.as_json:
+            error: dict[str, Any] = {
+                "kind": failure.kind,
+                "message": failure.message,
+                "where": failure.where,
+            }
+            if failure.code is not None:
+                error["code"] = failure.code
+                error["numbers"] = to_json_types(failure.numbers or {})
+            echo_if_possible(json.dumps({"error": error}, indent=2), sys.stdout)
+        line = failure.message
+        if failure.where:
+            line = f"{failure.where}: {failure.message}"
+        echo_if_possible(printable("vfplan: error: " + " ".join(line.split())), sys.stderr)
+        sys.exit(failure.exit_code)
 
 
 def command_line() -> str:
@@ -75,212 +177,160 @@ def command_line() -> str:
     return shlex.join(["vfplan", *sys.argv[1:]])
 
 
+def is_verbose() -> bool:
+    """Whether the running command was given `-v`: its text then holds the statistics too."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.params.get("verbose"))
+
+
 def command(
-    name: str, *, first_screen: str = "", settings_file: bool = False, **attrs: Any
-) -> Callable[[Callable[..., Report]], click.Command]:
-    """A click command whose function returns a `Report`.
+    name: str, *, first_screen: str = "", settings_file: bool = False, **attributes: Any
+) -> Callable[[Callable[..., CommandResult]], click.Command]:
+    """A click command whose function returns a `CommandResult`.
 
-    Its parameters are the options and arguments above it, which say what each may be. Adds
-    `--json`, `-q` and `-v`, times the call (`elapsed_s`), and turns every `VfplanError` into
-    one line and its exit code. What the command is to write is checked before it is called, and
-    `--overwrite` is heeded by `vfplan.cli.outputs`: the function does not get it.
+    Adds `--json`, `-q` and `-v`, times the call (`elapsed_s`), and turns every `VfplanError` into
+    one line and its exit code. The files that the command is to write are checked before its
+    function is called. `vfplan.cli.outputs` acts on `--overwrite`: the function does not get it.
 
-    first_screen: the options that `--help` lists, apart by blanks; `--help-all` lists all. Without
-        it `--help` lists all.
-    settings_file: whether options may come from a file, `--settings FILE.json`
+    Parameters
+    ----------
+    first_screen
+        The options that `--help` lists, separated by blanks; `--help-all` lists all. Without it
+        `--help` lists all.
+    settings_file
+        Whether options may come from a file, `--settings FILE.json`.
     """
 
-    def wrap(function: Callable[..., Report]) -> click.Command:
+    def wrap(function: Callable[..., CommandResult]) -> click.Command:
         @functools.wraps(function)
-        def body(as_json: bool, quiet: bool, verbose: int, **kwargs: Any) -> None:
-            _configure_log(verbose)
-            heed_no_settings()
-            kwargs.pop("overwrite", None)
-            settings = kwargs.pop("settings_file", None)
-
-            def work() -> Report:
-                return function(**with_settings_of(settings, kwargs))
-
-            with stoppable() as heeded:
+        def body(as_json: bool, quiet: bool, verbose: int, **arguments: Any) -> None:
+            level = LOG_LEVELS[min(verbose, 2)]
+            logging.basicConfig(level=level, stream=sys.stderr, force=True)
+            logging.getLogger().handlers[0].setFormatter(_PrintableLines("vfplan: %(message)s"))
+            ignore_matplotlib_settings()
+            arguments.pop("overwrite", None)
+            path = arguments.pop("settings_file", None)
+            printer = Printer(as_json, quiet, verbose)
+            with stoppable() as raise_if_stopped:
                 try:
-                    _run(lambda: heeded(work()), as_json, quiet, verbose)
+                    started = time.perf_counter()
+                    try:
+                        # NumPy would stumble on a SOURCE_DATE_EPOCH that is no time.
+                        now_utc()
+                        refuse_outputs()
+                        result = function(**merge_settings_file(path, arguments))
+                        raise_if_stopped()
+                    except (click.ClickException, click.Abort):
+                        raise
+                    except Exception as error:
+                        printer.exit_with(describe_error(error))
+                    try:
+                        printer.print_result(result, time.perf_counter() - started)
+                    except OSError as error:
+                        if not as_json:
+                            silence(sys.stdout)
+                        what = f"cannot be written: {error.strerror}; no output file is kept"
+                        printer.exit_with(Failure("OutputError", what, "the report", 2))
+                    commit()
+                    sys.exit(result.exit_code)
                 except Stopped as stop:
-                    _fail("Stopped", str(stop), None, stop.exit_code, as_json, verbose)
+                    printer.exit_with(Failure("Stopped", str(stop), None, stop.exit_code))
                 finally:
-                    take_back()
+                    rollback()
 
-        for option in (
-            click.option("-v", "--verbose", count=True, help="More detail; -vv adds tracebacks."),
-            click.option(
-                "-q", "--quiet", is_flag=True, help="No report and no progress; warnings, failures."
-            ),
-            click.option("--json", "as_json", is_flag=True, help="One JSON document on stdout."),
-        ):
-            body = option(body)
+        body = click.option(
+            "-v", "--verbose", count=True,
+            help="Print the statistics too; -vv adds the traceback of an error.",
+        )(body)  # fmt: skip
+        body = click.option(
+            "-q", "--quiet", is_flag=True,
+            help="Print warnings and failures only.",
+        )(body)  # fmt: skip
+        body = click.option(
+            "--json", "as_json", is_flag=True, help="Print one JSON document on stdout."
+        )(body)
         if settings_file:
-            body = SETTINGS(body)
-        return click.command(name, cls=PagedCommand, first_screen=first_screen.split(), **attrs)(
-            body
-        )
+            body = click.option(
+                "--settings", "settings_file", type=FILE, metavar="FILE.json",
+                help="Take options from a file that holds fields of ExtractSettings and "
+                "FixtureSettings in their units; a typed option wins.",
+            )(body)  # fmt: skip
+        listed = first_screen.split()
+        return click.command(name, cls=PagedCommand, first_screen=listed, **attributes)(body)
 
     return wrap
 
 
-def _run(work: Callable[[], Report], as_json: bool, quiet: bool, verbose: int) -> None:
-    started = time.perf_counter()
-    try:
-        now_utc()  # a SOURCE_DATE_EPOCH that is no time is refused before NumPy stumbles on it
-        refuse_outputs()
-        report = work()
-    except VfplanError as error:
-        _fail(
-            error.kind,
-            error.message,
-            error.where,
-            error.exit_code,
-            as_json,
-            verbose,
-            code=error.code,
-            numbers=error.numbers,
+def describe_error(error: Exception) -> Failure:
+    """An exception as the line, the exit code and the JSON that a command ends with."""
+    if isinstance(error, VfplanError):
+        return Failure(
+            error.kind, error.message, error.where, error.exit_code, error.code, error.numbers
         )
-    except OSError as error:  # a device, a name or a folder that nobody foresaw
+    if isinstance(error, OSError):
+        # A device, a name or a folder that nobody foresaw.
         reason = error.strerror or type(error).__name__
-        _fail("OSError", reason, error.filename, 3, as_json, verbose)
-    except MemoryError:
-        _fail("MemoryError", "not enough memory for this input", None, 3, as_json, verbose)
-    except (click.ClickException, click.Abort):
-        raise
-    except Exception as error:  # nobody foresaw it: still one line, never a traceback
-        what = f"unforeseen {type(error).__name__}: {error} (-vv shows where; please report)"
-        _fail(type(error).__name__, what, None, 3, as_json, verbose)
-    try:
-        _emit(report, time.perf_counter() - started, as_json, quiet)
-    except OSError as error:
-        what = f"cannot be written: {error.strerror}; no output file is kept"
-        if not as_json:
-            _silence(sys.stdout)
-        _fail("OutputError", what, "the report", 2, as_json, verbose)
-    keep()
-    sys.exit(report.exit_code)
+        return Failure("OSError", reason, error.filename, 3)
+    if isinstance(error, MemoryError):
+        return Failure("MemoryError", "not enough memory for this input", None, 3)
+    kind = type(error).__name__
+    return Failure(kind, f"unforeseen {kind}: {error} (-vv shows where; please report)", None, 3)
 
 
-def _configure_log(verbose: int) -> None:
-    import logging
+class _PrintableLines(logging.Formatter):
+    """Log lines as `printable` leaves them."""
 
-    class Printable(logging.Formatter):
-        def format(self, record: logging.LogRecord) -> str:
-            return shown(super().format(record))
-
-    level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
-    logging.basicConfig(level=level, stream=sys.stderr, force=True)
-    logging.getLogger().handlers[0].setFormatter(Printable("vfplan: %(message)s"))
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record))
 
 
-def _emit(report: Report, elapsed: float, as_json: bool, quiet: bool) -> None:
-    findings = report.findings or ()
-    for finding in findings:
-        word = "warning" if finding.severity == "doubt" else "note"
-        click.echo(shown(f"vfplan: {word}: {finding.text}"), err=True)
-    for warning in report.warnings:
-        click.echo(shown(f"vfplan: warning: {warning}"), err=True)
-    if report.exit_code:
-        words = " ".join((report.failed or "a check did not hold").split())
-        click.echo(shown(f"vfplan: failed: {words}"), err=True)
-    if as_json:
-        name = click.get_current_context().info_name
-        data = {"format": f"vfplan-{name}", "version": "1.0", **report.data}
-        warnings = [finding.text for finding in findings] + list(report.warnings)
-        if warnings:
-            data.setdefault("warnings", warnings)
-        if report.findings is not None:
-            data.setdefault("findings", [finding.as_dict() for finding in findings])
-        if report.verdict:
-            data.setdefault("verdict", report.verdict)
-            data.setdefault("next", report.next_step)
-        data.setdefault("elapsed_s", round(elapsed, 6))
-        text = json.dumps(to_json_types(data), indent=2, allow_nan=False)
-        if sys.stdout is None:
-            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
-        click.echo(text)
-    elif not quiet:
-        click.echo(shown(report.text + last_lines(report)))
-
-
-def last_lines(report: Report) -> str:
-    """The last two lines of a command's text: how it ended, and what to do next."""
-    text = ""
-    if report.verdict:
-        text += f"\nverdict: {report.verdict}"
-    if report.next_step:
-        text += f"\nnext: {report.next_step}"
-    return text
-
-
-def shown(text: str) -> str:
-    """Text for a terminal: what would steer it or turn the writing round is spelled out.
+def printable(text: str) -> str:
+    """Text for a terminal, in which characters that would steer it are spelled out.
 
     Names and labels come from files that others wrote.
     """
-    return "".join(
-        sign if sign == "\n" or category(sign) not in STEERING else ascii(sign)[1:-1]
-        for sign in text
-    )
+    characters = []
+    for character in text:
+        if character != "\n" and category(character) in INVISIBLE_CATEGORIES:
+            character = ascii(character)[1:-1]
+        characters.append(character)
+    return "".join(characters)
 
 
-def _fail(
-    kind: str,
-    message: str,
-    where: str | None,
-    exit_code: int,
-    as_json: bool,
-    verbose: int,
-    *,
-    code: str | None = None,
-    numbers: dict[str, Any] | None = None,
-) -> None:
-    if verbose >= 2:
-        import traceback
-
-        traceback.print_exc()
-    line = f"{where}: {message}" if where else message
-    texts = [(shown("vfplan: error: " + " ".join(line.split())), sys.stderr)]
-    if as_json:
-        error: dict[str, Any] = {"kind": kind, "message": message, "where": where}
-        if code is not None:
-            error |= {"code": code, "numbers": to_json_types(numbers or {})}
-        texts.insert(0, (json.dumps({"error": error}, indent=2), sys.stdout))
-    for text, stream in texts:
-        try:
-            click.echo(text, file=stream)
-        except OSError:
-            _silence(stream)
-    sys.exit(exit_code)
+def echo_if_possible(text: str, stream: TextIO | None) -> None:
+    """Print a line; where the stream takes none, print nothing there from now on."""
+    try:
+        click.echo(text, file=stream)
+    except OSError:
+        silence(stream)
 
 
-def _silence(stream: TextIO | None) -> None:
-    """Let what is left in a stream that failed go nowhere, or it would fail again at the end."""
+def silence(stream: TextIO | None) -> None:
+    """Send the rest of a stream that failed to nowhere, or it would fail again at the exit."""
     if stream is None:
         return
     with suppress(OSError), open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), stream.fileno())
 
 
-def _silent() -> bool:
-    """Whether progress is not shown: no terminal is there, or `-q` was given."""
+def shows_progress() -> bool:
+    """Whether progress is shown: stderr is a terminal, and there is no `-q`."""
     context = click.get_current_context(silent=True)
-    return not sys.stderr.isatty() or (context is not None and bool(context.params.get("quiet")))
+    if context is not None and context.params.get("quiet"):
+        return False
+    return sys.stderr.isatty()
 
 
 @contextmanager
-def patience(doing: str, after_s: float = 1.0) -> Iterator[None]:
-    """Say on a terminal what is being done when it takes longer than `after_s`; else nothing.
+def announce_if_slow(work: str, after_s: float = 1.0) -> Iterator[None]:
+    """Name the work on a terminal when it takes longer than `after_s`.
 
-    For work that cannot tell how far it is; `progress` is for work that can.
+    For work that cannot count its steps; `progress` is for work that can.
     """
-    if _silent():
+    if not shows_progress():
         yield
         return
-    timer = threading.Timer(after_s, lambda: click.echo(f"vfplan: {doing} ...", err=True))
+    timer = threading.Timer(after_s, lambda: click.echo(f"vfplan: {work} ...", err=True))
     timer.daemon = True
     timer.start()
     try:
@@ -296,12 +346,12 @@ def rough_ticks(session: Path) -> int:
 
 @contextmanager
 def progress(label: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A bar on stderr for long work: shown on a terminal, silent in a pipe.
+    """A bar on stderr for long work: visible on a terminal, silent in a pipe.
 
     Yields a function that takes the number of steps just done.
     """
-    if _silent():
-        yield lambda n: None
+    if not shows_progress():
+        yield lambda steps: None
         return
     with click.progressbar(length=total, label=label, file=sys.stderr) as bar:
         yield bar.update

@@ -13,53 +13,62 @@ from typing import Any
 
 import click
 from click.core import ParameterSource
-from vfplan.cli.values import Number, Numbers, Written
+from vfplan.cli.values import Number, Numbers, OutputFile
 
 from vfplan.errors import InputError, SettingError
 from vfplan.io.files import read_whole
 
-MOST_BYTES = 1 << 20
-OF_THE_CALL = ("as_json", "quiet", "verbose", "overwrite", "settings_file")
-"""Options that say how a command is called, and nothing of what it makes."""
+MAX_BYTES = 1 << 20
+"""Size of the largest settings file that is read; a file of all options is a thousand times
+smaller."""
+
+OPTIONS_OF_THE_CALL = ("as_json", "quiet", "verbose", "overwrite", "settings_file")
+"""Options that say how a command is called, and nothing of its result."""
 
 
-def _arcs(metres: float | None) -> tuple[float, ...] | None:
-    """As `--arcs` is parsed: millimetres."""
+def arcs_from_metres(metres: float | None) -> tuple[float, ...] | None:
+    """The value of `--arcs`, in millimetres, for the field `arcs_m`."""
     if metres is None:
         return None
     return (1e3 * metres,)
 
 
-def _no_arcs(points_only: bool) -> tuple[float, ...] | None:
-    return () if points_only else None
+def arcs_from_points_only(points_only: bool) -> tuple[float, ...] | None:
+    """The value of `--arcs`, which is () for none, for the field `points_only`."""
+    if points_only:
+        return ()
+    return None
 
 
-def _pull(values: tuple[float, ...]) -> tuple[float, ...]:
-    """As `--guide-pull` is parsed: N and mm/s."""
+def pull_from_metres(values: tuple[float, ...]) -> tuple[float, ...]:
+    """The value of `--guide-pull`, in N and mm/s, for the field `guide_pull`."""
     return (*values[:1], *(1e3 * speed for speed in values[1:]))
 
 
-def _gate(metres: float | str | None) -> tuple[float, ...] | None:
-    """As `--max-residual` and `--max-tre` are parsed: millimetres, () for none, None: not given."""
+def gate_from_metres(metres: float | str | None) -> tuple[float, ...] | None:
+    """The value of `--max-residual` or `--max-tre`: millimetres, () for none, `None` if not typed.
+
+    The text "contact radius" is the default of `--max-tre`.
+    """
     if metres is None:
         return ()
-    if isinstance(metres, str):  # "contact radius", which is the option's default
+    if isinstance(metres, str):
         return None
     return (1e3 * metres,)
 
 
-# A field whose option is parsed to another name or unit -> the option's, and how it gets there.
-OTHERWISE: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
-    "arcs_m": ("arcs", _arcs),
-    "points_only": ("arcs", _no_arcs),
-    "guide_pull": ("guide_pull", _pull),
-    "max_residual_m": ("max_residual", _gate),
-    "max_tre_m": ("max_tre", _gate),
+CONVERTED_FIELDS: Mapping[str, tuple[str, Callable[[Any], Any]]] = {
+    "arcs_m": ("arcs", arcs_from_metres),
+    "points_only": ("arcs", arcs_from_points_only),
+    "guide_pull": ("guide_pull", pull_from_metres),
+    "max_residual_m": ("max_residual", gate_from_metres),
+    "max_tre_m": ("max_tre", gate_from_metres),
 }
+"""Fields whose option has another name or unit: the option's name, and the way to its value."""
 
 
-def with_settings_of(path: Path | None, given: dict[str, Any]) -> dict[str, Any]:
-    """A command's arguments, with those of the file in place of what was not typed.
+def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[str, Any]:
+    """The arguments of a command, with those of the file in place of the options not typed.
 
     Raises
     ------
@@ -69,18 +78,32 @@ def with_settings_of(path: Path | None, given: dict[str, Any]) -> dict[str, Any]
         A name that the command has no option for, or a value that it does not take.
     """
     if path is None:
-        return given
+        return arguments
     context = click.get_current_context()
-    params = {
-        param.name: param
-        for param in context.command.params
-        if isinstance(param, click.Option)
-        and not isinstance(param.type, Written)
-        and param.name not in OF_THE_CALL
-    }
-    result = dict(given)
-    for field, raw in _read(path).items():
-        name, convert = OTHERWISE.get(field, (field, None))
+    params = {}
+    for param in context.command.params:
+        if not isinstance(param, click.Option) or isinstance(param.type, OutputFile):
+            continue
+        if param.name not in OPTIONS_OF_THE_CALL:
+            params[param.name] = param
+
+    # The file holds one JSON object.
+    data = read_whole(path, MAX_BYTES)
+    try:
+        settings = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"is not JSON: {error}; write one object of settings", where=str(path), code="not-json"
+        ) from None
+    if not isinstance(settings, dict):
+        raise InputError(
+            "is no JSON object; write one object of settings", where=str(path), code="not-json"
+        )
+
+    # Each of its settings takes the place of an option that was not typed.
+    merged = dict(arguments)
+    for field, raw in settings.items():
+        name, convert = CONVERTED_FIELDS.get(field, (field, None))
         if name not in params:
             allowed = ", ".join(sorted(params))
             raise SettingError(
@@ -88,42 +111,35 @@ def with_settings_of(path: Path | None, given: dict[str, Any]) -> dict[str, Any]
                 where=str(path),
                 code="unknown-setting",
             )
+        value = _lists_to_tuples(raw)
         if convert is not None:
-            value = convert(_as_tuple(raw))
+            try:
+                value = convert(value)
+            except TypeError:
+                raise SettingError(
+                    f"{field} {raw!r} is no such setting; docs/cli.md names its form",
+                    where=str(path), code="setting-of-another-form",
+                ) from None  # fmt: skip
         else:
-            value = _value(params[name], raw, str(path))
+            kind = params[name].type
+            if isinstance(kind, click.Choice) and value is not None and value not in kind.choices:
+                allowed = ", ".join(kind.choices)
+                raise SettingError(
+                    f"{field} is {value!r}; choose one of {allowed}",
+                    where=str(path),
+                    code="unknown-choice",
+                )
+            is_list = isinstance(kind, Numbers) and not isinstance(kind, Number)
+            is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if is_list and is_number:
+                value = (value,)
         if context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
-            result[name] = value
-    return result
+            merged[name] = value
+    return merged
 
 
-def _read(path: Path) -> dict[str, Any]:
-    data = read_whole(path, MOST_BYTES)
-    try:
-        settings = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"is not JSON: {error}", where=str(path), code="not-json") from None
-    if not isinstance(settings, dict):
-        raise InputError("is no JSON object of settings", where=str(path), code="not-json")
-    return settings
-
-
-def _value(param: click.Option, raw: Any, where: str) -> Any:
-    """A JSON value as the option's own parser would have left it, but in the field's unit."""
-    value = _as_tuple(raw)
-    if isinstance(param.type, click.Choice) and value not in (None, *param.type.choices):
-        raise SettingError(
-            f"{param.name} {value!r}; allowed are {', '.join(param.type.choices)}",
-            where=where,
-            code="unknown-choice",
-        )
-    is_list = isinstance(param.type, Numbers) and not isinstance(param.type, Number)
-    if is_list and isinstance(value, (int, float)) and not isinstance(value, bool):
-        return (value,)
-    return value
-
-
-def _as_tuple(raw: Any) -> Any:
+def _lists_to_tuples(raw: Any) -> Any:
+    """JSON's lists as tuples, which the settings hold."""
     if isinstance(raw, list):
-        return tuple(_as_tuple(part) for part in raw)
+        return tuple(map(_lists_to_tuples, raw))
     return raw

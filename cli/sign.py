@@ -2,35 +2,41 @@
 
 from __future__ import annotations
 
-from vfplan.cli.options import FIXTURE, option, output, taking
+from vfplan.cli.options import FIXTURE, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, command
+from vfplan.cli.run import CommandResult, command
 from vfplan.cli.values import FILE
 
 
 @command("sign")
 @FIXTURE
-@taking(
-    option("--key", type=FILE, required=True, help="The private key, from `vfplan keygen`."),
-    option("--case", default="", help="Case token that the signature is to cover."),
-    option("--robot-serial", default="", help="The one robot this bundle is for."),
+@options_in_order(
+    option("--key", type=FILE, required=True, metavar="KEY",
+           help="The private key, from `vfplan keygen`."),
+    option("--case", default="", metavar="CASE", help="Sign it for this case alone."),
+    option("--robot-serial", default="", metavar="SERIAL", help="Sign it for this robot alone."),
     option("--registered-at", "registered_utc", metavar="UTC",
-           help="When the patient was registered, e.g. 2026-01-31T12:00:00Z: the bundle's age "
+           help="When the patient was registered, e.g. 2026-01-31T12:00:00Z; the bundle's age "
            "counts from then.  [default: now]"),
     option("--despite-findings", is_flag=True,
-           help="Sign it although findings are open or nobody reviewed it; the seal says so."),
-    output("The signed bundle."),
+           help="Sign it with open findings or without a review; the seal says so."),
+    output_option("Write the signed bundle to this file."),
 )  # fmt: skip
-def command(fixture, output, key, **given) -> Report:
+def command(fixture, output, key, **arguments) -> CommandResult:
     """Check FIXTURE.h5 and write it again under a seal signed with --key.
 
-    The signature covers every byte of the bundle, its time, and case and robot where given, so that
-    yesterday's valid bundle is not today's. A bundle with findings that nobody
-    answered, or that nobody reviewed, is not signed (exit 1).
+    The signature covers every byte of the bundle, its time, and case and robot where they are
+    given, so that yesterday's valid bundle is not today's. A bundle that nobody reviewed, or with
+    findings that nobody answered, is not signed (exit 1).
     """
     from vfplan.bundle import sign
 
     with outputs(output) as (path,):
-        seal = sign(fixture, path, key, **given)
+        seal = sign(fixture, path, key, **arguments)
     data = {"output": str(output), **seal.describe()}
-    return Report(data, f"signed {output}, key {seal.key_id.hex()}")
+    return CommandResult(
+        data,
+        f"wrote {output}",
+        verdict=f"signed with key {seal.key_id.hex()}",
+        next_step=f"vfplan verify {output} --keys KEYS.pub, then load it on the robot",
+    )

@@ -6,27 +6,38 @@ from collections import Counter
 from dataclasses import asdict
 
 import click
-from vfplan.cli.run import Report, command
+from vfplan.cli.run import CommandResult, command
+from vfplan.cli.units import count
 from vfplan.cli.values import FILE
 
 
 @command("validate")
 @click.argument("fixture", type=FILE, metavar="FILE.h5")
-def command(fixture) -> Report:
+def command(fixture) -> CommandResult:
     """List every issue of FILE.h5, not the first one only; exit 1 if any is an error."""
     from vfplan.bundle import validate
 
     issues = validate(fixture)
-    valid = not any(issue.severity == "error" for issue in issues)
-    lines = [f"{i.severity}: {i.location}: {i.message} [{i.code}]" for i in issues]
-    counts = Counter(issue.severity for issue in issues)
-    grave = [(severity, counts[severity]) for severity in ("error", "warning", "note")]
-    found = ", ".join(f"{n} {severity}{'s' * (n > 1)}" for severity, n in grave if n) or "no issues"
-    lines.append(f"{fixture} is {'valid' if valid else 'NOT valid'}: {found}")
+    severities = Counter(issue.severity for issue in issues)
+    valid = severities["error"] == 0
+    lines = []
+    for issue in issues:
+        lines.append(f"{issue.severity}: {issue.location}: {issue.message} [{issue.code}]")
+    parts = []
+    for severity in ("error", "warning", "note"):
+        if severities[severity]:
+            parts.append(count(severities[severity], severity))
+    summary = ", ".join(parts) or "no issues"
     data = {"valid": valid, "issues": [asdict(issue) for issue in issues]}
-    failed = "" if valid else f"{fixture} is NOT valid: {found}"
     if valid:
-        verdict, next_step = "valid", "vfplan review FIXTURE.h5 shows what it holds"
-    else:
-        verdict, next_step = "not valid", "make the bundle anew; a robot refuses this one"
-    return Report(data, "\n".join(lines), failed=failed, verdict=verdict, next_step=next_step)
+        lines.append(f"{fixture} is valid: {summary}")
+        return CommandResult(
+            data, "\n".join(lines), verdict="valid",
+            next_step=f"vfplan review {fixture} -o APPROVED.h5 shows what it holds",
+        )  # fmt: skip
+    failed = f"{fixture} is NOT valid: {summary}"
+    lines.append(failed)
+    return CommandResult(
+        data, "\n".join(lines), failed=failed, verdict="not valid",
+        next_step="make the bundle anew; a robot refuses this one",
+    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What an option's value may be, and the value found named where it may not."""
+"""What the value of an option may be; the error of any other names the value and what to type."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ import click
 
 from vfplan.io.files import parse_decimal
 
-# Existence is checked by the library, which answers 3 (bad input) and not 2 (usage).
 FILE = click.Path(path_type=Path)
+"""An input. The library checks that it exists, and answers with exit code 3 instead of 2."""
 
 
-class Written(click.Path):
-    """A file to write: its suffix is the format's, so that no other program is misled.
+class OutputFile(click.Path):
+    """A file to write, with the suffix of its format, so that no other program is misled.
 
-    `suffixes` are allowed, in upper case too; without any, every name but "-".
+    Parameters
+    ----------
+    suffixes
+        Those allowed, in upper case too. Without any, every name is but "-".
     """
 
     def __init__(self, *suffixes: str) -> None:
@@ -25,101 +28,148 @@ class Written(click.Path):
         self.suffixes = suffixes
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path; a usage error (exit 2) names the suffix found and those allowed."""
+        """The path; a usage error (exit 2) names its suffix and those allowed."""
         path = Path(str(value))
         if not self.suffixes and str(path) == "-":
-            self.fail("'-' is no file name, and stdout takes no file", param, ctx)
+            self.fail("'-' is no file name; name a file", param, ctx)
         if self.suffixes and not path.name.lower().endswith(self.suffixes):
-            found = f"suffix {path.suffix!r}" if path.suffix else "no suffix"
-            wanted = " or ".join(self.suffixes)
-            self.fail(f"{str(value)!r} has {found}; {wanted} is wanted", param, ctx)
+            suffix = "no suffix"
+            if path.suffix:
+                suffix = f"suffix {path.suffix!r}"
+            allowed = " or ".join(self.suffixes)
+            self.fail(f"{str(value)!r} has {suffix}; end the name in {allowed}", param, ctx)
         return path
 
 
-PNG = Written(".png")
-CSV = Written(".csv")
-HDF5 = Written(".h5", ".hdf5")
+PNG = OutputFile(".png")
+CSV = OutputFile(".csv")
+HDF5 = OutputFile(".h5", ".hdf5")
 
 
 class Parsed(click.ParamType):
-    """A value written as text: `parse` makes it, and its `ValueError` is a usage error (exit 2).
+    """A value written as text.
 
-    The error names the value found and what is allowed.
+    Parameters
+    ----------
+    metavar
+        Its name in the help.
+    parse
+        Makes the value of the text. Its `ValueError` is a usage error (exit 2).
     """
 
     name = "value"
 
     def __init__(self, metavar: str, parse: Callable[[str], Any]) -> None:
-        self.metavar, self.parse = metavar, parse
+        self.metavar = metavar
+        self.parse = parse
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
-        """The name shown in the help."""
+        """The name in the help."""
         return self.metavar
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The value; what is parsed already stays as it is."""
+        """The value; one that is no text any more stays as it is."""
+        if not isinstance(value, str):
+            return value
         try:
-            return self.parse(value) if isinstance(value, str) else value
+            return self.parse(value)
         except ValueError as error:
             self.fail(str(error), param, ctx)
 
 
 class Numbers(Parsed):
-    """Several numbers separated by commas, e.g. `0.59,0.61`; `counts` says how many are allowed.
+    """Several numbers separated by commas, e.g. `0.59,0.61`.
 
-    They are above zero if `positive`; `word` may stand for none of them.
+    Parameters
+    ----------
+    counts
+        How many are allowed.
+    positive
+        Whether each must be above 0.
+    word
+        A word that may stand for none of them.
     """
 
     def __init__(
         self, *counts: int, metavar: str, positive: bool = True, word: str | None = None
     ) -> None:
         super().__init__(metavar, self.numbers)
-        self.counts, self.positive, self.word = counts, positive, word
+        self.counts = counts
+        self.positive = positive
+        self.word = word
 
     def numbers(self, text: str) -> Any:
-        """As `parse` of `Parsed`."""
+        """The numbers of a text, as a tuple."""
         if text == self.word:
             return ()
         try:
-            numbers = tuple(parse_decimal(part) for part in text.split(","))
+            numbers = tuple(map(parse_decimal, text.split(",")))
         except ValueError as error:
-            what = f"{text!r} is not a number or a comma-separated list of numbers: {error}"
-            raise ValueError(what) from None
+            raise ValueError(
+                f"{text!r} is not a number or a comma-separated list of numbers: {error}"
+            ) from None
         if len(numbers) not in self.counts:
             allowed = " or ".join(map(str, self.counts))
-            raise ValueError(f"{text!r} has {len(numbers)} numbers; {allowed} wanted")
+            raise ValueError(f"{text!r} has {len(numbers)} numbers; type {allowed}")
         if self.positive and not min(numbers) > 0:
             raise ValueError(f"{text!r} holds a number that is not finite and above 0")
         return numbers
 
 
 class Number(Numbers):
-    """One number, in another unit: times `scale`."""
+    """One number, in another unit: times `scale`.
 
-    def __init__(self, metavar: str, scale: float = 1.0, positive: bool = True) -> None:
-        super().__init__(1, metavar=metavar, positive=positive)
-        self.parse = lambda text: float(self.numbers(text)[0] * scale)
+    Parameters
+    ----------
+    positive
+        Whether it must be above 0.
+    zero_allowed
+        Whether it must be 0 or above.
+    """
+
+    def __init__(
+        self,
+        metavar: str,
+        scale: float = 1.0,
+        positive: bool = True,
+        zero_allowed: bool = False,
+    ) -> None:
+        super().__init__(1, metavar=metavar, positive=positive and not zero_allowed)
+        self.zero_allowed = zero_allowed
+        self.scale = scale
+        self.parse = self.number
+
+    def number(self, text: str) -> float:
+        """The number of a text, scaled."""
+        value = self.numbers(text)[0]
+        if self.zero_allowed and value < 0:
+            raise ValueError(f"{text!r} is below 0; type 0 or a number above")
+        return float(value * self.scale)
 
 
-MM = Number("MM", 1e-3)  # given in millimetres, passed on in metres
+MM = Number("MM", 1e-3)
+"""A length above 0: typed in millimetres, handed on in metres."""
+
+MM_OR_ZERO = Number("MM", 1e-3, zero_allowed=True)
+"""A length of 0 or above: typed in millimetres, handed on in metres."""
 
 
-class _Strict(click.ParamType):
-    """What Python takes for a number and others do not, 1_000 or nan, is a usage error."""
+class _StrictNumber(click.ParamType):
+    """Refuses texts that Python takes for numbers and other programs do not, as 1_000 or nan."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Parse; a usage error (exit 2) names the value found."""
-        try:
-            if isinstance(value, str):
+        """The number; a usage error (exit 2) names the value and what is allowed."""
+        if isinstance(value, str):
+            try:
                 parse_decimal(value)
-        except ValueError as error:
-            self.fail(str(error), param, ctx)
+            except ValueError as error:
+                self.fail(str(error), param, ctx)
         return super().convert(value, param, ctx)
 
 
-class Real(_Strict, click.FloatRange):
+class DecimalNumber(_StrictNumber, click.FloatRange):
     """A decimal number within bounds."""
 
 
-class Whole(_Strict, click.IntRange):
+class WholeNumber(_StrictNumber, click.IntRange):
     """A whole number within bounds."""

@@ -5,21 +5,21 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from vfplan.cli.options import FIXTURE, signature, trust
-from vfplan.cli.run import Report, command
-
-from vfplan.fixture import Fixture
+from vfplan.cli.options import FIXTURE, signature_options, trust
+from vfplan.cli.run import CommandResult, command
 
 
 @command("verify")
 @FIXTURE
-@signature("--keys", required=True)
-def command(fixture, **given) -> Report:
+@signature_options("--keys", required=True)
+def command(fixture, **arguments) -> CommandResult:
     """Check that FIXTURE.h5 is sound and signed by a trusted key; exit 4 if it is not."""
     from vfplan.bundle import read_sealed
 
-    signed, seal = read_sealed(fixture, trust=trust(given))
-    reviewed = None if signed.reviewed is None else asdict(signed.reviewed)
+    signed, seal = read_sealed(fixture, trust=trust(arguments))
+    reviewed = None
+    if signed.reviewed is not None:
+        reviewed = asdict(signed.reviewed)
     data = {
         **seal.describe(),
         "ok": True,
@@ -28,29 +28,32 @@ def command(fixture, **given) -> Report:
     }
     lines = [f"sound, signed by key {data['key_id']}", *seal_lines(data)]
     lines += finding_lines(data["findings"], reviewed)
+    verdict = "signed by a trusted key"
+    next_step = "load it on the robot"
     if seal.despite_findings:
-        lines.append(f"  {'but':<11} signed although {_why_despite(signed)}")
-    return Report(data, "\n".join(lines))
-
-
-def _why_despite(signed: Fixture) -> str:
-    """What should have kept somebody from signing."""
-    reasons = []
-    if signed.open_findings:
-        reasons.append("findings were not answered")
-    if signed.reviewed is None:
-        reasons.append("nobody had reviewed it")
-    return " and ".join(reasons)
+        reasons = []
+        if signed.open_findings:
+            reasons.append("findings were not answered")
+        if signed.reviewed is None:
+            reasons.append("nobody had reviewed it")
+        reason = " and ".join(reasons)
+        lines.append(f"  {'but':<11} signed although {reason}")
+        verdict = f"signed by a trusted key, although {reason}"
+        next_step = "ask who signed it why; a controller refuses it unless told to accept that"
+    return CommandResult(data, "\n".join(lines), verdict=verdict, next_step=next_step)
 
 
 def seal_lines(seal: dict[str, Any]) -> list[str]:
-    """What a signature is for: case, robot and time, a line each that is there."""
-    names = {"case": "case", "robot_serial": "robot", "signed_utc": "time"}
-    return [f"  {word:<11} {seal[name]}" for name, word in names.items() if name in seal]
+    """What a signature is for: case, robot and time, where they are given."""
+    lines = []
+    for name, word in (("case", "case"), ("robot_serial", "robot"), ("signed_utc", "time")):
+        if name in seal:
+            lines.append(f"  {word:<11} {seal[name]}")
+    return lines
 
 
 def finding_lines(findings: list[dict[str, Any]], reviewed: dict[str, str] | None) -> list[str]:
-    """Who reviewed the plan, and what was found, a line each."""
+    """Who reviewed the plan, and its findings, a line each."""
     lines = []
     if reviewed is None:
         lines.append("  reviewed    by nobody")

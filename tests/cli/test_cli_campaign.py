@@ -31,8 +31,9 @@ def test_report_picture_and_going_on(vfplan_cli, planned, tmp_path):
     assert (tmp_path / "p.png").read_bytes()[:4] == b"\x89PNG"
     again = vfplan_cli(*words, "--trials", "128", "--json").json
     assert (again["trials"], again["trials_made"]) == (128, 64)
-    part = vfplan_cli(*words, "--trials", "130").stdout
-    assert part.startswith("130 trials counted; 64 made now, in whole blocks of 64, ")
+    part = vfplan_cli(*words, "--trials", "130", "-v").stdout
+    assert part.startswith("130 trials, 64 of them made now in whole blocks of 64, ")
+    assert "verdict: the tool goes more than 0 mm beyond the true curve with p = " in part
 
     margin = ("--margin", "p=0.2", "--campaign", tmp_path / "c")
     wider = vfplan_cli("plan", image, *markers, "--pixel-spacing", "0.5", *margin,
@@ -47,8 +48,8 @@ def test_report_picture_and_going_on(vfplan_cli, planned, tmp_path):
     ("more", "code", "says"),
     [
         (("--fle-robot", "nan"), 2, "'nan' is no number"),
-        (("--margin-for", "2"), 2, "probabilities"),
-        (("--scheduler", "tcp://127.0.0.1:9", "--workers", "2"), 2, "one of them"),
+        (("--margin-for", "2"), 2, "2 is no probability"),
+        (("--scheduler", "tcp://127.0.0.1:9", "--workers", "2"), 2, "exclude each other"),
     ],
 )
 def test_usage(vfplan_cli, planned, tmp_path, more, code, says):

@@ -12,16 +12,22 @@ import vfplan
 
 PAGED = ("plan", "register", "extract", "replay", "stability", "bench", "campaign", "rehearse")
 
-
 def options_in(text):
     """The long options that a help lists, in its first column."""
     columns = [line.strip().split("  ")[0] for line in text.splitlines() if line[:3] == "  -"]
-    return {word for column in columns for word in column.split() if word.startswith("--")}
+    words = [word.rstrip(",") for column in columns for word in column.split()]
+    return first_names({word for word in words if word.startswith("--")})
 
 
 def options_of(name):
     command = cli.get_command(click.Context(cli), name)
-    return {word for p in command.params for word in p.opts if word.startswith("--")} | {"--help"}
+    words = [word for p in command.params for word in p.opts if word.startswith("--")]
+    return first_names({*words, "--help"})
+
+
+def first_names(words):
+    """Without the old name of --page, which `plan` and `extract` still take."""
+    return words - {"--frame"} if "--page" in words else words
 
 
 def test_the_help_has_four_groups_with_every_command_in_one(vfplan_cli):

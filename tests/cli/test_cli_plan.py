@@ -118,9 +118,9 @@ BAD = {
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        (("--mask-out", "m.jpg"), "has suffix '.jpg'; .png is wanted"),
-        (("--overlay-out", "m"), "has no suffix; .png is wanted"),
-        (("--picture-out", "m.tiff"), "has suffix '.tiff'; .png is wanted"),
+        (("--mask-out", "m.jpg"), "has suffix '.jpg'; end the name in .png"),
+        (("--overlay-out", "m"), "has no suffix; end the name in .png"),
+        (("--picture-out", "m.tiff"), "has suffix '.tiff'; end the name in .png"),
         (("--pixel-spacing", "1e300"), "1e-05 to 1000 mm are allowed"),
         (("--pixel-spacing", "0.5,1e-300"), "1e-05 to 1000 mm are allowed"),
         (("--contact-radius", "1e300"), "contact radius is 1e+297 m; 1e-05 to 1 m are allowed"),

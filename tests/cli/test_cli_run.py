@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
-from vfplan.cli.run import Report, command, patience
+from vfplan.cli.run import Report, announce_if_slow, command
 
 
 @command("boom")
@@ -125,13 +125,13 @@ def test_an_error_on_a_full_disk_keeps_its_exit_code():
 @pytest.mark.parametrize("terminal", [True, False])
 def test_long_work_says_so_on_a_terminal_only(monkeypatch, capsys, terminal):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal, raising=False)
-    with patience("working", after_s=0.01):
+    with announce_if_slow("working", after_s=0.01):
         time.sleep(0.3)
     assert ("working" in capsys.readouterr().err) is terminal
 
 
 def test_short_work_says_nothing(monkeypatch, capsys):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    with patience("working", after_s=60):
+    with announce_if_slow("working", after_s=60):
         pass
     assert capsys.readouterr().err == ""

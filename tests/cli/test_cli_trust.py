@@ -12,7 +12,7 @@ import sys
 import bundles
 import pytest
 from click.testing import CliRunner
-from vfplan.cli.run import Report, command, progress, shown
+from vfplan.cli.run import Report, command, printable, progress
 
 import vfplan
 from vfplan import view3d
@@ -98,9 +98,9 @@ def test_pictures_do_not_depend_on_settings_that_lie_about(tmp_path, hostile, vf
 
 
 def test_signs_that_steer_a_terminal_are_spelled_out():
-    assert shown("a\x1b[2Jb\x9bc\r\x07") == "a\\x1b[2Jb\\x9bc\\r\\x07"
-    assert shown("left\u202eright\u2066\ud800") == "left\\u202eright\\u2066\\ud800"
-    assert shown("µm, é, \u4e2d\u6587\n -> \U0001f600") == "µm, é, \u4e2d\u6587\n -> \U0001f600"
+    assert printable("a\x1b[2Jb\x9bc\r\x07") == "a\\x1b[2Jb\\x9bc\\r\\x07"
+    assert printable("left\u202eright\u2066\ud800") == "left\\u202eright\\u2066\\ud800"
+    assert printable("µm, é, \u4e2d\u6587\n -> \U0001f600") == "µm, é, \u4e2d\u6587\n -> \U0001f600"
 
 
 @command("named")

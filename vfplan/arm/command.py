@@ -3,108 +3,136 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vfplan.cli import options
-from vfplan.cli.options import option, taking
+from vfplan.cli.options import option, options_in_order, output_option
 from vfplan.cli.outputs import outputs, refuse_folder
-from vfplan.cli.run import Report, command, command_line, progress, rough_ticks
-from vfplan.cli.telling import told
+from vfplan.cli.run import (
+    CommandResult,
+    command,
+    command_line,
+    is_verbose,
+    progress,
+    rough_ticks,
+)  # fmt: skip
+from vfplan.cli.units import millijoules, millimetres
 from vfplan.cli.values import FILE, PNG, Number
 from vfplan.io.staging import write_whole
 
-TEXT = (
-    "arm {arm}: {ticks} ticks, {duration_s:.3f} s, {reached} reached; {real_time_factor:.0f} times "
-    "real time",
-    "\nforce        max {force_max_n:.3f} N, step max {force_step_max_n:.3f} N; penetration max "
-    "{penetration_max_m:mm}",
-    "\ntorque       max {torque_max_nm:.2f} N·m (joint {torque_max_joint}), step max "
-    "{torque_step_max_nm:.4f} N·m (joint {torque_step_max_joint})",
-    "\njoints       {joint_margin_min_rad:.3f} rad left of joint {joint_margin_min_joint}'s range",
-    "\npostures     condition at most {worst:.2f}; mass at the tip from {mass_min_kg:.2f} kg, "
-    "stable there up to {k_max_n_per_m:.0f} N/m ({k_n_per_m:.0f} N/m rendered)",
-    "\ngovernor     up to {governor[held_back_max_n]:.3f} N held back in {governor[held_ticks]} "
-    "ticks, work {governor[work_j]:mJ}",
-)
-REFLEX = (
-    "would stop: {kind}",
-    " of joint {joint}",
-    " at tick {tick}",
-    ", {s_m:mm.1} along stroke {stroke}",
-    ": {value:.4g}, {limit:.4g} allowed",
-)
+if TYPE_CHECKING:
+    from vfplan.session import Session
+
+LISTED_PLACES = 5
+"""Number of places out of reach that are printed; `--json` has all."""
+
+SAME_RATE = 0.01
+"""Share by which a session's rate may differ from the arm's; clocks of two computers differ by
+less."""
 
 
 @command(
     "rehearse",
     first_screen="-o --arm --robot --base --tool --no-governor --report --picture-out --json",
 )
-@taking(
+@options_in_order(
     options.FIXTURE,
     options.SESSION,
-    options.output("Per-tick result of the simulated tip, HDF5.", required=False),
+    output_option(
+        "Write the result of each tick of the simulated tip to this HDF5 file.", required=False
+    ),
     option("--arm", default="panda", metavar="panda|fr3|FILE.xml",
-           help="The arm: a shipped one, or an MJCF file of hinges with a site `tip`."),
-    options.robot("The limits it has; its own for a shipped arm."),
-    option("--base", **options.BASE, help="Its base in the fixture's frame [m].  [default: 0,0,0]"),
-    option("--tool", **options.TOOL, help="The tip in the flange's frame [m]."),
-    option("--no-governor", is_flag=True, help="Command the engine's force as it is."),
+           help="Use this shipped arm, or an MJCF file of hinges with a site `tip`."),
+    options.robot_option("Take the limits of this robot.  [default: the shipped arm's]"),
+    option("--base", **options.ARM_BASE,
+           help="Base of the arm in the fixture's frame [m].  [default: 0,0,0]"),
+    option("--tool", **options.ARM_TOOL, help="Tip of the arm in its flange's frame [m]."),
+    option("--no-governor", is_flag=True, help="Command the engine's force without a governor."),
     option("--hand", "hand_n_per_m", type=Number("N_PER_M"), default="600",
-           help="How stiffly the hand wants the tip where the session is."),
+           help="Stiffness with which the hand pulls the tip to the session's place [N/m]."),
     options.UNITS,
     option("--report", type=FILE, metavar="DIR",
-           help="Folder for one self-contained HTML page with pictures."),
-    option("--picture-out", type=PNG, metavar="PNG", help="Write the arm over the fixture."),
-    options.signature(),
+           help="Write an HTML page with pictures into this folder."),
+    option("--picture-out", type=PNG, metavar="PNG",
+           help="Write a picture of the arm over the fixture."),
+    options.signature_options(),
 )  # fmt: skip
-def command(fixture, session, output, report, picture_out, **given) -> Report:
+def command(fixture, session, output, report, picture_out, **arguments) -> CommandResult:
     """Let SESSION's hand move a simulated arm that renders FIXTURE.h5 at its own rate.
 
-    The hand is a spring and damper that want the tip where the session is. Says whether the arm
-    reaches every place, and what would have stopped it: torques and their steps, joints at their
-    limits, speeds, forces, each with its tick, joint and place along the curve. Exit 1 when it does
-    not reach or would have stopped; the files are written then too, as the record of it.
+    The hand is a spring and damper that pull the tip to the place in the session. The report says
+    whether the arm reaches every place, and what would have stopped it, with tick, joint and place
+    along the curve. Exit 1 when it does not reach or would have stopped; the files are written
+    then too.
     """
     from vfplan.arm import Arm, rehearse
     from vfplan.arm.loop import Hand
     from vfplan.bundle import read_sealed
     from vfplan.robot import read_robot
 
+    # The fixture, the arm, and the session at the arm's rate.
     refuse_folder(report)
-    planned, seal = read_sealed(fixture, trust=options.trust(given))
-    robot = read_robot(given["robot"])
-    arm = Arm(given["arm"], robot, base=given["base"], tool=given["tool"])
-    wanted, warnings = _session(session, given["units"], planned.frame, arm.robot.rate_hz)
-    hand = Hand(stiffness=given["hand_n_per_m"])
-    with progress("rehearse", len(wanted.hip)) as done:
-        found = rehearse(
-            planned, wanted, arm, governed=not given["no_governor"], hand=hand, done=done
-        )
-    with outputs(output, picture_out, report and report / "index.html") as (result, picture, index):
+    planned, seal = read_sealed(fixture, trust=options.trust(arguments))
+    robot = read_robot(arguments["robot"])
+    arm = Arm(arguments["arm"], robot, base=arguments["base"], tool=arguments["tool"])
+    recorded, warnings = read_at_rate(session, arguments["units"], planned.frame, arm.robot.rate_hz)
+
+    with progress("rehearse", len(recorded.hip)) as done:
+        rehearsal = rehearse(
+            planned, recorded, arm, governed=not arguments["no_governor"],
+            hand=Hand(stiffness=arguments["hand_n_per_m"]), done=done,
+        )  # fmt: skip
+
+    # The files.
+    index_path = None
+    if report is not None:
+        index_path = report / "index.html"
+    with outputs(output, picture_out, index_path) as (result, picture, index):
         if result is not None:
             from vfplan.session import ResultWriter
 
-            with ResultWriter(result, {"rehearsal": found.metrics}) as file:
-                file.append(found.ticks)
+            with ResultWriter(result, {"rehearsal": rehearsal.metrics}) as file:
+                file.append(rehearsal.ticks)
         if picture is not None:
-            from vfplan.arm.figures import in_space
+            from vfplan.arm.figures import draw_in_space
             from vfplan.figures.style import save_png
 
-            save_png(in_space(found), picture)
+            save_png(draw_in_space(rehearsal), picture)
         if index is not None:
             from vfplan.arm.page import page
 
-            about = {"command": command_line(), "fixture": fixture.name,
-                     "fixture's SHA-256": seal.describe()["sha256"]}  # fmt: skip
-            write_whole(index, [page(found, about).encode("utf-8")], overwrite=True)
-    return Report(
-        found.metrics, rehearsed_text(found.metrics), exit_code=int(not found.passed),
-        warnings=warnings,
+            facts = {
+                "command": command_line(),
+                "fixture": fixture.name,
+                "fixture's SHA-256": seal.describe()["sha256"],
+            }
+            write_whole(index, [page(rehearsal, facts).encode("utf-8")], overwrite=True)
+
+    # What to do now.
+    metrics = rehearsal.metrics
+    lines = [rehearsed_text(metrics)]
+    for path in (output, picture_out, index_path):
+        if path is not None:
+            lines.append(f"wrote {path}")
+    if rehearsal.passed:
+        return CommandResult(
+            metrics, "\n".join(lines), warnings=warnings,
+            verdict=f"pass: {arm.name} reaches every place, and nothing stops it",
+            next_step="rehearse with --arm and --base as the robot really stands, then sign",
+        )  # fmt: skip
+    verdict = f"fail: {arm.name} would stop"
+    next_step = "move more slowly or press less there; --report DIR draws what stopped it"
+    if not metrics["reachable"]:
+        verdict = f"fail: {arm.name} does not reach every place"
+        next_step = "move the arm with --base, or bring the fixture closer"
+    return CommandResult(
+        metrics, "\n".join(lines), warnings=warnings, failed=objections(metrics)[0],
+        verdict=verdict, next_step=next_step,
     )  # fmt: skip
 
 
-def _session(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Any, list[str]]:
-    """The whole session at the arm's rate, and what was done for that."""
+def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Session, list[str]]:
+    """The whole session at the arm's rate, and a warning where it was resampled for that."""
     import numpy as np
 
     from vfplan.session import open_session, resampled
@@ -113,22 +141,77 @@ def _session(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Any, l
     with progress("read", rough_ticks(path)):
         whole = source.load()
     rate = 1 / float(np.median(np.diff(whole.time)))
-    if 0.99 < rate / rate_hz < 1.01:
+    if abs(rate / rate_hz - 1) < SAME_RATE:
         return whole, []
-    return resampled(whole, rate_hz).load(), [
+    warning = (
         f"{path}: sampled at {rate:.6g} Hz, resampled to the arm's {rate_hz:g} Hz by straight lines"
+    )
+    return resampled(whole, rate_hz).load(), [warning]
+
+
+def rehearsed_text(metrics: dict[str, Any]) -> str:
+    """The short report of one rehearsal; with `-v` the statistics too."""
+    reached = "NOT every place"
+    if metrics["reachable"]:
+        reached = "every place"
+    lines = [
+        f"arm {metrics['arm']}: {metrics['ticks']} ticks, {metrics['duration_s']:.3f} s, "
+        f"{reached} reached"
     ]
+    lines.append(
+        f"force        max {metrics['force_max_n']:.3f} N, step max "
+        f"{metrics['force_step_max_n']:.3f} N; penetration max "
+        f"{millimetres(metrics['penetration_max_m'])}"
+    )
+    if is_verbose():
+        lines += statistics_lines(metrics)
+    return "\n".join([*lines, *objections(metrics)])
 
 
-def rehearsed_text(found: dict[str, Any]) -> str:
-    """The short report of one rehearsal."""
-    more = {"reached": "every place" if found["reachable"] else "NOT every place"}
-    more["worst"] = found["condition_max"] or float("inf")
-    return "\n".join([told(found | more, *TEXT), *objections(found)])
+def statistics_lines(metrics: dict[str, Any]) -> list[str]:
+    """Torques, joints, postures and the governor, as `-v` prints them."""
+    condition = metrics["condition_max"] or float("inf")
+    lines = [
+        f"speed        {metrics['real_time_factor']:.0f} times real time",
+        f"torque       max {metrics['torque_max_nm']:.2f} N·m (joint "
+        f"{metrics['torque_max_joint']}), step max {metrics['torque_step_max_nm']:.4f} N·m (joint "
+        f"{metrics['torque_step_max_joint']})",
+    ]
+    if "joint_margin_min_rad" in metrics:
+        lines.append(
+            f"joints       {metrics['joint_margin_min_rad']:.3f} rad to the end of joint "
+            f"{metrics['joint_margin_min_joint']}'s range"
+        )
+    line = f"postures     condition at most {condition:.2f}; mass at the tip from "
+    line += f"{metrics['mass_min_kg']:.2f} kg"
+    if "k_max_n_per_m" in metrics:
+        line += (
+            f", stable there up to {metrics['k_max_n_per_m']:.0f} N/m "
+            f"({metrics['k_n_per_m']:.0f} N/m rendered)"
+        )
+    lines.append(line)
+    if "governor" in metrics:
+        governor = metrics["governor"]
+        lines.append(
+            f"governor     up to {governor['held_back_max_n']:.3f} N held back in "
+            f"{governor['held_ticks']} ticks, work {millijoules(governor['work_j'])}"
+        )
+    return lines
 
 
-def objections(found: dict[str, Any]) -> list[str]:
-    """Why it did not pass, a line each: places not reached, then what would have stopped it."""
-    missed = found.get("unreached", [])[:5]
-    short = [told(place, "not reached: tick {tick}, {left_m:mm.1} short") for place in missed]
-    return [*short, *(told(reflex, *REFLEX) for reflex in found["reflexes"])]
+def objections(metrics: dict[str, Any]) -> list[str]:
+    """Why it did not pass, a line each: places out of reach, then what would have stopped it."""
+    lines = []
+    for place in metrics.get("unreached", [])[:LISTED_PLACES]:
+        lines.append(f"not reached: tick {place['tick']}, {millimetres(place['left_m'], 1)} short")
+    for stop in metrics["reflexes"]:
+        line = f"would stop: {stop['kind']}"
+        if "joint" in stop:
+            line += f" of joint {stop['joint']}"
+        line += f" at tick {stop['tick']}"
+        if "s_m" in stop:
+            line += f", {millimetres(stop['s_m'], 1)} along stroke {stop['stroke']}"
+        if "value" in stop:
+            line += f": {stop['value']:.4g}, {stop['limit']:.4g} allowed"
+        lines.append(line)
+    return lines

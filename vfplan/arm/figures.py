@@ -42,7 +42,7 @@ def depth(rehearsal: Rehearsal) -> Figure:
     return figure
 
 
-def in_space(rehearsal: Rehearsal) -> Figure:
+def draw_in_space(rehearsal: Rehearsal) -> Figure:
     """The arm in some of its postures, the fixture and the tip's path."""
     figure, axes = subplots(6.6, 5.6, subplot_kw={"projection": "3d"})
     arm, motion = rehearsal.arm, rehearsal.motion

@@ -6,7 +6,7 @@ from html import escape
 from typing import Any
 
 from vfplan.arm import Rehearsal
-from vfplan.arm.figures import efforts, in_space
+from vfplan.arm.figures import draw_in_space, efforts
 from vfplan.report.page import about, document, picture, section
 from vfplan.report.tables import table
 
@@ -20,7 +20,7 @@ def page(rehearsal: Rehearsal, facts: dict[str, str]) -> str:
         about(facts | {"session": rehearsal.session.name, "arm": rehearsal.arm.name}),
         section("What the arm said", _reflexes(found)),
         section(
-            "In space", picture(in_space(rehearsal), "arm, fixture and the tip's path", "tall")
+            "In space", picture(draw_in_space(rehearsal), "arm, fixture and the tip's path", "tall")
         ),
         section("Over time", picture(efforts(rehearsal), "force, torques and joints", "tall")),
         section("Numbers", _numbers(found)),

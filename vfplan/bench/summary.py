@@ -23,6 +23,11 @@ PEERS = {
 }
 
 
+def is_tick_stage(stage: str) -> bool:
+    """Whether the times of a stage are those of a tick of the controller, and not of a call."""
+    return stage in ("sample", "proxy")
+
+
 def error_text(result: Record, key: str = "error_rms") -> str:
     """An error with its unit."""
     if result["unit"] == "m":

@@ -1,36 +1,40 @@
-"""`vfplan burr`: a ball at the tip takes away what it reaches; the demonstration of editing."""
+"""`vfplan burr`: a ball at the tip removes what it reaches; the demonstration of editing."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from vfplan.cli import options
-from vfplan.cli.options import option, taking
+from vfplan.cli.options import option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, command, progress
-from vfplan.cli.values import CSV, PNG, Real
+from vfplan.cli.run import CommandResult, command, progress
+from vfplan.cli.units import micrometres, millimetres
+from vfplan.cli.values import CSV, PNG, DecimalNumber
 
 
 @command("burr")
-@taking(
+@options_in_order(
     options.FIXTURE,
     options.SESSION,
-    option("--radius", "radius_mm", type=Real(0, min_open=True), metavar="MM", required=True,
-           help="Of the ball at the tip; below the fixture's contact radius."),
-    options.output("Per-tick result, HDF5.", required=False),
+    option("--radius", "radius_mm", type=DecimalNumber(0, min_open=True), metavar="MM",
+           required=True,
+           help="Radius of the ball at the tip, below the fixture's contact radius [mm]."),
+    output_option("Write the result of each tick to this HDF5 file.", required=False),
     option("--events-out", type=CSV, metavar="EVENTS.csv",
            help="Write the edits, for `vfplan replay --rule robust --events`."),
     option("--picture-out", type=PNG, metavar="PNG",
-           help="Write what was taken away, and the force over time."),
+           help="Write a picture of what was removed, and of the force over time."),
     options.UNITS,
-    options.signature(),
+    options.signature_options(),
 )  # fmt: skip
-def command(fixture, session, radius_mm, output, events_out, picture_out, **given) -> Report:
+def command(
+    fixture, session, radius_mm, output, events_out, picture_out, **arguments
+) -> CommandResult:
     """Let SESSION's hand burr FIXTURE.h5 with a ball at the tip.
 
     Points within the ball around the HIP go, and deeper ones appear on the ball: a hand that
-    presses beyond the margin, contact radius less the ball's, takes away what it presses on. The
-    session is then replayed with these edits. A demonstration of editing under the hand: the
+    presses beyond the margin, contact radius less the ball's, removes what it presses on. The
+    session is then replayed with these edits. This demonstrates editing under the hand: the
     removal is a ball's, not a bone's.
     """
     from vfplan.bundle import read_fixture
@@ -38,8 +42,8 @@ def command(fixture, session, radius_mm, output, events_out, picture_out, **give
     from vfplan.session import read_session, write_result
     from vfplan.session.events import write_events
 
-    planned = read_fixture(fixture, trust=options.trust(given))
-    hand = read_session(session, units=given["units"], frame=planned.frame)
+    planned = read_fixture(fixture, trust=options.trust(arguments))
+    hand = read_session(session, units=arguments["units"], frame=planned.frame)
     with progress("burr", len(hand.hip)) as done:
         burred = burr(planned, hand, 1e-3 * radius_mm, done=done)
     with outputs(output, events_out, picture_out) as (result, events, picture):
@@ -52,19 +56,51 @@ def command(fixture, session, radius_mm, output, events_out, picture_out, **give
             from vfplan.figures.style import save_png
 
             save_png(burr_figure(burred), picture)
-    held = [f["message"] for f in burred.metrics["findings"] if f["code"] == "burr-held"]
-    return Report(burred.metrics, _text(burred.metrics), warnings=held)
+
+    metrics = burred.metrics
+    warnings = []
+    for finding in metrics["findings"]:
+        if finding["code"] == "burr-held":
+            warnings.append(finding["message"])
+    lines = [burr_text(metrics)]
+    for path in (output, events_out, picture_out):
+        if path is not None:
+            lines.append(f"wrote {path}")
+    figures = metrics["burr"]
+    if not figures["replayed_to_the_bit"]:
+        return CommandResult(
+            metrics, "\n".join(lines), warnings=warnings,
+            failed="the replay of the edits gives other forces",
+            verdict="fail: the replay of the edits gives other forces",
+            next_step="report it with both files; edits must replay to the bit",
+        )  # fmt: skip
+    if not figures["burring_ticks"]:
+        return CommandResult(
+            metrics, "\n".join(lines), warnings=warnings,
+            verdict="not-tested: the ball removed nothing",
+            next_step="press deeper than the contact radius less the ball's, or take a larger "
+            "--radius",
+        )  # fmt: skip
+    return CommandResult(
+        metrics, "\n".join(lines), warnings=warnings,
+        verdict=f"burred {figures['places_lowered']} places, up to "
+        f"{millimetres(figures['deepest_m'], 2)} deep",
+        next_step="--picture-out PNG draws it; --events-out CSV keeps the edits for vfplan replay",
+    )  # fmt: skip
 
 
-def _text(found: dict[str, Any]) -> str:
-    burr = found["burr"]
-    same = "the replay has the same bits" if burr["replayed_to_the_bit"] else "REPLAYED OTHERWISE"
+def burr_text(metrics: dict[str, Any]) -> str:
+    """What was removed, and how the force went."""
+    burr = metrics["burr"]
+    same = "REPLAYED OTHERWISE"
+    if burr["replayed_to_the_bit"]:
+        same = "the replay has the same bits"
     return (
-        f"burred in {burr['burring_ticks']} of {found['ticks']} ticks: {burr['points_taken']} "
+        f"burred in {burr['burring_ticks']} of {metrics['ticks']} ticks: {burr['points_taken']} "
         f"points went and came back deeper, {burr['places_lowered']} places, up to "
-        f"{1e3 * burr['deepest_m']:.2f} mm\n"
-        f"force        max {found['force_max_n']:.3f} N (K times the margin: "
+        f"{millimetres(burr['deepest_m'], 2)}\n"
+        f"force        max {metrics['force_max_n']:.3f} N (K times the margin: "
         f"{burr['margin_force_n']:.3f} N); under edits its step was at most "
         f"{burr['force_step_of_bound']:.2f} of K (R/256 + step of the HIP)\n"
-        f"clearance    min {1e6 * found['clearance_min_m']:.2f} µm; {same}"
+        f"clearance    min {micrometres(metrics['clearance_min_m'])}; {same}"
     )

@@ -8,11 +8,17 @@ from typing import Any
 
 import click
 
-from vfplan.cli.options import FIXTURE, MILLI, option, settings, taking
+from vfplan.cli.options import FIXTURE, OVERWRITE, option, options_in_order, settings_from_options
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, command, progress
-from vfplan.cli.values import FILE, PNG, Numbers, Real, Whole
+from vfplan.cli.run import CommandResult, command, is_verbose, progress
+from vfplan.cli.values import FILE, MM_OR_ZERO, PNG, DecimalNumber, Numbers, WholeNumber
 from vfplan.errors import SettingError
+
+LARGEST_SEED = 2**63 - 1
+"""Largest whole number that a block's file holds."""
+
+LISTED_NUMBERS = 20
+"""Number of depths or probabilities that one call reports."""
 
 
 @command(
@@ -22,48 +28,55 @@ from vfplan.errors import SettingError
 )
 @FIXTURE
 @click.argument("sessions", type=FILE, nargs=-1, metavar="[SESSION...]")
-@taking(
+@options_in_order(
     option("-o", "--output", "folder", type=FILE, required=True, metavar="DIR",
-           help="The campaign's folder; a later call goes on with what is there."),
-    option("--trials", type=Whole(1), default=1000, help="How many trials, in whole blocks of 64."),
-    option("--seed", type=Whole(0, 2**63 - 1), default=0,
-           help="Trial k draws from (seed, k), whatever the workers."),
-    option("--fle-image", "fle_image_px", type=Real(0), default=0, metavar="PX",
-           help="RMS error of a marker's picked pixel."),
-    option("--fle-robot", "fle_robot_m", type=Real(0), metavar="MM", **MILLI,
-           help="RMS error of a touched marker; without it, what FIXTURE's residuals say."),
-    option("--tremor", "tremor_m", type=Real(0), default=0, metavar="MM", **MILLI,
-           help="RMS of the hand's tremor, 8 to 12 Hz."),
+           help="Keep the trials in this folder; a later call continues there."),
+    option("--trials", type=WholeNumber(1), default=1000,
+           help="Number of trials, which are made in whole blocks of 64."),
+    option("--seed", type=WholeNumber(0, LARGEST_SEED), default=0,
+           help="Seed of the random numbers; the workers change nothing."),
+    option("--fle-image", "fle_image_px", type=DecimalNumber(0), default=0, metavar="PX",
+           help="RMS error of the pixel of a marker [px]."),
+    option("--fle-robot", "fle_robot_m", type=MM_OR_ZERO,
+           help="RMS error of a touched marker [mm].  [default: from FIXTURE's residuals]"),
+    option("--tremor", "tremor_m", type=MM_OR_ZERO, default="0",
+           help="RMS of the hand's tremor, 8 to 12 Hz [mm]."),
     option("--stiffness-range", type=Numbers(2, metavar="A,B"),
-           help="K drawn evenly from A to B [N/m]."),
-    option("--hand", "hand_stiffness", type=Real(0, min_open=True), default=500.0,
-           metavar="N_PER_M", help="Stiffness of the hand that follows the session."),
-    option("--beyond", type=Numbers(*range(1, 21), metavar="MM[,MM...]", positive=False),
-           default="0,0.5,1", help="Depths beyond the true curve whose probability is told."),
-    option("--margin-for", type=Numbers(*range(1, 21), metavar="P[,P...]"), default="0.05,0.01",
-           help="Probabilities whose margin is told."),
-    option("--workers", type=Whole(1, 4096),
-           help="Processes on this machine; without it, one a core."),
-    option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, e.g. tcp://HOST:8786."),
-    option("--picture-out", type=PNG, help="Where along the curve, and how far."),
-    option("--overwrite", is_flag=True, help="Replace the picture if it exists."),
+           help="Draw K evenly from A to B [N/m].  [default: FIXTURE's]"),
+    option("--hand", "hand_stiffness", type=DecimalNumber(0, min_open=True), default=500.0,
+           metavar="N_PER_M", help="Stiffness of the hand that follows the session [N/m]."),
+    option("--beyond", type=Numbers(*range(1, LISTED_NUMBERS + 1), metavar="MM[,MM...]",
+                                    positive=False), default="0,0.5,1",
+           help="Report the probability of these depths beyond the true curve [mm]."),
+    option("--margin-for", type=Numbers(*range(1, LISTED_NUMBERS + 1), metavar="P[,P...]"),
+           default="0.05,0.01", help="Report the margin for these probabilities."),
+    option("--workers", type=WholeNumber(1, 4096),
+           help="Number of processes on this machine.  [default: one a core]"),
+    option("--scheduler", metavar="ADDRESS",
+           help="Use the workers of this Dask scheduler, e.g. tcp://HOST:8786."),
+    option("--picture-out", type=PNG, metavar="PNG",
+           help="Write a picture of where along the curve the tool enters, and how far."),
+    OVERWRITE,
 )  # fmt: skip
 def command(
-    fixture, sessions, folder, trials, workers, scheduler, picture_out, beyond, margin_for, **given
-) -> Report:
-    """Plan again and again, each time with other errors, and see how far the tool comes.
+    fixture, sessions, folder, trials, workers, scheduler, picture_out, beyond, margin_for,
+    **arguments,
+) -> CommandResult:  # fmt: skip
+    """Simulate the plan many times, each with other errors, and report how far the tool enters.
 
-    A trial draws marker errors on both sides and of the curve, fits the registration, carries the
-    curve, and renders that fixture to a hand that wants to go where SESSION went; without a SESSION
-    along both sides of the drawn curve, at 5 cm/s and 5 mm past contact, clear of open ends by the
-    distance at which the proxy stops and 5 mm: how safe an end is, a SESSION tells. Told is how far
-    the tool came beyond the true curve: with what probability, where, and which margin makes it
-    less probable than wished (`vfplan plan --margin p=0.01 --campaign DIR` takes it from there).
+    A trial draws errors of the markers and of the curve, registers anew, and renders that fixture
+    to a hand that moves as in SESSION. Without a SESSION the hand moves along both sides of the
+    curve, 5 mm past contact at 5 cm/s; only a SESSION tests the ends of an open curve. The
+    reported margin goes into a plan by `vfplan plan --campaign DIR --margin p=0.01`.
     """
     if workers is not None and scheduler is not None:
-        raise click.UsageError("--workers and --scheduler: one of them")
-    if not all(0 < p < 1 for p in margin_for):
-        raise SettingError("--margin-for: probabilities above 0 and below 1 are wanted")
+        raise click.UsageError("--workers and --scheduler exclude each other; give one")
+    for probability in margin_for:
+        if not 0 < probability < 1:
+            raise SettingError(
+                f"{probability:g} is no probability; give --margin-for numbers between 0 and 1",
+                code="no-probability",
+            )
     from vfplan.bundle import read_fixture
     from vfplan.campaign import CampaignSettings, read_campaign, run_campaign
     from vfplan.campaign.statistics import summary
@@ -71,40 +84,76 @@ def command(
     from vfplan.session import read_session
 
     planned = read_fixture(fixture)
-    heard = [read_session(path) for path in sessions] or approach_sessions(planned, to_ends=False)
-    how = settings(CampaignSettings, given)
-    began = time.perf_counter()
+    hands = [read_session(path) for path in sessions]
+    if not hands:
+        hands = approach_sessions(planned, to_ends=False)
+    settings = settings_from_options(CampaignSettings, arguments)
+    started = time.perf_counter()
     with progress("campaign", trials) as done:
-        made = run_campaign(
-            planned, heard, folder, trials, how, scheduler=scheduler,
+        new_trials = run_campaign(
+            planned, hands, folder, trials, settings, scheduler=scheduler,
             workers=workers or os.cpu_count() or 1, done=done,
         )  # fmt: skip
-    elapsed = time.perf_counter() - began
-    asked, table = read_campaign(folder, trials)
-    data = summary(asked, table, [1e-3 * mm for mm in beyond], list(margin_for))
-    data |= {"trials_made": made, "trials_per_minute": 60 * made / elapsed}
+    elapsed_s = time.perf_counter() - started
+    question, table = read_campaign(folder, trials)
+    data = summary(question, table, [1e-3 * mm for mm in beyond], list(margin_for))
+    data["trials_made"] = new_trials
+    data["trials_per_minute"] = 60 * new_trials / elapsed_s
+    lines = campaign_lines(data)
     if picture_out is not None:
         from vfplan.campaign.figures import draw_campaign
 
         with outputs(picture_out) as (picture,):
             draw_campaign(planned, table, 1e-3 * beyond[0], picture)
-    return Report(data, _text(data))
+        lines.append(f"wrote {picture_out}")
+
+    # A hand that never touches the fixture tests nothing.
+    if not data["trials_in_contact"]:
+        return CommandResult(
+            data, "\n".join(lines), failed="not tested: the tool never touched the fixture",
+            verdict="not-tested",
+            next_step="give a SESSION that touches the fixture, in the robot's frame",
+        )  # fmt: skip
+    entry = data["p_enter"][0]
+    verdict = (
+        f"the tool goes more than {entry['beyond_mm']:g} mm beyond the true curve with "
+        f"p = {entry['p']:.3g} (95 %: {entry['low']:.3g} to {entry['high']:.3g})"
+    )
+    next_step = "more --trials bound the margin from above; the same folder continues"
+    for margin in data.get("margin_for", ()):
+        if margin["high"] is not None:
+            next_step = (
+                f"vfplan plan --margin p={margin['p']:g} --campaign {folder}, which adds up to "
+                f"{margin['high']:.3f} mm"
+            )
+    return CommandResult(data, "\n".join(lines), verdict=verdict, next_step=next_step)
 
 
-def _text(data: dict[str, Any]) -> str:
+def campaign_lines(data: dict[str, Any]) -> list[str]:
+    """The probabilities and the margins, each with its interval."""
     from vfplan.campaign.settings import BLOCK
 
-    lines = [f"{data['trials']} trials counted; {data['trials_made']} made now, in whole blocks of "
-             f"{BLOCK}, {data['trials_per_minute']:.0f} a minute"]  # fmt: skip
-    lines += [
-        f"  beyond the true curve by more than {e['beyond_mm']:g} mm: p = {e['p']:.3g} "
-        f"(95 %: {e['low']:.3g} to {e['high']:.3g})"
-        for e in data["p_enter"]
-    ]
-    for m in data.get("margin_for", ()):
-        high = "no trial bounds it from above" if m["high"] is None else f"{m['high']:.3f}"
-        low = "0" if m["low"] is None else f"{m['low']:.3f}"
-        lines.append(
-            f"  margin for p < {m['p']:g}: {m['margin_mm']:.3f} mm (95 %: {low} to {high})"
+    line = f"{data['trials']} trials, {data['trials_made']} of them made now"
+    if is_verbose():
+        line += (
+            f" in whole blocks of {BLOCK}, {data['trials_per_minute']:.0f} a minute; the tool "
+            f"touched the fixture in {data['trials_in_contact']}"
         )
-    return "\n".join(lines)
+    lines = [line]
+    for entry in data["p_enter"]:
+        lines.append(
+            f"  beyond the true curve by more than {entry['beyond_mm']:g} mm: p = "
+            f"{entry['p']:.3g} (95 %: {entry['low']:.3g} to {entry['high']:.3g})"
+        )
+    for margin in data.get("margin_for", ()):
+        low = "0"
+        if margin["low"] is not None:
+            low = f"{margin['low']:.3f}"
+        high = "no trial bounds it from above"
+        if margin["high"] is not None:
+            high = f"{margin['high']:.3f}"
+        lines.append(
+            f"  margin for p < {margin['p']:g}: {margin['margin_mm']:.3f} mm (95 %: {low} to "
+            f"{high})"
+        )
+    return lines

@@ -5,9 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from vfplan.campaign.statistics import margins
-from vfplan.campaign.store import asked_in, markers_sha256, read_campaign
+from vfplan.campaign.store import markers_sha256, read_campaign, read_question
 from vfplan.errors import CheckFailed
 from vfplan.fixture import Fixture
+
+TRIALS_TIMES_P = 3.7
+"""Number of trials times p from which the 95 % interval of a (1 - p) quantile has an upper end."""
 
 
 def require_same_plan(folder: Path, fixture: Fixture) -> None:
@@ -18,11 +21,12 @@ def require_same_plan(folder: Path, fixture: Fixture) -> None:
     InputError, CheckFailed
         No campaign, or one of another plan.
     """
-    if asked_in(folder)["markers_sha256"] != markers_sha256(fixture):
+    if read_question(folder)["markers_sha256"] != markers_sha256(fixture):
         raise CheckFailed(
-            "is a campaign of another plan: its markers, model or stiffness differ from these",
-            where=str(folder),
-        )
+            "is a campaign of another plan: its markers, model or stiffness differ; run vfplan "
+            "campaign on this plan",
+            where=str(folder), code="campaign-of-another-plan",
+        )  # fmt: skip
 
 
 def margin_for(folder: Path, p: float) -> float:
@@ -35,13 +39,14 @@ def margin_for(folder: Path, p: float) -> float:
     CheckFailed
         Too few trials to bound the margin from above.
     """
-    asked, table = read_campaign(folder)
-    high = margins(table["depth_m"], [p], asked["share"])[0]["high"]
-    if high is None:
-        least = round(3.7 / p)
+    question, table = read_campaign(folder)
+    trials = len(table["depth_m"])
+    high_mm = margins(table["depth_m"], [p], question["share"])[0]["high"]
+    if high_mm is None:
+        needed = round(TRIALS_TIMES_P / p)
         raise CheckFailed(
-            f"holds {len(table['depth_m'])} trials, which do not bound the margin for p = {p:g} "
-            f"from above; about {least} are wanted",
-            where=str(folder),
-        )
-    return 1e-3 * high
+            f"holds {trials} trials, which do not bound the margin for p = {p:g} from above; make "
+            f"about {needed}",
+            where=str(folder), code="too-few-trials", numbers={"trials": trials, "needed": needed},
+        )  # fmt: skip
+    return 1e-3 * high_mm

@@ -8,19 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
 CONFIDENCE = 0.95
+"""Share of intervals that hold the true value."""
 
 
 def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
-    """The exact interval of a probability of which `hits` of `trials` were seen.
+    """The exact interval of the probability of an event that `hits` of `trials` had.
 
     C. J. Clopper, E. S. Pearson, Biometrika 26, 1934, 404-413.
     """
     from scipy.special import betaincinv
 
     tail = (1 - CONFIDENCE) / 2
-    low = 0.0 if hits == 0 else float(betaincinv(hits, trials - hits + 1, tail))
-    high = 1.0 if hits == trials else float(betaincinv(hits + 1, trials - hits, 1 - tail))
+    low = 0.0
+    if hits > 0:
+        low = float(betaincinv(hits, trials - hits + 1, tail))
+    high = 1.0
+    if hits < trials:
+        high = float(betaincinv(hits + 1, trials - hits, 1 - tail))
     return low, high
 
 
@@ -31,56 +37,79 @@ def quantile(sorted_values: Array, q: float) -> dict[str, float | None]:
     """
     from scipy.stats import binom
 
-    n = len(sorted_values)
+    count = len(sorted_values)
     tail = (1 - CONFIDENCE) / 2
-    low, high = int(binom.ppf(tail, n, q)) - 1, int(binom.ppf(1 - tail, n, q))
-    at = min(n - 1, max(0, int(np.ceil(q * n)) - 1))
-    return {
-        "value": float(sorted_values[at]),
-        "low": float(sorted_values[low]) if low >= 0 else None,
-        "high": float(sorted_values[high]) if high < n else None,
-    }
+    index = min(count - 1, max(0, int(np.ceil(q * count)) - 1))
+    low_index = int(binom.ppf(tail, count, q)) - 1
+    high_index = int(binom.ppf(1 - tail, count, q))
+    low = None
+    if low_index >= 0:
+        low = float(sorted_values[low_index])
+    high = None
+    if high_index < count:
+        high = float(sorted_values[high_index])
+    return {"value": float(sorted_values[index]), "low": low, "high": high}
 
 
 def entering(depth: Array, beyond_m: list[float]) -> list[dict[str, float]]:
-    """How probable it is to come further than each of `beyond_m` beyond the true curve."""
-    found = []
+    """How probable it is to go further than each of `beyond_m` beyond the true curve."""
+    entries = []
     for beyond in beyond_m:
         hits = int((depth > beyond).sum())
         low, high = clopper_pearson(hits, len(depth))
-        p = hits / len(depth)
-        found.append({"beyond_mm": 1e3 * beyond, "p": p, "low": low, "high": high})
-    return found
+        entries.append(
+            {"beyond_mm": 1e3 * beyond, "p": hits / len(depth), "low": low, "high": high}
+        )
+    return entries
 
 
-def margins(depth: Array, wanted: list[float], share: float) -> list[dict[str, float | None]]:
-    """The margin [mm] that makes entering less probable than each of `wanted`.
+def margins(
+    depth: Array, probabilities: list[float], share: float
+) -> list[dict[str, float | None]]:
+    """The margin [mm] that makes entering less probable than each of the probabilities.
 
-    A margin moves the rendered surface outwards, and the tool by `share` = K / (K + k_h) of that:
-    the margin for p is the (1 - p) quantile of the depth over this share, not less than 0.
+    A margin moves the rendered surface outwards, and the tool by `share` = K / (K + k_h) of that.
+    So the margin for p is the (1 - p) quantile of the depth over this share, not less than 0.
     """
     ordered = np.sort(depth)
-    found = []
-    for p in wanted:
-        at = quantile(ordered, 1 - p)
-        mm = {k: None if v is None else 1e3 * max(0.0, v) / share for k, v in at.items()}
-        found.append({"p": p, "margin_mm": mm.pop("value"), **mm})
-    return found
+    entries: list[dict[str, float | None]] = []
+    for probability in probabilities:
+        entry: dict[str, float | None] = {"p": probability}
+        for name, depth_m in quantile(ordered, 1 - probability).items():
+            key = name
+            if name == "value":
+                key = "margin_mm"
+            entry[key] = None
+            if depth_m is not None:
+                entry[key] = 1e3 * max(0.0, depth_m) / share
+        entries.append(entry)
+    return entries
 
 
 def summary(
-    asked: dict[str, Any], table: dict[str, Array], beyond_m: list[float], wanted: list[float]
+    question: dict[str, Any],
+    table: dict[str, Array],
+    beyond_m: list[float],
+    probabilities: list[float],
 ) -> dict[str, Any]:
-    """What `vfplan campaign --json` says of the trials of `read_campaign`."""
+    """What `vfplan campaign --json` says of the question and the trials of `read_campaign`."""
     depth = table["depth_m"]
-    data: dict[str, Any] = {"trials": len(depth), "settings": asked["settings"]}
     ordered = np.sort(depth)
-    data["p_enter"] = entering(depth, beyond_m)
-    data["margin_for"] = margins(depth, wanted, asked["share"])
-    data["depth_quantiles_mm"] = {
-        f"{q:g}": {k: None if v is None else 1e3 * v for k, v in quantile(ordered, q).items()}
-        for q in (0.5, 0.9, 0.95, 0.99)
+    quantiles_mm = {}
+    for q in (0.5, 0.9, 0.95, 0.99):
+        entry: dict[str, float | None] = {}
+        for name, depth_m in quantile(ordered, q).items():
+            entry[name] = None
+            if depth_m is not None:
+                entry[name] = 1e3 * depth_m
+        quantiles_mm[f"{q:g}"] = entry
+    return {
+        "trials": len(depth),
+        "trials_in_contact": int((table["point"] >= 0).sum()),
+        "settings": question["settings"],
+        "p_enter": entering(depth, beyond_m),
+        "margin_for": margins(depth, probabilities, question["share"]),
+        "depth_quantiles_mm": quantiles_mm,
+        "force_max_n": float(table["force_n"].max()),
+        "force_step_max_n": float(table["force_step_n"].max()),
     }
-    data["force_max_n"] = float(table["force_n"].max())
-    data["force_step_max_n"] = float(table["force_step_n"].max())
-    return data

@@ -1,8 +1,8 @@
-"""A campaign's folder: what was asked, and its trials in blocks, each file written whole.
+"""The folder of a campaign: its question, and its trials in blocks, each file written whole.
 
 `campaign.json` names the fixture, the sessions and the settings by their digests; `block-*.parquet`
-hold 64 trials each, in the order of the trials. A later run with the same question goes on with
-what is there; another question is refused.
+hold 64 trials each, in the order of the trials. A later run with the same question continues there;
+another question is refused.
 """
 
 from __future__ import annotations
@@ -23,9 +23,13 @@ from vfplan.io.files import read_whole
 from vfplan.io.staging import write_whole
 from vfplan.session import Session
 
-FORMAT, VERSION, QUESTION = "vfplan-campaign", "1.0", "campaign.json"
-MOST_BYTES = 2**26
+FORMAT = "vfplan-campaign"
+VERSION = "1.0"
+QUESTION_FILE = "campaign.json"
 NUMBERS = ("depth_m", "point", "force_n", "force_step_n")
+
+MAX_BYTES = 2**26
+"""Size of the largest file of a campaign that is read; a block of 64 trials is a thousandth."""
 
 
 def parquet() -> Any:
@@ -35,29 +39,43 @@ def parquet() -> Any:
     return pyarrow.parquet
 
 
-def question(fixture: Fixture, sessions: list[Session], settings: CampaignSettings) -> dict:
-    """What a campaign asks, as its folder keeps it: no names, no paths."""
-    rendering, record, image = fixture.rendering, fixture.registration, fixture.image
+def campaign_question(
+    fixture: Fixture, sessions: list[Session], settings: CampaignSettings
+) -> dict[str, Any]:
+    """The question of a campaign, as its folder keeps it: no names, no paths."""
+    rendering = fixture.rendering
+    record = fixture.registration
     assert rendering is not None
     assert record is not None
-    r, spacing = rendering, None if image is None else image.pixel_spacing_mm
-    rest = (r.contact_radius, r.band, r.point_radius, r.max_iterations, record.model, spacing)
-    held = hashlib.sha256(repr(rest).encode())
-    for values in (fixture.points, fixture.sigma, r.stiffness, r.ignore_axis, record.T_robot_image):
-        held.update(b"-" if values is None else np.ascontiguousarray(values, float).tobytes())
-    least = min(settings.stiffness_range or rendering.stiffness)
-    heard = [
-        hashlib.sha256(np.ascontiguousarray(np.column_stack([s.time, s.hip])).data).hexdigest()
-        for s in sessions
-    ]
+    spacing = None
+    if fixture.image is not None:
+        spacing = fixture.image.pixel_spacing_mm
+    numbers = (
+        rendering.contact_radius, rendering.band, rendering.point_radius,
+        rendering.max_iterations, record.model, spacing,
+    )  # fmt: skip
+    digest = hashlib.sha256(repr(numbers).encode())
+    for values in (
+        fixture.points, fixture.sigma, rendering.stiffness, rendering.ignore_axis,
+        record.T_robot_image,
+    ):  # fmt: skip
+        if values is None:
+            digest.update(b"-")
+        else:
+            digest.update(np.ascontiguousarray(values, float).tobytes())
+    session_digests = []
+    for session in sessions:
+        rows = np.ascontiguousarray(np.column_stack([session.time, session.hip]))
+        session_digests.append(hashlib.sha256(rows.data).hexdigest())
+    softest = min(settings.stiffness_range or rendering.stiffness)
     return {
         "format": FORMAT,
         "version": VERSION,
         "block": BLOCK,
-        "fixture_sha256": held.hexdigest(),
+        "fixture_sha256": digest.hexdigest(),
         "markers_sha256": markers_sha256(fixture),
-        "session_sha256": heard,
-        "share": float(least / (least + settings.hand_stiffness)),
+        "session_sha256": session_digests,
+        "share": float(softest / (softest + settings.hand_stiffness)),
         "settings": settings.as_dict(),
     }
 
@@ -67,68 +85,94 @@ def markers_sha256(fixture: Fixture) -> str:
     assert fixture.registration is not None
     assert fixture.rendering is not None
     record = fixture.registration
-    held = hashlib.sha256(record.model.encode())
+    digest = hashlib.sha256(record.model.encode())
     for values in (record.source, record.target, fixture.rendering.stiffness):
-        held.update(np.ascontiguousarray(values, float).tobytes())
-    return held.hexdigest()
+        digest.update(np.ascontiguousarray(values, float).tobytes())
+    return digest.hexdigest()
 
 
 class Store:
     """The folder of a campaign.
 
-    folder: made where it is not there; its parent must be
-    asked: what `question` gives
-    Raises OutputError: the folder holds something else, or another question
+    Parameters
+    ----------
+    folder
+        It is made where there is none; its parent must exist.
+    question
+        As `campaign_question` gives it.
+
+    Raises
+    ------
+    OutputError
+        The folder holds something else, or another question.
     """
 
-    def __init__(self, folder: Path, asked: dict[str, Any]) -> None:
+    def __init__(self, folder: Path, question: dict[str, Any]) -> None:
         self.folder = folder
-        wanted = json.loads(json.dumps(asked))
+        question = json.loads(json.dumps(question))
         if not folder.exists():
             try:
                 folder.mkdir()
             except OSError as error:
-                raise OutputError(error.strerror or str(error), where=str(folder)) from None
-        if not (folder / QUESTION).exists():
-            if not folder.is_dir() or any(p.name[:8] != ".vfplan-" for p in folder.iterdir()):
-                raise OutputError("is no campaign's folder, and not empty", where=str(folder))
-            text = json.dumps(wanted, indent=2) + "\n"
-            write_whole(folder / QUESTION, [text.encode()], overwrite=False)
+                reason = error.strerror or str(error)
+                raise OutputError(reason, where=str(folder), code="folder-not-made") from None
+        if not (folder / QUESTION_FILE).exists():
+            if not folder.is_dir():
+                raise OutputError(
+                    "is a file; name a folder", where=str(folder), code="folder-is-a-file"
+                )
+            for path in folder.iterdir():
+                # Files that another process is just writing have this prefix.
+                if not path.name.startswith(".vfplan-"):
+                    raise OutputError(
+                        "is no campaign's folder, and not empty; name another folder",
+                        where=str(folder), code="folder-not-empty",
+                    )  # fmt: skip
+            text = json.dumps(question, indent=2) + "\n"
+            write_whole(folder / QUESTION_FILE, [text.encode()], overwrite=False)
             return
-        found = asked_in(folder)
-        differing = sorted(k for k in wanted.keys() | found if wanted.get(k) != found.get(k))
+        stored = read_question(folder)
+        differing = []
+        for name in sorted(question.keys() | stored):
+            if question.get(name) != stored.get(name):
+                differing.append(name)
         if differing:
             raise OutputError(
-                f"holds a campaign that differs in {', '.join(differing)}; another folder wanted",
-                where=str(folder),
-            )
+                f"holds a campaign that differs in {', '.join(differing)}; name another folder",
+                where=str(folder), code="another-campaign",
+            )  # fmt: skip
 
     def path(self, block: int) -> Path:
         """The file of a block."""
-        return self.folder / f"block-{block:08d}.parquet"
+        return block_path(self.folder, block)
 
-    def missing(self, blocks: int) -> list[int]:
-        """Which of the first `blocks` blocks are to be made; raises where one is damaged."""
+    def missing(self, block_count: int) -> list[int]:
+        """Which of the first blocks are to be made; raises `InputError` where one is damaged."""
         missing = []
-        for k in range(blocks):
-            if self.path(k).exists():
-                _block(self.path(k), k)
+        for block in range(block_count):
+            if self.path(block).exists():
+                read_block(self.path(block), block)
             else:
-                missing.append(k)
+                missing.append(block)
         return missing
 
-    def keep(self, block: int, rows: list[dict[str, Any]]) -> None:
-        """Write a block, whole; the same block again is left as it is, being the same."""
+    def store_block(self, block: int, rows: list[dict[str, Any]]) -> None:
+        """Write a block, whole; one that is there already is the same, and stays."""
         import pyarrow
 
-        held = BytesIO()
-        parquet().write_table(pyarrow.Table.from_pylist(rows), held)
+        buffer = BytesIO()
+        parquet().write_table(pyarrow.Table.from_pylist(rows), buffer)
         if not self.path(block).exists():
-            write_whole(self.path(block), [held.getvalue()], overwrite=True)
+            write_whole(self.path(block), [buffer.getvalue()], overwrite=True)
+
+
+def block_path(folder: Path, block: int) -> Path:
+    """The file of a block in a campaign's folder."""
+    return folder / f"block-{block:08d}.parquet"
 
 
 def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[str, NDArray]]:
-    """What a campaign asked, and its trials as columns, in order.
+    """The question of a campaign, and its trials as columns, in order.
 
     Parameters
     ----------
@@ -140,53 +184,77 @@ def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[s
     Raises
     ------
     InputError
-        No campaign is there, a block is damaged, or there are fewer trials.
+        No campaign, a damaged block, or fewer trials than are wanted.
     """
-    asked = asked_in(folder)
+    question = read_question(folder)
     columns: dict[str, list[NDArray]] = {}
-    count, block = 0, 0
+    count = 0
+    block = 0
     while trials is None or count < trials:
-        path = folder / f"block-{block:08d}.parquet"
+        path = block_path(folder, block)
         if not path.exists():
             break
-        table = _block(path, block)
+        table = read_block(path, block)
         for name, values in table.items():
             columns.setdefault(name, []).append(values)
-        count, block = count + len(table["trial"]), block + 1
+        count += len(table["trial"])
+        block += 1
     if not count or (trials is not None and count < trials):
-        wanted = f"; {trials} are wanted" if trials else ""
-        raise InputError(f"holds {count} trials{wanted}", where=str(folder))
-    return asked, {name: np.concatenate(parts)[:trials] for name, parts in columns.items()}
+        raise InputError(
+            f"holds {count} trials of {trials or 'any'}; make more with vfplan campaign",
+            where=str(folder), code="too-few-trials",
+        )  # fmt: skip
+    joined = {}
+    for name, parts in columns.items():
+        joined[name] = np.concatenate(parts)[:trials]
+    return question, joined
 
 
-def asked_in(folder: Path) -> dict[str, Any]:
-    """What a campaign's folder says that it asks; raises `InputError`."""
-    data = read_whole(folder / QUESTION, MOST_BYTES)
+def read_question(folder: Path) -> dict[str, Any]:
+    """The question that a campaign's folder holds; raises `InputError`."""
+    path = folder / QUESTION_FILE
+    data = read_whole(path, MAX_BYTES)
     try:
-        found = json.loads(data)
-        good = found["format"] == FORMAT and found["version"] == VERSION
-        good = good and 0 < found["share"] < 1 and isinstance(found["markers_sha256"], str)
+        question = json.loads(data)
+        is_sound = (
+            question["format"] == FORMAT
+            and question["version"] == VERSION
+            and 0 < question["share"] < 1
+            and isinstance(question["markers_sha256"], str)
+        )
     except (ValueError, KeyError, TypeError, RecursionError):
-        good = False
-    if not good:
-        raise InputError(f"is no {FORMAT} of version {VERSION}", where=str(folder / QUESTION))
-    return found
+        is_sound = False
+    if not is_sound:
+        raise InputError(
+            f"is no {FORMAT} of version {VERSION}; name the folder of vfplan campaign",
+            where=str(path), code="no-campaign",
+        )  # fmt: skip
+    return question
 
 
-def _block(path: Path, block: int) -> dict[str, NDArray]:
+def read_block(path: Path, block: int) -> dict[str, NDArray]:
+    """The trials of a block as columns; raises `InputError` for a damaged one."""
     import pyarrow
 
-    data = read_whole(path, MOST_BYTES)
+    data = read_whole(path, MAX_BYTES)
+    columns = {}
     try:
         table = parquet().read_table(BytesIO(data))
-        found = {name: table.column(name).to_numpy() for name in table.column_names}
-        trials = found["trial"]
-        if not all(np.isfinite(found[name]).all() for name in NUMBERS):
-            raise ValueError
+        for name in table.column_names:
+            columns[name] = table.column(name).to_numpy()
+        trials = columns["trial"]
+        for name in NUMBERS:
+            if not np.isfinite(columns[name]).all():
+                raise ValueError
     except (pyarrow.ArrowException, OSError, KeyError, TypeError, ValueError):
-        raise InputError("is a damaged block; remove it to have it made anew",
-                         where=str(path)) from None  # fmt: skip
+        raise InputError(
+            "is a damaged block; remove it to have it made anew", where=str(path),
+            code="damaged-block",
+        ) from None  # fmt: skip
     first = block * BLOCK
     if not np.array_equal(trials, np.arange(first, first + BLOCK)):
-        raise InputError(f"does not hold trials {first} to {first + BLOCK - 1}", where=str(path))
-    return found
+        raise InputError(
+            f"does not hold trials {first} to {first + BLOCK - 1}; remove it to have it made anew",
+            where=str(path), code="damaged-block",
+        )  # fmt: skip
+    return columns

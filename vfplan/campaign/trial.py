@@ -3,7 +3,7 @@
 The truth is the bundle's own: its markers where the registration puts them, its curve where it
 stands. A trial draws errors of the markers on both sides and of the curve, fits the registration
 anew, carries the curve with it, and renders that fixture to a hand that wants to go where the
-session went. How far the tool came beyond the *true* curve is what the trial tells.
+session went. Its outcome is how far the tool went beyond the *true* curve.
 
 The hand is a spring k_h towards its wish w, the fixture one of stiffness K towards the proxy p, and
 at rest the tool is at x = (k_h w + K p) / (k_h + K). A recorded session holds x; its wish follows
@@ -16,8 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from operator import itemgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,24 +26,55 @@ from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError
 from vfplan.fixture import Fixture, RegistrationRecord
 from vfplan.registration.models import homogeneous
-from vfplan.registration.problem import Problem, make_problem
+from vfplan.registration.problem import make_problem
 from vfplan.replaying.quantities import CONTACT_M, dots, row_norms
 from vfplan.session import Session
 
 Array = NDArray[np.float64]
-Deepest = tuple[float, Array]  # how deep [m], and the proxy there
-# On the way to the deepest place so many ticks are looked at together, and each so many first.
-STRETCH, SPARSE = 16, 4
-MOST_DEPARTURE_M = 1e-5  # of lines and arcs from the curve, whose points are rendered here
-ROUGH_M = 1e-5  # what sampling and the curve's own deviations may add between these
-FREE = -1.0  # depth [m] of a trial in which nothing was touched
+
+STRETCH_TICKS = 16
+"""Number of ticks that are bounded together in the search for the deepest place. It changes the
+run time alone."""
+
+SAMPLED_TICKS = 4
+"""Of each so many ticks the distance of one is taken for that bound."""
+
+ROUGHNESS_M = 1e-5
+"""What sampling and the curve's own deviations may add to the depth between sampled ticks [m]."""
+
+MAX_DEPARTURE_M = 1e-5
+"""A campaign renders the points of a fixture, and its lines and arcs may lie this far from them
+[m]."""
+
+NEVER_TOUCHED_M = -1.0
+"""The depth of a trial in which nothing was touched [m]."""
+
+TREMOR_REACH = 3
+"""A tremor stays within this many times its RMS; the sum of its waves is at most sqrt(6)."""
+
+
+class Deepest(NamedTuple):
+    """The deepest place of a trial so far."""
+
+    depth_m: float
+    proxy: Array
+
+
+class Wish(NamedTuple):
+    """A session and the wish of its hand."""
+
+    session: Session
+    # (T, 3) how far the wish lies ahead of the tool [m]
+    ahead: Array
+    # (T,) the distance from the tool to the curve's surface; -inf in contact [m]
+    clearance: Array
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a trial tells."""
+    """The outcome of a trial."""
 
-    # How far the tool came beyond the true curve's surface at most [m]; below 0 it never did
+    # How far the tool went beyond the true curve's surface at most [m]; below 0 it never did
     depth_m: float
     # Index of the true curve's point nearest to where that was; -1 where nothing was touched
     point: int
@@ -74,31 +104,47 @@ class Trials:
     def __init__(
         self, fixture: Fixture, sessions: list[Session], settings: CampaignSettings
     ) -> None:
-        record = _registered(fixture)
-        self.fixture, self.sessions = fixture, sessions
-        fle = fle_of(record) if settings.fle_robot_m is None else settings.fle_robot_m
-        self.settings = replace(settings, fle_robot_m=fle)
+        record = checked_registration(fixture)
+        self.fixture = fixture
+        self.sessions = sessions
+        fle_m = settings.fle_robot_m
+        if fle_m is None:
+            fle_m = fle_of(record)
+        self.settings = replace(settings, fle_robot_m=fle_m)
+
+        # The true markers: the image's, and where the registration puts them.
         T = record.T_robot_image
-        self._curve = _back(T, fixture.points)
-        self._source, self._target = record.source, _apply(T, record.source)
-        image = fixture.image
-        spacing = None if image is None else image.pixel_spacing_mm
-        metres = None if spacing is None else (1e-3 * spacing[0], 1e-3 * spacing[1])
-        self._markers = make_problem(self._source, self._target, record.model, metres, None, None)
-        self._along = homogeneous(self._markers.normaliser(self._curve))
+        self._source = record.source
+        ones = np.ones(len(record.source))
+        self._target = (np.column_stack([record.source, ones]) @ T.T)[:, :3]
+
+        # The true curve in the source frame, as T carries it to the fixture's points.
+        k = T.shape[0] - 1
+        curve = np.linalg.lstsq(T[:3, :k], (fixture.points - T[:3, k]).T, rcond=None)[0].T
+
+        spacing_m = None
+        if fixture.image is not None and fixture.image.pixel_spacing_mm is not None:
+            spacing_mm = fixture.image.pixel_spacing_mm
+            spacing_m = (1e-3 * spacing_mm[0], 1e-3 * spacing_mm[1])
+        self._markers = make_problem(
+            self._source, self._target, record.model, spacing_m, None, None
+        )
+        self._along = homogeneous(self._markers.normaliser(curve))
         self._sigma = fixture.sigma
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the engines, which belong to one process."""
-        kept = dict(self.__dict__)
-        for name in ("_true", "_wishes"):
-            kept.pop(name, None)
-        return kept
+        state = dict(self.__dict__)
+        for name in ("_true_engine", "_wishes"):
+            state.pop(name, None)
+        return state
 
     @property
     def dimension(self) -> int:
-        """How many standard normals a trial's geometry takes."""
-        return self.markers + (0 if self._sigma is None else len(self._sigma))
+        """How many standard normals the geometry of a trial takes."""
+        if self._sigma is None:
+            return self.markers
+        return self.markers + len(self._sigma)
 
     @property
     def markers(self) -> int:
@@ -112,30 +158,26 @@ class Trials:
 
     def run(self, trial: int) -> dict[str, Any]:
         """One trial as a row of the campaign's table."""
-        z, rng = self.draw(trial)
-        problem = self._problem(z)
-        outcome = self.replay(self._carried(problem, z), trial, rng)
+        normals, rng = self.draw(trial)
+        outcome = self.replay(self.planned(normals), trial, rng)
         return {"trial": trial, **outcome.__dict__}
 
-    def planned(self, z: Array) -> Array:
+    def planned(self, normals: Array) -> Array:
         """The fixture's points (N, 3) [m] that these normals lead to."""
-        return self._carried(self._problem(z), z)
-
-    def _problem(self, z: Array) -> Problem:
-        """The markers as these normals pick and touch them."""
-        image, robot = np.split(z[: self.markers], [self._source.size])
+        # The markers as these normals pick and touch them.
+        image, robot = np.split(normals[: self.markers], [self._source.size])
         axis_image = self.settings.fle_image_px / np.sqrt(self._source.shape[1])
         axis_robot = self.settings.fle_robot_m / np.sqrt(3.0)
         true = self._markers
         source = self._source + axis_image * image.reshape(self._source.shape)
         target = true.y + axis_robot * robot.reshape(true.y.shape)
-        return replace(true, s=true.normaliser(source), y=target)
+        problem = replace(true, s=true.normaliser(source), y=target)
 
-    def _carried(self, problem: Problem, z: Array) -> Array:
+        # The curve by the registration that they give.
         m = problem.model.solve(problem.s, problem.y, problem.weights)
         points = self._along @ m.T + problem.normaliser.target_centre
         if self._sigma is not None:
-            points += (self._sigma * z[self.markers :])[:, None] * self._across
+            points += (self._sigma * normals[self.markers :])[:, None] * self._across
         return points
 
     @cached_property
@@ -149,123 +191,141 @@ class Trials:
         return across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
 
     def _engine(self, points: Array, stiffness: Array) -> ProxyEngine:
-        r = self.fixture.rendering
-        assert r is not None
+        """An engine that renders points as the fixture's own are."""
+        rendering = self.fixture.rendering
+        assert rendering is not None
         return ProxyEngine(
-            points, r.contact_radius, r.band, r.point_radius, stiffness,
-            ignore_axis=r.ignore_axis, max_iterations=r.max_iterations,
+            points, rendering.contact_radius, rendering.band, rendering.point_radius, stiffness,
+            ignore_axis=rendering.ignore_axis, max_iterations=rendering.max_iterations,
         )  # fmt: skip
 
     @cached_property
-    def _true(self) -> ProxyEngine:
+    def _true_engine(self) -> ProxyEngine:
+        """The engine of the true curve."""
         return self._engine(self.fixture.points, self.fixture.stiffness)
 
     @cached_property
-    def _wishes(self) -> list[tuple[Session, Array, Array]]:
-        """Each session, how far its wish lies ahead (T, 3), and its room to the curve (T,) [m]."""
-        found = []
+    def _wishes(self) -> list[Wish]:
+        """The wish of each session's hand."""
+        wishes = []
         for session in self.sessions:
-            self._true.reset(session.hip[0])
-            pull = session.hip - self._true.run(session.hip).proxy
-            pushed = pull * self.fixture.stiffness / self.settings.hand_stiffness
-            room = self._true.distance(session.hip) - self._radius
-            found.append((session, pushed, np.where(pull.any(axis=1), -np.inf, room)))
-        return found
+            self._true_engine.reset(session.hip[0])
+            pull = session.hip - self._true_engine.run(session.hip).proxy
+            ahead = pull * self.fixture.stiffness / self.settings.hand_stiffness
+            clearance = self._true_engine.distance(session.hip) - self._radius
+            clearance = np.where(pull.any(axis=1), -np.inf, clearance)
+            wishes.append(Wish(session, ahead, clearance))
+        return wishes
 
     @property
     def _radius(self) -> float:
         return self.fixture.contact_radius + self.fixture.point_radius
 
     def replay(self, points: Array, trial: int, rng: np.random.Generator) -> Outcome:
-        """Render these points (N, 3) [m] to the trial's hand, and look how far the tool came."""
-        session, pushed, room = self._wishes[trial % len(self._wishes)]
-        hip, stiffness, k_h = session.hip, self.fixture.stiffness, self.settings.hand_stiffness
+        """Render these points (N, 3) [m] to the trial's hand, and measure how far the tool goes."""
+        session, ahead, clearance = self._wishes[trial % len(self._wishes)]
+        hip = session.hip
+        stiffness = self.fixture.stiffness
+        hand = self.settings.hand_stiffness
         if self.settings.stiffness_range is not None:
             stiffness = np.full(3, rng.uniform(*self.settings.stiffness_range))
         if self.settings.tremor_m > 0:
             hip = hip + tremor(session.time, self.settings.tremor_m, rng)
-        strayed = float(row_norms(points - self.fixture.points).max())
-        near = room < strayed + 3 * self.settings.tremor_m  # elsewhere nothing can touch
-        edges = np.flatnonzero(np.diff(near, prepend=False, append=False))
+
+        # Only where the tool is this close to the true curve can it touch the moved one.
+        shift = float(row_norms(points - self.fixture.points).max())
+        may_touch = clearance < shift + TREMOR_REACH * self.settings.tremor_m
+        edges = np.flatnonzero(np.diff(may_touch, prepend=False, append=False))
+
         engine = self._engine(points, stiffness)
-        deepest, force, step = (FREE, hip[0]), 0.0, 0.0
-        for run in map(slice, edges[::2], edges[1::2]):
-            engine.reset(hip[run.start])
-            trace = engine.run(hip[run])
-            tool = (k_h * (hip[run] + pushed[run]) + stiffness * trace.proxy) / (k_h + stiffness)
-            away = trace.proxy - tool
-            felt = stiffness * away
-            force = max(force, float(row_norms(felt).max()))
-            step = max(step, float(row_norms(np.diff(felt, axis=0)).max(initial=0.0)))
-            deepest = self._beyond(tool, trace.proxy, trace.normal, strayed, deepest)
-        return Outcome(deepest[0], self._point(*deepest), force, step)
+        deepest = Deepest(NEVER_TOUCHED_M, hip[0])
+        force = 0.0
+        force_step = 0.0
+        for start, end in zip(edges[::2], edges[1::2], strict=True):
+            engine.reset(hip[start])
+            trace = engine.run(hip[start:end])
+            wish = hip[start:end] + ahead[start:end]
+            tool = (hand * wish + stiffness * trace.proxy) / (hand + stiffness)
+            forces = stiffness * (trace.proxy - tool)
+            force = max(force, float(row_norms(forces).max()))
+            steps = row_norms(np.diff(forces, axis=0))
+            force_step = max(force_step, float(steps.max(initial=0.0)))
+            deepest = self._deepest_of(tool, trace.proxy, trace.normal, shift, deepest)
 
-    def _beyond(
-        self, tool: Array, rendered: Array, normal: Array, strayed: float, deepest: Deepest
+        # The place, as the true curve's nearest point.
+        point = -1
+        if deepest.depth_m != NEVER_TOUCHED_M:
+            difference = self.fixture.points - deepest.proxy
+            axis = self.fixture.ignore_axis
+            if axis is not None:
+                difference -= np.outer(difference @ axis, axis)
+            point = int(dots(difference, difference).argmin())
+        return Outcome(deepest.depth_m, point, force, force_step)
+
+    def _deepest_of(
+        self, tool: Array, rendered: Array, normal: Array, shift: float, deepest: Deepest
     ) -> Deepest:
-        """`deepest`, or what of (T, 3) places of the tool lies deeper beyond the true surface.
+        """`deepest`, or a place of the tool (T, 3) that is deeper beyond the true surface.
 
-        The depth is that to the `rendered` surface's proxies (T, 3), and how far these lie inside
-        the true one, but for what sampling adds. Where that may lead beyond the deepest place
-        found, the true engine follows the tool, from some ticks before on.
+        A bound for each stretch of ticks comes first: the depth below the `rendered` surface's
+        proxies (T, 3), plus how far these lie inside the true one, plus what sampling adds. Only
+        where the bound exceeds the deepest place does the true engine follow the tool, from some
+        ticks before on.
         """
-        starts = np.arange(0, len(tool), STRETCH)
-        inside = self._radius - self._true.native.distance(rendered[::SPARSE].copy())
-        most = np.maximum.reduceat(dots(rendered - tool, normal), starts) + ROUGH_M
-        most += np.maximum.reduceat(inside, starts // SPARSE) - self.fixture.contact_radius
-        for k in np.argsort(-most, kind="stable"):
-            if most[k] <= deepest[0]:
+        true_engine = self._true_engine.native
+        starts = np.arange(0, len(tool), STRETCH_TICKS)
+        inside = self._radius - true_engine.distance(rendered[::SAMPLED_TICKS].copy())
+        bound = np.maximum.reduceat(dots(rendered - tool, normal), starts) + ROUGHNESS_M
+        bound += np.maximum.reduceat(inside, starts // SAMPLED_TICKS)
+        bound -= self.fixture.contact_radius
+        for k in np.argsort(-bound, kind="stable"):
+            if bound[k] <= deepest.depth_m:
                 break
-            first = max(0, starts[k] - STRETCH)
-            outside = rendered[first] + 2 * strayed * normal[first]
-            depth, proxy = self._deep(outside, tool[first : starts[k] + STRETCH])
+            first = max(0, starts[k] - STRETCH_TICKS)
+            outside = rendered[first] + 2 * shift * normal[first]
+            places = tool[first : starts[k] + STRETCH_TICKS]
+            true_engine.reset(outside)
+            proxy, true_normal = true_engine.run(places)[:2]
+            pull = proxy - places
+            depth = dots(pull, true_normal) - self.fixture.contact_radius
+            depth[np.abs(pull).max(axis=1) <= CONTACT_M] = NEVER_TOUCHED_M
             tick = int(depth.argmax())
-            deepest = max(deepest, (float(depth[tick]), proxy[tick]), key=itemgetter(0))
+            if depth[tick] > deepest.depth_m:
+                deepest = Deepest(float(depth[tick]), proxy[tick])
         return deepest
 
-    def _deep(self, start: Array, tool: Array) -> tuple[Array, Array]:
-        """(T,) depth beyond the true surface, and (T, 3) the nearest places on it [m]."""
-        engine = self._true.native
-        engine.reset(start)
-        proxy, normal = engine.run(tool)[:2]
-        away = proxy - tool
-        depth = dots(away, normal) - self.fixture.contact_radius
-        return np.where(np.abs(away).max(axis=1) > CONTACT_M, depth, FREE), proxy
 
-    def _point(self, depth: float, proxy: Array) -> int:
-        """The true curve's point nearest to where the tool came deepest; -1: nothing touched."""
-        if depth == FREE:
-            return -1
-        away = self.fixture.points - proxy
-        if (axis := self.fixture.ignore_axis) is not None:
-            away -= np.outer(away @ axis, axis)
-        return int(dots(away, away).argmin())
+def checked_registration(fixture: Fixture) -> RegistrationRecord:
+    """The registration of a fixture that a campaign can vary.
 
-
-def _registered(fixture: Fixture) -> RegistrationRecord:
+    Raises
+    ------
+    SceneError
+        It is no such fixture.
+    """
     if fixture.frame != "robot_base" or fixture.rendering is None:
-        raise SceneError(f"a fixture in frame {fixture.frame!r} renders nothing; robot_base wanted")
+        raise SceneError(
+            f"a fixture in frame {fixture.frame!r} renders nothing; give one in robot_base",
+            code="not-rendered",
+        )
     if fixture.guidance is not None:
-        raise SceneError("the fixture guides; a campaign tries forbidden regions only")
-    if fixture.pieces is not None and fixture.pieces.error > MOST_DEPARTURE_M:
+        raise SceneError(
+            "the fixture guides; a campaign tries forbidden regions only", code="guide"
+        )
+    if fixture.pieces is not None and fixture.pieces.error > MAX_DEPARTURE_M:
         raise SceneError(
             f"the fixture's lines and arcs lie up to {fixture.pieces.error * 1e3:.3g} mm from the "
-            f"curve, and a campaign renders its points; {MOST_DEPARTURE_M * 1e3:g} mm are allowed"
-        )
+            f"curve, and a campaign renders its points; plan with --arcs {MAX_DEPARTURE_M * 1e3:g}",
+            code="arcs-too-far", numbers={"error_m": fixture.pieces.error},
+        )  # fmt: skip
     if fixture.registration is None:
-        raise SceneError("the fixture has no registration, so there is nothing to vary")
+        raise SceneError(
+            "the fixture has no registration, so there is nothing to vary; plan or register it",
+            code="no-registration",
+        )
     if fixture.provenance.settings.get("margin") is not None:
         raise SceneError(
-            "the fixture has a margin already, which is not where the curve is: plan it without"
+            "the fixture has a margin, so it does not lie where the curve is; plan it without",
+            code="has-margin",
         )
     return fixture.registration
-
-
-def _apply(T: Array, source: Array) -> Array:
-    return (np.column_stack([source, np.ones(len(source))]) @ T.T)[:, :3]
-
-
-def _back(T: Array, points: Array) -> Array:
-    """(N, 2|3) places in the source frame that T carries to `points`."""
-    k = T.shape[0] - 1
-    return np.linalg.lstsq(T[:3, :k], (points - T[:3, k]).T, rcond=None)[0].T

@@ -9,25 +9,25 @@ from typing import Any
 
 import click
 
-from vfplan.cli.options import FIXTURE, option, taking
+from vfplan.cli.options import FIXTURE, option, options_in_order
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command
 from vfplan.cli.stopping import noted_signals
-from vfplan.cli.values import Real, Whole, Written
+from vfplan.cli.values import DecimalNumber, OutputFile, WholeNumber
 
 
 @command("live")
 @FIXTURE
 @click.argument("source", metavar="RESULT.h5|udp://HOST:PORT")
-@taking(
-    option("--openigtlink", type=Whole(0, 65535), metavar="PORT",
+@options_in_order(
+    option("--openigtlink", type=WholeNumber(0, 65535), metavar="PORT",
            help="Serve OpenIGTLink on 127.0.0.1 at this port (18944 is usual; 0: any free)."),
-    option("--web", type=Whole(0, 65535), metavar="PORT",
+    option("--web", type=WholeNumber(0, 65535), metavar="PORT",
            help="Serve a page to watch on 127.0.0.1 at this port (8080, say; 0: any free)."),
-    option("--mcap", type=Written(".mcap"), metavar="FILE", help="Keep every tick."),
-    option("--rate", type=Real(1, 1000), default=100.0, metavar="HZ",
+    option("--mcap", type=OutputFile(".mcap"), metavar="FILE", help="Keep every tick."),
+    option("--rate", type=DecimalNumber(1, 1000), default=100.0, metavar="HZ",
            help="How many ticks a second are shown."),
-    option("--seconds", type=Real(0, min_open=True), metavar="S",
+    option("--seconds", type=DecimalNumber(0, min_open=True), metavar="S",
            help="Stop after so long; without it at the result's end, or on Ctrl-C."),
     option("--overwrite", is_flag=True, help="Replace the MCAP file if it exists."),
 )  # fmt: skip

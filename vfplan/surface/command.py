@@ -7,16 +7,23 @@ from typing import Any
 
 import click
 
-from vfplan.cli.options import COLOUR, MILLI, STIFFNESS, option, output, settings, taking
+from vfplan.cli.options import (
+    COLOUR,
+    STIFFNESS,
+    option,
+    options_in_order,
+    output_option,
+    settings_from_options,
+)  # fmt: skip
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, command, patience
-from vfplan.cli.values import MM, PNG, Real
+from vfplan.cli.run import Report, announce_if_slow, command
+from vfplan.cli.values import MM, MM_OR_ZERO, PNG
 
 
 @command("surface")
 @click.argument("sources", type=click.Path(path_type=Path), nargs=-1, required=True)
-@taking(
-    output("The surface's bundle, in patient_lps."),
+@options_in_order(
+    output_option("The surface's bundle, in patient_lps."),
     option("--structure", metavar="NAME|N", help="Which of several structures, by name or number."),
     option("--tolerance", "tolerance_m", type=MM, default="0.1",
            help="How far the rendered surface may lie from the outlines'."),
@@ -27,7 +34,7 @@ from vfplan.cli.values import MM, PNG, Real
     option("--colour", **COLOUR, help="The pen's colour, on drawn slices."),
     option("--stiffness", type=STIFFNESS, default="1000", help="K along the axes of the frame."),
     option("--contact-radius", type=MM, default="5", help="The proxy's radius r_c."),
-    option("--point-radius", type=Real(min=0), default=0, metavar="MM", **MILLI,
+    option("--point-radius", type=MM_OR_ZERO, default="0",
            help="Radius r_v of each point."),
     option("--picture-out", type=PNG, metavar="PNG",
            help="Write the surface with the outlines, and three slices of it."),
@@ -41,8 +48,8 @@ def command(sources, output, picture_out, **given) -> Report:
     from vfplan.bundle import write_fixture
     from vfplan.surface import SurfaceSettings, surface
 
-    how = settings(SurfaceSettings, given)
-    with patience("meshing"):
+    how = settings_from_options(SurfaceSettings, given)
+    with announce_if_slow("meshing"):
         made = surface(*sources, structure=given["structure"], colour=given["colour"], settings=how)
     with outputs(output, picture_out) as (path, picture):
         write_fixture(made.fixture, path)
