@@ -123,7 +123,7 @@ def guide_line(report: dict[str, Any]) -> str:
     first, last = report["arc_m"]
     line = (
         f"guide        tube of {millimetres(guide['radius_m'])}: lateral max "
-        f"{millimetres(guide['lateral_max_m'])} (tick {guide['lateral_max_tick']}), rms "
+        f"{millimetres(report['lateral_max_m'])} (tick {guide['lateral_max_tick']}), rms "
         f"{millimetres(guide['lateral_rms_m'])}; arc {1e3 * first:.2f} to {1e3 * last:.2f} mm; "
         f"outside for {guide['outside_s']:.3f} s, force max {guide['force_max_n']:.3f} N, work "
         f"{millijoules(guide['work_j'])}"

@@ -131,6 +131,8 @@ def short_text(studied: Any) -> str:
     line = f"{count(len(studied.rows), 'case')}: {outcomes['pass']} pass"
     if outcomes["fail"]:
         line += f", {outcomes['fail']} fail"
+    if outcomes["finding"]:
+        line += f", {outcomes['finding']} show what the paper's rule does, which no robot renders"
     lines.append(f"{line}; -v lists them")
     for row in studied.failed:
         lines.append(f"fail    {row.case}: {row.detail}")

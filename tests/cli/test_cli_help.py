@@ -12,6 +12,7 @@ import vfplan
 
 PAGED = ("plan", "register", "extract", "replay", "stability", "bench", "campaign", "rehearse")
 
+
 def options_in(text):
     """The long options that a help lists, in its first column."""
     columns = [line.strip().split("  ")[0] for line in text.splitlines() if line[:3] == "  -"]

@@ -202,7 +202,7 @@ def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[s
     if not count or (trials is not None and count < trials):
         raise InputError(
             f"holds {count} trials of {trials or 'any'}; make more with vfplan campaign",
-            where=str(folder), code="too-few-trials",
+            where=str(folder), code="too-few-trials", numbers={"trials": count, "wanted": trials},
         )  # fmt: skip
     joined = {}
     for name, parts in columns.items():
