@@ -6,8 +6,10 @@ import json
 import math
 import os
 import shutil
+import socket
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -131,24 +133,62 @@ class Run:
         return lines[0]
 
 
+class CommandServer:
+    """Runs `vfplan` in forked copies of one process; see `support/command_server.py`."""
+
+    def __init__(self) -> None:
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs:
+            program = ROOT / "tests" / "support" / "command_server.py"
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", program, str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                cwd="/",
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+            )
+        self._link = ours
+        self._link.settimeout(900)
+
+    def run(self, words: list[str], cwd: Path | None) -> Run:
+        """One command, in a process of its own."""
+        with tempfile.TemporaryDirectory() as out:
+            request = {"words": words, "cwd": str(cwd or Path.cwd()), "out": out}
+            self._link.send(json.dumps(request).encode())
+            code = int(self._link.recv(64))
+            stdout, stderr = (Path(out, name).read_text() for name in ("stdout", "stderr"))
+        return Run(code, stdout, stderr)
+
+    def close(self) -> None:
+        """End the process."""
+        self._link.close()
+        self._process.wait(60)
+
+
 @pytest.fixture(scope="session")
 def vfplan_cli():
-    """Run the installed `vfplan` in a process of its own: `vfplan_cli("info", path, "--json")`."""
-    program = Path(sys.executable).with_name("vfplan")
+    """Run the installed `vfplan` in a process of its own: `vfplan_cli("info", path, "--json")`.
+
+    With an environment given, the process is begun anew, as by a shell.
+    """
+    server = CommandServer()
 
     def run(*args: Any, cwd: Path | None = None, env: dict[str, str] | None = None) -> Run:
+        words = [str(word) for word in args]
+        if env is None:
+            return server.run(words, cwd)
         done = subprocess.run(
-            [str(program), *map(str, args)],
+            [str(Path(sys.executable).with_name("vfplan")), *words],
             capture_output=True,
             text=True,
             cwd=cwd,
-            env={**os.environ, **(env or {})},
+            env={**os.environ, **env},
             timeout=900,
             check=False,
         )
         return Run(done.returncode, done.stdout, done.stderr)
 
-    return run
+    yield run
+    server.close()
 
 
 @pytest.fixture(scope="session")

@@ -14,24 +14,19 @@ from typing import Any
 
 from vfplan.errors import VfplanError
 
+# The package's own folder. In a clone's root, whose source shadows the installed package and has no
+# compiled part, the installed one.
+_source = Path(__file__).parent
+__path__ = [str(_source)]
+if not list(_source.glob("_core.*")):
+    _elsewhere = [entry for entry in sys.path if Path(entry).resolve() != _source.parent]
+    _spec = PathFinder.find_spec("vfplan", _elsewhere)
+    if _spec is not None and _spec.submodule_search_locations:
+        __path__ = [_spec.submodule_search_locations[0]]
 
-def _folder() -> str:
-    """Where the package is; in a clone's root, whose source shadows it, the installed one."""
-    here = Path(__file__).parent
-    if not list(here.glob("_core.*")):
-        found = PathFinder.find_spec(
-            "vfplan", [p for p in sys.path if Path(p).resolve() != here.parent]
-        )
-        if found is not None and found.submodule_search_locations:
-            return found.submodule_search_locations[0]
-    return str(here)
-
-
-__path__ = [_folder()]
-
-# module -> the public names that it defines
+# Module -> the public names that it defines
 _DEFINED = {
-    "bundle": "read_fixture write_fixture",
+    "bundle": "Trust read_fixture read_keys write_fixture",
     "curve": "Extraction extract_curve",
     "engine.governor": "Governor GovernorStatus",
     "engine.guide": "Guide GuideStep GuideTrace",
@@ -49,7 +44,7 @@ _DEFINED = {
     "session": "Session read_result read_session write_result",
 }
 _LAZY = {name: f"vfplan.{home}" for home, names in _DEFINED.items() for name in names.split()}
-# public name -> the module that it is
+# Public name -> the module that it is
 _MODULES: dict[str, str] = {
     "markers": "vfplan.markers",
     "reference": "vfplan.reference",
@@ -66,25 +61,24 @@ def cmake_dir() -> Path:
 
 
 def __getattr__(name: str) -> Any:
-    value = globals()[name] = _made(name)  # asked for once
-    return value
-
-
-def _made(name: str) -> Any:
     if name == "__version__":
         from importlib.metadata import version
 
-        return version("vfplan")
-    if name in _LAZY:
-        return getattr(importlib.import_module(_LAZY[name]), name)
-    if name in _MODULES:
-        return importlib.import_module(_MODULES[name])
-    if name == "_core" and not list(Path(__path__[0]).glob("_core.*")):
+        value: Any = version("vfplan")
+    elif name in _LAZY:
+        value = getattr(importlib.import_module(_LAZY[name]), name)
+    elif name in _MODULES:
+        value = importlib.import_module(_MODULES[name])
+    elif name == "_core" and not list(Path(__path__[0]).glob("_core.*")):
         raise ImportError(
             f"vfplan's compiled part is not in {__path__[0]}: that is the source tree, "
             "and the package is not installed (make install)"
         )
-    raise AttributeError(f"module 'vfplan' has no attribute {name!r}")
+    else:
+        raise AttributeError(f"module 'vfplan' has no attribute {name!r}")
+    # Python asks this function only for names that the module does not have yet.
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

@@ -30,8 +30,14 @@ __all__ = [
 ]  # fmt: skip
 
 FRAMES: tuple[Frame, ...] = get_args(Frame)
-LEAST_M, MOST_M = 1e-3, 3.0  # across: a mark on a bone, a patient
-FARTHEST_M = 10.0  # from the origin: a robot in the same room
+MIN_EXTENT_M = 1e-3
+"""Usual smallest extent of a fixture [m]: a mark on a bone."""
+
+MAX_EXTENT_M = 3.0
+"""Usual largest extent of a fixture [m]: a patient."""
+
+MAX_COORDINATE_M = 10.0
+"""Usual largest coordinate [m]: a robot in the same room."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,16 +143,24 @@ class Provenance:
         """
         from vfplan import __version__
 
-        named = settings if isinstance(settings, dict) else asdict(settings)
-        flat = {k: _plain(v) for k, v in named.items() if v is not None}
+        if not isinstance(settings, dict):
+            settings = asdict(settings)
+        flat = {}
+        for name, value in settings.items():
+            if value is not None:
+                flat[name] = _as_text_or_number(value)
         return cls(now_utc(), f"vfplan {__version__}", inputs, flat)
 
 
-def _plain(value: Any) -> str | float | int | bool:
+def _as_text_or_number(value: Any) -> str | float | int | bool:
+    """Lists as text, with commas between numbers and semicolons between lists."""
     if not isinstance(value, (tuple, list)):
         return value
-    nested = any(isinstance(v, (tuple, list)) for v in value)
-    return (";" if nested else ",").join(str(_plain(v)) for v in value)
+    separator = ","
+    for part in value:
+        if isinstance(part, (tuple, list)):
+            separator = ";"
+    return separator.join([str(_as_text_or_number(part)) for part in value])
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,12 +209,16 @@ class Fixture:
     @property
     def pieces(self) -> Pieces | None:
         """The curve as lines and arcs, where it is known so."""
-        return self.curve and self.curve.pieces
+        if self.curve is None:
+            return None
+        return self.curve.pieces
 
     @property
     def forbidden(self) -> NDArray[np.float64]:
         """(M, 3) the points that a forbidden region is made of, none where all strokes guide."""
-        return self.points[:0] if self.region is None else self.region.points
+        if self.region is None:
+            return self.points[:0]
+        return self.region.points
 
     @property
     def region(self) -> Fixture | None:
@@ -209,22 +227,29 @@ class Fixture:
             return self
         if self.guidance.stroke is None:
             return None
-        mine = self.curve.stroke != self.guidance.stroke
-        kept = np.arange(len(self.curve.closed)) != self.guidance.stroke
-        number = np.cumsum(kept, dtype=np.int32) - 1
-        bridged = None if self.curve.bridged is None else self.curve.bridged[mine]
-        edited = None if self.curve.edited is None else self.curve.edited[mine]
+        # The points and the strokes that do not guide; these strokes are numbered anew.
+        rows = self.curve.stroke != self.guidance.stroke
+        strokes = np.arange(len(self.curve.closed)) != self.guidance.stroke
+        new_number = np.cumsum(strokes, dtype=np.int32) - 1
+        pieces = None
+        if self.pieces is not None:
+            pieces = self.pieces.of(strokes)
         curve = Curve(
-            number[self.curve.stroke[mine]],
-            self.curve.closed[kept],
-            bridged,
-            self.pieces and self.pieces.of(kept),
-            edited,
+            new_number[self.curve.stroke[rows]],
+            self.curve.closed[strokes],
+            _rows_of(self.curve.bridged, rows),
+            pieces,
+            _rows_of(self.curve.edited, rows),
         )
-        sigma = None if self.sigma is None else self.sigma[mine]
-        return replace(self, points=self.points[mine], sigma=sigma, curve=curve, guidance=None)
+        return replace(
+            self,
+            points=self.points[rows],
+            sigma=_rows_of(self.sigma, rows),
+            curve=curve,
+            guidance=None,
+        )
 
-    # As it is rendered; of one that is not, an `AttributeError`:
+    # How it is rendered. A fixture that is not rendered raises `AttributeError`.
     stiffness = property(attrgetter("_rendering.stiffness"), doc="(3,) K [N/m].")
     contact_radius = property(attrgetter("_rendering.contact_radius"), doc="r_c [m].")
     band = property(attrgetter("_rendering.band"), doc="r2 - r_c [m].")
@@ -241,18 +266,25 @@ class Fixture:
         return self.rendering
 
 
+def _rows_of(values: NDArray | None, rows: NDArray[np.bool_]) -> NDArray | None:
+    if values is None:
+        return None
+    return values[rows]
+
+
 def size_doubt(points: NDArray[np.float64]) -> str | None:
     """What is doubtful about the size of a fixture's points (N, 3) [m]; `None` if nothing is.
 
     A slip of units, millimetres for metres or the other way round: the format's own range catches
     the grossest only, and an affine registration fits any scale.
     """
-    low, high = points.min(axis=0), points.max(axis=0)
-    across = float(np.max(high - low))
-    far = float(np.max(np.maximum(np.abs(low), np.abs(high))))
-    if far <= FARTHEST_M and (len(points) == 1 or LEAST_M <= across <= MOST_M):
+    extent = float(np.max(np.ptp(points, axis=0)))
+    coordinate = float(np.max(np.abs(points)))
+    is_usual_size = len(points) == 1 or MIN_EXTENT_M <= extent <= MAX_EXTENT_M
+    if is_usual_size and coordinate <= MAX_COORDINATE_M:
         return None
     return (
-        f"the points are {across:.3g} m across and up to {far:.3g} m from the origin along an axis;"
-        f" {LEAST_M:g} to {MOST_M:g} m across, within {FARTHEST_M:g} m, is usual: is a unit wrong?"
+        f"the points are {extent:.3g} m across and up to {coordinate:.3g} m from the origin along "
+        f"an axis; {MIN_EXTENT_M:g} to {MAX_EXTENT_M:g} m across, within {MAX_COORDINATE_M:g} m, "
+        "is usual: is a unit wrong?"
     )

@@ -23,7 +23,9 @@ DARK = {
     "force": "#e6e9ed",
 }
 CLOUD, HIP, CONTACT, PROXY, BRIDGED, FORCE = LIGHT.values()
-EPISODE = "#d9f2d9"  # behind a stretch in contact
+# Background of a stretch in contact.
+EPISODE = "#d9f2d9"
 # One colour a rule in every comparison.
 RULE = {"robust": CLOUD, "paper": BRIDGED, "exact": HIP}
-CYCLE = (CLOUD, BRIDGED, PROXY, HIP, CONTACT)  # of lines that have no role of their own
+# Colours of lines that have no role.
+CYCLE = (CLOUD, BRIDGED, PROXY, HIP, CONTACT)

@@ -28,7 +28,8 @@ from vfplan.engine.parameters import LIMIT, ProxyParameters, Vector, check_point
 from vfplan.engine.ticks import Status, Step, Trace, check_hip, check_path
 from vfplan.errors import SettingError
 
-CANCELLED = 1e-12  # a sum of eq. (1) below this share of its weights has no direction
+CANCELLED = 1e-12
+"""A sum of eq. (1) below this share of its weights has no direction: it is rounding."""
 
 
 class PaperProxy:
@@ -83,14 +84,16 @@ class PaperProxy:
 
     def _tick(self, hip: Vector) -> Step:
         if not np.all(np.abs(hip) <= LIMIT):  # NaN, infinite or absurd: stay, say so
-            proxy = np.zeros(3) if self._proxy is None else self._proxy
+            proxy = self._proxy
+            if proxy is None:
+                proxy = np.zeros(3)
             return Step(proxy, self._normal, self._force, self._state, Status.BAD_HIP)
         if self._proxy is None:
             self._proxy = hip.copy()  # Algorithm 1: P_proxy <- P_HIP
         self._state, self._normal, moved = main_algorithm(
             self._cloud, self._across(self._proxy), self._across(hip), self.parameters
         )
-        self._proxy = moved + (hip - self._across(hip))  # along an ignored axis: HIP's coordinate
+        self._proxy = moved + (hip - self._across(hip))  # Along an ignored axis: HIP's coordinate.
         self._force = virtual_force(self._across(self._proxy - hip), self.parameters)
         return Step(self._proxy, self._normal, self._force, self._state, Status.OK)
 
@@ -157,7 +160,9 @@ def normal_vector(p: Vector, proxy: Vector, r1: float, r3: float) -> Vector:
     phi = wendland(r, r1, r3)
     nk = (away / r[:, None] * phi[:, None]).sum(axis=0)
     length = np.linalg.norm(nk)
-    return nk / length if length > CANCELLED * phi.sum() else np.zeros(3)
+    if length <= CANCELLED * phi.sum():
+        return np.zeros(3)
+    return nk / length
 
 
 def wendland(r: Vector, r1: float, r3: float) -> Vector:
@@ -176,11 +181,11 @@ def step_free_motion(
     hip_inside = n @ u < 0
     d = min(first_contact(p - proxy, u / length, par.rc + par.rv), length)
     s = d * u / length
-    if d == 0 and hip_inside:  # special case 1
+    if d == 0 and hip_inside:  # Special case 1
         up = projection(u, n)
         s = along(up, tangential_step(up, par))
     away = np.linalg.norm(p - hip, axis=1).mean() > np.linalg.norm(p - proxy, axis=1).mean()
-    if not hip_inside and away:  # special case 2
+    if not hip_inside and away:  # Special case 2
         s = u
     return s
 
@@ -192,7 +197,9 @@ def first_contact(w: Vector, direction: Vector, radius: float) -> float:
     hit = discriminant >= 0
     d0 = ahead[hit] - np.sqrt(discriminant[hit])
     d0 = d0[d0 >= 0]
-    return float(d0.min()) if d0.size else np.inf
+    if not d0.size:
+        return np.inf
+    return float(d0.min())
 
 
 def projection(u: Vector, n: Vector) -> Vector:
@@ -208,14 +215,18 @@ def tangential_step(up: Vector, par: ProxyParameters) -> float:
 def along(v: Vector, d: float) -> Vector:
     """d v / |v|; 0 when v is 0."""
     length = np.linalg.norm(v)
-    return d * v / length if length > 0 else np.zeros(3)
+    if length == 0:
+        return np.zeros(3)
+    return d * v / length
 
 
 def step_in_contact(u: Vector, n: Vector, par: ProxyParameters) -> Vector:
     """Algorithm 3 (state 1), eq. (6): along u_p with the HIP inside the VF, along u outside."""
     up = projection(u, n)
     d = tangential_step(up, par)
-    return along(up, d) if n @ u < 0 else along(u, d)
+    if n @ u < 0:
+        return along(up, d)
+    return along(u, d)
 
 
 def step_entrenched(p: Vector, proxy: Vector, n: Vector, par: ProxyParameters) -> Vector:
@@ -239,4 +250,6 @@ def virtual_force(across: Vector, par: ProxyParameters) -> Vector:
     """
     force = par.stiffness * across
     a = par.ignore_axis
-    return force if a is None else force - (force @ a) * a
+    if a is None:
+        return force
+    return force - (force @ a) * a

@@ -84,75 +84,102 @@ def read_robot(choice: str | Path | None) -> Robot | None:
     if str(choice) in SHIPPED:
         text = (files("vfplan.schemas") / "robots" / f"{choice}.toml").read_text("utf-8")
     else:
-        text = _text(Path(choice))
+        try:
+            text = read_whole(Path(choice), MAX_BYTES).decode("utf-8")
+        except (InputError, UnicodeDecodeError) as error:
+            reason = "is not text"
+            if isinstance(error, InputError):
+                reason = error.message
+            raise InputError(
+                f"{reason}; {', '.join(SHIPPED)}, none or a robot file is wanted",
+                where=str(choice),
+                code="robot-unreadable",
+            ) from None
     try:
         values = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:  # tables within tables within ...
-        raise InputError(f"not a robot file: {error}", where=str(choice)) from None
-    check_robot(values, where=str(choice))
-    return Robot(**{
-        k: tuple(v) if isinstance(v, list) else v
-        for k, v in values.items() if k not in ("format", "version")
-    })  # fmt: skip
-
-
-def _text(path: Path) -> str:
-    try:
-        return read_whole(path, MAX_BYTES).decode("utf-8")
-    except (InputError, UnicodeDecodeError) as error:
-        reason = getattr(error, "message", "is not text")
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        # Tables within tables without end raise RecursionError.
         raise InputError(
-            f"{reason}; {', '.join(SHIPPED)}, none or a robot file wanted", where=str(path)
+            f"not a robot file: {error}", where=str(choice), code="robot-not-toml"
         ) from None
+    check_robot(values, where=str(choice))
+    fields = {}
+    for name, value in values.items():
+        if isinstance(value, list):
+            value = tuple(value)
+        if name not in ("format", "version"):
+            fields[name] = value
+    return Robot(**fields)
 
 
 def check_robot(values: dict[str, Any], *, where: str) -> None:
     """Raise `InputError` for the first thing that the schema of the file's version forbids."""
     version = values.get("version")
-    chosen = version if version in VERSIONS else VERSIONS[-1]
-    schema = json.loads((files("vfplan.schemas") / f"robot-{chosen}.json").read_text("utf-8"))
-    known = schema["properties"]
     if "version" in values and version not in VERSIONS:
         raise InputError(
-            f"version is {version!r}; {' or '.join(map(repr, VERSIONS))} wanted", where=where
+            f"version is {version!r}; {' or '.join(map(repr, VERSIONS))} is wanted",
+            where=where,
+            code="robot-version",
         )
+    if version is None:
+        version = VERSIONS[-1]
+    schema = json.loads((files("vfplan.schemas") / f"robot-{version}.json").read_text("utf-8"))
+    known = schema["properties"]
     for name in schema["required"]:
         if name not in values:
-            raise InputError(f"{name} is missing; a robot file must say it", where=where)
+            raise InputError(
+                f"{name} is missing; a robot file must say it", where=where, code="robot-incomplete"
+            )
     for name, value in values.items():
         if name not in known:
-            raise InputError(f"{name!r} is unknown; {', '.join(known)} are known", where=where)
-        fault = _fault(value, known[name])
-        if fault:
-            raise InputError(f"{name} is {value!r}; {fault} wanted", where=where)
-    joints = {len(v) for v in values.values() if isinstance(v, list)}
+            raise InputError(
+                f"{name!r} is unknown; {', '.join(known)} are known",
+                where=where,
+                code="robot-name-unknown",
+            )
+        wanted = _violation(value, known[name])
+        if wanted is not None:
+            raise InputError(
+                f"{name} is {value!r}; {wanted} is wanted", where=where, code="robot-value"
+            )
+    joints = {len(value) for value in values.values() if isinstance(value, list)}
     if len(joints) > 1:
         raise InputError(
-            f"lists of {min(joints)} and of {max(joints)} joints; all of one arm's wanted",
+            f"lists of {min(joints)} and of {max(joints)} joints; all must be of one arm",
             where=where,
+            code="robot-joints",
         )
 
 
-def _fault(value: Any, rule: dict[str, Any]) -> str | None:
-    """What the schema wants instead of `value`; `None` when it is good."""
+def _violation(value: Any, rule: dict[str, Any]) -> str | None:
+    """What the schema wants instead of `value`; `None` when the value is good."""
     types = {"string": str, "integer": int, "number": (int, float), "array": list}
-    if isinstance(value, bool) or not isinstance(value, types[rule["type"]]):
-        return f"a {'list' if rule['type'] == 'array' else rule['type']}"
+    kind = rule["type"]
+    if isinstance(value, bool) or not isinstance(value, types[kind]):
+        if kind == "array":
+            return "a list"
+        return f"a {kind}"
     if "const" in rule and value != rule["const"]:
         return repr(rule["const"])
-    if rule["type"] == "string":
-        return None if len(value) >= rule.get("minLength", 0) else "some text"
-    if rule["type"] == "array":
+    if kind == "string":
+        if len(value) < rule.get("minLength", 0):
+            return "some text"
+        return None
+    if kind == "array":
         if not rule["minItems"] <= len(value) <= rule["maxItems"]:
-            return f"{rule['minItems']} to {rule['maxItems']} numbers"
-        faults = (_fault(item, rule["items"]) for item in value)
-        return next((f"a list of which each is {f}" for f in faults if f), None)
-    # Written so that NaN fails.
+            return f"a list of {rule['minItems']} to {rule['maxItems']} numbers"
+        for item in value:
+            wanted = _violation(item, rule["items"])
+            if wanted is not None:
+                return f"a list of which each is {wanted}"
+        return None
+    # NaN is not < anything, so it is refused too.
     if not abs(value) < float("inf"):
         return "a finite number"
     if not value > rule.get("exclusiveMinimum", -float("inf")):
         return f"more than {rule['exclusiveMinimum']}"
     if not rule.get("minimum", value) <= value <= rule.get("maximum", value):
-        low, high = rule.get("minimum"), rule.get("maximum")
-        return f"{low} to {high}" if high is not None else f"{low} at least"
+        if "maximum" in rule:
+            return f"{rule.get('minimum')} to {rule['maximum']}"
+        return f"at least {rule['minimum']}"
     return None

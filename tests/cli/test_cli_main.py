@@ -38,7 +38,7 @@ def test_an_error_in_json_has_a_code_and_numbers(vfplan_cli, tmp_path):
     assert run.code == 3
     error = run.json["error"]
     assert set(error) == {"kind", "message", "where", "code", "numbers"}
-    assert (error["kind"], error["code"], error["numbers"]) == ("ImageError", "image", {})
+    assert (error["kind"], error["code"], error["numbers"]) == ("ImageError", "file-missing", {})
 
 
 def test_numbers_of_a_fault_are_plain_json(monkeypatch, tmp_path):

@@ -21,8 +21,16 @@ import vfplan
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Curve, Fixture
 from vfplan.live import igtl, sources
-from vfplan.live.server import Server, still
-from vfplan.live.sources import HEADER, MAGIC, Feed, Ticks, decode, of_port, where
+from vfplan.live.server import Server, static_messages
+from vfplan.live.sources import (
+    HEADER,
+    MAGIC,
+    PositionStream,
+    Ticks,
+    decode,
+    host_and_port,
+    stream_udp,
+)
 from vfplan.session import mcapfile
 from vfplan.session.mcapfile import TICK, McapWriter, read_ticks
 
@@ -59,7 +67,7 @@ def publisher(tmp_path_factory):
 @pytest.mark.slow
 def test_a_controllers_ticks_arrive_to_the_bit(publisher):
     port, count = free_port(), 2000
-    source = of_port(f"udp://127.0.0.1:{port}")
+    source = stream_udp(f"udp://127.0.0.1:{port}")
     run = subprocess.Popen([publisher, str(port), str(count), "4096", "100"],
                            stdout=subprocess.PIPE, text=True)  # fmt: skip
     parts, got = [], 0
@@ -103,7 +111,7 @@ def test_a_datagram_that_is_none_is_refused(change):
                                      "udp://127.0.0.1:99999"])  # fmt: skip
 def test_an_address_that_is_none_is_refused(address):
     with pytest.raises(SettingError, match="udp://HOST:PORT is wanted"):
-        where(address)
+        host_and_port(address)
 
 
 def test_crc_and_header_as_the_protocol_has_them():
@@ -142,7 +150,7 @@ def connected(server):
 
 @pytest.fixture
 def feed():
-    return Feed(200.0)
+    return PositionStream(200.0)
 
 
 @pytest.fixture
@@ -194,7 +202,7 @@ def test_forty_thousand_points_arrive_as_float32(feed):
 
 
 def test_a_feed_hands_out_its_rate_and_waits_for_nobody():
-    feed, ticks = Feed(100.0), made(4000)
+    feed, ticks = PositionStream(100.0), made(4000)
     assert feed.after(-1, 0.0) == (-1, [])
     seen, got = -1, []
     for block in ticks[:1000].reshape(-1, 8):
@@ -213,7 +221,7 @@ def test_a_feed_hands_out_its_rate_and_waits_for_nobody():
 
 
 def test_a_client_too_many_is_told_so(server, monkeypatch):
-    monkeypatch.setattr("vfplan.live.server.MOST_CLIENTS", 1)
+    monkeypatch.setattr("vfplan.live.server.MAX_CLIENTS", 1)
     client, coming = connected(server)
     next(coming)
     other, told = connected(server)
@@ -285,7 +293,7 @@ def test_a_full_disk_ends_the_recording_and_keeps_what_was_written(short_of_room
     vfplan.write_fixture(bundles.whole(), fixture)
     parts = iter([Ticks(part) for part in ticks.reshape(-1, 10)])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sources, "of_port", lambda address: parts)
+        patch.setattr(sources, "stream_udp", lambda address: parts)
         words = ["live", str(fixture), "udp://127.0.0.1:5", "--mcap", str(tmp_path / "b.mcap")]
         run = CliRunner().invoke(cli, words)
     kept = len(read_ticks(tmp_path / "b.mcap"))
@@ -335,7 +343,7 @@ def reference_client(tmp_path_factory):
 @pytest.mark.full
 def test_ten_minutes_at_100_hz(reference_client, publisher):
     """A controller's 1 kHz, shown 100 times a second: the reference client gets 99.9 % of them."""
-    seconds, port, feed = 600, free_port(), Feed()
+    seconds, port, feed = 600, free_port(), PositionStream()
     served = Server(bundles.whole(), 0, feed)
     wanted = 2 + 4 * 100 * seconds
     begun = time.monotonic()
@@ -346,7 +354,7 @@ def test_ten_minutes_at_100_hz(reference_client, publisher):
     reading.start()
     while not served.clients:
         time.sleep(0.01)
-    source = of_port(f"udp://127.0.0.1:{port}")
+    source = stream_udp(f"udp://127.0.0.1:{port}")
     sending = subprocess.Popen([publisher, str(port), str(1000 * seconds), "4096", "1000"],
                                stdout=subprocess.DEVNULL)  # fmt: skip
     for found in source:
@@ -387,4 +395,4 @@ def test_the_reference_library_reads_it(server, feed, reference_client):
     known = {" ".join(f"{x:.17g}" for x in tick["force"]) for tick in ticks}
     assert len(forces) == 10
     assert all(line.split(" ", 2)[2] in known for line in forces)
-    assert [device for device, _ in still(fixture)] == ["vfplan_cloud", "vfplan_contact"]
+    assert [device for device, _ in static_messages(fixture)] == ["vfplan_cloud", "vfplan_contact"]

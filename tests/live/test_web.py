@@ -16,7 +16,7 @@ from conftest import need_program
 
 from vfplan.errors import OutputError
 from vfplan.live.page import live_page
-from vfplan.live.sources import Feed
+from vfplan.live.sources import PositionStream
 from vfplan.live.web import Web
 from vfplan.session.mcapfile import TICK
 
@@ -49,7 +49,7 @@ def until(browser, script, wanted):
 
 
 def test_in_a_browser(tmp_path):
-    feed = Feed()
+    feed = PositionStream()
     web = served(feed)
     with Page(need_program("chromium", "chromium"), tmp_path / "profile") as browser:
         browser.open(f"http://127.0.0.1:{web.port}/")
@@ -93,7 +93,7 @@ def test_only_pages_from_here_are_told():
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
 
-    web = served(Feed())
+    web = served(PositionStream())
     own = f"http://127.0.0.1:{web.port}"
     assert asked(web.port)[0] == 200
     assert asked(web.port, Host="evil.example")[0] == 403
@@ -104,7 +104,7 @@ def test_only_pages_from_here_are_told():
     with connect(f"ws://127.0.0.1:{web.port}/ticks", origin=own) as client:
         assert "scene" in json.loads(client.recv())
     with pytest.raises(OutputError, match=f"port {web.port} of 127.0.0.1"):
-        served(Feed(), web.port)
+        served(PositionStream(), web.port)
     web.close()
     with pytest.raises(OSError, match="refused"):
         socket.create_connection(("127.0.0.1", web.port))
@@ -114,8 +114,8 @@ def test_a_client_too_many_is_told_so_and_one_that_reads_nothing_holds_up_nobody
     from websockets.exceptions import ConnectionClosed
     from websockets.sync.client import connect
 
-    monkeypatch.setattr("vfplan.live.web.MOST_CLIENTS", 1)
-    feed = Feed()
+    monkeypatch.setattr("vfplan.live.web.MAX_CLIENTS", 1)
+    feed = PositionStream()
     web = served(feed)
     where = {"uri": f"ws://127.0.0.1:{web.port}/ticks", "origin": f"http://127.0.0.1:{web.port}"}
     with connect(**where, max_queue=1, close_timeout=0.1):  # it never reads the answer either

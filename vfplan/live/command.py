@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -40,63 +41,75 @@ def command(fixture, source, openigtlink, web, mcap, rate, seconds) -> Report:
     if openigtlink is None and web is None and mcap is None:
         raise click.UsageError("nothing to do: give --openigtlink, --web or --mcap")
     from vfplan.bundle import read_fixture
-    from vfplan.live.sources import MOST_CLIENTS, Feed, of_port, of_result
+    from vfplan.live.sources import MAX_CLIENTS, PositionStream, stream_result, stream_udp
     from vfplan.session.mcapfile import McapWriter
 
-    shown, feed, servers = read_fixture(fixture), Feed(rate), []
-    ticks = of_port(source) if source.startswith("udp:") else of_result(Path(source))
+    scene = read_fixture(fixture)
+    if source.startswith("udp:"):
+        ticks = stream_udp(source)
+    else:
+        ticks = stream_result(Path(source))
+
+    feed = PositionStream(rate)
+    servers: list[Any] = []
+    writer = None
     with ExitStack() as stack:
         if openigtlink is not None:
             from vfplan.live.server import Server
 
-            servers.append(_closed(stack, Server(shown, openigtlink, feed)))
-            click.echo(f"vfplan: OpenIGTLink at 127.0.0.1:{servers[-1].port}", err=True)
+            server = Server(scene, openigtlink, feed)
+            stack.callback(server.close)
+            servers.append(server)
+            click.echo(f"vfplan: OpenIGTLink at 127.0.0.1:{server.port}", err=True)
         if web is not None:
             from vfplan.live.page import live_page
             from vfplan.live.web import Web
 
-            servers.append(_closed(stack, Web(*live_page(shown, fixture.name), web, feed)))
-            click.echo(f"vfplan: page at http://127.0.0.1:{servers[-1].port}/", err=True)
-        kept = None
+            page = Web(*live_page(scene, fixture.name), web, feed)
+            stack.callback(page.close)
+            servers.append(page)
+            click.echo(f"vfplan: page at http://127.0.0.1:{page.port}/", err=True)
         if mcap is not None:
             (temporary,) = stack.enter_context(outputs(mcap))
-            kept = stack.enter_context(McapWriter(temporary))
-        data = _follow(ticks, feed if servers else None, kept, seconds)
-    warnings = [f"{n} clients were refused: {MOST_CLIENTS} are served at a time"
-                for n in [sum(s.refused for s in servers)] if n]  # fmt: skip
-    text = f"{data['ticks']} ticks, {data['dropped']} dropped by the controller, " \
-           f"{data['lost_datagrams']} datagrams lost"  # fmt: skip
-    if mcap is None:
+            writer = stack.enter_context(McapWriter(temporary))
+        data = _pass_on(ticks, feed, writer, seconds, stop_when_full=not servers)
+
+    warnings = []
+    refused = sum(server.refused for server in servers)
+    if refused:
+        warnings.append(f"{refused} clients were refused: {MAX_CLIENTS} are served at a time")
+    text = (
+        f"{data['ticks']} ticks, {data['dropped']} dropped by the controller, "
+        f"{data['lost_datagrams']} datagrams lost"
+    )
+    if writer is None:
         return Report(data, text, warnings=warnings)
-    data["mcap"], failed = str(mcap), ""
-    if kept.full:
-        failed = f"{mcap}: {kept.full.strerror}; it holds the first {kept.kept} ticks"
+    data["mcap"] = str(mcap)
     text += f"\nwrote {mcap}"
-    return Report(data, text, 2 * bool(failed), warnings, failed)
+    if writer.full:
+        failed = f"{mcap}: {writer.full.strerror}; it holds the first {writer.kept} ticks"
+        return Report(data, text, 2, warnings, failed)
+    return Report(data, text, warnings=warnings)
 
 
-def _closed(stack: ExitStack, server: Any) -> Any:
-    """The server, closed with the stack."""
-    stack.callback(server.close)
-    return server
-
-
-def _follow(ticks: Any, feed: Any, kept: Any, seconds: float | None) -> dict[str, Any]:
-    """Pass on every tick until the source ends, the time is over, or a signal comes."""
+def _pass_on(
+    ticks: Iterator[Any], feed: Any, writer: Any, seconds: float | None, *, stop_when_full: bool
+) -> dict[str, Any]:
+    """Pass every tick on until the source ends, the time is over, or a signal comes."""
     data = {"ticks": 0, "dropped": 0, "lost_datagrams": 0, "bad_datagrams": 0}
-    began = time.monotonic()
+    started = time.monotonic()
     with noted_signals() as stopped:
-        for found in ticks:
-            if len(found.ticks):
-                data["ticks"] += len(found.ticks)
-                if feed is not None:
-                    feed.put(found.ticks)
-                if kept is not None:
-                    kept.write(found.ticks, time.time())
-                    if kept.full and feed is None:
+        for portion in ticks:
+            if len(portion.ticks):
+                data["ticks"] += len(portion.ticks)
+                feed.put(portion.ticks)
+                if writer is not None:
+                    writer.write(portion.ticks, time.time())
+                    if writer.full and stop_when_full:
                         break
-            data["dropped"], data["lost_datagrams"] = found.dropped, found.lost
-            data["bad_datagrams"] = found.bad
-            if stopped() or (seconds is not None and time.monotonic() - began >= seconds):
+            data["dropped"] = portion.dropped
+            data["lost_datagrams"] = portion.lost
+            data["bad_datagrams"] = portion.bad
+            if stopped() or (seconds is not None and time.monotonic() - started >= seconds):
                 break
     return data

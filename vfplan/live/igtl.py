@@ -1,7 +1,7 @@
 """OpenIGTLink messages with headers of version 1, which every version of it reads.
 
-Lengths are in mm. Slicer's world is RAS: what is in `patient_lps` has x and y turned; the robot's
-frame has no sides of a patient and is sent as it is.
+Lengths are in mm. Slicer's world is RAS. Positions in `patient_lps` therefore change the signs of x
+and y; the robot's frame has no sides of a patient and is sent as it is.
 
 Source: the OpenIGTLink protocol, versions 1 and 2 (J. Tokuda et al., Int. J. Med. Robot. 5, 2009,
 423-434), and the ECMA-182 CRC.
@@ -17,27 +17,47 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 HEADER = struct.Struct(">H12s20sQQQ")
-NEWTON = (0x0B << 54) | (1 << 50)  # the protocol's code of the unit N
-OK, BUSY, WARNING = 1, 6, 13  # status codes: fine; taken; configuration or input that is not
-POLYNOMIAL, ALL = 0x42F0E1EBA9EA3693, 2**64 - 1
+
+NEWTON = (0x0B << 54) | (1 << 50)
+"""The protocol's code of the unit N."""
+
+OK = 1
+"""Status code: everything is fine."""
+
+BUSY = 6
+"""Status code: the server has no place for another client."""
+
+WARNING = 13
+"""Status code: the configuration or the input is not as it should be."""
+
+POLYNOMIAL = 0x42F0E1EBA9EA3693
+"""Generator of the ECMA-182 CRC."""
+
+MASK = 2**64 - 1
+"""All 64 bits of the CRC."""
 
 
 @cache
-def _table() -> list[int]:
+def crc_table() -> list[int]:
+    """The CRC's remainder of each byte."""
     table = []
     for byte in range(256):
         crc = byte << 56
         for _ in range(8):
-            crc = ((crc << 1) & ALL) ^ (POLYNOMIAL if crc >> 63 else 0)
+            has_top_bit = crc >> 63
+            crc = (crc << 1) & MASK
+            if has_top_bit:
+                crc ^= POLYNOMIAL
         table.append(crc)
     return table
 
 
 def crc64(data: bytes) -> int:
     """The ECMA-182 CRC of 64 bits, from 0."""
-    table, crc = _table(), 0
+    table = crc_table()
+    crc = 0
     for byte in data:
-        crc = ((crc << 8) & ALL) ^ table[(crc >> 56) ^ byte]
+        crc = ((crc << 8) & MASK) ^ table[(crc >> 56) ^ byte]
     return crc
 
 
@@ -49,12 +69,14 @@ def message(kind: str, device: str, time_s: float, body: bytes) -> bytes:
 
 
 def to_ras(frame: str) -> Array:
-    """(3,) what each coordinate is multiplied by on its way from m in `frame` to mm in RAS."""
-    return np.array([-1e3, -1e3, 1e3] if frame == "patient_lps" else [1e3, 1e3, 1e3])
+    """(3,) factors of each coordinate from m in `frame` to mm in RAS."""
+    if frame == "patient_lps":
+        return np.array([-1e3, -1e3, 1e3])
+    return np.array([1e3, 1e3, 1e3])
 
 
 def transform(device: str, time_s: float, place_mm: Array) -> bytes:
-    """TRANSFORM: a place (3,) [mm], unturned."""
+    """TRANSFORM: a place (3,) [mm], without rotation."""
     columns = np.vstack([np.eye(3), place_mm])
     return message("TRANSFORM", device, time_s, columns.astype(">f4").tobytes())
 
@@ -72,25 +94,34 @@ def status(device: str, time_s: float, code: int, name: str, text: str) -> bytes
 
 
 def polydata(
-    device: str, time_s: float, points_mm: Array, *,
-    lines: list[NDArray[np.integer]] | None = None, triangles: NDArray[np.integer] | None = None,
-) -> bytes:  # fmt: skip
+    device: str,
+    time_s: float,
+    points_mm: Array,
+    *,
+    lines: list[NDArray[np.integer]] | None = None,
+    triangles: NDArray[np.integer] | None = None,
+) -> bytes:
     """POLYDATA: points (N, 3) [mm], joined by lines or triangles, or each a vertex of its own."""
     vertices: list[NDArray[np.integer]] = []
     if lines is None and triangles is None:
         vertices = list(np.arange(len(points_mm))[:, None])
-    faces = [] if triangles is None else list(triangles)
-    parts = [_cells(cells) for cells in (vertices, lines or [], faces)]
-    counts = [number for count, data in parts for number in (count, len(data))]
+    faces: list[NDArray[np.integer]] = []
+    if triangles is not None:
+        faces = list(triangles)
+    # Of each kind of cell: how many there are, and each as its length and its points' indices.
+    counts = []
+    data = []
+    for cells in (vertices, lines or [], faces):
+        numbers: list[int] = []
+        for cell in cells:
+            numbers.append(len(cell))
+            numbers.extend(cell)
+        encoded = np.array(numbers, ">u4").tobytes()
+        counts.extend((len(cells), len(encoded)))
+        data.append(encoded)
     head = struct.pack(">10I", len(points_mm), *counts, 0, 0, 0)
     points = np.asarray(points_mm, ">f4").tobytes()
-    return message("POLYDATA", device, time_s, head + points + b"".join(d for _, d in parts))
-
-
-def _cells(cells: list[NDArray[np.integer]]) -> tuple[int, bytes]:
-    """How many cells, and each as its length and its points' indices."""
-    flat = [number for cell in cells for number in (len(cell), *cell)]
-    return len(cells), np.array(flat, ">u4").tobytes()
+    return message("POLYDATA", device, time_s, head + points + b"".join(data))
 
 
 def ball(radius_mm: float, rings: int = 12) -> tuple[Array, NDArray[np.int64]]:
@@ -99,14 +130,20 @@ def ball(radius_mm: float, rings: int = 12) -> tuple[Array, NDArray[np.int64]]:
     phi = np.pi * np.arange(2 * rings) / rings
     side = np.sin(theta)[:, None] * np.ones_like(phi)
     height = np.cos(theta)[:, None] * np.ones_like(phi)
-    ring = np.stack([side * np.cos(phi), side * np.sin(phi), height], axis=-1).reshape(-1, 3)
-    points = np.vstack([ring, [[0, 0, 1], [0, 0, -1]]]) * radius_mm
-    n, top, bottom = 2 * rings, len(ring), len(ring) + 1
-    k, after = np.arange(n), (np.arange(n) + 1) % n
-    faces = [np.column_stack([np.full(n, top), k, after])]
+    circles = np.stack([side * np.cos(phi), side * np.sin(phi), height], axis=-1).reshape(-1, 3)
+    points = np.vstack([circles, [[0, 0, 1], [0, 0, -1]]]) * radius_mm
+    # Each circle has n points; the two poles come after all circles.
+    n = 2 * rings
+    top = len(circles)
+    bottom = top + 1
+    k = np.arange(n)
+    following = (k + 1) % n
+    faces = [np.column_stack([np.full(n, top), k, following])]
     for row in range(rings - 2):
-        a, b, c, d = row * n + k, row * n + after, (row + 1) * n + k, (row + 1) * n + after
-        faces += [np.column_stack([a, c, b]), np.column_stack([b, c, d])]
+        upper = row * n
+        lower = upper + n
+        faces.append(np.column_stack([upper + k, lower + k, upper + following]))
+        faces.append(np.column_stack([upper + following, lower + k, lower + following]))
     last = (rings - 2) * n
-    faces.append(np.column_stack([np.full(n, bottom), last + after, last + k]))
+    faces.append(np.column_stack([np.full(n, bottom), last + following, last + k]))
     return points, np.vstack(faces)

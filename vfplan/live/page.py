@@ -14,10 +14,10 @@ from vfplan.report.scrubber import scene_data, tick_row
 
 
 def live_page(fixture: Fixture, name: str) -> tuple[str, Callable[[Any], list[float]], str]:
-    """HTML text, how a tick goes to it, and what tells its scene from another's."""
+    """The HTML text, a function that makes a tick's row for it, and the name of its scene."""
     data = scene_data(fixture)
     scene = hashlib.sha256(json.dumps([name, data]).encode()).hexdigest()[:16]
-    shown = part("live.html", "vfplan.live").replace("{scene}", part("scene.html"))
-    body = f"<header><h1>Live: {escape(name)}</h1></header>{shown}"
+    content = part("live.html", "vfplan.live").replace("{scene}", part("scene.html"))
+    body = f"<header><h1>Live: {escape(name)}</h1></header>{content}"
     text = body + scripts({**data, "scene": scene}, part("live.js", "vfplan.live"))
     return document(f"Live: {escape(name)}", text, live=True), tick_row(fixture), scene
