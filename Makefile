@@ -68,6 +68,7 @@ api: $(VENV)/.vfplan-test
 
 pictures: $(VENV)/.vfplan-test
 	$(BIN)/python docs/make_pictures.py
+	$(BIN)/python docs/make_readme_film.py
 	$(BIN)/python docs/make_finding_pictures.py
 	$(BIN)/python docs/make_review.py
 	$(BIN)/python docs/draw_algorithm.py
