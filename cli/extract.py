@@ -72,7 +72,26 @@ def command(image, output, mask_out, overlay_out, **arguments) -> Report:
         write_fixture(extracted.fixture, path)
         write_pictures(extracted, mask, overlay)
     text = f"{extracted_text(extracted.report)}\nwrote {output}"
-    return Report(extracted.report, text, findings=extracted.findings)
+    words = ["vfplan", "register", str(output), "MARKERS", "-o", "FIXTURE.h5"]
+    if extracted.image is not None:
+        words += ["--image", str(image)]
+    return Report(
+        extracted.report,
+        text,
+        findings=extracted.findings,
+        verdict=findings_verdict("extracted", extracted.fixture),
+        next_step=shlex.join(words),
+    )
+
+
+def findings_verdict(done: str, fixture: Any) -> str:
+    """How a command ended: what it did, and how many findings want an answer."""
+    open_count = len(fixture.open_findings)
+    if not open_count:
+        return f"{done}; no finding wants an answer"
+    if open_count == 1:
+        return f"{done}; 1 finding wants an answer"
+    return f"{done}; {count(open_count, 'finding')} want an answer"
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from vfplan.cli import options
 from vfplan.cli.extract import (
     drawing_refusal,
     extracted_text,
+    findings_verdict,
     pointing_to_page,
     review_command,
     write_pictures,
@@ -20,7 +21,6 @@ from vfplan.cli.options import option, options_in_order, output_option, settings
 from vfplan.cli.outputs import outputs, refuse_named_files
 from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.run import CommandResult, announce_if_slow, command
-from vfplan.cli.units import count
 from vfplan.cli.values import FILE
 
 from vfplan.findings import Finding, doubt
@@ -125,12 +125,7 @@ def command(
     data["output"] = str(output)
 
     # The last lines: how it ended, and what to do.
-    open_count = len(planned.fixture.open_findings)
-    verdict = "planned; no finding wants an answer"
-    if open_count == 1:
-        verdict = "planned; 1 finding wants an answer"
-    elif open_count:
-        verdict = f"planned; {count(open_count, 'finding')} want an answer"
+    verdict = findings_verdict("planned", planned.fixture)
     words = ["vfplan", "review", str(output), "--slice", str(image)]
     next_step = shlex.join([*words, "-o", str(output.with_name(f"{output.stem}-approved.h5"))])
     wrote = f"wrote {output}"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import shlex
 from pathlib import Path
 from typing import Any
 
 import click
 from vfplan.cli import options
+from vfplan.cli.extract import findings_verdict
 from vfplan.cli.options import option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import Report, command, is_verbose
@@ -66,7 +68,20 @@ def command(
         write_fixture(planned.fixture, path)
         write_registration_picture(planned, drawn, slice_image, picture)
     text = f"{registered_text(planned.report)}\nwrote {output}"
-    return Report(planned.report, text, findings=planned.findings)
+    if planned.fixture.frame == "robot_base":
+        words = ["vfplan", "review", str(output)]
+        if image is not None:
+            words += ["--slice", str(image)]
+        words += ["-o", str(output.with_name(f"{output.stem}-approved.h5"))]
+    else:
+        words = ["vfplan", "register", str(output), "MARKERS", "-o", "FIXTURE.h5"]
+    return Report(
+        planned.report,
+        text,
+        findings=planned.findings,
+        verdict=findings_verdict("registered", planned.fixture),
+        next_step=shlex.join(words),
+    )
 
 
 def write_registration_picture(

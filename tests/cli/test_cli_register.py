@@ -317,3 +317,15 @@ def test_slicer_target_markers_lead_into_the_patients_frame(vfplan_cli, curve, t
         assert vfplan_cli("validate", out).code == 0
         gate = vfplan_cli("stability", out, "--part", "closed-loop")
         assert (gate.code, "robot_base" in gate.error_line) == (3, True)
+
+
+def test_the_report_ends_with_a_verdict_and_the_next_step(vfplan_cli, tmp_path):
+    curve, fixture = tmp_path / "curve.h5", tmp_path / "fixture.h5"
+    run = vfplan_cli("extract", IMAGE, "-o", curve, "--pixel-spacing", "0.5", "--json")
+    assert run.json["verdict"] == "extracted; no finding wants an answer"
+    assert run.json["next"].startswith(f"vfplan register {curve} MARKERS -o FIXTURE.h5 --image ")
+    run = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", fixture, "--image", IMAGE)
+    verdict, following = run.stdout.strip().splitlines()[-2:]
+    assert verdict == "verdict: registered; no finding wants an answer"
+    approved = tmp_path / "fixture-approved.h5"
+    assert following == f"next: vfplan review {fixture} --slice {IMAGE} -o {approved}"

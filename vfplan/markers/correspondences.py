@@ -161,7 +161,7 @@ def read_sides(path: Path) -> list[MarkerPoints]:
     where = str(path)
     if suffix not in (".csv", ".txt", ".tsv", ".json", ".fcsv"):
         raise MarkerError(
-            f"has suffix {path.suffix!r}. Give a .csv, .mrk.json or .fcsv file",
+            f"has suffix {path.suffix!r}. Save it as .csv, .mrk.json or .fcsv",
             where=where,
             code="suffix-unknown",
         )

@@ -275,8 +275,8 @@ def refuse_implausible(
         if is_spread and not MIN_LAYOUT_RADIUS_M <= radius <= MAX_LAYOUT_RADIUS_M:
             raise MarkerError(
                 f"the {name} markers lie {radius:.3g} m (rms) from their centre; "
-                f"{MIN_LAYOUT_RADIUS_M:g} to {MAX_LAYOUT_RADIUS_M:g} m are allowed. Look for "
-                "millimetres given as metres, or the reverse",
+                f"{MIN_LAYOUT_RADIUS_M:g} to {MAX_LAYOUT_RADIUS_M:g} m are allowed. Name their "
+                "unit in the header, as x_m, x_cm or x_mm",
                 code="layout-size",
                 numbers={"radius_m": radius},
             )

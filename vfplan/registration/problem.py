@@ -233,21 +233,25 @@ def _condition(centred: Array, positions: Array, what: str, rank: int) -> float:
             "the file's columns",
             code="markers-coincide",
         )
-    shape = ("coincident", "collinear", "coplanar")
     for r in range(1, rank):
-        if not extent[r] > max(extent[0] / MAX_CONDITION, rounding):
-            advice = "Add a marker beside their line"
-            if r == 2:
-                advice = "Give --model similarity or rigid"
-            ratio = np.inf
-            if extent[r] > 0:
-                ratio = float(extent[0] / extent[r])
-            raise MarkerError(
-                f"the markers are {shape[r]} in the {what}, {ratio:.3g} times as long as wide; at "
-                f"most {MAX_CONDITION:g} times is allowed. {advice}",
-                code=f"markers-{shape[r]}",
-                numbers={"condition": ratio},
+        if extent[r] > max(extent[0] / MAX_CONDITION, rounding):
+            continue
+        shape, code, advice = "on a line", "markers-collinear", "Add a marker beside it"
+        if r == 2:
+            shape, code, advice = (
+                "in a plane",
+                "markers-coplanar",
+                "Give --model similarity or rigid",
             )
+        ratio = np.inf
+        if extent[r] > 0:
+            ratio = float(extent[0] / extent[r])
+        raise MarkerError(
+            f"the markers lie {shape} in the {what}, but for 1/{min(ratio, 1e9):.0f} of their "
+            f"extent, and more than 1/{MAX_CONDITION:.0f} is needed. {advice}",
+            code=code,
+            numbers={"condition": ratio},
+        )
     return float(extent[0] / extent[rank - 1])
 
 

@@ -346,9 +346,9 @@ def fit_registration(
         faces /= np.linalg.norm(faces)
         if not faces @ direction > 0:
             raise MarkerError(
-                "the markers are mirrored: by them the slice is seen from "
-                f"{faces.round(3).tolist()}, but --seen-from says {direction.tolist()}. Look for "
-                "two axes exchanged, or one with the wrong sign",
+                f"the markers are mirrored: by them the slice is seen from {describe_side(faces)}, "
+                "which is not the side that --seen-from names. Look for two axes exchanged, or one "
+                "with the wrong sign",
                 code="mirrored",
                 numbers={"faces": faces.tolist(), "seen_from": direction.tolist()},
             )
