@@ -1,9 +1,9 @@
-"""Print the tables of docs/registration.md:  python docs/make_registration_table.py [SETS]
+"""Print the tables of docs/registration.md: python docs/make_registration_table.py [SETS] [--write]
 
 Markers with planted noise and planted mistakes (tests/support/marker_sets.py), registered as
 `vfplan plan` registers them: how many are refused, how many have a doubt to answer or a note, how
-many pass in silence; and how often the 95 % bounds hold. SETS is the number of sets a row; 600 by
-default.
+many pass in silence; and how often the 95 % bounds hold. SETS is the number of sets a row, 600 by
+default. With --write the tables take the place of those on the page.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ from marker_sets import (  # noqa: E402
 )
 
 SAMPLES = ROOT / "samples"
+PAGE = ROOT / "docs" / "registration.md"
 MODELS = ("affine", "similarity", "rigid")
 
 
@@ -75,42 +76,49 @@ def judge(markers: MarkerSet, target: NDArray[np.float64], model: str) -> tuple[
     return "silent", ""
 
 
-def row(name: str, verdicts: list[tuple[str, str]]) -> str:
+def row(name: str, model: str, verdicts: list[tuple[str, str]]) -> str:
     """A line of the table."""
     count = Counter(verdict for verdict, _ in verdicts)
-    codes = Counter(code for verdict, code in verdicts if verdict in ("refused", "doubt"))
-    shown = ", ".join(f"{code} {number}" for code, number in codes.most_common(4))
     return (
-        f"| {name} | {len(verdicts)} | {count['refused']} | {count['doubt']} | {count['note']} | "
-        f"{count['silent']} | {shown} |"
+        f"| {name} | {model} | {len(verdicts)} | {count['refused']} | {count['doubt']} | "
+        f"{count['note']} | {count['silent']} |"
     )
 
 
-def label_rows(sets: int, models: tuple[str, ...] = ("affine",)) -> list[str]:
+def label_rows(sets: int, models: tuple[str, ...] = MODELS) -> list[str]:
     """Good sets, mistaken labels and outliers."""
-    good: dict[str, list[tuple[str, str]]] = {}
-    mistaken: dict[str, list[tuple[str, str]]] = {}
-    rng = np.random.default_rng(1)
+    lines = []
     for model in models:
+        verdicts: dict[str, list[tuple[str, str]]] = {
+            "good, FLE 0.5 mm": [],
+            "good, FLE 0.1 to 1 mm": [],
+            "of these not symmetric": [],
+            "labels mistaken": [],
+            "one outlier, 4 to 12 markers": [],
+            "one outlier, 3 markers": [],
+        }
+        rng = np.random.default_rng(1)
+        for markers in marker_sets(sets, model=model, fle_m=0.5e-3, seed=2):
+            verdicts["good, FLE 0.5 mm"].append(judge(markers, markers.target, model))
         for markers in marker_sets(sets, model=model):
             verdict = judge(markers, markers.target, model)
-            good.setdefault(f"good, FLE 0.1 to 1 mm, {model}", []).append(verdict)
+            verdicts["good, FLE 0.1 to 1 mm"].append(verdict)
             if not markers.is_symmetric:
-                good.setdefault(f"... of these not symmetric, {model}", []).append(verdict)
-            for name, order in mistaken_orders(rng, len(markers.source)).items():
-                verdict = judge(markers, markers.target[order], model)
-                mistaken.setdefault(f"labels {name}, {model}", []).append(verdict)
-            moved = with_outlier(rng, markers.target)
-            verdict = judge(markers, moved, model)
-            mistaken.setdefault(f"outlier 5 to 100 mm, {model}", []).append(verdict)
-        for markers in marker_sets(sets, model=model, fle_m=0.5e-3, seed=2):
-            verdict = judge(markers, markers.target, model)
-            good.setdefault(f"good, FLE 0.5 mm, {model}", []).append(verdict)
-    return [row(name, verdicts) for name, verdicts in {**good, **mistaken}.items()]
+                verdicts["of these not symmetric"].append(verdict)
+            for order in mistaken_orders(rng, len(markers.source)).values():
+                verdicts["labels mistaken"].append(judge(markers, markers.target[order], model))
+            name = "one outlier, 4 to 12 markers"
+            if len(markers.source) == 3:
+                name = "one outlier, 3 markers"
+            verdicts[name].append(judge(markers, with_outlier(rng, markers.target), model))
+        for name, given in verdicts.items():
+            if given:
+                lines.append(row(name, model, given))
+    return lines
 
 
 def reading_rows() -> list[str]:
-    """The sample's markers, read wrongly in 24 ways: `plan` refuses, or has a finding."""
+    """The sample's markers, read wrongly in 24 ways, by what `plan` says of them."""
     with open(SAMPLES / "elbow_markers_image.csv") as file:
         rows = list(csv.DictReader(file))
     labels = [line["label"] for line in rows]
@@ -151,12 +159,12 @@ def reading_rows() -> list[str]:
         "one marker 20 mm off": outlier,
         "another case": robot[[2, 0, 1, 5, 3, 4, 8, 6, 7]] * [1.02, 0.97, 1],
     }
-    lines = []
+    by_verdict: dict[str, list[str]] = {}
     for name, given in views.items():
-        lines.append(f"| {name} | {_planned(labels, given, robot)} |")
+        by_verdict.setdefault(_planned(labels, given, robot), []).append(name)
     for name, given in places.items():
-        lines.append(f"| {name} | {_planned(labels, pixels, given)} |")
-    return lines
+        by_verdict.setdefault(_planned(labels, pixels, given), []).append(name)
+    return [f"| {verdict} | {'; '.join(names)} |" for verdict, names in sorted(by_verdict.items())]
 
 
 def _planned(labels: list[str], pixels: NDArray[np.float64], robot: NDArray[np.float64]) -> str:
@@ -331,27 +339,45 @@ def processor_time() -> str:
     )
 
 
-if __name__ == "__main__":
-    SETS = int(sys.argv[1]) if len(sys.argv) > 1 else 600
-    print(
-        "| sets | number | refused | doubt | note | silent | codes |\n|---|---|---|---|---|---|---|"
+def tables(sets: int) -> Iterator[tuple[str, list[str]]]:
+    """The tables of the page, each by its header."""
+    yield (
+        "| sets | model | number | refused | doubt | note | silent |",
+        label_rows(sets),
     )
-    for LINE in label_rows(SETS, MODELS):
-        print(LINE, flush=True)
-    print("\n| markers of the sample, given | `plan` |\n|---|---|")
-    for LINE in reading_rows():
-        print(LINE, flush=True)
-    print("\n| model | sets | bound holds at a point | over the whole curve |\n|---|---|---|---|")
-    for MODEL in MODELS:
-        print(coverage_row(MODEL, 5 * SETS), flush=True)
-    print("\n| tilt | sets | refused | doubt | note | silent | bound holds | or a finding |")
-    print("|---|---|---|---|---|---|---|---|")
-    for TILT in (0, 1, 2, 5, 10, 20):
-        print(photograph_row(TILT, SETS), flush=True)
-    print("\n| markers | FLE 0.1 mm | 0.3 mm | 0.5 mm | 1 mm |\n|---|---|---|---|---|")
-    for MARKERS in (6, 8, 10, 12):
-        print(tilt_row(MARKERS), flush=True)
-    print("\n| view | as it is | rectified by four corners |\n|---|---|---|")
-    for VIEW in (0, 3):
-        print(rectified_row(VIEW), flush=True)
-    print(f"\n{processor_time()}")
+    yield "| `plan` says | the sample's markers, given |", reading_rows()
+    coverage = [coverage_row(model, 5 * sets) for model in MODELS]
+    yield "| model | sets | holds at a point | holds over the whole curve |", coverage
+    photographs = [photograph_row(tilt, sets) for tilt in (0, 1, 2, 5, 10, 20)]
+    yield (
+        "| tilt | sets | refused | doubt | note | silent | bound holds | or a finding |",
+        photographs,
+    )
+    tilts = [tilt_row(markers) for markers in (6, 8, 10, 12)]
+    yield "| markers | FLE 0.1 mm | 0.3 mm | 0.5 mm | 1 mm |", tilts
+    rectified = [line for line in map(rectified_row, (0, 3)) if line is not None]
+    if rectified:
+        yield "| photograph | as it is | rectified by four corners |", rectified
+
+
+def write_table(header: str, lines: list[str]) -> None:
+    """Put a table in the place of the one on the page that has the same header."""
+    page = PAGE.read_text().splitlines()
+    start = page.index(header)
+    end = start
+    while end < len(page) and page[end].startswith("|"):
+        end += 1
+    page[start:end] = lines
+    PAGE.write_text("\n".join(page) + "\n")
+
+
+if __name__ == "__main__":
+    numbers = [int(word) for word in sys.argv[1:] if word.isdigit()]
+    for HEADER, ROWS in tables(numbers[0] if numbers else 600):
+        COLUMNS = HEADER.count("|") - 1
+        TABLE = [HEADER, f"|{'---|' * COLUMNS}", *ROWS]
+        print("\n".join(TABLE), flush=True)
+        print()
+        if "--write" in sys.argv:
+            write_table(HEADER, TABLE)
+    print(processor_time())

@@ -210,5 +210,5 @@ def test_the_bound_of_the_curve_holds_over_mixed_layouts(model, sets):
 @pytest.mark.parametrize("sets", [pytest.param(1, marks=pytest.mark.full)])
 def test_no_wrong_reading_of_the_sample_passes_in_silence(sets):
     rows = table.reading_rows()
-    assert len(rows) == 24
+    assert sum(row.count(";") + 1 for row in rows) == 24
     assert not [row for row in rows if "SILENT" in row]
