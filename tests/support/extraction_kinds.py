@@ -597,15 +597,24 @@ LARGE = ("planned", "taper on a planned slice")
 
 
 def _pil(shape, dense, widths):
-    """Pillow at four times the size, reduced by the mean: discs along a dense polyline."""
+    """Pillow at four times the size, reduced by the mean: discs along a dense polyline.
+
+    Pillow cuts the numbers of an ellipse's box down to whole pixels and paints both borders. The
+    box is therefore that of the pixels whose centres lie in the disc; the nearest one of a disc
+    that holds none.
+    """
     from PIL import Image, ImageDraw
 
     n = WITHOUT_OPACITY_STEPS
     picture = Image.new("L", (shape[1] * n, shape[0] * n))
     pencil = ImageDraw.Draw(picture)
-    radii = np.broadcast_to(n * np.asarray(widths, float) / 2, len(dense))
-    for (u, v), radius in zip((dense + 0.5) * n - 0.5, radii, strict=True):
-        pencil.ellipse([u - radius, v - radius, u + radius, v + radius], fill=255)
+    radii = np.broadcast_to(n * np.asarray(widths, float) / 2, len(dense))[:, None]
+    centres = (dense + 0.5) * n - 0.5
+    low, high = np.ceil(centres - radii), np.floor(centres + radii)
+    empty = low > high
+    low[empty] = high[empty] = np.rint(centres)[empty]
+    for box in np.hstack([low, high]).tolist():
+        pencil.ellipse(box, fill=255)
     fine = np.asarray(picture, np.float32)
     return fine.reshape(shape[0], n, shape[1], n).mean((1, 3)) / 255.0
 
