@@ -237,8 +237,5 @@ def _is_expected(curve: CentreLine) -> NDArray[np.bool_]:
     expected = ~curve.whole | profiles.hidden | ~profiles.own[:, profiles.core].all(1)
     at = np.arange(len(expected))
     for end in curve.ends:
-        reach = end.fall
-        if end.tapered:
-            reach = tuned.TAPER_FALLS * end.fall
-        expected |= np.abs(at - end.place) < reach
+        expected |= np.abs(at - end.place) < end.fall
     return maximum_filter1d(expected, tuned.SUDDEN_PX + 1)

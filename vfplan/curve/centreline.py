@@ -95,7 +95,7 @@ def measure(ink: Ink, line: Line) -> CentreLine:
         ends: tuple[End, ...] = ()
         whole = valid
         if not line.closed:
-            ends = find_ends(profiles.mass, profiles.peak, valid, line.width, noisy)
+            ends = find_ends(profiles, valid, noisy)
             whole = _between(valid, ends)
         offset = profiles.offset(noisy)
         if noisy:
@@ -295,8 +295,10 @@ def _centre_line(
         raise _too_little_error(line, 0)
     dense = np.linspace(first, last, 4 * round(last - first) + 1)
     curve = spline(dense)
+    # A line that leaves the picture ends there, even if it would come back.
     inside = ((curve > -0.5) & (curve < ink.size - 0.5)).all(1)
-    dense, curve = dense[inside], curve[inside]
+    kept = max(runs(inside, False), key=len, default=inside[:0])
+    dense, curve = dense[kept], curve[kept]
     if len(dense) < tuned.MIN_PROFILES:
         raise _too_little_error(line, len(dense) // 4)
     arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(curve, axis=0).T))]
@@ -347,5 +349,7 @@ def _deviation(
     for run in runs(bridged, closed):
         x = np.arange(len(run)) + 0.5
         sigma[run] = np.hypot(sigma[run], curvature * x * (len(run) - x) / 2)
+    # Another colour at the edge may hide a part of the line that nobody sees.
+    sigma = np.where(profiles.beside[nearest], np.hypot(sigma, tuned.BESIDE_SIGMA_PX), sigma)
     # Half of what was added for a side that another colour hides may be wrong.
     return np.hypot(sigma, profiles.covered[nearest] / 4)

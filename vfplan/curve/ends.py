@@ -1,44 +1,26 @@
 """Where the pen was put down and lifted, by one rule for blunt and tapered ends.
 
-Along the line its ink, the coverage summed across, falls from full to nothing. Where it falls over
-a short way, the end is blunt: the centre of the pen's tip lies a part of the width before the place
-at which half of the ink is left. Where it falls over a longer way, the pen was drawn out: the fall,
-taken on to nothing, says where.
+Along the line its ink, the coverage summed across, falls from full to nothing. Straight falls of
+many lengths and places are held against it, and each counts by how well it fits. A short fall is a
+blunt end: the centre of the pen's tip lies a part of the width before the place at which half of the
+ink is left. A long fall is a pen that was drawn out, and the fall's foot is its point. Where both
+fit, the end lies between them, and its deviation says so.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
+from vfplan.curve.profiles import Profiles
 
-
-@dataclass(frozen=True)
-class Limits:
-    """What a picture's noise leaves to see at an end; the numbers are explained in `tuned`."""
-
-    blur_px: float
-    flat_width_px: float
-    flat_peak: float
-    taper_sigma: float
-
-
-def clean_limits() -> Limits:
-    """The limits in a picture whose colour is clean."""
-    return Limits(tuned.END_BLUR_PX, tuned.FLAT_WIDTH_PX, tuned.FLAT_PEAK, tuned.TAPER_SIGMA)
-
-
-def noisy_limits() -> Limits:
-    """The limits in a picture whose colour is noisy, as in JPEG."""
-    return Limits(
-        tuned.END_BLUR_NOISY_PX,
-        tuned.FLAT_WIDTH_NOISY_PX,
-        tuned.FLAT_PEAK_NOISY,
-        tuned.TAPER_SIGMA_NOISY,
-    )
+FALLS_PX = np.array([1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24, 29, 35, 42])
+"""Pixels: lengths of the falls that are held against the ink."""
+FOOT_STEP_PX = 0.5
+"""Pixels between the places that are tried for the foot of a fall."""
 
 
 @dataclass(frozen=True)
@@ -48,81 +30,188 @@ class End:
     Parameters
     ----------
     place
-        The centre of the pen's tip.
+        The centre of the pen's tip, or the point of a pen that was drawn out.
     whole
         Up to where profiles across the line are whole.
     sigma
         Standard deviation of the place along the line [px].
     fall
-        Pixels over which the ink falls from 0.8 to 0.2.
-    width
-        Of the pen, close to the end [px].
-    tapered
-        Whether the pen was drawn out.
+        Pixels over which the ink falls from full to nothing.
     """
 
     place: float
     whole: float
     sigma: float
     fall: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a line shows along itself towards one end, which is the last of its N points.
+
+    Parameters
+    ----------
+    mass
+        (N,) ink across the line.
+    coverage
+        (N, K) across the line, at the places `x`.
+    x
+        (K,) [px].
+    seen
+        The last point at which the line was seen.
+    width
+        Of the line [px].
+    noisy
+        Whether the picture's colour is noisy, as that of JPEG is.
+    """
+
+    mass: NDArray[np.float64]
+    coverage: NDArray[np.float64]
+    x: NDArray[np.float64]
+    seen: int
     width: float
-    tapered: bool
+    noisy: bool
 
 
-def find_ends(
-    mass: NDArray, peak: NDArray, valid: NDArray, width: float, noisy: bool
-) -> tuple[End, End]:
+def find_ends(profiles: Profiles, valid: NDArray[np.bool_], noisy: bool) -> tuple[End, End]:
     """The first and the last end of a line.
 
-    mass, peak: (M,) ink and largest coverage across a path that reaches beyond both ends
+    profiles: read across a path of M points that reaches beyond both ends
     valid: (M,) bool, where the line was seen
-    width: the line's width [px]
     noisy: whether the picture's colour is noisy, as that of JPEG is
     """
-    last = len(mass) - 1
+    mass, coverage = profiles.mass, profiles.coverage
     seen = np.flatnonzero(valid)
-    first = _find_end(mass[::-1], peak[::-1], last - seen[0], width, noisy)
-    first = replace(first, place=last - first.place, whole=last - first.whole)
-    return first, _find_end(mass, peak, seen[-1], width, noisy)
+    last = len(mass) - 1
+    backwards = Run(
+        mass[::-1], coverage[::-1], profiles.x, int(last - seen[0]), profiles.width, noisy
+    )
+    forwards = Run(mass, coverage, profiles.x, int(seen[-1]), profiles.width, noisy)
+    first = _find_end(backwards)
+    first = End(last - first.place, last - first.whole, first.sigma, first.fall)
+    return first, _find_end(forwards)
 
 
-def _find_end(mass: NDArray, peak: NDArray, seen: int, width: float, noisy: bool) -> End:
-    """The end of the ink beyond `seen`, the last point at which the line was seen."""
+def _find_end(run: Run) -> End:
     from scipy.ndimage import gaussian_filter1d
 
-    ink = gaussian_filter1d(mass, 0.7)
     # A pressed pen has another width here than elsewhere, and may have rested at the end.
-    before = slice(max(seen - tuned.TANGENT_PX, 0), seen + 1)
-    last = slice(max(seen - tuned.TANGENT_PX // 2, 0), seen + 1)
-    level = max(np.median(ink[before]), 1e-6)
-    if ink[last].max() > tuned.WIDE * level:
-        level = ink[last].max()
+    ink = gaussian_filter1d(run.mass, 0.7)
+    before = ink[max(run.seen - tuned.TANGENT_PX, 0) : run.seen + 1]
+    level = max(float(np.median(before)), 1e-6)
+    highest = before[-tuned.TANGENT_PX // 2 :].max()
+    if highest > tuned.WIDE * level:
+        level = highest
     ink = ink / level
-    width = width * level
-    high = _crossing(ink, _last_above(ink, 0.8, seen), 0.8)
+    width = run.width * level
+    high = _crossing(ink, _last_above(ink, 0.8, run.seen), 0.8)
     half = _crossing(ink, high, 0.5)
     low = _crossing(ink, half, 0.2)
-    fall = low - high
-    limits = clean_limits()
-    if noisy:
-        limits = noisy_limits()
-    if half - high > tuned.BLUNT_FALL * width + limits.blur_px:
-        sigma = limits.taper_sigma * fall
-        return End(low + tuned.POINT_SHARE * fall, low, sigma, fall, width, True)
-    # Half of the ink is left at the end of a flat tip, whose whole width is half covered there.
-    # At a round tip it is left before the end, where half of the width is fully covered.
-    left = np.interp(half, np.arange(len(peak)), peak) / max(np.median(peak[before]), 1e-6)
-    place = half - tuned.ROUND_SHARE * width
-    if width > limits.flat_width_px and left < limits.flat_peak:
-        place = half
-    sigma = tuned.CAP_SIGMA * min(width, limits.flat_width_px) + 0.2
-    return End(place, half, sigma, fall, width, False)
+
+    # The longest fall that a blunt end shows: the round of the tip, and what blurs it.
+    blunt = tuned.BLUNT_PX + tuned.BLUNT_SHARE * run.width
+    noise = tuned.INK_NOISE
+    if run.noisy:
+        blunt += tuned.BLUNT_NOISY_PX + tuned.BLUNT_ROUGH_PX * _roughness(run)
+        noise = tuned.INK_NOISE_NOISY
+    tapered = _taper_share(FALLS_PX, blunt)
+    if not run.noisy:  # The ink close by is plain to see, and a pressed pen ends at once there.
+        tapered = np.minimum(tapered, _taper_share((half - high) / 0.3, blunt))
+
+    # Each foot and each length of the fall counts by how well it fits the ink.
+    foot = np.arange(half - 1, half + FALLS_PX[-1] / 2, FOOT_STEP_PX)[:, None]
+    likely = _likelihood(ink, low, foot, noise)
+    flat = _flat_share(run, width)
+    blunt_place = half - tuned.ROUND_SHARE * width * (1 - flat)
+    place = tapered * foot + (1 - tapered) * blunt_place
+    mean = float((likely * place).sum())
+    variance = (place - mean) ** 2 + tapered * (1 - tapered) * (foot - blunt_place) ** 2
+    variance = float((likely * variance).sum())
+    variance += flat * (1 - flat) * (tuned.ROUND_SHARE * width) ** 2
+    sigma = tuned.END_SIGMA_PX + tuned.END_SIGMA_SHARE * min(width, tuned.FLAT_WIDTH_PX)
+    whole = half
+    if (likely * tapered).sum() > tuned.HALF:
+        whole = low
+    return End(mean, whole, float(np.sqrt(variance + sigma**2)), float((likely * FALLS_PX).sum()))
+
+
+def _taper_share(fall: NDArray | float, blunt: float) -> NDArray | float:
+    """How far falls of the ink are a drawn out pen's: 0 to 1, where `blunt` is a blunt end's."""
+    return np.clip((fall / blunt - 1) / (tuned.TAPER_TIMES - 1), 0, 1)
+
+
+def _likelihood(ink: NDArray, low: float, foot: NDArray, noise: float) -> NDArray[np.float64]:
+    """(F, L) how likely a fall with each foot (F, 1) and length is, of ink with a noise.
+
+    All of them add up to 1. The height from which the ink falls is fitted, and so is an even slope
+    before, as of a pen that is pressed less and less.
+    """
+    first = max(int(low - FALLS_PX[-1]), 0)
+    at = np.arange(first, min(int(low) + tuned.SUDDEN_PX, len(ink)))
+    shown = ink[at]
+    ahead = foot[..., None] - at
+    fall = np.clip(ahead / FALLS_PX[:, None], 0, 1)
+    slope = np.maximum(ahead - FALLS_PX[:, None], 0)
+    # Least squares for the height and the slope; a steep slope is less likely by itself.
+    spread = tuned.INK_HANGS_PX * noise**2
+    prior = spread / tuned.INK_SLOPE**2
+    ff, fs, ss = (fall**2).sum(2) + 1e-9, (fall * slope).sum(2), (slope**2).sum(2) + prior
+    fy, sy = fall @ shown, slope @ shown
+    determinant = ff * ss - fs**2
+    height = (ss * fy - fs * sy) / determinant
+    steep = (ff * sy - fs * fy) / determinant
+    misfit = shown - height[..., None] * fall - steep[..., None] * slope
+    squares = (misfit**2).sum(2) + prior * steep**2
+    spread = max(spread, tuned.INK_HANGS_PX * squares.min() / len(at))
+    likely = np.exp((squares.min() - squares) / (2 * spread))
+    return likely / likely.sum()
+
+
+def _roughness(run: Run) -> float:
+    """How much the ink varies from point to point, 0 to 1, which noise alone does."""
+    from scipy.ndimage import gaussian_filter1d
+
+    inner = run.mass[tuned.TAPER_REACH_PX : run.seen + 1]
+    return 1.5 * float(np.median(np.abs(inner - gaussian_filter1d(inner, tuned.TREND_PX / 2))))
+
+
+def _flat_share(run: Run, width: float) -> float:
+    """How flat the tip is: 0 for a round one, 1 for one that was cut off square.
+
+    A round tip ends earlier at its sides than in its middle. Both sides are averaged, so that a
+    line that does not leave its tip at a right angle looks the same. Thin pens do not show it.
+    """
+    middle = _end_of_band(run, np.abs(run.x) <= 0.15 * width + tuned.STEP_PX / 2)
+    sides = []
+    for side in (1, -1):
+        at = side * run.x
+        sides.append(_end_of_band(run, (at >= 0.3 * width) & (at <= 0.42 * width)))
+    if middle is None or None in sides:
+        return 0.0
+    falls_back = (middle - np.mean(sides)) / width
+    from_width = tuned.FLAT_WIDTH_PX
+    if run.noisy:
+        from_width = tuned.FLAT_WIDTH_NOISY_PX
+    shows = np.clip((width - from_width) / tuned.FLANK_PX, 0, 1)
+    return float(np.clip(1 - falls_back / tuned.ROUND_BACK, 0, 1) * shows)
+
+
+def _end_of_band(run: Run, band: NDArray[np.bool_]) -> float | None:
+    """Where half of the ink is left in a band along the line; `None` in an empty band."""
+    from scipy.ndimage import gaussian_filter1d
+
+    if not band.any():
+        return None
+    ink = gaussian_filter1d(run.coverage[:, band].mean(1), 0.5)
+    before = ink[max(run.seen - tuned.TANGENT_PX, 0) : max(run.seen - 3, 1)]
+    ink = ink / max(float(np.median(before)), 1e-6)
+    return _crossing(ink, _last_above(ink, 0.8, run.seen), 0.5)
 
 
 def _last_above(ink: NDArray, level: float, seen: int) -> int:
     above = np.flatnonzero(ink[: seen + 1] >= level)
     if len(above) == 0:
-        return int(seen)
+        return seen
     return int(above[-1])
 
 

@@ -23,12 +23,16 @@ class Profiles:
         (M, K) of the pen.
     own
         (M, K) bool: in the picture, and no ink of a neighbour.
+    inside
+        (M, K) bool: in the picture.
     mass
         (M,) coverage summed across the line, 1 where it is as usual.
     valid
         (M,) bool: the line was seen.
     hidden
         (M,) bool: another colour lies over it.
+    beside
+        (M,) bool: another colour lies over it or touches its edge.
     covered
         (M,) how much of the line's width another colour hides, with the sign of its side [px].
     width
@@ -38,9 +42,11 @@ class Profiles:
     x: NDArray[np.float64]
     coverage: NDArray[np.float64]
     own: NDArray[np.bool_]
+    inside: NDArray[np.bool_]
     mass: NDArray[np.float64]
     valid: NDArray[np.bool_]
     hidden: NDArray[np.bool_]
+    beside: NDArray[np.bool_]
     covered: NDArray[np.float64]
     width: float
 
@@ -74,7 +80,8 @@ class Profiles:
         shift = np.where(usable, shift, centroid)
         if noisy or self._scatter(shift) < self._scatter(centroid):
             return shift
-        return centroid
+        # The centroid of a line that the picture's border cuts lies too far inside.
+        return np.where(usable & ~self.inside[:, self.core].all(1), shift, centroid)
 
     def _scatter(self, offset: NDArray) -> float:
         """Variance of an offset around its slow changes [px^2], whatever a few outliers do."""
@@ -98,12 +105,15 @@ def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Pro
     usual = max(float(np.median(mass[inside[:, len(x) // 2]])), 1e-6)
     mass = mass / usual
     core = np.abs(x) <= width / 2 + tuned.STEP_PX
+    edge = np.abs(x) <= width / 2 + tuned.BESIDE_PX
+    beside = (other[:, edge] > tuned.FOREIGN).any(1)
     hidden = (other[:, core] > tuned.FOREIGN).any(1) & (mass < tuned.HIDDEN)
     side = np.sign((other * x)[:, core].sum(1))
     covered = np.where(hidden, side * (1 - mass) * usual, 0.0)
     least = np.where(hidden, tuned.HALF, tuned.SEEN)
-    valid = (mass > least) & inside[:, core].all(1)
-    return Profiles(x, coverage, own & inside, mass, valid, hidden, covered, width)
+    valid = (mass > least) & inside[:, len(x) // 2]
+    own &= inside
+    return Profiles(x, coverage, own, inside, mass, valid, hidden, beside, covered, width)
 
 
 def symmetric(profile: NDArray) -> NDArray[np.float64]:

@@ -129,6 +129,9 @@ CORRELATED = 2.5
 END_FACTOR = 4.0
 """Times by which an open end is less sure, as the line is held from one side only."""
 
+BESIDE_SIGMA_PX = 0.15
+"""Pixels: standard deviation of a line at whose edge another colour lies, over or under it."""
+
 SWAY = 1.5
 """Times its usual curvature that a line may bend where a gap hides it."""
 
@@ -151,38 +154,47 @@ TAPER_REACH_PX = 30
 ROUND_SHARE = 0.36
 """Of the width, from the place where half of the ink is left back to the centre of a tip."""
 
-FLAT_PEAK = 0.66
-"""Of full coverage, where half of the ink is left. A flat tip has 0.58, a round one 0.7."""
+BLUNT_PX = 3.0
+"""Pixels: the longest fall of the ink that blur alone makes of a blunt end."""
 
-FLAT_PEAK_NOISY = 0.60
-"""The same where colour is noisy and therefore blurred."""
+BLUNT_SHARE = 0.25
+"""Of the width, by which a round tip makes that fall longer."""
 
-FLAT_WIDTH_PX = 5.5
-"""Pixels of width from which a flat tip can be told from a round one."""
+BLUNT_NOISY_PX = 2.0
+"""Pixels by which JPEG makes it longer, which keeps colour in blocks of 2 px."""
 
-FLAT_WIDTH_NOISY_PX = 8.0
+BLUNT_ROUGH_PX = 70.0
+"""Pixels by which it is longer for ink that varies from point to point by all of itself."""
+
+TAPER_TIMES = 1.5
+"""Times the longest fall of a blunt end: over a fall this long the pen was drawn out."""
+
+INK_NOISE = 0.02
+"""Of the line's ink: noise of what a clean picture shows along the line."""
+
+INK_NOISE_NOISY = 0.06
 """The same where colour is noisy."""
 
-CAP_SIGMA = 0.15
-"""Of the width: standard deviation of an end whose tip may be flat or round."""
+INK_HANGS_PX = 5.0
+"""Pixels of line over which that noise hangs together, so that they count as one."""
 
-TAPER_SIGMA = 0.12
-"""Of a taper's fall from 0.8 to 0.2 of its ink: standard deviation of its point."""
+INK_SLOPE = 0.015
+"""Of the line's ink a pixel: standard deviation of how fast a pressed pen's ink changes."""
 
-TAPER_SIGMA_NOISY = 0.3
-"""The same where colour is noisy, which swallows thin points."""
+FLAT_WIDTH_PX = 2.5
+"""Pixels of width from which a flat tip begins to show."""
 
-POINT_SHARE = 0.22
-"""Of a taper's fall from 0.8 to 0.2 of its ink, on to its point."""
+FLAT_WIDTH_NOISY_PX = 4.0
+"""The same where colour is noisy and therefore blurred."""
 
-BLUNT_FALL = 0.06
-"""Of the width, beyond the blur: the ink of a taper falls from 0.8 to 0.5 over more."""
+ROUND_BACK = 0.1
+"""Of the width, by which the sides of a round tip end before its middle. A disc has 0.14."""
 
-END_BLUR_PX = 1.5
-"""Pixels over which blur alone makes the ink of a blunt end fall from 0.8 to 0.5."""
+END_SIGMA_PX = 0.2
+"""Pixels: standard deviation of an end on a thin line, along the line."""
 
-END_BLUR_NOISY_PX = 2.6
-"""The same in JPEG, which keeps colour in blocks of 2 px."""
+END_SIGMA_SHARE = 0.06
+"""Of the width, by which it is larger on a broader one."""
 
 # The account and the findings.
 
@@ -209,6 +221,3 @@ AT_ONCE = 8.0
 
 SUDDEN_PX = 12
 """Pixels of line over which a sudden change of width is looked for."""
-
-TAPER_FALLS = 4.0
-"""Times the fall of a taper's ink before its end, over which its width changes anyway."""
