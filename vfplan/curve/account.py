@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
-from vfplan.curve.ambiguity import sudden_changes
+from vfplan.curve.ambiguity import lasting_change, relative_width, sudden_changes
 from vfplan.curve.centreline import CentreLine, runs
 from vfplan.curve.coverage import OTHER_UNIT, Ink
 from vfplan.findings import Finding, doubt
@@ -195,7 +195,8 @@ def _end_findings(ink: Ink, curve: CentreLine) -> list[Finding]:
         if other.sum() >= tuned.SPECK_PX:
             text = "another colour lies at the end of the curve. Does it hide more of the curve?"
             findings.append(_finding("end-other-colour", text, point))
-        if end.sigma > tuned.UNSURE_PX:
+        to_border = np.minimum(point, ink.size - 1 - point).min()
+        if end.sigma > tuned.UNSURE_PX and to_border > tuned.FLANK_PX:
             text = f"the end of the curve is known to {end.sigma:.1f} px only. Is it right?"
             findings.append(_finding("end-unsure", text, point))
     return findings
@@ -218,15 +219,22 @@ def _stretch_findings(curve: CentreLine) -> list[Finding]:
 
 def _width_findings(curve: CentreLine) -> list[Finding]:
     """A finding where the width changes suddenly, away from ends, gaps and other colours."""
-    change = np.where(_is_expected(curve), 0.0, sudden_changes(curve))
+    expected = _is_expected(curve)
+    change = np.where(expected, 0.0, sudden_changes(curve))
     largest = float(change.max())
+    at = int(change.argmax())
+    plain = np.flatnonzero(~expected)
+    lasting, where = lasting_change(relative_width(curve)[plain])
+    if lasting > largest:
+        largest = lasting
+        at = plain[where]
     if largest <= tuned.SUDDEN or largest * curve.width <= 1.0:
         return []
     text = (
-        f"the width of the line changes suddenly by {largest * curve.width:.1f} px. Is all of it "
+        f"the width of the line changes by {largest * curve.width:.1f} px. Is all of it "
         "the curve?"
     )
-    return [_finding("width-changes", text, curve.path[change.argmax()])]
+    return [_finding("width-changes", text, curve.path[at])]
 
 
 def _is_expected(curve: CentreLine) -> NDArray[np.bool_]:
@@ -237,5 +245,5 @@ def _is_expected(curve: CentreLine) -> NDArray[np.bool_]:
     expected = ~curve.whole | profiles.hidden | ~profiles.own[:, profiles.core].all(1)
     at = np.arange(len(expected))
     for end in curve.ends:
-        expected |= np.abs(at - end.place) < end.fall
+        expected |= np.abs(at - end.place) < end.fall + curve.width
     return maximum_filter1d(expected, tuned.SUDDEN_PX + 1)

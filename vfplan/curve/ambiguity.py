@@ -58,6 +58,26 @@ def sudden_changes(curve: CentreLine) -> NDArray[np.float64]:
     return change
 
 
+def lasting_change(ratio: NDArray) -> tuple[float, int]:
+    """The largest lasting change of a (M,) relative width, and the point where it is.
+
+    The medians before and after are compared, so that noise counts less than at a sudden change.
+    0 where the width changes as much all along, as a pressed pen's does.
+    """
+    from scipy.ndimage import median_filter
+
+    window = tuned.LASTING_PX
+    if len(ratio) < 3 * window:
+        return 0.0, 0
+    usual = median_filter(ratio, window)
+    reach = (window + tuned.SUDDEN_PX) // 2
+    change = np.abs(usual[2 * reach :] - usual[: -2 * reach])
+    largest = float(change.max())
+    if largest < tuned.LASTING_TIMES * np.median(change):
+        return 0.0, 0
+    return largest, int(change.argmax()) + reach
+
+
 def _refuse_wide_run(curve: CentreLine) -> None:
     from scipy.ndimage import median_filter
 

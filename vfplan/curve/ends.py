@@ -1,21 +1,21 @@
 """Where the pen was put down and lifted, by one rule for blunt and tapered ends.
 
 Along the line its ink, the coverage summed across, falls from full to nothing. Straight falls of
-many lengths and places are held against it, and each counts by how well it fits. A short fall is a
-blunt end: the centre of the pen's tip lies a part of the width before the place at which half of the
-ink is left. A long fall is a pen that was drawn out, and the fall's foot is its point. Where both
+many lengths and places are held against it, and each counts by how well it fits. A short fall is
+a blunt end: the centre of the pen's tip lies a part of the width before the place at which half of
+the ink is left. A long fall is a pen that was drawn out, and the fall's foot is its point. Where both
 fit, the end lies between them, and its deviation says so.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
-from vfplan.curve.profiles import Profiles
+from vfplan.curve.profiles import Profiles, symmetric
 
 FALLS_PX = np.array([1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 17, 20, 24, 29, 35, 42])
 """Pixels: lengths of the falls that are held against the ink."""
@@ -36,7 +36,7 @@ class End:
     sigma
         Standard deviation of the place along the line [px].
     fall
-        Pixels over which the ink falls from full to nothing.
+        Pixels over which the ink of a drawn out pen falls from full to nothing; 0 of a blunt end.
     """
 
     place: float
@@ -61,6 +61,8 @@ class Run:
         The last point at which the line was seen.
     width
         Of the line [px].
+    edge
+        Pixels over which the line's edge falls from 0.8 to 0.2 of its height.
     noisy
         Whether the picture's colour is noisy, as that of JPEG is.
     """
@@ -70,6 +72,7 @@ class Run:
     x: NDArray[np.float64]
     seen: int
     width: float
+    edge: float
     noisy: bool
 
 
@@ -80,16 +83,34 @@ def find_ends(profiles: Profiles, valid: NDArray[np.bool_], noisy: bool) -> tupl
     valid: (M,) bool, where the line was seen
     noisy: whether the picture's colour is noisy, as that of JPEG is
     """
-    mass, coverage = profiles.mass, profiles.coverage
     seen = np.flatnonzero(valid)
-    last = len(mass) - 1
-    backwards = Run(
-        mass[::-1], coverage[::-1], profiles.x, int(last - seen[0]), profiles.width, noisy
+    last = len(valid) - 1
+    forwards = Run(
+        mass=profiles.mass,
+        coverage=profiles.coverage,
+        x=profiles.x,
+        seen=int(seen[-1]),
+        width=profiles.width,
+        edge=_edge(profiles, valid),
+        noisy=noisy,
     )
-    forwards = Run(mass, coverage, profiles.x, int(seen[-1]), profiles.width, noisy)
+    backwards = replace(
+        forwards,
+        mass=profiles.mass[::-1],
+        coverage=profiles.coverage[::-1],
+        seen=int(last - seen[0]),
+    )
     first = _find_end(backwards)
-    first = End(last - first.place, last - first.whole, first.sigma, first.fall)
+    first = replace(first, place=last - first.place, whole=last - first.whole)
     return first, _find_end(forwards)
+
+
+def _edge(profiles: Profiles, valid: NDArray[np.bool_]) -> float:
+    """Pixels over which the line's edge falls from 0.8 to 0.2 of its mean profile's height."""
+    mean = symmetric(profiles.coverage[valid].mean(0))[len(profiles.x) // 2 :]
+    mean = mean / max(float(mean.max()), 1e-6)
+    high = _crossing(mean, int(mean.argmax()), 0.8)
+    return (_crossing(mean, high, 0.2) - high) * tuned.STEP_PX
 
 
 def _find_end(run: Run) -> End:
@@ -109,10 +130,10 @@ def _find_end(run: Run) -> End:
     low = _crossing(ink, half, 0.2)
 
     # The longest fall that a blunt end shows: the round of the tip, and what blurs it.
-    blunt = tuned.BLUNT_PX + tuned.BLUNT_SHARE * run.width
+    blunt = tuned.BLUNT_PX + tuned.BLUNT_EDGES * run.edge + tuned.BLUNT_SHARE * run.width
+    blunt += tuned.BLUNT_ROUGH_PX * _roughness(run)
     noise = tuned.INK_NOISE
     if run.noisy:
-        blunt += tuned.BLUNT_NOISY_PX + tuned.BLUNT_ROUGH_PX * _roughness(run)
         noise = tuned.INK_NOISE_NOISY
     tapered = _taper_share(FALLS_PX, blunt)
     if not run.noisy:  # The ink close by is plain to see, and a pressed pen ends at once there.
@@ -120,7 +141,8 @@ def _find_end(run: Run) -> End:
 
     # Each foot and each length of the fall counts by how well it fits the ink.
     foot = np.arange(half - 1, half + FALLS_PX[-1] / 2, FOOT_STEP_PX)[:, None]
-    likely = _likelihood(ink, low, foot, noise)
+    likely = _likelihood(ink, low, foot, noise) * (1 - (1 - tuned.TAPER_PRIOR) * tapered)
+    likely = likely / likely.sum()
     flat = _flat_share(run, width)
     blunt_place = half - tuned.ROUND_SHARE * width * (1 - flat)
     place = tapered * foot + (1 - tapered) * blunt_place
@@ -132,7 +154,8 @@ def _find_end(run: Run) -> End:
     whole = half
     if (likely * tapered).sum() > tuned.HALF:
         whole = low
-    return End(mean, whole, float(np.sqrt(variance + sigma**2)), float((likely * FALLS_PX).sum()))
+    fall = float((likely * tapered * FALLS_PX).sum())
+    return End(mean, whole, float(np.sqrt(variance + sigma**2)), fall)
 
 
 def _taper_share(fall: NDArray | float, blunt: float) -> NDArray | float:

@@ -154,14 +154,14 @@ TAPER_REACH_PX = 30
 ROUND_SHARE = 0.36
 """Of the width, from the place where half of the ink is left back to the centre of a tip."""
 
-BLUNT_PX = 3.0
-"""Pixels: the longest fall of the ink that blur alone makes of a blunt end."""
+BLUNT_PX = 2.0
+"""Pixels: the longest fall of the ink that a blunt end of a crisp hair line shows."""
+
+BLUNT_EDGES = 1.5
+"""Times the fall of the line's own edge, by which blur makes it longer."""
 
 BLUNT_SHARE = 0.25
-"""Of the width, by which a round tip makes that fall longer."""
-
-BLUNT_NOISY_PX = 2.0
-"""Pixels by which JPEG makes it longer, which keeps colour in blocks of 2 px."""
+"""Of the width, by which a round tip makes it longer."""
 
 BLUNT_ROUGH_PX = 70.0
 """Pixels by which it is longer for ink that varies from point to point by all of itself."""
@@ -177,6 +177,9 @@ INK_NOISE_NOISY = 0.06
 
 INK_HANGS_PX = 5.0
 """Pixels of line over which that noise hangs together, so that they count as one."""
+
+TAPER_PRIOR = 0.3
+"""How common pens that were drawn out are, beside blunt ends."""
 
 INK_SLOPE = 0.015
 """Of the line's ink a pixel: standard deviation of how fast a pressed pen's ink changes."""
@@ -221,3 +224,9 @@ AT_ONCE = 8.0
 
 SUDDEN_PX = 12
 """Pixels of line over which a sudden change of width is looked for."""
+
+LASTING_PX = 24
+"""Pixels of line before and after a change of width that lasts."""
+
+LASTING_TIMES = 3.5
+"""Times the median change between such stretches: pressed pens reached 2, a second run 4 to 400."""
