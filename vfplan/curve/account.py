@@ -10,8 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.curve import tuned
-from vfplan.curve.ambiguity import lasting_change, relative_width, sudden_changes
-from vfplan.curve.centreline import CentreLine, runs
+from vfplan.curve.ambiguity import (
+    lasting_change,
+    one_sided,
+    relative_width,
+    sudden_changes,
+)
+from vfplan.curve.centreline import CentreLine, normals, runs
 from vfplan.curve.coverage import OTHER_UNIT, Ink
 from vfplan.findings import Finding, doubt
 
@@ -64,6 +69,9 @@ class Leftover:
         From the closest curve's edge to its closest pixel [px].
     end_distance
         From the closest end of an open curve to its closest pixel [px].
+    mirrored
+        Whether there is as much ink on the other side of the curve, no more than two widths away: a
+        dot on the line, a control point or the head of an arrow.
     """
 
     middle: NDArray[np.float64]
@@ -71,6 +79,7 @@ class Leftover:
     size: float
     edge_distance: float
     end_distance: float
+    mirrored: bool
 
 
 def find_leftover(ink: Ink, curves: list[CentreLine]) -> list[Leftover]:
@@ -81,14 +90,18 @@ def find_leftover(ink: Ink, curves: list[CentreLine]) -> list[Leftover]:
     pixels = cv2.findNonZero(ink.mask.view(np.uint8)).reshape(-1, 2).astype(np.int64)
     edge_distance = np.full(len(pixels), np.inf)
     end_distance = np.full(len(pixels), np.inf)
+    mirrored = np.zeros(len(pixels), bool)
     for curve in curves:
-        to_curve, _ = cKDTree(curve.points).query(pixels)
+        to_curve, nearest = cKDTree(curve.points).query(pixels)
         edge_distance = np.minimum(edge_distance, to_curve - curve.width / 2)
+        close = np.flatnonzero(to_curve <= tuned.MIRROR_WIDTHS * curve.width + tuned.BESIDE_PX)
+        mirrored[close] |= _is_mirrored(ink, curve, pixels[close], nearest[close])
         if not curve.closed:
             to_end, _ = cKDTree(curve.points[[0, -1]]).query(pixels)
             end_distance = np.minimum(end_distance, to_end)
     left = edge_distance > tuned.BESIDE_PX
     pixels, edge_distance, end_distance = pixels[left], edge_distance[left], end_distance[left]
+    mirrored = mirrored[left]
     if len(pixels) == 0:
         return []
     corner = pixels.min(0)
@@ -106,9 +119,25 @@ def find_leftover(ink: Ink, curves: list[CentreLine]) -> list[Leftover]:
                 size=float((high - low).max() + 1),
                 edge_distance=float(edge_distance[own].min()),
                 end_distance=float(end_distance[own].min()),
+                mirrored=bool(mirrored[own].mean() > tuned.MIRRORED),
             )
             pieces.append(piece)
     return sorted(pieces, key=lambda piece: (-piece.pixels, *piece.middle))
+
+
+def _is_mirrored(
+    ink: Ink, curve: CentreLine, pixels: NDArray, nearest: NDArray
+) -> NDArray[np.bool_]:
+    """Whether each pixel (N, 2) has ink on the other side of the curve, to a pixel."""
+    normal = normals(curve.points, curve.closed)[nearest]
+    across = ((pixels - curve.points[nearest]) * normal).sum(1)
+    opposite = np.rint(pixels - 2 * across[:, None] * normal).astype(int)
+    shown = np.zeros(len(pixels), bool)
+    for du in (-1, 0, 1):
+        for dv in (-1, 0, 1):
+            u, v = np.clip(opposite + np.array([du, dv]), 0, ink.size - 1).T
+            shown |= ink.mask[v, u]
+    return shown
 
 
 def list_account(
@@ -159,6 +188,8 @@ def _leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Find
     at_end = []
     touching = []
     for piece in leftover:
+        if piece.mirrored:
+            continue
         if piece.end_distance <= tuned.END_REACH_GAPS * max_gap_px:
             at_end.append(piece)
         elif piece.edge_distance <= 2 * tuned.BESIDE_PX:
@@ -221,18 +252,18 @@ def _width_findings(curve: CentreLine) -> list[Finding]:
     """A finding where the width changes suddenly, away from ends, gaps and other colours."""
     expected = _is_expected(curve)
     change = np.where(expected, 0.0, sudden_changes(curve))
+    change[_is_dot(curve, change)] = 0.0
     largest = float(change.max())
     at = int(change.argmax())
     plain = np.flatnonzero(~expected)
-    lasting, where = lasting_change(relative_width(curve)[plain])
+    lasting, where = lasting_change(relative_width(curve)[plain], curve.width)
     if lasting > largest:
         largest = lasting
         at = plain[where]
     if largest <= tuned.SUDDEN or largest * curve.width <= 1.0:
         return []
     text = (
-        f"the width of the line changes by {largest * curve.width:.1f} px. Is all of it "
-        "the curve?"
+        f"the width of the line changes by {largest * curve.width:.1f} px. Is all of it the curve?"
     )
     return [_finding("width-changes", text, curve.path[at])]
 
@@ -244,6 +275,31 @@ def _is_expected(curve: CentreLine) -> NDArray[np.bool_]:
     profiles = curve.profiles
     expected = ~curve.whole | profiles.hidden | ~profiles.own[:, profiles.core].all(1)
     at = np.arange(len(expected))
+    straight = _turn_deg(curve) < tuned.MAX_TURN_DEG  # A letter turns off, a drawn out pen goes on.
     for end in curve.ends:
-        expected |= np.abs(at - end.place) < end.fall + curve.width
+        distance = np.abs(at - end.place)
+        expected |= distance < curve.width
+        expected |= straight & (distance < end.fall + curve.width)
     return maximum_filter1d(expected, tuned.SUDDEN_PX + 1)
+
+
+def _is_dot(curve: CentreLine, change: NDArray) -> NDArray[np.bool_]:
+    """(M,) bool, where a change of width is that to a dot on the line: short, and on both sides."""
+    from scipy.ndimage import binary_dilation
+
+    dot = np.zeros(len(change), bool)
+    for run in runs(relative_width(curve) > tuned.WIDE, curve.closed):
+        if len(run) <= tuned.DOT_WIDTHS * curve.width:
+            dot[run] = True
+    dot = binary_dilation(dot, iterations=tuned.SUDDEN_PX)
+    return dot & (one_sided(curve) < tuned.ONE_SIDED * change)
+
+
+def _turn_deg(curve: CentreLine) -> NDArray[np.float64]:
+    """(M,) degrees by which the line turns over a short stretch around each point."""
+    ahead = np.gradient(curve.path, axis=0)
+    heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
+    half = tuned.SUDDEN_PX // 2
+    turn = np.zeros(len(heading))
+    turn[half:-half] = np.abs(heading[2 * half :] - heading[: -2 * half])
+    return np.degrees(turn)

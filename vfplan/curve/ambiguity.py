@@ -58,7 +58,22 @@ def sudden_changes(curve: CentreLine) -> NDArray[np.float64]:
     return change
 
 
-def lasting_change(ratio: NDArray) -> tuple[float, int]:
+def one_sided(curve: CentreLine) -> NDArray[np.float64]:
+    """(M,) how much more ink lies on one side of the line than on the other, of its usual ink.
+
+    The largest over a short stretch. A dot on the line and a control point lie on both sides.
+    """
+    from scipy.ndimage import maximum_filter1d
+
+    profiles = curve.profiles
+    ink = np.where(profiles.own, np.clip(profiles.coverage, 0, None), 0)
+    difference = ink @ np.sign(profiles.x)
+    usual = max(float(np.median(ink.sum(1))), 1e-6)
+    difference = np.abs(difference - np.median(difference)) / usual
+    return maximum_filter1d(difference, 2 * tuned.SUDDEN_PX + 1)
+
+
+def lasting_change(ratio: NDArray, width: float) -> tuple[float, int]:
     """The largest lasting change of a (M,) relative width, and the point where it is.
 
     The medians before and after are compared, so that noise counts less than at a sudden change.
@@ -66,7 +81,7 @@ def lasting_change(ratio: NDArray) -> tuple[float, int]:
     """
     from scipy.ndimage import median_filter
 
-    window = tuned.LASTING_PX
+    window = max(2 * tuned.SUDDEN_PX, round(tuned.WIDE_RUN_WIDTHS * width))
     if len(ratio) < 3 * window:
         return 0.0, 0
     usual = median_filter(ratio, window)

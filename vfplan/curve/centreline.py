@@ -101,7 +101,7 @@ def measure(ink: Ink, line: Line) -> CentreLine:
         if noisy:
             offset = add_brightness(ink, path, normal, profiles, offset)
         measured = path + offset[:, None] * normal
-        spline = _fit_spline(measured, whole, smooth_px, line.closed)
+        spline = _fit_spline(measured, whole, profiles.mass, smooth_px, line.closed)
         smooth = spline(np.arange(len(path)))
         residual = (offset - ((smooth - path) * normal).sum(1))[whole]
         if line.closed:
@@ -242,11 +242,12 @@ def _evenly(points: NDArray, closed: bool) -> NDArray[np.float64]:
 
 
 def _fit_spline(
-    points: NDArray, valid: NDArray, smooth_px: float, closed: bool
+    points: NDArray, valid: NDArray, mass: NDArray, smooth_px: float, closed: bool
 ) -> Callable[[NDArray], NDArray]:
     """The smoothing spline of (M, 2) points over their index, through the valid ones.
 
-    It is fitted twice: the second time it is smoothed less where the line bends.
+    It is fitted twice: the second time it is smoothed less where the line bends. Where the line has
+    less ink than usual it is measured less well, and counts less.
     """
     from scipy.interpolate import make_smoothing_spline
 
@@ -256,12 +257,13 @@ def _fit_spline(
         at = np.arange(-reach, len(points) + reach)
     at = at[valid[at % len(points)]]
     y = points[at % len(points)]
-    first = make_smoothing_spline(at, y, lam=smooth_px**4)
+    weight = np.clip(mass[at % len(points)], 0.1, 1.0) ** 2
+    first = make_smoothing_spline(at, y, w=weight, lam=smooth_px**4)
     scale = _smoothing_scale(first, at, smooth_px)
     if not closed:  # A smoothing spline runs out straight, which a bent line does not.
         inward = np.minimum(at - at[0], at[-1] - at)
         scale *= 1 - (1 - tuned.END_SMOOTH) * np.exp(-inward / smooth_px)
-    return make_smoothing_spline(at, y, w=(smooth_px / scale) ** 4, lam=smooth_px**4)
+    return make_smoothing_spline(at, y, w=weight * (smooth_px / scale) ** 4, lam=smooth_px**4)
 
 
 def _smoothing_scale(spline: Callable, at: NDArray, smooth_px: float) -> NDArray[np.float64]:

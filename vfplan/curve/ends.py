@@ -3,8 +3,8 @@
 Along the line its ink, the coverage summed across, falls from full to nothing. Straight falls of
 many lengths and places are held against it, and each counts by how well it fits. A short fall is
 a blunt end: the centre of the pen's tip lies a part of the width before the place at which half of
-the ink is left. A long fall is a pen that was drawn out, and the fall's foot is its point. Where both
-fit, the end lies between them, and its deviation says so.
+the ink is left. A long fall is a pen that was drawn out, and the fall's foot is its point. Where
+both fit, the end lies between them, and its deviation says so.
 """
 
 from __future__ import annotations
@@ -121,7 +121,8 @@ def _find_end(run: Run) -> End:
     before = ink[max(run.seen - tuned.TANGENT_PX, 0) : run.seen + 1]
     level = max(float(np.median(before)), 1e-6)
     highest = before[-tuned.TANGENT_PX // 2 :].max()
-    if highest > tuned.WIDE * level:
+    rested = highest > tuned.WIDE * level
+    if rested:
         level = highest
     ink = ink / level
     width = run.width * level
@@ -143,7 +144,9 @@ def _find_end(run: Run) -> End:
     foot = np.arange(half - 1, half + FALLS_PX[-1] / 2, FOOT_STEP_PX)[:, None]
     likely = _likelihood(ink, low, foot, noise) * (1 - (1 - tuned.TAPER_PRIOR) * tapered)
     likely = likely / likely.sum()
-    flat = _flat_share(run, width)
+    flat = 0.0
+    if not rested:
+        flat = _flat_share(run, width)
     blunt_place = half - tuned.ROUND_SHARE * width * (1 - flat)
     place = tapered * foot + (1 - tapered) * blunt_place
     mean = float((likely * place).sum())

@@ -225,8 +225,17 @@ AT_ONCE = 8.0
 SUDDEN_PX = 12
 """Pixels of line over which a sudden change of width is looked for."""
 
-LASTING_PX = 24
-"""Pixels of line before and after a change of width that lasts."""
-
 LASTING_TIMES = 3.5
-"""Times the median change between such stretches: pressed pens reached 2, a second run 4 to 400."""
+"""Times the usual lasting change of width: pressed pens reached 2, second runs 4 to 400."""
+
+ONE_SIDED = 0.25
+"""Of a sudden change of width, on one side of the line only: dots on the line reached 0.2."""
+
+MIRROR_WIDTHS = 2.5
+"""Pen widths from the curve within which ink on both sides is a dot or a head on the line."""
+
+MIRRORED = 0.7
+"""Of the pixels of such a piece that have ink on the other side as well."""
+
+DOT_WIDTHS = 3.0
+"""Pen widths: a short swelling on both sides is a dot or a control point. These were 2 to 3."""
