@@ -18,6 +18,7 @@ def planned(vfplan_cli, tmp_path_factory):
     return folder / "f.h5", sample / "elbow_session.csv", sample / "elbow.png", markers
 
 
+@pytest.mark.slow
 def test_report_picture_and_going_on(vfplan_cli, planned, tmp_path):
     fixture, session, image, markers = planned
     words = ("campaign", fixture, session, "-o", tmp_path / "c", "--workers", "1")

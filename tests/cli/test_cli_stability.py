@@ -29,6 +29,7 @@ def dot(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_study_of_a_point(vfplan_cli, dot, tmp_path):
     folder = tmp_path / "report"
     options = ("--part", "closed-loop", "--part", "passivity")

@@ -66,7 +66,11 @@ LONG_WORDS = ["extract elbow.png --pixel-spacing 0.5 -o c.h5", "demo -o demo",
 
 
 @pytest.mark.parametrize(
-    "calls", [WORDS, pytest.param(LONG_WORDS, marks=pytest.mark.full)], ids=["most", "long"]
+    "calls",
+    [
+        pytest.param(WORDS, marks=pytest.mark.slow, id="most"),
+        pytest.param(LONG_WORDS, marks=pytest.mark.full, id="long"),
+    ],
 )
 def test_no_file_of_the_current_folder_is_run_or_heeded(vfplan_cli, hostile, calls):
     env = {"DISPLAY": ":9999"}  # where no screen is: `view` tries, in a process of its own

@@ -164,6 +164,7 @@ def case(seed, kind, chunks):
         judge(trace, past, rooms, engine, axis)
 
 
+@pytest.mark.slow
 def test_never_inside_lets_go_never_grows():
     """At least 1e5 ticks, 30 % of them in contact, and thousands of let-gos."""
     TALLY.clear()

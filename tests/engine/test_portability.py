@@ -5,6 +5,8 @@ import subprocess
 import pytest
 from conftest import ROOT, need_program
 
+pytestmark = pytest.mark.slow
+
 INCLUDE = ROOT / "vfplan" / "native" / "include"
 SOURCE = """
 #include "vfplan/engine.hpp"

@@ -137,7 +137,7 @@ def test_hollows_are_followed_at_any_speed(name, speed):
     assert over.max() <= 10 * band
 
 
-@pytest.mark.parametrize("speed", [0.1, 0.5])
+@pytest.mark.parametrize("speed", [pytest.param(0.1, marks=pytest.mark.slow), 0.5])
 @pytest.mark.parametrize("route", ["around", "over"])
 def test_hollow_as_narrow_as_the_proxy_does_not_hold_it(route, speed):
     """The teapot's spout bends in at about R."""

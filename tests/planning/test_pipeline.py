@@ -105,6 +105,7 @@ def test_same_input_gives_the_same_fixture(monkeypatch):
     assert first.provenance.created_utc == "2023-11-14T22:13:20Z"
 
 
+@pytest.mark.slow
 def test_another_linear_algebra_kernel_gives_the_same_fixture(vfplan_cli, tmp_path):
     curve = tmp_path / "curve.h5"
     assert vfplan_cli("extract", SAMPLES / "elbow.png", "-o", curve).code == 0

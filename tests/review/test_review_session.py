@@ -407,7 +407,7 @@ Review.TestCase.settings = settings(
     derandomize=True,
     suppress_health_check=list(HealthCheck),
 )
-TestReview = Review.TestCase
+TestReview = pytest.mark.slow(Review.TestCase)
 
 
 def test_undo_of_everything_returns_the_whole_first_state(sample):
