@@ -18,7 +18,9 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 from test_layers import LAYERS, imports, layer, sources  # noqa: E402
 
-INK, PALE, BOX = "#1b3a57", "#9db4c8", "#eef3f7"
+INK = "#1b3a57"
+PALE = "#9db4c8"
+BOX = "#eef3f7"
 
 
 def main() -> None:

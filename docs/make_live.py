@@ -24,7 +24,8 @@ import vfplan
 from vfplan.session.mcapfile import TICK, McapWriter, read_ticks
 
 ROOT = Path(__file__).resolve().parents[1]
-SECONDS, TEN_MINUTES = 5, 600_000
+SECONDS = 5
+TEN_MINUTES = 600_000
 STEP = re.compile(r"p50 ([\d.]+)  p99 ([\d.]+)  p99.9 ([\d.]+)")
 
 

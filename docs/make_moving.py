@@ -13,7 +13,9 @@ import numpy as np
 
 import vfplan
 
-T, K, SECONDS = 1e-3, 1000.0, 20.0
+T = 1e-3
+K = 1000.0
+SECONDS = 20.0
 
 MOTIONS = {  # name -> metres at t [s]
     "breathing, ±5 mm at 0.25 Hz": lambda t: 5e-3 * np.sin(2 * np.pi * 0.25 * t),

@@ -18,7 +18,8 @@ import vfplan
 from vfplan.planning import ExtractSettings, plan
 from vfplan.replaying import replay
 
-TICKS, RUNS = 60_000, 40
+TICKS = 60_000
+RUNS = 40
 
 
 def prepared(sample: Path, folder: Path) -> tuple[Path, Path]:

@@ -23,7 +23,10 @@ import nrrd
 from vfplan.registration.nearest import NearestOnMesh
 from vfplan.surface import SurfaceSettings, surface
 
-GAP, PIXEL = 3.0, 0.1  # mm
+GAP = 3.0
+"""Between slices [mm]."""
+PIXEL = 0.1
+"""Size of a pixel [mm]."""
 SIDE = 40.0  # mm, half of the slices'
 
 

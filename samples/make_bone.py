@@ -16,10 +16,15 @@ import numpy as np
 
 SCHEMA = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"
 SCHEMA += "Resources/Schema/markups-schema-v1.0.3.json#"
-HALVES = np.array([18.0, 14.0, 45.0])  # mm
+HALVES = np.array([18.0, 14.0, 45.0])
+"""Half axes of the ellipsoid [mm]."""
 PLACES = np.arange(-36, 37, 4.0)
+"""Heights of the slices [mm]."""
 MARKS = np.array([[38, 0, -30], [-30, 25, -10], [10, 35, 40], [-25, -30, 36], [34, -22, 8.0]])
-TURN, SHIFT = 0.4, np.array([0.5, 0.1, 0.3])
+TURN = 0.4
+"""Turn of the robot's frame about the patient's z axis [rad]."""
+SHIFT = np.array([0.5, 0.1, 0.3])
+"""Origin of the patient's frame in the robot's [m]."""
 
 
 def bone(angle, z):
@@ -31,7 +36,8 @@ def bone(angle, z):
 
 def robot(points):
     """The patient's millimetres in the robot's metres."""
-    c, s = np.cos(TURN), np.sin(TURN)
+    c = np.cos(TURN)
+    s = np.sin(TURN)
     return 1e-3 * points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + SHIFT
 
 

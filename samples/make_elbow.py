@@ -24,14 +24,17 @@ from scipy.interpolate import make_interp_spline, splev, splprep
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
-WIDTH, HEIGHT = 871, 786
+WIDTH = 871
+HEIGHT = 786
 MM_PER_PX = 0.5  # the print's scale
 LENGTH_PX = 2204 / 5.3 / MM_PER_PX  # so long is a curve of 2204 points at 5.3 points/mm
 PEN_PX = 2.6488  # what makes 5.3 mask pixels to a millimetre of curve
 PEN_COLOUR = (226, 26, 32)
 FLE_SIGMA_M = 0.2e-3  # how well a marker is touched with the robot's tip, each axis
 RATE_HZ = 1000.0
-AWAY_M, PRESS_M, SLIDE_M = 0.012, 0.0025, 0.045  # off the curve, beyond it, along it
+AWAY_M = 0.012  # how far off the curve a visit begins and ends
+PRESS_M = 0.0025  # how far beyond the curve the hand presses
+SLIDE_M = 0.045  # how far along the curve it slides
 MEAN_SPEED = 0.12  # m/s, a careful hand
 
 # Outlines in pixels, drawn by eye after sagittal slices of an elbow.
@@ -128,7 +131,10 @@ def waypoints(length: float) -> list[tuple[float, float]]:
     path = [(0.02, AWAY_M)]
     for side, order in ((1, places), (-1, places[::-1])):
         for place in order:
-            start, end = (place, place + SLIDE_M) if side > 0 else (place + SLIDE_M, place)
+            start = place
+            end = place + SLIDE_M
+            if side < 0:
+                start, end = end, start
             path += [(start, side * AWAY_M), (start, -side * PRESS_M),
                      (end, -side * PRESS_M), (end, side * AWAY_M)]  # fmt: skip
         if side > 0:

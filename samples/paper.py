@@ -32,7 +32,10 @@ Array = NDArray[np.float64]
 SIMULATIONS = {"fig2a": "point", "fig2b": "segment", "fig2c": "teapot", "fig2d": "omega"}
 FIGURES = ("fig2", "fig4", "fig5", "fig6")
 FILES = tuple(f"{name}.{kind}" for name in FIGURES for kind in ("png", "json"))
-MOUSE_HZ, MOUSE_M_S = 50.0, 0.03  # the pointer of Sect. III-A, and a hand that follows a line
+MOUSE_HZ = 50.0
+"""Rate of the pointer of Sect. III-A [Hz]."""
+MOUSE_M_S = 0.03
+"""Speed of a hand that follows a line [m/s]."""
 BESIDE_M = 2e-3  # of the line: 3 mm behind the surface that R = 5 mm puts before it
 WAVER_M = 0.4e-3
 PAPER: dict[str, dict[str, Any]] = {

@@ -26,7 +26,10 @@ TICKS = 1500
 HOST = (
     f"127.0.0.{2 + os.getpid() % 250}"  # the port is fixed: two studies at once need two addresses
 )
-HAND, DAMPER = 800.0, 30.0  # [N/m], [N s/m]
+HAND = 800.0
+"""Stiffness of the hand that holds the arm [N/m]."""
+DAMPER = 30.0
+"""Damping of that hand [N s/m]."""
 
 
 def sheet(side: float = 0.06, spacing: float = 1e-3, hole: float = 0.0) -> np.ndarray:
