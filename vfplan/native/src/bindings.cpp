@@ -24,6 +24,21 @@ vfplan::mesh::Surface surface(const Rows& points, const Triples& triangles) {
     return {points.data(), points.shape(0), triangles.data(), triangles.shape(0)};
 }
 
+// Points (N, 3) and triangles (K, 3) of the mesh that `make` makes, without the GIL.
+template <class Make>
+nb::tuple arrays_of(const Make& make) {
+    vfplan::mesh::OwnedSurface made;
+    {
+        nb::gil_scoped_release release;
+        made = make();
+    }
+    auto points = array<double>(made.points.size() / 3, 3);
+    std::copy(made.points.begin(), made.points.end(), points.data());
+    auto triangles = array<std::int32_t>(made.triangles.size() / 3, 3);
+    std::copy(made.triangles.begin(), made.triangles.end(), triangles.data());
+    return nb::make_tuple(points, triangles);
+}
+
 // What is made of lines and arcs, or of a mesh: `shape` makes one of `names`.
 template <class Shape, class... Args, class... Names>
 void bind_shape(nb::module_& m, nb::class_<Engine>& engine, Shape (*shape)(const Args&...),
@@ -170,12 +185,28 @@ NB_MODULE(_core, m) {
             nb::gil_scoped_release release;
             const vfplan::mesh::Surface s = surface(points, triangles);
             vfplan::mesh::check(s);
-            const vfplan::mesh::Mesh mesh(s, vfplan::mesh::MeshRule::tolerance * p.R());
+            const vfplan::mesh::Mesh mesh(s);
             const vfplan::mesh::SmoothBody body(mesh, p.R());
             return std::make_pair(body.coarse_facets(), body.coarsest_sagitta());
         },
         "points"_a, "triangles"_a, "parameters"_a,
         "facets too coarse to be smoothed, and the sagitta of the coarsest [m]");
+    m.def(
+        "refined",
+        [](const Rows& points, const Triples& triangles, double longest_side) {
+            return arrays_of([&] {
+                return vfplan::mesh::Refinement(surface(points, triangles), longest_side, 0).take();
+            });
+        },
+        "points"_a, "triangles"_a, "longest_side"_a, "the same surface, no side longer [m]");
+    m.def(
+        "sampled",
+        [](const Rows& points, const Triples& triangles, double cover) {
+            return arrays_of(
+                [&] { return vfplan::mesh::sampled(surface(points, triangles), cover); });
+        },
+        "points"_a, "triangles"_a, "cover"_a,
+        "samples of a mesh, no place of it farther from one [m], and triangles between them");
     m.attr("smallest_radius") = vfplan::smallest_radius;
     m.attr("largest_radius") = vfplan::largest_radius;
     m.attr("largest_coordinate") = vfplan::largest_coordinate;

@@ -205,7 +205,7 @@ VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters 
     p.band = mesh::MeshRule::band(p, surface);
     check(p);
     if (p.ignore_axis) reject("rule exact renders a mesh in space: without an ignore_axis");
-    mesh::Mesh triangles(surface, mesh::MeshRule::tolerance * p.R());
+    mesh::Mesh triangles(surface);
     mesh::SmoothBody body(triangles, p.R());
     p.band += body.rise();
     return std::make_unique<GeometryEngine<Space, mesh::MeshRule>>(

@@ -64,12 +64,14 @@ inline double tick_time_bound(const mesh::Surface& s, const Parameters& p) {
     constexpr double a_triangle = 4;  // steps
     mesh::check(s);
     std::vector<Box<3>> boxes;
-    mesh::Coarse(s, mesh::MeshRule::tolerance * p.R())
-        .each([&](const Vec3& a, const Vec3& b, const Vec3& c, const auto&) {
-            boxes.push_back({a, a});
-            boxes.back().include(b);
-            boxes.back().include(c);
-        });
+    boxes.reserve(s.k);
+    for (std::size_t i = 0; i < s.k; ++i) {
+        const mesh::Face face = mesh::face_of(s, i);
+        const Vec3 first = mesh::corner_of(s, face[0]);
+        boxes.push_back({first, first});
+        boxes.back().include(mesh::corner_of(s, face[1]));
+        boxes.back().include(mesh::corner_of(s, face[2]));
+    }
     const double near = most_within(boxes, mesh::MeshRule::list_reach * p.R());
     return a_step * (3 * mesh::MeshRule::max_steps + a_triangle * near);
 }

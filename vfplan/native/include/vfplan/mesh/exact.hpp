@@ -239,8 +239,6 @@ class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
   public:
     /// What a file's single precision, and roundings, may let the proxy sink [R].
     static constexpr double roundings = 1e-5;
-    /// What roundings leave of a plane [R].
-    static constexpr double tolerance = 1e-11;
     static constexpr int max_iterations = MeshMotion::max_iterations;
     static constexpr int max_steps = MeshMotion::max_steps;
     /// How far away the triangles lie at most that a tick looks at [R].

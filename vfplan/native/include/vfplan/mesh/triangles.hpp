@@ -1,20 +1,23 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// Triangles in space, and what of them lies near: the place of each that is nearest to a point, and
-// a tree of boxes above them.
+// Triangles in space: how they are sampled, the place of each that is nearest to a point, and a
+// tree of boxes above them.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
+#include <limits>
+#include <string>
+#include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "vfplan/base/bounds_tree.hpp"
 #include "vfplan/cloud/points.hpp"
 
 namespace vfplan::mesh {
-
-// The same surface by fewer triangles. A mesh is refined until points alone hold the proxy back;
-// for its triangles those in one plane need not be many.
 
 inline constexpr double never = std::numeric_limits<double>::infinity();
 
@@ -36,103 +39,169 @@ inline void check(const Surface& s) {
             reject("triangles name points that are not there");
 }
 
-/// Takes corners away, the last first, where the triangles around one lie in planes that those left
-/// fill as they were: each time none is moved by more than `tolerance` [m].
-class Coarse {
+/// Three rows of corners.
+using Face = std::array<std::uint32_t, 3>;
+
+inline Face face_of(const Surface& s, std::size_t i) noexcept {
+    Face face;
+    for (std::size_t j = 0; j < 3; ++j) {
+        face[j] = static_cast<std::uint32_t>(s.triangles[3 * i + j]);
+    }
+    return face;
+}
+
+inline Vec3 corner_of(const Surface& s, std::uint32_t row) noexcept {
+    const double* p = s.points + 3 * std::size_t{row};
+    return {{p[0], p[1], p[2]}};
+}
+
+/// Largest distance [m] of a place in a triangle of these sides from its nearest corner.
+inline double covering_radius(std::array<double, 3> sides) noexcept {
+    std::sort(sides.begin(), sides.end());
+    const auto [a, b, c] = sides;
+    if (c == 0) return 0;
+    // In an obtuse triangle the farthest place lies on the longest side, else it is the
+    // circumcentre.
+    if (a * a + b * b <= c * c) return b * b * c / (b * b + c * c - a * a);
+    const double product = (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c));
+    return a * b * c / std::sqrt(std::max(product, 0.0));
+}
+
+/// A mesh that holds its own arrays, laid out as in Surface.
+struct OwnedSurface {
+    std::vector<double> points;
+    std::vector<std::int32_t> triangles;
+
+    Surface view() const noexcept {
+        return {points.data(), points.size() / 3, triangles.data(), triangles.size() / 3};
+    }
+};
+
+/// Most samples, and triangles between them, that are taken of a mesh: as many as a bundle may
+/// hold.
+inline constexpr std::size_t max_samples = 4'000'000;
+
+/// Cuts triangles until their corners sample the surface.
+///
+/// A triangle is cut where a place of it is farther than `cover` [m] from its corners: its sides
+/// longer than `longest_side` [m] are halved, in both triangles that share them, as often as it
+/// takes. The corners that were given keep their numbers, and the surface stays as it is.
+class Refinement {
   public:
-    using Face = std::array<std::uint32_t, 3>;
-
-    Coarse(const Surface& s, double tolerance) : points_(s.points), tolerance_(tolerance) {
-        faces_.resize(s.k);
-        around_.resize(s.n);
-        for (std::size_t i = 0; i < s.k; ++i)
-            for (std::size_t j = 0; j < 3; ++j) {
-                faces_[i][j] = static_cast<std::uint32_t>(s.triangles[3 * i + j]);
-                around_[faces_[i][j]].push_back(static_cast<std::uint32_t>(i));
-            }
-        for (bool more = true; more;) {
-            more = false;
-            for (std::size_t v = s.n; v-- > 0;)
-                more |= remove_corner(static_cast<std::uint32_t>(v));
-        }
+    Refinement(const Surface& s, double longest_side, double cover)
+        : longest_side_(longest_side), cover_(cover) {
+        check(s);
+        made_.points.assign(s.points, s.points + 3 * s.n);
+        made_.triangles.assign(s.triangles, s.triangles + 3 * s.k);
+        while (mark_long_sides()) cut_marked_sides();
     }
 
-    /// Calls f(a, b, c, rows) with the corners of each triangle that is left.
-    template <class F>
-    void each(F&& f) const {
-        for (const Face& t : faces_)
-            if (t[0] != gone) f(at(t[0]), at(t[1]), at(t[2]), t);
-    }
+    OwnedSurface take() { return std::move(made_); }
 
   private:
-    static constexpr std::uint32_t gone = ~std::uint32_t{0};
-    static constexpr std::size_t max_triangles_at_corner =
-        64;  // triangles round a corner that is looked at
-
-    Vec3 at(std::uint32_t v) const {
-        const double* p = points_ + 3 * std::size_t{v};
+    Vec3 at(std::int32_t row) const noexcept {
+        const double* p = made_.points.data() + 3 * static_cast<std::size_t>(row);
         return {{p[0], p[1], p[2]}};
     }
-    static bool has(const Face& t, std::uint32_t v) { return t[0] == v || t[1] == v || t[2] == v; }
-    static Vec3 across(const Vec3& a, const Vec3& b, const Vec3& c) { return cross(b - a, c - a); }
+    double length(std::int32_t a, std::int32_t b) const noexcept { return norm(at(b) - at(a)); }
 
-    /// Moves v onto the neighbour that changes least, where that is next to nothing: along an edge
-    /// between all but parallel planes, not across it.
-    bool remove_corner(std::uint32_t v) {
-        if (around_[v].empty() || around_[v].size() > max_triangles_at_corner) return false;
-        double least = never;
-        std::uint32_t onto = gone;
-        for (const std::uint32_t i : around_[v])
-            for (const std::uint32_t w : faces_[i])
-                if (const double off = w == v ? never : plane_shift(v, w); off < least)
-                    least = off, onto = w;
-        return onto != gone && (merge_into(v, onto), true);
+    static std::uint64_t side(std::int32_t a, std::int32_t b) noexcept {
+        const auto low = static_cast<std::uint64_t>(std::min(a, b));
+        return low << 32 | static_cast<std::uint64_t>(std::max(a, b));
     }
 
-    /// How far the planes of v's triangles are from those of before [m] if it moves onto w; `never`
-    /// where that is beyond the tolerance, a side turns or areas are not filled as they were.
-    double plane_shift(std::uint32_t v, std::uint32_t w) const {
-        double before = 0, after = 0, least = never, most = 0;
-        for (const std::uint32_t i : around_[v]) {
-            const Face& t = faces_[i];
-            const Vec3 was = across(at(t[0]), at(t[1]), at(t[2]));
-            before += norm(was);
-            if (has(t, w)) {
-                least = std::min(least, norm(was));
-                continue;
+    /// Gives each side that is to be halved its middle. False if there is none.
+    bool mark_long_sides() {
+        middles_.clear();
+        for (std::size_t i = 0; i < made_.triangles.size(); i += 3) {
+            const std::int32_t* t = made_.triangles.data() + i;
+            const std::array<double, 3> sides{length(t[0], t[1]), length(t[1], t[2]),
+                                              length(t[2], t[0])};
+            constexpr double roundings = 1 + 1e-9;
+            if (covering_radius(sides) <= cover_ * roundings) continue;
+            for (std::size_t k = 0; k < 3; ++k) {
+                if (sides[k] > longest_side_) mark(t[k], t[(k + 1) % 3]);
             }
-            const auto to = [&](std::uint32_t c) { return at(c == v ? w : c); };
-            const Vec3 is = across(to(t[0]), to(t[1]), to(t[2]));
-            const double area = norm(is);
-            const double off = std::abs(dot(is, at(v) - at(w)));
-            if (!(dot(is, was) > 0) || !(off <= tolerance_ * area)) return never;
-            most = std::max(most, off / area);
-            after += area;
         }
-        const bool filled = std::abs(before - after) <= std::min(1e-9 * before, least / 2);
-        return least > 1e-9 * before && filled ? most : never;
+        return !middles_.empty();
     }
 
-    void merge_into(std::uint32_t v, std::uint32_t w) {
-        for (const std::uint32_t i : around_[v]) {
-            Face& t = faces_[i];
-            if (has(t, w)) {
-                for (const std::uint32_t c : t)
-                    if (c != v) std::erase(around_[c], i);
-                t[0] = gone;
+    void mark(std::int32_t a, std::int32_t b) {
+        const std::size_t row = made_.points.size() / 3;
+        if (!middles_.try_emplace(side(a, b), static_cast<std::int32_t>(row)).second) return;
+        if (row >= max_samples) reject_as_too_many();
+        const Vec3 middle = 0.5 * (at(a) + at(b));
+        for (const double c : middle.c) made_.points.push_back(c);
+    }
+
+    /// Cuts each triangle between the middles of its marked sides.
+    void cut_marked_sides() {
+        std::vector<std::int32_t> cut;
+        cut.reserve(made_.triangles.size());
+        const auto add = [&](std::int32_t a, std::int32_t b, std::int32_t c) {
+            cut.insert(cut.end(), {a, b, c});
+            if (cut.size() > 3 * max_samples) reject_as_too_many();
+        };
+        for (std::size_t i = 0; i < made_.triangles.size(); i += 3) {
+            std::array<std::int32_t, 3> t{made_.triangles[i], made_.triangles[i + 1],
+                                          made_.triangles[i + 2]};
+            std::array<std::int32_t, 3> m{middle(t[0], t[1]), middle(t[1], t[2]),
+                                          middle(t[2], t[0])};
+            const auto marked =
+                std::count_if(m.begin(), m.end(), [](auto row) { return row >= 0; });
+            // Turned so that one marked side is the first, and of two the other is the second.
+            while ((marked == 1 && m[0] < 0) || (marked == 2 && m[2] >= 0)) {
+                std::rotate(t.begin(), t.begin() + 1, t.end());
+                std::rotate(m.begin(), m.begin() + 1, m.end());
+            }
+            if (marked == 0) {
+                add(t[0], t[1], t[2]);
+            } else if (marked == 1) {
+                add(t[0], m[0], t[2]);
+                add(m[0], t[1], t[2]);
+            } else if (marked == 2) {
+                add(m[0], t[1], m[1]);
+                // What is left has four sides. Its shorter diagonal parts it.
+                if (length(t[0], m[1]) < length(m[0], t[2])) {
+                    add(t[0], m[0], m[1]);
+                    add(t[0], m[1], t[2]);
+                } else {
+                    add(t[0], m[0], t[2]);
+                    add(m[0], m[1], t[2]);
+                }
             } else {
-                std::replace(t.begin(), t.end(), v, w);
-                around_[w].push_back(i);
+                add(t[0], m[0], m[2]);
+                add(m[0], t[1], m[1]);
+                add(m[2], m[1], t[2]);
+                add(m[0], m[1], m[2]);
             }
         }
-        around_[v].clear();
+        made_.triangles = std::move(cut);
     }
 
-    const double* points_;
-    double tolerance_;
-    std::vector<Face> faces_;
-    std::vector<std::vector<std::uint32_t>> around_;  // each corner's triangles
+    /// The row of the middle of a side, or -1 if it is not marked.
+    std::int32_t middle(std::int32_t a, std::int32_t b) const {
+        const auto found = middles_.find(side(a, b));
+        return found == middles_.end() ? -1 : found->second;
+    }
+
+    [[noreturn]] static void reject_as_too_many() {
+        reject("the samples of this mesh are more than " + std::to_string(max_samples) +
+               ": take them further apart, or render its triangles");
+    }
+
+    double longest_side_, cover_;
+    OwnedSurface made_;
+    std::unordered_map<std::uint64_t, std::int32_t> middles_;  // of the sides to halve
 };
+
+/// Samples of a mesh and the triangles between them: no place of it is farther than `cover` [m]
+/// from the nearest sample. Sides that no triangle needs halved stay, so that a mesh that is fine
+/// enough comes back as it is. Throws std::invalid_argument if that takes more than `max_samples`.
+inline OwnedSurface sampled(const Surface& s, double cover) {
+    // No place of a triangle is farther from its corners than its longest side over sqrt(3).
+    return Refinement(s, std::sqrt(3.0) * cover, cover).take();
+}
 
 struct Triangle {
     Vec3 a, ab, ac;         ///< a corner, and the sides to the other two
@@ -186,11 +255,14 @@ class Mesh {
   public:
     static constexpr std::uint32_t none = ~std::uint32_t{0};
 
-    /// `tolerance` [m]: how far its places may merge_into where it has more triangles than it
-    /// needs.
-    Mesh(const Surface& s, double tolerance) {
+    explicit Mesh(const Surface& s) {
         std::vector<Item> items;
-        Coarse(s, tolerance).each([&](const auto&... corner) { items.emplace_back(corner...); });
+        items.reserve(s.k);
+        for (std::size_t i = 0; i < s.k; ++i) {
+            const Face face = face_of(s, i);
+            items.emplace_back(corner_of(s, face[0]), corner_of(s, face[1]), corner_of(s, face[2]),
+                               face);
+        }
         tree_.build(
             0, items.size(),
             [&](std::size_t first, std::size_t last) {
@@ -210,11 +282,11 @@ class Mesh {
 
     const Triangle& operator[](std::uint32_t i) const noexcept { return triangles_[i]; }
     /// The rows of its corners in the surface.
-    const Coarse::Face& face(std::uint32_t i) const noexcept { return faces_[i]; }
+    const Face& face(std::uint32_t i) const noexcept { return faces_[i]; }
     std::size_t size() const noexcept { return triangles_.size(); }
     std::size_t boxes() const noexcept { return tree_.size(); }
     std::size_t bytes() const noexcept {
-        return triangles_.capacity() * (sizeof(Triangle) + sizeof(Coarse::Face)) + tree_.bytes();
+        return triangles_.capacity() * (sizeof(Triangle) + sizeof(Face)) + tree_.bytes();
     }
 
     /// Calls f(i) for every triangle in a disc that `is_near(disc)` says so of. Returns the inner
@@ -243,8 +315,8 @@ class Mesh {
     struct Item {
         std::array<Vec3, 3> corner;
         Vec3 middle;
-        Coarse::Face rows;
-        Item(const Vec3& a, const Vec3& b, const Vec3& c, const Coarse::Face& face)
+        Face rows;
+        Item(const Vec3& a, const Vec3& b, const Vec3& c, const Face& face)
             : corner{a, b, c}, middle((1.0 / 3) * (a + b + c)), rows(face) {}
     };
     /// Around `middle`, but for how high that is.
@@ -293,7 +365,7 @@ class Mesh {
     }
 
     std::vector<Triangle> triangles_;
-    std::vector<Coarse::Face> faces_;
+    std::vector<Face> faces_;
     BoundsTree<Disc> tree_;
 };
 
