@@ -25,7 +25,9 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
     option("--curve", type=click.Choice(["open", "closed"]),
            help="Take the points as one curve, in their order.  [default: a bare cloud, which "
            "nothing certifies]"),
-    option("--spacing", type=MM, help="Longest edge of a mesh [mm].  [default: R/10]"),
+    option("--spacing", type=MM,
+           help="Distance between the samples that rules robust and paper take of a mesh [mm].  "
+           "[default: R/10]"),
     option("--stiffness", type=Numbers(1, 3, metavar="N_PER_M[,Y,Z]", positive=False),
            default="1000", help="Stiffness K, one for all axes or one each [N/m]."),
     option("--contact-radius", type=MM, default="5",
@@ -37,7 +39,7 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
     output_option("Write the fixture to this bundle."),
 )  # fmt: skip
 def command(cloud, output, ignore_axis, **arguments) -> CommandResult:
-    """Make a fixture bundle of the points in CLOUD; a mesh is sampled and certified."""
+    """Make a fixture bundle of the points in CLOUD; a mesh is kept as drawn and certified."""
     from vfplan.bundle import import_cloud, read_bundle, write_fixture
     from vfplan.engine.renderable import best_rule, mesh_findings
     from vfplan.errors import SceneError

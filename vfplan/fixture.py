@@ -181,6 +181,9 @@ class Fixture:
         Present when the scene has them.
     mesh
         (K, 3) int32, rows of `points` that form the triangles of an imported surface.
+    sample_radius
+        How far a place of the mesh may be from the nearest sample [m] where a rule renders points.
+        The engine then takes samples of the triangles. `None`: the points are these samples.
     findings
         What a person should look at before the fixture is used, answered or not.
     reviewed
@@ -200,6 +203,7 @@ class Fixture:
     guidance: Guidance | None = None
     findings: tuple[Finding, ...] = ()
     reviewed: Review | None = None
+    sample_radius: float | None = None
 
     @property
     def open_findings(self) -> tuple[Finding, ...]:

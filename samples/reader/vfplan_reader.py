@@ -41,6 +41,7 @@ ROWS = """
 /pieces@error_m ; f8 ; m ;  ; ≥ 0, ≤ 1 ; group
 /mesh ; group ;  ;  ;  ; optional
 /mesh/triangles ; i4 (K, 3) ; 1 ;  ; ≥ 0 ; group
+/mesh@sample_radius_m ; f8 ; m ;  ; > 0, ≤ 1 ; optional
 /image ; group ;  ;  ;  ; optional
 /image@width_px ; i4 ; px ;  ; ≥ 1, ≤ 1e+06 ; group
 /image@height_px ; i4 ; px ;  ; ≥ 1, ≤ 1e+06 ; group
@@ -877,6 +878,8 @@ def check_leak(content, points, axis, has):
     if kind == "mesh":
         triangles = content["/mesh/triangles"].rows()
         openings = [covering_radius(*(flat[i] for i in row)) for row in triangles]
+        if "/mesh@sample_radius_m" in content:
+            openings = [min(max(openings), content["/mesh@sample_radius_m"].items[0])]
     else:
         limit *= 2
         openings = [0.0]

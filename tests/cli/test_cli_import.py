@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan.bundle import export, import_cloud
+from vfplan.bundle import export, import_cloud, read_bundle
 from vfplan.bundle.clouds import refined
 from vfplan.bundle.leak import covering_radius, largest_cover
+from vfplan.engine.renderable import sampled
 from vfplan.errors import InputError
 
 TETRAHEDRON = np.array([[0, 0, 0], [30, 0, 0], [0, 30, 0], [0, 0, 30]], dtype=float)
@@ -27,15 +28,34 @@ def stl(tmp_path):
     return tmp_path / "t.stl"
 
 
-def test_a_mesh_is_refined_certified_and_in_metres(stl, vfplan_cli, tmp_path):
-    run = vfplan_cli("import", stl, "--units", "mm", "-o", tmp_path / "a.h5", "--json")
+@pytest.mark.parametrize(("options", "spacing"), [((), 5e-4), (("--spacing", "2"), 2e-3)])
+def test_a_mesh_is_kept_as_drawn_certified_and_in_metres(
+    options, spacing, stl, vfplan_cli, tmp_path
+):
+    run = vfplan_cli("import", stl, "--units", "mm", *options, "-o", tmp_path / "a.h5", "--json")
     assert run.code == 0, run.stderr
     assert run.json["leak"]["/leak@certified"] == 1
+    assert run.json["leak"]["/leak@largest_m"] == pytest.approx(spacing / np.sqrt(3))
     assert run.json["extent_m"] == [[0, 0, 0], [0.03, 0.03, 0.03]]
+    assert (run.json["points"], run.json["triangles"]) == (4, 4)
     fixture = vfplan.read_fixture(tmp_path / "a.h5")
-    edges = np.linalg.norm(np.diff(fixture.points[fixture.mesh], axis=1), axis=2)
-    assert edges.max() <= 5e-4
-    assert fixture.band >= 1e-5
+    assert np.array_equal(fixture.points[fixture.mesh], TETRAHEDRON[np.array(FACES)] / 1000)
+    assert fixture.sample_radius == pytest.approx(spacing / np.sqrt(3))
+    assert fixture.band == max(1e-5, 5e-3 - np.sqrt(25e-6 - spacing**2 / 3))
+    # What rules "robust" and "paper" render has a certificate of its own.
+    made = sampled(fixture)
+    vfplan.write_fixture(made, tmp_path / "samples.h5")
+    leak = read_bundle(tmp_path / "samples.h5")[0]
+    assert leak["/leak@certified"] == 1
+    assert leak["/leak@largest_m"] == largest_cover(made.mesh, made.points)[0]
+    assert leak["/leak@largest_m"] <= spacing / np.sqrt(3) * (1 + 1e-9)
+
+
+def test_a_drawn_mesh_that_says_nothing_of_samples_leaks(stl, vfplan_cli, tmp_path):
+    assert vfplan_cli("import", stl, "--units", "mm", "-o", tmp_path / "a.h5").code == 0
+    fixture = vfplan.read_fixture(tmp_path / "a.h5")
+    with pytest.raises(vfplan.errors.SceneError, match="leaks"):
+        vfplan.write_fixture(bundles.replace(fixture, sample_radius=None), tmp_path / "b.h5")
 
 
 def test_what_a_certificate_does_not_see_is_warned_of(stl, vfplan_cli, tmp_path):
@@ -44,8 +64,8 @@ def test_what_a_certificate_does_not_see_is_warned_of(stl, vfplan_cli, tmp_path)
     facets = stl.read_text().split("outer loop")
     stl.write_text("outer loop".join(facets[:2] + facets[3:]))  # without the face 0, 1, 3
     run = vfplan_cli("import", stl, "--units", "mm", "-q", "-o", tmp_path / "open.h5")
-    assert "the mesh is open: 256 edges on 1 rim, the widest 42.4 mm across" in run.stderr
-    assert "but an open sheet: 256 rim edges" in vfplan_cli("info", tmp_path / "open.h5").stdout
+    assert "the mesh is open: 3 edges on 1 rim, the widest 42.4 mm across" in run.stderr
+    assert "but an open sheet: 3 rim edges" in vfplan_cli("info", tmp_path / "open.h5").stdout
     stl.write_text("outer loop".join([*facets[:2], facets[1], *facets[2:]]))
     run = vfplan_cli("import", stl, "--units", "mm", "-q", "-o", tmp_path / "twice.h5")
     assert "edges belong to three triangles or more" in run.stderr

@@ -6,15 +6,20 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
 import meshes
 import numpy as np
 import pytest
 from meshes import R
+from scipy.spatial import cKDTree
 from triangle_scenes import Triangles
 
 import vfplan
+from vfplan import _core
 from vfplan.bundle.clouds import refined
+from vfplan.bundle.leak import largest_cover
+from vfplan.engine.renderable import sampled
 from vfplan.errors import SceneError
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.scenes import god_object
@@ -195,8 +200,8 @@ def test_a_fixture_with_a_mesh():
 
 
 @pytest.mark.parametrize("times", [0, 2])
-def test_a_refined_mesh_is_rendered_from_no_more_triangles_than_it_had(times):
-    """Turned and moved, so that nothing lies on round numbers; what is left is the same surface."""
+def test_a_refined_mesh_is_the_same_surface(times):
+    """Turned and moved, so that nothing lies on round numbers."""
     rng = np.random.default_rng(6)
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     points, triangles = meshes.sphere(0.03, times) if times else meshes.box()
@@ -205,20 +210,64 @@ def test_a_refined_mesh_is_rendered_from_no_more_triangles_than_it_had(times):
     assert len(many) > 50 * len(triangles)
     engine = vfplan.ProxyEngine.on(finer, many, R)
     plain = vfplan.ProxyEngine.on(points @ turn.T + [0.5, 0.2, 0.3], triangles, R)
-    assert engine._engine.cells == plain._engine.cells  # boxes of its tree
     inside = np.einsum("kij,ki->kj", finer[many], rng.dirichlet(np.ones(3), size=len(many)))
-    assert engine.distance(inside).max() < 1e-10
+    assert plain.distance(inside).max() < 1e-10
     around = finer[rng.integers(len(finer), size=300)] + rng.normal(size=(300, 3)) * R
     assert engine.distance(around) == pytest.approx(plain.distance(around), abs=1e-10)
 
 
-def test_corners_of_single_precision_cost_no_triangles_when_refined():
-    """A turned box of a file: the halves of each side are in one plane but for 1e-9 m."""
+@pytest.mark.parametrize("cover", [3e-3, 4e-4])
+def test_samples_of_a_mesh_leave_no_place_farther_away(cover):
+    """Of a ball, of a box, and of needles, against a fine search over each triangle."""
+    rng = np.random.default_rng(8)
+    needles = rng.normal(size=(30, 3)) * [0.02, 0.02, 2e-4]
+    shapes = [meshes.sphere(0.03, 1), meshes.box(), (needles, np.arange(30).reshape(10, 3))]
+    for points, triangles in shapes:
+        triangles = np.ascontiguousarray(triangles, np.int32)
+        samples, pieces = _core.sampled(points, triangles, cover)
+        assert np.array_equal(samples[: len(points)], points), "corners keep their numbers"
+        assert largest_cover(pieces, samples)[0] <= cover * (1 + 1e-9)
+        weights = rng.dirichlet(np.ones(3), size=(400, 1))
+        places = (points[triangles] * weights[..., None]).sum(axis=2).reshape(-1, 3)
+        assert cKDTree(samples).query(places)[0].max() <= cover * (1 + 1e-9)
+        again, same = _core.sampled(samples, pieces, cover)
+        assert np.array_equal(again, samples)
+        assert np.array_equal(same, pieces)
+
+
+def test_more_samples_than_a_bundle_holds_are_refused():
+    drawn = replace(fixture(*meshes.box()), sample_radius=1e-6)
+    assert vfplan.ProxyEngine.of(drawn).rule == "exact"
+    with pytest.raises(SceneError, match="more than 4000000"):
+        vfplan.ProxyEngine.of(drawn, "robust")
+
+
+@pytest.mark.parametrize("rule", ["robust", "paper"])
+def test_rules_that_render_points_take_samples_of_a_drawn_mesh(rule):
+    """A box's side is 18 mm from any corner in its middle: corners alone let the tool through."""
     points, triangles = meshes.box()
-    turn, _ = np.linalg.qr(np.random.default_rng(6).normal(size=(3, 3)))
-    points = (points @ turn.T).astype(np.float32).astype(float)
-    finer = vfplan.ProxyEngine.on(*refined(points, triangles, 1e-3), R)
-    assert finer._engine.cells == vfplan.ProxyEngine.on(points, triangles, R)._engine.cells
+    drawn = replace(fixture(points, triangles), sample_radius=6e-4)
+    way = np.linspace(0.02, 0.0, 400)[:, None] * [0.0, 0.0, 1.0] + [1e-3, 2e-3, points[:, 2].max()]
+    engine = vfplan.ProxyEngine.of(drawn, rule)
+    engine.reset(way[0])
+    trace = engine.run(way)
+    assert trace.proxy[-1] == pytest.approx(way[-1] + [0, 0, R], abs=2e-4)
+    # Edits number the samples: corners first, and the others where `sampled` has them.
+    made = sampled(drawn)
+    assert made.sample_radius is None
+    below = np.linalg.norm(made.points - way[-1], axis=1) < 2 * R
+    engine.edit(remove=np.flatnonzero(below))
+    engine.run(np.repeat(way[-1:], 40, axis=0))
+    assert engine.step(way[-1]).proxy == pytest.approx(way[-1], abs=1e-9)
+
+
+def test_engines_of_drawn_meshes_are_exchanged_under_the_hand():
+    drawn = replace(fixture(*meshes.box()), sample_radius=6e-4)
+    engine = vfplan.ProxyEngine.of(drawn, "robust")
+    engine.exchange(drawn)
+    assert engine.rule == "exact"
+    engine.exchange(vfplan.ProxyEngine.of(drawn, "robust"))
+    assert engine.rule == "robust"
 
 
 def test_what_sticks_out_of_a_plane_or_its_edge_stays():

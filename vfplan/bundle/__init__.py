@@ -15,7 +15,7 @@ from typing import Any
 
 # module -> the public names that it defines
 _DEFINED = {
-    "clouds": ("import_cloud", "mesh_band"),
+    "clouds": ("import_cloud", "mesh_band", "sample_band"),
     "describe": ("describe", "diff"),
     "exporting": ("export", "left_out"),
     "keys": ("keygen", "read_keys"),
@@ -31,7 +31,7 @@ _HOME = {name: module for module, names in _DEFINED.items() for name in names}
 __all__ = [
     "Issue", "Trust", "describe", "diff", "export", "import_cloud", "keygen", "left_out",
     "mesh_band", "mesh_doubts", "migrate", "read_bundle", "read_fixture", "read_keys",
-    "read_sealed", "require_signature", "sign", "validate", "write_fixture",
+    "read_sealed", "require_signature", "sample_band", "sign", "validate", "write_fixture",
 ]  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan import _core
 from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.meshfile import Mesh, read_mesh
 from vfplan.bundle.schema import max_size
@@ -43,15 +44,16 @@ def import_cloud(
     Parameters
     ----------
     path
-        PLY and STL may hold triangles: they are refined until no edge is longer than `spacing`,
-        and kept, so that the fixture can be certified. CSV: columns x, y, z. NPY: (N, 3). What
-        else the file says (colours, strokes, ...) is left out; `settings["left_out"]` names it.
+        PLY and STL may hold triangles: they are kept as they were drawn, and their corners are the
+        points. CSV: columns x, y, z. NPY: (N, 3). What else the file says (colours, strokes, ...)
+        is left out; `settings["left_out"]` names it.
     units
         Unit of the file's numbers, a key of `METRES`.
     curve
         "open" or "closed": the points are one curve, in order; `None`: a bare cloud.
     spacing
-        Longest edge of a mesh [m]; `None`: a tenth of R.
+        Longest distance between neighbours [m] of the samples that a rule takes of the triangles
+        when it renders points; `None`: a tenth of R.
     stiffness, contact_radius, point_radius, ignore_axis
         As in `Rendering` [N/m, m]; one stiffness serves all axes. The band is the paper's 10 um,
         or what a ball sinks into between the samples if that is deeper.
@@ -76,7 +78,8 @@ def import_cloud(
         if not (finite := np.isfinite(points).all(axis=1)).all():
             raise InputError(f"point {finite.argmin()} is not finite")
         points = check_points(points)
-    mesh, axis, left_out = None, check_axis(ignore_axis), list(found.left_out)
+    mesh, sample_radius = None, None
+    axis, left_out = check_axis(ignore_axis), list(found.left_out)
     if triangles is not None:
         if curve is not None:
             raise SettingError(
@@ -84,8 +87,14 @@ def import_cloud(
             )
         if unused := len(points) - len(np.unique(triangles)):
             left_out.append(f"{unused} points of no triangle")
-        points, mesh = refined(points, triangles, radius / 10 if spacing is None else spacing)
-        band = mesh_band(points, mesh, radius)
+        if spacing is None:
+            spacing = radius / 10
+        _check_spacing(points[triangles], spacing)
+        points, mesh = drawn(points, triangles)
+        # No place of a triangle is farther from its corners than its longest side over sqrt(3).
+        sample_radius = float(spacing / np.sqrt(3))
+        _check_samples(points, mesh, spacing, sample_radius)
+        band = sample_band(sample_radius, radius)
     else:
         band = default_band(points, contact_radius, point_radius, axis)
     settings = {"units": units, "curve": curve or "none"}
@@ -98,6 +107,7 @@ def import_cloud(
         points=points,
         provenance=Provenance.now({"cloud": digest}, settings),
         mesh=mesh,
+        sample_radius=sample_radius,
         curve=_as_curve(len(points), curve),
         rendering=Rendering(
             stiffness=np.broadcast_to(np.asarray(stiffness, dtype=float), 3).copy(),
@@ -110,8 +120,13 @@ def import_cloud(
 
 
 def mesh_band(points: Points, triangles: NDArray[np.int32], radius: float) -> float:
-    """The paper's band, or the deepest dimple of a proxy of `radius` in the mesh's samples [m]."""
+    """The paper's band, or how deep a proxy of `radius` dips between a mesh's corners [m]."""
     cover, _ = largest_cover(triangles, points)
+    return sample_band(cover, radius)
+
+
+def sample_band(cover: float, radius: float) -> float:
+    """The paper's band, or how deep a proxy of `radius` dips where samples are `cover` away [m]."""
     return max(PAPER_BAND, float(radius - np.sqrt(max(radius**2 - cover**2, 0.0))))
 
 
@@ -192,77 +207,69 @@ def _named_columns(table: NumberTable, units: str) -> tuple[str, ...]:
     return tuple(columns)
 
 
+def drawn(points: Points, triangles: NDArray[np.integer]) -> tuple[Points, Triangles]:
+    """The triangles as they were drawn, on points that are each there once.
+
+    Points at one place become one. Those of no triangle are left out, and so are triangles that
+    bound nothing because two of their corners are one point.
+
+    Raises `SceneError` if no triangle is left.
+    """
+    _, first, number = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    rows = first[number.ravel()][triangles]
+    has_area = (rows != np.roll(rows, 1, axis=1)).all(axis=1)
+    if not has_area.any():
+        raise SceneError("no triangle has three corners apart", code="no-triangle")
+    used, rows = np.unique(rows[has_area], return_inverse=True)
+    return points[used], rows.reshape(-1, 3).astype(np.int32)
+
+
 def refined(
     points: Points, triangles: NDArray[np.integer], spacing: float
 ) -> tuple[Points, Triangles]:
-    """The same surface with no edge longer than `spacing` [m].
+    """The same surface with no side of a triangle longer than `spacing` [m].
 
-    Points at one place become one; those of no triangle, and triangles that bound nothing because
-    two of their corners are one point, are left out. Every longer edge is halved, in both
-    triangles it belongs to, until none is left.
+    It is cleaned as `drawn` does. Every longer side is halved, in both triangles it belongs to,
+    until none is left; the new points follow the corners.
 
     Raises `SceneError` when that takes more points or triangles than a bundle may hold.
     """
-    from vtkmodules.vtkCommonDataModel import vtkMergePoints
-    from vtkmodules.vtkFiltersCore import vtkStaticCleanPolyData
-    from vtkmodules.vtkFiltersModeling import vtkAdaptiveSubdivisionFilter
+    _check_spacing(points[triangles], spacing)
+    try:
+        return _core.refined(*drawn(points, triangles), spacing)
+    except ValueError as error:
+        raise _too_many(spacing) from error
 
+
+def _check_spacing(corners: NDArray[np.float64], spacing: float) -> None:
+    """Refuse a spacing [m] that takes too many samples of triangles (K, 3, 3), at once."""
     if not (np.isfinite(spacing) and spacing > 0):
-        raise SettingError(f"spacing {spacing} m; more than 0 wanted")
-    too_many = SceneError(
-        f"spacing {spacing} m takes more than {max_size('N')} points or {max_size('K')} triangles"
-    )
-    one, two, three = (points[triangles[:, k]] for k in range(3))
+        raise SettingError(
+            f"spacing {spacing} m; more than 0 wanted",
+            code="spacing-out-of-range",
+            numbers={"spacing_m": spacing},
+        )
+    one, two, three = np.moveaxis(corners, 1, 0)
     area = np.linalg.norm(np.cross(two - one, three - one), axis=1).sum() / 2
-    # No triangle without a longer edge has more area than one with three edges of that length.
+    # No triangle without a longer side has more area than one with three sides of that length.
     if area > max_size("K") * np.sqrt(3) / 4 * spacing**2:
-        raise too_many
-    clean, finer, cells = vtkStaticCleanPolyData(), vtkAdaptiveSubdivisionFilter(), vtkMergePoints()
-    mesh = _to_vtk(points, triangles)
-    clean.SetInputData(mesh)
-    clean.ToleranceIsAbsoluteOn()
-    clean.SetAbsoluteTolerance(0)
-    clean.ConvertPolysToLinesOff()
-    cells.AutomaticOff()  # by itself it makes as many as there are points before refining
-    cells.SetDivisions(128, 128, 128)
-    finer.SetInputConnection(clean.GetOutputPort())
-    finer.SetLocator(cells)
-    finer.SetMaximumEdgeLength(spacing)
-    finer.SetMaximumTriangleArea(np.inf)
-    finer.SetMaximumNumberOfTriangles(max_size("K"))
-    finer.SetMaximumNumberOfPasses(100)
-    for step in (clean, finer):
-        step.SetOutputPointsPrecision(step.DOUBLE_PRECISION)
-    finer.Update()
-    if not clean.GetOutput().GetNumberOfPolys():
-        raise SceneError("no triangle has three corners apart")
-    points, triangles = _from_vtk(finer.GetOutput())
-    edges = (points[triangles[:, k]] - points[triangles[:, k - 1]] for k in range(3))
-    longest = max(np.linalg.norm(edge, axis=1).max() for edge in edges)
-    if (
-        longest > spacing * (1 + 1e-12)
-        or len(points) > max_size("N")
-        or len(triangles) > max_size("K")
-    ):
-        raise too_many
-    return points, triangles
+        raise _too_many(spacing)
 
 
-def _to_vtk(points: Points, triangles: NDArray[np.integer]) -> Any:
-    from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
-    from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-
-    mesh, corners, cells = vtkPolyData(), vtkPoints(), vtkCellArray()
-    corners.SetData(numpy_to_vtk(np.ascontiguousarray(points, float)))
-    cells.SetData(3, numpy_to_vtkIdTypeArray(np.ascontiguousarray(triangles, np.int64).ravel()))
-    mesh.SetPoints(corners)
-    mesh.SetPolys(cells)
-    return mesh
+def _check_samples(
+    points: Points, triangles: Triangles, spacing: float, sample_radius: float
+) -> None:
+    """Refuse a mesh that no rule could sample when the bundle is loaded."""
+    try:
+        _core.sampled(points, triangles, sample_radius)
+    except ValueError as error:
+        raise _too_many(spacing) from error
 
 
-def _from_vtk(mesh: Any) -> tuple[Points, Triangles]:
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-
-    corners = vtk_to_numpy(mesh.GetPolys().GetConnectivityArray()).reshape(-1, 3)
-    return vtk_to_numpy(mesh.GetPoints().GetData()).copy(), corners.astype(np.int32)
+def _too_many(spacing: float) -> SceneError:
+    return SceneError(
+        f"spacing {spacing} m takes more than {max_size('N')} points or {max_size('K')} "
+        "triangles. Give a larger --spacing",
+        code="spacing-too-fine",
+        numbers={"spacing_m": spacing},
+    )

@@ -45,6 +45,7 @@ FIELDS = {
     "/pieces/stroke": "pieces.stroke",
     "/pieces@error_m": "pieces.error",
     "/mesh/triangles": "mesh",
+    "/mesh@sample_radius_m": "sample_radius",
     "/image@width_px": "image.width_px",
     "/image@height_px": "image.height_px",
     "/image/pixel_spacing": "image.pixel_spacing_mm",

@@ -33,6 +33,8 @@ def certificate(content: Content) -> Content:
         leak |= _ends(content, points)
     elif kind == "mesh":
         largest, row = largest_cover(content["/mesh/triangles"], points)
+        # Where that asks for samples, a reader takes them before it renders points.
+        largest = min(largest, content.get("/mesh@sample_radius_m", largest))
         place = own[content["/mesh/triangles"][row]].mean(axis=0)
         edges = open_edges(content["/mesh/triangles"])
         leak |= {"/leak@open_edges": edges} if edges else {}

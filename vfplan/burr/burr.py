@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from vfplan.engine.parameters import Vector
 from vfplan.engine.proxy import ProxyEngine
+from vfplan.engine.renderable import sampled
 from vfplan.engine.ticks import Status
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
@@ -116,6 +117,7 @@ def burr(
             f"radius {1e3 * radius_m:g} mm: allowed is above 0 and below the contact radius, "
             f"{1e3 * most:g} mm; a larger ball takes away before it is felt"
         )
+    fixture = sampled(fixture)
     engine = ProxyEngine.of(fixture, "robust", offline=True)
     engine.make_editable()
     engine.reset(session.hip[0])

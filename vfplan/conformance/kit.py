@@ -24,6 +24,7 @@ SCENES = (
     "pixels",
     "patient",
     "mesh",
+    "drawn_mesh",
     "pieces",
     "guided",
     "findings",
@@ -34,6 +35,7 @@ RENDERED = {
     "curve": ("paper", "robust"),
     "pieces": ("paper", "robust", "exact"),
     "mesh": ("paper", "robust", "exact"),
+    "drawn_mesh": ("paper", "robust", "exact"),
 }
 """Scene -> rules by which a path is rendered."""
 TICKS = 60
@@ -78,7 +80,10 @@ def valid_files() -> Iterator[tuple[str, bytes]]:
 def render(bundle: Path, rule: str) -> dict[str, object]:
     """What an engine must make of a path: proxy [m], force on the hand [N] and state by tick."""
     fixture = read_fixture(bundle)
-    hip = path_through(fixture.points)
+    if fixture.sample_radius is None:
+        hip = path_through(fixture.points)
+    else:
+        hip = path_between(fixture.points)
     engine = ProxyEngine.of(fixture, rule)
     engine.reset(hip[0])
     trace = engine.run(hip)
@@ -119,6 +124,13 @@ def path_through(points: np.ndarray) -> np.ndarray:
     steps = np.linspace(0.0, 1.0, TICKS)[:, None]
     start = middle + np.array([0.0005, 0.012, 0.003])
     return start + steps * np.array([0.004, -0.011, -0.001])
+
+
+def path_between(corners: np.ndarray) -> np.ndarray:
+    """(TICKS, 3) a hand that presses from above, far from every corner of a mesh [m]."""
+    steps = np.linspace(0.0, 1.0, TICKS)[:, None]
+    start = corners.mean(axis=0) + np.array([0.0005, 0.003, 0.012])
+    return start + steps * np.array([0.004, -0.001, -0.011])
 
 
 def _write_json(path: Path, value: object) -> None:

@@ -128,6 +128,13 @@ def mesh() -> Fixture:
     return replace(cloud(), points=np.column_stack([x, y, 0 * x]), mesh=triangles)
 
 
+def drawn_mesh() -> Fixture:
+    """Two triangles of 24 mm as they were drawn, to be sampled where points are rendered."""
+    corners = 0.024 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype=float)
+    triangles = np.array([[0, 1, 2], [1, 3, 2]], dtype=np.int32)
+    return replace(cloud(), points=corners, mesh=triangles, sample_radius=0.0015)
+
+
 def pieces() -> Fixture:
     """A line that goes on in a quarter circle, and a circle."""
     along = np.linspace(0.40, 0.43, 11)[:-1]

@@ -38,6 +38,7 @@ NOT_BY_A_FILE = {
     "C5": "binds a writer: whether a fixture was changed after its review is not in the file",
     "S7": "holds where a signature is demanded, which the protocol of the kit does not do",
     "S9": "binds a reader: the order in which it works",
+    "K5": "binds a reader that renders points: the paths render/drawn_mesh-*.json hold it",
     "M3": "binds a reader to read a file: the valid file newer_minor holds it",
 }
 """Rules that no file of the folder `invalid` breaks, each with the reason."""
@@ -832,6 +833,22 @@ def smaller_opening() -> bytes:
 def another_limit() -> bytes:
     """The limit is another one."""
     return changed("mesh", leak_at_limit_m=1.0)
+
+
+@vector("K2")
+def opening_of_other_samples() -> bytes:
+    """The largest opening is that of the corners, although denser samples are asked for."""
+    return changed("drawn_mesh", leak_at_largest_m=0.012 * 2**0.5)
+
+
+@vector("K3")
+def mesh_that_leaks() -> bytes:
+    """The corners are 17 mm from the middle of a triangle, and no samples are asked for."""
+    content = content_of("drawn_mesh")
+    del content["/mesh@sample_radius_m"]
+    content = completed(content)
+    content["/leak@certified"] = 1
+    return of_content(content)
 
 
 @vector("K3")

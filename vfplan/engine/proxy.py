@@ -97,7 +97,7 @@ class ProxyEngine:
         ----------
         rule
             `None`: "exact" where the fixture knows its curve, else "robust". Rule "paper" has its
-            own band.
+            own band. Of a mesh, rules "robust" and "paper" render samples (`renderable.sampled`).
         offline
             For a replay or a study, which can wait: takes ticks of any length.
 
@@ -119,6 +119,7 @@ class ProxyEngine:
         kind = allowed.exact_of(fixture)
         if rule == "exact" and kind is None:
             raise SceneError("rule 'exact': needs a curve of pieces and an axis, or a mesh without")
+        fixture = allowed.as_rendered(fixture, rule)
         if not offline and (doubt := allowed.work_doubt(fixture, rule)) is not None:
             raise SceneError(doubt)
         if rule == "exact" and kind == "curve":

@@ -6,6 +6,7 @@ range (docs/engine.md). A bundle outside it is sound, and no robot renders it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -64,6 +65,43 @@ def best_rule(fixture: Fixture) -> Rule:
     native = check_renderable(fixture).native(None)
     triangles = check_triangles(fixture.points, fixture.mesh)
     return "exact" if _core.by_triangles(*triangles, native) else "robust"
+
+
+def sampled(fixture: Fixture) -> Fixture:
+    """A mesh with the samples that rules "robust" and "paper" render, and edits number.
+
+    The corners keep their numbers, and samples of the triangles follow them until no place of a
+    triangle is farther than `sample_radius` from one. The triangles between the samples replace
+    those of the mesh, so that the certificate of what comes back is that of its samples. A fixture
+    that asks for no samples comes back as it is.
+
+    Raises `SceneError` for more samples than a bundle may hold.
+    """
+    if fixture.mesh is None or fixture.sample_radius is None:
+        return fixture
+    corners, triangles = check_triangles(fixture.points, fixture.mesh)
+    try:
+        samples, pieces = _core.sampled(corners, triangles, fixture.sample_radius)
+    except ValueError as error:
+        raise SceneError(str(error).removeprefix("vfplan: ")) from None
+    registration = fixture.registration
+    if registration is not None:
+        registration = replace(registration, tre_m=None)  # of the corners alone
+    return replace(
+        fixture,
+        points=samples,
+        mesh=pieces,
+        sigma=None,
+        registration=registration,
+        sample_radius=None,
+    )
+
+
+def as_rendered(fixture: Fixture, rule: Rule) -> Fixture:
+    """The fixture whose points a rule renders: of a mesh its samples, unless rule "exact" does."""
+    if rule == "exact":
+        return fixture
+    return sampled(fixture)
 
 
 def check_triangles(points: ArrayLike, triangles: ArrayLike) -> tuple[Vector, NDArray[np.int32]]:
@@ -166,7 +204,7 @@ def work_of(fixture: Fixture, rule: Rule | None = None) -> float:
         if exact_of(fixture) == "mesh":
             return _core.tick_work(*check_triangles(fixture.points, fixture.mesh), native)
         return _core.tick_work(*check_pieces(fixture.region.pieces), native)
-    return _core.tick_work(check_points(fixture.points), native)
+    return _core.tick_work(check_points(sampled(fixture).points), native)
 
 
 def work_doubt(fixture: Fixture, rule: Rule | None = None) -> str | None:

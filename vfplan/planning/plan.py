@@ -264,4 +264,5 @@ def make_fixture(
         rendering=rendered.rendering,
         registration=record,
         mesh=source.mesh,
+        sample_radius=source.sample_radius,
     )

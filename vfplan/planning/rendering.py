@@ -144,7 +144,11 @@ def render(
     band_m, max_iterations = None, None
     if choice is not None:
         band_m, max_iterations = choice.band_m, choice.max_iterations
-    if curve.mesh is not None:
+    if curve.sample_radius is not None:
+        from vfplan.bundle import sample_band
+
+        band_m = sample_band(curve.sample_radius, radius_m)
+    elif curve.mesh is not None:
         from vfplan.bundle import mesh_band
 
         band_m = mesh_band(carried.points, curve.mesh, radius_m)

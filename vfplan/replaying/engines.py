@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from vfplan.engine.renderable import check_renderable
+from vfplan.engine.renderable import check_renderable, sampled
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 
@@ -53,7 +53,7 @@ def _region_engine(fixture: Fixture, rule: str, engine: str) -> Any:
     from vfplan.reference import PaperProxy
 
     return PaperProxy(
-        fixture.points,
+        sampled(fixture).points,
         contact_radius=fixture.contact_radius,
         point_radius=fixture.point_radius,
         stiffness=fixture.stiffness,

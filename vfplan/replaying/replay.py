@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vfplan.engine.parameters import ProxyParameters
-from vfplan.engine.renderable import best_rule
+from vfplan.engine.renderable import as_rendered, best_rule
 from vfplan.errors import SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
@@ -178,8 +178,10 @@ def replay(
     else:
         raise SettingError(f"rule {rule!r}; {', '.join(RULES)} is wanted", code="unknown-rule")
 
-    # One run of each rule, and behind a lossy link one more over a perfect link.
+    # One run of each rule, and behind a lossy link one more over a perfect link. Of a mesh, rules
+    # that render points render samples.
     with naming_place(path):
+        fixture = as_rendered(fixture, rules[0])
         settings: dict[str, Any] = {"robot": robot, "governor": governor}
         if poses is not None or events is not None:
             if len(rules) > 1 or engine != "native" or link is not None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vfplan import scenes
 from vfplan.engine.parameters import Vector, check_axis
-from vfplan.engine.renderable import exact_of
+from vfplan.engine.renderable import as_rendered, exact_of
 from vfplan.fixture import Fixture, Pieces
 
 RADIUS = 5e-3  # R = r_c of the scenes [m]
@@ -124,7 +124,7 @@ def met(on: Fixture | str, rule: str) -> tuple[str, Iterator[Contact], float | N
     """A name, the contacts and the engine's band: of a scene by its name, or of a bundle."""
     if isinstance(on, str):
         return on, SCENES[on](), None
-    return "bundle", along(on), on.band if rule == "robust" else None
+    return "bundle", along(as_rendered(on, rule)), on.band if rule == "robust" else None
 
 
 def along(fixture: Fixture, count: int = 5) -> Iterator[Contact]:

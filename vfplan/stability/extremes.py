@@ -17,7 +17,7 @@ import numpy as np
 
 from vfplan.engine.parameters import Vector, check_axis
 from vfplan.engine.proxy import ProxyEngine
-from vfplan.engine.renderable import best_rule
+from vfplan.engine.renderable import as_rendered, best_rule
 from vfplan.engine.ticks import Status, Trace
 from vfplan.fixture import Fixture, Pieces
 from vfplan.replaying.clearance import Clearance, CurveClearance, MeshClearance, PointClearance
@@ -54,7 +54,7 @@ def try_cases(cases: list[Extreme], fixture: Fixture | None = None) -> list[Row]
         rule = best_rule(fixture)
         band = fixture.band if rule == "robust" else None
         place, make = (
-            next(contacts.along(fixture, 3), None),
+            next(contacts.along(as_rendered(fixture, rule), 3), None),
             partial(engine_for, rule=rule, band=band),
         )
     return [] if place is None else [_row(case, case.probe(place, make)) for case in cases]

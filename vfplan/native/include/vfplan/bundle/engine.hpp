@@ -7,6 +7,7 @@
 
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "vfplan/bundle/fixture.hpp"
 #include "vfplan/engine.hpp"
@@ -17,9 +18,7 @@ namespace vfplan {
 namespace bundle {
 
 /// The fixture's mesh; it stays the fixture's.
-inline mesh::Surface surface(const Fixture& fixture) {
-    return {fixture.points.data(), fixture.size(), fixture.mesh.data(), fixture.mesh.size() / 3};
-}
+inline mesh::Surface surface(const Fixture& fixture) { return fixture.surface(); }
 
 inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked = std::nullopt);
 
@@ -54,12 +53,8 @@ inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked) 
     return p;
 }
 
-/// Throws std::invalid_argument where a tick may take longer than a loop of 1 kHz can wait.
-inline void check_work(const Fixture& fixture, const Parameters& p) {
-    const double work = p.rule != Rule::exact
-                            ? tick_time_bound(fixture.points.data(), fixture.size(), p)
-                        : fixture.mesh.empty() ? tick_time_bound(fixture.pieces_of(false), p)
-                                               : tick_time_bound(surface(fixture), p);
+/// Throws std::invalid_argument where a tick of `work` [s] is longer than a loop of 1 kHz can wait.
+inline void check_tick_time(double work) {
     if (work > max_tick_time)
         reject("a tick may take " + rounded(1e6 * work) + " us, at most " +
                rounded(1e6 * max_tick_time) +
@@ -68,17 +63,36 @@ inline void check_work(const Fixture& fixture, const Parameters& p) {
                "high; Use::replay takes it");
 }
 
-/// By its lines and arcs, its triangles, or its points. One that guides is no
+/// Throws std::invalid_argument where a tick may take longer than a loop of 1 kHz can wait.
+inline void check_work(const Fixture& fixture, const Parameters& p) {
+    if (p.rule != Rule::exact) {
+        // Of a fixture that guides all points, so that there is one where every stroke guides.
+        const std::vector<double> points = fixture.guidance ? fixture.points : fixture.forbidden();
+        check_tick_time(tick_time_bound(points.data(), points.size() / 3, p));
+    } else if (!fixture.mesh.empty()) {
+        check_tick_time(tick_time_bound(surface(fixture), p));
+    } else {
+        check_tick_time(tick_time_bound(fixture.pieces_of(false), p));
+    }
+}
+
+/// By its lines and arcs, its triangles, or its points, of a mesh samples. One that guides is no
 /// forbidden region, or not all of it: std::invalid_argument.
 inline Engine make_engine(const Fixture& fixture, const Parameters& p, Use use) {
     if (fixture.guidance)
         reject(
             "the fixture guides: vfplan/bundle/guide.hpp makes the guide, and of forbidden() "
             "an engine is made");
+    if (p.rule != Rule::exact) {
+        const std::vector<double> points = fixture.forbidden();
+        if (use == Use::real_time) {
+            check_tick_time(tick_time_bound(points.data(), points.size() / 3, p));
+        }
+        return {points.data(), points.size() / 3, p};
+    }
     if (use == Use::real_time) check_work(fixture, p);
-    if (p.rule == Rule::exact && !fixture.mesh.empty()) return {surface(fixture), p};
-    if (p.rule == Rule::exact) return {fixture.pieces, p};
-    return {fixture.points.data(), fixture.size(), p};
+    if (!fixture.mesh.empty()) return {surface(fixture), p};
+    return {fixture.pieces, p};
 }
 
 }  // namespace bundle

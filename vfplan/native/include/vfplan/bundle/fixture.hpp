@@ -20,6 +20,7 @@
 #include "vfplan/bundle/rules.hpp"
 #include "vfplan/bundle/seal.hpp"
 #include "vfplan/curve/pieces.hpp"
+#include "vfplan/mesh/triangles.hpp"
 
 namespace vfplan::bundle {
 
@@ -58,16 +59,27 @@ struct Fixture {
     std::optional<Guidance> guidance;
     bool certified = false;  // no proxy of this radius passes between samples
     std::string created_utc;
-    std::vector<vfplan::Stroke> pieces;   // lines and arcs, a stroke each; none where unknown
-    std::vector<std::int32_t> mesh;       // three points a triangle, or empty
+    std::vector<vfplan::Stroke> pieces;  // lines and arcs, a stroke each; none where unknown
+    std::vector<std::int32_t> mesh;      // three points a triangle, or empty
+    // How far a place of the mesh may be from a sample where points are rendered [m]; without it
+    // the points are the samples.
+    std::optional<double> sample_radius;
     std::size_t findings_unanswered = 0;  // doubts of the planning that nobody has answered
     bool reviewed = false;                // a person looked at the plan and approved it
     Seal seal;
 
     [[nodiscard]] std::size_t size() const { return points.size() / 3; }
 
-    /// The points that a forbidden region is made of: none where every stroke guides.
+    /// The mesh as arrays that stay the fixture's.
+    [[nodiscard]] vfplan::mesh::Surface surface() const {
+        return {points.data(), size(), mesh.data(), mesh.size() / 3};
+    }
+    /// The points that a forbidden region is made of, and that edits number: none where every
+    /// stroke guides. A mesh that says how densely it is to be sampled gives its corners and,
+    /// behind them, samples of its triangles; std::invalid_argument if they are more than
+    /// mesh::max_samples.
     [[nodiscard]] std::vector<double> forbidden() const {
+        if (sample_radius) return vfplan::mesh::sampled(surface(), *sample_radius).points;
         if (!guidance) return points;
         if (!guidance->stroke) return {};
         const Stroke& guides = strokes[static_cast<std::size_t>(*guidance->stroke)];
@@ -230,6 +242,9 @@ inline Fixture to_fixture(Bundle bundle) {
     }
     if (content.has("/curve/stroke")) fixture.strokes = detail::strokes_of(content);
     if (content.has("/guidance@radius_m")) fixture.guidance = detail::guidance_of(content);
+    if (const Value* radius = content.find("/mesh@sample_radius_m")) {
+        fixture.sample_radius = radius->number();
+    }
     if (content.has("/mesh/triangles")) fixture.mesh = content.take("/mesh/triangles").i4;
     if (content.has("/pieces/vertices")) fixture.pieces = detail::pieces_of(content);
     fixture.findings_unanswered = count_unanswered(content);

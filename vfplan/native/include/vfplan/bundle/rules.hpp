@@ -20,6 +20,7 @@
 #include "vfplan/bundle/content.hpp"
 #include "vfplan/bundle/schema.hpp"
 #include "vfplan/bundle/seal.hpp"
+#include "vfplan/mesh/triangles.hpp"
 
 namespace vfplan::bundle::detail {
 
@@ -69,27 +70,19 @@ inline double largest_gap(const Content& content) {
     return largest;
 }
 
-/// The largest distance of a point in a triangle of these sides to its nearest corner.
-inline double covering_radius(std::array<double, 3> sides) {
-    std::sort(sides.begin(), sides.end());
-    const auto [a, b, c] = sides;
-    if (c == 0) return 0;
-    if (a * a + b * b <= c * c) return b * b * c / (b * b + c * c - a * a);
-    const double product = (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c));
-    return a * b * c / std::sqrt(std::max(product, 0.0));
-}
-
+/// How far a place of the mesh may be from the nearest sample [m]: of the samples in the file, or
+/// of those that a reader takes where it renders points.
 inline double largest_cover(const Content& content) {
     const Across across(content);
     const std::vector<std::int32_t>& t = content.at("/mesh/triangles").i4;
     double largest = 0;
     for (std::size_t i = 0; i + 2 < t.size(); i += 3) {
         const auto corner = [&](std::size_t k) { return static_cast<std::size_t>(t[i + k]); };
-        largest = std::max(largest, covering_radius({across.distance(corner(0), corner(1)),
-                                                     across.distance(corner(1), corner(2)),
-                                                     across.distance(corner(2), corner(0))}));
+        largest = std::max(largest, mesh::covering_radius({across.distance(corner(0), corner(1)),
+                                                           across.distance(corner(1), corner(2)),
+                                                           across.distance(corner(2), corner(0))}));
     }
-    return largest;
+    return std::min(largest, content.number("/mesh@sample_radius_m", largest));
 }
 
 /// "the fixture leaks ...", with the size of the opening and its place.

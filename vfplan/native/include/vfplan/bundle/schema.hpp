@@ -73,7 +73,7 @@ inline constexpr std::array<Size, 13> sizes{
     Size{'F', 1000},
 };
 
-inline constexpr std::array<Row, 86> rows{
+inline constexpr std::array<Row, 87> rows{
     Row{"/", Kind::group, Type::none, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
     Row{"/@format", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "vfplan-fixture", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
     Row{"/@version", Kind::attribute, Type::text, Required::always, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
@@ -94,6 +94,7 @@ inline constexpr std::array<Row, 86> rows{
     Row{"/pieces@error_m", Kind::attribute, Type::f8, Required::group, {"", ""}, "m", "", "", 0.0, 1.0, -infinity, infinity, infinity, {2, 0}},
     Row{"/mesh", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
     Row{"/mesh/triangles", Kind::dataset, Type::i4, Required::group, {"K", "3"}, "1", "", "", 0.0, infinity, -infinity, infinity, infinity, {2, 0}},
+    Row{"/mesh@sample_radius_m", Kind::attribute, Type::f8, Required::optional, {"", ""}, "m", "", "", -infinity, 1.0, 0.0, infinity, infinity, {2, 0}},
     Row{"/image", Kind::group, Type::none, Required::optional, {"", ""}, "", "", "", -infinity, infinity, -infinity, infinity, infinity, {2, 0}},
     Row{"/image@width_px", Kind::attribute, Type::i4, Required::group, {"", ""}, "px", "", "", 1.0, 1000000.0, -infinity, infinity, infinity, {2, 0}},
     Row{"/image@height_px", Kind::attribute, Type::i4, Required::group, {"", ""}, "px", "", "", 1.0, 1000000.0, -infinity, infinity, infinity, {2, 0}},
