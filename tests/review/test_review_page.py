@@ -242,6 +242,143 @@ def test_a_misplaced_marker_is_dragged_home_and_the_bound_follows(browser, run, 
     assert hand.state("review.state.steps.length") == 1
 
 
+def deep_slice(path):
+    """A slice of 16 bits with a red line, and a patch whose grey differs by 1 of 65,535."""
+    picture = np.full((300, 400, 3), 20_000, np.uint16)
+    picture[100:140, 100:160] = 20_001
+    picture[200:203, 60:340] = (0, 0, 60_000)  # OpenCV writes blue first
+    cv2.imwrite(str(path), picture)
+    return path
+
+
+def grey_at(browser, u, v):
+    """The red channel of the picture that the browser has, at a pixel of the slice."""
+    return browser.run(
+        "(() => { const c = document.createElement('canvas'), s = document.getElementById('slice');"
+        " c.width = s.naturalWidth; c.height = s.naturalHeight; const p = c.getContext('2d');"
+        f" p.drawImage(s, 0, 0); return p.getImageData({u}, {v}, 1, 1).data[0]; }})()"
+    )
+
+
+def test_greys_between_black_and_white_keep_the_depth_of_16_bits(browser, run, tmp_path):
+    program = run(deep_slice(tmp_path / "deep.png"), "-o", tmp_path / "o.h5")
+    Hand(browser, program.address)
+    browser.until("document.getElementById('slice').complete")
+    assert grey_at(browser, 120, 120) == grey_at(browser, 10, 10) == round(20_000 / 257)
+    browser.run(
+        "for (const [id, value] of [['low', 20000], ['high', 20002]]) {"
+        " const slider = document.getElementById(id); slider.value = value;"
+        " slider.dispatchEvent(new Event('input')); }"
+    )
+    browser.until("document.getElementById('slice').src.includes('high=20002')")
+    browser.until("document.getElementById('slice').complete")
+    assert grey_at(browser, 10, 10) == 0
+    assert grey_at(browser, 120, 120) == 128
+    # Black stays below white, whichever slider moves.
+    browser.run(
+        "document.getElementById('low').value = 60000;"
+        " document.getElementById('low').dispatchEvent(new Event('input'))"
+    )
+    assert browser.run("Number(document.getElementById('high').value)") == 60_001
+    browser.run("document.getElementById('greys').click()")
+    browser.until("document.getElementById('slice').src.includes('low=0&high=65535')")
+
+
+def test_two_fingers_zoom_and_move_the_slice(browser, run, tmp_path):
+    program = run(SLICE, "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    middle = hand.at((400, 300))
+
+    def fingers(kind, distance, shift=0.0):
+        x, y = middle[0] + shift, middle[1]
+        points = [{"x": x - distance, "y": y, "id": 1}, {"x": x + distance, "y": y, "id": 2}]
+        browser.do("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+
+    before = hand.state("review.view.zoom")
+    fingers("touchStart", 50)
+    for distance in (60, 80, 100):
+        fingers("touchMove", distance)
+    fingers("touchMove", 100, shift=40)
+    browser.do("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+    assert hand.state("review.view.zoom") == pytest.approx(2 * before, rel=0.02)
+    # The place between the fingers went with them.
+    assert np.allclose(hand.at((400, 300)), (middle[0] + 40, middle[1]), atol=2.0)
+    assert hand.state("review.state.steps.length") == 0
+
+
+@pytest.mark.slow
+def test_markers_are_pasted_found_renamed_placed_and_left_out(browser, run, tmp_path):
+    program = run(SLICE, "--pixel-spacing", 0.5, "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    image = [line.split(",") for line in MARKERS[0].read_text().split()[1:]]
+    robot = {line.split(",")[0]: line for line in MARKERS[1].read_text().split()[1:]}
+    header = MARKERS[1].read_text().split()[0].removeprefix("label,")
+    lines = [f"label,u_px,v_px,{header}"]
+    for label, u, v in image:
+        lines.append(f"{label},{float(u) + 1.5},{v},{robot[label].split(',', 1)[1]}")
+    hand.press("paste-open")
+    hand.press("paste-text")
+    browser.type("\n".join(lines))
+    hand.press("paste-take")
+    browser.until("review.state.markers.length === 9 && review.state.tre95_m !== null")
+    # The marks on the slice are found, a pixel and a half beside.
+    hand.press("find-marks")
+    browser.until("review.state.steps.length === 2", seconds=60)
+    places = np.array(hand.state("review.state.markers.map((m) => m.place_px)"))
+    truth = np.array([[float(u), float(v)] for _, u, v in image])
+    assert np.abs(places - truth).max() < 0.6
+    browser.run(
+        "(() => { const name = document.querySelector('#marker-table input[maxlength]');"
+        " name.value = 'first'; name.dispatchEvent(new Event('change')); })()"
+    )
+    browser.until("review.state.markers[0].label === 'first'")
+    bound = hand.state("review.state.tre95_m")
+    browser.run("document.querySelector('#marker-table input[type=checkbox]').click()")
+    browser.until(f"!review.state.markers[0].used && review.state.tre95_m !== {bound}")
+    browser.key("m")
+    hand.click((300, 120))
+    browser.until("review.state.markers.length === 10")
+    browser.key("j", modifiers=SHIFT)
+    browser.key("Delete")
+    browser.until("review.state.markers.length === 9")
+    words = hand.state("[...document.querySelectorAll('#steps li')].map((li) => li.textContent)")
+    assert [word.split(",")[0] for word in words] == [
+        "set markers", "find markers", "rename marker", "leave out marker", "add marker",
+        "delete marker",
+    ]  # fmt: skip
+    for _ in range(6):
+        browser.key("z", modifiers=CTRL)
+    hand.until_steps(0)
+    assert hand.state("review.state.markers.length") == 0
+
+
+@pytest.mark.slow
+def test_a_knot_is_inserted_and_the_line_is_cut_turned_and_joined(browser, run, tmp_path):
+    path, _ = two_candidates(tmp_path / "slice.png")
+    program = run(path, "--stroke", "all", "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    assert hand.state("review.state.curve_px.length") == 2
+    for _ in range(4):
+        browser.key("k")
+    count = hand.state("review.state.knots_px[0].length")
+    browser.key("i")
+    browser.until(f"review.state.knots_px[0].length === {count + 1}")
+    knot = hand.state("review.selected.key")
+    place = hand.state(f"review.state.knots_px[0][{knot.split('/')[1]}]")
+    browser.key("[")
+    hand.until_steps(2)
+    assert np.allclose(hand.state("review.state.curve_px[0][0]"), place, atol=0.1)
+    browser.key("k")
+    hand.press("Turn round")
+    hand.until_steps(3)
+    stop = hand.state("review.state.curve_px[0][review.state.curve_px[0].length - 1]")
+    assert np.allclose(stop, place, atol=0.1)
+    browser.key("k")
+    hand.press("Join with stroke 2")
+    browser.until("review.state.curve_px.length === 1")
+    assert hand.state("review.state.edited[0].length") == 1
+
+
 def test_reload_second_tab_and_killed_server(browser, run, tmp_path):
     words = (SLICE, *MARKERS, "-o", tmp_path / "o.h5")
     program = run(*words)

@@ -5,8 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+import slices
+from captures import capture
+from drawing import normal_errors
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
@@ -14,8 +18,11 @@ from review_slices import clear, double, fork, hidden_end, miss, two_candidates,
 
 import vfplan
 from vfplan.errors import CheckFailed, ImageError, InputError, SettingError
+from vfplan.markers import read_markers
+from vfplan.planning import FixtureSettings
 from vfplan.review import Session
 from vfplan.review.draft import Draft
+from vfplan.review.sheet_input import of_fixture
 
 ROOT = Path(__file__).parents[2]
 SLICE = ROOT / "samples" / "elbow.png"
@@ -205,6 +212,143 @@ def test_markers_are_added_renamed_deleted_and_pasted(sample):
         few = few.apply({"do": "delete_marker", "marker": marker["label"]})
     assert few.state()["tre95_m"] is None
     assert few.state()["refusal"]["code"] == "markers"
+
+
+@pytest.mark.parametrize("kind", ["plain", "words", "crosses", "lifts", "arrow_head"])
+@pytest.mark.parametrize("seed", range(2))
+def test_the_account_is_that_of_extract_with_the_same_numbers(kind, seed, tmp_path):
+    path = tmp_path / "slice.png"
+    cv2.imwrite(str(path), slices.draw(kind.replace("_", " "), 4 * seed).image[..., ::-1])
+    try:
+        extracted = vfplan.planning.extract(path)
+    except vfplan.errors.CurveError:
+        pytest.skip("this drawing is refused, so it has no account")
+    session = Session.open(path)
+    names = ("number", "u", "v", "pixels", "share")
+    wanted = [[getattr(entry, name) for name in names] for entry in extracted.extraction.account]
+    account = [[entry[name] for name in names] for entry in session.state()["account"]]
+    assert account == wanted
+    # The sheet of the bundle measures the pen's width anew, so that specks beside the line differ.
+    bundle = tmp_path / "curve.h5"
+    vfplan.write_fixture(extracted.fixture, bundle)
+    content = of_fixture(vfplan.read_fixture(bundle), "curve.h5", image=vfplan.read_image(path))
+    large = [entry.pixels for entry in content.account if entry.pixels >= 12]
+    assert large == [row[3] for row in wanted if row[3] >= 12]
+
+
+def spatial_markers(folder, image, planar):
+    """The sample's markers for a DICOM slice: in the patient's frame, some off the slice."""
+    rng = np.random.default_rng(5)
+    pairs = read_markers(*planar)
+    place = image.T_patient_image[:3]
+    normal = np.cross(place[:, 0], place[:, 1])
+    normal /= np.linalg.norm(normal)
+    depths = rng.uniform(-0.02, 0.02, len(pairs.labels))
+    patient = np.c_[pairs.source, np.ones(len(depths))] @ place.T + depths[:, None] * normal
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    robot = patient @ turn.T + (0.4, 0.1, 0.3) + rng.normal(0, 2e-4, patient.shape)
+    points = [
+        {"label": label, "position": position}
+        for label, position in zip(pairs.labels, patient.tolist(), strict=True)
+    ]
+    markup = {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "m",
+              "controlPoints": points}  # fmt: skip
+    schema = "https://x/markups-schema-v1.0.3.json#"
+    source, target = folder / "patient.mrk.json", folder / "robot.csv"
+    source.write_text(json.dumps({"@schema": schema, "markups": [markup]}))
+    rows = [f"{label},{x!r},{y!r},{z!r}" for label, (x, y, z) in
+            zip(pairs.labels, robot.tolist(), strict=True)]  # fmt: skip
+    target.write_text("\n".join(["label,x_m,y_m,z_m", *rows]) + "\n")
+    return source, target
+
+
+def test_markers_of_the_patients_frame_lie_on_the_slice_and_can_be_moved(tmp_path):
+    rgb = vfplan.read_image(SLICE).rgb
+    path = capture(tmp_path, rgb, PixelSpacing=[0.5, 0.5], ImagePositionPatient=[10, 20, 30],
+                   ImageOrientationPatient=[1, 0, 0, 0, 1, 0])  # fmt: skip
+    files = spatial_markers(tmp_path, vfplan.read_image(path), MARKERS)
+    planned = vfplan.plan(path, *files, settings=FixtureSettings(model="rigid"))
+    session = looked_at(Session.open(path, *files, model="rigid"))
+    state = session.state()
+    assert state["refusal"] is None
+    truth = read_markers(*MARKERS).source
+    places = np.array([marker["place_px"] for marker in state["markers"]])
+    assert np.abs(places - truth).max() < 1e-6
+    assert max(abs(marker["depth_m"]) for marker in state["markers"]) > 0.01
+    assert state["mm_per_px"] == pytest.approx(0.5)
+    assert np.array_equal(session.outcome.fixture.points, planned.fixture.points)
+    # A marker that is moved and moved back gives the same plan; its depth stays.
+    place = state["markers"][2]["place_px"]
+    wrong = session.apply({"do": "move_marker", "marker": "x3", "to": [place[0] + 8, place[1]]})
+    assert wrong.state()["tre95_m"] > state["tre95_m"]
+    assert wrong.state()["markers"][2]["depth_m"] == state["markers"][2]["depth_m"]
+    home = wrong.apply({"do": "move_marker", "marker": "x3", "to": place})
+    assert home.state()["tre95_m"] == pytest.approx(state["tre95_m"], rel=1e-9)
+    assert np.allclose(home.outcome.fixture.points, planned.fixture.points, atol=1e-9)
+    # A bundle of such a plan is shown on its slice too.
+    bundle = tmp_path / "f.h5"
+    vfplan.write_fixture(planned.fixture, bundle)
+    again = Session.open(bundle, slice=path)
+    [curve] = again.state()["curve_px"]
+    [drawn] = state["curve_px"]
+    assert np.abs(normal_errors(np.array(curve), np.array(drawn), False)).max() < 0.05
+    with pytest.raises(InputError):
+        Session.open(bundle)
+    with pytest.raises(SettingError) as refused:
+        Session.open(SLICE, *files)
+    assert refused.value.code == "slice-without-place"
+
+
+def test_a_curve_drawn_as_vectors_is_reviewed_on_its_slice(tmp_path):
+    curve = tmp_path / "curve.csv"
+    rows = [f"{u:.1f},{v:.1f}" for u, v in zip(np.linspace(200, 600, 30), 300 + 40 * np.sin(
+        np.linspace(0, 3, 30)), strict=True)]  # fmt: skip
+    curve.write_text("\n".join(["u_px,v_px", *rows]) + "\n")
+    session = looked_at(Session.open(SLICE, *MARKERS, curve=curve))
+    planned = vfplan.plan(SLICE, *MARKERS, curve=curve)
+    assert np.allclose(session.outcome.fixture.points, planned.fixture.points, atol=1e-9)
+    assert session.curve().sigma is None
+    assert session.curve().provenance.inputs == planned.extracted.fixture.provenance.inputs
+    assert session.state()["account"] == []
+    with pytest.raises(SettingError) as refused:
+        session.apply({"do": "exclude", "box": [10, 10, 50, 50]})
+    assert refused.value.code == "no-ink"
+    knot = session.state()["knots_px"][0][5]
+    moved = session.apply({"do": "move_knot", "stroke": 0, "knot": 5, "to": [knot[0], knot[1] + 9]})
+    assert moved.state()["edited"][0]
+    with pytest.raises(SettingError):
+        Session.open(tmp_path / "none.h5", curve=curve)
+
+
+def test_a_box_after_a_hand_has_shaped_the_curve_measures_its_part_again(tmp_path):
+    path, truth = clear(tmp_path / "slice.png")
+    session = Session.open(path)
+    knots = session.state()["knots_px"][0]
+    far = [knots[4][0], knots[4][1] + 20]
+    shaped = session.apply({"do": "move_knot", "stroke": 0, "knot": 4, "to": far})
+    place = knots[-6]
+    box = [place[0] - 12, place[1] - 12, 24, 24]
+    after = shaped.apply({"do": "exclude", "box": box})
+    points = np.array(after.state()["curve_px"][0])
+    edited = np.zeros(len(points), bool)
+    for first, last in after.state()["edited"][0]:
+        edited[first : last + 1] = True
+    # What the hand drew stays; where the ink no longer counts the line is as drawn by hand.
+    assert np.hypot(*(points - far).T).min() < 2.0
+    assert edited[np.hypot(*(points - place).T) < 8].all()
+    assert not edited[np.hypot(*(points - knots[-3]).T) < 4].any()
+    assert miss(points[np.hypot(*(points - far).T) > 60], truth) < 0.5
+    assert after.curve().provenance.settings["exclude"] == after_box(box)
+    # A curve that no hand has shaped is extracted anew.
+    anew = session.apply({"do": "exclude", "box": box})
+    assert anew.state()["refusal"] is not None or not any(anew.state()["edited"])
+
+
+def after_box(box):
+    first = np.floor(box[:2]).astype(int)
+    last = np.ceil(np.add(box[:2], box[2:])).astype(int)
+    return ",".join(str(x) for x in (*first, *(last - first)))
 
 
 def test_an_answer_dies_with_what_it_answered(sample):

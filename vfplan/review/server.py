@@ -3,7 +3,7 @@
 It listens on 127.0.0.1. The slice and the steps need the token, which is made anew for every run
 and stands in the address behind "#", where no browser sends it on. Messages to the page are JSON
 objects: `state` with all there is, `quick` with what is known at once after a step, `preview` of a
-marker that is being dragged, `error`, `approved`.
+marker that is being dragged, `error`, `answered` with the number of a change, `approved`.
 """
 
 from __future__ import annotations
@@ -212,9 +212,13 @@ class ReviewServer:
                 self._change(message)
         except VfplanError as error:
             self._send(connection, _described(error))
-            if "preview" not in message:  # what the page moved already goes back to its place
+            if "preview" not in message:
+                # What the page moved already goes back to its place.
                 self._send(connection, self._quick())
                 self._stale.set()
+        if "number" in message:
+            # The page sends its next change once it has this answer.
+            self._send(connection, {"answered": message["number"]})
 
     def _change(self, message: dict[str, Any]) -> None:
         """Apply a step, undo or redo; the draft has it before any page shows it."""

@@ -195,7 +195,7 @@ export class Curve {
   }
 
   otherInk(state) {
-    const shown = state.curve_px.length ? state.account : [];
+    const shown = state.curve_px.length ? state.account.filter((ink) => ink.is_ink) : [];
     const select = (ink) => this.app.select({ kind: "ink", key: ink.number });
     byId("ink").replaceChildren(...shown.flatMap((ink) => ink.outline.map((points) => {
       const node = line(points, true, `outline${ink.left_out ? " left-out" : ""}`);

@@ -8,7 +8,7 @@ import { Approval } from "./approval.js";
 import { Tools } from "./tools.js";
 
 export const app = {
-  state: null, version: 0, about: {}, selected: null, socket: null, ended: false, waiting: [],
+  state: null, version: 0, about: {}, selected: null, socket: null, ended: false, waiting: [], changes: 0,
   token: location.hash.slice(1),
 
   send(message) {
@@ -16,12 +16,15 @@ export const app = {
   },
   // A change waits for the answer to the one before, whose state it is made in.
   change(message) {
-    this.waiting.push(message);
-    if (this.waiting.length === 1) this.send({ ...message, version: this.version });
+    this.changes += 1;
+    this.waiting.push({ ...message, number: this.changes });
+    if (this.waiting.length === 1) this.sendFirst();
   },
-  answered() {
+  sendFirst() { this.send({ ...this.waiting[0], version: this.version }); },
+  answered(number) {
+    if (this.waiting.length === 0 || this.waiting[0].number !== number) return;
     this.waiting.shift();
-    if (this.waiting.length) this.send({ ...this.waiting[0], version: this.version });
+    if (this.waiting.length) this.sendFirst();
   },
   step(step) { this.change({ step }); },
   say(text) { byId("say").textContent = text; },
@@ -83,16 +86,14 @@ function receive(message) {
     app.about = message.about;
     if (!byId("name").value) byId("name").value = message.about.by;
   } else if (message.quick || message.state) {
-    const isAnswer = message.quick && message.version > app.version;
+    if (message.version < app.version) return; // overtaken by a later state
     app.version = message.version;
-    if (isAnswer) app.answered();
     show(message.state || message.quick, Boolean(message.state));
   } else if (message.preview) markers.preview(message.preview);
   else if (message.error) {
     app.toast(message.error.message);
     markers.forget();
-    app.answered();
-  }
+  } else if (message.answered) app.answered(message.answered);
   else if (message.approved) finish("Approved", `${message.approved.text} You can close this page.`);
   else if (message.left) finish("Left without approval", "Your steps are kept. The same command takes them up again. You can close this page.");
 }

@@ -68,6 +68,8 @@ export class Markers {
     if (state.tre95_m !== null) words.push(`The curve lies within ${mm(state.tre95_m)} mm of its place (95\u00a0%). FRE ${mm(state.fre_rms_m)} mm.`);
     else if (state.markers.length) words.push(state.markers_why_not || "No bound can be told.");
     else words.push("No markers: the output is the curve alone, in pixels.");
+    const deepest = Math.max(0, ...state.markers.map((marker) => Math.abs(marker.depth_m)));
+    if (deepest > 5e-5) words.push(`Markers lie up to ${mm(deepest)} mm off the slice and are shown where they project onto it.`);
     const scale = this.arrowScale(state);
     if (scale > 1) words.push(`Arrows are residuals, ${scale} times enlarged.`);
     byId("bound").textContent = words.join(" ");

@@ -1,5 +1,6 @@
 // Where the slice lies on the screen: zoom, pan, and from a pointer to a place on the slice.
 import { byId, make } from "./dom.js";
+import { Greys } from "./greys.js";
 
 const BORDER_PX = 300; // as in review.css
 const NICE = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
@@ -16,11 +17,6 @@ export class View {
     new ResizeObserver(() => this.apply()).observe(this.stage);
     byId("fit").addEventListener("click", () => this.fit());
     byId("one").addEventListener("click", () => this.setZoom(1 / devicePixelRatio));
-    for (const id of ["level", "window"]) {
-      byId(id).addEventListener("input", () => {
-        for (const copy of this.copies || [byId("slice")]) copy.style.filter = `brightness(${byId("level").value}) contrast(${byId("window").value})`;
-      });
-    }
     this.stage.addEventListener("pointermove", (event) => this.tellPlace(this.place(event)));
   }
 
@@ -29,6 +25,7 @@ export class View {
     this.mmPerPx = state.mm_per_px;
     byId("title").textContent = `Review of ${state.image.name}`;
     if (first) {
+      this.greys = new Greys(this.app, state.image.grey_max);
       document.title = `Review of ${state.image.name}`;
       this.letters(state.image.sides);
       this.fit();
@@ -53,6 +50,7 @@ export class View {
     const slice = byId("slice");
     let from = slice;
     let [width, height] = [slice.naturalWidth, slice.naturalHeight];
+    document.querySelectorAll("canvas.copy").forEach((copy) => copy.remove());
     this.copies = [slice];
     while (Math.max(width, height) > 1200) {
       [width, height] = [Math.ceil(width / 2), Math.ceil(height / 2)];

@@ -1,0 +1,53 @@
+// Window and level: which grey of the slice is black and which is white on the screen. The server
+// draws the slice between these two greys, so that a slice of 16 bits keeps its depth.
+import { byId } from "./dom.js";
+
+const REST_MS = 120; // a slider that moves asks for one picture once it rests
+
+export class Greys {
+  constructor(app, greyMax) {
+    this.app = app;
+    this.greyMax = greyMax;
+    this.low = byId("low");
+    this.high = byId("high");
+    this.low.max = greyMax - 1;
+    this.high.max = greyMax;
+    this.reset();
+    this.low.addEventListener("input", () => this.changed(this.low));
+    this.high.addEventListener("input", () => this.changed(this.high));
+    byId("greys").addEventListener("click", () => {
+      this.reset();
+      this.load();
+    });
+  }
+
+  reset() {
+    this.low.value = 0;
+    this.high.value = this.greyMax;
+    this.showNumbers();
+  }
+
+  // Black stays below white: the slider that moves pushes the other one.
+  changed(slider) {
+    if (Number(this.low.value) >= Number(this.high.value)) {
+      if (slider === this.low) {
+        this.high.value = Number(this.low.value) + 1;
+      } else {
+        this.low.value = Number(this.high.value) - 1;
+      }
+    }
+    this.showNumbers();
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.load(), REST_MS);
+  }
+
+  showNumbers() {
+    byId("low-text").textContent = this.low.value;
+    byId("high-text").textContent = this.high.value;
+  }
+
+  load() {
+    const token = encodeURIComponent(this.app.token);
+    byId("slice").src = `slice.png?token=${token}&low=${this.low.value}&high=${this.high.value}`;
+  }
+}
