@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import shlex
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,7 +31,10 @@ LISTED_GAPS = 4
 MENDED_ON_PAGE = {
     *("several-candidates", "line-forks", "double-line", "runs-side-by-side", "bridge-too-long"),
     *("fit-left-ink", "too-little-ink", "no-line", "only-a-frame", "too-many-pieces"),
+    *("image-grey", "place-off-curve", "start-is-end", "end-of-a-ring", "stroke-number"),
     *("labels-mistaken", "residual-large", "tre-large", "markers-meet-no-marks", "no-mark-near"),
+    *("one-mark-two-markers", "marker-outside-slice", "mirrored", "scale-wrong"),
+    *("too-few-markers", "markers-coincide", "markers-collinear", "markers-coplanar"),
 }
 """Codes of refusals that a person can mend on the review page."""
 
@@ -121,11 +126,17 @@ def pointing_to_page(page: str) -> Iterator[None]:
         yield
     except (CurveError, MarkerError, CheckFailed) as error:
         general = "vfplan review IMAGE"
-        if error.message.endswith(f"{general}."):
-            # A full stop behind the command would be copied with it.
-            error.message = error.message.removesuffix(f"{general}.") + page
-        elif general in error.message:
-            error.message = error.message.replace(general, page)
+        if general in error.message:
+            # The sentence with the command comes last, without a full stop that would be copied.
+            others = []
+            with_command = ""
+            for sentence in re.split(r"(?<=\.) ", error.message):
+                if sentence.endswith(f"{general}."):
+                    with_command = sentence.removesuffix(".")
+                else:
+                    others.append(sentence)
+            message = " ".join([*others, with_command]).strip()
+            error.message = message.replace(general, page)
         elif error.code in MENDED_ON_PAGE:
             sentence = error.message.rstrip(".")
             error.message = f"{sentence}. To mend it on a page: {page}"
@@ -133,12 +144,33 @@ def pointing_to_page(page: str) -> Iterator[None]:
 
 
 def review_command(*files: Path | None, output: Path) -> str:
-    """The command that opens the review page of a slice and its markers."""
+    """The command that opens the review page of a slice and its markers, with the same options."""
     words = ["vfplan", "review"]
     for file in files:
         if file is not None:
             words.append(str(file))
-    return shlex.join([*words, "-o", str(output)])
+    return shlex.join([*words, *typed_review_options(), "-o", str(output)])
+
+
+def typed_review_options() -> list[str]:
+    """The options that were typed and that `vfplan review` has too, with their values."""
+    from vfplan.cli.review import command as review
+
+    takes_value = {}
+    for parameter in review.params:
+        if isinstance(parameter, click.Option) and not parameter.name.endswith(("_out", "output")):
+            for name in parameter.opts:
+                takes_value[name] = not parameter.is_flag
+    words = []
+    typed = iter(sys.argv[2:])
+    for word in typed:
+        name, has_value, _ = word.partition("=")
+        if name not in takes_value:
+            continue
+        words.append(word)
+        if takes_value[name] and not has_value:
+            words.append(next(typed, ""))
+    return words
 
 
 def write_pictures(extracted: Any, mask: Path | None, overlay: Path | None) -> None:

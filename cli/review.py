@@ -32,7 +32,7 @@ class ReviewFiles(NamedTuple):
     slice_path: Path | None
 
 
-@command("review")
+@command("review", settings_file=True)
 @click.argument("source", type=FILE, metavar="SLICE|CURVE.h5|FIXTURE.h5")
 @click.argument("markers", type=FILE, required=False)
 @click.argument("markers2", type=FILE, required=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -162,6 +163,23 @@ def test_refusals_name_the_command_that_mends_them(kind, vfplan_cli, tmp_path):
         assert run.code == 3
         files = " ".join(str(word) for word in words[1:])
         assert f"vfplan review {files} -o {tmp_path / 'o.h5'}" in run.stderr
+
+
+def test_the_command_of_a_refusal_has_the_options_that_were_typed(vfplan_cli, tmp_path):
+    path, _ = fork(tmp_path / "slice.png")
+    typed = ["--colour", "#ff0000", "--max-gap=15", "--exclude", "0,0,9,9", "--exclude", "20,0,9,9"]
+    output = tmp_path / "o.h5"
+    refused = vfplan_cli("extract", path, *typed, "-o", output, "--overlay-out", tmp_path / "v.png")
+    command = refused.stderr.split("vfplan review ")[1].splitlines()[0]
+    words = shlex.split(command)
+    assert words == [str(path), *typed, "-o", str(output)]
+    review = Review(*words)
+    state = review.heard("state")["state"]
+    assert state["refusal"]["code"] == "line-forks"
+    assert state["refusal"]["place_px"]
+    assert state["boxes"] == [[0, 0, 9, 9], [20, 0, 9, 9]]
+    review.page.send(json.dumps({"leave": True}))
+    assert review.end()[0] == 1
 
 
 def test_a_gate_names_the_command_that_mends_its_markers(vfplan_cli, tmp_path):

@@ -63,6 +63,13 @@ function show(state, isWhole) {
   app.state = { findings: [], why_not: ["The plan is being made."], approvable: false, ...state };
   if (!isWhole) app.state.approvable = false;
   for (const part of parts) part.render?.(app.state, first);
+  const place = state.refusal?.place_px;
+  // To choose among several lines the planner has to see the whole slice.
+  const isPlace = place && state.refusal.code !== "several-candidates";
+  if (isPlace && isWhole && !app.refusalShown) {
+    app.refusalShown = true; // once, so that the planner can look elsewhere
+    view.goTo(place, 2 * view.zoom);
+  }
   byId("undo").disabled = !state.can_undo;
   byId("redo").disabled = !state.can_redo;
   byId("steps").replaceChildren(...state.steps.map((text) => make("li", {}, text)));
