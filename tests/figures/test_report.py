@@ -70,9 +70,20 @@ def test_numbers_and_verdict_are_the_replays(pressed, written):
     assert text.count('class="go"') == len(pressed.metrics["episodes"]) == 4
 
 
+def test_page_opens_with_verdict_slice_and_force_and_ends_with_the_hashes(written):
+    text = written.read_text()
+    titles = re.findall("<h2>(.*?)</h2>", text)
+    assert text.index('class="verdict') < text.index("<h2>")
+    assert titles[1] == "Over time"
+    assert titles[0] in ("On the slice", "In space")
+    assert titles[-2:] == ["What was replayed", "About this page"]
+    first_digest = re.search(r"<code class=.?digest", text)
+    assert first_digest is None or first_digest.start() > text.index("What was replayed")
+
+
 def test_page_says_when_how_and_of_what_it_was_made(pressed, written, tmp_path):
     text = written.read_text()
-    about = text[text.index("About this page") : text.index("Summary")]
+    about = text[text.index("About this page") :]
     assert re.search(r"made</td><td>.*\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", about)
     assert f"vfplan {vfplan.__version__}" in about
     assert "vfplan replay &#x27;a b.h5&#x27; s.csv" in about
@@ -81,7 +92,7 @@ def test_page_says_when_how_and_of_what_it_was_made(pressed, written, tmp_path):
     vfplan.write_fixture(bundles.whole(), path)
     replayed = replay(path, probing())
     digest = replayed.metrics["fixture"]["sha256"]
-    about = page(replayed).split("Summary")[0]
+    about = page(replayed).split("About this page")[1]
     assert "f.h5" in about
     assert f'<code class="digest">{digest}' in about
 

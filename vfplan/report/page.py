@@ -1,4 +1,4 @@
-"""The page: verdict, numbers, pictures, scrubber, episodes, settings."""
+"""The page of a replay: verdict, slice and force first, files and hashes last."""
 
 from __future__ import annotations
 
@@ -25,8 +25,9 @@ from vfplan.report.scrubber import scrubber_data
 from vfplan.report.tables import checks, code, episodes, findings, settings, summary, table
 
 # The page may show what it carries and fetch nothing.
-_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
-_LIVE = "; connect-src 'self'"  # the live page's WebSocket
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+LIVE_POLICY = "; connect-src 'self'"
+"""What a live page may do in addition: listen to the server that it came from."""
 
 
 def write_report(
@@ -35,11 +36,21 @@ def write_report(
 ) -> Path:  # fmt: skip
     """Write `folder/index.html`, a page that needs nothing else.
 
-    replayed: a replay that kept ticks
-    folder: made when it is not there; with `overwrite` its `index.html` is replaced
-    image: the planned slice, to map depth back onto it
-    command: the command line that led to it, if one did
-    Raises InputError: an image that is not the one the fixture was planned on
+    Parameters
+    ----------
+    replayed
+        A replay that kept ticks.
+    folder
+        Made if it does not exist; with `overwrite` its `index.html` is replaced.
+    image
+        The planned slice, to map depth back onto it.
+    command
+        The command line that led to it, if one did.
+
+    Raises
+    ------
+    InputError
+        The image is not the one that the fixture was planned on.
     """
     folder = Path(folder)
     text = page(replayed, image=image, command=command)
@@ -49,41 +60,71 @@ def write_report(
 
 
 def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> str:
-    """The HTML text of the report."""
-    found = replayed.metrics
-    title = f"Replay of {escape(found['session']['name'])}"
-    kept = f"of {found['ticks']} ticks"
+    """The HTML text of the report: verdict, slice and force first, files and hashes last."""
+    metrics = replayed.metrics
+    title = f"Replay of {escape(metrics['session']['name'])}"
+    body = [f"<header><h1>{title}</h1>{_verdict(metrics)}</header>"]
+
+    # What a reader wants first: where it happened, and with what force.
+    if image is not None and _has_depth(replayed):
+        from vfplan.images.read import read_image
+
+        on_slice = picture(slice_depth(replayed, read_image(image)), "depth on the slice")
+        body.append(section("On the slice", on_slice))
+    else:
+        body.append(section("In space", _in_space(replayed)))
+    body.append(section("Over time", picture(timeline(replayed), "force and depth over time")))
+    body.append(section("Summary", summary(metrics) + checks(metrics) + findings(metrics)))
+
+    # Then all of it, to look into.
+    body.append(section("Frame by frame", _scrubber(replayed)))
+    if image is not None and _has_depth(replayed):
+        body.append(section("In space", _in_space(replayed)))
+    if metrics.get("arc_m") is not None:
+        from vfplan.figures.replay import guide_plot
+
+        words = "lateral error and force over arc length"
+        body.append(section("Along the guide", picture(guide_plot(replayed), words)))
+    if _has_depth(replayed):
+        words = "depth along the planned curve"
+        body.append(section("Along the planned curve", picture(depth_plot(replayed), words)))
+    body.append(section("Contact episodes", episodes(metrics)))
+    body.append(section("What was planned", _review_sheet(replayed, image)))
+
+    # Last what identifies it: settings, files and hashes.
+    body.append(section("What was replayed", settings(metrics, replayed.fixture)))
+    facts = {"command": command}
+    for role in ("fixture", "session"):
+        record = metrics.get(role, {})
+        facts[role] = record.get("name", "made in memory")
+        facts[f"{role}'s SHA-256"] = record.get("sha256", "")
+    body.append(about(facts))
+    text = "\n".join(body)
+    return document(title, text + scripts(scrubber_data(replayed), part("scrubber.js")))
+
+
+def _has_depth(replayed: Replay) -> bool:
+    """Whether the hand touched a fixture that was drawn as a curve."""
+    return replayed.fixture.curve is not None and bool(replayed.metrics["contact_ticks"])
+
+
+def _scrubber(replayed: Replay) -> str:
+    """The scene and the plots that move through time."""
+    ticks = f"of {replayed.metrics['ticks']} ticks"
     if replayed.stride > 1:
-        kept = f"of the ticks kept, of each {replayed.stride} in a row the deepest"
-    words = f"Each column reaches from the least to the largest value {kept}."
-    scrubber = part("scrubber.html").replace("{scene}", part("scene.html"))
-    body = "\n".join(
-        [
-            f"<header><h1>{title}</h1>{_verdict(found)}</header>",
-            about({"command": command, **_named("fixture", found), **_named("session", found)}),
-            section("Summary", summary(found) + checks(found) + findings(found)),
-            section("Over time", picture(timeline(replayed), "force and depth over time")),
-            section("Frame by frame", scrubber.replace("{envelope}", words)),
-            *_places(replayed, image),
-            section("Contact episodes", episodes(found)),
-            section("What was planned", _review_sheet(replayed, image)),
-            section("What was replayed", settings(found, replayed.fixture)),
-        ]
-    )
-    return document(title, body + scripts(scrubber_data(replayed), part("scrubber.js")))
-
-
-def _named(role: str, found: dict[str, Any]) -> dict[str, str]:
-    """A file's name and digest, where it came from a file."""
-    record = found.get(role, {})
-    digest = record.get("sha256", "")
-    return {role: record.get("name", "made in memory"), f"{role}'s SHA-256": digest}
+        ticks = f"of the ticks kept, of each {replayed.stride} in a row the deepest"
+    words = f"Each column reaches from the least to the largest value {ticks}."
+    text = part("scrubber.html").replace("{scene}", part("scene.html"))
+    return text.replace("{envelope}", words)
 
 
 def about(facts: dict[str, str]) -> str:
     """When the page was made, by which program, and the facts given; empty ones are left out."""
     rows = {"made": now_utc(), "program": f"vfplan {version('vfplan')}", **facts}
-    lines = [[escape(name), code(value)] for name, value in rows.items() if value]
+    lines = []
+    for name, value in rows.items():
+        if value:
+            lines.append([escape(name), code(value)])
     return section("About this page", table([], lines, "settings"))
 
 
@@ -102,73 +143,66 @@ def scripts(data: dict[str, Any], script: str) -> str:
 
 def document(title: str, body: str, *, live: bool = False) -> str:
     """A whole page: title and body are HTML text; `live`: it may listen to where it came from."""
+    policy, icon = POLICY, ""
+    if live:
+        policy += LIVE_POLICY
+        icon = "<link rel=icon href=data:,>"
+    style = palette_css(LIGHT, DARK) + part("style.css")
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}{_LIVE if live else ""}">'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{title}</title>{'<link rel=icon href=data:,>' if live else ''}"
-        f"<style>{_colours()}{part('style.css')}</style></head><body><main>\n{body}</main></body>"
-        "</html>\n"
+        f"<title>{title}</title>{icon}<style>{style}</style></head>"
+        f"<body><main>\n{body}</main></body></html>\n"
     )
 
 
-def _colours() -> str:
-    """The palette, by its names."""
-    light, dark = (
-        "".join(f"--{name}: {value}; " for name, value in colours.items())
-        for colours in (LIGHT, DARK)
+def palette_css(light: dict[str, str], dark: dict[str, str]) -> str:
+    """The colours of every picture as variables of a page, for light and for dark screens."""
+    variables = {"light": "", "dark": ""}
+    for theme, colours in (("light", light), ("dark", dark)):
+        for name, colour in colours.items():
+            variables[theme] += f"--{name}: {colour}; "
+    return (
+        f":root {{ {variables['light']}}}\n@media (prefers-color-scheme: dark) "
+        f"{{ :root {{ {variables['dark']}}} }}\n"
     )
-    return f":root {{ {light}}}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark}}} }}\n"
 
 
-def _verdict(found: dict[str, Any]) -> str:
-    """The first line of the page: green, red, or grey where nothing was tested."""
-    limits = found.get("checks", [])
-    if found["verdict"] == "fail":
+def _verdict(metrics: dict[str, Any]) -> str:
+    """The first line of the page: green, red, or grey if nothing was tested."""
+    limits = metrics.get("checks", [])
+    if metrics["verdict"] == "fail":
         failed = sum(not check["pass"] for check in limits)
         return f'<p class="verdict fail">FAIL: {failed} of {len(limits)} limits</p>'
-    if found["verdict"] == "pass":
+    if metrics["verdict"] == "pass":
         return f'<p class="verdict pass">PASS: all {len(limits)} limits hold</p>'
-    if has_touched(found):
+    if has_touched(metrics):
         return '<p class="verdict none">NOT TESTED: no limits were given</p>'
     return '<p class="verdict none">NOT TESTED: the tool never touched the fixture</p>'
 
 
-def _places(replayed: Replay, image: Path | None) -> list[str]:
-    shown = [section("In space", _in_space(replayed))]
-    if replayed.metrics.get("arc_m") is not None:
-        from vfplan.figures.replay import guide_plot
-
-        words = "lateral error and force over arc length"
-        shown.append(section("Along the guide", picture(guide_plot(replayed), words)))
-    if replayed.fixture.curve is not None and replayed.metrics["contact_ticks"]:
-        pictures = picture(depth_plot(replayed), "depth along the planned curve")
-        if image is not None:
-            from vfplan.images.read import read_image
-
-            pictures += picture(slice_depth(replayed, read_image(image)), "depth on the slice")
-        shown.append(section("Along the planned curve", pictures))
-    return shown
-
-
 def _review_sheet(replayed: Replay, image: Path | None) -> str:
-    """The review sheet of the fixture, or how to get it where its slice was not given."""
+    """The review sheet of the fixture, or how to get it if its slice was not given."""
     from vfplan.images.read import read_image
     from vfplan.review.sheet import draw_sheet
     from vfplan.review.sheet_input import of_fixture
 
-    fixture, slice_ = replayed.fixture, None
+    fixture = replayed.fixture
+    planned_slice = None
     if fixture.provenance.inputs.get("image") is not None:
         if image is None:
             return "<p>Give the planned slice (--image) to see its review sheet here.</p>"
-        slice_ = read_image(image)
+        planned_slice = read_image(image)
     name = replayed.metrics.get("fixture", {}).get("name", "a fixture made in memory")
-    pages = draw_sheet(of_fixture(fixture, name, image=slice_)).page_pngs()
-    return "".join(_embedded(page, "review sheet of the fixture", "sheet") for page in pages)
+    text = ""
+    for sheet in draw_sheet(of_fixture(fixture, name, image=planned_slice)).page_pngs():
+        text += _embedded(sheet, "review sheet of the fixture", "sheet")
+    return text
 
 
 def _in_space(replayed: Replay) -> str:
-    """In its plane, or by PyVista; by Matplotlib where PyVista cannot render."""
+    """In its plane, or by PyVista; by Matplotlib if PyVista cannot render."""
     words = "fixture, HIP and proxy path, contact circles and normals at 10 Hz"
     if replayed.fixture.ignore_axis is None:
         from vfplan import view3d

@@ -16,17 +16,31 @@ from vfplan.replaying.thinning import thinned
 from vfplan.session import TickBlock
 
 Array = NDArray[np.float64]
+
 FRAMES = 4000
+"""Ticks that the scrubber holds at most; the slider has fewer pixels."""
+
 CLOUD = 6000
-COLUMNS = 1200  # of the whole session's envelope
-CLOSE, CLOSE_COLUMNS = 40, 400  # episodes with an envelope of their own, and its columns
+"""Points of the fixture that the scene draws at most."""
+
+COLUMNS = 1200
+"""Columns of the whole session's envelope: a plot is about as many pixels wide."""
+
+MAX_ZOOMS = 40
+"""Episodes that have an envelope of their own."""
+
+ZOOM_COLUMNS = 400
+"""Columns of an episode's envelope."""
+
 MM = 1e3
 
 
 def placing(fixture: Fixture) -> tuple[Array, Array]:
     """The picture's axes as columns, (3, 2) in a plane or (3, 3), and the point that is 0 [m]."""
-    axis = fixture.ignore_axis
-    return np.eye(3) if axis is None else plane_basis(axis), fixture.points.mean(axis=0)
+    basis = np.eye(3)
+    if fixture.ignore_axis is not None:
+        basis = plane_basis(fixture.ignore_axis)
+    return basis, fixture.points.mean(axis=0)
 
 
 def scene_data(fixture: Fixture) -> dict[str, Any]:
@@ -50,6 +64,17 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
     ticks = thinned(replayed.ticks, -(-len(replayed.ticks) // FRAMES))
     basis, centre = placing(replayed.fixture)
     episodes = replayed.metrics["episodes"]
+    first_episode = 0
+    if episodes:
+        first_episode = episodes[0]["index"]
+    # An envelope of each episode with what is around it, and one of the whole session.
+    zooms = []
+    for episode in episodes[:MAX_ZOOMS]:
+        start, end = episode["start_s"], episode["end_s"]
+        margin = max(0.05, 0.2 * (end - start))
+        zooms.append(envelope(replayed.ticks, (start - margin, end + margin), ZOOM_COLUMNS))
+    whole = (float(replayed.ticks.time[0]), float(replayed.ticks.time[-1]))
+    zooms.append(envelope(replayed.ticks, whole, COLUMNS))
     return {
         **scene_data(replayed.fixture),
         "time": np.round(ticks.time, 6).tolist(),
@@ -59,35 +84,26 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
         "force": _flat(ticks.force @ basis, 4),
         "depth": np.round(MM * ticks.penetration, 4).tolist(),
         "state": ticks.state.tolist(),
-        "episodes": [[e["start_s"], e["end_s"]] for e in episodes],
-        "first_episode": episodes[0]["index"] if episodes else 0,
-        "zooms": _zooms(replayed.ticks, episodes[:CLOSE]),
+        "episodes": [[episode["start_s"], episode["end_s"]] for episode in episodes],
+        "first_episode": first_episode,
+        "zooms": zooms,
     }
 
 
-def _zooms(ticks: TickBlock, episodes: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """An envelope of each episode with what is round it, and of the whole session."""
-    found = []
-    for episode in episodes:
-        start, end = episode["start_s"], episode["end_s"]
-        margin = max(0.05, 0.2 * (end - start))
-        found.append(envelope(ticks, (start - margin, end + margin), CLOSE_COLUMNS))
-    return [*found, envelope(ticks, (float(ticks.time[0]), float(ticks.time[-1])), COLUMNS)]
-
-
 def envelope(ticks: TickBlock, span: tuple[float, float], columns: int) -> dict[str, Any]:
-    """Least and largest force [N] and depth [mm] of at most so many stretches of equal length."""
+    """Smallest and largest force [N] and depth [mm] of stretches of equal length."""
     first = np.searchsorted(ticks.time, span[0])
     last = np.searchsorted(ticks.time, span[1], "right")
     starts = np.unique(np.linspace(first, last, columns, endpoint=False).astype(int))
-    found: dict[str, Any] = {
-        "span": list(span), "time": np.round(ticks.time[starts], 6).tolist()
-    }  # fmt: skip
+    data: dict[str, Any] = {
+        "span": list(span),
+        "time": np.round(ticks.time[starts], 6).tolist(),
+    }
     for name, values in (("force", row_norms(ticks.force)), ("depth", MM * ticks.penetration)):
-        for end, least in (("low", np.minimum), ("high", np.maximum)):
-            parts = least.reduceat(values[:last], starts)
-            found[f"{name}_{end}"] = (np.round(parts, 4) + 0.0).tolist()
-    return found
+        for end, extreme in (("low", np.minimum), ("high", np.maximum)):
+            parts = extreme.reduceat(values[:last], starts)
+            data[f"{name}_{end}"] = (np.round(parts, 4) + 0.0).tolist()
+    return data
 
 
 def tick_row(fixture: Fixture) -> Callable[[NDArray[np.void]], list[float]]:

@@ -4,115 +4,178 @@ from __future__ import annotations
 
 import re
 from html import escape
-from typing import Any
+from typing import Any, NamedTuple
 
 from vfplan.fixture import Fixture
 from vfplan.replaying.episodes import episode_count
 
-_SUMMARY = (
-    # name in the report, words, factor, unit, decimals
-    ("duration_s", "duration", 1, "s", 3),
-    ("contact_s", "time in contact", 1, "s", 3),
-    ("contact_episodes", "contact episodes", 1, "", 0),
-    ("penetration_max_m", "penetration |proxy − HIP|, largest", 1e3, "mm", 3),
-    ("penetration_rms_m", "penetration, RMS over the session", 1e3, "mm", 3),
-    ("overlap_max_m", "overlap beyond the fixture's surface, largest", 1e3, "mm", 3),
-    ("force_max_n", "force, largest", 1, "N", 3),
-    ("force_rms_n", "force, RMS over the session", 1, "N", 3),
-    ("force_step_max_n", "change of force in one tick, largest", 1, "N", 3),
-    ("clearance_min_m", "clearance of the proxy's ball, least", 1e6, "µm", 2),
-    ("band_m", "band: the clearance may go down to minus this", 1e6, "µm", 2),
-    ("energy_j", "energy given to the hand", 1e3, "mJ", 4),
-    ("energy_hold_j", "of it by holding the force over a tick", 1e3, "mJ", 4),
-    ("friction", "apparent friction", 1, "", 5),
-    ("lag_rms_m", "lag of the proxy while sliding, RMS", 1e6, "µm", 2),
-    ("lateral_max_m", "distance from the guide, largest", 1e3, "mm", 3),
-    ("entrenched_ticks", "ticks entrenched", 1, "", 0),
-    ("too_fast_ticks", "ticks too fast for the rule", 1, "", 0),
-    ("p999", "time a tick, p99.9", 1, "µs", 2),
-)
-_EPISODE = (
-    ("start_s", "start", 1, "s", 3),
-    ("end_s", "end", 1, "s", 3),
-    ("dwell_s", "dwell", 1, "s", 3),
-    ("penetration_max_m", "deepest", 1e3, "mm", 3),
-    ("overlap_max_m", "overlap", 1e3, "mm", 3),
-    ("force_max_n", "force", 1, "N", 3),
-    ("energy_j", "energy", 1e3, "mJ", 4),
-    ("speed_at_touch_m_s", "touch", 1e3, "mm/s", 1),
-)
-# The last words of a number's name, the longest first.
-_UNITS = {"_m_s": "m/s", "_n_per_m": "N/m", "_deg": "°", "_ticks": "ticks", "_tick": "tick",
-          "_hz": "Hz", "_us": "µs", "_mm": "mm", "_nm": "N·m", "_j": "J", "_n": "N", "_s": "s",
-          "_m": "m"}  # fmt: skip
-EPISODES = 200
+MAX_EPISODES = 200
+"""Rows of the table of episodes; a longer one is not read."""
+
+LONG_GROUP = 20
+"""Rows of settings above which a group takes the whole width of the page."""
 
 
-def _number(value: Any, factor: float, decimals: int) -> str:
-    # Adding 0 after rounding turns -0.0 into 0.0.
-    return "" if value is None else f"{round(factor * value, decimals) + 0.0:.{decimals}f}"
+class Quantity(NamedTuple):
+    """A number of the JSON report: its name there, and how a table writes it."""
+
+    name: str
+    words: str
+    factor: float
+    unit: str
+    decimals: int
+
+
+SUMMARY = (
+    Quantity("duration_s", "duration", 1, "s", 3),
+    Quantity("contact_s", "time in contact", 1, "s", 3),
+    Quantity("contact_episodes", "contact episodes", 1, "", 0),
+    Quantity("penetration_max_m", "penetration |proxy − HIP|, largest", 1e3, "mm", 3),
+    Quantity("penetration_rms_m", "penetration, RMS over the session", 1e3, "mm", 3),
+    Quantity("overlap_max_m", "overlap beyond the fixture's surface, largest", 1e3, "mm", 3),
+    Quantity("force_max_n", "force, largest", 1, "N", 3),
+    Quantity("force_rms_n", "force, RMS over the session", 1, "N", 3),
+    Quantity("force_step_max_n", "change of force in one tick, largest", 1, "N", 3),
+    Quantity("clearance_min_m", "clearance of the proxy's ball, least", 1e6, "µm", 2),
+    Quantity("band_m", "band: the clearance may go down to minus this", 1e6, "µm", 2),
+    Quantity("energy_j", "energy given to the hand", 1e3, "mJ", 4),
+    Quantity("energy_hold_j", "of it by holding the force over a tick", 1e3, "mJ", 4),
+    Quantity("friction", "apparent friction", 1, "", 5),
+    Quantity("lag_rms_m", "lag of the proxy while sliding, RMS", 1e6, "µm", 2),
+    Quantity("lateral_max_m", "distance from the guide, largest", 1e3, "mm", 3),
+    Quantity("entrenched_ticks", "ticks entrenched", 1, "", 0),
+    Quantity("too_fast_ticks", "ticks too fast for the rule", 1, "", 0),
+    Quantity("p999", "time a tick, p99.9", 1, "µs", 2),
+)
+EPISODE = (
+    Quantity("start_s", "start", 1, "s", 3),
+    Quantity("end_s", "end", 1, "s", 3),
+    Quantity("dwell_s", "dwell", 1, "s", 3),
+    Quantity("penetration_max_m", "deepest", 1e3, "mm", 3),
+    Quantity("overlap_max_m", "overlap", 1e3, "mm", 3),
+    Quantity("force_max_n", "force", 1, "N", 3),
+    Quantity("energy_j", "energy", 1e3, "mJ", 4),
+    Quantity("speed_at_touch_m_s", "touch", 1e3, "mm/s", 1),
+)
+
+UNITS = {
+    "_m_s": "m/s",
+    "_n_per_m": "N/m",
+    "_deg": "°",
+    "_ticks": "ticks",
+    "_tick": "tick",
+    "_hz": "Hz",
+    "_us": "µs",
+    "_mm": "mm",
+    "_nm": "N·m",
+    "_j": "J",
+    "_n": "N",
+    "_s": "s",
+    "_m": "m",
+}
+"""The last words of a number's name and their unit, the longest first."""
 
 
 def table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
     """A table of cells that are HTML already; a narrow screen shows each with its column's name."""
-    heads = "".join(f'<th scope="col">{cell}</th>' for cell in head)
-    names = [f' data-name="{cell}"' if cell else "" for cell in head] or [""] * 99
-    lines = "".join(
-        "<tr>" + "".join(f"<td{n}>{c}</td>" for n, c in zip(names, row, strict=False)) + "</tr>"
-        for row in rows
-    )
-    thead = f"<thead><tr>{heads}</tr></thead>" if head else ""
-    return f'<table class="{kind}">{thead}<tbody>{lines}</tbody></table>'
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.9g}"
-    if isinstance(value, list):
-        return ", ".join(_shown(part) for part in value)
-    return str(value)
+    parts = [f'<table class="{kind}">']
+    if head:
+        parts.append("<thead><tr>")
+        for cell in head:
+            parts.append(f'<th scope="col">{cell}</th>')
+        parts.append("</tr></thead>")
+    parts.append("<tbody>")
+    for row in rows:
+        parts.append("<tr>")
+        for column, cell in enumerate(row):
+            name = ""
+            if column < len(head) and head[column]:
+                name = f' data-name="{head[column]}"'
+            parts.append(f"<td{name}>{cell}</td>")
+        parts.append("</tr>")
+    parts.append("</tbody></table>")
+    return "".join(parts)
 
 
 def code(value: Any) -> str:
     """A value as it stands in a file; a digest on one line in print."""
-    text = _shown(value)
-    kind = "digest" if re.fullmatch("[0-9a-f]{64}", text) else ""
+    text = _text(value)
+    kind = ""
+    if re.fullmatch("[0-9a-f]{64}", text):
+        kind = "digest"
     return f'<code class="{kind}">{escape(text)}</code>'
 
 
-def summary(found: dict[str, Any]) -> str:
+def _text(value: Any) -> str:
+    if value is True:
+        return "yes"
+    if value is False:
+        return "no"
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    if isinstance(value, list):
+        return ", ".join(map(_text, value))
+    return str(value)
+
+
+def _number(value: float | None, quantity: Quantity) -> str:
+    """A number in the unit of its quantity; nothing if there is none."""
+    if value is None:
+        return ""
+    # Adding 0 after rounding turns -0.0 into 0.0.
+    number = round(quantity.factor * value, quantity.decimals) + 0.0
+    return f"{number:.{quantity.decimals}f}"
+
+
+def summary(metrics: dict[str, Any]) -> str:
     """The main numbers; two rules are compared, a column each and one of their difference."""
-    rules = [found] if "paper" not in found else [found, found["paper"]]
-    names = [escape(found["rule"]), "paper"][: len(rules)]
-    columns = [
-        {**rule, "band_m": rule["scene"].get("band_m"), "contact_episodes": episode_count(rule),
-         "p999": rule["step_us"]["p999"]}
-        for rule in rules
-    ]  # fmt: skip
+    rules = {escape(metrics["rule"]): metrics}
+    if "paper" in metrics:
+        rules["paper"] = metrics["paper"]
+    columns = []
+    for rule in rules.values():
+        more = {
+            "band_m": rule["scene"].get("band_m"),
+            "contact_episodes": episode_count(rule),
+            "p999": rule["step_us"]["p999"],
+        }
+        columns.append(rule | more)
+    head = ["number", *(f"rule {name}" for name in rules)]
+    if len(rules) == 2:
+        head.append(f"paper − {next(iter(rules))}")
+    head.append("unit")
     rows = []
-    for key, words, factor, unit, decimals in _SUMMARY:
-        values = [column.get(key) for column in columns]
-        if any(value is not None for value in values):
-            if len(values) == 2:
-                values.append(None if None in values else values[1] - values[0])
-            rows.append([escape(words), *(_number(v, factor, decimals) for v in values), unit])
-    heads = [f"rule {name}" for name in names] + [f"paper − {names[0]}"] * (len(names) == 2)
-    apart = ""
-    if len(names) == 2:
-        apart = (f"<p>The proxies of the two rules are at most "
-                 f"{1e3 * found['apart']['proxy_max_m']:.3f} mm apart, their forces "
-                 f"{found['apart']['force_max_n']:.3f} N.</p>")  # fmt: skip
-    return table(["number", *heads, "unit"], rows, "numbers") + apart
+    for quantity in SUMMARY:
+        values = [column.get(quantity.name) for column in columns]
+        if values == [None] * len(values):
+            continue
+        if len(values) == 2:
+            difference = None
+            if None not in values:
+                difference = values[1] - values[0]
+            values.append(difference)
+        numbers = [_number(value, quantity) for value in values]
+        rows.append([escape(quantity.words), *numbers, quantity.unit])
+    text = table(head, rows, "numbers")
+    if len(rules) == 2:
+        difference = metrics["apart"]
+        text += (
+            "<p>The proxies of the two rules are at most "
+            f"{1e3 * difference['proxy_max_m']:.3f} mm apart, their forces "
+            f"{difference['force_max_n']:.3f} N.</p>"
+        )
+    return text
 
 
-def checks(found: dict[str, Any]) -> str:
+def checks(metrics: dict[str, Any]) -> str:
     """Each limit that was given, and whether it holds."""
     rows = []
-    for check in found.get("checks", []):
-        sense = "at_most" if "at_most" in check else "at_least"
-        word = "pass" if check["pass"] else "fail"
+    for check in metrics.get("checks", []):
+        sense, word = "at_least", "fail"
+        if "at_most" in check:
+            sense = "at_most"
+        if check["pass"]:
+            word = "pass"
         rows.append(
             [
                 f'<b class="{word}">{word.upper()}</b>',
@@ -122,66 +185,89 @@ def checks(found: dict[str, Any]) -> str:
                 unit_of(check["name"]),
             ]
         )
-    return table(["verdict", "limit on", "found", "allowed", "unit"], rows) if rows else ""
+    if not rows:
+        return ""
+    return table(["verdict", "limit on", "found", "allowed", "unit"], rows)
 
 
 def unit_of(name: str) -> str:
     """The unit that a number's name in the JSON report ends with."""
-    return next((unit for end, unit in _UNITS.items() if name.endswith(end)), "")
+    for ending, unit in UNITS.items():
+        if name.endswith(ending):
+            return unit
+    return ""
 
 
-def findings(found: dict[str, Any]) -> str:
+def findings(metrics: dict[str, Any]) -> str:
     """What a person should look at."""
-    rows = [
-        [f'<b class="{f["severity"]}">{f["severity"]}</b>', f["code"], escape(f["message"])]
-        for f in found["findings"]
-    ]
+    rows = []
+    for finding in metrics["findings"]:
+        severity = f'<b class="{finding["severity"]}">{finding["severity"]}</b>'
+        rows.append([severity, finding["code"], escape(finding["message"])])
     if not rows:
         return "<p>Nothing to remark.</p>"
     return table(["severity", "finding", "what it says"], rows)
 
 
-def episodes(found: dict[str, Any]) -> str:
+def episodes(metrics: dict[str, Any]) -> str:
     """One row an episode; a click moves the scrubber to its deepest tick."""
-    shown = found["episodes"][:EPISODES]
-    if not shown:
+    listed = metrics["episodes"][:MAX_EPISODES]
+    if not listed:
         return "<p>No contact.</p>"
-    along = any("deepest_along" in episode for episode in shown)
-    head = ["episode", *(f"{words} [{unit}]" for _, words, _, unit, _ in _EPISODE)]
-    head += (["along [mm]"] if along else []) + ["passive"]
+    has_curve = "deepest_along" in listed[0]
+    head = ["episode"]
+    for quantity in EPISODE:
+        head.append(f"{quantity.words} [{quantity.unit}]")
+    if has_curve:
+        head.append("along [mm]")
+    head.append("passive")
     rows = []
-    for number, episode in enumerate(shown):
+    for number, episode in enumerate(listed):
         time = episode["deepest"]["t_s"]
         row = [
             f'<button class="go" data-time="{time!r}" data-episode="{number}" '
             f'aria-label="show episode {episode["index"]}">{episode["index"]}</button>'
         ]
-        row += [_number(episode.get(key), f, d) for key, _, f, _, d in _EPISODE]
-        if along:
-            row.append(_number(episode["deepest_along"]["s_m"], 1e3, 1))
-        rows.append([*row, "yes" if episode["passive"] else '<b class="warning">no</b>'])
-    more = episode_count(found) - len(shown)
-    return table(head, rows, "numbers") + (f"<p>and {more} more</p>" if more else "")
+        for quantity in EPISODE:
+            row.append(_number(episode.get(quantity.name), quantity))
+        if has_curve:
+            row.append(f"{1e3 * episode['deepest_along']['s_m']:.1f}")
+        passive = '<b class="warning">no</b>'
+        if episode["passive"]:
+            passive = "yes"
+        rows.append([*row, passive])
+    text = table(head, rows, "numbers")
+    more = episode_count(metrics) - len(listed)
+    if more:
+        text += f"<p>and {more} more</p>"
+    return text
 
 
-def settings(found: dict[str, Any], fixture: Fixture) -> str:
+def settings(metrics: dict[str, Any], fixture: Fixture) -> str:
     """Provenance and settings, by their names in the JSON report."""
-    groups: dict[str, Any] = {
-        name: found[name]
-        for name in ("fixture", "scene", "session", "link", "robot", "left_out")
-        if found.get(name)
-    }
-    born = fixture.provenance
+    groups: dict[str, Any] = {}
+    for name in ("fixture", "scene", "session", "link", "robot", "left_out"):
+        if metrics.get(name):
+            groups[name] = metrics[name]
+    provenance = fixture.provenance
     groups["provenance"] = {
-        "created_utc": born.created_utc,
-        "software": born.software,
-        **{f"input {role}": digest for role, digest in born.inputs.items()},
-        **{f"setting {name}": value for name, value in born.settings.items()},
+        "created_utc": provenance.created_utc,
+        "software": provenance.software,
     }
+    for name, value in provenance.settings.items():
+        groups["provenance"][f"setting {name}"] = value
+    for role, digest in provenance.inputs.items():
+        groups["provenance"][f"input {role}"] = digest
     text = ""
     for group, values in groups.items():
-        flat = {k: v for k, v in values.items() if not isinstance(v, (dict, list)) or len(v) <= 3}
-        rows = [[escape(str(k)), code(v)] for k, v in flat.items() if v is not None]
-        shown = f"<h3>{escape(group.replace('_', ' '))}</h3>" + table([], rows, "settings")
-        text += f'<div class="{"long" if len(rows) > 20 else "group"}">{shown}</div>'
+        rows = []
+        for name, value in values.items():
+            is_large = isinstance(value, (dict, list)) and len(value) > 3
+            if value is not None and not is_large:
+                rows.append([escape(str(name)), code(value)])
+        kind = "group"
+        if len(rows) > LONG_GROUP:
+            kind = "long"
+        heading = escape(group.replace("_", " "))
+        text += f'<div class="{kind}"><h3>{heading}</h3>{table([], rows, "settings")}</div>'
     return text
