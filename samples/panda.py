@@ -27,7 +27,7 @@ FILES = (
 def draw(folder: Path) -> dict[str, dict[str, Any]]:
     """Run both on the simulated arm; leave `FILES` in `folder`, return each run's numbers."""
     from vfplan.arm import Arm, rehearse
-    from vfplan.arm.figures import depth, draw_in_space, efforts
+    from vfplan.arm.figures import depth, draw_forces, draw_in_space
     from vfplan.figures.style import save_png
 
     hand: Session = read_session(str(files("vfplan.samples") / "elbow_session.csv"))
@@ -39,7 +39,7 @@ def draw(folder: Path) -> dict[str, dict[str, Any]]:
         found = rehearse(fixture, session, Arm("panda", base=base))
         save_png(depth(found), folder / f"{name}-depth.png")
         save_png(draw_in_space(found), folder / f"{name}-arm.png")
-        save_png(efforts(found), folder / f"{name}-efforts.png")
+        save_png(draw_forces(found), folder / f"{name}-efforts.png")
         deep = found.ticks.penetration
         force = np.linalg.norm(found.motion.force, axis=1)
         touched = deep > 1e-4

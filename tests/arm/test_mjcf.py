@@ -28,9 +28,9 @@ def test_the_shipped_arms_are_as_published(name):
     assert arm.joints == 7
     assert arm.robot == read_robot(ARMS[name])
     arm.hold([0.0] * 7)  # stretched up: 0.333 + 0.316 + 0.384 - 0.107, and 0.088 to the front
-    assert arm.look()[0] == pytest.approx([0.088, 0, 0.333 + 0.316 + 0.384 - 0.107], abs=1e-12)
+    assert arm.read_tip()[0] == pytest.approx([0.088, 0, 0.333 + 0.316 + 0.384 - 0.107], abs=1e-12)
     arm.hold(arm.ready)
-    assert arm.look()[0] == pytest.approx([0.306891, 0, 0.590282], abs=1e-6)
+    assert arm.read_tip()[0] == pytest.approx([0.306891, 0, 0.590282], abs=1e-6)
     assert (arm.ready > arm.low).all()
     assert (arm.ready < arm.high).all()
     assert 10 < arm.model.body_mass.sum() < 20
@@ -39,7 +39,7 @@ def test_the_shipped_arms_are_as_published(name):
 def test_an_arm_of_ones_own(tmp_path):
     arm = Arm(written(tmp_path, TWO), ROBOT, base=(1, 2, 3, 0, 0, 0, 1), tool=(0, 0, 0))
     arm.hold([0, 0])
-    assert arm.look()[0] == pytest.approx([1 - 0.7, 2, 3])  # half a turn about z
+    assert arm.read_tip()[0] == pytest.approx([1 - 0.7, 2, 3])  # half a turn about z
     with pytest.raises(SettingError, match="a robot is wanted"):
         Arm(written(tmp_path, TWO))
     with pytest.raises(SettingError, match="torque_limit_nm of 7 joints, the arm has 2"):
@@ -101,7 +101,7 @@ def test_files_that_are_none(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"base": (0, 0)}, "base of 2 numbers: allowed are 3 or 7"),
+        ({"base": (0, 0)}, "base has 2 numbers; give 3 or 7"),
         ({"base": (0, 0, 0, 0, 0, 0, 0)}, "its quaternion has no direction"),
         ({"tool": (0, 0, float("nan"))}, "tool nan"),
     ],

@@ -26,24 +26,24 @@ def swings(arm, stiffness, ticks=3000):
     step, as theory has it; the arm is free to move otherwise as its masses want.
     """
     mj, model, data = arm._mj, arm.model, arm.data
-    tip, depth = arm.look()[0].copy(), PUSH / stiffness
+    tip, depth = arm.read_tip()[0].copy(), PUSH / stiffness
     side = np.linspace(-0.02, 0.02, 41)
     wall = np.array([[a, b, 0.0] for a in side for b in side]) + tip + (depth - R) * UP
     engine = vfplan.ProxyEngine(wall, stiffness=stiffness, band=1e-4)
     engine.reset(tip + 5 * depth * UP)
-    inverse = np.linalg.solve(arm.inertia(), arm.look()[2][:3].T)
-    mass = 1 / (UP @ arm.look()[2][:3] @ inverse @ UP)
+    inverse = np.linalg.solve(arm.inertia(), arm.read_tip()[2][:3].T)
+    mass = 1 / (UP @ arm.read_tip()[2][:3] @ inverse @ UP)
     data.qvel[:] = inverse @ UP * mass * 2e-3  # 2 mm/s along the normal
     held, heights = PUSH, []
     for _ in range(ticks):
         mj.mj_step1(model, data)
-        at = arm.look()[0].copy()
+        at = arm.read_tip()[0].copy()
         heights.append(at[2])
         after = engine.step(at).force[2]
         for hold in range(HOLDS):
             if hold:
                 mj.mj_step1(model, data)
-            J = arm.look()[2][:3]
+            J = arm.read_tip()[2][:3]
             speed = float(UP @ (J @ data.qvel))
             data.qfrc_applied[:] = J.T @ ((held - PUSH - DAMPING * speed) * UP)
             mj.mj_step2(model, data)
@@ -62,7 +62,7 @@ def test_the_exact_bound_holds_at_the_postures_mass(name):
         arm.model.dof_damping[:] = 0
         arm.model.opt.timestep = 1e-3 / HOLDS
         arm.hold(POSTURES[name])
-        J = arm.look()[2][:3]
+        J = arm.read_tip()[2][:3]
         mass = 1 / (UP @ J @ np.linalg.solve(arm.inertia(), J.T) @ UP)
         bound = exact_bound(Plant(mass, DAMPING, 1e-3), 1)
         heights = swings(arm, share * bound)

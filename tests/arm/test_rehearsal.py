@@ -62,7 +62,7 @@ def test_hand_and_fixture_share_the_way_like_two_springs():
     assert m["force_max_n"] == pytest.approx(np.linalg.norm(found.motion.force, axis=1).max())
     # The torques are J^T F of the posture.
     found.arm.hold(found.motion.q[-1])
-    J = found.arm.look()[2][:3]
+    J = found.arm.read_tip()[2][:3]
     assert found.motion.torque[-1] == pytest.approx(J.T @ found.motion.force[-1], abs=1e-9)
 
 
@@ -118,7 +118,7 @@ def test_mass_and_condition_are_those_of_the_postures():
     arm, m = found.arm, found.metrics
     k = m["mass_min_tick"]
     arm.hold(found.motion.q[k])
-    J = arm.look()[2][:3].copy()
+    J = arm.read_tip()[2][:3].copy()
     inverse = J @ np.linalg.inv(arm.inertia()) @ J.T
     assert m["mass_min_kg"] == pytest.approx(1 / np.linalg.eigvalsh(inverse)[-1])
     assert np.linalg.cond(J) <= m["condition_max"]

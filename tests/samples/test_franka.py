@@ -14,8 +14,8 @@ from conftest import ROOT, missing
 
 import vfplan
 from vfplan.arm import Arm
-from vfplan.arm.loop import Hand, move
-from vfplan.arm.reflexes import reflexes
+from vfplan.arm.loop import Hand, run_loop
+from vfplan.arm.safety_stops import safety_stops
 
 pytestmark = pytest.mark.slow
 
@@ -90,7 +90,7 @@ def test_nothing_that_moves_or_changes_stops_the_rehearsals_arm(governed, monkey
 
     arm = Arm("fr3")
     arm.hold(arm.ready)
-    home = arm.look()[0].copy()
+    home = arm.read_tip()[0].copy()
     stops = np.array(study.PRESSED) - study.PRESSED[0] + home
     share = np.linspace(0, 2, 1500)
     wanted = np.stack([np.interp(share, [0, 1, 2], column) for column in stops.T], axis=1)
@@ -98,8 +98,8 @@ def test_nothing_that_moves_or_changes_stops_the_rehearsals_arm(governed, monkey
     for what in ("all three", "a new engine and a reset"):
         engine = Rendering(study.Changing(what, home - study.PRESSED[0], 2000.0))
         limits = vfplan.Governor.of(arm.robot, 2000.0, torques=True) if governed else None
-        motion = move(arm, engine, limits, wanted, arm.ready, Hand(study.HAND, study.DAMPER))
-        errors[what] = {reflex["kind"] for reflex in reflexes(arm, motion)}
+        motion = run_loop(arm, engine, limits, wanted, arm.ready, Hand(study.HAND, study.DAMPER))
+        errors[what] = {reflex["kind"] for reflex in safety_stops(arm, motion)}
         assert np.abs(motion.rendered).max() > 2
     raw = set() if governed else {"controller_torque_discontinuity"}
     assert errors == {"all three": set(), "a new engine and a reset": raw}

@@ -8,8 +8,8 @@ arm does by itself; Coulomb and viscous friction are the joints' own.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,16 @@ from vfplan.engine.proxy import ProxyEngine
 
 Array = NDArray[np.float64]
 
+CHECK_TICKS = 256
+"""Number of ticks between two reports of progress, and two checks that the simulation is sane."""
+
+LOST_SPEED_RAD_S = 100.0
+"""A joint that turns faster than this [rad/s] belongs to a simulation that left all bounds."""
+
 
 @dataclass(frozen=True)
 class Hand:
-    """A hand that wants the tip where the session is, and the tool as it held it at the start.
+    """A hand that pulls the tip to the session's place, and the tool to how it was at the start.
 
     Parameters
     ----------
@@ -41,7 +47,7 @@ class Hand:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ArmMotion:
     """What happened, one row a tick.
 
     Parameters
@@ -73,66 +79,107 @@ class Motion:
     status: NDArray[np.uint8]
     governed: NDArray[np.uint8]
 
+    @classmethod
+    def empty(cls, ticks: int, joints: int) -> ArmMotion:
+        """Rows of zeros, to be filled."""
+        in_space = np.zeros((6, ticks, 3))
+        of_joints = np.zeros((3, ticks, joints))
+        return cls(
+            *in_space,
+            *of_joints,
+            state=np.zeros(ticks, np.int8),
+            status=np.zeros(ticks, np.uint8),
+            governed=np.zeros(ticks, np.uint8),
+        )
 
-def move(
+    def first(self, ticks: int) -> ArmMotion:
+        """The first rows."""
+        rows = {name: values[:ticks] for name, values in vars(self).items()}
+        return ArmMotion(**rows)
+
+
+def run_loop(
     arm: Arm,
     engine: ProxyEngine,
     governor: Governor | None,
-    wanted: Array,
+    places: Array,
     start: Array,
     hand: Hand,
-    done: Any = None,
-) -> Motion:
-    """Run the loop over the places `wanted` (T, 3) [m] from posture `start` (n,) [rad].
+    done: Callable[[int], None] | None = None,
+) -> ArmMotion:
+    """Run the loop over the places (T, 3) [m] that the hand wants, from posture `start` (n,) [rad].
 
     `done`, if given, is called with the number of ticks just run. The run ends early, with fewer
     rows, where the simulation leaves all bounds.
     """
-    mj, model, data = mujoco(), arm.model, arm.data
-    ticks, n = len(wanted), arm.joints
-    rows3, rows_n = np.zeros((6, ticks, 3)), np.zeros((3, ticks, n))
-    tips, proxies, normals, rendereds, forces, pulls = rows3
-    qs, torques, speeds = rows_n
-    state = np.zeros(ticks, np.int8)
-    status, governed = np.zeros(ticks, np.uint8), np.zeros(ticks, np.uint8)
-    limits = arm.robot.torque_limit_nm
-    most = None if limits is None else np.asarray(limits)
-    speed = np.gradient(wanted, 1 / arm.robot.rate_hz, axis=0)
+    # Everything that a tick needs is bound to a name here: the loop runs a thousand times a second.
+    mj = mujoco()
+    model = arm.model
+    data = arm.data
+    ticks = len(places)
+    joints = arm.joints
+    rows = ArmMotion.empty(ticks, joints)
+    torque_limit = None
+    if arm.robot.torque_limit_nm is not None:
+        torque_limit = np.asarray(arm.robot.torque_limit_nm)
+    place_speed = np.gradient(places, 1 / arm.robot.rate_hz, axis=0)
     arm.hold(start)
-    tip, turn, J = arm.look()
-    site, qvel, qpos, applied = arm.site, data.qvel, data.qpos, data.qfrc_applied
-    jp, jr, JT, wrench, twist = J[:3], J[3:], J.T, np.zeros(6), np.zeros(3)
-    held, now = np.zeros(4), np.zeros(4)
-    mj.mju_mat2Quat(held, turn.ravel())
-    render = engine.native.step
-    hold = None if governor is None else governor.native
-    waiting = deque([np.zeros(n)] * arm.robot.delay_ticks)
+    tip, rotation, jacobian = arm.read_tip()
+    position_jacobian = jacobian[:3]
+    rotation_jacobian = jacobian[3:]
+    jacobian_transposed = jacobian.T
+    joint_speed = data.qvel
+    site = arm.site
+    wrench = np.zeros(6)
+    twist = np.zeros(3)
+    start_quaternion = np.zeros(4)
+    quaternion = np.zeros(4)
+    mj.mju_mat2Quat(start_quaternion, rotation.ravel())
+    engine_step = engine.native.step
+    native_governor = None
+    if governor is not None:
+        native_governor = governor.native
+    delayed = deque([np.zeros(joints)] * arm.robot.delay_ticks)
     engine.reset(tip)
+
     for k in range(ticks):
+        # The robot: position, force, torques.
         mj.mj_step1(model, data)
-        mj.mj_jacSite(model, data, jp, jr, site)
-        (proxies[k], normals[k], rendereds[k]), state[k], status[k] = render(tip)
-        if hold is None:
-            forces[k], torques[k] = rendereds[k], jp.T @ rendereds[k]
+        mj.mj_jacSite(model, data, position_jacobian, rotation_jacobian, site)
+        answer, rows.state[k], rows.status[k] = engine_step(tip)
+        rows.proxy[k], rows.normal[k], rows.rendered[k] = answer
+        if native_governor is None:
+            rows.force[k] = rows.rendered[k]
+            rows.torque[k] = position_jacobian.T @ rows.rendered[k]
         else:
-            forces[k], _, governed[k] = hold.step(rendereds[k], jp)
-            torques[k] = hold.torque(n)
-        waiting.append(
-            torques[k] if most is None else np.minimum(np.maximum(torques[k], -most), most)
-        )
-        mj.mju_mat2Quat(now, data.site_xmat[site])
-        mj.mju_subQuat(twist, held, now)
-        v = J @ qvel
-        wrench[:3] = hand.stiffness * (wanted[k] - tip) - hand.damping * (v[:3] - speed[k])
-        wrench[3:] = hand.turn_stiffness * (turn @ twist) - hand.turn_damping * v[3:]
-        qs[k], speeds[k], tips[k], pulls[k] = qpos, qvel, tip, wrench[:3]
-        applied[:] = waiting.popleft() + JT @ wrench
+            rows.force[k], _, rows.governed[k] = native_governor.step(
+                rows.rendered[k], position_jacobian
+            )
+            rows.torque[k] = native_governor.torque(joints)
+        torque = rows.torque[k]
+        if torque_limit is not None:
+            torque = np.minimum(np.maximum(torque, -torque_limit), torque_limit)
+        delayed.append(torque)
+
+        # The hand: a force to the place, and a torque against turning.
+        mj.mju_mat2Quat(quaternion, data.site_xmat[site])
+        mj.mju_subQuat(twist, start_quaternion, quaternion)
+        tip_speed = jacobian @ joint_speed
+        wrench[:3] = hand.stiffness * (places[k] - tip)
+        wrench[:3] -= hand.damping * (tip_speed[:3] - place_speed[k])
+        wrench[3:] = hand.turn_stiffness * (rotation @ twist) - hand.turn_damping * tip_speed[3:]
+
+        rows.q[k] = data.qpos
+        rows.speed[k] = joint_speed
+        rows.tip[k] = tip
+        rows.pull[k] = wrench[:3]
+        data.qfrc_applied[:] = delayed.popleft() + jacobian_transposed @ wrench
         mj.mj_step2(model, data)
-        if k % 256 == 255:
+
+        if k % CHECK_TICKS == CHECK_TICKS - 1:
             if done is not None:
-                done(256)
-            if not np.abs(qvel).max() < 100.0:  # also where it is no number
-                ticks = k + 1
-                break
-    rows = (tips, proxies, normals, rendereds, forces, pulls, qs, speeds, torques)
-    return Motion(*(row[:ticks] for row in (*rows, state, status, governed)))
+                done(CHECK_TICKS)
+            # The comparison is false for a speed that is no number, too.
+            if not np.abs(joint_speed).max() < LOST_SPEED_RAD_S:
+                return rows.first(k + 1)
+    return rows

@@ -18,15 +18,21 @@ from vfplan.io.files import read_whole
 _LOG = logging.getLogger("vfplan")
 
 MAX_BYTES = 2**20
+"""Size of a model file; an arm without shapes has some thousand bytes."""
+
 MAX_NODES = 5_000
+"""Number of elements; an arm has about a hundred."""
+
 MAX_DEPTH = 64
+"""Number of elements within each other; an arm has about twenty."""
+
 ELEMENTS = {
     *("mujoco", "compiler", "option", "flag", "default", "statistic", "keyframe", "key"),
     *("worldbody", "body", "frame", "inertial", "joint", "geom", "site", "camera", "light"),
     *("actuator", "motor", "general", "position", "velocity", "contact", "exclude"),
 }
-# An attribute that names a file or a folder, or loads code.
 FORBIDDEN = {"file", "meshdir", "texturedir", "assetdir", "plugin", "mesh", "hfield"}
+"""Attributes that name a file or a folder, or load code."""
 
 
 def mujoco() -> Any:
@@ -66,15 +72,21 @@ def compile_model(choice: str | Path, shipped: tuple[str, ...]) -> Any:
 
 def check(data: bytes, where: str) -> None:
     """Raise `InputError` for the first thing in an MJCF that is not allowed here."""
-    parser, seen, depth = expat.ParserCreate(), 0, 0
+    parser = expat.ParserCreate()
+    node_count = 0
+    depth = 0
 
     def refuse(what: str) -> None:
-        raise InputError(f"line {parser.CurrentLineNumber}: {what}", where=where)
+        raise InputError(
+            f"line {parser.CurrentLineNumber}: {what}", where=where, code="mjcf-not-allowed",
+            numbers={"line": parser.CurrentLineNumber},
+        )  # fmt: skip
 
     def start(name: str, attributes: dict[str, str]) -> None:
-        nonlocal seen, depth
-        seen, depth = seen + 1, depth + 1
-        if seen == 1 and name != "mujoco":
+        nonlocal node_count, depth
+        node_count += 1
+        depth += 1
+        if node_count == 1 and name != "mujoco":
             refuse(f"<{name}> is no MJCF; <mujoco> wanted")
         if name not in ELEMENTS:
             refuse(f"<{name}> is not allowed; an arm without shapes wanted, in one file")
@@ -83,21 +95,24 @@ def check(data: bytes, where: str) -> None:
                 refuse(f'{attribute}="..." is not allowed; no other file is read')
         for value in attributes.values():
             if "nan" in value.lower().split():
-                refuse("a number is nan")
-        if seen > MAX_NODES or depth > MAX_DEPTH:
+                refuse("a number is nan; give finite numbers")
+        if node_count > MAX_NODES or depth > MAX_DEPTH:
             refuse(f"more than {MAX_NODES} elements, or {MAX_DEPTH} within each other")
 
     def end(name: str) -> None:
         nonlocal depth
         depth -= 1
 
-    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
     parser.StartDoctypeDeclHandler = lambda *_: refuse("a document type is not allowed")
     parser.EntityDeclHandler = lambda *_: refuse("an entity is not allowed")
     try:
         data.decode("utf-8")
         parser.Parse(data, True)
     except expat.ExpatError as error:
-        raise InputError(f"no XML: {error}", where=where) from None
+        raise InputError(
+            f"no XML: {error}; give an MJCF file", where=where, code="not-xml"
+        ) from None
     except UnicodeDecodeError:
-        raise InputError("is not text", where=where) from None
+        raise InputError("is not text; give an MJCF file", where=where, code="not-xml") from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,26 +17,48 @@ from vfplan.robot import Robot, read_robot
 
 Array = NDArray[np.float64]
 
-# Shipped arms, and the robot file that has each one's limits.
 ARMS = {"panda": "franka", "fr3": "fr3"}
-MOST_JOINTS = 16
-_BELOW, _ABOVE = np.array([7, 2, 3]), np.array([5, 6, 1])  # of a 3 x 3, row after row
-POINTER_M = (0.0, 0.0, 0.1)  # a straight pointer on the flange
+"""Shipped arms, each with the robot file that has its limits."""
 
-_DAMPING = 1e-4  # of the inverse, squared singular values [m²]
-_ARM_M = 0.3  # one radian of turning counts as much as this way
-_WEIGHTS = np.array([1.0, 1, 1, _ARM_M, _ARM_M, _ARM_M])[:, None]
+MAX_JOINTS = 16
+"""Number of joints; a model with more is no arm."""
+
+POINTER_LENGTH_M = 0.1
+"""Length of a straight pointer on the flange [m]."""
+
+DAMPING = 1e-4
+"""Damping of the inverse kinematics, squared singular values [m²]. It bounds the step near a
+singular posture and changes no result."""
+
+ARM_LENGTH_M = 0.3
+"""One radian of turning counts as much as this distance [m] in the inverse kinematics."""
+
+KINEMATICS_STEPS = 100
+"""Number of steps after which the inverse kinematics ends; a place in reach needs about ten."""
+
+LONGEST_STEP_M = 0.1
+"""Largest error that one step of the inverse kinematics works off [m]."""
+
+SOLVED_M = 1e-6
+"""Error below which the inverse kinematics is solved [m]."""
+
+KEPT_TURN_M = 1e-5
+"""Where the tip stays further than this from the place [m], the tool may tilt."""
 
 
 @dataclass(frozen=True, eq=False)
 class Posture:
     """An arm held still."""
 
-    q: Array  # (n,) joint angles [rad]
-    tip: Array  # (3,) the tip [m]
-    margin: Array  # (n,) how far each joint is from its nearer limit [rad]; below 0 beyond it
-    condition: float  # of the (3, n) position Jacobian, largest over smallest singular value
-    mass_kg: float  # the least apparent mass at the tip over all directions, 1 / λ_max(J M⁻¹ Jᵀ)
+    # (n,) joint angles [rad], and (3,) the tip [m]
+    q: Array
+    tip: Array
+    # (n,) how far each joint is from its closer limit [rad]; below 0 beyond it
+    margin: Array
+    # Of the (3, n) position Jacobian, largest over smallest singular value
+    condition: float
+    # The smallest apparent mass at the tip over all directions, 1 / λ_max(J M⁻¹ Jᵀ)
+    mass_kg: float
 
 
 class Arm:
@@ -57,71 +80,37 @@ class Arm:
         robot: Robot | None = None,
         *,
         base: Sequence[float] | None = None,
-        tool: Sequence[float] = POINTER_M,
+        tool: Sequence[float] = (0.0, 0.0, POINTER_LENGTH_M),
     ) -> None:
         if robot is None:
             if str(choice) not in ARMS:
-                raise SettingError(f"arm {choice}: a robot is wanted, whose limits it has")
+                raise SettingError(
+                    f"arm {choice} has no limits of its own; a robot is wanted, with --robot",
+                    code="arm-without-robot",
+                )
             robot = read_robot(ARMS[str(choice)])
-        self.name, self.robot = str(choice), robot
+        self.name = str(choice)
+        self.robot = robot
         self._mj = mujoco()
         self.model = compile_model(choice, tuple(ARMS))
-        self.site = self._checked()
+        self.site = tip_site(self.model, robot, self.name)
         self.model.opt.timestep = 1 / robot.rate_hz
-        self.model.opt.gravity[:] = 0  # the arm compensates it by itself
+        # The arm compensates gravity by itself.
+        self.model.opt.gravity[:] = 0
         self.model.opt.disableflags |= self._mj.mjtDisableBit.mjDSBL_CONTACT
         if base is not None:
-            self._place(base)
-        self.model.site_pos[self.site] += _numbers("tool", tool, (3,))
+            move_base(self.model, numbers("base", base, (3, 7)))
+        self.model.site_pos[self.site] += numbers("tool", tool, (3,))
         self.data = self._mj.MjData(self.model)
         self.joints = int(self.model.nv)
         self.low, self.high = self.model.jnt_range.T.copy()
-        self.low[self.model.jnt_limited == 0], self.high[self.model.jnt_limited == 0] = (
-            -np.inf,
-            np.inf,
-        )
-        self.ready = (
-            self.model.key_qpos[0].copy()
-            if self.model.nkey
-            else np.clip(self.model.qpos0, self.low, self.high)
-        )
-        self._J = np.zeros((6, self.joints))
-
-    def _checked(self) -> int:
-        model, kinds = self.model, self._mj.mjtJoint
-        wrong = [j for j in range(model.njnt) if model.jnt_type[j] != kinds.mjJNT_HINGE]
-        if wrong or not 1 <= model.njnt <= MOST_JOINTS:
-            raise InputError(
-                f"{model.njnt} joints, {len(wrong)} of them no hinges; 1 to {MOST_JOINTS} hinges "
-                "wanted",
-                where=self.name,
-            )
-        site = self._mj.mj_name2id(model, self._mj.mjtObj.mjOBJ_SITE, "tip")
-        if site < 0:
-            raise InputError('no <site name="tip"/>, where the tool is', where=self.name)
-        for name in ("torque_limit_nm", "torque_step_limit_nm", "joint_speed_limit_rad_s"):
-            limits = getattr(self.robot, name)
-            if limits is not None and len(limits) != model.njnt:
-                raise SettingError(
-                    f"robot {self.robot.name!r} has {name} of {len(limits)} joints, the arm has "
-                    f"{model.njnt}"
-                )
-        return site
-
-    def _place(self, base: Sequence[float]) -> None:
-        pose = _numbers("base", base, (3, 7))
-        turn = pose[3:] if len(pose) == 7 else np.array([1.0, 0, 0, 0])
-        if not np.linalg.norm(turn) > 1e-6:
-            raise SettingError(f"base {pose.tolist()}: its quaternion has no direction")
-        turn = turn / np.linalg.norm(turn)
-        for body in range(1, self.model.nbody):
-            if self.model.body_parentid[body]:
-                continue
-            there, turned = np.zeros(3), np.zeros(4)
-            self._mj.mju_rotVecQuat(there, self.model.body_pos[body], turn)
-            self._mj.mju_mulQuat(turned, turn, self.model.body_quat[body])
-            self.model.body_pos[body] = pose[:3] + there
-            self.model.body_quat[body] = turned
+        is_endless = self.model.jnt_limited == 0
+        self.low[is_endless] = -np.inf
+        self.high[is_endless] = np.inf
+        self.ready = np.clip(self.model.qpos0, self.low, self.high)
+        if self.model.nkey:
+            self.ready = self.model.key_qpos[0].copy()
+        self._jacobian = np.zeros((6, self.joints))
 
     def hold(self, q: ArrayLike) -> None:
         """Put the arm into posture q (n,) [rad], at rest."""
@@ -129,52 +118,69 @@ class Arm:
         self.data.qpos[:] = q
         self._mj.mj_forward(self.model, self.data)
 
-    def look(self) -> tuple[Array, Array, Array]:
-        """Tip (3,) [m], its turn (3, 3), and the Jacobian (6, n): position first, then turning.
+    def read_tip(self) -> tuple[Array, Array, Array]:
+        """Tip (3,) [m], its rotation (3, 3), and the Jacobian (6, n): position first, then turning.
 
         Views that follow the arm, the Jacobian at the next call.
         """
-        self._mj.mj_jacSite(self.model, self.data, self._J[:3], self._J[3:], self.site)
-        turn = self.data.site_xmat[self.site].reshape(3, 3)
-        return self.data.site_xpos[self.site], turn, self._J
+        self._mj.mj_jacSite(
+            self.model, self.data, self._jacobian[:3], self._jacobian[3:], self.site
+        )
+        rotation = self.data.site_xmat[self.site].reshape(3, 3)
+        return self.data.site_xpos[self.site], rotation, self._jacobian
 
-    def reach(self, place: Array, turn: Array, start: Array) -> tuple[Array, float]:
-        """Joint angles (n,) that bring the tip to a place, and how far from it they leave it [m].
+    def inverse_kinematics(
+        self, place: Array, rotation: Array, start: Array
+    ) -> tuple[Array, float]:
+        """Joint angles (n,) that bring the tip to a place, and how far from it they stay [m].
 
-        Damped least squares from `start`, held within the joints' ranges; the tip's turn (3, 3) is
-        kept unless that costs way.
+        Damped least squares from `start`, within the joints' ranges. The tip keeps its rotation
+        (3, 3) unless that costs reach.
         """
-        q, left = self._descend(place, turn, np.clip(start, self.low, self.high), _WEIGHTS)
-        if left > 1e-5:  # the tool may tilt
-            q, left = self._descend(place, turn, q, _WEIGHTS * [[1], [1], [1], [0], [0], [0]])
-        return q, left
+        weights = np.array([1.0, 1, 1, ARM_LENGTH_M, ARM_LENGTH_M, ARM_LENGTH_M])[:, None]
+        start = np.clip(start, self.low, self.high)
+        q, distance = self._descend(place, rotation, start, weights)
+        if distance > KEPT_TURN_M:
+            position_only = np.array([1.0, 1, 1, 0, 0, 0])[:, None]
+            q, distance = self._descend(place, rotation, q, weights * position_only)
+        return q, distance
 
-    def _descend(self, place: Array, turn: Array, q: Array, weights: Array) -> tuple[Array, float]:
-        best, least = q, np.inf
-        for _ in range(100):
+    def _descend(
+        self, place: Array, rotation: Array, q: Array, weights: Array
+    ) -> tuple[Array, float]:
+        """The best joint angles on the descent from q, and the tip's distance to the place."""
+        best_q = q
+        best_distance = np.inf
+        for _ in range(KINEMATICS_STEPS):
             self.data.qpos[:] = q
             self._mj.mj_kinematics(self.model, self.data)
             self._mj.mj_comPos(self.model, self.data)
-            tip, now, look = self.look()
-            way = place - tip
-            left = float(np.linalg.norm(way))
-            if left < least:
-                best, least = q, left
-            J, e = weights * look, weights[:, 0] * np.concatenate((way, turning(turn, now)))
-            if np.linalg.norm(e) < 1e-6:
+            tip, tip_rotation, jacobian = self.read_tip()
+            difference = place - tip
+            distance = float(np.linalg.norm(difference))
+            if distance < best_distance:
+                best_q = q
+                best_distance = distance
+            J = weights * jacobian
+            turn = rotation_error(rotation, tip_rotation)
+            error = weights[:, 0] * np.concatenate((difference, turn))
+            length = float(np.linalg.norm(error))
+            if length < SOLVED_M:
                 break
-            size = max(1.0, float(np.linalg.norm(e)) / 0.1)
-            step = J.T @ np.linalg.solve(J @ J.T + _DAMPING * np.eye(6), e / size)
+            scale = max(1.0, length / LONGEST_STEP_M)
+            step = J.T @ np.linalg.solve(J @ J.T + DAMPING * np.eye(6), error / scale)
             q = np.clip(q + step, self.low, self.high)
-        return best, least
+        return best_q, best_distance
 
     def posture(self, q: Array) -> Posture:
-        """What holds in joint angles q (n,) [rad]."""
+        """The figures of the posture with joint angles q (n,) [rad]."""
         self.hold(q)
-        tip, _, look = self.look()
-        J = look[:3].copy()
+        tip, _, jacobian = self.read_tip()
+        J = jacobian[:3].copy()
         values = np.linalg.svd(J, compute_uv=False)
-        condition = float(values[0] / values[-1]) if values[-1] > 0 else np.inf
+        condition = np.inf
+        if values[-1] > 0:
+            condition = float(values[0] / values[-1])
         inverse = J @ np.linalg.solve(self.inertia(), J.T)
         mass = 1 / float(np.linalg.eigvalsh(inverse)[-1])
         margin = np.minimum(q - self.low, self.high - q)
@@ -189,16 +195,69 @@ class Arm:
         return out
 
 
-def turning(wanted: Array, now: Array) -> Array:
-    """(3,) the turn from `now` to `wanted` [rad]: its axis by its sine, for less than 90°."""
-    e = (wanted @ now.T).ravel()
-    return 0.5 * (e[_BELOW] - e[_ABOVE])
+def tip_site(model: Any, robot: Robot, name: str) -> int:
+    """The number of the site `tip` of an arm of hinges whose limits the robot has."""
+    hinge = mujoco().mjtJoint.mjJNT_HINGE
+    others = int(np.count_nonzero(model.jnt_type != hinge))
+    if others or not 1 <= model.njnt <= MAX_JOINTS:
+        raise InputError(
+            f"{model.njnt} joints, {others} of them no hinges; 1 to {MAX_JOINTS} hinges wanted",
+            where=name, code="not-an-arm",
+            numbers={"joints": int(model.njnt), "no_hinges": others},
+        )  # fmt: skip
+    site = mujoco().mj_name2id(model, mujoco().mjtObj.mjOBJ_SITE, "tip")
+    if site < 0:
+        raise InputError(
+            'no <site name="tip"/>, where the tool is; add one to the last body',
+            where=name, code="no-tip",
+        )  # fmt: skip
+    for limit_name in ("torque_limit_nm", "torque_step_limit_nm", "joint_speed_limit_rad_s"):
+        limits = getattr(robot, limit_name)
+        if limits is not None and len(limits) != model.njnt:
+            raise SettingError(
+                f"robot {robot.name!r} has {limit_name} of {len(limits)} joints, the arm has "
+                f"{model.njnt}; give the robot of this arm",
+                code="robot-of-another-arm",
+            )
+    return site
 
 
-def _numbers(name: str, values: Sequence[float], sizes: tuple[int, ...]) -> Array:
-    row = np.array([number(name, v, "") for v in values])
-    if len(row) not in sizes:
+def move_base(model: Any, pose: Array) -> None:
+    """Move every body that stands on the ground by the base's pose (3,) or (7,)."""
+    quaternion = np.array([1.0, 0, 0, 0])
+    if len(pose) == 7:
+        quaternion = pose[3:]
+    length = np.linalg.norm(quaternion)
+    if not length > 1e-6:
         raise SettingError(
-            f"{name} of {len(row)} numbers: allowed are {' or '.join(map(str, sizes))}"
+            f"base {pose.tolist()}: its quaternion has no direction; give W,X,Y,Z of length 1",
+            code="base-without-direction",
         )
+    quaternion = quaternion / length
+    for body in range(1, model.nbody):
+        if model.body_parentid[body]:
+            continue
+        position = np.zeros(3)
+        rotation = np.zeros(4)
+        mujoco().mju_rotVecQuat(position, model.body_pos[body], quaternion)
+        mujoco().mju_mulQuat(rotation, quaternion, model.body_quat[body])
+        model.body_pos[body] = pose[:3] + position
+        model.body_quat[body] = rotation
+
+
+def rotation_error(target: Array, current: Array) -> Array:
+    """(3,) the turn from one rotation to another [rad]: its axis by its sine, below 90°."""
+    R = target @ current.T
+    return 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+
+
+def numbers(name: str, values: Sequence[float], sizes: tuple[int, ...]) -> Array:
+    """The values as an array, if they are finite numbers and as many as allowed."""
+    row = np.array([number(name, value, "") for value in values])
+    if len(row) not in sizes:
+        allowed = " or ".join(map(str, sizes))
+        raise SettingError(
+            f"{name} has {len(row)} numbers; give {allowed}", code="wrong-count",
+            numbers={"count": len(row)},
+        )  # fmt: skip
     return row

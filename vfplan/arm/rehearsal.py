@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time as clock
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.arm.loop import Hand, Motion, move
+from vfplan.arm.loop import ArmMotion, Hand, run_loop
 from vfplan.arm.model import Arm, Posture
-from vfplan.arm.reflexes import reflexes
+from vfplan.arm.safety_stops import safety_stops
 from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SessionError
@@ -26,21 +26,38 @@ from vfplan.stability.theory import Plant, exact_bound
 
 Array = NDArray[np.float64]
 
-PLACES = 100  # along the session, at which the arm must reach and its posture is judged
-REACHED_M = 1e-3  # as far from the place as the tip may stay
-MOST_TICKS = 3_600_000  # an hour: all of them are kept
+PLACES = 100
+"""Number of places along the session that the arm must reach, and whose postures are judged."""
+
+REACHED_M = 1e-3
+"""The tip may stay this far from a place that counts as reached [m]."""
+
+MAX_TICKS = 3_600_000
+"""Number of ticks of the longest session, an hour at 1 kHz; all of them are kept in memory."""
+
+CONTACT_M = 1e-9
+"""A penetration above this is contact; below it is rounding [m]."""
+
+SAME_RATE = 0.01
+"""Share by which a session's rate may differ from the arm's; clocks of two computers differ by
+less."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rehearsal:
-    """What a rehearsal found."""
+    """The result of a rehearsal."""
 
-    metrics: dict[str, Any]  # the report; its keys are in docs/rehearse.md
-    ticks: TickBlock  # what a replay's result holds, of the simulated tip
-    motion: Motion  # the arm's side of it
-    postures: list[Posture]  # of `PLACES` ticks, evenly spread; `posture_ticks` says which
+    # The report; docs/rehearse.md names its keys
+    metrics: dict[str, Any]
+    # What the result of a replay holds, of the simulated tip
+    ticks: TickBlock
+    # The arm's side of it
+    motion: ArmMotion
+    # The postures of `PLACES` ticks, evenly spread, and those ticks
+    postures: list[Posture]
     posture_ticks: NDArray[np.intp]
-    session: Session  # where the hand wanted the tip
+    # Where the hand wanted the tip
+    session: Session
     fixture: Fixture
     arm: Arm
 
@@ -61,113 +78,143 @@ def rehearse(
 ) -> Rehearsal:
     """Let the session's hand move a simulated arm that renders the fixture.
 
-    session: where the hand wants the tip, at the arm's rate
-    governed: whether a governor of the arm's limits stands between engine and torques
-    hand: how stiffly it wants that
-    done: called with the number of ticks just run
-    Raises SessionError: a session in another frame or at another rate, or longer than an hour
-    Raises InputError, SettingError: a fixture that cannot be rendered; limits that are not passive
-        with its stiffness
+    Parameters
+    ----------
+    session
+        Where the hand wants the tip, at the arm's rate.
+    governed
+        Whether a governor of the arm's limits stands between engine and torques.
+    hand
+        How stiffly it wants that.
+    done
+        Called with the number of ticks just run.
+
+    Raises
+    ------
+    SessionError
+        A session in another frame or at another rate, or longer than an hour.
+    InputError, SettingError
+        A fixture that cannot be rendered; limits that are not passive with its stiffness.
     """
-    began = clock.perf_counter()
-    _check(session, fixture, arm)
+    started = time.perf_counter()
+    rate_hz = arm.robot.rate_hz
+    check_session(session, fixture, rate_hz)
+
+    # The robot's part: engine, governor, and the posture to begin with.
     stiffness = felt_stiffness(fixture)
     engine = ProxyEngine.of(fixture)
-    governor = Governor.of(arm.robot, stiffness, torques=True) if governed else None
+    governor = None
+    if governed:
+        governor = Governor.of(arm.robot, stiffness, torques=True)
     ruler = CurveRuler.of(fixture)
-    start, unreached = _reach(arm, session, ruler)
-    running = clock.perf_counter()
-    motion = move(arm, engine, governor, session.hip, start, hand or Hand(), done)
-    running = clock.perf_counter() - running
-    kept = len(motion.q)
-    posture_ticks = np.unique(np.linspace(0, kept - 1, min(PLACES, kept)).astype(np.intp))
-    postures = [arm.posture(motion.q[k]) for k in posture_ticks]
+    start, unreached = reach_places(arm, session, ruler)
+
+    # The run.
+    loop_started = time.perf_counter()
+    motion = run_loop(arm, engine, governor, session.hip, start, hand or Hand(), done)
+    loop_s = time.perf_counter() - loop_started
+    tick_count = len(motion.q)
     ticks = TickBlock(
-        session.time[:kept], motion.tip, motion.proxy, motion.normal, motion.force, motion.state,
-        penetration(motion.tip, motion.proxy),
+        session.time[:tick_count], motion.tip, motion.proxy, motion.normal, motion.force,
+        motion.state, penetration(motion.tip, motion.proxy),
         overlap(motion.tip, motion.proxy, motion.normal, fixture.contact_radius),
     )  # fmt: skip
+
+    # The figures.
+    posture_ticks = np.linspace(0, tick_count - 1, min(PLACES, tick_count)).astype(np.intp)
+    posture_ticks = np.unique(posture_ticks)
+    postures = [arm.posture(motion.q[k]) for k in posture_ticks]
     clearance = clearance_of(fixture, engine.rule)
     clearance.update(motion.proxy)
+    stops = safety_stops(arm, motion)
+    if ruler is not None:
+        for stop in stops:
+            stop |= ruler.locate(motion.tip[stop["tick"]])
     metrics = {
         "arm": arm.name,
         "robot": arm.robot.name,
         "rule": engine.parameters.rule,
-        "ticks": kept,
-        "duration_s": kept / arm.robot.rate_hz,
+        "ticks": tick_count,
+        "duration_s": tick_count / rate_hz,
         "reachable": not unreached,
-        "reflexes": _placed(reflexes(arm, motion), motion, ruler),
-        **_torques(motion),
-        **_postures(arm, postures, posture_ticks, motion, ruler),
+        "reflexes": stops,
+        **torque_figures(motion),
+        **posture_figures(arm, postures, posture_ticks, motion, ruler),
         "k_n_per_m": stiffness,
         "force_max_n": float(row_norms(motion.force).max()),
-        "force_step_max_n": _largest_step(motion.force),
+        "force_step_max_n": largest_step(motion.force),
         "hand_force_max_n": float(row_norms(motion.pull).max()),
-        "contact_ticks": int(np.count_nonzero(ticks.penetration > 1e-9)),
+        "contact_ticks": int(np.count_nonzero(ticks.penetration > CONTACT_M)),
         "penetration_max_m": float(ticks.penetration.max()),
-        "tip_error_max_m": float(row_norms(motion.tip - session.hip[:kept]).max()),
+        "tip_error_max_m": float(row_norms(motion.tip - session.hip[:tick_count]).max()),
         "clearance_min_m": clearance.minimum_m,
-        "real_time_factor": kept / arm.robot.rate_hz / running,
+        "real_time_factor": tick_count / rate_hz / loop_s,
     }
     if unreached:
         metrics["unreached"] = unreached
     if governor is not None:
-        metrics["governor"] = _governor(governor, motion)
-    metrics["elapsed_s"] = clock.perf_counter() - began
+        metrics["governor"] = governor_figures(governor, motion)
+    metrics["elapsed_s"] = time.perf_counter() - started
     return Rehearsal(metrics, ticks, motion, postures, posture_ticks, session, fixture, arm)
 
 
-def _check(session: Session, fixture: Fixture, arm: Arm) -> None:
+def check_session(session: Session, fixture: Fixture, rate_hz: float) -> None:
+    """Raise where the session cannot be rehearsed on this fixture at this rate."""
     if session.frame != fixture.frame:
         raise SessionError(
             f"positions in frame {session.frame!r}, the fixture in {fixture.frame!r}; they must "
             "be the same",
-            where=session.name,
-        )
+            where=session.name, code="other-frame",
+        )  # fmt: skip
     if fixture.guidance is not None:
-        raise SceneError("the fixture guides; a rehearsal renders forbidden regions only")
-    if not 1 < len(session.hip) <= MOST_TICKS:
-        raise SessionError(
-            f"{len(session.hip)} samples; 2 to {MOST_TICKS} wanted", where=session.name
+        raise SceneError(
+            "the fixture guides; a rehearsal renders forbidden regions only", code="guide"
         )
+    if not 1 < len(session.hip) <= MAX_TICKS:
+        raise SessionError(
+            f"{len(session.hip)} samples; give 2 to {MAX_TICKS}", where=session.name,
+            code="session-length", numbers={"samples": len(session.hip)},
+        )  # fmt: skip
     rate = 1 / float(np.median(np.diff(session.time)))
-    if not 0.99 < rate / arm.robot.rate_hz < 1.01:
+    if not abs(rate / rate_hz - 1) < SAME_RATE:
         raise SessionError(
-            f"sampled at {rate:.6g} Hz, the arm runs at {arm.robot.rate_hz:g} Hz; --rate resamples",
-            where=session.name,
-        )
+            f"sampled at {rate:.6g} Hz, the arm runs at {rate_hz:g} Hz; resample the session",
+            where=session.name, code="other-rate",
+            numbers={"rate_hz": rate, "arm_rate_hz": rate_hz},
+        )  # fmt: skip
 
 
-def _reach(
+def reach_places(
     arm: Arm, session: Session, ruler: CurveRuler | None
 ) -> tuple[Array, list[dict[str, Any]]]:
     """The posture to begin with, and the places the arm cannot bring the tip to."""
     arm.hold(arm.ready)
-    turn = arm.look()[1].copy()
+    rotation = arm.read_tip()[1].copy()
     ticks = np.unique(np.linspace(0, len(session.hip) - 1, PLACES).astype(np.intp))
-    q, first, unreached = arm.ready, None, []
+    q = arm.ready
+    start = None
+    unreached = []
     for k in ticks:
-        q, left = arm.reach(session.hip[k], turn, q)
-        if left > REACHED_M:  # from another posture, perhaps
-            again, less = arm.reach(session.hip[k], turn, arm.ready)
-            q, left = (again, less) if less < left else (q, left)
-        first = q if first is None else first
-        if left > REACHED_M:
-            place = {} if ruler is None else ruler.locate(session.hip[k])
-            at = session.hip[k].tolist()
-            unreached.append({"tick": int(k), "place_m": at, "left_m": left, **place})
-    return first, unreached
+        place = session.hip[k]
+        q, distance = arm.inverse_kinematics(place, rotation, q)
+        if distance > REACHED_M:
+            # Perhaps it is reached from another posture.
+            other_q, other_distance = arm.inverse_kinematics(place, rotation, arm.ready)
+            if other_distance < distance:
+                q = other_q
+                distance = other_distance
+        if start is None:
+            start = q
+        if distance > REACHED_M:
+            entry = {"tick": int(k), "place_m": place.tolist(), "left_m": distance}
+            if ruler is not None:
+                entry |= ruler.locate(place)
+            unreached.append(entry)
+    return start, unreached
 
 
-def _placed(
-    found: list[dict[str, Any]], motion: Motion, ruler: CurveRuler | None
-) -> list[dict[str, Any]]:
-    if ruler is None:
-        return found
-    return [reflex | ruler.locate(motion.tip[reflex["tick"]]) for reflex in found]
-
-
-def _torques(motion: Motion) -> dict[str, Any]:
+def torque_figures(motion: ArmMotion) -> dict[str, Any]:
+    """The largest torque and the largest change of it in a tick, and where they are."""
     steps = np.abs(np.diff(motion.torque, axis=0, prepend=0 * motion.torque[:1]))
     size = np.abs(motion.torque)
     return {
@@ -179,50 +226,57 @@ def _torques(motion: Motion) -> dict[str, Any]:
     }
 
 
-def _largest_step(force: Array) -> float:
+def largest_step(force: Array) -> float:
+    """The largest change of a force (T, 3) in a tick, the first from 0 [N]."""
     return float(row_norms(np.diff(force, axis=0, prepend=np.zeros((1, 3)))).max())
 
 
-def _postures(
+def posture_figures(
     arm: Arm,
     postures: list[Posture],
     ticks: NDArray[np.intp],
-    motion: Motion,
+    motion: ArmMotion,
     ruler: CurveRuler | None,
 ) -> dict[str, Any]:
-    margins = np.minimum(motion.q - arm.low, arm.high - motion.q)
-    worst = int(np.argmax([p.condition for p in postures]))
-    light = int(np.argmin([p.mass_kg for p in postures]))
+    """How close joints are to their limits, the worst condition, and the smallest mass."""
+    to_limit = np.minimum(motion.q - arm.low, arm.high - motion.q)
+    worst = int(np.argmax([posture.condition for posture in postures]))
+    lightest = int(np.argmin([posture.mass_kg for posture in postures]))
     robot = arm.robot
-    plant = Plant(postures[light].mass_kg, robot.damping_n_s_per_m, 1 / robot.rate_hz)
-    condition = postures[worst].condition
-    found = {
-        "joint_margin_min_rad": float(margins.min()),
-        "joint_margin_min_joint": int(margins.min(axis=0).argmin()) + 1,
-        "joint_margin_min_tick": int(margins.min(axis=1).argmin()),
-        "condition_max": condition if np.isfinite(condition) else None,
+    mass_kg = postures[lightest].mass_kg
+    plant = Plant(mass_kg, robot.damping_n_s_per_m, 1 / robot.rate_hz)
+    condition = None
+    if np.isfinite(postures[worst].condition):
+        condition = postures[worst].condition
+    figures = {
+        "joint_margin_min_rad": float(to_limit.min()),
+        "joint_margin_min_joint": int(to_limit.min(axis=0).argmin()) + 1,
+        "joint_margin_min_tick": int(to_limit.min(axis=1).argmin()),
+        "condition_max": condition,
         "condition_max_tick": int(ticks[worst]),
-        "mass_min_kg": postures[light].mass_kg,
-        "mass_min_tick": int(ticks[light]),
+        "mass_min_kg": mass_kg,
+        "mass_min_tick": int(ticks[lightest]),
         "k_max_n_per_m": exact_bound(plant, robot.delay_ticks),
     }
     if ruler is not None:
-        found["condition_max_along"] = ruler.locate(postures[worst].tip)
-        found["mass_min_along"] = ruler.locate(postures[light].tip)
-    return found
+        figures["condition_max_along"] = ruler.locate(postures[worst].tip)
+        figures["mass_min_along"] = ruler.locate(postures[lightest].tip)
+    return figures
 
 
-def _governor(governor: Governor, motion: Motion) -> dict[str, Any]:
-    held = row_norms(motion.rendered - motion.force)
-    work = ((motion.force - motion.rendered)[:-1] * np.diff(motion.tip, axis=0)).sum()
-    over = motion.governed & GovernorStatus.OVERDRAWN
+def governor_figures(governor: Governor, motion: ArmMotion) -> dict[str, Any]:
+    """What the governor held back, and the energy that it accounts for."""
+    difference = motion.force - motion.rendered
+    size = row_norms(difference)
+    work = (difference[:-1] * np.diff(motion.tip, axis=0)).sum()
+    overdrawn = motion.governed & GovernorStatus.OVERDRAWN
     return {
-        "held_ticks": int(np.count_nonzero(held)),
-        "held_back_max_n": float(held.max()),
+        "held_ticks": int(np.count_nonzero(size)),
+        "held_back_max_n": float(size.max()),
         "engine_force_max_n": float(row_norms(motion.rendered).max()),
-        "engine_force_step_max_n": _largest_step(motion.rendered),
+        "engine_force_step_max_n": largest_step(motion.rendered),
         "energy_given_j": governor.energy_given_j,
         "energy_stored_j": governor.energy_stored_j,
-        "overdrawn_ticks": int(np.count_nonzero(over)),
+        "overdrawn_ticks": int(np.count_nonzero(overdrawn)),
         "work_j": float(work),
     }
