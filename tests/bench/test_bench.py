@@ -29,7 +29,7 @@ from vfplan.errors import CurveError, InputError, SettingError
 from vfplan.planning.tolerance import choose
 from vfplan.reference import PaperProxy
 from vfplan.scenes import SCENES, travel
-from vfplan.scenes.base import way
+from vfplan.scenes.base import corners_mm
 
 R = 5e-3
 
@@ -239,7 +239,7 @@ def test_force_error_is_the_stiffness_times_that_of_the_proxy():
 def test_ticks_that_nothing_can_follow_are_counted_apart():
     """Towards the centre of a ball, around which the exact proxy turns ever faster."""
     scene = SCENES["point"]()
-    hips = travel(way((-8, 0.05), (-0.5, 0.05)), 0.1)
+    hips = travel(corners_mm((-8, 0.05), (-0.5, 0.05)), 0.1)
     case = Case("point", scene, hips)
     depth = R - np.linalg.norm(hips, axis=1)
     assert case.followable.tolist() == (depth <= R / 2 + 1e-9).tolist()

@@ -240,7 +240,7 @@ def follow_closed(corners, start, hips):
     walls = (primitives.Segments(flat, np.roll(flat, -1, axis=0), endless=True),)
     x, side = start, inside(corners, start[None, :2])[0]
     for hip in hips:
-        way = np.array([x, *god_object.way(walls, x, hip, R)])
+        way = np.array([x, *god_object.slide(walls, x, hip, R)])
         room = distance(corners, way[:, :2])
         assert room.min() >= R * (1 - 1e-9)
         step = np.linalg.norm(np.diff(way, axis=0), axis=1)

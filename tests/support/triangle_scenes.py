@@ -120,7 +120,7 @@ class Bone(Scene):
         ring = points[np.abs(points[:, axis] - centre[axis]) < 5e-3]
         return ring[(ring @ out).argmax()]
 
-    def near(self, proxy: Array, hip: Array, radius: float) -> tuple[Pieces, ...]:
+    def pieces_between(self, proxy: Array, hip: Array, radius: float) -> tuple[Pieces, ...]:
         """See `Scene.near`: those within 3 R of anywhere the proxy may go, and the nearest one."""
         away = np.linalg.norm(self._centres - hip, axis=1)
         reach = max(3 * radius + np.linalg.norm(hip - proxy), away.min())

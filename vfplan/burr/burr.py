@@ -1,6 +1,6 @@
-"""Burring: a ball at the tip takes points away that it reaches, and deeper ones appear.
+"""Burring: a ball at the tip removes the points that it reaches, and deeper ones appear.
 
-The demonstration of what editing is for; the removal is a ball's, not a bone's.
+This demonstrates editing; the removal is a ball's, not a bone's.
 """
 
 from __future__ import annotations
@@ -24,20 +24,30 @@ from vfplan.replaying.replay import Replay, replay
 from vfplan.session import Session
 from vfplan.session.events import Event
 
-MOST = 32  # points a tick: each goes and comes, and a tick takes 64 changes
-NEIGHBOURS = 12  # of a normal
+MAX_POINTS = 32
+"""Number of points that the ball removes in a tick. Each goes and another appears, and the engine
+takes 64 changes a tick."""
+
+NEIGHBOURS = 12
+"""Number of neighbours from which the normal of a point is taken."""
+
+PROGRESS_TICKS = 1000
+"""Number of ticks between two reports of progress."""
 
 
 @dataclass(frozen=True, eq=False)
 class Burred:
     """What was burred away, and its replay."""
 
-    replayed: Replay  # the session again with what happened; its metrics hold `burr` besides
-    events: list[Event]  # the edits, each with its tick
-    # The points (N, 3) [m] and the same when all was done: each that went has come back deeper
+    # The session again with the edits; its metrics hold `burr` besides
+    replayed: Replay
+    # The edits, each with its tick
+    events: list[Event]
+    # The points (N, 3) [m] at first and at the end: a point that went is now its deeper one
     before: Vector
     after: Vector
-    tick: Vector  # (E,) ticks of the edits
+    # (E,) ticks of the edits
+    tick: Vector
 
     @property
     def metrics(self) -> dict[str, Any]:
@@ -46,54 +56,77 @@ class Burred:
 
 
 class Burr:
-    """The ball, and the points as it has left them.
+    """The ball, and the points as it leaves them.
 
-    A point that the ball reaches by more than `least` comes back on it, straight below: against
-    the normal that the cloud has there at first, on the side that its neighbours were taken from,
-    and for the first on the proxy's.
+    A point that the ball reaches by more than `tolerance` moves down onto the ball's surface. Down
+    is against the normal that the cloud has there at first, on the side on which its neighbours
+    were removed, and for the first point on the proxy's side.
+
+    Parameters
+    ----------
+    points
+        (N, 3) [m].
+    radius, tolerance
+        Of the ball, and how far a point may be inside it [m].
+    axis
+        (3,) the axis along which the fixture is endless; `None`: there is none.
     """
 
-    def __init__(self, points: Vector, radius: float, least: float, axis: Vector | None) -> None:
+    def __init__(
+        self, points: Vector, radius: float, tolerance: float, axis: Vector | None
+    ) -> None:
         self.points = points.copy()
-        self._least = radius - least
-        self._first = points if axis is None else points - np.outer(points @ axis, axis)
-        self._tree, self._up = cKDTree(self._first), np.zeros_like(points)
-        self._numbers = np.arange(len(points))  # that the engine has for them
-        self._next = len(points)
-        self._radius, self._axis = radius, axis
+        self._radius = radius
+        self._reach = radius - tolerance
+        self._axis = axis
+        self._first_points = points
+        if axis is not None:
+            self._first_points = points - np.outer(points @ axis, axis)
+        self._tree = cKDTree(self._first_points)
+        self._normals = np.zeros_like(points)
+        # The engine's number of each point, and that of the next one
+        self._numbers = np.arange(len(points))
+        self._next_number = len(points)
 
     def bite(self, tick: int, hip: Vector, proxy: Vector) -> Event | None:
-        """The edit for what the ball reaches; at most 32 points, the nearest first."""
-        away = self.points - hip
+        """The edit for the points that the ball reaches; at most 32, the closest first."""
+        offset = self.points - hip
         if self._axis is not None:
-            away -= np.outer(away @ self._axis, self._axis)
-        square = np.einsum("ij,ij->i", away, away)
-        near = np.flatnonzero(square < self._least**2)
-        if not len(near):
+            offset -= np.outer(offset @ self._axis, self._axis)
+        square = np.einsum("ij,ij->i", offset, offset)
+        reached = np.flatnonzero(square < self._reach**2)
+        if not len(reached):
             return None
-        near = near[np.argsort(square[near], kind="stable")][:MOST]
-        up = self._upward(near, proxy)
-        along = -np.einsum("ij,ij->i", away[near], up)  # into the fixture
-        ahead = np.sqrt(along**2 + self._radius**2 - square[near]) - along
-        gone = self._numbers[near].copy()
-        self.points[near] -= ahead[:, None] * up
-        self._numbers[near] = np.arange(self._next, self._next + len(near))
-        self._next += len(near)
-        return Event(tick, remove=gone, add=self.points[near].copy())
+        reached = reached[np.argsort(square[reached], kind="stable")][:MAX_POINTS]
+        for k in reached:
+            if not self._normals[k].any():
+                self._normals[k] = self._normal_of(k, proxy)
 
-    def _upward(self, near: NDArray[np.intp], proxy: Vector) -> Vector:
-        """Unit normals (n, 3) of points: across their first neighbours, towards the proxy."""
-        for k in near[~self._up[near].any(axis=1)]:
-            beside = self._tree.query(self._first[k], min(NEIGHBOURS, len(self._up)))[1]
-            around = self._first[beside] - self._first[beside].mean(axis=0)
-            spread = around.T @ around
-            if self._axis is not None:  # never across the plane
-                spread += np.trace(spread) * np.outer(self._axis, self._axis)
-            normal = np.linalg.eigh(spread)[1][:, 0]
-            taken = self._up[beside].sum(axis=0)
-            side = normal @ (taken if taken.any() else proxy - self._first[k])
-            self._up[k] = -normal if side < 0 else normal
-        return self._up[near]
+        # Each point moves down its normal until it lies on the ball.
+        normals = self._normals[reached]
+        depth = -np.einsum("ij,ij->i", offset[reached], normals)
+        distance = np.sqrt(depth**2 + self._radius**2 - square[reached]) - depth
+        removed = self._numbers[reached].copy()
+        self.points[reached] -= distance[:, None] * normals
+        self._numbers[reached] = np.arange(self._next_number, self._next_number + len(reached))
+        self._next_number += len(reached)
+        return Event(tick, remove=removed, add=self.points[reached].copy())
+
+    def _normal_of(self, k: int, proxy: Vector) -> Vector:
+        """Unit normal (3,) of a point: across its first neighbours, towards the proxy."""
+        neighbours = self._tree.query(self._first_points[k], min(NEIGHBOURS, len(self._normals)))[1]
+        centred = self._first_points[neighbours] - self._first_points[neighbours].mean(axis=0)
+        spread = centred.T @ centred
+        if self._axis is not None:
+            # The normal stays in the plane.
+            spread += np.trace(spread) * np.outer(self._axis, self._axis)
+        normal = np.linalg.eigh(spread)[1][:, 0]
+        outwards = self._normals[neighbours].sum(axis=0)
+        if not outwards.any():
+            outwards = proxy - self._first_points[k]
+        if normal @ outwards < 0:
+            return -normal
+        return normal
 
 
 def burr(
@@ -105,71 +138,81 @@ def burr(
 ) -> Burred:
     """Let the session's hand burr a fixture with a ball of `radius_m` at the tip, and replay it.
 
-    Raises SettingError: a radius not below the fixture's contact radius: it would take away before
-        it is felt
-    Raises SceneError: a fixture whose points are not rendered
+    Raises
+    ------
+    SettingError
+        A radius not below the fixture's contact radius: it would remove before it is felt.
+    SceneError
+        A fixture whose points are not rendered.
     """
     if fixture.rendering is None or fixture.guidance is not None:
-        raise SceneError("a fixture with rendering, and without guidance, is burred")
-    most = fixture.contact_radius + fixture.point_radius
-    if not 0 < radius_m < most:
+        raise SceneError(
+            "the fixture renders no forbidden region, so nothing is burred; give one without a "
+            "guide",
+            code="nothing-to-burr",
+        )
+    contact_m = fixture.contact_radius + fixture.point_radius
+    if not 0 < radius_m < contact_m:
         raise SettingError(
             f"radius {1e3 * radius_m:g} mm: allowed is above 0 and below the contact radius, "
-            f"{1e3 * most:g} mm; a larger ball takes away before it is felt"
-        )
+            f"{1e3 * contact_m:g} mm; a larger ball removes before it is felt",
+            code="burr-radius", numbers={"radius_m": radius_m, "contact_radius_m": contact_m},
+        )  # fmt: skip
     fixture = sampled(fixture)
     engine = ProxyEngine.of(fixture, "robust", offline=True)
     engine.make_editable()
     engine.reset(session.hip[0])
-    least = min(2 * engine.parameters.band, 0.1 * radius_m)
-    ball = Burr(fixture.points, radius_m, least, fixture.ignore_axis)
-    events, forces = [], np.empty_like(session.hip)
+    tolerance_m = min(2 * engine.parameters.band, 0.1 * radius_m)
+    ball = Burr(fixture.points, radius_m, tolerance_m, fixture.ignore_axis)
+
+    # The hand burrs; an edit takes effect in the next tick.
+    events = []
+    forces = np.empty_like(session.hip)
     changing = np.zeros(len(forces) + 1, bool)
     for k, hip in enumerate(session.hip):
         step = engine.step(hip)
         forces[k] = step.force
         changing[k + 1] = step.status & Status.CHANGING
-        if not step.status & Status.INSIDE and engine.distance(hip[None])[0] < radius_m - least:
+        is_inside = step.status & Status.INSIDE
+        if not is_inside and engine.distance(hip[None])[0] < radius_m - tolerance_m:
             event = ball.bite(k + 1, hip, step.proxy)
             if event is not None and k + 1 < len(session.hip):
                 engine.edit(event.remove, event.add)
                 events.append(event)
-        if k % 1000 == 999:
-            done(1000)
+        if k % PROGRESS_TICKS == PROGRESS_TICKS - 1:
+            done(PROGRESS_TICKS)
+
+    # The session again with these edits, as a controller would have it.
     replayed = replay(fixture, session, rule="robust", events=events)
-    deep = np.linalg.norm(ball.points - fixture.points, axis=1)
+    depth = np.linalg.norm(ball.points - fixture.points, axis=1)
+    margin_force_n = float(np.max(fixture.stiffness)) * (contact_m - radius_m)
     replayed.metrics["burr"] = {
         "radius_m": radius_m,
         "burring_ticks": len(events),
         "points_taken": sum(len(event.remove) for event in events),
-        "places_lowered": int(np.count_nonzero(deep)),
-        "deepest_m": float(deep.max()),
+        "places_lowered": int(np.count_nonzero(depth)),
+        "deepest_m": float(depth.max()),
         "replayed_to_the_bit": bool(np.array_equal(replayed.trace.force, forces)),
-        "margin_force_n": float(np.max(fixture.stiffness)) * (most - radius_m),
-        "force_step_of_bound": _of_bound(fixture, session, forces, changing),
+        "margin_force_n": margin_force_n,
+        "force_step_of_bound": largest_step_of_bound(fixture, session, forces, changing),
     }
-    replayed.metrics["findings"] += _held(replayed.metrics)
+
+    # A tool that removes what it presses on feels no more than about K times the margin.
+    force_n = replayed.metrics["force_max_n"]
+    if events and force_n > 2 * margin_force_n:
+        text = (
+            f"the force reached {force_n:.3g} N, and K times the margin is {margin_force_n:.3g} N: "
+            "the proxy did not follow the tool into what it removed (faster than 32 points a "
+            "tick, a pit narrower than the proxy, or a thin wall removed from both sides)"
+        )
+        replayed.metrics["findings"].append(finding("burr-held", "warning", text))
     ticks = np.array([event.tick for event in events], int)
     return Burred(replayed, events, fixture.points, ball.points, ticks)
 
 
-def _held(report: dict[str, Any]) -> list[dict[str, str]]:
-    """A finding where the force is not that of a tool which takes away what it presses on."""
-    force, margin = report["force_max_n"], report["burr"]["margin_force_n"]
-    if not report["burr"]["burring_ticks"] or force <= 2 * margin:
-        return []
-    return [
-        finding(
-            "burr-held",
-            "warning",
-            f"the force reached {force:.3g} N, and K times the margin is {margin:.3g} N: the proxy "
-            "did not follow the tool into what it took (faster than 32 points a tick, a pit "
-            "narrower than the proxy, or a thin wall taken from both sides)",
-        )
-    ]
-
-
-def _of_bound(fixture: Fixture, session: Session, forces: Vector, changing: Vector) -> float:
+def largest_step_of_bound(
+    fixture: Fixture, session: Session, forces: Vector, changing: NDArray[np.bool_]
+) -> float:
     """The largest step of the force under edits, as a part of K (R/256 + |step of the HIP|)."""
     steps = np.linalg.norm(np.diff(forces, axis=0), axis=1)
     moved = np.linalg.norm(np.diff(session.hip, axis=0), axis=1)

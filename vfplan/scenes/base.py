@@ -55,7 +55,7 @@ class Scene(ABC):
     @property
     @abstractmethod
     def routes(self) -> dict[str, Vector]:
-        """Way points (K, 3) [m] of each scripted HIP path, the first one free of contact."""
+        """Corners (K, 3) [m] of each scripted HIP path, the first one free of contact."""
 
     @property
     def ignore_axis(self) -> str | None:
@@ -80,13 +80,16 @@ class Scene(ABC):
             The start lies inside the fixture.
         """
         path = check_path(hips)
-        proxy = path[0] if start is None else np.asarray(start, float)
+        proxy = path[0]
+        if start is not None:
+            proxy = np.asarray(start, float)
         flat = self._flat
         out = np.empty_like(path)
         for i, hip in enumerate(path):
-            here, target = proxy * flat, hip * flat
-            pieces = self.near(here, target, radius)
-            proxy = god_object.follow(pieces, here, target, radius)
+            start_flat = proxy * flat
+            target = hip * flat
+            pieces = self.pieces_between(start_flat, target, radius)
+            proxy = god_object.follow(pieces, start_flat, target, radius)
             out[i] = proxy + hip * (1 - flat)
         return out
 
@@ -96,13 +99,14 @@ class Scene(ABC):
         See `god_object.sensitivity`; `truth` (T, 3) is that of the HIPs (T, 3).
         """
         flat = self._flat
-        return np.array([
-            god_object.sensitivity(self.near(x, hip, radius), x, hip, radius)
-            for x, hip in zip(truth * flat, check_path(hips) * flat, strict=True)
-        ])  # fmt: skip
+        values = []
+        for proxy, hip in zip(truth * flat, check_path(hips) * flat, strict=True):
+            pieces = self.pieces_between(proxy, hip, radius)
+            values.append(god_object.sensitivity(pieces, proxy, hip, radius))
+        return np.array(values)
 
-    def near(self, proxy: Vector, hip: Vector, radius: float) -> tuple[Pieces, ...]:
-        """The pieces that a proxy (3,) can meet on its way towards a HIP (3,); here all of them."""
+    def pieces_between(self, proxy: Vector, hip: Vector, radius: float) -> tuple[Pieces, ...]:
+        """The pieces that a proxy (3,) can meet on its path to a HIP (3,); here all of them."""
         return self.pieces
 
     def force(self, hips: ArrayLike, proxy: Vector, stiffness: ArrayLike = 1000.0) -> Vector:
@@ -114,17 +118,18 @@ class Scene(ABC):
 
     def clearance(self, x: Vector) -> Vector:
         """(T,) distance of the positions x (T, 3) from the exact geometry [m]."""
-        return np.array(
-            [
-                god_object.look(self.near(row, row, 0.0), row).distance.min()
-                for row in x * self._flat
-            ]
-        )
+        distances = []
+        for place in x * self._flat:
+            pieces = self.pieces_between(place, place, 0.0)
+            distances.append(god_object.look(pieces, place).distance.min())
+        return np.array(distances)
 
     @property
     def _flat(self) -> Vector:
-        """(3,) what of a position counts."""
-        return np.array([1.0, 1.0, 0.0 if self.along_z else 1.0])
+        """(3,) 1 for each coordinate of a position that counts, else 0."""
+        if self.along_z:
+            return np.array([1.0, 1.0, 0.0])
+        return np.ones(3)
 
     @property
     def along_z(self) -> bool:
@@ -179,7 +184,9 @@ class Drawn(Scene):
     @property
     def ignore_axis(self) -> str | None:
         """ "z" when the cloud is flat."""
-        return None if self.extrude else "z"
+        if self.extrude:
+            return None
+        return "z"
 
     @property
     def along_z(self) -> bool:
@@ -187,19 +194,22 @@ class Drawn(Scene):
         return True
 
 
-def travel(way_points: Vector, speed: float, rate: float = 1000.0) -> Vector:
-    """(T, 3) positions on straight lines between way points (K, 3), `speed` [m/s] at `rate` [Hz].
+def travel(corners: Vector, speed: float, rate: float = 1000.0) -> Vector:
+    """(T, 3) positions on straight lines between corners (K, 3), `speed` [m/s] at `rate` [Hz].
 
     Both ends belong to the path; the last step may be shorter.
     """
     if not (speed > 0 and rate > 0):
         raise SettingError(f"speed {speed:g} m/s at {rate:g} Hz: both must be above 0")
-    way = np.asarray(way_points, float)
-    edges = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+    x, y, z = np.asarray(corners, float).T
+    edges = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
     s = np.append(np.arange(0.0, edges[-1], speed / rate), edges[-1])
-    return np.column_stack([np.interp(s, edges, way[:, k]) for k in range(3)])
+    return np.column_stack([np.interp(s, edges, x), np.interp(s, edges, y), np.interp(s, edges, z)])
 
 
-def way(*points: tuple[float, ...]) -> Vector:
-    """Way points given in millimetres, (u, v) or (x, y, z), as (K, 3) in metres."""
-    return np.array([[*p, 0.0][:3] for p in points]) * 1e-3
+def corners_mm(*points: tuple[float, ...]) -> Vector:
+    """The corners of a path in millimetres, (u, v) or (x, y, z), as (K, 3) in metres."""
+    rows = []
+    for point in points:
+        rows.append([*point, 0.0][:3])
+    return np.array(rows) * 1e-3

@@ -15,7 +15,8 @@ from vfplan import fixture as curve
 from vfplan.engine.parameters import Vector
 from vfplan.scenes.primitives import Arcs, Pieces, Segments
 
-STRAIGHT = 1e-12  # an arc that bends less than this share of its chord is a segment
+STRAIGHT = 1e-12
+"""An arc that bends less than this share of its chord is a segment."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +33,9 @@ class Link:
     @property
     def length(self) -> float:
         """Arc length [m]."""
-        return abs(self.sweep) * self.radius if self.sweep else float(np.hypot(*(self.b - self.a)))
+        if self.sweep:
+            return abs(self.sweep) * self.radius
+        return float(np.hypot(*(self.b - self.a)))
 
     def at(self, s: Vector) -> Vector:
         """(K, 2) positions at the arc lengths s (K,) from `a`."""
@@ -48,11 +51,12 @@ class Link:
             along = self.b - self.a
             t = np.clip((x - self.a) @ along / (along @ along), 0, 1)
             return np.hypot(*(x - self.a - t[:, None] * along).T)
-        away = x - self.centre
-        turned = (np.arctan2(away[:, 1], away[:, 0]) - self.start) * np.sign(self.sweep)
-        beside = turned % (2 * np.pi) <= abs(self.sweep)
-        ends = np.minimum(np.hypot(*(x - self.a).T), np.hypot(*(x - self.b).T))
-        return np.where(beside, np.abs(np.hypot(*away.T) - self.radius), ends)
+        from_centre = x - self.centre
+        angle = np.arctan2(from_centre[:, 1], from_centre[:, 0])
+        turn = (angle - self.start) * np.sign(self.sweep)
+        is_abreast = turn % (2 * np.pi) <= abs(self.sweep)
+        to_ends = np.minimum(np.hypot(*(x - self.a).T), np.hypot(*(x - self.b).T))
+        return np.where(is_abreast, np.abs(np.hypot(*from_centre.T) - self.radius), to_ends)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +72,12 @@ class Run:
         return sum(link.length for link in self.links)
 
     def sample(self, spacing: float) -> Vector:
-        """(N, 2) points at equal arc lengths, as near to `spacing` as both ends allow."""
+        """(N, 2) points at equal arc lengths, as close to `spacing` as both ends allow."""
         count = max(1, round(self.length / spacing))
-        s = np.arange(count if self.closed else count + 1) * (self.length / count)
+        point_count = count + 1
+        if self.closed:
+            point_count = count
+        s = np.arange(point_count) * (self.length / count)
         edges = np.concatenate([[0.0], np.cumsum([link.length for link in self.links])])
         which = np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(self.links) - 1)
         points = np.empty((len(s), 2))
@@ -79,10 +86,17 @@ class Run:
         return points
 
 
+def links_of(runs: tuple[Run, ...]) -> list[Link]:
+    """The links of all runs, one after the other."""
+    links: list[Link] = []
+    for run in runs:
+        links += run.links
+    return links
+
+
 def distance(runs: tuple[Run, ...], x: Vector) -> Vector:
     """(T,) distance of the positions x (T, 2) from all runs [m]."""
-    links = [link for run in runs for link in run.links]
-    return np.min([link.distance(x) for link in links], axis=0)
+    return np.min([link.distance(x) for link in links_of(runs)], axis=0)
 
 
 def sample(runs: tuple[Run, ...], spacing: float) -> Vector:
@@ -95,22 +109,32 @@ def sample(runs: tuple[Run, ...], spacing: float) -> Vector:
 
 def pieces(runs: tuple[Run, ...]) -> tuple[Pieces, ...]:
     """The exact geometry of an outline in the plane z = 0; arcs are cut at π / 4."""
-    links = [link for run in runs for link in run.links]
-    straight = [link for link in links if not link.sweep]
-    out: list[Pieces] = []
-    if straight:
-        a, b = (np.array([[*getattr(link, end), 0.0] for link in straight]) for end in "ab")
-        out.append(Segments(a, b, endless=True))
-    cut = [part for link in links if link.sweep for part in _cut(link)]
-    if cut:
-        centre, radius, start, sweep = zip(*cut, strict=True)
-        out.append(Arcs(np.array(centre), np.array(radius), np.array(start), np.array(sweep)))
-    return tuple(out)
+    starts = []
+    ends = []
+    arcs = []
+    for link in links_of(runs):
+        if not link.sweep:
+            starts.append([*link.a, 0.0])
+            ends.append([*link.b, 0.0])
+            continue
+        count = int(np.ceil(abs(link.sweep) / (np.pi / 4)))
+        sweep = link.sweep / count
+        for i in range(count):
+            arcs.append((link.centre, link.radius, link.start + i * sweep, sweep))
+    exact: list[Pieces] = []
+    if starts:
+        exact.append(Segments(np.array(starts), np.array(ends), endless=True))
+    if arcs:
+        centre, radius, start, sweep = map(np.array, zip(*arcs, strict=True))
+        exact.append(Arcs(centre, radius, start, sweep))
+    return tuple(exact)
 
 
 def lines_and_arcs(runs: tuple[Run, ...]) -> curve.Pieces:
     """The outline as a fixture's pieces, a stroke a run; arcs are cut at a half circle."""
-    vertices, bulges, stroke = [], [], []
+    vertices = []
+    bulges = []
+    stroke = []
     for i, run in enumerate(runs):
         for link in run.links:
             count = max(1, int(np.ceil(abs(link.sweep) / np.pi - 1e-9)))
@@ -129,49 +153,46 @@ def lines_and_arcs(runs: tuple[Run, ...]) -> curve.Pieces:
     )
 
 
-def _cut(link: Link):
-    count = int(np.ceil(abs(link.sweep) / (np.pi / 4)))
-    sweep = link.sweep / count
-    return [(link.centre, link.radius, link.start + i * sweep, sweep) for i in range(count)]
-
-
 def segment(a: Vector, b: Vector) -> Link:
     """A straight link from a to b (2,) [m]."""
-    a, b = np.asarray(a, float), np.asarray(b, float)
-    return Link(a, b, np.zeros(2), 0.0, 0.0, 0.0)
+    return Link(np.asarray(a, float), np.asarray(b, float), np.zeros(2), 0.0, 0.0, 0.0)
 
 
 def arc(centre: Vector, radius: float, start: float, sweep: float) -> Link:
     """A circular link: from the angle `start` on by `sweep` [rad]."""
     centre = np.asarray(centre, float)
-    a, b = (
-        centre + radius * np.array([np.cos(angle), np.sin(angle)])
-        for angle in (start, start + sweep)
-    )
+    end = start + sweep
+    a = centre + radius * np.array([np.cos(start), np.sin(start)])
+    b = centre + radius * np.array([np.cos(end), np.sin(end)])
     return Link(a, b, centre, radius, start, sweep)
 
 
 def polyline(*corners: Vector) -> tuple[Run, ...]:
     """Straight runs from corner to corner (2,) [m]."""
-    return tuple(Run((segment(a, b),)) for a, b in pairwise(corners))
+    runs = []
+    for a, b in pairwise(corners):
+        runs.append(Run((segment(a, b),)))
+    return tuple(runs)
 
 
 def smooth(nodes: Vector) -> Run:
     """Biarcs through nodes (K, 2) [m], tangent at each to the circle through it and its two."""
     links = []
-    for start, end in pairwise(zip(nodes, _tangents(nodes), strict=True)):
+    for start, end in pairwise(zip(nodes, tangents(nodes), strict=True)):
         links += biarc(*start, *end)
     return Run(tuple(links))
 
 
-def _tangents(nodes: Vector) -> Vector:
+def tangents(nodes: Vector) -> Vector:
     """Unit tangents (K, 2): at a node, of the circle through it and its neighbours."""
-    before, after = np.roll(nodes, 1, axis=0), np.roll(nodes, -1, axis=0)
-    to, on = nodes - before, after - nodes
-    to_square, on_square = (to**2).sum(axis=1), (on**2).sum(axis=1)
-    tangent = to / to_square[:, None] + on / on_square[:, None]
+    arriving = nodes - np.roll(nodes, 1, axis=0)
+    leaving = np.roll(nodes, -1, axis=0) - nodes
+    arriving_square = (arriving**2).sum(axis=1)
+    leaving_square = (leaving**2).sum(axis=1)
+    tangent = arriving / arriving_square[:, None] + leaving / leaving_square[:, None]
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
-    for end, inner, chord in ((0, 1, on[0]), (-1, -2, to[-1])):  # mirrored about the chord
+    # At an end the tangent is that of its neighbour, mirrored about the chord.
+    for end, inner, chord in ((0, 1, leaving[0]), (-1, -2, arriving[-1])):
         unit = chord / np.linalg.norm(chord)
         tangent[end] = 2 * (tangent[inner] @ unit) * unit - tangent[inner]
     return tangent
@@ -183,8 +204,9 @@ def biarc(p0: Vector, t0: Vector, p1: Vector, t1: Vector) -> list[Link]:
     The joint is where the tangent lengths d solve |p1 - d t1 - p0 - d t0| = 2 d (Bolton, "Biarc
     curves", 1975).
     """
-    v, t = p1 - p0, t0 + t1
-    a, b = 2 * (1 - t0 @ t1), v @ t
+    v = p1 - p0
+    a = 2 * (1 - t0 @ t1)
+    b = v @ (t0 + t1)
     d = (v @ v) / (b + np.sqrt(b * b + a * (v @ v)))
     joint = (p0 + p1 + d * (t0 - t1)) / 2
     first = _arc_from(p0, t0, joint)
@@ -195,13 +217,13 @@ def biarc(p0: Vector, t0: Vector, p1: Vector, t1: Vector) -> list[Link]:
 
 def _arc_from(p: Vector, tangent: Vector, q: Vector) -> Link:
     """The arc that leaves p along the tangent and ends in q."""
-    left = np.array([-tangent[1], tangent[0]])
+    normal = np.array([-tangent[1], tangent[0]])
     chord = q - p
-    side = chord @ left
+    side = chord @ normal
     if abs(side) < STRAIGHT * np.hypot(*chord):
         return Link(p, q, np.zeros(2), 0.0, 0.0, 0.0)
     signed = (chord @ chord) / (2 * side)
-    centre = p + signed * left
+    centre = p + signed * normal
     start = float(np.arctan2(*(p - centre)[::-1]))
     sweep = 2 * float(np.arctan2(side, chord @ tangent))
     return Link(p, q, centre, abs(signed), start, sweep)

@@ -9,7 +9,7 @@ import numpy as np
 from vfplan.engine.parameters import Vector
 from vfplan.errors import SettingError
 from vfplan.scenes import outline
-from vfplan.scenes.base import Drawn, way
+from vfplan.scenes.base import Drawn, corners_mm
 from vfplan.scenes.outline import Run
 
 
@@ -35,10 +35,11 @@ class Circle(Drawn):
         turn = np.linspace(0, 2 * np.pi, 361)
         deep = (7.5 - 5.5 * np.cos(3 * turn)) * 1e-3
         round_ = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
-        out, far = self.radius + 5e-3, np.array([[1.0, 0, 0]])
-        outside = [far * (out + 5e-3), (out - deep)[:, None] * round_, far * (out + 5e-3)]
+        outer = self.radius + 5e-3
+        free = np.array([[outer + 5e-3, 0, 0]])
+        outside = [free, (outer - deep)[:, None] * round_, free]
         inner = max(self.radius - 5e-3, 0.0)
-        inside = [0 * far, (inner + deep)[:, None] * round_, 0 * far]
+        inside = [0 * free, (inner + deep)[:, None] * round_, 0 * free]
         return {"outside": np.vstack(outside), "inside": np.vstack(inside)}
 
 
@@ -76,12 +77,9 @@ class Bend(Drawn):
     @cached_property
     def runs(self) -> tuple[Run, ...]:
         """Both legs."""
-        u, v = self._legs
-        return outline.polyline(u * self.leg, np.zeros(2), v * self.leg)
-
-    @property
-    def _legs(self) -> tuple[Vector, Vector]:
-        return np.array([1.0, 0.0]), np.array([np.cos(self.angle), np.sin(self.angle)])
+        first = np.array([self.leg, 0.0])
+        second = self.leg * np.array([np.cos(self.angle), np.sin(self.angle)])
+        return outline.polyline(first, np.zeros(2), second)
 
     def _at(self, along: float, other: float) -> tuple[float, float]:
         """Position [mm] by its signed distances from the two legs' lines."""
@@ -96,8 +94,9 @@ class Wedge(Bend):
     def routes(self) -> dict[str, Vector]:
         """Press on one leg, slide over the edge onto the other, lift off."""
         at = self._at
-        corner = at(-2, 2), at(-2, -2), at(2, -2)  # round it in front, where the way has no jump
-        over = way(at(-12, 15), at(1, 15), *corner, at(15, 1), at(15, -12))
+        # In front of the edge the path goes round it, where the proxy does not jump.
+        corner = at(-2, 2), at(-2, -2), at(2, -2)
+        over = corners_mm(at(-12, 15), at(1, 15), *corner, at(15, 1), at(15, -12))
         return {
             "over": over,
             "back": over[::-1],
@@ -112,9 +111,9 @@ class Corner(Bend):
         """Along each leg, 3 mm deep, into the other; and straight into the corner."""
         at = self._at
         return {
-            "floor": way(at(12, 25), at(-3, 25), at(-3, -5), at(12, 15)),
-            "wall": way(at(25, 12), at(25, -3), at(-5, -3), at(15, 12)),
-            "deep": way(at(12, 13), at(-6, -8), at(12, 13)),
+            "floor": corners_mm(at(12, 25), at(-3, 25), at(-3, -5), at(12, 15)),
+            "wall": corners_mm(at(25, 12), at(25, -3), at(-5, -3), at(15, 12)),
+            "deep": corners_mm(at(12, 13), at(-6, -8), at(12, 13)),
         }
 
 
@@ -135,7 +134,8 @@ class Channel(Drawn):
     @cached_property
     def runs(self) -> tuple[Run, ...]:
         """Both walls."""
-        a, b = np.array([-self.length / 2, 0]), np.array([self.length / 2, 0])
+        a = np.array([-self.length / 2, 0])
+        b = -a
         up = np.array([0, self.width / 2])
         return (*outline.polyline(a + up, b + up), *outline.polyline(a - up, b - up))
 
@@ -144,8 +144,8 @@ class Channel(Drawn):
         """In at one end, pressed against each wall, out at the other end."""
         end = self.length * 500 + 15
         return {
-            "through": way((-end, 0), (-10, 0), (-5, 4), (5, -4), (10, 0), (end, 0)),
-            "askew": way((-end, 3), (end, 3)),
+            "through": corners_mm((-end, 0), (-10, 0), (-5, 4), (5, -4), (10, 0), (end, 0)),
+            "askew": corners_mm((-end, 3), (end, 3)),
         }
 
 
@@ -162,26 +162,31 @@ class Omega(Drawn):
     def runs(self) -> tuple[Run, ...]:
         """Left foot, ring, right foot."""
         ring = np.array(_OMEGA_MM) * 1e-3
-        left, right = np.array([-0.042, 0.0]), np.array([0.042, 0.0])
-        foot = outline.polyline(left, ring[0])
-        return (*foot, outline.smooth(ring), *outline.polyline(ring[-1], right))
+        left_end = np.array([-0.042, 0.0])
+        foot = outline.polyline(left_end, ring[0])
+        return (*foot, outline.smooth(ring), *outline.polyline(ring[-1], -left_end))
 
     @property
     def routes(self) -> dict[str, Vector]:
-        """Beside the line, 3 mm off it on its upper side; on the line itself; inside the ring."""
+        """Beside the line, 3 mm from it on its upper side; on the line itself; inside the ring."""
         line = np.vstack([run.sample(1e-3) for run in self.runs])
         ring = self.runs[1].sample(1e-3)
-        return {
-            "beside": np.vstack([way((-60, 10)), _in_space(self._above(3e-3)), way((60, 10))]),
-            "over": np.vstack([way((-60, 10)), _in_space(line), way((60, 10))]),
-            "inside": np.vstack([way((0, -15), (0, 5)), _in_space(ring[5:-5]), way((0, -15))]),
-        }
 
-    def _above(self, by: float) -> Vector:
-        """(K, 2) the line moved `by` [m] to its left, what lies nearer to another part left out."""
-        sides = [outside(run.sample(2.5e-4), -by) for run in self.runs]
-        beside = np.vstack(sides)
-        return beside[self.clearance(_in_space(beside)) > (1 - 1e-3) * by]
+        # The line moved to its left, without what lies closer to another part of it.
+        distance = 3e-3
+        moved = np.vstack([outside(run.sample(2.5e-4), -distance) for run in self.runs])
+        moved = _in_space(moved)
+        moved = moved[self.clearance(moved) > (1 - 1e-3) * distance]
+
+        start = corners_mm((-60, 10))
+        end = corners_mm((60, 10))
+        enter = corners_mm((0, -15), (0, 5))
+        leave = corners_mm((0, -15))
+        return {
+            "beside": np.vstack([start, moved, end]),
+            "over": np.vstack([start, _in_space(line), end]),
+            "inside": np.vstack([enter, _in_space(ring[5:-5]), leave]),
+        }
 
 
 _SPOUT_MM = [(34, 0), (45, 8), (53, 22), (64, 29), (75, 36), (84, 50), (96, 63)]
@@ -208,13 +213,18 @@ class Teapot(Drawn):
     def runs(self) -> tuple[Run, ...]:
         """Counter-clockwise from the right end of the base."""
         scale = self.width / 184
-        right = [(-x, y) for x, y in _LID_MM[-2::-1]]  # the lid is its own mirror image
-        lines = [_SPOUT_MM, _SPOUT_TOP_MM, [*_LID_MM, *right], _HANDLE_MM]
-        smooth = [outline.smooth(np.array(line) * scale) for line in lines]
-        ends = [(np.array(line[0]) * scale, np.array(line[-1]) * scale) for line in lines]
+        lid = list(_LID_MM)
+        for x, y in reversed(_LID_MM[:-1]):
+            # The lid is its own mirror image.
+            lid.append((-x, y))
+        lines = []
+        for line_mm in (_SPOUT_MM, _SPOUT_TOP_MM, lid, _HANDLE_MM):
+            lines.append(np.array(line_mm) * scale)
         runs: list[Run] = []
-        for i, run in enumerate(smooth):
-            runs += [run, *outline.polyline(ends[i][1], ends[(i + 1) % len(ends)][0])]
+        for i, line in enumerate(lines):
+            following = lines[(i + 1) % len(lines)]
+            runs.append(outline.smooth(line))
+            runs += outline.polyline(line[-1], following[0])
         return tuple(runs)
 
     @property
@@ -223,10 +233,10 @@ class Teapot(Drawn):
         line = np.vstack([outside(run.sample(1e-3), 2e-3) for run in self.runs])
         below = np.array([[0.0, -0.02, 0.0]])
         over = line[line[:, 1] > 0.05 * self.width / 0.184]
-        left = np.array([[-0.6 * self.width, 0.05, 0.0]])
+        start = np.array([[0.6 * self.width, 0.05, 0.0]])
         return {
             "around": np.vstack([below, _in_space(line), _in_space(line[:5]), below]),
-            "over": np.vstack([-left * [1, -1, 1], _in_space(over), left]),
+            "over": np.vstack([start, _in_space(over), start * [-1, 1, 1]]),
         }
 
 

@@ -15,7 +15,7 @@ from vfplan.engine.parameters import Vector
 
 
 class Look(NamedTuple):
-    """Distance to each of M pieces, seen from one position."""
+    """Distance to each of M pieces from one position."""
 
     distance: Vector  # (M,) [m]
     normal: Vector  # (M, 3) gradient of the distance: unit vector away from the piece
@@ -56,10 +56,13 @@ class Segments:
 
     def look(self, x: Vector) -> Look:
         """See `Pieces.look`."""
-        here = x * [1.0, 1.0, 0.0] if self.endless else x
-        nearest, along = nearest_on_segments(self.a, self.b, here)
-        flat = [along, np.broadcast_to([0.0, 0.0, 1.0], along.shape)][: 1 + self.endless]
-        return from_nearest(here, nearest, np.stack(flat, axis=1))
+        if self.endless:
+            x = x * [1.0, 1.0, 0.0]
+        nearest, along = nearest_on_segments(self.a, self.b, x)
+        flat = [along]
+        if self.endless:
+            flat.append(np.broadcast_to([0.0, 0.0, 1.0], along.shape))
+        return from_nearest(x, nearest, np.stack(flat, axis=1))
 
 
 def nearest_on_segments(a: Vector, b: Vector, x: Vector) -> tuple[Vector, Vector]:

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from vfplan.engine.parameters import Vector
-from vfplan.scenes.base import Scene, way
+from vfplan.scenes.base import Scene, corners_mm
 from vfplan.scenes.primitives import Pieces, Rectangles, Segments, Spheres
 
 
@@ -30,8 +30,8 @@ class Point(Scene):
     def routes(self) -> dict[str, Vector]:
         """From left to right just above it, and a press from above."""
         return {
-            "across": way((-20, 1), (20, 1)),
-            "press": way((0.5, 12, 0.3), (0.5, 2, 0.3), (0.5, 12, 0.3)),
+            "across": corners_mm((-20, 1), (20, 1)),
+            "press": corners_mm((0.5, 12, 0.3), (0.5, 2, 0.3), (0.5, 12, 0.3)),
         }
 
 
@@ -63,15 +63,16 @@ class Segment(Scene):
         """Along it 2 mm above its axis, and a press from each side."""
         end = self.length * 500 + 15
         return {
-            "along": way((-end, 2, 1), (end, 2, 1)),
-            "above": way((3, 12, 0.4), (3, 2, 0.4), (8, 2, 0.4), (8, 12, 0.4)),
-            "below": way((3, -12, 0.4), (3, -2, 0.4), (8, -2, 0.4), (8, -12, 0.4)),
+            "along": corners_mm((-end, 2, 1), (end, 2, 1)),
+            "above": corners_mm((3, 12, 0.4), (3, 2, 0.4), (8, 2, 0.4), (8, 12, 0.4)),
+            "below": corners_mm((3, -12, 0.4), (3, -2, 0.4), (8, -2, 0.4), (8, -12, 0.4)),
         }
 
 
 def grid(corner: Vector, u: Vector, v: Vector, spacing: float) -> Vector:
     """Points on the rectangle at `corner` with sides u and v (3,) [m], edges included."""
-    nu, nv = (max(1, round(float(np.linalg.norm(side)) / spacing)) for side in (u, v))
+    nu = max(1, round(float(np.linalg.norm(u)) / spacing))
+    nv = max(1, round(float(np.linalg.norm(v)) / spacing))
     i, j = np.meshgrid(np.arange(nu + 1) / nu, np.arange(nv + 1) / nv, indexing="ij")
     return corner + i.reshape(-1, 1) * u + j.reshape(-1, 1) * v
 
@@ -87,8 +88,10 @@ class Walls(Scene):
     @cached_property
     def points(self) -> Vector:
         """(N, 3) [m], edges included."""
-        squares = zip(*self.squares, strict=True)
-        return np.vstack([grid(*square, self.spacing) for square in squares])
+        grids = []
+        for corner, u, v in zip(*self.squares, strict=True):
+            grids.append(grid(corner, u, v, self.spacing))
+        return np.vstack(grids)
 
     @cached_property
     def pieces(self) -> tuple[Pieces, ...]:
@@ -109,8 +112,8 @@ class Sheet(Walls):
     @property
     def routes(self) -> dict[str, Vector]:
         """Press, slide and lift off on each side, and off an edge."""
-        slide = way((-20, 15, -13), (-20, -10, -13), (21, -8, 17), (21, 15, 17))
-        edge = way((20, 12, 3), (35, 1, 3), (60, 1, 3), (60, 12, 3))
+        slide = corners_mm((-20, 15, -13), (-20, -10, -13), (21, -8, 17), (21, 15, 17))
+        edge = corners_mm((20, 12, 3), (35, 1, 3), (60, 1, 3), (60, 12, 3))
         return {
             "front": self.centre + slide,
             "back": self.centre - slide,
@@ -135,14 +138,15 @@ class DoubleSheet(Walls):
     @property
     def squares(self) -> tuple[Vector, Vector, Vector]:
         """Below and above."""
-        h, g = self.side / 2, self.gap / 2
+        h = self.side / 2
+        g = self.gap / 2
         corner = np.array([[-h, -g, -h], [-h, g, -h]])
         return corner, np.array([[2 * h, 0, 0]] * 2), np.array([[0, 0, 2 * h]] * 2)
 
     @property
     def routes(self) -> dict[str, Vector]:
         """Press from above and from below until the HIP is past both sheets, slide, lift off."""
-        press = way((-10, 15, -7), (-10, -5, -7), (11, -5, 8), (11, 15, 8))
+        press = corners_mm((-10, 15, -7), (-10, -5, -7), (11, -5, 8), (11, 15, 8))
         return {"above": press, "below": -press}
 
 
@@ -175,13 +179,11 @@ class Sphere(Scene):
     def routes(self) -> dict[str, Vector]:
         """Press and slide outside, press and slide inside."""
         r = self.radius * 1e3
-        outside = [(0.94, 0.05, 0.1), (0.5, 0.7, 0.3), (-0.1, 0.8, 0.4)]
-        inside = [(0.98, 0.05, 0.1), (0.8, 0.6, 0.2), (0.1, 0.9, 0.5)]
-        slide = [tuple(r * c for c in p) for p in outside]
-        hollow = [tuple(r * c for c in p) for p in inside]
+        outside = r * np.array([(0.94, 0.05, 0.1), (0.5, 0.7, 0.3), (-0.1, 0.8, 0.4)])
+        inside = r * np.array([(0.98, 0.05, 0.1), (0.8, 0.6, 0.2), (0.1, 0.9, 0.5)])
         return {
-            "outside": way((r + 12, 1, 2), *slide, (-r, 1.6 * r, 10)),
-            "inside": way((0, 0, 0), *hollow, (0, 0, 1)),
+            "outside": corners_mm((r + 12, 1, 2), *outside, (-r, 1.6 * r, 10)),
+            "inside": corners_mm((0, 0, 0), *inside, (0, 0, 1)),
         }
 
 
@@ -211,6 +213,8 @@ class ThreeWalls(Walls):
     def routes(self) -> dict[str, Vector]:
         """Into the corner along the diagonal, and along a wall and an edge into it."""
         return {
-            "diagonal": way((14, 15, 16), (-6, -5, -4), (14, 15, 16)),
-            "edge": way((25, 15, 12), (25, -3, 12), (25, -3, -4), (-5, -3, -4), (15, 15, 15)),
+            "diagonal": corners_mm((14, 15, 16), (-6, -5, -4), (14, 15, 16)),
+            "edge": corners_mm(
+                (25, 15, 12), (25, -3, 12), (25, -3, -4), (-5, -3, -4), (15, 15, 15)
+            ),
         }
