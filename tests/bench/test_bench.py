@@ -15,12 +15,12 @@ from vfplan.bench.meshes import BallMesh, BoxMesh
 from vfplan.bench.peers import NearestPointPenalty
 from vfplan.bench.proxy import judge
 from vfplan.bench.record import (
-    Trial,
+    BenchRun,
     errors_of,
     judge_chosen,
     mark_pareto,
+    measure_runs,
     non_dominated,
-    run_trials,
 )
 from vfplan.bench.register import apply, markers_px, true_map
 from vfplan.bench.sample import METHODS, lines, planned_surface, surface_error
@@ -96,12 +96,12 @@ def test_a_sampled_surface_is_judged_by_its_worst_place():
 
 def trial(times, **more):
     queue = iter(times)
-    return Trial("scene", "m", {}, lambda: (0.0, np.array(next(queue), float)),
+    return BenchRun("scene", "m", {}, lambda: (0.0, np.array(next(queue), float)),
                  lambda a: errors_of([3.0, 4.0]), "m", **more)  # fmt: skip
 
 
 def test_result_reports_medians_tails_and_spread():
-    (record,), refused = run_trials("s", [trial([[99], [1, 2, 9], [2, 3, 4], [3, 4, 500]])], 3)
+    (record,), refused = measure_runs("s", [trial([[99], [1, 2, 9], [2, 3, 4], [3, 4, 500]])], 3)
     assert not refused
     assert record["error_rms"] == pytest.approx(np.sqrt(12.5))
     assert record["error_max"] == 4
@@ -116,8 +116,8 @@ def test_a_refusal_is_noted_and_the_others_go_on():
     def refuse():
         raise CurveError("no line")
 
-    bad = Trial("s", "b", {"scale": 0.5}, refuse, lambda a: errors_of([0.0]), "px")
-    results, refused = run_trials("s", [bad, trial([[1]] * 3)], 2)
+    bad = BenchRun("s", "b", {"scale": 0.5}, refuse, lambda a: errors_of([0.0]), "px")
+    results, refused = measure_runs("s", [bad, trial([[1]] * 3)], 2)
     assert [r["method"] for r in results] == ["m"]
     assert refused == [
         {"stage": "s", "scene": "s", "method": "b", "settings": {"scale": 0.5},
@@ -130,10 +130,10 @@ def test_slow_trials_sit_out_the_later_rounds():
     told = []
 
     def taking(us):
-        return Trial("s", str(us), {}, lambda: (seen.append(us), np.full(1, us)),
+        return BenchRun("s", str(us), {}, lambda: (seen.append(us), np.full(1, us)),
                      lambda a: errors_of([0.0]), "m")  # fmt: skip
 
-    results, _ = run_trials("s", [taking(1.0), taking(1e5), taking(1e6)], 7, told.append)
+    results, _ = measure_runs("s", [taking(1.0), taking(1e5), taking(1e6)], 7, told.append)
     assert [r["repeats"] for r in results] == [7, 3, 3]
     assert [seen.count(us) for us in (1.0, 1e5, 1e6)] == [8, 4, 4]
     assert sum(told) == 3 * 8, "the bar ends where it should"
@@ -143,10 +143,10 @@ def test_rounds_are_interleaved():
     seen = []
 
     def noting(name):
-        return Trial("s", name, {}, lambda: (seen.append(name), np.ones(1)),
+        return BenchRun("s", name, {}, lambda: (seen.append(name), np.ones(1)),
                      lambda a: errors_of([0.0]), "m")  # fmt: skip
 
-    run_trials("s", [noting(n) for n in "abc"], 4)
+    measure_runs("s", [noting(n) for n in "abc"], 4)
     rounds = [sorted(seen[i : i + 3]) for i in range(0, 15, 3)]
     assert rounds == [list("abc")] * 5
 
@@ -363,41 +363,42 @@ def test_document_survives_the_disk(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "code"),
     [
-        ("{", "is not JSON"),
-        ("[]", "format None"),
-        ('{"format": "vfplan-bench", "version": "2.0"}', "version '2.0'"),
-        ('{"format": "vfplan-bench", "version": "1.3"}', "lacks stages, results"),
+        ("{", "not-json"),
+        ("[]", "no-bench"),
+        ('{"format": "vfplan-bench", "version": "2.0"}', "other-version"),
+        ('{"format": "vfplan-bench", "version": "1.3"}', "damaged-bench"),
     ],
 )
-def test_a_document_that_is_none_is_refused(tmp_path, text, says):
+def test_a_document_that_is_none_is_refused(tmp_path, text, code):
     path = tmp_path / "bench.json"
     path.write_text(text)
     with pytest.raises(InputError) as error:
         read_document(path)
-    assert says in str(error.value)
+    assert error.value.code == code
 
 
 @pytest.mark.parametrize(
-    ("harm", "says"),
+    ("harm", "place"),
     [
-        (lambda d: d.update(results=[]), "holds no results"),
-        (lambda d: d.update(results=5), "holds no results"),
-        (lambda d: d["results"].append(7), "results[1]: is no result"),
-        (lambda d: d["results"][0].pop("error_rms"), "results[0]: error_rms None"),
-        (lambda d: d["results"][0].update(time_us_low=float("inf")), "time_us_low None"),
-        (lambda d: d["results"][0].update(scene=3), "scene 3: a text"),
-        (lambda d: d["results"][0].update(unit="mile"), "unit or pareto"),
+        (lambda d: d.update(results=[]), "bench.json"),
+        (lambda d: d.update(results=5), "bench.json"),
+        (lambda d: d["results"].append(7), "results[1]"),
+        (lambda d: d["results"][0].pop("error_rms"), "results[0]"),
+        (lambda d: d["results"][0].update(time_us_low=float("inf")), "results[0]"),
+        (lambda d: d["results"][0].update(scene=3), "results[0]"),
+        (lambda d: d["results"][0].update(unit="mile"), "results[0]"),
     ],
 )
-def test_a_damaged_document_is_refused(tmp_path, harm, says):
+def test_a_damaged_document_is_refused(tmp_path, harm, place):
     path, document = tmp_path / "bench.json", stored()
     harm(document)
     write_json(document, path)
     with pytest.raises(InputError) as error:
         read_document(path)
-    assert says in str(error.value)
+    assert error.value.code == "damaged-bench"
+    assert error.value.where.endswith(place)
 
 
 def test_the_box_of_the_bench_has_its_closed_form():
@@ -439,7 +440,7 @@ def test_unknown_stage_is_refused():
 
 
 def test_result_knows_its_trial():
-    ((record,), _) = run_trials("s", [trial([[1.0]] * 2, chosen=True, peer=True)], 1)
+    ((record,), _) = measure_runs("s", [trial([[1.0]] * 2, chosen=True, peer=True)], 1)
     assert record["chosen"] is True
     assert record["peer"] is True
 

@@ -10,7 +10,7 @@ import pytest
 
 from vfplan.bench.cases import FULL, SPEED_M_S, Case, is_drawn
 from vfplan.bench.peers import NearestPointPenalty
-from vfplan.bench.proxy import chosen_trial, judge
+from vfplan.bench.proxy import chosen_run, judge
 from vfplan.bench.record import timed_ticks
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.scenes import SCENES
@@ -66,7 +66,7 @@ def test_errors_fall_with_the_spacing_to_a_floor(scene):
 @every_scene
 def test_the_chosen_settings_keep_the_tolerance(scene):
     here = case(scene)
-    trial = chosen_trial(here, TOLERANCE)
+    trial = chosen_run(here, TOLERANCE)
     found = trial.score(trial.run()[0])
     assert found["surface_error_m"] <= TOLERANCE
     assert found["inside_m"] <= TOLERANCE

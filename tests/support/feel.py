@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.bench.record import Array, Record, Trial, errors_of, timed_ticks
+from vfplan.bench.record import Array, BenchRun, Record, errors_of, timed_ticks
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.engine.ticks import Status, Trace
 from vfplan.scenes import Drawn, outline
@@ -141,7 +141,7 @@ def mask(wave: Wave, pixels: int, pitch: float) -> Array:
     return np.column_stack([grid[inked], np.zeros(inked.sum())])
 
 
-def scenes(quick: bool, tolerance_m: float) -> Iterator[list[Trial]]:
+def scenes(quick: bool, tolerance_m: float) -> Iterator[list[BenchRun]]:
     """Rules `robust`, `paper` and `exact` on each cloud."""
     wave = Wave(spacing=SPACING)
     for cloud in clouds(wave, quick):
@@ -156,9 +156,9 @@ def scenes(quick: bool, tolerance_m: float) -> Iterator[list[Trial]]:
         yield [_trial(cloud, name, engine, hips, truth) for name, engine in engines.items()]
 
 
-def _trial(cloud: Scanned, name: str, engine: ProxyEngine, hips: Array, truth: Array) -> Trial:
+def _trial(cloud: Scanned, name: str, engine: ProxyEngine, hips: Array, truth: Array) -> BenchRun:
     more = {"points": len(cloud.points), "band_m": engine.parameters.band}
-    return Trial(
+    return BenchRun(
         cloud.name, name, {}, lambda: timed_ticks(engine, hips),
         lambda trace: judge(trace, hips, truth, more), "m",
     )  # fmt: skip

@@ -20,32 +20,53 @@ from vfplan.planning.tolerance import DEPTH, Choice
 from vfplan.scenes import SCENES, Drawn, Scene, Sheet
 
 R = 5e-3
+"""Contact radius [m], as in the paper."""
+
 SPEED_M_S = 0.1
-# A scene, and the route through it.
+"""Speed of the HIP [m/s]: that of a brisk hand."""
+
 QUICK = (("segment", "above"), ("sheet", "front"), ("circle", "outside"), ("corner", "floor"),
          ("omega", "beside"))  # fmt: skip
+"""Scenes of a quick run, each with the route through it."""
+
 FULL = (("point", "across"), ("segment", "above"), ("sheet", "front"), ("sheet", "back"),
         ("sheet", "edge"), ("double-sheet", "above"), ("circle", "outside"), ("circle", "inside"),
         ("sphere", "outside"), ("sphere", "inside"), ("wedge", "over"), ("corner", "floor"),
         ("corner", "deep"), ("three-walls", "edge"), ("channel", "through"), ("omega", "beside"),
         ("omega", "over"), ("omega", "inside"), ("teapot", "over"))  # fmt: skip
+"""Scenes of a full run, each with the route through it."""
+
 MESHES = (("ball-mesh", BallMesh, "outside"), ("box-mesh", BoxMesh, "over an edge"))
+"""Scenes of triangles, each with the route over it."""
+
 NOISE = 0.1
 """Standard deviation of a noisy cloud's points along each axis, as a share of their spacing."""
+
 LARGE_SPACING_M = 0.1e-3
-"""Spacing of the cloud of a million points: 1001 x 1001 on the sheet of Experiment 1."""
+"""Spacing of the cloud of a million points [m]: 1001 x 1001 on the sheet of Experiment 1."""
+
 QUICK_TICKS = 700
-MOST_SENSITIVE = 1 / (1 - DEPTH) + 1e-9
+"""Number of ticks of a path in a quick run, and on a million points."""
+
+MAX_SENSITIVITY = 1 / (1 - DEPTH) + 1e-9
+"""An engine can follow a proxy that moves by no more than this times what the HIP does."""
 
 
 class Case:
     """A scene and a path through it.
 
-    name: for the reader
-    scene: its geometry
-    hips: (T, 3) [m]
-    origin: a case of the same geometry and path: clouds of other spacings share its truth
-    spacings: the only ones that are tried [m]; `None`: those of the stage
+    Parameters
+    ----------
+    name
+        For the reader.
+    scene
+        Its geometry.
+    hips
+        (T, 3) [m].
+    origin
+        A case of the same geometry and path: clouds of other spacings share its truth.
+    spacings
+        The only ones that are tried [m]; `None`: those of the stage.
     """
 
     def __init__(
@@ -65,24 +86,28 @@ class Case:
     @cached_property
     def truth(self) -> Array:
         """(T, 3) the exact proxy [m]."""
-        return self._origin.truth if self._origin else self.scene.truth(self.hips, R)
+        if self._origin:
+            return self._origin.truth
+        return self.scene.truth(self.hips, R)
 
     @cached_property
     def followable(self) -> NDArray[np.bool_]:
         """(T,) where the exact proxy moves by no more than twice what the HIP does.
 
         `planning.tolerance` promises no more than that: a HIP at most R/2 behind the sharpest
-        surface. Deeper, the exact proxy runs away from any engine: with the HIP at the centre of
+        surface. Deeper, the exact proxy outruns any engine: with the HIP at the centre of
         the ball around a point it turns round in one tick.
         """
         if self._origin:
             return self._origin.followable
-        return self.scene.sensitivity(self.hips, self.truth, R) <= MOST_SENSITIVE
+        return self.scene.sensitivity(self.hips, self.truth, R) <= MAX_SENSITIVITY
 
     @cached_property
-    def room(self) -> Array:
-        """(T,) how much further than R the exact proxy is from the geometry [m]."""
-        return self._origin.room if self._origin else self.scene.clearance(self.truth) - R
+    def clearance(self) -> Array:
+        """(T,) distance from the exact proxy to the geometry, minus R [m]."""
+        if self._origin:
+            return self._origin.clearance
+        return self.scene.clearance(self.truth) - R
 
     def with_scene(self, scene: Scene) -> Case:
         """The same path and truth on another cloud of the same geometry."""
@@ -101,7 +126,7 @@ class Case:
 
 
 class NoisySheet(Sheet):
-    """The sheet of Experiment 1 as a tracked probe measures it: every point is off a little."""
+    """The sheet of Experiment 1 as a tracked probe measures it: every point has an error."""
 
     name: ClassVar[str] = "noisy-sheet"
 
@@ -114,17 +139,25 @@ class NoisySheet(Sheet):
 
 def cases(quick: bool) -> Iterator[Case]:
     """All cases, the cheap ones first."""
-    ticks = QUICK_TICKS if quick else None
-    for name, route in QUICK if quick else FULL:
+    drawn = FULL
+    ticks = None
+    mesh_spacings = None
+    noisy_spacings = None
+    noisy = NoisySheet()
+    if quick:
+        drawn = QUICK
+        ticks = QUICK_TICKS
+        mesh_spacings = (1e-3,)
+        noisy_spacings = (noisy.spacing,)
+    for name, route in drawn:
         scene = SCENES[name]()
         yield Case(f"{name}, {route}", scene, scene.path(route, SPEED_M_S)[:ticks])
-    for name, kind, route in MESHES:
-        mesh = kind()
+    for name, mesh_class, route in MESHES:
+        mesh = mesh_class()
         path = mesh.path(route, SPEED_M_S)[:ticks]
-        yield Case(f"{name}, {route}", mesh, path, spacings=(1e-3,) if quick else None)
-    sheet = NoisySheet()
-    path = sheet.path("front", SPEED_M_S)[:ticks]
-    yield Case("sheet, 10 % noise", sheet, path, spacings=(sheet.spacing,) if quick else None)
+        yield Case(f"{name}, {route}", mesh, path, spacings=mesh_spacings)
+    path = noisy.path("front", SPEED_M_S)[:ticks]
+    yield Case("sheet, 10 % noise", noisy, path, spacings=noisy_spacings)
     if not quick:
         yield experiment_2()
         large = Sheet(spacing=LARGE_SPACING_M)
@@ -151,26 +184,30 @@ class Elbow(Drawn):
         return {}
 
 
-def _elbow_truth() -> dict[str, Any]:
+def elbow_truth() -> dict[str, Any]:
+    """The true curve and map of the shipped slice."""
     return json.loads((files("vfplan.samples") / "elbow_truth.json").read_text())
 
 
 def elbow_map() -> Array:
     """(3, 3) true map of the shipped slice's [u v 1] into the robot's frame [m]."""
-    return np.array(_elbow_truth()["T_robot_image"])
+    return np.array(elbow_truth()["T_robot_image"])
 
 
 def elbow_curve() -> Array:
     """(M, 3) the true curve of the shipped slice in the robot's frame [m]."""
-    px = np.array(_elbow_truth()["curve_px"])
+    px = np.array(elbow_truth()["curve_px"])
     return np.column_stack([px, np.ones(len(px))]) @ elbow_map().T
 
 
 def experiment_2() -> Case:
     """The shipped elbow, probed by the shipped session."""
-    text = (files("vfplan.samples") / "elbow_session.csv").read_text().splitlines()[1:]
-    hips = np.array([[float(x) for x in line.split(",")[1:]] for line in text])
-    hips[:, 2] -= elbow_curve()[:, 2].mean()  # scenes have their middle in z = 0
+    rows = []
+    for line in (files("vfplan.samples") / "elbow_session.csv").read_text().splitlines()[1:]:
+        rows.append(line.split(",")[1:])
+    hips = np.array(rows, float)
+    # Scenes have their middle in z = 0.
+    hips[:, 2] -= elbow_curve()[:, 2].mean()
     return Case("experiment-2, session", Elbow(), hips)
 
 
@@ -188,39 +225,45 @@ def fitted(scene: Drawn, tolerance_m: float = DEFAULT_ARCS_M) -> Pieces:
     """Lines and arcs through a drawing's points, as a plan fits them."""
     from vfplan.geometry.arcs import fit_arcs
 
-    arcs = [fit_arcs(run.sample(scene.spacing), run.closed, tolerance_m) for run in scene.runs]
-    flat = np.vstack([a.vertices for a in arcs])
+    vertices = []
+    bulges = []
+    strokes = []
+    closed = []
+    for number, run in enumerate(scene.runs):
+        arcs = fit_arcs(run.sample(scene.spacing), run.closed, tolerance_m)
+        vertices.append(arcs.vertices)
+        bulges.append(arcs.bulges)
+        strokes += [number] * len(arcs.bulges)
+        closed.append(arcs.closed)
+    flat = np.vstack(vertices)
     return Pieces(
         np.column_stack([flat, np.zeros(len(flat))]),
-        np.concatenate([a.bulges for a in arcs]),
-        np.repeat(np.arange(len(arcs), dtype=np.int32), [len(a.bulges) for a in arcs]),
-        np.array([a.closed for a in arcs]),
+        np.concatenate(bulges),
+        np.array(strokes, np.int32),
+        np.array(closed),
     )
 
 
 def chosen_points(scene: Scene, choice: Choice) -> Array:
     """The cloud that a tolerance asks for: by curvature on a drawing, an even one on a surface."""
     if not is_drawn(scene):
-        return replace(scene, spacing=_even(scene, choice)).points
+        # Spacing on a curve in space, or the side of a square on a surface.
+        spacing = choice.spacing_m
+        if scene.name not in ("point", "segment"):
+            bend = 1 + R / getattr(scene, "radius", np.inf)
+            spacing = choice.spacing_m / np.sqrt(2 * bend)
+        return replace(scene, spacing=spacing).points
     from vfplan.planning.tolerance import sample_curve
 
     parts = []
     for run in scene.runs:
         fine = run.sample(min(1e-4, run.length / 50))
         fine = np.column_stack([fine, np.zeros(len(fine))])
-        parts.append(
-            sample_curve(
-                fine, run.closed, radius_m=R, tolerance_m=choice.sampling_tolerance_m
-            ).points
+        sampled = sample_curve(
+            fine, run.closed, radius_m=R, tolerance_m=choice.sampling_tolerance_m
         )
+        parts.append(sampled.points)
     points = np.vstack(parts)
-    step = np.round(points / 1e-9).astype(np.int64)  # corners that two runs share stand once
-    return points[np.sort(np.unique(step, axis=0, return_index=True)[1])]
-
-
-def _even(scene: Scene, choice: Choice) -> float:
-    """Spacing on a curve in space, or the side of a square on a surface [m]."""
-    if scene.name in ("point", "segment"):
-        return choice.spacing_m
-    bend = 1 + R / getattr(scene, "radius", np.inf)
-    return choice.spacing_m / np.sqrt(2 * bend)
+    # Corners that two runs share stand once.
+    nanometres = np.round(points / 1e-9).astype(np.int64)
+    return points[np.sort(np.unique(nanometres, axis=0, return_index=True)[1])]

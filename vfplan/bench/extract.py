@@ -15,65 +15,69 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vfplan.bench import pictures
-from vfplan.bench.record import Array, Record, Trial, errors_of, timed
+from vfplan.bench.record import Array, BenchRun, Record, errors_of, timed
 from vfplan.errors import CurveError
 
-SCALES = {True: (0.5, 1.0), False: (0.5, 0.75, 1.0, 1.5, 2.0)}
-PENS = {True: (3.0,), False: (1.5, 3.0, 5.0)}
-QUALITIES = {True: (None, 75), False: (None, 90, 75, 50)}
 DEFAULT_SCALE = 1.0
+"""Scale of the setting that counts as chosen."""
 
 
-def scenes(quick: bool, tolerance_m: float) -> Iterator[list[Trial]]:
-    """The trials of each pen and quality; the tolerance has no say here."""
-    for pen in PENS[quick]:
-        for quality in QUALITIES[quick]:
-            yield list(_trials(pen, quality, SCALES[quick]))
+def scenes(quick: bool, tolerance_m: float) -> Iterator[list[BenchRun]]:
+    """The runs of each pen and quality; the tolerance has no say here."""
+    scales = [0.5, 0.75, 1.0, 1.5, 2.0]
+    pens_px = [1.5, 3.0, 5.0]
+    qualities = [None, 90, 75, 50]
+    if quick:
+        scales = [0.5, 1.0]
+        pens_px = [3.0]
+        qualities = [None, 75]
+    for pen_px in pens_px:
+        for quality in qualities:
+            scene = f"pen {pen_px:g} px, lossless"
+            if quality is not None:
+                scene = f"pen {pen_px:g} px, JPEG {quality}"
+            runs = []
+            for scale in scales:
+                picture = pictures.picture(pen_px, quality, scale)
+                score = partial(score_points, truth=pictures.curve(), scale=scale)
+                for method, extract in METHODS.items():
+                    run = partial(timed, partial(extract, picture))
+                    chosen = method == "ridge" and scale == DEFAULT_SCALE
+                    settings = {"scale": scale}
+                    runs.append(BenchRun(scene, method, settings, run, score, "px", chosen))
+            yield runs
 
 
-def _trials(pen: float, quality: int | None, scales: tuple[float, ...]) -> Iterator[Trial]:
-    name = f"pen {pen:g} px, " + ("lossless" if quality is None else f"JPEG {quality}")
-    for scale in scales:
-        picture = pictures.picture(pen, quality, scale)
-        score = partial(_score, truth=pictures.curve(), scale=scale)
-        for method, extract in METHODS.items():
-            run, chosen = partial(timed, partial(extract, picture)), scale == DEFAULT_SCALE
-            yield Trial(
-                name, method, {"scale": scale}, run, score, "px", chosen and method == "ridge"
-            )
-
-
-def _score(found: Array, truth: Array, scale: float) -> Record:
-    """Distances of the points found from the true line, and of the line from them [px]."""
-    points = pictures.from_pixels(found, scale)
-    away = from_line(points, truth, cKDTree(truth).query(points)[1])
-    missed, _ = cKDTree(points).query(truth[::5])
-    return errors_of(away, uncovered_px=float(missed.max()), points=len(points))
+def score_points(points_px: Array, truth: Array, scale: float) -> Record:
+    """Distances of extracted points from the true line, and of the line from them [px]."""
+    points = pictures.from_pixels(points_px, scale)
+    distances = from_line(points, truth, cKDTree(truth).query(points)[1])
+    uncovered, _ = cKDTree(points).query(truth[::5])
+    return errors_of(distances, uncovered_px=float(uncovered.max()), points=len(points))
 
 
 def from_line(points: Array, line: Array, nearest: Array) -> Array:
-    """(N,) distances of (N, 2) points from a polyline of which they know the `nearest` vertex."""
-    found = np.full(len(points), np.inf)
-    for start in (nearest - 1, nearest):
-        start = np.clip(start, 0, len(line) - 2)
-        a, way = line[start], line[start + 1] - line[start]
-        share = ((points - a) * way).sum(1) / (way**2).sum(1)
-        foot = a + np.clip(share, 0.0, 1.0)[:, None] * way
-        found = np.minimum(found, np.hypot(*(points - foot).T))
-    return found
+    """(N,) distances of (N, 2) points from a polyline whose `nearest` vertex (N,) is known."""
+    distances = np.full(len(points), np.inf)
+    for first in (nearest - 1, nearest):
+        first = np.clip(first, 0, len(line) - 2)
+        a = line[first]
+        along = line[first + 1] - a
+        share = ((points - a) * along).sum(1) / (along**2).sum(1)
+        foot = a + np.clip(share, 0.0, 1.0)[:, None] * along
+        distances = np.minimum(distances, np.hypot(*(points - foot).T))
+    return distances
 
 
-def _ours(method: str) -> Callable[[Any], Array]:
-    def extract(picture: Any) -> Array:
-        from vfplan.curve import extract_curve
+def extract_points(picture: Any, method: str) -> Array:
+    """The points that `vfplan.extract_curve` gives [px]."""
+    from vfplan.curve import extract_curve
 
-        strokes = extract_curve(picture, method=method, stroke="longest").strokes
-        return np.concatenate([s.points_px for s in strokes])
-
-    return extract
+    strokes = extract_curve(picture, method=method, stroke="longest").strokes
+    return np.concatenate([stroke.points_px for stroke in strokes])
 
 
-def _hue_and_thinning(picture: Any) -> Array:
+def thin_hue_mask(picture: Any) -> Array:
     """A gate on hue and saturation, then thinning: the first recipe that a search finds."""
     import cv2
     from skimage.morphology import skeletonize
@@ -81,14 +85,14 @@ def _hue_and_thinning(picture: Any) -> Array:
     hue, saturation, value = cv2.split(cv2.cvtColor(picture, cv2.COLOR_RGB2HSV))
     mask = ((hue < 10) | (hue > 170)) & (saturation > 100) & (value > 80)
     if not mask.any():
-        raise CurveError("no pixel passes the gate on hue")
+        raise CurveError("no pixel passes the gate on hue; draw in red", code="no-hue")
     v, u = np.nonzero(skeletonize(mask))
     return np.column_stack([u, v]).astype(float)
 
 
 METHODS: dict[str, Callable[[Any], Array]] = {
-    "ridge": _ours("ridge"),
-    "skeleton": _ours("skeleton"),
-    "mask (the paper's)": _ours("mask"),
-    "hue + thinning": _hue_and_thinning,
+    "ridge": partial(extract_points, method="ridge"),
+    "skeleton": partial(extract_points, method="skeleton"),
+    "mask (the paper's)": partial(extract_points, method="mask"),
+    "hue + thinning": thin_hue_mask,
 }

@@ -7,7 +7,6 @@ chosen setting; dotted lines are the tolerance and the budget of a tick.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -18,10 +17,21 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
+from vfplan.bench.summary import is_tick_stage
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.palette import BRIDGED, CONTACT, FORCE, HIP, PROXY, RULE
 
 COLUMNS = 4
+"""Number of panels in a row."""
+
+SMALLEST_PX = 1e-4
+"""The smallest error drawn in pixels."""
+
+SMALLEST_UM = 1e-3
+"""The smallest error drawn in micrometres, a nanometre; below it is rounding."""
+
+FRONT_COLOUR = "#c8c8c8"
+
 TITLES = {
     "extract": "extract: the drawn line, one call a slice",
     "sample": "sample: surface of the cloud, one tick of the engine on it",
@@ -29,10 +39,6 @@ TITLES = {
     "proxy": "proxy: against the exact proxy, one tick",
     "plan": "plan: slice and markers to fixture, one call",
 }
-TICK_STAGES = ("sample", "proxy")  # their time is that of a tick: the 1 ms budget applies
-SCALE = {"px": (1.0, "px"), "m": (1e6, "µm")}
-FLOOR = {"px": 1e-4, "m": 1e-3}
-"""The smallest error drawn [px, µm]: a nanometre. Below it is rounding."""
 RULES = {
     "robust": RULE["robust"],
     "paper": RULE["paper"],
@@ -49,7 +55,10 @@ RULES = {
     "mask (the paper's)": RULE["paper"],
 }
 """The colour of a rule. Its variants, as "robust, 4 iterations", differ by their markers alone."""
-_MARKERS = "os^vDPX<>ph"
+MARKERS = "os^vDPX<>ph"
+"""The markers of a rule's variants."""
+
+Look = tuple[str, str]
 
 
 def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
@@ -59,29 +68,37 @@ def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
 
 def diagram(document: dict[str, Any], stage: str) -> Figure:
     """The figure of `draw_stage`."""
-    results = [r for r in document["results"] if r["stage"] == stage]
-    scenes = list(dict.fromkeys(r["scene"] for r in results))
-    looks = dict(_looks(list(dict.fromkeys(r["method"] for r in results if not r.get("chosen")))))
+    scenes: dict[str, list[dict[str, Any]]] = {}
+    for result in document["results"]:
+        if result["stage"] == stage:
+            scenes.setdefault(result["scene"], []).append(result)
+    results = [result for scene_results in scenes.values() for result in scene_results]
+    looks = looks_of(results)
     columns = min(COLUMNS, len(scenes))
     rows = -(-len(scenes) // columns)
     figure = new_figure(max(5.0, 2.6 * columns + 0.4), 2.5 * rows + 1.1)
     with style():
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    for axes, scene in zip(panels.flat, scenes, strict=False):
-        _panel(axes, [r for r in results if r["scene"] == scene], looks, document, stage)
+
+    # A panel a scene; the last row may have fewer.
+    for axes, (scene, scene_results) in zip(panels.flat, scenes.items(), strict=False):
+        draw_panel(axes, scene_results, looks, document, stage)
         axes.set_title(scene, fontsize=8.5)
     for axes in list(panels.flat)[len(scenes) :]:
         axes.remove()
     for k in range(columns):
         lowest = panels[(len(scenes) - 1 - k) // columns, k]
-        lowest.set_xlabel(f"median time [{_clock(stage)[1]}]", fontsize=8.5)
+        lowest.set_xlabel(f"median time [{time_unit(stage)[1]}]", fontsize=8.5)
         lowest.tick_params(labelbottom=True)
+    error_unit = "µm"
+    if results[0]["unit"] == "px":
+        error_unit = "px"
     for axes in panels[:, 0]:
-        axes.set_ylabel(f"RMS error [{SCALE[results[0]['unit']][1]}]", fontsize=8.5)
-    _limits(panels[0, 0], results, document, stage)
+        axes.set_ylabel(f"RMS error [{error_unit}]", fontsize=8.5)
+    set_limits(panels[0, 0], results, document, stage)
     figure.suptitle(TITLES.get(stage, stage), x=0.01, ha="left", fontsize=10)
     figure.legend(
-        handles=_legend(looks, document, stage, results),
+        handles=legend_handles(looks, document, stage, results),
         loc="outside lower center",
         ncols=min(4, 2 + columns),
         fontsize=7.5,
@@ -89,117 +106,144 @@ def diagram(document: dict[str, Any], stage: str) -> Figure:
     return figure
 
 
-def _looks(methods: list[str]) -> Iterator[tuple[str, tuple[str, str]]]:
-    """A colour and a marker for each method."""
-    spare = cycle((HIP, PROXY, FORCE))
+def looks_of(results: list[dict[str, Any]]) -> dict[str, Look]:
+    """A colour and a marker for each method: one colour a rule, one marker a variant."""
+    spare_colours = cycle((HIP, PROXY, FORCE))
     colours: dict[str, str] = {}
     variants: dict[str, int] = {}
-    for method in methods:
-        rule = method if method in RULES else method.split(",")[0].split(" in ")[0]
+    looks: dict[str, Look] = {}
+    for result in results:
+        method = result["method"]
+        if result.get("chosen") or method in looks:
+            continue
+        rule = method
+        if method not in RULES:
+            rule = method.split(",")[0].split(" in ")[0]
         if rule not in colours:
-            colours[rule] = RULES.get(rule) or next(spare)
-        number = variants.get(rule, 0)
-        variants[rule] = number + 1
-        yield method, (colours[rule], _MARKERS[number % len(_MARKERS)])
+            colours[rule] = RULES.get(rule) or next(spare_colours)
+            variants[rule] = 0
+        looks[method] = (colours[rule], MARKERS[variants[rule] % len(MARKERS)])
+        variants[rule] += 1
+    return looks
 
 
-def _panel(
-    axes: Axes, results: list[dict[str, Any]], looks: dict, document: dict[str, Any], stage: str
+def draw_panel(
+    axes: Axes,
+    results: list[dict[str, Any]],
+    looks: dict[str, Look],
+    document: dict[str, Any],
+    stage: str,
 ) -> None:
+    """Draw the results of one scene."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_minor_formatter(NullFormatter())
-    _front(axes, results, stage)
+
+    # The staircase under which nothing was measured.
+    corners = sorted(place_of(result, stage) for result in results if result["pareto"])
+    if corners:
+        x, y = np.array(corners).T
+        axes.step(np.r_[x, x[-1] * 1e6], np.r_[y, y[-1]], where="post", color=FRONT_COLOUR, lw=4,
+                  zorder=1, solid_capstyle="butt")  # fmt: skip
+
+    # A method's settings from the cheapest to the dearest, each with its p99.9 as a whisker.
+    factor = time_unit(stage)[0]
     for method, (colour, marker) in looks.items():
-        own = [r for r in results if r["method"] == method and not r.get("chosen")]
-        _curve(axes, own, colour, marker, stage)
-    for r in results:
-        if r.get("chosen"):
-            _star(axes, r, stage)
-    if results[0]["unit"] == "m" and stage != "register":
+        settings = [r for r in results if r["method"] == method and not r.get("chosen")]
+        if not settings:
+            continue
+        settings.sort(key=lambda result: result["time_us_median"])
+        x, y = np.array([place_of(result, stage) for result in settings]).T
+        whiskers = np.zeros((2, len(settings)))
+        for k, result in enumerate(settings):
+            whiskers[1, k] = max(factor * tail_us(result) - x[k], 0.0)
+        axes.errorbar(x, y, xerr=whiskers, capsize=1.5, color=colour, marker=marker, ms=4, lw=1.0,
+                      elinewidth=0.7, zorder=4)  # fmt: skip
+
+    # The chosen settings: RMS at the star, the maximum at the end of the line above it.
+    for result in results:
+        if result.get("chosen"):
+            x, y = place_of(result, stage)
+            top = place_of(result, stage, "error_max")[1]
+            axes.plot([x, x], [y, top], "-", color="black", lw=0.8, zorder=5)
+            axes.plot([x], [top], "_", color="black", ms=6, zorder=5)
+            axes.plot([x], [y], "*", ms=12, mfc=BRIDGED, mec="black", mew=0.8, zorder=6)
+
+    if has_tolerance(stage, results):
         axes.axhline(document["tolerance_m"] * 1e6, color="black", ls=":", lw=1.0)
-    if stage in TICK_STAGES:
-        axes.axvline(document["budget_us"] * _clock(stage)[0], color=CONTACT, ls=":", lw=1.0)
+    if is_tick_stage(stage):
+        axes.axvline(document["budget_us"] * factor, color=CONTACT, ls=":", lw=1.0)
 
 
-def _clock(stage: str) -> tuple[float, str]:
+def time_unit(stage: str) -> tuple[float, str]:
     """Factor from microseconds, and the unit's name."""
-    return (1e-3, "ms") if stage in ("extract", "plan") else (1.0, "µs")
+    if stage in ("extract", "plan"):
+        return 1e-3, "ms"
+    return 1.0, "µs"
 
 
-def _place(result: dict[str, Any], stage: str, error: str = "error_rms") -> tuple[float, float]:
-    unit = result["unit"]
-    across = result["time_us_median"] * _clock(stage)[0]
-    return across, max(result[error] * SCALE[unit][0], FLOOR[unit])
+def place_of(result: dict[str, Any], stage: str, error: str = "error_rms") -> tuple[float, float]:
+    """Time and error of a result in the units of the diagram."""
+    x = result["time_us_median"] * time_unit(stage)[0]
+    if result["unit"] == "m":
+        return x, max(result[error] * 1e6, SMALLEST_UM)
+    return x, max(result[error], SMALLEST_PX)
 
 
-def _star(axes: Axes, result: dict[str, Any], stage: str) -> None:
-    """The chosen settings: RMS at the star, the maximum at the end of the line above it."""
-    (x, y), (_, top) = _place(result, stage), _place(result, stage, "error_max")
-    axes.plot([x, x], [y, top], "-", color="black", lw=0.8, zorder=5)
-    axes.plot([x], [top], "_", color="black", ms=6, zorder=5)
-    axes.plot([x], [y], "*", ms=12, mfc=BRIDGED, mec="black", mew=0.8, zorder=6)
+def tail_us(result: dict[str, Any]) -> float:
+    """The p99.9 of a result's times [µs]; its median where a document has none."""
+    return result.get("time_us_p999", result["time_us_median"])
 
 
-def _curve(axes: Axes, results: list[dict[str, Any]], colour: str, marker: str, stage: str) -> None:
-    """A method's settings from the cheapest to the dearest, each with its p99.9 as a whisker."""
-    if not results:
-        return
-    results = sorted(results, key=lambda r: r["time_us_median"])
-    x, y = np.array([_place(r, stage) for r in results]).T
-    factor = _clock(stage)[0]
-    tail = factor * np.array([r.get("time_us_p999", r["time_us_median"]) for r in results]) - x
-    axes.errorbar(
-        x, y, xerr=[np.zeros_like(tail), np.maximum(tail, 0)], capsize=1.5, color=colour,
-        marker=marker, ms=4, lw=1.0, elinewidth=0.7, zorder=4,
-    )  # fmt: skip
+def has_tolerance(stage: str, results: list[dict[str, Any]]) -> bool:
+    """Whether the tolerance bounds the errors of a stage."""
+    return stage != "register" and results[0]["unit"] == "m"
 
 
-def _front(axes: Axes, results: list[dict[str, Any]], stage: str) -> None:
-    """The staircase under which nothing was measured."""
-    corners = sorted(_place(r, stage) for r in results if r["pareto"])
-    if not corners:
-        return
-    x, y = np.array(corners).T
-    axes.step(
-        np.r_[x, x[-1] * 1e6], np.r_[y, y[-1]], where="post", color="#c8c8c8", lw=4, zorder=1,
-        solid_capstyle="butt",
-    )  # fmt: skip
-
-
-def _limits(axes: Axes, results: list[dict[str, Any]], document: dict, stage: str) -> None:
+def set_limits(
+    axes: Axes, results: list[dict[str, Any]], document: dict[str, Any], stage: str
+) -> None:
     """All panels share one window: every result, the tolerance and the budget, with a margin."""
-    x, y = np.array([_place(r, stage) for r in results]).T
-    top = max(_place(r, stage, "error_max" if r.get("chosen") else "error_rms")[1] for r in results)
-    tails = [r.get("time_us_p999", r["time_us_median"]) * _clock(stage)[0] for r in results]
-    ends = [x.min(), max(x.max(), *tails)]
-    if stage in TICK_STAGES:
-        ends.append(document["budget_us"])
-    levels = [y.min(), top]
-    if results[0]["unit"] == "m" and stage != "register":
-        levels.append(document["tolerance_m"] * 1e6)
-    for set_limits, values in ((axes.set_xlim, ends), (axes.set_ylim, levels)):
-        low, high = np.log10(min(values)), np.log10(max(values))
-        spare = max(0.08 * (high - low), 0.5 * (1 - (high - low)), 0.05)
-        set_limits(10 ** (low - spare), 10 ** (high + spare))
+    factor = time_unit(stage)[0]
+    times = []
+    errors = []
+    for result in results:
+        x, y = place_of(result, stage)
+        times += [x, factor * tail_us(result)]
+        errors.append(y)
+        if result.get("chosen"):
+            errors.append(place_of(result, stage, "error_max")[1])
+    if is_tick_stage(stage):
+        times.append(document["budget_us"])
+    if has_tolerance(stage, results):
+        errors.append(document["tolerance_m"] * 1e6)
+    for set_limit, values in ((axes.set_xlim, times), (axes.set_ylim, errors)):
+        low = np.log10(min(values))
+        high = np.log10(max(values))
+        padding = max(0.08 * (high - low), 0.5 * (1 - (high - low)), 0.05)
+        set_limit(10 ** (low - padding), 10 ** (high + padding))
 
 
-def _legend(
-    looks: dict, document: dict[str, Any], stage: str, results: list[dict[str, Any]]
+def legend_handles(
+    looks: dict[str, Look],
+    document: dict[str, Any],
+    stage: str,
+    results: list[dict[str, Any]],
 ) -> list[Line2D]:
-    handles = [
-        Line2D([], [], color=colour, marker=marker, ms=4, lw=1.0, label=method)
-        for method, (colour, marker) in looks.items()
-    ]
-    handles.append(Line2D([], [], color="#c8c8c8", lw=4, label="Pareto front"))
-    if any(r.get("chosen") for r in results):
-        star = {"ls": "", "marker": "*", "ms": 11, "mfc": BRIDGED, "mec": "black"}
-        handles.append(Line2D([], [], label="chosen", **star))
-    if results[0]["unit"] == "m" and stage != "register":
+    """The entries of the legend."""
+    handles = []
+    for method, (colour, marker) in looks.items():
+        handles.append(Line2D([], [], color=colour, marker=marker, ms=4, lw=1.0, label=method))
+    handles.append(Line2D([], [], color=FRONT_COLOUR, lw=4, label="Pareto front"))
+    if any(result.get("chosen") for result in results):
+        handles.append(
+            Line2D([], [], ls="", marker="*", ms=11, mfc=BRIDGED, mec="black", label="chosen")
+        )
+    if has_tolerance(stage, results):
         label = f"tolerance {document['tolerance_m'] * 1e6:g} µm"
         handles.append(Line2D([], [], color="black", ls=":", label=label))
-    if stage in TICK_STAGES:
+    if is_tick_stage(stage):
         label = f"budget {document['budget_us']:g} µs"
         handles.append(Line2D([], [], color=CONTACT, ls=":", label=label))
     return handles

@@ -7,6 +7,7 @@ given points on them, refined as `vfplan import` refines a mesh.
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,10 +62,12 @@ class BoxMesh(Walls):
     @cached_property
     def mesh(self) -> tuple[Array, Triangles]:
         """Corners (8, 3) [m] and triangles (12, 3)."""
-        corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+        signs = np.array(list(product((-1, 1), repeat=3)))
         faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-        triangles = [half for a, b, c, d in faces for half in ((a, b, c), (a, c, d))]
-        return corners * self.half, np.array(triangles, np.int32)
+        triangles = []
+        for a, b, c, d in faces:
+            triangles += [(a, b, c), (a, c, d)]
+        return signs * self.half, np.array(triangles, np.int32)
 
     @cached_property
     def points(self) -> Array:
@@ -82,20 +85,21 @@ class BoxMesh(Walls):
         x, _, z = self.half
         top = z + 0.003
         side = x + 0.003
-        way = [
+        path = [
             (0.0, 0.004, z + 0.015),
             (0.0, 0.004, top),
             (side, 0.005, top),
             (side, 0.006, -0.005),
+            (x + 0.015, 0.006, -0.005),
         ]
-        return {"over an edge": np.array([*way, (x + 0.015, 0.006, -0.005)])}
+        return {"over an edge": np.array(path)}
 
 
 def cut_octahedron(cuts: int) -> tuple[Array, Triangles]:
     """Corners (N, 3) and triangles (K, 3) of an octahedron, each face cut into cuts² triangles."""
     places: list[tuple[int, ...]] = []
     triangles: list[tuple[int, int, int]] = []
-    for signs in [(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]:
+    for signs in product((-1, 1), repeat=3):
         number = {}
         for i in range(cuts + 1):
             for j in range(cuts + 1 - i):

@@ -35,13 +35,26 @@ from vfplan.engine.ticks import Status, Step
 from vfplan.errors import SettingError
 
 TIMEOUT_S = 120.0
+"""Time after which a peer that still runs has failed [s]."""
+
+BUILD_TIMEOUT_S = 120.0
+"""Time after which building the shipped peer has failed [s]."""
+
+QUOTED_CHARACTERS = 200
+"""Length of a peer's own message in an error."""
 
 
 @dataclass(frozen=True)
 class Peer:
-    """An outside program."""
+    """An outside program.
 
-    command: str  # as a shell would split it; the folder is appended
+    Parameters
+    ----------
+    command
+        As a shell would split it; the folder is appended.
+    """
+
+    command: str
 
     @property
     def name(self) -> str:
@@ -55,26 +68,44 @@ class Peer:
     def check(self) -> None:
         """Raise `SettingError` when the program cannot be started at all."""
         if not self.command.strip() or which(self._words[0]) is None:
-            raise SettingError(f"peer {self.command!r}: no such program")
+            raise SettingError(
+                f"peer {self.command!r}: no such program; give one that can be run",
+                code="no-such-peer",
+            )
 
     def run(self, points: Array, hips: Array, settings: ProxyParameters) -> tuple[Array, Array]:
-        """Proxies (T, 3) [m] and times (T,) [µs]; the settings' ignored axis is honoured.
+        """Proxies (T, 3) [m] and times (T,) [µs]; the settings' ignored axis counts.
 
-        Raises SettingError: the program failed, took longer than two minutes, or wrote something
-            else
+        Raises
+        ------
+        SettingError
+            The program failed, took longer than two minutes, or wrote something else.
         """
-        axis = settings.ignore_axis
-        flat = np.eye(3) if axis is None else np.eye(3) - np.outer(axis, axis)
+        flat = flattening(settings.ignore_axis)
         with tempfile.TemporaryDirectory(prefix="vfplan-peer-") as name:
             folder = Path(name)
-            _write(folder / "points.csv", points @ flat)
-            _write(folder / "path.csv", hips @ flat)
-            (folder / "settings.csv").write_text(_settings(settings))
-            self._call(folder)
-            table = self._read(folder / "proxies.csv", len(hips))
+            for file, rows in (("points.csv", points @ flat), ("path.csv", hips @ flat)):
+                np.savetxt(folder / file, rows, "%.17g", ",", header="x,y,z", comments="")
+            (folder / "settings.csv").write_text(settings_table(settings))
+            self.call(folder)
+            path = folder / "proxies.csv"
+            try:
+                table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+            except (OSError, ValueError) as error:
+                raise SettingError(
+                    f"peer {self.name!r}: proxies.csv: {error}; it must write one row a tick",
+                    code="peer-answer",
+                ) from None
+        if table.shape != (len(hips), 4) or not np.isfinite(table).all():
+            raise SettingError(
+                f"peer {self.name!r}: proxies.csv holds {table.shape} numbers; "
+                f"({len(hips)}, 4) finite ones are wanted",
+                code="peer-answer",
+            )
         return table[:, :3] + hips @ (np.eye(3) - flat), table[:, 3]
 
-    def _call(self, folder: Path) -> None:
+    def call(self, folder: Path) -> None:
+        """Run the program on a folder; raises `SettingError`."""
         try:
             done = subprocess.run(
                 [*self._words, str(folder)],
@@ -85,45 +116,46 @@ class Peer:
                 env=os.environ | {"LC_ALL": "C"},
             )
         except subprocess.TimeoutExpired:
-            raise SettingError(f"peer {self.name!r}: not done in {TIMEOUT_S:g} s") from None
-        except OSError as error:
-            raise SettingError(f"peer {self.command!r}: {error.strerror}") from None
-        if done.returncode:
-            said = " ".join(done.stderr.split())[-200:] or "no message"
-            raise SettingError(f"peer {self.name!r}: exit code {done.returncode}: {said}")
-
-    def _read(self, path: Path, ticks: int) -> Array:
-        try:
-            table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-        except (OSError, ValueError) as error:
-            raise SettingError(f"peer {self.name!r}: proxies.csv: {error}") from None
-        if table.shape != (ticks, 4) or not np.isfinite(table).all():
             raise SettingError(
-                f"peer {self.name!r}: proxies.csv holds {table.shape} numbers; "
-                f"({ticks}, 4) finite ones are wanted"
+                f"peer {self.name!r}: not done in {TIMEOUT_S:g} s; give a faster one",
+                code="peer-slow",
+            ) from None
+        except OSError as error:
+            raise SettingError(
+                f"peer {self.command!r}: {error.strerror}; give a program that runs",
+                code="no-such-peer",
+            ) from None
+        if done.returncode:
+            message = " ".join(done.stderr.split())[-QUOTED_CHARACTERS:] or "no message"
+            raise SettingError(
+                f"peer {self.name!r}: exit code {done.returncode}: {message}", code="peer-failed"
             )
-        return table
 
 
-def _write(path: Path, rows: Array) -> None:
-    np.savetxt(path, rows, delimiter=",", header="x,y,z", comments="", fmt="%.17g")
+def flattening(axis: Array | None) -> Array:
+    """(3, 3) the map that presses space flat along an axis; the identity without one."""
+    if axis is None:
+        return np.eye(3)
+    return np.eye(3) - np.outer(axis, axis)
 
 
-def _settings(par: ProxyParameters) -> str:
+def settings_table(parameters: ProxyParameters) -> str:
+    """The content of `settings.csv`."""
     values: dict[str, Any] = {
-        "contact_radius": par.rc,
-        "band": par.band,
-        "point_radius": par.rv,
-        "outer_radius": par.r3,
-        "stiffness": par.stiffness[0],
-        "gain": par.xi,
+        "contact_radius": parameters.rc,
+        "band": parameters.band,
+        "point_radius": parameters.rv,
+        "outer_radius": parameters.r3,
+        "stiffness": parameters.stiffness[0],
+        "gain": parameters.xi,
     }
-    if par.ignore_axis is not None:
-        values |= {f"ignore_axis_{k}": a for k, a in zip("xyz", par.ignore_axis, strict=True)}
-    return "name,value\n" + "".join(f"{k},{v:.17g}\n" for k, v in values.items())
-
-
-BUILD_S = 120.0  # after which building the shipped peer is given up
+    if parameters.ignore_axis is not None:
+        for letter, value in zip("xyz", parameters.ignore_axis, strict=True):
+            values[f"ignore_axis_{letter}"] = value
+    lines = ["name,value"]
+    for name, value in values.items():
+        lines.append(f"{name},{value:.17g}")
+    return "\n".join(lines) + "\n"
 
 
 def build_nanoflann(folder: Path) -> Peer:
@@ -142,16 +174,20 @@ def build_nanoflann(folder: Path) -> Peer:
         command = [compiler, "-std=c++20", "-O3", "-o", str(program), str(source)]
         try:
             done = subprocess.run(
-                command, capture_output=True, text=True, timeout=BUILD_S, check=False
+                command, capture_output=True, text=True, timeout=BUILD_TIMEOUT_S, check=False
             )
         except (OSError, subprocess.TimeoutExpired) as error:
             raise SettingError(
                 f"the nanoflann peer did not run: {error}", code="peer-not-built"
             ) from None
     if done.returncode:
-        first = next((line for line in done.stderr.splitlines() if "error" in line), "")
+        reason = "no message"
+        for line in done.stderr.splitlines():
+            if "error" in line:
+                reason = line.strip()
+                break
         raise SettingError(
-            f"the nanoflann peer did not compile: {first.strip()} (apt install libnanoflann-dev)",
+            f"the nanoflann peer did not compile: {reason} (apt install libnanoflann-dev)",
             code="peer-not-built",
         )
     return Peer(shlex.quote(str(program)))
@@ -171,8 +207,7 @@ class NearestPointPenalty:
         from scipy.spatial import cKDTree
 
         self.parameters = ProxyParameters.make(points, rule="paper", **parameters)
-        axis = self.parameters.ignore_axis
-        self._flat = np.eye(3) if axis is None else np.eye(3) - np.outer(axis, axis)
+        self._flat = flattening(self.parameters.ignore_axis)
         self._points = points @ self._flat
         self._tree = cKDTree(self._points)
 
@@ -183,9 +218,13 @@ class NearestPointPenalty:
         """One tick."""
         x = self._flat @ hip
         distance, i = self._tree.query(x)
-        away = x - self._points[i]
-        short = self.parameters.R - distance
-        normal = away / distance if distance > 0 else np.zeros(3)
-        push = normal * max(short, 0.0)
+        depth = self.parameters.R - distance
+        normal = np.zeros(3)
+        if distance > 0:
+            normal = (x - self._points[i]) / distance
+        push = normal * max(depth, 0.0)
         force = self.parameters.stiffness * push
-        return Step(hip + push, normal, force, 1 if short > 0 else 0, Status.OK)
+        state = 0
+        if depth > 0:
+            state = 1
+        return Step(hip + push, normal, force, state, Status.OK)

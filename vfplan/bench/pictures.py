@@ -13,9 +13,14 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-SIZE = (640, 480)  # width and height of the drawn slice at scale 1 [px]
-PEN = (226.0, 26.0, 32.0)
-_SUB = 8
+WIDTH_PX = 640
+"""Width of the drawn slice at scale 1 [px]."""
+
+HEIGHT_PX = 480
+"""Height of the drawn slice at scale 1 [px]."""
+
+SUBPIXELS = 8
+"""A pixel's coverage is counted on a grid of this many places along u and along v."""
 
 
 def picture(pen_px: float, quality: int | None = None, scale: float = 1.0) -> NDArray[np.uint8]:
@@ -25,17 +30,25 @@ def picture(pen_px: float, quality: int | None = None, scale: float = 1.0) -> ND
     quality: JPEG quality with 4:2:0 chroma; `None`: lossless
     scale: pixels of the image for each pixel of the original: how fine the slice was captured
     """
-    rgb = _painted(pen_px, scale)
-    return rgb if quality is None else _jpeg(rgb, quality)
+    rgb = painted_slice(pen_px, scale)
+    if quality is None:
+        return rgb
+    import cv2
+
+    flags = [cv2.IMWRITE_JPEG_QUALITY, quality]
+    flags += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420]
+    _, data = cv2.imencode(".jpg", rgb[..., ::-1], flags)
+    return np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
 
 
 @lru_cache(maxsize=32)
-def _painted(pen_px: float, scale: float) -> NDArray[np.uint8]:
+def painted_slice(pen_px: float, scale: float) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 before any JPEG; kept, since every quality begins with it."""
-    width, height = (round(n * scale) for n in SIZE)
-    share = coverage((height, width), to_pixels(curve(), scale), pen_px * scale)
-    grey = _slice((height, width), scale)[..., None]
-    painted = grey + share[..., None] * (np.array(PEN) - grey)
+    shape = (round(HEIGHT_PX * scale), round(WIDTH_PX * scale))
+    share = coverage(shape, to_pixels(curve(), scale), pen_px * scale)
+    grey = grey_slice(shape, scale)[..., None]
+    pen = np.array([226.0, 26.0, 32.0])
+    painted = grey + share[..., None] * (pen - grey)
     rgb = np.clip(np.rint(painted), 0, 255).astype(np.uint8)
     rgb.setflags(write=False)
     return rgb
@@ -50,7 +63,7 @@ def curve() -> Array:
     dense = np.column_stack([u, v])
     s = np.r_[0, np.cumsum(np.hypot(*np.diff(dense, axis=0).T))]
     even = np.arange(0, s[-1], 0.05)
-    return np.column_stack([np.interp(even, s, dense[:, k]) for k in (0, 1)])
+    return np.column_stack([np.interp(even, s, u), np.interp(even, s, v)])
 
 
 def to_pixels(points: Array, scale: float) -> Array:
@@ -68,12 +81,16 @@ def coverage(shape: tuple[int, int], line: Array, width: float) -> Array:
     from scipy.ndimage import distance_transform_edt
     from scipy.spatial import cKDTree
 
-    away = np.ones(shape, bool)
+    # Only the pixels close to the line can hold ink.
+    is_off_line = np.ones(shape, bool)
     u, v = np.rint(line).astype(int).T
-    away[v, u] = False
-    rows, cols = np.nonzero(distance_transform_edt(away) <= width / 2 + 2)
-    offset = (np.arange(_SUB) + 0.5) / _SUB - 0.5
-    du, dv = (grid.ravel() for grid in np.meshgrid(offset, offset))
+    is_off_line[v, u] = False
+    rows, cols = np.nonzero(distance_transform_edt(is_off_line) <= width / 2 + 2)
+
+    # Of each of these, the share of its inner places that the pen covers.
+    offset = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
+    du = np.tile(offset, SUBPIXELS)
+    dv = np.repeat(offset, SUBPIXELS)
     inner = np.column_stack([(cols[:, None] + du).ravel(), (rows[:, None] + dv).ravel()])
     distance, _ = cKDTree(line).query(inner, distance_upper_bound=width / 2 + 1)
     share = np.zeros(shape)
@@ -82,7 +99,7 @@ def coverage(shape: tuple[int, int], line: Array, width: float) -> Array:
 
 
 @lru_cache(maxsize=8)
-def _slice(shape: tuple[int, int], scale: float) -> Array:
+def grey_slice(shape: tuple[int, int], scale: float) -> Array:
     """(H, W) grey 0..255: soft tissue, two bright-rimmed bones, fine noise; the same every time."""
     from scipy.ndimage import gaussian_filter
 
@@ -93,12 +110,3 @@ def _slice(shape: tuple[int, int], scale: float) -> Array:
         grey = np.where(depth > 0, 140 + 95 * np.exp(-((depth / 7) ** 2)), grey)
     rng = np.random.default_rng(3)
     return np.clip(gaussian_filter(grey, 0.8) + rng.normal(0, 2.5, shape), 5, 250)
-
-
-def _jpeg(rgb: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
-    import cv2
-
-    flags = [cv2.IMWRITE_JPEG_QUALITY, quality]
-    flags += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420]
-    _, data = cv2.imencode(".jpg", rgb[..., ::-1], flags)
-    return np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])

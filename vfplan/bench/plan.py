@@ -14,73 +14,85 @@ from dataclasses import replace
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import numpy as np
 from scipy.spatial import cKDTree
 
 from vfplan.bench.cases import Elbow, elbow_map
-from vfplan.bench.record import Array, Record, Setting, Trial, errors_of, timed
+from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed
 from vfplan.bench.sample import Line, planned_surface
 from vfplan.planning import ExtractSettings, FixtureSettings, plan
 
 R = 5e-3
-TOLERANCES = {True: (1e-4, 1e-5), False: (3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)}
-STRIDE = 5  # every fifth place of the true surface, 0.1 mm apart, is looked at
+"""Contact radius [m], as in the paper."""
+
+STRIDE = 5
+"""Every so many places of the true surface count, 0.1 mm apart."""
 
 
-def scenes(quick: bool, tolerance_m: float) -> Iterator[list[Trial]]:
-    """The trials with the shipped and with exact markers."""
-    surface = true_surface()
-    for name, exact in (("elbow, markers touched", False), ("elbow, exact markers", True)):
-        yield list(_trials(name, exact, surface, TOLERANCES[quick], tolerance_m))
+class PlanMethod(NamedTuple):
+    """A path through the pipeline: its name, its setting for the table, and its settings."""
+
+    name: str
+    listed: dict[str, Setting]
+    extraction: ExtractSettings
+    settings: FixtureSettings
 
 
-def _trials(
-    scene: str, exact: bool, surface: Array, tolerances: tuple[float, ...], chosen_m: float
-) -> Iterator[Trial]:
-    for method, given, extraction, settings in _ways(sorted({*tolerances, chosen_m}, reverse=True)):
-        run = partial(_plan, extraction, settings, exact)
-        chosen = method == "ridge" and given["tolerance_m"] == chosen_m
-        yield Trial(scene, method, given, run, partial(_score, surface=surface), "m", chosen)
+def scenes(quick: bool, tolerance_m: float) -> Iterator[list[BenchRun]]:
+    """The runs with the shipped and with exact markers."""
+    tolerances = {3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, tolerance_m}
+    if quick:
+        tolerances = {1e-4, 1e-5, tolerance_m}
+    score = partial(score_plan, surface=true_surface())
+    for scene, exact in (("elbow, markers touched", False), ("elbow, exact markers", True)):
+        runs = []
+        for method in methods(sorted(tolerances, reverse=True)):
+            run = partial(plan_elbow, method.extraction, method.settings, exact)
+            chosen = method.name == "ridge" and method.listed["tolerance_m"] == tolerance_m
+            runs.append(BenchRun(scene, method.name, method.listed, run, score, "m", chosen))
+        yield runs
 
 
-Way = tuple[str, dict[str, Setting], ExtractSettings, FixtureSettings]
-
-
-def _ways(tolerances: list[float]) -> Iterator[Way]:
-    """The ways through the pipeline: their methods, settings by name, and settings."""
+def methods(tolerances: list[float]) -> Iterator[PlanMethod]:
+    """The paths through the pipeline that are compared."""
+    spacing = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
+    skeleton = ExtractSettings(method="skeleton")
     for tolerance in tolerances:
-        fixture = FixtureSettings(tolerance_m=tolerance)
-        given: dict[str, Setting] = {"tolerance_m": tolerance}
-        yield "ridge", given, ExtractSettings(), fixture
-        yield "skeleton", given, ExtractSettings(method="skeleton"), fixture
-        spacing = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
-        yield "ridge, rigid", given, spacing, replace(fixture, model="rigid")
-    yield "the paper's: every mask pixel", {}, ExtractSettings(method="mask"), FixtureSettings()
-
-
-def _plan(extraction: ExtractSettings, settings: FixtureSettings, exact: bool) -> tuple[Any, Array]:
-    folder = files("vfplan.samples")
-    image, source, target = (
-        Path(str(folder / f"elbow{name}"))
-        for name in (".png", "_markers_image.csv", "_markers_robot.csv")
+        settings = FixtureSettings(tolerance_m=tolerance)
+        listed: dict[str, Setting] = {"tolerance_m": tolerance}
+        yield PlanMethod("ridge", listed, ExtractSettings(), settings)
+        yield PlanMethod("skeleton", listed, skeleton, settings)
+        yield PlanMethod("ridge, rigid", listed, spacing, replace(settings, model="rigid"))
+    yield PlanMethod(
+        "the paper's: every mask pixel", {}, ExtractSettings(method="mask"), FixtureSettings()
     )
+
+
+def plan_elbow(
+    extraction: ExtractSettings, settings: FixtureSettings, exact: bool
+) -> tuple[Any, Array]:
+    """The plan on the shipped slice, with the shipped or with exact markers, and its time."""
+    folder = Path(str(files("vfplan.samples")))
+    image = folder / "elbow.png"
+    source = folder / "elbow_markers_image.csv"
+    target = folder / "elbow_markers_robot.csv"
     with tempfile.TemporaryDirectory(prefix="vfplan-bench-") as name:
         if exact:
-            target = _exact_markers(source, Path(name) / "robot.csv")
-        return timed(partial(plan, image, source, target, extraction=extraction, settings=settings))
+            target = Path(name) / "robot.csv"
+            write_exact_markers(source, target)
+        call = partial(plan, image, source, target, extraction=extraction, settings=settings)
+        return timed(call)
 
 
-def _exact_markers(source: Path, target: Path) -> Path:
-    rows = [line.split(",") for line in source.read_text().splitlines()[1:]]
-    px = np.array([[float(u), float(v), 1.0] for _, u, v in rows])
-    lines = [
-        f"{label},{x:.17g},{y:.17g},{z:.17g}"
-        for (label, _, _), (x, y, z) in zip(rows, px @ elbow_map().T, strict=True)
-    ]
-    target.write_text("\n".join(["label,x_m,y_m,z_m", *lines]) + "\n")
-    return target
+def write_exact_markers(source: Path, target: Path) -> None:
+    """Write where the markers of the slice truly are in the robot's frame."""
+    lines = ["label,x_m,y_m,z_m"]
+    for row in source.read_text().splitlines()[1:]:
+        label, u, v = row.split(",")
+        x, y, z = elbow_map() @ [float(u), float(v), 1.0]
+        lines.append(f"{label},{x:.17g},{y:.17g},{z:.17g}")
+    target.write_text("\n".join(lines) + "\n")
 
 
 def true_surface() -> Array:
@@ -88,12 +100,12 @@ def true_surface() -> Array:
     return planned_surface(Line("elbow", *Elbow().runs))[::STRIDE]
 
 
-def _score(planned: Any, surface: Array) -> Record:
+def score_plan(planned: Any, surface: Array) -> Record:
     """|distance to the nearest point - R| at the true surface, in the plane of the table [m]."""
     points = planned.fixture.points * [1.0, 1.0, 0.0]
     nearest, _ = cKDTree(points).query(surface)
     report = planned.report["register"]
-    more = {"points": len(points), "predicted_tre_m": report["tre_rms_m"]}
+    figures = {"points": len(points), "predicted_tre_m": report["tre_rms_m"]}
     if "sampling_error_m" in report:
-        more["sampling_error_m"] = report["sampling_error_m"]
-    return errors_of(nearest - R, **more)
+        figures["sampling_error_m"] = report["sampling_error_m"]
+    return errors_of(nearest - R, **figures)

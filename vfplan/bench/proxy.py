@@ -6,7 +6,7 @@ force_rms_n, force_max_n
     RMS and maximum of |rendered - true force| over the same HIP path: the RMS force error of
     Ruffaldi, Morris et al., "Standardized evaluation of haptic rendering systems" (2006).
 surface_error_m
-    How far the proxy rests from the planned surface, either way, in contact; what a tolerance is
+    How far the proxy stands from the planned surface, either way, in contact; what a tolerance is
     about. `inside_m` is the part of it that counts: nearer to the exact geometry than R.
 followed_rms_m, followed_ticks
     The RMS error over the ticks in which an engine can follow the exact proxy at all
@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,7 @@ from scipy.spatial import cKDTree
 
 from vfplan.bench.cases import Case, NoisySheet, cases, chosen_points, fitted, is_drawn, is_mesh
 from vfplan.bench.peers import NearestPointPenalty, Peer
-from vfplan.bench.record import Array, Record, Setting, Trial, errors_of, timed_ticks
+from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed_ticks
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.planning.settings import DEFAULT_ARCS_M
@@ -38,210 +39,249 @@ from vfplan.reference import PaperProxy
 from vfplan.vectors.read import FINE_M
 
 R = 5e-3
+"""Contact radius [m], as in the paper."""
+
 STIFFNESS = 1000.0
-SPACINGS = {True: (1e-3, 0.5e-3), False: (2e-3, 1e-3, 0.5e-3, 0.25e-3)}
-# Looking at every point in every tick is left out beyond so many points x ticks.
-NUMPY_WORK, BRUTE_WORK = 4e7, 4e8
-HELD_M = 0.1e-3  # a HIP further than this behind the surface has a normal to speak of
+"""Stiffness of every engine [N/m]; errors in metres do not depend on it."""
+
+NUMPY_WORK = 4e7
+"""Number of points times ticks up to which the NumPy reference runs in good time."""
+
+BRUTE_WORK = 4e8
+"""Number of points times ticks up to which a look at every point in every tick does."""
+
+CONTACT_DEPTH_M = 0.1e-3
+"""A HIP further than this behind the surface [m] has a well-known normal."""
 
 Make = Callable[[Case], tuple[Any, dict[str, Any]]]
 
 
 @dataclass(frozen=True)
 class Method:
-    """A way to render."""
+    """One rule and one engine, with its settings.
 
-    make: Make  # an engine on a case's cloud or what is fitted to it, and what is told of that
-    most_work: float = np.inf  # points x ticks beyond which it is left out
-    settings: tuple[tuple[str, Setting], ...] = ()  # beyond the spacing
-    full_only: bool = False  # left out of a quick run
-    slow: bool = False  # left out of a quick run where there is one spacing alone
-    shaped: bool = False  # for drawings and meshes alone, which hold more than points
-    in_space: bool = False  # given the cloud of an extruded drawing, without an ignored axis
+    Parameters
+    ----------
+    make
+        An engine on the cloud of a case, or on what is fitted to it, and figures of that.
+    max_work
+        Number of points times ticks beyond which it does not run.
+    settings
+        Those besides the spacing.
+    full_only
+        It does not run in a quick run.
+    slow
+        It does not run in a quick run where there is one spacing alone.
+    needs_shape
+        For drawings and meshes alone, which hold more than points.
+    in_space
+        On the cloud of an extruded drawing, without an ignored axis.
+    """
+
+    make: Make
+    max_work: float = np.inf
+    settings: tuple[tuple[str, Setting], ...] = ()
+    full_only: bool = False
+    slow: bool = False
+    needs_shape: bool = False
+    in_space: bool = False
 
 
-def _engine(kind: type = ProxyEngine, **settings: Any) -> Make:
-    return lambda case: (_on(case.scene.points, case, kind, **settings), {})
+def engine_on_points(
+    case: Case, kind: type = ProxyEngine, **settings: Any
+) -> tuple[Any, dict[str, Any]]:
+    """An engine on the cloud of a case."""
+    axis = case.scene.ignore_axis
+    return kind(case.scene.points, ignore_axis=axis, stiffness=STIFFNESS, **settings), {}
 
 
-def _on(points: Array, case: Case, kind: type = ProxyEngine, **settings: Any) -> Any:
-    return kind(points, ignore_axis=case.scene.ignore_axis, stiffness=STIFFNESS, **settings)
-
-
-def _along(case: Case) -> tuple[Any, dict[str, Any]]:
+def engine_on_arcs(case: Case) -> tuple[Any, dict[str, Any]]:
+    """Rule "exact" on lines and arcs through the cloud of a drawing."""
     pieces = fitted(case.scene)
     engine = ProxyEngine.along(pieces, R, stiffness=STIFFNESS)
     return engine, {"lines_and_arcs": pieces.count}
 
 
-def _exact(case: Case) -> tuple[Any, dict[str, Any]]:
+def exact_engine(case: Case) -> tuple[Any, dict[str, Any]]:
     """Rule "exact" on what the scene is made of: lines and arcs, or triangles."""
     if is_mesh(case.scene):
         corners, triangles = case.scene.mesh
         engine = ProxyEngine.on(corners, triangles, R, stiffness=STIFFNESS)
         return engine, {"triangles": len(triangles)}
-    return _along(case)
+    return engine_on_arcs(case)
 
 
-def _limited(n: int) -> Method:
+def limited(iterations: int, full_only: bool = False) -> Method:
+    """Rule "robust" with a limit on its iterations in a tick."""
     return Method(
-        _engine(max_iterations=n), settings=(("max_iterations", n),), full_only=n not in (1, 4)
-    )
+        partial(engine_on_points, max_iterations=iterations),
+        settings=(("max_iterations", iterations),), full_only=full_only,
+    )  # fmt: skip
 
 
 BRUTE = (("search", "brute"),)
 METHODS: dict[str, Method] = {
-    "robust": Method(_engine()),
-    **{f"robust, {n} iteration{'s' * (n > 1)}": _limited(n) for n in (1, 2, 4, 8)},
-    "robust, every point": Method(_engine(search="brute"), BRUTE_WORK, BRUTE, True),
-    "robust, not planar": Method(_engine(), settings=(("planar", False),), in_space=True),
-    "paper": Method(_engine(rule="paper")),
-    "paper, every point": Method(_engine(rule="paper", search="brute"), BRUTE_WORK, BRUTE, True),
-    "paper in NumPy": Method(_engine(PaperProxy), NUMPY_WORK, slow=True),
-    "nearest-point penalty": Method(_engine(NearestPointPenalty)),
-    "exact": Method(_exact, shaped=True),
+    "robust": Method(engine_on_points),
+    "robust, 1 iteration": limited(1),
+    "robust, 2 iterations": limited(2, full_only=True),
+    "robust, 4 iterations": limited(4),
+    "robust, 8 iterations": limited(8, full_only=True),
+    "robust, every point": Method(
+        partial(engine_on_points, search="brute"), BRUTE_WORK, BRUTE, full_only=True
+    ),
+    "robust, not planar": Method(engine_on_points, settings=(("planar", False),), in_space=True),
+    "paper": Method(partial(engine_on_points, rule="paper")),
+    "paper, every point": Method(
+        partial(engine_on_points, rule="paper", search="brute"), BRUTE_WORK, BRUTE, full_only=True
+    ),
+    "paper in NumPy": Method(partial(engine_on_points, kind=PaperProxy), NUMPY_WORK, slow=True),
+    "nearest-point penalty": Method(partial(engine_on_points, kind=NearestPointPenalty)),
+    "exact": Method(exact_engine, needs_shape=True),
 }
 
 
-def scenes(quick: bool, tolerance_m: float, peers: Sequence[Peer] = ()) -> Iterator[list[Trial]]:
-    """The trials of each scene and route."""
+def scenes(quick: bool, tolerance_m: float, peers: Sequence[Peer] = ()) -> Iterator[list[BenchRun]]:
+    """The runs of each scene and route."""
+    spacings = (2e-3, 1e-3, 0.5e-3, 0.25e-3)
+    if quick:
+        spacings = (1e-3, 0.5e-3)
     for case in cases(quick):
-        trials = []
-        for spacing in case.spacings or SPACINGS[quick]:
-            trials += _trials(case.at(spacing), spacing, quick, peers)
-        yield [*trials, chosen_trial(case, tolerance_m)]
+        runs = []
+        for spacing in case.spacings or spacings:
+            runs += runs_on(case.at(spacing), spacing, quick, peers)
+        yield [*runs, chosen_run(case, tolerance_m)]
 
 
-def _trials(case: Case, spacing: float, quick: bool, peers: Sequence[Peer]) -> Iterator[Trial]:
-    """The trials of every method that this case can meet in good time."""
-    scene, solid = case.scene, case.solid
+def runs_on(case: Case, spacing: float, quick: bool, peers: Sequence[Peer]) -> Iterator[BenchRun]:
+    """The runs of every method on a case in good time, and of the peers."""
+    has_shape = is_drawn(case.scene) or is_mesh(case.scene)
     for name, method in METHODS.items():
-        seen = solid if method.in_space else case
-        has_shape = is_drawn(scene) or is_mesh(scene)
-        left_out = method.shaped and not has_shape
-        if quick and (method.full_only or (method.slow and case.spacings)):
-            left_out = True
-        if seen is None or left_out or len(seen.scene.points) * len(case.hips) > method.most_work:
+        method_case: Case | None = case
+        if method.in_space:
+            method_case = case.solid
+        if method_case is None or (method.needs_shape and not has_shape):
             continue
-        given: dict[str, Setting] = {"spacing_m": spacing, **dict(method.settings)}
-        yield _trial(seen, name, given, *method.make(seen))
+        if quick and (method.full_only or (method.slow and case.spacings)):
+            continue
+        if len(method_case.scene.points) * len(case.hips) > method.max_work:
+            continue
+        settings: dict[str, Setting] = {"spacing_m": spacing, **dict(method.settings)}
+        engine, figures = method.make(method_case)
+        points = method_case.scene.points
+        yield engine_run(method_case, name, settings, engine, points, figures)
+    points = case.scene.points
+    axis = case.scene.ignore_axis
     for peer in peers:
-        yield _peer_trial(case, peer, spacing)
+        parameters = ProxyParameters.make(
+            points, rule="paper", ignore_axis=axis, stiffness=STIFFNESS
+        )
+        figures = {"points": len(points), "band_m": parameters.band}
+        run = partial(peer.run, points, case.hips, parameters)
+        score = partial(judge, case, points, figures=figures)
+        yield BenchRun(case.name, peer.name, {"spacing_m": spacing}, run, score, "m", peer=True)
 
 
-def chosen_trial(case: Case, tolerance_m: float) -> Trial:
+def chosen_run(case: Case, tolerance_m: float) -> BenchRun:
     """What a plan makes of it: lines and arcs, triangles, or `robust` on the tolerance's points.
 
     A drawing is measured as a plan measures vectors.
     """
     scene = case.scene
     choice = choose(tolerance_m, R, planar=scene.ignore_axis is not None)
-    given: dict[str, Setting] = {"tolerance_m": choice.tolerance_m}
+    settings: dict[str, Setting] = {"tolerance_m": choice.tolerance_m}
     points = chosen_points(scene, choice)
+    figures: dict[str, Any] = {}
     if is_drawn(scene):
-        given["arcs_m"] = DEFAULT_ARCS_M
-        engine, more = _along(case.at(FINE_M))
+        settings["arcs_m"] = DEFAULT_ARCS_M
+        engine, figures = engine_on_arcs(case.at(FINE_M))
     elif is_mesh(scene):
-        engine, more = _exact(case)
-    elif isinstance(scene, NoisySheet):  # a measured cloud has no tolerance: as `vfplan import`
-        given["spacing_m"] = scene.spacing
+        engine, figures = exact_engine(case)
+    elif isinstance(scene, NoisySheet):
+        # A measured cloud has no tolerance: it is taken as `vfplan import` takes it.
+        settings["spacing_m"] = scene.spacing
         points = scene.points
-        engine, more = _on(points, case), {}
+        engine = ProxyEngine(points, ignore_axis=scene.ignore_axis, stiffness=STIFFNESS)
     else:
-        settings = {"band": choice.band_m, "max_iterations": choice.max_iterations}
-        given |= {"spacing_m": choice.spacing_m, "band_m": choice.band_m}
-        given["max_iterations"] = choice.max_iterations
-        engine, more = _on(points, case, **settings), {}
-    more["left_out"] = dict(engine.left_out)
-    return _trial(case, "chosen by tolerance", given, engine, more, points, chosen=True)
+        settings |= {
+            "spacing_m": choice.spacing_m,
+            "band_m": choice.band_m,
+            "max_iterations": choice.max_iterations,
+        }
+        engine = ProxyEngine(
+            points, ignore_axis=scene.ignore_axis, stiffness=STIFFNESS, band=choice.band_m,
+            max_iterations=choice.max_iterations,
+        )  # fmt: skip
+    figures["left_out"] = dict(engine.left_out)
+    return engine_run(case, "chosen by tolerance", settings, engine, points, figures, chosen=True)
 
 
-def _trial(
+def engine_run(
     case: Case,
     name: str,
     settings: dict[str, Setting],
     engine: Any,
-    more: dict[str, Any],
-    points: Array | None = None,
+    points: Array,
+    figures: dict[str, Any],
     chosen: bool = False,
-) -> Trial:
-    points = case.scene.points if points is None else points
-    more = {"points": len(points), "band_m": engine.parameters.band, **more}
+) -> BenchRun:
+    """An engine on the path of a case."""
+    figures = {"points": len(points), "band_m": engine.parameters.band, **figures}
 
     def run() -> tuple[Array, Array]:
         trace, us = timed_ticks(engine, case.hips)
         return trace.proxy, us
 
-    score = lambda proxy: judge(case, points, proxy, more)  # noqa: E731 - reads as its field
-    return Trial(case.name, name, settings, run, score, "m", chosen)
+    score = partial(judge, case, points, figures=figures)
+    return BenchRun(case.name, name, settings, run, score, "m", chosen)
 
 
-def _peer_trial(case: Case, peer: Peer, spacing: float) -> Trial:
-    """An outside program on this cloud, with the paper's settings."""
-    points, axis = case.scene.points, case.scene.ignore_axis
-    par = ProxyParameters.make(points, rule="paper", ignore_axis=axis, stiffness=STIFFNESS)
-    more = {"points": len(points), "band_m": par.band}
-    return Trial(
-        case.name, peer.name, {"spacing_m": spacing}, lambda: peer.run(points, case.hips, par),
-        lambda proxy: judge(case, points, proxy, more), "m", peer=True,
-    )  # fmt: skip
+def judge(case: Case, points: Array, proxy: Array, figures: dict[str, Any]) -> Record:
+    """Every figure of a rendered proxy (T, 3) [m] against the exact one, beside other figures."""
+    truth = case.truth
+    hips = case.hips
+    errors = np.linalg.norm(proxy - truth, axis=1)
 
-
-def judge(case: Case, points: Array, proxy: Array, more: dict[str, Any]) -> Record:
-    """Every figure of a rendered proxy (T, 3) [m] against the exact one."""
-    truth, hips = case.truth, case.hips
+    # The error of the force, and of the ticks that an engine can follow.
     force = case.scene.force(hips, proxy, STIFFNESS)
-    wrong = np.linalg.norm(force - case.scene.force(hips, truth, STIFFNESS), axis=1)
-    figures = {
-        "force_rms_n": float(np.sqrt(np.mean(wrong**2))),
-        "force_max_n": float(wrong.max()),
-        **_surface(case, proxy),
-        **_friction(case, proxy),
-        "clearance_min_m": _clearance(case, points, proxy),
-    }
-    off = np.linalg.norm(proxy - truth, axis=1)
-    return errors_of(off, **_followed(case, off), **figures, **more)
-
-
-def _followed(case: Case, off: Array) -> dict[str, Any]:
-    kept = off[case.followable]
-    return {
-        "ticks": len(off),
-        "followed_ticks": len(kept),
-        "followed_rms_m": float(np.sqrt(np.mean(kept**2))) if len(kept) else 0.0,
+    force_errors = np.linalg.norm(force - case.scene.force(hips, truth, STIFFNESS), axis=1)
+    followed = errors[case.followable]
+    record = {
+        "ticks": len(errors),
+        "followed_ticks": len(followed),
+        "followed_rms_m": root_mean_square(followed),
+        "force_rms_n": root_mean_square(force_errors),
+        "force_max_n": float(force_errors.max()),
     }
 
+    # The surface. Where the proxy is the exact one, as in free motion, its clearance is known.
+    clearance = case.clearance.copy()
+    has_moved = (proxy != truth).any(axis=1)
+    clearance[has_moved] = case.scene.clearance(proxy[has_moved]) - R
+    exact_pull = truth - hips
+    depth = np.linalg.norm(exact_pull, axis=1)
+    in_contact = depth > CONTACT_DEPTH_M
+    record["surface_error_m"] = float(np.abs(clearance[in_contact]).max(initial=0.0))
+    record["inside_m"] = float(max(0.0, -clearance.min()))
 
-def _surface(case: Case, proxy: Array) -> dict[str, Any]:
-    off = case.room.copy()
-    moved = (proxy != case.truth).any(axis=1)  # elsewhere, as in free motion, the room is known
-    off[moved] = case.scene.clearance(proxy[moved]) - R
-    depth = np.linalg.norm(case.truth - case.hips, axis=1)
+    # What a hand feels as friction: the part of the pull across the exact normal.
+    if in_contact.any():
+        normal = exact_pull[in_contact] / depth[in_contact, None]
+        pull = (proxy - hips)[in_contact]
+        along = (pull * normal).sum(axis=1)
+        lag = np.linalg.norm(pull - along[:, None] * normal, axis=1)
+        record["lag_rms_m"] = root_mean_square(lag)
+        record["friction"] = root_mean_square(lag / depth[in_contact])
 
-    def worst(mask: Any) -> float:
-        return float(np.abs(off[mask]).max()) if mask.any() else 0.0
-
-    return {
-        "surface_error_m": worst(depth > HELD_M),
-        "inside_m": float(max(0.0, -off.min())),
-    }
-
-
-def _friction(case: Case, proxy: Array) -> dict[str, Any]:
-    pull, exact = proxy - case.hips, case.truth - case.hips
-    depth = np.linalg.norm(exact, axis=1)
-    held = depth > HELD_M
-    if not held.any():
-        return {}
-    normal = exact[held] / depth[held, None]
-    along = (pull[held] * normal).sum(axis=1)
-    lag = np.linalg.norm(pull[held] - along[:, None] * normal, axis=1)
-    return {
-        "lag_rms_m": float(np.sqrt(np.mean(lag**2))),
-        "friction": float(np.sqrt(np.mean((lag / depth[held]) ** 2))),
-    }
+    flat = np.ones(3)
+    if case.scene.ignore_axis is not None:
+        flat = np.array([1.0, 1.0, 0.0])
+    nearest, _ = cKDTree(points * flat).query(proxy * flat)
+    record["clearance_min_m"] = float(nearest.min() - R)
+    return errors_of(errors, **record, **figures)
 
 
-def _clearance(case: Case, points: Array, proxy: Array) -> float:
-    flat = np.ones(3) if case.scene.ignore_axis is None else np.array([1.0, 1.0, 0.0])
-    return float(cKDTree(points * flat).query(proxy * flat)[0].min() - R)
+def root_mean_square(values: Array) -> float:
+    """The root of the mean square; 0 of no values."""
+    if not len(values):
+        return 0.0
+    return float(np.sqrt(np.mean(values**2)))

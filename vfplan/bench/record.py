@@ -1,7 +1,7 @@
-"""What the bench measures, side by side, and how it is written down: trials in, results out.
+"""What the bench measures, side by side, and how it is written down: runs in, results out.
 
-A trial is one method with one set of settings on one scene. It runs several times; its error is
-scored once (every method here is deterministic), its time by the median over all runs."""
+A run is one method with one set of settings on one scene. It is repeated; its error is scored once
+(every method here is deterministic), its time by the median over all repeats."""
 
 from __future__ import annotations
 
@@ -18,19 +18,27 @@ from vfplan.replaying import timing
 
 Array = NDArray[np.float64]
 Setting = str | float | int | bool | None
-
-
 Record = dict[str, Any]
+Advance = Callable[[int], None]
+
+SMALLEST_ERROR_M = 1e-9
+"""Errors below a nanometre [m] are rounding, and count as equal."""
+
+FEWEST_REPEATS = 3
+"""Number of timed repeats after which a slow run is timed well enough."""
+
+TIMED_ENOUGH_S = 0.25
+"""Time [s] that a run must have taken for that."""
 
 
-def errors_of(distances: Any, **more: Any) -> Record:
-    """RMS and maximum of distances of any shape, and what else is told of them."""
+def errors_of(distances: Any, **figures: Any) -> Record:
+    """RMS and maximum of distances of any shape, and the other figures of a record."""
     d = np.abs(np.asarray(distances, float))
-    return {"error_rms": float(np.sqrt(np.mean(d**2))), "error_max": float(d.max()), **more}
+    return {"error_rms": float(np.sqrt(np.mean(d**2))), "error_max": float(d.max()), **figures}
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class BenchRun:
     """One point of a work-precision diagram, yet to be measured."""
 
     # What is compared, by whom, how it is set
@@ -40,11 +48,13 @@ class Trial:
     # Does the work once: the answer and the times of its parts (K,) [µs] (one element for a call,
     # one a tick for an engine)
     run: Callable[[], tuple[Any, Array]]
-    score: Callable[[Any], Record]  # answer -> `errors_of` it
-    unit: str  # of the errors: "px" or "m"
+    # From the answer to `errors_of` it, and the unit of the errors, "px" or "m"
+    score: Callable[[Any], Record]
+    unit: str
     # Whether these are the settings that `vfplan.planning.tolerance` takes from the tolerance
     chosen: bool = False
-    peer: bool = False  # whether an outside program does it
+    # Whether an outside program does it
+    peer: bool = False
 
     @property
     def head(self) -> Record:
@@ -52,24 +62,30 @@ class Trial:
         return {"scene": self.scene, "method": self.method, "settings": self.settings}
 
 
-def time_us(runs: list[Array]) -> Record:
-    """Median and tail of the parts' times, and how far the runs' medians spread [µs].
+def time_us(repeats: list[Array]) -> Record:
+    """Median and tail of the parts' times, and how far the repeats' medians spread [µs].
 
-    runs: (repeats, K). Of several parts, as ticks are, each counts with its least time over the
-        runs: what the work takes where the system interrupts nothing. A single call counts as often
-        as it ran.
+    Parameters
+    ----------
+    repeats
+        A (K,) array of times for each repeat. Of several parts, as ticks are, each counts with its
+        shortest time over the repeats: what the work takes where the system interrupts nothing. A
+        single call counts as often as it ran.
     """
-    if len(runs[0]) > 1:
-        everything = np.min(runs, axis=0)
+    if len(repeats[0]) > 1:
+        times = np.min(repeats, axis=0)
     else:
-        everything = np.concatenate(runs)
-    median, p99, p999 = np.quantile(everything, [0.5, 0.99, 0.999])
-    low, high = np.quantile([np.median(run) for run in runs], [0.25, 0.75])
-    found = {
-        "median": median, "p99": p99, "p999": p999, "max": everything.max(),
-        "low": min(low, median), "high": max(high, median),
-    }  # fmt: skip
-    return {f"time_us_{name}": float(value) for name, value in found.items()}
+        times = np.concatenate(repeats)
+    median, p99, p999 = np.quantile(times, [0.5, 0.99, 0.999])
+    low, high = np.quantile([np.median(repeat) for repeat in repeats], [0.25, 0.75])
+    return {
+        "time_us_median": float(median),
+        "time_us_p99": float(p99),
+        "time_us_p999": float(p999),
+        "time_us_max": float(times.max()),
+        "time_us_low": float(min(low, median)),
+        "time_us_high": float(max(high, median)),
+    }
 
 
 def mark_pareto(records: list[Record]) -> None:
@@ -84,15 +100,15 @@ def mark_pareto(records: list[Record]) -> None:
         groups.setdefault((record["stage"], record["scene"]), []).append(record)
     for group in groups.values():
         values = np.array([[comparable_error(r), r["time_us_median"]] for r in group])
-        for record, front in zip(group, non_dominated(values), strict=True):
-            record["pareto"] = bool(front)
+        for record, is_on_front in zip(group, non_dominated(values), strict=True):
+            record["pareto"] = bool(is_on_front)
 
 
 def comparable_error(record: Record) -> float:
     """The RMS error to six digits, and to a nanometre where it is one in metres."""
     error = float(f"{record['error_rms']:.6g}")
     if record.get("unit") == "m":
-        error = max(error, 1e-9)
+        error = max(error, SMALLEST_ERROR_M)
     return error
 
 
@@ -107,26 +123,32 @@ def judge_chosen(records: list[Record], tolerance_m: float) -> None:
         engine can follow (`followed_rms_m`).
     `time_over_cheapest`
         Its median time over that of the cheapest record of its stage and scene that keeps the
-        surface as well and the proxy as near, to the tolerance or as the chosen one does.
+        surface as well and the proxy as close, to the tolerance or as the chosen one does.
     """
-    for chosen in (r for r in records if r.get("chosen") and r["stage"] in ("sample", "proxy")):
-        own = chosen.get("followed_rms_m", 0.0)
-        near = max(own, tolerance_m)
-        rivals = [r for r in records if all(r[k] == chosen[k] for k in ("stage", "scene"))]
-        within = [
-            r["time_us_median"]
-            for r in rivals
-            if _surface_within(r, tolerance_m) and r.get("followed_rms_m", 0.0) <= near
-        ]
-        chosen["meets_tolerance"] = _surface_within(chosen, tolerance_m)
+    for chosen in records:
+        if not chosen.get("chosen") or chosen["stage"] not in ("sample", "proxy"):
+            continue
+        followed_m = chosen.get("followed_rms_m", 0.0)
+        allowed_m = max(followed_m, tolerance_m)
+        times = []
+        for rival in records:
+            if rival["stage"] != chosen["stage"] or rival["scene"] != chosen["scene"]:
+                continue
+            keeps_proxy = rival.get("followed_rms_m", 0.0) <= allowed_m
+            if keeps_surface(rival, tolerance_m) and keeps_proxy:
+                times.append(rival["time_us_median"])
+        chosen["meets_tolerance"] = keeps_surface(chosen, tolerance_m)
         if "followed_rms_m" in chosen:
-            chosen["follows"] = bool(own <= tolerance_m)
-        chosen["time_over_cheapest"] = chosen["time_us_median"] / min(within) if within else None
+            chosen["follows"] = bool(followed_m <= tolerance_m)
+        chosen["time_over_cheapest"] = None
+        if times:
+            chosen["time_over_cheapest"] = chosen["time_us_median"] / min(times)
 
 
-def _surface_within(record: Record, tolerance_m: float) -> bool:
-    worst = record.get("surface_error_m", record["error_max"])
-    return bool(max(worst, record.get("inside_m", 0.0)) <= tolerance_m)
+def keeps_surface(record: Record, tolerance_m: float) -> bool:
+    """Whether the rendered surface is within the tolerance of the planned one."""
+    surface_m = record.get("surface_error_m", record["error_max"])
+    return bool(max(surface_m, record.get("inside_m", 0.0)) <= tolerance_m)
 
 
 def non_dominated(values: Array) -> NDArray[np.bool_]:
@@ -138,52 +160,60 @@ def non_dominated(values: Array) -> NDArray[np.bool_]:
 
 def timed(work: Callable[[], Any]) -> tuple[Any, Array]:
     """The answer of a call, and its time as (1,) [µs]."""
-    began = time.perf_counter_ns()
+    started = time.perf_counter_ns()
     answer = work()
-    return answer, np.array([(time.perf_counter_ns() - began) / 1e3])
+    return answer, np.array([(time.perf_counter_ns() - started) / 1e3])
 
 
-Advance = Callable[[int], None]
-FEWEST, ENOUGH_S = 3, 0.25  # a trial timed so often and for so long sits out the other rounds
-
-
-def run_trials(
-    stage: str, trials: Sequence[Trial], repeats: int, advance: Advance = lambda n: None
+def measure_runs(
+    stage: str, runs: Sequence[BenchRun], repeats: int, advance: Advance = lambda count: None
 ) -> tuple[list[Record], list[Record]]:
-    """Measure the trials of one scene: a record a trial, and those that refused their input.
+    """Measure the runs of one scene: a record for each, and those that refused their input.
 
-    Every round runs each trial once, in another order each time; the first round warms caches up
-    and gives the answers to score, and is not timed. Slow trials run in the first rounds only.
+    Every round does each run once, in another order each time; the first round warms caches up
+    and gives the answers to score, and is not timed. Slow runs stop after the first rounds.
 
-    stage: the records' stage
-    trials: of one scene
-    repeats: timed rounds, at most
-    advance: told 1 for each trial in each round, len(trials) * (1 + repeats) in all
+    Parameters
+    ----------
+    stage
+        The records' stage.
+    runs
+        Of one scene.
+    repeats
+        Timed rounds, at most.
+    advance
+        Called with 1 for each run in each round, len(runs) * (1 + repeats) times in all.
     """
     rng = np.random.default_rng(0)
     records: dict[int, Record] = {}
     refused: list[Record] = []
-    for i, trial in enumerate(trials):
-        head = {"stage": stage, **trial.head}
+    for i, bench_run in enumerate(runs):
+        head = {"stage": stage, **bench_run.head}
         try:
-            records[i] = head | trial.score(trial.run()[0]) | {"unit": trial.unit}
+            answer, _ = bench_run.run()
+            records[i] = head | bench_run.score(answer) | {"unit": bench_run.unit}
         except InputError as error:
             refused.append(head | {"message": error.message})
         advance(1)
     times: dict[int, list[Array]] = {i: [] for i in records}
+    spent_s = dict.fromkeys(records, 0.0)
     for _ in range(repeats):
-        for i in rng.permutation(len(trials)):
-            if i in records and not _enough(times[i]):
-                times[i].append(trials[i].run()[1])
+        for i in rng.permutation(len(runs)):
             advance(1)
+            if i not in records:
+                continue
+            if len(times[i]) >= FEWEST_REPEATS and spent_s[i] > TIMED_ENOUGH_S:
+                continue
+            _, us = runs[i].run()
+            times[i].append(us)
+            spent_s[i] += 1e-6 * us.sum()
     for i, record in records.items():
         record |= time_us(times[i]) | {"repeats": len(times[i])}
-        record |= {flag: True for flag in ("chosen", "peer") if getattr(trials[i], flag)}
+        if runs[i].chosen:
+            record["chosen"] = True
+        if runs[i].peer:
+            record["peer"] = True
     return list(records.values()), refused
-
-
-def _enough(times: list[Array]) -> bool:
-    return len(times) >= FEWEST and 1e-6 * sum(run.sum() for run in times) > ENOUGH_S
 
 
 def timed_ticks(engine: Any, hips: Array) -> tuple[Any, Array]:

@@ -11,29 +11,37 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vfplan.bench.record import Array, Record, Trial, errors_of, timed_ticks
+from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed_ticks
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.planning.tolerance import choose, sample_curve
 from vfplan.scenes.outline import Run, arc, segment
 
 R = 5e-3
-FINE_M = 20e-6  # arc between the true curve's vertices
-TOLERANCES = {True: (1e-4, 1e-5, 1e-6), False: (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7)}
-PAPER_DENSITY = 5.3e3  # points a metre of Experiment 2
+"""Contact radius [m], as in the paper."""
+
+FINE_M = 20e-6
+"""Arc between the true curve's vertices [m]."""
+
+PAPER_DENSITY = 5.3e3
+"""Points a metre of the paper's Experiment 2."""
+
 TICKS = 600
+"""Number of ticks along the curve."""
+
 PRESS_M = 1e-3
+"""Depth to which the HIP is pressed in [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A true curve in the plane z = 0."""
+    """A true curve in the plane z = 0, and the name of its scene."""
 
-    name: str  # of the scene
+    name: str
     run: Run
 
     @cached_property
@@ -41,60 +49,87 @@ class Line:
         """(M, 3) [m], every 20 µm of arc."""
         return np.pad(self.run.sample(FINE_M), ((0, 0), (0, 1)))
 
-    @property
-    def closed(self) -> bool:
-        """Whether its last place joins the first."""
-        return self.run.closed
+    @cached_property
+    def normals(self) -> Array:
+        """(M, 3) unit normals at the vertices of `fine`, to the left."""
+        if self.run.closed:
+            padded = np.vstack([self.fine[-1:], self.fine, self.fine[:1]])
+            tangent = np.gradient(padded, axis=0)[1:-1]
+        else:
+            tangent = np.gradient(self.fine, axis=0)
+        tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+        return np.column_stack([-tangent[:, 1], tangent[:, 0], 0 * tangent[:, 0]])
 
 
-def scenes(quick: bool, tolerance_m: float) -> Iterator[list[Trial]]:
-    """The trials of each curve."""
-    for line in lines()[1:] if quick else lines():
-        yield _trials(line, TOLERANCES[quick], tolerance_m)
+def scenes(quick: bool, tolerance_m: float) -> Iterator[list[BenchRun]]:
+    """The runs of each curve."""
+    tolerances = [1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7]
+    curves = lines()
+    if quick:
+        tolerances = [1e-4, 1e-5, 1e-6]
+        curves = curves[1:]
+    chosen_m = choose(tolerance_m, R).sampling_tolerance_m
+    for line in curves:
+        surface = planned_surface(line)
+
+        # A HIP along the left side of the curve, pressed in, after an approach from outside.
+        picked = np.linspace(0, len(line.fine) - 1, TICKS).astype(int)
+        path = (line.fine + (R - PRESS_M) * line.normals)[picked]
+        start = line.fine[0] + 3 * R * line.normals[0]
+        approach = start + np.linspace(0, 1, 40)[:, None] * (path[0] - start)
+        hips = np.vstack([approach, path])
+
+        runs = []
+        for tolerance in tolerances:
+            for method in ("by curvature", "even, by R alone"):
+                runs.append(sample_run(line, method, {"tolerance_m": tolerance}, surface, hips))
+        density = {"density_per_m": PAPER_DENSITY}
+        runs.append(sample_run(line, "the paper's density", density, surface, hips))
+        chosen = {"tolerance_m": chosen_m}
+        runs.append(sample_run(line, "by curvature", chosen, surface, hips, chosen=True))
+        yield runs
 
 
 def lines() -> list[Line]:
     """A straight line, a circle of 30 mm, an S of 8 mm bends, and a hairpin of 2 mm."""
-    there = segment((-30e-3, 2e-3), (0, 2e-3)), arc((0, 0), 2e-3, np.pi / 2, -np.pi)
-    bends = arc((0, 0), 8e-3, np.pi, -np.pi), arc((16e-3, 0), 8e-3, np.pi, np.pi)
+    straight = Run((segment((0, 0), (0.1, 0)),))
+    circle = Run((arc((0, 0), 30e-3, 0, 2 * np.pi),), closed=True)
+    bends = Run((arc((0, 0), 8e-3, np.pi, -np.pi), arc((16e-3, 0), 8e-3, np.pi, np.pi)))
+    hairpin = Run(
+        (
+            segment((-30e-3, 2e-3), (0, 2e-3)),
+            arc((0, 0), 2e-3, np.pi / 2, -np.pi),
+            segment((0, -2e-3), (-30e-3, -2e-3)),
+        )
+    )
     return [
-        Line("line", Run((segment((0, 0), (0.1, 0)),))),
-        Line("circle, 30 mm", Run((arc((0, 0), 30e-3, 0, 2 * np.pi),), closed=True)),
-        Line("S, 8 mm bends", Run(bends)),
-        Line("hairpin, 2 mm", Run((*there, segment((0, -2e-3), (-30e-3, -2e-3))))),
+        Line("line", straight),
+        Line("circle, 30 mm", circle),
+        Line("S, 8 mm bends", bends),
+        Line("hairpin, 2 mm", hairpin),
     ]
 
 
-def _trials(line: Line, tolerances: tuple[float, ...], tolerance_m: float) -> list[Trial]:
-    surface = planned_surface(line)
-    hips = _along(line)
-    settings = [("by curvature", {"tolerance_m": t}) for t in tolerances]
-    settings += [("even, by R alone", {"tolerance_m": t}) for t in tolerances]
-    settings += [("the paper's density", {"density_per_m": PAPER_DENSITY})]
-    chosen = {"tolerance_m": choose(tolerance_m, R).sampling_tolerance_m}
-    trials = [_trial(line, method, given, surface, hips) for method, given in settings]
-    return [*trials, _trial(line, "by curvature", chosen, surface, hips, chosen=True)]
-
-
-def _trial(
+def sample_run(
     line: Line,
     method: str,
-    settings: dict[str, float],
+    settings: dict[str, Setting],
     surface: Array,
     hips: Array,
     chosen: bool = False,
-) -> Trial:
-    began = time.perf_counter()
+) -> BenchRun:
+    """One method of sampling with one setting, and the engine's ticks on the cloud it gives."""
+    started = time.perf_counter()
     points = METHODS[method](line, **settings)
-    plan_us = (time.perf_counter() - began) * 1e6
+    sampling_us = (time.perf_counter() - started) * 1e6
     engine = ProxyEngine(points, contact_radius=R, ignore_axis="z")
 
     def score(trace: object) -> Record:
-        more = {"points": len(points), "plan_us": plan_us}
-        return errors_of(surface_error(points, surface), **more)
+        errors = surface_error(points, surface)
+        return errors_of(errors, points=len(points), plan_us=sampling_us)
 
-    run = lambda: timed_ticks(engine, hips)  # noqa: E731 - reads as the field it fills
-    return Trial(line.name, method, dict(settings), run, score, "m", chosen)
+    run = partial(timed_ticks, engine, hips)
+    return BenchRun(line.name, method, settings, run, score, "m", chosen)
 
 
 def planned_surface(line: Line) -> Array:
@@ -103,26 +138,18 @@ def planned_surface(line: Line) -> Array:
     What another part of the curve swallows does not belong to it.
     """
     fine = line.fine
-    normal = _normals(line)
-    places = [fine + R * normal, fine - R * normal]
-    if not line.closed:
-        half = np.linspace(0, np.pi, 400)[:, None]
-        for end, out in ((0, -1), (-1, 1)):
-            n = normal[end]
-            ahead = out * np.array([n[1], -n[0], 0.0])
-            places.append(fine[end] + R * (np.cos(half) * n + np.sin(half) * ahead))
+    normals = line.normals
+    places = [fine + R * normals, fine - R * normals]
+    if not line.run.closed:
+        half_turn = np.linspace(0, np.pi, 400)[:, None]
+        for end, outwards in ((0, -1), (-1, 1)):
+            normal = normals[end]
+            ahead = outwards * np.array([normal[1], -normal[0], 0.0])
+            rounded = np.cos(half_turn) * normal + np.sin(half_turn) * ahead
+            places.append(fine[end] + R * rounded)
     everything = np.vstack(places)
     nearest, _ = cKDTree(fine).query(everything)
     return everything[nearest >= R * (1 - 1e-5)]
-
-
-def _normals(line: Line) -> Array:
-    f = line.fine
-    padded = np.vstack([f[-1:], f, f[:1]]) if line.closed else f
-    tangent = np.gradient(padded, axis=0)
-    tangent = tangent[1:-1] if line.closed else tangent
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    return np.column_stack([-tangent[:, 1], tangent[:, 0], 0 * tangent[:, 0]])
 
 
 def surface_error(points: Array, surface: Array) -> Array:
@@ -131,29 +158,25 @@ def surface_error(points: Array, surface: Array) -> Array:
     return np.maximum(nearest - R, 0.0)
 
 
-def _along(line: Line) -> Array:
-    """(T, 3) a HIP that runs along the curve's left side, pressed in by 1 mm."""
-    pick = np.linspace(0, len(line.fine) - 1, TICKS).astype(int)
-    path = (line.fine + (R - PRESS_M) * _normals(line))[pick]
-    start = line.fine[0] + 3 * R * _normals(line)[0]
-    return np.vstack([start + np.linspace(0, 1, 40)[:, None] * (path[0] - start), path])
+def sample_by_curvature(line: Line, tolerance_m: float) -> Array:
+    """The points that a plan takes from a tolerance."""
+    sampled = sample_curve(line.fine, line.run.closed, radius_m=R, tolerance_m=tolerance_m)
+    return sampled.points
 
 
-def _by_curvature(line: Line, tolerance_m: float) -> Array:
-    return sample_curve(line.fine, line.closed, radius_m=R, tolerance_m=tolerance_m).points
+def sample_evenly(line: Line, tolerance_m: float) -> Array:
+    """Points as dense as the flat dimple formula h²/8R = tolerance allows, bends or not."""
+    return sample_densely(line, 1 / np.sqrt(8 * R * tolerance_m))
 
 
-def _even(line: Line, tolerance_m: float) -> Array:
-    """What the flat dimple formula h²/8R = tolerance allows, bends or not."""
-    return _dense(line, 1 / np.sqrt(8 * R * tolerance_m))
-
-
-def _dense(line: Line, density_per_m: float) -> Array:
-    return sample_curve(line.fine, line.closed, radius_m=R, density_per_m=density_per_m).points
+def sample_densely(line: Line, density_per_m: float) -> Array:
+    """Points of one density."""
+    sampled = sample_curve(line.fine, line.run.closed, radius_m=R, density_per_m=density_per_m)
+    return sampled.points
 
 
 METHODS: dict[str, Callable[..., Array]] = {
-    "by curvature": _by_curvature,
-    "even, by R alone": _even,
-    "the paper's density": _dense,
+    "by curvature": sample_by_curvature,
+    "even, by R alone": sample_evenly,
+    "the paper's density": sample_densely,
 }

@@ -17,7 +17,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from vfplan.bench.peers import Peer
-from vfplan.bench.record import Advance, Record, judge_chosen, mark_pareto, run_trials
+from vfplan.bench.record import Advance, Record, judge_chosen, mark_pareto, measure_runs
 from vfplan.bench.summary import summaries
 from vfplan.errors import InputError, SettingError
 from vfplan.io.files import read_whole
@@ -28,9 +28,24 @@ from vfplan.planning.tolerance import choose
 Stage = Literal["extract", "sample", "register", "proxy", "plan"]
 STAGES: tuple[Stage, ...] = get_args(Stage)
 Bar = Callable[[str, int], AbstractContextManager[Advance]]
-REPEATS = {True: 3, False: 7}
+
+REPEATS = 7
+"""Number of timed rounds; the medians of seven spread by some percent."""
+
+QUICK_REPEATS = 3
+"""The same in a quick run."""
+
 TOLERANCE_M = 1e-5
-BUDGET_US = 1000.0  # a tick of a 1 kHz controller
+"""The tolerance of a plan without options [m]."""
+
+BUDGET_US = 1000.0
+"""Time for a tick of a 1 kHz controller [µs]."""
+
+FORMAT = "vfplan-bench"
+VERSION = "1.0"
+
+MAX_BYTES = 256 * 2**20
+"""Size of the largest document that is read; `bench all` writes less than a megabyte."""
 
 
 def bench(
@@ -43,61 +58,79 @@ def bench(
 ) -> dict[str, Any]:
     """Measure error against run time.
 
-    stages: which; see `STAGES`
-    quick: fewer scenes, settings and repeats: under a minute instead of under ten
-    tolerance_m: for the settings that are chosen by it [m]
-    peers: outside programs, used by stage "proxy"
-    progress: a `with` block around each scene, given its name and how many runs it has; yields what
-        is told of each run
-    Returns the document of docs/accuracy.md: `results`, `peers`, `machine`, `chosen`, ...
-    Raises SettingError: an unknown stage, a tolerance that is none, a peer that failed
+    Parameters
+    ----------
+    stages
+        Which; see `STAGES`.
+    quick
+        Fewer scenes, settings and repeats: under a minute instead of under ten.
+    tolerance_m
+        For the settings that are chosen by it [m].
+    peers
+        Outside programs, used by stage "proxy".
+    progress
+        A `with` block around each scene, given its name and how many steps it has; yields what is
+        called with each step.
+
+    Returns
+    -------
+    dict
+        The document of docs/accuracy.md: `results`, `peers`, `machine`, `chosen`, ...
+
+    Raises
+    ------
+    SettingError
+        An unknown stage, a tolerance out of range, a peer that failed.
     """
-    wanted = _checked(stages)
+    wanted = list(stages)
+    unknown = [stage for stage in wanted if stage not in STAGES]
+    if unknown or not wanted:
+        raise SettingError(
+            f"stages {unknown or wanted}: allowed are {', '.join(STAGES)}", code="unknown-stage"
+        )
+    ordered = [stage for stage in STAGES if stage in wanted]
     choice = choose(tolerance_m, 5e-3)
     for peer in peers:
         peer.check()
-    began = time.perf_counter()
+    repeats = REPEATS
+    if quick:
+        repeats = QUICK_REPEATS
+    started = time.perf_counter()
     records: list[Record] = []
     refused: list[Record] = []
-    for stage in wanted:
-        scenes = import_module(f"vfplan.bench.{stage}").scenes
-        more = (peers,) if stage == "proxy" else ()
-        for trials in scenes(quick, tolerance_m, *more):
-            label, repeats = f"{stage}: {trials[0].scene}", REPEATS[quick]
-            with progress(label, len(trials) * (1 + repeats)) as advance:
-                measured, unusable = run_trials(stage, trials, repeats, advance)
+    for stage in ordered:
+        module = import_module(f"vfplan.bench.{stage}")
+        if stage == "proxy":
+            scenes = module.scenes(quick, tolerance_m, peers)
+        else:
+            scenes = module.scenes(quick, tolerance_m)
+        for runs in scenes:
+            label = f"{stage}: {runs[0].scene}"
+            with progress(label, len(runs) * (1 + repeats)) as advance:
+                measured, unusable = measure_runs(stage, runs, repeats, advance)
             records += measured
             refused += unusable
     mark_pareto(records)
     judge_chosen(records, tolerance_m)
-    document = {
+    document: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
-        "stages": list(wanted),
+        "stages": ordered,
         "quick": quick,
         "tolerance_m": tolerance_m,
         "budget_us": BUDGET_US,
-        "chosen": {name: getattr(choice, name) for name in choice.__dataclass_fields__},
+        "chosen": dict(vars(choice)),
         "results": records,
-        **({"refused": refused} if refused else {}),
         "peers": [{"name": p.name, "command": p.command, "ran": True} for p in peers],
         "machine": describe_machine(),
-        "elapsed_s": time.perf_counter() - began,
+        "elapsed_s": time.perf_counter() - started,
     }
-    return document | {"summary": summaries(document)}
+    if refused:
+        document["refused"] = refused
+    document["summary"] = summaries(document)
+    return document
 
 
-def _checked(stages: Iterable[Stage]) -> tuple[Stage, ...]:
-    given = list(stages)
-    unknown = [stage for stage in given if stage not in STAGES]
-    if unknown or not given:
-        raise SettingError(f"stages {unknown or given}: allowed are {', '.join(STAGES)}")
-    return tuple(stage for stage in STAGES if stage in given)
-
-
-FORMAT = "vfplan-bench"
-VERSION = "1.0"
-MOST_BYTES = 256 * 2**20
 COLUMNS = (
     "stage", "scene", "method", "settings", "error_rms", "error_max", "unit", "time_us_median",
     "time_us_low", "time_us_high", "time_us_p99", "time_us_p999", "time_us_max", "repeats",
@@ -105,9 +138,9 @@ COLUMNS = (
     "lines_and_arcs", "inside_m", "followed_rms_m", "followed_ticks", "ticks", "clearance_min_m",
     "lag_rms_m", "friction", "meets_tolerance", "follows", "time_over_cheapest",
 )  # fmt: skip
-_NEEDED = ("stages", "results", "tolerance_m", "budget_us", "machine", "peers", "elapsed_s")
-_TEXTS = ("stage", "scene", "method", "unit")
-_NUMBERS = ("error_rms", "error_max", "time_us_median", "time_us_low", "time_us_high")
+NEEDED_KEYS = ("stages", "results", "tolerance_m", "budget_us", "machine", "peers", "elapsed_s")
+TEXT_KEYS = ("stage", "scene", "method", "unit")
+NUMBER_KEYS = ("error_rms", "error_max", "time_us_median", "time_us_low", "time_us_high")
 
 
 def write_json(document: dict[str, Any], path: Path) -> None:
@@ -122,8 +155,10 @@ def write_csv(document: dict[str, Any], path: Path) -> None:
     writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", restval="")
     writer.writeheader()
     for result in document["results"]:
-        pairs = " ".join(f"{k}={v}" for k, v in result["settings"].items())
-        writer.writerow(result | {"settings": pairs})
+        pairs = []
+        for name, value in result["settings"].items():
+            pairs.append(f"{name}={value}")
+        writer.writerow(result | {"settings": " ".join(pairs)})
     write_whole(path, [text.getvalue().encode()], overwrite=True)
 
 
@@ -132,63 +167,75 @@ def read_document(path: str | Path) -> dict[str, Any]:
 
     Raises `InputError` for a file that is missing, no JSON, no bench of this version, or damaged.
     """
+    where = str(path)
     try:
-        document = json.loads(read_whole(Path(path), MOST_BYTES).decode("utf-8"))
-    except ValueError as error:
-        raise InputError(f"is not JSON: {error}", where=str(path)) from None
-    found = document.get("format") if isinstance(document, dict) else None
-    if found != FORMAT:
-        raise InputError(f"format {found!r}: {FORMAT!r} is wanted", where=str(path))
+        document = json.loads(read_whole(Path(path), MAX_BYTES).decode("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"is not JSON: {error}; give a bench.json", where=where, code="not-json"
+        ) from None
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise InputError(
+            f"is no document of format {FORMAT!r}; give a bench.json", where=where, code="no-bench"
+        )
     if str(document.get("version", "")).split(".")[0] != VERSION.split(".")[0]:
-        raise InputError(f"version {document.get('version')!r}: {VERSION} is read", where=str(path))
-    missing = [name for name in _NEEDED if name not in document]
+        raise InputError(
+            f"version {document.get('version')!r}: {VERSION} is read; measure again", where=where,
+            code="other-version",
+        )  # fmt: skip
+    missing = [name for name in NEEDED_KEYS if name not in document]
     if missing:
-        raise InputError(f"lacks {', '.join(missing)}", where=str(path))
-    _check_results(document["results"], str(path))
+        raise InputError(
+            f"lacks {', '.join(missing)}; measure again", where=where, code="damaged-bench"
+        )
+    results = document["results"]
+    if not isinstance(results, list) or not results:
+        raise InputError("holds no results; measure again", where=where, code="damaged-bench")
+    for i, result in enumerate(results):
+        fault = fault_of_result(result)
+        if fault:
+            raise InputError(
+                f"{fault}; measure again", where=f"{where}: results[{i}]", code="damaged-bench"
+            )
     return document
 
 
-def _check_results(results: Any, where: str) -> None:
-    """Everything that a diagram is drawn from is there, and a finite number where one is needed."""
-    if not isinstance(results, list) or not results:
-        raise InputError("holds no results", where=where)
-    for i, result in enumerate(results):
-        at = f"{where}: results[{i}]"
-        if not isinstance(result, dict) or not isinstance(result.get("settings"), dict):
-            raise InputError("is no result with its settings", where=at)
-        for name in (*_TEXTS, *_NUMBERS):
-            value, kind = result.get(name), str if name in _TEXTS else (int, float)
-            if isinstance(value, bool) or not isinstance(value, kind):
-                wanted = "a text" if name in _TEXTS else "a number"
-                raise InputError(f"{name} {value!r}: {wanted} is wanted", where=at)
-        if result["unit"] not in ("m", "px") or not isinstance(result.get("pareto"), bool):
-            raise InputError("unit or pareto is none that a bench writes", where=at)
+def fault_of_result(result: Any) -> str:
+    """What a diagram needs and this result lacks; empty where it has everything."""
+    if not isinstance(result, dict) or not isinstance(result.get("settings"), dict):
+        return "is no result with its settings"
+    for name in TEXT_KEYS:
+        if not isinstance(result.get(name), str):
+            return f"{name} is {result.get(name)!r}, and no text"
+    for name in NUMBER_KEYS:
+        value = result.get(name)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            return f"{name} is {value!r}, and no number"
+    if result["unit"] not in ("m", "px") or not isinstance(result.get("pareto"), bool):
+        return "unit or pareto is none that a bench writes"
+    return ""
 
 
 def describe_machine() -> dict[str, Any]:
     """Processor, cores, system, Python, NumPy; the clock's own cost [µs]."""
-    return {
-        "processor": _processor(),
-        "cores": len(os.sched_getaffinity(0))
-        if hasattr(os, "sched_getaffinity")
-        else os.cpu_count(),
-        "system": f"{platform.system()} {platform.machine()}",
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "clock_us": _clock_us(),
-    }
-
-
-def _processor() -> str:
+    processor = platform.processor() or platform.machine()
     try:
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):
-                return line.split(":", 1)[1].strip()
+                processor = line.split(":", 1)[1].strip()
+                break
     except OSError:
+        # Other systems have no such file.
         pass
-    return platform.processor() or platform.machine()
-
-
-def _clock_us() -> float:
-    ticks = [time.perf_counter_ns() for _ in range(2001)]
-    return float(np.median(np.diff(ticks))) / 1e3
+    cores = os.cpu_count()
+    if hasattr(os, "sched_getaffinity"):
+        cores = len(os.sched_getaffinity(0))
+    instants = [time.perf_counter_ns() for _ in range(2001)]
+    return {
+        "processor": processor,
+        "cores": cores,
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "clock_us": float(np.median(np.diff(instants))) / 1e3,
+    }

@@ -13,7 +13,6 @@ import numpy as np
 from vfplan.bench.record import Record
 from vfplan.display import duration, length, three_digits
 
-# What a user could take instead, by stage: methods that are not this project's own.
 PEERS = {
     "extract": ("hue + thinning", "mask (the paper's)"),
     "sample": ("the paper's density",),
@@ -21,6 +20,7 @@ PEERS = {
     "proxy": ("paper", "nanoflann_peer", "nearest-point penalty"),
     "plan": ("the paper's: every mask pixel",),
 }
+"""What a user could take instead, by stage: methods that are not this project's own."""
 
 
 def is_tick_stage(stage: str) -> bool:
@@ -42,53 +42,69 @@ def time_text(us: float) -> str:
 
 def summaries(document: dict[str, Any]) -> dict[str, str]:
     """A sentence for each stage of a bench's document that has a chosen setting."""
-    found = {}
     # Stage proxy comes last: it is what the controller does a thousand times a second.
-    for stage in sorted(document["stages"], key=lambda stage: stage == "proxy"):
+    stages = [stage for stage in document["stages"] if stage != "proxy"]
+    if "proxy" in document["stages"]:
+        stages.append("proxy")
+    sentences = {}
+    for stage in stages:
         results = [r for r in document["results"] if r["stage"] == stage]
-        if any(r.get("chosen") for r in results):
-            found[stage] = _summary(stage, results)
-    return found
+        chosen = {}
+        for result in results:
+            if result.get("chosen"):
+                chosen[result["scene"]] = result
+        if chosen:
+            sentences[stage] = stage_sentence(stage, chosen, results)
+    return sentences
 
 
-def _summary(stage: str, results: list[Record]) -> str:
-    chosen = {r["scene"]: r for r in results if r.get("chosen")}
+def stage_sentence(stage: str, chosen: dict[str, Record], results: list[Record]) -> str:
+    """The chosen setting of each scene, its error and its time, against each peer."""
     worst = max(chosen.values(), key=lambda r: r["error_rms"])
     slowest = max(chosen.values(), key=lambda r: r["time_us_median"])
     median_us = float(np.median([r["time_us_median"] for r in chosen.values()]))
-    what = "tick" if stage in ("sample", "proxy") else "call"
+    part = "call"
+    tail = ""
+    if is_tick_stage(stage):
+        part = "tick"
+        tail_us = max(r["time_us_p999"] for r in chosen.values())
+        tail = f" (p99.9 {time_text(tail_us)})"
     sentence = (
         f"{stage}: the chosen setting errs by {error_text(worst)} RMS at most ({worst['scene']}) "
-        f"and takes {time_text(median_us)} a {what} at the median of {len(chosen)} scenes, "
-        f"{time_text(slowest['time_us_median'])} at most"
+        f"and takes {time_text(median_us)} a {part} at the median of {len(chosen)} scenes, "
+        f"{time_text(slowest['time_us_median'])} at most{tail}"
     )
-    if what == "tick":
-        tail = max(r["time_us_p999"] for r in chosen.values())
-        sentence += f" (p99.9 {time_text(tail)})"
-    others = list(PEERS[stage])
-    others += sorted({r["method"] for r in results if r.get("peer")} - set(others))
-    against = [_against(name, chosen, results) for name in others]
-    told = "; ".join(text for text in against if text)
-    if told:
-        sentence += f". Against it: {told}"
+    peers = list(PEERS[stage])
+    for result in results:
+        if result.get("peer") and result["method"] not in peers:
+            peers.append(result["method"])
+    comparisons = []
+    for peer in peers:
+        comparison = compare_with_peer(peer, chosen, results)
+        if comparison:
+            comparisons.append(comparison)
+    if comparisons:
+        sentence += f". Against it: {'; '.join(comparisons)}"
     return sentence + "."
 
 
-def _against(method: str, chosen: dict[str, Record], results: list[Record]) -> str:
+def compare_with_peer(method: str, chosen: dict[str, Record], results: list[Record]) -> str:
     """How a peer's best setting compares, scene by scene; empty if it did not run."""
-    times, errors = [], []
-    for scene, own in chosen.items():
-        theirs = [r for r in results if r["method"] == method and r["scene"] == scene]
-        if theirs:
-            best = min(theirs, key=lambda r: r["error_rms"])
-            times.append(best["time_us_median"] / own["time_us_median"])
-            errors.append(best)
-    if not times:
+    best: dict[str, Record] = {}
+    for result in results:
+        scene = result["scene"]
+        if result["method"] != method or scene not in chosen:
+            continue
+        if scene not in best or result["error_rms"] < best[scene]["error_rms"]:
+            best[scene] = result
+    if not best:
         return ""
-    worst = max(errors, key=lambda r: r["error_rms"])
+    times = []
+    for scene, result in best.items():
+        times.append(result["time_us_median"] / chosen[scene]["time_us_median"])
+    worst = max(best.values(), key=lambda r: r["error_rms"])
     ratio = float(np.median(times))
-    if ratio >= 1:
-        speed = f"{three_digits(ratio)} times slower"
-    else:
+    speed = f"{three_digits(ratio)} times slower"
+    if ratio < 1:
         speed = f"{three_digits(1 / ratio)} times faster"
     return f"{method} is {speed} and errs by {error_text(worst)} RMS at most"

@@ -98,9 +98,26 @@ class Burr:
         if not len(reached):
             return None
         reached = reached[np.argsort(square[reached], kind="stable")][:MAX_POINTS]
+
+        # The normal of a new point is across its first neighbours, towards the proxy.
         for k in reached:
-            if not self._normals[k].any():
-                self._normals[k] = self._normal_of(k, proxy)
+            if self._normals[k].any():
+                continue
+            place = self._first_points[k]
+            count = min(NEIGHBOURS, len(self._normals))
+            neighbours = self._tree.query(place, count)[1]
+            centred = self._first_points[neighbours] - self._first_points[neighbours].mean(axis=0)
+            spread = centred.T @ centred
+            if self._axis is not None:
+                # The normal stays in the plane.
+                spread += np.trace(spread) * np.outer(self._axis, self._axis)
+            normal = np.linalg.eigh(spread)[1][:, 0]
+            outwards = self._normals[neighbours].sum(axis=0)
+            if not outwards.any():
+                outwards = proxy - place
+            if normal @ outwards < 0:
+                normal = -normal
+            self._normals[k] = normal
 
         # Each point moves down its normal until it lies on the ball.
         normals = self._normals[reached]
@@ -111,22 +128,6 @@ class Burr:
         self._numbers[reached] = np.arange(self._next_number, self._next_number + len(reached))
         self._next_number += len(reached)
         return Event(tick, remove=removed, add=self.points[reached].copy())
-
-    def _normal_of(self, k: int, proxy: Vector) -> Vector:
-        """Unit normal (3,) of a point: across its first neighbours, towards the proxy."""
-        neighbours = self._tree.query(self._first_points[k], min(NEIGHBOURS, len(self._normals)))[1]
-        centred = self._first_points[neighbours] - self._first_points[neighbours].mean(axis=0)
-        spread = centred.T @ centred
-        if self._axis is not None:
-            # The normal stays in the plane.
-            spread += np.trace(spread) * np.outer(self._axis, self._axis)
-        normal = np.linalg.eigh(spread)[1][:, 0]
-        outwards = self._normals[neighbours].sum(axis=0)
-        if not outwards.any():
-            outwards = proxy - self._first_points[k]
-        if normal @ outwards < 0:
-            return -normal
-        return normal
 
 
 def burr(
