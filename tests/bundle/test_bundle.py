@@ -10,6 +10,7 @@ from dataclasses import replace
 import bundles
 import damage
 import fuzz_bundle
+import h5py
 import numpy as np
 import pytest
 
@@ -20,6 +21,7 @@ from vfplan.bundle.schema import table
 from vfplan.bundle.write import completed, to_payload
 from vfplan.errors import BundleError, InputError, OutputError
 from vfplan.fixture import Fixture, Pieces
+from vfplan.session.result import RESULT_FORMAT
 
 MAKE = {"minimal": bundles.minimal, "everything": bundles.whole}
 
@@ -72,6 +74,16 @@ def test_a_foreign_file_is_no_bundle(data, tmp_path):
     path.write_bytes(data)
     with pytest.raises(BundleError):
         vfplan.read_fixture(path)
+
+
+def test_a_result_of_a_replay_is_named_as_such(tmp_path):
+    """`migrate` is no help for it."""
+    with h5py.File(tmp_path / "result.h5", "w") as file:
+        file.attrs["format"] = RESULT_FORMAT
+        file["time"] = np.arange(5) / 1000
+    with pytest.raises(BundleError, match="is a result of") as raised:
+        vfplan.read_fixture(tmp_path / "result.h5")
+    assert raised.value.code == "corrupt.seal"
 
 
 @pytest.mark.filterwarnings("error")

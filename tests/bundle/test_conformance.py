@@ -16,6 +16,7 @@ import pytest
 from conftest import ROOT, need_program
 
 from vfplan.bundle import read_bundle, read_fixture
+from vfplan.bundle.schema import table
 from vfplan.conformance import runner, vectors
 from vfplan.conformance.kit import RENDERED, write_kit
 from vfplan.engine.guide import Guide
@@ -190,6 +191,25 @@ def test_javascript_reads_the_same_values(library, path):
     printed = json.loads(done.stdout)
     for where, value in values.items():
         assert flat(printed[where]) == flat(plain(value)), where
+
+
+@pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)
+def test_rust_reads_the_same_values(path):
+    """hdf5-pure, where its program was built with cargo."""
+    program = ROOT / "build" / "rust" / "debug" / "foreign"
+    if not program.is_file():
+        build = "cargo build --manifest-path tests/support/foreign_rust/Cargo.toml"
+        pytest.skip(f"hdf5-pure is not in build/rust: {build} --target-dir build/rust")
+    values = read_bundle(path)[0]
+    types = {row.path: row.type for row in table()}
+    command = [program, path, *(f"{types[where]}:{where}" for where in values)]
+    done = subprocess.run(
+        [*map(str, command)], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    printed = json.loads(done.stdout)
+    for where, value in values.items():
+        assert printed[where] == flat(plain(value)), where
 
 
 def flat(value):

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from vfplan.conformance import scenes
 from vfplan.findings import doubt, note
 from vfplan.fixture import (
     Curve,
     Fixture,
     Guidance,
-    Pieces,
     Provenance,
     RegistrationRecord,
     Rendering,
@@ -51,12 +51,8 @@ def large(count=100_000):
 
 def sheet():
     """A square of triangles, 3 mm a side of each, with an open rim."""
-    x, y = (a.ravel() for a in np.meshgrid(np.arange(8) * 0.003, np.arange(8) * 0.003))
-    corner = (np.arange(7)[:, None] * 8 + np.arange(7)).ravel()
-    lower = np.column_stack([corner, corner + 1, corner + 8])
-    upper = np.column_stack([corner + 1, corner + 9, corner + 8])
-    points = np.column_stack([x, y, 0 * x])
-    return replace(small(), points=points, mesh=np.vstack([lower, upper]).astype(np.int32))
+    made = scenes.mesh(side=8)
+    return replace(small(), points=made.points, mesh=made.mesh)
 
 
 def pixels():
@@ -140,26 +136,8 @@ def whole():
 
 def drawn():
     """A line that goes on in a quarter circle, and a circle, as pieces and as points on them."""
-    along = np.linspace(0.40, 0.43, 31)[:-1]
-    quarter = np.linspace(-np.pi / 2, 0, 17)
-    ring = np.linspace(0, 2 * np.pi, 50, endpoint=False)
-    x = np.concatenate([along, 0.43 + 0.01 * np.cos(quarter), 0.46 + 0.008 * np.cos(ring)])
-    y = np.concatenate([0 * along, 0.01 + 0.01 * np.sin(quarter), 0.04 + 0.008 * np.sin(ring)])
-    vertices = [(0.40, 0), (0.43, 0), (0.44, 0.01), (0.468, 0.04), (0.452, 0.04)]
-    closed = np.array([False, True])
-    pieces = Pieces(
-        vertices=np.array([(*vertex, 0.1) for vertex in vertices]),
-        bulges=np.array([0, np.tan(np.pi / 8), 0, 1, 1]),
-        stroke=np.array([0, 0, 0, 1, 1], np.int32),
-        closed=closed,
-        error=1e-9,
-    )
-    return replace(
-        small(),
-        points=np.column_stack([x, y, np.full_like(x, 0.1)]),
-        curve=Curve(np.repeat([0, 1], [47, 50]).astype(np.int32), closed, pieces=pieces),
-        rendering=replace(small().rendering, ignore_axis=np.array([0.0, 0.0, 1.0])),
-    )
+    made = scenes.pieces(line=30, arc=17, circle=50)
+    return replace(made, provenance=PROVENANCE)
 
 
 FINDINGS = (

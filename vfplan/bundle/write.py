@@ -150,18 +150,18 @@ def _group_properties(kind: Any) -> Any:
 
 
 def _put(group: Any, row: Row, content: Content) -> None:
-    data = _as_stored(content[row.path], row.type)
+    data = as_stored(content[row.path], row.type)
     if row.kind == "attribute":
         group.attrs.create(row.name, data)
         return
     if not data.size:
         raise InputError(f"has shape {data.shape}; nothing in it", where=row.path)
     dataset = group.create_dataset(row.name, data=data, fill_time="never")
-    for name, text in _unit_and_frame(row, content).items():
-        dataset.attrs.create(name, _as_stored(text, "text"))
+    for name, text in unit_and_frame(row, content).items():
+        dataset.attrs.create(name, as_stored(text, "text"))
 
 
-def _as_stored(value: Any, kind: str) -> np.ndarray:
+def as_stored(value: Any, kind: str) -> np.ndarray:
     """A value as it is stored; texts in as many bytes as the longest takes, without an end."""
     if kind != "text":
         return np.asarray(value, dtype=f"<{kind}", order="C")
@@ -169,7 +169,7 @@ def _as_stored(value: Any, kind: str) -> np.ndarray:
     return bare.astype(h5py.string_dtype("utf-8", max(1, bare.itemsize)))
 
 
-def _unit_and_frame(row: Row, content: Content) -> dict[str, str]:
+def unit_and_frame(row: Row, content: Content) -> dict[str, str]:
     """Unit and frame to write beside a dataset, "@frame" and "@source_frame" filled in."""
     frame, unit = row.frame, row.unit
     for name, path in (("@frame", "/@frame"), ("@source_frame", "/registration@source_frame")):

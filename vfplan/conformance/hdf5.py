@@ -13,7 +13,7 @@ import numpy as np
 
 from vfplan._core import lookup3
 from vfplan.bundle.schema import Content, table
-from vfplan.bundle.write import _as_stored, _unit_and_frame
+from vfplan.bundle.write import as_stored, unit_and_frame
 
 UNDEFINED = 2**64 - 1
 DATATYPES = {
@@ -59,7 +59,7 @@ def space_of(shape: tuple[int, ...]) -> bytes:
 
 def stored(value: object, kind: str) -> tuple[bytes, bytes, bytes]:
     """(datatype, dataspace, bytes) of a value of the table's type `kind`."""
-    data = _as_stored(value, kind)
+    data = as_stored(value, kind)
     datatype = text_type(data.itemsize) if kind == "text" else DATATYPES[kind]
     return datatype, space_of(data.shape), data.tobytes()
 
@@ -76,7 +76,7 @@ def items_of(content: Content) -> dict[str, Item]:
         elif row.path in content:
             datatype, dataspace, data = stored(content[row.path], row.type)
             item = Item(datatype=datatype, dataspace=dataspace, data=data)
-            for name, text in _unit_and_frame(row, content).items():
+            for name, text in unit_and_frame(row, content).items():
                 item.attributes[name.encode()] = stored(text, "text")
             add(items, row.path, item)
     return items

@@ -118,14 +118,15 @@ def patient() -> Fixture:
     return replace(cloud(), frame="patient_lps")
 
 
-def mesh() -> Fixture:
-    """Eight triangles of a sheet."""
-    x, y = (a.ravel() for a in np.meshgrid(np.arange(3) * 0.003, np.arange(3) * 0.003))
-    corner = np.array([0, 1, 3, 4])
-    lower = np.column_stack([corner, corner + 1, corner + 3])
-    upper = np.column_stack([corner + 1, corner + 4, corner + 3])
+def mesh(side: int = 3) -> Fixture:
+    """A square sheet of `side` points a side, 3 mm apart; each square is two triangles."""
+    x, y = np.meshgrid(np.arange(side) * 0.003, np.arange(side) * 0.003)
+    points = np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
+    corner = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
+    lower = np.column_stack([corner, corner + 1, corner + side])
+    upper = np.column_stack([corner + 1, corner + side + 1, corner + side])
     triangles = np.vstack([lower, upper]).astype(np.int32)
-    return replace(cloud(), points=np.column_stack([x, y, 0 * x]), mesh=triangles)
+    return replace(cloud(), points=points, mesh=triangles)
 
 
 def drawn_mesh() -> Fixture:
@@ -135,11 +136,11 @@ def drawn_mesh() -> Fixture:
     return replace(cloud(), points=corners, mesh=triangles, sample_radius=0.0015)
 
 
-def pieces() -> Fixture:
-    """A line that goes on in a quarter circle, and a circle."""
-    along = np.linspace(0.40, 0.43, 11)[:-1]
-    quarter = np.linspace(-np.pi / 2, 0, 7)
-    ring = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+def pieces(line: int = 10, arc: int = 7, circle: int = 16) -> Fixture:
+    """A line that goes on in a quarter circle, and a circle, with as many points on each."""
+    along = np.linspace(0.40, 0.43, line + 1)[:-1]
+    quarter = np.linspace(-np.pi / 2, 0, arc)
+    ring = np.linspace(0, 2 * np.pi, circle, endpoint=False)
     x = np.concatenate([along, 0.43 + 0.01 * np.cos(quarter), 0.46 + 0.008 * np.cos(ring)])
     y = np.concatenate([0 * along, 0.01 + 0.01 * np.sin(quarter), 0.04 + 0.008 * np.sin(ring)])
     vertices = [(0.40, 0), (0.43, 0), (0.44, 0.01), (0.468, 0.04), (0.452, 0.04)]
@@ -151,7 +152,7 @@ def pieces() -> Fixture:
         closed=closed,
         error=1e-9,
     )
-    stroke = np.repeat([0, 1], [17, 16]).astype(np.int32)
+    stroke = np.repeat([0, 1], [line + arc, circle]).astype(np.int32)
     return replace(
         cloud(),
         points=np.column_stack([x, y, np.full_like(x, 0.1)]),

@@ -228,6 +228,15 @@ inline void require(bool good, std::string_view message) {
             "has its seal in front, as versions 1.0 and 1.1 had it; this program reads "
             "versions 2.x, and `vfplan migrate OLD.h5 -o NEW.h5` brings it up to date");
     }
+    // `vfplan replay -o` names its format in the header of the file's root, which comes first.
+    constexpr std::size_t first_objects = 1 << 16;
+    const bool is_result =
+        data.text().substr(0, first_objects).find("vfplan-result") != std::string_view::npos;
+    if (data.begins(hdf5_signature) && is_result) {
+        throw BundleError("corrupt.seal", "",
+                          "is a result of `vfplan replay`, and no fixture bundle. Give the bundle "
+                          "that was replayed");
+    }
     if (data.begins(hdf5_signature)) {
         throw BundleError(
             "corrupt.seal", "",
