@@ -237,7 +237,7 @@ def test_forks_and_ends_between_slices_are_told_with_their_place(tmp_path):
 
 
 def test_one_slice_is_no_surface(tmp_path):
-    with pytest.raises(InputError, match="1 slice shows the structure; two at least"):
+    with pytest.raises(InputError, match="1 slice shows the structure. Give two at least"):
         surface(struct(tmp_path, rings()[:1]), settings=COARSE)
 
 
@@ -261,11 +261,11 @@ def test_a_place_of_no_patient_is_refused(tmp_path):
 
 def test_a_structure_is_chosen_by_name_or_number(tmp_path):
     path = struct(tmp_path, rings(), names=["femur", "cyst"])
-    with pytest.raises(InputError, match=r"holds 2 structures: 1 'femur', 2 'cyst'; choose one"):
+    with pytest.raises(InputError, match=r"holds 2 structures: 1 'femur', 2 'cyst'. Choose one"):
         surface(path)
     for name in ("femur", "1"):
         assert surface(path, structure=name, settings=COARSE).report["slices"] == 16
-    with pytest.raises(InputError, match="no such structure; it holds 1 'femur', 2 'cyst'"):
+    with pytest.raises(InputError, match="no such structure. It holds 1 'femur', 2 'cyst'"):
         surface(path, structure="tibia")
     with pytest.raises(InputError, match="structure 2 has no closed contour"):
         surface(path, structure="cyst")

@@ -261,9 +261,9 @@ def _written(value: Any) -> str:
         if isinstance(plain, (bool, int, float)) and math.isfinite(plain):
             return json.dumps(plain)
     except OverflowError:
-        raise InputError("a setting is an integer beyond 1.8e308: no bundle can hold it") from None
+        raise InputError("a setting is an integer beyond 1.8e308: no bundle can hold it.") from None
     raise InputError(
-        f"a setting of value {value!r:.80}: text, a finite number or a boolean is wanted"
+        f"a setting of value {value!r:.80}: text, a finite number or a boolean is wanted."
     )
 
 

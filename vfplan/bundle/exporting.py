@@ -62,7 +62,7 @@ def _suffix(path: str | Path) -> str:
     name = Path(path).name.lower()
     suffix = next((s for s in SUFFIXES if name.endswith(s)), None)
     if suffix is None:
-        raise InputError(f"ends in none of {', '.join(SUFFIXES)}", where=str(path))
+        raise InputError(f"ends in none of {', '.join(SUFFIXES)}.", where=str(path))
     return suffix
 
 
@@ -99,9 +99,9 @@ def _csv(fixture: Fixture) -> bytes:
 
 def _mrk(fixture: Fixture) -> bytes:
     if fixture.frame == "image":
-        raise InputError("pixels cannot be written as .mrk.json, which holds mm: register first")
+        raise InputError("pixels cannot be written as .mrk.json, which holds mm: register first.")
     if fixture.curve is None:
-        raise InputError("a cloud without strokes cannot be written as .mrk.json; .ply can")
+        raise InputError("a cloud without strokes cannot be written as .mrk.json; .ply can.")
     markups = [
         _markup(fixture.points[fixture.curve.stroke == number] * 1000, number, bool(closed))
         for number, closed in enumerate(fixture.curve.closed)
@@ -151,7 +151,7 @@ def dxf(fixture: Fixture) -> bytes:
 def _pieces(fixture: Fixture) -> tuple[Pieces, Vector]:
     if fixture.pieces is None or fixture.rendering is None or fixture.ignore_axis is None:
         raise InputError(
-            "a fixture without lines and arcs has no .dxf; its points have the other forms"
+            "a fixture without lines and arcs has no .dxf. Its points have the other forms."
         )
     return fixture.pieces, fixture.ignore_axis
 

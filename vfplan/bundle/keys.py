@@ -48,7 +48,7 @@ def keygen(private_path: str | Path, *, overwrite: bool = False) -> tuple[Path, 
     private_path = Path(private_path)
     public_path = private_path.with_suffix(".pub")
     if public_path == private_path:
-        raise SettingError("the private key's name may not end in .pub", where=str(private_path))
+        raise SettingError("the private key's name may not end in .pub.", where=str(private_path))
     key = ed25519.Ed25519PrivateKey.generate()
     private = key.private_bytes(
         serialization.Encoding.PEM,
@@ -76,12 +76,12 @@ def read_keys(path: str | Path) -> dict[bytes, Any]:
         try:
             key = serialization.load_pem_public_key(block)
         except Exception as error:  # the library raises many kinds for a damaged key
-            raise InputError("holds a public key that cannot be read", where=str(path)) from error
+            raise InputError("holds a public key that cannot be read.", where=str(path)) from error
         if not isinstance(key, ed25519.Ed25519PublicKey):
-            raise InputError("holds a key that is not Ed25519", where=str(path))
+            raise InputError("holds a key that is not Ed25519.", where=str(path))
         keys[key_id_of(key)] = key
     if not keys:
-        raise InputError("holds no public key in PEM form", where=str(path))
+        raise InputError("holds no public key in PEM form.", where=str(path))
     return keys
 
 
@@ -94,7 +94,7 @@ def _blocks(data: bytes, where: str) -> Iterator[bytes]:
             continue
         if not block and line != BEGIN:
             raise InputError(
-                f"line {number} belongs to no public key in PEM form and is no comment (#)",
+                f"line {number} belongs to no public key in PEM form and is no comment (#).",
                 where=where,
             )
         block.append(line)
@@ -102,7 +102,7 @@ def _blocks(data: bytes, where: str) -> Iterator[bytes]:
             yield b"\n".join([*block, b""])
             block.clear()
     if block:
-        raise InputError("ends within a public key", where=where)
+        raise InputError("ends within a public key.", where=where)
 
 
 def read_private(path: str | Path) -> Any:
@@ -115,8 +115,8 @@ def read_private(path: str | Path) -> Any:
     data, status = _read_pem(path)
     if b"-----BEGIN PUBLIC KEY-----" in data:
         raise InputError(
-            "is a public key, which signs nothing; the private one is wanted, whose file keygen "
-            "named without .pub",
+            "is a public key, which signs nothing. The private one is wanted, whose file keygen "
+            "named without .pub.",
             where=str(path),
             code="public-key",
         )
@@ -124,21 +124,21 @@ def read_private(path: str | Path) -> Any:
     if status.st_uid != os.geteuid():
         raise InputError(
             f"this private key belongs to another user (id {status.st_uid}), who can sign with it "
-            "too; a key of your own is wanted",
+            "too. Give a key of your own.",
             where=str(path),
         )
     if mode & 0o077:
         raise InputError(
             f"others can read or write this private key, its mode is {mode:04o}; 0600 wanted:"
-            " chmod 600, or make a new one if somebody may have copied it",
+            " chmod 600, or make a new one if somebody may have copied it.",
             where=str(path),
         )
     try:
         key = serialization.load_pem_private_key(data, password=None)
     except Exception as error:  # as above
-        raise InputError("holds no private key in PEM form", where=str(path)) from error
+        raise InputError("holds no private key in PEM form.", where=str(path)) from error
     if not isinstance(key, ed25519.Ed25519PrivateKey):
-        raise InputError("holds a key that is not Ed25519", where=str(path))
+        raise InputError("holds a key that is not Ed25519.", where=str(path))
     return key
 
 
@@ -146,5 +146,7 @@ def _read_pem(path: str | Path) -> tuple[bytes, os.stat_result]:
     with opened_file(Path(path)) as file:
         data, status = file.read(KEY_FILE_BYTES + 1), os.fstat(file.fileno())
     if len(data) > KEY_FILE_BYTES:
-        raise InputError(f"more than {KEY_FILE_BYTES} bytes; no file of keys", where=str(path))
+        raise InputError(
+            f"more than {KEY_FILE_BYTES} bytes, so it is no file of keys.", where=str(path)
+        )
     return data, status

@@ -69,7 +69,7 @@ def read_mesh(data: bytes, suffix: str, where: str) -> Mesh:
         return reader(data)
     except (KeyError, ValueError, IndexError, OverflowError, TypeError) as error:
         what = f"{error} is unknown or missing" if isinstance(error, KeyError) else str(error)
-        raise InputError(f"cannot be read as {suffix[1:].upper()}: {what}", where=where) from error
+        raise InputError(f"cannot be read as {suffix[1:].upper()}: {what}.", where=where) from error
 
 
 # --- PLY ---------------------------------------------------------------------------------------

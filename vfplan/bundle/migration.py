@@ -63,7 +63,7 @@ def _refuse_current(path: Path) -> None:
     if is_current:
         read_bundle(path)
         raise InputError(
-            f"has version {VERSION} already, so it needs no migration",
+            f"has version {VERSION} already, so it needs no migration.",
             where=str(path),
             code="no-migration-needed",
         )

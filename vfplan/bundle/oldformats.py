@@ -42,7 +42,7 @@ def old_content(stream: BinaryIO) -> Iterator[Any]:
     most = document(OLDER)["limits"]["payload_bytes"] + SEALS[-1]
     data = stream.read(most + 1)
     if len(data) > most:
-        raise UnsafeError("is longer than a bundle may be", code="unsafe.cap")
+        raise UnsafeError("is longer than a bundle may be.", code="unsafe.cap")
     payload, signed_by = _unsealed(data)
     with _opened(payload) as file:
         version = _version(file, is_sealed=len(payload) < len(data))
@@ -79,17 +79,17 @@ def _unsealed(data: bytes) -> tuple[bytes, str | None]:
     if not data.startswith(MAGIC):
         if data.startswith(HDF5_MAGIC):
             return data, None
-        raise CorruptError("is no fixture bundle", code="corrupt.seal")
+        raise CorruptError("is no fixture bundle.", code="corrupt.seal")
     version, flags, length, payload_length = struct.unpack_from("<HHIQ", data.ljust(24, b"\0"), 8)
     if version != 1:
-        raise VersionError(f"has seal version {version} in front; 1 is known", code="version.seal")
+        raise VersionError(f"has seal version {version} in front; 1 is known.", code="version.seal")
     if length not in SEALS or len(data) != length + payload_length:
-        raise CorruptError("was cut or grown: its seal says another length", code="corrupt.seal")
+        raise CorruptError("was cut or grown: its seal says another length.", code="corrupt.seal")
     block, payload = data[:length], data[length:]
     if hashlib.sha256(block[:-32]).digest() != block[-32:]:
-        raise CorruptError("the seal itself is damaged: its SHA-256 differs", code="corrupt.seal")
+        raise CorruptError("the seal itself is damaged: its SHA-256 differs.", code="corrupt.seal")
     if hashlib.sha256(payload).digest() != block[24:56]:
-        raise CorruptError("SHA-256 differs from the sealed one", code="corrupt.seal")
+        raise CorruptError("SHA-256 differs from the sealed one.", code="corrupt.seal")
     signed_by = block[56:72].hex() if flags & 1 else None
     return payload, signed_by
 
@@ -100,7 +100,7 @@ def _opened(payload: bytes) -> Any:
     try:
         return h5py.File(io.BytesIO(payload), "r")
     except (OSError, RuntimeError, ValueError) as error:
-        raise CorruptError(f"cannot be read as HDF5: {error}", code="corrupt.hdf5") from None
+        raise CorruptError(f"cannot be read as HDF5: {error}.", code="corrupt.hdf5") from None
 
 
 def _version(file: Any, *, is_sealed: bool) -> str:
@@ -113,20 +113,20 @@ def _version(file: Any, *, is_sealed: bool) -> str:
         value = file.attrs.get(name)
         texts[name] = value.decode("ascii", "replace") if isinstance(value, bytes) else ""
     if texts["format"] != FORMAT:
-        raise CorruptError("is no fixture bundle", where="/@format", code="corrupt.format")
+        raise CorruptError("is no fixture bundle.", where="/@format", code="corrupt.format")
     version = texts["version"]
     known = ("1.0", "1.1") if is_sealed else ("0.1",)
     if version in known:
         return version
     if is_sealed:
         raise VersionError(
-            f"version {version!r} under the seal of versions 1.0 and 1.1",
+            f"version {version!r} under the seal of versions 1.0 and 1.1.",
             where="/@version",
             code="version.major",
         )
     raise CorruptError(
         f"its seal is missing, and version {version!r} has one: the file was cut, or opened for "
-        "writing by another program. Migrate the file as it was first written",
+        "writing by another program. Migrate the file as it was first written.",
         where="/@version",
         code="corrupt.seal",
     )
@@ -146,15 +146,15 @@ def _require_known(file: Any, rows: dict[str, Row]) -> None:
             path = f"{group.rstrip('/')}/{name}"
             link = file[group].get(name, getlink=True)
             if not isinstance(link, h5py.HardLink):
-                raise UnsafeError("is a link that is not hard", where=path, code="unsafe.link")
+                raise UnsafeError("is a link that is not hard.", where=path, code="unsafe.link")
             if path not in rows:
                 raise UnsafeError(
-                    f"holds {name!r}, which its version lacks", where=group, code="unsafe.unknown"
+                    f"holds {name!r}, which its version lacks.", where=group, code="unsafe.unknown"
                 )
         for name in file[group].attrs:
             if f"{group}@{name}" not in rows:
                 raise UnsafeError(
-                    f"holds {name!r}, which its version lacks", where=group, code="unsafe.unknown"
+                    f"holds {name!r}, which its version lacks.", where=group, code="unsafe.unknown"
                 )
 
 
@@ -162,17 +162,17 @@ def _numbers(dataset: Any, row: Row) -> np.ndarray:
     """A dataset's values, after its kind, type and size were compared with its row."""
     is_plain = isinstance(dataset, h5py.Dataset) and dataset.shape is not None
     if not is_plain or dataset.external or dataset.is_virtual:
-        raise UnsafeError("is no plain dataset", where=row.path, code="unsafe.layout")
+        raise UnsafeError("is no plain dataset.", where=row.path, code="unsafe.layout")
     kind = dataset.dtype.kind if row.type == "text" else dataset.dtype.str.lstrip("<|")
     if kind != ("S" if row.type == "text" else row.type):
-        raise CorruptError(f"has type {dataset.dtype}", where=row.path, code="corrupt.type")
+        raise CorruptError(f"has type {dataset.dtype}.", where=row.path, code="corrupt.type")
     sizes, limits = document(OLDER)["sizes"], document(OLDER)["limits"]
     if len(dataset.shape) != len(row.shape) or dataset.dtype.itemsize > limits["text_bytes"]:
-        raise CorruptError(f"has shape {dataset.shape}", where=row.path, code="corrupt.shape")
+        raise CorruptError(f"has shape {dataset.shape}.", where=row.path, code="corrupt.shape")
     for side, wanted in zip(dataset.shape, row.shape, strict=True):
         cap = sizes[wanted]["max"] if isinstance(wanted, str) else wanted
         if not 1 <= side <= cap:
-            raise UnsafeError(f"has shape {dataset.shape}", where=row.path, code="unsafe.cap")
+            raise UnsafeError(f"has shape {dataset.shape}.", where=row.path, code="unsafe.cap")
     return np.asarray(dataset[...])
 
 
@@ -182,11 +182,11 @@ def _plain(value: Any, row: Row) -> Any:
         return _text(value, row)
     if row.type != "text" and isinstance(value, np.generic) and value.dtype.str[1:] == row.type:
         return value.item()
-    raise CorruptError("has another type", where=row.path, code="corrupt.type")
+    raise CorruptError("has another type.", where=row.path, code="corrupt.type")
 
 
 def _text(value: bytes, row: Row) -> str:
     try:
         return value.decode()
     except UnicodeDecodeError:
-        raise CorruptError("is not UTF-8", where=row.path, code="corrupt.text") from None
+        raise CorruptError("is not UTF-8.", where=row.path, code="corrupt.text") from None

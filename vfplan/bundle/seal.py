@@ -120,7 +120,7 @@ def seal_length(case: str = "", robot_serial: str = "") -> int:
             return length
     room = LENGTHS[-1] - HEAD.size - TAIL.size
     raise SettingError(
-        f"case and serial have {texts} bytes; at most {room} allowed",
+        f"case and serial have {texts} bytes. At most {room} allowed.",
         code="seal-texts-too-long",
         numbers={"bytes": texts, "max_bytes": room},
     )

@@ -64,7 +64,7 @@ def sign(
     signed_at = _seconds(now_utc() if registered_utc is None else registered_utc)
     for what, text in (("case token", case), ("robot serial", robot_serial)):
         if not text.isprintable():
-            raise SettingError(f"{what} {text!r} holds control characters")
+            raise SettingError(f"{what} {text!r} holds control characters.")
     key = read_private(key_path)
     with opened_source(source) as stream:
         sealed = unsealed(stream)
@@ -95,22 +95,22 @@ def _refuse(fixture: Fixture, where: str) -> NoReturn:
     codes = [finding.code for finding in fixture.open_findings]
     if codes:
         raise CheckFailed(
-            f"{len(codes)} findings are not answered: {', '.join(sorted(set(codes)))}. {how}",
+            f"{len(codes)} findings are not answered: {', '.join(sorted(set(codes)))}. {how}.",
             where=where,
             code="findings-unanswered",
             numbers={"unanswered": len(codes), "codes": codes},
         )
-    raise CheckFailed(f"nobody has reviewed it. {how}", where=where, code="not-reviewed")
+    raise CheckFailed(f"nobody has reviewed it. {how}.", where=where, code="not-reviewed")
 
 
 def _seconds(text: str) -> int:
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:
-        raise SettingError(f"{text!r} is no time; 2026-01-31T12:00:00Z is one") from None
+        raise SettingError(f"{text!r} is no time; 2026-01-31T12:00:00Z is one.") from None
     if moment.tzinfo is None:
-        raise SettingError(f"{text!r} has no time zone; end it with Z for UTC")
+        raise SettingError(f"{text!r} has no time zone. End it with Z for UTC.")
     seconds = int((moment.astimezone(UTC) - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())
     if not 0 < seconds <= LATEST:
-        raise SettingError(f"{text!r} lies outside 1970 to 9999")
+        raise SettingError(f"{text!r} lies outside 1970 to 9999.")
     return seconds

@@ -38,7 +38,7 @@ class Trust:
     def __post_init__(self) -> None:
         """Refuse an age that no comparison would ever exceed: NaN, infinite, negative."""
         if self.max_age is not None and not 0 <= self.max_age < math.inf:
-            raise SettingError(f"maximum age {self.max_age} s; finite and 0 or more wanted")
+            raise SettingError(f"maximum age {self.max_age} s. Give a finite number from 0.")
 
 
 def check_trust(seal: Sealed, trust: Trust, now: float | None = None) -> None:
@@ -51,31 +51,33 @@ def check_trust(seal: Sealed, trust: Trust, now: float | None = None) -> None:
     Raises SignatureError: the signature is missing, wrong, by an unknown key, or for something else
     """
     if not seal.signed:
-        raise SignatureError("is not signed; a signature of a trusted key is demanded")
+        raise SignatureError("is not signed. Give a signature of a trusted key.")
     key = trust.keys.get(seal.key_id)
     if key is None:
-        raise SignatureError(f"is signed by key {seal.key_id.hex()}, which is not a trusted one")
+        raise SignatureError(f"is signed by key {seal.key_id.hex()}, which is not a trusted one.")
     from cryptography.exceptions import InvalidSignature
 
     try:
         key.verify(seal.signature, seal.signed_message)
     except InvalidSignature:
-        raise SignatureError(f"the signature by key {seal.key_id.hex()} does not hold") from None
+        raise SignatureError(f"the signature by key {seal.key_id.hex()} does not hold.") from None
     for what, signed, wanted in (
         ("case", seal.case, trust.case),
         ("robot", seal.robot_serial, trust.robot_serial),
     ):
         if wanted is not None and signed != wanted:
-            raise SignatureError(f"is signed for {what} {signed!r}; {wanted!r} is demanded")
+            raise SignatureError(f"is signed for {what} {signed!r}. {wanted!r} is demanded.")
     if trust.max_age is not None:
         _check_age(seal, trust.max_age, time.time() if now is None else now)
 
 
 def _check_age(seal: Sealed, max_age: float, now: float) -> None:
     if not seal.signed_at:
-        raise SignatureError("does not state when it was signed, and a maximum age is demanded")
+        raise SignatureError("does not state when it was signed, and a maximum age is demanded.")
     age = now - seal.signed_at
     if age > max_age:
-        raise SignatureError(f"was signed {age:.0f} s ago; at most {max_age:.0f} s old is demanded")
+        raise SignatureError(
+            f"was signed {age:.0f} s ago. At most {max_age:.0f} s old is demanded."
+        )
     if age < -CLOCK_SKEW:
-        raise SignatureError(f"the time of signing lies {-age:.0f} s in the future")
+        raise SignatureError(f"the time of signing lies {-age:.0f} s in the future.")

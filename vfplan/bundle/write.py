@@ -88,7 +88,7 @@ def _check_texts(content: Content) -> None:
         texts = value if isinstance(value, tuple) else (value,)
         for text in texts:
             if isinstance(text, str) and text.endswith("\0"):
-                raise InputError(f"{text!r} ends in a control character", where=path)
+                raise InputError(f"{text!r} ends in a control character.", where=path)
 
 
 def write_content(content: Content, path: Path, *, overwrite: bool) -> None:
@@ -106,7 +106,7 @@ def write_content(content: Content, path: Path, *, overwrite: bool) -> None:
             raise SceneError(message)
         if code in DISAGREEING:
             raise SettingError(message, where=where, code=code)
-        raise InputError(f"no bundle can hold this: {message}", where=where)
+        raise InputError(f"no bundle can hold this: {message}.", where=where)
     write_whole(path, parts, overwrite=overwrite)
 
 
@@ -145,7 +145,7 @@ def _group_properties(kind: Any) -> Any:
     call = ctypes.CDLL(h5p.__file__).H5Pset_link_phase_change
     call.argtypes, call.restype = [ctypes.c_int64, ctypes.c_uint, ctypes.c_uint], ctypes.c_int
     if call(properties.id, most, most - 1) < 0:
-        raise OutputError(f"libhdf5 keeps no {most} links in a group's header")
+        raise OutputError(f"libhdf5 keeps no {most} links in a group's header.")
     return properties
 
 
@@ -155,7 +155,7 @@ def _put(group: Any, row: Row, content: Content) -> None:
         group.attrs.create(row.name, data)
         return
     if not data.size:
-        raise InputError(f"has shape {data.shape}; nothing in it", where=row.path)
+        raise InputError(f"has shape {data.shape}. Give at least one row.", where=row.path)
     dataset = group.create_dataset(row.name, data=data, fill_time="never")
     for name, text in unit_and_frame(row, content).items():
         dataset.attrs.create(name, as_stored(text, "text"))

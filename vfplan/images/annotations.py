@@ -76,13 +76,13 @@ def found_in(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple[NDAr
                     continue
                 numbers = np.array(graphic.GraphicData, np.float64)
                 if len(numbers) != 2 * int(graphic.get("NumberOfGraphicPoints", -1)):
-                    raise CurveError(f"{name} has {len(numbers)} coordinates", where=where)
+                    raise CurveError(f"{name} has {len(numbers)} coordinates.", where=where)
                 points = numbers.reshape(-1, 2)
                 head = {"kind": "line", "name": name, "drawn_on": drawn_on, "smooth": LINES[kind]}
                 drawn += [head, (points,)]
     if not drawn:
         there = "; ".join(others[:6]) or f"no drawing ({str(dataset.get('Modality', ''))[:16]})"
-        raise CurveError(f"is DICOM with {there}; {WANTED}", where=where)
+        raise CurveError(f"is DICOM with {there}. {WANTED}.", where=where)
     yield from drawn
     for name in others:
         yield from ({"kind": "other", "name": name, "drawn_on": {}}, (np.zeros(0),))

@@ -126,7 +126,7 @@ def quiet(where: str) -> Iterator[None]:
         raise
     except Exception as error:  # a file from outside: pydicom raises all kinds
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise ImageError(f"the DICOM file cannot be read: {reason}", where=where) from None
+        raise ImageError(f"the DICOM file cannot be read: {reason}.", where=where) from None
 
 
 @contextmanager
@@ -154,7 +154,9 @@ def _image_of(file: BinaryIO, where: str) -> Any:
     dataset = dataset_of(file, where)
     if not any(name in dataset for name in ("PixelData", "FloatPixelData", "DoubleFloatPixelData")):
         kind = dataset.get("Modality") or "no image"
-        raise ImageError(f"the DICOM file holds no pixels ({kind})", where=where)
+        raise ImageError(
+            f"the DICOM file holds no pixels ({kind}). Export the slice itself.", where=where
+        )
     return dataset
 
 
@@ -163,13 +165,16 @@ def _pixels(dataset: Any, where: str, index: int, max_pixels: int) -> NDArray:
 
     kind = str(dataset.get("PhotometricInterpretation", ""))
     if not (kind in COLOUR | GREY or kind.startswith("YBR")):
-        raise ImageError(f"PhotometricInterpretation {kind!r} is not supported", where=where)
+        raise ImageError(
+            f"PhotometricInterpretation {kind!r} is not supported. Export the slice as RGB.",
+            where=where,
+        )
     check_size(int(dataset.Columns), int(dataset.Rows), where, max_pixels)
     pixels = int(dataset.Columns) * int(dataset.Rows)
     raise_limits(PIXEL_BYTES * pixels, pixels // PIXELS_A_SECOND)
     bits = int(dataset.BitsAllocated)
     if bits not in (8, 16) and kind not in GREY:
-        raise ImageError(f"has {bits} bits a sample; 8 or 16 are wanted", where=where)
+        raise ImageError(f"has {bits} bits a sample. Export the slice with 8 or 16.", where=where)
     pixels = pixel_array(dataset, index=index)  # YBR becomes RGB here
     if kind in GREY:
         return _windowed(dataset, pixels, kind == "MONOCHROME1")
@@ -179,7 +184,7 @@ def _pixels(dataset: Any, where: str, index: int, max_pixels: int) -> NDArray:
     else:
         stored = int(dataset.get("BitsStored") or bits)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype.kind != "u":
-        raise ImageError(f"its pixels are {pixels.shape} of {pixels.dtype}", where=where)
+        raise ImageError(f"its pixels are {pixels.shape} of {pixels.dtype}.", where=where)
     shift = 8 * pixels.itemsize - stored
     return np.ascontiguousarray(pixels << shift if shift else pixels)
 
@@ -206,7 +211,7 @@ def _spacing(dataset: Any, where: str, imager: bool) -> tuple[float, float] | No
             continue
         numbers = [float(x) for x in (value if hasattr(value, "__len__") else [value])]
         if len(numbers) != 2 or not all(0 < x < float("inf") for x in numbers):
-            raise ImageError(f"{name} is {numbers}; two numbers above 0 are wanted", where=where)
+            raise ImageError(f"{name} is {numbers}. Give two numbers above 0.", where=where)
         return numbers[1], numbers[0]
     return None
 

@@ -86,8 +86,8 @@ def as_image(image: PlannedImage | NDArray | str | Path) -> PlannedImage:
     rgb = np.asarray(image)
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype not in (np.uint8, np.uint16) or not rgb.size:
         raise ImageError(
-            "an image array is (H, W, 3) of uint8 or uint16, red first; "
-            f"got {rgb.shape} of {rgb.dtype}"
+            "an image array is (H, W, 3) of uint8 or uint16, red first. "
+            f"Got {rgb.shape} of {rgb.dtype}."
         )
     return PlannedImage(rgb, None, hashlib.sha256(np.ascontiguousarray(rgb)).hexdigest())
 
@@ -127,7 +127,7 @@ def read_image(
     max_pixels = _max_pixels(max_megapixels)
     data = read_whole(Path(path), MOST_BYTES, ImageError)
     if not data:
-        raise ImageError("is empty; an image is wanted", where=where)
+        raise ImageError("is empty. Give an image.", where=where)
     sha256 = hashlib.sha256(data).hexdigest()
     if is_dicom(data):
         from vfplan.images.dicom import read_dicom
@@ -164,14 +164,18 @@ def read_header(data: bytes, where: str, max_pixels: int = int(1e6 * MAX_MEGAPIX
             try:
                 return read(data, where, max_pixels)
             except (struct.error, IndexError):
-                raise ImageError("its header is damaged or cut short", where=where) from None
-    raise ImageError("is not an image that can be read (PNG, JPEG, TIFF, BMP, DICOM)", where=where)
+                raise ImageError(
+                    "its header is damaged or cut short. Export the slice again.", where=where
+                ) from None
+    raise ImageError(
+        "is no PNG, JPEG, TIFF, BMP or DICOM. Export the slice as one of these.", where=where
+    )
 
 
 def _max_pixels(megapixels: float) -> int:
     if not 0 < megapixels <= LARGEST_MEGAPIXELS:
         raise SettingError(
-            f"{megapixels:g} megapixels; allowed is more than 0 and at most {LARGEST_MEGAPIXELS:g}",
+            f"{megapixels:g} megapixels. Give more than 0 and at most {LARGEST_MEGAPIXELS:g}.",
             code="out-of-range",
             numbers={"max_megapixels": megapixels},
         )
@@ -182,14 +186,14 @@ def check_size(width: int, height: int, where: str, max_pixels: int) -> None:
     """Raise `ImageError` for a page without pixels, or of more than are read."""
     if width <= 0 or height <= 0:
         raise ImageError(
-            f"has {width} x {height} pixels; at least one is wanted",
+            f"has {width} x {height} pixels. Export the slice again.",
             where=where,
             code="image-empty",
         )
     if width * height > max_pixels:
         raise ImageError(
-            f"has {width} x {height} pixels, {1e-6 * width * height:.0f} million; at most "
-            f"{1e-6 * max_pixels:.0f} million are read. --max-megapixels allows more",
+            f"has {width} x {height} pixels, {1e-6 * width * height:.0f} million. At most "
+            f"{1e-6 * max_pixels:.0f} million are read. --max-megapixels allows more.",
             where=where,
             code="image-too-large",
             numbers={"width_px": width, "height_px": height, "max_pixels": max_pixels},
@@ -198,7 +202,9 @@ def check_size(width: int, height: int, where: str, max_pixels: int) -> None:
 
 def _png(data: bytes, where: str, max_pixels: int) -> Header:
     if b"IEND" not in data[-64:]:  # decoders fill what is missing with grey and say nothing
-        raise ImageError("the PNG is cut short: it has no IEND chunk", where=where)
+        raise ImageError(
+            "the PNG is cut short: it has no IEND chunk. Copy the file again.", where=where
+        )
     check_size(*struct.unpack_from(">II", data, 16), where, max_pixels)
     at, orientation, frames, opaque = len(PNG), 1, 1, data[25] in (0, 2, 3)
     while at + 8 <= len(data):
@@ -212,13 +218,15 @@ def _png(data: bytes, where: str, max_pixels: int) -> Header:
             orientation = tags.get(ORIENTATION, 1)
         at += 12 + size
     if frames > 1:
-        raise ImageError(f"is animated, {frames} frames; one picture is wanted", where=where)
+        raise ImageError(f"is animated, {frames} frames. Export one picture.", where=where)
     return Header("PNG", opaque=opaque, orientation=orientation)
 
 
 def _jpeg(data: bytes, where: str, max_pixels: int) -> Header:
     if b"\xff\xd9" not in data[-4096:]:
-        raise ImageError("the JPEG is cut short: it has no end-of-image marker", where=where)
+        raise ImageError(
+            "the JPEG is cut short: it has no end marker. Copy the file again.", where=where
+        )
     at = 2
     while True:
         if data[at] != 0xFF:
@@ -233,7 +241,7 @@ def _jpeg(data: bytes, where: str, max_pixels: int) -> Header:
         else:
             at += 2 + struct.unpack_from(">H", data, at + 2)[0]
     if (scans := data.count(b"\xff\xda")) > MOST_SCANS:
-        raise ImageError(f"has {scans} scans; at most {MOST_SCANS} are read", where=where)
+        raise ImageError(f"has {scans} scans. At most {MOST_SCANS} are read.", where=where)
     return Header("JPEG", opaque=True)
 
 
@@ -248,7 +256,9 @@ def _tiff(data: bytes, where: str, max_pixels: int) -> Header:
     pages = 0
     for pages, page in enumerate(directories(data), start=1):
         if pages > MOST_PAGES:
-            raise ImageError(f"has more than {MOST_PAGES} pages", where=where)
+            raise ImageError(
+                f"has more than {MOST_PAGES} pages. Export the page that is meant.", where=where
+            )
         check_size(page.get(WIDTH, 0), page.get(HEIGHT, 0), where, max_pixels)
     return Header("TIFF", pages)
 
@@ -268,30 +278,36 @@ def _decode(data: bytes, header: Header, where: str, frame: int | None) -> NDArr
             said.seek(0)
             lines = said.read().decode(errors="replace").splitlines()
     except cv2.error as error:
-        raise ImageError(f"cannot be decoded: {error.err}", where=where) from None
+        raise ImageError(
+            f"cannot be decoded: {error.err}. Export the slice again.", where=where
+        ) from None
     # libjpeg makes up what it cannot decode, says so, and calls it a success.
     damage = next((line for line in lines if line.startswith(LIBJPEG_DAMAGE)), None)
     if damage and header.kind == "JPEG":
-        raise ImageError(f"the JPEG is damaged: {damage}", where=where)
+        raise ImageError(f"the JPEG is damaged: {damage}. Copy the file again.", where=where)
     if rgb is None:
-        raise ImageError(f"the {header.kind} cannot be decoded", where=where)
+        raise ImageError(
+            f"the {header.kind} cannot be decoded. Export the slice again.", where=where
+        )
     if rgb.dtype not in (np.uint8, np.uint16):
-        raise ImageError(f"has {rgb.dtype} samples; 8 or 16 bits are wanted", where=where)
+        raise ImageError(
+            f"has {rgb.dtype} samples. Export the slice with 8 or 16 bits.", where=where
+        )
     return rgb
 
 
 def index_of(what: str, frame: int | None, count: int, where: str) -> int:
     """Of the page or frame asked for, which count from 1; raises `ImageError` if there is none."""
     if frame is None and count > 1:
-        raise ImageError(f"has {count} {what}s; choose one, 1 to {count} (--frame)", where=where)
+        raise ImageError(f"has {count} {what}s. Choose one, 1 to {count} (--frame).", where=where)
     if count < 1:
         raise ImageError(
-            f"says that it has {count} {what}s; at least one is wanted", where=where,
+            f"says that it has {count} {what}s. Export the slice again.", where=where,
             code="no-frames", numbers={"count": count},
         )  # fmt: skip
     at = 0 if frame is None else frame - 1
     if not 0 <= at < count:
-        raise ImageError(f"has no {what} {frame}; it has {count}, from 1", where=where)
+        raise ImageError(f"has no {what} {frame}. It has {count}, from 1.", where=where)
     return at
 
 

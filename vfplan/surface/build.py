@@ -63,13 +63,13 @@ class SurfaceSettings:
         if not 0 < self.tolerance_m < radius:
             raise SettingError(
                 f"tolerance {1e3 * self.tolerance_m:g} mm: above 0 and below R = "
-                f"{1e3 * radius:g} mm is wanted"
+                f"{1e3 * radius:g} mm is wanted."
             )
         step = math.sqrt(2 * radius * DIMPLE_SHARE * self.tolerance_m) / COVER
         if step < FINEST_STEP_M:
             raise SettingError(
                 f"tolerance {1e3 * self.tolerance_m:g} mm asks for triangles of "
-                f"{1e3 * step:.2g} mm; {1e3 * FINEST_STEP_M:g} mm are the finest"
+                f"{1e3 * step:.2g} mm. {1e3 * FINEST_STEP_M:g} mm are the finest."
             )
         return step
 

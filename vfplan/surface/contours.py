@@ -42,16 +42,16 @@ def choose_structure(structures: tuple[Structure, ...], asked: str | None) -> St
     """
     named = ", ".join(f"{s.number} {s.name!r}" if s.name else str(s.number) for s in structures)
     if not structures:
-        raise InputError("holds no structure")
+        raise InputError("holds no structure.")
     if asked is None:
         if len(structures) > 1:
             raise InputError(
-                f"holds {len(structures)} structures: {named}; choose one (--structure)"
+                f"holds {len(structures)} structures: {named}. Choose one (--structure)."
             )
         return structures[0]
     found = [s for s in structures if asked == s.name]
     found = found or [s for s in structures if asked == str(s.number)]
     if len(found) != 1:
         how = "several structures of that name" if found else "no such structure"
-        raise InputError(f"{how}; it holds {named}")
+        raise InputError(f"{how}. It holds {named}.")
     return found[0]

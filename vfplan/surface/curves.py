@@ -35,15 +35,17 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
             kinds = [markup.get("type") for markup in markups]
             if set(kinds) != {"ClosedCurve"}:
                 other = next((k for k in kinds if k != "ClosedCurve"), "nothing")
-                raise InputError(f"holds {other!r}; closed curves are wanted", where=where)
+                raise InputError(f"holds {other!r}. Give closed curves.", where=where)
             points = [lps_points(markup, where) for markup in markups]
         except UnicodeDecodeError:
-            raise InputError("is not UTF-8 text", where=where) from None
+            raise InputError(
+                "is not UTF-8 text. Save the markups from Slicer as .mrk.json.", where=where
+            ) from None
         except MarkerError as error:
             raise InputError(error.message, where=error.where) from None
         for ring in points:
             if len(ring) < 3:
-                raise InputError(f"a curve has {len(ring)} points; 3 are wanted", where=where)
+                raise InputError(f"a curve has {len(ring)} points. Give at least 3.", where=where)
             rings.append(VectorCurve(ring, True, True, "").fine(FINE_M))
     return Contours(tuple(rings), (Structure(1),), 1, {"curves": digest.hexdigest()})
 
@@ -65,7 +67,7 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     files = sorted(path for path in folder.iterdir() if path.is_file())
     if not 2 <= len(files) <= MOST_SLICES:
         raise InputError(
-            f"holds {len(files)} files; 2 to {MOST_SLICES} slices are wanted", where=str(folder)
+            f"holds {len(files)} files; 2 to {MOST_SLICES} slices are wanted.", where=str(folder)
         )
     rings, digest, bare = [], hashlib.sha256(), 0
     for number, path in enumerate(files, start=1):
@@ -79,18 +81,23 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
             raise type(error)(error.message, where=where) from None
         place = found.image.T_patient_image
         if place is None:
-            raise ImageError("does not say where it lies in the patient", where=where)
+            raise ImageError(
+                "does not say where it lies in the patient. Give DICOM slices.", where=where
+            )
         digest.update(bytes.fromhex(found.image.sha256))
         for stroke in found.extraction.strokes:
             if not stroke.closed:
                 raise CurveError(
-                    f"a drawing of {stroke.length_px:.0f} px is open; an outline is closed",
+                    f"a drawing of {stroke.length_px:.0f} px is open. Close the outline.",
                     where=where,
                 )
             pixels = np.c_[stroke.points_px, np.ones(len(stroke.points_px))]
             rings.append((pixels @ place.T)[:, :3])
     if not rings:
-        raise CurveError(f"none of {len(files)} slices shows a drawing", where=str(folder))
+        raise CurveError(
+            f"none of {len(files)} slices shows a drawing. Name the pen's colour with --colour.",
+            where=str(folder),
+        )
     told = (f"{bare} of {len(files)} slices show no drawing",) if bare else ()
     return Contours(tuple(rings), (Structure(1),), 1, {"slices": digest.hexdigest()}, told=told)
 

@@ -68,7 +68,7 @@ def read_dicom_contours(path: Path, structure: str | None) -> Contours:
             return _seg(dataset, structure, {"labels": digest}, where)
         modality = str(dataset.get("Modality", "")) or "an unknown kind"
         raise InputError(
-            f"is DICOM of {modality[:16]}; RTSTRUCT or SEG, or a folder of drawn slices, is wanted",
+            f"is DICOM of {modality[:16]}. Give RTSTRUCT, SEG or a folder of drawn slices.",
             where=where,
         )
 
@@ -83,12 +83,12 @@ def _quiet(where: str) -> Iterator[None]:
         raise
     except AttributeError as error:
         raise InputError(
-            f"the DICOM file cannot be read: it has no {error.name or 'such attribute'}",
+            f"the DICOM file cannot be read: it has no {error.name or 'such attribute'}.",
             where=where,
         ) from None
     except Exception as error:  # a file from outside: pydicom raises all kinds
         raise InputError(
-            f"the DICOM file cannot be read ({type(error).__name__})", where=where
+            f"the DICOM file cannot be read ({type(error).__name__}).", where=where
         ) from None
 
 
@@ -96,16 +96,16 @@ def _dataset(data: bytes, where: str) -> Any:
     with requires_extra("reading DICOM needs pydicom", "surface", where):
         import pydicom
     if DEFLATED in data[:4096]:
-        raise InputError("is deflated as a whole, which is not supported", where=where)
+        raise InputError("is deflated as a whole. Export it without compression.", where=where)
     beside = _pixels_begin(data)
     if beside > MOST_BESIDE_PIXELS:
         raise InputError(
-            f"holds {beside} bytes beside pixels; at most {MOST_BESIDE_PIXELS} are read",
+            f"holds {beside} bytes beside pixels. At most {MOST_BESIDE_PIXELS} are read.",
             where=where,
         )
     items = data.count(b"\xfe\xff\x00\xe0", 0, beside)
     if items > MOST_ITEMS:
-        raise InputError(f"has {items} items; at most {MOST_ITEMS} are read", where=where)
+        raise InputError(f"has {items} items. At most {MOST_ITEMS} are read.", where=where)
     return pydicom.dcmread(io.BytesIO(data), force=True)
 
 
@@ -168,7 +168,7 @@ def _points(contour: Any, where: str) -> Array:
     else:
         numbers = np.array([float(x) for x in value], dtype=np.float64)
     if numbers.size % 3 or not np.isfinite(numbers).all():
-        raise InputError("a contour is not made of triples of finite numbers", where=where)
+        raise InputError("a contour is not made of triples of finite numbers.", where=where)
     points = numbers.reshape(-1, 3) * 1e-3
     return points[:-1] if len(points) > 3 and np.array_equal(points[0], points[-1]) else points
 
@@ -184,13 +184,13 @@ def _seg(dataset: Any, asked: str | None, inputs: dict[str, str], where: str) ->
     chosen = choose_structure(structures, asked)
     kind = str(dataset.SegmentationType)
     if kind not in ("BINARY", "FRACTIONAL", "LABELMAP"):
-        raise InputError(f"is a segmentation of type {kind[:16]!r}", where=where)
+        raise InputError(f"is a segmentation of type {kind[:16]!r}.", where=where)
     rows, columns = int(dataset.Rows), int(dataset.Columns)
     frames = int(dataset.get("NumberOfFrames") or 1)
     if not 0 < rows * columns * frames <= MOST_PIXELS:
         raise InputError(
-            f"says that it has {frames} frames of {rows} x {columns}; {MOST_PIXELS} pixels are "
-            "allowed in all",
+            f"says that it has {frames} frames of {rows} x {columns}. {MOST_PIXELS} pixels are "
+            "allowed in all.",
             where=where,
         )
     corners, axes, normal, own = _frames(dataset, frames, chosen.number, where)
@@ -209,7 +209,9 @@ def _seg(dataset: Any, asked: str | None, inputs: dict[str, str], where: str) ->
         if borders:
             shown.add(k)
     if not rings:
-        raise InputError(f"segment {chosen.number} has no pixels", where=where)
+        raise InputError(
+            f"segment {chosen.number} has no pixels. Choose another with --structure.", where=where
+        )
     at = corners @ normal
     drawn = np.array([at[k] for k in shown])
     empty = np.array([np.abs(drawn - z).min() > FRAME_ROUNDED_M for z in at])
@@ -229,7 +231,7 @@ def _frames(
     places = [_frame(dataset, k, where) for k in range(count)]
     axes = places[0][1]
     if any(np.abs(place[1] - axes).max() > 1e-12 for place in places):
-        raise InputError("its frames differ in orientation or pixel spacing", where=where)
+        raise InputError("its frames differ in orientation or pixel spacing.", where=where)
     own = [k for k, place in enumerate(places) if place[2] in (None, segment)]
     corners = np.array([place[0] for place in places])
     normal = np.cross(axes[:, 0], axes[:, 1])
@@ -243,7 +245,7 @@ def _refuse_doubled(at: Array, where: str) -> None:
     if len(close):
         raise InputError(
             f"two frames of the segment lie in one slice, at {1e3 * at[close[0]]:.3f} mm along "
-            "its normal",
+            "its normal.",
             where=where,
         )
 
@@ -261,7 +263,7 @@ def _frame(dataset: Any, k: int, where: str) -> tuple[Array, Array, int | None]:
     direction = look("PlaneOrientationSequence", "ImageOrientationPatient")
     spacing = look("PixelMeasuresSequence", "PixelSpacing")
     if corner is None or direction is None or spacing is None:
-        raise InputError(f"frame {k + 1} does not say where it lies in the patient", where=where)
+        raise InputError(f"frame {k + 1} does not say where it lies in the patient.", where=where)
     segment = look("SegmentIdentificationSequence", "ReferencedSegmentNumber")
     return (
         np.array([float(x) for x in corner]) * 1e-3,
@@ -279,8 +281,8 @@ def pixel_axes(direction: Any, spacing: Any, where: str) -> Array:
     between = np.array([float(x) for x in spacing])
     lengths = np.linalg.norm(axes, axis=1)
     if not (np.abs(lengths - 1) < UNIT_ROUNDED).all() or abs(axes[0] @ axes[1]) > UNIT_ROUNDED:
-        raise InputError("ImageOrientationPatient is no pair of square unit vectors", where=where)
+        raise InputError("ImageOrientationPatient is no pair of square unit vectors.", where=where)
     if between.shape != (2,) or not ((between > 1e-2) & (between < 100)).all():
-        raise InputError("PixelSpacing is not two lengths from 0.01 to 100 mm", where=where)
+        raise InputError("PixelSpacing is not two lengths from 0.01 to 100 mm.", where=where)
     axes = axes / lengths[:, None]
     return np.column_stack([axes[0] * between[1], axes[1] * between[0]]) * 1e-3

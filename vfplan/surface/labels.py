@@ -46,12 +46,12 @@ def checked_place(T_lps_voxel: Array, where: str) -> Array:
     if not (np.isfinite(T_lps_voxel).all() and ((sides >= LEAST_M) & (sides <= LARGEST_M)).all()):
         shown = ", ".join(f"{1e3 * side:.3g}" for side in sides)
         raise InputError(
-            f"its voxels have sides of {shown} mm; {1e3 * LEAST_M:g} to {1e3 * LARGEST_M:g} mm are "
-            "allowed",
+            f"its voxels have sides of {shown} mm. {1e3 * LEAST_M:g} to {1e3 * LARGEST_M:g} mm are "
+            "allowed.",
             where=where,
         )
     if abs(np.linalg.det(columns / sides)) < 0.1:
-        raise InputError("its voxels' axes are nearly in one plane", where=where)
+        raise InputError("its voxels' axes are nearly in one plane.", where=where)
     return T_lps_voxel
 
 
@@ -117,7 +117,9 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
         if not found:
             empty.append(place)
     if not rings:
-        raise CurveError(f"the structure {chosen.number} has no voxels")
+        raise CurveError(
+            f"the structure {chosen.number} has no voxels. Choose another with --structure."
+        )
     told = (
         f"{stairs} slices keep their stairs: smoothing would lose or join parts of the structure",
     )

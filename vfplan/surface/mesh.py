@@ -74,8 +74,8 @@ def _axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Array]
     nodes = len(x) * len(y) * (float(pieces.sum()) + 3)
     if nodes > MOST_NODES:
         raise SettingError(
-            f"a grid of {1e3 * step:.3g} mm has {nodes:.3g} nodes over this structure; at most "
-            f"{MOST_NODES:.3g} are taken: give a larger --tolerance"
+            f"a grid of {1e3 * step:.3g} mm has {nodes:.3g} nodes over this structure. At most "
+            f"{MOST_NODES:.3g} are taken: give a larger --tolerance."
         )
     cuts = [
         np.linspace(a, b, n, endpoint=False)

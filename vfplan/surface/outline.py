@@ -145,12 +145,12 @@ def _polygon(ring: Array, where: str) -> Any:
 
     ring = ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)]
     if len(ring) < 3:
-        raise CurveError(f"{where}: an outline has {len(ring)} corners; 3 are wanted")
+        raise CurveError(f"{where}: an outline has {len(ring)} corners. Draw at least 3.")
     ring = _without_channel(ring)
     polygon = Polygon(ring)
     signed = abs(area(ring))
     if not signed > 0:
-        raise CurveError(f"{where}: an outline encloses nothing")
+        raise CurveError(f"{where}: an outline encloses nothing. Remove or redraw it.")
     if polygon.is_valid:
         return polygon
     found = make_valid(polygon, method="linework")
@@ -161,7 +161,7 @@ def _polygon(ring: Array, where: str) -> Any:
     if abs(largest.area - signed) > STRAY_SHARE * signed:
         place = is_valid_reason(polygon).partition("[")[2].rstrip("]").split()
         at = ", ".join(f"{1e3 * float(x):.1f}" for x in place[:2])
-        raise CurveError(f"{where}: an outline crosses itself at ({at}) mm in the slice")
+        raise CurveError(f"{where}: an outline crosses itself at ({at}) mm. Redraw it.")
     return largest
 
 
@@ -192,12 +192,12 @@ def _overlap(part: Any, piece: Any, where: str) -> bool:
         return False
     common = part.intersection(piece).area
     if abs(part.area - common) + abs(piece.area - common) < 1e-9 * part.area:
-        raise CurveError(f"{where}: the same outline is there twice")
+        raise CurveError(f"{where}: the same outline is there twice. Remove one.")
     if common > (1 - STRAY_SHARE) * piece.area:
         return True
     if common > STRAY_SHARE * piece.area:
         x, y = part.boundary.intersection(piece.boundary).centroid.coords[0]
         raise CurveError(
-            f"{where}: two outlines cross near ({1e3 * x:.1f}, {1e3 * y:.1f}) mm in the slice"
+            f"{where}: two outlines cross near ({1e3 * x:.1f}, {1e3 * y:.1f}) mm. Redraw one."
         )
     return False

@@ -62,7 +62,7 @@ def slice_contours(contours: Contours, max_gap_m: float | None = None) -> Sliced
         if off > FLAT_M:
             raise CurveError(
                 f"outline {number} of {len(local)} lies up to {1e3 * off:.3g} mm off the slices' "
-                f"common plane; at most {1e3 * FLAT_M:g} mm is rounding: are all slices parallel?"
+                f"common plane. At most {1e3 * FLAT_M:g} mm is rounding: are all slices parallel?"
             )
     groups = _grouped(local)
     told: list[str] = []
@@ -97,7 +97,7 @@ def _normal(contours: Contours) -> Array:
                 return np.eye(3)[axis]
         extent, vectors = np.linalg.eigh(sum(ring.T @ ring for ring in centred))
         if not extent[1] > 1e-6 * extent[2]:
-            raise CurveError("the outlines lie on one line; no plane can be told from them")
+            raise CurveError("the outlines lie on one line. No plane can be told from them.")
         normal = vectors[:, 0]
     axis = int(np.abs(normal).argmax())
     if abs(abs(normal[axis]) - 1) < 1e-15:
@@ -130,14 +130,14 @@ def _runs(
 ) -> tuple[Stack, ...]:
     places = np.array([outline.z for outline in outlines])
     if len(outlines) < 2:
-        raise CurveError(f"{len(outlines)} slice shows the structure; two at least are wanted")
+        raise CurveError(f"{len(outlines)} slice shows the structure. Give two at least.")
     gaps = np.diff(places)
     usual = float(np.median(gaps))
     for one, other in pairwise(places):
         if other - one < DOUBLED * usual:
             raise CurveError(
                 f"two slices are {1e3 * (other - one):.3g} mm apart, the others "
-                f"{1e3 * usual:.3g} mm: {_place(normal, one)} seems doubled"
+                f"{1e3 * usual:.3g} mm: {_place(normal, one)} seems doubled."
             )
     widest = max_gap or WIDEST * usual
     runs = [[outlines[0]]]
@@ -149,14 +149,14 @@ def _runs(
             raise CurveError(
                 f"slices are missing: {_place(normal, before.z)} and the next, at "
                 f"{1e3 * after.z:.2f} mm, are {1e3 * (after.z - before.z):.3g} mm apart, most "
-                f"{1e3 * usual:.3g} mm; --max-spacing says what is interpolated across"
+                f"{1e3 * usual:.3g} mm. --max-spacing says what is interpolated across."
             )
         runs[-1].append(after)
     for run in runs:
         if len(run) < 2:
             raise CurveError(
-                f"{_place(normal, run[0].z)} shows the structure alone, without a neighbour; two "
-                "at least make a surface"
+                f"{_place(normal, run[0].z)} shows the structure alone, without a neighbour. Two "
+                "at least make a surface."
             )
     return tuple(Stack(tuple(run)) for run in runs)
 

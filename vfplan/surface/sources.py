@@ -44,13 +44,13 @@ def read_contours(
             return contours_of_volume(volumes.read_nifti(first), structure)
         if dicom.plainly_dicom(head):
             return dicom.read_dicom_contours(first, structure)
-    raise InputError(f"is none of {SUFFIXES}", where=str(first))
+    raise InputError(f"is none of {SUFFIXES}.", where=str(first))
 
 
 def _alone(sources: list[Path]) -> None:
     if len(sources) > 1:
         raise InputError(
-            f"{len(sources)} sources; several are taken of Slicer's .mrk.json only",
+            f"{len(sources)} sources. Several are taken of Slicer's .mrk.json only.",
             where=str(sources[1]),
         )
 
@@ -58,6 +58,6 @@ def _alone(sources: list[Path]) -> None:
 def _unstructured(structure: str | None, where: Path) -> None:
     if structure is not None:
         raise InputError(
-            f"a structure was asked for ({structure!r}), and drawn curves have no names",
+            f"a structure was asked for ({structure!r}), and drawn curves have no names.",
             where=str(where),
         )
