@@ -101,10 +101,12 @@ def test_depth_is_carried_back_to_the_slice(pressed):
     np.testing.assert_allclose(image_places(moved.fixture), uv, atol=1e-9)
     image = PlannedImage(np.zeros((120, 200, 3), np.uint8), None, sha)
     assert slice_depth(moved, image).axes
-    with pytest.raises(InputError, match="the same image wanted"):
+    with pytest.raises(InputError) as refused:
         slice_depth(moved, PlannedImage(image.rgb, None, "cd" * 32))
-    with pytest.raises(InputError, match="no registration"):
+    assert refused.value.code == "another-slice"
+    with pytest.raises(InputError) as refused:
         image_places(pressed.fixture)
+    assert refused.value.code == "no-image-registration"
 
 
 def test_overview_keeps_the_deepest_of_each_stretch(pressed):

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError
-from vfplan.figures.style import subplots
+from vfplan.figures.style import nice_below, subplots
 from vfplan.fixture import Fixture
 from vfplan.images.read import PlannedImage
 from vfplan.palette import CLOUD, PROXY
@@ -17,29 +17,39 @@ from vfplan.replaying.quantities import CONTACT_M
 
 Array = NDArray[np.float64]
 MM = 1e3
-_SLIDE = 50  # planned points: the proxy that passes more in a tick left the curve between
+
+MAX_SLIDE = 50
+"""Planned points that a proxy passes in a tick while it slides; one that passes more left the
+curve in between."""
 
 
 def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
-    """The curve's ruler and (N,) the deepest penetration held at each planned point [m].
+    """The curve's ruler and (N,) the deepest penetration at each planned point [m].
 
     A tick counts for the planned point nearest to its proxy, and a slide from one tick to the next
-    for the points between; 0 where the hand never pressed.
+    for the points between; the depth is 0 where the hand never pressed.
 
-    Raises InputError: the fixture was not drawn as a curve
+    Raises
+    ------
+    InputError
+        The fixture was not drawn as a curve.
     """
     ruler = CurveRuler.of(replayed.fixture)
     if ruler is None:
-        raise InputError("a cloud that was not drawn as a curve has no depth along it")
+        raise InputError(
+            "This fixture was not drawn as a curve, so there is no depth along it. Leave the "
+            "picture out.",
+            code="no-curve",
+        )
     ticks = replayed.ticks
-    held = ticks.penetration > CONTACT_M
-    deep, point = ticks.penetration[held], ruler.nearest(ticks.proxy[held])
+    in_contact = ticks.penetration > CONTACT_M
+    deep, point = ticks.penetration[in_contact], ruler.nearest(ticks.proxy[in_contact])
     depth = np.zeros(len(ruler.points))
     np.maximum.at(depth, point, deep)
-    next_tick = np.diff(np.flatnonzero(held)) == 1
+    next_tick = np.diff(np.flatnonzero(in_contact)) == 1
     same_stroke = ruler.stroke[point[1:]] == ruler.stroke[point[:-1]]
     slid = np.abs(np.diff(point))
-    for k in np.flatnonzero(next_tick & same_stroke & (slid > 1) & (slid <= _SLIDE)):
+    for k in np.flatnonzero(next_tick & same_stroke & (slid > 1) & (slid <= MAX_SLIDE)):
         low, high = sorted((point[k], point[k + 1]))
         depth[low:high] = np.maximum(depth[low:high], min(deep[k], deep[k + 1]))
     return ruler, depth
@@ -48,16 +58,23 @@ def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
 def image_places(fixture: Fixture) -> Array:
     """(N, 2) where the planned points lie on the slice, (u, v) [px].
 
-    The least-squares inverse of the registration's 2-D -> 3-D map; exact for points it made.
+    This is the least-squares inverse of the registration's map from the plane into space; it is
+    exact for points that the map made.
 
-    Raises InputError: the fixture was not registered from an image
+    Raises
+    ------
+    InputError
+        The fixture was not registered from an image.
     """
     record = fixture.registration
     if record is None or record.T_robot_image.shape != (3, 3):
-        raise InputError("the fixture holds no registration from an image's pixels")
+        raise InputError(
+            "The fixture holds no registration from an image's pixels. Leave --image out.",
+            code="no-image-registration",
+        )
     T_robot_image = record.T_robot_image
-    rest = fixture.points - T_robot_image[:, 2]
-    return np.linalg.lstsq(T_robot_image[:, :2], rest.T, rcond=None)[0].T
+    from_origin = fixture.points - T_robot_image[:, 2]
+    return np.linalg.lstsq(T_robot_image[:, :2], from_origin.T, rcond=None)[0].T
 
 
 def depth_plot(replayed: Replay) -> Figure:
@@ -80,13 +97,18 @@ def depth_plot(replayed: Replay) -> Figure:
 def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     """The slice with the planned curve on it, coloured by the deepest penetration.
 
-    Raises InputError: another image than the one the fixture was planned on
+    Raises
+    ------
+    InputError
+        The image is not the one that the fixture was planned on.
     """
     planned = replayed.fixture.provenance.inputs.get("image")
     if planned is not None and planned != image.sha256:
         raise InputError(
-            f"the image's SHA-256 is {image.sha256[:12]}..., the fixture was planned on "
-            f"{planned[:12]}...; the same image wanted"
+            f"The image's SHA-256 is {image.sha256[:12]}..., and the fixture was planned on "
+            f"{planned[:12]}.... Give the planned slice.",
+            code="another-slice",
+            numbers={"found": image.sha256, "expected": planned},
         )
     _, depth = depth_along(replayed)
     places = image_places(replayed.fixture)
@@ -95,10 +117,17 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     grey = np.asarray(image.rgb, float).mean(axis=2)
     axes.imshow(grey, cmap="gray", vmax=1.25 * max(1.0, grey.max()), interpolation="nearest")
     pressed = depth > 0
-    axes.plot(*places[~pressed].T, ".", ms=1.2, color=CLOUD)
-    shown = axes.scatter(
+    axes.plot(*places[~pressed].T, ".", ms=1.2, color=CLOUD, label="planned curve, not pressed")
+    dots = axes.scatter(
         *places[pressed].T, c=MM * depth[pressed], s=14, cmap="autumn_r", vmin=0, zorder=3
     )
-    figure.colorbar(shown, ax=axes, label="deepest penetration [mm]", shrink=0.8)
+    figure.colorbar(dots, ax=axes, label="deepest penetration [mm]", shrink=0.8)
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), fontsize=8, markerscale=6)
+    # A length across the slice, at the bottom on the left.
+    scale_mm = MM * float(np.linalg.norm(replayed.fixture.registration.T_robot_image[:, 0]))
+    length = nice_below(0.2 * width * scale_mm)
+    start, low = 0.03 * width, 0.96 * height
+    axes.plot([start, start + length / scale_mm], [low, low], color="white", lw=2.5)
+    axes.text(start, low - 0.015 * height, f"{length:g} mm", color="white", fontsize=8)
     axes.set_axis_off()
     return figure

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# The outline is found on a grid this much finer than the slice's pixels.
 FINE = 4
+"""Parts of a pixel: the outline is found on a grid this much finer than the slice's."""
 
 
-def outline_beside(points: Array, distance: float, *, closed: bool = False) -> list[Array]:
+def outline_along(points: Array, distance: float, *, closed: bool = False) -> list[Array]:
     """Closed lines (K, 2) that lie this far from a line of (M, 2) points, all [px].
 
     A closed line has two, one on either side; an open one has one around it.
@@ -22,8 +22,10 @@ def outline_beside(points: Array, distance: float, *, closed: bool = False) -> l
     width, height = (np.ceil(points.max(axis=0) + margin) - corner).astype(int) * FINE + 1
     region = np.zeros((height, width), np.uint8)
     # OpenCV takes coordinates as whole numbers of 1/16 pixel.
-    at = np.rint((points - corner) * FINE * 16).astype(np.int32).reshape(-1, 1, 2)
-    cv2.polylines(region, [at], closed, 255, max(1, round(2 * distance * FINE)), cv2.LINE_8, 4)
+    vertices = np.rint((points - corner) * FINE * 16).astype(np.int32).reshape(-1, 1, 2)
+    cv2.polylines(
+        region, [vertices], closed, 255, max(1, round(2 * distance * FINE)), cv2.LINE_8, 4
+    )
     contours, _ = cv2.findContours(region, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     outlines = []
     for contour in contours:

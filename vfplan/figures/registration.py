@@ -19,9 +19,18 @@ if TYPE_CHECKING:
     from vfplan.registration import Registration
 
 Array = NDArray[np.float64]
+
 WIDTH_PX = 900.0
-STRIP_IN, BAR_IN = 0.9, 1.1  # under the slice: scale bars and legend; beside it: colours
-MAX_DRAWN = 2000  # points of the band
+"""Width of the slice [px of the picture]."""
+
+STRIP_IN = 0.9
+"""Height [in] of the strip under the slice, with scale bars and legend."""
+
+BAR_IN = 1.1
+"""Width [in] of the strip on the right of the slice, with the bar of colours."""
+
+MAX_DRAWN = 2000
+"""Points of the band that are drawn at most."""
 
 
 def draw_registration(
@@ -41,7 +50,10 @@ def draw_registration(
     Raises `SettingError` for a registration in 3-D, which has no slice to draw on.
     """
     if registration.source.shape[1] != 2:
-        raise SettingError("a registration in 3-D has no slice to draw on")
+        raise SettingError(
+            "A registration of the patient's frame has no slice to draw on. Leave the picture out.",
+            code="no-slice",
+        )
     width, height = _size(registration, curve, image)
     arrows = _exaggeration(_in_plane_px(registration), 0.07 * width)
     inch = WIDTH_PX / width / DPI
@@ -58,10 +70,12 @@ def draw_registration(
 def _size(
     registration: Registration, curve: Fixture, image: PlannedImage | None
 ) -> tuple[float, float]:
-    if image is not None:
-        return float(image.width_px), float(image.height_px)
-    if curve.image is not None:
-        return float(curve.image.width_px), float(curve.image.height_px)
+    """Width and height of the picture [px of the slice]."""
+    size = image
+    if size is None:
+        size = curve.image
+    if size is not None:
+        return float(size.width_px), float(size.height_px)
     reach = np.vstack([registration.source, curve.points[:, :2]]).max(axis=0)
     return float(reach[0] * 1.1), float(reach[1] * 1.1)
 
@@ -74,7 +88,9 @@ def _in_plane_px(registration: Registration) -> Array:
 
 def _exaggeration(lengths_px: Array, wanted_px: float) -> float:
     """A round factor (1, 2, 5, 10, ...) that makes the longest about as long as wanted."""
-    longest = float(np.linalg.norm(lengths_px, axis=-1).max()) if lengths_px.size else 0.0
+    longest = 0.0
+    if lengths_px.size:
+        longest = float(np.linalg.norm(lengths_px, axis=-1).max())
     if not longest > 0:
         return 1.0
     return nice_below(max(wanted_px / longest, 1.0))
@@ -113,45 +129,51 @@ def _draw_band(
 def _segments(curve: Fixture) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Indices of both ends of the straight pieces to draw; closed strokes are closed."""
     count = len(curve.points)
-    stroke = np.zeros(count, int) if curve.curve is None else curve.curve.stroke
-    closed = [False] if curve.curve is None else curve.curve.closed
+    stroke, closed = np.zeros(count, int), [False]
+    if curve.curve is not None:
+        stroke, closed = curve.curve.stroke, curve.curve.closed
     every = max(1, count // MAX_DRAWN)
     ends: list[tuple[int, int]] = []
-    for k, ring in enumerate(closed):
-        own = np.flatnonzero(stroke == k)
-        kept = np.unique(np.append(own[::every], own[-1:]))
+    for number, is_ring in enumerate(closed):
+        members = np.flatnonzero(stroke == number)
+        kept = np.unique(np.append(members[::every], members[-1:]))
         ends += itertools.pairwise(kept)
-        if ring and len(kept) > 1:
+        if is_ring and len(kept) > 1:
             ends.append((kept[-1], kept[0]))
     pairs = np.array(ends, dtype=np.intp).reshape(-1, 2)
-    apart = np.linalg.norm(curve.points[pairs[:, 0]] - curve.points[pairs[:, 1]], axis=1)
-    return pairs[apart > 0, 0], pairs[apart > 0, 1]
+    lengths = np.linalg.norm(curve.points[pairs[:, 0]] - curve.points[pairs[:, 1]], axis=1)
+    return pairs[lengths > 0, 0], pairs[lengths > 0, 1]
 
 
 def _draw_markers(axes: Any, registration: Registration, factor: float) -> None:
+    """A cross for each marker, its residual as an arrow, and both as numbers."""
     predicted = registration.source
-    arrow = _in_plane_px(registration) * factor
+    arrows = _in_plane_px(registration) * factor
     used = registration.used
     axes.plot(*predicted[used].T, "+", ms=9, mew=1.4, color=HIP, label="marker")
     if not used.all():
         axes.plot(*predicted[~used].T, "x", ms=9, mew=1.6, color=FORCE, label="left out")
-    flags = [label in registration.outliers for label in registration.labels]
-    for start, vector, flag in zip(predicted, arrow, flags, strict=True):
-        look = {"arrowstyle": "-|>", "color": CONTACT, "lw": 2.4 if flag else 1.4, "shrinkA": 0}
-        axes.annotate("", xy=start + vector, xytext=start, arrowprops={**look, "shrinkB": 0})
     axes.plot([], [], color=CONTACT, lw=1.4, label=f"residual, drawn {factor:g}x")
     residuals = registration.residual_vectors_m * 1e3
     across = residuals @ registration.geometry.normal
     whole = np.linalg.norm(residuals, axis=1)
-    for label, place, length, off, flag in zip(
-        registration.labels, predicted, whole, across, flags, strict=True
-    ):
-        text = f"{label}  {length:.2f} mm ({off:+.2f})" + ("  outlier" if flag else "")
-        right = place[0] > 0.7 * axes.get_xlim()[1]  # the label would leave the slice
-        where = {"xytext": (-6 if right else 6, -11), "ha": "right" if right else "left"}
+    border = 0.7 * axes.get_xlim()[1]
+    for k, label in enumerate(registration.labels):
+        place = predicted[k]
+        text = f"{label}  {whole[k]:.2f} mm ({across[k]:+.2f})"
+        width, colour = 1.4, FORCE
+        if label in registration.outliers:
+            text += "  outlier"
+            width, colour = 2.4, CONTACT
+        look = {"arrowstyle": "-|>", "color": CONTACT, "lw": width, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", xy=place + arrows[k], xytext=place, arrowprops=look)
+        # On the right the label would leave the slice.
+        where = {"xytext": (6, -11), "ha": "left"}
+        if place[0] > border:
+            where = {"xytext": (-6, -11), "ha": "right"}
         where |= {"textcoords": "offset points", "fontsize": 7}
         where["bbox"] = {"fc": "white", "ec": "none", "alpha": 0.6, "pad": 0.8}
-        axes.annotate(text, place, color=CONTACT if flag else FORCE, **where)
+        axes.annotate(text, place, color=colour, **where)
 
 
 def _draw_scale(
@@ -159,14 +181,13 @@ def _draw_scale(
 ) -> None:
     """Two bars under the slice: a length in the slice, and a length of the residuals."""
     scale_mm = registration.geometry.scale * 1e3
-    for left, drawn, what in ((0.02, 1.0, "in the slice"), (0.36, arrows, "of a residual")):
+    for share, drawn, what in ((0.02, 1.0, "in the slice"), (0.36, arrows, "of a residual")):
         length = nice_below(0.15 * width * scale_mm / drawn)
-        px = length * drawn / scale_mm
+        x, px = share * width, length * drawn / scale_mm
         y = height * (1 + 0.28 * STRIP_IN * DPI / WIDTH_PX * width / height)
         bar = {"color": FORCE, "lw": 2.5, "clip_on": False, "solid_capstyle": "butt"}
-        axes.plot([left * width, left * width + px], [y, y], **bar)
+        axes.plot([x, x + px], [y, y], **bar)
         words = {"va": "center", "clip_on": False}
-        beside = left * width + px + 0.01 * width
-        axes.text(beside, y, f"{length:g} mm {what}", fontsize=8, **words)
+        axes.text(x + px + 0.01 * width, y, f"{length:g} mm {what}", fontsize=8, **words)
     note = "beside each marker: its residual\n(its part across the slice)"
     axes.text(0.70 * width, y, note, fontsize=7, **words)

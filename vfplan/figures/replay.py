@@ -20,8 +20,12 @@ from vfplan.replaying.thinning import contact_marks
 Array = NDArray[np.float64]
 
 MM = 1e3
-# Contact circles and normals are drawn this often [Hz], as in the paper.
+
 MARK_HZ = 10.0
+"""Contact circles and normals are drawn this often [Hz], as in the paper."""
+
+MAX_POINTS = 4000
+"""Points of the fixture that a picture in perspective shows."""
 
 
 def timeline(replayed: Replay) -> Figure:
@@ -31,7 +35,7 @@ def timeline(replayed: Replay) -> Figure:
     peak = row_norms(ticks.force).max()
     for axis, name in enumerate("xyz"):
         if np.abs(ticks.force[:, axis]).max() <= 1e-6 * peak:
-            continue  # nothing to see
+            continue
         top.plot(ticks.time, ticks.force[:, axis], lw=0.8, label=f"$F_{name}$")
     top.plot(ticks.time, row_norms(ticks.force), color=FORCE, lw=1.2, label="$|F|$")
     top.set_ylabel("force on the hand [N]")
@@ -47,8 +51,13 @@ def timeline(replayed: Replay) -> Figure:
     for axes in (top, middle):
         axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize=8)
     count = episode_count(replayed.metrics)
-    rule = "robust" if replayed.rule == "both" else replayed.rule  # whose ticks are drawn
-    top.set_title(f"{count} contact episode{'s' * (count != 1)}, rule {rule}", loc="left")
+    rule = replayed.rule
+    if rule == "both":
+        rule = "robust"  # Its ticks are the ones that are drawn.
+    noun = "episodes"
+    if count == 1:
+        noun = "episode"
+    top.set_title(f"{count} contact {noun}, rule {rule}", loc="left")
     return figure
 
 
@@ -73,30 +82,41 @@ def plane_basis(axis: Array) -> Array:
 
     The first vector is the frame's x axis brought into the plane (y where x is the ignored one).
     """
-    start = np.eye(3)[0 if abs(axis[0]) < 0.9 else 1]
+    start = np.array([1.0, 0.0, 0.0])
+    if abs(axis[0]) >= 0.9:
+        start = np.array([0.0, 1.0, 0.0])
     first = start - (start @ axis) * axis
     first /= np.linalg.norm(first)
     # Looking against the axis' largest component keeps the picture unmirrored.
-    towards = axis if axis[np.argmax(np.abs(axis))] > 0 else -axis
+    towards = axis
+    if axis[np.argmax(np.abs(axis))] <= 0:
+        towards = -axis
     return np.stack([first, np.cross(towards, first)], axis=1)
 
 
 def axis_names(basis: Array) -> list[str]:
     """What a picture's axes are called: the frame's own, with a sign, or numbers across them."""
-    main = np.abs(basis).argmax(axis=0)
-    if not np.allclose(np.abs(basis).max(axis=0), 1):
-        return [f"in plane {k}" for k in range(1, 1 + basis.shape[1])]
-    return [
-        ("−" if column[k] < 0 else "") + "xyz"[k] for k, column in zip(main, basis.T, strict=True)
-    ]
+    names = []
+    is_along_axes = np.allclose(np.abs(basis).max(axis=0), 1)
+    for number, column in enumerate(basis.T, 1):
+        axis = int(np.abs(column).argmax())
+        if not is_along_axes:
+            names.append(f"in plane {number}")
+        elif column[axis] < 0:
+            names.append("−" + "xyz"[axis])
+        else:
+            names.append("xyz"[axis])
+    return names
 
 
 def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
     ticks, fixture = replayed.ticks, replayed.fixture
     assert fixture.ignore_axis is not None
     basis = plane_basis(fixture.ignore_axis)
-    cloud, hip, proxy, normal = (
-        MM * a @ basis for a in (fixture.points, ticks.hip, ticks.proxy, ticks.normal)
+    cloud, hip, proxy = (
+        MM * fixture.points @ basis,
+        MM * ticks.hip @ basis,
+        MM * ticks.proxy @ basis,
     )
     radius = MM * fixture.contact_radius
     low, high = _window(hip, cloud, 2.5 * radius)
@@ -109,12 +129,12 @@ def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
     if fixture.guidance is not None:
         _tube(axes, fixture, basis)
     if fixture.region is None:
-        picks = picks[:0]  # a tube has no contact circle
-    circles = [Circle(tuple(c), radius) for c in proxy[picks]]
+        picks = picks[:0]  # A tube has no contact circle.
+    circles = [Circle(tuple(centre), radius) for centre in proxy[picks]]
     axes.add_collection(
         PatchCollection(circles, facecolor="none", edgecolor=CONTACT, lw=0.6, alpha=0.7)
     )
-    arrows = normal[picks] / MM * radius
+    arrows = radius * ticks.normal[picks] @ basis
     axes.quiver(
         *proxy[picks].T, *arrows.T, angles="xy", scale_units="xy", scale=1,
         color=PROXY, width=0.0025, zorder=5,
@@ -132,37 +152,39 @@ def _scene_2d(replayed: Replay, mark_hz: float) -> Figure:
 
 
 def _tube(axes: Axes, fixture: Fixture, basis: Array) -> None:
-    """The band beside the strokes that guide."""
+    """The band around the strokes that guide."""
     guidance, label = fixture.guidance, "tube"
     for stroke, closed in enumerate(fixture.curve.closed):
         if guidance.stroke not in (None, stroke):
             continue
         line = MM * fixture.points[fixture.curve.stroke == stroke] @ basis
-        line = np.vstack([line, line[:1]]) if closed else line
-        way = np.gradient(line, axis=0)
-        off = MM * guidance.radius * way[:, ::-1] * [-1, 1] / np.hypot(*way.T)[:, None]
-        band = np.vstack([line + off, (line - off)[::-1]])
+        if closed:
+            line = np.vstack([line, line[:1]])
+        tangent = np.gradient(line, axis=0)
+        normal = tangent[:, ::-1] * [-1, 1] / np.hypot(*tangent.T)[:, None]
+        across = MM * guidance.radius * normal
+        band = np.vstack([line + across, (line - across)[::-1]])
         axes.fill(*band.T, color=BRIDGED, alpha=0.3, lw=0, label=label, zorder=1)
         label = None
 
 
 def _window(path: Array, cloud: Array, margin: float) -> tuple[Array, Array]:
-    """The corners of what to show: cloud and path, but of a path that strays only its near part."""
+    """The corners of what is drawn: the cloud, and the part of the path that is close to it."""
     low, high = cloud.min(axis=0) - margin, cloud.max(axis=0) + margin
     reach = 0.5 * (high - low).max()
-    near = path[((path >= low - reach) & (path <= high + reach)).all(axis=1)]
-    if len(near):
-        low = np.minimum(low, near.min(axis=0) - 0.3 * margin)
-        high = np.maximum(high, near.max(axis=0) + 0.3 * margin)
+    close = path[((path >= low - reach) & (path <= high + reach)).all(axis=1)]
+    if len(close):
+        low = np.minimum(low, close.min(axis=0) - 0.3 * margin)
+        high = np.maximum(high, close.max(axis=0) + 0.3 * margin)
     return low, high
 
 
 def _scene_3d(replayed: Replay, mark_hz: float) -> Figure:
-    ticks, points = replayed.ticks, replayed.fixture.points
-    cloud, hip, proxy = (MM * a for a in (points, ticks.hip, ticks.proxy))
-    normal, radius = ticks.normal, MM * replayed.fixture.contact_radius
+    ticks, fixture = replayed.ticks, replayed.fixture
+    cloud, hip, proxy = MM * fixture.points, MM * ticks.hip, MM * ticks.proxy
+    normal, radius = ticks.normal, MM * fixture.contact_radius
     figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
-    thin = max(1, len(cloud) // 4000)
+    thin = max(1, len(cloud) // MAX_POINTS)
     axes.plot(*cloud[::thin].T, ".", ms=1.0, color=CLOUD, alpha=0.4, label="fixture")
     axes.plot(*hip.T, ".", ms=1.5, color=HIP, label="HIP")
     axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy")
@@ -192,7 +214,7 @@ def guide_plot(replayed: Replay) -> Figure:
     guide = replayed.metrics["guide"]
     profile = guide["profile"]
     arc = MM * np.array(profile["arc_m"])
-    lateral = MM * np.array([np.nan if v is None else v for v in profile["lateral_m"]])
+    lateral = MM * np.array(profile["lateral_m"], dtype=float)
     force = np.where(np.isnan(lateral), np.nan, profile["force_n"])
     figure, (top, bottom) = subplots(7.0, 3.4, 2, 1, sharex=True, height_ratios=(2, 1))
     top.axhspan(0, MM * guide["radius_m"], color=BRIDGED, alpha=0.3, lw=0, label="tube")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from vfplan.figures.outline import outline_beside
+from vfplan.figures.outline import outline_along
 from vfplan.figures.style import DPI, nice_below, on_slice
 from vfplan.io.staging import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
@@ -25,15 +24,36 @@ if TYPE_CHECKING:
     from vfplan.images.read import PlannedImage
 
 OTHER_INK = PROXY
-WIDTH_PX = (900, 1600)  # of the picture on the page, smallest and largest
+
+MIN_WIDTH_PX = 900
+"""Width [px] of the picture of the smallest slice: it reads at the width of a page."""
+
+MAX_WIDTH_PX = 1600
+"""Width [px] of the picture of the largest slice."""
+
 LEGEND_IN = 0.45
+"""Height [in] of the strip below the slice in which the legend stands."""
+
 LEGEND = {"fontsize": 7.5, "columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5}
-ARROWS = 6  # a stroke
-OUTLINE_GAP_PX = 3.0  # of the picture, between the edge of the ink and the outline
-ARROW_GAP_PX = 9.0  # of the picture, between the outline and the arrow heads beside it
-USUAL_WIDTH_PX = 4.0  # of the slice, of a pen whose width nobody knows
-CAPTIONS = 12  # of other ink; more would write over each other
-OBLIQUE = 0.38  # of a direction, sin 22 degrees: from here on its side is named too
+
+ARROWS = 6
+"""Arrow heads along a stroke, which show its direction."""
+
+OUTLINE_GAP_PX = 3.0
+"""Distance [px of the picture] between the edge of the ink and the outline."""
+
+ARROW_GAP_PX = 9.0
+"""Distance [px of the picture] between the outline and the arrow heads along it."""
+
+USUAL_WIDTH_PX = 4.0
+"""Width [px of the slice] of a pen if nobody knows it."""
+
+CAPTIONS = 12
+"""Pieces of other ink that have a caption; those of more would write over each other."""
+
+OBLIQUE = 0.38
+"""Share of a direction, sin 22 degrees, from which on its side is named too."""
+
 HALO = (withStroke(linewidth=2.5, foreground="white"),)
 
 
@@ -43,8 +63,8 @@ def draw_mask(extraction: Extraction, path: Path) -> None:
 
     from vfplan.errors import OutputError
 
-    ok, data = cv2.imencode(".png", extraction.mask.astype(np.uint8) * 255)
-    if not ok:
+    encoded, data = cv2.imencode(".png", extraction.mask.astype(np.uint8) * 255)
+    if not encoded:
         raise OutputError("the mask cannot be encoded as PNG", where=str(path))
     write_whole(path, [data.tobytes()], overwrite=True)
 
@@ -65,19 +85,26 @@ def draw_overlay(
     """
     with _drawing_on(image, path) as (axes, scale):
         for number, stroke in enumerate(extraction.strokes, 1):
-            label = str(number) if len(extraction.strokes) > 1 else ""
-            _draw_stroke(axes, stroke, scale, extraction.method == "mask", label)
+            name = ""
+            if len(extraction.strokes) > 1:
+                name = f" {number}"
+            if extraction.method == "mask":
+                axes.plot(*stroke.points_px.T, ".", ms=1, color=CLOUD, label="pixels of the mask")
+            else:
+                _draw_stroke(axes, stroke, scale, name)
         _draw_account(axes, extraction.account)
-        _draw_markers(axes, markers)
+        if markers is not None:
+            # Crosses without labels: most slices have the labels on them already.
+            places = markers.source[:, :2]
+            axes.plot(*places.T, "+", ms=10, mew=1.5, color=CONTACT, label="marker", zorder=6)
         _draw_findings(axes, findings)
 
 
 def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
     """Write the slice with what a refusal speaks of: its place, and the lines to choose from."""
     with _drawing_on(image, path) as (axes, _):
-        for number, (line, colour) in enumerate(
-            zip(error.candidates, cycle(CYCLE), strict=False), 1
-        ):
+        for number, line in enumerate(error.candidates, 1):
+            colour = CYCLE[(number - 1) % len(CYCLE)]
             axes.plot(*line.T, color=colour, lw=2.2, label=f"--stroke {number}")
             where = {"xytext": (8, 8), "textcoords": "offset points", "weight": "bold"}
             box = {"fc": "white", "ec": colour, "pad": 1.5}
@@ -94,11 +121,14 @@ def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
 def _drawing_on(image: PlannedImage, path: Path) -> Iterator[tuple[Any, float]]:
     """Write the slice with what the block draws on it: axes, and the picture's pixels a pixel."""
     size = image.width_px, image.height_px
-    scale = np.clip(image.width_px, *WIDTH_PX) / image.width_px
+    scale = np.clip(image.width_px, MIN_WIDTH_PX, MAX_WIDTH_PX) / image.width_px
     middle = LEGEND_IN / 2 / (image.height_px * scale / DPI + LEGEND_IN)
     place = {"loc": "center", "bbox_to_anchor": (0.5, middle), "frameon": False}
     with on_slice(path, size, scale / DPI, LEGEND_IN, **place, **LEGEND) as (_, axes):
-        axes.imshow(_shown(image.rgb), interpolation="nearest")
+        picture = image.rgb
+        if picture.dtype != np.uint8:
+            picture = picture / np.iinfo(picture.dtype).max
+        axes.imshow(picture, interpolation="nearest")
         yield axes, scale
         _draw_bar(axes, image)
         _draw_sides(axes, image)
@@ -109,12 +139,12 @@ def _draw_bar(axes: Any, image: PlannedImage) -> None:
     if image.pixel_spacing_mm is None:
         return
     length = nice_below(0.2 * image.width_px * image.pixel_spacing_mm[0])
-    left, low = 0.03 * image.width_px, 0.96 * image.height_px
-    right = left + length / image.pixel_spacing_mm[0]
+    start, low = 0.03 * image.width_px, 0.96 * image.height_px
+    end = start + length / image.pixel_spacing_mm[0]
     edge = (withStroke(linewidth=5.0, foreground="white"),)
-    axes.plot([left, right], [low, low], color=FORCE, lw=2.5, path_effects=edge, zorder=8)
+    axes.plot([start, end], [low, low], color=FORCE, lw=2.5, path_effects=edge, zorder=8)
     where = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "fontsize": 8}
-    middle = ((left + right) / 2, low)
+    middle = ((start + end) / 2, low)
     axes.annotate(f"{length:g} mm", middle, color=FORCE, path_effects=HALO, zorder=8, **where)
 
 
@@ -123,48 +153,49 @@ def _draw_sides(axes: Any, image: PlannedImage) -> None:
     if image.T_patient_image is None:
         return
     along_u, along_v = image.T_patient_image[:3, :2].T
-    for (x, y), way in (
-        ((0.98, 0.5), along_u), ((0.02, 0.5), -along_u), ((0.5, 0.03), along_v),
-        ((0.5, 0.97), -along_v),
-    ):  # fmt: skip
-        axes.text(x, y, side(way), transform=axes.transAxes, ha="center", va="center",
+    directions = {
+        (0.98, 0.5): along_u,
+        (0.02, 0.5): -along_u,
+        (0.5, 0.03): along_v,
+        (0.5, 0.97): -along_v,
+    }
+    for (x, y), direction in directions.items():
+        axes.text(x, y, side(direction), transform=axes.transAxes, ha="center", va="center",
                   weight="bold", color=FORCE, path_effects=HALO, zorder=8)  # fmt: skip
 
 
-def side(way: NDArray) -> str:
+def side(direction: NDArray) -> str:
     """The letters of a direction in LPS, the main one first: L R, P A, H F; a second if oblique."""
-    share = np.abs(way) / np.linalg.norm(way)
-    order = [k for k in np.argsort(-share, kind="stable") if share[k] > OBLIQUE][:2]
-    return "".join("LPH"[k] if way[k] > 0 else "RAF"[k] for k in order)
+    share = np.abs(direction) / np.linalg.norm(direction)
+    letters = ""
+    for axis in np.argsort(-share, kind="stable")[:2]:
+        if share[axis] > OBLIQUE and direction[axis] > 0:
+            letters += "LPH"[axis]
+        elif share[axis] > OBLIQUE:
+            letters += "RAF"[axis]
+    return letters
 
 
-def _shown(rgb: NDArray) -> NDArray:
-    """The picture as it is, in the range that Matplotlib takes."""
-    if rgb.dtype == np.uint8:
-        return rgb
-    return rgb / np.iinfo(rgb.dtype).max
-
-
-def _draw_stroke(axes: Any, stroke: Stroke, scale: float, unordered: bool, label: str) -> None:
+def _draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
+    """An outline along the ink, the direction, and both ends by name."""
     points = stroke.points_px
-    if unordered:
-        axes.plot(*points.T, ".", ms=1, color=CLOUD, label="pixels of the mask")
-        return
-    width = USUAL_WIDTH_PX if stroke.width_px is None else stroke.width_px
+    width = USUAL_WIDTH_PX
+    if stroke.width_px is not None:
+        width = stroke.width_px
     distance = width / 2 + OUTLINE_GAP_PX / scale
     bridges = points[np.asarray(stroke.bridged, bool)]
-    for outline in outline_beside(points, distance, closed=stroke.closed):
+    for outline in outline_along(points, distance, closed=stroke.closed):
         axes.plot(*outline.T, color=CLOUD, lw=1.0, path_effects=HALO, label="curve", zorder=3)
         if len(bridges):
             away = np.hypot(*(outline[:, None] - bridges[None]).transpose(2, 0, 1)).min(axis=1)
             over = np.where((away < distance + 1)[:, None], outline, np.nan)
             axes.plot(*over.T, color=BRIDGED, lw=1.6, label="bridged", zorder=4)
     _draw_direction(axes, points, distance + ARROW_GAP_PX / scale)
-    where = {"textcoords": "offset points", "fontsize": 8, "color": FORCE, "weight": "bold"}
-    where |= {"path_effects": HALO, "zorder": 6}
-    axes.annotate(f"start {label}".strip(), points[0], xytext=(9, 9), **where)
+    look = {"textcoords": "offset points", "fontsize": 8, "color": FORCE, "weight": "bold"}
+    look |= {"path_effects": HALO, "zorder": 6}
+    axes.annotate(f"start{name}", points[0], xytext=(9, 9), **look)
     if not stroke.closed:
-        axes.annotate(f"end {label}".strip(), points[-1], xytext=(9, -14), **where)
+        axes.annotate(f"end{name}", points[-1], xytext=(9, -14), **look)
 
 
 def _draw_direction(axes: Any, points: NDArray, distance: float) -> None:
@@ -174,9 +205,9 @@ def _draw_direction(axes: Any, points: NDArray, distance: float) -> None:
         length = np.hypot(*(b - a))
         if length == 0:
             continue
-        beside = distance * np.array([-(b - a)[1], (b - a)[0]]) / length
+        shift = distance * np.array([-(b - a)[1], (b - a)[0]]) / length
         look = {"arrowstyle": "-|>", "color": CLOUD, "mutation_scale": 12, "lw": 0}
-        axes.annotate("", xy=b + beside, xytext=a + beside, arrowprops=look, zorder=5)
+        axes.annotate("", xy=b + shift, xytext=a + shift, arrowprops=look, zorder=5)
     axes.plot([], [], ls="none", marker=">", color=CLOUD, label="direction")
 
 
@@ -205,11 +236,3 @@ def _draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:
         axes.text(
             *corner, str(entry.number), color=OTHER_INK, fontsize=7, va="bottom", clip_on=True
         )
-
-
-def _draw_markers(axes: Any, markers: RegistrationRecord | None) -> None:
-    """Crosses without labels: most slices have the labels on them already."""
-    if markers is None:
-        return
-    places = markers.source[:, :2]
-    axes.plot(*places.T, "+", ms=10, mew=1.5, color=CONTACT, label="marker", zorder=6)

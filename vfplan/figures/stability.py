@@ -12,14 +12,19 @@ from vfplan.stability import Row
 
 def passivity_plot(rows: list[Row]) -> Figure:
     """Net work less the bound of each random cycle, from the rows of part "passivity"."""
-    rows = [row for row in rows if row.case.startswith("passivity/")]
-    scenes = list(dict.fromkeys(row.values["scene"] for row in rows))
+    scenes: list[str] = []
     figure, axes = subplots(7.0, 3.6)
-    for beside, (rule, colour) in zip((-0.27, 0.0, 0.27), RULE.items(), strict=True):
-        for row in (row for row in rows if row.values["rule"] == rule):
-            excess = np.array(row.values["excess"])
-            x = scenes.index(row.values["scene"]) + beside + np.linspace(-0.1, 0.1, len(excess))
-            axes.plot(x, excess, ".", color=colour, markersize=4)
+    shifts = dict(zip(RULE, (-0.27, 0.0, 0.27), strict=True))
+    for row in rows:
+        if not row.case.startswith("passivity/"):
+            continue
+        scene, rule = row.values["scene"], row.values["rule"]
+        if scene not in scenes:
+            scenes.append(scene)
+        excess = np.array(row.values["excess"])
+        x = scenes.index(scene) + shifts[rule] + np.linspace(-0.1, 0.1, len(excess))
+        axes.plot(x, excess, ".", color=RULE[rule], markersize=4)
+    for rule, colour in RULE.items():
         axes.plot([], [], "o", color=colour, label=rule)
     axes.axhline(0.0, color=CONTACT, lw=1.0, label="bound: above it the fixture is active")
     axes.set_yscale("symlog", linthresh=1e-3)

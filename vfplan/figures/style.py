@@ -16,8 +16,9 @@ from vfplan.io.staging import write_whole
 from vfplan.palette import CYCLE
 
 DPI = 150
-NICE = (1, 2, 5)
-_RC = {
+"""Dots an inch of every picture."""
+
+LOOK = {
     "font.size": 9.0,
     "axes.titlesize": 10.0,
     "axes.spines.top": False,
@@ -27,8 +28,13 @@ _RC = {
     "grid.alpha": 0.25,
     "legend.frameon": False,
 }
-# All other settings are Matplotlib's own too, whatever a program that uses vfplan has set.
-_OWN = {k: v for k, v in mpl.rcParamsDefault.items() if not k.startswith("backend")} | _RC
+
+# All other settings are Matplotlib's defaults, whatever a program that uses vfplan has set.
+SETTINGS = {}
+for name, value in mpl.rcParamsDefault.items():
+    if not name.startswith("backend"):
+        SETTINGS[name] = value
+SETTINGS |= LOOK
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
@@ -46,25 +52,39 @@ def subplots(width_in: float, height_in: float, *grid: int, **how: Any) -> tuple
 
 def style():
     """The `with` block in which axes are made, so that they carry the common look."""
-    return mpl.rc_context(_OWN)
+    return mpl.rc_context(SETTINGS)
 
 
 @contextmanager
 def on_slice(
-    path: Path, size_px: tuple[float, float], inch: float, below: float, beside: float = 0.0,
+    path: Path,
+    size_px: tuple[float, float],
+    inch: float,
+    below_in: float,
+    margin_in: float = 0.0,
     **legend: Any,
-) -> Iterator[tuple[Figure, Any]]:  # fmt: skip
+) -> Iterator[tuple[Figure, Any]]:
     """Write what the block draws: a figure, and axes in a slice's pixels, each so many inches.
 
-    below, beside: room for the legend and for more [in]
-    legend: where and how it stands, each label in it once
+    Parameters
+    ----------
+    path
+        The picture to write.
+    size_px
+        Width and height of the slice.
+    inch
+        Size of a pixel.
+    below_in, margin_in
+        Height below the slice for the legend, and width on its right for more.
+    legend
+        Where and how the legend stands; each label is in it once.
     """
     width, height = size_px
-    figure = new_figure(width * inch + beside, height * inch + below)
+    figure = new_figure(width * inch + margin_in, height * inch + below_in)
     figure.set_layout_engine("none")
     with style():
         whole = figure.get_size_inches()
-        axes = figure.add_axes((0, below / whole[1], *(np.multiply(size_px, inch) / whole)))
+        axes = figure.add_axes((0, below_in / whole[1], *(np.multiply(size_px, inch) / whole)))
         axes.set_axis_off()
         axes.set(aspect="equal", xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
         yield figure, axes
@@ -77,14 +97,18 @@ def on_slice(
 def nice_below(value: float) -> float:
     """1, 2 or 5 times a power of ten, at most `value`: the length of a scale bar."""
     power = 10.0 ** np.floor(np.log10(value))
-    return float(max(power * n for n in NICE if power * n <= value))
+    length = power
+    for factor in (2, 5):
+        if factor * power <= value:
+            length = factor * power
+    return float(length)
 
 
 def png_bytes(figure: Figure) -> bytes:
     """The figure as PNG; the same figure gives the same bytes (no date, no software version)."""
-    held = io.BytesIO()
-    figure.savefig(held, format="png", metadata={"Software": None})
-    return held.getvalue()
+    data = io.BytesIO()
+    figure.savefig(data, format="png", metadata={"Software": None})
+    return data.getvalue()
 
 
 def save_png(figure: Figure, path: Path) -> None:
