@@ -195,7 +195,7 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
     other.write_bytes(image.read_bytes() + b" ")
     refused = vfplan_cli(*call, tmp_path / "two", "--image", other)
     assert refused.code == 3
-    assert "the same image wanted" in refused.error_line
+    assert "Give the planned slice." in refused.error_line
     assert not (tmp_path / "two").exists()
 
 
