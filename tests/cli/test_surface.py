@@ -159,9 +159,9 @@ def test_pydicoms_own_samples_are_read_or_refused_by_name(vfplan_cli, tmp_path):
     run = vfplan_cli("surface", get_testdata_file("rtstruct.dcm"), "-o", "s.h5", cwd=tmp_path)
     assert run.code == 3
     assert "structures:" in run.error_line
-    with pytest.raises(vfplan.VfplanError, match="1 slice shows the structure. Give two at least"):
+    with pytest.raises(vfplan.VfplanError, match=r"1 slice shows the structure. Give two at least"):
         surface(get_testdata_file("liver_1frame.dcm"))
-    with pytest.raises(vfplan.VfplanError, match="is DICOM of CT. Give RTSTRUCT, SEG"):
+    with pytest.raises(vfplan.VfplanError, match=r"is DICOM of CT. Give RTSTRUCT, SEG"):
         surface(get_testdata_file("CT_small.dcm"))
     assert not (tmp_path / "s.h5").exists()
 

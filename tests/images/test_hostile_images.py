@@ -71,11 +71,11 @@ BOMBS = {
     "circle.tif": (lambda: tiff(3, after=8), "more than 4096 pages"),
     "cut.tif": (lambda: tiff(3, after=1 << 30), "damaged or cut short"),
     "cut.jpg": (lambda: jpeg(8, 8)[:40] + b"\xff\xd9", "damaged or cut short"),
-    "a.webp": (lambda: b"RIFF\x1a\0\0\0WEBPVP8L" + bytes(20), "is no PNG, JPEG, TIFF, BMP or DICOM"),
-    "a.jp2": (lambda: b"\0\0\0\x0cjP  \r\n\x87\n" + bytes(40), "is no PNG, JPEG, TIFF, BMP or DICOM"),
-    "a.ppm": (lambda: b"P6\n4 4\n255\n" + bytes(48), "is no PNG, JPEG, TIFF, BMP or DICOM"),
-    "a.ras": (lambda: b"\x59\xa6\x6a\x95" + bytes(60), "is no PNG, JPEG, TIFF, BMP or DICOM"),
-    "a.avif": (lambda: b"\0\0\0\x1cftypavif" + bytes(60), "is no PNG, JPEG, TIFF, BMP or DICOM"),
+    "a.webp": (lambda: b"RIFF\x1a\0\0\0WEBPVP8L" + bytes(20), "is no PNG, JPEG, TIFF"),
+    "a.jp2": (lambda: b"\0\0\0\x0cjP  \r\n\x87\n" + bytes(40), "is no PNG, JPEG, TIFF"),
+    "a.ppm": (lambda: b"P6\n4 4\n255\n" + bytes(48), "is no PNG, JPEG, TIFF"),
+    "a.ras": (lambda: b"\x59\xa6\x6a\x95" + bytes(60), "is no PNG, JPEG, TIFF"),
+    "a.avif": (lambda: b"\0\0\0\x1cftypavif" + bytes(60), "is no PNG, JPEG, TIFF"),
     "a.hdr": (lambda: b"#?RADIANCE\n\n-Y 4 +X 4\n" + bytes(60), "is no PNG, JPEG"),
 }
 
@@ -94,11 +94,11 @@ def test_what_would_fill_memory_is_refused_by_its_header(tmp_path, name):
 def test_a_page_of_many_is_read_alone(tmp_path):
     """3000 pages once took 4 GB."""
     (tmp_path / "a.tif").write_bytes(tiff(3000, 64, 64))
-    with pytest.raises(ImageError, match="has 3000 pages. Choose one"):
+    with pytest.raises(ImageError, match=r"has 3000 pages. Choose one"):
         read_image(tmp_path / "a.tif")
     assert read_image(tmp_path / "a.tif", frame=2999).rgb.shape == (64, 64, 3)
     for frame in (3001, 0, -1):
-        with pytest.raises(ImageError, match=f"has no page {frame}; it has 3000"):
+        with pytest.raises(ImageError, match=f"has no page {frame}. It has 3000"):
             read_image(tmp_path / "a.tif", frame=frame)
 
 

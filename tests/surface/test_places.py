@@ -237,7 +237,7 @@ def test_forks_and_ends_between_slices_are_told_with_their_place(tmp_path):
 
 
 def test_one_slice_is_no_surface(tmp_path):
-    with pytest.raises(InputError, match="1 slice shows the structure. Give two at least"):
+    with pytest.raises(InputError, match=r"1 slice shows the structure. Give two at least"):
         surface(struct(tmp_path, rings()[:1]), settings=COARSE)
 
 
@@ -265,7 +265,7 @@ def test_a_structure_is_chosen_by_name_or_number(tmp_path):
         surface(path)
     for name in ("femur", "1"):
         assert surface(path, structure=name, settings=COARSE).report["slices"] == 16
-    with pytest.raises(InputError, match="no such structure. It holds 1 'femur', 2 'cyst'"):
+    with pytest.raises(InputError, match=r"no such structure. It holds 1 'femur', 2 'cyst'"):
         surface(path, structure="tibia")
     with pytest.raises(InputError, match="structure 2 has no closed contour"):
         surface(path, structure="cyst")
