@@ -9,7 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from vfplan.bundle import read_bundle
+from vfplan.bundle import Trust, read_bundle, read_keys
 from vfplan.conformance import runner
 from vfplan.conformance.kit import write_kit
 from vfplan.errors import BundleError, InputError
@@ -36,7 +36,7 @@ def matrix() -> str:
         kit = Path(folder)
         write_kit(kit)
         results = {
-            "package": runner.judge(kit, by_the_package),
+            "package": runner.judge(kit, by_the_package, verified_by_the_package),
             "vfplan_reader.py": runner.judge(kit, runner.command_reader(second)),
         }
     return runner.matrix(results)
@@ -46,6 +46,15 @@ def by_the_package(path: Path) -> dict[str, object] | None:
     """The values that the installed package reads; `None` when it refuses the file."""
     try:
         return to_json_types(read_bundle(path)[0])
+    except (BundleError, InputError):
+        return None
+
+
+def verified_by_the_package(path: Path) -> dict[str, object] | None:
+    """The same where the keys beside the file are trusted alone."""
+    try:
+        trust = Trust(read_keys(path.with_name("keys.pub")))
+        return to_json_types(read_bundle(path, trust=trust)[0])
     except (BundleError, InputError):
         return None
 

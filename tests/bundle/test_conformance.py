@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, need_program
 
-from vfplan.bundle import read_bundle, read_fixture
+from vfplan.bundle import Trust, read_bundle, read_fixture, read_keys
 from vfplan.bundle.schema import table
 from vfplan.conformance import runner, vectors
 from vfplan.conformance.kit import RENDERED, write_kit
@@ -47,7 +47,7 @@ def test_the_kit_is_the_same_each_time_and_below_2_mb(kit, tmp_path):
 def test_every_rule_that_a_file_can_break_has_a_vector():
     rules = set(RULE.findall((ROOT / "docs" / "format.md").read_text(encoding="utf-8")))
     assert len(rules) > 40
-    broken = {vector.rule for vector in vectors.VECTORS}
+    broken = {vector.rule for vector in [*vectors.VECTORS, *vectors.UNTRUSTED]}
     assert broken | vectors.NOT_BY_A_FILE.keys() == rules
     assert not broken & vectors.NOT_BY_A_FILE.keys()
 
@@ -72,6 +72,37 @@ def test_the_package_agrees_with_the_kit(kit):
     results = runner.judge(kit, by_the_package)
     assert not [result for result in results if result.problem]
     assert {result.kind for result in results} == {"valid", "invalid"}
+
+
+def test_the_package_trusts_what_the_kit_signed_and_nothing_else(kit):
+    """Without a demand, all of these files are sound."""
+
+    def verified(path):
+        try:
+            return to_json_types(read_bundle(path, trust=trust)[0])
+        except BundleError:
+            return None
+
+    trust = Trust(read_keys(kit / "signed" / "keys.pub"))
+    results = runner.judge(kit, by_the_package, verified)
+    assert not [result for result in results if result.problem]
+    assert sum(result.kind == "signed" for result in results) == len(vectors.UNTRUSTED) + 1
+    for vector in vectors.UNTRUSTED:
+        assert by_the_package(kit / "signed" / f"{vector.name}.h5") is not None, vector.name
+
+
+def test_the_runner_finds_a_reader_that_trusts_everything(kit, tmp_path, capsys):
+    """It reads all files of `signed`, with the option for keys and without."""
+    program = tmp_path / "reader.py"
+    script = (
+        "import runpy, sys; sys.argv = sys.argv[:2]; runpy.run_path(READER, run_name='__main__')"
+    )
+    program.write_text(script.replace("READER", repr(str(READER))))
+    words = ["--kit", str(kit), "--keys=--keys", sys.executable, str(program)]
+    assert runner.main(words) == 1
+    printed = capsys.readouterr().out
+    wrong = [line for line in printed.splitlines() if "must refuse" in line]
+    assert len(wrong) == len(vectors.UNTRUSTED)
 
 
 def test_a_rendered_path_is_what_the_engine_gives(kit):

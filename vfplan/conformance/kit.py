@@ -44,7 +44,7 @@ TICKS = 60
 def write_kit(folder: Path) -> int:
     """Write the kit into a folder; returns the number of files."""
     count = 0
-    for kind in ("valid", "invalid", "render"):
+    for kind in ("valid", "invalid", "signed", "render"):
         (folder / kind).mkdir(parents=True, exist_ok=True)
     for name, data in valid_files():
         path = folder / "valid" / f"{name}.h5"
@@ -56,6 +56,17 @@ def write_kit(folder: Path) -> int:
         path.write_bytes(vector.make())
         _write_json(path.with_suffix(".json"), {"rule": vector.rule, "why": vector.why})
         count += 2
+    for vector in vectors.UNTRUSTED:
+        path = folder / "signed" / f"{vector.name}.h5"
+        path.write_bytes(vector.make())
+        _write_json(path.with_suffix(".json"), {"rule": vector.rule, "why": vector.why})
+        count += 2
+    trusted = folder / "signed" / "trusted.h5"
+    trusted.write_bytes(vectors.signed("reviewed", despite_findings=False))
+    values = to_json_types(read_bundle(trusted)[0])
+    _write_json(trusted.with_suffix(".json"), {"rule": "S7", "values": values})
+    (folder / "signed" / "keys.pub").write_bytes(trusted_key())
+    count += 3
     for scene, rules in RENDERED.items():
         for rule in rules:
             rendered = render(folder / "valid" / f"{scene}.h5", rule)
@@ -75,6 +86,14 @@ def valid_files() -> Iterator[tuple[str, bytes]]:
     yield "newer_minor", vectors.newer_minor()
     yield "signed", vectors.signed("reviewed", despite_findings=False)
     yield "signed_despite_findings", vectors.signed("findings")
+
+
+def trusted_key() -> bytes:
+    """The public key of the kit, as PEM."""
+    from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+
+    public = vectors.key_of(vectors.KIT_SEED).public_key()
+    return public.public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
 
 
 def render(bundle: Path, rule: str) -> dict[str, object]:

@@ -1,11 +1,13 @@
 """Run a reader on every file of the conformance kit, with Python's standard library only.
 
-    python -m vfplan.conformance --kit DIR CMD...
+    python -m vfplan.conformance --kit DIR [--keys=OPTION] CMD...
 
 `CMD FILE` prints a bundle as JSON and exits 0, or exits 1 because it refuses the file. The JSON is
 an object; its keys that begin with `/` are the paths of the format, each with its value: a text, a
 number, or nested lists. An object with the key `values` stands for what is under that key, as
-`vfplan info --json` prints it. Other keys are ignored.
+`vfplan info --json` prints it. Other keys are ignored. A program that verifies signatures names its
+option for a file of trusted keys (`--keys`): `CMD FILE OPTION KEYS` then refuses what they did not
+sign.
 """
 
 from __future__ import annotations
@@ -28,25 +30,36 @@ class Result:
     """What a reader made of one file of the kit."""
 
     kind: str
-    """`valid` or `invalid`."""
+    """`valid`, `invalid` or `signed`."""
     name: str
     rule: str
     problem: str
     """Empty when the reader did as it must."""
 
 
-def judge(kit: Path, reader: Reader) -> list[Result]:
-    """The results of a reader on all files of a kit, in order of their names."""
+def judge(kit: Path, reader: Reader, verifier: Reader | None = None) -> list[Result]:
+    """The results of a reader on all files of a kit, in order of their names.
+
+    kit: folder of the kit
+    reader: reads without asking for a signature
+    verifier: the same reader where it trusts the keys of `signed/keys.pub` alone; without it the
+        files of that folder are left out
+    """
     results = []
-    for kind in ("valid", "invalid"):
+    for kind in ("valid", "invalid", "signed"):
+        used = reader
+        if kind == "signed":
+            if verifier is None:
+                continue
+            used = verifier
         for path in sorted((kit / kind).glob("*.h5")):
             expected = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
             try:
-                values = reader(path)
+                values = used(path)
             except ReaderError as error:
                 problem = str(error)
             else:
-                problem = _problem(kind, values, expected.get("values"))
+                problem = _problem(values, expected)
             results.append(Result(kind, path.stem, expected.get("rule", ""), problem))
     return results
 
@@ -55,11 +68,14 @@ class ReaderError(Exception):
     """A reader that neither printed JSON nor refused the file."""
 
 
-def command_reader(command: Sequence[str], refused: Sequence[int] = (1,)) -> Reader:
-    """A reader that is a program: `CMD FILE`; `refused` are the exit codes that mean a refusal."""
+def command_reader(
+    command: Sequence[str], refused: Sequence[int] = (1,), more: Sequence[str] = ()
+) -> Reader:
+    """A reader that is a program: `CMD FILE MORE`; `refused` are exit codes that refuse a file."""
 
     def read(path: Path) -> dict[str, object] | None:
-        done = subprocess.run([*command, str(path)], capture_output=True, check=False, timeout=60)
+        words = [*command, str(path), *more]
+        done = subprocess.run(words, capture_output=True, check=False, timeout=60)
         if done.returncode in refused:
             return None
         if done.returncode != 0:
@@ -82,13 +98,15 @@ def values_of(printed: dict[str, object]) -> dict[str, object]:
     return values
 
 
-def _problem(kind: str, values: dict[str, object] | None, expected: object) -> str:
-    if kind == "invalid":
-        return "" if values is None else "reads what it must refuse"
+def _problem(values: dict[str, object] | None, stated: dict[str, dict[str, object]]) -> str:
+    """What is wrong with the values that were read, or the refusal; empty if nothing is."""
+    if "values" not in stated:
+        if values is None:
+            return ""
+        return "reads what it must refuse"
     if values is None:
         return "refuses what it must read"
-    if not isinstance(expected, dict):
-        return "the kit states no values"
+    expected = stated["values"]
     for path in sorted(expected.keys() | values.keys()):
         if path not in values:
             return f"{path} is missing"
@@ -109,9 +127,14 @@ def matrix(results: dict[str, list[Result]]) -> str:
         count = 0
         for reader in readers:
             mine = [r for r in results[reader] if (r.rule or "valid files") == rule]
-            count = len(mine)
-            bad = sum(bool(r.problem) for r in mine)
-            cells.append(f"**No** ({bad})" if bad else "Yes")
+            count = max(count, len(mine))
+            wrong = sum(bool(r.problem) for r in mine)
+            if not mine:
+                cells.append("not tried")
+            elif wrong:
+                cells.append(f"**No** ({wrong})")
+            else:
+                cells.append("Yes")
         lines.append(f"| {rule} | {count} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -130,20 +153,26 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--refused", default="1", help="exit codes that refuse a file, with commas between; 1"
     )
+    parser.add_argument(
+        "--keys", metavar="OPTION", help="the reader's option for trusted keys; tries signatures"
+    )
     parser.add_argument("command", nargs=argparse.REMAINDER, metavar="CMD", help="the reader")
     options = parser.parse_args(words)
     if not options.command:
         parser.error("names no reader: CMD is missing")
     refused = [int(code) for code in options.refused.split(",")]
-    reader = command_reader(options.command, refused)
-    if options.kit is not None:
-        results = judge(options.kit, reader)
-    else:
-        from vfplan.conformance.kit import write_kit
+    with tempfile.TemporaryDirectory() as folder:
+        kit = options.kit
+        if kit is None:
+            from vfplan.conformance.kit import write_kit
 
-        with tempfile.TemporaryDirectory() as folder:
-            write_kit(Path(folder))
-            results = judge(Path(folder), reader)
+            kit = Path(folder)
+            write_kit(kit)
+        verifier = None
+        if options.keys is not None:
+            trusting = (options.keys, str(kit / "signed" / "keys.pub"))
+            verifier = command_reader(options.command, refused, trusting)
+        results = judge(kit, command_reader(options.command, refused), verifier)
     if not results:
         parser.error(f"{options.kit} holds no kit")
     wrong = [result for result in results if result.problem]

@@ -36,7 +36,6 @@ VECTORS: list[Vector] = []
 NOT_BY_A_FILE = {
     "L11": "binds a writer: a reader cannot know what identifies a patient",
     "C5": "binds a writer: whether a fixture was changed after its review is not in the file",
-    "S7": "holds where a signature is demanded, which the protocol of the kit does not do",
     "S9": "binds a reader: the order in which it works",
     "K5": "binds a reader that renders points: the paths render/drawn_mesh-*.json hold it",
     "M3": "binds a reader to read a file: the valid file newer_minor holds it",
@@ -122,11 +121,27 @@ def with_seal(at: int, value: bytes, data: bytes | None = None) -> bytes:
     return data[:-SEAL] + bytes(block)
 
 
-def signed(name: str, *, case: str = "case 17", despite_findings: bool = True) -> bytes:
-    """A scene signed by the kit's own key, whose seed is 32 zero bytes."""
+KIT_SEED = bytes(32)
+"""Seed of the key with which the kit is signed: no secret."""
+
+
+def key_of(seed: bytes) -> Any:
+    """The private Ed25519 key that this seed gives."""
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-    key = Ed25519PrivateKey.from_private_bytes(bytes(32))
+    return Ed25519PrivateKey.from_private_bytes(seed)
+
+
+def signed(
+    name: str,
+    *,
+    case: str = "case 17",
+    despite_findings: bool = True,
+    seed: bytes = KIT_SEED,
+    domain: bytes = seal.DOMAIN,
+) -> bytes:
+    """A scene signed by the key of a seed; `domain` are the first bytes that are signed."""
+    key = key_of(seed)
     payload = payload_of(name)
     unsigned = seal.Seal(
         len(payload),
@@ -138,7 +153,8 @@ def signed(name: str, *, case: str = "case 17", despite_findings: bool = True) -
         signed_at=1_767_323_045,
         despite_findings=despite_findings,
     )
-    done = replace(unsigned, signature=key.sign(seal.signed_message(unsigned)))
+    message = domain + seal.signed_message(unsigned).removeprefix(seal.DOMAIN)
+    done = replace(unsigned, signature=key.sign(message))
     return payload + seal.to_bytes(done)
 
 
@@ -813,6 +829,63 @@ def signed_in_spite_of_nothing() -> bytes:
     """The seal says that something is open, and nothing is."""
     return signed("reviewed", despite_findings=True)
 
+
+# --- S7: where a signature is demanded ---------------------------------------------------------
+
+
+def nobody_signed() -> bytes:
+    """Nobody signed it."""
+    return sound_file()
+
+
+def signed_by_another_key() -> bytes:
+    """It is signed by a key that is not trusted."""
+    return signed("reviewed", despite_findings=False, seed=b"\x01" * 32)
+
+
+def key_id_of_a_trusted_key() -> bytes:
+    """It is signed by another key, and names the trusted one."""
+    trusted = signed("reviewed", despite_findings=False)
+    key_id = trusted[len(trusted) - SEAL + 56 : len(trusted) - SEAL + 72]
+    return with_seal(56, key_id, signed_by_another_key())
+
+
+def signature_of_another_payload() -> bytes:
+    """The signature is that of another bundle."""
+    other = signed("registered")
+    signature = other[len(other) - SEAL + 72 : len(other) - SEAL + 136]
+    return with_seal(72, signature, signed("reviewed", despite_findings=False))
+
+
+def case_changed_after_signing() -> bytes:
+    """The case was changed after it was signed."""
+    return with_seal(148, b"case 18", signed("reviewed", despite_findings=False))
+
+
+def time_changed_after_signing() -> bytes:
+    """The time of signing was changed."""
+    later = struct.pack("<Q", 1_767_409_445)
+    return with_seal(136, later, signed("reviewed", despite_findings=False))
+
+
+def signature_of_version_1() -> bytes:
+    """What was signed begins as in version 1."""
+    return signed("reviewed", despite_findings=False, domain=b"vfplan bundle seal 1\0")
+
+
+UNTRUSTED = [
+    Vector(make.__name__, "S7", make.__doc__ or "", make)
+    for make in (
+        nobody_signed,
+        signed_by_another_key,
+        key_id_of_a_trusted_key,
+        signature_of_another_payload,
+        case_changed_after_signing,
+        time_changed_after_signing,
+        signature_of_version_1,
+    )
+]
+"""Files that are sound, and that a reader must refuse where the kit's signature is demanded."""
 
 # --- K: the certificate -----------------------------------------------------------------------
 
