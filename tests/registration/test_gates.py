@@ -49,7 +49,7 @@ def test_good_markers_are_not_refused(model, sets):
 
 
 @pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("sets", [200, pytest.param(600, marks=pytest.mark.full)])
+@pytest.mark.parametrize("sets", [300, pytest.param(600, marks=pytest.mark.full)])
 def test_few_good_markers_have_a_doubt_to_answer(model, sets):
     verdicts = []
     for markers in marker_sets(sets, model=model):

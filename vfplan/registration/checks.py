@@ -267,9 +267,9 @@ def layout_findings(registration: Registration) -> list[Finding]:
 def unchecked_findings(registration: Registration) -> list[Finding]:
     """Markers whose error would move the fixture and leave hardly a residual.
 
-    That is so by the layout, whatever was measured, so it is a note. An affine map follows a wrong
-    marker further than the other models do: there it is a doubt where a marker alone decides its
-    own place, and where the map's stretch explains what a marker may have caused.
+    Of three markers that is true whatever they measured, so it is a note. Of more it is a doubt
+    where a marker alone decides its own place, for another marker near it would check it; and where
+    an affine map's stretch explains what a marker may have caused.
     """
     fit = registration.fit
     # The share in the direction that is checked least.
@@ -286,7 +286,7 @@ def unchecked_findings(registration: Registration) -> list[Finding]:
     names = ", ".join(str(registration.labels[i]) for i in unchecked)
     text = f"No other marker checks {names}: an error there moves the fixture and shows nowhere."
     place = _place_px(registration, int(unchecked[0]))
-    if registration.model == "affine" and share[unchecked].max() > DECISIVE_LEVERAGE:
+    if share[unchecked].max() > DECISIVE_LEVERAGE:
         text += " Add a marker near it."
         return [doubt("markers-unchecked", "register", text, place_px=place)]
     if registration.model == "affine" and fit.problem.model.dimension == 2:

@@ -233,24 +233,21 @@ def _condition(centred: Array, positions: Array, what: str, rank: int) -> float:
             "the file's columns",
             code="markers-coincide",
         )
-    for r in range(1, rank):
-        if extent[r] > max(extent[0] / MAX_CONDITION, rounding):
-            continue
-        shape, code, advice = "on a line", "markers-collinear", "Add a marker beside it"
-        if r == 2:
-            shape, code, advice = (
-                "in a plane",
-                "markers-coplanar",
-                "Give --model similarity or rigid",
-            )
-        ratio = np.inf
-        if extent[r] > 0:
-            ratio = float(extent[0] / extent[r])
+    smallest = max(extent[0] / MAX_CONDITION, rounding)
+    numbers = {"condition": float(extent[0] / max(extent[rank - 1], rounding))}
+    if not extent[1] > smallest:
         raise MarkerError(
-            f"the markers lie {shape} in the {what}, but for 1/{min(ratio, 1e9):.0f} of their "
-            f"extent, and more than 1/{MAX_CONDITION:.0f} is needed. {advice}",
-            code=code,
-            numbers={"condition": ratio},
+            f"the markers lie on a line in the {what}: beside it they spread by less than "
+            f"1/{MAX_CONDITION:g} of their length. Add a marker off the line",
+            code="markers-collinear",
+            numbers=numbers,
+        )
+    if not extent[rank - 1] > smallest:
+        raise MarkerError(
+            f"the markers lie in a plane in the {what}, which determines no affine map. Give "
+            "--model similarity or rigid",
+            code="markers-coplanar",
+            numbers=numbers,
         )
     return float(extent[0] / extent[rank - 1])
 
