@@ -23,36 +23,65 @@ PALE = "#9db4c8"
 BOX = "#eef3f7"
 
 
+def arrows() -> dict[str, set[str]]:
+    """The packages of lower rows that each package imports."""
+    uses: dict[str, set[str]] = {}
+    rank = {}
+    for number, row in enumerate(LAYERS):
+        for name in row:
+            uses[name] = set()
+            rank[name] = number
+    for path, module in sources():
+        owner = layer(module)
+        if not owner:
+            continue
+        for name in imports(path):
+            target = layer(name.removeprefix("vfplan."))
+            if name.startswith("vfplan.") and target and rank[target] < rank[owner]:
+                uses[owner].add(target)
+    return uses
+
+
+def direct_arrows(uses: dict[str, set[str]]) -> list[tuple[str, str]]:
+    """The arrows that no chain of other arrows replaces."""
+    kept = []
+    for owner, targets in uses.items():
+        for target in targets:
+            if not any(target in reached(other, uses) for other in targets if other != target):
+                kept.append((owner, target))
+    return sorted(kept)
+
+
+def reached(owner: str, uses: dict[str, set[str]]) -> set[str]:
+    """All packages that a package uses, itself or through others."""
+    found: set[str] = set()
+    waiting = list(uses[owner])
+    while waiting:
+        name = waiting.pop()
+        if name not in found:
+            found.add(name)
+            waiting += uses[name]
+    return found
+
+
 def main() -> None:
     """Write docs/pictures/house.png."""
-    place = {
-        name: ((k + 0.5) / len(row), rank)
-        for rank, row in enumerate(LAYERS)
-        for k, name in enumerate(row)
-    }
-    used = {
-        (owner, target)
-        for path, module in sources()
-        if (owner := layer(module))
-        for name in imports(path)
-        if name.startswith("vfplan.") and (target := layer(name.removeprefix("vfplan.")))
-        if target != owner
-    }
-    above = sorted(place, key=lambda name: place[name][1])
-    reach: dict[str, set[str]] = {}  # all that a name uses, itself or through others
-    kept = set()
-    for owner in above:
-        targets = {target for name, target in used if name == owner}
-        round_about = {far for target in targets for far in reach[target]}
-        reach[owner] = targets | round_about
-        kept |= {(owner, target) for target in targets - round_about}
+    place = {}
+    for rank, row in enumerate(LAYERS):
+        for k, name in enumerate(row):
+            place[name] = ((k + 0.5) / len(row), rank)
+    kept = direct_arrows(arrows())
     figure, axes = plt.subplots(figsize=(10, 0.72 * len(LAYERS)), layout="constrained")
-    for owner, target in sorted(kept):
-        near = place[owner][1] - place[target][1] == 1
+    for owner, target in kept:
+        colour = PALE
+        width = 0.5
+        if place[owner][1] - place[target][1] == 1:
+            colour = INK
+            width = 0.9
         axes.annotate(
             "", place[target], place[owner], zorder=1,
-            arrowprops={"arrowstyle": "-|>", "color": INK if near else PALE,
-                        "lw": 0.9 if near else 0.5, "shrinkA": 9, "shrinkB": 9},
+            arrowprops={"arrowstyle": "-|>", "color": colour, "lw": width, "shrinkA": 9,
+                        "shrinkB": 9},
         )  # fmt: skip
     for name, (x, y) in place.items():
         axes.text(
