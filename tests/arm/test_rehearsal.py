@@ -10,7 +10,7 @@ import vfplan
 from vfplan.arm import Arm, rehearse
 from vfplan.arm.loop import Hand
 from vfplan.errors import InputError, SessionError, SettingError
-from vfplan.replaying.approach import approach_sessions
+from vfplan.replaying import approach_sessions
 from vfplan.session import Session
 
 pytestmark = pytest.mark.slow

@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial import cKDTree
 from triangle_scenes import Bone, nearest_on
 
+from vfplan import ProxyParameters
 from vfplan.bench import Peer, bench, build_nanoflann, pictures, read_document, write_json
 from vfplan.bench.cases import Case, cases, chosen_points
 from vfplan.bench.extract import from_line
@@ -24,7 +25,6 @@ from vfplan.bench.record import (
 )
 from vfplan.bench.register import apply, markers_px, true_map
 from vfplan.bench.sample import METHODS, lines, planned_surface, surface_error
-from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import CurveError, InputError, SettingError
 from vfplan.planning.tolerance import choose
 from vfplan.reference import PaperProxy

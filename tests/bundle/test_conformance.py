@@ -15,12 +15,11 @@ import numpy as np
 import pytest
 from conftest import ROOT, need_program
 
+from vfplan import Guide, ProxyEngine
 from vfplan.bundle import Trust, read_bundle, read_fixture, read_keys
 from vfplan.bundle.schema import table
 from vfplan.conformance import runner, vectors
 from vfplan.conformance.kit import RENDERED, write_kit
-from vfplan.engine.guide import Guide
-from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import BundleError, InputError
 from vfplan.io.json_types import to_json_types
 

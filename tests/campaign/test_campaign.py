@@ -17,7 +17,7 @@ from vfplan.campaign.statistics import clopper_pearson, margins, quantile
 from vfplan.campaign.store import BLOCK
 from vfplan.errors import CheckFailed, InputError, OutputError, SettingError
 from vfplan.fixture import Curve, Fixture, Provenance, RegistrationRecord, Rendering
-from vfplan.replaying.approach import approach_sessions
+from vfplan.replaying import approach_sessions
 from vfplan.session import Session
 
 pytest.importorskip("pyarrow", reason="needs pip install 'vfplan[campaign]'")

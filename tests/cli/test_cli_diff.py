@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan.replaying.compare import Comparison
+from vfplan.replaying import Comparison
 from vfplan.session import TickBlock
 
 

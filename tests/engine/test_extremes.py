@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from vfplan import ProxyEngine
 from vfplan.bundle.content import to_content
 from vfplan.bundle.leak import certificate
-from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Curve, Fixture, Provenance, Rendering
 from vfplan.stability.contacts import Contact, patch

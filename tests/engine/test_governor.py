@@ -10,8 +10,8 @@ from conftest import ROOT, need_program
 from governor_twin import Twin
 
 import vfplan
-from vfplan import scenes
-from vfplan.engine.governor import HEADROOM, GovernorStatus
+from vfplan import GovernorStatus, scenes
+from vfplan.engine.governor import HEADROOM
 from vfplan.errors import SceneError, SettingError
 
 K, M, T = 1000.0, 1.0, 1e-3

@@ -10,7 +10,7 @@ import pytest
 from conftest import ROOT, need_program
 
 import vfplan
-from vfplan.engine.ticks import Status
+from vfplan import Status
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Pieces
 

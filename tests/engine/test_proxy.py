@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan import _core
-from vfplan.engine.ticks import Status
+from vfplan import Status, _core
 from vfplan.errors import SceneError, SettingError
 
 R = 5e-3

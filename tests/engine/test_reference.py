@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from vfplan import reference
-from vfplan.engine.parameters import ProxyParameters
-from vfplan.engine.ticks import Status
+from vfplan import ProxyParameters, Status, reference
 from vfplan.errors import SceneError, SettingError
 from vfplan.reference import PaperProxy
 

@@ -7,8 +7,7 @@ import pytest
 from failures import floor, inside
 
 import vfplan
-from vfplan import scenes
-from vfplan.engine.ticks import Status
+from vfplan import Status, scenes
 
 R = 5e-3
 K = 1000.0

@@ -7,10 +7,10 @@ import pytest
 from layouts import grid, planar, solid
 from margins import CLOCKWISE, LINE, registered
 
+from vfplan import PlannedImage
 from vfplan.errors import SettingError
 from vfplan.figures import registration as picture
 from vfplan.figures import style
-from vfplan.images.read import PlannedImage
 from vfplan.registration import fit_registration
 
 

@@ -7,12 +7,12 @@ import pytest
 from PIL import Image
 from replays import fixture_of, line, probing
 
+from vfplan import PlannedImage
 from vfplan.errors import InputError
 from vfplan.figures.depth import depth_along, depth_plot, image_places, slice_depth
 from vfplan.figures.replay import plane_basis, scene, timeline
 from vfplan.figures.style import save_png
 from vfplan.fixture import Fixture, Provenance, RegistrationRecord
-from vfplan.images.read import PlannedImage
 from vfplan.replaying import replay
 from vfplan.replaying.thinning import ThinnedTicks, contact_marks, thinned
 

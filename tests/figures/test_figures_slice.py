@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from vfplan import PlannedImage
 from vfplan.curve import vector_stroke
 from vfplan.errors import CurveError
 from vfplan.figures import slice as picture
 from vfplan.figures import style
 from vfplan.findings import doubt
-from vfplan.images.read import PlannedImage
 
 WAY = np.column_stack([np.linspace(50, 350, 60), np.full(60, 200.0)])
 

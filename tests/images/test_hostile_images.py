@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+from vfplan import read_image
 from vfplan.errors import ImageError, SettingError
-from vfplan.images.read import LARGEST_MEGAPIXELS, MOST_PAGES, read_header, read_image
+from vfplan.images.read import LARGEST_MEGAPIXELS, MOST_PAGES, read_header
 
 GIB = 1 << 30
 

@@ -8,8 +8,8 @@ import os
 import pytest
 from vfplan.cli.outputs import outputs
 
+from vfplan import read_image
 from vfplan.errors import ImageError, InputError, MarkerError, OutputError, SessionError
-from vfplan.images.read import read_image
 from vfplan.io.files import read_whole
 from vfplan.io.staging import move_into_place, write_whole
 from vfplan.markers import read_markers

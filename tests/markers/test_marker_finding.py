@@ -123,7 +123,7 @@ def test_the_nearest_of_two_marks_is_taken():
 
 @pytest.mark.parametrize(("name", "allowed"), [("a", 0.1), ("b", 0.1), ("c", 0.1)])
 def test_planned_slices(shared_data, name, allowed):
-    from vfplan.images.read import read_image
+    from vfplan import read_image
 
     folder = shared_data / "planned"
     with open(folder / f"pelvis_{name}_markers_image.csv") as file:
@@ -140,7 +140,7 @@ def test_planned_slices(shared_data, name, allowed):
 @pytest.mark.parametrize("name", ["a", "b"])
 def test_compressed_slice(shared_data, name):
     """JPEG at quality 80 with halved chroma, one marker on the phantom's edge."""
-    from vfplan.images.read import read_image
+    from vfplan import read_image
 
     folder = shared_data / "planned"
     with open(folder / f"pelvis_{name}_markers_image.csv") as file:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+from vfplan import read_image
 from vfplan.errors import CheckFailed
-from vfplan.images.read import read_image
 from vfplan.markers import read_markers
 from vfplan.markers.marks import compare_with_marks, drawn_marks
 

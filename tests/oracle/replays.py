@@ -16,8 +16,7 @@ from vfplan.bundle import migrate
 from vfplan.errors import VersionError
 from vfplan.replaying import replay
 from vfplan.robot import Robot
-from vfplan.session import Session
-from vfplan.session.poses import Poses
+from vfplan.session import Poses, Session
 
 DATA = Path(__file__).parents[1] / "data"
 SAMPLES = Path(vfplan.__file__).parent / "samples"

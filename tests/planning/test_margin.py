@@ -7,9 +7,9 @@ import pytest
 from layouts import PX, R, grid
 from margins import CLOCKWISE, LINE, registered
 
+from vfplan import FixtureSettings
 from vfplan.errors import SettingError
 from vfplan.planning.margin import add_margin
-from vfplan.planning.settings import FixtureSettings
 from vfplan.registration import fit_registration
 
 

@@ -10,9 +10,9 @@ from conftest import ROOT
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
+from vfplan import sample_curve
 from vfplan.engine.parameters import MOST_POINTS
 from vfplan.errors import SettingError
-from vfplan.planning.tolerance import sample_curve
 
 R = 5e-3
 PIXEL = 0.6e-3

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from vfplan import sample_curve
 from vfplan.errors import SettingError
-from vfplan.planning.tolerance import choose, iterations, largest_tolerance, sample_curve
+from vfplan.planning.tolerance import choose, iterations, largest_tolerance
 
 R = 5e-3
 

@@ -12,8 +12,7 @@ from replays import fixture_of
 import vfplan
 from vfplan.bundle import write_fixture
 from vfplan.errors import SessionError, SettingError
-from vfplan.session.events import Event, read_events, write_events
-from vfplan.session.poses import Poses, read_poses
+from vfplan.session import Event, Poses, read_events, read_poses, write_events
 
 K, T, N = 1000.0, 1e-3, 2500
 

@@ -8,8 +8,7 @@ from replays import fixture_of, line, probing
 
 import vfplan
 from vfplan.errors import SettingError
-from vfplan.replaying import Link, replay
-from vfplan.replaying.link import LossyLink
+from vfplan.replaying import Link, LossyLink, replay
 from vfplan.robot import Robot, read_robot
 from vfplan.session import Session
 

@@ -9,7 +9,7 @@ from replays import fixture_of
 from vfplan.samples.experiments import planned_curve, probing_hand, square
 
 import vfplan
-from vfplan.engine.parameters import ProxyParameters
+from vfplan import ProxyParameters
 from vfplan.replaying import replay
 from vfplan.scenes import SCENES
 from vfplan.scenes.god_object import follow

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from drawing import blend, coverage, flat, to_uint8
 
+from vfplan import PlannedImage
 from vfplan.errors import InputError
 from vfplan.findings import doubt, note
-from vfplan.images.read import PlannedImage
 from vfplan.review.insets import INSET_PX, ZOOM
 from vfplan.review.paper import DPI, PAGE_HEIGHT, PAGE_WIDTH
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from bundles import whole
 
-from vfplan.engine.ticks import Trace
+from vfplan import Trace
 from vfplan.stability.contacts import patch
 from vfplan.stability.extremes import CASES, Extreme, begun, breach, try_cases, wander
 from vfplan.stability.largest import engine_for

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vfplan.engine.ticks import Status, Step
+from vfplan import Status, Step
 from vfplan.reference import PaperProxy
 from vfplan.robot import Robot
-from vfplan.stability import Hand, exact_bound, settle, simulate
+from vfplan.stability import Hand, Plant, exact_bound, settle, simulate
 from vfplan.stability.closedloop import press
 from vfplan.stability.contacts import Contact, along, first_touch, patch, point, spread
 from vfplan.stability.largest import engine_for, largest_stiffness, pressing_hand
-from vfplan.stability.theory import Plant, closed_loop
+from vfplan.stability.theory import closed_loop
 
 ROBOT = Robot("test", 1.0, 5.0, 1000.0)
 NONE = Hand(np.zeros(3))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vfplan.engine.ticks import Trace
+from vfplan import Trace
 from vfplan.figures.stability import passivity_plot
 from vfplan.palette import RULE
 from vfplan.stability.contacts import SCENES

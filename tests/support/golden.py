@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vfplan.engine.proxy import ProxyEngine
+from vfplan import ProxyEngine
 from vfplan.fixture import Fixture
 
 ARCHIVE = Path(__file__).parents[1] / "data" / "bundles"

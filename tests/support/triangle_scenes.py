@@ -64,7 +64,7 @@ class Bone(Scene):
 
     @cached_property
     def _whole(self) -> tuple[Array, Array]:
-        from vfplan.bundle.clouds import import_cloud
+        from vfplan.bundle import import_cloud
 
         fixture = import_cloud(self.source, units="mm", spacing=1.0)
         if fixture.mesh is None:

@@ -18,8 +18,13 @@ approach    sessions that go along a drawn curve
 
 from __future__ import annotations
 
+from vfplan.replaying.approach import approach_sessions
+from vfplan.replaying.compare import Comparison
 from vfplan.replaying.engines import ENGINES, RULES
-from vfplan.replaying.link import Link
+from vfplan.replaying.link import Link, LossyLink
 from vfplan.replaying.replay import Replay, replay, result_record
 
-__all__ = ["ENGINES", "RULES", "Link", "Replay", "replay", "result_record"]
+__all__ = [
+    "ENGINES", "RULES", "Comparison", "Link", "LossyLink", "Replay", "approach_sessions", "replay",
+    "result_record",
+]  # fmt: skip

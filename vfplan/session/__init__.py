@@ -6,6 +6,8 @@ than a few of them; `ResultWriter` writes a result as it comes.
 
 from __future__ import annotations
 
+from vfplan.session.events import Event, read_events, write_events
+from vfplan.session.poses import Poses, read_poses
 from vfplan.session.read import open_session, read_session
 from vfplan.session.result import (
     RESULT_FORMAT,
@@ -19,7 +21,8 @@ from vfplan.session.ros import RosOptions
 from vfplan.session.session import BLOCK, Session, SessionSource, SessionStream, resampled
 
 __all__ = [
-    "BLOCK", "RESULT_FORMAT", "RESULT_VERSION", "CsvWriter", "ResultWriter", "RosOptions",
-    "Session", "SessionSource", "SessionStream", "TickBlock", "open_session", "read_result",
-    "read_session", "require_fixture", "resampled", "write_result",
+    "BLOCK", "RESULT_FORMAT", "RESULT_VERSION", "CsvWriter", "Event", "Poses", "ResultWriter",
+    "RosOptions", "Session", "SessionSource", "SessionStream", "TickBlock", "open_session",
+    "read_events", "read_poses", "read_result", "read_session", "require_fixture", "resampled",
+    "write_events", "write_result",
 ]  # fmt: skip
