@@ -5,7 +5,7 @@
     python docs/make_extraction_table.py --beside PYTHON       and an older build beside it
 
 PYTHON is the interpreter of an environment with another build of vfplan. The slices are those of
-`tests/support/extraction_kinds.py` and, for quiet pictures, of `tests/support/slices.py`.
+`tests/making/extraction_kinds.py` and, for quiet pictures, of `tests/making/slices.py`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "making"))
 import extraction_kinds
 import slices
 from drawing import anatomy, blend, coverage, normal_errors, polyline, to_uint8, wavy
@@ -39,7 +39,7 @@ WRONG_END_PX = 5.0
 WORD_PX = 40.0
 """Pixels: a finding or an entry of the account this near to a wrong place speaks of it."""
 QUIET = ("plain", "words", "crosses", "linear light")
-"""Kinds of `tests/support/slices.py` on which nothing disturbs the line."""
+"""Kinds of `tests/making/slices.py` on which nothing disturbs the line."""
 
 
 @dataclass

@@ -20,7 +20,7 @@ import vfplan
 from vfplan.errors import CurveError
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "support"))
+sys.path.insert(0, str(ROOT / "tests" / "making"))
 
 from drawing import anatomy  # noqa: E402
 

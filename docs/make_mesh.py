@@ -21,7 +21,7 @@ from vfplan.bundle import mesh_band
 from vfplan.bundle.clouds import refined
 from vfplan.engine.parameters import ProxyParameters
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "making"))
 from triangle_scenes import Bone
 
 R = 5e-3

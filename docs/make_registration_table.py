@@ -1,6 +1,6 @@
 """Print the tables of docs/registration.md: python docs/make_registration_table.py [SETS] [--write]
 
-Markers with planted noise and planted mistakes (tests/support/marker_sets.py), registered as
+Markers with planted noise and planted mistakes (tests/making/marker_sets.py), registered as
 `vfplan plan` registers them: how many are refused, how many have a doubt to answer or a note, how
 many pass in silence; and how often the 95 % bounds hold. SETS is the number of sets a row, 600 by
 default. With --write the tables take the place of those on the page.
@@ -33,7 +33,7 @@ from vfplan.registration.error import target_error
 from vfplan.registration.perspective import POSSIBLE_PROBABILITY, SURE_PROBABILITY
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "support"))
+sys.path.insert(0, str(ROOT / "tests" / "making"))
 from marker_sets import (  # noqa: E402
     SPACING_M,
     MarkerSet,

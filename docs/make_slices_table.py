@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "making"))
 from boxes import HIDDEN
 from slices import KINDS, TRAPS, draw
 from verdicts import judge

@@ -24,7 +24,7 @@ from vfplan import scenes
 from vfplan.engine.parameters import ProxyParameters
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "tests" / room) for room in ("support", "engine", ".")]
+sys.path[:0] = [str(ROOT / "tests" / room) for room in ("making", "support", "engine", ".")]
 import test_rests  # noqa: E402
 import test_robust_scenes  # noqa: E402
 

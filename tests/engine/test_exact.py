@@ -11,7 +11,7 @@ import curves
 import numpy as np
 import pytest
 from curves import R
-from guarantees import Rooms
+from oracle.guarantees import Rooms
 
 import vfplan
 from vfplan import scenes

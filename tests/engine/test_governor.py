@@ -7,7 +7,7 @@ import subprocess
 import numpy as np
 import pytest
 from conftest import ROOT, need_program
-from governor_twin import Twin
+from oracle.governor_twin import Twin
 
 import vfplan
 from vfplan import GovernorStatus, scenes

@@ -10,9 +10,9 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from guarantees import SLACK, Past, Rooms, across, free_to_go, growth, never_inside
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from oracle.guarantees import SLACK, Past, Rooms, across, free_to_go, growth, never_inside
 
 import vfplan
 from vfplan import scenes

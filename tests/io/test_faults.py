@@ -81,7 +81,7 @@ LONG_CASES = {
 def run_cases(shim, folder, cases, number):
     given = [{"name": name, "words": words} for name, words in cases.items()]
     done = subprocess.run(
-        [sys.executable, TESTS / "support" / "faults.py", folder, str(number)],
+        [sys.executable, TESTS / "hostile" / "faults.py", folder, str(number)],
         input=json.dumps(given), capture_output=True, text=True, check=False,
         env={**os.environ, "LD_PRELOAD": str(shim), "OPENBLAS_NUM_THREADS": "1"},
     )  # fmt: skip

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from label_mistakes import MISTAKES, PX_M, curve_error, marker_set
+from oracle.tables import table_rows, table_text
 
 import vfplan
 from vfplan.errors import CheckFailed, MarkerError
@@ -92,28 +91,16 @@ def measured(number):
 
 def text(_tree, name):
     """What tests/data/oracle/labels.csv holds."""
-    out = io.StringIO()
-    out.write(
-        "# Outcomes of good marker sets and of label mistakes (tests/support/label_mistakes.py).\n"
-        f"# Renew: python tests/oracle/renew.py {name}\n"
+    comments = (
+        "Outcomes of good marker sets and of label mistakes (tests/making/label_mistakes.py).",
+        f"Renew: python tests/oracle/renew.py {name}",
     )
-    table = csv.writer(out, lineterminator="\n")
-    table.writerow([field.name for field in fields(Row)])
-    for number in EVERY:
-        row = astuple(measured(number))
-        table.writerow([f"{x:.5f}" if isinstance(x, float) else x for x in row])
-    return out.getvalue()
+    return table_text(comments, map(measured, EVERY), Row, 5)
 
 
 def parsed(text):
     """{number: Row}."""
-    lines = [line for line in text.splitlines() if not line.startswith("#")]
-    rows = {}
-    for given in csv.DictReader(lines):
-        numbers = {name: float(given[name]) for name in ("fle_mm", "fre_mm", "curve_mm")}
-        whole = {name: int(given[name]) for name in ("set", "markers")}
-        rows[whole["set"]] = Row(**{**given, **numbers, **whole})
-    return rows
+    return {row.set: row for row in table_rows(text, Row)}
 
 
 def worse(frozen, new):

@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 
 TESTS = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(TESTS), str(TESTS / "support")]
+sys.path[:0] = [str(TESTS), str(TESTS / "making"), str(TESTS / "support")]
 
 from oracle import documents, engine, labels, replays, slices  # noqa: E402
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import zlib
 from collections import Counter
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from boxes import HIDDEN
+from oracle.tables import table_rows, table_text
 from slices import KINDS, TRAPS, draw
 from verdicts import judge
 
@@ -76,28 +75,16 @@ def every():
 
 def text(_tree, name):
     """What tests/data/oracle/slices.csv holds."""
-    out = io.StringIO()
-    out.write(
-        "# Verdicts on drawn slices: python docs/make_slices_table.py tells what the words mean.\n"
-        f"# Renew: python tests/oracle/renew.py {name}\n"
+    comments = (
+        "Verdicts on drawn slices: python docs/make_slices_table.py tells what the words mean.",
+        f"Renew: python tests/oracle/renew.py {name}",
     )
-    table = csv.writer(out, lineterminator="\n")
-    table.writerow([field.name for field in fields(Row)])
-    for kind, seed in every():
-        row = astuple(measured(kind, seed))
-        table.writerow([f"{x:.4f}" if isinstance(x, float) else x for x in row])
-    return out.getvalue()
+    return table_text(comments, (measured(kind, seed) for kind, seed in every()), Row, 4)
 
 
 def parsed(text):
     """{(kind, seed): Row}."""
-    lines = [line for line in text.splitlines() if not line.startswith("#")]
-    rows = {}
-    for given in csv.DictReader(lines):
-        numbers = {name: float(given[name]) for name in ("rms_px", "ends_px", "z")}
-        row = Row(**{**given, **numbers, "seed": int(given["seed"])})
-        rows[row.kind, row.seed] = row
-    return rows
+    return {(row.kind, row.seed): row for row in table_rows(text, Row)}
 
 
 def worse(frozen, new):

@@ -302,7 +302,7 @@ def test_memory_does_not_grow_with_the_session(tmp_path):
         )
         done = subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, check=True,
-            cwd=ROOT / "tests" / "support",
+            cwd=ROOT / "tests" / "making",
         )  # fmt: skip
         return int(done.stdout)
 

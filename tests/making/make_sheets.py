@@ -1,6 +1,6 @@
 """Ten slices and their review sheets, for readers who do not know which ends a box covers.
 
-    .venv/bin/python tests/support/make_sheets.py DIR
+    .venv/bin/python tests/making/make_sheets.py DIR
 
 writes DIR/sheets/01.png to 10.png, the slices they show as DIR/slices/01.png to 10.png, and what is
 right in DIR/answers.csv (sheet, covered, where the covered end is seen). Give a reader the folder

@@ -3,7 +3,7 @@
 Plain mutation would stop at libhdf5's checksums; here those of superblock and object headers are
 computed anew, so that what lies behind them is reached.
 
-    python tests/support/fuzz_bundle.py [CORPUS_FOLDER] -max_total_time=600
+    python tests/hostile/fuzz_bundle.py [CORPUS_FOLDER] -max_total_time=600
 
 It needs the package atheris.
 """
@@ -15,7 +15,9 @@ import struct
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "hostile"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "making"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 if __name__ == "__main__":
     import atheris
