@@ -162,6 +162,13 @@ def test_a_second_tab_shows_the_same_and_an_old_state_takes_no_step(served):
         assert shown["quick"]["steps"] == ["reverse, stroke 1"]
         other.send(json.dumps({"step": {"do": "reverse", "stroke": 0}, "version": version}))
         assert heard(other, "error")["error"]["code"] == "stale-step"
+        # A look at the line as it was is no fault, and nothing is said of it.
+        look = {"do": "viewed", "stroke": 0, "from": 0.0, "to": 1.0}
+        other.send(json.dumps({"step": look, "version": version, "number": 7}))
+        messages = []
+        while not messages or "answered" not in messages[-1]:
+            messages.append(json.loads(other.recv(timeout=20)))
+        assert not any("error" in message for message in messages)
         other.send(json.dumps({"undo": True, "version": version + 1}))
         assert heard(one, "quick")["quick"]["can_undo"]
         assert not heard(one, "quick")["quick"]["can_undo"]

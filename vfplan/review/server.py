@@ -223,15 +223,18 @@ class ReviewServer:
     def _change(self, message: dict[str, Any]) -> None:
         """Apply a step, undo or redo; the draft has it before any page shows it."""
         with self._lock:
+            step = message.get("step")
+            # A look changes nothing that a step could refer to.
+            is_look = isinstance(step, dict) and step.get("do") == "viewed"
             if message.get("version") != self._version:
+                if is_look:
+                    # What was in view belongs to a line that has changed since.
+                    return
                 raise SettingError(
                     "The page showed an earlier state. Look again, and repeat the step.",
                     code="stale-step",
                     numbers={"version": self._version},
                 )
-            step = message.get("step")
-            # A look changes nothing that a step could refer to.
-            is_look = isinstance(step, dict) and step.get("do") == "viewed"
             if "undo" in message:
                 session = self._session.undo()
             elif "redo" in message:
