@@ -104,13 +104,15 @@ def test_grey_is_rescaled_and_windowed_for_the_overlay(tmp_path):
     shown = read.rgb[0, :, 0].astype(int)
     # 2 x stored - 1000 passes -200..200 between columns 40 and 60.
     assert (shown[:40] == 0).all()
-    assert (shown[61:] == 255).all()
-    assert abs(shown[50] - 128) < 3
+    assert (shown[61:] == 65535).all()
+    assert abs(shown[50] - 32768) < 800
+    # The stored values between the ends of the window stay apart.
+    assert len(np.unique(shown)) == 21
     assert np.ptp(read.rgb, axis=2).max() == 0
     inverted = vfplan.read_image(
         capture(tmp_path, stored, "MONOCHROME1", RescaleSlope=2, RescaleIntercept=-1000, **window)
     )
-    assert np.array_equal(255 - read.rgb, inverted.rgb)
+    assert np.array_equal(65535 - read.rgb, inverted.rgb)
     with pytest.raises(CurveError, match="grey"):
         vfplan.extract_curve(read)
 

@@ -189,8 +189,13 @@ def _pixels(dataset: Any, where: str, index: int, max_pixels: int) -> NDArray:
     return np.ascontiguousarray(pixels << shift if shift else pixels)
 
 
-def _windowed(dataset: Any, stored: NDArray, inverted: bool) -> NDArray[np.uint8]:
-    """(H, W, 3) grey as it is shown: rescaled, then windowed, or stretched where no window is."""
+def _windowed(
+    dataset: Any, stored: NDArray, inverted: bool
+) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """(H, W, 3) grey: rescaled, then windowed, or stretched where no window is.
+
+    Pixels of more than 8 bits stay so, so that a person can narrow the window.
+    """
     from pydicom.pixels import apply_modality_lut, apply_windowing
 
     values = apply_modality_lut(stored, dataset).astype(np.float64)
@@ -198,7 +203,12 @@ def _windowed(dataset: Any, stored: NDArray, inverted: bool) -> NDArray[np.uint8
         values = apply_windowing(values, dataset)
     low, high = float(values.min()), float(values.max())
     shown = (values - low) / ((high - low) or 1.0)
-    grey = np.rint(255 * (1 - shown if inverted else shown)).astype(np.uint8)
+    if inverted:
+        shown = 1 - shown
+    depth = np.uint8
+    if stored.dtype.itemsize > 1:
+        depth = np.uint16
+    grey = np.rint(np.iinfo(depth).max * shown).astype(depth)
     return np.repeat(grey[..., None], 3, axis=2)
 
 
