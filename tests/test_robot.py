@@ -97,7 +97,7 @@ def test_missing_key_file_and_bad_toml(tmp_path):
     path.write_text("= 3")
     with refuses(InputError, "robot-not-toml"):
         read_robot(path)
-    with refuses(InputError, "robot-unreadable"):
+    with refuses(InputError, "file-missing"):
         read_robot(tmp_path / "no.toml")
 
 

@@ -84,16 +84,15 @@ def read_robot(choice: str | Path | None) -> Robot | None:
     if str(choice) in SHIPPED:
         text = (files("vfplan.schemas") / "robots" / f"{choice}.toml").read_text("utf-8")
     else:
+        choices = f"{', '.join(SHIPPED)}, none or a robot file is wanted"
         try:
             text = read_whole(Path(choice), MAX_BYTES).decode("utf-8")
-        except (InputError, UnicodeDecodeError) as error:
-            reason = "is not text"
-            if isinstance(error, InputError):
-                reason = error.message
+        except InputError as error:
+            error.message += f"; {choices}"
+            raise
+        except UnicodeDecodeError:
             raise InputError(
-                f"{reason}; {', '.join(SHIPPED)}, none or a robot file is wanted",
-                where=str(choice),
-                code="robot-unreadable",
+                f"is not text; {choices}", where=str(choice), code="not-text"
             ) from None
     try:
         values = tomllib.loads(text)

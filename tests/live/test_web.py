@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from chromium import Page
 from conftest import need_program
+from refusals import refuses
 
 from vfplan.errors import OutputError
 from vfplan.live.page import live_page
@@ -103,7 +104,7 @@ def test_only_pages_from_here_are_told():
             connect(f"ws://127.0.0.1:{web.port}/ticks", origin=origin)
     with connect(f"ws://127.0.0.1:{web.port}/ticks", origin=own) as client:
         assert "scene" in json.loads(client.recv())
-    with pytest.raises(OutputError, match=f"port {web.port} of 127.0.0.1"):
+    with refuses(OutputError, "port-taken", port=web.port):
         served(PositionStream(), web.port)
     web.close()
     with pytest.raises(OSError, match="refused"):

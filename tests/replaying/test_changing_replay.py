@@ -147,27 +147,27 @@ def test_poses_and_events_are_read_strictly(tmp_path):
         with refuses(SessionError, code):
             read_poses(path)
     head = "tick,what,x,y,z\n"
-    for text, says in (
-        ("", "a first line"),
-        (head + "\xff", "a whole number"),
-        (head + "-1,edit", "a whole number"),
-        (head + "1e3,edit", "a whole number"),
-        (head + "9,edit\n8,edit", "line 3: .*in order"),
-        (head + "9,remove,3", "without an edit"),
-        (head + "9,edit\n10,add,0,0,0", "without an edit"),
-        (head + "9,edit\n9,add,0,0", "add,X,Y,Z"),
-        (head + "9,edit\n9,add,0,nan,0", "nan"),
-        (head + "9,edit\n9,add,0,0,0\n9,remove,1", "after all of these"),
-        (head + "9,edit\n9,remove,4294967296", "below 4294967296"),
-        (head + "9,exchange", "BUNDLE"),
-        (head + "9,edit,1", "BUNDLE"),
-        (head + "9,burn", "BUNDLE"),
+    for text, code in (
+        ("", "no-events"),
+        (head + "\xff", "event-invalid"),
+        (head + "-1,edit", "event-invalid"),
+        (head + "1e3,edit", "event-invalid"),
+        (head + "9,edit\n8,edit", "event-invalid"),
+        (head + "9,remove,3", "event-invalid"),
+        (head + "9,edit\n10,add,0,0,0", "event-invalid"),
+        (head + "9,edit\n9,add,0,0", "event-invalid"),
+        (head + "9,edit\n9,add,0,nan,0", "event-invalid"),
+        (head + "9,edit\n9,add,0,0,0\n9,remove,1", "event-invalid"),
+        (head + "9,edit\n9,remove,4294967296", "event-invalid"),
+        (head + "9,exchange", "event-invalid"),
+        (head + "9,edit,1", "event-invalid"),
+        (head + "9,burn", "event-invalid"),
     ):
         path.write_text(text)
-        with pytest.raises(SessionError, match=says):
+        with refuses(SessionError, code):
             read_events(path)
     session = vfplan.Session(T * np.arange(9), np.zeros((9, 3)) + 0.1, "robot_base")
-    with pytest.raises(SettingError, match="one rule"):
+    with refuses(SettingError, "changes-alone"):
         vfplan.replay(fixture(), session, rule="both", events=[])
 
 
@@ -239,9 +239,9 @@ def test_events_go_to_a_file_and_back(tmp_path, monkeypatch):
     (read,) = read_events("sub/w.csv")
     assert read.fixture.resolve() == tmp_path / "even.h5"
     for bad in ("a,b.h5", "a\nb.h5", " a.h5"):
-        with pytest.raises(SessionError, match="a path with commas"):
+        with refuses(SessionError, "event-path-unwritable"):
             write_events("x.csv", [Event(5, fixture=tmp_path / bad)])
-    with pytest.raises(SessionError, match="got a Fixture"):
+    with refuses(SessionError, "event-without-path"):
         write_events("x.csv", [Event(5, fixture=fixture())])
 
 

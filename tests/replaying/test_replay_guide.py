@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from refusals import refuses
 from replays import fixture_of, line
 
 import vfplan
@@ -92,7 +93,7 @@ def test_beside_a_guide_the_region_is_its_lines_and_arcs():
 
 
 def test_a_guide_alone_has_no_rule_to_compare():
-    with pytest.raises(SettingError, match="every stroke guides"):
+    with refuses(SettingError, "rule-without-region"):
         replay(guided(fixture_of(line())), along(np.zeros(10)), rule="paper")
 
 

@@ -197,7 +197,7 @@ def test_damaged_archives_are_refused(tmp_path):
     for number, damaged in enumerate((encrypted, method, garbled, stream)):
         path = tmp_path / f"{number}.npz"
         path.write_bytes(damaged)
-        with pytest.raises(SessionError, match=r"cannot be read as \.npz|ends before"):
+        with pytest.raises(SessionError):
             read_session(path)
 
 
@@ -209,20 +209,20 @@ def test_empty_dataspace_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("place", "name", "value", "message"),
+    ("place", "name", "value"),
     [
-        ("/", "units", np.bytes_("mm"), "units = 'mm' .attribute units of /."),
-        ("hip", "units", "mm", "units = 'mm' .attribute units of /hip."),
-        ("hip", "unit", "mm", "units = 'mm'"),
-        ("hip", "frame", "camera", "frame = 'camera'"),
-        ("time", "unit", "ms", "time unit = 'ms' .*, the call 's'"),
+        ("/", "units", np.bytes_("mm")),
+        ("hip", "units", "mm"),
+        ("hip", "unit", "mm"),
+        ("hip", "frame", "camera"),
+        ("time", "unit", "ms"),
     ],
 )
-def test_units_are_heeded_wherever_a_file_states_them(tmp_path, place, name, value, message):
+def test_units_are_checked_wherever_a_file_states_them(tmp_path, place, name, value):
     with h5py.File(tmp_path / "s.h5", "w") as file:
         file["time"], file["hip"] = np.arange(3.0), np.ones((3, 3))
         file[place].attrs[name] = value
-    with pytest.raises(SessionError, match=message):
+    with refuses(SessionError, "units-or-frame-differ"):
         read_session(tmp_path / "s.h5")
 
 
@@ -311,13 +311,13 @@ def spoil(file, name, row, value):
 
 
 SPOILED = {
-    "NaN": (lambda f: spoil(f, "force", 3, np.nan), "force of tick 3 is"),
-    "infinite": (lambda f: spoil(f, "hip", 4, np.inf), "hip of tick 4 is"),
-    "too large to square": (lambda f: spoil(f, "proxy", 5, 1e200), "finite numbers up to 1e"),
-    "no state": (lambda f: spoil(f, "state", 6, 7), r"state of tick 6 is \[7\]; -1, 0, 1 or 2"),
-    "time back": (lambda f: spoil(f, "time", 7, 0.0), "time does not increase at tick 7"),
-    "text": (lambda f: renew(f, "overlap", np.full(20, b"abc")), "overlap has type"),
-    "cut": (lambda f: renew(f, "overlap", np.zeros(19)), r"overlap has shape \(19,\)"),
+    "NaN": (lambda f: spoil(f, "force", 3, np.nan), "value-invalid"),
+    "infinite": (lambda f: spoil(f, "hip", 4, np.inf), "value-invalid"),
+    "too large to square": (lambda f: spoil(f, "proxy", 5, 1e200), "value-invalid"),
+    "no state": (lambda f: spoil(f, "state", 6, 7), "value-invalid"),
+    "time back": (lambda f: spoil(f, "time", 7, 0.0), "time-not-increasing"),
+    "text": (lambda f: renew(f, "overlap", np.full(20, b"abc")), "type-wrong"),
+    "cut": (lambda f: renew(f, "overlap", np.zeros(19)), "shape-wrong"),
 }
 
 
@@ -332,14 +332,14 @@ def test_a_result_that_no_replay_gives_is_refused(tmp_path, fault):
     with ResultWriter(path, {}) as writer:
         writer.append(ticks_of(20))
     read_result(path)
-    spoiling, message = SPOILED[fault]
+    spoiling, code = SPOILED[fault]
     with h5py.File(path, "a") as file:
         for name in file:  # the checksum of a chunk that is written again is right again
             values, unit = file[name][:], file[name].attrs["unit"]
             renew(file, name, values)
             file[name].attrs["unit"] = unit
         spoiling(file)
-    with pytest.raises(InputError, match=message):
+    with refuses(InputError, code):
         read_result(path)
 
 
@@ -353,10 +353,10 @@ def test_what_is_no_result_is_said(tmp_path):
 def test_a_result_names_its_fixture_or_is_refused():
     require_fixture({"fixture": '{"sha256": "ab"}'}, "ab", "r.h5")
     require_fixture({}, "ab", "r.h5")
-    with pytest.raises(InputError, match="SHA-256 cd"):
+    with refuses(InputError, "fixture-differs"):
         require_fixture({"fixture": '{"sha256": "cd"}'}, "ab", "r.h5")
     for broken in ("{", "[]", 3):
-        with pytest.raises(InputError, match="no record of a fixture"):
+        with refuses(InputError, "record-broken"):
             require_fixture({"fixture": broken}, "ab", "r.h5")
 
 
@@ -364,7 +364,7 @@ def test_result_is_not_overwritten_and_others_are_not_read(tmp_path):
     path = tmp_path / "r.h5"
     with ResultWriter(path, {}) as writer:
         writer.append(ticks_of(5))
-    with pytest.raises(OutputError, match="exists already"):
+    with refuses(OutputError, "output-exists"):
         ResultWriter(path, {})
     with h5py.File(path, "a") as file:
         file.attrs["version"] = "2.0"
@@ -372,7 +372,7 @@ def test_result_is_not_overwritten_and_others_are_not_read(tmp_path):
         read_result(path)
     with h5py.File(path, "a") as file:
         file.attrs["format"] = "other"
-    with pytest.raises(InputError, match="format is 'other'"):
+    with refuses(InputError, "not-a-result"):
         read_result(path)
 
 

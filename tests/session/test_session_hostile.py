@@ -15,6 +15,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from refusals import refuses
 
 import vfplan
 import vfplan.io.sandbox
@@ -153,7 +154,7 @@ def test_a_reader_that_fails_is_an_error_like_any_other(fault, tmp_path, monkeyp
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     monkeypatch.setattr(vfplan.io.sandbox, "_helper", None)  # one that knows this folder
     monkeypatch.setattr(vfplan.io.sandbox, "STEP_S", 1)
-    with pytest.raises(SessionError, match="its reader crashed, took more than 768 MiB, or was"):
+    with refuses(SessionError, "reader-stopped"):
         list(run_in_sandbox(f"{Path(__file__).stem}:{fault}", where="a", kind=SessionError))
     hdf5_session(tmp_path / "good.h5")
     assert len(read_session(tmp_path / "good.h5").time) == 40  # and the next one is read
@@ -179,8 +180,8 @@ def test_a_sample_that_is_no_number_is_named_by_row_and_column(tmp_path, field):
     path = tmp_path / "s.csv"
     many = "".join(f"{k},1,2,3\n" for k in range(1, 500))
     path.write_text(f"{HEAD}{many}500,1,{field},3\n501,1,2,3\n", "utf-8")
-    message = "is not finite" if field == "1e309" else "not 4 numbers: in column 'y'"
-    with pytest.raises(SessionError, match=message) as caught:
+    code = "sample-not-finite" if field == "1e309" else "no-number"
+    with refuses(SessionError, code) as caught:
         read_session(path)
     if field != "1e309":
         assert caught.value.where == "s.csv, line 502"
@@ -196,7 +197,7 @@ def test_blank_fields_are_never_numbers(tmp_path):
         fields[rng.randrange(1, 4)] = blank
         spoilt[at] = ",".join(fields)
         path.write_text("t,x,y,z\n" + "\n".join(spoilt))
-        with pytest.raises(SessionError, match="a number is missing") as caught:
+        with refuses(SessionError, "no-number") as caught:
             read_session(path)
         assert caught.value.where == f"s.csv, line {at + 2}"
 
@@ -311,5 +312,5 @@ def test_a_file_written_to_while_it_is_read_is_refused(tmp_path):
     os.utime(path, (1, 1))
     stream = open_session(path)
     path.write_text(HEAD + "1,1,2,4\n")
-    with pytest.raises(InputError, match="was changed while it was read"):
+    with refuses(InputError, "file-changed"):
         stream.load()
