@@ -38,7 +38,7 @@ def describe(path: str | Path, *, values: bool = False, work: bool = False) -> d
         described["tick_work"] = _work(content)
     for row in table():
         if row.path in content:
-            described[row.path] = _shown(content[row.path], row, values)
+            described[row.path] = _summary(content[row.path], row, values)
     return described
 
 
@@ -50,29 +50,37 @@ def review_of(content: Content) -> dict[str, str] | None:
 
 
 def _work(content: Content) -> dict[str, Any]:
-    """The rule it is rendered by unless another is asked for, how long a tick may take, and what
-    1 kHz gives it [us]; `None` where no engine renders it.
+    """The rule that renders the fixture unless another is named, and the time of its ticks.
+
+    `us` bounds a tick and `at_most_us` is what 1 kHz gives it [us]; rule and bound are `None` where
+    no engine renders the fixture.
     """
+    rule, time_us = None, None
     try:
         fixture = from_content(content)
         rule = best_rule(fixture)
-        work = 1e6 * work_of(fixture, rule)
+        time_us = 1e6 * work_of(fixture, rule)
     except VfplanError:
-        rule = work = None
-    return {"rule": rule, "us": work, "at_most_us": 1e6 * MOST_TICK_WORK}
+        rule = None
+    return {"rule": rule, "us": time_us, "at_most_us": 1e6 * MOST_TICK_WORK}
 
 
-def _shown(value: Any, row: Row, values: bool) -> Any:
+def _summary(value: Any, row: Row, values: bool) -> Any:
+    """A value as it is; of a table with a row for each point or triangle a summary."""
     if not {"N", "K"} & set(row.shape):
-        return list(value) if isinstance(value, tuple) else value
+        if isinstance(value, tuple):
+            return list(value)
+        return value
     data = np.ascontiguousarray(value)
-    shown = {
+    summary = {
         "shape": list(data.shape),
         "min": data.min().item(),
         "max": data.max().item(),
         "sha256": hashlib.sha256(data.data).hexdigest(),
     }
-    return shown | {"values": data.tolist()} if values else shown
+    if values:
+        summary["values"] = data.tolist()
+    return summary
 
 
 def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:
@@ -86,26 +94,34 @@ def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:
     one, other = read_bundle(a)[0], read_bundle(b)[0]
     differences = []
     for row in table():
-        if (row.path in one) != (row.path in other):
-            side = "A" if row.path in one else "B"
-            differences.append({"path": row.path, "what": f"only in {side}"})
+        if row.path in one and row.path not in other:
+            differences.append({"path": row.path, "what": "only in A"})
+        elif row.path in other and row.path not in one:
+            differences.append({"path": row.path, "what": "only in B"})
         elif row.path in one:
-            found = _difference(one[row.path], other[row.path])
-            differences += [{"path": row.path, **found}] if found else []
+            difference = _difference(one[row.path], other[row.path])
+            if difference is not None:
+                differences.append({"path": row.path, **difference})
     return differences
 
 
 def _difference(a: Any, b: Any) -> dict[str, Any] | None:
+    """What differs between two values of one path; `None` if nothing does."""
     if isinstance(a, (str, int, float)):
-        return None if a == b else {"what": "value", "a": a, "b": b}
+        if a == b:
+            return None
+        return {"what": "value", "a": a, "b": b}
     a, b = np.asarray(a), np.asarray(b)
     if a.shape != b.shape:
         return {"what": "shape", "a": list(a.shape), "b": list(b.shape)}
-    differ = a != b
-    if not differ.any():
+    differs = a != b
+    if not differs.any():
         return None
-    found = {"what": "value", "count": int(differ.sum())}
-    found["first_index"] = [int(i) for i in np.argwhere(differ)[0]]
+    difference = {
+        "what": "value",
+        "count": int(differs.sum()),
+        "first_index": np.argwhere(differs)[0].tolist(),
+    }
     if a.dtype.kind != "U":
-        found["max_abs"] = float(np.max(np.abs(a.astype(float) - b.astype(float))))
-    return found
+        difference["max_abs"] = float(np.max(np.abs(a.astype(float) - b.astype(float))))
+    return difference

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError
-from vfplan.fixture import Fixture, Pieces
+from vfplan.fixture import Fixture
 from vfplan.io.staging import write_whole
 
 MRK_SCHEMA = (
@@ -19,6 +18,7 @@ MRK_SCHEMA = (
     "Schema/markups-schema-v1.0.3.json#"
 )
 SUFFIXES = (".ply", ".csv", ".mrk.json", ".dxf")
+Vector = NDArray[np.float64]
 
 
 def export(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> None:
@@ -39,61 +39,84 @@ def export(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> No
     write_whole(Path(path), [text], overwrite=overwrite)
 
 
-# What of a fixture each form holds besides its points; a mesh's corners are points.
-DRAWN = {".dxf": {"curve"}}
-HELD = {".ply": {"mesh"}, ".csv": {"sigma", "curve"}, ".mrk.json": {"curve"}} | DRAWN
+HELD = {
+    ".ply": {"mesh"},
+    ".csv": {"sigma", "curve"},
+    ".mrk.json": {"curve"},
+    ".dxf": {"curve"},
+}
+"""Form -> the parts of a fixture that it holds besides the points."""
 PARTS = ("sigma", "curve", "mesh", "image", "rendering", "registration", "stability")
 
 
 def left_out(fixture: Fixture, path: str | Path) -> list[str]:
-    """The parts of a fixture that a file of this name does not hold; provenance goes with none."""
-    held = HELD[_suffix(path)]
-    there = [part for part in PARTS if getattr(fixture, part) is not None and part not in held]
+    """The parts of a fixture that a file of this name does not hold; provenance is in none."""
+    suffix = _suffix(path)
+    parts = []
+    for part in PARTS:
+        if getattr(fixture, part) is not None and part not in HELD[suffix]:
+            parts.append(part)
     curve = fixture.curve
-    if curve is not None and "curve" in held:
-        closed = _suffix(path) == ".csv" and bool(np.any(curve.closed))
-        there += ["curve/closed"] * closed + ["curve/bridged"] * (curve.bridged is not None)
-        drawn = _suffix(path) in DRAWN
-        there += ["points"] * drawn + ["curve/pieces"] * (curve.pieces is not None and not drawn)
-    return there
+    if curve is None or "curve" not in HELD[suffix]:
+        return parts
+    if suffix == ".csv" and np.any(curve.closed):
+        parts.append("curve/closed")
+    if curve.bridged is not None:
+        parts.append("curve/bridged")
+    if suffix == ".dxf":  # the lines and arcs in place of the points
+        parts.append("points")
+    elif curve.pieces is not None:
+        parts.append("curve/pieces")
+    return parts
 
 
 def _suffix(path: str | Path) -> str:
     name = Path(path).name.lower()
-    suffix = next((s for s in SUFFIXES if name.endswith(s)), None)
-    if suffix is None:
-        raise InputError(f"ends in none of {', '.join(SUFFIXES)}.", where=str(path))
-    return suffix
+    for suffix in SUFFIXES:
+        if name.endswith(suffix):
+            return suffix
+    raise InputError(f"ends in none of {', '.join(SUFFIXES)}.", where=str(path))
+
+
+def _unit(fixture: Fixture) -> str:
+    if fixture.frame == "image":
+        return "px"
+    return "m"
 
 
 def _ply(fixture: Fixture) -> bytes:
-    unit = "px" if fixture.frame == "image" else "m"
     head = [
         "ply",
         "format binary_little_endian 1.0",
-        f"comment frame {fixture.frame}, unit {unit}",
+        f"comment frame {fixture.frame}, unit {_unit(fixture)}",
         f"element vertex {len(fixture.points)}",
-        *(f"property double {axis}" for axis in "xyz"),
+        "property double x",
+        "property double y",
+        "property double z",
     ]
-    if fixture.mesh is not None:
-        head += [f"element face {len(fixture.mesh)}", "property list uchar int vertex_indices"]
     body = np.ascontiguousarray(fixture.points, dtype="<f8").tobytes()
     if fixture.mesh is not None:
+        head += [f"element face {len(fixture.mesh)}", "property list uchar int vertex_indices"]
         faces = np.empty(len(fixture.mesh), dtype=[("n", "u1"), ("v", "<i4", 3)])
-        faces["n"], faces["v"] = 3, fixture.mesh
+        faces["n"] = 3
+        faces["v"] = fixture.mesh
         body += faces.tobytes()
     return "\n".join([*head, "end_header", ""]).encode() + body
 
 
 def _csv(fixture: Fixture) -> bytes:
-    unit = "px" if fixture.frame == "image" else "m"
-    columns: dict[str, Any] = {f"{a}_{unit}": fixture.points[:, i] for i, a in enumerate("xyz")}
+    unit = _unit(fixture)
+    names = [f"x_{unit}", f"y_{unit}", f"z_{unit}"]
+    columns = [*fixture.points.T.tolist()]
     if fixture.sigma is not None:
-        columns[f"sigma_{unit}"] = fixture.sigma
+        names.append(f"sigma_{unit}")
+        columns.append(fixture.sigma.tolist())
     if fixture.curve is not None:
-        columns["stroke"] = fixture.curve.stroke
-    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
-    lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]
+        names.append("stroke")
+        columns.append(fixture.curve.stroke.tolist())
+    lines = [",".join(names)]
+    for row in zip(*columns, strict=True):
+        lines.append(",".join(map(repr, row)))
     return ("\n".join(lines) + "\n").encode()
 
 
@@ -102,73 +125,73 @@ def _mrk(fixture: Fixture) -> bytes:
         raise InputError("pixels cannot be written as .mrk.json, which holds mm: register first.")
     if fixture.curve is None:
         raise InputError("a cloud without strokes cannot be written as .mrk.json; .ply can.")
-    markups = [
-        _markup(fixture.points[fixture.curve.stroke == number] * 1000, number, bool(closed))
-        for number, closed in enumerate(fixture.curve.closed)
-    ]
-    for markup in markups:
-        markup["description"] = f"frame {fixture.frame}"
+    markups = []
+    for number, is_closed in enumerate(fixture.curve.closed):
+        points_mm = 1000 * fixture.points[fixture.curve.stroke == number]
+        markups.append(_markup(points_mm, number, bool(is_closed), fixture.frame))
     return (json.dumps({"@schema": MRK_SCHEMA, "markups": markups}, indent=1) + "\n").encode()
 
 
-def _markup(points_mm: np.ndarray, number: int, closed: bool) -> dict[str, Any]:
-    return {
-        "type": "ClosedCurve" if closed else "Curve",
-        "coordinateSystem": "LPS",
-        "coordinateUnits": "mm",
-        "controlPoints": [
+def _markup(points_mm: np.ndarray, number: int, is_closed: bool, frame: str) -> dict[str, Any]:
+    """A stroke as Slicer's markup."""
+    control_points = []
+    for i, point in enumerate(points_mm.tolist(), start=1):
+        control_points.append(
             {
-                "id": str(i + 1),
-                "label": f"stroke{number}-{i + 1}",
+                "id": str(i),
+                "label": f"stroke{number}-{i}",
                 "position": point,
                 "positionStatus": "defined",
             }
-            for i, point in enumerate(points_mm.tolist())
-        ],
+        )
+    kind = "Curve"
+    if is_closed:
+        kind = "ClosedCurve"
+    return {
+        "type": kind,
+        "coordinateSystem": "LPS",
+        "coordinateUnits": "mm",
+        "controlPoints": control_points,
+        "description": f"frame {frame}",
     }
-
-
-Vector = NDArray[np.float64]
 
 
 def dxf(fixture: Fixture) -> bytes:
     """An R12 drawing: one polyline a stroke, in space, extruded along the ignored axis."""
-    pieces, axis = _pieces(fixture)
-    frame = _arbitrary_axes(axis)
-    rows: list[tuple[int, object]] = [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER")]
-    rows += [(1, "AC1009"), (0, "ENDSEC"), (0, "SECTION"), (2, "ENTITIES")]
-    for points, bulges, closed in _strokes(pieces):
-        x, y, z = 1e3 * frame @ points.T
-        rows += [(0, "POLYLINE"), (8, "0"), (66, 1), (70, int(closed)), (10, 0.0), (20, 0.0)]
-        rows += [(30, z.mean()), *zip((210, 220, 230), axis, strict=True)]
-        for vertex in zip(x, y, np.full(len(z), z.mean()), bulges, strict=True):
-            rows += [(0, "VERTEX"), (8, "0"), *zip((10, 20, 30, 42), vertex, strict=True)]
-        rows.append((0, "SEQEND"))
-    rows += [(0, "ENDSEC"), (0, "EOF")]
-    return "".join(f"{code:3}\n{_text(value)}\n" for code, value in rows).encode()
-
-
-def _pieces(fixture: Fixture) -> tuple[Pieces, Vector]:
-    if fixture.pieces is None or fixture.rendering is None or fixture.ignore_axis is None:
+    pieces, axis = fixture.pieces, None
+    if fixture.rendering is not None:
+        axis = fixture.ignore_axis
+    if pieces is None or axis is None:
         raise InputError(
             "a fixture without lines and arcs has no .dxf. Its points have the other forms."
         )
-    return fixture.pieces, fixture.ignore_axis
-
-
-def _strokes(pieces: Pieces) -> Iterator[tuple[Vector, Vector, bool]]:
-    for number, closed in enumerate(pieces.closed):
-        own = pieces.stroke == number
-        yield pieces.vertices[own], pieces.bulges[own], bool(closed)
+    frame = _arbitrary_axes(axis)
+    rows: list[tuple[int, object]] = [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER")]
+    rows += [(1, "AC1009"), (0, "ENDSEC"), (0, "SECTION"), (2, "ENTITIES")]
+    for number, is_closed in enumerate(pieces.closed):
+        in_stroke = pieces.stroke == number
+        x, y, z = 1e3 * frame @ pieces.vertices[in_stroke].T
+        height = z.mean()
+        rows += [(0, "POLYLINE"), (8, "0"), (66, 1), (70, int(is_closed)), (10, 0.0), (20, 0.0)]
+        rows += [(30, height), (210, axis[0]), (220, axis[1]), (230, axis[2])]
+        for x_mm, y_mm, bulge in zip(x, y, pieces.bulges[in_stroke], strict=True):
+            rows += [(0, "VERTEX"), (8, "0"), (10, x_mm), (20, y_mm), (30, height), (42, bulge)]
+        rows.append((0, "SEQEND"))
+    rows += [(0, "ENDSEC"), (0, "EOF")]
+    lines = []
+    for code, value in rows:
+        text = str(value)
+        if isinstance(value, float):
+            text = repr(float(value))
+        lines.append(f"{code:3}\n{text}\n")
+    return "".join(lines).encode()
 
 
 def _arbitrary_axes(axis: Vector) -> Vector:
     """(3, 3) rows x, y and z of the coordinates that DXF gives to what is extruded along z."""
-    steep = max(abs(axis[0]), abs(axis[1])) < 1 / 64
-    x = np.cross([0.0, 1.0, 0.0] if steep else [0.0, 0.0, 1.0], axis)
+    upright = [0.0, 0.0, 1.0]
+    if max(abs(axis[0]), abs(axis[1])) < 1 / 64:  # DXF's own rule for axes near z
+        upright = [0.0, 1.0, 0.0]
+    x = np.cross(upright, axis)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(axis, x), axis])
-
-
-def _text(value: object) -> str:
-    return repr(float(value)) if isinstance(value, float) else str(value)
