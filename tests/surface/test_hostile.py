@@ -122,7 +122,7 @@ def test_dicom_of_endless_elements_is_refused_before_it_is_parsed(tmp_path):
     kind = element(8, 0x16, b"UI", b"1.2.840.10008.5.1.4.1.1.481.3\0")
     items = element(0x3006, 0x20, b"SQ", 200_001 * b"\xfe\xff\x00\xe0\0\0\0\0")
     (tmp_path / "i.dcm").write_bytes(kind + items)
-    refused(tmp_path / "i.dcm", "has 200001 items; at most 200000")
+    refused(tmp_path / "i.dcm", "has 200001 items")
     (tmp_path / "e.dcm").write_bytes(kind + bytes(34_000_000))
     refused(tmp_path / "e.dcm", "bytes beside pixels")
     deflated = b"1.2.840.10008.1.2.1.99"

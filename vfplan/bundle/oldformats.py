@@ -16,12 +16,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from vfplan.bundle.schema import FORMAT, OLDER, Content, Row, document, table
-from vfplan.bundle.seal import HDF5_MAGIC, MAGIC
+from vfplan.bundle.seal import HDF5_MAGIC, LENGTHS, MAGIC
 from vfplan.errors import CorruptError, UnsafeError, VersionError
 from vfplan.io.hdf5 import h5py
-
-SEALS = (512, 1024, 2048, 4096)
-"""The lengths that a seal in front may have [bytes]."""
 
 
 def old_content(stream: BinaryIO) -> Iterator[Any]:
@@ -39,7 +36,7 @@ def old_content(stream: BinaryIO) -> Iterator[Any]:
     VersionError
         It is of another version.
     """
-    most = document(OLDER)["limits"]["payload_bytes"] + SEALS[-1]
+    most = document(OLDER)["limits"]["payload_bytes"] + LENGTHS[-1]
     data = stream.read(most + 1)
     if len(data) > most:
         raise UnsafeError("is longer than a bundle may be.", code="unsafe.cap")
@@ -83,7 +80,7 @@ def _unsealed(data: bytes) -> tuple[bytes, str | None]:
     version, flags, length, payload_length = struct.unpack_from("<HHIQ", data.ljust(24, b"\0"), 8)
     if version != 1:
         raise VersionError(f"has seal version {version} in front; 1 is known.", code="version.seal")
-    if length not in SEALS or len(data) != length + payload_length:
+    if length not in LENGTHS or len(data) != length + payload_length:
         raise CorruptError("was cut or grown: its seal says another length.", code="corrupt.seal")
     block, payload = data[:length], data[length:]
     if hashlib.sha256(block[:-32]).digest() != block[-32:]:

@@ -139,7 +139,7 @@ def surface(
     )
     report = _report(contours, sliced, levels, fixture, settings)
     report["elapsed_s"] = time.perf_counter() - started
-    texts = (*contours.told, *sliced.told, *_ends(sliced, settings), *_errors(report))
+    texts = (*contours.remarks, *sliced.remarks, *_ends(sliced, settings), *_errors(report))
     findings = tuple(doubt("surface-doubt", "surface", text) for text in texts)
     return Surface(replace(fixture, findings=findings), sliced, report, findings)
 
@@ -223,7 +223,7 @@ def _errors(report: dict[str, Any]) -> tuple[str, ...]:
     return tuple(found)
 
 
-MOST_POINTS = 10_000  # of the outlines that are held against the surface
+MAX_POINTS = 10_000  # of the outlines that are held against the surface
 A_SLICE = 200
 
 
@@ -236,7 +236,7 @@ def contour_error(sliced: Sliced, points: Array, triangles: NDArray[np.int32]) -
         for ring in outline.cut_rings
     ]
     places = np.concatenate(corners)
-    places = places[:: max(1, len(places) // MOST_POINTS)] @ sliced.R_slice_patient
+    places = places[:: max(1, len(places) // MAX_POINTS)] @ sliced.R_slice_patient
     nearest, _ = NearestOnMesh(points, triangles)(places)
     away = np.linalg.norm(places - nearest, axis=1)
     return _summary(away, places)

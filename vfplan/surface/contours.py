@@ -16,42 +16,59 @@ Array = NDArray[np.float64]
 class Structure:
     """One of the structures that a source holds."""
 
-    number: int  # as the source numbers it
-    name: str = ""  # as the source names it; empty where it does not
+    number: int
+    """As the source numbers it."""
+    name: str = ""
+    """As the source names it; empty where it does not."""
 
 
 @dataclass(frozen=True, eq=False)
 class Contours:
     """One structure as a stack of outlines."""
 
-    rings: tuple[Array, ...]  # each (M, 3), patient LPS [m], its last corner joined to its first
-    structures: tuple[Structure, ...]  # all structures of the source
-    chosen: int  # the number of this one
-    inputs: dict[str, str]  # role -> SHA-256 of the source's bytes
-    # (3,) unit normal of the slices where the source says it; `None`: what the rings say
+    rings: tuple[Array, ...]
+    """Each (M, 3), patient LPS [m], its last corner joined to its first."""
+    structures: tuple[Structure, ...]
+    """All structures of the source."""
+    chosen: int
+    """The number of this one."""
+    inputs: dict[str, str]
+    """Role -> SHA-256 of the source's bytes."""
     normal: Array | None = None
-    # (E, 3) a point of each slice that is known to show nothing of the structure
+    """(3,) unit normal of the slices where the source states it; `None`: what the rings give."""
     empty: Array = field(default_factory=lambda: np.empty((0, 3)))
-    told: tuple[str, ...] = ()  # what a person should know
+    """(E, 3) a point of each slice that is known to show nothing of the structure."""
+    remarks: tuple[str, ...] = ()
+    """What a person should know."""
 
 
-def choose_structure(structures: tuple[Structure, ...], asked: str | None) -> Structure:
-    """The structure that is asked for by its name or number, or the only one.
+def choose_structure(structures: tuple[Structure, ...], wanted: str | None) -> Structure:
+    """The structure of this name or number; without one the only structure.
 
-    Raises `InputError` where there is none, or several and none or an unknown one was asked for.
+    Raises `InputError` where there is none, or several and `wanted` is `None` or fits not one.
     """
-    named = ", ".join(f"{s.number} {s.name!r}" if s.name else str(s.number) for s in structures)
     if not structures:
         raise InputError("holds no structure.")
-    if asked is None:
+    names = []
+    for structure in structures:
+        if structure.name:
+            names.append(f"{structure.number} {structure.name!r}")
+        else:
+            names.append(str(structure.number))
+    listed = ", ".join(names)
+    if wanted is None:
         if len(structures) > 1:
             raise InputError(
-                f"holds {len(structures)} structures: {named}. Choose one (--structure)."
+                f"holds {len(structures)} structures: {listed}. Choose one (--structure)."
             )
         return structures[0]
-    found = [s for s in structures if asked == s.name]
-    found = found or [s for s in structures if asked == str(s.number)]
-    if len(found) != 1:
-        how = "several structures of that name" if found else "no such structure"
-        raise InputError(f"{how}. It holds {named}.")
-    return found[0]
+
+    # A name counts before a number.
+    matches = [structure for structure in structures if structure.name == wanted]
+    if not matches:
+        matches = [structure for structure in structures if str(structure.number) == wanted]
+    if not matches:
+        raise InputError(f"no such structure. It holds {listed}.")
+    if len(matches) > 1:
+        raise InputError(f"several structures of that name. It holds {listed}.")
+    return matches[0]

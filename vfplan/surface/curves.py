@@ -13,8 +13,10 @@ from vfplan.io.files import read_whole
 from vfplan.surface.contours import Contours, Structure
 
 Array = NDArray[np.float64]
-MOST_MARKUPS = 1 << 26
-MOST_SLICES = 4096
+MAX_MARKUPS_BYTES = 1 << 26
+"""Largest file of curves [bytes]; a curve of a thousand points takes 200 kB."""
+MAX_SLICES = 4096
+"""Largest number of files in a folder of slices; a scan has some hundreds."""
 
 
 def read_slicer_curves(paths: list[Path]) -> Contours:
@@ -28,13 +30,17 @@ def read_slicer_curves(paths: list[Path]) -> Contours:
     rings, digest = [], hashlib.sha256()
     for path in paths:
         where = str(path)
-        data = read_whole(path, MOST_MARKUPS, InputError)
+        data = read_whole(path, MAX_MARKUPS_BYTES, InputError)
         digest.update(hashlib.sha256(data).digest())
         try:
             markups = markups_of(data.decode("utf-8-sig"), where)
             kinds = [markup.get("type") for markup in markups]
             if set(kinds) != {"ClosedCurve"}:
-                other = next((k for k in kinds if k != "ClosedCurve"), "nothing")
+                other = "nothing"
+                for kind in kinds:
+                    if kind != "ClosedCurve":
+                        other = kind
+                        break
                 raise InputError(f"holds {other!r}. Give closed curves.", where=where)
             points = [lps_points(markup, where) for markup in markups]
         except UnicodeDecodeError:
@@ -64,28 +70,34 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     from vfplan.planning import ExtractSettings, extract
 
     load_libraries()
-    files = sorted(path for path in folder.iterdir() if path.is_file())
-    if not 2 <= len(files) <= MOST_SLICES:
+    files = []
+    for path in sorted(folder.iterdir()):
+        if path.is_file():
+            files.append(path)
+    if not 2 <= len(files) <= MAX_SLICES:
         raise InputError(
-            f"holds {len(files)} files; 2 to {MOST_SLICES} slices are wanted.", where=str(folder)
+            f"holds {len(files)} files; 2 to {MAX_SLICES} slices are wanted.", where=str(folder)
         )
-    rings, digest, bare = [], hashlib.sha256(), 0
+    rings, digest = [], hashlib.sha256()
+    slices_without_drawing = 0
     for number, path in enumerate(files, start=1):
         where = f"{folder}, file {number} of {len(files)} by name"
         try:
-            if _grey(read_image(path).rgb):
-                bare += 1
+            rgb = read_image(path).rgb
+            red, green, blue = rgb[..., 0], rgb[..., 1], rgb[..., 2]
+            if np.array_equal(red, green) and np.array_equal(red, blue):
+                slices_without_drawing += 1
                 continue
-            found = extract(path, ExtractSettings(colour=colour, stroke="all"))
+            extracted = extract(path, ExtractSettings(colour=colour, stroke="all"))
         except InputError as error:
             raise type(error)(error.message, where=where) from None
-        place = found.image.T_patient_image
+        place = extracted.image.T_patient_image
         if place is None:
             raise ImageError(
                 "does not say where it lies in the patient. Give DICOM slices.", where=where
             )
-        digest.update(bytes.fromhex(found.image.sha256))
-        for stroke in found.extraction.strokes:
+        digest.update(bytes.fromhex(extracted.image.sha256))
+        for stroke in extracted.extraction.strokes:
             if not stroke.closed:
                 raise CurveError(
                     f"a drawing of {stroke.length_px:.0f} px is open. Close the outline.",
@@ -98,9 +110,8 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
             f"none of {len(files)} slices shows a drawing. Name the pen's colour with --colour.",
             where=str(folder),
         )
-    told = (f"{bare} of {len(files)} slices show no drawing",) if bare else ()
-    return Contours(tuple(rings), (Structure(1),), 1, {"slices": digest.hexdigest()}, told=told)
-
-
-def _grey(rgb: NDArray) -> bool:
-    return all(np.array_equal(rgb[..., 0], rgb[..., k]) for k in (1, 2))
+    remarks = ()
+    if slices_without_drawing:
+        remarks = (f"{slices_without_drawing} of {len(files)} slices show no drawing",)
+    inputs = {"slices": digest.hexdigest()}
+    return Contours(tuple(rings), (Structure(1),), 1, inputs, remarks=remarks)

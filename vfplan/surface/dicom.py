@@ -26,11 +26,11 @@ Array = NDArray[np.float64]
 RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"
 SEG = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")
 DEFLATED = b"1.2.840.10008.1.2.1.99"
-MOST_BYTES = 1 << 28
-MOST_BESIDE_PIXELS = 24 << 20  # every 8 bytes may be an element, and each takes its time
-MOST_ITEMS = 200_000  # of sequences: contours, frames
+MAX_BYTES = 1 << 28
+MAX_BESIDE_PIXELS = 24 << 20  # every 8 bytes may be an element, and each takes its time
+MAX_ITEMS = 200_000  # of sequences: contours, frames
 PIXEL_DATA = (b"\xe0\x7f\x10\x00OB\0\0", b"\xe0\x7f\x10\x00OW\0\0", b"\xe0\x7f\x10\x00")
-MOST_PIXELS = 1 << 28
+MAX_PIXELS = 1 << 28
 CLOSED = ("CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
 UNIT_ROUNDED = 1e-3  # of a direction's length: written in decimals, made unit again
 FRAME_ROUNDED_M = 1e-6
@@ -58,7 +58,7 @@ def read_dicom_contours(path: Path, structure: str | None) -> Contours:
     Raises MissingExtra: pydicom is not installed
     """
     where = str(path)
-    data, digest = read_bytes(path, MOST_BYTES)
+    data, digest = read_bytes(path, MAX_BYTES)
     with _quiet(where):
         dataset = _dataset(data, where)
         kind = str(dataset.get("SOPClassUID", ""))
@@ -98,14 +98,14 @@ def _dataset(data: bytes, where: str) -> Any:
     if DEFLATED in data[:4096]:
         raise InputError("is deflated as a whole. Export it without compression.", where=where)
     beside = _pixels_begin(data)
-    if beside > MOST_BESIDE_PIXELS:
+    if beside > MAX_BESIDE_PIXELS:
         raise InputError(
-            f"holds {beside} bytes beside pixels. At most {MOST_BESIDE_PIXELS} are read.",
+            f"holds {beside} bytes beside pixels. At most {MAX_BESIDE_PIXELS} are read.",
             where=where,
         )
     items = data.count(b"\xfe\xff\x00\xe0", 0, beside)
-    if items > MOST_ITEMS:
-        raise InputError(f"has {items} items. At most {MOST_ITEMS} are read.", where=where)
+    if items > MAX_ITEMS:
+        raise InputError(f"has {items} items. At most {MAX_ITEMS} are read.", where=where)
     return pydicom.dcmread(io.BytesIO(data), force=True)
 
 
@@ -131,13 +131,13 @@ def _names(dataset: Any, found: list[tuple[int, str]]) -> tuple[Structure, ...]:
     )
 
 
-def _rtstruct(dataset: Any, asked: str | None, inputs: dict[str, str], where: str) -> Contours:
+def _rtstruct(dataset: Any, wanted: str | None, inputs: dict[str, str], where: str) -> Contours:
     found = [
         (int(roi.ROINumber), str(roi.get("ROIName", "")))
         for roi in dataset.get("StructureSetROISequence") or ()
     ]
     structures = _names(dataset, found)
-    chosen = choose_structure(structures, asked)
+    chosen = choose_structure(structures, wanted)
     drawn = [
         roi
         for roi in dataset.get("ROIContourSequence") or ()
@@ -155,8 +155,10 @@ def _rtstruct(dataset: Any, asked: str | None, inputs: dict[str, str], where: st
             + (f"; {others} are open or single points" if others else ""),
             where=where,
         )
-    told = (f"{others} contours that are open or single points are left out",) if others else ()
-    return Contours(tuple(rings), structures, chosen.number, inputs, told=told)
+    remarks = ()
+    if others:
+        remarks = (f"{others} contours that are open or single points are left out",)
+    return Contours(tuple(rings), structures, chosen.number, inputs, remarks=remarks)
 
 
 def _points(contour: Any, where: str) -> Array:
@@ -173,7 +175,7 @@ def _points(contour: Any, where: str) -> Array:
     return points[:-1] if len(points) > 3 and np.array_equal(points[0], points[-1]) else points
 
 
-def _seg(dataset: Any, asked: str | None, inputs: dict[str, str], where: str) -> Contours:
+def _seg(dataset: Any, wanted: str | None, inputs: dict[str, str], where: str) -> Contours:
     from pydicom.pixels import iter_pixels
 
     found = [
@@ -181,15 +183,15 @@ def _seg(dataset: Any, asked: str | None, inputs: dict[str, str], where: str) ->
         for segment in dataset.SegmentSequence
     ]
     structures = _names(dataset, found)
-    chosen = choose_structure(structures, asked)
+    chosen = choose_structure(structures, wanted)
     kind = str(dataset.SegmentationType)
     if kind not in ("BINARY", "FRACTIONAL", "LABELMAP"):
         raise InputError(f"is a segmentation of type {kind[:16]!r}.", where=where)
     rows, columns = int(dataset.Rows), int(dataset.Columns)
     frames = int(dataset.get("NumberOfFrames") or 1)
-    if not 0 < rows * columns * frames <= MOST_PIXELS:
+    if not 0 < rows * columns * frames <= MAX_PIXELS:
         raise InputError(
-            f"says that it has {frames} frames of {rows} x {columns}. {MOST_PIXELS} pixels are "
+            f"says that it has {frames} frames of {rows} x {columns}. {MAX_PIXELS} pixels are "
             "allowed in all.",
             where=where,
         )
@@ -215,13 +217,13 @@ def _seg(dataset: Any, asked: str | None, inputs: dict[str, str], where: str) ->
     at = corners @ normal
     drawn = np.array([at[k] for k in shown])
     empty = np.array([np.abs(drawn - z).min() > FRAME_ROUNDED_M for z in at])
-    told = (
-        f"{stairs} slices keep their stairs: smoothing would lose or join parts of the structure",
-    )
+    remarks = ()
+    if stairs:
+        text = "smoothing would lose or join parts of the structure"
+        remarks = (f"{stairs} slices keep their stairs: {text}",)
     return Contours(
-        tuple(rings), structures, chosen.number, inputs, normal, corners[empty],
-        told if stairs else (),
-    )  # fmt: skip
+        tuple(rings), structures, chosen.number, inputs, normal, corners[empty], remarks
+    )
 
 
 def _frames(

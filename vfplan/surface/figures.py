@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from vfplan.surface import Surface
 
 Array = NDArray[np.float64]
-TURNED, RAISED = np.radians(25), np.radians(20)  # where it is seen from
+TURNED = np.radians(25)
+"""How far to the side the eye is."""
+RAISED = np.radians(20)
+"""How far above the eye is."""
 VIEW = np.array(
     [
         [np.cos(TURNED), np.sin(TURNED), 0],
@@ -24,7 +27,7 @@ VIEW = np.array(
     ]
 )  # rows: to the right, up, towards the eye
 CUTS = (0.2, 0.5, 0.8)  # of the stack's height: where it is cut
-MOST_RINGS = 60
+MAX_RINGS = 60
 
 
 def draw_surface(made: Surface, path: Path) -> None:
@@ -100,7 +103,7 @@ def _draw_seen(axes: Any, made: Surface) -> None:
     )
     outlines = [o for stack in made.sliced.stacks for o in stack.outlines]
     lines = []
-    for outline in outlines[:: max(1, len(outlines) // MOST_RINGS)]:
+    for outline in outlines[:: max(1, len(outlines) // MAX_RINGS)]:
         for ring in outline.outer_rings:
             line = 1e3 * np.c_[ring, np.full(len(ring), outline.z)] @ VIEW.T
             following = np.roll(line, -1, axis=0)

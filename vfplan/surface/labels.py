@@ -17,7 +17,10 @@ from vfplan.surface.contours import Contours, Structure, choose_structure
 Array = NDArray[np.float64]
 SMOOTHING_PX = 1.0
 PAD = 4
-LEAST_M, LARGEST_M = 1e-5, 0.1  # a voxel's sides
+MIN_VOXEL_M = 1e-5
+"""Shortest side of a voxel [m]; the finest scans of micro-CT have it."""
+MAX_VOXEL_M = 0.1
+"""Longest side of a voxel [m]. A longer one is a slip of units."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +28,8 @@ class LabelVolume:
     """A label map as its file has it."""
 
     layers: NDArray  # (L, I, J, K) integers
-    # Number of a structure -> its layer, and the label that its voxels have there
-    held: dict[int, tuple[int, int]]
+    place_of: dict[int, tuple[int, int]]
+    """Number of a structure -> its layer, and the label that its voxels have there."""
     T_lps_voxel: Array  # (4, 4) maps [i j k 1] to patient LPS [m]
     # As in `Contours`
     structures: tuple[Structure, ...]
@@ -43,10 +46,13 @@ def checked_place(T_lps_voxel: Array, where: str) -> Array:
     """The affine itself; raises `InputError` where it gives voxels no sound place."""
     columns = T_lps_voxel[:3, :3]
     sides = np.linalg.norm(columns, axis=0)
-    if not (np.isfinite(T_lps_voxel).all() and ((sides >= LEAST_M) & (sides <= LARGEST_M)).all()):
+    if not (
+        np.isfinite(T_lps_voxel).all() and ((sides >= MIN_VOXEL_M) & (sides <= MAX_VOXEL_M)).all()
+    ):
         shown = ", ".join(f"{1e3 * side:.3g}" for side in sides)
         raise InputError(
-            f"its voxels have sides of {shown} mm. {1e3 * LEAST_M:g} to {1e3 * LARGEST_M:g} mm are "
+            f"its voxels have sides of {shown} mm. "
+            f"{1e3 * MIN_VOXEL_M:g} to {1e3 * MAX_VOXEL_M:g} mm are "
             "allowed.",
             where=where,
         )
@@ -72,8 +78,11 @@ def rings_of_mask(inside: NDArray) -> tuple[list[Array], bool]:
     distance -= np.where(part, -0.5, 0.5)
     plain = _zero(distance)
     smooth = _zero(gaussian_filter(distance, SMOOTHING_PX))
-    kept = len(smooth) == len(plain)
-    return [ring + first - PAD for ring in (smooth if kept else plain)], kept
+    keeps_parts = len(smooth) == len(plain)
+    borders = plain
+    if keeps_parts:
+        borders = smooth
+    return [ring + first - PAD for ring in borders], keeps_parts
 
 
 def rings_of_share(share: NDArray) -> list[Array]:
@@ -105,24 +114,27 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
     columns = volume.T_lps_voxel[:3, :3]
     one, other = (a for a in range(3) if a != across)
     normal = np.cross(columns[:, one], columns[:, other])
-    layer, label = volume.held[chosen.number]
+    layer, label = volume.place_of[chosen.number]
     slices = np.moveaxis(volume.layers[layer], across, 2)
     rings: list[Array] = []
     empty, stairs = [], 0
     for k in range(slices.shape[2]):
         place = volume.T_lps_voxel[:3, 3] + k * columns[:, across]
-        found, smoothed = rings_of_mask(slices[:, :, k] == label)
-        stairs += not smoothed
-        rings += [place + ring @ columns[:, (one, other)].T for ring in found]
-        if not found:
+        borders, is_smooth = rings_of_mask(slices[:, :, k] == label)
+        if not is_smooth:
+            stairs += 1
+        for border in borders:
+            rings.append(place + border @ columns[:, (one, other)].T)
+        if not borders:
             empty.append(place)
     if not rings:
         raise CurveError(
             f"the structure {chosen.number} has no voxels. Choose another with --structure."
         )
-    told = (
-        f"{stairs} slices keep their stairs: smoothing would lose or join parts of the structure",
-    )
+    remarks = ()
+    if stairs:
+        text = "smoothing would lose or join parts of the structure"
+        remarks = (f"{stairs} slices keep their stairs: {text}",)
     return Contours(
         tuple(rings),
         volume.structures,
@@ -130,5 +142,5 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
         volume.inputs,
         normal / np.linalg.norm(normal),
         np.array(empty).reshape(-1, 3),
-        told if stairs else (),
+        remarks,
     )

@@ -19,7 +19,7 @@ from vfplan.surface.stack import Stack
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int32]
 BLOCK = 8  # nodes along a side that one look from the middle may settle
-MOST_NODES = 150_000_000  # 600 MB of single precision
+MAX_NODES = 150_000_000  # 600 MB of single precision
 SNAP = 0.25  # of a grid step: corners nearer to a node become one
 NEWTON_STEPS = 6
 
@@ -72,10 +72,10 @@ def _axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Array]
         places = np.r_[places[0] - first, places, places[-1] + last]
     pieces = np.maximum(1, np.ceil(np.diff(places) / step - 1e-9)).astype(int)
     nodes = len(x) * len(y) * (float(pieces.sum()) + 3)
-    if nodes > MOST_NODES:
+    if nodes > MAX_NODES:
         raise SettingError(
             f"a grid of {1e3 * step:.3g} mm has {nodes:.3g} nodes over this structure. At most "
-            f"{MOST_NODES:.3g} are taken: give a larger --tolerance."
+            f"{MAX_NODES:.3g} are taken: give a larger --tolerance."
         )
     cuts = [
         np.linspace(a, b, n, endpoint=False)

@@ -122,7 +122,7 @@ def outline_of(rings: list[Array], z: float, where: str) -> tuple[Outline, list[
     """
     from shapely import Polygon
 
-    told: list[str] = []
+    remarks: list[str] = []
     pieces = []
     for ring in rings:
         pieces.append(_polygon(ring, where))
@@ -134,8 +134,8 @@ def outline_of(rings: list[Array], z: float, where: str) -> tuple[Outline, list[
             continue
         hole = parts.pop(outer).difference(piece)
         parts += [hole] if isinstance(hole, Polygon) else list(hole.geoms)
-        told.append(f"{where}: an outline inside another is taken for a hole")
-    return Outline(z, tuple(parts)), told
+        remarks.append(f"{where}: an outline inside another is taken for a hole")
+    return Outline(z, tuple(parts)), remarks
 
 
 def _polygon(ring: Array, where: str) -> Any:

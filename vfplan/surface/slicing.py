@@ -19,21 +19,28 @@ from vfplan.surface.outline import Outline, outline_of
 from vfplan.surface.stack import Stack
 
 Array = NDArray[np.float64]
-FLAT_M = 5e-5  # off its plane: coordinates written in tenths of a millimetre round as far
-SAME_M = 2e-5  # apart: rings of one slice, rounded
-DOUBLED = 0.1  # of the usual distance: no series is cut as finely in one place
-WIDEST = 1.5  # times the usual distance, unless a person says what is bridged
-EVEN = 0.01  # of the usual distance
+FLAT_M = 5e-5
+"""Largest distance of a flat ring from its plane [m]. Tenths of a millimetre round as far."""
+SAME_M = 2e-5
+"""Largest distance between rings of one slice [m], which is rounding."""
+DOUBLED = 0.1
+"""Slices nearer than this share of the usual distance are doubled: no series is cut so finely."""
+WIDEST = 1.5
+"""Widest gap, in usual distances, that is bridged unless a person gives another."""
+EVEN = 0.01
+"""Slices whose distances differ by less than this share are even."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sliced:
     """A structure's slices."""
 
-    # (3, 3) rotation into the frame of the stacks: two axes in the slices' planes, the normal
     R_slice_patient: Array
-    stacks: tuple[Stack, ...]  # one for each run of slices without an empty one between
-    told: tuple[str, ...]  # what a person should know
+    """(3, 3) rotation into the frame of the stacks: two axes in the slices' planes, the normal."""
+    stacks: tuple[Stack, ...]
+    """One for each run of slices without an empty one between."""
+    remarks: tuple[str, ...]
+    """What a person should know."""
 
     @property
     def gaps_m(self) -> Array:
@@ -65,16 +72,22 @@ def slice_contours(contours: Contours, max_gap_m: float | None = None) -> Sliced
                 f"common plane. At most {1e3 * FLAT_M:g} mm is rounding: are all slices parallel?"
             )
     groups = _grouped(local)
-    told: list[str] = []
+    remarks: list[str] = []
     outlines = []
     for z, rings in groups:
-        outline, said = outline_of([ring[:, :2] for ring in rings], z, _place(normal, z))
+        outline, more = outline_of([ring[:, :2] for ring in rings], z, _place(normal, z))
         outlines.append(outline)
-        told += said
+        remarks += more
     stacks = _runs(outlines, contours.empty @ normal, normal, max_gap_m)
     sliced = Sliced(axes, stacks, ())
-    told = _counted(told) + _uneven(sliced.gaps_m) + _partings(sliced)
-    return Sliced(axes, stacks, tuple(told))
+    remarks = _counted(remarks) + _partings(sliced)
+    gaps_mm = 1e3 * sliced.gaps_m
+    if np.ptp(gaps_mm) > EVEN * np.median(gaps_mm):
+        remarks.append(
+            f"the slices are {gaps_mm.min():.3g} to {gaps_mm.max():.3g} mm apart: the surface is "
+            "interpolated by their true places"
+        )
+    return Sliced(axes, stacks, tuple(remarks))
 
 
 def _place(normal: Array, z: float) -> str:
@@ -115,14 +128,14 @@ def _axes(normal: Array) -> Array:
 
 def _grouped(rings: list[Array]) -> list[tuple[float, list[Array]]]:
     """(z, rings) of each slice, in the order of their places."""
-    found: list[tuple[float, list[Array]]] = []
+    groups: list[tuple[float, list[Array]]] = []
     for ring in sorted(rings, key=lambda ring: float(ring[:, 2].mean())):
         z = float(ring[:, 2].mean())
-        if found and z - found[-1][0] <= SAME_M:
-            found[-1][1].append(ring)
+        if groups and z - groups[-1][0] <= SAME_M:
+            groups[-1][1].append(ring)
         else:
-            found.append((z, [ring]))
-    return found
+            groups.append((z, [ring]))
+    return groups
 
 
 def _runs(
@@ -161,40 +174,43 @@ def _runs(
     return tuple(Stack(tuple(run)) for run in runs)
 
 
-def _counted(told: list[str]) -> list[str]:
+def _counted(remarks: list[str]) -> list[str]:
     """The first of equal remarks, and how many there are."""
-    kinds: dict[str, list[str]] = {}
-    for line in told:
-        place, _, what = line.partition(": ")
-        kinds.setdefault(what, []).append(place)
-    return [
-        f"{places[0]}{f' and {len(places) - 1} more' if places[1:] else ''}: {what}"
-        for what, places in kinds.items()
-    ]
-
-
-def _uneven(gaps: Array) -> list[str]:
-    if np.ptp(gaps) <= EVEN * np.median(gaps):
-        return []
-    return [
-        f"the slices are {1e3 * gaps.min():.3g} to {1e3 * gaps.max():.3g} mm apart: the surface is "
-        "interpolated by their true places"
-    ]
+    places_of: dict[str, list[str]] = {}
+    for remark in remarks:
+        place, _, text = remark.partition(": ")
+        places_of.setdefault(text, []).append(place)
+    counted = []
+    for text, places in places_of.items():
+        more = ""
+        if len(places) > 1:
+            more = f" and {len(places) - 1} more"
+        counted.append(f"{places[0]}{more}: {text}")
+    return counted
 
 
 def _partings(sliced: Sliced) -> list[str]:
     """Where parts or holes of the structure fork, join, begin or end between two slices."""
     from shapely import Polygon
 
-    found: list[str] = []
+    def holes_of(outline: Outline) -> list[Any]:
+        holes = []
+        for part in outline.parts:
+            for interior in part.interiors:
+                holes.append(Polygon(interior))
+        return holes
+
+    remarks: list[str] = []
     for stack in sliced.stacks:
         for a, b in pairwise(stack.outlines):
-            holes = [[Polygon(r) for p in o.parts for r in p.interiors] for o in (a, b)]
-            for what, one, other in (("part", a.parts, b.parts), ("hole", *holes)):
-                kind = _change(list(one), list(other))
-                if kind:
-                    found.append(f"{sliced.place(a.z)} to {1e3 * b.z:.2f} mm: a {what} {kind}")
-    return _counted(found)
+            place = f"{sliced.place(a.z)} to {1e3 * b.z:.2f} mm"
+            change = _change(list(a.parts), list(b.parts))
+            if change:
+                remarks.append(f"{place}: a part {change}")
+            change = _change(holes_of(a), holes_of(b))
+            if change:
+                remarks.append(f"{place}: a hole {change}")
+    return _counted(remarks)
 
 
 def _change(one: list[Any], other: list[Any]) -> str:

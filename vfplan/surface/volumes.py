@@ -29,7 +29,7 @@ SPACES = {
 NIFTI_HEADER = 1 << 20  # with its extensions
 NIFTI_UNITS = {0: 1e-3, 1: 1.0, 2: 1e-3, 3: 1e-6}
 PLACES_AGREE_M = 1e-5  # sform and qform, rounded to single precision and to a quaternion
-MOST_LABELS = 65536
+MAX_LABELS = 65536
 
 
 def read_nrrd(path: Path) -> LabelVolume:
@@ -244,9 +244,9 @@ def _with_labels(
     if len(layers) > 1:
         raise InputError(f"has {len(layers)} layers and names no segments.", where=where)
     least, largest = int(layers.min()), int(layers.max())
-    if least < 0 or largest >= MOST_LABELS:
+    if least < 0 or largest >= MAX_LABELS:
         raise InputError(
-            f"holds labels {least} to {largest}; 0 to {MOST_LABELS - 1} are allowed.", where=where
+            f"holds labels {least} to {largest}; 0 to {MAX_LABELS - 1} are allowed.", where=where
         )
     seen = np.zeros(largest + 1, dtype=bool)
     for k in range(layers.shape[3]):
