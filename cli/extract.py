@@ -19,7 +19,7 @@ from vfplan.cli.options import (
     settings_from_options,
 )  # fmt: skip
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, announce_if_slow, command
+from vfplan.cli.run import CommandResult, announce_if_slow, command
 from vfplan.cli.units import count
 from vfplan.cli.values import FILE, Number
 
@@ -53,7 +53,7 @@ MENDED_ON_PAGE = {
            help="Put this many points on a millimetre; needs a pixel spacing.  [default: one a "
            "pixel]"),
 )  # fmt: skip
-def command(image, output, mask_out, overlay_out, **arguments) -> Report:
+def command(image, output, mask_out, overlay_out, **arguments) -> CommandResult:
     """Extract the curve drawn on IMAGE to sub-pixel points.
 
     IMAGE is a PNG, JPEG, TIFF, BMP or DICOM file. It may also be a vector curve alone: a Slicer
@@ -80,7 +80,7 @@ def command(image, output, mask_out, overlay_out, **arguments) -> Report:
     words = ["vfplan", "register", str(output), "MARKERS", "-o", "FIXTURE.h5"]
     if extracted.image is not None:
         words += ["--image", str(image)]
-    return Report(
+    return CommandResult(
         extracted.report,
         text,
         findings=extracted.findings,

@@ -104,10 +104,6 @@ def _refuse(paths: list[Path]) -> None:
 
 def refuse_place(path: Path) -> None:
     """Raise `OutputError` where no file may be written at a path."""
-    if path.exists() and not is_overwriting():
-        raise OutputError(
-            "exists already; give --overwrite to replace it", where=str(path), code="output-exists"
-        )
     if path.is_dir():
         raise OutputError(
             "is a directory; name a file", where=str(path), code="output-is-a-directory"
@@ -116,6 +112,10 @@ def refuse_place(path: Path) -> None:
         # To move a file there would unmake the device.
         raise OutputError(
             "is a device or a pipe; name a file", where=str(path), code="output-is-a-device"
+        )
+    if path.exists() and not is_overwriting():
+        raise OutputError(
+            "exists already; give --overwrite to replace it", where=str(path), code="output-exists"
         )
     if not path.parent.is_dir():
         raise OutputError(

@@ -12,7 +12,7 @@ from vfplan.cli import options
 from vfplan.cli.extract import findings_verdict
 from vfplan.cli.options import option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, command, is_verbose
+from vfplan.cli.run import CommandResult, command, is_verbose
 from vfplan.cli.units import micrometres, millimetres
 from vfplan.cli.values import FILE, MM_OR_ZERO
 
@@ -40,7 +40,7 @@ from vfplan.cli.values import FILE, MM_OR_ZERO
 )  # fmt: skip
 def command(
     curve, markers, markers2, output, image, touched, tip_radius, picture_out, **arguments
-) -> Report:
+) -> CommandResult:
     """Register CURVE.h5 to the robot by MARKERS and write a fixture bundle.
 
     MARKERS is one CSV (label,u_px,v_px,x_m,y_m,z_m), or two files joined by label: CSV, Slicer
@@ -75,7 +75,7 @@ def command(
         words += ["-o", str(output.with_name(f"{output.stem}-approved.h5"))]
     else:
         words = ["vfplan", "register", str(output), "MARKERS", "-o", "FIXTURE.h5"]
-    return Report(
+    return CommandResult(
         planned.report,
         text,
         findings=planned.findings,

@@ -78,9 +78,6 @@ class CommandResult:
             object.__setattr__(self, "exit_code", 1)
 
 
-Report = CommandResult
-
-
 class Failure(NamedTuple):
     """An error as it is printed."""
 

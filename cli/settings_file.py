@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 from click.core import ParameterSource
-from vfplan.cli.values import Number, Numbers, OutputFile
+from vfplan.cli.values import Number, Numbers, OutputFile, Parsed
 
 from vfplan.errors import InputError, SettingError
 from vfplan.io.files import read_whole
@@ -90,7 +90,7 @@ def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[st
     # The file holds one JSON object.
     data = read_whole(path, MAX_BYTES)
     try:
-        settings = json.loads(data)
+        settings = json.loads(data, parse_constant=refuse_constant)
     except (ValueError, RecursionError) as error:
         raise InputError(
             f"is not JSON: {error}; write one object of settings", where=str(path), code="not-json"
@@ -129,6 +129,12 @@ def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[st
                     where=str(path),
                     code="unknown-choice",
                 )
+            if not fits_option(params[name], value):
+                raise SettingError(
+                    f"{field} is {raw!r}; give a value as docs/cli.md has it for this option",
+                    where=str(path),
+                    code="setting-of-another-form",
+                )
             is_list = isinstance(kind, Numbers) and not isinstance(kind, Number)
             is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
             if is_list and is_number:
@@ -136,6 +142,34 @@ def merge_settings_file(path: Path | None, arguments: dict[str, Any]) -> dict[st
         if context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
             merged[name] = value
     return merged
+
+
+def refuse_constant(name: str) -> float:
+    """Refuse NaN and Infinity, which Python's reader of JSON would let pass."""
+    raise ValueError(f"{name} is no number of JSON")
+
+
+def fits_option(param: click.Option, value: Any) -> bool:
+    """Whether a value of a settings file has the form of an option's value: `None` always has."""
+    kind = param.type
+    if value is None:
+        return True
+    if param.is_flag:
+        return isinstance(value, bool)
+    if isinstance(kind, Numbers) or param.multiple:
+        return all_numbers(value)
+    if isinstance(kind, (click.FloatRange, click.IntRange)):
+        return all_numbers(value) and not isinstance(value, tuple)
+    if isinstance(kind, Parsed):
+        return isinstance(value, str) or all_numbers(value)
+    return isinstance(value, str)
+
+
+def all_numbers(value: Any) -> bool:
+    """Whether a value is a number, or a list of numbers or of such lists."""
+    if isinstance(value, tuple):
+        return all(map(all_numbers, value))
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _lists_to_tuples(raw: Any) -> Any:

@@ -24,6 +24,9 @@ REPORT_FILE = "stability.json"
 TABLE_FILE = "cases.csv"
 PICTURE_FILE = "passivity.png"
 
+LARGEST_STIFFNESS = 1e6
+"""Largest stiffness that a plan may have [N/m]."""
+
 ABOVE_0 = DecimalNumber(min=0, min_open=True)
 
 
@@ -50,7 +53,8 @@ ABOVE_0 = DecimalNumber(min=0, min_open=True)
            help="Largest force [N].  [default: the robot's]"),
     option("--force-step-limit", "force_step_limit_n", type=ABOVE_0, metavar="N",
            help="Largest change of force in a tick [N].  [default: the robot's]"),
-    option("--stiffness", type=ABOVE_0, metavar="N_PER_M",
+    option("--stiffness", type=DecimalNumber(0, LARGEST_STIFFNESS, min_open=True),
+           metavar="N_PER_M",
            help="Stiffness K to judge [N/m].  [default: the bundle's, or 1000]"),
     option("--margin", type=DecimalNumber(min=1), default=1.25,
            help="Require that K times this factor is stable."),
@@ -111,6 +115,10 @@ def command(
         next_step = "vfplan sign FIXTURE.h5 --key KEY, then load it on the robot"
         if fixture is not None:
             next_step = f"vfplan sign {fixture} --key KEY -o SIGNED.h5, then load it on the robot"
+    if not studied.rows:
+        failed.append("not tested: no case ran")
+        verdict = "not-tested: no case ran"
+        next_step = "leave out --part, or give a bundle that renders something"
     if not judgement.stable:
         failed.insert(0, f"{subject} does not pass")
         verdict = f"fail: {subject} is not stable with this robot"

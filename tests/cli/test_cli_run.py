@@ -12,17 +12,17 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
-from vfplan.cli.run import Report, announce_if_slow, command
+from vfplan.cli.run import CommandResult, announce_if_slow, command
 
 
 @command("boom")
-def boom() -> Report:
+def boom() -> CommandResult:
     """Fail in a way that nobody foresaw."""
     raise KeyError("no such thing")
 
 
 @command("misused")
-def misused() -> Report:
+def misused() -> CommandResult:
     """Find a usage error only when it runs."""
     raise click.UsageError("two options exclude each other")
 
@@ -70,7 +70,7 @@ STOPPED = """
 import os, signal, sys
 from pathlib import Path
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, command
+from vfplan.cli.run import CommandResult, command
 
 class Loud:
     def __del__(self):
@@ -85,7 +85,7 @@ def long():
             Loud()
         else:
             os.kill(os.getpid(), int(sys.argv[2]))
-    return Report({})
+    return CommandResult({})
 
 long(["--json"])
 """

@@ -12,7 +12,7 @@ import sys
 import bundles
 import pytest
 from click.testing import CliRunner
-from vfplan.cli.run import Report, command, printable, progress
+from vfplan.cli.run import CommandResult, command, printable, progress
 
 import vfplan
 from vfplan import view3d
@@ -108,10 +108,10 @@ def test_signs_that_steer_a_terminal_are_spelled_out():
 
 
 @command("named")
-def named() -> Report:
+def named() -> CommandResult:
     """Tell of a name that somebody made up."""
     logging.getLogger("vfplan").warning("read \x1b[31mred")
-    return Report({}, "wrote \x1b]0;owned\x07", warnings=["\x1b[1A up"], failed="\u202eton")
+    return CommandResult({}, "wrote \x1b]0;owned\x07", warnings=["\x1b[1A up"], failed="\u202eton")
 
 
 def test_no_name_from_a_file_reaches_the_terminal_raw():
@@ -137,11 +137,11 @@ def test_q_hides_progress(monkeypatch):
     told.isatty = lambda: True
 
     @command("bar")
-    def bar() -> Report:
+    def bar() -> CommandResult:
         """Take long."""
         with progress("working", 10) as done:
             done(10)
-        return Report({})
+        return CommandResult({})
 
     for words, silent in (([], False), (["-q"], True)):
         told.truncate(0)
@@ -190,7 +190,7 @@ WINDOW = (
     + """
 import os, sys, threading, time
 from vfplan import view3d
-from vfplan.cli.run import Report, command
+from vfplan.cli.run import CommandResult, command
 
 class Window:
     def __getattr__(self, name):
@@ -205,7 +205,7 @@ class Window:
 @command("look")
 def look():
     view3d.handle_events(Window())
-    return Report({})
+    return CommandResult({})
 
 look([])
 """
@@ -248,7 +248,7 @@ WAITING = (
     AWAKE
     + """
 import sys, threading
-from vfplan.cli.run import Report, command
+from vfplan.cli.run import CommandResult, command
 
 def tell():
     print("waiting", flush=True)
@@ -259,7 +259,7 @@ def tell():
 def wait():
     threading.Thread(target=tell, daemon=True).start()
     threading.Event().wait()
-    return Report({})
+    return CommandResult({})
 
 wait([])
 """
@@ -282,7 +282,7 @@ BUSY = (
     AWAKE
     + """
 import sys, time
-from vfplan.cli.run import Report, command
+from vfplan.cli.run import CommandResult, command
 from vfplan.io.processes import worker_processes
 
 def main():
@@ -295,7 +295,7 @@ def main():
                     time.sleep(0.01)
                 print("running", flush=True)
                 done.result()
-        return Report({})
+        return CommandResult({})
     long([])
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import click
 
 from vfplan.cli.options import FIXTURE, option, options_in_order
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, command
+from vfplan.cli.run import CommandResult, command
 from vfplan.cli.stopping import noted_signals
 from vfplan.cli.values import DecimalNumber, OutputFile, WholeNumber
 
@@ -32,7 +32,7 @@ from vfplan.cli.values import DecimalNumber, OutputFile, WholeNumber
            help="Stop after so long; without it at the result's end, or on Ctrl-C."),
     option("--overwrite", is_flag=True, help="Replace the MCAP file if it exists."),
 )  # fmt: skip
-def command(fixture, source, openigtlink, web, mcap, rate, seconds) -> Report:
+def command(fixture, source, openigtlink, web, mcap, rate, seconds) -> CommandResult:
     """Show ticks as they come: a result of `vfplan replay -o` at its own pace, or a controller.
 
     A controller sends with vfplan/telemetry.hpp to udp://HOST:PORT. Ctrl-C ends the showing in
@@ -83,13 +83,19 @@ def command(fixture, source, openigtlink, web, mcap, rate, seconds) -> Report:
         f"{data['lost_datagrams']} datagrams lost"
     )
     if writer is None:
-        return Report(data, text, warnings=warnings)
+        return CommandResult(
+            data, text, warnings=warnings, verdict="shown to the end",
+            next_step="--mcap FILE keeps every tick of the next run",
+        )  # fmt: skip
     data["mcap"] = str(mcap)
     text += f"\nwrote {mcap}"
     if writer.full:
         failed = f"{mcap}: {writer.full.strerror}; it holds the first {writer.kept} ticks"
-        return Report(data, text, 2, warnings, failed)
-    return Report(data, text, warnings=warnings)
+        return CommandResult(data, text, 2, warnings, failed)
+    return CommandResult(
+        data, text, warnings=warnings, verdict="shown and recorded to the end",
+        next_step=f"open {mcap} in Foxglove or another reader of MCAP",
+    )  # fmt: skip
 
 
 def _pass_on(

@@ -16,7 +16,7 @@ from vfplan.cli.options import (
     settings_from_options,
 )  # fmt: skip
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import Report, announce_if_slow, command
+from vfplan.cli.run import CommandResult, announce_if_slow, command
 from vfplan.cli.values import MM, MM_OR_ZERO, PNG
 
 
@@ -39,7 +39,7 @@ from vfplan.cli.values import MM, MM_OR_ZERO, PNG
     option("--picture-out", type=PNG, metavar="PNG",
            help="Write the surface with the outlines, and three slices of it."),
 )  # fmt: skip
-def command(sources, output, picture_out, **given) -> Report:
+def command(sources, output, picture_out, **given) -> CommandResult:
     """Make a surface through the outlines of one structure in SOURCES.
 
     SOURCES is an RTSTRUCT, a DICOM SEG, a label map (.seg.nrrd, .nii, .nii.gz), one or more Slicer
@@ -57,7 +57,16 @@ def command(sources, output, picture_out, **given) -> Report:
             from vfplan.surface.figures import draw_surface
 
             draw_surface(made, picture)
-    return Report(made.report, f"{_text(made.report)}\nwrote {output}", findings=made.findings)
+    verdict = "meshed, closed"
+    if made.report["open_edges"]:
+        verdict = f"meshed, with {made.report['open_edges']} open edges"
+    return CommandResult(
+        made.report,
+        f"{_text(made.report)}\nwrote {output}",
+        findings=made.findings,
+        verdict=verdict,
+        next_step=f"vfplan register {output} MARKERS --model rigid -o FIXTURE.h5",
+    )
 
 
 def _text(report: dict[str, Any]) -> str:
