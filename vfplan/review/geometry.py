@@ -291,20 +291,17 @@ def _candidates(error: CurveError, ink: Ink, settings: ExtractSettings) -> tuple
     for entry in Geometry(ink=ink).account:
         if max(entry.box[2:]) >= MIN_LINE_PX:
             routes += routes_through(entry.mask, entry.box[:2])[0]
+    low, high = np.zeros(2), np.full(2, np.inf)
+    if settings.roi is not None:
+        low = np.array(settings.roi[:2], float)
+        high = low + settings.roi[2:]
     long = []
     for route in routes:
-        if route.length_px >= MIN_LINE_PX and _lies_in(route, settings.roi):
+        inside = (route.path >= low) & (route.path < high)
+        if route.length_px >= MIN_LINE_PX and inside.all():
             long.append(route)
     long.sort(key=lambda route: -route.length_px)
     return tuple(long[:MAX_CANDIDATES])
-
-
-def _lies_in(route: Route, roi: tuple[int, int, int, int] | None) -> bool:
-    if roi is None:
-        return True
-    u, v, width, height = roi
-    inside = (route.path >= (u, v)) & (route.path < (u + width, v + height))
-    return bool(inside.all())
 
 
 def _changed(before: Stroke, after: Stroke) -> NDArray[np.float64]:

@@ -17,6 +17,16 @@ from vfplan.curve.coverage import find_ink
 from vfplan.curve.pen import Pen
 from vfplan.curve.region import Box, Region
 from vfplan.review.paths import arc_length, evenly, normals
+from vfplan.review.profiles import (
+    SMOOTH_PX,
+    is_strong,
+    is_valley,
+    jumps,
+    past_branches,
+    smoothed,
+    trend_scatter,
+    usual_nearby,
+)
 
 HUE_GATE_DEG = 32.0
 """Degrees of hue from the pen's at which a pixel shows none of it; magenta is 60 from red."""
@@ -30,9 +40,6 @@ MIN_LINE_PX = 20.0
 STEP_PX = 0.5
 """Distance [px] of samples across a path: two a pixel lose nothing of what the picture holds."""
 
-SMOOTH_PX = 2.0
-"""Deviation [px] of the Gaussian that smooths what was measured along a path; hands bend slower."""
-
 INK_SIGMA_PX = 0.05
 """Deviation [px] that a measured point has at least, which no scatter along the line shows."""
 
@@ -42,28 +49,14 @@ FAINTEST = 0.25
 BORDER_POINTS = 3
 """Points beside a stretch without ink whose profiles that stretch may cut: a pen's width."""
 
-VALLEY = 0.2
-"""Of the strongest ink of a profile: a dip so deep parts two lines; a pen's own dips are half."""
-
-NEARBY_POINTS = 41
-"""Points along a line whose median width is the usual one there; longer than a branch's mouth."""
-
 CORRELATED = 20.0
 """Factor by which independent noise understates the deviation in JPEG, at most: JPEG's errors hang
 together over a block of 8 or, in colour, 16 pixels. It keeps a clean line's deviation small where
 the hand's own bends would count as errors.
 """
 
-TREND_POINTS = 41
-"""Points (odd) over which a cubic follows the line, to see errors that hang together: two and a
-half blocks of JPEG's colour. A hand's bends are longer.
-"""
-
 WIDER = 1.25
 """Of the pen's width: where the ink is wider, other ink joins the line."""
-
-MAX_BRANCH_PX = 60
-"""Length [px] of a place where other ink joins the line, over which the line can be carried."""
 
 BRANCH_SIGMA_PX = 0.3
 """Deviation [px] of the line where other ink joins it and it is carried past."""
@@ -188,7 +181,7 @@ class Ink:
         ).astype(float)
         # Half of the strongest ink of each profile, as blur does not move a half-height edge.
         threshold = np.maximum(0.5 * score.max(axis=1), max(CHROMA_FLOOR, FAINTEST * self.strength))
-        inked = (score > threshold[:, None]) & ~_is_valley(score)
+        inked = (score > threshold[:, None]) & ~is_valley(score)
         nearest = np.where(inked, np.abs(x), np.inf).argmin(axis=1)
         row = np.arange(len(path))
         has_ink = inked[row, nearest] & (np.abs(x[nearest]) <= reach_px)
@@ -199,7 +192,7 @@ class Ink:
         gap_after = np.minimum.accumulate(after, axis=1)[:, ::-1][row, nearest]
         width = (gap_after - gap_before - 1) * STEP_PX
         has_ink &= (gap_before >= 0) & (gap_after < len(x))
-        has_ink &= _is_strong(np.where(inked, score, 0.0).max(axis=1), has_ink)
+        has_ink &= is_strong(np.where(inked, score, 0.0).max(axis=1), has_ink)
         # The centroid reads the line's blurred edges as well, alike on both sides, and at most to
         # the middle of the gap to other ink.
         before = np.maximum.accumulate(np.where(inked, column, -len(x)), axis=1)
@@ -240,22 +233,22 @@ class Ink:
             if not has_ink.any():
                 return _without_ink(path, closed)
             usual = np.median(width[has_ink]) if pen_px is None else pen_px
-            joined = has_ink & (width > WIDER * _usual_nearby(width, has_ink, usual) + 0.5)
+            joined = has_ink & (width > WIDER * usual_nearby(width, has_ink, usual) + 0.5)
             # The edges of a branch pull the centre before the width shows it.
             joined = has_ink & binary_dilation(joined, iterations=max(1, round(usual)))
             alone = has_ink & ~joined
-            alone &= ~_jumps(offset, alone)
+            alone &= ~jumps(offset, alone)
             if not alone.any():
                 return _without_ink(path, closed)
-            smooth = _smoothed(offset, alone, closed)
+            smooth = smoothed(offset, alone, closed)
             points = points + smooth[:, None] * normals(points, closed)
-            points, passed = _past_branches(points, joined, alone)
+            points, passed = past_branches(points, joined, alone)
             has_ink = alone | passed
         # Independent noise of this scatter would leave a deviation of `averaged` after smoothing.
         scatter = offset[alone] - smooth[alone]
         noise = 1.4826 * float(np.median(np.abs(scatter)))
         averaged = noise / np.sqrt(2.0 * np.sqrt(np.pi) * SMOOTH_PX)
-        deviation = min(_trend_scatter(points, alone, closed), CORRELATED * averaged)
+        deviation = min(trend_scatter(points, alone, closed), CORRELATED * averaged)
         sigma = np.full(len(points), np.hypot(deviation, INK_SIGMA_PX))
         sigma[passed] = BRANCH_SIGMA_PX
         return Measured(points, sigma, has_ink)
@@ -314,79 +307,6 @@ class Ink:
         return float(np.median(width[has_ink])) if has_ink.any() else 3.0
 
 
-def _is_valley(score: NDArray) -> NDArray[np.bool_]:
-    """(M, K) bool: samples with stronger ink on both sides, as between two lines that touch."""
-    left = np.maximum.accumulate(score, axis=1)
-    right = np.maximum.accumulate(score[:, ::-1], axis=1)[:, ::-1]
-    return np.minimum(left, right) - score > VALLEY * score.max(axis=1, keepdims=True)
-
-
-def _usual_nearby(width: NDArray, has_ink: NDArray[np.bool_], usual: float) -> NDArray[np.float64]:
-    """(M,) the line's usual width nearby: a pressed pen grows wide slowly, a branch at once."""
-    from scipy.ndimage import median_filter
-
-    nearby = np.full(len(width), usual)
-    at = np.flatnonzero(has_ink)
-    nearby[at] = median_filter(width[at], size=NEARBY_POINTS, mode="nearest")
-    return np.maximum(nearby, usual)
-
-
-def _is_strong(peak: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(M,) bool: half as strong as the ink around, at least; where it is fainter, the line ends."""
-    from scipy.ndimage import median_filter
-
-    strong = np.zeros(len(peak), bool)
-    at = np.flatnonzero(has_ink)
-    if len(at):
-        strong[at] = peak[at] >= 0.5 * median_filter(peak[at], size=61, mode="nearest")
-    return strong
-
-
-def _jumps(offset: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(M,) bool: offsets that lie off their neighbours', where the nearest ink is another's."""
-    from scipy.ndimage import median_filter
-
-    at = np.flatnonzero(has_ink)
-    jumps = np.zeros(len(offset), bool)
-    if len(at) >= 5:
-        trend = median_filter(offset[at], size=25, mode="nearest")
-        jumps[at] = np.abs(offset[at] - trend) > 1.5
-    return jumps
-
-
-def _smoothed(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[np.float64]:
-    """Offsets smoothed along the path; where no ink is near they fall to 0."""
-    from scipy.ndimage import gaussian_filter1d
-
-    mode = "wrap" if closed else "nearest"
-    weight = has_ink.astype(float)
-    summed = gaussian_filter1d(offset * weight, SMOOTH_PX, mode=mode)
-    share = gaussian_filter1d(weight, SMOOTH_PX, mode=mode)
-    smooth = summed / np.maximum(share, 0.02)
-    if has_ink.all():
-        return smooth
-    # Beyond the last ink the correction goes on, and fades over ten pixels.
-    distance, nearest = _nearest_ink(has_ink, closed)
-    fade = np.exp(-0.5 * (distance / 10.0) ** 2)
-    return np.where(has_ink, smooth, smooth[nearest] * fade)
-
-
-def _nearest_ink(has_ink: NDArray[np.bool_], closed: bool) -> tuple[NDArray, NDArray]:
-    """(M,) steps to the nearest point with ink, and which that is."""
-    count = len(has_ink)
-    at = np.flatnonzero(has_ink)
-    if closed:
-        places = np.r_[at - count, at, at + count]
-    else:
-        places = at
-    own = np.arange(count)
-    after = np.clip(np.searchsorted(places, own), 0, len(places) - 1)
-    before = np.clip(after - 1, 0, None)
-    nearer = np.abs(places[before] - own) < np.abs(places[after] - own)
-    nearest = np.where(nearer, places[before], places[after])
-    return np.abs(nearest - own), nearest % count
-
-
 def _without_ink(path: NDArray, closed: bool) -> Measured:
     """The path as it is."""
     points = evenly(path, closed)
@@ -400,57 +320,6 @@ def _part(line: Measured, start: float, stop: float) -> Measured:
     nearest = np.clip(np.rint(np.interp(at, arc, np.arange(len(arc)))).astype(int), 0, len(arc) - 1)
     points = np.column_stack([np.interp(at, arc, line.points[:, k]) for k in (0, 1)])
     return Measured(points, line.sigma[nearest], line.has_ink[nearest])
-
-
-def _trend_scatter(points: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> float:
-    """Deviation [px] of a line from a cubic that follows it; errors of a few pixels' length show.
-
-    What a hand bends within `TREND_POINTS` counts too, so that this is too large for a clean line.
-    """
-    from scipy.ndimage import convolve1d
-
-    half = TREND_POINTS // 2
-    # The value in the middle of the cubic that fits the points best (Savitzky and Golay, 1964).
-    kernel = np.linalg.pinv(np.vander(np.linspace(-1.0, 1.0, TREND_POINTS), 4))[-1]
-    known = has_ink.copy()
-    mode = "wrap"
-    if not closed:
-        mode = "nearest"
-        known[:half] = False
-        known[-half:] = False
-    if np.count_nonzero(known) < half:
-        return np.inf
-    trend = convolve1d(points, kernel, axis=0, mode=mode)
-    across = ((points - trend) * normals(points, closed)).sum(axis=1)
-    return float(np.sqrt(np.mean(across[known] ** 2)))
-
-
-def _past_branches(
-    points: NDArray, joined: NDArray[np.bool_], alone: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """The points with a smooth way past every place where other ink joins the line.
-
-    There the centre of the ink is not that of the line. The line goes on as on both sides. Also
-    returns which points were carried past.
-    """
-    from scipy.interpolate import CubicSpline
-
-    between = ~alone
-    edges = np.flatnonzero(np.diff(np.r_[False, between, False].astype(int))).reshape(-1, 2)
-    points = points.copy()
-    passed = np.zeros(len(points), bool)
-    at = np.flatnonzero(alone)
-    for start, stop in edges:
-        before = at[at < start][-13::4]
-        after = at[at >= stop][:13:4]
-        is_branch = joined[start:stop].mean() > 0.5 and stop - start <= MAX_BRANCH_PX
-        if not is_branch or len(before) < 2 or len(after) < 2:
-            continue
-        known = np.r_[before, after]
-        run = np.arange(start, stop)
-        points[run] = CubicSpline(known, points[known])(run)
-        passed[run] = True
-    return points, passed
 
 
 def _carried_on(path: NDArray, before_px: float, after_px: float) -> NDArray[np.float64]:

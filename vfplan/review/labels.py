@@ -13,8 +13,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-DISTANCES = (16, 26, 40, 60, 85, 115, 150, 190, 240, 300, 370)
-"""Distances [px of the page] of a caption's edge from its point, the closest first."""
+FIRST_DISTANCE = 16
+"""Distance [px of the page] of a caption's edge from its point in the first try."""
+
+LAST_DISTANCE = 370
+"""Distance [px of the page] in the last try: a longer leader is hard to follow."""
+
+GROWTH = 1.37
+"""Factor from one distance that is tried to the next."""
 
 DIRECTIONS = 16
 """Number of directions that are tried at each distance, the first to the upper right."""
@@ -52,7 +58,8 @@ class Labeller:
 
     def place(self, point: NDArray[np.float64], width: int, height: int) -> Place | None:
         """A place for a caption of this size close to a point (x, y); `None` if there is none."""
-        for distance in DISTANCES:
+        distance = float(FIRST_DISTANCE)
+        while distance <= LAST_DISTANCE:
             for k in range(DIRECTIONS):
                 angle = -np.pi / 4 + k * 2 * np.pi / DIRECTIONS
                 direction = np.array([np.cos(angle), np.sin(angle)])
@@ -71,6 +78,7 @@ class Labeller:
                 else:
                     start = start + (target - start) * LEADER_GAP / length
                 return Place(x, y, np.array([start, target]))
+            distance *= GROWTH
         self.omitted += 1
         return None
 

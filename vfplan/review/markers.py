@@ -216,8 +216,20 @@ class Fit:
             if self.T_patient_image is None:
                 yield path, None
                 return
+            # The positions in the patient's frame, as 3D Slicer stores them.
+            points = []
+            for marker in self.used:
+                position = self.to_source(marker.place_px, marker.depth_m)[0].tolist()
+                points.append({"label": marker.label, "position": position})
+            markup = {
+                "type": "Fiducial",
+                "coordinateSystem": "LPS",
+                "coordinateUnits": "m",
+                "controlPoints": points,
+            }
             source = Path(folder) / "markers.mrk.json"
-            source.write_text(self._slicer_file(), encoding="utf-8")
+            document = {"@schema": SLICER_SCHEMA, "markups": [markup]}
+            source.write_text(json.dumps(document), encoding="utf-8")
             yield source, path
 
     def table(self) -> str:
@@ -242,20 +254,6 @@ class Fit:
                 numbers = [*marker.place_px, *numbers]
             writer.writerow([marker.label, *map(repr, map(float, numbers))])
         return text.getvalue()
-
-    def _slicer_file(self) -> str:
-        """The positions in the patient's frame as 3D Slicer stores them."""
-        points = []
-        for marker in self.used:
-            position = self.to_source(marker.place_px, marker.depth_m)[0].tolist()
-            points.append({"label": marker.label, "position": position})
-        markup = {
-            "type": "Fiducial",
-            "coordinateSystem": "LPS",
-            "coordinateUnits": "m",
-            "controlPoints": points,
-        }
-        return json.dumps({"@schema": SLICER_SCHEMA, "markups": [markup]})
 
     def index(self, name: Any) -> int:
         """A marker's place in the list by its label, or by its number from 0."""

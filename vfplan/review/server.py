@@ -193,8 +193,11 @@ class ReviewServer:
                 if allowance < 0.0:
                     connection.close(1008, "too many messages")
                     return
-                message = _parsed(text)
-                if message is None:
+                try:
+                    message = json.loads(text)
+                except (ValueError, RecursionError):
+                    message = None
+                if isinstance(text, bytes) or not isinstance(message, dict):
                     connection.close(1008, "not understood")
                     return
                 self._take(connection, message)
@@ -290,17 +293,6 @@ def _send_text(connection: Any, text: str) -> None:
 
     with suppress(ConnectionClosed, OSError):
         connection.send(text)
-
-
-def _parsed(text: str | bytes) -> dict[str, Any] | None:
-    """A message as an object; `None` for anything else."""
-    if not isinstance(text, str):
-        return None
-    try:
-        message = json.loads(text)
-    except (ValueError, RecursionError):
-        return None
-    return message if isinstance(message, dict) else None
 
 
 def _described(error: VfplanError) -> dict[str, Any]:

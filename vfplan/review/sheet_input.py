@@ -17,6 +17,7 @@ from vfplan.errors import InputError
 from vfplan.findings import Finding
 from vfplan.fixture import Fixture
 from vfplan.review.digest import digest_of
+from vfplan.review.facts import facts_of
 
 if TYPE_CHECKING:
     from vfplan.images.read import PlannedImage
@@ -207,23 +208,29 @@ def of_fixture(
     if image is not None:
         check_slice(fixture, image)
     drawn = fixture.provenance.inputs.get("image") is not None
+    reviewed = ""
+    if fixture.reviewed is not None:
+        reviewed = f"{fixture.reviewed.by}, {fixture.reviewed.utc}"
     record = SheetInput(
         title=title,
         digest=digest_of(fixture, slice_shown=image is not None),
         findings=fixture.findings,
-        reviewed=_reviewed(fixture),
+        reviewed=reviewed,
         margin_m=_margin_of(fixture, None),
         side=_side_of(fixture, image),
         frame=fixture.frame,
     )
     if image is None:
+        markers: tuple[SheetMarker, ...] = ()
+        if fixture.registration is not None:
+            markers = _markers_of(fixture, fixture.registration.target, None)
         return replace(
             record,
             points_m=fixture.points,
             triangles=fixture.mesh,
-            markers=_markers_in_space(fixture),
+            markers=markers,
             missing_slice=drawn,
-            facts=_facts(record, fixture, ()),
+            facts=facts_of(record, fixture, ()),
         )
     if extracted is None:
         strokes = strokes_of_fixture(fixture, image)
@@ -234,7 +241,11 @@ def of_fixture(
         registration = _registration_again(fixture)
     tre95_m = None
     if registration is not None:
-        tre95_m = _bound_along(registration, strokes, image)
+        points = np.concatenate([stroke.points_px for stroke in strokes])
+        if registration.source.shape[1] == 3:
+            place = _place_in_patient(image)
+            points = points @ place[:, :2].T + place[:, 2]
+        tre95_m = registration.tre95_curve_m(points)
     record = replace(
         record,
         rgb=image.rgb,
@@ -245,7 +256,7 @@ def of_fixture(
         tre95_m=tre95_m,
         margin_m=_margin_of(fixture, tre95_m),
     )
-    return replace(record, facts=_facts(record, fixture, strokes))
+    return replace(record, facts=facts_of(record, fixture, strokes))
 
 
 def check_slice(fixture: Fixture, image: PlannedImage) -> None:
@@ -334,17 +345,6 @@ def _onto_plane(transform: Array) -> Callable[[Array], Array]:
     return lambda points: (points - transform[:3, 2]) @ back.T
 
 
-def _bound_along(
-    registration: Registration, strokes: tuple[SheetStroke, ...], image: PlannedImage
-) -> Array:
-    """(M,) the 95 % bound along the points of all strokes [m]."""
-    points = np.concatenate([stroke.points_px for stroke in strokes])
-    if registration.source.shape[1] == 3:
-        place = _place_in_patient(image)
-        points = points @ place[:, :2].T + place[:, 2]
-    return registration.tre95_curve_m(points)
-
-
 def account_of(extracted: ExtractResult) -> tuple[AccountEntry, ...]:
     """The ink that was not taken, the largest first."""
     words = {"ink": "", "bridge": "gap in the line", "hidden": "line hidden"}
@@ -385,12 +385,6 @@ def account_again(
             AccountEntry(entry.number, u, v, entry.pixels, entry.share, what, entry.is_ink)
         )
     return tuple(entries)
-
-
-def _reviewed(fixture: Fixture) -> str:
-    if fixture.reviewed is None:
-        return ""
-    return f"{fixture.reviewed.by}, {fixture.reviewed.utc}"
 
 
 def _margin_of(fixture: Fixture, tre95_m: Array | None) -> float | None:
@@ -452,12 +446,6 @@ def _markers_on_slice(fixture: Fixture, image: PlannedImage) -> tuple[SheetMarke
     return _markers_of(fixture, places, in_plane)
 
 
-def _markers_in_space(fixture: Fixture) -> tuple[SheetMarker, ...]:
-    if fixture.registration is None:
-        return ()
-    return _markers_of(fixture, fixture.registration.target, None)
-
-
 def _markers_of(
     fixture: Fixture, places: Array, residuals_px: Array | None
 ) -> tuple[SheetMarker, ...]:
@@ -502,85 +490,3 @@ def _registration_again(fixture: Fixture) -> Registration | None:
     if not np.allclose(again.T_target_source, record.T_robot_image, rtol=1e-6, atol=1e-9):
         return None
     return again
-
-
-def _facts(
-    record: SheetInput,
-    fixture: Fixture,
-    strokes: tuple[SheetStroke, ...],
-) -> tuple[tuple[str, str], ...]:
-    """What stands beside the picture, in words."""
-    heading = "Line"
-    if not strokes:
-        heading = "Geometry"
-    facts = [(heading, _geometry_in_words(record, fixture, strokes))]
-    if record.metres_per_px is not None:
-        facts.append(("Pixel", f"{record.metres_per_px * 1e3:.4g} mm"))
-    if fixture.registration is not None:
-        facts.append(("Markers", _markers_in_words(fixture)))
-    if fixture.frame == "image":
-        facts.append(("Error of the registration", "not registered yet"))
-    elif fixture.registration is not None:
-        facts.append(("Error of the registration", _error_in_words(record, fixture)))
-    if record.margin_m is not None:
-        facts.append(("Margin", f"{record.margin_m * 1e3:.2f} mm on every side"))
-    elif "margin" in fixture.provenance.settings:
-        facts.append(("Margin", "the 95 % bound"))
-    elif fixture.rendering is not None:
-        facts.append(("Margin", "none"))
-    if fixture.rendering is not None:
-        radius = fixture.rendering.contact_radius + fixture.rendering.point_radius
-        what = "line"
-        if fixture.mesh is not None:
-            what = "surface"
-        elif fixture.curve is None:
-            what = "points"
-        facts.append(("The tool's centre keeps", f"{radius * 1e3:.2f} mm from the {what}"))
-    return tuple(facts)
-
-
-def _geometry_in_words(
-    record: SheetInput, fixture: Fixture, strokes: tuple[SheetStroke, ...]
-) -> str:
-    if not strokes and fixture.mesh is not None:
-        return f"{len(fixture.points)} points, {len(fixture.mesh)} triangles"
-    if not strokes:
-        return f"{len(fixture.points)} points"
-    parts = []
-    for stroke in strokes:
-        if not stroke.is_ordered:
-            parts.append(f"{len(stroke.points_px)} pixels in no order")
-            continue
-        points, shape = stroke.points_px, "open"
-        if stroke.closed:
-            points, shape = np.vstack([points, points[:1]]), "closed"
-        length = float(np.hypot(*np.diff(points, axis=0).T).sum())
-        words = f"{shape}, {length:.0f} px"
-        if record.metres_per_px is not None:
-            words += f" = {length * record.metres_per_px * 1e3:.1f} mm"
-        if stroke.width_px is not None:
-            words += f"; the pen is {stroke.width_px:.1f} px wide"
-        parts.append(words)
-    return ". ".join(parts)
-
-
-def _markers_in_words(fixture: Fixture) -> str:
-    record = fixture.registration
-    worst = int(np.argmax(record.residuals_m))
-    return (
-        f"{len(record.labels)}, {record.model}; residual {record.fre_rms_m * 1e3:.2f} mm rms, "
-        f"largest {record.residuals_m[worst] * 1e3:.2f} mm at {record.labels[worst]}"
-    )
-
-
-def _error_in_words(record: SheetInput, fixture: Fixture) -> str:
-    if record.tre95_m is not None:
-        bound = float(record.tre95_m.max())
-        words = f"the whole line lies within {bound * 1e3:.2f} mm"
-        if record.metres_per_px is not None:
-            words += f" ({bound / record.metres_per_px:.1f} px)"
-        return words + " (95 %)"
-    if fixture.registration.tre_m is not None:
-        largest = float(fixture.registration.tre_m.max())
-        return f"{largest * 1e3:.2f} mm rms at most; the 95 % bound is not kept in the bundle"
-    return "not known"

@@ -190,8 +190,12 @@ class Stroke:
             seam = start
             if seam is None:
                 seam = end
-            nearest, _ = nearest_point(self.points, seam)
-            stroke = self._opened(nearest)
+            first, _ = nearest_point(self.points, seam)
+            # The point of the seam becomes the first and the last.
+            order = np.r_[first : len(self.points), 0 : first + 1]
+            place = (self.knots - first) % len(self.points)
+            knots = np.r_[0, np.sort(place[place > 0]), len(order) - 1].astype(np.int64)
+            stroke = replace(self._selected(order, knots), closed=False)
         first, last = 0, len(stroke.points) - 1
         if start is not None and not self.closed:
             first, _ = nearest_point(stroke.points, start)
@@ -299,13 +303,6 @@ class Stroke:
         for name in PER_POINT:
             values[name] = getattr(self, name)[order]
         return replace(self, **values, knots=knots)
-
-    def _opened(self, first: int) -> Stroke:
-        """A closed stroke, opened at a point, which becomes its first and its last."""
-        order = np.r_[first : len(self.points), 0 : first + 1]
-        place = (self.knots - first) % len(self.points)
-        knots = np.r_[0, np.sort(place[place > 0]), len(order) - 1].astype(np.int64)
-        return replace(self._selected(order, knots), closed=False)
 
     def _redraw_closed(self, first: int, last: int, drawn: NDArray, ink: Ink | None) -> Stroke:
         """Of the two parts between the drawn stretch's ends the one nearer to it is replaced."""

@@ -108,7 +108,15 @@ def draw_views(sheet: Paper, content: SheetInput, y: float) -> tuple[float, floa
         box = sheet.picture(x, view_y + 34, _geometry(view, content))
         sheet.frame(box)
         _draw_marks(sheet, box, view, content)
-        _draw_scale(sheet, box, scale, content.frame)
+        # The length of a bar, below on the left.
+        unit, per_metre = "mm", 1e3
+        if content.frame == "image":
+            unit, per_metre = "px", 1.0
+        length = nice_length(160 / scale * per_metre)
+        start = np.array([box.x + 16, box.bottom - 18])
+        end = start + np.array([length / per_metre * scale, 0])
+        paper.draw_line(sheet.canvas, np.array([start, end]), BLACK, 4)
+        sheet.text(start[0], start[1] - 8 - SMALL.line_height, f"{length:g} {unit}", SMALL)
     free_x, free_y = MARGIN + CONTENT_WIDTH - VIEW_PX, float(y + VIEW_PX + 60)
     return free_x, free_y, float(y + 2 * (VIEW_PX + 60))
 
@@ -202,14 +210,3 @@ def draw_tag(
     plate[:] = BLACK
     plate[2:-2, 2:-2] = ground
     sheet.text(box.x + place.x + 6, box.y + place.y + 1, words, TAG, letters)
-
-
-def _draw_scale(sheet: Paper, box: Box, scale: float, frame: str) -> None:
-    unit, per_metre = "mm", 1e3
-    if frame == "image":
-        unit, per_metre = "px", 1.0
-    length = nice_length(160 / scale * per_metre)
-    across = length / per_metre * scale
-    x, y = box.x + 16, box.bottom - 18
-    paper.draw_line(sheet.canvas, np.array([[x, y], [x + across, y]]), BLACK, 4)
-    sheet.text(x, y - 8 - SMALL.line_height, f"{length:g} {unit}", SMALL)

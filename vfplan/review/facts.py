@@ -1,0 +1,94 @@
+"""The numbers of a plan in words, as they stand beside the picture on a sheet."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vfplan.fixture import Fixture
+
+if TYPE_CHECKING:
+    from vfplan.review.sheet_input import SheetInput, SheetStroke
+
+
+def facts_of(
+    record: SheetInput,
+    fixture: Fixture,
+    strokes: tuple[SheetStroke, ...],
+) -> tuple[tuple[str, str], ...]:
+    """What stands beside the picture, in words."""
+    heading = "Line"
+    if not strokes:
+        heading = "Geometry"
+    facts = [(heading, _geometry_in_words(record, fixture, strokes))]
+    if record.metres_per_px is not None:
+        facts.append(("Pixel", f"{record.metres_per_px * 1e3:.4g} mm"))
+    if fixture.registration is not None:
+        facts.append(("Markers", _markers_in_words(fixture)))
+    if fixture.frame == "image":
+        facts.append(("Error of the registration", "not registered yet"))
+    elif fixture.registration is not None:
+        facts.append(("Error of the registration", _error_in_words(record, fixture)))
+    if record.margin_m is not None:
+        facts.append(("Margin", f"{record.margin_m * 1e3:.2f} mm on every side"))
+    elif "margin" in fixture.provenance.settings:
+        facts.append(("Margin", "the 95 % bound"))
+    elif fixture.rendering is not None:
+        facts.append(("Margin", "none"))
+    if fixture.rendering is not None:
+        radius = fixture.rendering.contact_radius + fixture.rendering.point_radius
+        what = "line"
+        if fixture.mesh is not None:
+            what = "surface"
+        elif fixture.curve is None:
+            what = "points"
+        facts.append(("The tool's centre keeps", f"{radius * 1e3:.2f} mm from the {what}"))
+    return tuple(facts)
+
+
+def _geometry_in_words(
+    record: SheetInput, fixture: Fixture, strokes: tuple[SheetStroke, ...]
+) -> str:
+    if not strokes and fixture.mesh is not None:
+        return f"{len(fixture.points)} points, {len(fixture.mesh)} triangles"
+    if not strokes:
+        return f"{len(fixture.points)} points"
+    parts = []
+    for stroke in strokes:
+        if not stroke.is_ordered:
+            parts.append(f"{len(stroke.points_px)} pixels in no order")
+            continue
+        points, shape = stroke.points_px, "open"
+        if stroke.closed:
+            points, shape = np.vstack([points, points[:1]]), "closed"
+        length = float(np.hypot(*np.diff(points, axis=0).T).sum())
+        words = f"{shape}, {length:.0f} px"
+        if record.metres_per_px is not None:
+            words += f" = {length * record.metres_per_px * 1e3:.1f} mm"
+        if stroke.width_px is not None:
+            words += f"; the pen is {stroke.width_px:.1f} px wide"
+        parts.append(words)
+    return ". ".join(parts)
+
+
+def _markers_in_words(fixture: Fixture) -> str:
+    record = fixture.registration
+    worst = int(np.argmax(record.residuals_m))
+    return (
+        f"{len(record.labels)}, {record.model}; residual {record.fre_rms_m * 1e3:.2f} mm rms, "
+        f"largest {record.residuals_m[worst] * 1e3:.2f} mm at {record.labels[worst]}"
+    )
+
+
+def _error_in_words(record: SheetInput, fixture: Fixture) -> str:
+    if record.tre95_m is not None:
+        bound = float(record.tre95_m.max())
+        words = f"the whole line lies within {bound * 1e3:.2f} mm"
+        if record.metres_per_px is not None:
+            words += f" ({bound / record.metres_per_px:.1f} px)"
+        return words + " (95 %)"
+    if fixture.registration.tre_m is not None:
+        largest = float(fixture.registration.tre_m.max())
+        return f"{largest * 1e3:.2f} mm rms at most; the 95 % bound is not kept in the bundle"
+    return "not known"

@@ -1,0 +1,152 @@
+"""What the profiles across a path show of the line there, and a smooth line through them.
+
+A profile is a row of samples across the path; `offset` is where the ink's centre lies in it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.review.paths import normals
+
+SMOOTH_PX = 2.0
+"""Deviation [px] of the Gaussian that smooths what was measured along a path; hands bend slower."""
+
+VALLEY = 0.2
+"""Of the strongest ink of a profile: a dip so deep parts two lines; a pen's own dips are half."""
+
+NEARBY_POINTS = 41
+"""Points along a line whose median width is the usual one there; longer than a branch's mouth."""
+
+TREND_POINTS = 41
+"""Points (odd) over which a cubic follows the line, to see errors that hang together: two and a
+half blocks of JPEG's colour. A hand's bends are longer.
+"""
+
+MAX_BRANCH_PX = 60
+"""Length [px] of a place where other ink joins the line, over which the line can be carried."""
+
+
+def is_valley(score: NDArray) -> NDArray[np.bool_]:
+    """(M, K) bool: samples with stronger ink on both sides, as between two lines that touch."""
+    left = np.maximum.accumulate(score, axis=1)
+    right = np.maximum.accumulate(score[:, ::-1], axis=1)[:, ::-1]
+    return np.minimum(left, right) - score > VALLEY * score.max(axis=1, keepdims=True)
+
+
+def usual_nearby(width: NDArray, has_ink: NDArray[np.bool_], usual: float) -> NDArray[np.float64]:
+    """(M,) the line's usual width nearby: a pressed pen grows wide slowly, a branch at once."""
+    from scipy.ndimage import median_filter
+
+    nearby = np.full(len(width), usual)
+    at = np.flatnonzero(has_ink)
+    nearby[at] = median_filter(width[at], size=NEARBY_POINTS, mode="nearest")
+    return np.maximum(nearby, usual)
+
+
+def is_strong(peak: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(M,) bool: half as strong as the ink around, at least; where it is fainter, the line ends."""
+    from scipy.ndimage import median_filter
+
+    strong = np.zeros(len(peak), bool)
+    at = np.flatnonzero(has_ink)
+    if len(at):
+        strong[at] = peak[at] >= 0.5 * median_filter(peak[at], size=61, mode="nearest")
+    return strong
+
+
+def jumps(offset: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(M,) bool: offsets that lie off their neighbours', where the nearest ink is another's."""
+    from scipy.ndimage import median_filter
+
+    at = np.flatnonzero(has_ink)
+    is_jump = np.zeros(len(offset), bool)
+    if len(at) >= 5:
+        trend = median_filter(offset[at], size=25, mode="nearest")
+        is_jump[at] = np.abs(offset[at] - trend) > 1.5
+    return is_jump
+
+
+def smoothed(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[np.float64]:
+    """Offsets smoothed along the path; far from ink they fall to 0."""
+    from scipy.ndimage import gaussian_filter1d
+
+    mode = "wrap" if closed else "nearest"
+    weight = has_ink.astype(float)
+    summed = gaussian_filter1d(offset * weight, SMOOTH_PX, mode=mode)
+    share = gaussian_filter1d(weight, SMOOTH_PX, mode=mode)
+    smooth = summed / np.maximum(share, 0.02)
+    if has_ink.all():
+        return smooth
+    # Beyond the last ink the correction goes on, and fades over ten pixels.
+    distance, nearest = _nearest_ink(has_ink, closed)
+    fade = np.exp(-0.5 * (distance / 10.0) ** 2)
+    return np.where(has_ink, smooth, smooth[nearest] * fade)
+
+
+def _nearest_ink(has_ink: NDArray[np.bool_], closed: bool) -> tuple[NDArray, NDArray]:
+    """(M,) steps to the nearest point with ink, and which that is."""
+    count = len(has_ink)
+    at = np.flatnonzero(has_ink)
+    if closed:
+        places = np.r_[at - count, at, at + count]
+    else:
+        places = at
+    own = np.arange(count)
+    after = np.clip(np.searchsorted(places, own), 0, len(places) - 1)
+    before = np.clip(after - 1, 0, None)
+    nearer = np.abs(places[before] - own) < np.abs(places[after] - own)
+    nearest = np.where(nearer, places[before], places[after])
+    return np.abs(nearest - own), nearest % count
+
+
+def trend_scatter(points: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> float:
+    """Deviation [px] of a line from a cubic that follows it; errors of a few pixels' length show.
+
+    What a hand bends within `TREND_POINTS` counts too, so that this is too large for a clean line.
+    """
+    from scipy.ndimage import convolve1d
+
+    half = TREND_POINTS // 2
+    # The value in the middle of the cubic that fits the points best (Savitzky and Golay, 1964).
+    kernel = np.linalg.pinv(np.vander(np.linspace(-1.0, 1.0, TREND_POINTS), 4))[-1]
+    known = has_ink.copy()
+    mode = "wrap"
+    if not closed:
+        mode = "nearest"
+        known[:half] = False
+        known[-half:] = False
+    if np.count_nonzero(known) < half:
+        return np.inf
+    trend = convolve1d(points, kernel, axis=0, mode=mode)
+    across = ((points - trend) * normals(points, closed)).sum(axis=1)
+    return float(np.sqrt(np.mean(across[known] ** 2)))
+
+
+def past_branches(
+    points: NDArray, joined: NDArray[np.bool_], alone: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The points with a smooth way past every place where other ink joins the line.
+
+    There the centre of the ink is not that of the line. The line goes on as on both sides. Also
+    returns which points were carried past.
+    """
+    from scipy.interpolate import CubicSpline
+
+    between = ~alone
+    edges = np.flatnonzero(np.diff(np.r_[False, between, False].astype(int))).reshape(-1, 2)
+    points = points.copy()
+    passed = np.zeros(len(points), bool)
+    at = np.flatnonzero(alone)
+    for start, stop in edges:
+        before = at[at < start][-13::4]
+        after = at[at >= stop][:13:4]
+        is_branch = joined[start:stop].mean() > 0.5 and stop - start <= MAX_BRANCH_PX
+        if not is_branch or len(before) < 2 or len(after) < 2:
+            continue
+        known = np.r_[before, after]
+        run = np.arange(start, stop)
+        points[run] = CubicSpline(known, points[known])(run)
+        passed[run] = True
+    return points, passed
