@@ -60,6 +60,17 @@ def test_usage(vfplan_cli, planned, tmp_path, more, code, says):
     assert not (tmp_path / "c").exists()
 
 
+def test_a_campaign_that_never_touches_is_not_tested(vfplan_cli, planned, tmp_path):
+    head, *rows = planned[1].read_text().splitlines()
+    moved = [row.split(",") for row in rows]
+    lines = [f"{t},{float(x) + 1.0},{y},{z}" for t, x, y, z in moved]
+    (tmp_path / "far.csv").write_text("\n".join([head, *lines]))
+    words = ("campaign", planned[0], tmp_path / "far.csv", "-o", tmp_path / "c", "--trials", "64")
+    run = vfplan_cli(*words, "--workers", "1", "--json")
+    assert (run.code, run.json["verdict"]) == (1, "not-tested")
+    assert run.json["trials_in_contact"] == 0
+
+
 def test_a_margin_wants_both_words(vfplan_cli, planned, tmp_path):
     for words in (("--margin", "p=0.1"), ("--margin", "p=7", "--campaign", tmp_path)):
         run = vfplan_cli("plan", planned[2], *planned[3], *words, "-o", tmp_path / "x.h5")

@@ -38,6 +38,23 @@ def test_plan_writes_a_fixture_and_reports_both_steps(vfplan_cli, tmp_path):
     assert sorted(tmp_path.iterdir()) == [tmp_path / "f-sheet.png", path]
 
 
+def test_plan_without_an_output_writes_into_the_working_folder(vfplan_cli, tmp_path):
+    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path)
+    assert run.code == 0, run.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["elbow-sheet.png", "elbow.h5"]
+    assert (run.json["output"], run.json["sheet"]) == ("elbow.h5", "elbow-sheet.png")
+    again = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path)
+    assert (again.code, again.json["error"]["code"]) == (2, "output-exists")
+
+
+def test_statistics_stand_behind_v(vfplan_cli, tmp_path):
+    words = ("plan", IMAGE, PIXELS, ROBOT, "--no-sheet", "--overwrite", "-o", tmp_path / "f.h5")
+    short = vfplan_cli(*words).stdout
+    assert "leverage" not in short
+    assert [line.split(":")[0] for line in short.splitlines()[-2:]] == ["verdict", "next"]
+    assert "leverage" in vfplan_cli(*words, "-v").stdout
+
+
 def test_extract_then_register_is_plan(vfplan_cli, tmp_path, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
     curve, two, one = (tmp_path / name for name in ("c.h5", "two.h5", "one.h5"))
