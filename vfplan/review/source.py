@@ -26,8 +26,8 @@ Box = tuple[int, int, int, int]
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
-SIGNATURE_PLACES = (0, 512, 1024, 2048)
-"""Where an HDF5 file may have its signature (HDF5 File Format Specification, III.A)."""
+MAX_USER_BLOCK = 2048
+"""Bytes before the signature of an HDF5 file that are looked through (0, 512, 1024 and so on)."""
 
 MAX_FILE_BYTES = 2**31 - 1
 """Size of a file of a review at most, as for a slice."""
@@ -201,10 +201,17 @@ def is_bundle(path: Path) -> bool:
     """Whether a file is a bundle, by its first bytes or, if it cannot be read, its suffix."""
     try:
         with path.open("rb") as file:
-            head = file.read(SIGNATURE_PLACES[-1] + len(HDF5_SIGNATURE))
+            head = file.read(MAX_USER_BLOCK + len(HDF5_SIGNATURE))
     except OSError:
         return path.suffix == ".h5"
-    return any(head[place:].startswith(HDF5_SIGNATURE) for place in SIGNATURE_PLACES)
+    if head.startswith(HDF5_SIGNATURE):
+        return True
+    place = 512
+    while place <= MAX_USER_BLOCK:
+        if head[place:].startswith(HDF5_SIGNATURE):
+            return True
+        place *= 2
+    return False
 
 
 def _of_slice(
