@@ -190,12 +190,10 @@ MOST_TICK_WORK = _core.most_tick_work  # [s] that a loop of 1 kHz gives a tick
 
 
 def work_of(fixture: Fixture, rule: Rule | None = None) -> float:
-    """Time [s] that a tick takes at most, by how many points, pieces or triangles lie together.
+    """Time [s] that a tick takes at most: 2.5 times the worst that a search over the fixture finds.
 
-    Of the best rule unless one is given.
-
-    A bound, computed in the C++ header tick_time.hpp with the times of the machine of
-    docs/engine.md.
+    Of the best rule unless one is given. The C++ header tick_time.hpp computes it from what it
+    counts, with the times of the machine of docs/engine.md, so it is the same everywhere.
 
     Raises `SceneError` for a rendering that no engine takes.
     """

@@ -51,6 +51,14 @@ void bind_shape(nb::module_& m, nb::class_<Engine>& engine, Shape (*shape)(const
             return vfplan::tick_time_bound(made, p);
         },
         names..., "parameters"_a);
+    m.def(
+        "proven_tick_work",
+        [shape](const Args&... args, const vfplan::Parameters& p) {
+            const Shape made = shape(args...);
+            nb::gil_scoped_release release;
+            return vfplan::proven_tick_time(made, p);
+        },
+        names..., "parameters"_a);
     engine.def(
         "__init__",
         [shape](Engine* self, const Args&... args, const vfplan::Parameters& p) {
@@ -172,6 +180,13 @@ NB_MODULE(_core, m) {
             return vfplan::tick_time_bound(points.data(), points.shape(0), p);
         },
         "points"_a, "parameters"_a, "time that a tick takes at most [s]");
+    m.def(
+        "proven_tick_work",
+        [](const Rows& points, const vfplan::Parameters& p) {
+            nb::gil_scoped_release release;
+            return vfplan::proven_tick_time(points.data(), points.shape(0), p);
+        },
+        "points"_a, "parameters"_a, "time that a tick is proven to take at most [s]");
     m.def(
         "by_triangles",
         [](const Rows& points, const Triples& triangles, const vfplan::Parameters& p) {

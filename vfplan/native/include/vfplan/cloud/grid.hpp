@@ -46,24 +46,29 @@ class Grid {
 
     /// Calls f(PointSpan) for stretches that together hold every point within `reach` of x (and
     /// more): all points at once where that is less work than to walk the rows of cells, most of
-    /// them empty, that a large `reach` covers. So no call costs more than O(N).
+    /// them empty, that a large `reach` covers. So no call costs more than O(N). Returns how many
+    /// rows it has walked.
     template <class F>
-    void visit(const Vec<D>& x, double reach, F&& f) const noexcept {
+    std::size_t visit(const Vec<D>& x, double reach, F&& f) const noexcept {
         std::int64_t first[D], last[D];
         double rows = 1;
         for (int k = 0; k < D; ++k) {
-            if (!range(x, reach, k, first[k], last[k])) return;
+            if (!range(x, reach, k, first[k], last[k])) return 0;
             if (k > 0) rows *= static_cast<double>(last[k] - first[k] + 1);
         }
-        if (rows * points_a_row > static_cast<double>(cloud_.size()))
-            return f(cloud_.span(0, cloud_.size()));
+        if (rows * points_a_row > static_cast<double>(cloud_.size())) {
+            f(cloud_.span(0, cloud_.size()));
+            return 0;
+        }
         if constexpr (D == 2) {
-            visit_rows(x, reach, 0, f);
+            return visit_rows(x, reach, 0, f);
         } else {
+            std::size_t walked = 0;
             for (auto z = first[2]; z <= last[2]; ++z) {
                 const double left = reach * reach - square_to_cell(x, z, 2);
-                if (left >= 0) visit_rows(x, std::sqrt(left), z, f);
+                if (left >= 0) walked += visit_rows(x, std::sqrt(left), z, f);
             }
+            return walked;
         }
     }
 
@@ -92,9 +97,9 @@ class Grid {
     }
 
     template <class F>
-    void visit_rows(const Vec<D>& x, double reach, std::int64_t z, F&& f) const noexcept {
+    std::size_t visit_rows(const Vec<D>& x, double reach, std::int64_t z, F&& f) const noexcept {
         std::int64_t first, last, from, to;
-        if (!range(x, reach, 1, first, last)) return;
+        if (!range(x, reach, 1, first, last)) return 0;
         std::size_t hint = 0;
         for (auto y = first; y <= last; ++y) {
             const double left = reach * reach - square_to_cell(x, y, 1);
@@ -114,6 +119,7 @@ class Grid {
             }
             if (start_[i] < start_[j]) f(cloud_.span(start_[i], start_[j]));
         }
+        return static_cast<std::size_t>(last - first + 1);
     }
 
     std::uint64_t key(std::int64_t x, std::int64_t y, std::int64_t z) const noexcept {
@@ -179,19 +185,35 @@ class Grid {
 /// Clouds of this many points or fewer are looked through point by point: a grid measured slower.
 inline constexpr std::size_t small_cloud = 64;
 
-/// A reference to a function of a span that does not outlive the call it is given to.
+/// What has been looked at in a cloud, counted so that it can be said how long a tick may take.
+struct CloudWork {
+    std::size_t rows = 0;      ///< of cells, walked to find points
+    std::size_t spans = 0;     ///< of points, each looked through by one loop
+    std::size_t points = 0;    ///< in these spans
+    std::size_t contacts = 0;  ///< points that touched the proxy
+    std::size_t fits = 0;      ///< planes fitted to them
+};
+
+/// A reference to a function of a span that does not outlive the call it is given to. It counts the
+/// spans.
 template <int D>
 class SpanVisitor {
   public:
     template <class F>
-    explicit SpanVisitor(F& f) noexcept
+    SpanVisitor(F& f, CloudWork& work) noexcept
         : f_(const_cast<void*>(static_cast<const void*>(&f))),
-          call_([](void* g, const PointSpan<D>& span) { (*static_cast<F*>(g))(span); }) {}
-    void operator()(const PointSpan<D>& span) const { call_(f_, span); }
+          call_([](void* g, const PointSpan<D>& span) { (*static_cast<F*>(g))(span); }),
+          work_(work) {}
+    void operator()(const PointSpan<D>& span) const {
+        ++work_.spans;
+        work_.points += span.n;
+        call_(f_, span);
+    }
 
   private:
     void* f_;
     void (*call_)(void*, const PointSpan<D>&);
+    CloudWork& work_;
 };
 
 /// The points of a cloud, found by place. How it looks is chosen once: point by point; on a grid;
@@ -257,15 +279,17 @@ class PointIndex {
     /// more.
     template <class F>
     void visit(const Vec<D>& x, double reach, F&& f) const noexcept {
-        visit_spans(x, reach, SpanVisitor<D>(f));
+        visit_spans(x, reach, SpanVisitor<D>(f, work_));
     }
+    /// All that was looked at since the index was made.
+    CloudWork& work() const noexcept { return work_; }
 
   private:
     /// The walk over the cells is compiled once, and not for each caller.
     [[gnu::noinline]] void visit_spans(const Vec<D>& x, double reach,
                                        const SpanVisitor<D>& f) const noexcept {
         if (!grid_) return f(all_.span(0, all_.size()));
-        grid_->visit(x, reach, f);
+        work_.rows += grid_->visit(x, reach, f);
         for (std::size_t i = 0; i < added_count_; i += block) {
             if (!is_near(boxes_[i / block], x, reach)) continue;
             f(added_.span(i, std::min(i + block, added_count_)));
@@ -287,6 +311,7 @@ class PointIndex {
     Cloud<D> added_;
     std::vector<Box<D>> boxes_;  // of the blocks of added points
     std::size_t added_count_ = 0;
+    mutable CloudWork work_;
 };
 
 /// The points around the proxy, gathered into a list once and kept while the proxy stays near
@@ -314,10 +339,10 @@ class Neighbours {
     /// more.
     template <class F>
     void visit(const Vec<D>& x, double reach, F&& f) noexcept {
-        if (is_list_enough(x, reach))
-            f(list_.span(0, count_));
-        else
-            index_.visit(x, reach, f);
+        if (!is_list_enough(x, reach)) return index_.visit(x, reach, f);
+        ++index_.work().spans;
+        index_.work().points += count_;
+        f(list_.span(0, count_));
     }
 
     /// Makes the next answers independent of what was asked before.

@@ -73,8 +73,13 @@ class Curve {
     /// more.
     template <class IsNear, class F>
     void visit(IsNear&& is_near, F&& f) const noexcept {
-        tree_.visit(is_near, [&](std::uint32_t i) noexcept { f(static_cast<int>(i)); });
+        spend(tree_.visit(is_near, [&](std::uint32_t i) noexcept { f(static_cast<int>(i)); }));
     }
+    /// Counts inner steps: one for each box, three for each feature under it, one for each in a
+    /// list, ten for each that a path is tried with, thirty for each turn of a slide.
+    void spend(int steps) const noexcept { steps_ += static_cast<std::size_t>(steps); }
+    /// The inner steps of all ticks so far.
+    std::size_t steps() const noexcept { return steps_; }
     /// Calls f(i) for every feature within `reach` of y, which may shrink meanwhile, and for some
     /// more.
     template <class F>
@@ -174,6 +179,7 @@ class Curve {
     double level_ = 0;
     std::vector<Feature> features_;
     BoundsTree<Box<2>> tree_;
+    mutable std::size_t steps_ = 0;
 };
 
 /// What a path meets first.
@@ -220,6 +226,7 @@ class FeatureQuery {
     /// Distance from the curve where that is less than about R, else some more [m].
     double distance(const Vec2& x) noexcept {
         gather(x, 0);
+        spend_on_list();
         double nearest = never;
         for (int i : list_) nearest = std::min(nearest, curve_[i].distance(x));
         return nearest;
@@ -232,11 +239,13 @@ class FeatureQuery {
             const double reach = R_ + std::min(max_t, hit.t) + limits_.start_slack;
             if (i == skip || curve_[i].box_square(path.x) > reach * reach) return;
             bool is_touching;
+            curve_.spend(10);
             const double t =
                 first_entry(curve_[i], path, std::min(max_t, hit.t), limits_, is_touching);
             if (t < hit.t) hit = {t, i, is_touching};
         };
         if (gather(path.x, max_t)) {
+            spend_on_list();
             for (int i : list_) try_feature(i);
         } else {
             curve_.visit(
@@ -278,6 +287,8 @@ class FeatureQuery {
         curve_.around(x, R_ * (1 + skin) + 2 * band_, [&](int i) noexcept { list_.push_back(i); });
         return true;
     }
+
+    void spend_on_list() const noexcept { curve_.spend(static_cast<int>(list_.size())); }
 
     Curve curve_;
     RoundingLimits limits_;
@@ -513,6 +524,7 @@ class CurveMotion {
         holding.add(query_, current_, proxy);
         Vec2 last_tangent;
         for (int turn = 0; turn < max_turns; ++turn) {
+            curve().spend(30);
             // The one of them along which there is a path towards the HIP and into no other one.
             const int i = holding.open_towards(to_hip);
             if (i == none) return holding.count > 1 ? SlideEnd::corner : SlideEnd::rest;
@@ -616,6 +628,8 @@ class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
     /// How far below R roundings may let the proxy sink [R].
     static constexpr double roundings = 1e-7;
     static constexpr int max_iterations = CurveMotion::max_iterations;
+    /// Time of an inner step [s], on the machine of docs/engine.md.
+    static constexpr double a_step = 5e-9;
     /// How far away the features in the list lie at most [R].
     static constexpr double list_reach = 1 + FeatureQuery::skin + 4 * roundings;
 
@@ -635,6 +649,10 @@ class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
         return motion().curve().bytes() + motion().query().bytes();
     }
     std::size_t cells() const noexcept { return motion().curve().boxes(); }
+    /// Time that all ticks so far take [s].
+    double work_time() const noexcept {
+        return a_step * static_cast<double>(motion().curve().steps());
+    }
     double distance(const Vec2& x) const noexcept { return motion().curve().distance(x); }
 };
 

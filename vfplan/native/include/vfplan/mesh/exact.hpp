@@ -75,6 +75,7 @@ class MeshMotion {
           body_(std::move(body), p.R(), band_) {}
 
     const Mesh& mesh() const noexcept { return query_.mesh(); }
+    const TriangleQuery& query() const noexcept { return query_; }
     std::size_t bytes() const noexcept { return query_.bytes() + body_.bytes(); }
     /// The radius at which a way out leaves the triangles.
     double radius() const noexcept { return R_; }
@@ -244,6 +245,9 @@ class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
     /// How far away the triangles lie at most that a tick looks at [R].
     static constexpr double list_reach = TriangleQuery::reach;
 
+    /// Time of an inner step [s], on the machine of docs/engine.md.
+    static constexpr double a_step = 16e-9;
+
     static double band(const Parameters& p, const Surface& s) noexcept {
         double largest = 0;
         for (std::size_t i = 0; i < 3 * s.n; ++i)
@@ -258,6 +262,10 @@ class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
 
     std::size_t bytes() const noexcept { return motion().bytes(); }
     std::size_t cells() const noexcept { return motion().mesh().boxes(); }
+    /// Time that all ticks so far take [s].
+    double work_time() const noexcept {
+        return a_step * static_cast<double>(motion().query().steps());
+    }
     double distance(const Vec3& x) const noexcept {
         double distance = never;
         int steps = 0;  // of no tick

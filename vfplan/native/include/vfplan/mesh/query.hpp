@@ -103,7 +103,12 @@ class TriangleQuery {
     /// The inner steps that a part of a tick may take from now on. One that has begun to look
     /// through the mesh looks on to the end: what it finds holds.
     void set_step_budget(int steps) const noexcept { budget_ = steps; }
-    void spend(int steps) const noexcept { budget_ -= steps; }
+    void spend(int steps) const noexcept {
+        budget_ -= steps;
+        steps_ += static_cast<std::size_t>(steps);
+    }
+    /// The inner steps of all ticks so far.
+    std::size_t steps() const noexcept { return steps_; }
     /// One nearest step to so many planes: eight inner steps for each choice of at most three.
     void spend_on_planes(int n) const noexcept {
         spend(8 * (n + n * (n - 1) / 2 + n * (n - 1) * (n - 2) / 6));
@@ -187,6 +192,7 @@ class TriangleQuery {
     Mesh mesh_;
     double R_, band_, lowest_;
     mutable int budget_ = 0;
+    mutable std::size_t steps_ = 0;
 };
 
 }  // namespace vfplan::mesh

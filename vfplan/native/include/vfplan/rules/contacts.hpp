@@ -260,10 +260,14 @@ class ContactSurfaces {
         is_known_ = true;
         known_at_ = proxy;
         groups_.clear();
-        visit_within(neighbours, kernels_, proxy, touch_radius_,
-                     [&](const Vec<D>& away) noexcept { groups_.add(away); });
+        CloudWork& work = neighbours.index().work();
+        visit_within(neighbours, kernels_, proxy, touch_radius_, [&](const Vec<D>& away) noexcept {
+            ++work.contacts;
+            groups_.add(away);
+        });
         groups_.group();
         count_ = groups_.count();
+        work.fits += static_cast<std::size_t>(count_);
         for (int j = 0; j < count_; ++j) plane_[j] = plane_of(neighbours, proxy, groups_[j]);
     }
 
