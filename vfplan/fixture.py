@@ -12,6 +12,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.errors import SceneError
 from vfplan.findings import Finding
 from vfplan.io.files import now_utc
 from vfplan.records import (
@@ -219,9 +220,21 @@ class Fixture:
 
     @property
     def forbidden(self) -> NDArray[np.float64]:
-        """(M, 3) the points that a forbidden region is made of, none where all strokes guide."""
+        """(M, 3) the points that a forbidden region is made of, none where all strokes guide.
+
+        Of a mesh with `sample_radius` these are its samples, the corners first, as in C++.
+
+        Raises `SceneError` for more samples than a bundle may hold.
+        """
         if self.region is None:
             return self.points[:0]
+        if self.sample_radius is not None:
+            from vfplan import _core
+
+            try:
+                return _core.sampled(self.points, self.mesh, self.sample_radius)[0]
+            except ValueError as error:
+                raise SceneError(str(error).removeprefix("vfplan: ")) from None
         return self.region.points
 
     @property

@@ -255,6 +255,7 @@ def test_rules_that_render_points_take_samples_of_a_drawn_mesh(rule):
     # Edits number the samples: corners first, and the others where `sampled` has them.
     made = sampled(drawn)
     assert made.sample_radius is None
+    assert np.array_equal(drawn.forbidden, made.points)
     below = np.linalg.norm(made.points - way[-1], axis=1) < 2 * R
     engine.edit(remove=np.flatnonzero(below))
     engine.run(np.repeat(way[-1:], 40, axis=0))

@@ -1,7 +1,7 @@
 """Scenes of a triangle mesh: a ball, whose surface bends, and a box, which has edges and corners.
 
 Their exact proxy is known in closed form. Rule "exact" is given the triangles; any other rule is
-given points on them, refined as `vfplan import` refines a mesh.
+given the corners of the mesh refined to the spacing.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ class EngineRun:
             self._governor = GovernedForces(governor, stiffness)
         # The HIP is beyond a cloud's own surface from this depth on; a guide has no surface.
         self._surface_depth = np.inf
-        if len(fixture.forbidden):
+        if fixture.region is not None:
             self._surface_depth = fixture.contact_radius
         self._pairs = PairedTicks()
         self._metrics = Metrics(fixture, self.engine.parameters, robot)
