@@ -34,8 +34,6 @@ MAX_WIDTH_PX = 1600
 LEGEND_IN = 0.45
 """Height [in] of the strip below the slice in which the legend stands."""
 
-LEGEND = {"fontsize": 7.5, "columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5}
-
 ARROWS = 6
 """Arrow heads along a stroke, which show its direction."""
 
@@ -123,8 +121,9 @@ def _drawing_on(image: PlannedImage, path: Path) -> Iterator[tuple[Any, float]]:
     size = image.width_px, image.height_px
     scale = np.clip(image.width_px, MIN_WIDTH_PX, MAX_WIDTH_PX) / image.width_px
     middle = LEGEND_IN / 2 / (image.height_px * scale / DPI + LEGEND_IN)
-    place = {"loc": "center", "bbox_to_anchor": (0.5, middle), "frameon": False}
-    with on_slice(path, size, scale / DPI, LEGEND_IN, **place, **LEGEND) as (_, axes):
+    legend = {"loc": "center", "bbox_to_anchor": (0.5, middle), "frameon": False, "fontsize": 7.5}
+    legend |= {"columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5}
+    with on_slice(path, size, scale / DPI, LEGEND_IN, **legend) as (_, axes):
         picture = image.rgb
         if picture.dtype != np.uint8:
             picture = picture / np.iinfo(picture.dtype).max

@@ -18,23 +18,19 @@ from vfplan.palette import CYCLE
 DPI = 150
 """Dots an inch of every picture."""
 
-LOOK = {
-    "font.size": 9.0,
-    "axes.titlesize": 10.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.prop_cycle": mpl.cycler(color=CYCLE),
-    "grid.alpha": 0.25,
-    "legend.frameon": False,
-}
-
 # All other settings are Matplotlib's defaults, whatever a program that uses vfplan has set.
 SETTINGS = {}
 for name, value in mpl.rcParamsDefault.items():
     if not name.startswith("backend"):
         SETTINGS[name] = value
-SETTINGS |= LOOK
+SETTINGS["font.size"] = 9.0
+SETTINGS["axes.titlesize"] = 10.0
+SETTINGS["axes.spines.top"] = False
+SETTINGS["axes.spines.right"] = False
+SETTINGS["axes.grid"] = True
+SETTINGS["axes.prop_cycle"] = mpl.cycler(color=CYCLE)
+SETTINGS["grid.alpha"] = 0.25
+SETTINGS["legend.frameon"] = False
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
