@@ -31,6 +31,8 @@ def command(fixture, everything, values) -> CommandResult:
     if data["seal"]["ok"]:
         verdict = "sound, not signed"
         next_step = f"vfplan review {fixture} -o APPROVED.h5, then sign it"
+        if data["reviewed"] is not None:
+            next_step = f"vfplan sign {fixture} --key KEY -o SIGNED.h5"
         if data["seal"]["signed"]:
             verdict = "sound, signed"
             next_step = f"vfplan verify {fixture} --keys KEYS.pub"

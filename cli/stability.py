@@ -112,8 +112,10 @@ def command(
         next_step = "report the cases that failed; the engine is not to be trusted with them"
     else:
         verdict = f"pass: {subject} is stable with this robot"
-        next_step = "vfplan sign FIXTURE.h5 --key KEY, then load it on the robot"
-        if fixture is not None:
+        next_step = "vfplan plan IMAGE MARKERS --robot NAME, which judges a plan in the same way"
+        if judged is not None and judged.reviewed is None:
+            next_step = f"vfplan review {fixture} -o APPROVED.h5, then sign it"
+        elif judged is not None:
             next_step = f"vfplan sign {fixture} --key KEY -o SIGNED.h5, then load it on the robot"
     if not studied.rows:
         failed.append("not tested: no case ran")
