@@ -185,8 +185,10 @@ def _abridged(shown: list[str], printed: list[str]) -> list[str]:
 def _last(part: list[str], printed: list[str], first: int) -> int:
     """The place of a part's last line: as far from its first as it was, if that suits."""
     place = first + len(part) - 1
-    if place < len(printed) and _figureless(printed[place]) == _figureless(part[-1]):
-        return place
+    if place < len(printed):
+        for without in (_figureless, _lasting):
+            if without(printed[place]) == without(part[-1]):
+                return place
     return _nearest(part[-1], printed, first)
 
 
