@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from vfplan.cli.units import count
 
 from vfplan.io.files import parse_decimal
 
@@ -110,7 +111,7 @@ class Numbers(Parsed):
             ) from None
         if len(numbers) not in self.counts:
             allowed = " or ".join(map(str, self.counts))
-            raise ValueError(f"{text!r} has {len(numbers)} numbers; type {allowed}")
+            raise ValueError(f"{text!r} has {count(len(numbers), 'number')}; type {allowed}")
         if self.positive and not min(numbers) > 0:
             raise ValueError(f"{text!r} holds a number that is not finite and above 0")
         return numbers
