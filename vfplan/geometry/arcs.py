@@ -14,163 +14,256 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError
 
-DENSE = 8  # places looked at between two measured points
-# A corner turns more than a smooth bend does: more than twice as much as the points beside it, and
-# more than noise does: the largest of 10^4 normal deviates is 5.8 times the median of their sizes.
-ISOLATED, OUTSTANDING = 2.0, 6.0
-TOGETHER = 128  # positions looked at together
-STRAIGHT = 1e-12  # a bulge below it is a rounding
+PLACES_A_STEP = 8
+"""Places on the spline from one measured point to the next at which the error is looked at."""
+ISOLATED = 2.0
+"""Times the turn of its neighbours by which a corner turns; a smooth bend is shared with them."""
+OUTSTANDING = 6.0
+"""Times the median turn by which a corner turns. Of 10^4 normal deviates the largest is 5.8."""
+POSITIONS_AT_ONCE = 128
+"""Positions whose distance is computed together."""
+STRAIGHT = 1e-12
+"""A bulge below this is a rounding error of a straight line."""
 
 Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Arcs:
-    """A stroke as lines and arcs."""
+    """A stroke as lines and arcs.
 
-    vertices: Vector  # (K, 2), in the unit of the points
-    # (K,) tan(sweep / 4) of the piece from each vertex on; 0 at the last one of an open stroke
+    Parameters
+    ----------
+    vertices
+        (K, 2), in the unit of the points.
+    bulges
+        (K,) tan(sweep / 4) of the piece from each vertex on; 0 at the last one of an open stroke.
+    closed
+        Whether the last piece leads back to the first vertex.
+    error
+        The largest distance of what they were fitted to from them, in the same unit.
+    """
+
+    vertices: Vector
     bulges: Vector
-    closed: bool  # whether the last piece leads back to the first vertex
-    error: float  # how far what they were fitted to lies from them at most, in the same unit
+    closed: bool
+    error: float
 
     def distance(self, x: Vector) -> Vector:
-        """(T,) distance of the positions x (T, 2) from the pieces; neighbours lie near in x."""
-        count = max(1, len(self.vertices) - (not self.closed))  # a dot is a line of no length
-        a, b = self.vertices[:count], np.roll(self.vertices, -1, axis=0)[:count]
-        middle, half = (a + b) / 2, np.hypot(*(b - a).T) / 2  # of a ball around each piece
-        least = np.full(len(x), np.inf)
-        for first in range(0, len(x), TOGETHER):
-            part = x[first : first + TOGETHER]
+        """(T,) distance of the positions x (T, 2) from the pieces.
+
+        It is fast where positions that follow each other in x lie close together.
+        """
+        count = len(self.vertices)
+        if not self.closed:
+            count = max(1, count - 1)  # A dot is a line of no length.
+        start = self.vertices[:count]
+        stop = np.roll(self.vertices, -1, axis=0)[:count]
+        # Each piece lies in a ball around the middle of its chord.
+        middle = (start + stop) / 2
+        radius = np.hypot(*(stop - start).T) / 2
+        nearest = np.full(len(x), np.inf)
+        for first in range(0, len(x), POSITIONS_AT_ONCE):
+            part = x[first : first + POSITIONS_AT_ONCE]
             reach = np.hypot(*(part - part[0]).T).max()
-            away = np.hypot(*(middle - part[0]).T)
-            for i in np.flatnonzero(away - half - 2 * reach <= (away + half).min()):
-                off = _distance(a[i], b[i], float(self.bulges[i]), part)
-                least[first : first + TOGETHER] = np.minimum(least[first : first + TOGETHER], off)
-        return least
+            to_middle = np.hypot(*(middle - part[0]).T)
+            may_be_nearest = to_middle - radius - 2 * reach <= (to_middle + radius).min()
+            best = nearest[first : first + POSITIONS_AT_ONCE]
+            for i in np.flatnonzero(may_be_nearest):
+                distance = _distance(start[i], stop[i], float(self.bulges[i]), part)
+                np.minimum(best, distance, out=best)
+        return nearest
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothRun:
+    """A part of a curve without corners: (D, 2) places on it, and the unit tangents there."""
+
+    places: Vector
+    tangents: Vector
+
+    @classmethod
+    def through(cls, points: Vector, periodic: bool) -> SmoothRun:
+        """The run along the cubic spline through (M, 2) points."""
+        from scipy.interpolate import CubicSpline
+
+        ends = "not-a-knot"
+        if periodic and len(points) > 3:
+            ends = "periodic"
+        spline = CubicSpline(np.arange(len(points)), points, bc_type=ends)
+        t = np.linspace(0, len(points) - 1, PLACES_A_STEP * (len(points) - 1) + 1)
+        velocity = spline(t, 1)
+        return cls(spline(t), velocity / np.linalg.norm(velocity, axis=1)[:, None])
+
+    def biarc(self, first: int, last: int) -> tuple[Vector, float, float]:
+        """Joint and bulges of the two arcs from one of its places to another.
+
+        Of equal tangent lengths d: |q - d s - p - d t| = 2 d, from p with tangent t to q with
+        tangent s.
+        """
+        p, t = self.places[first], self.tangents[first]
+        q, s = self.places[last], self.tangents[last]
+        chord = q - p
+        tangents = t + s
+        a = 2 * (1 - t @ s)
+        b = chord @ tangents
+        c = chord @ chord
+        d = c / (b + np.sqrt(max(b * b + a * c, 0.0)) + 1e-300)
+        joint = (p + q + d * (t - s)) / 2
+        return joint, _bulge(t, joint - p), -_bulge(-s, joint - q)
+
+    def error(self, first: int, last: int) -> float:
+        """The largest distance of its places from the two arcs; infinite beyond a half circle."""
+        joint, bulge, next_bulge = self.biarc(first, last)
+        if max(abs(bulge), abs(next_bulge)) > 1:
+            return np.inf
+        x = self.places[first + 1 : last]
+        to_first = _distance(self.places[first], joint, bulge, x)
+        to_second = _distance(joint, self.places[last], next_bulge, x)
+        return float(np.minimum(to_first, to_second).max())
+
+    def longest_pair(self, first: int, step: int, tolerance: float) -> tuple[int, float]:
+        """The last place of the longest pair of arcs from `first` within the tolerance; its error.
+
+        `step` places are tried at the beginning, then twice as many each time, then half-way
+        between what fits and what does not.
+        """
+        end = len(self.places) - 1
+        fits = first + 1
+        fails = end + 1
+        error = 0.0
+        last = min(first + max(step, 2), end)
+        while fails - fits > 1:
+            tried = self.error(first, last)
+            if tried <= tolerance:
+                fits = last
+                error = tried
+            else:
+                fails = last
+            if fails <= end:
+                last = (fits + fails) // 2
+            else:
+                last = min(2 * fits - first, end)
+        return fits, error
+
+    def arcs(self, tolerance: float) -> tuple[Vector, Vector, float]:
+        """Vertices (K + 1, 2) and bulges (K,) along the run, and their error."""
+        vertices = [self.places[0]]
+        bulges = []
+        error = 0.0
+        first = 0
+        step = PLACES_A_STEP
+        while first < len(self.places) - 1:
+            last, pair_error = self.longest_pair(first, step, tolerance)
+            joint, bulge, next_bulge = self.biarc(first, last)
+            vertices += [joint, self.places[last]]
+            bulges += [bulge, next_bulge]
+            error = max(error, pair_error)
+            step = last - first
+            first = last
+        return np.array(vertices), np.clip(bulges, -1, 1), error
 
 
 def fit_arcs(points: Vector, closed: bool, tolerance: float) -> Arcs:
     """Lines and arcs through a measured curve.
 
-    points: (M, 2) in order, M of 2 or more; a cubic spline runs through them from corner to corner
-    closed: whether the last point joins the first
-    tolerance: how far the spline may lie from the pieces, in the unit of the points. A bend too
-        tight for it between two places looked at may lie further off.
-    Raises `CurveError` where two neighbours coincide: no direction leads from one to the other.
+    Parameters
+    ----------
+    points
+        (M, 2) in order, M of 2 or more; a cubic spline runs through them from corner to corner.
+    closed
+        Whether the last point joins the first.
+    tolerance
+        How far the spline may lie from the pieces, in the unit of the points. A bend too tight
+        for it between two places looked at may lie further away.
+
+    Raises
+    ------
+    CurveError
+        Two neighbours coincide, so that no direction leads from one to the other.
     """
-    twice = (points == np.roll(points, -1, axis=0)).all(axis=1)
-    if twice[: len(points) - (not closed)].any():
+    coincide = (points == np.roll(points, -1, axis=0)).all(axis=1)
+    if not closed:
+        coincide[-1] = False
+    if coincide.any():
+        index = int(np.argmax(coincide))
         raise CurveError(
-            f"point {int(np.argmax(twice))} of {len(points)} lies where the next one does; lines "
-            "and arcs want neighbours apart"
+            f"Point {index} of {len(points)} lies where the next one does. Leave one of them out.",
+            code="points-coincide",
+            numbers={"index": index, "points": len(points)},
         )
-    runs = [_run(*run, tolerance) for run in _smooth_runs(points, closed, tolerance)]
-    vertices = np.vstack([*(run[0][:-1] for run in runs), runs[-1][0][-1:]])
-    bulges, error = np.concatenate([run[1] for run in runs]), max(run[2] for run in runs)
+    vertices = []
+    bulges = []
+    error = 0.0
+    for run in _smooth_runs(points, closed, tolerance):
+        run_vertices, run_bulges, run_error = run.arcs(tolerance)
+        vertices.append(run_vertices[:-1])
+        bulges.append(run_bulges)
+        error = max(error, run_error)
     if closed:
-        return Arcs(vertices[:-1], bulges, True, error)
-    return Arcs(vertices, np.append(bulges, 0.0), False, error)
-
-
-def _smooth_runs(points: Vector, closed: bool, tolerance: float) -> list[tuple[Vector, Vector]]:
-    """Places and tangents from corner to corner; a closed curve begins at one, if it has any."""
-    corners = find_corners(points, closed, tolerance)
-    ring = np.vstack([points, points[:1]]) if closed else points
-    if closed and len(corners):
-        ring = np.vstack([np.roll(points, -corners[0], axis=0), points[corners[0]]])
-        corners = corners - corners[0]
-    smooth = closed and len(corners) == 0
-    cuts = np.unique([0, *corners, len(ring) - 1])
-    return [_dense(ring[first : last + 1], smooth) for first, last in pairwise(cuts)]
-
-
-def _dense(points: Vector, periodic: bool) -> tuple[Vector, Vector]:
-    """Places (D, 2) on the cubic spline through points, `DENSE` a step, and unit tangents there."""
-    from scipy.interpolate import CubicSpline
-
-    kind = "periodic" if periodic and len(points) > 3 else "not-a-knot"
-    spline = CubicSpline(np.arange(len(points)), points, bc_type=kind)
-    t = np.linspace(0, len(points) - 1, DENSE * (len(points) - 1) + 1)
-    way = spline(t, 1)
-    return spline(t), way / np.linalg.norm(way, axis=1)[:, None]
+        return Arcs(np.vstack(vertices), np.concatenate(bulges), True, error)
+    vertices.append(run_vertices[-1:])
+    return Arcs(np.vstack(vertices), np.append(np.concatenate(bulges), 0.0), False, error)
 
 
 def find_corners(points: Vector, closed: bool, tolerance: float) -> NDArray[np.intp]:
     """Indices of points that no smooth curve within the tolerance turns at.
 
     An arc that rounds off a point's turn θ half-way to its neighbours, h away, leaves it by
-    h/2 tan(θ/4). Where that is more than the tolerance, and the turn neither shared with the points
-    beside it as in a bend nor of the size of the others' noise, it is a corner.
+    h/2 tan(θ/4). Where that is more than the tolerance, and the turn is neither shared with the
+    neighbours as in a bend nor of the size of the others' noise, it is a corner.
     """
     if len(points) < 3:
         return np.zeros(0, np.intp)
-    steps = np.diff(np.vstack([points[-1:], points, points[:1]]) if closed else points, axis=0)
+    ring = points
+    padding = "constant"
+    if closed:
+        ring = np.vstack([points[-1:], points, points[:1]])
+        padding = "wrap"
+    steps = np.diff(ring, axis=0)
     length = np.linalg.norm(steps, axis=1)
     cross = steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0]
     turn = np.abs(np.arctan2(cross, (steps[:-1] * steps[1:]).sum(axis=1)))
-    off = np.minimum(length[:-1], length[1:]) / 2 * np.tan(turn / 4)
-    beside = np.pad(turn, 1, mode="wrap" if closed else "constant")
-    alone = turn > ISOLATED * np.maximum(beside[:-2], beside[2:])
-    alone &= turn > OUTSTANDING * np.median(turn)
-    return np.flatnonzero((off > tolerance) & alone) + (not closed)
+    error = np.minimum(length[:-1], length[1:]) / 2 * np.tan(turn / 4)
+    neighbours = np.pad(turn, 1, mode=padding)
+    isolated = turn > ISOLATED * np.maximum(neighbours[:-2], neighbours[2:])
+    isolated &= turn > OUTSTANDING * np.median(turn)
+    corners = np.flatnonzero((error > tolerance) & isolated)
+    if not closed:
+        corners += 1  # The first point of an open curve has no turn.
+    return corners
 
 
 def plane(axis: Vector) -> Vector:
-    """(2, 3) two unit vectors, so that the second is left of the first seen against the axis."""
+    """(2, 3) two unit vectors across an axis; seen against it, the second points to the left."""
     first = np.eye(3)[np.argmin(np.abs(axis))]
     first = first - axis * (first @ axis)
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)])
 
 
-def _run(places: Vector, tangents: Vector, tolerance: float) -> tuple[Vector, Vector, float]:
-    """Vertices (K + 1, 2) and bulges (K,) along the places of one smooth run, and their error."""
-    vertices, bulges, error = [places[0]], [], 0.0
-    first, last, step = 0, len(places) - 1, DENSE
-
-    def pair(end: int) -> tuple[Vector, float, float]:
-        return _biarc(places[first], tangents[first], places[end], tangents[end])
-
-    def off(end: int) -> float:
-        joint, one, two = pair(end)
-        if max(abs(one), abs(two)) > 1:
-            return np.inf
-        x = places[first + 1 : end]
-        near = _distance(places[first], joint, one, x), _distance(joint, places[end], two, x)
-        return float(np.minimum(*near).max())
-
-    while first < last:
-        low, high, least = first + 1, last + 1, 0.0  # holds, does not; how far off the first is
-        end = min(first + max(step, 2), last)  # twice as far each time, then halved
-        while high - low > 1:
-            away = off(end)
-            low, high, least = (end, high, away) if away <= tolerance else (low, end, least)
-            end = (low + high) // 2 if high <= last else min(2 * low - first, last)
-        joint, one, two = pair(low)
-        vertices += [joint, places[low]]
-        bulges += [one, two]
-        first, step, error = low, low - first, max(error, least)
-    return np.array(vertices), np.clip(bulges, -1, 1), error
-
-
-def _biarc(p: Vector, t: Vector, q: Vector, s: Vector) -> tuple[Vector, float, float]:
-    """Joint and bulges of two arcs from p with tangent t to q with tangent s.
-
-    Of equal tangent lengths d: |q - d s - p - d t| = 2 d.
-    """
-    chord, sum_ = q - p, t + s
-    a, b, c = 2 * (1 - t @ s), chord @ sum_, chord @ chord
-    d = c / (b + np.sqrt(max(b * b + a * c, 0.0)) + 1e-300)
-    joint = (p + q + d * (t - s)) / 2
-    return joint, _bulge(t, joint - p), -_bulge(-s, joint - q)
+def _smooth_runs(points: Vector, closed: bool, tolerance: float) -> list[SmoothRun]:
+    """The runs from corner to corner; a closed curve begins at one, if it has any."""
+    corners = find_corners(points, closed, tolerance)
+    periodic = closed and len(corners) == 0
+    if closed:
+        first = 0
+        if len(corners):
+            first = corners[0]
+        points = np.roll(points, -first, axis=0)
+        points = np.vstack([points, points[:1]])
+        corners = corners - first
+    cuts = np.unique([0, *corners, len(points) - 1])
+    return [SmoothRun.through(points[i : j + 1], periodic) for i, j in pairwise(cuts)]
 
 
 def _bulge(tangent: Vector, chord: Vector) -> float:
-    """Of the arc that leaves along the tangent and ends at the chord's."""
+    """Of the arc that leaves along the tangent and ends at the chord's end."""
     half = np.arctan2(tangent[0] * chord[1] - tangent[1] * chord[0], tangent @ chord)
     bulge = float(np.tan(np.clip(half, -3.1, 3.1) / 2))
-    return bulge if abs(bulge) > STRAIGHT else 0.0
+    if abs(bulge) <= STRAIGHT:
+        return 0.0
+    return bulge
 
 
 def _distance(a: Vector, b: Vector, bulge: float, x: Vector) -> Vector:
@@ -180,15 +273,15 @@ def _distance(a: Vector, b: Vector, bulge: float, x: Vector) -> Vector:
     """
     chord, w = b - a, x - a
     length = float(np.hypot(*chord))
-    ends = np.minimum(np.hypot(*w.T), np.hypot(*(x - b).T))
+    to_ends = np.minimum(np.hypot(*w.T), np.hypot(*(x - b).T))
     if length == 0:
-        return ends
+        return to_ends
     along = chord / length
     across = np.array([-along[1], along[0]])
     cos, sin = (1 - bulge**2) / (1 + bulge**2), 2 * bulge / (1 + bulge**2)
     kappa, normal = 2 * sin / length, cos * across + sin * along
-    begins, arrives = cos * along - sin * across, cos * along + sin * across
+    first_tangent, last_tangent = cos * along - sin * across, cos * along + sin * across
     level = kappa * (w * w).sum(axis=1) / 2 - w @ normal
-    off = 2 * np.abs(level) / (1 + np.hypot(*(kappa * w - normal).T))
-    beside = (w @ begins >= 0) & ((x - b) @ arrives <= 0)
-    return np.where(beside, off, ends)
+    to_circle = 2 * np.abs(level) / (1 + np.hypot(*(kappa * w - normal).T))
+    between = (w @ first_tangent >= 0) & ((x - b) @ last_tangent <= 0)
+    return np.where(between, to_circle, to_ends)

@@ -8,7 +8,7 @@ Here a whole number is a pixel's centre.
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +16,21 @@ from numpy.typing import NDArray
 from vfplan.errors import CurveError, MissingExtra, SettingError
 from vfplan.io.files import parse_decimal
 
-if TYPE_CHECKING:
-    from roifile import ImagejRoi
-
 PixelOrigin = Literal["centre", "corner"]
-ORIGINS: dict[str, float] = {"centre": 0.0, "corner": 0.5}  # of ImageJ's zero: u = x - this
+ORIGINS = ("centre", "corner")
+"""Where ImageJ's zero may lie on the first pixel."""
+CORNER_PX = 0.5
+"""Pixels from a pixel's corner to its centre."""
 AREAS = ("POLYGON", "FREEHAND", "TRACED")
 LINES = ("POLYLINE", "FREELINE")
-# The file tells its format, not its program: 228 is 1.52i to 1.54, and so both ways of counting.
-FIRST_OF_CENTRES, LAST_OF_CORNERS = 229, 227
-SPLINE_FIT = 1  # of the options
-SAY = "say where it counts a pixel from: --curve-origin centre or corner"
+CENTRE_FORMAT = 229
+"""The first format of a `.roi` whose lines count from centres. Format 228 is that of ImageJ 1.52i
+to 1.54, so it was written in both ways of counting."""
+CORNER_FORMAT = 227
+"""The last format of a `.roi` whose lines count from corners."""
+SPLINE_FIT = 1
+"""The bit of the options of a `.roi` that asks for a fitted spline."""
+NAME_ORIGIN = "say where it counts a pixel from: --curve-origin centre or corner"
 
 
 def is_roi(data: bytes) -> bool:
@@ -39,50 +43,16 @@ def read_roi(
 ) -> tuple[NDArray[np.float64], bool, tuple[str, ...]]:
     """The (M, 2) vertices (u, v) [px] of a `.roi`, whether it is closed, and warnings.
 
-    Raises `CurveError` where the file is damaged or no polygon and no polyline, or where it does
-    not tell how it counts and `origin` is `None`; `SettingError` where it tells and `origin` is
-    given; `MissingExtra` without the package roifile.
+    Raises
+    ------
+    CurveError
+        The file is damaged or no polygon and no polyline, or it does not tell how it counts and
+        `origin` is `None`.
+    SettingError
+        The file tells how it counts, and `origin` is given.
+    MissingExtra
+        The package roifile is not installed.
     """
-    roi = _decoded(data, where)
-    kind = roi.roitype.name
-    if roi.composite or roi.subtype != 0 or kind not in (*AREAS, *LINES):
-        shown = "a composite" if roi.composite else f"of type {kind}, subtype {roi.subtype.name}"
-        wanted = ", ".join((*AREAS, *LINES)).lower()
-        raise CurveError(f"is {shown}; one of {wanted} is wanted", where=where)
-    if roi.options & SPLINE_FIT:
-        raise CurveError(
-            "is fitted with a spline that the file does not hold; Edit > Selection > Interpolate "
-            "makes its points part of it",
-            where=where,
-        )
-    closed = kind in AREAS
-    if closed and origin is not None:
-        raise SettingError(f"curve_origin {origin!r} has no effect on ImageJ's {kind.lower()}")
-    counted, warnings = ("corner", ()) if closed else _of_a_line(roi.version, origin, where)
-    with np.errstate(invalid="ignore"):  # what is not finite is refused with the other points
-        points = np.asarray(roi.coordinates(), np.float64).reshape(-1, 2)
-    return points - ORIGINS[counted], closed, warnings
-
-
-def _of_a_line(
-    version: int, origin: PixelOrigin | None, where: str
-) -> tuple[PixelOrigin, tuple[str, ...]]:
-    if version >= FIRST_OF_CENTRES and origin is not None:
-        raise SettingError(f"curve_origin {origin!r} has no effect on a selection of this format")
-    if origin is not None:
-        return origin, ()
-    if version <= LAST_OF_CORNERS:
-        raise CurveError(f"is of an ImageJ before 1.52i (format {version}); {SAY}", where=where)
-    if version >= FIRST_OF_CENTRES:
-        return "centre", ()
-    told = (
-        "is taken to count from pixels' centres; had an ImageJ before 1.52u (March 2020) "
-        f"written it, it would lie half a pixel off: {SAY}"
-    )
-    return "centre", (f"{where}: {told}",)
-
-
-def _decoded(data: bytes, where: str) -> ImagejRoi:
     try:
         import roifile
     except ModuleNotFoundError:
@@ -93,11 +63,38 @@ def _decoded(data: bytes, where: str) -> ImagejRoi:
     logging.getLogger("roifile").addHandler(logging.NullHandler())
     try:
         roi = roifile.ImagejRoi.frombytes(data)
-        roi.coordinates()
-    except Exception as error:  # a file from outside: numpy, struct and codecs raise all kinds
+        coordinates = roi.coordinates()
+    except Exception as error:  # The file is foreign: numpy, struct and codecs raise all sorts.
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise CurveError(f"the ImageJ selection cannot be read: {reason}", where=where) from None
-    return roi
+        raise CurveError(
+            f"the ImageJ selection cannot be read: {reason}", where=where, code="roi-damaged"
+        ) from None
+
+    # What it is.
+    selection = roi.roitype.name
+    if roi.composite:
+        raise _wrong_selection("a composite", where)
+    if roi.subtype != 0 or selection not in (*AREAS, *LINES):
+        raise _wrong_selection(f"of type {selection}, subtype {roi.subtype.name}", where)
+    if roi.options & SPLINE_FIT:
+        raise CurveError(
+            "is fitted with a spline that the file does not hold; Edit > Selection > Interpolate "
+            "makes its points part of it",
+            where=where,
+            code="roi-spline",
+        )
+
+    # How it counts.
+    closed = selection in AREAS
+    warnings: tuple[str, ...] = ()
+    if closed:
+        refuse_origin(origin, f"ImageJ's {selection.lower()}")
+        counted_from = "corner"
+    else:
+        counted_from, warnings = _origin_of_line(roi.version, origin, where)
+    with np.errstate(invalid="ignore"):  # What is not finite is refused with the other points.
+        points = np.asarray(coordinates, np.float64).reshape(-1, 2)
+    return _from_centres(points, counted_from), closed, warnings
 
 
 def is_xy_table(header: list[str]) -> bool:
@@ -111,7 +108,7 @@ def read_xy_table(
     """The (M, 2) points (u, v) [px] of ImageJ's X,Y coordinates, whose header is `rows[0]`.
 
     Raises `CurveError` where it is a table of every pixel, or where `origin` is `None`: the table
-    does not tell lines from areas; or as `pixels_of`.
+    does not tell lines from areas; or as `parse_pixels`.
     """
     header = [name.strip() for name in rows[0]]
     if header not in (["X", "Y"], ["", "X", "Y"]):
@@ -119,21 +116,74 @@ def read_xy_table(
             f"its columns are {','.join(header)[:60]!r}, as of every pixel of an area; "
             "a curve's are X,Y",
             where=where,
+            code="table-of-an-area",
         )
     if origin is None:
         raise CurveError(
-            f"holds X,Y [px] of a line or of an area, which ImageJ counts differently; {SAY} "
-            "(a line's and an area's)",
+            f"holds X,Y [px] of a line or of an area, which ImageJ counts differently; "
+            f"{NAME_ORIGIN} (a line's and an area's)",
             where=where,
+            code="origin-unknown",
         )
-    return pixels_of([row[len(header) - 2 :] for row in rows[1:]], where) - ORIGINS[origin]
+    first = len(header) - 2
+    points = parse_pixels([row[first:] for row in rows[1:]], where)
+    return _from_centres(points, origin)
 
 
-def pixels_of(rows: list[list[str]], where: str) -> NDArray[np.float64]:
+def refuse_origin(origin: PixelOrigin | None, what: str) -> None:
+    """Raise `SettingError` where an origin is given for a file that leaves none open."""
+    if origin is not None:
+        raise SettingError(
+            f"curve_origin {origin!r} has no effect on {what}", code="origin-without-effect"
+        )
+
+
+def parse_pixels(rows: list[list[str]], where: str) -> NDArray[np.float64]:
     """The (M, 2) numbers of a table's rows; raises `CurveError` where one has other than two."""
+    points = []
     try:
-        return np.array(
-            [[parse_decimal(x), parse_decimal(y)] for x, y in rows], np.float64
-        ).reshape(-1, 2)
+        for x, y in rows:
+            points.append((parse_decimal(x), parse_decimal(y)))
     except ValueError as error:
-        raise CurveError(f"holds a row without two numbers: {error}", where=where) from None
+        raise CurveError(
+            f"holds a row without two numbers: {error}", where=where, code="row-not-two-numbers"
+        ) from None
+    return np.array(points, np.float64).reshape(-1, 2)
+
+
+def _from_centres(points: NDArray, origin: str) -> NDArray[np.float64]:
+    """Points that are counted from a pixel's centre or corner, counted from centres."""
+    if origin == "corner":
+        return points - CORNER_PX
+    return points
+
+
+def _wrong_selection(description: str, where: str) -> CurveError:
+    wanted = ", ".join((*AREAS, *LINES)).lower()
+    return CurveError(
+        f"is {description}; one of {wanted} is wanted", where=where, code="roi-selection"
+    )
+
+
+def _origin_of_line(
+    version: int, origin: PixelOrigin | None, where: str
+) -> tuple[PixelOrigin, tuple[str, ...]]:
+    """From where on a pixel a line of a format counts, with a warning where that is not sure."""
+    if version >= CENTRE_FORMAT:
+        refuse_origin(origin, "a selection of this format")
+    if origin is not None:
+        return origin, ()
+    if version <= CORNER_FORMAT:
+        raise CurveError(
+            f"is of an ImageJ before 1.52i (format {version}); {NAME_ORIGIN}",
+            where=where,
+            code="origin-unknown",
+            numbers={"format": version},
+        )
+    if version >= CENTRE_FORMAT:
+        return "centre", ()
+    warning = (
+        f"{where}: is taken to count from pixels' centres; had an ImageJ before 1.52u (March 2020) "
+        f"written it, it would lie half a pixel off: {NAME_ORIGIN}"
+    )
+    return "centre", (warning,)

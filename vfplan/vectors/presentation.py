@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from vfplan.errors import CurveError
 from vfplan.images.annotations import Annotation, read_annotations
 from vfplan.images.read import PlannedImage
+from vfplan.vectors.curve import VectorCurve, distinct_points, without_repeated_end
 
 
 def read_presentation(
@@ -15,9 +18,15 @@ def read_presentation(
     Raises `CurveError` where there is no such line, or several and none was chosen.
     """
     annotations = read_annotations(data, where)
-    lines = [each for each in annotations if each.points is not None]
-    names = [f"{k}: {line.name}" for k, line in enumerate(lines, 1)]
-    not_read = "".join(f"; not read: {each.name}" for each in annotations[len(lines) :][:8])
+    lines = []
+    names = []
+    not_read = ""
+    for annotation in annotations:
+        if annotation.points is not None:
+            lines.append(annotation)
+            names.append(f"{len(lines)}: {annotation.name}")
+    for annotation in annotations[len(lines) :][:8]:
+        not_read += f"; not read: {annotation.name}"
     listed = "; ".join(names[:8]) + not_read
     numbers = {"curves": len(lines), "number": number}
     if len(lines) == 1:
@@ -44,6 +53,21 @@ def read_presentation(
     return lines[chosen], (f"{where}: of {count} {names[chosen]} is taken{not_read}",)
 
 
+def read_presentation_curve(data: bytes, number: int | None, where: str) -> VectorCurve:
+    """A line of a DICOM presentation state."""
+    drawn, warnings = read_presentation(data, number, where)
+    points, closed = without_repeated_end(drawn.points)
+    points = distinct_points(points, closed, where)
+    curve = VectorCurve(points, closed, drawn.smooth, "", warnings, drawn.drawn_on)
+    if not curve.smooth:
+        return curve
+    warning = (
+        f"{where}: a spline is laid through its points, up to "
+        f"{curve.distance_from_straight():.2g} px from straight lines; DICOM leaves its form open"
+    )
+    return replace(curve, warnings=(*warnings, warning))
+
+
 def check_drawn_on(
     drawn_on: dict[str, list[int]], image: PlannedImage, frame: int | None, where: str
 ) -> tuple[str, ...]:
@@ -60,8 +84,15 @@ def check_drawn_on(
             f"is drawn on {len(drawn_on)} other image(s), the first {next(iter(drawn_on))[:64]}; "
             f"this one is {image.instance[:64]}",
             where=where,
+            code="drawn-on-another-image",
+            numbers={"images": len(drawn_on)},
         )
     frames = drawn_on[image.instance]
     if frames and (frame or 1) not in frames:
-        raise CurveError(f"is drawn on frame {frames[0]}, not {frame or 1}", where=where)
+        raise CurveError(
+            f"is drawn on frame {frames[0]}, not {frame or 1}",
+            where=where,
+            code="drawn-on-another-frame",
+            numbers={"frame": frame or 1, "drawn_on_frame": frames[0]},
+        )
     return ()

@@ -1,0 +1,196 @@
+"""A curve of straight lines or a spline, as a drawing program left it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfplan.engine.parameters import MOST_POINTS as MAX_POINTS
+from vfplan.errors import CurveError
+
+FINE_M = 2.5e-4
+"""Metres between the points of a curve in the patient."""
+MAX_COORDINATE = 1e9
+"""Pixels or metres: nothing real lies farther out, and squares of more overflow in the end."""
+SAME_POINT = 1e-12
+"""Of a curve's length: points no farther apart are one."""
+MEETING_STEPS = 0.75
+"""Steps between two points of a curve that meet. Of two runs that cross, some are 0.71 apart."""
+NEIGHBOUR_STEPS = 4
+"""Steps along the curve within which two points are neighbours and do not meet."""
+POINTS_AT_ONCE = 2**16
+"""Points that are looked up together."""
+
+
+@dataclass(frozen=True, eq=False)
+class VectorCurve:
+    """A curve as a drawing program left it.
+
+    Parameters
+    ----------
+    points
+        (M, 2) control points or vertices (u, v) [px], or (M, 3) in the patient's LPS frame [m].
+    closed
+        Whether the last point joins the first.
+    smooth
+        Whether a cubic spline runs through the points (Slicer), or straight lines (CSV, ImageJ).
+    sha256
+        Of the file's bytes, lower-case hex.
+    warnings
+        What the file leaves open, and how it was taken.
+    drawn_on
+        The DICOM images that it says it was drawn on, each with its frames; none where it does
+        not say.
+    """
+
+    points: NDArray[np.float64]
+    closed: bool
+    smooth: bool
+    sha256: str
+    warnings: tuple[str, ...] = ()
+    drawn_on: dict[str, list[int]] = field(default_factory=dict)
+
+    @property
+    def ring(self) -> NDArray[np.float64]:
+        """The points, with the first one again at the end of a closed curve."""
+        if self.closed:
+            return np.vstack([self.points, self.points[:1]])
+        return self.points
+
+    def fine(self, step: float) -> NDArray[np.float64]:
+        """(K, 2|3) points along the curve, `step` apart in arc length, ends included.
+
+        Raises `CurveError` where these are more than a bundle holds.
+        """
+        chords = chord_lengths(self.ring)
+        steps = chords[-1] / step
+        if not steps < MAX_POINTS:
+            raise CurveError(
+                f"is a curve of {steps:.3g} points; at most {MAX_POINTS} fit into a bundle",
+                code="vector-too-long",
+                numbers={"points": float(steps), "points_max": MAX_POINTS},
+            )
+        at = np.linspace(0, chords[-1], max(64, 8 * round(steps)) + 1)
+        line = self.at(at)
+        arc = chord_lengths(line)
+        even = np.linspace(0, arc[-1], max(3, round(arc[-1] / step)) + 1)
+        line = _interpolate(even, arc, line)
+        if self.closed:
+            return line[:-1]
+        return line
+
+    def distance_from_straight(self) -> float:
+        """The largest distance of the spline from straight lines between its points; their unit."""
+        chords = chord_lengths(self.ring)
+        quarters = np.arange(1, 4)[:, None] / 4
+        at = (chords[:-1] + quarters * np.diff(chords)).ravel()
+        straight = _interpolate(at, chords, self.ring)
+        return float(np.linalg.norm(self.at(at) - straight, axis=1).max())
+
+    def at(self, chords: NDArray) -> NDArray[np.float64]:
+        """(K, 2|3) points at lengths along the chords between the curve's points."""
+        ring = self.ring
+        knots = chord_lengths(ring)
+        if not self.smooth or len(ring) < 3:
+            return _interpolate(chords, knots, ring)
+        from scipy.interpolate import CubicSpline
+
+        ends = "natural"
+        if self.closed:
+            ends = "periodic"
+        return CubicSpline(knots, ring, bc_type=ends)(chords)
+
+
+def without_repeated_end(points: NDArray) -> tuple[NDArray, bool]:
+    """The points without the last where it repeats the first, and whether it does."""
+    if len(points) > 3 and np.array_equal(points[0], points[-1]):
+        return points[:-1], True
+    return points, False
+
+
+def distinct_points(points: NDArray, closed: bool, where: str) -> NDArray:
+    """The points without repetitions; raises `CurveError` where too few or none real are left."""
+    if not np.isfinite(points).all():
+        raise CurveError("holds a point that is not finite", where=where, code="point-not-finite")
+    largest = float(np.abs(points).max(initial=0.0))
+    if largest > MAX_COORDINATE:
+        raise CurveError(
+            f"holds a coordinate of {largest:g}; at most {MAX_COORDINATE:g} is allowed",
+            where=where,
+            code="coordinate-too-large",
+            numbers={"coordinate": largest, "coordinate_max": MAX_COORDINATE},
+        )
+    if len(points):
+        chords = chord_lengths(points)
+        same = SAME_POINT * chords[-1]
+        points = points[np.r_[True, np.diff(chords) > same]]
+        if closed and np.linalg.norm(points[-1] - points[0]) <= same:
+            points = points[:-1]
+    wanted = 2
+    if closed:
+        wanted = 3
+    if len(points) < wanted:
+        raise CurveError(
+            f"holds {len(points)} different points; {wanted} are wanted",
+            where=where,
+            code="too-few-points",
+            numbers={"points": len(points), "points_min": wanted},
+        )
+    return points
+
+
+def meeting_warnings(curve: VectorCurve, where: str) -> list[str]:
+    """A warning where a curve crosses, touches or doubles itself."""
+    if curve.points.shape[1] == 2:
+        unit = "px"
+        step = 1.0
+        scale = 1.0
+    else:
+        unit = "mm"
+        step = FINE_M
+        scale = 1e3
+    if not chord_lengths(curve.ring)[-1] / step < MAX_POINTS:
+        return []  # The curve is refused where it is sampled.
+    places = curve.fine(step)
+    meets = find_meetings(places, curve.closed, step)
+    if not meets.any():
+        return []
+    first = ", ".join(f"{x:.1f}" for x in scale * places[np.argmax(meets)])
+    length = f"{scale * step * meets.sum():.3g} {unit}"
+    return [
+        f"{where}: crosses, touches or doubles itself first at ({first}) {unit}, over {length} "
+        "in all"
+    ]
+
+
+def find_meetings(points: NDArray, closed: bool, step: float) -> NDArray[np.bool_]:
+    """(M,) which points of a curve in even steps lie where it crosses, touches or doubles itself.
+
+    Of two straight runs that cross, some points lie no farther apart than 0.71 steps.
+    """
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(points)
+    count = len(points)
+    meets = np.zeros(count, bool)
+    neighbours = 2 * NEIGHBOUR_STEPS + 2
+    for part in np.array_split(np.arange(count), count // POINTS_AT_ONCE + 1):
+        distance, other = tree.query(
+            points[part], neighbours, distance_upper_bound=MEETING_STEPS * step
+        )
+        along = np.abs(other - part[:, None])
+        if closed:
+            along = np.minimum(along, count - along)
+        meets[part] = (np.isfinite(distance) & (along > NEIGHBOUR_STEPS)).any(1)
+    return meets
+
+
+def chord_lengths(points: NDArray) -> NDArray[np.float64]:
+    """(M,) lengths along the straight lines between points, from the first one on."""
+    return np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+
+
+def _interpolate(at: NDArray, knots: NDArray, points: NDArray) -> NDArray[np.float64]:
+    return np.column_stack([np.interp(at, knots, column) for column in points.T])
