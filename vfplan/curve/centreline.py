@@ -109,7 +109,10 @@ def measure(ink: Ink, line: Line) -> CentreLine:
         else:
             inner = np.flatnonzero(whole)
             path = smooth[inner[0] : inner[-1] + 1]
-    noise = float(np.sqrt(np.mean(residual**2)))
+    # Neighbouring residuals hang together, so that smoothing averages fewer of them.
+    noise = tuned.CORRELATED * float(np.sqrt(np.mean(residual**2)))
+    if noisy:
+        noise = tuned.CORRELATED_NOISY * float(np.sqrt(np.mean(residual**2)))
     return _centre_line(ink, line, spline, profiles, smooth, valid, whole, ends, noise, smooth_px)
 
 
@@ -341,7 +344,7 @@ def _deviation(
 ) -> NDArray[np.float64]:
     """(P,) standard deviation across the line at places `at` of the spline [px]."""
     # The equivalent kernel of a smoothing spline averages 2 sqrt(2) times its scale in points.
-    averaged = noise * tuned.CORRELATED / np.sqrt(2 * np.sqrt(2) * smooth_px)
+    averaged = noise / np.sqrt(2 * np.sqrt(2) * smooth_px)
     sigma = np.full(len(at), np.hypot(averaged, tuned.GRID_PX))
     if not closed:
         inward = np.minimum(at - at[0], at[-1] - at)

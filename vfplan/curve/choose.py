@@ -26,11 +26,11 @@ def choose_lines(
 ) -> list[Line]:
     """The lines that are meant; raises `CurveError` where that is left open.
 
-    Candidates are the longest line and those that are at least half as long. A frame along the
-    picture's border is none. A number counts the candidates first, then all other lines.
+    Candidates are the longest line and those that are at least half as long. A frame around
+    the picture or a part of it is none. A number counts the candidates first, then all other lines.
     """
-    frames = [line for line in lines if is_frame(line, ink.size)]
-    others = [line for line in lines if not is_frame(line, ink.size)]
+    frames = [line for line in lines if is_frame(line)]
+    others = [line for line in lines if not is_frame(line)]
     candidates = [line for line in others if line.length >= tuned.RIVAL_SHARE * others[0].length]
     numbered = others + frames
     if isinstance(choice, int):
@@ -44,26 +44,21 @@ def choose_lines(
     if not candidates:
         raise _no_line_error(frames, ink, pen, region)
     if choice == "all":
-        return [line for line in others if line.length >= tuned.ALL_SHARE * others[0].length]
+        return candidates
     if choice is None and len(candidates) > 1:
         raise _several_error(candidates)
     return candidates[:1]
 
 
-def is_frame(line: Line, size: NDArray) -> bool:
+def is_frame(line: Line) -> bool:
     """Whether a line is a frame: no hand's curve, but a box around a picture or a part of it.
 
-    It is one if it runs along the picture's border and spans the picture both ways, or if it is a
-    closed rectangle whose sides lie along rows and columns.
+    It is one if it runs along the sides of the upright rectangle around it, all the way round.
     """
     low, high = line.path.min(0), line.path.max(0)
-    spans = (high - low >= tuned.FRAME_SHARE * size).all()
-    to_border = np.minimum(line.path, size - 1 - line.path).min(1)
-    along_border = to_border <= tuned.FRAME_MARGIN * size.min()
-    if spans and along_border.mean() >= tuned.FRAME_SHARE:
-        return True
     to_side = np.minimum(line.path - low, high - line.path).min(1)
-    return line.closed and bool((to_side <= tuned.FLANK_PX).mean() >= tuned.FRAME_SHARE)
+    on_side = (to_side <= tuned.FLANK_PX).mean() >= tuned.FRAME_SHARE
+    return on_side and len(line.path) >= tuned.FRAME_SHARE * 2 * (high - low).sum()
 
 
 def refuse_junctions(line: Line) -> None:
@@ -133,7 +128,7 @@ def _no_line_error(frames: list[Line], ink: Ink, pen: Pen, region: Region) -> Cu
         )
     if frames:
         error = CurveError(
-            f"The only line in {pen.name} runs along the picture's border, as a frame does. Take "
+            f"The only line in {pen.name} is a frame around the picture or a part of it. Take "
             "it all the same with --stroke 1.",
             code="only-a-frame",
         )

@@ -134,7 +134,7 @@ def _coloured_windows(rgb: NDArray) -> Iterator[Window]:
     import cv2
 
     height, width = rgb.shape[:2]
-    least = tuned.GREY_LEVELS / _scale(rgb)
+    least = tuned.CHROMA_FLOOR / _scale(rgb)
     for top in range(0, height, STRIP_ROWS):
         bottom = min(top + STRIP_ROWS, height)
         rows = slice(max(top - HALO_PX, 0), min(bottom + HALO_PX, height))

@@ -42,12 +42,12 @@ class Pen:
         rgb = parse_colour(colour)
         chroma = rgb - rgb.mean()
         strength = float(np.linalg.norm(chroma))
-        if strength < tuned.MIN_PEN_CHROMA:
+        if strength < tuned.CHROMA_FLOOR:
             raise SettingError(
                 f"The colour {colour!r} is grey, so it cannot be told from the slice. Its chroma "
-                f"is {strength:.0f} of 255; at least {tuned.MIN_PEN_CHROMA:.0f} is wanted.",
+                f"is {strength:.0f} of 255; at least {tuned.CHROMA_FLOOR:.0f} is wanted.",
                 code="colour-grey",
-                numbers={"chroma": strength, "chroma_min": tuned.MIN_PEN_CHROMA},
+                numbers={"chroma": strength, "chroma_min": tuned.CHROMA_FLOOR},
             )
         along = chroma / strength
         return cls(along, np.cross(np.ones(3), along) / np.sqrt(3.0), colour)

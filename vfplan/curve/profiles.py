@@ -174,7 +174,7 @@ def add_brightness(
     rough = np.sqrt((line[:, flank] ** 2).mean(1)) + 1.0  # Grey levels are whole numbers.
     depth = line[:, ~flank].mean(1)
     clear = profiles.valid & ~profiles.hidden & profiles.own.all(1) & (np.abs(depth) > rough)
-    if clear.sum() < tuned.MIN_CLEAR_PROFILES:
+    if clear.sum() < tuned.MIN_PROFILES:
         return offset
     depth = np.where(clear, depth, 1.0)
     weight = np.where(clear, depth / rough**2, 0.0)

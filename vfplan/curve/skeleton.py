@@ -47,8 +47,7 @@ class Piece:
     @property
     def is_part(self) -> bool:
         """Whether it may be a part of a line: no dot and no panel."""
-        aspect = self.length / self.width
-        return self.width <= tuned.MAX_WIDTH_PX and aspect >= tuned.MIN_PART_ASPECT
+        return self.length >= tuned.MIN_ASPECT / 2 * self.width
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +169,7 @@ def find_pieces(ink: Ink, groups: list[NDArray[np.int64]]) -> list[Piece]:
     """Every piece of ink that may be a line or a part of one, the longest first."""
     pieces = []
     for group in groups:
-        if np.ptp(group, axis=0).max() + 1 >= tuned.MIN_LINE_PX:
+        if np.ptp(group, axis=0).max() > tuned.SPECK_PX:
             piece = _piece(group, ink)
             if piece is not None:
                 pieces.append(piece)

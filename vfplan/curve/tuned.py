@@ -11,17 +11,11 @@ HUE_GATE_DEG = 22.0
 CHROMA_FLOOR = 18.0
 """Grey levels (0 to 255) of chroma below which nothing is ink. The noise of JPEG reaches 12."""
 
-MIN_PEN_CHROMA = 30.0
-"""Grey levels of chroma that a named colour needs, so that it can be told from a grey slice."""
-
 OTHER_CHROMA = 40.0
 """Grey levels of chroma at which a pixel of another hue is another pen, and no fringe of JPEG."""
 
 OTHER_REACH_PX = 2.5
 """Pixels (sigma) around another pen over which its hue is known. A block of JPEG is 2 wide."""
-
-GREY_LEVELS = 6.0
-"""Grey levels between the channels of a pixel from which it has a colour and is looked at."""
 
 MASK_BLUR_PX = 0.8
 """Pixels (sigma) by which the mask is smoothed, so that the noise of scans does not fray it."""
@@ -37,29 +31,14 @@ MAX_PIECES = 3000
 
 # Lines and candidates.
 
-MIN_LINE_PX = 6
-"""Pixels: a piece of ink whose box is smaller is no line and no part of one."""
-
 MIN_ASPECT = 4.0
-"""Length over width of a line. A dot or a panel has less."""
-
-MIN_PART_ASPECT = 2.0
-"""Length over width of a piece that may be a part of a line between two lifts of a broad pen."""
-
-MAX_WIDTH_PX = 30.0
-"""Pixels: no pen is wider, a filled region is."""
+"""Length over width of a line; a part of one has half of it. A dot or a panel has less."""
 
 RIVAL_SHARE = 0.5
 """Of the longest line's length: a line this long is a second candidate."""
 
-ALL_SHARE = 0.25
-"""Of the longest line's length: what `--stroke all` takes. Shorter lines are annotations."""
-
-FRAME_MARGIN = 0.05
-"""Of the picture's shorter side: a frame lies this close to the picture's border."""
-
 FRAME_SHARE = 0.9
-"""Of a frame's length that lies so close, and of the picture's sides that it spans."""
+"""Of a line that lies on the sides of the rectangle around it, and of those sides: a frame."""
 
 TANGENT_PX = 14
 """Pixels of line from which an end's direction is taken. A skeleton's is then good to 5 degrees."""
@@ -93,9 +72,6 @@ RISE = 0.2
 MIN_PROFILES = 8
 """Profiles in which a line must show, so that it can be measured at all."""
 
-MIN_CLEAR_PROFILES = 30
-"""Profiles in which the line must stand out in brightness, so that its noise can be judged."""
-
 SMOOTH_PX = 2.0
 """Pixels: length of the smoothing spline. Hands bend over 10 px and more; corners are kept."""
 
@@ -123,8 +99,11 @@ NOISY = 0.004
 GRID_PX = 0.02
 """Pixels that the pixel grid adds to the error, which no residual shows."""
 
-CORRELATED = 2.5
+CORRELATED = 1.3
 """Factor on the noise: residuals of a line hang together, so that smoothing averages fewer."""
+
+CORRELATED_NOISY = 2.7
+"""The same where colour is noisy. The noise of JPEG hangs together over blocks of 8 px."""
 
 END_FACTOR = 4.0
 """Times by which an open end is less sure, as the line is held from one side only."""
