@@ -275,11 +275,13 @@ def _is_expected(curve: CentreLine) -> NDArray[np.bool_]:
     profiles = curve.profiles
     expected = ~curve.whole | profiles.hidden | ~profiles.own[:, profiles.core].all(1)
     at = np.arange(len(expected))
-    straight = _turn_deg(curve) < tuned.MAX_TURN_DEG  # A letter turns off, a drawn out pen goes on.
+    turn = _turn_deg(curve)
     for end in curve.ends:
         distance = np.abs(at - end.place)
         expected |= distance < curve.width
-        expected |= straight & (distance < end.fall + curve.width)
+        fall = distance < end.fall + curve.width
+        if turn[fall].max() < tuned.MAX_TURN_DEG:  # A letter turns off, a drawn out pen goes on.
+            expected |= fall
     return maximum_filter1d(expected, tuned.SUDDEN_PX + 1)
 
 

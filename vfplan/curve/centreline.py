@@ -7,7 +7,7 @@ there. A smoothing spline through all of them follows the hand and not the noise
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -318,6 +318,15 @@ def _centre_line(
         seen = np.flatnonzero(valid)
         bridged &= (nearest > seen[0]) & (nearest < seen[-1])
     sigma = _deviation(spline, profiles, at, nearest, bridged, line.closed, noise, smooth_px)
+    if not line.closed:
+        # Beyond the last whole profile the point of a drawn out pen may lie to either side.
+        known = np.flatnonzero(whole)
+        beyond = np.maximum(np.maximum(known[0] - at, at - known[-1]), 0)
+        sideways = _usual_curvature(spline, at) * beyond**2 / 2
+        sigma = np.hypot(sigma, sideways)
+        first_end = replace(ends[0], sigma=float(np.hypot(ends[0].sigma, sideways[0])))
+        last_end = replace(ends[1], sigma=float(np.hypot(ends[1].sigma, sideways[-1])))
+        ends = (first_end, last_end)
     return CentreLine(
         points=spline(at),
         sigma=sigma,
@@ -350,7 +359,7 @@ def _deviation(
         inward = np.minimum(at - at[0], at[-1] - at)
         sigma *= 1 + tuned.END_FACTOR * np.exp(-inward / smooth_px)
     # In a gap of length L, an unknown curvature of deviation k leaves k x (L - x) / 2 at x.
-    curvature = tuned.SWAY * np.sqrt(np.mean((spline.derivative(2)(at) ** 2).sum(1)))
+    curvature = _usual_curvature(spline, at)
     for run in runs(bridged, closed):
         x = np.arange(len(run)) + 0.5
         sigma[run] = np.hypot(sigma[run], curvature * x * (len(run) - x) / 2)
@@ -358,3 +367,8 @@ def _deviation(
     sigma = np.where(profiles.beside[nearest], np.hypot(sigma, tuned.BESIDE_SIGMA_PX), sigma)
     # Half of what was added for a side that another colour hides may be wrong.
     return np.hypot(sigma, profiles.covered[nearest] / 4)
+
+
+def _usual_curvature(spline: Callable, at: NDArray) -> float:
+    """Deviation of the curvature that a line may have where it is not seen [1/px]."""
+    return tuned.SWAY * float(np.sqrt(np.mean((spline.derivative(2)(at) ** 2).sum(1))))

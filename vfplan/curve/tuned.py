@@ -130,13 +130,13 @@ VALLEY = 0.12
 TAPER_REACH_PX = 30
 """Pixels beyond the skeleton's end in which the end of the ink is sought."""
 
-ROUND_SHARE = 0.36
+ROUND_SHARE = 0.39
 """Of the width, from the place where half of the ink is left back to the centre of a tip."""
 
 BLUNT_PX = 2.0
 """Pixels: the longest fall of the ink that a blunt end of a crisp hair line shows."""
 
-BLUNT_EDGES = 1.5
+BLUNT_EDGES = 1.8
 """Times the fall of the line's own edge, by which blur makes it longer."""
 
 BLUNT_SHARE = 0.25
@@ -157,7 +157,7 @@ INK_NOISE_NOISY = 0.06
 INK_HANGS_PX = 5.0
 """Pixels of line over which that noise hangs together, so that they count as one."""
 
-TAPER_PRIOR = 0.3
+TAPER_PRIOR = 0.1
 """How common pens that were drawn out are, beside blunt ends."""
 
 INK_SLOPE = 0.015
@@ -166,7 +166,7 @@ INK_SLOPE = 0.015
 FLAT_WIDTH_PX = 2.5
 """Pixels of width from which a flat tip begins to show."""
 
-FLAT_WIDTH_NOISY_PX = 4.0
+FLAT_WIDTH_NOISY_PX = 7.0
 """The same where colour is noisy and therefore blurred."""
 
 ROUND_BACK = 0.1
