@@ -228,7 +228,8 @@ def test_a_control_point_table_is_the_curve_that_its_points_are_in_order(tmp_pat
 def test_a_table_tells_no_spline_from_lines_and_so_it_is_told_how_far_they_differ(tmp_path):
     # Between two of 12 points of a circle, the chord lies r (1 - cos 15°) inside: 0.34 mm of 10.
     coarse = read_vector_curve(control_points(tmp_path, [*RING_MM[::2], RING_MM[0]]))
-    assert coarse.distance_from_straight() == pytest.approx(0.01 * (1 - np.cos(np.pi / 12)), rel=0.01)
+    inside = 0.01 * (1 - np.cos(np.pi / 12))
+    assert coarse.distance_from_straight() == pytest.approx(inside, rel=0.01)
     assert "up to 0.3 mm" in coarse.warnings[0]
     line = [[x, 0.0, 5.0] for x in range(5)]
     assert read_vector_curve(control_points(tmp_path, line)).warnings == ()
