@@ -6,7 +6,12 @@ import struct
 from collections.abc import Iterator
 
 ORDER = {b"II*\0": "<", b"MM\0*": ">", b"II+\0": "<", b"MM\0+": ">"}  # of bytes, by the first four
-WIDTH, HEIGHT, ORIENTATION = 0x0100, 0x0101, 0x0112
+WIDTH = 0x0100
+"""Tag of the number of columns."""
+HEIGHT = 0x0101
+"""Tag of the number of rows."""
+ORIENTATION = 0x0112
+"""Tag of EXIF's orientation, 1 to 8."""
 
 
 def directories(data: bytes) -> Iterator[dict[int, int]]:
