@@ -48,8 +48,15 @@ def output(program, *args):
 @cache
 def included(name):
     """All that a header includes of ours, by others too."""
-    direct = re.findall(r'^#include "(vfplan/.*\.hpp)"', (INCLUDE / name).read_text(), re.M)
-    return frozenset(direct).union(*map(included, direct))
+    names = set()
+    waiting = [name]
+    while waiting:
+        text = (INCLUDE / waiting.pop()).read_text()
+        direct = set(re.findall(r'^#include "(vfplan/.*\.hpp)"', text, re.M))
+        waiting += direct - names
+        names |= direct
+    # engine.hpp and engine_impl.hpp include each other, so that each stands alone.
+    return frozenset(names - {name})
 
 
 def chains():
