@@ -379,6 +379,60 @@ def test_a_knot_is_inserted_and_the_line_is_cut_turned_and_joined(browser, run, 
     assert hand.state("review.state.edited[0].length") == 1
 
 
+def press_while_the_page_is_renewed(browser, hand, button):
+    """Press a button, let the whole state arrive three times, and release it."""
+    place = hand.place_of(button)
+    browser.press(*place, "mouseMoved", "none")
+    browser.press(*place)
+    for _ in range(3):
+        browser.run("review.receive({state: review.state, version: review.version})")
+    browser.press(*place, "mouseReleased")
+
+
+def test_a_press_counts_though_the_whole_state_arrives_before_its_release(browser, run, tmp_path):
+    program = run(two_candidates(tmp_path / "slice.png")[0], "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    press_while_the_page_is_renewed(browser, hand, "1Take this line")
+    hand.until_steps(1)
+    browser.key("k")
+    press_while_the_page_is_renewed(browser, hand, "Turn round")
+    hand.until_steps(2)
+    press_while_the_page_is_renewed(browser, hand, "undo")
+    hand.until_steps(1)
+
+
+def test_a_finding_is_accepted_though_the_list_is_renewed_under_the_pointer(browser, run, tmp_path):
+    header, *lines = MARKERS[0].read_text().splitlines()
+    few = tmp_path / "few.csv"
+    few.write_text("\n".join([header, *lines[5:]]) + "\n")
+    program = run(SLICE, few, MARKERS[1], "--common", "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    hand.name()
+    unanswered = "review.state.findings.filter((f) => f.severity === 'doubt' && !f.answered_by)"
+    before = hand.state(f"{unanswered}.length")
+    assert before > 0
+    press_while_the_page_is_renewed(browser, hand, "Accept")
+    browser.until(f"{READY} && {unanswered}.length === {before - 1}")
+
+
+def test_what_stands_in_a_field_and_the_focus_outlive_a_new_state(browser, run, tmp_path):
+    program = run(SLICE, *MARKERS, "-o", tmp_path / "o.h5")
+    hand = Hand(browser, program.address)
+    renew = "review.receive({state: review.state, version: review.version})"
+    label = hand.state("review.state.markers[0].label")
+    browser.run("document.querySelector('#marker-table input[maxlength]').focus()")
+    browser.type("left ")
+    browser.run(renew)
+    browser.type("side ")
+    browser.key("Enter")
+    browser.until(f"{READY} && review.state.markers[0].label === 'left side {label}'")
+    assert browser.run("document.activeElement.value") == f"left side {label}"
+    # With the keyboard on a button that is made anew, the focus is on the new one.
+    browser.run("document.querySelector('#ends button').focus()")
+    browser.run(renew)
+    assert browser.run("document.activeElement === document.querySelector('#ends button')")
+
+
 def test_reload_second_tab_and_killed_server(browser, run, tmp_path):
     words = (SLICE, *MARKERS, "-o", tmp_path / "o.h5")
     program = run(*words)

@@ -36,15 +36,28 @@ class Hand:
         self.browser.drag(self.at(start), self.at(stop))
 
     def press(self, button):
-        """Click on a button by its id or its words."""
-        place = self.browser.run(
-            f"(() => {{ const wanted = {json.dumps(button)};"
-            " const node = document.getElementById(wanted) || [...document.querySelectorAll("
-            "'button')].find((b) => b.offsetParent && b.textContent.startsWith(wanted));"
-            " node.scrollIntoView({block: 'center'}); const b = node.getBoundingClientRect();"
-            " return [b.left + b.width / 2, b.top + b.height / 2]; })()"
-        )
-        self.browser.click(*place)
+        """Click on a button by its id or its words, once it stands still with nothing over it."""
+        self.browser.click(*self.place_of(button))
+
+    def place_of(self, button, seconds=10):
+        """The middle of a button in the window, once two looks find it there and uncovered."""
+        end = time.monotonic() + seconds
+        before = None
+        while True:
+            place = self.browser.run(
+                f"(() => {{ const wanted = {json.dumps(button)};"
+                " const node = document.getElementById(wanted) || [...document.querySelectorAll("
+                "'button')].find((b) => b.offsetParent && b.textContent.startsWith(wanted));"
+                " if (!node) return null; node.scrollIntoView({block: 'nearest'});"
+                " const b = node.getBoundingClientRect();"
+                " const middle = [b.left + b.width / 2, b.top + b.height / 2];"
+                " return node.contains(document.elementFromPoint(...middle)) ? middle : null; })()"
+            )
+            if place is not None and place == before:
+                return place
+            assert time.monotonic() < end, f"{button} does not stand still and uncovered"
+            before = place
+            time.sleep(0.03)
 
     def until_steps(self, count):
         self.browser.until(f"review.state.steps.length === {count} && {READY}")

@@ -1,5 +1,5 @@
 // The curve, its bands and its knots; candidates and other ink.
-import { byId, make } from "./dom.js";
+import { byId, make, refill } from "./dom.js";
 
 const text = (points) => points.map((p) => `${p[0]},${p[1]}`).join(" ");
 const between = (points, [first, last]) => points.slice(Math.max(first - 1, 0), last + 2);
@@ -204,7 +204,7 @@ export class Curve {
     })));
     byId("ink-card").hidden = shown.length === 0;
     byId("ink-count").textContent = `${shown.length}`;
-    byId("account").replaceChildren(...shown.slice(0, 40).map((ink) => {
+    refill(byId("account"), shown.slice(0, 40).map((ink) => {
       const words = `${ink.pixels} px at (${ink.u.toFixed(0)}, ${ink.v.toFixed(0)})${ink.left_out ? ", left out" : ""}`;
       const go = () => { select(ink); this.view.goTo([ink.u, ink.v]); };
       return make("li", { "data-ink": ink.number }, make("button", { type: "button", class: "row", onclick: go },

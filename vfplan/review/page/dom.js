@@ -12,3 +12,17 @@ export function make(name, attributes = {}, ...children) {
   node.append(...children);
   return node;
 }
+
+// Put new elements in place of a holder's. Whoever stood on a control with the keyboard then stands
+// on the control of the same name, or of the same place if its name has changed.
+export function refill(holder, nodes) {
+  const controlsOf = () => [...holder.querySelectorAll("button, input")];
+  const nameOf = (node) => node.getAttribute("aria-label") || node.textContent;
+  const place = controlsOf().indexOf(document.activeElement);
+  const name = place >= 0 ? nameOf(document.activeElement) : "";
+  holder.replaceChildren(...nodes);
+  if (place < 0) return;
+  const controls = controlsOf();
+  const control = controls.find((node) => nameOf(node) === name) || controls[place];
+  control?.focus({ preventScroll: true });
+}

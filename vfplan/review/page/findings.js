@@ -1,5 +1,5 @@
 // Findings as pins on the slice and as a list; both ends enlarged.
-import { byId, make } from "./dom.js";
+import { byId, make, refill } from "./dom.js";
 
 const INSET_PX = 168; // side of an inset on the screen
 const END_PX = 21; // pixels of the slice around an end: eight times enlarged
@@ -23,7 +23,7 @@ export class Findings {
   list(state) {
     const open = state.findings.filter((f) => f.severity === "doubt" && f.answered_by === null).length;
     byId("findings-count").textContent = state.findings.length ? `${open} to answer, ${state.findings.length} in all` : "none";
-    byId("findings").replaceChildren(...state.findings.map((finding, k) => this.row(finding, k)));
+    refill(byId("findings"), state.findings.map((finding, k) => this.row(finding, k)));
   }
 
   row(finding, k) {
@@ -99,7 +99,7 @@ export class Findings {
       }
     });
     byId("ends-card").hidden = figures.length === 0;
-    byId("ends").replaceChildren(...figures);
+    refill(byId("ends"), figures);
   }
 
   // A part of the slice enlarged, with the measured line as a thin stroke in the ink, and a ring.

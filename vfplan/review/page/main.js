@@ -1,5 +1,5 @@
 // The page shows the session's state and sends steps; nothing is decided here.
-import { byId, make } from "./dom.js";
+import { byId, make, refill } from "./dom.js";
 import { View } from "./view.js";
 import { Curve } from "./curve.js";
 import { Findings } from "./findings.js";
@@ -84,11 +84,39 @@ function showRefusal(state) {
   byId("refusal").querySelector("h2").textContent = isCurve ? "No curve yet" : "The plan is refused";
   byId("refusal-text").textContent = refusal.text;
   const rows = isCurve ? state.candidates.map((way) => curve.wayRow(way)) : [];
-  byId("candidates").replaceChildren(...rows);
+  refill(byId("candidates"), rows);
 }
 parts.push({ render: showRefusal });
 
+// A button that is pressed stays where it is: what would change the page waits for its release.
+// Without this a new row of buttons would stand in place of the one that is pressed, and the
+// browser makes no click of a press and a release on two elements.
+const PRESSED = "button:active, input[type=checkbox]:active, label:active, summary:active";
+const RELEASE_CHECK_MS = 30;
+const postponed = [];
+let releaseCheck = null;
+
+function afterRelease(call) {
+  postponed.push(call);
+  if (releaseCheck === null) doPostponed();
+}
+
+function doPostponed() {
+  releaseCheck = null;
+  while (postponed.length) {
+    if (document.querySelector(PRESSED)) {
+      releaseCheck = setTimeout(doPostponed, RELEASE_CHECK_MS);
+      return;
+    }
+    postponed.shift()();
+  }
+}
+
 function receive(message) {
+  afterRelease(() => showMessage(message));
+}
+
+function showMessage(message) {
   if (message.about) {
     app.about = message.about;
     if (!byId("name").value) byId("name").value = message.about.by;
@@ -127,6 +155,6 @@ byId("slice").addEventListener("load", () => view.shrink());
 byId("slice").src = `slice.png?token=${encodeURIComponent(app.token)}`;
 byId("undo").addEventListener("click", () => app.change({ undo: true }));
 byId("redo").addEventListener("click", () => app.change({ redo: true }));
-Object.assign(app, { receive, view });
+Object.assign(app, { receive, afterRelease, view });
 window.review = app; // for the tests, which look at what is shown
 connect();

@@ -1,5 +1,5 @@
 // Markers on the slice and in the table; their residuals, and the bound that follows.
-import { byId, make } from "./dom.js";
+import { byId, make, refill } from "./dom.js";
 
 const mm = (metres) => (metres === null || metres === undefined ? "–" : (1e3 * metres).toFixed(2));
 
@@ -76,6 +76,10 @@ export class Markers {
   }
 
   table(state) {
+    if (this.isTyping()) {
+      document.activeElement.onblur = () => this.app.afterRelease(() => this.table(this.app.state));
+      return;
+    }
     const rows = [];
     state.markers.forEach((marker, k) => {
       const step = (fields) => this.app.step({ marker: marker.label, ...fields });
@@ -83,22 +87,26 @@ export class Markers {
       const use = make("input", { type: "checkbox", "aria-label": `Use marker ${marker.label}`, onchange: (e) => step({ do: "leave_out_marker", out: !e.target.checked }) });
       use.checked = marker.used;
       const name = make("input", { value: marker.label, "aria-label": `Label of marker ${marker.label}`, maxlength: 64, onfocus: () => chosen || this.choose(k),
-        onchange: (e) => step({ do: "rename_marker", label: e.target.value }) });
+        onchange: (e) => { e.target.defaultValue = e.target.value; step({ do: "rename_marker", label: e.target.value }); } });
       const gone = make("button", { type: "button", "aria-label": `Delete marker ${marker.label}`, title: "Delete", onclick: () => step({ do: "delete_marker" }) }, "✕");
       rows.push(make("tr", { class: `${chosen ? "chosen" : ""}${marker.used ? "" : " out"}`, "data-row": k },
         make("td", {}, use), make("td", {}, name), make("td", { class: "residual" }, `${mm(marker.residual_m)} mm`), make("td", { class: "loo" }, `${mm(marker.loo_m)} mm`), make("td", {}, gone)));
       if (chosen || !marker.target_m) rows.push(this.coordinates(marker, step));
     });
-    const holder = byId("marker-table").tBodies[0];
-    const focused = holder.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
-    holder.replaceChildren(...rows);
-    if (focused) holder.querySelector(`[aria-label="${CSS.escape(focused)}"]`)?.focus();
+    refill(byId("marker-table").tBodies[0], rows);
+  }
+
+  // A text that is being typed is not overwritten: its table is made anew once it is left.
+  isTyping() {
+    const field = document.activeElement;
+    return byId("marker-table").contains(field) && field.type === "text" && field.value !== field.defaultValue;
   }
 
   // Where the marker is in front of the robot.
   coordinates(marker, step) {
     const inputs = ["x", "y", "z"].map((axis, k) => make("input", { value: marker.target_m ? (1e3 * marker.target_m[k]).toFixed(3) : "", placeholder: `${axis} mm`,
-      "aria-label": `${axis} of marker ${marker.label} in millimetres`, inputmode: "decimal", onchange: () => {
+      "aria-label": `${axis} of marker ${marker.label} in millimetres`, inputmode: "decimal", onchange: (e) => {
+        e.target.defaultValue = e.target.value;
         const values = inputs.map((input) => Number(input.value.trim().replace(",", ".")) / 1e3);
         if (inputs.every((input) => input.value.trim()) && values.every(Number.isFinite)) step({ do: "move_marker", target_m: values });
       } }));

@@ -1,5 +1,5 @@
 // Pointer and keys: what a press, a drag or a key does with the tool that is chosen.
-import { byId, make } from "./dom.js";
+import { byId, make, refill } from "./dom.js";
 
 const KEYS = [
   ["V, D, X, M", "tools: select, draw, exclude, marker"], ["Wheel, pinch, + and -", "zoom at the pointer"], ["Drag, arrows", "move the slice; Space and drag with any tool"],
@@ -93,7 +93,7 @@ export class Tools {
         button("Delete", () => this.remove(), "Del")];
     }
     bar.hidden = nodes.length === 0;
-    bar.replaceChildren(...nodes);
+    refill(bar, nodes);
   }
 
   remove() {
