@@ -16,7 +16,8 @@ from conftest import ROOT
 
 from vfplan import read_image
 from vfplan.errors import ImageError, SettingError
-from vfplan.images.read import LARGEST_MEGAPIXELS, MOST_PAGES, read_header
+from vfplan.images.headers import MAX_PAGES, read_header
+from vfplan.images.read import LARGEST_MEGAPIXELS
 
 GIB = 1 << 30
 
@@ -59,16 +60,19 @@ def bmp(width, height):
 
 
 BOMBS = {
-    "wide.png": (lambda: png(32000, 32000, rows=3_000_000), "At most 64 million are read"),
+    "wide.png": (lambda: png(32000, 32000, rows=3_000_000), "32000 x 32000 pixels"),
     "alpha.png": (lambda: png(32000, 32000, 6), "32000 x 32000 pixels"),
     "nothing.png": (lambda: png(0, 5), "0 x 5 pixels"),
-    "film.png": (lambda: png(64, 64, 6, chunk(b"acTL", struct.pack(">II", 9999, 0))), "animated"),
+    "film.png": (
+        lambda: png(64, 64, 6, chunk(b"acTL", struct.pack(">II", 9999, 0))),
+        "9999 frames",
+    ),
     "wide.jpg": (lambda: jpeg(65000, 65000), "65000 x 65000 pixels"),
     "scans.jpg": (lambda: jpeg(4096, 4096, 5000), "5000 scans"),
     "wide.bmp": (lambda: bmp(40000, -40000), "40000 x 40000 pixels"),
     "thin.bmp": (lambda: bmp(-5, 5), "Export the slice again"),
     "wide.tif": (lambda: tiff(1, 60000, 60000), "60000 x 60000 pixels"),
-    "pages.tif": (lambda: tiff(MOST_PAGES + 1), "more than 4096 pages"),
+    "pages.tif": (lambda: tiff(MAX_PAGES + 1), "more than 4096 pages"),
     "circle.tif": (lambda: tiff(3, after=8), "more than 4096 pages"),
     "cut.tif": (lambda: tiff(3, after=1 << 30), "damaged or cut short"),
     "cut.jpg": (lambda: jpeg(8, 8)[:40] + b"\xff\xd9", "damaged or cut short"),
@@ -99,7 +103,7 @@ def test_a_page_of_many_is_read_alone(tmp_path):
         read_image(tmp_path / "a.tif")
     assert read_image(tmp_path / "a.tif", frame=2999).rgb.shape == (64, 64, 3)
     for frame in (3001, 0, -1):
-        with pytest.raises(ImageError, match=f"has no page {frame}. It has 3000"):
+        with pytest.raises(ImageError, match=f"has no page {frame}."):
             read_image(tmp_path / "a.tif", frame=frame)
 
 
@@ -107,7 +111,7 @@ def test_a_page_of_many_is_read_alone(tmp_path):
 def test_what_is_written_is_what_the_header_says(suffix):
     image = np.zeros((7, 13, 3), np.uint8)
     data = cv2.imencode(suffix, image)[1].tobytes()
-    assert read_header(data, "a").pages == 1
+    assert read_header(data, "a", max_pixels=1000).pages == 1
 
 
 LARGE = """

@@ -74,6 +74,25 @@ def test_transparent_pixels_lie_over_black(tmp_path, mode):
     assert np.array_equal(read[20:], expected)
 
 
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+def test_a_half_transparent_pixel_is_rounded_to_the_nearest_value(tmp_path, depth):
+    full = np.iinfo(depth).max
+    generator = np.random.default_rng(1)
+    bgra = generator.integers(0, full, (37, 11, 4), depth, endpoint=True)
+    path = tmp_path / "slice.png"
+    assert cv2.imwrite(str(path), bgra)
+    exact = bgra[..., 2::-1].astype(float) * bgra[..., 3:].astype(float) / full
+    assert np.array_equal(vfplan.read_image(path).rgb, np.rint(exact))
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_samples_that_are_no_whole_numbers_are_refused(tmp_path, channels):
+    path = tmp_path / "slice.tif"
+    assert cv2.imwrite(str(path), np.zeros((9, 7, channels), np.float32))
+    with pytest.raises(ImageError, match="float32 samples"):
+        vfplan.read_image(path)
+
+
 def test_a_drawing_on_a_transparent_layer_is_measured_exactly(tmp_path):
     share = coverage(SHAPE, CURVE, 3)
     layer = np.dstack([np.full((*SHAPE, 3), (255, 0, 0)), 255 * share])

@@ -1,1 +1,1 @@
-"""Planned slices as they come: PNG, JPEG, TIFF, BMP and DICOM -> `PlannedImage`."""
+"""Planned slices from PNG, JPEG, TIFF, BMP and DICOM files, each read as a `PlannedImage`."""

@@ -1,7 +1,7 @@
 """The lines of a DICOM presentation state, as points on the image that it was drawn on.
 
 Graphics (GSPS, PS3.3 C.10.5) count pixels from the upper left corner of the first one, so half a
-pixel is taken off.
+pixel is subtracted here.
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import CurveError
-from vfplan.images.dicom import dataset_of, in_memory, quiet
+from vfplan.errors import CurveError, ImageError
+from vfplan.images.dicom import memory_file, pydicom_errors, read_dataset
 from vfplan.io.sandbox import raise_limits, run_in_sandbox
 
-CORNER_PX = 0.5  # from a pixel's corner to its centre
-LINES = {"POLYLINE": False, "INTERPOLATED": True}  # and whether it is curved between its points
-WANTED = "a POLYLINE or INTERPOLATED graphic in PIXEL units is wanted"
+CORNER_PX = 0.5
+"""Pixels from a pixel's corner to its centre, along either axis."""
+IS_SMOOTH = {"POLYLINE": False, "INTERPOLATED": True}
+"""The types of graphic that are lines, and whether each is curved between its points."""
 
 
 @dataclass(frozen=True, eq=False)
 class Annotation:
-    """One thing drawn on an image.
+    """One graphic that was drawn on an image.
 
     name: what it is, for messages
-    drawn_on: the images' SOP instance UIDs, each with its frames, from 1; none where all are meant
-    points, smooth: a graphic's (M, 2) points (u, v) [px], and whether it is curved between them
-
-    One without points is a graphic that is no line.
+    drawn_on: the images' SOP instance UIDs, each with its frames, from 1; empty where all are meant
+    points: a line's (M, 2) points (u, v) [px]; `None` for a graphic that is no line
+    smooth: whether a line is curved between its points
     """
 
     name: str
@@ -45,61 +45,80 @@ def read_annotations(data: bytes, where: str) -> list[Annotation]:
 
     Raises `CurveError` where there is no line, `ImageError` for a damaged file, `MissingExtra`.
     """
-    job, drawn = "vfplan.images.annotations:found_in", []
-    with in_memory(data) as file:
-        found = run_in_sandbox(job, where, file=file, where=where, kind=CurveError)
-        for head, values in zip(found, found, strict=True):
-            kind = head.pop("kind")
-            points = values[0] - CORNER_PX if kind == "line" else None
-            drawn.append(Annotation(points=points, **head))
-    return drawn
+    annotations = []
+    with memory_file(data) as file:
+        answers = run_in_sandbox(
+            "vfplan.images.annotations:read_graphics",
+            where,
+            file=file,
+            where=where,
+            kind=CurveError,
+        )
+        for head in answers:
+            points = None
+            if head.pop("is_line"):
+                points = next(answers)[0] - CORNER_PX
+            annotations.append(Annotation(points=points, **head))
+    return annotations
 
 
-def found_in(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple[NDArray]]:
-    """What `read_annotations` returns, each as a head and its array; runs in a process apart."""
+def read_graphics(file: BinaryIO, where: str) -> Iterator[dict[str, Any] | tuple[NDArray]]:
+    """What `read_annotations` returns, in the child process: a head each, then a line's points."""
     raise_limits(2 * file.seek(0, os.SEEK_END), 0)
     file.seek(0)
-    with quiet(where):
-        dataset = dataset_of(file, where)
-        drawn, others = [], []
+    lines = []
+    others = []
+    with pydicom_errors(where):
+        dataset = read_dataset(file, where)
+        # Where an annotation names no images, those of the whole presentation state are meant.
+        images_of_series: dict[str, list[int]] = {}
+        for series in dataset.get("ReferencedSeriesSequence") or ():
+            images_of_series |= referenced_images(series)
         for item in dataset.get("GraphicAnnotationSequence") or ():
-            drawn_on = _images(item) or _of_series(dataset)
+            drawn_on = referenced_images(item) or images_of_series
+            layer = str(item.get("GraphicLayer", ""))[:32]
             for graphic in item.get("GraphicObjectSequence") or ():
-                kind, units = (
-                    str(graphic.get(name, ""))[:16]
-                    for name in ("GraphicType", "GraphicAnnotationUnits")
-                )
-                name = f"{kind} of {graphic.get('NumberOfGraphicPoints', 0)} points"
-                name += f", layer {str(item.get('GraphicLayer', ''))[:32]!r}"
-                if kind not in LINES or units != "PIXEL":
+                kind = str(graphic.get("GraphicType", ""))[:16]
+                units = str(graphic.get("GraphicAnnotationUnits", ""))[:16]
+                count = graphic.get("NumberOfGraphicPoints", 0)
+                name = f"{kind} of {count} points, layer {layer!r}"
+                if kind not in IS_SMOOTH or units != "PIXEL":
                     others.append(f"{name}, in {units} units")
                     continue
-                numbers = np.array(graphic.GraphicData, np.float64)
-                if len(numbers) != 2 * int(graphic.get("NumberOfGraphicPoints", -1)):
-                    raise CurveError(f"{name} has {len(numbers)} coordinates.", where=where)
-                points = numbers.reshape(-1, 2)
-                head = {"kind": "line", "name": name, "drawn_on": drawn_on, "smooth": LINES[kind]}
-                drawn += [head, (points,)]
-    if not drawn:
-        there = "; ".join(others[:6]) or f"no drawing ({str(dataset.get('Modality', ''))[:16]})"
-        raise CurveError(f"is DICOM with {there}. {WANTED}.", where=where)
-    yield from drawn
+                coordinates = np.array(graphic.GraphicData, np.float64)
+                if len(coordinates) != 2 * int(graphic.get("NumberOfGraphicPoints", -1)):
+                    raise ImageError(
+                        f"{name} has {len(coordinates)} coordinates, and two a point are wanted. "
+                        "Export the presentation state again.",
+                        where=where,
+                    )
+                head = {
+                    "is_line": True,
+                    "name": name,
+                    "drawn_on": drawn_on,
+                    "smooth": IS_SMOOTH[kind],
+                }
+                lines.append((head, coordinates.reshape(-1, 2)))
+    if not lines:
+        modality = str(dataset.get("Modality", ""))[:16]
+        content = "; ".join(others[:6]) or f"no drawing ({modality})"
+        raise CurveError(
+            f"is DICOM with {content}. Draw a POLYLINE or INTERPOLATED graphic in PIXEL units.",
+            where=where,
+        )
+    for head, points in lines:
+        yield head
+        yield (points,)
     for name in others:
-        yield from ({"kind": "other", "name": name, "drawn_on": {}}, (np.zeros(0),))
+        yield {"is_line": False, "name": name, "drawn_on": {}}
 
 
-def _images(item: Any) -> dict[str, list[int]]:
-    """The images that an item refers to, each with its frames."""
-    found = {}
+def referenced_images(item: Any) -> dict[str, list[int]]:
+    """The images that an item refers to, each with its frames; without frames all are meant."""
+    images = {}
     for image in item.get("ReferencedImageSequence") or ():
         frames = image.get("ReferencedFrameNumber") or []
-        frames = frames if hasattr(frames, "__iter__") else [frames]
-        found[str(image.ReferencedSOPInstanceUID)] = [int(n) for n in frames]
-    return found
-
-
-def _of_series(dataset: Any) -> dict[str, list[int]]:
-    found = {}
-    for series in dataset.get("ReferencedSeriesSequence") or ():
-        found |= _images(series)
-    return found
+        if not hasattr(frames, "__iter__"):
+            frames = [frames]
+        images[str(image.ReferencedSOPInstanceUID)] = [int(frame) for frame in frames]
+    return images

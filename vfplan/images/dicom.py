@@ -1,11 +1,11 @@
 """Read a planned slice from DICOM, with the `dicom` extra (pydicom).
 
 A surgeon's drawing comes as a colour secondary capture; a grey slice holds no pen, but gives a
-vector curve its place (`T_patient_image`). Names, dates and other identifiers are not read, but
-for the image's own, which a drawing on it is held against.
+vector curve its place (`T_patient_image`). Names, dates and other identifiers are not read, except
+the image's own identifier, by which a drawing on it is recognised.
 
-pydicom and its decoders run in a process apart: a file can be made to fill memory or time in many
-ways (elements without number, deflated zeros, runs, a JPEG larger than its own header says).
+pydicom and its decoders run in a child process. A file can be made to fill memory or time in many
+ways: elements without number, deflated zeros, runs, a JPEG larger than its own header says.
 """
 
 from __future__ import annotations
@@ -21,15 +21,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import ImageError, MissingExtra, requires_extra
-from vfplan.images.read import check_size, index_of
+from vfplan.images.headers import check_size, chosen_index
 from vfplan.io.sandbox import raise_limits, run_in_sandbox
 
-COLOUR = {"RGB", "PALETTE COLOR"}
-DECIMALS = 1e-3  # of a direction: what writing it in decimals may cost
-GREY = {"MONOCHROME1", "MONOCHROME2"}
-PIXEL_BYTES = 48  # of memory that a pixel may take while it is decoded, rescaled and windowed
-PIXELS_A_SECOND = 2_000_000  # at least, of the slowest decoder
-PART_BYTES = 1 << 26  # of pixels at a time on their way here
+COLOUR_KINDS = ("RGB", "PALETTE COLOR")
+"""Photometric interpretations in colour, besides those that begin with YBR."""
+GREY_KINDS = ("MONOCHROME1", "MONOCHROME2")
+"""Photometric interpretations in grey."""
+PIXEL_ELEMENTS = ("PixelData", "FloatPixelData", "DoubleFloatPixelData")
+"""Elements that hold pixels."""
+DIRECTION_TOLERANCE = 1e-3
+"""How far a direction's length may lie from 1, and two directions' product from 0, because they
+were written in decimals."""
+BYTES_PER_PIXEL = 48
+"""Bytes of memory that a pixel may take while it is decoded, rescaled and windowed."""
+PIXELS_PER_SECOND = 2_000_000
+"""Pixels a second that the slowest decoder reads at least."""
+PART_BYTES = 1 << 26
+"""Bytes of pixels that the child process hands over at a time."""
 
 
 def read_dicom(
@@ -45,6 +54,8 @@ def read_dicom(
         Which frame, from 1; needed when there are several.
     imager_spacing
         Take ImagerPixelSpacing (at the detector, not in the patient) where PixelSpacing is absent.
+    max_pixels
+        A larger picture is refused before it is decoded.
 
     Returns
     -------
@@ -59,56 +70,77 @@ def read_dicom(
     MissingExtra
         pydicom is not installed.
     """
-    job = "vfplan.images.dicom:decoded"
-    with in_memory(data) as file:
-        found = run_in_sandbox(
-            job, where, frame, imager_spacing, max_pixels, file=file, where=where, kind=ImageError
+    with memory_file(data) as file:
+        parts = run_in_sandbox(
+            "vfplan.images.dicom:decode",
+            where,
+            frame,
+            imager_spacing,
+            max_pixels,
+            file=file,
+            where=where,
+            kind=ImageError,
         )
-        head = next(found)
+        head = next(parts)
         rgb = np.empty(head["shape"], head["dtype"])
         row = 0
-        for (part,) in found:
-            rgb[row : row + len(part)] = part
-            row += len(part)
-    place = head["place"]
-    spacing = head["spacing"] and tuple(head["spacing"])
-    return rgb, spacing, place and np.array(place), head["instance"]
+        for (rows,) in parts:
+            rgb[row : row + len(rows)] = rows
+            row += len(rows)
+    pixel_spacing_mm = None
+    if head["spacing_mm"] is not None:
+        pixel_spacing_mm = tuple(head["spacing_mm"])
+    T_patient_image = None
+    if head["place"] is not None:
+        T_patient_image = np.array(head["place"])
+    return rgb, pixel_spacing_mm, T_patient_image, head["instance"]
 
 
-def in_memory(data: bytes) -> BinaryIO:
-    """A nameless file, so that no folder need be writable."""
+def memory_file(data: bytes) -> BinaryIO:
+    """A file without a name that holds the data, so that no folder need be writable."""
     file = os.fdopen(os.memfd_create("DICOM"), "w+b")
     file.write(data)
     file.flush()
     return file
 
 
-# What follows runs in a process apart (`vfplan.io.sandbox`).
+# --- In the child process (`vfplan.io.sandbox`) --------------------------------------------------
 
 
 def prepare() -> None:
-    """Load the library before any file is read, if it is there."""
+    """Load pydicom, if it is there, before any file is read."""
     with suppress(ModuleNotFoundError):
         import pydicom.pixels  # noqa: F401
 
 
-def decoded(
+def decode(
     file: BinaryIO, where: str, frame: int | None, imager_spacing: bool, max_pixels: int
 ) -> Iterator[dict[str, Any] | tuple[NDArray]]:
-    """What `read_dicom` returns: shape, type, spacing and place, then rows of pixels."""
+    """What `read_dicom` returns: a head with all but the pixels, then rows of pixels."""
     raise_limits(2 * file.seek(0, os.SEEK_END), 0)
     file.seek(0)
-    with quiet(where):
-        dataset = _image_of(file, where)
-        count = int(dataset.get("NumberOfFrames") or 1)
-        rgb = _pixels(dataset, where, index_of("frame", frame, count, where), max_pixels)
-        spacing = _spacing(dataset, where, imager_spacing)
-        place = _place(dataset, _spacing(dataset, where, imager=False))
+    with pydicom_errors(where):
+        dataset = read_dataset(file, where)
+        if not any(name in dataset for name in PIXEL_ELEMENTS):
+            modality = dataset.get("Modality") or "no image"
+            raise ImageError(
+                f"the DICOM file holds no pixels ({modality}). Export the slice itself.",
+                where=where,
+            )
+        frames = int(dataset.get("NumberOfFrames") or 1)
+        rgb = read_pixels(dataset, where, chosen_index("frame", frame, frames, where), max_pixels)
+        patient_spacing_mm = read_spacing(dataset, "PixelSpacing", where)
+        spacing_mm = patient_spacing_mm
+        if spacing_mm is None and imager_spacing:
+            spacing_mm = read_spacing(dataset, "ImagerPixelSpacing", where)
+        place = place_in_patient(dataset, patient_spacing_mm)
+        if place is not None:
+            place = place.tolist()
     yield {
         "shape": rgb.shape,
         "dtype": rgb.dtype.str,
-        "spacing": spacing,
-        "place": None if place is None else place.tolist(),
+        "spacing_mm": spacing_mm,
+        "place": place,
         "instance": str(dataset.get("SOPInstanceUID", "")),
     }
     rows = max(1, PART_BYTES // rgb[0].nbytes)
@@ -117,16 +149,19 @@ def decoded(
 
 
 @contextmanager
-def quiet(where: str) -> Iterator[None]:
+def pydicom_errors(where: str) -> Iterator[None]:
     """Silence pydicom and turn whatever it raises into an `ImageError`."""
     try:
         with silent():
             yield
     except (ImageError, MissingExtra, MemoryError):
         raise
-    except Exception as error:  # a file from outside: pydicom raises all kinds
+    except Exception as error:
+        # Of a file from outside, pydicom raises errors of all classes.
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise ImageError(f"the DICOM file cannot be read: {reason}.", where=where) from None
+        raise ImageError(
+            f"the DICOM file cannot be read: {reason}. Export the slice again.", where=where
+        ) from None
 
 
 @contextmanager
@@ -143,53 +178,51 @@ def silent() -> Iterator[None]:
         log.setLevel(level)
 
 
-def dataset_of(file: BinaryIO, where: str) -> Any:
+def read_dataset(file: BinaryIO, where: str) -> Any:
     """A DICOM file's data set, whatever it holds; raises `MissingExtra`."""
     with requires_extra("reading DICOM needs pydicom", "dicom", where):
         import pydicom
     return pydicom.dcmread(file)
 
 
-def _image_of(file: BinaryIO, where: str) -> Any:
-    dataset = dataset_of(file, where)
-    if not any(name in dataset for name in ("PixelData", "FloatPixelData", "DoubleFloatPixelData")):
-        kind = dataset.get("Modality") or "no image"
-        raise ImageError(
-            f"the DICOM file holds no pixels ({kind}). Export the slice itself.", where=where
-        )
-    return dataset
-
-
-def _pixels(dataset: Any, where: str, index: int, max_pixels: int) -> NDArray:
+def read_pixels(dataset: Any, where: str, index: int, max_pixels: int) -> NDArray:
+    """(H, W, 3) uint8 or uint16 pixels of one frame, which fill the range of their type."""
     from pydicom.pixels import apply_color_lut, pixel_array
 
     kind = str(dataset.get("PhotometricInterpretation", ""))
-    if not (kind in COLOUR | GREY or kind.startswith("YBR")):
+    is_grey = kind in GREY_KINDS
+    if not is_grey and kind not in COLOUR_KINDS and not kind.startswith("YBR"):
         raise ImageError(
             f"PhotometricInterpretation {kind!r} is not supported. Export the slice as RGB.",
             where=where,
         )
-    check_size(int(dataset.Columns), int(dataset.Rows), where, max_pixels)
-    pixels = int(dataset.Columns) * int(dataset.Rows)
-    raise_limits(PIXEL_BYTES * pixels, pixels // PIXELS_A_SECOND)
+    width = int(dataset.Columns)
+    height = int(dataset.Rows)
+    check_size(width, height, where, max_pixels)
+    raise_limits(BYTES_PER_PIXEL * width * height, width * height // PIXELS_PER_SECOND)
     bits = int(dataset.BitsAllocated)
-    if bits not in (8, 16) and kind not in GREY:
+    if bits not in (8, 16) and not is_grey:
         raise ImageError(f"has {bits} bits a sample. Export the slice with 8 or 16.", where=where)
-    pixels = pixel_array(dataset, index=index)  # YBR becomes RGB here
-    if kind in GREY:
-        return _windowed(dataset, pixels, kind == "MONOCHROME1")
+    pixels = pixel_array(dataset, index=index)  # YBR becomes RGB here.
+    if is_grey:
+        return windowed_grey(dataset, pixels, kind == "MONOCHROME1")
     if kind == "PALETTE COLOR":
         pixels = apply_color_lut(pixels, dataset)
-        stored = 8 * pixels.itemsize
+        stored_bits = 8 * pixels.itemsize
     else:
-        stored = int(dataset.get("BitsStored") or bits)
+        stored_bits = int(dataset.get("BitsStored") or bits)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype.kind != "u":
-        raise ImageError(f"its pixels are {pixels.shape} of {pixels.dtype}.", where=where)
-    shift = 8 * pixels.itemsize - stored
-    return np.ascontiguousarray(pixels << shift if shift else pixels)
+        raise ImageError(
+            f"its pixels are {pixels.shape} of {pixels.dtype}. Export the slice as RGB.",
+            where=where,
+        )
+    unused_bits = 8 * pixels.itemsize - stored_bits
+    if unused_bits:
+        pixels = pixels << unused_bits
+    return np.ascontiguousarray(pixels)
 
 
-def _windowed(
+def windowed_grey(
     dataset: Any, stored: NDArray, inverted: bool
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """(H, W, 3) grey: rescaled, then windowed, or stretched where no window is.
@@ -201,8 +234,12 @@ def _windowed(
     values = apply_modality_lut(stored, dataset).astype(np.float64)
     if "WindowCenter" in dataset and "WindowWidth" in dataset:
         values = apply_windowing(values, dataset)
-    low, high = float(values.min()), float(values.max())
-    shown = (values - low) / ((high - low) or 1.0)
+    low = float(values.min())
+    high = float(values.max())
+    span = high - low
+    if span == 0:
+        span = 1.0
+    shown = (values - low) / span
     if inverted:
         shown = 1 - shown
     depth = np.uint8
@@ -212,43 +249,46 @@ def _windowed(
     return np.repeat(grey[..., None], 3, axis=2)
 
 
-def _spacing(dataset: Any, where: str, imager: bool) -> tuple[float, float] | None:
+def read_spacing(dataset: Any, name: str, where: str) -> tuple[float, float] | None:
     """(along u, along v) [mm]; DICOM writes the distance between *rows* first (PS3.3 10.7.1.3)."""
-    names = ("PixelSpacing", "ImagerPixelSpacing") if imager else ("PixelSpacing",)
-    for name in names:
-        value = dataset.get(name) or _shared(dataset, "PixelMeasuresSequence", name)
-        if value is None:
-            continue
-        numbers = [float(x) for x in (value if hasattr(value, "__len__") else [value])]
-        if len(numbers) != 2 or not all(0 < x < float("inf") for x in numbers):
-            raise ImageError(f"{name} is {numbers}. Give two numbers above 0.", where=where)
-        return numbers[1], numbers[0]
-    return None
+    value = dataset.get(name)
+    if not value:
+        # An enhanced multi-frame object holds it in its shared functional groups.
+        shared = dataset.get("SharedFunctionalGroupsSequence") or [{}]
+        measures = shared[0].get("PixelMeasuresSequence") or [{}]
+        value = measures[0].get(name)
+    if value is None:
+        return None
+    if not hasattr(value, "__len__"):
+        value = [value]
+    numbers = [float(number) for number in value]
+    if len(numbers) != 2 or not all(0 < number < float("inf") for number in numbers):
+        raise ImageError(f"{name} is {numbers}. Give two numbers above 0.", where=where)
+    return numbers[1], numbers[0]
 
 
-def _place(dataset: Any, spacing: tuple[float, float] | None) -> NDArray | None:
+def place_in_patient(dataset: Any, spacing_mm: tuple[float, float] | None) -> NDArray | None:
     """(4, 3) T_patient_image [m] from position and orientation (PS3.3 C.7.6.2.1.1).
 
-    `None` where one is missing, not finite, or the directions are not square to each other and of
-    length 1 but for their decimals, which are made exact.
+    `None` where one is missing or not finite, or where the directions are not of length 1 and
+    square to each other but for their decimals. Those decimals are then taken off.
     """
     corner = dataset.get("ImagePositionPatient")
     axes = dataset.get("ImageOrientationPatient")
-    if corner is None or axes is None or spacing is None or len(corner) != 3 or len(axes) != 6:
+    if corner is None or axes is None or spacing_mm is None:
         return None
-    along = np.reshape([float(x) for x in axes], (2, 3))
-    lengths = np.linalg.norm(along, axis=1)
-    if not (np.abs(lengths - 1) < DECIMALS).all() or not abs(along[0] @ along[1]) < DECIMALS:
+    if len(corner) != 3 or len(axes) != 6:
+        return None
+    directions = np.reshape([float(number) for number in axes], (2, 3))
+    lengths = np.linalg.norm(directions, axis=1)
+    have_unit_length = (np.abs(lengths - 1) < DIRECTION_TOLERANCE).all()
+    are_square = abs(directions[0] @ directions[1]) < DIRECTION_TOLERANCE
+    if not have_unit_length or not are_square:
         return None
     T_patient_image = np.zeros((4, 3))
-    T_patient_image[:3, :2] = (along / lengths[:, None]).T * np.array(spacing) * 1e-3
-    T_patient_image[:3, 2] = [float(x) * 1e-3 for x in corner]
+    T_patient_image[:3, :2] = (directions / lengths[:, None]).T * np.array(spacing_mm) * 1e-3
+    T_patient_image[:3, 2] = [float(number) * 1e-3 for number in corner]
     T_patient_image[3, 2] = 1
-    return T_patient_image if np.isfinite(T_patient_image).all() else None
-
-
-def _shared(dataset: Any, group: str, name: str) -> Any:
-    """A value of an enhanced multi-frame object's shared functional groups."""
-    shared = dataset.get("SharedFunctionalGroupsSequence") or [{}]
-    inner = shared[0].get(group) or [{}]
-    return inner[0].get(name)
+    if not np.isfinite(T_patient_image).all():
+        return None
+    return T_patient_image
