@@ -34,12 +34,11 @@ def _range(row: Row) -> str:
 
 
 def _needed(row: Row) -> str:
-    return {
-        "always": "MUST",
-        "group": f"MUST, in `{row.parent}`",
-        "rendering": "MUST, with `/rendering`",
-        "optional": "MAY",
-    }[row.required]
+    if row.required == "optional":
+        return "MAY"
+    if row.required == "rendering":
+        return "V18"
+    return "MUST"
 
 
 def rows_table() -> str:

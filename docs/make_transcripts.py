@@ -33,7 +33,7 @@ PLAN = (
     " samples/elbow_markers_robot.csv --pixel-spacing 0.5 -q -o fixture.h5"
 )
 BEFORE = {  # what a page takes for granted in its folder
-    "format.md": f"{PLAN} && cp tests/data/bundles/0.1-everything.h5 old.h5",
+    "bundles.md": f"{PLAN} && cp tests/data/bundles/0.1-everything.h5 old.h5",
     "registration.md": "cp samples/elbow* . && awk -F, -v OFS=, '/^x4/ {$2 += 0.006} 1'"
     " elbow_markers_robot.csv > moved.csv",
     "replay.md": r"printf 't,x,y,z\n0,0,0,0\n0.002,0,0,0\n0.001,0,0,0\n' > bad.csv",

@@ -221,6 +221,22 @@ def shared_message() -> bytes:
     return of_items(changed_items)
 
 
+@vector("L3")
+def group_info_twice() -> bytes:
+    """A group has two messages of group info."""
+    changed_items = items("minimal")
+    changed_items["/provenance"].more.append((hdf5.GROUP_INFO, b"\0\0"))
+    return of_items(changed_items)
+
+
+@vector("L3")
+def fill_value_of_a_group() -> bytes:
+    """A group has a fill value, as if it were a dataset."""
+    changed_items = items("minimal")
+    changed_items["/provenance"].more.append((hdf5.FILL, b"\x03\x06"))
+    return of_items(changed_items)
+
+
 @vector("L4")
 def filtered_dataset() -> bytes:
     """A dataset passes through a filter."""
@@ -309,6 +325,23 @@ def text_padded_with_blanks() -> bytes:
     changed_items = items("minimal")
     value = (hdf5.text_type(5, padding=2), hdf5.space_of(()), b"kit 1")
     changed_items["/provenance"].attributes[b"software"] = value
+    return of_items(changed_items)
+
+
+@vector("L6")
+def nul_inside_a_text() -> bytes:
+    """A text goes on behind a NUL."""
+    changed_items = items("minimal")
+    value = (hdf5.text_type(5), hdf5.space_of(()), b"kit\0" + b"1")
+    changed_items["/provenance"].attributes[b"software"] = value
+    return of_items(changed_items)
+
+
+@vector("L7")
+def datatype_of_version_3() -> bytes:
+    """A datatype's message has version 3."""
+    changed_items = items("minimal")
+    changed_items["/points"].datatype = b"\x31" + hdf5.DATATYPES["f8"][1:]
     return of_items(changed_items)
 
 
@@ -664,6 +697,23 @@ def labels_twice() -> bytes:
 def negative_variance() -> bytes:
     """A variance is negative."""
     return changed("registered", registration__covariance=-np.eye(9))
+
+
+@vector("V12")
+def covariance_of_other_parameters() -> bytes:
+    """The covariance has 12 rows, and the transform 9 parameters."""
+    return changed("registered", registration__covariance=np.eye(12))
+
+
+@vector("V13")
+def transform_to_a_line() -> bytes:
+    """The transform takes the slice to a line."""
+    content = content_of("registered")
+    T = np.array(content["/registration/T_robot_image"])
+    T[:, 1] = T[:, 0]
+    mapped = np.column_stack([content["/registration/source"], np.ones(4)]) @ T.T
+    residuals = np.linalg.norm(mapped - content["/registration/target"], axis=1)
+    return changed("registered", registration__T_robot_image=T, registration__residuals=residuals)
 
 
 @vector("V13")

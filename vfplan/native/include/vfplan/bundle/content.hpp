@@ -132,8 +132,8 @@ inline std::size_t element_size(View message, const Row& row) {
     require(kind == integer || kind == floating || kind == string, "unsafe.type", row,
             "has a datatype of class " + std::to_string(kind) +
                 "; numbers and fixed-length strings are allowed");
-    require(version >= 1 && version <= 3, "corrupt.hdf5", row,
-            "has a datatype of version " + std::to_string(version));
+    require(version == 1, "corrupt.hdf5", row,
+            "has a datatype of version " + std::to_string(version) + "; 1 wanted");
     const auto size = number_at(message, 4, 4);
     if (row.type != Type::text) {
         const bool same_class = kind == (row.type == Type::f8 ? floating : integer);
@@ -437,8 +437,7 @@ class Reader {
     }
 
     static void require_group(const Object& object, const Row& row) {
-        require(object.group && !object.layout && !object.type && !object.space, "corrupt.kind",
-                row, "is not a group");
+        require(object.is_group(), "corrupt.kind", row, "is not a group");
     }
 
     void open_group(const Row& row, std::uint64_t address) {
@@ -476,9 +475,7 @@ class Reader {
 
     Value table(const Row& row, std::uint64_t address) {
         const Object object = read_object(file_, address, std::string(row.path));
-        require(
-            !object.group && object.links.empty() && object.layout && object.type && object.space,
-            "corrupt.kind", row, "is not a dataset");
+        require(object.is_dataset(), "corrupt.kind", row, "is not a dataset");
         const auto sides = sides_of(*object.space, row);
         check_shape(sides, row);
         Value value = table_of(file_, object, sides, element_size(*object.type, row), row);

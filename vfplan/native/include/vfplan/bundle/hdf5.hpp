@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -176,13 +177,23 @@ struct Named : std::vector<T> {
     }
 };
 
+inline constexpr std::uint64_t link_info = 0x02, group_info = 0x0A, attribute_info = 0x15;
+
 /// What one object header says.
 struct Object {
     std::string path;
     Named<Link> links;
     Named<Attribute> attributes;
     std::optional<View> space, type, fill, layout;
-    bool group = false;
+    std::set<std::uint64_t> infos;  // kinds of the info messages that are there
+
+    [[nodiscard]] bool is_group() const {
+        return infos.contains(link_info) && !space && !type && !fill && !layout;
+    }
+    [[nodiscard]] bool is_dataset() const {
+        return space && type && layout && links.empty() && !infos.contains(link_info) &&
+               !infos.contains(group_info);
+    }
 };
 
 /// Link info and attribute info: heap and index must not be there, nor creation order.
@@ -222,13 +233,17 @@ inline void read_message(std::uint64_t kind, Window& body, Object& object) {
         body.require(!into, "has a header message twice");
         into = body.take(body.left());
     };
+    const auto note_info = [&] {
+        body.require(object.infos.insert(kind).second, "has a header message twice");
+    };
     switch (kind) {
         case 0x00:
             return body.require(body.take(body.left()).all_zero(), gap);
         case 0x01:
             return keep(object.space);
-        case 0x02:
-            object.group = true;
+        case link_info:
+        case attribute_info:
+            note_info();
             return read_info(body);
         case 0x03:
             return keep(object.type);
@@ -238,7 +253,8 @@ inline void read_message(std::uint64_t kind, Window& body, Object& object) {
             return object.links.add(body, read_link(body), limits::links_per_group, "links");
         case 0x08:
             return keep(object.layout);
-        case 0x0A:
+        case group_info:
+            note_info();
             return read_group_info(body);
         case 0x0B:
             return body.require(false, "passes its data through a filter; none is allowed",
@@ -246,8 +262,6 @@ inline void read_message(std::uint64_t kind, Window& body, Object& object) {
         case 0x0C:
             return object.attributes.add(body, read_attribute(body), limits::attributes_per_object,
                                          "attributes");
-        case 0x15:
-            return read_info(body);
         default:
             body.require(false,
                          "holds header message " + std::to_string(kind) + ", which no bundle needs",

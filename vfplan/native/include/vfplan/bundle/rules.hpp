@@ -496,7 +496,10 @@ inline void check_registered(const Content& content, Findings& findings) {
         normal[k] = T[3 * i] * T[3 * j + 1] - T[3 * j] * T[3 * i + 1];
         square += normal[k] * normal[k];
     }
-    if (square == 0) return;
+    if (square == 0) {
+        return findings.error("unsafe.registration", "/registration/T_robot_image",
+                              "takes the slice to a line: its first two columns are parallel");
+    }
     const std::vector<double>& points = content.at("/points").f8;
     double farthest = 0;
     for (std::size_t i = 0; i < points.size(); i += 3) {
@@ -677,6 +680,10 @@ inline void check_registration(const Content& content, Findings& findings) {
     }
     if (const Value* covariance = content.find("/registration/covariance")) {
         const std::size_t side = covariance->shape[0];
+        const std::size_t parameters = 3 * transform.shape[0];
+        findings.require(side == parameters, "corrupt.shape", "/registration/covariance",
+                         "has " + std::to_string(side) + " rows; " + std::to_string(parameters) +
+                             " wanted, as many as the transform has parameters");
         bool negative = false;
         for (std::size_t i = 0; i < side; ++i) {
             negative = negative || covariance->f8[i * side + i] < 0;
