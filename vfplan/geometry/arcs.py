@@ -6,6 +6,7 @@ Each smooth run is laid out with pairs of arcs that meet with one tangent (Bolto
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -104,11 +105,10 @@ class SmoothRun:
         p, t = self.places[first], self.tangents[first]
         q, s = self.places[last], self.tangents[last]
         chord = q - p
-        tangents = t + s
-        a = 2 * (1 - t @ s)
-        b = chord @ tangents
-        c = chord @ chord
-        d = c / (b + np.sqrt(max(b * b + a * c, 0.0)) + 1e-300)
+        a = 2 * (1 - float(t @ s))
+        b = float(chord @ (t + s))
+        c = float(chord @ chord)
+        d = c / (b + math.sqrt(max(b * b + a * c, 0.0)) + 1e-300)
         joint = (p + q + d * (t - s)) / 2
         return joint, _bulge(t, joint - p), -_bulge(-s, joint - q)
 
@@ -259,8 +259,10 @@ def _smooth_runs(points: Vector, closed: bool, tolerance: float) -> list[SmoothR
 
 def _bulge(tangent: Vector, chord: Vector) -> float:
     """Of the arc that leaves along the tangent and ends at the chord's end."""
-    half = np.arctan2(tangent[0] * chord[1] - tangent[1] * chord[0], tangent @ chord)
-    bulge = float(np.tan(np.clip(half, -3.1, 3.1) / 2))
+    tu, tv = tangent.tolist()
+    cu, cv = chord.tolist()
+    half = float(np.arctan2(tu * cv - tv * cu, tangent @ chord))
+    bulge = float(np.tan(min(max(half, -3.1), 3.1) / 2))
     if abs(bulge) <= STRAIGHT:
         return 0.0
     return bulge
@@ -270,18 +272,25 @@ def _distance(a: Vector, b: Vector, bulge: float, x: Vector) -> Vector:
     """(T,) distance of x (T, 2) from a line or an arc of a half circle at most.
 
     With w = x - a: G = κ |w|²/2 - n·w and |grad G| = 1 + κ d, so d = 2 G / (1 + |grad G|).
+    What is one number is a Python float here: it costs a tenth of an array of one number.
     """
-    chord, w = b - a, x - a
-    length = float(np.hypot(*chord))
-    to_ends = np.minimum(np.hypot(*w.T), np.hypot(*(x - b).T))
+    w = x - a
+    to_b = x - b
+    wu, wv = w.T
+    to_ends = np.minimum(np.hypot(wu, wv), np.hypot(*to_b.T))
+    cu, cv = (b - a).tolist()
+    length = float(np.hypot(cu, cv))
     if length == 0:
         return to_ends
-    along = chord / length
-    across = np.array([-along[1], along[0]])
-    cos, sin = (1 - bulge**2) / (1 + bulge**2), 2 * bulge / (1 + bulge**2)
-    kappa, normal = 2 * sin / length, cos * across + sin * along
-    first_tangent, last_tangent = cos * along - sin * across, cos * along + sin * across
-    level = kappa * (w * w).sum(axis=1) / 2 - w @ normal
-    to_circle = 2 * np.abs(level) / (1 + np.hypot(*(kappa * w - normal).T))
-    between = (w @ first_tangent >= 0) & ((x - b) @ last_tangent <= 0)
+    along_u, along_v = cu / length, cv / length
+    cos = (1 - bulge**2) / (1 + bulge**2)
+    sin = 2 * bulge / (1 + bulge**2)
+    kappa = 2 * sin / length
+    nu, nv = cos * -along_v + sin * along_u, cos * along_u + sin * along_v
+    first_tangent = np.array([cos * along_u - sin * -along_v, cos * along_v - sin * along_u])
+    last_tangent = np.array([cos * along_u + sin * -along_v, cos * along_v + sin * along_u])
+    level = kappa * (wu * wu + wv * wv) / 2 - w @ np.array([nu, nv])
+    gradient = np.hypot(kappa * wu - nu, kappa * wv - nv)
+    to_circle = 2 * np.abs(level) / (1 + gradient)
+    between = (w @ first_tangent >= 0) & (to_b @ last_tangent <= 0)
     return np.where(between, to_circle, to_ends)
