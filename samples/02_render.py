@@ -6,7 +6,7 @@ import vfplan
 
 fixture = vfplan.read_fixture(sys.argv[1])
 engine = vfplan.ProxyEngine.of(fixture)
-on = fixture.points[len(fixture.points) // 2]
+middle = fixture.points[len(fixture.points) // 2]
 for i in range(100):
-    step = engine.step([on[0], on[1] + 0.02 - 0.0002 * i, on[2]])
+    step = engine.step([middle[0], middle[1] + 0.02 - 0.0002 * i, middle[2]])
 print("{:.6f} {:.6f} {:.6f} N".format(*step.force))

@@ -2,9 +2,8 @@
 
 import vfplan
 
-governor = vfplan.Governor(
-    force_step_n=0.5, force_max_n=10, stiffness_n_per_m=1000, mass_kg=1
-)  # force_step_n: a tick
+# The force may change by 0.5 N from one tick to the next.
+governor = vfplan.Governor(force_step_n=0.5, force_max_n=10, stiffness_n_per_m=1000, mass_kg=1)
 for _ in range(20):
     governor.step([0, 0, 5])
 for _ in range(3):

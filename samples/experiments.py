@@ -29,30 +29,35 @@ def square() -> Fixture:
     side = np.linspace(0.4, 0.5, 201)
     x, z = np.meshgrid(side, side, indexing="ij")
     points = np.stack([x.ravel(), np.full(x.size, 0.1), z.ravel()], axis=1)
-    chosen = ProxyParameters.make(points)  # 12.5 µm: the dimple between four points
-    rendering = Rendering(chosen.stiffness, chosen.rc, chosen.band)
-    return Fixture("robot_base", points, Provenance("2026-01-01T00:00:00Z", "vfplan"),
-                   rendering=rendering)  # fmt: skip
+    # The band becomes 12.5 µm, the depth of the dimple between four points.
+    parameters = ProxyParameters.make(points)
+    rendering = Rendering(parameters.stiffness, parameters.rc, parameters.band)
+    provenance = Provenance("2026-01-01T00:00:00Z", "vfplan")
+    return Fixture("robot_base", points, provenance, rendering=rendering)
 
 
 def probing_hand(rate: float = 1000.0) -> Session:
     """A hand that presses and slides on the front, goes around the edge, and does so on the back.
 
     Way points joined by minimum-jerk moves; no move is faster than 0.25 m/s.
+
+    rate: ticks a second
     """
+    front_depths_m = (4e-3, 7e-3, 9e-3)
+    back_depths_m = (3e-3, 8e-3)
     stops = [(0.43, 0.125, 0.45)]
-    for side, presses in ((1, (4e-3, 7e-3, 9e-3)), (-1, (3e-3, 8e-3))):
+    for side, depths_m in ((1, front_depths_m), (-1, back_depths_m)):
         surface = 0.1 + side * 5e-3
-        for k, deep in enumerate(presses):
+        for k, depth in enumerate(depths_m):
             x = 0.425 + 0.022 * k
-            stops += [
-                (x, surface + side * 0.01, 0.47),
-                (x, surface - side * deep, 0.46),
-                (x + 0.012, surface - side * 0.6 * deep, 0.43),
-                (x + 0.012, surface + side * 0.012, 0.43),
-            ]
+            stops.append((x, surface + side * 0.01, 0.47))
+            stops.append((x, surface - side * depth, 0.46))
+            stops.append((x + 0.012, surface - side * 0.6 * depth, 0.43))
+            stops.append((x + 0.012, surface + side * 0.012, 0.43))
         if side == 1:
-            stops += [(0.53, 0.12, 0.44), (0.53, 0.08, 0.44)]
+            # Around the edge of the square to its back.
+            stops.append((0.53, 0.12, 0.44))
+            stops.append((0.53, 0.08, 0.44))
     return Session(*minimum_jerk(np.array(stops), rate), name="probing both sides")
 
 
@@ -85,15 +90,19 @@ def planned_curve() -> Fixture:
 
 
 FILES = (
-    "experiment-1-force.png", "experiment-1-scene.png",
-    "experiment-2-force.png", "experiment-2-scene.png", "experiment-2-slice.png",
-)  # fmt: skip
+    "experiment-1-force.png",
+    "experiment-1-scene.png",
+    "experiment-2-force.png",
+    "experiment-2-scene.png",
+    "experiment-2-slice.png",
+)
+"""The pictures that `draw` writes."""
 
 
 def draw(folder: Path) -> dict[str, dict[str, float]]:
-    """Draw the paper's Figs. 4a, 4b, 6a and 6b, and depth on the slice; each run's numbers.
+    """Draw the paper's Figs. 4a, 4b, 6a and 6b, and the depth on the slice, as `FILES`.
 
-    Leaves `FILES` in `folder`.
+    Returns the numbers of each experiment.
     """
     from vfplan import view3d
     from vfplan.figures.depth import slice_depth
@@ -108,22 +117,26 @@ def draw(folder: Path) -> dict[str, dict[str, float]]:
         ("experiment-1", square(), probing_hand()),
         ("experiment-2", planned_curve(), hand),
     ):
-        found = replay(fixture, session)
-        save_png(timeline(found), folder / f"{name}-force.png")
-        space = folder / f"{name}-scene.png"
+        replayed = replay(fixture, session)
+        metrics = replayed.metrics
+        save_png(timeline(replayed), folder / f"{name}-force.png")
+        scene_file = folder / f"{name}-scene.png"
         if fixture.ignore_axis is None and opengl.offscreen_window() is not None:
-            view3d.draw_view(fixture, space, ticks=found.ticks, mark_hz=10.0, size=(1000, 750))
+            view3d.draw_view(
+                fixture, scene_file, ticks=replayed.ticks, mark_hz=10.0, size=(1000, 750)
+            )
         else:
-            save_png(scene(found), space)
-        m = found.metrics
+            save_png(scene(replayed), scene_file)
+        # Adding 0 turns a rounded -0.0 into 0.0.
+        clearance_min_um = round(1e6 * metrics["clearance_min_m"], 2) + 0.0
         numbers[name] = {
             "points": len(fixture.points),
-            "ticks": m["ticks"],
-            "contacts": len(m["episodes"]),
-            "force_max_n": m["force_max_n"],
-            "penetration_max_mm": 1e3 * m["penetration_max_m"],
-            "clearance_min_um": round(1e6 * m["clearance_min_m"], 2) + 0.0,  # not -0.0
+            "ticks": metrics["ticks"],
+            "contacts": len(metrics["episodes"]),
+            "force_max_n": metrics["force_max_n"],
+            "penetration_max_mm": 1e3 * metrics["penetration_max_m"],
+            "clearance_min_um": clearance_min_um,
         }
-    slice_ = read_image(files("vfplan.samples") / "elbow.png")
-    save_png(slice_depth(found, slice_), folder / "experiment-2-slice.png")
+    image = read_image(files("vfplan.samples") / "elbow.png")
+    save_png(slice_depth(replayed, image), folder / "experiment-2-slice.png")
     return numbers

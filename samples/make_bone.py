@@ -3,8 +3,8 @@
     python samples/make_bone.py
 
 Writes `bone.mrk.json` (a Slicer closed curve a slice), `bone_markers.mrk.json`, `bone_robot.csv`
-and `bone_touched.csv` into the current folder. The bone is a bent ellipsoid of 36 x 28 x 90 mm; the
-robot's markers are off by 0.4 mm an axis, its touches by 0.1 mm.
+and `bone_touched.csv` into the current folder. The bone is a bent ellipsoid of 36 x 28 x 90 mm. The
+robot measures the markers to 0.4 mm an axis, and the touched places to 0.1 mm.
 """
 
 from __future__ import annotations
@@ -14,58 +14,87 @@ from pathlib import Path
 
 import numpy as np
 
-SCHEMA = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"
-SCHEMA += "Resources/Schema/markups-schema-v1.0.3.json#"
-HALVES = np.array([18.0, 14.0, 45.0])
+SCHEMA = (
+    "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"
+    "Resources/Schema/markups-schema-v1.0.3.json#"
+)
+HALF_AXES_MM = np.array([18.0, 14.0, 45.0])
 """Half axes of the ellipsoid [mm]."""
-PLACES = np.arange(-36, 37, 4.0)
+SLICE_HEIGHTS_MM = np.arange(-36, 37, 4.0)
 """Heights of the slices [mm]."""
-MARKS = np.array([[38, 0, -30], [-30, 25, -10], [10, 35, 40], [-25, -30, 36], [34, -22, 8.0]])
-TURN = 0.4
+MARKERS_MM = np.array([[38, 0, -30], [-30, 25, -10], [10, 35, 40], [-25, -30, 36], [34, -22, 8.0]])
+"""Places of the markers in the patient's frame [mm]."""
+YAW_RAD = 0.4
 """Turn of the robot's frame about the patient's z axis [rad]."""
-SHIFT = np.array([0.5, 0.1, 0.3])
+ORIGIN_M = np.array([0.5, 0.1, 0.3])
 """Origin of the patient's frame in the robot's [m]."""
 
 
-def bone(angle, z):
-    """(M, 3) places on the bone at an angle round it and a height [mm]."""
-    size = np.sqrt(1 - (z / HALVES[2]) ** 2)
-    x = 8 * (z / 40) ** 2 + HALVES[0] * size * np.cos(angle)
-    return np.column_stack([x, HALVES[1] * size * np.sin(angle), np.broadcast_to(z, x.shape)])
+def bone_points(angle, z):
+    """(M, 3) points of the bone [mm], at an angle around it [rad] and a height [mm]."""
+    width = np.sqrt(1 - (z / HALF_AXES_MM[2]) ** 2)
+    x = 8 * (z / 40) ** 2 + HALF_AXES_MM[0] * width * np.cos(angle)
+    y = HALF_AXES_MM[1] * width * np.sin(angle)
+    return np.column_stack([x, y, np.broadcast_to(z, x.shape)])
 
 
-def robot(points):
-    """The patient's millimetres in the robot's metres."""
-    c = np.cos(TURN)
-    s = np.sin(TURN)
-    return 1e-3 * points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + SHIFT
+def robot_from_patient(points):
+    """Points of the patient's frame [mm] in the robot's [m]."""
+    c = np.cos(YAW_RAD)
+    s = np.sin(YAW_RAD)
+    return 1e-3 * points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + ORIGIN_M
 
 
-def markup(kind, points, names=None):
-    controls = [
-        {"id": str(k), "label": f"m{k}" if names else "", "position": p.tolist()}
-        for k, p in enumerate(points, 1)
-    ]
-    return {"type": kind, "coordinateSystem": "LPS", "coordinateUnits": "mm",
-            "controlPoints": controls}  # fmt: skip
+def markup(kind, points, label=""):
+    """A Slicer markup; its points are named by the label and a number, if a label is given."""
+    controls = []
+    for number, point in enumerate(points, start=1):
+        name = ""
+        if label:
+            name = f"{label}{number}"
+        controls.append({"id": str(number), "label": name, "position": point.tolist()})
+    return {
+        "type": kind,
+        "coordinateSystem": "LPS",
+        "coordinateUnits": "mm",
+        "controlPoints": controls,
+    }
 
 
 def write_markups(path, markups):
+    """Write a file of Slicer markups."""
     Path(path).write_text(json.dumps({"@schema": SCHEMA, "markups": markups}, indent=1))
 
 
 def write_table(path, header, rows):
+    """Write a table of text."""
     Path(path).write_text("\n".join([header, *rows]) + "\n")
 
 
-if __name__ == "__main__":
+def main():
+    """Write the four files into the current folder."""
     rng = np.random.default_rng(2)
-    around = np.linspace(0, 2 * np.pi, 40, endpoint=False)
-    write_markups("bone.mrk.json", [markup("ClosedCurve", bone(around, z)) for z in PLACES])
-    write_markups("bone_markers.mrk.json", [markup("Fiducial", MARKS, names=True)])
-    seen = robot(MARKS) + rng.normal(0, 4e-4, MARKS.shape)
-    rows = [f"m{k},{x:.6f},{y:.6f},{z:.6f}" for k, (x, y, z) in enumerate(seen, 1)]
+
+    angles = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    outlines = []
+    for height in SLICE_HEIGHTS_MM:
+        outlines.append(markup("ClosedCurve", bone_points(angles, height)))
+    write_markups("bone.mrk.json", outlines)
+    write_markups("bone_markers.mrk.json", [markup("Fiducial", MARKERS_MM, label="m")])
+
+    measured = robot_from_patient(MARKERS_MM) + rng.normal(0, 4e-4, MARKERS_MM.shape)
+    rows = []
+    for number, (x, y, z) in enumerate(measured, start=1):
+        rows.append(f"m{number},{x:.6f},{y:.6f},{z:.6f}")
     write_table("bone_robot.csv", "label,x_m,y_m,z_m", rows)
-    places = bone(rng.uniform(0, 2 * np.pi, 80), rng.uniform(-34, 34, 80))
-    felt = robot(places) + rng.normal(0, 1e-4, places.shape)
-    write_table("bone_touched.csv", "x_m,y_m,z_m", [f"{x:.6f},{y:.6f},{z:.6f}" for x, y, z in felt])
+
+    places = bone_points(rng.uniform(0, 2 * np.pi, 80), rng.uniform(-34, 34, 80))
+    touched = robot_from_patient(places) + rng.normal(0, 1e-4, places.shape)
+    rows = []
+    for x, y, z in touched:
+        rows.append(f"{x:.6f},{y:.6f},{z:.6f}")
+    write_table("bone_touched.csv", "x_m,y_m,z_m", rows)
+
+
+if __name__ == "__main__":
+    main()

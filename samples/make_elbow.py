@@ -25,17 +25,31 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
 WIDTH = 871
+"""Columns of the slice [px]."""
 HEIGHT = 786
-MM_PER_PX = 0.5  # the print's scale
-LENGTH_PX = 2204 / 5.3 / MM_PER_PX  # so long is a curve of 2204 points at 5.3 points/mm
-PEN_PX = 2.6488  # what makes 5.3 mask pixels to a millimetre of curve
-PEN_COLOUR = (226, 26, 32)
-FLE_SIGMA_M = 0.2e-3  # how well a marker is touched with the robot's tip, each axis
+"""Rows of the slice [px]."""
+MM_PER_PX = 0.5
+"""Scale of the print [mm/px]."""
+LENGTH_PX = 2204 / 5.3 / MM_PER_PX
+"""Length of a curve of 2204 points at 5.3 points/mm [px]."""
+PEN_PX = 2.6488
+"""Width of the pen [px]. It makes 5.3 mask pixels to a millimetre of curve."""
+PEN_COLOUR = np.array([226, 26, 32])
+"""Red, green and blue of the pen."""
+FLE_SIGMA_M = 0.2e-3
+"""How well a marker is touched with the robot's tip, each axis [m]."""
 RATE_HZ = 1000.0
-AWAY_M = 0.012  # how far off the curve a visit begins and ends
-PRESS_M = 0.0025  # how far beyond the curve the hand presses
-SLIDE_M = 0.045  # how far along the curve it slides
-MEAN_SPEED = 0.12  # m/s, a careful hand
+"""Ticks a second of the session [Hz]."""
+APPROACH_M = 0.012
+"""Distance from the curve at which a visit begins and ends [m]."""
+PRESS_M = 0.0025
+"""How far beyond the curve the hand presses [m]."""
+SLIDE_M = 0.045
+"""How far along the curve the hand slides [m]."""
+MEAN_SPEED_M_S = 0.12
+"""Mean speed of a careful hand [m/s]."""
+VISITS_M = [0.05, 0.17, 0.29]
+"""Where along the curve the visits begin [m]."""
 
 # Outlines in pixels, drawn by eye after sagittal slices of an elbow.
 SOFT_TISSUE = [(330, -60), (300, 120), (215, 250), (190, 390), (250, 520), (420, 600), (600, 640),
@@ -53,10 +67,15 @@ MARKERS_PX = [(120.4, 98.2), (432.7, 66.9), (748.1, 104.6), (96.3, 402.8), (447.
               (768.9, 372.1), (118.8, 690.4), (441.6, 702.3), (752.5, 724.7)]  # fmt: skip
 
 
+def smooth_outline(outline: list[tuple[int, int]]) -> np.ndarray:
+    """(800, 2) points of a spline through an outline [px]."""
+    spline, _ = splprep(np.array(outline, float).T, s=0, per=False)
+    return np.stack(splev(np.linspace(0, 1, 800), spline), axis=1)
+
+
 def bone(outline: list[tuple[int, int]], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Coverage (H, W) of a bone and its grey values: a bright cortex around a trabecular core."""
-    tck, _ = splprep(np.array(outline, float).T, s=0, per=False)
-    points = np.stack(splev(np.linspace(0, 1, 800), tck), axis=1)
+    points = smooth_outline(outline)
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
     cv2.fillPoly(mask, [np.round(points * 16).astype(np.int32)], 255, cv2.LINE_AA, shift=4)
     coverage = mask / 255.0
@@ -69,16 +88,15 @@ def bone(outline: list[tuple[int, int]], rng: np.random.Generator) -> tuple[np.n
 def slice_image(rng: np.random.Generator) -> np.ndarray:
     """(H, W, 3) uint8: the grey slice before anything is drawn on it."""
     grey = np.full((HEIGHT, WIDTH), 12.0)
-    tck, _ = splprep(np.array([*SOFT_TISSUE, SOFT_TISSUE[0]], float).T, s=0)
     skin = np.zeros((HEIGHT, WIDTH), np.uint8)
-    outline = np.stack(splev(np.linspace(0, 1, 800), tck), axis=1)
+    outline = smooth_outline([*SOFT_TISSUE, SOFT_TISSUE[0]])
     cv2.fillPoly(skin, [np.round(outline).astype(np.int32)], 255)
     fat = gaussian_filter(skin / 255.0, 2.0)
     muscle = gaussian_filter((cv2.erode(skin, np.ones((27, 27))) / 255.0), 5.0)
     streaks = gaussian_filter(rng.normal(size=grey.shape), (3, 14)) * 60
     grey += fat * 48 + muscle * (38 + streaks)
-    for outline_px in (HUMERUS, ULNA):
-        coverage, value = bone(outline_px, rng)
+    for bone_outline in (HUMERUS, ULNA):
+        coverage, value = bone(bone_outline, rng)
         grey = grey * (1 - coverage) + value * coverage
     grey = gaussian_filter(grey, 0.8) + rng.normal(0, 3.0, grey.shape)
     return np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
@@ -88,12 +106,21 @@ def planned_curve(rng: np.random.Generator) -> np.ndarray:
     """(M, 2) the curve's centre line [px], 0.05 px apart, with the slow waver of a hand."""
     control = np.array(PLAN, float)
     control += rng.normal(0, 2.0, control.shape)
-    chord = np.r_[0, np.cumsum(np.linalg.norm(np.diff(control, axis=0), axis=1))]
+    chord = lengths_along(control)
     spline = make_interp_spline(chord, control, k=3)
     dense = spline(np.linspace(0, chord[-1], 40_000))
-    s = np.r_[0, np.cumsum(np.linalg.norm(np.diff(dense, axis=0), axis=1))]
-    even = np.arange(0, LENGTH_PX, 0.05)
-    return np.stack([np.interp(even, s, dense[:, k]) for k in (0, 1)], axis=1)
+    return interpolate(np.arange(0, LENGTH_PX, 0.05), lengths_along(dense), dense)
+
+
+def lengths_along(points: np.ndarray) -> np.ndarray:
+    """(N,) the length of a polyline up to each of its points."""
+    return np.r_[0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+
+
+def interpolate(places: np.ndarray, s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(M, D) values at places along a line; `values` are (N, D), those at its lengths `s`."""
+    columns = [np.interp(places, s, column) for column in values.T]
+    return np.stack(columns, axis=1)
 
 
 def draw_pen(image: np.ndarray, curve: np.ndarray) -> None:
@@ -101,45 +128,54 @@ def draw_pen(image: np.ndarray, curve: np.ndarray) -> None:
     v, u = np.mgrid[0:HEIGHT, 0:WIDTH]
     distance, _ = cKDTree(curve).query(np.c_[u.ravel(), v.ravel()], distance_upper_bound=PEN_PX)
     alpha = np.clip(PEN_PX / 2 + 0.5 - distance, 0, 1).reshape(HEIGHT, WIDTH, 1)
-    image[:] = np.round(image * (1 - alpha) + np.array(PEN_COLOUR) * alpha).astype(np.uint8)
+    image[:] = np.round(image * (1 - alpha) + PEN_COLOUR * alpha).astype(np.uint8)
 
 
 def draw_markers(image: np.ndarray) -> None:
     """Paint nine cyan crosses with yellow labels x1 to x9."""
+    cyan = (40, 210, 240)
+    yellow = (250, 250, 40)
     for i, (u, v) in enumerate(MARKERS_PX, start=1):
         for du, dv in ((7, 0), (0, 7)):
-            ends = [(round((u + s * du) * 16), round((v + s * dv) * 16)) for s in (-1, 1)]
-            cv2.line(image, ends[0], ends[1], (40, 210, 240), 1, cv2.LINE_AA, shift=4)
+            # With shift=4, OpenCV takes coordinates in sixteenths of a pixel.
+            start = (round((u - du) * 16), round((v - dv) * 16))
+            end = (round((u + du) * 16), round((v + dv) * 16))
+            cv2.line(image, start, end, cyan, 1, cv2.LINE_AA, shift=4)
         place = (round(u) + 8, round(v) - 7)
-        cv2.putText(image, f"x{i}", place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, (250, 250, 40), 1,
-                    cv2.LINE_AA)  # fmt: skip
+        cv2.putText(image, f"x{i}", place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, yellow, 1, cv2.LINE_AA)
 
 
 def robot_from_image() -> np.ndarray:
     """(3, 3) true map on [u v 1] into `robot_base` [m]: the print lies flat, turned by 4°."""
-    scale, angle = MM_PER_PX * 1e-3, np.radians(4.0)
-    T = np.zeros((3, 3))
-    T[:2, 0] = scale * np.array([np.cos(angle), np.sin(angle)])
-    T[:2, 1] = scale * np.array([np.sin(angle), -np.cos(angle)])
-    T[:, 2] = [0.34, 0.16, 0.02]
-    return T
+    scale = MM_PER_PX * 1e-3
+    angle = np.radians(4.0)
+    T_robot_image = np.zeros((3, 3))
+    T_robot_image[:2, 0] = scale * np.array([np.cos(angle), np.sin(angle)])
+    T_robot_image[:2, 1] = scale * np.array([np.sin(angle), -np.cos(angle)])
+    T_robot_image[:, 2] = [0.34, 0.16, 0.02]
+    return T_robot_image
 
 
 def waypoints(length: float) -> list[tuple[float, float]]:
     """(along, across) the curve [m]: three visits from one side, round the end, three back."""
-    places = (0.05, 0.17, 0.29)
-    path = [(0.02, AWAY_M)]
-    for side, order in ((1, places), (-1, places[::-1])):
-        for place in order:
-            start = place
-            end = place + SLIDE_M
-            if side < 0:
-                start, end = end, start
-            path += [(start, side * AWAY_M), (start, -side * PRESS_M),
-                     (end, -side * PRESS_M), (end, side * AWAY_M)]  # fmt: skip
-        if side > 0:
-            path += [(length + 0.02, AWAY_M), (length + 0.02, -AWAY_M)]
+    path = [(0.02, APPROACH_M)]
+    for place in VISITS_M:
+        path += visit(place, place + SLIDE_M, side=1)
+    path.append((length + 0.02, APPROACH_M))
+    path.append((length + 0.02, -APPROACH_M))
+    for place in reversed(VISITS_M):
+        path += visit(place + SLIDE_M, place, side=-1)
     return path
+
+
+def visit(start: float, end: float, side: int) -> list[tuple[float, float]]:
+    """Come to the curve from a side, press beyond it, slide along it, and leave again."""
+    return [
+        (start, side * APPROACH_M),
+        (start, -side * PRESS_M),
+        (end, -side * PRESS_M),
+        (end, side * APPROACH_M),
+    ]
 
 
 def probing_session(curve_m: np.ndarray) -> np.ndarray:
@@ -148,11 +184,11 @@ def probing_session(curve_m: np.ndarray) -> np.ndarray:
     Each visit comes from 12 mm away, presses to 2.5 mm beyond the drawn curve, slides 45 mm along
     it and leaves again; minimum-jerk between waypoints, with a hand's slow tremor.
     """
-    s = np.r_[0, np.cumsum(np.linalg.norm(np.diff(curve_m, axis=0), axis=1))]
+    s = lengths_along(curve_m)
     moves = []
     path = np.array(waypoints(s[-1]))
     for start, end in pairwise(path):
-        seconds = max(0.4, np.linalg.norm(end - start) / MEAN_SPEED)
+        seconds = max(0.4, np.linalg.norm(end - start) / MEAN_SPEED_M_S)
         x = np.linspace(0, 1, round(seconds * RATE_HZ), endpoint=False)[:, None]
         moves.append(start + (end - start) * (10 * x**3 - 15 * x**4 + 6 * x**5))
     along, across = np.concatenate(moves).T
@@ -161,9 +197,9 @@ def probing_session(curve_m: np.ndarray) -> np.ndarray:
 
     # Beyond its end the curve goes on straight.
     inside = np.clip(along, 0, s[-1])
-    foot = np.stack([np.interp(inside, s, curve_m[:, k]) for k in range(3)], axis=1)
+    foot = interpolate(inside, s, curve_m)
     slope = gaussian_filter(np.gradient(curve_m[:, :2], s, axis=0), (40, 0), mode="nearest")
-    tangent = np.stack([np.interp(inside, s, slope[:, k]) for k in (0, 1)], axis=1)
+    tangent = interpolate(inside, s, slope)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     normal = np.c_[-tangent[:, 1], tangent[:, 0]]
     foot[:, :2] += normal * across[:, None] + tangent * (along - inside)[:, None]
@@ -185,20 +221,27 @@ def main(folder: Path) -> None:
     draw_pen(image, curve)
     cv2.imwrite(str(folder / "elbow.png"), image[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
-    T = robot_from_image()
+    T_robot_image = robot_from_image()
     markers = np.array(MARKERS_PX)
-    touched = np.c_[markers, np.ones(9)] @ T.T + rng.normal(0, FLE_SIGMA_M, (9, 3))
-    rows = [f"x{i},{u:.2f},{v:.2f}" for i, (u, v) in enumerate(markers, start=1)]
+    touched = np.c_[markers, np.ones(9)] @ T_robot_image.T + rng.normal(0, FLE_SIGMA_M, (9, 3))
+    rows = []
+    for i, (u, v) in enumerate(markers, start=1):
+        rows.append(f"x{i},{u:.2f},{v:.2f}")
     write_csv(folder / "elbow_markers_image.csv", "label,u_px,v_px", rows)
-    rows = [f"x{i},{x:.6f},{y:.6f},{z:.6f}" for i, (x, y, z) in enumerate(touched, start=1)]
+    rows = []
+    for i, (x, y, z) in enumerate(touched, start=1):
+        rows.append(f"x{i},{x:.6f},{y:.6f},{z:.6f}")
     write_csv(folder / "elbow_markers_robot.csv", "label,x_m,y_m,z_m", rows)
 
-    curve_m = np.c_[curve, np.ones(len(curve))] @ T.T
-    rows = [f"{t:.3f},{x:.7f},{y:.7f},{z:.7f}" for t, x, y, z in probing_session(curve_m)]
+    curve_m = np.c_[curve, np.ones(len(curve))] @ T_robot_image.T
+    rows = []
+    for t, x, y, z in probing_session(curve_m):
+        rows.append(f"{t:.3f},{x:.7f},{y:.7f},{z:.7f}")
     write_csv(folder / "elbow_session.csv", "t,x,y,z", rows)
+
     length = float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
     truth = {
-        "T_robot_image": T.tolist(),
+        "T_robot_image": T_robot_image.tolist(),
         "pixel_spacing_mm": MM_PER_PX,
         "pen_px": PEN_PX,
         "length_px": round(length, 2),
@@ -209,4 +252,7 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
+    output_folder = Path(__file__).parent
+    if len(sys.argv) > 1:
+        output_folder = Path(sys.argv[1])
+    main(output_folder)

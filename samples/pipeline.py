@@ -6,15 +6,23 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-# In the order of the story.
 FILES = (
-    "mask.png", "overlay.png", "fixture.h5", "fixture-sheet.png", "result.h5", "force.png",
+    "mask.png",
+    "overlay.png",
+    "fixture.h5",
+    "fixture-sheet.png",
+    "result.h5",
+    "force.png",
     "scene.png",
-)  # fmt: skip
+)
+"""The files that `draw` writes, in the order of the pipeline."""
 
 
 def draw(folder: Path) -> dict[str, Any]:
-    """Plan, replay and draw, leave `FILES` in `folder`; the reports of each step."""
+    """Plan a fixture, replay a session against it and draw both, as `FILES`.
+
+    Returns the reports of all steps.
+    """
     from vfplan.bundle import write_fixture
     from vfplan.figures import replay as figures
     from vfplan.figures.slice import draw_mask, draw_overlay
@@ -26,20 +34,28 @@ def draw(folder: Path) -> dict[str, Any]:
     from vfplan.session import read_session, write_result
 
     sample = files("vfplan.samples")
-    made = plan(
+    result = plan(
         sample / "elbow.png",
         sample / "elbow_markers_image.csv",
         sample / "elbow_markers_robot.csv",
         extraction=ExtractSettings(pixel_spacing_mm=(0.5, 0.5)),
     )
-    write_fixture(made.fixture, folder / "fixture.h5")
-    write_sheet(of_plan(made, "fixture.h5"), folder / "fixture-sheet.png")
-    replayed = replay(made.fixture, read_session(str(sample / "elbow_session.csv")))
+    fixture = result.fixture
+    write_fixture(fixture, folder / "fixture.h5")
+    write_sheet(of_plan(result, "fixture.h5"), folder / "fixture-sheet.png")
+
+    replayed = replay(fixture, read_session(str(sample / "elbow_session.csv")))
     write_result(replayed, folder / "result.h5")
-    image, extraction = made.extracted.image, made.extracted.extraction
+
+    extraction = result.extracted.extraction
     draw_mask(extraction, folder / "mask.png")
-    markers, findings = made.fixture.registration, made.fixture.findings
-    draw_overlay(image, extraction, folder / "overlay.png", markers=markers, findings=findings)
+    draw_overlay(
+        result.extracted.image,
+        extraction,
+        folder / "overlay.png",
+        markers=fixture.registration,
+        findings=fixture.findings,
+    )
     save_png(figures.timeline(replayed), folder / "force.png")
     save_png(figures.scene(replayed), folder / "scene.png")
-    return {**made.report, "replay": replayed.metrics}
+    return {**result.report, "replay": replayed.metrics}

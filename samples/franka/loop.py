@@ -3,8 +3,9 @@
     python loop.py FIXTURE.h5 --robot HOST --require-signature KEYS.pub --case CASE --max-age S
     python loop.py FIXTURE.h5 --robot HOST --unsigned [--seconds 10] [--no-governor]
 
-Needs `pylibfranka`, Franka's own binding. The arm is held by your hand: the only torques are the
-fixture's, governed, and the arm compensates its own weight. Stop it by its button, or by Ctrl-C.
+Needs `pylibfranka`, Franka's own binding. Your hand holds the arm. The arm compensates its own
+weight, and the only torques that are commanded are the fixture's, limited by the governor. Stop it
+by its button, or by Ctrl-C.
 """
 
 from __future__ import annotations
@@ -18,34 +19,49 @@ from typing import Any
 import numpy as np
 
 import vfplan
+from vfplan.errors import VfplanError
 
-THRESHOLDS = [100.0] * 7, [100.0] * 6  # the governor limits what is commanded, not these
+RATE_HZ = 1000
+COLLISION_TORQUES_NM = [100.0] * 7
+"""Torques at which the arm reports a collision [N m]. They are out of the way, because the governor
+limits what is commanded."""
+COLLISION_FORCES_N = [100.0] * 6
+"""The same of the forces and torques at the tip [N, N m]."""
 
 
 @dataclass
 class Run:
-    """How a run ended: its ticks, the largest steps commanded, and the arm's own error, if any."""
+    """How a run ended.
+
+    ticks: how many ticks there were
+    force_max_n: the engine's largest force [N]
+    force_step_n: the largest change of the engine's force from one tick to the next [N]
+    torque_step_nm: the largest change of a joint's commanded torque [N m]
+    error: what the arm said when it stopped by itself; `None` if it did not
+    """
 
     ticks: int = 0
     force_max_n: float = 0.0
-    force_step_n: float = 0.0  # the engine's
-    torque_step_nm: float = 0.0  # commanded, largest of a joint
+    force_step_n: float = 0.0
+    torque_step_nm: float = 0.0
     error: str | None = None
 
 
 def connect(host: str) -> Any:
-    """The arm at HOST, its errors taken back."""
+    """Connect to the arm and clear its errors."""
     import pylibfranka
 
     robot = pylibfranka.Robot(host, pylibfranka.RealtimeConfig.kIgnore)
     robot.automatic_error_recovery()
-    joints, cartesian = THRESHOLDS
-    robot.set_collision_behavior(joints, joints, cartesian, cartesian)
+    robot.set_collision_behavior(
+        COLLISION_TORQUES_NM, COLLISION_TORQUES_NM, COLLISION_FORCES_N, COLLISION_FORCES_N
+    )
     return robot
 
 
-def tip(state: Any) -> np.ndarray:
-    """(3,) the tip in the arm's base [m]: the last column of O_T_EE, which is column-major."""
+def read_tip(state: Any) -> np.ndarray:
+    """(3,) the tip in the frame of the arm's base [m]."""
+    # O_T_EE is a 4 x 4 matrix, column by column. Its last column is the position.
     return np.array(state.O_T_EE[12:15])
 
 
@@ -53,94 +69,139 @@ def render(
     robot: Any,
     model: Any,
     engine: Any,
-    governor: Any,
+    governor: vfplan.Governor | None,
     ticks: int,
-    more: Callable[[Any, np.ndarray, int], np.ndarray] | None = None,
+    other_torque: Callable[[Any, np.ndarray, int], np.ndarray] | None = None,
 ) -> Run:
-    """Run the loop for `ticks`, or until the arm stops.
+    """Run the control loop for a number of ticks, or until the arm stops.
 
-    `governor` is a `vfplan.Governor` of torques, or `None`: the engine's force as it is. `more`
-    gives torques (7,) [N m] to add, from the state, the Jacobian (6, 7) and the tick: the rest of
-    a control law.
+    governor
+        A governor of torques; `None` commands the engine's force as it is.
+    other_torque
+        Gives torques (7,) [N m] to add, from the state, the Jacobian (6, 7) and the tick. This is
+        the place for the rest of your control law.
     """
     import pylibfranka
 
-    run, control = Run(), robot.start_torque_control()
-    force, torque = np.zeros(3), np.zeros(7)
+    run = Run()
+    force = np.zeros(3)
+    torque = np.zeros(7)
+    control = robot.start_torque_control()
     try:
-        for k in range(ticks):
+        for tick in range(ticks):
             state, _ = control.readOnce()
-            jacobian = np.array(model.zero_jacobian(state)).reshape(7, 6).T  # column-major
-            before, last = force, torque
-            force = engine.step(tip(state)).force
+            # The Jacobian comes column by column.
+            jacobian = np.array(model.zero_jacobian(state)).reshape(7, 6).T
+
+            last_force = force
+            force = engine.step(read_tip(state)).force
+
+            last_torque = torque
             if governor is None:
                 torque = jacobian[:3].T @ force
             else:
                 governor.step(force, jacobian[:3])
                 torque = governor.torque_nm
-            if more is not None:
-                torque = torque + more(state, jacobian, k)
-            run.ticks = k + 1
+            if other_torque is not None:
+                torque = torque + other_torque(state, jacobian, tick)
+
+            run.ticks = tick + 1
             run.force_max_n = max(run.force_max_n, float(np.linalg.norm(force)))
-            run.force_step_n = max(run.force_step_n, float(np.linalg.norm(force - before)))
-            run.torque_step_nm = max(run.torque_step_nm, float(np.abs(torque - last).max()))
+            force_step_n = float(np.linalg.norm(force - last_force))
+            run.force_step_n = max(run.force_step_n, force_step_n)
+            torque_step_nm = float(np.abs(torque - last_torque).max())
+            run.torque_step_nm = max(run.torque_step_nm, torque_step_nm)
+
             command = pylibfranka.Torques(torque.tolist())
-            command.motion_finished = k + 1 == ticks
+            command.motion_finished = tick + 1 == ticks
             control.writeOnce(command)
     except (pylibfranka.ControlException, pylibfranka.CommandException) as error:
         run.error = str(error).splitlines()[0]
     return run
 
 
-def main(arguments: list[str]) -> int:
-    """Read a bundle, and render it on the arm."""
+def parse(words: list[str]) -> tuple[argparse.ArgumentParser, argparse.Namespace]:
+    """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("fixture")
     parser.add_argument("--robot", required=True, metavar="HOST")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--no-governor", action="store_true")
-    maker = parser.add_mutually_exclusive_group(required=True)
-    maker.add_argument("--require-signature", metavar="KEYS", help="one of these must have signed")
-    maker.add_argument("--unsigned", action="store_true", help="anybody may have made the fixture")
+    signer = parser.add_mutually_exclusive_group(required=True)
+    signer.add_argument("--require-signature", metavar="KEYS", help="one of these must have signed")
+    signer.add_argument("--unsigned", action="store_true", help="anybody may have made the fixture")
     parser.add_argument("--case", help="for which case it must be signed")
     parser.add_argument("--robot-serial", help="for which robot it must be signed")
     parser.add_argument("--max-age", type=float, metavar="S", help="how long ago, at most [s]")
     parser.add_argument(
         "--despite-findings", action="store_true", help="take it though findings are open"
     )
-    given = parser.parse_args(arguments)
-    trust = None
-    if given.unsigned:
-        if (given.case, given.robot_serial, given.max_age) != (None, None, None):
-            parser.error("--case, --robot-serial and --max-age need --require-signature")
-        print(f"warning: {given.fixture} is loaded without a signature: it is undamaged, but "
-              "anybody may have made it, for any patient", file=sys.stderr)  # fmt: skip
+    options = parser.parse_args(words)
+    demands = (options.case, options.robot_serial, options.max_age)
+    if options.unsigned and demands != (None, None, None):
+        parser.error(
+            "--case, --robot-serial and --max-age read a signature. "
+            "Give --require-signature KEYS, or leave them out."
+        )
+    return parser, options
+
+
+def load(parser: argparse.ArgumentParser, options: argparse.Namespace) -> vfplan.Fixture:
+    """Read the fixture that is named, and refuse one that must not be rendered."""
+    if options.unsigned:
+        print(
+            f"warning: {options.fixture} is loaded without a signature: it is undamaged, but "
+            "anybody may have made it, for any patient. Sign it with `vfplan sign`.",
+            file=sys.stderr,
+        )
+        fixture = vfplan.read_fixture(options.fixture)
     else:
         from vfplan.bundle import Trust, read_keys
 
-        keys = read_keys(given.require_signature)
-        trust = Trust(keys, given.case, given.robot_serial, given.max_age)
-    fixture = vfplan.read_fixture(given.fixture, trust=trust)
-    if fixture.open_findings and not given.despite_findings:
+        keys = read_keys(options.require_signature)
+        trust = Trust(keys, options.case, options.robot_serial, options.max_age)
+        fixture = vfplan.read_fixture(options.fixture, trust=trust)
+    if fixture.open_findings and not options.despite_findings:
         codes = ", ".join(finding.code for finding in fixture.open_findings)
-        parser.error(f"findings of its planning are not answered: {codes}")
+        parser.error(
+            f"findings of its planning are not answered: {codes}. "
+            "Answer them with `vfplan review`, or give --despite-findings."
+        )
     if fixture.guidance is not None:
-        parser.error("the fixture guides; this loop renders forbidden regions only")
-    stiffness = float(np.max(fixture.stiffness))
+        parser.error(
+            "the fixture guides, and this loop renders forbidden regions only. "
+            "Plan it without --guide."
+        )
+    return fixture
+
+
+def main(words: list[str]) -> int:
+    """Read a fixture, and render it on the arm."""
+    parser, options = parse(words)
+    try:
+        fixture = load(parser, options)
+    except VfplanError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
     engine = vfplan.ProxyEngine.of(fixture)
-    limits = vfplan.read_robot("fr3")
-    governor = vfplan.Governor.of(limits, stiffness, torques=True)
-    robot = connect(given.robot)
-    engine.reset(tip(robot.read_once()))
-    run = render(
-        robot, robot.load_model(), engine, None if given.no_governor else governor,
-        round(1000 * given.seconds),
-    )  # fmt: skip
-    print(f"{run.ticks} ticks, force up to {run.force_max_n:.2f} N, torque steps up to "
-          f"{run.torque_step_nm:.3f} N m")  # fmt: skip
-    if run.error:
+    governor = None
+    if not options.no_governor:
+        stiffness_n_per_m = float(np.max(fixture.stiffness))
+        governor = vfplan.Governor.of(vfplan.read_robot("fr3"), stiffness_n_per_m, torques=True)
+
+    robot = connect(options.robot)
+    model = robot.load_model()
+    engine.reset(read_tip(robot.read_once()))
+    run = render(robot, model, engine, governor, round(RATE_HZ * options.seconds))
+
+    print(
+        f"{run.ticks} ticks, force up to {run.force_max_n:.2f} N, "
+        f"torque steps up to {run.torque_step_nm:.3f} N m"
+    )
+    if run.error is not None:
         print(run.error, file=sys.stderr)
-    return int(run.error is not None)
+        return 1
+    return 0
 
 
 if __name__ == "__main__":

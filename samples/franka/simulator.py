@@ -1,8 +1,8 @@
-"""The arm's protocol simulator on this machine alone: `python simulator.py MODEL.xml ADDRESS`.
+"""Simulate the arm's protocol on this machine alone: `python simulator.py MODEL.xml ADDRESS`.
 
-`franka-sim` listens on every interface by itself; here it is bound to ADDRESS, one of the
-loopback's. It judges an arm's limits, not a busy machine's deadlines. MODEL.xml is one of vfplan's
-own, which needs no network; `study.py` passes it.
+By itself `franka-sim` listens on every network interface; here it is bound to ADDRESS, one of the
+loopback interface. It judges an arm's limits, but not whether a busy machine meets its deadlines.
+MODEL.xml is one of vfplan's own models, so no network is needed; `study.py` passes it.
 """
 
 from __future__ import annotations
@@ -11,15 +11,17 @@ import os
 import signal
 import sys
 
-PORT = 1337  # libfranka knows no other
+PORT = 1337
+"""Port of the arm's protocol. libfranka knows no other."""
 
 
-def main(model: str, host: str) -> None:
+def main(model: str, address: str) -> None:
+    """Serve an arm until the process is told to end."""
     os.environ["FR3_MJCF"] = model
     from franka_sim.franka_sim_server import FrankaSimServer
 
     server = FrankaSimServer(
-        host=host,
+        host=address,
         port=PORT,
         enable_gripper=False,
         enforce_comm_constraints=False,

@@ -114,13 +114,16 @@ SIZES = (
     "N 4000000, S 100000, M 10000, D 3, Q 4, U 12, K 4000000, I 64, C 256, H 64, "
     "E 200000, V 1000000, F 1000"
 )
-LETTERS = {words.split()[0]: int(words.split()[1]) for words in SIZES.split(", ")}
+LETTERS = {}
+for _words in SIZES.split(", "):
+    _letter, _largest = _words.split()
+    LETTERS[_letter] = int(_largest)
 MAX_PAYLOAD = 268_435_456  # bytes
 MAX_TEXT = 4096  # bytes
 MAX_ATTRIBUTES = 16
 MAX_LINKS = 32
 UNDEFINED = 2**64 - 1
-SEAL_LENGTHS = (512, 1024, 2048, 4096)
+SEAL_LENGTHS = [512, 1024, 2048, 4096]  # bytes
 END_OF_9999 = 253_402_300_799  # seconds since 1970 UTC
 F8 = bytes.fromhex("11203f000800000000004000340b0034ff030000")
 I4 = bytes.fromhex("100800000400000000002000")
@@ -186,8 +189,8 @@ def read_seal(data):
     signed_at, case, serial = struct.unpack_from("<QHH", data, end + 136)
     texts_end = 148 + case + serial
     require(texts_end + 48 <= size, "S3", "the texts do not fit")
-    least = min(candidate for candidate in SEAL_LENGTHS if texts_end + 48 <= candidate)
-    require(size == least, "S3", "the seal is longer than its texts need")
+    shortest = min(length for length in SEAL_LENGTHS if texts_end + 48 <= length)
+    require(size == shortest, "S3", "the seal is longer than its texts need")
     require(not any(data[end + texts_end : length - 48]), "S3", "bytes behind the texts")
     require(flags <= 3, "S3", "an unknown flag")
     for text in (data[end + 148 : end + 148 + case], data[end + 148 + case : end + texts_end]):
@@ -308,7 +311,7 @@ class Payload:
         self.root = root
 
     def take(self, first, length):
-        """Bytes that belong to one thing."""
+        """Bytes that belong to one object."""
         inside = first >= 48 and length <= self.end and first + length <= self.end
         require(inside, "L8", "an address or length outside of the payload")
         self.spans.append((first, first + length))
@@ -327,77 +330,84 @@ class Payload:
         size = int.from_bytes(self.data[address + front : address + front + width], "little")
         front += width
         block = self.take(address, front + size + 4)
-        found = Object()
+        result = Object()
         blocks = [block_body(block, front)]
         while blocks:
             for kind, body in messages_of(blocks.pop(0)):
                 if kind == 0x10:
                     require(len(body) == 16, "L3", "a continuation of another size")
-                    there, length = struct.unpack("<QQ", body)
-                    more = self.take(there, length)
-                    require(length >= 8 and more[:4] == b"OCHK", "L3", "no continuation there")
+                    first, length = struct.unpack("<QQ", body)
+                    more = self.take(first, length)
+                    require(length >= 8 and more[:4] == b"OCHK", "L3", "no continuation")
                     blocks.append(block_body(more, 4))
                 else:
-                    self.enter(found, kind, body)
-        require(len(found.links) <= MAX_LINKS, "L5", "too many links")
-        require(len(found.attributes) <= MAX_ATTRIBUTES, "L5", "too many attributes")
-        kinds = found.messages.keys()
-        group = {0x02} <= kinds and not kinds & {0x01, 0x03, 0x05, 0x08}
-        dataset = {0x01, 0x03, 0x08} <= kinds and not kinds & {0x02, 0x0A} and not found.links
-        require(group or dataset, "L3", "neither a group nor a dataset")
-        return found
+                    self.enter(result, kind, body)
+        require(len(result.links) <= MAX_LINKS, "L5", "too many links")
+        require(len(result.attributes) <= MAX_ATTRIBUTES, "L5", "too many attributes")
+        kinds = result.messages.keys()
+        is_group = {0x02} <= kinds and not kinds & {0x01, 0x03, 0x05, 0x08}
+        is_dataset = {0x01, 0x03, 0x08} <= kinds and not kinds & {0x02, 0x0A}
+        is_dataset = is_dataset and not result.links
+        require(is_group or is_dataset, "L3", "neither a group nor a dataset")
+        return result
 
-    def enter(self, found, kind, body):
-        """Put a message where it belongs."""
+    def enter(self, owner, kind, body):
+        """Enter a message of a header into the object that the header belongs to."""
         if kind == 0x00:
             require(not any(body), "L9", "an empty message is not zero")
         elif kind == 0x06:
             name, address = hard_link(body)
-            require(name not in found.links, "L5", f"two links {name!r}")
-            found.links[name] = address
+            require(name not in owner.links, "L5", f"two links {name!r}")
+            owner.links[name] = address
         elif kind == 0x0C:
             name, value = attribute(body)
-            require(name not in found.attributes, "C1", f"two attributes {name!r}")
-            found.attributes[name] = value
+            require(name not in owner.attributes, "C1", f"two attributes {name!r}")
+            owner.attributes[name] = value
         elif kind in (0x02, 0x15):
             plain = body == b"\0\0" + b"\xff" * 16
             require(plain, "L5", "links or attributes in a heap, or with a creation order")
-            require(kind not in found.messages, "L3", "a message twice")
-            found.messages[kind] = body
+            require(kind not in owner.messages, "L3", "a message twice")
+            owner.messages[kind] = body
         elif kind == 0x0A:
             known = body[:1] == b"\0" and len(body) >= 2 and body[1] <= 3
             require(known, "L3", "a group info of another kind")
-            require(kind not in found.messages, "L3", "a message twice")
-            found.messages[kind] = body
+            require(kind not in owner.messages, "L3", "a message twice")
+            owner.messages[kind] = body
         elif kind in (0x01, 0x03, 0x05, 0x08):
-            require(kind not in found.messages, "L3", "a message twice")
-            found.messages[kind] = body
+            require(kind not in owner.messages, "L3", "a message twice")
+            owner.messages[kind] = body
         else:
             raise FormatError("L3", f"a header message of kind {kind}")
 
-    def dataset(self, found):
+    def dataset_value(self, dataset):
         """The value of a dataset."""
-        layout = found.messages[0x08]
+        messages = dataset.messages
+        layout = messages[0x08]
         require(layout[:2] == b"\x03\x01" and len(layout) >= 18, "L4", "not in one piece")
         require(not any(layout[18:]), "L4", "a layout of another size")
         address, size = struct.unpack_from("<QQ", layout, 2)
         require(address != UNDEFINED, "L4", "no data")
-        check_fill(found.messages.get(0x05, b""))
-        type_, item, shape = type_and_shape(found.messages[0x03], found.messages[0x01])
+        check_fill(messages.get(0x05, b""))
+        type_, item, shape = type_and_shape(messages[0x03], messages[0x01])
         require(shape != (), "C1", "a scalar dataset")
         require(math.prod(shape) * item == size, "L4", "its size is not that of its shape")
         return value_of(type_, item, shape, self.take(address, size))
 
-    def check_rest(self, whole):
-        """L8 and L9: no byte belongs to two things, those that belong to none are zero."""
-        at = 0
+    def check_spans(self, check_gaps):
+        """L8 and L9: no byte belongs to two objects, and those that belong to none are zero.
+
+        check_gaps: whether L9 is checked, which needs every object to be known
+        """
+        last = 0
         for first, end in sorted(self.spans):
-            require(first >= at, "L8", f"byte {first} belongs to two things")
-            if whole:
-                require(not any(self.data[at:first]), "L9", f"bytes from {at} belong to nothing")
-            at = end
-        if whole:
-            require(not any(self.data[at : self.end]), "L9", f"bytes from {at} belong to nothing")
+            require(first >= last, "L8", f"byte {first} belongs to two objects")
+            if check_gaps:
+                gap = self.data[last:first]
+                require(not any(gap), "L9", f"bytes from {last} belong to no object")
+            last = end
+        if check_gaps:
+            gap = self.data[last : self.end]
+            require(not any(gap), "L9", f"bytes from {last} belong to no object")
 
 
 def block_body(block, front):
@@ -482,14 +492,21 @@ def type_and_shape(datatype, dataspace):
         require(1 <= item <= MAX_TEXT, "L6", f"a text of {item} bytes")
         type_ = "text"
     else:
-        known = [key for key in NUMBERS if plain[: len(key)] == key and not any(plain[len(key) :])]
-        require(known, "L7", "a type that is none of f8, i4, u1 and text")
-        type_, _, item = NUMBERS[known[0]]
+        type_ = None
+        for start, (name, _, size) in NUMBERS.items():
+            if plain.startswith(start) and not any(plain[len(start) :]):
+                type_ = name
+                item = size
+        require(type_, "L7", "a type that is none of f8, i4, u1 and text")
     require(len(dataspace) >= 4 and dataspace[0] == 2, "L3", "a dataspace of another kind")
     rank, flags, kind = dataspace[1:4]
-    require(rank <= 2 and flags <= 1 and kind == (1 if rank else 0), "C1", "another rank")
+    is_array = int(rank > 0)
+    require(rank <= 2 and flags <= 1 and kind == is_array, "C1", "another rank")
     require(rank or not flags, "C1", "a scalar with a maximal shape")
-    count = rank * (2 if flags else 1)
+    # A maximal shape may stand behind the shape.
+    count = rank
+    if flags:
+        count = 2 * rank
     require(len(dataspace) >= 4 + 8 * count, "L3", "a dataspace of another size")
     sizes = struct.unpack_from(f"<{count}Q", dataspace, 4)
     require(sizes[:rank] == sizes[count - rank :], "L4", "it can grow")
@@ -501,8 +518,10 @@ def type_and_shape(datatype, dataspace):
 def value_of(type_, item, shape, raw):
     """The value that bytes hold."""
     if type_ == "text":
-        texts = [raw[i : i + item].rstrip(b"\0") for i in range(0, len(raw), item)]
-        return Value(type_, shape, [decoded(text) for text in texts])
+        texts = []
+        for first in range(0, len(raw), item):
+            texts.append(decoded(raw[first : first + item].rstrip(b"\0")))
+        return Value(type_, shape, texts)
     code = next(code for name, code, _ in NUMBERS.values() if name == type_)
     return Value(type_, shape, struct.unpack(f"<{len(raw) // item}{code}", raw))
 
@@ -542,10 +561,10 @@ def read_content(payload):
     waiting = ["/"]
     while waiting:
         path = waiting.pop(0)
-        here = objects[path]
-        if here.is_group:
-            require(path == "/" or here.links or here.attributes, "L10", f"{path} is empty")
-        for name, address in here.links.items():
+        item = objects[path]
+        if item.is_group:
+            require(path == "/" or item.links or item.attributes, "L10", f"{path} is empty")
+        for name, address in item.links.items():
             inner = path.rstrip("/") + "/" + name
             if inner not in TABLE or TABLE[inner].is_attribute:
                 require(newer, "M4", f"{inner} is unknown")
@@ -554,16 +573,16 @@ def read_content(payload):
             objects[inner] = payload.object_at(address)
             require(objects[inner].is_group == TABLE[inner].is_group, "C1", f"{inner}: its kind")
             waiting.append(inner)
-        if here.is_group:
-            for name, parts in here.attributes.items():
+        if item.is_group:
+            for name, parts in item.attributes.items():
                 inner = path + "@" + name
                 if inner not in TABLE:
                     require(newer, "M4", f"{inner} is unknown")
                     continue
                 content[inner] = attribute_value(parts)
         else:
-            content[path] = payload.dataset(here)
-    payload.check_rest(whole=not has_unknown)
+            content[path] = payload.dataset_value(item)
+    payload.check_spans(check_gaps=not has_unknown)
     check_table(content, objects, newer)
     return content
 
@@ -571,16 +590,19 @@ def read_content(payload):
 def check_table(content, objects, newer):
     """C1 to C4."""
     for row in TABLE.values():
-        there = row.path in objects if row.is_group else row.path in content
+        is_held = row.path in content
+        if row.is_group:
+            is_held = row.path in objects
         needed = row.required == "always" or (row.required == "group" and row.parent in objects)
-        require(there or not needed, "C1", f"{row.path} is missing")
+        require(is_held or not needed, "C1", f"{row.path} is missing")
     frame = text_of(content, "/@frame")
     source = text_of(content, "/registration@source_frame")
     units = {"image": "px", "robot_base": "m", "patient_lps": "m"}
     sizes = {}
-    if source is not None:
-        sizes["D"] = 2 if source == "image" else 3
-        sizes["Q"] = 3 if source == "image" else 4
+    if source == "image":
+        sizes = {"D": 2, "Q": 3}
+    elif source is not None:
+        sizes = {"D": 3, "Q": 4}
     for path, value in content.items():
         row = TABLE[path]
         require(value.type == row.type, "C1", f"{path} is of another type")
@@ -592,16 +614,15 @@ def check_table(content, objects, newer):
             require(size <= LETTERS[wanted], "C4", f"{path}: {wanted} is {size}")
             known = sizes.setdefault(wanted, size)
             require(known == size, "C4", f"{path}: {wanted} is {size} here and {known} elsewhere")
-        unit = row.unit
-        for word, name in (("@source_frame", source), ("@frame", frame)):
-            unit = unit.replace(word, units.get(name, ""))
+        unit = row.unit.replace("@source_frame", units.get(source, ""))
+        unit = unit.replace("@frame", units.get(frame, ""))
         if not row.is_attribute:
             wanted_frame = {"@frame": frame, "@source_frame": source}.get(row.frame, row.frame)
             check_unit_and_frame(path, objects[path], unit, wanted_frame, newer)
         check_range(path, row, value, unit)
 
 
-def check_unit_and_frame(path, found, unit, frame, newer):
+def check_unit_and_frame(path, dataset, unit, frame, newer):
     """C2."""
     wanted = {}
     if unit:
@@ -609,11 +630,11 @@ def check_unit_and_frame(path, found, unit, frame, newer):
     if frame:
         wanted["frame"] = frame
     for name, text in wanted.items():
-        require(name in found.attributes, "C2", f"{path} has no {name}")
-        value = attribute_value(found.attributes[name])
+        require(name in dataset.attributes, "C2", f"{path} has no {name}")
+        value = attribute_value(dataset.attributes[name])
         same = value.type == "text" and value.items[0] == text
         require(same, "C2", f"{path}: its {name} is not {text!r}")
-    for name in found.attributes:
+    for name in dataset.attributes:
         require(name in wanted or newer, "C2", f"{path} has an attribute {name!r}")
 
 
@@ -640,7 +661,9 @@ def check_range(path, row, value, unit):
 
 def text_of(content, path):
     """A text attribute, or `None`."""
-    return content[path].items[0] if path in content else None
+    if path not in content:
+        return None
+    return content[path].items[0]
 
 
 # --- Values that fit together (section 3) -----------------------------------------------------
@@ -775,7 +798,8 @@ def check_guidance(content, has):
 def check_registration(content, points):
     """V12 and V13."""
     T = content["/registration/T_robot_image"].rows()
-    source, target = (content["/registration/" + name].rows() for name in ("source", "target"))
+    source = content["/registration/source"].rows()
+    target = content["/registration/target"].rows()
     labels = content["/registration/labels"].items
     require(len(set(labels)) == len(labels) and "" not in labels, "V12", "labels twice or empty")
     if len(T) == 4:
@@ -788,7 +812,7 @@ def check_registration(content, points):
     residuals = content["/registration/residuals"].items
     for place, wanted, stated in zip(source, target, residuals, strict=True):
         vector = [*place, 1.0]
-        mapped = [sum(a * b for a, b in zip(T[i], vector, strict=True)) for i in range(3)]
+        mapped = [dot(T[i], vector) for i in range(3)]
         require(abs(math.dist(mapped, wanted) - stated) <= 1e-6, "V13", "other residuals")
     if len(T) == 3:
         u, v, origin = ([T[i][j] for i in range(3)] for j in range(3))
@@ -796,10 +820,9 @@ def check_registration(content, points):
         length = math.hypot(*normal)
         require(length > 0, "V13", "the transform flattens the slice")
         for point in points:
-            height = (
-                sum(n * (p - o) for n, p, o in zip(normal, point, origin, strict=True)) / length
-            )
-            require(abs(height) <= 1e-6, "V13", "a point off the slice's plane")
+            offset = [p - o for p, o in zip(point, origin, strict=True)]
+            height = dot(normal, offset) / length
+            require(abs(height) <= 1e-6, "V13", "a point beside the slice's plane")
 
 
 def check_findings(content):
@@ -864,7 +887,11 @@ def check_provenance(content):
 
 def check_leak(content, points, axis, has):
     """K1 to K4."""
-    kind = "mesh" if has("/mesh") else "curve" if has("/curve") else "cloud"
+    kind = "cloud"
+    if has("/mesh"):
+        kind = "mesh"
+    elif has("/curve"):
+        kind = "curve"
     require(text_of(content, "/leak@kind") == kind, "K1", f"it is a {kind}")
     certified = content["/leak@certified"].items[0]
     require(certified == (kind != "cloud"), "K4", f"certified is {certified}")
@@ -915,7 +942,7 @@ def across(point, axis):
     """A point without its part along the axis."""
     if axis is None:
         return tuple(point)
-    along = sum(a * p for a, p in zip(axis, point, strict=True))
+    along = dot(axis, point)
     return tuple(p - along * a for a, p in zip(axis, point, strict=True))
 
 
@@ -927,7 +954,14 @@ def covering_radius(p, q, r):
     if a * a + b * b <= c * c:
         return b * b * c / (b * b + c * c - a * a)
     s = math.sqrt((a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c)))  # 4 area
-    return a * b * c / s if s > 0 else c / 2
+    if s == 0:
+        return c / 2
+    return a * b * c / s
+
+
+def dot(a, b):
+    """The scalar product."""
+    return sum(x * y for x, y in zip(a, b, strict=True))
 
 
 def cross(a, b):
@@ -945,7 +979,7 @@ def check_pieces(content, points, axis):
     second = cross(axis, first)
 
     def flat(point):
-        return tuple(sum(a * b for a, b in zip(e, point, strict=True)) for e in (first, second))
+        return dot(first, point), dot(second, point)
 
     vertices = [flat(vertex) for vertex in content["/pieces/vertices"].rows()]
     bulges = content["/pieces/bulges"].items
@@ -971,11 +1005,11 @@ def check_pieces(content, points, axis):
 def walks(pieces, closed, start, places, t, w):
     """Whether the walk of V7 reaches the end of a stroke."""
     current, way = start
-    left = sum(piece.length for piece in pieces)
+    remaining = sum(piece.length for piece in pieces)
     entries = len(pieces)
     for place in places:
-        distance, there = pieces[current].foot(place)
-        step = there - way
+        distance, next_way = pieces[current].foot(place)
+        step = next_way - way
         if distance > t or not -2 * t <= step <= w:
             passed = pieces[current].length - way
             while True:
@@ -983,14 +1017,14 @@ def walks(pieces, closed, start, places, t, w):
                     return False
                 current = (current + 1) % len(pieces)
                 entries -= 1
-                distance, there = pieces[current].foot(place)
-                step = passed + there
+                distance, next_way = pieces[current].foot(place)
+                step = passed + next_way
                 if distance <= t and step <= w:
                     break
                 passed += pieces[current].length
-        way = there
-        left -= step
-    return left <= w
+        way = next_way
+        remaining -= step
+    return remaining <= w
 
 
 class Piece:

@@ -7,7 +7,11 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
+from dataclasses import replace
+from types import SimpleNamespace
 
+import bundles
 import numpy as np
 import pytest
 from conftest import ROOT, missing
@@ -16,6 +20,8 @@ import vfplan
 from vfplan.arm import Arm
 from vfplan.arm.loop import Hand, run_loop
 from vfplan.arm.safety_stops import safety_stops
+from vfplan.errors import SignatureError
+from vfplan.findings import doubt
 
 pytestmark = pytest.mark.slow
 
@@ -71,6 +77,95 @@ def test_a_new_engine_and_a_reset_do():
     assert [run["error"] for run in held] == [None, None]
 
 
+class FakeArm:
+    """An arm that lies still at a place, for the loop alone; it keeps the torques it is given."""
+
+    def __init__(self, tip):
+        transform = np.eye(4)
+        transform[:3, 3] = tip
+        self.state = SimpleNamespace(O_T_EE=transform.T.ravel().tolist(), dq=[0.0] * 7)
+        self.torques = []
+
+    def load_model(self):
+        jacobian = np.eye(6, 7)
+        return SimpleNamespace(zero_jacobian=lambda state: jacobian.T.ravel().tolist())
+
+    def read_once(self):
+        return self.state
+
+    def start_torque_control(self):
+        return SimpleNamespace(
+            readOnce=lambda: (self.state, 0.001),
+            writeOnce=lambda command: self.torques.append(command.torque),
+        )
+
+    def automatic_error_recovery(self):
+        pass
+
+    def set_collision_behavior(self, *thresholds):
+        pass
+
+
+@pytest.fixture
+def loop(monkeypatch):
+    """The module loop.py, with a binding of Franka's that knows one arm."""
+    arm = FakeArm(bundles.small().points[0] + [0, 0.004, 0])
+    library = SimpleNamespace(
+        Robot=lambda host, config: arm,
+        RealtimeConfig=SimpleNamespace(kIgnore=0),
+        Torques=lambda torque: SimpleNamespace(torque=torque, motion_finished=False),
+        ControlException=RuntimeError,
+        CommandException=RuntimeError,
+    )
+    monkeypatch.setitem(sys.modules, "pylibfranka", library)
+    monkeypatch.syspath_prepend(str(FOLDER))
+    import loop
+
+    loop.arm = arm
+    return loop
+
+
+SHORT = ("--robot", "arm", "--seconds", "0.02")
+
+
+def test_the_loop_refuses_open_findings_unless_told(loop, tmp_path, capsys):
+    open_one = doubt("end-other-colour", "extract", "The end lies under other ink.")
+    path = str(tmp_path / "open.h5")
+    vfplan.write_fixture(replace(bundles.small(), findings=(open_one,)), path)
+    with pytest.raises(SystemExit) as stopped:
+        loop.main([path, *SHORT, "--unsigned"])
+    assert stopped.value.code == 2
+    assert "end-other-colour" in capsys.readouterr().err
+    assert loop.arm.torques == []
+    assert loop.main([path, *SHORT, "--unsigned", "--despite-findings"]) == 0
+    assert len(loop.arm.torques) == 20
+
+
+def test_the_loop_demands_a_signature_unless_told(loop, tmp_path, capsys):
+    from vfplan.bundle import keygen, sign
+
+    path, signed = tmp_path / "plain.h5", str(tmp_path / "signed.h5")
+    vfplan.write_fixture(bundles.small(), path)
+    keys = str(keygen(tmp_path / "k")[0])
+    sign(path, signed, tmp_path / "k", case="17", despite_findings=True)
+    for words in (
+        [str(path), *SHORT],
+        [str(path), *SHORT, "--unsigned", "--case", "17"],
+        [str(path), *SHORT, "--unsigned", "--max-age", "60"],
+        [str(path), *SHORT, "--unsigned", "--require-signature", keys],
+    ):
+        with pytest.raises(SystemExit) as stopped:
+            loop.main(words)
+        assert stopped.value.code == 2
+    demands = ["--require-signature", keys, "--max-age", "1e9"]
+    refused = SignatureError.exit_code
+    assert loop.main([str(path), *SHORT, *demands]) == refused
+    assert loop.main([signed, *SHORT, *demands, "--case", "18"]) == refused
+    assert loop.arm.torques == []
+    assert loop.main([signed, *SHORT, *demands, "--case", "17"]) == 0
+    assert len(loop.arm.torques) == 20
+
+
 class Rendering:
     """A scene as the rehearsal's loop takes an engine."""
 
@@ -91,14 +186,21 @@ def test_nothing_that_moves_or_changes_stops_the_rehearsals_arm(governed, monkey
     arm = Arm("fr3")
     arm.hold(arm.ready)
     home = arm.read_tip()[0].copy()
-    stops = np.array(study.PRESSED) - study.PRESSED[0] + home
+    stops = np.array(study.PRESSING_STOPS) - study.PRESSING_STOPS[0] + home
     share = np.linspace(0, 2, 1500)
     wanted = np.stack([np.interp(share, [0, 1, 2], column) for column in stops.T], axis=1)
     errors = {}
     for what in ("all three", "a new engine and a reset"):
-        engine = Rendering(study.Changing(what, home - study.PRESSED[0], 2000.0))
+        engine = Rendering(study.ChangingSheet(what, home - study.PRESSING_STOPS[0], 2000.0))
         limits = vfplan.Governor.of(arm.robot, 2000.0, torques=True) if governed else None
-        motion = run_loop(arm, engine, limits, wanted, arm.ready, Hand(study.HAND, study.DAMPER))
+        motion = run_loop(
+            arm,
+            engine,
+            limits,
+            wanted,
+            arm.ready,
+            Hand(study.HAND_STIFFNESS_N_PER_M, study.HAND_DAMPING_NS_PER_M),
+        )
         errors[what] = {reflex["kind"] for reflex in safety_stops(arm, motion)}
         assert np.abs(motion.rendered).max() > 2
     raw = set() if governed else {"controller_torque_discontinuity"}

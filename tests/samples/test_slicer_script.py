@@ -19,17 +19,16 @@ def test_everything_gets_its_look(monkeypatch):
     monkeypatch.setattr(slicer, "mrmlScene", scene, raising=False)
     monkeypatch.setattr(slicer, "app", SimpleNamespace(layoutManager=lambda: views), raising=False)
     script = runpy.run_path(str(ROOT / "samples" / "slicer" / "vfplan_live.py"))
-    assert not script["dress"]()
+    assert not script["set_up_scene"]()
     cloud, contact = (scene.AddNewNodeByClass("vtkMRMLModelNode", f"vfplan_{name}")
                       for name in ("cloud", "contact"))  # fmt: skip
-    assert not script["dress"](), "the proxy has not come yet"
+    assert not script["set_up_scene"](), "the proxy has not come yet"
     proxy = scene.AddNewNodeByClass("vtkMRMLLinearTransformNode", "vfplan_proxy")
-    assert script["dress"]()
+    assert script["set_up_scene"]()
     assert seen == ["focus"]
     assert contact.GetTransformNodeID() == proxy.GetID()
     assert cloud.GetTransformNodeID() is None
-    for node, name in ((cloud, "vfplan_cloud"), (contact, "vfplan_contact")):
-        colour, opacity = script["LOOK"][name]
+    for node, name in ((cloud, "CLOUD"), (contact, "CONTACT")):
         display = node.GetDisplayNode()
-        assert display.GetColor() == pytest.approx(colour)
-        assert display.GetOpacity() == opacity
+        assert display.GetColor() == pytest.approx(script[f"{name}_COLOUR"])
+        assert display.GetOpacity() == script[f"{name}_OPACITY"]
